@@ -1,0 +1,210 @@
+"""Plan -> OpenMM: the only place that makes a System and an integrator together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import openmm
+from openmm import app, unit
+
+from .errors import ParameterError, PlanError
+from .forces.bonded import harmonic_bond_force
+from .forces.conservative import dpd_expression
+from .forces.expressions import PairExpression, exception_force, nonbonded_force
+from .forces.pair_force import pair_force
+from .forces.partners import EXPRESSIONS
+from .kernels.cells import coincident_pairs
+from .model.scene import Scene
+from .names import PAIR_GROUP, VIRIAL_GROUP
+from .plan import Plan, make_plan
+from .programs import make_program
+from .programs.native import native_integrator
+from .programs.program import Program
+from .trajectory import openmm_topology
+
+
+@dataclass(eq=False)
+class Built:
+    """What a script hands to ``openmm.app.Simulation``.
+
+    Attributes
+    ----------
+    system : openmm.System
+    integrator : openmm.CustomIntegrator (openmm.DPDIntegrator for the native scheme)
+    topology : openmm.app.Topology
+    positions, velocities : (N, 3) Quantity
+    plan : Plan
+    program : Program or None
+        None for the native scheme.
+    """
+
+    system: openmm.System
+    integrator: openmm.Integrator
+    topology: app.Topology
+    positions: unit.Quantity
+    velocities: unit.Quantity
+    plan: Plan
+    program: Program | None
+
+    def simulation(self, platform: openmm.Platform | str | None = None, properties: dict[str, str] | None = None) -> app.Simulation:
+        """A Simulation with positions and velocities set, on the plan's platform by default."""
+        name = platform if platform is not None else self.plan.platform
+        chosen = openmm.Platform.getPlatformByName(name) if isinstance(name, str) else name
+        simulation = app.Simulation(self.topology, self.system, self.integrator, chosen, properties)
+        simulation.context.setPositions(self.positions)
+        simulation.context.setVelocities(self.velocities)
+        return simulation
+
+    def explain(self) -> str:
+        """The plan and the listing of the program."""
+        listing = self.program.describe() if self.program else "integrator: openmm.DPDIntegrator"
+        return f"{self.plan.explain()}\n{listing}"
+
+
+def fastest_platform() -> str:
+    """Name of the fastest platform here."""
+    platforms = [openmm.Platform.getPlatform(k) for k in range(openmm.Platform.getNumPlatforms())]
+    # OpenCL on a CPU (PoCL) claims the speed of a GPU; the CPU platform is faster there
+    speeds = {p.getName(): p.getSpeed() for p in platforms if p.getName() != "OpenCL" or _opencl_is_a_gpu(p)}
+    return max(speeds, key=lambda name: speeds[name])
+
+
+def _opencl_is_a_gpu(platform: openmm.Platform) -> bool:
+    system = openmm.System()
+    system.addParticle(1.0)
+    try:
+        context = openmm.Context(system, openmm.VerletIntegrator(0.001), platform)
+        device = platform.getPropertyValue(context, "OpenCLPlatformName")
+    except openmm.OpenMMException:
+        return False
+    return "Portable Computing Language" not in device and "pocl" not in device.lower()
+
+
+def build(
+    scene: Scene,
+    *,
+    dt,
+    scheme: str = "middle",
+    lam: float = 0.5,
+    conservative: str = "auto",
+    platform: str | None = None,
+    seed: int | None = None,
+) -> Built:
+    """System, Topology, positions, velocities and integrator of a scene.
+
+    Parameters are those of :func:`openmm_dpd.plan.make_plan`; ``platform`` is the fastest one by default.  Velocities that the scene does
+    not give are drawn from the Maxwell distribution, with no total momentum and exactly the scene's kinetic temperature.
+
+    Raises
+    ------
+    ParameterError, PlanError, ProgramError
+        If anything is missing, out of bounds, contradictory or cannot be combined, before anything runs.
+
+    Examples
+    --------
+    >>> import numpy as np, openmm_dpd as dpd
+    >>> positions = np.random.default_rng(1).random((81, 3)) * 3
+    >>> scene = dpd.Scene({"W": 1}, ["W"] * 81, positions, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1, box=[3, 3, 3])
+    >>> built = dpd.build(scene, dt=0.04, platform="Reference", seed=7)
+    >>> simulation = built.simulation()
+    >>> simulation.step(10)
+    """
+    platform = platform or fastest_platform()
+    known = [openmm.Platform.getPlatform(k).getName() for k in range(openmm.Platform.getNumPlatforms())]
+    if platform not in known:
+        raise ParameterError(f"there is no platform {platform!r} here; it must be one of {', '.join(known)}")
+    return build_plan(make_plan(scene, dt=dt, scheme=scheme, lam=lam, conservative=conservative, platform=platform, seed=seed))
+
+
+def build_plan(plan: Plan) -> Built:
+    """What :func:`build` makes, from a plan."""
+    scene, options = plan.scene, plan.options
+    program = None if options.scheme == "native" else make_program(options)
+    system, groups = _system(plan)
+    integrator = native_integrator(plan) if program is None else program.lower()
+    integrator.setIntegrationForceGroups(groups)
+    return Built(
+        system=system,
+        integrator=integrator,
+        topology=openmm_topology(list(scene.types), scene.molecules, scene.bond_pairs, scene.box),
+        positions=scene.positions * unit.nanometer,
+        velocities=initial_velocities(scene, options.seed) * (unit.nanometer / unit.picosecond),
+        plan=plan,
+        program=program,
+    )
+
+
+def initial_velocities(scene: Scene, seed: int) -> np.ndarray:
+    """The scene's velocities, or Maxwell's with no total momentum and exactly the scene's temperature; immobile beads at rest."""
+    if scene.velocities is not None:
+        return scene.velocities
+    mobile = np.ones(scene.n_beads, bool) if scene.mobile is None else scene.mobile
+    mass = scene.bead_masses[mobile]
+    v = np.zeros((scene.n_beads, 3))
+    drawn = np.random.default_rng([seed, 0xD9D]).normal(size=(len(mass), 3)) * np.sqrt(scene.initial_kT / mass)[:, None]
+    if len(mass) > 1:
+        drawn -= mass @ drawn / mass.sum()
+        kinetic = np.sum(mass[:, None] * drawn**2)
+        if kinetic > 0:
+            drawn *= np.sqrt(3 * (len(mass) - 1) * scene.initial_kT / kinetic)
+    v[mobile] = drawn
+    return v
+
+
+def _system(plan: Plan) -> tuple[openmm.System, set[int]]:
+    """The System and the force groups its integrator uses."""
+    scene, options = plan.scene, plan.options
+    periodic = scene.box is not None
+    system = openmm.System()
+    mobile = np.ones(scene.n_beads, bool) if scene.mobile is None else scene.mobile
+    for mass in np.where(mobile, scene.bead_masses, 0.0).tolist():
+        system.addParticle(mass)
+    if scene.box is not None:
+        system.setDefaultPeriodicBoxVectors(*(openmm.Vec3(*row) for row in scene.box.tolist()))
+    groups = {0}
+    expressions = [dpd_expression(layer, scene.type_names) for layer in plan.layers] if plan.conservative == "openmm" else []
+    partners = [EXPRESSIONS[type(_some(table))](table, scene.type_names) for table in plan.partners]
+    groups |= _add_pair_expressions(system, plan, [*expressions, *partners], with_virial=partners)
+    if len(scene.bond_pairs):
+        system.addForce(harmonic_bond_force(scene.bonds, periodic))
+    if options.kernel and options.scheme != "native":
+        system.addForce(
+            pair_force(
+                plan.spec, conservative=options.kernel_conservative, periodic=periodic, kT=options.kT, dt=options.dt, seed=options.seed
+            )
+        )
+        if options.kernel_conservative:
+            groups.add(PAIR_GROUP)
+    return system, groups
+
+
+def _some(table: dict):
+    """Any coefficient of a table that is one."""
+    return next(c for c in table.values() if c.cutoff > 0)
+
+
+def _add_pair_expressions(system: openmm.System, plan: Plan, expressions: list[PairExpression], with_virial) -> set[int]:
+    """Add the forces of radial pair potentials; GPU platforms want one cutoff per group and the same exclusions everywhere."""
+    scene = plan.scene
+    periodic = scene.box is not None
+    if not expressions:
+        return set()
+    factors = dict(plan.exceptions)
+    for pair in coincident_pairs(scene.positions, scene.box, 1e-4 * max(e.cutoff for e in expressions)):
+        factors.setdefault(pair, 1.0)
+    exclusions = sorted(factors)
+    restored = {pair: factor for pair, factor in sorted(factors.items()) if factor > 0}
+    groups = {}
+    for expression in expressions:
+        group = groups.setdefault(expression.cutoff, len(groups) + 1)
+        for virial in (False, True) if expression in with_virial else (False,):
+            made = [nonbonded_force(expression, scene.type_ids, exclusions, periodic, virial=virial)]
+            if restored:
+                made.append(exception_force(expression, scene.type_ids, restored, periodic, virial=virial))
+            for force in made:
+                force.setForceGroup(VIRIAL_GROUP - list(groups.values()).index(group) if virial else group)
+                system.addForce(force)
+    if len(groups) > 10:
+        raise PlanError(f"the pair potentials have {len(groups)} different cutoffs; at most 10 can be built")
+    return set(groups.values())

@@ -1,0 +1,45 @@
+"""The errors this package raises: all are ``ValueError``, all say what is wrong, where, and what would be right."""
+
+from __future__ import annotations
+
+
+class DPDError(ValueError):
+    """Base class of every error that openmm_dpd raises on purpose."""
+
+
+class ParameterError(DPDError):
+    """A value given by the user is missing, out of range, of the wrong shape or contradicts another one."""
+
+
+class PlanError(DPDError):
+    """The scene is well formed, but what is asked for cannot be built."""
+
+
+class ProgramError(DPDError):
+    """An integrator program uses a name it never declared, or breaks a rule that OpenMM would not report."""
+
+
+class RunError(DPDError):
+    """Something went wrong while stepping (a NaN, a bead that left the box, a temperature out of bounds)."""
+
+
+class DeckError(DPDError):
+    """A LAMMPS deck or data file cannot be read or asks for something that is not supported.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong.
+    file : str, optional
+        File in which it stands.
+    line : int, optional
+        Line number, counted from 1.
+    """
+
+    def __init__(self, message: str, file: str | None = None, line: int | None = None):
+        self.message, self.file, self.line = message, file, line
+        where = "" if file is None else f"{file}: " if line is None else f"{file}:{line}: "
+        super().__init__(where + message)
+
+    def __reduce__(self):
+        return type(self), (self.message, self.file, self.line)

@@ -1,0 +1,1 @@
+"""OpenMM forces: each function takes parts of a plan and returns a force."""

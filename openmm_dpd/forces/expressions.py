@@ -1,0 +1,125 @@
+"""Pair potentials as OpenMM expressions, and the forces made from them.
+
+Every radial potential becomes one :class:`PairExpression`; the same text serves the CustomNonbondedForce, the bond force that puts back
+scaled or coincident pairs, and the virial.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import openmm
+
+#: Context parameter that switches the virial forces on: their "energy" is no energy, and must not enter anyone's sums.
+VIRIAL_SWITCH = "dpd_virial"
+
+
+@dataclass(frozen=True)
+class PairExpression:
+    """A radial pair potential U(r; type1, type2).
+
+    Attributes
+    ----------
+    name : str
+        Name of the forces made from it.
+    energy : str
+        Expression in r, type1, type2, zero from the cutoff on.
+    virial : str
+        Expression of -r dU/dr.
+    functions : mapping of str to a function that makes a TabulatedFunction
+    cutoff : float
+        Largest cutoff, nm.
+    """
+
+    name: str
+    energy: str
+    virial: str
+    cutoff: float
+    functions: dict[str, Callable[[], openmm.TabulatedFunction]] = field(default_factory=dict)
+
+    @property
+    def typed(self) -> bool:
+        """Whether the expression needs the types of the beads."""
+        return "type1" in self.energy
+
+
+def type_table(values: np.ndarray) -> Callable[[], openmm.TabulatedFunction]:
+    """Maker of a function of two type numbers."""
+    array = np.asarray(values, dtype=float)
+    return lambda: openmm.Discrete2DFunction(array.shape[0], array.shape[1], array.ravel(order="F"))
+
+
+def type_pairs(table: dict, names: list[str], value: Callable, default: float) -> np.ndarray:
+    """(T, T) symmetric array of value(coefficient); ``default`` where the table has no interaction."""
+    array = np.full((len(names), len(names)), float(default))
+    for (a, b), coefficient in table.items():
+        if coefficient.cutoff > 0:
+            i, j = names.index(a), names.index(b)
+            array[i, j] = array[j, i] = value(coefficient)
+    return array
+
+
+def parameters(arrays: dict[str, np.ndarray]) -> tuple[str, dict]:
+    """Definitions that end an expression: constants where all type pairs agree, else functions of the types."""
+    text, functions = "", {}
+    for name, array in arrays.items():
+        if np.all(array == array.flat[0]):
+            text += f"; {name}={float(array.flat[0])!r}"
+        else:
+            text += f"; {name}={name}_of(type1, type2)"
+            functions[f"{name}_of"] = type_table(array)
+    return text, functions
+
+
+def nonbonded_force(
+    expression: PairExpression, types: np.ndarray, exclusions: list[tuple[int, int]], periodic: bool, *, virial: bool = False
+) -> openmm.CustomNonbondedForce:
+    """CustomNonbondedForce of an expression (or of its virial, behind :data:`VIRIAL_SWITCH`)."""
+    force = openmm.CustomNonbondedForce(_switched(expression.virial) if virial else expression.energy)
+    force.setName(expression.name + (" (virial)" if virial else ""))
+    if virial:
+        force.addGlobalParameter(VIRIAL_SWITCH, 0.0)
+    for name, make in expression.functions.items():
+        force.addTabulatedFunction(name, make())
+    if expression.typed:
+        force.addPerParticleParameter("type")
+    for kind in types.tolist():
+        force.addParticle([kind] if expression.typed else [])
+    force.setNonbondedMethod(force.CutoffPeriodic if periodic else force.CutoffNonPeriodic)
+    force.setCutoffDistance(expression.cutoff)
+    for i, j in exclusions:
+        force.addExclusion(i, j)
+    return force
+
+
+def exception_force(
+    expression: PairExpression, types: np.ndarray, factors: dict[tuple[int, int], float], periodic: bool, *, virial: bool = False
+) -> openmm.CustomCompoundBondForce:
+    """Bond force that gives single pairs the same potential times a factor.
+
+    It serves scaled bonded neighbours, and beads that start at the same point: every OpenMM platform divides by r in a
+    CustomNonbondedForce and returns NaN at r = 0 whatever the expression, but not in a bond force.
+    """
+    text = expression.virial if virial else expression.energy
+    text = f"factor*({text.split(';')[0]}); r=max(distance(p1, p2), 1e-10){''.join(';' + part for part in text.split(';')[1:])}"
+    force = openmm.CustomCompoundBondForce(2, _switched(text) if virial else text)
+    force.setName(expression.name + " (exceptions)" + (" (virial)" if virial else ""))
+    if virial:
+        force.addGlobalParameter(VIRIAL_SWITCH, 0.0)
+    for name, make in expression.functions.items():
+        force.addTabulatedFunction(name, make())
+    force.addPerBondParameter("factor")
+    if expression.typed:
+        force.addPerBondParameter("type1")
+        force.addPerBondParameter("type2")
+    for (i, j), factor in factors.items():
+        force.addBond([i, j], [factor, int(types[i]), int(types[j])] if expression.typed else [factor])
+    force.setUsesPeriodicBoundaryConditions(periodic)
+    return force
+
+
+def _switched(text: str) -> str:
+    head, *rest = text.split(";")
+    return f"{VIRIAL_SWITCH}*({head})" + "".join(";" + part for part in rest)

@@ -1,0 +1,250 @@
+"""Pair coefficients: one frozen class per kind of pair term, holding its formula, its bounds and its values.
+
+Conventions of the whole package: r_ij = r_i - r_j (minimum image), v_ij = v_i - v_j, r = |r_ij|, e = r_ij/r; a scalar
+force F acts as +F e on i and -F e on j, so that a positive F repels.  Pairs interact where r < cutoff, and a pair with
+r < 1e-10 is skipped altogether: no force, no energy, no noise.
+
+A class listed in :data:`OVERLAYS` can be laid over any other in one scene; each keeps its own table of type pairs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from ..errors import ParameterError
+from ..units import to_md
+
+#: Below this distance (nm) a pair exerts no force.
+R_MIN = 1e-10
+
+
+class _NoInteraction:
+    """The explicit statement that a type pair does not interact (LAMMPS: ``pair_coeff i j none``)."""
+
+    cutoff = 0.0
+
+    def __repr__(self) -> str:
+        return "NONE"
+
+    def __reduce__(self) -> str:
+        return "NONE"
+
+
+NONE = _NoInteraction()
+
+
+def _checked(value, dimension: str, name: str, *, positive: bool = False) -> float:
+    number = to_md(value, dimension, name)
+    if not isinstance(number, float):
+        raise ParameterError(f"{name} must be a single number, not an array of shape {number.shape}")
+    if number < 0 or (positive and number == 0):
+        raise ParameterError(f"{name} must be {'> 0' if positive else '>= 0'}, but is {number:g}")
+    return number
+
+
+@dataclass(frozen=True)
+class DPD:
+    r"""Dissipative particle dynamics between two bead types: soft repulsion, friction and noise.
+
+    With w = 1 - r/cutoff, w_par = w^exponent, w_perp = w^exponent_perp and P = 1 - e e^T::
+
+        F = A w e                                                              conservative, U = A cutoff w^2 / 2
+            - gamma w_par^2 (e.v_ij) e        - gamma_perp w_perp^2 P v_ij      dissipative
+            + sigma w_par xi / sqrt(dt) e     + sigma_perp w_perp P xi3 / sqrt(dt)   random
+
+        sigma^2 = 2 kT gamma,  sigma_perp^2 = 2 kT gamma_perp                   fluctuation-dissipation
+
+    This one class is LAMMPS's ``dpd`` (A, gamma), ``dpd/tstat`` (gamma), ``dpd/ext`` and ``dpd/ext/tstat`` (all) and
+    ``dpd/fdt`` (A, sigma).  The exponent is that of the *noise* weight, as in ``dpd/ext``; the drag goes as w^(2 exponent).
+    For bonded neighbours with a factor f (see ``Scene.special``) conservative and dissipative parts are multiplied
+    by f and the noise by sqrt(f), so that the temperature stays right (LAMMPS's ``dpd/fdt`` multiplies the noise by f too, and
+    its fix shardlow ignores the factor).
+
+    Parameters
+    ----------
+    A : force, default 0
+        Repulsion at full overlap, kJ/mol/nm.  May be negative (attraction).
+    gamma : mass/time, optional
+        Radial friction, Da/ps (force per velocity), >= 0.  Kept fixed when the temperature changes.
+    sigma : force*time^(1/2), optional
+        Radial noise amplitude, kJ/mol/nm ps^(1/2), >= 0.  If given alone it is kept fixed and gamma = sigma^2/(2 kT) follows the
+        temperature (``dpd/fdt``).  If both are given they must agree with the scene's temperature.
+    gamma_perp : mass/time, default 0
+        Transverse friction.  Anything above 0 gives up conservation of angular momentum.
+    exponent, exponent_perp : float, default 1
+        Exponents of the noise weights, >= 0.
+    cutoff : length
+        Range of all terms, nm, > 0.
+
+    Raises
+    ------
+    ParameterError
+        If a value is out of bounds, not finite, or has the wrong unit.
+
+    References
+    ----------
+    Groot and Warren, J. Chem. Phys. 107, 4423 (1997), eqs 1-9; Espanol and Warren, Europhys. Lett. 30, 191 (1995);
+    Junghans, Praprotnik and Kremer, Soft Matter 4, 156 (2008) for the transverse terms.
+
+    Examples
+    --------
+    >>> DPD(A=25, gamma=4.5, cutoff=1).has_conservative
+    True
+    """
+
+    A: float = 0.0
+    gamma: float | None = None
+    sigma: float | None = None
+    gamma_perp: float = 0.0
+    exponent: float = 1.0
+    exponent_perp: float = 1.0
+    cutoff: float = 1.0
+
+    def __post_init__(self):
+        amplitude = to_md(self.A, "force", "A")
+        if not isinstance(amplitude, float):
+            raise ParameterError(f"A must be a single number, not an array of shape {amplitude.shape}")
+        values = {
+            "A": amplitude,
+            "gamma": None if self.gamma is None else _checked(self.gamma, "friction", "gamma"),
+            "sigma": None if self.sigma is None else _checked(self.sigma, "noise", "sigma"),
+            "gamma_perp": _checked(self.gamma_perp, "friction", "gamma_perp"),
+            "exponent": _checked(self.exponent, "dimensionless", "exponent"),
+            "exponent_perp": _checked(self.exponent_perp, "dimensionless", "exponent_perp"),
+            "cutoff": _checked(self.cutoff, "length", "cutoff", positive=True),
+        }
+        for key, value in values.items():
+            object.__setattr__(self, key, value)
+
+    @property
+    def has_conservative(self) -> bool:
+        """Whether there is a conservative term."""
+        return self.A != 0.0
+
+    @property
+    def has_thermostat(self) -> bool:
+        """Whether there is any friction or noise."""
+        return bool(self.gamma or self.sigma or self.gamma_perp)
+
+    def check_temperature(self, kT: float) -> None:
+        """Raise ParameterError if gamma and sigma contradict the thermal energy kT (kJ/mol)."""
+        if self.gamma is not None and self.sigma is not None:
+            expected = np.sqrt(2 * kT * self.gamma)
+            if not np.isclose(self.sigma, expected, rtol=1e-6, atol=1e-300):
+                raise ParameterError(
+                    f"sigma = {self.sigma:g} and gamma = {self.gamma:g} contradict the temperature: sigma^2 = 2 kT gamma "
+                    f"with kT = {kT:g} needs sigma = {expected:g}; give only one of them"
+                )
+        if self.sigma and self.gamma is None and kT == 0.0:
+            raise ParameterError(f"sigma = {self.sigma:g} with a temperature of 0 asks for infinite friction; give gamma instead")
+
+
+@dataclass(frozen=True)
+class LennardJones:
+    """Lennard-Jones, U = 4 epsilon ((sigma/r)^12 - (sigma/r)^6) for r < cutoff.
+
+    Parameters
+    ----------
+    epsilon : energy
+        Depth of the well, kJ/mol, >= 0.
+    sigma : length
+        Zero of the potential, nm, > 0.
+    cutoff : length
+        Range, nm, > 0.
+    shift : bool, default False
+        Shift the energy to zero at the cutoff (LAMMPS: ``pair_modify shift yes``).  Forces are the same either way.
+    """
+
+    epsilon: float
+    sigma: float
+    cutoff: float
+    shift: bool = False
+
+    def __post_init__(self):
+        object.__setattr__(self, "epsilon", _checked(self.epsilon, "energy", "epsilon"))
+        object.__setattr__(self, "sigma", _checked(self.sigma, "length", "sigma", positive=True))
+        object.__setattr__(self, "cutoff", _checked(self.cutoff, "length", "cutoff", positive=True))
+
+
+@dataclass(frozen=True, eq=False)
+class TabulatedPair:
+    """A radial pair potential given as a table, interpolated by a cubic spline through the energies.
+
+    Below the first distance of the table the pair keeps the table's first force (LAMMPS stops there with an error).
+
+    Parameters
+    ----------
+    distances : (K,) array of lengths
+        Increasing, evenly spaced, nm.
+    energies : (K,) array of energies
+        kJ/mol.
+    forces : (K,) array of forces, optional
+        -dU/dr, used to check the energies (to 5 % of the largest force in the table's upper 9/10) and as end slopes of the spline.
+    cutoff : length, optional
+        Range, nm; the table's end by default, and not beyond it.
+
+    Raises
+    ------
+    ParameterError
+        If distances do not increase evenly, lengths differ, or forces are not minus the slope of the energies.
+    """
+
+    distances: np.ndarray
+    energies: np.ndarray
+    forces: np.ndarray | None = None
+    cutoff: float | None = None
+
+    def __post_init__(self):
+        distances = np.atleast_1d(to_md(self.distances, "length", "distances"))
+        energies = np.atleast_1d(to_md(self.energies, "energy", "energies"))
+        if distances.ndim != 1 or distances.shape != energies.shape or len(distances) < 4:
+            raise ParameterError(
+                f"a tabulated pair needs as many energies as distances, at least 4; got {len(distances)} and {len(energies)}"
+            )
+        steps = np.diff(distances)
+        if np.any(steps <= 0) or not np.allclose(steps, steps.mean(), rtol=1e-4):
+            worst = int(np.argmax(np.abs(steps - steps.mean())))
+            raise ParameterError(f"the distances of a tabulated pair must increase evenly; they do not after entry {worst}")
+        cutoff = distances[-1] if self.cutoff is None else _checked(self.cutoff, "length", "cutoff", positive=True)
+        if cutoff > distances[-1] * (1 + 1e-9):
+            raise ParameterError(f"the cutoff {cutoff:g} nm lies beyond the table, which ends at {distances[-1]:g} nm")
+        values = {"distances": distances, "energies": energies, "cutoff": float(cutoff)}
+        if self.forces is not None:
+            values["forces"] = self._checked_forces(distances, energies)
+        for key, value in values.items():
+            object.__setattr__(self, key, value)
+
+    def _checked_forces(self, distances: np.ndarray, energies: np.ndarray) -> np.ndarray:
+        forces = np.atleast_1d(to_md(self.forces, "force", "forces"))
+        if forces.shape != energies.shape:
+            raise ParameterError(f"a tabulated pair has {len(energies)} energies but {len(forces)} forces")
+        tail = slice(len(forces) // 10, None)
+        slope = -np.gradient(energies, distances)[tail]
+        off = np.abs(slope - forces[tail])
+        if off.max() > 0.05 * max(np.abs(forces[tail]).max(), 1e-300):
+            worst = int(np.argmax(off)) + tail.start
+            raise ParameterError(
+                f"tabulated forces are not minus the slope of the energies: at r = {distances[worst]:g} nm the force is "
+                f"{forces[worst]:g}, the slope gives {slope[worst - tail.start]:g} kJ/mol/nm"
+            )
+        return forces
+
+
+#: Kinds of pair coefficients; tables of different kinds can be laid over each other.
+OVERLAYS = (DPD, LennardJones, TabulatedPair)
+PairCoefficient = DPD | LennardJones | TabulatedPair | _NoInteraction
+
+
+def describe(coefficient) -> str:
+    """One line that names the values of a coefficient, for explain()."""
+    if coefficient is NONE:
+        return "no interaction"
+    parts = []
+    for field in fields(coefficient):
+        value = getattr(coefficient, field.name)
+        if value is None or (np.ndim(value) == 0 and value == field.default):
+            continue
+        parts.append(f"{field.name} = {len(value)} points" if np.ndim(value) else f"{field.name} = {value:g}")
+    return f"{type(coefficient).__name__}({', '.join(parts)})"

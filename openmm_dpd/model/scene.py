@@ -1,0 +1,265 @@
+"""The whole input as one value."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..errors import ParameterError
+from ..units import BOLTZMANN, to_md
+from .bonds import HarmonicBonds
+from .pairs import DPD
+from .table import PairTable, require_complete
+
+
+@dataclass(frozen=True)
+class TemperatureRamp:
+    """Thermal energy that changes linearly: kT(k) = start + (stop - start) (k - begin)/(end - begin), with k the number of the step.
+
+    Before ``begin`` it is ``start``, after ``end`` it is ``stop``.  LAMMPS: the two temperatures of ``dpd/tstat`` with
+    ``run ... start ... stop``.
+
+    Parameters
+    ----------
+    start, stop : energy
+        kT in kJ/mol (or a temperature as a Quantity in kelvin), >= 0.
+    begin, end : int
+        First and last step of the ramp, counted from the first step of the integrator; begin may be negative.
+    """
+
+    start: float
+    stop: float
+    begin: int
+    end: int
+
+    def __post_init__(self):
+        object.__setattr__(self, "start", thermal_energy(self.start, "the ramp's start"))
+        object.__setattr__(self, "stop", thermal_energy(self.stop, "the ramp's stop"))
+        if self.end <= self.begin:
+            raise ParameterError(f"a temperature ramp must end after it begins; got begin = {self.begin}, end = {self.end}")
+
+
+def thermal_energy(value, name: str = "kT") -> float:
+    """KT in kJ/mol from an energy (bare numbers: kJ/mol) or from a temperature given as a Quantity."""
+    from openmm import unit
+
+    if unit.is_quantity(value) and value.unit.is_compatible(unit.kelvin):
+        kT = BOLTZMANN * to_md(value, "temperature", name)
+    else:
+        kT = to_md(value, "energy", name)
+    if not isinstance(kT, float) or kT < 0:
+        raise ParameterError(f"{name} must be a single number >= 0, but is {kT!r}")
+    return kT
+
+
+def box_vectors(box) -> np.ndarray | None:
+    """Box as a (3, 3) array of rows a, b, c in OpenMM's reduced lower-triangular form, or None.
+
+    Raises
+    ------
+    ParameterError
+        If it is neither three edges nor three vectors, an edge is not positive, or the vectors are not in reduced form.
+    """
+    if box is None:
+        return None
+    array = np.asarray(to_md(box, "length", "box"))
+    if array.shape == (3,):
+        array = np.diag(array)
+    if array.shape != (3, 3):
+        raise ParameterError(f"box must be three edge lengths or three box vectors, not an array of shape {array.shape}")
+    if np.any(np.diag(array) <= 0):
+        raise ParameterError(f"every edge of the box must be > 0, but its diagonal is {np.diag(array).tolist()}")
+    if np.any(np.abs(np.triu(array, 1)) > 0):
+        raise ParameterError("box vectors must be lower triangular: a along x, b in the xy plane")
+    a, b, c = array
+    # the tolerance lets tilt factors of exactly half an edge through, which LAMMPS allows
+    slack = 1 + 1e-9
+    if 2 * abs(b[0]) > a[0] * slack or 2 * abs(c[0]) > a[0] * slack or 2 * abs(c[1]) > b[1] * slack:
+        raise ParameterError(
+            "box vectors must be in OpenMM's reduced form (|b_x| <= a_x/2, |c_x| <= a_x/2, |c_y| <= b_y/2); "
+            "openmm.app.internal.unitcell.reducePeriodicBoxVectors makes them so"
+        )
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Everything that defines a DPD system: beads, box, pair coefficients, bonds and temperature.
+
+    Bare numbers are in OpenMM's MD units (nm, Da, ps, kJ/mol), Quantities are accepted everywhere.  A scene in reduced units is written with
+    bare numbers: 1 nm, 1 Da, 1 ps, and kT = 1 meaning 1 kJ/mol.
+
+    Parameters
+    ----------
+    masses : mapping of str to mass
+        Bead types and their masses (Da), > 0, in the order that fixes the type numbers.
+    types : sequence of N type names
+        Type of each bead.
+    positions : (N, 3) array of lengths
+        May lie outside the box.
+    pairs : PairTable, mapping accepted by it, or a sequence of tables
+        Tables of different kinds, or several of one kind, are laid over each other.  Every pair of types must appear in one of them.
+    kT : energy, temperature or TemperatureRamp
+        Thermal energy; a Quantity in kelvin is multiplied by the gas constant.  0 switches the noise off.
+    box : (3,) or (3, 3) array of lengths, optional
+        Edges or box vectors.  None: no periodic box.
+    velocities : (N, 3) array, optional
+        nm/ps.  Drawn from the Maxwell distribution if absent (see :func:`openmm_dpd.build.build`).
+    bead_masses : (N,) array, optional
+        Masses of the single beads where they differ from those of their types.
+    charges : (N,) array, optional
+        Elementary charges; carried into topologies, no force is derived from them here.
+    bonds : sequence of HarmonicBonds
+        Bonds.
+    special : three floats, default (1, 1, 1)
+        Factors in [0, 1] for pairs that are one, two and three bonds apart: conservative and dissipative forces are multiplied by f,
+        the noise by sqrt(f).  LAMMPS's default is (0, 0, 0), which takes friction and repulsion away from bonded beads.
+    mobile : (N,) array of bool, optional
+        False: the bead stays where it is (mass 0 for OpenMM), and moves *as seen by the friction* with the velocity given in
+        ``velocities`` (a moving wall).  It is left out of every temperature.
+    molecules : (N,) array of int, optional
+        Molecule numbers, for the topology.
+
+    Raises
+    ------
+    ParameterError
+        For anything missing, misshapen, out of bounds, not finite, or contradictory; the message names it.
+    """
+
+    masses: Mapping[str, float]
+    types: Sequence[str]
+    positions: np.ndarray
+    pairs: PairTable | Mapping | Sequence[PairTable]
+    kT: float | TemperatureRamp
+    box: np.ndarray | None = None
+    velocities: np.ndarray | None = None
+    bead_masses: np.ndarray | None = None
+    charges: np.ndarray | None = None
+    bonds: Sequence[HarmonicBonds] = ()
+    special: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    mobile: np.ndarray | None = None
+    molecules: np.ndarray | None = None
+    type_ids: np.ndarray = field(init=False, repr=False)
+
+    def __post_init__(self):
+        def put(name, value):
+            object.__setattr__(self, name, value)
+
+        put("masses", self._checked_masses())
+        put("type_ids", self._checked_types())
+        put("types", tuple(self.types))
+        put("positions", self._per_bead("positions", "length", (3,)))
+        put("velocities", self._per_bead("velocities", "velocity", (3,)))
+        put("charges", self._per_bead("charges", "charge", ()))
+        put("bead_masses", self._checked_bead_masses())
+        put("box", box_vectors(self.box))
+        if not isinstance(self.kT, TemperatureRamp):
+            put("kT", thermal_energy(self.kT))
+        for name, dtype in (("mobile", bool), ("molecules", np.int64)):
+            if getattr(self, name) is not None:
+                array = np.asarray(getattr(self, name), dtype=dtype)
+                if array.shape != (self.n_beads,):
+                    raise ParameterError(f"{name} must have one entry per bead, {self.n_beads}, not shape {array.shape}")
+                put(name, array)
+        self._check_bonds()
+        put("special", self._checked_special())
+        put("pairs", self._checked_pairs())
+
+    # -- derived ---------------------------------------------------------------------------------------------------------------
+    @property
+    def n_beads(self) -> int:
+        """Number of beads."""
+        return len(self.type_ids)
+
+    @property
+    def type_names(self) -> list[str]:
+        """Names of the bead types, in the order of ``masses``."""
+        return list(self.masses)
+
+    @property
+    def initial_kT(self) -> float:
+        """Thermal energy (kJ/mol) at the first step."""
+        return self.kT.start if isinstance(self.kT, TemperatureRamp) else self.kT
+
+    @property
+    def bond_pairs(self) -> np.ndarray:
+        """All bonds as one (B, 2) array of bead indices."""
+        return np.concatenate([bonds.pairs for bonds in self.bonds]) if self.bonds else np.zeros((0, 2), dtype=np.int64)
+
+    # -- checks ----------------------------------------------------------------------------------------------------------------
+    def _checked_masses(self) -> dict[str, float]:
+        if not isinstance(self.masses, Mapping) or not self.masses:
+            raise ParameterError("masses must map the name of each bead type to its mass, and name at least one")
+        checked = {}
+        for name, mass in self.masses.items():
+            value = to_md(mass, "mass", f"the mass of type {name!r}")
+            if not isinstance(value, float) or value <= 0:
+                raise ParameterError(f"the mass of type {name!r} must be a number > 0, not {mass!r}; freeze beads with `mobile`")
+            checked[str(name)] = value
+        return checked
+
+    def _checked_types(self) -> np.ndarray:
+        number = {name: index for index, name in enumerate(self.masses)}
+        unknown = sorted({str(name) for name in self.types if name not in number})
+        if unknown:
+            raise ParameterError(f"unknown bead types {', '.join(unknown)}; `masses` defines {', '.join(number)}")
+        if not len(self.types):
+            raise ParameterError("a scene needs at least one bead")
+        return np.fromiter((number[name] for name in self.types), dtype=np.int32, count=len(self.types))
+
+    def _per_bead(self, name: str, dimension: str, shape: tuple[int, ...]) -> np.ndarray | None:
+        value = getattr(self, name)
+        if value is None:
+            if name == "positions":
+                raise ParameterError("positions are missing")
+            return None
+        array = np.array(to_md(value, dimension, name), dtype=np.float64, order="C", ndmin=1 + len(shape))
+        if array.shape != (self.n_beads, *shape):
+            raise ParameterError(f"{name} must have shape {(self.n_beads, *shape)} (there are {self.n_beads} types), not {array.shape}")
+        return array
+
+    def _checked_bead_masses(self) -> np.ndarray:
+        if self.bead_masses is None:
+            return np.array(list(self.masses.values()))[self.type_ids]
+        array = self._per_bead("bead_masses", "mass", ())
+        if np.any(array <= 0):
+            raise ParameterError(f"bead {int(np.argmin(array))} has the mass {array.min():g}; masses must be > 0 (freeze beads with `mobile`)")
+        return array
+
+    def _check_bonds(self) -> None:
+        object.__setattr__(self, "bonds", tuple(self.bonds))
+        for bonds in self.bonds:
+            if not isinstance(bonds, HarmonicBonds):
+                raise ParameterError(f"bonds must be a sequence of HarmonicBonds, not of {type(bonds).__name__}")
+        pairs = np.sort(self.bond_pairs, axis=1)
+        if pairs.size and pairs.max() >= self.n_beads:
+            raise ParameterError(f"a bond names bead {pairs.max()}, but there are only {self.n_beads} beads, counted from 0")
+        if len(np.unique(pairs, axis=0)) != len(pairs):
+            raise ParameterError("a bond is listed twice")
+
+    def _checked_special(self) -> tuple[float, float, float]:
+        factors = tuple(float(factor) for factor in self.special)
+        if len(factors) != 3 or not all(0 <= factor <= 1 for factor in factors):
+            raise ParameterError(f"special must be three factors between 0 and 1 (for 1-2, 1-3 and 1-4 pairs), not {self.special!r}")
+        return factors
+
+    def _checked_pairs(self) -> tuple[PairTable, ...]:
+        tables = self.pairs
+        if isinstance(tables, Mapping):
+            tables = PairTable(tables)
+        if isinstance(tables, PairTable):
+            tables = (tables,)
+        tables = tuple(table if isinstance(table, PairTable) else PairTable(table) for table in tables)
+        require_complete(list(tables), self.type_names)
+        temperatures = [self.initial_kT] + ([self.kT.stop] if isinstance(self.kT, TemperatureRamp) else [])
+        for table in tables:
+            for key, coefficient in table.entries.items():
+                if isinstance(coefficient, DPD):
+                    try:
+                        for kT in temperatures:
+                            coefficient.check_temperature(kT)
+                    except ParameterError as error:
+                        raise ParameterError(f"for types {key}: {error}") from None
+        return tables

@@ -1,0 +1,81 @@
+"""The symmetric table type x type -> pair coefficient."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import combinations_with_replacement
+
+from ..errors import ParameterError
+from .pairs import NONE, OVERLAYS
+
+
+class PairTable:
+    """Pair coefficients of one kind, for unordered pairs of bead types.
+
+    Parameters
+    ----------
+    entries : mapping of (str, str) to a pair coefficient
+        Keys name two bead types in any order; ``"*"`` stands for every type.  Later entries overwrite earlier ones, as in LAMMPS, so put
+        wildcards first.  The value :data:`~openmm_dpd.model.pairs.NONE` says that a pair does not interact.
+
+    Raises
+    ------
+    ParameterError
+        If a key is not a pair of names, or the values are not all of one kind.
+
+    Examples
+    --------
+    >>> from openmm_dpd import DPD, PairTable
+    >>> table = PairTable({("*", "*"): DPD(A=25, gamma=4.5), ("A", "B"): DPD(A=35, gamma=4.5)})
+    >>> table.resolve(["A", "B"])[("A", "B")].A
+    35.0
+    """
+
+    def __init__(self, entries: Mapping):
+        self.entries = dict(entries)
+        if not self.entries:
+            raise ParameterError("a PairTable needs at least one entry")
+        for key, value in self.entries.items():
+            if not (isinstance(key, tuple) and len(key) == 2 and all(isinstance(name, str) for name in key)):
+                raise ParameterError(f"the keys of a PairTable are pairs of type names such as ('A', 'B'), not {key!r}")
+            if value is not NONE and not isinstance(value, OVERLAYS):
+                kinds = ", ".join(kind.__name__ for kind in OVERLAYS)
+                raise ParameterError(f"for types {key}: expected one of {kinds} or NONE, not {value!r}")
+        kinds = {type(value) for value in self.entries.values() if value is not NONE}
+        if len(kinds) > 1:
+            names = " and ".join(sorted(kind.__name__ for kind in kinds))
+            raise ParameterError(f"one PairTable holds one kind of coefficient, not {names}; give the scene a list of tables")
+        self.kind = kinds.pop() if kinds else None
+
+    def __repr__(self) -> str:
+        return f"PairTable({self.entries!r})"
+
+    def resolve(self, names: list[str]) -> dict[tuple[str, str], object]:
+        """Coefficient of every unordered pair of ``names`` that has one, keyed in the order of ``names``.
+
+        Raises
+        ------
+        ParameterError
+            If an entry names a type that is not among ``names``.
+        """
+        for key in self.entries:
+            for name in key:
+                if name != "*" and name not in names:
+                    raise ParameterError(f"for types {key}: there is no bead type {name!r}; the types are {', '.join(names)}")
+        found = {}
+        for key, value in self.entries.items():
+            first, second = ([name] if name != "*" else names for name in key)
+            wanted = {frozenset((a, b)) for a in first for b in second}
+            for pair in combinations_with_replacement(names, 2):
+                if frozenset(pair) in wanted:
+                    found[pair] = value
+        return found
+
+
+def require_complete(tables: list[PairTable], names: list[str]) -> None:
+    """Raise ParameterError if some pair of ``names`` appears in no table (there is no mixing and no silent default)."""
+    resolved = [table.resolve(names) for table in tables]
+    missing = [pair for pair in combinations_with_replacement(names, 2) if not any(pair in table for table in resolved)]
+    if missing:
+        listing = ", ".join(f"({a}, {b})" for a, b in missing[:6]) + (" ..." if len(missing) > 6 else "")
+        raise ParameterError(f"no pair coefficients for types {listing}; set them, or set them to NONE if they do not interact")

@@ -1,0 +1,37 @@
+"""Names that programs and forces share: phases, context parameters and force groups."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class Phase(IntEnum):
+    """What the pair force is asked for; the program sets it in the context parameter ``dpd_phase``.
+
+    *kept* are the positions of the last NOTE or CONSERVE, *seen* the present ones; the velocity the pair terms see is
+    (seen - kept)/tau, with tau in the context parameter ``dpd_tau``.
+    """
+
+    IDLE = 0  # outside a step: conservative force and energy if the kernel holds them, else nothing
+    NOTE = 1  # keep the positions; the energy is their fingerprint
+    CONSERVE = 2  # keep the positions; conservative force
+    FORCE_SEEN = 3  # all forces the kernel holds, at the seen positions
+    FORCE_KEPT = 4  # dissipative and random force at the kept positions
+    SWEEP_SEEN = 5  # impulses/dt of a sweep at the seen positions
+    SWEEP_KEPT = 6  # impulses/dt of a sweep at the kept positions
+    KICK_SWEEP_SEEN = 7  # half a kick, a sweep, half a kick at the seen positions, as impulses/dt
+
+
+PHASE, TAU, DT, KT, COUNTER, SEED = "dpd_phase", "dpd_tau", "dpd_dt", "dpd_kT", "dpd_counter", "dpd_seed"
+
+#: Context parameters the pair force defines.
+PARAMETERS = (PHASE, TAU, DT, KT, COUNTER, SEED)
+
+#: Parameters that change within a step and say nothing about the state.
+VOLATILE = frozenset((PHASE, TAU, COUNTER))
+
+#: Force group of the pair terms, outside the integration groups unless the kernel holds the conservative force.
+PAIR_GROUP = 31
+
+#: Groups of forces that are evaluated only when a pressure is asked for, downwards from here.
+VIRIAL_GROUP = 30

@@ -1,0 +1,80 @@
+"""Modified velocity Verlet (Groot and Warren, J. Chem. Phys. 107, 4423 (1997), eqs 9-12).
+
+With a(t) the acceleration by all forces, friction and noise included, drawn once per step and used by two half kicks::
+
+    v_half = v + dt/2 a(t)
+    x      = x + dt v_half
+    v_pred = v + lambda dt a(t)              what the friction sees
+    a(t+dt) from x, v_pred and new noise
+    v      = v_half + dt/2 a(t+dt)
+
+lambda = 1/2 is plain velocity Verlet: v_pred = v_half, which the drift itself shows to the pair force.  This is what LAMMPS's fix nve
+and fix mvv/dpd do.  a(t) is history: it is stored per degree of freedom with a fingerprint of what it was computed from, and computed anew
+(with the velocities of the moment) whenever positions, box, dt or a parameter are not what the last step left behind.  A change of
+velocities alone goes unnoticed: it leaves a friction force of the old velocities for half a step.
+"""
+
+from __future__ import annotations
+
+from ..names import Phase
+from ..plan import ProgramOptions
+from .program import PAIR_FORCE, Program
+
+
+def program(options: ProgramOptions) -> Program:
+    """Program for the options given; without friction and noise it is velocity Verlet."""
+    p = Program("mvv", "Groot and Warren 1997", options)
+    p.declare_per_dof("acc", "acceleration at x, friction and noise included")
+    p.begin()
+    if not options.kernel:
+        _plain(p)
+        return p
+    p.note()
+    p.if_changed()
+    if options.kernel_conservative:
+        p.phase(Phase.CONSERVE)
+    p.each("acc", "f/m", "conservative acceleration")
+    if options.thermostat:
+        _add_friction_and_noise(p, "v")
+    p.end()
+    predicted = options.thermostat and options.lam != 0.5
+    if predicted:
+        p.declare_per_dof("vp", "predicted velocity")
+        p.each("vp", f"v+{options.lam!r}*dt*acc", "what the friction will see")
+    p.each("v", "v+0.5*dt*acc", "half kick")
+    p.each("x", "x+dt*v", "drift")
+    p.next_temperature()
+    if predicted or not options.thermostat:
+        p.phase(Phase.CONSERVE) if options.kernel_conservative else p.note()
+        p.each("acc", "f/m", "conservative acceleration")
+        if predicted:
+            _add_friction_and_noise(p, "vp")
+    else:
+        p.next_noise("dt")
+        p.phase(Phase.FORCE_SEEN)
+        p.each("acc", "f/m", "the drift showed the half-step velocity")
+        if not options.kernel_conservative:
+            p.each("acc", f"acc+{PAIR_FORCE}/m", "friction and noise")
+    p.each("v", "v+0.5*dt*acc", "half kick")
+    p.note()
+    p.set("last", "here", "acc is valid for this")
+    p.phase(Phase.IDLE)
+    return p
+
+
+def _add_friction_and_noise(p: Program, velocity: str) -> None:
+    """Acc gains friction and noise at the kept positions."""
+    p.next_noise(f"dt*{p.options.tau_ratio!r}")
+    p.trial_drift(velocity)
+    p.phase(Phase.FORCE_KEPT)
+    p.each("acc", f"acc+{PAIR_FORCE}/m", "friction and noise")
+    p.each("x", "xs", "back")
+
+
+def _plain(p: Program) -> None:
+    p.each("v", "v+0.5*dt*f/m", "half kick")
+    p.each("x", "x+dt*v", "drift")
+    p.each("v", "v+0.5*dt*f/m", "half kick")
+    del p.per_dof["acc"]
+
+

