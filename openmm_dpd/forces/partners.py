@@ -55,29 +55,37 @@ def tabulated_expression(table: dict, names: list[str]) -> PairExpression:
     single = bool(np.all(which == 0))
     functions = {} if single else {"which": type_table(which)}
     energies, virials, definitions = [], [], "" if single else "; number=which(type1, type2)"
+    cutoff = max(pair.cutoff for pair in pairs)
     for k, pair in enumerate(pairs):
-        low, high = float(pair.distances[0]), float(pair.distances[-1])
-        spline = energy_spline(pair)
-        grid = np.linspace(low, high, max(_POINTS, 2 * len(pair.distances)))
-        energy, force = spline(grid), -spline(grid, 1)
-        functions[f"energy{k}"] = _curve(energy, low, high)
-        functions[f"force{k}"] = _curve(force, low, high)
-        gate = f"step({pair.cutoff!r}-r)" + ("" if single else f"*delta(number-{k})")
-        inside = f"step(r-{low!r})"
-        # min() keeps the argument inside the table, outside of which OpenMM returns 0
-        energies.append(f"{gate}*select({inside}, energy{k}(min(r, {high!r})), ({float(energy[0])!r})-({float(force[0])!r})*(r-{low!r}))")
-        virials.append(f"{gate}*r*select({inside}, force{k}(min(r, {high!r})), ({float(force[0])!r}))")
+        energy, force = _resampled(pair)
+        high = float(pair.distances[-1])
+        functions[f"energy{k}"], functions[f"force{k}"] = _curve(energy, high), _curve(force, high)
+        # OpenMM's tables are 0 beyond their end, and the force ends at its cutoff: a gate is needed only in between
+        gate = f"step({pair.cutoff!r}-r)*" if pair.cutoff < min(high, cutoff) or high > cutoff else ""
+        gate += "" if single else f"delta(number-{k})*"
+        energies.append(f"{gate}energy{k}(r)")
+        virials.append(f"{gate}r*force{k}(r)")
     return PairExpression(
         name="tabulated pair potential",
         energy="+".join(energies) + definitions,
         virial="+".join(virials) + definitions,
-        cutoff=max(pair.cutoff for pair in pairs),
+        cutoff=cutoff,
         functions=functions,
     )
 
 
-def _curve(values: np.ndarray, low: float, high: float):
-    return lambda: openmm.Continuous1DFunction(values, low, high)
+def _resampled(pair: TabulatedPair) -> tuple[np.ndarray, np.ndarray]:
+    """Energy and force on an even grid from 0 to the table's end; constant force below the table's first distance."""
+    low, high = pair.distances[0], pair.distances[-1]
+    spline = energy_spline(pair)
+    grid = np.linspace(0.0, high, max(_POINTS, 2 * len(pair.distances)))
+    inside = np.maximum(grid, low)
+    force = -spline(inside, 1)
+    return spline(inside) + force * (inside - grid), force
+
+
+def _curve(values: np.ndarray, high: float):
+    return lambda: openmm.Continuous1DFunction(values, 0.0, high)
 
 
 #: Kind of coefficient -> function that makes its expression.

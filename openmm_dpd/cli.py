@@ -1,0 +1,100 @@
+"""The command line, ``openmm-dpd run | forces | explain``: thin over :mod:`openmm_dpd.lammps`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from .errors import DPDError
+from .plan import SCHEMES
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="openmm-dpd", description="Dissipative particle dynamics with OpenMM, from LAMMPS decks.")
+    commands = parser.add_subparsers(dest="command", required=True)
+    run = commands.add_parser("run", help="run a deck", description="Run a LAMMPS deck.")
+    run.add_argument("--scheme", choices=SCHEMES, help="integration scheme of every run (default: what the deck's fixes say)")
+    run.add_argument("--dt", type=float, metavar="DT", help="time step of every run, in the deck's units")
+    run.add_argument("--steps", type=int, metavar="N", help="number of steps of every run")
+    run.add_argument("--discard", type=int, default=0, metavar="N", help="leave the first N steps of each run out of averages")
+    run.add_argument("--out", type=Path, metavar="DIR", help="folder for all files that are written (default: out/NAME)")
+    run.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    forces = commands.add_parser("forces", help="forces term by term at the first configuration of a deck")
+    explain = commands.add_parser("explain", help="print what would be built for the first run of a deck")
+    explain.add_argument("--scheme", choices=SCHEMES, help="integration scheme (default: what the deck's fixes say)")
+    explain.add_argument("--dt", type=float, metavar="DT", help="time step, in the deck's units")
+    for command in (run, forces, explain):
+        command.add_argument("deck", type=Path, metavar="DECK", help="LAMMPS input file")
+        command.add_argument("--platform", metavar="P", help="Reference, CPU, OpenCL or CUDA (default: the fastest there is)")
+        command.add_argument("--seed", type=int, metavar="K", help="seed of the noise (default: the deck's)")
+        command.add_argument("--threads", type=int, metavar="N", help="threads of OpenMM and of the pair kernel (default: all cores)")
+        command.add_argument(
+            "--conservative",
+            choices=("auto", "openmm", "kernel"),
+            default="auto",
+            help="where the conservative force is computed: CustomNonbondedForce or pair kernel",
+        )
+        command.add_argument("--var", nargs=2, action="append", default=[], metavar=("NAME", "VALUE"), help="set an index variable of the deck")
+    for command in (run, forces):
+        command.add_argument("--precision", choices=("single", "mixed", "double"), help="precision of a GPU platform")
+        command.add_argument("--json", type=Path, metavar="FILE", required=command is forces, help="write results to this file")
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit status: 0, or 1 after an error (one line on standard error)."""
+    options = _parser().parse_args(arguments)
+    try:
+        {"run": _run, "forces": _forces, "explain": _explain}[options.command](options)
+    except DPDError as error:
+        print(f"openmm-dpd: error: {error}", file=sys.stderr)
+        return 1
+    except BrokenPipeError:
+        return 1
+    except KeyboardInterrupt:
+        print("openmm-dpd: interrupted", file=sys.stderr)
+        return 130
+    return 0
+
+
+def _options(options: argparse.Namespace):
+    from .lammps.run import RunOptions
+
+    names = RunOptions.__dataclass_fields__
+    return RunOptions(**{name: value for name, value in vars(options).items() if name in names})
+
+
+def _run(options: argparse.Namespace) -> None:
+    from .lammps.main import run_deck
+
+    log = (lambda _: None) if options.quiet else print
+    out = options.out or Path("out") / options.deck.name.removeprefix("in.")
+    report = run_deck(options.deck, _options(options), out=out, log=log, variables=dict(options.var), progress=not options.quiet)
+    if options.json:
+        _write(options.json, report)
+    log(f"files are in {out}/")
+
+
+def _forces(options: argparse.Namespace) -> None:
+    from .lammps.main import deck_forces
+
+    terms = deck_forces(options.deck, _options(options), variables=dict(options.var))
+    _write(options.json, {"terms": {name: array.tolist() for name, array in terms.items()}})
+
+
+def _explain(options: argparse.Namespace) -> None:
+    from .lammps.main import explain_deck
+
+    print(explain_deck(options.deck, _options(options), variables=dict(options.var)))
+
+
+def _write(path: Path, content: dict) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(content, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

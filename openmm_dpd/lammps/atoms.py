@@ -1,0 +1,87 @@
+"""The beads of a deck as arrays in the order of their ids."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+
+
+def _empty(*shape: int, dtype: type = np.float64):
+    return field(default_factory=lambda: np.zeros(shape, dtype=dtype))
+
+
+@dataclass
+class Atoms:
+    """Beads, sorted by id.
+
+    Attributes
+    ----------
+    ids : (N,) int
+        Ids as in the deck, increasing, not necessarily consecutive.
+    types : (N,) int
+        Types, counted from 1.
+    positions : (N, 3) float
+        nm, inside the box.
+    images : (N, 3) int
+        How many boxes the bead has left behind along each box vector.
+    velocities : (N, 3) float
+        nm/ps.
+    charges : (N,) float
+        Elementary charges.
+    molecules : (N,) int
+        Molecule ids; 0 means none.
+    thetas : (N,) float
+        Internal temperatures of ``atom_style dpd``, in the deck's units; carried along only.
+    """
+
+    ids: np.ndarray = _empty(0, dtype=np.int64)
+    types: np.ndarray = _empty(0, dtype=np.int64)
+    positions: np.ndarray = _empty(0, 3)
+    images: np.ndarray = _empty(0, 3, dtype=np.int64)
+    velocities: np.ndarray = _empty(0, 3)
+    charges: np.ndarray = _empty(0)
+    molecules: np.ndarray = _empty(0, dtype=np.int64)
+    thetas: np.ndarray = _empty(0)
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @classmethod
+    def new(cls, ids: np.ndarray, types: np.ndarray, positions: np.ndarray) -> Atoms:
+        """Beads at rest with no images, charges or molecules."""
+        n = len(ids)
+        return cls(
+            np.asarray(ids, dtype=np.int64),
+            np.asarray(types, dtype=np.int64),
+            np.asarray(positions, dtype=np.float64).reshape(n, 3),
+            np.zeros((n, 3), dtype=np.int64),
+            np.zeros((n, 3)),
+            np.zeros(n),
+            np.zeros(n, dtype=np.int64),
+            np.zeros(n),
+        )
+
+    def append(self, other: Atoms) -> None:
+        """Add beads whose ids are all larger than the present ones."""
+        for item in fields(self):
+            setattr(self, item.name, np.concatenate([getattr(self, item.name), getattr(other, item.name)]))
+
+    def keep(self, mask: np.ndarray) -> None:
+        """Drop every bead where ``mask`` is False."""
+        for item in fields(self):
+            setattr(self, item.name, getattr(self, item.name)[mask])
+
+    def index_of(self, ids: np.ndarray) -> np.ndarray:
+        """Indices of beads by id; KeyError with the first id that does not exist."""
+        ids = np.asarray(ids, dtype=np.int64)
+        found = np.searchsorted(self.ids, ids)
+        if not len(self.ids):
+            found[:] = 0
+            missing = np.ones(len(ids), dtype=bool)
+        else:
+            found = np.minimum(found, len(self.ids) - 1)
+            missing = self.ids[found] != ids
+        if missing.any():
+            raise KeyError(int(ids[np.argmax(missing)]))
+        return found

@@ -1,0 +1,230 @@
+"""Commands on beads that exist: mass, group, set."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ...errors import ParameterError
+from .. import arguments as read
+from ..state import DeckState
+from .box import _region
+from .setup import Handler
+
+
+def mass(state: DeckState, args: list[str]) -> None:
+    """``mass type value``."""
+    read.count(args, "mass type value", 2)
+    state.require_box("mass")
+    value = read.positive(args[1], "the mass")
+    for kind in read.numeric_range(args[0], state.n_types, "atom type"):
+        state.masses[kind] = value * state.units.mass
+
+
+# -- groups -----------------------------------------------------------------------------------------------------------------
+_COMPARE: dict[str, Callable[[np.ndarray, int], np.ndarray]] = {
+    "<": np.less,
+    ">": np.greater,
+    "<=": np.less_equal,
+    ">=": np.greater_equal,
+    "==": np.equal,
+    "!=": np.not_equal,
+}
+
+
+def _matching(values: np.ndarray, words: list[str], what: str) -> np.ndarray:
+    """Beads whose value is in a list of numbers and n:m ranges, or compares as ``< 5`` or ``<> 3 7`` says."""
+    read.count(words, f"{what} values", 1, None)
+    if words[0] == "<>":
+        read.count(words, "<> low high", 3)
+        low, high = (read.integer(word, what) for word in words[1:])
+        return (values >= low) & (values <= high)
+    if words[0] in _COMPARE:
+        read.count(words, f"{words[0]} value", 2)
+        return _COMPARE[words[0]](values, read.integer(words[1], what))
+    mask = np.zeros(len(values), dtype=bool)
+    for first, last, stride in read.id_ranges(words, what):
+        mask |= (values >= first) & (values <= last) & ((values - first) % stride == 0)
+    return mask
+
+
+def _by_region(state: DeckState, words: list[str]) -> np.ndarray:
+    read.count(words, "region ID", 1)
+    return _region(state, words[0]).contains(state.atoms.positions / state.units.length)
+
+
+def _union(state: DeckState, words: list[str]) -> np.ndarray:
+    read.count(words, "union group group ...", 1, None)
+    return np.logical_or.reduce([state.group(name) for name in words])
+
+
+def _intersect(state: DeckState, words: list[str]) -> np.ndarray:
+    read.count(words, "intersect group group ...", 2, None)
+    return np.logical_and.reduce([state.group(name) for name in words])
+
+
+def _subtract(state: DeckState, words: list[str]) -> np.ndarray:
+    read.count(words, "subtract group group ...", 2, None)
+    return state.group(words[0]) & ~np.logical_or.reduce([state.group(name) for name in words[1:]])
+
+
+#: Group styles: from (state, words) to the beads that are added.
+GROUP_STYLES: dict[str, Callable[[DeckState, list[str]], np.ndarray]] = {
+    "type": lambda state, words: _matching(state.atoms.types, words, "an atom type"),
+    "id": lambda state, words: _matching(state.atoms.ids, words, "an atom id"),
+    "molecule": lambda state, words: _matching(state.atoms.molecules, words, "a molecule id"),
+    "region": _by_region,
+    "union": _union,
+    "subtract": _subtract,
+    "intersect": _intersect,
+    "empty": lambda state, words: np.zeros(len(state.atoms), dtype=bool),
+}
+
+
+def group(state: DeckState, args: list[str]) -> None:
+    """``group ID style values ...``: the beads are added to those that the group has already."""
+    read.count(args, "group ID style values ...", 2, None)
+    state.require_box("group")
+    name, style, *words = args
+    if not all(char.isalnum() or char == "_" for char in name):
+        raise ParameterError(f"the name of a group has letters, digits and underscores only, not '{name}'")
+    if name == "all":
+        raise ParameterError("group all is fixed: it always holds every bead")
+    if style == "delete":
+        state.group(name)
+        users = [fix.name for fix in state.fixes.values() if fix.group == name]
+        if users:
+            raise ParameterError(f"group {name} is in use by fix {', '.join(users)}")
+        del state.groups[name]
+        return
+    if style == "clear":
+        state.groups[name] = np.zeros_like(state.group(name))
+        return
+    if style not in GROUP_STYLES:
+        raise ParameterError(f"group style '{style}' is not supported; supported are {', '.join([*GROUP_STYLES, 'clear', 'delete'])}")
+    members = GROUP_STYLES[style](state, words)
+    state.groups[name] = state.groups.get(name, np.zeros(len(state.atoms), dtype=bool)) | members
+
+
+# -- set --------------------------------------------------------------------------------------------------------------------
+def _selected(state: DeckState, style: str, word: str) -> np.ndarray:
+    if style == "group":
+        return state.group(word)
+    if style == "region":
+        return _by_region(state, [word])
+    values = {"atom": state.atoms.ids, "type": state.atoms.types, "mol": state.atoms.molecules}[style]
+    low, star, high = word.partition("*")
+    first = read.integer(low, f"the {style} of set") if low else 1
+    last = (read.integer(high, f"the {style} of set") if high else np.iinfo(np.int64).max) if star else first
+    return (values >= first) & (values <= last)
+
+
+def _type(state: DeckState, word: str) -> int:
+    kind = read.integer(word, "the atom type", 1)
+    if kind > state.n_types:
+        raise ParameterError(f"atom type {kind} is out of range: there are {state.n_types}")
+    return kind
+
+
+def _set_type(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
+    state.atoms.types[mask] = _type(state, words[0])
+
+
+def _set_fraction(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
+    fraction, rng = _fraction(words[1]), np.random.default_rng(read.integer(words[2], "the seed", 1))
+    state.atoms.types[mask & (rng.random(len(mask)) < fraction)] = _type(state, words[0])
+
+
+def _fraction(word: str) -> float:
+    fraction = read.non_negative(word, "the fraction")
+    if fraction > 1:
+        raise ParameterError(f"the fraction must be between 0 and 1, but is {word}")
+    return fraction
+
+
+def _set_subset(state: DeckState, mask: np.ndarray, words: list[str], ratio: bool) -> None:
+    beads = np.flatnonzero(mask)
+    wanted = round(_fraction(words[1]) * len(beads)) if ratio else read.integer(words[1], "the number of beads", 0)
+    if wanted > len(beads):
+        raise ParameterError(f"set type/subset asks for {wanted} of {len(beads)} beads")
+    rng = np.random.default_rng(read.integer(words[2], "the seed", 1))
+    state.atoms.types[rng.choice(beads, wanted, replace=False)] = _type(state, words[0])
+
+
+def _set_theta(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
+    if state.atom_style != "dpd":
+        raise ParameterError(f"atom_style {state.atom_style} has no dpd/theta")
+    if words[0] == "NULL":
+        speed2 = np.sum(state.atoms.velocities[mask] ** 2, axis=1)
+        state.atoms.thetas[mask] = state.bead_masses()[mask] * speed2 / (3 * state.units.thermal_energy)
+    else:
+        state.atoms.thetas[mask] = read.non_negative(words[0], "dpd/theta")
+
+
+def _set_charge(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
+    if state.atom_style not in ("charge", "full"):
+        raise ParameterError(f"atom_style {state.atom_style} has no charges")
+    state.atoms.charges[mask] = read.number(words[0], "the charge")
+
+
+def _set_molecule(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
+    if state.atom_style not in ("bond", "molecular", "full"):
+        raise ParameterError(f"atom_style {state.atom_style} has no molecule ids")
+    state.atoms.molecules[mask] = read.integer(words[0], "the molecule id", 0)
+
+
+def _set_position(axis: int) -> Callable[[DeckState, np.ndarray, list[str]], None]:
+    def handler(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
+        state.atoms.positions[mask, axis] = read.number(words[0], "the coordinate") * state.units.length
+        inside, shifts = state.require_box("set").wrap(state.atoms.positions)
+        state.atoms.positions = inside
+        state.atoms.images[mask] += shifts[mask]
+
+    return handler
+
+
+def _set_velocity(axis: int) -> Callable[[DeckState, np.ndarray, list[str]], None]:
+    def handler(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
+        state.atoms.velocities[mask, axis] = read.number(words[0], "the velocity") * state.units.velocity
+
+    return handler
+
+
+def _set_image(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
+    for axis, word in enumerate(words):
+        if word != "NULL":
+            state.atoms.images[mask, axis] = read.integer(word, "the image flag")
+
+
+def _set_mass(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
+    raise ParameterError(f"atom_style {state.atom_style} has one mass per type; use the mass command, or another type")
+
+
+#: Properties that ``set`` changes: name -> (number of values, handler).
+SETTERS: dict[str, tuple[int, Callable[[DeckState, np.ndarray, list[str]], None]]] = {
+    "type": (1, _set_type),
+    "type/fraction": (3, _set_fraction),
+    "type/ratio": (3, lambda state, mask, words: _set_subset(state, mask, words, True)),
+    "type/subset": (3, lambda state, mask, words: _set_subset(state, mask, words, False)),
+    "mol": (1, _set_molecule),
+    "charge": (1, _set_charge),
+    "mass": (1, _set_mass),
+    "dpd/theta": (1, _set_theta),
+    "image": (3, _set_image),
+    **{axis: (1, _set_position(k)) for k, axis in enumerate("xyz")},
+    **{f"v{axis}": (1, _set_velocity(k)) for k, axis in enumerate("xyz")},
+}
+
+
+def set_(state: DeckState, args: list[str]) -> None:
+    """``set atom|type|mol|group|region ID property values ...``."""
+    read.count(args, "set style ID property value ...", 3, None)
+    state.require_box("set")
+    style = read.choice(args[0], "the style of set", ("atom", "type", "mol", "group", "region"))
+    mask = _selected(state, style, args[1]).copy()
+    for name, words in read.options(args[2:], {name: size for name, (size, _) in SETTERS.items()}, "set"):
+        SETTERS[name][1](state, mask, words)
+
+
+COMMANDS: dict[str, Handler] = {"mass": mass, "group": group, "set": set_}

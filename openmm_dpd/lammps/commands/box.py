@@ -1,0 +1,265 @@
+"""Commands that make the box and the beads: lattice, region, create_box, create_atoms, read_data, delete_atoms."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...errors import DeckError, ParameterError
+from .. import arguments as read
+from ..atoms import Atoms
+from ..box import Box
+from ..data_file import DataFile, read_data_file
+from ..lattice import parse_lattice
+from ..lexer import Line
+from ..regions import parse_region
+from ..state import DeckState
+from .pairs import bond_coeff, pair_coeff
+from .setup import Handler
+
+
+def lattice(state: DeckState, args: list[str]) -> None:
+    """``lattice style scale ...``."""
+    state.lattice = parse_lattice(args, state.units.name == "lj")
+
+
+def region(state: DeckState, args: list[str]) -> None:
+    """``region ID style values ...``, or ``region ID delete``."""
+    read.count(args, "region ID style values ...", 2, None)
+    name = args[0]
+    if args[1] == "delete":
+        if state.regions.pop(name, None) is None:
+            raise ParameterError(f"there is no region '{name}' to delete")
+        return
+    if name in state.regions:
+        raise ParameterError(f"there is a region '{name}' already; delete it first")
+    box = None if state.box is None else state.box.scaled(1.0 / state.units.length)
+    state.regions[name] = parse_region(args[1:], state.lattice.spacing, box, state.regions)
+
+
+def _region(state: DeckState, name: str):
+    if name not in state.regions:
+        raise ParameterError(f"there is no region '{name}'; defined so far: {', '.join(state.regions) or 'none'}")
+    return state.regions[name]
+
+
+def create_box(state: DeckState, args: list[str]) -> None:
+    """``create_box N region [bond/types N] [extra/...]``."""
+    read.count(args, "create_box N region ...", 2, None)
+    state.refuse_box("create_box")
+    found = _region(state, args[1])
+    if found.box is None:
+        raise ParameterError(f"create_box needs a bounded block or prism with positive lengths; region '{args[1]}' is a {found.style}")
+    state.n_types = read.integer(args[0], "the number of atom types", 1)
+    ignored = ("extra/bond/per/atom", "extra/special/per/atom", "angle/types", "dihedral/types", "improper/types")
+    for keyword, values in read.options(args[2:], {"bond/types": 1, **dict.fromkeys(ignored, 1)}, "create_box"):
+        if keyword == "bond/types":
+            state.n_bond_types = read.integer(values[0], "the number of bond types", 0)
+    _set_box(state, found.box)
+
+
+def _set_box(state: DeckState, box: Box) -> None:
+    """Take over a box in the deck's unit of length."""
+    if np.any(np.abs(box.reduced_vectors - box.vectors) > 1e-9 * box.edges.max()):
+        state.note("the box is tilted by more than half an edge; OpenMM gets the equivalent box with smaller tilts")
+    state.box = box.scaled(state.units.length)
+
+
+def create_atoms(state: DeckState, args: list[str]) -> None:
+    """``create_atoms type box | region ID | random N seed ID|NULL | single x y z``, with options."""
+    read.count(args, "create_atoms type style ...", 2, None)
+    state.require_box("create_atoms")
+    kind = read.integer(args[0], "the atom type", 1)
+    if kind > state.n_types:
+        raise ParameterError(f"atom type {kind} is out of range: there are {state.n_types}")
+    sizes = {"box": 0, "region": 1, "random": 3, "single": 3}
+    style = read.choice(args[1], "the style of create_atoms", list(sizes))
+    words, rest = args[2 : 2 + sizes[style]], args[2 + sizes[style] :]
+    if len(words) < sizes[style]:
+        raise ParameterError(f"create_atoms {style} needs {sizes[style]} values, but {len(words)} follow")
+    options: dict[str, list[str]] = {}
+    basis: dict[int, int] = {}
+    allowed = {"units": 1, "basis": 2, "overlap": 1, "maxtry": 1, "subset": 2, "ratio": 2}
+    for keyword, values in read.options(rest, allowed, f"create_atoms {style}"):
+        if keyword == "basis":
+            basis[read.integer(values[0], "the number of the basis atom", 1)] = read.integer(values[1], "its type", 1)
+        options[keyword] = values
+    scale = np.ones(3) if options.get("units", ["lattice"])[0] == "box" else state.lattice.spacing
+    if style == "random":
+        points = _random_points(state, words, options)
+        types = np.full(len(points), kind)
+    elif style == "single":
+        points = np.array([[read.number(word, "a coordinate") for word in words]]) * scale
+        types = np.full(1, kind)
+        if not _inside(state, points).all():
+            state.note(f"create_atoms single: the point {' '.join(words)} lies outside the box, no bead is created there")
+            points, types = points[:0], types[:0]
+    else:
+        points, types = _lattice_points(state, kind, basis, words, options)
+    start = int(state.atoms.ids.max()) + 1 if len(state.atoms) else 1
+    inside, _ = state.require_box("create_atoms").wrap(points * state.units.length)
+    state.add_atoms(Atoms.new(np.arange(start, start + len(points)), types, inside))
+
+
+def _inside(state: DeckState, points: np.ndarray) -> np.ndarray:
+    fractions = state.require_box("create_atoms").scaled(1.0 / state.units.length).fractions(points)
+    return np.all((fractions >= 0) & (fractions < 1), axis=1)
+
+
+def _lattice_points(state: DeckState, kind: int, basis: dict[int, int], words: list[str], options: dict[str, list[str]]):
+    if not len(state.lattice.basis):
+        raise ParameterError("create_atoms box and region need a lattice; use the lattice command before")
+    points, numbers = state.lattice.points(state.require_box("create_atoms").scaled(1.0 / state.units.length))
+    if words:
+        inside = _region(state, words[0]).contains(points)
+        points, numbers = points[inside], numbers[inside]
+    types = np.full(len(points), kind)
+    for number, other in basis.items():
+        if number > len(state.lattice.basis) or other > state.n_types:
+            raise ParameterError(f"basis {number} {other} is out of range: {len(state.lattice.basis)} basis atoms, {state.n_types} types")
+        types[numbers == number - 1] = other
+    for keyword in ("ratio", "subset"):
+        if keyword in options:
+            amount, seed = options[keyword]
+            rng = np.random.default_rng(read.integer(seed, "the seed", 1))
+            wanted = (
+                round(read.non_negative(amount, "the fraction") * len(points))
+                if keyword == "ratio"
+                else read.integer(amount, "the number of beads", 0)
+            )
+            if wanted > len(points):
+                raise ParameterError(f"{keyword} {amount} asks for more beads than the {len(points)} lattice points")
+            chosen = np.sort(rng.choice(len(points), wanted, replace=False))
+            points, types = points[chosen], types[chosen]
+    return points, types
+
+
+def _random_points(state: DeckState, words: list[str], options: dict[str, list[str]]) -> np.ndarray:
+    wanted = read.integer(words[0], "the number of beads", 0)
+    rng = np.random.default_rng(read.integer(words[1], "the seed", 1))
+    limit = None if words[2] == "NULL" else _region(state, words[2])
+    box = state.require_box("create_atoms").scaled(1.0 / state.units.length)
+    low, high = box.bounds
+    if limit is not None and limit.bounds is not None:
+        low, high = np.maximum(low, limit.bounds[0]), np.minimum(high, limit.bounds[1])
+    if np.any(high <= low):
+        raise ParameterError(f"region '{words[2]}' and the box have no volume in common")
+    overlap = read.non_negative(options["overlap"][0], "overlap") if "overlap" in options else 0.0
+    tries = read.integer(options["maxtry"][0], "maxtry", 1) if "maxtry" in options else 1000
+    present = state.atoms.positions / state.units.length
+    found, drawn = np.zeros((0, 3)), 0
+    while len(found) < wanted and drawn < wanted * tries:
+        points = low + (high - low) * rng.random((wanted - len(found), 3))
+        drawn += len(points)
+        inside = _inside(state, points)
+        if limit is not None:
+            inside &= limit.contains(points)
+        for point in points[inside] if overlap else ():
+            if _closest(np.vstack([present, found]), point, box) >= overlap:
+                found = np.vstack([found, point])
+        if not overlap:
+            found = np.vstack([found, points[inside]])
+    if len(found) < wanted:
+        state.note(f"create_atoms random: only {len(found)} of {wanted} beads could be placed")
+    return found
+
+
+def _closest(points: np.ndarray, point: np.ndarray, box: Box) -> float:
+    if not len(points):
+        return np.inf
+    gap = points - point
+    gap -= np.round(gap @ np.linalg.inv(box.vectors)) @ box.vectors
+    return float(np.sqrt(np.min(np.sum(gap * gap, axis=1))))
+
+
+def read_data(state: DeckState, args: list[str]) -> None:
+    """``read_data file [nocoeff] [extra/atom/types N] [extra/bond/types N] [group ID]``."""
+    read.count(args, "read_data file ...", 1, None)
+    if state.box is not None:
+        raise ParameterError("read_data must come before any other box is defined (read_data add is not supported)")
+    data = read_data_file(state.find_file(args[0]), state.atom_style)
+    # how much room LAMMPS reserves is of no interest here
+    ignored = ("extra/bond/per/atom", "extra/special/per/atom", "extra/angle/types", "extra/dihedral/types", "extra/improper/types")
+    sizes = {"extra/atom/types": 1, "extra/bond/types": 1, "nocoeff": 0, "group": 1, **dict.fromkeys(ignored, 1)}
+    chosen = dict(read.options(args[1:], sizes, "read_data"))
+    state.n_types = data.n_types + read.integer(chosen.get("extra/atom/types", ["0"])[0], "extra/atom/types", 0)
+    state.n_bond_types = data.n_bond_types + read.integer(chosen.get("extra/bond/types", ["0"])[0], "extra/bond/types", 0)
+    if state.n_types < 1:
+        raise DeckError("the header announces no atom types", str(data.path))
+    hint = data.hints.get("Atoms", "")
+    if hint and hint.split()[0] != state.atom_style:
+        state.note(f"{data.path.name}: the Atoms section says '{hint}', but is read as atom_style {state.atom_style}")
+    _set_box(state, data.box)
+    _take_atoms(state, data)
+    if "group" in chosen:
+        state.groups[chosen["group"][0]] = np.ones(len(state.atoms), dtype=bool)
+    state.masses.update({kind: mass * state.units.mass for kind, mass in data.masses.items()})
+    if "nocoeff" not in chosen:
+        _take_coefficients(state, data)
+
+
+def _take_atoms(state: DeckState, data: DataFile) -> None:
+    order = np.argsort(data.columns["id"], kind="stable")
+    inside, shifts = state.require_box("read_data").wrap(data.positions * state.units.length)
+    n = len(order)
+    state.add_atoms(
+        Atoms(
+            ids=data.columns["id"][order],
+            types=data.columns["type"][order],
+            positions=inside[order],
+            images=(data.images + shifts)[order],
+            velocities=data.velocities[order] * state.units.velocity,
+            charges=data.columns.get("charge", np.zeros(n))[order],
+            molecules=data.columns.get("molecule", np.zeros(n, dtype=np.int64))[order],
+            thetas=data.columns.get("theta", np.zeros(n))[order],
+        )
+    )
+    state.bonds = data.bonds
+
+
+def _take_coefficients(state: DeckState, data: DataFile) -> None:
+    handlers = {
+        "Pair Coeffs": lambda words: pair_coeff(state, [words[0], *words]),
+        "PairIJ Coeffs": lambda words: pair_coeff(state, words),
+        "Bond Coeffs": lambda words: bond_coeff(state, words),
+    }
+    outer = state.here
+    for name, rows in data.coefficients.items():
+        for number, words in rows:
+            state.here = Line(" ".join(words), str(data.path), number)
+            try:
+                handlers[name](words)
+            except ParameterError as error:
+                raise DeckError(f"{name}: {error}", str(data.path), number) from None
+    state.here = outer
+
+
+def delete_atoms(state: DeckState, args: list[str]) -> None:
+    """``delete_atoms group ID | region ID [compress yes|no] [bond yes|no]``."""
+    read.count(args, "delete_atoms group|region ID ...", 2, None)
+    kind = read.choice(args[0], "the style of delete_atoms", ("group", "region"))
+    if kind == "group":
+        doomed = state.group(args[1]).copy()
+    else:
+        doomed = _region(state, args[1]).contains(state.atoms.positions / state.units.length)
+    options = dict(read.options(args[2:], {"compress": 1, "bond": 1, "mol": 1}, "delete_atoms"))
+    if "mol" in options and read.switch(options["mol"][0], "mol"):
+        raise ParameterError("delete_atoms mol yes is not supported")
+    gone = state.atoms.ids[doomed]
+    broken = np.isin(state.bonds[:, 1:], gone).any(axis=1)
+    if broken.any() and not read.switch(options.get("bond", ["no"])[0], "bond"):
+        raise ParameterError(f"{int(broken.sum())} bonds would lose a bead; delete them too with 'bond yes'")
+    state.bonds = state.bonds[~broken]
+    state.atoms.keep(~doomed)
+    state.groups = {name: mask[~doomed] for name, mask in state.groups.items()}
+    if read.switch(options.get("compress", ["yes"])[0], "compress") and not len(state.bonds) and not state.atoms.molecules.any():
+        state.atoms.ids = np.arange(1, len(state.atoms) + 1)
+
+
+COMMANDS: dict[str, Handler] = {
+    "lattice": lattice,
+    "region": region,
+    "create_box": create_box,
+    "create_atoms": create_atoms,
+    "read_data": read_data,
+    "delete_atoms": delete_atoms,
+}

@@ -1,0 +1,120 @@
+"""Commands that say what happens during a run: fix, unfix, timestep, reset_timestep, run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ...errors import ParameterError
+from .. import arguments as read
+from ..integration import integration
+from ..request import RunRequest
+from ..state import DeckState, Fix
+from .setup import Handler
+
+
+def _nve(state: DeckState, group: str, words: list[str]) -> dict:
+    read.count(words, "fix ID group nve", 0)
+    return {"lambda": 0.5}
+
+
+def _mvv(state: DeckState, group: str, words: list[str]) -> dict:
+    read.count(words, "fix ID group mvv/dpd [lambda]", 0, 1)
+    value = read.number(words[0], "lambda") if words else 0.5
+    if not 0 <= value <= 1:
+        raise ParameterError(f"lambda must be between 0 and 1, but is {value:g}")
+    return {"lambda": value}
+
+
+def _shardlow(state: DeckState, group: str, words: list[str]) -> dict:
+    read.count(words, "fix ID group shardlow", 0)
+    if group != "all":
+        state.note("fix shardlow acts on all beads, whatever its group")
+    return {}
+
+
+#: Fix styles: from (state, group, words) to the fix's parameters.
+FIX_STYLES: dict[str, Callable[[DeckState, str, list[str]], dict]] = {"nve": _nve, "mvv/dpd": _mvv, "shardlow": _shardlow}
+
+
+def fix(state: DeckState, args: list[str]) -> None:
+    """``fix ID group style ...``; a fix of the same id and style is replaced."""
+    read.count(args, "fix ID group style ...", 3, None)
+    state.require_box("fix")
+    name, group, style, *words = args
+    state.group(group)
+    if style not in FIX_STYLES:
+        raise ParameterError(f"fix style '{style}' is not supported; supported are {', '.join(FIX_STYLES)}")
+    old = state.fixes.get(name)
+    if old is not None and old.style != style:
+        raise ParameterError(f"there is a fix {name} of style {old.style} already; unfix it first, or use another id")
+    assert state.here is not None
+    state.fixes[name] = Fix(name, group, style, FIX_STYLES[style](state, group, words), state.here)
+
+
+def unfix(state: DeckState, args: list[str]) -> None:
+    """``unfix ID``."""
+    read.count(args, "unfix ID", 1)
+    if state.fixes.pop(args[0], None) is None:
+        raise ParameterError(f"there is no fix '{args[0]}'; defined are {', '.join(state.fixes) or 'none'}")
+
+
+def timestep(state: DeckState, args: list[str]) -> None:
+    """``timestep dt``."""
+    read.count(args, "timestep dt", 1)
+    state.set_timestep(read.positive(args[0], "the time step") * state.units.time)
+
+
+def reset_timestep(state: DeckState, args: list[str]) -> None:
+    """``reset_timestep N [time T]``."""
+    read.count(args, "reset_timestep N [time T]", 1, 3)
+    step = read.integer(args[0], "the step", 0)
+    options = dict(read.options(args[1:], {"time": 1}, "reset_timestep"))
+    state.reset_step(step)
+    if "time" in options:
+        state.time_origin = (read.number(options["time"][0], "the time") * state.units.time, step)
+    for dump in state.dumps.values():
+        dump.last_step = None
+
+
+def run(state: DeckState, args: list[str]) -> None:
+    """``run N [upto] [start N] [stop N] [pre yes|no] [post yes|no]``."""
+    read.count(args, "run N ...", 1, None)
+    state.require_box("run")
+    steps = read.integer(args[0], "the number of steps", 0)
+    begin = end = None
+    for keyword, values in read.options(args[1:], {"upto": 0, "start": 1, "stop": 1, "pre": 1, "post": 1}, "run"):
+        if keyword == "upto":
+            steps -= state.step
+            if steps < 0:
+                raise ParameterError(f"run {args[0]} upto: the present step, {state.step}, is beyond it")
+        elif keyword == "start":
+            begin = read.integer(values[0], "start", 0)
+        elif keyword == "stop":
+            end = read.integer(values[0], "stop", 0)
+        else:
+            read.switch(values[0], keyword)
+    if begin is not None and begin > state.step:
+        raise ParameterError(f"run: start {begin} lies after the first step of the run, {state.step}")
+    if end is not None and end < state.step + steps:
+        raise ParameterError(f"run: stop {end} lies before the last step of the run, {state.step + steps}")
+    request = RunRequest.of(state, steps, integration(state), begin, end)
+    if state.first_run is None:
+        state.first_run = request
+    if state.stop_before_first_run:
+        state.finished = True
+        return
+    request.scene()  # everything that is missing or wrong is reported before anything is computed
+    if state.run_callback is not None:
+        state.run_callback(request)
+    if state.step == request.first_step:
+        state.step = request.last_step  # the callback did not call finish
+    state.runs += 1
+
+
+COMMANDS: dict[str, Handler] = {
+    "fix": fix,
+    "unfix": unfix,
+    "timestep": timestep,
+    "reset_timestep": reset_timestep,
+    "run": run,
+}

@@ -1,0 +1,266 @@
+"""Commands about output and variables: thermo*, compute, dump*, write_data, variable, print, include."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ...errors import ParameterError
+from .. import arguments as read
+from ..computes import BUILT_IN, COMPUTES, Compute, temperature_compute
+from ..context import Context
+from ..data_writer import data_file_lines
+from ..dumps import COLUMNS, Dump
+from ..dumps import STYLES as DUMP_STYLES
+from ..lexer import substitute
+from ..state import DeckState, ThermoSettings
+from ..thermo import STYLES as THERMO_STYLES
+from ..thermo import check_format, check_word
+from .setup import Handler
+
+
+def expand(state: DeckState, text: str) -> str:
+    """Text with ``$`` substituted."""
+    context = Context(state, state.last_sample if state.last_sample and state.last_sample.step == state.step else None)
+    return substitute(text, lambda name: state.variables.text(name, context.formula), context.formula)
+
+
+# -- thermo -----------------------------------------------------------------------------------------------------------------
+def thermo(state: DeckState, args: list[str]) -> None:
+    """``thermo N``."""
+    read.count(args, "thermo N", 1)
+    state.thermo.every = read.integer(args[0], "the interval of thermo output", 0)
+
+
+def thermo_style(state: DeckState, args: list[str]) -> None:
+    """``thermo_style one|multi|yaml|custom words ...``; resets what thermo_modify has set, as in LAMMPS."""
+    read.count(args, "thermo_style style ...", 1, None)
+    style = read.choice(args[0], "the thermo style", [*THERMO_STYLES, "custom"])
+    words = args[1:] if style == "custom" else list(THERMO_STYLES[style])
+    if style == "custom":
+        read.count(words, "thermo_style custom word word ...", 1, None)
+    for word in words:
+        check_word(state, word)
+    state.thermo = ThermoSettings(words, state.thermo.every, layout=style if style in ("multi", "yaml") else "one")
+
+
+def thermo_modify(state: DeckState, args: list[str]) -> None:
+    """``thermo_modify norm|temp|press|format|line|colname|flush|lost ... value``."""
+    read.count(args, "thermo_modify keyword value ...", 2, None)
+    index = 0
+    while index < len(args):
+        keyword, rest = args[index], args[index + 1 :]
+        if keyword not in _THERMO_OPTIONS:
+            raise ParameterError(f"thermo_modify has no option '{keyword}' here; supported are {', '.join(_THERMO_OPTIONS)}")
+        size, handler = _THERMO_OPTIONS[keyword]
+        if keyword in ("format", "colname") and rest[:1] in (["none"], ["default"]):
+            size = 1
+        if len(rest) < size:
+            raise ParameterError(f"option '{keyword}' of thermo_modify needs {size} values")
+        handler(state, rest[:size])
+        index += 1 + size
+
+
+def _norm(state: DeckState, words: list[str]) -> None:
+    state.thermo.norm = read.switch(words[0], "norm")
+
+
+def _temp(state: DeckState, words: list[str]) -> None:
+    temperature_compute(state, words[0])
+    state.thermo.temp = words[0]
+
+
+def _press(state: DeckState, words: list[str]) -> None:
+    if words[0] != "thermo_press" and (words[0] not in state.computes or state.computes[words[0]].style != "pressure"):
+        raise ParameterError(f"'{words[0]}' is not the id of a compute of style pressure")
+    state.thermo.press = words[0]
+
+
+def _layout(state: DeckState, words: list[str]) -> None:
+    state.thermo.layout = read.choice(words[0], "the line style", ("one", "multi", "yaml"))
+
+
+def _format(state: DeckState, words: list[str]) -> None:
+    if words == ["none"]:
+        state.thermo.formats.clear()
+        return
+    target, form = words
+    if target == "line":
+        check_format(form, len(state.thermo.words))
+    else:
+        check_format(form)
+    state.thermo.formats[_column(state, target, ("line", "int", "float"))] = form
+
+
+def _column(state: DeckState, word: str, others: tuple[str, ...] = ()) -> str | int:
+    if word in others or word in state.thermo.words:
+        return word
+    number = read.integer(word, "the column (a number or a thermo word)")
+    columns = len(state.thermo.words)
+    if not (1 <= number <= columns or -columns <= number <= -1):
+        raise ParameterError(f"column {word} is out of range: there are {columns}")
+    return number if number > 0 else columns + 1 + number
+
+
+def _colname(state: DeckState, words: list[str]) -> None:
+    if words == ["default"]:
+        state.thermo.headers.clear()
+    else:
+        state.thermo.headers[_column(state, words[0])] = words[1]
+
+
+def _nothing(state: DeckState, words: list[str]) -> None:
+    """Accepted: output is always flushed, and no bead is ever lost in a periodic box."""
+
+
+_THERMO_OPTIONS: dict[str, tuple[int, Callable[[DeckState, list[str]], None]]] = {
+    "norm": (1, _norm),
+    "temp": (1, _temp),
+    "press": (1, _press),
+    "line": (1, _layout),
+    "format": (2, _format),
+    "colname": (2, _colname),
+    "flush": (1, _nothing),
+    "lost": (1, _nothing),
+    "lost/bond": (1, _nothing),
+    "warn": (1, _nothing),
+}
+
+
+# -- computes ---------------------------------------------------------------------------------------------------------------
+def compute(state: DeckState, args: list[str]) -> None:
+    """``compute ID group style ...``."""
+    read.count(args, "compute ID group style ...", 3, None)
+    name, group, style, *words = args
+    state.require_box("compute")
+    state.group(group)
+    if style not in COMPUTES:
+        raise ParameterError(f"compute style '{style}' is not supported; supported are {', '.join(COMPUTES)}")
+    if name in state.computes or name in BUILT_IN:
+        raise ParameterError(f"there is a compute {name} already")
+    COMPUTES[style].check(state, group, words)
+    state.computes[name] = Compute(name, group, style, tuple(words))
+
+
+def uncompute(state: DeckState, args: list[str]) -> None:
+    """``uncompute ID``."""
+    read.count(args, "uncompute ID", 1)
+    if state.computes.pop(args[0], None) is None:
+        raise ParameterError(f"there is no compute '{args[0]}'; defined are {', '.join(state.computes) or 'none'}")
+
+
+# -- dumps ------------------------------------------------------------------------------------------------------------------
+def dump(state: DeckState, args: list[str]) -> None:
+    """``dump ID group atom|custom|dcd N file [columns ...]``."""
+    read.count(args, "dump ID group style N file ...", 5, None)
+    name, group, style, interval, file, *words = args
+    state.group(group)
+    if style not in DUMP_STYLES:
+        raise ParameterError(f"dump style '{style}' is not supported; supported are {', '.join(DUMP_STYLES)}")
+    if name in state.dumps:
+        raise ParameterError(f"there is a dump {name} already; undump it first")
+    every = read.integer(interval, "the interval of the dump", 1)
+    if style == "custom":
+        read.count(words, "dump ID group custom N file column ...", 1, None)
+        for word in words:
+            read.choice(word, "a column of dump custom", list(COLUMNS))
+    else:
+        read.count(words, f"dump ID group {style} N file", 0)
+    if file.endswith((".gz", ".bz2", ".zst", ".bin")):
+        raise ParameterError(f"dump file '{file}': compressed and binary files are not supported")
+    columns = {"atom": ("id", "type", "xs", "ys", "zs"), "custom": tuple(words), "dcd": ()}[style]
+    state.dumps[name] = Dump(name, group, style, every, file, columns)
+
+
+def _find_dump(state: DeckState, name: str) -> Dump:
+    if name not in state.dumps:
+        raise ParameterError(f"there is no dump '{name}'; defined are {', '.join(state.dumps) or 'none'}")
+    return state.dumps[name]
+
+
+def undump(state: DeckState, args: list[str]) -> None:
+    """``undump ID``."""
+    read.count(args, "undump ID", 1)
+    _find_dump(state, args[0]).close()
+    del state.dumps[args[0]]
+
+
+def dump_modify(state: DeckState, args: list[str]) -> None:
+    """``dump_modify ID every|first|append|sort|unwrap|scale|image|format|flush|pbc ... value``."""
+    read.count(args, "dump_modify ID keyword value ...", 2, None)
+    found = _find_dump(state, args[0])
+    sizes = {"every": 1, "first": 1, "append": 1, "sort": 1, "unwrap": 1, "scale": 1, "image": 1, "format": 2, "flush": 1, "pbc": 1}
+    for keyword, values in read.options(args[1:], sizes, "dump_modify"):
+        word = values[0]
+        if keyword == "every":
+            found.every = read.integer(word, "the interval of the dump", 1)
+        elif keyword in ("first", "append", "unwrap"):
+            setattr(found, keyword, read.switch(word, keyword))
+        elif keyword in ("scale", "image"):
+            _atom_columns(found, keyword, read.switch(word, keyword))
+        elif keyword == "format":
+            if word not in ("int", "float", *found.columns):
+                raise ParameterError(f"dump_modify format: expected int, float or a column, not '{word}'")
+            check_format(values[1])
+            found.formats[word] = values[1]
+        elif keyword == "sort" and word not in ("id", "off"):
+            raise ParameterError("dump_modify sort: beads are written in the order of their ids; only 'sort id' is supported")
+    if found.append and found.style == "dcd":
+        raise ParameterError("dump_modify append is not supported for dcd")
+
+
+def _atom_columns(found: Dump, keyword: str, value: bool) -> None:
+    if found.style != "atom":
+        raise ParameterError(f"dump_modify {keyword} is for dump style atom")
+    if keyword == "scale":
+        found.columns = (*found.columns[:2], *(("xs", "ys", "zs") if value else ("x", "y", "z")), *found.columns[5:])
+    else:
+        found.columns = (*found.columns[:5], *(("ix", "iy", "iz") if value else ()))
+
+
+def write_data(state: DeckState, args: list[str]) -> None:
+    """``write_data file [pair ii|ij] [nocoeff] [nofix]``."""
+    read.count(args, "write_data file ...", 1, None)
+    pair: str | None = "ii"
+    for keyword, values in read.options(args[1:], {"pair": 1, "nocoeff": 0, "nofix": 0, "nolabelmap": 0}, "write_data"):
+        if keyword == "pair":
+            pair = read.choice(values[0], "pair", ("ii", "ij"))
+        elif keyword == "nocoeff":
+            pair = None
+    path = state.output_file(args[0])
+    path.write_text("\n".join(data_file_lines(state, pair=pair)) + "\n")
+
+
+# -- variables and text -----------------------------------------------------------------------------------------------------
+def variable(state: DeckState, args: list[str]) -> None:
+    """``variable name equal|string|index|loop|delete value``."""
+    assert state.here is not None
+    state.variables.define(args, state.here, lambda text: expand(state, text))
+
+
+def print_(state: DeckState, args: list[str]) -> None:
+    """``print text [file|append name] [screen yes|no]``."""
+    read.count(args, "print text ...", 1, None)
+    text, show = expand(state, args[0]), True
+    for keyword, values in read.options(args[1:], {"file": 1, "append": 1, "screen": 1, "universe": 1}, "print"):
+        if keyword in ("file", "append"):
+            with open(state.output_file(values[0]), "w" if keyword == "file" else "a") as stream:
+                stream.write(text + "\n")
+        elif keyword == "screen":
+            show = read.switch(values[0], "screen")
+    if show:
+        state.log(text)
+
+
+COMMANDS: dict[str, Handler] = {
+    "thermo": thermo,
+    "thermo_style": thermo_style,
+    "thermo_modify": thermo_modify,
+    "compute": compute,
+    "uncompute": uncompute,
+    "dump": dump,
+    "undump": undump,
+    "dump_modify": dump_modify,
+    "write_data": write_data,
+    "variable": variable,
+    "print": print_,
+}

@@ -1,0 +1,210 @@
+"""Commands about interactions: pair_style, pair_coeff, pair_modify, special_bonds, bond_style, bond_coeff."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ...errors import ParameterError
+from .. import arguments as read
+from ..pair_styles import MIXING, PAIR_STYLES, Coefficient, PairSetup, PairStyle
+from ..state import BondSetup, DeckState
+from ..table_file import MODES
+from .setup import Handler
+
+HYBRID = ("hybrid", "hybrid/overlay")
+
+
+def pair_style(state: DeckState, args: list[str]) -> None:
+    """``pair_style style args ...``; ``hybrid`` and ``hybrid/overlay`` take several styles with their arguments."""
+    read.count(args, "pair_style style args ...", 1, None)
+    name, words = args[0], args[1:]
+    if name == "none":
+        read.count(words, "pair_style none", 0)
+        state.pair = PairSetup("none", where=state.here)
+        return
+    if name in HYBRID:
+        styles = [_style(state, part[0], part[1:]) for part in _parts(name, words)]
+        state.pair = PairSetup(name, styles, where=state.here)
+    else:
+        style = _style(state, name, words)
+        old = state.pair.styles[0] if state.pair.mode == "single" else None
+        excluded: set[tuple[int, int]] = set()
+        if old is not None and old.name == name and style.spec.keeps_coefficients:
+            # LAMMPS keeps the coefficients of a style that is set up again, but resets every cutoff to the new global one
+            style.coefficients = {key: replace(found, cutoff=None) for key, found in old.coefficients.items()}
+            style.mix, style.shift, excluded = old.mix, old.shift, state.pair.excluded
+        state.pair = PairSetup("single", [style], excluded, state.here)
+    if any("table" == style.name for style in state.pair.styles):
+        state.note("pair_style table: a cubic spline through the energies of the file is used, however many table points are asked for")
+
+
+def _parts(name: str, words: list[str]) -> list[list[str]]:
+    """Arguments of hybrid split at the names of styles."""
+    if not words:
+        raise ParameterError(f"pair_style {name} needs at least one style")
+    parts: list[list[str]] = []
+    for word in words:
+        is_style = word in PAIR_STYLES
+        if not is_style and (not parts or not (word in (*MODES, "nocoeff") or _is_number(word))):
+            raise _unknown(word)
+        if is_style:
+            parts.append([])
+        parts[-1].append(word)
+    return parts
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _unknown(word: str) -> ParameterError:
+    return ParameterError(f"pair style '{word}' is not supported; supported are none, {', '.join([*PAIR_STYLES, *HYBRID])}")
+
+
+def _style(state: DeckState, name: str, words: list[str]) -> PairStyle:
+    if name not in PAIR_STYLES:
+        raise _unknown(name)
+    assert state.here is not None
+    return PairStyle(name, PAIR_STYLES[name].settings(words), state.here)
+
+
+def pair_coeff(state: DeckState, args: list[str]) -> None:
+    """``pair_coeff i j [style [n]] values ...``, or ``pair_coeff i j none``."""
+    read.count(args, "pair_coeff i j values ...", 2, None)
+    state.require_box("pair_coeff")
+    setup = state.pair
+    if setup.mode == "none":
+        raise ParameterError("pair_coeff needs a pair_style before it")
+    first, second = (read.numeric_range(word, state.n_types, "atom type") for word in args[:2])
+    # a range is about pairs i <= j; single numbers in the other order mean the same pair
+    pairs = [(i, j) for i in first for j in second if i <= j]
+    if not pairs and len(first) == len(second) == 1:
+        pairs = [(second[0], first[0])]
+    if not pairs:
+        raise ParameterError(f"'{args[0]} {args[1]}' names no pair of types with i <= j")
+    words = args[2:]
+    if words == ["none"]:
+        setup.excluded.update(pairs)
+        for style in setup.styles:
+            for pair in pairs:
+                style.coefficients.pop(pair, None)
+        return
+    style, words = _chosen(setup, words) if setup.mode in HYBRID else (setup.styles[0], words)
+    values, cutoff = style.spec.coefficient(style, words, state.find_file)
+    coefficient = Coefficient(values, cutoff, state.here)
+    try:
+        # built once now, so that a value out of bounds is reported where it stands
+        style.spec.build(style, coefficient, state.units)
+    except ParameterError as error:
+        raise ParameterError(f"pair style {style.name}, types {args[0]} {args[1]}: {error}") from None
+    for pair in pairs:
+        setup.excluded.discard(pair)
+        if setup.mode == "hybrid":
+            for other in setup.styles:
+                other.coefficients.pop(pair, None)
+        style.coefficients[pair] = coefficient
+
+
+def _chosen(setup: PairSetup, words: list[str]) -> tuple[PairStyle, list[str]]:
+    """Style that a pair_coeff line of hybrid names, and the words after the name."""
+    names = [style.name for style in setup.styles]
+    if not words or words[0] not in names:
+        raise ParameterError(f"expected one of the styles {', '.join(dict.fromkeys(names))} or none, not '{' '.join(words[:1])}'")
+    same = [style for style in setup.styles if style.name == words[0]]
+    if len(same) == 1:
+        return same[0], words[1:]
+    if len(words) < 2:
+        raise ParameterError(f"style {words[0]} is used {len(same)} times; say which one after its name")
+    number = read.integer(words[1], f"which of the {len(same)} styles {words[0]} is meant", 1)
+    if number > len(same):
+        raise ParameterError(f"style {words[0]} is used {len(same)} times; there is no number {number}")
+    return same[number - 1], words[2:]
+
+
+def pair_modify(state: DeckState, args: list[str]) -> None:
+    """``pair_modify [pair style] mix|shift|tail|... value``."""
+    if state.pair.mode == "none":
+        raise ParameterError("pair_modify needs a pair_style before it")
+    styles = state.pair.styles
+    words = list(args)
+    if words[:1] == ["pair"]:
+        if len(words) < 2:
+            raise ParameterError("pair_modify pair needs the name of a style")
+        style, rest = _chosen(state.pair, words[1:])
+        styles, words = [style], rest
+    sizes = {"mix": 1, "shift": 1, "tail": 1, "table": 1, "tabinner": 1, "compute": 1, "nofdotr": 0, "neigh/trim": 1}
+    for keyword, values in read.options(words, sizes, "pair_modify"):
+        if keyword == "mix":
+            for style in styles:
+                style.mix = read.choice(values[0], "mix", MIXING)
+        elif keyword == "shift":
+            for style in styles:
+                style.shift = read.switch(values[0], "shift")
+        elif keyword == "tail" and read.switch(values[0], "tail"):
+            raise ParameterError("pair_modify tail yes is not supported: there are no long-range corrections here")
+        elif keyword == "compute" and not read.switch(values[0], "compute"):
+            raise ParameterError("pair_modify compute no is not supported; use 'pair_coeff i j none'")
+
+
+_SPECIAL_PRESETS = {"charmm": (0.0, 0.0, 0.0), "dreiding": (0.0, 0.0, 1.0), "fene": (0.0, 1.0, 1.0)}
+
+
+def special_bonds(state: DeckState, args: list[str]) -> None:
+    """``special_bonds lj/coul|lj|coul f2 f3 f4``, or a preset; keywords that are left out go back to their defaults."""
+    read.count(args, "special_bonds keyword values ...", 1, None)
+    factors = (0.0, 0.0, 0.0)
+    sizes = {"lj": 3, "coul": 3, "lj/coul": 3, "angle": 1, "dihedral": 1, "amber": 0, **dict.fromkeys(_SPECIAL_PRESETS, 0)}
+    for keyword, values in read.options(args, sizes, "special_bonds"):
+        if keyword in ("lj", "lj/coul"):
+            factors = tuple(read.number(word, f"factor 1-{k}") for k, word in enumerate(values, start=2))  # type: ignore[assignment]
+        elif keyword == "amber":
+            factors = (0.0, 0.0, 0.5)
+        elif keyword in _SPECIAL_PRESETS:
+            factors = _SPECIAL_PRESETS[keyword]
+        elif keyword == "coul":
+            state.note("special_bonds coul has no meaning here: there is no Coulomb interaction")
+        elif read.switch(values[0], keyword):
+            raise ParameterError(f"special_bonds {keyword} yes is not supported")
+    if not all(0 <= factor <= 1 for factor in factors):
+        raise ParameterError(f"the factors of special_bonds must be between 0 and 1, not {' '.join(f'{f:g}' for f in factors)}")
+    state.special = factors
+
+
+def bond_style(state: DeckState, args: list[str]) -> None:
+    """``bond_style none|zero|harmonic``."""
+    read.count(args, "bond_style style", 1, None)
+    style = read.choice(args[0], "the bond style", ("none", "zero", "harmonic"))
+    if style == "harmonic":
+        read.count(args[1:], "bond_style harmonic", 0)
+        kept = state.bond.coefficients if state.bond.style == style else {}
+        state.bond = BondSetup(style, dict(kept), state.here)
+    else:
+        state.bond = BondSetup("none", where=state.here)
+
+
+def bond_coeff(state: DeckState, args: list[str]) -> None:
+    """``bond_coeff type K r0`` of bond_style harmonic."""
+    state.require_box("bond_coeff")
+    if state.bond.style != "harmonic":
+        raise ParameterError("bond_coeff needs 'bond_style harmonic' before it")
+    read.count(args, "bond_coeff type K r0", 3)
+    if state.n_bond_types == 0:
+        raise ParameterError("bond_coeff: there are no bond types")
+    kinds = read.numeric_range(args[0], state.n_bond_types, "bond type")
+    k = read.non_negative(args[1], "K") * state.units.energy / state.units.length**2
+    r0 = read.non_negative(args[2], "r0") * state.units.length
+    state.bond.coefficients.update(dict.fromkeys(kinds, (k, r0)))
+
+
+COMMANDS: dict[str, Handler] = {
+    "pair_style": pair_style,
+    "pair_coeff": pair_coeff,
+    "pair_modify": pair_modify,
+    "special_bonds": special_bonds,
+    "bond_style": bond_style,
+    "bond_coeff": bond_coeff,
+}

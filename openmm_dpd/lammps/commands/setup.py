@@ -1,0 +1,110 @@
+"""Commands that come before the beads: units, dimension, boundary, atom_style, and what has no meaning here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ...errors import ParameterError
+from ...units import UNIT_SYSTEMS
+from .. import arguments as read
+from ..data_file import ATOM_STYLES
+from ..state import DeckState
+
+Handler = Callable[[DeckState, list[str]], None]
+
+
+def units(state: DeckState, args: list[str]) -> None:
+    """``units lj|real|metal``."""
+    read.count(args, "units style", 1)
+    state.refuse_box("units")
+    state.units = UNIT_SYSTEMS[read.choice(args[0], "units", list(UNIT_SYSTEMS))]
+    state.timestep = state.units.timestep * state.units.time
+
+
+def dimension(state: DeckState, args: list[str]) -> None:
+    """``dimension 3``."""
+    read.count(args, "dimension 3", 1)
+    if args[0] != "3":
+        raise ParameterError(f"only three dimensions are supported, not dimension {args[0]}")
+
+
+def boundary(state: DeckState, args: list[str]) -> None:
+    """``boundary p p p``."""
+    read.count(args, "boundary p p p", 3)
+    if any(word not in ("p", "pp") for word in args):
+        raise ParameterError(f"only periodic boundaries are supported (boundary p p p), not '{' '.join(args)}'")
+
+
+def atom_style(state: DeckState, args: list[str]) -> None:
+    """``atom_style style``."""
+    read.count(args, "atom_style style", 1)
+    state.refuse_box("atom_style")
+    state.atom_style = read.choice(args[0], "the atom style", list(ATOM_STYLES))
+    if "_" in ATOM_STYLES[args[0]]:
+        state.note(f"atom_style {args[0]}: its own values (density, temperature, heat capacity) are read and written as 0, not used")
+
+
+def neigh_modify(state: DeckState, args: list[str]) -> None:
+    """``neigh_modify``: lists are managed elsewhere, but ``exclude`` would change the forces."""
+    if "exclude" in args:
+        raise ParameterError("neigh_modify exclude is not supported; use 'pair_coeff i j none' or special_bonds")
+    _note(state, "neigh_modify")
+
+
+def run_style(state: DeckState, args: list[str]) -> None:
+    """``run_style verlet``."""
+    if args != ["verlet"]:
+        raise ParameterError(f"only run_style verlet is supported, not '{' '.join(args)}'")
+
+
+def atom_modify(state: DeckState, args: list[str]) -> None:
+    """``atom_modify``: how beads are stored."""
+    for word, _ in read.options(args, {"map": 1, "sort": 2, "id": 1, "first": 1}, "atom_modify"):
+        if word == "id":
+            raise ParameterError("atom_modify id is not supported: beads always have ids")
+    _note(state, "atom_modify")
+
+
+def restart(state: DeckState, args: list[str]) -> None:
+    """``restart 0``: no restart files."""
+    if args != ["0"]:
+        raise ParameterError("restart files are not supported; the run writes a checkpoint of its own")
+
+
+def _note(state: DeckState, command: str) -> None:
+    state.note(f"{command} has no meaning here and is ignored")
+
+
+def _ignored(command: str) -> Handler:
+    def handler(state: DeckState, args: list[str]) -> None:
+        _note(state, command)
+
+    return handler
+
+
+#: Commands about how LAMMPS organises its work: read, said once, ignored.
+IGNORED = (
+    "comm_modify",
+    "comm_style",
+    "echo",
+    "info",
+    "log",
+    "neighbor",
+    "newton",
+    "package",
+    "processors",
+    "suffix",
+    "timer",
+)
+
+COMMANDS: dict[str, Handler] = {
+    "units": units,
+    "dimension": dimension,
+    "boundary": boundary,
+    "atom_style": atom_style,
+    "atom_modify": atom_modify,
+    "neigh_modify": neigh_modify,
+    "restart": restart,
+    "run_style": run_style,
+    **{name: _ignored(name) for name in IGNORED},
+}

@@ -1,0 +1,167 @@
+"""The ``velocity`` command: create, set, scale, ramp and zero."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ...errors import ParameterError
+from .. import arguments as read
+from ..computes import Compute, temperature_compute
+from ..context import Context
+from ..state import DeckState
+from .setup import Handler
+
+_SIZES = {"dist": 1, "sum": 1, "mom": 1, "rot": 1, "loop": 1, "units": 1, "temp": 1, "bias": 1, "rigid": 1}
+
+
+def velocity(state: DeckState, args: list[str]) -> None:
+    """``velocity group create|set|scale|ramp|zero values ...``."""
+    read.count(args, "velocity group style values ...", 3, None)
+    state.require_box("velocity")
+    if not len(state.atoms):
+        raise ParameterError("velocity needs beads; create or read them before")
+    mask, style = state.group(args[0]), args[1]
+    if style not in _STYLES:
+        raise ParameterError(f"velocity style '{style}' is not supported; supported are {', '.join(_STYLES)}")
+    size, handler = _STYLES[style]
+    words = args[2 : 2 + size]
+    if len(words) < size:
+        raise ParameterError(f"velocity {style} needs {size} values, but {len(words)} follow")
+    options = {name: values[0] for name, values in read.options(args[2 + size :], _SIZES, f"velocity {style}")}
+    if options.get("rigid", "NULL") != "NULL" or read.switch(options.get("bias", "no"), "bias"):
+        raise ParameterError("the options rigid and bias of velocity are not supported")
+    handler(state, args[0], mask, words, options)
+
+
+def _temperature(state: DeckState, group: str, options: dict[str, str]) -> tuple[float, np.ndarray]:
+    """Temperature of the group (or of the compute named by ``temp``) and the beads it is about."""
+    compute = temperature_compute(state, options["temp"]) if "temp" in options else None
+    compute = compute or Compute("velocity", group, "temp")
+    return Context(state).temperature(compute), state.group(compute.group)
+
+
+def _rescale(state: DeckState, group: str, mask: np.ndarray, target: float, options: dict[str, str]) -> None:
+    current, _ = _temperature(state, group, options)
+    if current <= 0:
+        raise ParameterError(f"the velocities of group {group} cannot be scaled to a temperature: it is 0 (too few beads, or all at rest)")
+    state.atoms.velocities[mask] *= np.sqrt(target / current)
+
+
+def _zero_linear(state: DeckState, mask: np.ndarray) -> None:
+    masses = state.bead_masses()[mask]
+    if mask.any():
+        state.atoms.velocities[mask] -= masses @ state.atoms.velocities[mask] / masses.sum()
+
+
+def _zero_angular(state: DeckState, mask: np.ndarray) -> None:
+    """Take the rotation about the centre of mass out (positions carried to their images)."""
+    if not mask.any():
+        return
+    atoms, masses = state.atoms, state.bead_masses()[mask]
+    x = state.require_box("velocity").unwrap(atoms.positions, atoms.images)[mask]
+    x = x - masses @ x / masses.sum()
+    v = atoms.velocities[mask]
+    angular = np.sum(masses[:, None] * np.cross(x, v), axis=0)
+    inertia = np.sum(masses * np.sum(x * x, axis=1)) * np.eye(3) - (masses[:, None] * x).T @ x
+    omega = np.linalg.lstsq(inertia, angular, rcond=None)[0]
+    atoms.velocities[mask] = v - np.cross(omega, x)
+
+
+def _create(state: DeckState, group: str, mask: np.ndarray, words: list[str], options: dict[str, str]) -> None:
+    target = read.non_negative(words[0], "the temperature")
+    seed = read.integer(words[1], "the seed", 1)
+    dist = read.choice(options.get("dist", "uniform"), "dist", ("uniform", "gaussian"))
+    loop = read.choice(options.get("loop", "all"), "loop", ("all", "local", "geom"))
+    atoms, masses = state.atoms, state.bead_masses()
+    before = atoms.velocities.copy()
+    drawn = _by_position(atoms.positions / state.units.length, seed) if loop == "geom" else _by_id(atoms.ids, seed)
+    if dist == "gaussian":
+        # polar form of two uniform numbers each
+        drawn = np.sqrt(-2 * np.log(1 - drawn[:, :3])) * np.cos(2 * np.pi * drawn[:, 3:])
+    else:
+        drawn = drawn[:, :3] - 0.5
+    atoms.velocities = np.where(mask[:, None], drawn / np.sqrt(masses)[:, None], before)
+    if read.switch(options.get("mom", "yes"), "mom"):
+        _zero_linear(state, mask)
+    if read.switch(options.get("rot", "no"), "rot"):
+        _zero_angular(state, mask)
+    if target == 0:
+        atoms.velocities[mask] = 0.0
+    else:
+        _rescale(state, group, mask, target, options)
+    if read.switch(options.get("sum", "no"), "sum"):
+        atoms.velocities[mask] += before[mask]
+
+
+def _by_id(ids: np.ndarray, seed: int) -> np.ndarray:
+    """(N, 6) uniform numbers that depend on the id and the seed only."""
+    drawn = np.random.default_rng(seed).random((int(ids.max()), 6))
+    return drawn[ids - 1]
+
+
+def _by_position(positions: np.ndarray, seed: int) -> np.ndarray:
+    """(N, 6) uniform numbers that depend on the coordinates and the seed only, not on the ids."""
+    word = np.full(len(positions), np.uint64(seed))
+    for axis in range(3):
+        # adding 0.0 makes -0.0 and 0.0 the same bits
+        word = _scramble(word ^ (positions[:, axis] + 0.0).view(np.uint64))
+    steps = np.arange(1, 7, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+    # 53 bits, so that 1 is never reached
+    return (_scramble(word[:, None] + steps) >> np.uint64(11)).astype(np.float64) / 2.0**53
+
+
+def _scramble(word: np.ndarray) -> np.ndarray:
+    """Finalizer of the SplitMix64 generator (Steele, Lea and Flood, OOPSLA 2014): a bijection of 64-bit words."""
+    word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    word = (word ^ (word >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return word ^ (word >> np.uint64(31))
+
+
+def _scale_of(state: DeckState, options: dict[str, str]) -> np.ndarray:
+    kind = read.choice(options.get("units", "lattice"), "units", ("box", "lattice"))
+    return np.ones(3) if kind == "box" else state.lattice.spacing
+
+
+def _set(state: DeckState, group: str, mask: np.ndarray, words: list[str], options: dict[str, str]) -> None:
+    scale, add = _scale_of(state, options), read.switch(options.get("sum", "no"), "sum")
+    for axis, word in enumerate(words):
+        if word == "NULL":
+            continue
+        value = read.number(word, f"the velocity along {'xyz'[axis]}") * scale[axis] * state.units.velocity
+        state.atoms.velocities[mask, axis] = value + (state.atoms.velocities[mask, axis] if add else 0.0)
+
+
+def _scale(state: DeckState, group: str, mask: np.ndarray, words: list[str], options: dict[str, str]) -> None:
+    _rescale(state, group, mask, read.non_negative(words[0], "the temperature"), options)
+
+
+def _ramp(state: DeckState, group: str, mask: np.ndarray, words: list[str], options: dict[str, str]) -> None:
+    component = read.choice(words[0], "the component of ramp", ("vx", "vy", "vz"))
+    direction = "xyz".index(read.choice(words[3], "the direction of ramp", ("x", "y", "z")))
+    axis, scale = "xyz".index(component[1]), _scale_of(state, options)
+    start, stop = (read.number(word, "a velocity of ramp") * scale[axis] for word in words[1:3])
+    low, high = (read.number(word, "a coordinate of ramp") * scale[direction] for word in words[4:6])
+    if high <= low:
+        raise ParameterError(f"the coordinates of ramp must increase, not {words[4]} to {words[5]}")
+    fraction = np.clip((state.atoms.positions[mask, direction] / state.units.length - low) / (high - low), 0.0, 1.0)
+    values = (start + fraction * (stop - start)) * state.units.velocity
+    add = read.switch(options.get("sum", "no"), "sum")
+    state.atoms.velocities[mask, axis] = values + (state.atoms.velocities[mask, axis] if add else 0.0)
+
+
+def _zero(state: DeckState, group: str, mask: np.ndarray, words: list[str], options: dict[str, str]) -> None:
+    read.choice(words[0], "what velocity zero removes", ("linear", "angular"))
+    (_zero_linear if words[0] == "linear" else _zero_angular)(state, mask)
+
+
+_STYLES: dict[str, tuple[int, Callable[[DeckState, str, np.ndarray, list[str], dict[str, str]], None]]] = {
+    "create": (2, _create),
+    "set": (3, _set),
+    "scale": (1, _scale),
+    "ramp": (6, _ramp),
+    "zero": (1, _zero),
+}
+
+COMMANDS: dict[str, Handler] = {"velocity": velocity}

@@ -1,0 +1,235 @@
+"""What a formula or a thermo column can refer to, at one moment: the deck's state plus a measurement."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import ParameterError
+from . import computes
+from .box import Box
+from .expressions import evaluate
+from .words import WORDS
+
+if TYPE_CHECKING:
+    from ..units import UnitSystem
+    from .sample import Sample
+    from .state import DeckState
+
+
+@dataclass(frozen=True)
+class Window:
+    """First step of a run, and the steps between which its ramps go (``start`` and ``stop``)."""
+
+    first: int
+    begin: int
+    end: int
+
+
+class Context:
+    """Values in the deck's units, for one measurement (or none, between runs).
+
+    Parameters
+    ----------
+    state : DeckState
+        The deck.
+    sample : Sample, optional
+        What was measured.  Without it only words that need no forces or velocities have a value.
+    window : Window, optional
+        The run in progress.
+    """
+
+    def __init__(self, state: DeckState, sample: Sample | None = None, window: Window | None = None):
+        self.state: DeckState = state
+        self.sample: Sample | None = sample
+        self.window: Window | None = window
+
+    # -- shorthands for the tables of words and computes ----------------------------------------------------------------------
+    @property
+    def units(self) -> UnitSystem:
+        """The deck's units."""
+        return self.state.units
+
+    @property
+    def step(self) -> int:
+        """Number of the step."""
+        return self.state.step if self.sample is None else self.sample.step
+
+    @property
+    def box(self) -> Box:
+        """The box in the deck's unit of length."""
+        box = self.state.require_box("a formula with the box")
+        if self.sample is not None and self.sample.box is not None:
+            vectors = np.asarray(self.sample.box)
+            if not np.allclose(vectors, box.reduced_vectors, rtol=1e-9, atol=1e-9):
+                box = Box(box.low, np.diag(vectors), np.array([vectors[1, 0], vectors[2, 0], vectors[2, 1]]), box.triclinic)
+        return box.scaled(1.0 / self.units.length)
+
+    @property
+    def norm(self) -> float:
+        """What extensive values are divided by: the number of beads if thermo output normalises, 1 otherwise."""
+        setting = self.state.thermo.norm
+        normalize = self.units.normalize if setting is None else setting
+        return float(max(len(self.state.atoms), 1)) if normalize else 1.0
+
+    def need(self, name: str):
+        """Field of the sample; ParameterError if it was not measured."""
+        value = None if self.sample is None else getattr(self.sample, name)
+        if value is None and self.window is None and name in ("positions", "velocities"):
+            return getattr(self.state.atoms, name)
+        if value is None:
+            if self.sample is None:
+                raise ParameterError("a value that needs a run (an energy, temperature or force) is used while no current one exists")
+            raise ParameterError(f"the simulation did not measure {name.replace('_', ' ')}")
+        return value
+
+    def energy(self, name: str) -> float:
+        """Energy field of the sample in the deck's units."""
+        return self.need(name) / self.units.energy
+
+    def kinetic(self, compute: computes.Compute | None = None) -> float:
+        """Kinetic energy (kJ/mol) of all mobile beads, or of the group of a compute."""
+        if compute is None:
+            return self.need("kinetic")
+        mask = self.state.group(compute.group)
+        velocities, masses = self.need("velocities")[mask], self.state.bead_masses()[mask]
+        return 0.5 * float(masses @ np.sum(velocities**2, axis=1))
+
+    def temperature(self, compute: computes.Compute | None = None) -> float:
+        """Kinetic temperature of all mobile beads, or of the group of a compute (3N - 3 degrees of freedom)."""
+        dof = self.need("dof") if compute is None else 3 * int(self.state.group(compute.group).sum()) - 3
+        return 2 * self.kinetic(compute) / (dof * self.units.thermal_energy) if dof > 0 else 0.0
+
+    def thermo_compute(self) -> computes.Compute | None:
+        """The compute that thermo output takes its temperature from, None for the default."""
+        return computes.temperature_compute(self.state, self.state.thermo.temp)
+
+    def pressure(self, virial: str = "virial") -> float:
+        """Pressure with the kinetic part of thermo's temperature."""
+        if virial == "virial" and self.state.thermo.press != "thermo_press":
+            return self.compute(self.state.thermo.press, None)
+        return self.pressure_of(self.kinetic(self.thermo_compute()), self.need(virial))
+
+    def pressure_of(self, kinetic: float, virial: float) -> float:
+        """Pressure from a kinetic energy and a virial (kJ/mol)."""
+        volume = self.box.volume * self.units.length**3
+        return (2 * kinetic + virial) / (3 * volume) / self.units.pressure
+
+    # -- what formulas refer to (expressions.Resolver) --------------------------------------------------------------------------
+    def formula(self, text: str) -> float:
+        """Value of a formula."""
+        return evaluate(text, self)
+
+    def thermo(self, word: str) -> float:
+        """Value of a thermo word."""
+        if word not in WORDS:
+            raise ParameterError(f"there is no thermo word '{word}'; known are {', '.join(WORDS)}")
+        return float(WORDS[word].value(self))
+
+    def variable(self, name: str) -> float:
+        """Value of ``v_name``."""
+        return self.state.variables.value(name, self.formula)
+
+    def compute(self, name: str, index: int | None) -> float:
+        """Value of ``c_name`` or ``c_name[index]``, not normalised."""
+        if name in computes.BUILT_IN and index is None:
+            word, extensive = computes.BUILT_IN[name]
+            return self.thermo(word) * (self.norm if extensive else 1.0)
+        if name not in self.state.computes:
+            known = ", ".join([*computes.BUILT_IN, *self.state.computes])
+            raise ParameterError(f"there is no compute '{name}'{'' if index is None else ' with a vector'}; defined are {known}")
+        compute = self.state.computes[name]
+        spec = computes.COMPUTES[compute.style]
+        if index is None:
+            if spec.scalar is None:
+                raise ParameterError(f"compute {name} (style {compute.style}) has no single value; use c_{name}[1]")
+            return float(spec.scalar(self, compute))
+        if spec.vector is None:
+            raise ParameterError(f"compute {name} (style {compute.style}) has no vector; use c_{name}")
+        values = spec.vector(self, compute)
+        if not 1 <= index <= len(values):
+            raise ParameterError(f"c_{name}[{index}] is out of range: compute {compute.style} has {len(values)} values")
+        return float(values[index - 1])
+
+    def group(self, function: str, arguments: list[str]) -> float:
+        """Value of ``count(group)`` and its relatives."""
+        mask = self._members(function, arguments)
+        if function == "count":
+            return float(mask.sum())
+        if function == "charge":
+            return float(self.state.atoms.charges[mask].sum())
+        masses = self.state.bead_masses()[mask]
+        if function == "mass":
+            return float(masses.sum()) / self.units.mass
+        if not mask.any():
+            raise ParameterError(f"{function}({', '.join(arguments)}) asks for a group without beads")
+        if function == "ke":
+            velocities = self.need("velocities")[mask]
+            return 0.5 * float(masses @ np.sum(velocities**2, axis=1)) / self.units.energy
+        if function == "vcm":
+            values, factor = masses @ self.need("velocities")[mask] / masses.sum(), self.units.velocity
+        else:
+            positions = self.need("positions") + self.state.atoms.images @ self.state.require_box(function).vectors
+            if function == "bound":
+                return self._bound(positions[mask], arguments)
+            values, factor = masses @ positions[mask] / masses.sum(), self.units.length
+        return float(values["xyz".index(arguments[1])]) / factor
+
+    def _members(self, function: str, arguments: list[str]) -> np.ndarray:
+        """Beads that a group function is about, after a check of its arguments."""
+        needed = 2 if function in ("xcm", "vcm", "bound") else 1
+        if not needed <= len(arguments) <= needed + 1:
+            raise ParameterError(f"{function} takes {needed} argument(s) and perhaps a region, not {len(arguments)}")
+        if function in ("xcm", "vcm") and arguments[1] not in ("x", "y", "z"):
+            raise ParameterError(f"the second argument of {function} is x, y or z, not '{arguments[1]}'")
+        mask = self.state.group(arguments[0])
+        if len(arguments) > needed:
+            name = arguments[-1]
+            if name not in self.state.regions:
+                raise ParameterError(f"there is no region '{name}'")
+            positions, _ = self.state.require_box(function).wrap(np.asarray(self.need("positions")))
+            mask = mask & self.state.regions[name].contains(positions / self.units.length)
+        return mask
+
+    def _bound(self, positions: np.ndarray, arguments: list[str]) -> float:
+        word = arguments[1]
+        if len(word) != 4 or word[0] not in "xyz" or word[1:] not in ("min", "max"):
+            raise ParameterError(f"the second argument of bound is xmin, xmax, ymin ..., not '{word}'")
+        column = positions[:, "xyz".index(word[0])]
+        return float(column.min() if word[1:] == "min" else column.max()) / self.units.length
+
+    def atom(self, quantity: str, bead: int) -> float:
+        """Value of one bead, by its id."""
+        atoms = self.state.atoms
+        try:
+            index = int(atoms.index_of(np.array([bead]))[0])
+        except KeyError:
+            raise ParameterError(f"{quantity}[{bead}]: there is no bead with the id {bead}") from None
+        if quantity in ("x", "y", "z"):
+            return float(self.need("positions")[index]["xyz".index(quantity)]) / self.units.length
+        if quantity in ("vx", "vy", "vz"):
+            return float(self.need("velocities")[index]["xyz".index(quantity[1])]) / self.units.velocity
+        arrays = {"id": atoms.ids, "type": atoms.types, "mol": atoms.molecules, "q": atoms.charges}
+        return float(arrays[quantity][index]) if quantity in arrays else float(self.state.bead_masses()[index]) / self.units.mass
+
+    def call(self, function: str, arguments: list[float]) -> float:
+        """Functions that depend on the step or on random numbers."""
+        if function in ("random", "normal"):
+            # one generator for all formulas, seeded by the first that draws, as in LAMMPS
+            generator = self.state.generators.setdefault("formulas", np.random.default_rng(int(arguments[2])))
+            draw = generator.uniform if function == "random" else generator.normal
+            return float(draw(arguments[0], arguments[1]))
+        if self.window is None:
+            raise ParameterError(f"the function {function} has a value during a run only")
+        if function == "ramp":
+            length = self.window.end - self.window.begin
+            done = (self.step - self.window.begin) / length if length else 0.0
+            return arguments[0] + (arguments[1] - arguments[0]) * done
+        elapsed = (self.step - self.window.first) * self.state.timestep / self.units.time
+        if function == "vdisplace":
+            return arguments[0] + arguments[1] * elapsed
+        phase = 2 * math.pi * elapsed / arguments[2]
+        return arguments[0] + arguments[1] * (math.sin(phase) if function == "swiggle" else 1 - math.cos(phase))

@@ -1,0 +1,97 @@
+"""Writing LAMMPS data files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from .data_file import ATOM_STYLES
+from .state import DeckState
+
+
+def data_file_lines(state: DeckState, *, pair: str | None = "ii") -> Iterator[str]:
+    """Lines of a data file with the deck's present state.
+
+    Parameters
+    ----------
+    state : DeckState
+        The deck.
+    pair : str, optional
+        ``ii``: coefficients of like types, ``ij``: of all pairs, None: no coefficients.  Coefficients of hybrid styles and tables
+        do not fit into a data file and are left out.
+    """
+    box = state.require_box("write_data").scaled(1.0 / state.units.length)
+    yield f"LAMMPS data file written by openmm-dpd, timestep = {state.step}, units = {state.units.name}"
+    yield ""
+    yield f"{len(state.atoms)} atoms"
+    yield f"{state.n_types} atom types"
+    if len(state.bonds) or state.n_bond_types:
+        yield f"{len(state.bonds)} bonds"
+        yield f"{state.n_bond_types} bond types"
+    yield ""
+    for axis, low, high in zip("xyz", box.low, box.high, strict=True):
+        yield f"{float(low)!r} {float(high)!r} {axis}lo {axis}hi"
+    if box.triclinic:
+        yield " ".join(repr(float(value)) for value in box.tilt) + " xy xz yz"
+    if len(state.masses) == state.n_types:
+        yield from ("", "Masses", "")
+        yield from (f"{kind} {mass / state.units.mass:.15g}" for kind, mass in sorted(state.masses.items()))
+    if pair is not None:
+        yield from _pair_coefficients(state, pair)
+        yield from _bond_coefficients(state)
+    yield from _atoms(state)
+    if len(state.bonds):
+        yield from ("", "Bonds", "")
+        yield from (f"{k} {kind} {first} {second}" for k, (kind, first, second) in enumerate(state.bonds.tolist(), start=1))
+
+
+def _pair_coefficients(state: DeckState, which: str) -> Iterator[str]:
+    if state.pair.mode != "single" or state.pair.styles[0].name in ("table", "zero"):
+        if state.pair.mode != "none":
+            state.note(f"write_data: coefficients of pair style {state.pair.mode} are not written")
+        return
+    (table,), missing = state.pair.resolve(state.n_types)
+    style = state.pair.styles[0]
+    wanted = {key: found for key, found in sorted(table.items()) if which == "ij" or key[0] == key[1]}
+    if missing or state.pair.excluded:
+        state.note("write_data: pair coefficients are not written, since some type pairs have none")
+        return
+    yield from ("", f"{'PairIJ' if which == 'ij' else 'Pair'} Coeffs # {style.name}", "")
+    for (i, j), found in wanted.items():
+        types = f"{i} {j}" if which == "ij" else f"{i}"
+        values = [*found.values.values(), style.cutoff(found)]
+        yield f"{types} {' '.join(f'{value:.15g}' for value in values)}"
+
+
+def _bond_coefficients(state: DeckState) -> Iterator[str]:
+    if not state.bond.coefficients:
+        return
+    k_unit = state.units.energy / state.units.length**2
+    yield from ("", f"Bond Coeffs # {state.bond.style}", "")
+    for kind, (k, r0) in sorted(state.bond.coefficients.items()):
+        yield f"{kind} {k / k_unit:.15g} {r0 / state.units.length:.15g}"
+
+
+def _atoms(state: DeckState) -> Iterator[str]:
+    atoms, units = state.atoms, state.units
+    x, y, z = (atoms.positions / units.length).T
+    zeros = np.zeros(len(atoms))
+    arrays = {
+        "id": atoms.ids,
+        "type": atoms.types,
+        "molecule": atoms.molecules,
+        "charge": atoms.charges,
+        "theta": atoms.thetas,
+        "x": x,
+        "y": y,
+        "z": z,
+        "_": zeros,
+    }
+    columns = [arrays[name].tolist() for name in ATOM_STYLES[state.atom_style]] + [column.tolist() for column in atoms.images.T]
+    yield from ("", f"Atoms # {state.atom_style}", "")
+    for row in zip(*columns, strict=True):
+        yield " ".join(map(repr, row))
+    yield from ("", "Velocities", "")
+    for identity, velocity in zip(atoms.ids.tolist(), (atoms.velocities / units.velocity).tolist(), strict=True):
+        yield f"{identity} {' '.join(map(repr, velocity))}"

@@ -1,0 +1,128 @@
+"""Crystal lattices of the ``lattice`` command, in the deck's unit of length."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import ParameterError
+from . import arguments as read
+from .box import Box
+
+_CUBE = np.eye(3)
+_HCP = np.diag([1.0, np.sqrt(3.0), np.sqrt(8.0 / 3.0)])
+_FCC = [[0, 0, 0], [0.5, 0.5, 0], [0.5, 0, 0.5], [0, 0.5, 0.5]]
+# the order of the points is LAMMPS's, since it decides which bead gets which id
+_DIAMOND = np.array([[x + s, y + s, z + s] for s in (0.0, 0.25) for x, y, z in ((0, 0, 0), (0, 0.5, 0.5), (0.5, 0, 0.5), (0.5, 0.5, 0))])
+
+#: Lattice styles: rows of the unit cell in units of the lattice constant, and the basis in units of the cell.
+CELLS: dict[str, tuple[np.ndarray, np.ndarray]] = {
+    "sc": (_CUBE, np.zeros((1, 3))),
+    "bcc": (_CUBE, np.array([[0, 0, 0], [0.5, 0.5, 0.5]])),
+    "fcc": (_CUBE, np.array(_FCC)),
+    "hcp": (_HCP, np.array([[0, 0, 0], [0.5, 0.5, 0], [0.5, 5 / 6, 0.5], [0, 1 / 3, 0.5]])),
+    "diamond": (_CUBE, _DIAMOND),
+}
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """A lattice.
+
+    Attributes
+    ----------
+    style : str
+        A key of :data:`CELLS`, ``custom`` or ``none``.
+    cell : (3, 3) array
+        Unit cell vectors as rows, rotated, in the deck's unit of length.
+    basis : (B, 3) array
+        Fractions of the unit cell; empty for ``none``.
+    offset : (3,) array
+        Where the lattice's origin lies.
+    spacing : (3,) array
+        What one lattice spacing means for ``units lattice``.
+    """
+
+    style: str
+    cell: np.ndarray
+    basis: np.ndarray
+    offset: np.ndarray
+    spacing: np.ndarray
+
+    def points(self, box: Box) -> tuple[np.ndarray, np.ndarray]:
+        """Lattice points inside a box, and the number of the basis point (from 0) of each, x fastest.
+
+        A point on an upper face is left out: it is the periodic image of one on the lower face.
+        """
+        inverse = np.linalg.inv(self.cell)
+        corners = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)]) @ box.vectors + box.low
+        reached = (corners - self.offset) @ inverse
+        low = np.floor(reached.min(axis=0)).astype(int) - 1
+        high = np.ceil(reached.max(axis=0)).astype(int) + 1
+        axes = [np.arange(a, b + 1) for a, b in zip(low, high, strict=True)]
+        k, j, i = np.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
+        cells = np.stack([i, j, k], axis=-1).reshape(-1, 1, 3)
+        points = ((cells + self.basis) @ self.cell + self.offset).reshape(-1, 3)
+        numbers = np.tile(np.arange(len(self.basis)), len(cells))
+        fractions = box.fractions(points)
+        # rounding may put a point on the lower face just outside; on the upper face LAMMPS leaves 1e-6 of the box free
+        inside = np.all((fractions > -1e-9) & (fractions < 1 - 2e-6), axis=1)
+        return points[inside], numbers[inside]
+
+
+def default_lattice() -> Lattice:
+    """What ``units lattice`` means before any lattice command: one unit of length."""
+    return Lattice("none", np.eye(3), np.zeros((0, 3)), np.zeros(3), np.ones(3))
+
+
+def parse_lattice(args: list[str], reduced: bool) -> Lattice:
+    """Lattice of ``lattice style scale keyword values ...``.
+
+    Parameters
+    ----------
+    args : list of str
+        Words after ``lattice``.
+    reduced : bool
+        Whether the scale is a reduced density (units lj) and not a lattice constant.
+
+    Raises
+    ------
+    ParameterError
+        If the style is unknown, the scale is not positive or an option is malformed.
+    """
+    read.count(args, "lattice style scale ...", 2, None)
+    style = read.choice(args[0], "the lattice style", [*CELLS, "custom", "none"])
+    scale = read.positive(args[1], "the scale of the lattice")
+    if style == "none":
+        return Lattice("none", np.eye(3), np.zeros((0, 3)), np.zeros(3), np.full(3, scale))
+    cell, basis = (a.copy() for a in CELLS.get(style, (_CUBE, np.zeros((0, 3)))))
+    origin, orient = np.zeros(3), np.eye(3)
+    sizes = {"origin": 3, "orient": 4} | ({"a1": 3, "a2": 3, "a3": 3, "basis": 3} if style == "custom" else {})
+    for keyword, words in read.options(args[2:], sizes, "lattice"):
+        values = np.array([read.number(word, f"lattice {keyword}") for word in words[-3:]])
+        if keyword == "origin":
+            origin = values
+        elif keyword == "orient":
+            orient["xyz".index(read.choice(words[0], "the axis of orient", "xyz"))] = values
+        elif keyword == "basis":
+            basis = np.vstack([basis, values])
+        else:
+            cell[int(keyword[1]) - 1] = values
+    return _assemble(style, scale, cell, basis, origin, orient, reduced)
+
+
+def _assemble(style: str, scale: float, cell, basis, origin, orient, reduced: bool) -> Lattice:
+    if not len(basis):
+        raise ParameterError("a custom lattice needs at least one basis point")
+    volume = float(np.linalg.det(cell))
+    if volume <= 0:
+        raise ParameterError("the lattice vectors a1, a2, a3 must be right-handed and not in one plane")
+    rotation = orient / np.linalg.norm(orient, axis=1)[:, None]
+    if not np.allclose(rotation @ rotation.T, np.eye(3)) or np.linalg.det(rotation) < 0:
+        raise ParameterError("the three orient vectors must be perpendicular and right-handed")
+    constant = (len(basis) / volume / scale) ** (1.0 / 3.0) if reduced else scale
+    rotated = constant * cell @ rotation.T
+    corners = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)]) @ rotated
+    spacing = np.ptp(corners, axis=0)
+    return Lattice(style, rotated, basis, spacing * origin, spacing)

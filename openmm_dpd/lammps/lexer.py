@@ -1,0 +1,173 @@
+"""From the text of an input script to words: continuation lines, comments, quotes and ``$`` substitution.
+
+The order is LAMMPS's: physical lines are joined first (``&`` at the end, or an open triple quote), then the comment is
+cut off, then ``$`` is substituted outside quotes, and the result is split into words.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from ..errors import DeckError
+
+TRIPLE = '"""'
+
+
+@dataclass(frozen=True)
+class Line:
+    """One logical line.
+
+    Attributes
+    ----------
+    text : str
+        Text without comment and continuation marks.
+    file : str
+        File it stands in.
+    number : int
+        Number of its first physical line, counted from 1.
+    """
+
+    text: str
+    file: str
+    number: int
+
+
+def logical_lines(text: str, file: str) -> Iterator[Line]:
+    """Logical lines of a script that are not empty.
+
+    Raises
+    ------
+    DeckError
+        If a quote is not closed.
+    """
+    physical = text.splitlines()
+    index = 0
+    while index < len(physical):
+        number = index + 1
+        joined = physical[index]
+        index += 1
+        while index < len(physical):
+            stripped = joined.rstrip()
+            if stripped.endswith("&"):
+                joined = stripped[:-1] + physical[index]
+            elif joined.count(TRIPLE) % 2 == 1:
+                joined += "\n" + physical[index]
+            else:
+                break
+            index += 1
+        if joined.rstrip().endswith("&"):
+            joined = joined.rstrip()[:-1]
+        try:
+            content = strip_comment(joined).strip()
+        except ValueError as error:
+            raise DeckError(str(error), file, number) from None
+        if content:
+            yield Line(content, file, number)
+
+
+def _quote_end(text: str, start: int) -> int:
+    """Index just behind the quoted string that starts at ``start``."""
+    mark = TRIPLE if text.startswith(TRIPLE, start) else text[start]
+    end = text.find(mark, start + len(mark))
+    if end < 0:
+        raise ValueError(f"unbalanced quotes: {mark} is never closed")
+    return end + len(mark)
+
+
+def strip_comment(text: str) -> str:
+    """Text up to the first ``#`` outside quotes; ValueError if a quote before it is not closed."""
+    index = 0
+    while index < len(text):
+        if text[index] == "#":
+            return text[:index]
+        index = _quote_end(text, index) if text[index] in "\"'" else index + 1
+    return text
+
+
+def split_words(text: str) -> list[str]:
+    """Words of a line: separated by blanks, or quoted (the outermost quotes are removed); ValueError if a quote is not closed."""
+    words: list[str] = []
+    index = 0
+    while index < len(text):
+        if text[index].isspace():
+            index += 1
+        elif text[index] in "\"'":
+            end = _quote_end(text, index)
+            width = 3 if text.startswith(TRIPLE, index) else 1
+            words.append(text[index + width : end - width])
+            index = end
+        else:
+            end = index
+            while end < len(text) and not text[end].isspace():
+                end += 1
+            words.append(text[index:end])
+            index = end
+    return words
+
+
+def substitute(text: str, variable: Callable[[str], str], formula: Callable[[str], float]) -> str:
+    """Text with every ``${name}``, ``$x`` and ``$(formula)`` outside quotes replaced.
+
+    Parameters
+    ----------
+    text : str
+        The text of a logical line.
+    variable : callable
+        From the name of a variable to its text.
+    formula : callable
+        From a formula to its value.
+
+    Raises
+    ------
+    ValueError
+        If a brace or parenthesis is not closed, or what ``variable`` and ``formula`` raise.
+    """
+    out: list[str] = []
+    index = 0
+    while index < len(text):
+        char = text[index]
+        if char in "\"'":
+            end = _quote_end(text, index)
+            out.append(text[index:end])
+        elif char == "$":
+            value, end = _substitution(text, index, variable, formula)
+            out.append(value)
+        else:
+            end = index + 1
+            out.append(char)
+        index = end
+    return "".join(out)
+
+
+def _substitution(text: str, start: int, variable: Callable[[str], str], formula: Callable[[str], float]) -> tuple[str, int]:
+    """Value of the substitution that starts with the ``$`` at ``start``, and the index just behind it."""
+    following = text[start + 1 : start + 2]
+    if following == "{":
+        end = text.find("}", start)
+        if end < 0:
+            raise ValueError("'${' is never closed")
+        return variable(text[start + 2 : end]), end + 1
+    if following == "(":
+        end = _closing_parenthesis(text, start + 1)
+        content = text[start + 2 : end - 1]
+        body, colon, form = content.rpartition(":%")
+        if not colon:
+            return f"{formula(content):.20g}", end
+        try:
+            return ("%" + form) % formula(body), end
+        except (TypeError, KeyError) as error:
+            raise ValueError(f"bad format '%{form}' in '$({content})': {error}") from None
+    if not following or not (following.isalnum() or following == "_"):
+        raise ValueError("'$' must be followed by the name of a variable, '{name}' or '(formula)'")
+    return variable(following), start + 2
+
+
+def _closing_parenthesis(text: str, start: int) -> int:
+    """Index just behind the parenthesis that closes the one at ``start``."""
+    depth = 0
+    for index in range(start, len(text)):
+        depth += {"(": 1, ")": -1}.get(text[index], 0)
+        if depth == 0:
+            return index + 1
+    raise ValueError("'$(' is never closed")

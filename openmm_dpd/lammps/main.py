@@ -1,0 +1,127 @@
+"""What can be done with a deck, as functions: run it, get its forces, explain it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ..kernels.engine import set_threads
+from ..measure import force_terms
+from ..pictures import thermo_picture
+from .deck import read_deck
+from .request import RunRequest
+from .run import DeckRunner, RunOptions, RunResult, build_request, results_json
+
+
+def run_deck(
+    path: str | Path,
+    options: RunOptions | None = None,
+    *,
+    out: str | Path | None = None,
+    log: Callable[[str], None] = lambda _: None,
+    variables: Mapping[str, str] | None = None,
+    progress: bool = False,
+) -> dict:
+    """Run a LAMMPS deck.
+
+    Parameters
+    ----------
+    path : str or Path
+        The deck.
+    options : RunOptions, optional
+        What overrides the deck.
+    out : str or Path, optional
+        Folder for trajectory (``trajectory.dcd``, ``topology.psf``), final state, picture (``thermo.png``) and whatever the deck writes;
+        by default the deck's own files go to the working directory, and nothing else is written.
+    log : callable, optional
+        Takes the lines of output.
+    variables : mapping, optional
+        Index variables of the deck (LAMMPS: ``-var``).
+    progress : bool
+        Show a progress bar on standard error.
+
+    Returns
+    -------
+    dict
+        ``natoms``, ``units``, ``scheme``, ``platform``, ``precision``, ``threads``, ``momentum``, ``runs``: one object per run with ``steps``, ``dt``,
+        ``seconds_per_step`` and ``thermo`` ({word: {mean, sem, first, last}}), and the last run's entries at top level.
+
+    Raises
+    ------
+    DeckError
+        For anything in the deck that is unknown, unsupported or wrong, with file and line.
+    RunError
+        If something goes wrong while stepping.
+    """
+    folder = None if out is None else Path(out)
+    runner = DeckRunner(options or RunOptions(), log, folder, _bar if progress else None)
+    try:
+        read_deck(path, run_callback=runner, variables=variables or {}, output=folder or Path("."), log=log)
+    finally:
+        if runner.trajectory is not None:
+            runner.trajectory.close()
+    report = results_json(runner.results)
+    if folder is not None:
+        _picture(folder / "thermo.png", runner.results)
+    return report
+
+
+def _bar(total: int):
+    from tqdm import tqdm
+
+    return tqdm(total=total, unit="step", file=sys.stderr, leave=False, dynamic_ncols=True)
+
+
+def _first_request(path: str | Path, options: RunOptions, variables: Mapping[str, str] | None) -> RunRequest:
+    state = read_deck(path, variables=variables or {}, stop_before_first_run=True)
+    request = state.first_run
+    assert request is not None
+    dt = None if options.dt is None else options.dt * state.units.time
+    return request.override(steps=options.steps, dt=dt, scheme=options.scheme)
+
+
+def deck_forces(path: str | Path, options: RunOptions | None = None, *, variables: Mapping[str, str] | None = None) -> dict[str, np.ndarray]:
+    """Forces term by term at the first configuration and velocities of a deck.
+
+    Always in force form, whatever the scheme; in the deck's units and in the order of the atom ids.
+
+    Returns
+    -------
+    dict of (N, 3) arrays
+        ``conservative``, ``dissipative``, ``random``, and ``bond`` if there are bonds.  They add up to the total.
+    """
+    options = options or RunOptions()
+    set_threads(options.threads)
+    request = _first_request(path, options, variables)
+    built = build_request(request, request.scene(), options)
+    terms = force_terms(built, properties=options.properties(built.plan.platform or ""))
+    return {name: force / request.state.units.force for name, force in terms.items()}
+
+
+def explain_deck(path: str | Path, options: RunOptions | None = None, *, variables: Mapping[str, str] | None = None) -> str:
+    """The plan and the program for the first run of a deck, and what the deck says that has no meaning here."""
+    options = options or RunOptions()
+    request = _first_request(path, options, variables)
+    text = build_request(request, request.scene(), options).explain()
+    return "\n".join([text, *(f"note: {note}" for note in request.state.notes)])
+
+
+def _picture(path: Path, results: list[RunResult]) -> None:
+    """Temperature, pressure and energy against time, over all runs."""
+    state = results[-1].request.state
+    columns: dict[str, list[float]] = {name: [] for name in ("time", "temp", "press", "pe")}
+    boundaries = []
+    elapsed = 0.0
+    for result in results:
+        request = result.request
+        dt = request.dt / state.units.time
+        times = [elapsed + (step - request.first_step) * dt for step in result.steps_done]
+        elapsed = times[-1]
+        boundaries.append(elapsed)
+        columns["time"] += times
+        for name in ("temp", "press", "pe"):
+            columns[name] += result.rows[name]
+    thermo_picture(path, {name: np.array(values) for name, values in columns.items()}, x="time", runs=boundaries[:-1])

@@ -1,0 +1,255 @@
+"""Pair styles: what their arguments are, and which pair term of the model they become.
+
+A style is one entry of :data:`PAIR_STYLES`; the commands in ``commands/pairs.py`` know none of them by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ..errors import ParameterError
+from ..model.pairs import DPD, NONE, LennardJones
+from ..units import UnitSystem
+from . import arguments as read
+from .lexer import Line
+from .table_file import MODES, read_table, tabulated_pair
+
+MIXING = ("geometric", "arithmetic", "sixthpower")
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """What one ``pair_coeff`` line says about one pair of types, in the deck's units.
+
+    Attributes
+    ----------
+    values : dict
+        Values by name, in the order of the command, without the cutoff.
+    cutoff : float or None
+        The cutoff, if the line gives one; the style's otherwise.
+    where : Line or None
+        The line.
+    """
+
+    values: dict
+    cutoff: float | None
+    where: Line | None
+
+
+@dataclass
+class PairStyle:
+    """One pair style as the deck set it up.
+
+    Attributes
+    ----------
+    name : str
+        A key of :data:`PAIR_STYLES`.
+    settings : dict
+        The style's own arguments: ``start`` and ``stop`` temperatures, ``cutoff``, ``seed``, ...
+    where : Line
+        The pair_style line.
+    coefficients : dict
+        :class:`Coefficient` by type pair (i <= j).
+    mix : str
+        Mixing rule.
+    shift : bool
+        Whether energies are shifted to zero at the cutoff.
+    """
+
+    name: str
+    settings: dict
+    where: Line
+    coefficients: dict[tuple[int, int], Coefficient] = field(default_factory=dict)
+    mix: str = "geometric"
+    shift: bool = False
+
+    @property
+    def spec(self) -> Spec:
+        """The style's entry in the table."""
+        return PAIR_STYLES[self.name]
+
+    def cutoff(self, coefficient: Coefficient) -> float | None:
+        """Cutoff of a coefficient, the style's if it has none of its own."""
+        return coefficient.cutoff if coefficient.cutoff is not None else self.settings.get("cutoff")
+
+
+@dataclass(frozen=True)
+class Spec:
+    """How a style reads its arguments and what it builds.
+
+    Attributes
+    ----------
+    settings : callable
+        From the words after the style's name to its settings.
+    coefficient : callable
+        From (style, words, folder of the deck) to (values, cutoff or None).
+    build : callable
+        From (style, coefficient, units) to (pair term, remark or None).
+    thermostat : bool
+        Whether the style has friction and noise, and so a temperature and a seed.
+    mixes : bool
+        Whether unset pairs i < j follow from i, i and j, j.
+    keeps_coefficients : bool
+        Whether re-issuing pair_style with the same style keeps the coefficients (cutoffs go back to the global one).
+    """
+
+    settings: Callable[[list[str]], dict]
+    coefficient: Callable[[PairStyle, list[str], Callable[[str], Path]], tuple[dict, float | None]]
+    build: Callable[[PairStyle, Coefficient, UnitSystem], tuple[object, str | None]]
+    thermostat: bool = False
+    mixes: bool = False
+    keeps_coefficients: bool = True
+
+
+# -- the DPD family -------------------------------------------------------------------------------------------------------
+def _dpd(name: str, ramp: bool, columns: dict[str, str]) -> Spec:
+    """A style of the DPD family; ``columns`` gives the dimension (an attribute of UnitSystem, or 1) of each coefficient."""
+    usage = f"{name} {'Tstart Tstop' if ramp else 'T'} cutoff seed"
+
+    def settings(words: list[str]) -> dict:
+        read.count(words, usage, 4 if ramp else 3)
+        temperatures = [read.non_negative(word, f"the temperature of {name}") for word in words[:-2]]
+        return {
+            "start": temperatures[0],
+            "stop": temperatures[-1],
+            "cutoff": read.positive(words[-2], f"the cutoff of {name}"),
+            "seed": read.integer(words[-1], f"the seed of {name}", 1),
+        }
+
+    def coefficient(style: PairStyle, words: list[str], _: Callable[[str], Path]) -> tuple[dict, float | None]:
+        read.count(words, f"{' '.join(columns)} [cutoff]", len(columns), len(columns) + 1)
+        values = {key: read.number(word, key) for key, word in zip(columns, words, strict=False)}
+        return values, read.positive(words[-1], "the cutoff") if len(words) > len(columns) else None
+
+    def build(style: PairStyle, found: Coefficient, units: UnitSystem) -> tuple[object, str | None]:
+        factors = {key: 1.0 if kind == "1" else getattr(units, kind) for key, kind in columns.items()}
+        values = {key: value * factors[key] for key, value in found.values.items()}
+        term = DPD(**values, cutoff=style.cutoff(found) * units.length)  # type: ignore[operator]
+        for temperature in (style.settings["start"], style.settings["stop"]):
+            term.check_temperature(temperature * units.thermal_energy)
+        return term, None
+
+    return Spec(settings, coefficient, build, thermostat=True)
+
+
+# -- Lennard-Jones ----------------------------------------------------------------------------------------------------------
+def _lj_settings(words: list[str]) -> dict:
+    read.count(words, "lj/cut cutoff", 1)
+    return {"cutoff": read.positive(words[0], "the cutoff of lj/cut")}
+
+
+def _lj_coefficient(style: PairStyle, words: list[str], _: Callable[[str], Path]) -> tuple[dict, float | None]:
+    read.count(words, "epsilon sigma [cutoff]", 2, 3)
+    values = {"epsilon": read.non_negative(words[0], "epsilon"), "sigma": read.positive(words[1], "sigma")}
+    return values, read.positive(words[2], "the cutoff") if len(words) > 2 else None
+
+
+def _lj_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> tuple[object, str | None]:
+    epsilon, sigma = found.values["epsilon"] * units.energy, found.values["sigma"] * units.length
+    cutoff = style.cutoff(found) * units.length  # type: ignore[operator]
+    return LennardJones(epsilon, sigma, cutoff, shift=style.shift), None
+
+
+def mixed(style: PairStyle, first: Coefficient, second: Coefficient) -> Coefficient:
+    """Lennard-Jones coefficients of unlike types from those of like types, by the style's mixing rule."""
+    (e1, s1), (e2, s2) = ((c.values["epsilon"], c.values["sigma"]) for c in (first, second))
+    c1, c2 = (style.cutoff(c) or 0.0 for c in (first, second))
+    epsilon = (e1 * e2) ** 0.5
+    if style.mix == "sixthpower":
+        epsilon *= 2 * s1**3 * s2**3 / (s1**6 + s2**6)
+    rules: dict[str, Callable[[float, float], float]] = {
+        "geometric": lambda a, b: (a * b) ** 0.5,
+        "arithmetic": lambda a, b: 0.5 * (a + b),
+        "sixthpower": lambda a, b: (0.5 * (a**6 + b**6)) ** (1 / 6),
+    }
+    length = rules[style.mix]
+    return Coefficient({"epsilon": epsilon, "sigma": length(s1, s2)}, length(c1, c2), None)
+
+
+# -- tables and nothing -----------------------------------------------------------------------------------------------------
+def _table_settings(words: list[str]) -> dict:
+    read.count(words, f"table {'|'.join(MODES)} N", 2, None)
+    if len(words) > 2:
+        raise ParameterError(f"pair_style table: the options {' '.join(words[2:])} are not supported (they are for kspace solvers)")
+    return {"mode": read.choice(words[0], "the table style", MODES), "points": read.integer(words[1], "the size of the table", 2)}
+
+
+def _table_coefficient(style: PairStyle, words: list[str], find: Callable[[str], Path]) -> tuple[dict, float | None]:
+    read.count(words, "file keyword [cutoff]", 2, 3)
+    values = {"file": words[0], "keyword": words[1], "data": read_table(find(words[0]), words[1])}
+    return values, read.positive(words[2], "the cutoff") if len(words) > 2 else None
+
+
+def _table_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> tuple[object, str | None]:
+    term, remark = tabulated_pair(found.values["data"], found.cutoff, units)
+    return term, remark and f"pair table {found.values['keyword']} of {found.values['file']}: {remark}"
+
+
+def _zero_settings(words: list[str]) -> dict:
+    read.count(words, "zero cutoff [nocoeff]", 1, 2)
+    return {"cutoff": read.positive(words[0], "the cutoff of zero")}
+
+
+def _zero_coefficient(style: PairStyle, words: list[str], _: Callable[[str], Path]) -> tuple[dict, float | None]:
+    return {}, read.positive(words[0], "the cutoff") if words else None
+
+
+#: Pair styles by name.
+PAIR_STYLES: dict[str, Spec] = {
+    "dpd": _dpd("dpd", False, {"A": "force", "gamma": "friction"}),
+    "dpd/tstat": _dpd("dpd/tstat", True, {"gamma": "friction"}),
+    "dpd/ext": _dpd(
+        "dpd/ext",
+        False,
+        {"A": "force", "gamma": "friction", "gamma_perp": "friction", "exponent": "1", "exponent_perp": "1"},
+    ),
+    "dpd/ext/tstat": _dpd("dpd/ext/tstat", True, {"gamma": "friction", "gamma_perp": "friction", "exponent": "1", "exponent_perp": "1"}),
+    "dpd/fdt": _dpd("dpd/fdt", False, {"A": "force", "sigma": "noise"}),
+    "lj/cut": Spec(_lj_settings, _lj_coefficient, _lj_build, mixes=True),
+    "table": Spec(_table_settings, _table_coefficient, _table_build, keeps_coefficients=False),
+    "zero": Spec(_zero_settings, _zero_coefficient, lambda *_: (NONE, None)),
+}
+
+
+@dataclass
+class PairSetup:
+    """All pair styles of a deck.
+
+    Attributes
+    ----------
+    mode : str
+        ``none``, ``single``, ``hybrid`` or ``hybrid/overlay``.
+    styles : list of PairStyle
+        The styles, in the order of the pair_style line.
+    excluded : set of (int, int)
+        Type pairs set to ``none``.
+    where : Line or None
+        The pair_style line.
+    """
+
+    mode: str = "none"
+    styles: list[PairStyle] = field(default_factory=list)
+    excluded: set[tuple[int, int]] = field(default_factory=set)
+    where: Line | None = None
+
+    def resolve(self, n_types: int) -> tuple[list[dict[tuple[int, int], Coefficient]], list[tuple[int, int]]]:
+        """Coefficients of every style after mixing, and the type pairs that have none at all."""
+        tables = [dict(style.coefficients) for style in self.styles]
+        missing = []
+        for i in range(1, n_types + 1):
+            for j in range(i, n_types + 1):
+                if (i, j) in self.excluded or any((i, j) in table for table in tables):
+                    continue
+                if i == j or not self._mix(tables, i, j):
+                    missing.append((i, j))
+        return tables, missing
+
+    def _mix(self, tables: list[dict[tuple[int, int], Coefficient]], i: int, j: int) -> bool:
+        of_i, of_j = ([n for n, table in enumerate(tables) if (k, k) in table] for k in (i, j))
+        if not of_i or of_i != of_j or not all(self.styles[n].spec.mixes for n in of_i):
+            return False
+        for n in of_i:
+            tables[n][(i, j)] = mixed(self.styles[n], tables[n][(i, i)], tables[n][(j, j)])
+        return True

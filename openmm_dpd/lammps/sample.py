@@ -1,0 +1,58 @@
+"""What the simulation measures for one row of thermo output."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One measurement, in MD units (nm, Da, ps, kJ/mol).  None means not measured; a thermo word that needs it then raises.
+
+    Which optional fields a run needs is listed by ``RunRequest.thermo.needs``.
+
+    Attributes
+    ----------
+    step : int
+        Number of the step, as the deck counts.
+    kinetic : float
+        Kinetic energy of the mobile beads.
+    dof : int
+        Their degrees of freedom, 3N - 3.
+    pair_energy : float, optional
+        Conservative pair energy.
+    bond_energy : float, optional
+        Energy of the bonds.
+    virial : float, optional
+        Sum of r.F over everything that LAMMPS counts in ``press`` with this scheme: pairs and bonds, and with ``mvv`` the
+        dissipative and random parts as well.
+    virial_full : float, optional
+        The same, always with the dissipative and random parts.
+    force_norm, force_max : float, optional
+        Euclidean norm of all force components, and the largest absolute one.
+    kT_conf : float, optional
+        Configurational temperature as an energy.
+    box : (3, 3) array, optional
+        Box vectors; the deck's box if None.
+    positions, velocities : (N, 3) arrays, optional
+        Needed by computes on groups only.
+    cpu : float
+        Seconds since the run began.
+    """
+
+    step: int
+    kinetic: float
+    dof: int
+    pair_energy: float | None = None
+    bond_energy: float | None = 0.0
+    virial: float | None = None
+    virial_full: float | None = None
+    force_norm: float | None = None
+    force_max: float | None = None
+    kT_conf: float | None = None
+    box: np.ndarray | None = None
+    positions: np.ndarray | None = None
+    velocities: np.ndarray | None = None
+    cpu: float = 0.0

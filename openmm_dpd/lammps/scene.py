@@ -1,0 +1,160 @@
+"""From the state of a deck to a :class:`~openmm_dpd.model.scene.Scene`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import DeckError, ParameterError
+from ..model.bonds import HarmonicBonds
+from ..model.pairs import NONE
+from ..model.scene import Scene, TemperatureRamp
+from ..model.table import PairTable
+from .context import Window
+from .integration import integration
+from .lexer import Line
+from .state import DeckState
+
+
+def _complain(where: Line | None, message: str) -> DeckError:
+    return DeckError(message) if where is None else DeckError(message, where.file, where.number)
+
+
+def type_name(number: int) -> str:
+    """Name that the scene uses for a bead type."""
+    return str(number)
+
+
+def build_scene(state: DeckState, window: Window | None = None) -> Scene:
+    """The scene that the deck describes at this point.
+
+    Parameters
+    ----------
+    state : DeckState
+        The deck; it must have a box, beads and pair coefficients.
+    window : Window, optional
+        Steps between which temperature ramps go; the ramp starts now if absent.
+
+    Raises
+    ------
+    DeckError
+        If something is missing or cannot be expressed: unset type pairs, unset masses, different temperatures, a cutoff over
+        half the box ...; the message names file and line.
+    """
+    box = state.require_box("a run")
+    if not len(state.atoms):
+        raise _complain(state.here, "there are no beads")
+    masses = state.bead_masses()
+    if state.bond.style == "none" and len(state.bonds):
+        state.note("there are bonds but no bond_style: they have no energy, only special_bonds acts on them")
+    if len(state.bonds) and any(0 < f < 1 for f in state.special) and any(style.name == "dpd/fdt" for style in state.pair.styles):
+        state.note("dpd/fdt: the noise of bonded neighbours goes with the root of the special_bonds factor (LAMMPS: with the factor)")
+    moved = integration(state)
+    atoms = state.atoms
+    try:
+        return Scene(
+            masses={type_name(k): state.masses[k] for k in range(1, state.n_types + 1)},
+            types=[type_name(k) for k in atoms.types.tolist()],
+            positions=atoms.positions,
+            pairs=pair_tables(state),
+            kT=thermal_energy(state, window),
+            box=box.reduced_vectors,
+            velocities=atoms.velocities,
+            bead_masses=masses,
+            charges=atoms.charges if np.any(atoms.charges) else None,
+            bonds=bond_terms(state),
+            special=state.special if len(state.bonds) else (1.0, 1.0, 1.0),
+            mobile=None if moved.mobile.all() else moved.mobile,
+            molecules=atoms.molecules if np.any(atoms.molecules) else None,
+        )
+    except ParameterError as error:
+        raise _complain(state.here, str(error)) from None
+
+
+def pair_tables(state: DeckState) -> list[PairTable]:
+    """One table of pair terms per pair style of the deck.
+
+    Raises
+    ------
+    DeckError
+        If a type pair is unset, a style is unused, or a cutoff exceeds half the box.
+    """
+    setup = state.pair
+    if setup.mode == "none":
+        state.note("pair_style none: beads do not interact")
+        return [PairTable({("*", "*"): NONE})]
+    tables, missing = setup.resolve(state.n_types)
+    if missing:
+        listing = ", ".join(f"{i} {j}" for i, j in missing[:10]) + (" ..." if len(missing) > 10 else "")
+        names = ", ".join(style.name for style in setup.styles)
+        raise _complain(
+            setup.where,
+            f"no pair coefficients for the type pair{'s' * (len(missing) > 1)} {listing} (pair style {names}); "
+            "add a pair_coeff line, or 'pair_coeff i j none' if they do not interact",
+        )
+    result = []
+    for style, table in zip(setup.styles, tables, strict=True):
+        if not table:
+            raise _complain(style.where, f"pair style {style.name} is used by no type pair")
+        entries: dict = {}
+        for (i, j), coefficient in sorted(table.items()):
+            term, remark = style.spec.build(style, coefficient, state.units)
+            if remark:
+                state.note(remark)
+            _check_cutoff(state, term, (i, j), coefficient.where or style.where)
+            entries[(type_name(i), type_name(j))] = term
+        result.append(entries)
+    for i, j in sorted(setup.excluded):
+        result[0].setdefault((type_name(i), type_name(j)), NONE)
+    return [PairTable(entries) for entries in result]
+
+
+def _check_cutoff(state: DeckState, term, pair: tuple[int, int], where: Line) -> None:
+    half = 0.5 * float(np.min(np.diag(state.require_box("a run").reduced_vectors)))
+    if term.cutoff > half * (1 + 1e-12):
+        length = state.units.length
+        raise _complain(
+            where,
+            f"the cutoff {term.cutoff / length:g} of types {pair[0]} {pair[1]} is over half the box, {half / length:g}; "
+            "a pair would meet two periodic images of one bead. Use a larger box or a smaller cutoff",
+        )
+
+
+def thermal_energy(state: DeckState, window: Window | None) -> float | TemperatureRamp:
+    """The one temperature (or ramp) of all thermostatting pair styles, as an energy; 0 if there is none.
+
+    Raises
+    ------
+    DeckError
+        If two styles have different temperatures.
+    """
+    styles = [style for style in state.pair.styles if style.spec.thermostat]
+    if not styles:
+        return 0.0
+    wanted = [(style.settings["start"], style.settings["stop"]) for style in styles]
+    for style, pair in zip(styles, wanted, strict=True):
+        if pair != wanted[0]:
+            raise _complain(
+                style.where,
+                f"pair styles {styles[0].name} and {style.name} have different temperatures "
+                f"({wanted[0][0]:g} to {wanted[0][1]:g} and {pair[0]:g} to {pair[1]:g}); a scene has one temperature",
+            )
+    start, stop = (value * state.units.thermal_energy for value in wanted[0])
+    if start == stop or window is None or window.end == window.begin:
+        return start
+    return TemperatureRamp(start, stop, window.begin - window.first, window.end - window.first)
+
+
+def bond_terms(state: DeckState) -> list[HarmonicBonds]:
+    """Harmonic bonds by bond type; with no bond style they have no energy but still count for special_bonds."""
+    if not len(state.bonds):
+        return []
+    found = []
+    for kind in np.unique(state.bonds[:, 0]).tolist():
+        k, r0 = 0.0, 0.0
+        if state.bond.style == "harmonic":
+            if kind not in state.bond.coefficients:
+                raise _complain(state.bond.where, f"no bond_coeff for bond type {kind} (bond_style harmonic)")
+            k, r0 = state.bond.coefficients[kind]
+        ids = state.bonds[state.bonds[:, 0] == kind, 1:]
+        found.append(HarmonicBonds(state.atoms.index_of(ids.ravel()).reshape(-1, 2), np.full(len(ids), k), np.full(len(ids), r0)))
+    return found

@@ -1,0 +1,223 @@
+"""Everything a deck has said so far, as plain data in MD units."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import ParameterError
+from ..units import LJ, UnitSystem
+from .atoms import Atoms
+from .box import Box
+from .lattice import Lattice, default_lattice
+from .lexer import Line
+from .pair_styles import PairSetup
+from .regions import Region
+from .variables import Variables
+
+if TYPE_CHECKING:
+    from .computes import Compute
+    from .dumps import Dump
+    from .request import RunRequest
+    from .sample import Sample
+
+
+@dataclass(frozen=True)
+class Fix:
+    """One fix: its id, group and style, its parameters and where it stands."""
+
+    name: str
+    group: str
+    style: str
+    parameters: dict
+    where: Line
+
+
+@dataclass
+class ThermoSettings:
+    """What thermo output looks like: columns, interval, normalisation, computes to use and formats."""
+
+    words: list[str] = field(default_factory=lambda: ["step", "temp", "epair", "emol", "etotal", "press"])
+    every: int = 0
+    norm: bool | None = None
+    temp: str = "thermo_temp"
+    press: str = "thermo_press"
+    layout: str = "one"
+    formats: dict[str | int, str] = field(default_factory=dict)
+    headers: dict[str | int, str] = field(default_factory=dict)
+
+
+@dataclass
+class BondSetup:
+    """Bond style and, by bond type, its coefficients (k, r0) in MD units."""
+
+    style: str = "none"
+    coefficients: dict[int, tuple[float, float]] = field(default_factory=dict)
+    where: Line | None = None
+
+
+@dataclass
+class DeckState:
+    """State of a deck between two commands.  Numbers are in MD units (nm, Da, ps, kJ/mol) unless said otherwise.
+
+    Attributes
+    ----------
+    path : Path
+        The deck.
+    units : UnitSystem
+        Its unit style.
+    atom_style : str
+        Its atom style.
+    box : Box or None
+        The periodic box, nm.
+    n_types, n_bond_types : int
+        Numbers of bead and bond types.
+    masses : dict of int to float
+        Mass of each type that has one, Da.
+    atoms : Atoms
+        Arrays in the order of the ids.
+    bonds : (B, 3) int array
+        Bond type and the ids of the two beads.
+    groups : dict of str to (N,) bool array
+        Members of each group, ``all`` included.
+    special : three floats
+        Factors for 1-2, 1-3 and 1-4 neighbours.
+    timestep : float
+        ps.
+    step : int
+        Number of the current step.
+    variables : Variables
+        The variables.
+    notes : list of str
+        What was accepted without having a meaning here, each said once.
+    first_run : RunRequest or None
+        The first run, if reading stopped there.
+    last_sample : Sample or None
+        The last row of the last run, for formulas evaluated between runs.
+    """
+
+    path: Path
+    units: UnitSystem = LJ
+    atom_style: str = "atomic"
+    box: Box | None = None
+    n_types: int = 0
+    n_bond_types: int = 0
+    masses: dict[int, float] = field(default_factory=dict)
+    atoms: Atoms = field(default_factory=Atoms)
+    bonds: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
+    groups: dict[str, np.ndarray] = field(default_factory=lambda: {"all": np.zeros(0, dtype=bool)})
+    lattice: Lattice = field(default_factory=default_lattice)
+    regions: dict[str, Region] = field(default_factory=dict)
+    pair: PairSetup = field(default_factory=PairSetup)
+    bond: BondSetup = field(default_factory=BondSetup)
+    special: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    fixes: dict[str, Fix] = field(default_factory=dict)
+    computes: dict[str, Compute] = field(default_factory=dict)
+    dumps: dict[str, Dump] = field(default_factory=dict)
+    thermo: ThermoSettings = field(default_factory=ThermoSettings)
+    timestep: float = LJ.timestep
+    step: int = 0
+    time_origin: tuple[float, int] = (0.0, 0)
+    variables: Variables = field(default_factory=Variables)
+    notes: list[str] = field(default_factory=list)
+    run_callback: Callable[[RunRequest], None] | None = None
+    stop_before_first_run: bool = False
+    finished: bool = False
+    runs: int = 0
+    first_run: RunRequest | None = None
+    last_sample: Sample | None = None
+    here: Line | None = None
+    output: Path = field(default_factory=Path)
+    log: Callable[[str], None] = lambda _: None
+    generators: dict[str, np.random.Generator] = field(default_factory=dict)
+
+    # -- questions -----------------------------------------------------------------------------------------------------------
+    def require_box(self, command: str) -> Box:
+        """The box; ParameterError if it does not exist yet."""
+        if self.box is None:
+            raise ParameterError(f"{command} needs a simulation box; use create_box or read_data before it")
+        return self.box
+
+    def refuse_box(self, command: str) -> None:
+        """ParameterError if the box exists already."""
+        if self.box is not None:
+            raise ParameterError(f"{command} must come before the simulation box is defined")
+
+    def group(self, name: str) -> np.ndarray:
+        """Members of a group as a mask."""
+        if name not in self.groups:
+            raise ParameterError(f"there is no group '{name}'; defined so far: {', '.join(self.groups)}")
+        return self.groups[name]
+
+    def bead_masses(self) -> np.ndarray:
+        """Mass of every bead in Da; ParameterError if a type has none."""
+        missing = [k for k in range(1, self.n_types + 1) if k not in self.masses]
+        if missing:
+            listing = ", ".join(map(str, missing))
+            raise ParameterError(f"no mass is set for atom type {listing}; use the mass command or a Masses section")
+        return np.array([self.masses[k] for k in range(1, self.n_types + 1)])[self.atoms.types - 1]
+
+    def time_at(self, step: int) -> float:
+        """Simulated time (ps) at a step."""
+        time, origin = self.time_origin
+        return time + (step - origin) * self.timestep
+
+    def find_file(self, name: str) -> Path:
+        """A file named in the deck: relative to the deck's folder, or else to the working directory."""
+        for candidate in (self.path.parent / name, Path(name)):
+            if candidate.is_file():
+                return candidate
+        raise ParameterError(f"there is no file '{name}' (looked in {self.path.parent} and in the working directory)")
+
+    def output_file(self, name: str) -> Path:
+        """Where a file that the deck writes goes: ``*`` becomes the step, relative names are put into the output folder."""
+        path = self.output / name.replace("*", str(self.step))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
+
+    # -- changes -------------------------------------------------------------------------------------------------------------
+    def note(self, text: str) -> None:
+        """Remember a remark, once."""
+        if text not in self.notes:
+            self.notes.append(text)
+
+    def set_timestep(self, value: float) -> None:
+        """Change the time step; the time already simulated stays what it is."""
+        self.time_origin = (self.time_at(self.step), self.step)
+        self.timestep = value
+
+    def reset_step(self, step: int) -> None:
+        """Carry out ``reset_timestep``: going back sets the clock to 0, going forward advances it."""
+        if step < self.step:
+            self.time_origin = (0.0, step)
+        self.step = step
+
+    def add_atoms(self, new: Atoms) -> None:
+        """Append beads; of the groups, only ``all`` gets them."""
+        self.atoms.append(new)
+        for name, mask in self.groups.items():
+            self.groups[name] = np.concatenate([mask, np.full(len(new), name == "all")])
+
+    def write_back(self, positions: np.ndarray, velocities: np.ndarray, box: np.ndarray | None = None) -> None:
+        """Take over the result of a run.
+
+        Parameters
+        ----------
+        positions : (N, 3) array
+            nm, continuous with those of the scene the run started from (not folded back into the box).
+        velocities : (N, 3) array
+            nm/ps.
+        box : (3, 3) array, optional
+            New box vectors, if the box has changed; its lower corner stays.
+        """
+        if box is not None and self.box is not None and not np.allclose(box, self.box.reduced_vectors, rtol=1e-9, atol=1e-9):
+            edges, tilt = np.diag(box), np.array([box[1][0], box[2][0], box[2][1]])
+            self.box = Box(self.box.low, edges, tilt, self.box.triclinic)
+        inside, shifts = self.require_box("a run").wrap(np.asarray(positions, dtype=np.float64))
+        self.atoms.positions = inside
+        self.atoms.images = self.atoms.images + shifts
+        self.atoms.velocities = np.array(velocities, dtype=np.float64)

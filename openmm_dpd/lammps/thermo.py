@@ -1,0 +1,219 @@
+"""Thermo output: which columns, when, their values and how they are printed."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from ..errors import DeckError, DPDError, ParameterError
+from .computes import BUILT_IN, COMPUTES
+from .context import Context, Window
+from .sample import Sample
+from .state import DeckState
+from .words import WORDS
+
+#: Columns of the styles that are not ``custom``.
+STYLES = {
+    "one": ("step", "temp", "epair", "emol", "etotal", "press"),
+    "multi": ("etotal", "ke", "temp", "pe", "ebond", "eangle", "edihed", "eimp", "evdwl", "ecoul", "elong", "press"),
+    "yaml": ("step", "temp", "ke", "pe", "ebond", "eangle", "edihed", "eimp", "evdwl", "ecoul", "elong", "press"),
+}
+
+#: Averages that are wanted whether or not the deck prints them.
+ALWAYS = ("temp", "press", "press_full", "pe", "ke", "etotal", "temp_conf")
+
+_REFERENCE = re.compile(r"[cv]_\w+(?:\[\d+\])?|[A-Za-z_]\w*")
+_COMPUTE = re.compile(r"c_(\w+?)(?:\[(\d+)\])?")
+_FORMAT = re.compile(r"%[-+ #0-9.]*l{0,2}[dioxXeEfFgG]")
+
+
+def check_word(state: DeckState, word: str) -> None:
+    """Raise ParameterError unless ``word`` can be a column of thermo output."""
+    if word.startswith("v_"):
+        variable = state.variables.get(word[2:])
+        if variable.style != "equal":
+            raise ParameterError(f"{word}: variable {word[2:]} is {variable.style}-style; only equal-style ones can be printed")
+        return
+    if word.startswith("c_"):
+        name, index = compute_reference(word)
+        if name in BUILT_IN and index is None:
+            return
+        if name not in state.computes:
+            raise ParameterError(f"{word}: there is no compute '{name}'; defined are {', '.join([*BUILT_IN, *state.computes])}")
+        spec = COMPUTES[state.computes[name].style]
+        if (spec.scalar if index is None else spec.vector) is None:
+            raise ParameterError(f"{word}: compute style {state.computes[name].style} has no {'value' if index is None else 'vector'}")
+        return
+    if word.startswith("f_"):
+        raise ParameterError(f"{word}: none of the supported fixes has a value")
+    if word not in WORDS:
+        raise ParameterError(f"thermo word '{word}' is not supported; supported are {', '.join(WORDS)}, v_name, c_id and c_id[i]")
+
+
+def compute_reference(word: str) -> tuple[str, int | None]:
+    """Id and index of ``c_id`` or ``c_id[index]``."""
+    match = _COMPUTE.fullmatch(word)
+    if match is None:
+        raise ParameterError(f"expected c_id or c_id[index], not '{word}'")
+    return match[1], None if match[2] is None else int(match[2])
+
+
+def _needs(state: DeckState, word: str, seen: set[str]) -> set[str]:
+    """Fields of Sample that a word reads, through variables and computes."""
+    if word in seen:
+        return set()
+    seen.add(word)
+    if word.startswith("v_"):
+        if word[2:] not in state.variables:
+            return set()
+        variable = state.variables.get(word[2:])
+        if variable.style != "equal":
+            return set()
+        found: set[str] = set()
+        if re.search(r"\b(xcm|bound|[xyz]\s*\[|count\([^)]*,)", variable.text):
+            found.add("positions")
+        if re.search(r"\b(vcm|ke\(|v[xyz]\s*\[)", variable.text):
+            found.add("velocities")
+        for reference in _REFERENCE.findall(variable.text):
+            found |= _needs(state, reference, seen)
+        return found
+    if word.startswith("c_"):
+        name, _ = compute_reference(word)
+        if name in BUILT_IN:
+            return _needs(state, BUILT_IN[name][0], seen)
+        return set(COMPUTES[state.computes[name].style].needs) if name in state.computes else set()
+    found = set(WORDS[word].needs) if word in WORDS else set()
+    # a temperature taken from a compute on a group needs the velocities of its beads
+    if "kinetic" in found and state.thermo.temp != "thermo_temp":
+        found.add("velocities")
+    if "virial" in found and state.thermo.press != "thermo_press":
+        found |= _needs(state, "c_" + state.thermo.press, seen)
+    return found
+
+
+@dataclass(frozen=True)
+class Thermo:
+    """Thermo output of one run.
+
+    Attributes
+    ----------
+    state : DeckState
+        The deck.
+    window : Window
+        First step and limits of the ramps of the run.
+    last : int
+        Last step of the run.
+    words : tuple of str
+        The columns.
+    every : int
+        Interval of output; 0 means the first and last step only.
+    """
+
+    state: DeckState
+    window: Window
+    last: int
+    words: tuple[str, ...]
+    every: int
+
+    @property
+    def needs(self) -> frozenset[str]:
+        """Fields of :class:`Sample` that the columns read."""
+        seen: set[str] = set()
+        return frozenset().union(*(_needs(self.state, word, seen) for word in self.words))
+
+    def due(self, step: int) -> bool:
+        """Whether a row is printed at this step: first, last, and every multiple of the interval."""
+        return step in (self.window.first, self.last) or (self.every > 0 and step % self.every == 0)
+
+    def next_due(self, step: int) -> int:
+        """The first step after ``step`` at which a row is printed."""
+        following = (step // self.every + 1) * self.every if self.every > 0 else self.last
+        return min(following, self.last)
+
+    def values(self, sample: Sample, words: tuple[str, ...] | None = None) -> dict[str, float]:
+        """Value of each column (or of each of ``words``), in the deck's units and normalised as LAMMPS prints it.
+
+        Raises
+        ------
+        DeckError
+            If a formula cannot be evaluated.
+        """
+        context = Context(self.state, sample, self.window)
+        result = {}
+        for word in self.words if words is None else words:
+            try:
+                result[word] = self._value(context, word)
+            except DeckError:
+                raise
+            except DPDError as error:
+                raise DeckError(f"thermo output {word}: {error}", str(self.state.path)) from None
+        return result
+
+    @staticmethod
+    def _value(context: Context, word: str) -> float:
+        if word.startswith("v_"):
+            return context.variable(word[2:])
+        if word.startswith("c_"):
+            name, index = compute_reference(word)
+            value = context.compute(name, index)
+            if name in BUILT_IN:
+                return value / context.norm if BUILT_IN[name][1] else value
+            return value / context.norm if COMPUTES[context.state.computes[name].style].extensive else value
+        return context.thermo(word)
+
+    # -- text ----------------------------------------------------------------------------------------------------------------
+    def header(self) -> str:
+        """The line of column titles."""
+        titles = [self._title(k, word) for k, word in enumerate(self.words)]
+        if self.state.thermo.layout == "multi":
+            return ""
+        if self.state.thermo.layout == "yaml":
+            return f"---\nkeywords: [{', '.join(repr(title) for title in titles)}]\ndata:"
+        return " ".join(title.center(width) for title, width in zip(titles, self._widths(), strict=True)).rstrip()
+
+    def row(self, values: dict[str, float], sample: Sample) -> str:
+        """The line (or block, for style multi) with the values of one step."""
+        numbers = [values[word] for word in self.words]
+        if self.state.thermo.layout == "multi":
+            return self._block(numbers, sample)
+        if self.state.thermo.layout == "yaml":
+            return f"  - [{', '.join(f'{number:.15g}' for number in numbers)}]"
+        cells = []
+        for form, number, width in zip(self._formats(), numbers, self._widths(), strict=True):
+            text = form % (int(number) if form[-1] in "dioxX" else number)
+            cells.append(text.ljust(width) if "-" in form else text.rjust(width))
+        return " ".join(cells).rstrip()
+
+    def _widths(self) -> list[int]:
+        return [max(len(form % 0), len(self._title(k, self.words[k]))) for k, form in enumerate(self._formats())]
+
+    def _title(self, k: int, word: str) -> str:
+        headers = self.state.thermo.headers
+        return headers.get(k + 1, headers.get(word, WORDS[word].header if word in WORDS else word))
+
+    def _formats(self) -> list[str]:
+        formats = self.state.thermo.formats
+        if "line" in formats:
+            found = _FORMAT.findall(formats["line"])
+        else:
+            found = [
+                formats.get(k + 1)
+                or formats.get(word)
+                or (formats.get("int", "%10d") if word in WORDS and WORDS[word].integer else formats.get("float", "%-14.8g"))
+                for k, word in enumerate(self.words)
+            ]
+        return [re.sub(r"l+(?=[a-zA-Z]$)", "", form) for form in found]
+
+    def _block(self, numbers: list[float], sample: Sample) -> str:
+        cells = [f"{self._title(k, word):<8} = {numbers[k]:14.4f}" for k, word in enumerate(self.words)]
+        rows = [" ".join(cells[k : k + 3]) for k in range(0, len(cells), 3)]
+        return "\n".join([f"------------ Step {sample.step:14d} ----- CPU = {sample.cpu:12.7g} (sec) -------------", *rows])
+
+
+def check_format(text: str, columns: int | None = None) -> None:
+    """Raise ParameterError unless ``text`` holds one numeric conversion (or one per column)."""
+    found = _FORMAT.findall(text)
+    if columns is None and len(found) != 1:
+        raise ParameterError(f"expected a format such as %12.6f, not '{text}'")
+    if columns is not None and len(found) != columns:
+        raise ParameterError(f"the format line '{text}' has {len(found)} conversions for {columns} columns")

@@ -1,0 +1,87 @@
+"""The trajectory of a deck: DCD with a PSF topology, and the final state, in one folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from openmm import app
+
+from ..model.scene import Scene
+from ..trajectory import write_psf
+from .request import RunRequest
+
+
+class RunTrajectory:
+    """Writes ``trajectory.dcd``, ``topology.psf`` and ``final_state.xml`` into a folder.
+
+    All runs go to one file; a new one (``trajectory-2.dcd``, ``topology-2.psf``) begins when the number of beads changes.  Positions are continuous:
+    they are not folded back into the box.
+
+    Parameters
+    ----------
+    folder : Path
+        Made if it does not exist.
+    frames : int
+        About how many frames a run gives.
+    """
+
+    def __init__(self, folder: Path, frames: int = 100):
+        folder.mkdir(parents=True, exist_ok=True)
+        self.folder, self.frames = folder, frames
+        self._file: Any = None
+        self._beads, self._part = 0, 0
+        self._offset: np.ndarray = np.zeros((0, 3))
+        self._every, self._first, self._last = 1, 0, 0
+
+    def start(self, scene: Scene, request: RunRequest) -> None:
+        """Prepare for a run; about ``frames`` frames, at its first and last step in any case."""
+        self._every = max(1, request.steps // self.frames)
+        self._first, self._last = request.first_step, request.last_step
+        state = request.state
+        self._offset = state.require_box("a run").unwrap(state.atoms.positions, state.atoms.images) - state.atoms.positions
+        if scene.n_beads != self._beads:
+            self.close()
+            self._beads, self._part = scene.n_beads, self._part + 1
+            self._open(scene)
+
+    def _open(self, scene: Scene) -> None:
+        from mdtraj.formats import DCDTrajectoryFile
+
+        suffix = "" if self._part == 1 else f"-{self._part}"
+        write_psf(
+            self.folder / f"topology{suffix}.psf",
+            names=list(scene.types),
+            masses=scene.bead_masses,
+            charges=scene.charges,
+            molecules=scene.molecules,
+            bonds=scene.bond_pairs,
+        )
+        self._file = DCDTrajectoryFile(str(self.folder / f"trajectory{suffix}.dcd"), "w", force_overwrite=True)
+
+    def due(self, step: int) -> bool:
+        """Whether a frame belongs to this step."""
+        return step == self._last or (step - self._first) % self._every == 0
+
+    def next_due(self, step: int) -> int:
+        """The first step after ``step`` that gives a frame."""
+        return self._first + ((step - self._first) // self._every + 1) * self._every
+
+    def write(self, x: np.ndarray, box: np.ndarray) -> None:
+        """Write one frame (nm)."""
+        lengths = np.linalg.norm(box, axis=1)
+        cosines = [box[a] @ box[b] / lengths[a] / lengths[b] for a, b in ((1, 2), (0, 2), (0, 1))]
+        angles = np.degrees(np.arccos(cosines))
+        # DCD files are in Angstrom
+        self._file.write(np.float32(10 * (x + self._offset)), np.float32(10 * lengths)[None], np.float32(angles)[None])
+
+    def save_state(self, simulation: app.Simulation) -> None:
+        """Write the final state, from which OpenMM can continue exactly."""
+        simulation.saveState(str(self.folder / "final_state.xml"))
+
+    def close(self) -> None:
+        """Close the DCD file."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None

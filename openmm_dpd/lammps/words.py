@@ -1,0 +1,152 @@
+"""The table of thermo words: each is a value of a :class:`~openmm_dpd.lammps.context.Context` in the deck's units."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from .context import Context
+
+
+@dataclass(frozen=True)
+class Word:
+    """A thermo word.
+
+    Attributes
+    ----------
+    header : str
+        Title of its column.
+    value : callable
+        From a context to the value, normalised where LAMMPS normalises it.
+    integer : bool
+        Whether it is a whole number.
+    needs : tuple of str
+        Fields of Sample that it reads.
+    """
+
+    header: str
+    value: Callable[[Context], float]
+    integer: bool = False
+    needs: tuple[str, ...] = ()
+
+
+def _per_bead(*names: str) -> Callable[[Context], float]:
+    return lambda context: sum(context.energy(name) for name in names) / context.norm
+
+
+def _kinetic(context: Context) -> float:
+    return context.kinetic(context.thermo_compute()) / context.units.energy / context.norm
+
+
+def _total(context: Context) -> float:
+    return _per_bead("pair_energy", "bond_energy")(context) + _kinetic(context)
+
+
+def _enthalpy(context: Context) -> float:
+    units = context.units
+    work = context.pressure() * units.pressure * context.box.volume * units.length**3
+    return _total(context) + work / units.energy / context.norm
+
+
+def _density(context: Context) -> float:
+    mass = context.state.bead_masses().sum() / context.units.mass
+    return context.units.density * mass / context.box.volume
+
+
+def _conf_temperature(context: Context) -> float:
+    return context.need("kT_conf") / context.units.thermal_energy
+
+
+def _vector_length(row: int) -> Callable[[Context], float]:
+    return lambda context: float(np.linalg.norm(context.box.vectors[row]))
+
+
+def _cell_angle(first: int, second: int) -> Callable[[Context], float]:
+    def angle(context: Context) -> float:
+        a, b = context.box.vectors[[first, second]]
+        return math.degrees(math.acos(float(a @ b / np.linalg.norm(a) / np.linalg.norm(b))))
+
+    return angle
+
+
+def _cpu(context: Context) -> float:
+    return 0.0 if context.sample is None else context.sample.cpu
+
+
+def _elapsed(context: Context, from_begin: bool = False) -> float:
+    if context.window is None:
+        return 0.0
+    return context.step - (context.window.begin if from_begin else context.window.first)
+
+
+def _rate(context: Context, per_step: bool) -> float:
+    elapsed, seconds = _elapsed(context), _cpu(context)
+    if seconds <= 0:
+        return 0.0
+    return elapsed / seconds if per_step else elapsed * context.state.timestep / context.units.time / seconds
+
+
+_ENERGIES = ("pair_energy", "bond_energy")
+_PRESSURE = ("kinetic", "dof", "virial")
+
+
+def _of_box(attribute: str, axis: int) -> Callable[[Context], float]:
+    return lambda context: getattr(context.box, attribute)[axis]
+
+
+def _box_words() -> dict[str, Word]:
+    words = {}
+    for k, axis in enumerate("xyz"):
+        words[f"l{axis}"] = Word(f"L{axis}", _of_box("edges", k))
+        words[f"{axis}lo"] = Word(f"{axis.upper()}lo", _of_box("low", k))
+        words[f"{axis}hi"] = Word(f"{axis.upper()}hi", _of_box("high", k))
+    for k, tilt in enumerate(("xy", "xz", "yz")):
+        words[tilt] = Word(tilt.capitalize(), _of_box("tilt", k))
+    for k, name in enumerate("abc"):
+        words[f"cell{name}"] = Word(f"Cell{name.upper()}", _vector_length(k))
+    for name, first, second in (("alpha", 1, 2), ("beta", 0, 2), ("gamma", 0, 1)):
+        words[f"cell{name}"] = Word(f"Cell{name.capitalize()}", _cell_angle(first, second))
+    return words
+
+
+#: Thermo words.  The last two are not LAMMPS's.
+WORDS: dict[str, Word] = {
+    "step": Word("Step", lambda c: c.step, integer=True),
+    "elapsed": Word("Elapsed", _elapsed, integer=True),
+    "elaplong": Word("Elaplong", lambda c: _elapsed(c, True), integer=True),
+    "dt": Word("Dt", lambda c: c.state.timestep / c.units.time),
+    "time": Word("Time", lambda c: c.state.time_at(c.step) / c.units.time),
+    "cpu": Word("CPU", _cpu),
+    "tpcpu": Word("T/CPU", lambda c: _rate(c, False)),
+    "spcpu": Word("S/CPU", lambda c: _rate(c, True)),
+    "atoms": Word("Atoms", lambda c: len(c.state.atoms), integer=True),
+    "bonds": Word("Bonds", lambda c: len(c.state.bonds), integer=True),
+    "temp": Word("Temp", lambda c: c.temperature(c.thermo_compute()), needs=("kinetic", "dof")),
+    "press": Word("Press", lambda c: c.pressure(), needs=_PRESSURE),
+    "pe": Word("PotEng", _per_bead(*_ENERGIES), needs=_ENERGIES),
+    "ke": Word("KinEng", _kinetic, needs=("kinetic",)),
+    "etotal": Word("TotEng", _total, needs=("kinetic", *_ENERGIES)),
+    "enthalpy": Word("Enthalpy", _enthalpy, needs=(*_PRESSURE, *_ENERGIES)),
+    "evdwl": Word("E_vdwl", _per_bead("pair_energy"), needs=("pair_energy",)),
+    "ecoul": Word("E_coul", lambda c: 0.0),
+    "epair": Word("E_pair", _per_bead("pair_energy"), needs=("pair_energy",)),
+    "ebond": Word("E_bond", _per_bead("bond_energy"), needs=("bond_energy",)),
+    "eangle": Word("E_angle", lambda c: 0.0),
+    "edihed": Word("E_dihed", lambda c: 0.0),
+    "eimp": Word("E_impro", lambda c: 0.0),
+    "emol": Word("E_mol", _per_bead("bond_energy"), needs=("bond_energy",)),
+    "elong": Word("E_long", lambda c: 0.0),
+    "etail": Word("E_tail", lambda c: 0.0),
+    "vol": Word("Volume", lambda c: c.box.volume),
+    "density": Word("Density", _density),
+    **_box_words(),
+    "fmax": Word("Fmax", lambda c: c.need("force_max") / c.units.force, needs=("force_max",)),
+    "fnorm": Word("Fnorm", lambda c: c.need("force_norm") / c.units.force, needs=("force_norm",)),
+    "press_full": Word("PressFull", lambda c: c.pressure("virial_full"), needs=("kinetic", "dof", "virial_full")),
+    "temp_conf": Word("TempConf", _conf_temperature, needs=("kT_conf",)),
+}

@@ -1,0 +1,94 @@
+"""A reporter that knows DPD: 3N - 3 degrees of freedom, configurational temperature, pressure with all pair terms, momentum.
+
+OpenMM's StateDataReporter works as always; it prints kelvin, divides by 3N, and has no pressure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TextIO
+
+import numpy as np
+
+from .build import Built
+from .errors import ParameterError
+from .measure import Observer, Sample, kelvin
+from .units import BAR_PER_MD_PRESSURE
+
+
+def _optional(value: float | None, factor: float = 1.0) -> float:
+    return float("nan") if value is None else value * factor
+
+
+#: Column -> what it is, in MD units.
+COLUMNS: dict[str, Callable[[Sample], float]] = {
+    "step": lambda s: s.step,
+    "time": lambda s: s.time,
+    "kT": lambda s: s.kT,
+    "temperature": lambda s: kelvin(s.kT),
+    "kT_conf": lambda s: _optional(s.configurational_kT),
+    "kinetic_energy": lambda s: s.kinetic,
+    "potential_energy": lambda s: s.potential,
+    "total_energy": lambda s: s.kinetic + s.potential,
+    "pressure": lambda s: _optional(s.pressure(True)),
+    "pressure_conservative": lambda s: _optional(s.pressure(False)),
+    "pressure_bar": lambda s: _optional(s.pressure(True), BAR_PER_MD_PRESSURE),
+    "volume": lambda s: _optional(s.volume),
+    "momentum": lambda s: float(np.abs(s.momentum).max()),
+}
+
+DEFAULT_COLUMNS = ("step", "time", "kT", "kT_conf", "potential_energy", "kinetic_energy", "pressure", "pressure_conservative", "momentum")
+
+
+class DPDReporter:
+    """Writes measured quantities to a CSV file, for ``simulation.reporters``.
+
+    Parameters
+    ----------
+    file : str or text file
+        Where to write.
+    interval : int
+        Steps between rows.
+    built : Built
+        What :func:`openmm_dpd.build.build` returned.
+    columns : sequence of str
+        Keys of :data:`COLUMNS`.  Energies are in kJ/mol and pressures in kJ/mol/nm^3, which are the reduced units of a reduced scene; ``temperature`` is
+        in kelvin, ``pressure_bar`` in bar; ``pressure`` counts conservative, dissipative and random pair forces; ``momentum`` is the largest component
+        of the total.  ``kT_conf`` is this configuration's ratio: average numerator and denominator apart for a precise value
+        (:class:`openmm_dpd.measure.Observer`).
+
+    Raises
+    ------
+    ParameterError
+        For an unknown column or an interval below 1.
+    """
+
+    def __init__(self, file: str | TextIO, interval: int, built: Built, columns: Sequence[str] = DEFAULT_COLUMNS):
+        unknown = [name for name in columns if name not in COLUMNS]
+        if unknown:
+            raise ParameterError(f"unknown columns {', '.join(unknown)}; they must be among {', '.join(COLUMNS)}")
+        if interval < 1:
+            raise ParameterError(f"the interval between reports must be at least 1 step, not {interval}")
+        self._owned = isinstance(file, str)
+        self._out: TextIO = open(file, "w") if isinstance(file, str) else file
+        self._interval, self._columns, self._observer = interval, tuple(columns), Observer(built)
+        self._write(self._columns)
+
+    def describeNextReport(self, simulation):
+        """Steps until the next row; nothing is wanted in the State that OpenMM hands over."""
+        steps = self._interval - simulation.currentStep % self._interval
+        return {"steps": steps, "periodic": None, "include": []}
+
+    def report(self, simulation, state):
+        """Write one row."""
+        sample = self._observer.sample(simulation.context)
+        row = (COLUMNS[name](sample) for name in self._columns)
+        self._write(str(value) if isinstance(value, int) else f"{value:.10g}" for value in row)
+
+    def _write(self, fields) -> None:
+        self._out.write(",".join(fields) + "\n")
+        self._out.flush()
+
+    def __del__(self):
+        if getattr(self, "_owned", False):
+            self._out.close()
