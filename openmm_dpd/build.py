@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import openmm
@@ -62,6 +63,7 @@ class Built:
         return f"{self.plan.explain()}\n{listing}"
 
 
+@lru_cache(maxsize=1)
 def fastest_platform() -> str:
     """Name of the fastest platform here."""
     platforms = [openmm.Platform.getPlatform(k) for k in range(openmm.Platform.getNumPlatforms())]

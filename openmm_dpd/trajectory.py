@@ -41,15 +41,7 @@ def pdb_names(names: Sequence[str]) -> dict[str, str]:
     No symbol of an element begins with Q, while every other scheme of short names meets one (``A1`` is safe, ``AL`` is aluminium).
     Types whose names do not fit, or begin alike, are numbered in the order in which they appear.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Names of types or of single beads.
-
-    Returns
-    -------
-    dict
-        From each different name to its PDB name; one to one.
+    Returns a dictionary from each different one of the names to its PDB name; one to one.
     """
     short: dict[str, str] = {}
     types = list(dict.fromkeys(str(name) for name in names))
@@ -76,7 +68,8 @@ def openmm_topology(names: Sequence[str], molecules=None, bonds=(), box=None) ->
     names : sequence of N str
         Type name of each bead; the atoms are called by :func:`pdb_names` of these.
     molecules : (N,) array of int, optional
-        Molecule numbers; each run of beads with the same number is a residue.  By default beads connected by bonds are a molecule.
+        Molecule numbers, in ``residue.id``.  By default beads connected by bonds are a molecule.  A molecule is a residue if its beads
+        have different names, else each of its beads is one: OpenMM's mmCIF reader drops atoms whose names repeat within a residue.
     bonds : (B, 2) array of int
         Bead indices from 0.
     box : (3,) or (3, 3) array of lengths, optional
@@ -95,8 +88,10 @@ def openmm_topology(names: Sequence[str], molecules=None, bonds=(), box=None) ->
     chain = topology.addChain()
     atoms = []
     for number, beads in _runs(numbers):
-        residue = topology.addResidue(RESIDUE, chain, id=str(number))
-        atoms += [topology.addAtom(short[names[bead]], None, residue) for bead in beads]
+        unique = len({names[bead] for bead in beads}) == len(beads)
+        for residue_beads in [beads] if unique else [[bead] for bead in beads]:
+            residue = topology.addResidue(RESIDUE, chain, id=str(number))
+            atoms += [topology.addAtom(short[names[bead]], None, residue) for bead in residue_beads]
     for i, j in pairs.tolist():
         topology.addBond(atoms[i], atoms[j])
     vectors = box_vectors(box)
@@ -120,8 +115,8 @@ class Beads:
 def write_psf(path: str | os.PathLike, *, names: Sequence[str], masses, charges=None, molecules=None, bonds=()) -> None:
     """Write a topology file with real masses and charges: PSF in NAMD's variant, whose columns are separated by blanks.
 
-    Read by :func:`load_topology`, mdtraj (which drops the masses), VMD, MDAnalysis, OpenMM and others.  Fixed columns would cut digits, long
-    names and large indices, and readers of CHARMM's extended columns disagree on where they stand.  VMD wants names of at most 7 characters.
+    Read by :func:`load_topology`, mdtraj (which drops the masses), VMD (names of at most 7 characters), MDAnalysis and others.  Fixed
+    columns would cut digits, long names and large indices, and readers of CHARMM's extended columns disagree on where they stand.
 
     Parameters
     ----------
@@ -212,6 +207,10 @@ def read_psf(path: str | os.PathLike) -> Beads:
 
 
 # -- mdtraj --------------------------------------------------------------------------------------------------------------------
+#: Elements made so far.
+_ELEMENTS: dict[tuple[str, float, float], Any] = {}
+
+
 @functools.cache
 def _element_class() -> type:
     """Class of the elements made here; made on first use, because mdtraj is imported lazily."""
@@ -229,9 +228,6 @@ def _element_class() -> type:
         def __reduce__(self):
             return bead_element, (self.name, self.mass, self.charge)
 
-        def __getnewargs__(self):
-            return self.name, self.mass, self.charge
-
         @property
         def charge(self) -> float:
             """Charge in elementary charges."""
@@ -240,20 +236,11 @@ def _element_class() -> type:
     return BeadElement
 
 
-@functools.cache
 def bead_element(name: str, mass: float, charge: float = 0.0) -> Any:
-    """mdtraj element of a bead: the same object for the same arguments, which is how mdtraj compares elements.
-
-    Parameters
-    ----------
-    name : str
-        Bead type.
-    mass : float
-        Da.
-    charge : float
-        Elementary charges; ``element.charge``.
-    """
-    return _element_class()(name, mass, charge)
+    """mdtraj element of a bead with mass (Da) and charge (e); one object for equal arguments, as mdtraj compares elements by identity."""
+    key = (str(name), float(mass), float(charge))
+    # setdefault: one object per key, whichever thread comes first
+    return _ELEMENTS.get(key) or _ELEMENTS.setdefault(key, _element_class()(*key))
 
 
 def load_topology(path: str | os.PathLike) -> mdtraj.Topology:
@@ -313,7 +300,7 @@ def load(
     Raises
     ------
     ParameterError
-        If the format is another one.
+        If the format is another one, or the numbers of beads differ.
     """
     import mdtraj
 
@@ -322,7 +309,10 @@ def load(
     if suffix not in loaders:
         raise ParameterError(f"{traj_path}: a trajectory to load must be a {' or '.join(loaders)} file")
     topology = top_path if isinstance(top_path, mdtraj.Topology) else load_topology(top_path)
-    return loaders[suffix](os.fspath(traj_path), top=topology, stride=stride, atom_indices=atom_indices, frame=frame)
+    try:
+        return loaders[suffix](os.fspath(traj_path), top=topology, stride=stride, atom_indices=atom_indices, frame=frame)
+    except ValueError as error:
+        raise ParameterError(f"{traj_path} cannot be read with a topology of {topology.n_atoms} beads: {error}") from None
 
 
 def bead_masses(topology: mdtraj.Topology) -> np.ndarray:

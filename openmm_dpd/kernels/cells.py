@@ -1,9 +1,9 @@
 """Pairs within the cutoff: bin the beads into cells, sort them, and list the pairs column by column.
 
 The order of pairs is a function of the present positions alone.  A *column* is all cells with the same (y, z); it owns the pairs of its
-beads among themselves and with four neighbouring columns.  Columns are coloured so that two columns of one colour never touch the same
-bead: threads can work on the columns of one colour in any order, and the sums and sweeps come out bit for bit the same for any number of
-threads.
+beads among themselves and with four neighbouring columns.  Blocks of columns are coloured so that two blocks of one colour never touch the
+same bead: threads can work on the blocks of one colour in any order, and the sums and sweeps come out bit for bit the same for any number
+of threads.
 """
 
 from __future__ import annotations
@@ -80,22 +80,29 @@ def bin_beads(x, beads, box, origin, periodic, ncell, cell, count, order, xs):
     return -1
 
 
-def colours(ny: int, nz: int) -> tuple[np.ndarray, np.ndarray]:
-    """Columns sorted by colour, and where each colour starts.
+def colours(ny: int, nz: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Columns in blocks, blocks in colours: (columns, first column of each block, first block of each colour).
 
-    Column (y, z) touches y-1..y+1 and z..z+1, so columns of one colour must be 3 apart in y or 2 apart in z, around the periodic box
-    as well: what is left over at the upper end gets colours of its own.
+    Column (y, z) touches y-1..y+1 and z..z+1.  Blocks are at least two columns wide in y and one in z, and there is an even number of them
+    (or one) along either axis, so that neighbouring blocks can alternate between two colours, around the periodic box too, and blocks of one colour
+    never touch the same bead.  Four colours at most: every colour costs the threads a rendezvous.
     """
 
-    def colouring(n: int, period: int) -> np.ndarray:
-        full = n - n % period
-        return np.where(np.arange(n) < full, np.arange(n) % period, period + np.arange(n) - full)
+    def edges(n: int, width: int) -> np.ndarray:
+        count = n // width - (n // width) % 2 if n >= 2 * width else 1
+        return np.array([n * k // count for k in range(count + 1)])
 
-    cy, cz = colouring(ny, 3), colouring(nz, 2)
-    colour = (cz[:, None] * (cy.max() + 1) + cy[None, :]).ravel()
-    columns = np.argsort(colour, kind="stable")
-    starts = np.concatenate([[0], np.cumsum(np.bincount(colour, minlength=colour.max() + 1))])
-    return columns.astype(np.int64), starts.astype(np.int64)
+    y_edges, z_edges = edges(ny, 2), edges(nz, 1)
+    blocks: list[list[list[int]]] = [[], [], [], []]
+    for bz in range(len(z_edges) - 1):
+        for by in range(len(y_edges) - 1):
+            columns = [z * ny + y for z in range(z_edges[bz], z_edges[bz + 1]) for y in range(y_edges[by], y_edges[by + 1])]
+            blocks[2 * (bz % 2) + by % 2].append(columns)
+    ordered = [block for colour in blocks for block in colour]
+    columns = np.array([column for block in ordered for column in block], dtype=np.int64)
+    block_start = np.concatenate([[0], np.cumsum([len(block) for block in ordered])]).astype(np.int64)
+    colour_start = np.concatenate([[0], np.cumsum([len(colour) for colour in blocks if colour])]).astype(np.int64)
+    return columns, block_start, colour_start
 
 
 @njit(inline="always")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import threading
+import time
 from dataclasses import dataclass, field
 
 import numba
@@ -17,6 +18,10 @@ from ..errors import RunError
 from . import cells, forces, sweeps
 from .forces import A, CONSERVATIVE, CUTOFF, DISSIPATIVE, EXPONENT, EXPONENT_PERP, GAMMA, GAMMA_PERP, RANDOM, SIGMA, SIGMA_PERP
 from .noise import call_key
+
+# Threads of GNU OpenMP that spin while they wait stall each other, and OpenMM's own, wherever there are fewer free cores than threads
+# (a step can take ten times as long); the variable is read when the library is loaded, at the first parallel call, and a user's own choice is kept.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 #: Numba's default threading layer must not be entered from two threads at once.
 _PARALLEL_LOCK = threading.Lock()
@@ -143,7 +148,7 @@ class PairList:
             return
         nx, ny, nz = self.shape = shape
         self.count = np.zeros(nx * ny * nz + 1, np.int64)
-        self.columns, self.colour_start = cells.colours(ny, nz)
+        self.columns, self.block_start, self.colour_start = cells.colours(ny, nz)
         self.found = np.zeros(ny * nz, np.int64)
         self.energy, self.virial = np.zeros(ny * nz), np.zeros(ny * nz)
         self.start = np.zeros(ny * nz + 1, np.int64)
@@ -184,7 +189,7 @@ class PairList:
     @property
     def geometry_arguments(self) -> tuple:
         """What the loops over pairs read."""
-        return self.pi, self.pj, self.geometry, self.factors, self.columns, self.colour_start, self.start, self.found
+        return self.pi, self.pj, self.geometry, self.factors, self.columns, self.block_start, self.colour_start, self.start, self.found
 
 
 class PairEngine:
@@ -290,7 +295,7 @@ class PairEngine:
         """Sum over mobile beads of the Laplacian of the conservative energy at the prepared positions."""
         total = 0.0
         for pairs, table in zip(self.lists, self._tables(0.0), strict=True):
-            pi, pj, geometry, factors, columns, _, start, found = pairs.geometry_arguments
+            pi, pj, geometry, factors, columns, _, _, start, found = pairs.geometry_arguments
             total += forces.laplacian(pairs.types, pairs.ntypes, table, pairs.inv_mass, pi, pj, geometry, factors, columns, start, found)
         return total
 
@@ -319,4 +324,33 @@ class PairEngine:
             return (parallel or serial)(*arguments)
 
 
-__all__ = ["CONSERVATIVE", "DISSIPATIVE", "RANDOM", "PairEngine", "PairSpec", "TermTable", "get_threads", "set_threads"]
+def warm_up(spec: PairSpec, log=lambda _: None) -> None:
+    """Compile all the kernels a run of ``spec`` can need (or load them from the cache), saying so if it takes a while.
+
+    Compiled code is kept on disk beside the package, or in the user's cache folder where the package is not writable.
+    """
+    if not spec.terms:
+        return
+    parallel = get_threads() > 1
+    functions = [
+        cells.list_pairs_parallel if parallel else cells.list_pairs,
+        forces.pair_forces_parallel if parallel else forces.pair_forces,
+        sweeps.sweep_parallel if parallel else sweeps.sweep,
+    ]
+    if all(function.signatures for function in functions):
+        return
+    begun = time.perf_counter()
+    n = 30
+    few = PairSpec(np.zeros(n, np.int32), np.ones(n), spec.terms[:1], spec.update)
+    x = np.random.default_rng(0).random((n, 3)) * 4 * spec.terms[0].cutoff.max()
+    engine = PairEngine(few)
+    engine.prepare(x, np.diag([4.0] * 3) * spec.terms[0].cutoff.max())
+    engine.forces(CONSERVATIVE | DISSIPATIVE | RANDOM, np.zeros((n, 3)), 1.0, 1.0, 0, 0)
+    engine.sweep(np.zeros((n, 3)), 1.0, 1.0, 0, 0)
+    engine.laplacian()
+    seconds = time.perf_counter() - begun
+    if seconds > 2.0:
+        log(f"compiled the pair kernel in {seconds:.0f} s (first run only; it is cached)")
+
+
+__all__ = ["CONSERVATIVE", "DISSIPATIVE", "RANDOM", "PairEngine", "PairSpec", "TermTable", "get_threads", "set_threads", "warm_up"]

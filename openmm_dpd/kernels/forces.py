@@ -31,61 +31,62 @@ def power(w, s):
 
 
 def _pair_forces(
-    which, key, rsqrt_dt, order, types, ntypes, coefficients, pi, pj, geometry, factors, columns, colour_start, start, found, v, f, energy, virial
+    which, key, rsqrt_dt, order, types, ntypes, coefficients, pi, pj, geometry, factors, columns, block_start, colour_start, start, found, v, f, energy, virial
 ):
     for colour in range(len(colour_start) - 1):
-        for task in prange(colour_start[colour], colour_start[colour + 1]):
-            column = columns[task]
-            column_energy, column_virial = 0.0, 0.0
-            for n in range(start[column], start[column] + found[column]):
-                i, j = pi[n], pj[n]
-                row = 0 if ntypes == 1 else types[i] * ntypes + types[j]
-                ex, ey, ez, r = geometry[n, 0], geometry[n, 1], geometry[n, 2], geometry[n, 3]
-                factor = factors[n] if len(factors) else 1.0
-                w = 1.0 - r / coefficients[row, CUTOFF]
-                radial = 0.0
-                fx, fy, fz = 0.0, 0.0, 0.0
-                if which & CONSERVATIVE:
-                    radial = factor * coefficients[row, A] * w
-                    column_energy += 0.5 * radial * w * coefficients[row, CUTOFF]
-                if which & DISSIPATIVE:
-                    vx, vy, vz = v[i, 0] - v[j, 0], v[i, 1] - v[j, 1], v[i, 2] - v[j, 2]
-                    ev = ex * vx + ey * vy + ez * vz
-                    wr = power(w, coefficients[row, EXPONENT])
-                    radial -= factor * coefficients[row, GAMMA] * wr * wr * ev
-                    if coefficients[row, GAMMA_PERP] != 0.0:
-                        wp = power(w, coefficients[row, EXPONENT_PERP])
-                        drag = factor * coefficients[row, GAMMA_PERP] * wp * wp
-                        fx -= drag * (vx - ev * ex)
-                        fy -= drag * (vy - ev * ey)
-                        fz -= drag * (vz - ev * ez)
-                if which & RANDOM:
-                    low, high = min(order[i], order[j]), max(order[i], order[j])
-                    pair = pair_key(key, low, high)
-                    scale = np.sqrt(factor) * rsqrt_dt
-                    radial += scale * coefficients[row, SIGMA] * power(w, coefficients[row, EXPONENT]) * normal(pair, 0)
-                    if coefficients[row, SIGMA_PERP] != 0.0:
-                        scale *= coefficients[row, SIGMA_PERP] * power(w, coefficients[row, EXPONENT_PERP])
-                        if order[i] > order[j]:
-                            scale = -scale
-                        zx, zy, zz = normal(pair, 1), normal(pair, 2), normal(pair, 3)
-                        ez_dot = ex * zx + ey * zy + ez * zz
-                        fx += scale * (zx - ez_dot * ex)
-                        fy += scale * (zy - ez_dot * ey)
-                        fz += scale * (zz - ez_dot * ez)
-                # the transverse parts are perpendicular to e and add nothing to r.F
-                column_virial += radial * r
-                fx += radial * ex
-                fy += radial * ey
-                fz += radial * ez
-                f[i, 0] += fx
-                f[i, 1] += fy
-                f[i, 2] += fz
-                f[j, 0] -= fx
-                f[j, 1] -= fy
-                f[j, 2] -= fz
-            energy[column] = column_energy
-            virial[column] = column_virial
+        for block in prange(colour_start[colour], colour_start[colour + 1]):
+            for task in range(block_start[block], block_start[block + 1]):
+                column = columns[task]
+                column_energy, column_virial = 0.0, 0.0
+                for n in range(start[column], start[column] + found[column]):
+                    i, j = pi[n], pj[n]
+                    row = 0 if ntypes == 1 else types[i] * ntypes + types[j]
+                    ex, ey, ez, r = geometry[n, 0], geometry[n, 1], geometry[n, 2], geometry[n, 3]
+                    factor = factors[n] if len(factors) else 1.0
+                    w = 1.0 - r / coefficients[row, CUTOFF]
+                    radial = 0.0
+                    fx, fy, fz = 0.0, 0.0, 0.0
+                    if which & CONSERVATIVE:
+                        radial = factor * coefficients[row, A] * w
+                        column_energy += 0.5 * radial * w * coefficients[row, CUTOFF]
+                    if which & DISSIPATIVE:
+                        vx, vy, vz = v[i, 0] - v[j, 0], v[i, 1] - v[j, 1], v[i, 2] - v[j, 2]
+                        ev = ex * vx + ey * vy + ez * vz
+                        wr = power(w, coefficients[row, EXPONENT])
+                        radial -= factor * coefficients[row, GAMMA] * wr * wr * ev
+                        if coefficients[row, GAMMA_PERP] != 0.0:
+                            wp = power(w, coefficients[row, EXPONENT_PERP])
+                            drag = factor * coefficients[row, GAMMA_PERP] * wp * wp
+                            fx -= drag * (vx - ev * ex)
+                            fy -= drag * (vy - ev * ey)
+                            fz -= drag * (vz - ev * ez)
+                    if which & RANDOM:
+                        low, high = min(order[i], order[j]), max(order[i], order[j])
+                        pair = pair_key(key, low, high)
+                        scale = np.sqrt(factor) * rsqrt_dt
+                        radial += scale * coefficients[row, SIGMA] * power(w, coefficients[row, EXPONENT]) * normal(pair, 0)
+                        if coefficients[row, SIGMA_PERP] != 0.0:
+                            scale *= coefficients[row, SIGMA_PERP] * power(w, coefficients[row, EXPONENT_PERP])
+                            if order[i] > order[j]:
+                                scale = -scale
+                            zx, zy, zz = normal(pair, 1), normal(pair, 2), normal(pair, 3)
+                            ez_dot = ex * zx + ey * zy + ez * zz
+                            fx += scale * (zx - ez_dot * ex)
+                            fy += scale * (zy - ez_dot * ey)
+                            fz += scale * (zz - ez_dot * ez)
+                    # the transverse parts are perpendicular to e and add nothing to r.F
+                    column_virial += radial * r
+                    fx += radial * ex
+                    fy += radial * ey
+                    fz += radial * ez
+                    f[i, 0] += fx
+                    f[i, 1] += fy
+                    f[i, 2] += fz
+                    f[j, 0] -= fx
+                    f[j, 1] -= fy
+                    f[j, 2] -= fz
+                energy[column] = column_energy
+                virial[column] = column_virial
 
 
 pair_forces, pair_forces_parallel = serial_and_parallel(_pair_forces)

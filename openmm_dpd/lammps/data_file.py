@@ -187,9 +187,13 @@ class _Reader:
         for k, (number, words) in enumerate(rows):
             if len(words) not in (size, size + 3):
                 raise self.fail(f"expected {usage}, not {len(words)} words: '{' '.join(words)}'", number)
-            values[k] = self.floats(words[:size], number, usage)
+            try:
+                values[k] = [float(word) for word in words[:size]]
+            except ValueError:
+                raise self.fail(f"expected {usage}, not '{' '.join(words)}'", number) from None
             if len(words) > size:
                 images[k] = self.integers(words[size:], number, "three image flags")
+        self.check_finite(values, rows)
         columns: dict[str, np.ndarray] = {}
         for k, name in enumerate(names):
             if name in ("id", "type", "molecule"):
@@ -199,6 +203,13 @@ class _Reader:
                 columns[name] = values[:, k].copy()
         self.check_atoms(columns, rows, n_types)
         return columns, values[:, size - 3 :].copy(), images
+
+    def check_finite(self, values: np.ndarray, rows: list[Row]) -> None:
+        for columns, what in ((slice(-3, None), "position"), (slice(None), "value")):
+            bad = ~np.isfinite(values[:, columns]).all(axis=1)
+            if bad.any():
+                number, words = rows[int(np.argmax(bad))]
+                raise self.fail(f"atom {words[0]} has a {what} that is not finite: '{' '.join(words)}'", number)
 
     def check_whole(self, values: np.ndarray, whole: np.ndarray, rows: list[Row], what: str) -> None:
         bad = np.flatnonzero(values != whole)

@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable
 from typing import Protocol
 
-from ..errors import ParameterError
+from ..errors import DPDError, ParameterError
 
 #: Group functions: their arguments are names, not formulas.
 GROUP_FUNCTIONS = ("count", "mass", "charge", "xcm", "vcm", "ke", "bound")
@@ -134,7 +134,7 @@ class _Formula:
         except ZeroDivisionError:
             self.fail("division by zero")
         except (ValueError, OverflowError) as error:
-            if isinstance(error, ParameterError):
+            if isinstance(error, DPDError):
                 raise
             self.fail(str(error))
         if self.at < len(self.tokens):
@@ -154,7 +154,8 @@ class _Formula:
 
     def expect(self, operator: str) -> None:
         if self.peek()[1] != operator:
-            self.fail(f"expected {operator!r} instead of {self.peek()[1] or 'its end'!r}")
+            found = repr(self.peek()[1]) if self.peek()[1] else "its end"
+            self.fail(f"expected {operator!r} instead of {found}")
         self.at += 1
 
     # -- grammar -----------------------------------------------------------------------------------------------------------

@@ -79,13 +79,13 @@ def _parameters(words: list[str], path: Path, line: int, keyword: str) -> dict:
             str(path),
             line,
         ) from None
-    if "BITMAP" in found:
-        raise DeckError(f"table {keyword} is stored as BITMAP, which is not supported; store it with R", str(path), line)
     return found
 
 
 def _assemble(rows: list[tuple[int, list[str]]], parameters: dict, path: Path, line: int, keyword: str) -> TableData:
     n = parameters["N"]
+    if "BITMAP" in parameters:
+        raise DeckError(f"table {keyword} is stored as BITMAP, which is not supported; store it with R", str(path), line)
     if len(rows) < n:
         raise DeckError(f"table {keyword} announces {n} rows, but has {len(rows)}", str(path), line)
     values = np.empty((n, 3))

@@ -82,7 +82,7 @@ def pair_coeff(state: DeckState, args: list[str]) -> None:
     first, second = (read.numeric_range(word, state.n_types, "atom type") for word in args[:2])
     # a range is about pairs i <= j; single numbers in the other order mean the same pair
     pairs = [(i, j) for i in first for j in second if i <= j]
-    if not pairs and len(first) == len(second) == 1:
+    if not pairs and "*" not in args[0] + args[1]:
         pairs = [(second[0], first[0])]
     if not pairs:
         raise ParameterError(f"'{args[0]} {args[1]}' names no pair of types with i <= j")

@@ -1,0 +1,179 @@
+"""The picture of a run: temperature, pressure and energies against time, drawn with matplotlib but without its global state."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from .errors import ParameterError
+
+#: Panels from top to bottom: what stands at the axis, and the columns drawn there with their labels, the first one in front.
+PANELS = (
+    ("temperature", {"temp": "kinetic", "temp_conf": "configurational"}),
+    ("pressure", {"press": "as in the thermo output", "press_full": "with friction and noise"}),
+    ("potential energy", {"pe": "potential energy"}),
+    ("total energy", {"etotal": "total energy"}),
+)
+
+#: Colours (dark for means, light for rows), told apart by colour-blind readers too.
+COLOURS = (("#1f5a99", "#a9c6e3"), ("#b3541e", "#efc9ae"))
+
+#: Most rows that are drawn one by one; longer series show every so many.
+MOST_ROWS = 20_000
+
+
+def thermo_picture(
+    path: str | os.PathLike,
+    columns: Mapping[str, Sequence[float] | np.ndarray],
+    *,
+    x: str = "time",
+    runs: Sequence[float] = (),
+    target: float | Sequence[float] | np.ndarray | None = None,
+    labels: Mapping[str, str] | None = None,
+    title: str = "",
+) -> None:
+    """Draw thermo columns against time into a PNG file.
+
+    Rows are light lines, means over a sliding window (a tenth of a run, at least 5 rows) dark ones.  Panels without a column are left
+    out.
+
+    Parameters
+    ----------
+    path : path-like
+        PNG file to write.
+    columns : mapping of str to (n,) array_like
+        Rows of the thermo output by their words; drawn are ``temp``, ``temp_conf``, ``press``, ``press_full``, ``pe`` and ``etotal``.  A
+        NaN is a gap.
+    x : str, default "time"
+        Column to draw against.
+    runs : sequence of float
+        Values of x at which a new run begins; a thin line marks each, and means do not reach over it.
+    target : float or (n,) array_like, optional
+        Temperature that the thermostat is set to, one number or one per row.
+    labels : mapping of str to str, optional
+        Units, by panel (``temperature``, ``pressure``, ``potential energy``, ``total energy``) and for the column ``x``: put in
+        brackets behind the name.
+    title : str
+        A line above.
+
+    Raises
+    ------
+    ParameterError
+        If there is nothing to draw, or the columns differ in length.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    data = {word: np.asarray(values, dtype=np.float64) for word, values in columns.items()}
+    _check(data, x)
+    labels = labels or {}
+    panels = [(name, [word for word in words if word in data], words) for name, words in PANELS]
+    panels = [panel for panel in panels if panel[1]]
+    if not panels:
+        raise ParameterError(f"nothing to draw: none of {', '.join(word for _, words in PANELS for word in words)} is among the columns")
+    spans = _spans(data[x], np.asarray(runs, dtype=np.float64))
+    figure = Figure(figsize=(8.0, 0.9 + 1.9 * len(panels)), dpi=150, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+    for axis, (name, words, texts) in zip(axes, panels, strict=True):
+        for number, word in enumerate(words):
+            # the first column in front
+            _draw(axis, data[x], data[word], spans, texts[word], COLOURS[number], depth=3 - number)
+        if name == "temperature" and target is not None:
+            level = np.broadcast_to(np.asarray(target, dtype=np.float64), data[x].shape)
+            axis.plot(data[x], level, color="black", linewidth=1.2, linestyle=(0, (5, 3)), label="set", zorder=3.9)
+        for start in runs:
+            axis.axvline(start, color="0.6", linewidth=0.8, linestyle=":", zorder=0)
+        _finish(axis, _with_unit(name, labels, "\n"), len(words) > 1 or (name == "temperature" and target is not None))
+    figure.align_ylabels(axes)
+    axes[-1].set_xlabel(_with_unit(x, labels), fontsize=11)
+    if title:
+        figure.suptitle(title, fontsize=12)
+    figure.savefig(path, format="png")
+
+
+def _check(data: Mapping[str, np.ndarray], x: str) -> None:
+    if x not in data:
+        raise ParameterError(f"there is no column {x!r} to draw against; there are {', '.join(data) or 'none'}")
+    rows = data[x].shape
+    if len(rows) != 1 or rows[0] == 0:
+        raise ParameterError(f"there are no rows to draw: the column {x!r} has the shape {rows}")
+    for word, values in data.items():
+        if values.shape != rows:
+            raise ParameterError(f"the column {word!r} has the shape {values.shape}, but {x!r} has {rows}")
+
+
+def _spans(x: np.ndarray, runs: np.ndarray) -> list[slice]:
+    """Rows of each run.
+
+    A row at the very x where a run begins is taken to be the new run's first unless an equal x follows: the last row of one run and the
+    first row of the next show the same step.
+    """
+    edges = [0]
+    for start in np.sort(runs):
+        first, behind = np.searchsorted(x, start, side="left"), np.searchsorted(x, start, side="right")
+        edge = int(first + 1 if behind - first > 1 else first)
+        if edges[-1] < edge < len(x):
+            edges.append(edge)
+    return [slice(start, stop) for start, stop in zip(edges, [*edges[1:], len(x)], strict=True)]
+
+
+def _sliding_mean(values: np.ndarray, window: int) -> np.ndarray:
+    """Centred mean over ``window`` rows, over down to a quarter of them towards the ends, NaN beyond; NaN rows do not count."""
+    good = np.isfinite(values)
+    total = np.concatenate([[0.0], np.cumsum(np.where(good, values, 0.0))])
+    count = np.concatenate([[0], np.cumsum(good)])
+    row = np.arange(len(values))
+    # the same number of rows on both sides, so that the decay from the start is not bent
+    half = np.minimum(np.minimum(row, row[::-1]), window // 2)
+    low, high = row - half, row + half + 1
+    rows = count[high] - count[low]
+    enough = (rows > 0) & (half >= window // 8)
+    return np.divide(total[high] - total[low], rows, out=np.full(len(values), np.nan), where=enough)
+
+
+def _draw(axis: Any, x: np.ndarray, values: np.ndarray, spans: list[slice], label: str, colours: tuple[str, str], depth: int) -> None:
+    """One column: rows light, sliding means dark; few rows are dots."""
+    dark, light = colours
+    for number, span in enumerate(spans):
+        rows = span.stop - span.start
+        step = max(1, rows // MOST_ROWS)
+        few = rows <= 60
+        axis.plot(
+            x[span][::step], values[span][::step], color=light, linewidth=0.9, marker="o" if few else None, markersize=3.5, zorder=depth
+        )
+        mean = _sliding_mean(values[span], max(5, rows // 10))
+        axis.plot(x[span][::step], mean[::step], color=dark, linewidth=1.7, label=label if number == 0 else None, zorder=depth + 3)
+
+
+def _finish(axis: Any, name: str, legend: bool) -> None:
+    axis.set_ylabel(name, fontsize=11)
+    axis.tick_params(labelsize=10)
+    axis.grid(color="0.92", linewidth=0.7)
+    axis.set_axisbelow(True)
+    axis.margins(x=0.01, y=0.12)
+    # an offset such as "+1.234e5" above an axis is overlooked
+    axis.ticklabel_format(axis="y", useOffset=False)
+    for side in ("top", "right"):
+        axis.spines[side].set_visible(False)
+    if legend:
+        handles, texts = axis.get_legend_handles_labels()
+        order = sorted(range(len(texts)), key=lambda k: -handles[k].get_zorder())
+        # above the panel, where it covers nothing
+        axis.legend(
+            [handles[k] for k in order],
+            [texts[k] for k in order],
+            loc="lower right",
+            bbox_to_anchor=(1.0, 0.98),
+            ncols=len(order),
+            fontsize=9.5,
+            frameon=False,
+            borderaxespad=0.0,
+        )
+
+
+def _with_unit(name: str, labels: Mapping[str, str], separator: str = " ") -> str:
+    return f"{name}{separator}[{labels[name]}]" if labels.get(name) else name
