@@ -42,6 +42,7 @@ class Sample:
     force_norm, force_max : length of the vector of all conservative forces, and its largest component
     laplacian : sum over mobile beads of the Laplacian of the potential energy, or None (see ``no_laplacian``)
     momentum : (3,) total momentum
+    target_kT : thermal energy the thermostat is set to
     """
 
     step: int
@@ -61,6 +62,7 @@ class Sample:
     force_max: float
     laplacian: float | None
     momentum: np.ndarray
+    target_kT: float
 
     @property
     def potential(self) -> float:
@@ -143,6 +145,7 @@ class Observer:
             force_max=float(np.abs(force).max(initial=0.0)),
             laplacian=None if self.no_laplacian or self._engine is None else self._engine.laplacian() + bond_laplacian,
             momentum=np.sum(mass * v[mobile], axis=0),
+            target_kT=noise_state(context, plan)[0],
         )
 
     def _pair_virials(self, context, x, v, box) -> tuple[float, float, float]:

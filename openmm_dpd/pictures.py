@@ -50,7 +50,8 @@ def thermo_picture(
     x : str, default "time"
         Column to draw against.
     runs : sequence of float
-        Values of x at which a new run begins; a thin line marks each, and means do not reach over it.
+        Values of x at which a new run begins; a thin line marks each, and means do not reach over it.  With several runs, x must not
+        go back.
     target : float or (n,) array_like, optional
         Temperature that the thermostat is set to, one number or one per row.
     labels : mapping of str to str, optional
@@ -62,32 +63,33 @@ def thermo_picture(
     Raises
     ------
     ParameterError
-        If there is nothing to draw, or the columns differ in length.
+        If there is nothing to draw, the columns differ in length, or x goes back although there are several runs.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     data = {word: np.asarray(values, dtype=np.float64) for word, values in columns.items()}
     _check(data, x)
-    labels = labels or {}
-    panels = [(name, [word for word in words if word in data], words) for name, words in PANELS]
-    panels = [panel for panel in panels if panel[1]]
+    panels = [(name, {word: label for word, label in words.items() if word in data}) for name, words in PANELS]
+    panels = [(name, words) for name, words in panels if words]
     if not panels:
         raise ParameterError(f"nothing to draw: none of {', '.join(word for _, words in PANELS for word in words)} is among the columns")
-    spans = _spans(data[x], np.asarray(runs, dtype=np.float64))
+    level = _level(target, len(data[x]))
+    labels = labels or {}
+    spans = _spans(data[x], runs)
     figure = Figure(figsize=(8.0, 0.9 + 1.9 * len(panels)), dpi=150, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
-    for axis, (name, words, texts) in zip(axes, panels, strict=True):
-        for number, word in enumerate(words):
+    for axis, (name, words) in zip(axes, panels, strict=True):
+        for number, (word, label) in enumerate(words.items()):
             # the first column in front
-            _draw(axis, data[x], data[word], spans, texts[word], COLOURS[number], depth=3 - number)
-        if name == "temperature" and target is not None:
-            level = np.broadcast_to(np.asarray(target, dtype=np.float64), data[x].shape)
+            _draw(axis, data[x], data[word], spans, label, COLOURS[number], depth=3 - number)
+        set_level = name == "temperature" and level is not None
+        if set_level:
             axis.plot(data[x], level, color="black", linewidth=1.2, linestyle=(0, (5, 3)), label="set", zorder=3.9)
         for start in runs:
             axis.axvline(start, color="0.6", linewidth=0.8, linestyle=":", zorder=0)
-        _finish(axis, _with_unit(name, labels, "\n"), len(words) > 1 or (name == "temperature" and target is not None))
+        _finish(axis, _with_unit(name, labels, "\n"), legend=len(words) > 1 or set_level)
     figure.align_ylabels(axes)
     axes[-1].set_xlabel(_with_unit(x, labels), fontsize=11)
     if title:
@@ -106,16 +108,31 @@ def _check(data: Mapping[str, np.ndarray], x: str) -> None:
             raise ParameterError(f"the column {word!r} has the shape {values.shape}, but {x!r} has {rows}")
 
 
-def _spans(x: np.ndarray, runs: np.ndarray) -> list[slice]:
+def _level(target: float | Sequence[float] | np.ndarray | None, rows: int) -> np.ndarray | None:
+    """Target temperature of each row."""
+    if target is None:
+        return None
+    level = np.asarray(target, dtype=np.float64)
+    if level.shape not in ((), (rows,)):
+        raise ParameterError(f"target has the shape {level.shape}; it must be one number or one for each of the {rows} rows")
+    return np.broadcast_to(level, (rows,))
+
+
+def _spans(x: np.ndarray, runs: Sequence[float]) -> list[slice]:
     """Rows of each run.
 
-    A row at the very x where a run begins is taken to be the new run's first unless an equal x follows: the last row of one run and the
-    first row of the next show the same step.
+    The last row of one run and the first row of the next may both stand at the x where the next begins; a single row there is the next
+    run's first.
     """
+    if len(runs) and np.any(np.diff(x) < 0):
+        row = int(np.argmax(np.diff(x) < 0)) + 1
+        raise ParameterError(
+            f"several runs cannot be drawn against a column that goes back (from {x[row - 1]:g} to {x[row]:g} in row {row})"
+        )
     edges = [0]
-    for start in np.sort(runs):
-        first, behind = np.searchsorted(x, start, side="left"), np.searchsorted(x, start, side="right")
-        edge = int(first + 1 if behind - first > 1 else first)
+    for start in sorted(runs):
+        first, behind = int(np.searchsorted(x, start, side="left")), int(np.searchsorted(x, start, side="right"))
+        edge = first + 1 if behind - first > 1 else first
         if edges[-1] < edge < len(x):
             edges.append(edge)
     return [slice(start, stop) for start, stop in zip(edges, [*edges[1:], len(x)], strict=True)]

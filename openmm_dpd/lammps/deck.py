@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from ..errors import DeckError, DPDError, ParameterError
+from ..errors import DeckError, ParameterError
 from . import arguments as read
 from .commands import beads, box, fixes, output, pairs, setup, velocity
 from .commands.setup import Handler
@@ -65,10 +65,6 @@ def execute(state: DeckState, line: Line) -> None:
             raise DeckError(error.message, line.file, line.number) from None
         raise
     except ParameterError as error:
-        raise DeckError(str(error), line.file, line.number) from None
-    except DPDError:
-        raise  # from the simulation: has nothing to do with this line's text
-    except ValueError as error:
         raise DeckError(str(error), line.file, line.number) from None
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from ..errors import DeckError
+from ..errors import DeckError, ParameterError
 
 TRIPLE = '"""'
 
@@ -60,7 +60,7 @@ def logical_lines(text: str, file: str) -> Iterator[Line]:
             joined = joined.rstrip()[:-1]
         try:
             content = strip_comment(joined).strip()
-        except ValueError as error:
+        except ParameterError as error:
             raise DeckError(str(error), file, number) from None
         if content:
             yield Line(content, file, number)
@@ -71,12 +71,12 @@ def _quote_end(text: str, start: int) -> int:
     mark = TRIPLE if text.startswith(TRIPLE, start) else text[start]
     end = text.find(mark, start + len(mark))
     if end < 0:
-        raise ValueError(f"unbalanced quotes: {mark} is never closed")
+        raise ParameterError(f"unbalanced quotes: {mark} is never closed")
     return end + len(mark)
 
 
 def strip_comment(text: str) -> str:
-    """Text up to the first ``#`` outside quotes; ValueError if a quote before it is not closed."""
+    """Text up to the first ``#`` outside quotes; ParameterError if a quote before it is not closed."""
     index = 0
     while index < len(text):
         if text[index] == "#":
@@ -86,7 +86,7 @@ def strip_comment(text: str) -> str:
 
 
 def split_words(text: str) -> list[str]:
-    """Words of a line: separated by blanks, or quoted (the outermost quotes are removed); ValueError if a quote is not closed."""
+    """Words of a line: separated by blanks, or quoted (the outermost quotes are removed); ParameterError if a quote is not closed."""
     words: list[str] = []
     index = 0
     while index < len(text):
@@ -120,7 +120,7 @@ def substitute(text: str, variable: Callable[[str], str], formula: Callable[[str
 
     Raises
     ------
-    ValueError
+    ParameterError
         If a brace or parenthesis is not closed, or what ``variable`` and ``formula`` raise.
     """
     out: list[str] = []
@@ -146,7 +146,7 @@ def _substitution(text: str, start: int, variable: Callable[[str], str], formula
     if following == "{":
         end = text.find("}", start)
         if end < 0:
-            raise ValueError("'${' is never closed")
+            raise ParameterError("'${' is never closed")
         return variable(text[start + 2 : end]), end + 1
     if following == "(":
         end = _closing_parenthesis(text, start + 1)
@@ -154,12 +154,13 @@ def _substitution(text: str, start: int, variable: Callable[[str], str], formula
         body, colon, form = content.rpartition(":%")
         if not colon:
             return f"{formula(content):.20g}", end
+        value = formula(body)
         try:
-            return ("%" + form) % formula(body), end
-        except (TypeError, KeyError) as error:
-            raise ValueError(f"bad format '%{form}' in '$({content})': {error}") from None
+            return ("%" + form) % value, end
+        except (TypeError, KeyError, ValueError) as error:
+            raise ParameterError(f"bad format '%{form}' in '$({content})': {error}") from None
     if not following or not (following.isalnum() or following == "_"):
-        raise ValueError("'$' must be followed by the name of a variable, '{name}' or '(formula)'")
+        raise ParameterError("'$' must be followed by the name of a variable, '{name}' or '(formula)'")
     return variable(following), start + 2
 
 
@@ -170,4 +171,4 @@ def _closing_parenthesis(text: str, start: int) -> int:
         depth += {"(": 1, ")": -1}.get(text[index], 0)
         if depth == 0:
             return index + 1
-    raise ValueError("'$(' is never closed")
+    raise ParameterError("'$(' is never closed")

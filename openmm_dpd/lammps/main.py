@@ -16,6 +16,14 @@ from .request import RunRequest
 from .run import DeckRunner, RunOptions, RunResult, build_request, results_json
 
 
+#: Units in the labels of the picture.
+PICTURE_UNITS = {
+    "lj": {},
+    "real": {"time": "fs", "temperature": "K", "pressure": "atm", "potential energy": "kcal/mol", "total energy": "kcal/mol"},
+    "metal": {"time": "ps", "temperature": "K", "pressure": "bar", "potential energy": "eV", "total energy": "eV"},
+}
+
+
 def run_deck(
     path: str | Path,
     options: RunOptions | None = None,
@@ -112,8 +120,9 @@ def explain_deck(path: str | Path, options: RunOptions | None = None, *, variabl
 def _picture(path: Path, results: list[RunResult]) -> None:
     """Temperature, pressure and energy against time, over all runs."""
     state = results[-1].request.state
-    columns: dict[str, list[float]] = {name: [] for name in ("time", "temp", "press", "pe")}
-    boundaries = []
+    drawn = ("temp", "press", "pe", "etotal")
+    columns: dict[str, list[float]] = {name: [] for name in ("time", *drawn)}
+    boundaries, target = [], []
     elapsed = 0.0
     for result in results:
         request = result.request
@@ -122,6 +131,7 @@ def _picture(path: Path, results: list[RunResult]) -> None:
         elapsed = times[-1]
         boundaries.append(elapsed)
         columns["time"] += times
-        for name in ("temp", "press", "pe"):
+        for name in drawn:
             columns[name] += result.rows[name]
-    thermo_picture(path, {name: np.array(values) for name, values in columns.items()}, x="time", runs=boundaries[:-1])
+        target += [kT / state.units.thermal_energy for kT in result.target_kT]
+    thermo_picture(path, columns, runs=boundaries[:-1], target=target, labels=PICTURE_UNITS[state.units.name], title=state.path.name)

@@ -100,6 +100,8 @@ class RunResult:
         Numerator and denominator of the configurational temperature at each row.
     no_laplacian : str or None
         Why there is no configurational temperature.
+    target_kT : list of float
+        Thermal energy (kJ/mol) that the thermostat is set to at each row.
     momentum : float
         Largest component of the total momentum at the end, in the deck's units.
     """
@@ -114,6 +116,7 @@ class RunResult:
     rows: dict[str, list[float]] = field(default_factory=dict)
     conf: list[tuple[float, float]] = field(default_factory=list)
     no_laplacian: str | None = None
+    target_kT: list[float] = field(default_factory=list)
     momentum: float = 0.0
 
     def add(self, step: int, values: dict[str, float], measured: Measurement) -> None:
@@ -121,6 +124,7 @@ class RunResult:
         self.steps_done.append(step)
         for word, value in values.items():
             self.rows.setdefault(word, []).append(value)
+        self.target_kT.append(measured.target_kT)
         if measured.laplacian is not None:
             self.conf.append((measured.gradient2, measured.laplacian))
 
