@@ -50,13 +50,11 @@ def thermo_picture(
     x : str, default "time"
         Column to draw against.
     runs : sequence of float
-        Values of x at which a new run begins; a thin line marks each, and means do not reach over it.  With several runs, x must not
-        go back.
+        Values of x at which a new run begins; a thin line marks each, and means do not reach over it.  x must not go back then.
     target : float or (n,) array_like, optional
         Temperature that the thermostat is set to, one number or one per row.
     labels : mapping of str to str, optional
-        Units, by panel (``temperature``, ``pressure``, ``potential energy``, ``total energy``) and for the column ``x``: put in
-        brackets behind the name.
+        Units, put in brackets: for each panel (``temperature``, ``pressure``, ``potential energy``, ``total energy``) and the column x.
     title : str
         A line above.
 
@@ -70,10 +68,7 @@ def thermo_picture(
 
     data = {word: np.asarray(values, dtype=np.float64) for word, values in columns.items()}
     _check(data, x)
-    panels = [(name, {word: label for word, label in words.items() if word in data}) for name, words in PANELS]
-    panels = [(name, words) for name, words in panels if words]
-    if not panels:
-        raise ParameterError(f"nothing to draw: none of {', '.join(word for _, words in PANELS for word in words)} is among the columns")
+    panels = _panels(data)
     level = _level(target, len(data[x]))
     labels = labels or {}
     spans = _spans(data[x], runs)
@@ -106,6 +101,14 @@ def _check(data: Mapping[str, np.ndarray], x: str) -> None:
     for word, values in data.items():
         if values.shape != rows:
             raise ParameterError(f"the column {word!r} has the shape {values.shape}, but {x!r} has {rows}")
+
+
+def _panels(data: Mapping[str, np.ndarray]) -> list[tuple[str, dict[str, str]]]:
+    """Panels with at least one column, and those columns with their labels."""
+    panels = [(name, {word: label for word, label in words.items() if word in data}) for name, words in PANELS]
+    if not any(words for _, words in panels):
+        raise ParameterError(f"nothing to draw: none of {', '.join(word for _, words in PANELS for word in words)} is among the columns")
+    return [(name, words) for name, words in panels if words]
 
 
 def _level(target: float | Sequence[float] | np.ndarray | None, rows: int) -> np.ndarray | None:

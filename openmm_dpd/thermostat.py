@@ -89,7 +89,7 @@ def add_thermostat(
         raise ParameterError(f"dt must be a single time > 0, not {dt!r}")
     _check_system(system)
     ramp = temperature if isinstance(temperature, TemperatureRamp) else None
-    kT = ramp.start if ramp else thermal_energy(temperature if unit.is_quantity(temperature) else temperature * unit.kelvin, "temperature")
+    kT = ramp.at(0) if ramp else thermal_energy(temperature if unit.is_quantity(temperature) else temperature * unit.kelvin, "temperature")
     masses = np.array([m.value_in_unit(unit.dalton) for m in map(system.getParticleMass, range(system.getNumParticles()))])
     names, table, numbers = _types(friction, types, masses)
     for key, coefficient in table.items():

@@ -264,8 +264,6 @@ class DeckRunner:
         assert measured is not None
         result.momentum = float(np.abs(measured.momentum).max()) / request.state.units.mass / request.state.units.velocity
         x, v, _, box = _arrays(context)
-        for dump in dumps:
-            dump.close() if dump.style == "dcd" else None
         request.finish(x, v, box=box, sample=sample)
 
     def _write_frames(self, request: RunRequest, context: openmm.Context, step: int) -> None:

@@ -40,6 +40,10 @@ class TemperatureRamp:
         if self.end <= self.begin:
             raise ParameterError(f"a temperature ramp must end after it begins; got begin = {self.begin}, end = {self.end}")
 
+    def at(self, step: int) -> float:
+        """Thermal energy (kJ/mol) at a step."""
+        return self.start + (self.stop - self.start) * min(1.0, max(0.0, (step - self.begin) / (self.end - self.begin)))
+
 
 def thermal_energy(value, name: str = "kT") -> float:
     """KT in kJ/mol from an energy (bare numbers: kJ/mol) or from a temperature given as a Quantity."""
@@ -181,7 +185,7 @@ class Scene:
     @property
     def initial_kT(self) -> float:
         """Thermal energy (kJ/mol) at the first step."""
-        return self.kT.start if isinstance(self.kT, TemperatureRamp) else self.kT
+        return self.kT.at(0) if isinstance(self.kT, TemperatureRamp) else self.kT
 
     @property
     def bond_pairs(self) -> np.ndarray:
@@ -253,7 +257,7 @@ class Scene:
             tables = (tables,)
         tables = tuple(table if isinstance(table, PairTable) else PairTable(table) for table in tables)
         require_complete(list(tables), self.type_names)
-        temperatures = [self.initial_kT] + ([self.kT.stop] if isinstance(self.kT, TemperatureRamp) else [])
+        temperatures = [self.kT.start, self.kT.stop] if isinstance(self.kT, TemperatureRamp) else [self.initial_kT]
         for table in tables:
             for key, coefficient in table.entries.items():
                 if isinstance(coefficient, DPD):

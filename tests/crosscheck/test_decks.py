@@ -1,0 +1,72 @@
+"""The example decks, run unchanged, against LAMMPS run on the same decks (lammps_reference.json, made by make_lammps_reference.py)."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from openmm_dpd.lammps.main import run_deck
+from openmm_dpd.lammps.run import RunOptions
+
+HERE = Path(__file__).parent
+DECKS = HERE.parents[1] / "examples" / "decks"
+REFERENCE = json.loads((HERE / "lammps_reference.json").read_text())["decks"]
+
+# deck -> steps of the production run, long enough for standard errors of 0.3 % (temperature) and 0.2 % (energy)
+PRODUCTION = {
+    "in.dpd": 120_000,
+    "in.dpd_overlap": 120_000,
+    "in.dpdext": 30_000,
+    "in.dpd_tstat": 6_000,
+    "in.dpdext_tstat": 4_000,
+    "in.dpd-vv": 60_000,
+    "in.dpd-shardlow": 50_000,
+    "in.bonded": 20_000,
+    "in.triclinic": 20_000,
+}
+
+#: First rows do not depend on velocities or noise where positions come from a data file.
+FIXED_POSITIONS = ("in.dpd-vv", "in.dpd-shardlow", "in.dpdext_tstat", "in.bonded", "in.ramp", "in.triclinic")
+
+
+@pytest.mark.parametrize("deck", FIXED_POSITIONS)
+def test_first_row(deck):
+    """Potential energy of the first configuration to the digits of the platform: exact pair terms, LAMMPS's constants."""
+    report = run_deck(DECKS / deck, RunOptions(platform="Reference", steps=0, threads=1))
+    mine, theirs = report["runs"][0]["thermo"]["pe"]["first"], REFERENCE[deck]["first"]["pe_per_bead"]
+    if report["units"] != "lj":
+        mine /= report["natoms"]
+    # tables are splines here and there, through the same points but not the same spline
+    assert mine == pytest.approx(theirs, rel=1e-6 if deck == "in.dpdext_tstat" else 1e-11)
+
+
+def test_first_row_shardlow_pressure():
+    """Fix shardlow keeps noise out of the pressure, so the first row's is deterministic."""
+    report = run_deck(DECKS / "in.dpd-shardlow", RunOptions(platform="Reference", steps=0, threads=1))
+    first = REFERENCE["in.dpd-shardlow"]["first"]
+    for word in ("press", "temp", "ke"):
+        assert report["runs"][0]["thermo"][word]["first"] == pytest.approx(first[word], rel=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("deck", PRODUCTION)
+def test_averages(deck):
+    """Averages of T, P and PE per bead within 4 combined standard errors of LAMMPS's."""
+    reference = REFERENCE[deck]["production"]
+    report = run_deck(
+        DECKS / deck,
+        RunOptions(platform="CPU", discard=reference["discard"], seed=20),
+        variables={"nrun": str(PRODUCTION[deck]), "every": "10"},
+    )
+    thermo = report["thermo"]
+    z = {}
+    for word in ("temp", "press", "pe"):
+        theirs = reference["quantities"][word]
+        z[word] = (thermo[word]["mean"] - theirs["mean"]) / np.hypot(thermo[word]["sem"], theirs["sem"])
+    print(deck, {word: (thermo[word]["mean"], thermo[word]["sem"], round(z[word], 2)) for word in z})
+    assert thermo["temp"]["sem"] < 0.003 * thermo["temp"]["mean"]
+    assert thermo["pe"]["sem"] < 0.002 * abs(thermo["pe"]["mean"])
+    assert max(map(abs, z.values())) < 4, z

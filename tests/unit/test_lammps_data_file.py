@@ -1,0 +1,240 @@
+"""Data files: reading, wrapping, coefficients, writing and reading back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from openmm_dpd.errors import DeckError
+from openmm_dpd.lammps import read_deck
+from openmm_dpd.lammps.box import Box
+from openmm_dpd.lammps.data_file import ATOM_STYLES, read_data_file
+
+HEADER = """a title that could be anything: 5 atoms
+
+3 atoms
+2 atom types
+
+-1 3 xlo xhi
+0.0 5e0 ylo yhi
+2 6 zlo zhi
+"""
+
+ATOMS = {
+    "atomic": ["7 2 0 1 3", "2 1 1 2 4", "5 1 2 3 5"],
+    "charge": ["7 2 -0.5 0 1 3", "2 1 0.5 1 2 4", "5 1 0 2 3 5"],
+    "bond": ["7 9 2 0 1 3", "2 8 1 1 2 4", "5 8 1 2 3 5"],
+    "molecular": ["7 9 2 0 1 3", "2 8 1 1 2 4", "5 8 1 2 3 5"],
+    "full": ["7 9 2 -0.5 0 1 3", "2 8 1 0.5 1 2 4", "5 8 1 0 2 3 5"],
+    "dpd": ["7 2 310 0 1 3", "2 1 300 1 2 4", "5 1 290 2 3 5"],
+    "mdpd": ["7 2 3.1 0 1 3", "2 1 3.0 1 2 4", "5 1 2.9 2 3 5"],
+    "edpd": ["7 2 1.0 1e5 0 1 3", "2 1 1.1 1e5 1 2 4", "5 1 1.0 1e5 2 3 5"],
+}
+
+
+def write(folder, text: str):
+    path = folder / "data"
+    path.write_text(text)
+    return path
+
+
+def deck(folder, text: str, **options):
+    path = folder / "in.deck"
+    path.write_text(text)
+    return read_deck(path, stop_before_first_run=True, output=folder, **options)
+
+
+@pytest.mark.parametrize("style", ATOM_STYLES)
+@pytest.mark.parametrize("hint", [True, False])
+def test_every_atom_style_with_and_without_a_hint(tmp_path, style, hint):
+    section = f"Atoms # {style}" if hint else "Atoms"
+    write(tmp_path, HEADER + f"\n{section}\n\n" + "\n".join(ATOMS[style]) + "\n")
+    state = deck(tmp_path, f"atom_style {style}\nread_data data")
+    atoms = state.atoms
+    assert atoms.ids.tolist() == [2, 5, 7]
+    assert atoms.types.tolist() == [1, 1, 2]
+    np.testing.assert_allclose(atoms.positions, [[1, 2, 4], [2, 3, 5], [0, 1, 3]])
+    assert atoms.molecules.tolist() == ([8, 8, 9] if style in ("bond", "molecular", "full") else [0, 0, 0])
+    assert atoms.charges.tolist() == ([0.5, 0, -0.5] if style in ("charge", "full") else [0, 0, 0])
+    assert atoms.thetas.tolist() == ([300, 290, 310] if style == "dpd" else [0, 0, 0])
+
+
+def test_units_are_converted(tmp_path):
+    write(
+        tmp_path,
+        HEADER
+        + "\nMasses\n\n1 18\n2 3 # comment\n\nAtoms\n\n"
+        + "\n".join(ATOMS["atomic"])
+        + "\n\nVelocities\n\n7 1 0 0\n2 0 2 0\n5 0 0 3\n",
+    )
+    state = deck(tmp_path, "units real\nread_data data")
+    np.testing.assert_allclose(state.box.edges, [0.4, 0.5, 0.4])
+    np.testing.assert_allclose(state.atoms.positions[0], [0.1, 0.2, 0.4])
+    np.testing.assert_allclose(state.atoms.velocities, 100 * np.array([[0, 2, 0], [0, 0, 3], [1, 0, 0]]))
+    assert state.masses == {1: 18.0, 2: 3.0}
+
+
+def test_beads_outside_are_wrapped_and_their_flags_kept(tmp_path):
+    write(tmp_path, HEADER + "\nAtoms\n\n1 1 -1 5 2 0 0 0\n2 1 3.5 1 -7 1 -2 3\n3 2 2.9 -0.1 30 0 0 0\n")
+    state = deck(tmp_path, "read_data data")
+    np.testing.assert_allclose(state.atoms.positions, [[-1, 0, 2], [-0.5, 1, 5], [2.9, 4.9, 2]])
+    assert state.atoms.images.tolist() == [[0, 1, 0], [2, -2, 0], [0, -1, 7]]
+
+
+def test_wrapping_in_a_tilted_box():
+    box = Box(np.array([-1.0, 2.0, 0.0]), np.array([5.0, 4.0, 6.0]), np.array([1.5, -2.0, 1.0]), True)
+    rng = np.random.default_rng(1)
+    inside = rng.random((200, 3)) @ box.vectors + box.low
+    flags = rng.integers(-4, 5, (200, 3))
+    wrapped, shifts = box.wrap(inside + flags @ box.vectors)
+    np.testing.assert_allclose(wrapped, inside, atol=1e-12)
+    assert np.array_equal(shifts, flags)
+    np.testing.assert_allclose(box.unwrap(wrapped, shifts), inside + flags @ box.vectors, atol=1e-12)
+
+
+def test_a_bead_just_below_a_face_does_not_end_up_outside():
+    box = Box(np.zeros(3), np.ones(3), np.zeros(3))
+    wrapped, shifts = box.wrap(np.array([[-1e-18, 0.5, 0.5]]))
+    assert 0 <= wrapped[0, 0] < 1
+    np.testing.assert_allclose(box.unwrap(wrapped, shifts), [[0, 0.5, 0.5]], atol=1e-15)
+
+
+@pytest.mark.parametrize("tilt", [[3.0, 0, 0], [0, 2.6, 0], [2.4, -3.7, 5.2]])
+def test_reduced_vectors_span_the_same_lattice(tilt):
+    box = Box(np.zeros(3), np.array([5.0, 4.0, 6.0]), np.array(tilt), True)
+    reduced = box.reduced_vectors
+    change = reduced @ np.linalg.inv(box.vectors)
+    np.testing.assert_allclose(change, np.round(change), atol=1e-12)
+    assert np.linalg.det(reduced) == pytest.approx(box.volume)
+    assert abs(reduced[1, 0]) <= 2.5 + 1e-12 and abs(reduced[2, 0]) <= 2.5 + 1e-12 and abs(reduced[2, 1]) <= 2 + 1e-12
+
+
+def test_coefficients_and_bonds_from_the_file(tmp_path):
+    write(
+        tmp_path,
+        HEADER.replace("2 atom types", "2 atom types\n2 bonds\n1 bond types\n1 extra bond per atom")
+        + "\nPairIJ Coeffs # dpd\n\n1 1 25 4.5 1.0\n1 2 30 4.5 0.9\n2 2 20 9 1.1\n\nBond Coeffs\n\n1 50 0.8\n\nMasses\n\n1 1\n2 1\n"
+        + "\nAtoms\n\n"
+        + "\n".join(ATOMS["bond"])
+        + "\n\nBonds\n\n1 1 7 2\n2 1 2 5\n",
+    )
+    state = deck(
+        tmp_path, "atom_style bond\nbond_style harmonic\npair_style dpd 1 1 1\nread_data data\nspecial_bonds lj 0.5 1 1\nfix 1 all nve"
+    )
+    scene = state.first_run.scene()
+    entries = scene.pairs[0].resolve(["1", "2"])
+    assert {key: (term.A, term.gamma, term.cutoff) for key, term in entries.items()} == {
+        ("1", "1"): (25, 4.5, 1.0),
+        ("1", "2"): (30, 4.5, 0.9),
+        ("2", "2"): (20, 9, 1.1),
+    }
+    (bonds,) = scene.bonds
+    assert bonds.pairs.tolist() == [[2, 0], [0, 1]]  # indices in the order of the ids
+    assert bonds.k.tolist() == [50, 50] and bonds.r0.tolist() == [0.8, 0.8]
+    assert scene.special == (0.5, 1, 1)
+
+
+def test_nocoeff_leaves_coefficients_out(tmp_path):
+    write(tmp_path, HEADER + "\nPair Coeffs\n\n1 25 4.5\n2 25 4.5\n\nAtoms\n\n" + "\n".join(ATOMS["atomic"]) + "\n")
+    state = deck(tmp_path, "pair_style dpd 1 1 1\nread_data data nocoeff extra/atom/types 1")
+    assert not state.pair.styles[0].coefficients
+    assert state.n_types == 3
+
+
+@pytest.mark.parametrize(("units", "style"), [("lj", "bond"), ("real", "full"), ("metal", "dpd")])
+@pytest.mark.parametrize("tilted", [False, True])
+def test_written_files_read_back_the_same(tmp_path, units, style, tilted):
+    rng = np.random.default_rng(3)
+    box = "prism -1 9 0 8 2 11 1.3 -0.7 2.1" if tilted else "block -1 9 0 8 2 11"
+    extra = "set group all dpd/theta 300\n" if style == "dpd" else "set atom 3 mol 4\n"
+    state = deck(
+        tmp_path,
+        f"""units {units}
+atom_style {style}
+region b {box} units box
+create_box 2 b bond/types 1
+create_atoms 1 random 20 5 NULL
+create_atoms 2 random 10 6 NULL
+mass 1 1.5
+mass 2 18.0154
+{extra}pair_style dpd 1.0 3.0 4
+pair_coeff * * 25 4.5
+pair_coeff 1 2 30 4.5 2.5
+velocity all create 1.0 7
+set atom 2 image 1 -2 3
+fix 1 all nve
+""",
+    )
+    if style != "dpd":
+        state.bonds = np.array([[1, 1, 2], [1, 4, 3]])
+        state.atoms.charges[:] = rng.choice([-1.0, 1.0], 30) if style == "full" else 0.0
+    from openmm_dpd.lammps.data_writer import data_file_lines
+
+    (tmp_path / "data.out").write_text("\n".join(data_file_lines(state, pair="ij")) + "\n")
+    again = deck(tmp_path, f"units {units}\natom_style {style}\npair_style dpd 1.0 3.0 4\nread_data data.out\nfix 1 all nve")
+    for name in ("ids", "types", "images", "charges", "molecules", "thetas"):
+        assert np.array_equal(getattr(again.atoms, name), getattr(state.atoms, name)), name
+    np.testing.assert_allclose(again.atoms.positions, state.atoms.positions, rtol=1e-14)
+    np.testing.assert_allclose(again.atoms.velocities, state.atoms.velocities, rtol=1e-14)
+    np.testing.assert_allclose(again.box.vectors, state.box.vectors, rtol=1e-14)
+    assert again.box.triclinic == tilted
+    assert np.array_equal(again.bonds, state.bonds)
+    assert again.masses == pytest.approx(state.masses)
+    ours, theirs = (s.first_run.scene().pairs[0].resolve(["1", "2"]) for s in (state, again))
+    assert ours.keys() == theirs.keys()
+    for key, term in ours.items():
+        assert (term.A, term.gamma, term.cutoff) == pytest.approx((theirs[key].A, theirs[key].gamma, theirs[key].cutoff))
+
+
+GOOD = HEADER + "\nMasses\n\n1 1.0\n2 2.0\n\nAtoms\n\n" + "\n".join(ATOMS["atomic"]) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("2 1 1 2 4", "2 1 1 nan 4", r"data:18: atom 2 has a position that is not finite: '2 1 1 nan 4'"),
+        ("2 1 1 2 4", "2 1 1 inf 4", r"data:18: atom 2 has a position that is not finite"),
+        ("2 1 1 2 4", "2 1 1 2", r"data:18: expected an atom of atom_style atomic: id type x y z \[ix iy iz\], not 4 words"),
+        ("2 1 1 2 4", "2 3 1 2 4", r"data:18: the atom type is out of range; there are 2"),
+        ("2 1 1 2 4", "7 1 1 2 4", r"data:18: atom id 7 appears twice"),
+        ("2 1 1 2 4", "2.5 1 1 2 4", r"data:18: the id of an atom must be a whole number, not 2.5"),
+        ("2 1 1 2 4", "0 1 1 2 4", r"data:18: atom ids start at 1"),
+        ("2 1 1 2 4", "2 1 1 x 4", r"data:18: expected an atom"),
+        ("2 1 1 2 4", "2 1 1 2 4 0 0 0.5", r"data:18: expected three image flags"),
+        ("3 atoms", "4 atoms", r"data:15: section Atoms has 3 lines, but the header announces 4"),
+        ("Masses", "Angles", r"data:10: section or header line 'Angles' is not supported"),
+        ("2 atom types", "2 atom kinds", r"data:4: header line '2 atom kinds' is not supported"),
+        ("-1 3 xlo", "3 -1 xlo", r"the box must have a positive length along x, not -4"),
+        ("-1 3 xlo", "-1 x xlo", r"data:6: expected numbers before 'xlo xhi'"),
+        ("1 1.0", "1 -1.0", r"data:12: the mass of type 1 must be > 0, but is -1"),
+        ("1 1.0", "3 1.0", r"data:12: atom type 3 is out of range; there are 2"),
+        ("Masses", "Velocities", r"data:10: section Velocities has 2 lines, but the header announces 3"),
+    ],
+)
+def test_errors_name_file_and_line(tmp_path, old, new, message):
+    assert old in GOOD
+    path = write(tmp_path, GOOD.replace(old, new, 1))
+    with pytest.raises(DeckError, match=message):
+        read_data_file(path, "atomic")
+
+
+def test_the_good_file_is_good(tmp_path):
+    assert read_data_file(write(tmp_path, GOOD), "atomic").masses == {1: 1.0, 2: 2.0}
+
+
+def test_bonds_need_a_style_that_has_them(tmp_path):
+    path = write(tmp_path, GOOD.replace("2 atom types", "2 atom types\n1 bonds\n1 bond types") + "\nBonds\n\n1 1 2 5\n")
+    with pytest.raises(DeckError, match=r"data:23: atom_style atomic has no bonds"):
+        read_data_file(path, "atomic")
+
+
+def test_theta_must_be_positive(tmp_path):
+    text = HEADER + "\nAtoms\n\n" + "\n".join(ATOMS["dpd"]).replace("300", "0") + "\n"
+    with pytest.raises(DeckError, match=r"data:13: the internal temperature \(theta\) must be > 0"):
+        read_data_file(write(tmp_path, text), "dpd")
+
+
+def test_a_different_style_hint_is_noted(tmp_path):
+    write(tmp_path, GOOD.replace("Atoms", "Atoms # charge"))
+    state = deck(tmp_path, "read_data data")
+    assert any("says 'charge'" in note for note in state.notes)

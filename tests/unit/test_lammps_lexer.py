@@ -1,0 +1,143 @@
+"""Text of a deck to words: continuation, comments, quotes, substitution, variables."""
+
+from __future__ import annotations
+
+import pytest
+
+from openmm_dpd.errors import DeckError, ParameterError
+from openmm_dpd.lammps.lexer import Line, logical_lines, split_words, strip_comment, substitute
+from openmm_dpd.lammps.variables import Variables
+
+HERE = Line("", "deck", 1)
+
+
+def lines(text: str) -> list[tuple[int, str]]:
+    return [(line.number, line.text) for line in logical_lines(text, "deck")]
+
+
+def test_numbers_of_lines_are_those_of_the_first_physical_line():
+    text = "units lj\n\n# only a comment\npair_coeff 1 1 &\n   25 &\n 4.5 # why\nrun 10\n"
+    found = lines(text)
+    assert [number for number, _ in found] == [1, 4, 7]
+    assert split_words(found[1][1]) == ["pair_coeff", "1", "1", "25", "4.5"]
+
+
+def test_a_comment_with_a_continuation_mark_swallows_the_next_line():
+    # LAMMPS joins lines before it looks for comments
+    assert lines("variable q equal 1 # text &\nvariable r equal 2\nrun 1") == [(1, "variable q equal 1"), (3, "run 1")]
+
+
+def test_a_continuation_mark_on_the_last_line():
+    assert lines("run 10 &") == [(1, "run 10")]
+
+
+def test_windows_line_ends_and_tabs():
+    assert split_words(lines("run\t10\r\n")[0][1]) == ["run", "10"]
+
+
+@pytest.mark.parametrize(
+    ("text", "kept"),
+    [
+        ("run 1 # 2", "run 1 "),
+        ('print "a # b" # c', 'print "a # b" '),
+        ("print 'a \" # b'", "print 'a \" # b'"),
+        ('print """x "y" # z""" # w', 'print """x "y" # z""" '),
+    ],
+)
+def test_comments_end_lines_outside_quotes_only(text, kept):
+    assert strip_comment(text) == kept
+
+
+def test_quotes_hold_words_together():
+    assert split_words("""a 'b c' "d 'e' f" \"\"\"g "h" i\"\"\" j""") == ["a", "b c", "d 'e' f", 'g "h" i', "j"]
+
+
+def test_triple_quotes_reach_over_lines():
+    found = lines('print """first\nsecond"""\nrun 1')
+    assert split_words(found[0][1]) == ["print", "first\nsecond"]
+    assert found[1] == (3, "run 1")
+
+
+def test_an_open_quote_is_an_error_with_its_line():
+    with pytest.raises(DeckError, match=r'deck:2: unbalanced quotes: " is never closed'):
+        lines('run 1\nprint "open\nrun 2')
+
+
+def expand(text: str) -> str:
+    return substitute(text, {"T": "1.5", "name": "value"}.__getitem__, lambda formula: {"1/3": 1 / 3, "sqrt(2)*(1+1)": 2.5}[formula])
+
+
+@pytest.mark.parametrize(
+    ("text", "result"),
+    [
+        ("dpd ${T} $T 1.0", "dpd 1.5 1.5 1.0"),
+        ("a${name}b", "avalueb"),
+        ("$(1/3)", "0.33333333333333331483"),
+        ("$(1/3:%.3f)x", "0.333x"),
+        ("$(sqrt(2)*(1+1))", "2.5"),
+        ("print '$T ${name}' $T", "print '$T ${name}' 1.5"),
+    ],
+)
+def test_substitution(text, result):
+    assert expand(text) == result
+
+
+@pytest.mark.parametrize("text", ["${T", "$(1/3", "a $", "$ T", "$(1/3:%q)"])
+def test_broken_substitutions(text):
+    with pytest.raises(ValueError):
+        expand(text)
+
+
+# -- variables ---------------------------------------------------------------------------------------------------------------
+def define(variables: Variables, text: str) -> None:
+    variables.define(split_words(text), HERE, lambda words: words.replace("$x", "[x]"))
+
+
+def value(variables: Variables, name: str) -> str:
+    return variables.text(name, lambda formula: float(formula))
+
+
+def test_an_index_variable_keeps_its_first_value():
+    variables = Variables({"n": "from outside"})
+    define(variables, "n index 10")
+    define(variables, "m index 1 2 3")
+    define(variables, "m index 7")
+    assert (value(variables, "n"), value(variables, "m")) == ("from outside", "1")
+
+
+def test_equal_and_string_variables_are_replaced():
+    variables = Variables()
+    define(variables, "a equal 1e20")
+    assert value(variables, "a") == "1e+20"
+    define(variables, "a equal 0.25")
+    define(variables, "s string '$x y'")
+    assert value(variables, "a") == "0.25"
+    assert value(variables, "s") == "[x] y"
+
+
+def test_delete_forgets_a_variable():
+    variables = Variables()
+    define(variables, "a equal 1")
+    define(variables, "a delete")
+    define(variables, "a string b")
+    assert value(variables, "a") == "b"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a equal 1 + 2", "put a formula with blanks into quotes"),
+        ("a getenv HOME", "variable style 'getenv' is not supported"),
+        ("a-b equal 1", "letters, digits and underscores"),
+        ("a equal", "expected one value"),
+        ("outer equal 2", "is index-style already and cannot become equal-style; a value given on the command line"),
+    ],
+)
+def test_variables_that_cannot_be_defined(text, message):
+    with pytest.raises(ParameterError, match=message):
+        define(Variables({"outer": "1"}), text)
+
+
+def test_an_unknown_variable_is_named_with_the_known_ones():
+    with pytest.raises(ParameterError, match="no variable 'b'; defined so far: a"):
+        Variables({"a": "1"}).get("b")

@@ -1,0 +1,322 @@
+"""The deck reader against a live LAMMPS: beads, groups, coefficients, thermo words, dump files and data files."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import lammps_peer
+
+from openmm_dpd.lammps import RunRequest, Sample, read_deck
+
+MISSING = lammps_peer.why_missing()
+pytestmark = pytest.mark.skipif(MISSING is not None, reason=str(MISSING))
+
+DECKS = Path(__file__).resolve().parents[2] / "examples" / "decks"
+FINISH = "\npair_style zero 1.0\npair_coeff * *\nmass * 1.0\nrun 0\n"  # LAMMPS wraps beads that were moved when a run begins
+
+
+def theirs(folder: Path, text: str) -> tuple[np.ndarray, dict[str, int]]:
+    """Beads (id type x y z ix iy iz vx vy vz) after a deck, sorted by id, and the sizes of the groups."""
+    columns = "id type x y z ix iy iz vx vy vz"
+    with lammps_peer.instance() as lmp:
+        lmp.command(f"shell cd {folder}")
+        lmp.commands_string(text)
+        lmp.command(f"write_dump all custom {folder}/final.dump {columns} modify sort id format float %20.17g")
+        groups = {}
+        for name in filter(None, lmp.available_ids("group")):
+            lmp.command(f"variable size_of_{name} equal count({name})")
+            groups[name] = int(lmp.extract_variable(f"size_of_{name}"))
+    lines = (folder / "final.dump").read_text().splitlines()
+    rows = lines[lines.index(next(line for line in lines if line.startswith("ITEM: ATOMS"))) + 1 :]
+    return np.array([row.split() for row in rows], dtype=float).reshape(-1, 11), groups
+
+
+def ours(folder: Path, text: str, **options):
+    path = folder / "in.ours"
+    path.write_text(text)
+    return read_deck(path, stop_before_first_run=True, output=folder, **options)
+
+
+def same_beads(folder: Path, text: str, velocities: bool = True) -> None:
+    expected, groups = theirs(folder, text)
+    state = ours(folder, text)
+    atoms, units = state.atoms, state.units
+    assert len(atoms) == len(expected) > 0
+    assert np.array_equal(atoms.ids, expected[:, 0]) and np.array_equal(atoms.types, expected[:, 1])
+    # a coordinate exactly on a face may come out on either side of it by rounding: compare the unwrapped ones
+    box = state.box.scaled(1 / units.length)
+    mine = box.unwrap(atoms.positions / units.length, atoms.images)
+    np.testing.assert_allclose(mine, box.unwrap(expected[:, 2:5], expected[:, 5:8]), rtol=1e-13, atol=1e-12)
+    assert np.array_equal(atoms.images, expected[:, 5:8])
+    if velocities:
+        np.testing.assert_allclose(atoms.velocities / units.velocity, expected[:, 8:], rtol=1e-13, atol=1e-13)
+    assert {name: int(mask.sum()) for name, mask in state.groups.items()} == groups
+
+
+BLOCK = "region b block 0 4 0 3 0 5\ncreate_box 2 b\n"
+BEADS = {
+    **{f"lattice {style}": f"lattice {style} 0.85\n{BLOCK}create_atoms 1 box\n" for style in ("sc", "bcc", "fcc", "hcp", "diamond")},
+    "metal": "units metal\nlattice fcc 3.52 origin 0.25 0.1 0\nregion b block -2 4 1 3 0 5\ncreate_box 2 b\ncreate_atoms 1 box\n",
+    "orient": f"lattice fcc 0.85 orient x 1 1 0 orient y -1 1 0 orient z 0 0 1\n{BLOCK}create_atoms 1 box\n",
+    "custom": "lattice custom 1.7 a1 1 0 0 a2 0 1.5 0 a3 0 0 2 basis 0 0 0 basis 0.5 0.5 0.25\n" + BLOCK + "create_atoms 1 box basis 2 2\n",
+    "prism": "lattice fcc 3.0\nregion b prism 0 5 0 4 0 6 1.3 -0.7 0.9\ncreate_box 2 b\ncreate_atoms 1 box\n",
+    "regions": """lattice fcc 3.0
+region b block 0 5.503 0 5.503 0 4.7 units box
+create_box 2 b
+region s sphere 2 2 2 1.5
+region c cylinder z 2.5 2.5 1.7 INF INF units box
+region o block 1 3 EDGE INF 1 2 side out
+region u union 2 s c
+region i intersect 2 s o
+create_atoms 1 region u
+create_atoms 2 region o
+group s region s
+group c region c
+group i region i
+""",
+    "set in a tilted box": """lattice sc 1.0
+region b prism 0 5 0 4 0 6 1.3 -0.7 0.9 units box
+create_box 2 b
+create_atoms 1 region b
+mass * 1.0
+set atom 1*20 x 7.5
+set atom 5*9 vx 3
+set type 1 vz -1
+""",
+    "groups and velocities": """region b block -1 5 0 5 2 5 units box
+create_box 3 b
+mass * 1.0
+create_atoms 1 single -1 0 2
+create_atoms 1 single 5 1 2.5
+create_atoms 1 single 4.9999999999 1 2.5
+create_atoms 2 single 1 1 3 units box
+lattice fcc 0.5
+create_atoms 3 single 1 2 1.7
+create_atoms 2 region b
+group a type 1 2
+group bb id 1:3 7 10:20:3
+group cc type > 1
+group dd id <> 4 9
+group ee subtract all a bb
+group ff union a ee
+group gg intersect all cc
+group a id 30
+set group bb type 3
+set atom 12 type 2
+set atom 3*5 x 1.5 y -3
+velocity gg set 1.0 NULL -0.5
+velocity bb set 1.0 2.0 NULL units box
+velocity bb set 1.0 2.0 NULL units box sum yes
+velocity all ramp vx 0 2 z 2 4 units box
+velocity dd ramp vy -1 2 x 0 1 sum yes
+delete_atoms group bb compress no
+""",
+}
+
+
+@pytest.mark.parametrize("name", BEADS)
+def test_beads_and_groups(tmp_path, name):
+    same_beads(tmp_path, BEADS[name] + FINISH)
+
+
+@pytest.mark.parametrize("name", ["in.bonded", "in.dpd-shardlow", "in.dpd-vv", "in.dpd_tstat", "in.ramp", "in.triclinic"])
+def test_beads_of_the_example_decks(tmp_path, name):
+    """Positions, images, types and groups up to the first run; velocities where they come from a file."""
+    text = (DECKS / name).read_text().partition("\nrun ")[0]
+    text = re.sub(r"\b(data|table)\.", lambda match: f"{DECKS}/{match[0]}", text)
+    same_beads(tmp_path, text + "\n", velocities="velocity" not in text)
+
+
+LJ = "pair_coeff 1 1 0.5 1.0\npair_coeff 2 2 1.2 1.4 2.4\npair_coeff 3 3 1 1\n"
+PAIRS = {
+    "wildcards": """pair_style dpd 1 1 7
+pair_coeff * * 25 4.5
+pair_coeff 1 2* 30 5 0.9
+pair_coeff *2 3 31 6
+pair_coeff 3 1 32 7 1.5
+pair_coeff 2*3 2*3 33 8
+pair_coeff 2 * 34 9
+""",
+    "repeated style": """pair_style dpd 1 1 7
+pair_coeff * * 25 4.5
+pair_coeff 1 2 30 5 0.9
+pair_style dpd 2 1.3 8
+pair_coeff 1 3 26 4 1.1
+""",
+    "geometric": f"pair_style lj/cut 2.0\n{LJ}",
+    "arithmetic": f"pair_style lj/cut 2.0\npair_modify mix arithmetic\n{LJ}",
+    "sixthpower": f"pair_style lj/cut 2.0\npair_modify mix sixthpower\n{LJ}",
+    "repeated lj/cut": "pair_style lj/cut 2.0\npair_modify mix arithmetic\npair_coeff * * 0.5 1.0 1.5\npair_style lj/cut 2.3\n",
+}
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_pair_coefficients(tmp_path, name):
+    """Both write PairIJ Coeffs; the numbers must be the same."""
+    start = "region b block 0 9 0 9 0 9\ncreate_box 3 b\ncreate_atoms 1 single 1 1 1\nmass * 1\ncomm_modify vel yes\n"
+    with lammps_peer.instance() as lmp:
+        lmp.commands_string(start + PAIRS[name] + f"run 0\nwrite_data {tmp_path}/theirs pair ij\n")
+    ours(tmp_path, start + PAIRS[name] + "write_data ours pair ij\n")
+    both = []
+    for file in ("theirs", "ours"):
+        lines = (tmp_path / file).read_text().splitlines()
+        start_row = lines.index(next(line for line in lines if line.startswith("PairIJ"))) + 2
+        both.append(np.array([line.split() for line in lines[start_row : start_row + 6]], dtype=float))
+    np.testing.assert_allclose(both[1], both[0], rtol=5e-6)  # LAMMPS writes six digits: half a unit of the last one
+
+
+WORDS = (
+    "step elapsed time dt temp press pe ke etotal enthalpy evdwl ecoul elong epair ebond emol vol density lx ly lz xlo xhi ylo yhi "
+    "zlo zhi xy xz yz cella cellb cellc cellalpha cellbeta cellgamma atoms fnorm fmax v_a v_b v_c v_d v_e v_f v_g v_h c_t c_k c_p "
+    "c_pv c_m[2] c_c[1] c_thermo_pe c_thermo_temp"
+)
+
+
+def thermo_deck(units: str, norm: str, scale: float) -> tuple[str, str]:
+    """What only LAMMPS does (a random bonded crystal), and what both do."""
+    prepare = f"""units {units}
+atom_style bond
+lattice sc {scale}
+region b prism 0 6 0 6 0 6 0.5 -0.7 1.1
+create_box 2 b bond/types 1 extra/bond/per/atom 2
+create_atoms 1 box
+set group all type/fraction 2 0.3 77
+mass 1 12.0
+mass 2 20.0
+pair_style lj/cut {1.9 * scale}
+pair_coeff * * 0.3 {0.95 * scale}
+pair_coeff 2 2 0.2 {0.8 * scale}
+bond_style harmonic
+bond_coeff 1 3.0 {0.9 * scale}
+create_bonds single/bond 1 1 2
+velocity all create {1.0 if units == "lj" else 300.0} 123 mom no
+displace_atoms all random 0.1 0.1 0.1 55 units box
+write_data data.start
+clear
+"""
+    both = f"""units {units}
+atom_style bond
+bond_style harmonic
+pair_style lj/cut {1.9 * scale}
+read_data data.start
+region b prism 0 {6 * scale} 0 {6 * scale} 0 {6 * scale} {0.5 * scale} {-0.7 * scale} {1.1 * scale} units box
+special_bonds lj 0.3 0.5 1
+group two type 2
+reset_timestep 40
+timestep 0.004
+compute t two temp
+compute k two ke
+compute p all pressure t
+compute pv all pressure NULL virial
+compute m two momentum
+compute c two com
+variable a equal pe/count(all)
+variable b equal etotal+c_t*ke
+variable c equal c_k-count(two)
+variable d equal vcm(two,y)+ke(two)
+variable e equal mass(two)*x[3]+xcm(all,z)
+variable f equal ramp(2,4)
+variable g equal bound(two,xmax)
+variable h equal c_thermo_pe/count(all,b)
+fix 1 all nve
+thermo_style custom {WORDS}
+thermo_modify {norm} format float %.15g
+dump 1 all atom 10 dump.atom
+dump 2 two custom 10 dump.custom id type mol mass xs ysu x yu vx ix iz
+dump_modify 1 sort id
+dump_modify 2 sort id
+run 0 start 20 stop 60
+"""
+    return prepare, both
+
+
+@pytest.mark.parametrize(
+    ("units", "norm", "scale"), [("lj", "", 1.0), ("lj", "norm no", 1.0), ("real", "", 4.0), ("metal", "norm yes", 4.0)]
+)
+def test_thermo_words_and_dumps(tmp_path, units, norm, scale):
+    """LAMMPS's energies, virial and forces are put in; every word and formula made of them must come out the same."""
+    prepare, both = thermo_deck(units, norm, scale)
+    log = tmp_path / "log"
+    with lammps_peer.instance() as lmp:
+        lmp.command(f"shell cd {tmp_path}")
+        lmp.commands_string(prepare)
+        lmp.command(f"log {log}")
+        lmp.commands_string(both)
+    lines = log.read_text().splitlines()
+    header = lines.index(next(line for line in lines if line.split()[:2] == ["Step", "Elapsed"]))
+    expected = dict(zip(WORDS.split(), map(float, lines[header + 1].split()), strict=True))
+    for name in ("atom", "custom"):
+        (tmp_path / f"dump.{name}").rename(tmp_path / f"theirs.{name}")
+
+    found: dict[str, float] = {}
+
+    def callback(request: RunRequest) -> None:
+        state, scene = request.state, request.scene()
+        u, n = state.units, scene.n_beads
+        kinetic = 0.5 * float(scene.bead_masses @ np.sum(scene.velocities**2, axis=1))
+        beads = n if norm == "norm yes" or (units == "lj" and not norm) else 1
+        sample = Sample(
+            step=request.first_step,
+            kinetic=kinetic,
+            dof=3 * n - 3,
+            pair_energy=expected["evdwl"] * beads * u.energy,
+            bond_energy=expected["ebond"] * beads * u.energy,
+            virial=expected["press"] * u.pressure * 3 * state.box.volume - 2 * kinetic,
+            force_norm=expected["fnorm"] * u.force,
+            force_max=expected["fmax"] * u.force,
+            positions=scene.positions,
+            velocities=scene.velocities,
+        )
+        assert all(getattr(sample, name) is not None for name in request.thermo.needs)
+        found.update(request.thermo.values(sample))
+        for dump in request.dumps:
+            assert dump.due(request.first_step)
+            dump.write(state, request.first_step, scene.positions, scene.velocities)
+
+    path = tmp_path / "in.ours"
+    path.write_text(both)
+    read_deck(path, run_callback=callback, output=tmp_path)
+    assert found == pytest.approx(expected, rel=1e-9, abs=1e-12)
+    for name in ("atom", "custom"):
+        mine, reference = ((tmp_path / f"{kind}.{name}").read_text().split() for kind in ("dump", "theirs"))
+        assert len(mine) == len(reference)
+        for one, other in zip(mine, reference, strict=True):
+            # box bounds carry 17 digits; everything else must be the same text
+            assert one == other or float(one) == pytest.approx(float(other), rel=1e-14)
+
+
+@pytest.mark.parametrize("tilted", [False, True])
+def test_lammps_reads_the_data_files_we_write(tmp_path, tilted):
+    text = f"""units real
+atom_style full
+bond_style harmonic
+region b {"prism -3 27 0 31 2 35 4.5 -6 7" if tilted else "block -3 27 0 31 2 35"} units box
+create_box 2 b bond/types 1
+create_atoms 1 random 30 5 NULL
+create_atoms 2 random 20 6 NULL
+mass 1 12.0
+mass 2 18.0154
+set type 1 charge -0.5 mol 3
+set atom 7 image -1 2 3
+bond_coeff 1 30 1.5
+velocity all create 300 77
+pair_style dpd 300 9 1
+pair_coeff * * 0.5 1.0
+pair_coeff 1 2 0.4 1.5 8.0
+write_data data.ours pair ij
+"""
+    state = ours(tmp_path, text)
+    beads, _ = theirs(
+        tmp_path,
+        "units real\natom_style full\nbond_style harmonic\npair_style dpd 300 9 1\ncomm_modify vel yes\nread_data data.ours\nrun 0\n",
+    )
+    np.testing.assert_allclose(beads[:, 2:5], state.atoms.positions * 10, rtol=1e-12)
+    np.testing.assert_allclose(beads[:, 8:], state.atoms.velocities / 100, rtol=1e-12)
+    assert np.array_equal(beads[:, 5:8], state.atoms.images)

@@ -1,0 +1,536 @@
+"""Runs: what the simulation is asked for, fixes, ramps, thermo output, dumps, and the example decks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from openmm_dpd.errors import DeckError, ParameterError
+from openmm_dpd.lammps import RunRequest, Sample, read_deck
+from openmm_dpd.lammps.words import WORDS
+from openmm_dpd.model.scene import TemperatureRamp
+
+DECKS = Path(__file__).resolve().parents[2] / "examples" / "decks"
+
+START = """units {units}
+region b block 0 6 0 6 0 6 units box
+create_box 2 b
+create_atoms 1 random 30 1 b
+create_atoms 2 random 20 2 b
+mass 1 1.0
+mass 2 2.0
+pair_style dpd 1.0 1.0 77
+pair_coeff * * 25 4.5
+velocity all create 1.0 5
+group one type 1
+group two type 2
+"""
+
+
+def write(tmp_path, text: str, units: str = "lj") -> Path:
+    path = tmp_path / "in.deck"
+    path.write_text(START.format(units=units) + text)
+    return path
+
+
+def sample_of(request: RunRequest, step: int | None = None, **values) -> Sample:
+    scene = request.scene()
+    mobile = request.mobile
+    kinetic = 0.5 * float(scene.bead_masses[mobile] @ np.sum(scene.velocities[mobile] ** 2, axis=1))
+    defaults = {"pair_energy": 100.0, "bond_energy": 10.0, "virial": 300.0, "virial_full": 360.0, "force_norm": 7.0, "force_max": 2.0}
+    return Sample(request.first_step if step is None else step, kinetic, 3 * int(mobile.sum()) - 3, **{**defaults, **values})
+
+
+def requests_of(tmp_path, text: str, callback=None, **options) -> list[RunRequest]:
+    found: list[RunRequest] = []
+
+    def collect(request: RunRequest) -> None:
+        found.append(request)
+        if callback is not None:
+            callback(request)
+
+    read_deck(write(tmp_path, text), run_callback=collect, output=tmp_path, **options)
+    return found
+
+
+# -- runs --------------------------------------------------------------------------------------------------------------------
+def test_several_runs(tmp_path):
+    text = """fix 1 all nve
+timestep 0.01
+thermo 50
+run 100
+unfix 1
+fix 2 all mvv/dpd 0.65
+timestep 0.02
+run 300 upto
+reset_timestep 1000
+run 0
+run 70 start 0 stop 5000
+"""
+    first, second, third, fourth = requests_of(tmp_path, text)
+    assert [(r.first_step, r.steps, r.last_step) for r in (first, second, third, fourth)] == [
+        (0, 100, 100),
+        (100, 200, 300),
+        (1000, 0, 1000),
+        (1000, 70, 1070),
+    ]
+    assert [r.dt for r in (first, second)] == [0.01, 0.02]
+    assert [(r.scheme, r.lambda_) for r in (first, second)] == [("mvv", 0.5), ("mvv", 0.65)]
+    assert (fourth.window.begin, fourth.window.end) == (0, 5000)
+    assert [r.number for r in (first, second, third, fourth)] == [0, 1, 2, 3]
+    assert first.seed == 77 and first.where.number == 16
+
+
+def test_the_clock(tmp_path):
+    """Time goes on when the time step changes; going back with reset_timestep sets it to 0 (as LAMMPS 22Jul2025 does)."""
+    times = []
+
+    def callback(request):
+        times.append(
+            [request.thermo.values(sample_of(request, step), ("time",))["time"] for step in (request.first_step, request.last_step)]
+        )
+
+    text = """fix 1 all nve
+timestep 0.01
+run 100
+timestep 0.02
+run 100
+reset_timestep 0
+run 10
+reset_timestep 100
+run 10
+reset_timestep 50
+run 10
+reset_timestep 70 time 3.0
+run 10
+"""
+    requests_of(tmp_path, text, callback)
+    np.testing.assert_allclose(times, [[0, 1], [1, 3], [0, 0.2], [2, 2.2], [0, 0.2], [3, 3.2]])
+
+
+def test_results_go_back_to_the_deck(tmp_path):
+    def callback(request):
+        scene = request.scene()
+        request.finish(
+            scene.positions + [7.0, -1.0, 0.0], np.full_like(scene.velocities, 2.0), sample=sample_of(request, request.last_step)
+        )
+
+    text = 'fix 1 all nve\nrun 10\nvariable a equal pe+step\nvariable b equal vcm(all,x)\nprint "${a} ${b}"\nwrite_data out.*\nrun 5\n'
+    said: list[str] = []
+    requests = requests_of(tmp_path, text, callback, log=said.append)
+    assert said == ["12.2 2"]  # 100 + 10 over 50 beads, plus the step; velocities are the new ones
+    assert (tmp_path / "out.10").exists()
+    assert requests[-1].state.step == 15
+
+
+def test_images_count_how_often_a_bead_left_the_box(tmp_path):
+    starts = []
+
+    def callback(request):
+        scene = request.scene()
+        starts.append(request.state.box.unwrap(request.state.atoms.positions, request.state.atoms.images))
+        request.finish(scene.positions + [7.0, -1.0, 13.0], scene.velocities)
+
+    (first, second) = requests_of(tmp_path, "fix 1 all nve\nrun 10\nrun 10\n", callback)
+    np.testing.assert_allclose(starts[1] - starts[0], np.tile([7.0, -1.0, 13.0], (50, 1)))
+    assert np.all((second.scene().positions >= 0) & (second.scene().positions < 6))
+
+
+def test_an_energy_of_a_run_that_is_over_is_not_current(tmp_path):
+    text = 'fix 1 all nve\nrun 10\nreset_timestep 0\nprint "$(pe)"\n'
+
+    def callback(request):
+        request.finish(request.scene().positions, request.scene().velocities, sample=sample_of(request, request.last_step))
+
+    with pytest.raises(DeckError, match=r"in.deck:16: a value that needs a run"):
+        requests_of(tmp_path, text, callback)
+
+
+def test_overrides(tmp_path):
+    (request,) = requests_of(tmp_path, "fix 1 all nve\nrun 10\n")
+    other = request.override(steps=500, dt=0.03, scheme="middle")
+    assert (other.steps, other.dt, other.scheme, other.last_step) == (500, 0.03, "middle", 500)
+    assert other.thermo.due(500) and other.window.end == 500
+    assert request.override().steps == 10
+
+
+def test_stopping_before_the_first_run(tmp_path):
+    state = read_deck(write(tmp_path, "fix 1 all nve\nrun 10\nnonsense\n"), stop_before_first_run=True)
+    assert state.first_run.steps == 10 and state.first_run.scene().n_beads == 50
+    state = read_deck(write(tmp_path, "fix 1 all nve\n"), stop_before_first_run=True)
+    assert state.first_run.steps == 0
+
+
+def test_a_deck_without_run_is_an_error(tmp_path):
+    with pytest.raises(DeckError, match="the deck has no run command"):
+        requests_of(tmp_path, "fix 1 all nve\n")
+
+
+def test_errors_of_the_simulation_are_located_at_the_run(tmp_path):
+    def callback(request):
+        raise ParameterError("something about the scene")
+
+    with pytest.raises(DeckError, match=r"in.deck:14: something about the scene"):
+        requests_of(tmp_path, "fix 1 all nve\nrun 10\n", callback)
+
+
+def test_bugs_are_not_dressed_up_as_deck_errors(tmp_path):
+    def callback(request):
+        raise ValueError("a bug")
+
+    with pytest.raises(ValueError, match="^a bug$"):
+        requests_of(tmp_path, "fix 1 all nve\nrun 10\n", callback)
+
+
+def test_include_quit_and_notes(tmp_path):
+    (tmp_path / "part").write_text("neighbor 0.3 bin\nneighbor 0.4 bin\nthermo ${every}\n")
+    (request,) = requests_of(
+        tmp_path, "include part\nfix 1 all nve\ncomm_modify vel yes\nrun 10\nquit\nnonsense\n", variables={"every": "5"}
+    )
+    assert request.thermo.every == 5
+    assert request.state.notes == ["neighbor has no meaning here and is ignored", "comm_modify has no meaning here and is ignored"]
+
+
+def test_an_error_in_an_included_file_is_located_there(tmp_path):
+    (tmp_path / "part").write_text("thermo 5\nnonsense\n")
+    with pytest.raises(DeckError, match=r"part:2: unknown or unsupported command 'nonsense'"):
+        requests_of(tmp_path, "include part\n")
+
+
+# -- ramps -------------------------------------------------------------------------------------------------------------------
+def test_a_ramp_over_two_runs(tmp_path):
+    text = """pair_style dpd/tstat 1.0 3.0 1.0 7
+pair_coeff * * 4.5
+fix 1 all nve
+run 100 start 0 stop 400
+run 300 start 0 stop 400
+reset_timestep 0
+run 50
+run 0
+"""
+    found = []
+    requests_of(tmp_path, text, lambda request: found.append(request.scene().kT))
+    assert found == [TemperatureRamp(1, 3, 0, 400), TemperatureRamp(1, 3, -100, 300), TemperatureRamp(1, 3, 0, 50), 1.0]
+
+
+def test_a_constant_temperature_is_no_ramp(tmp_path):
+    (request,) = requests_of(tmp_path, "pair_style dpd/tstat 2.0 2.0 1.0 7\npair_coeff * * 4.5\nfix 1 all nve\nrun 10\n")
+    assert request.scene().kT == 2.0
+
+
+# -- fixes -------------------------------------------------------------------------------------------------------------------
+def test_beads_in_no_fix_are_frozen_and_keep_their_velocity(tmp_path):
+    (request,) = requests_of(tmp_path, "velocity two set 1 0 0 units box\nfix 1 one nve\nrun 10\n")
+    scene = request.scene()
+    assert scene.mobile.tolist() == [True] * 30 + [False] * 20
+    assert np.array_equal(scene.velocities[30:], np.tile([1.0, 0, 0], (20, 1)))
+
+
+def test_two_fixes_on_disjoint_groups(tmp_path):
+    (request,) = requests_of(tmp_path, "fix 1 one nve\nfix 2 two mvv/dpd 0.5\nrun 10\n")
+    assert request.scene().mobile is None and request.lambda_ == 0.5
+
+
+FDT = "pair_style dpd/fdt 1.0 1.0 7\npair_coeff * * 25 3\n"
+
+
+def test_shardlow(tmp_path):
+    (request,) = requests_of(tmp_path, FDT + "fix s all shardlow\nfix n all nve\nrun 10\n")
+    assert request.scheme == "shardlow"
+
+
+def test_no_fix_at_all_is_said(tmp_path):
+    (request,) = requests_of(tmp_path, "run 10\n")
+    assert not request.mobile.any() and "no fix integrates any bead: nothing will move" in request.state.notes
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("fix 1 all nve\nfix 2 two nve\nrun 1\n", "in.deck:14: fix 2: bead 31 is moved by fix 1 already"),
+        ("fix 1 one nve\nfix 2 two mvv/dpd 0.65\nrun 1\n", r"different lambda \(0.5, 0.65\)"),
+        ("fix 1 all mvv/dpd 1.5\n", "lambda must be between 0 and 1, but is 1.5"),
+        ("fix 1 all nvt temp 1 1 1\n", "in.deck:13: fix style 'nvt' is not supported; supported are nve, mvv/dpd, shardlow"),
+        ("fix 1 all langevin 1 1 1 7\n", "fix style 'langevin' is not supported"),
+        ("fix 1 most nve\n", "there is no group 'most'"),
+        ("fix 1 all nve 5\n", "expected 'fix ID group nve', but found 1 argument"),
+        ("fix 1 all nve\nfix 1 all mvv/dpd\n", "there is a fix 1 of style nve already"),
+        ("unfix 1\n", "there is no fix '1'"),
+        ("fix 1 all shardlow\nfix 2 all nve\nrun 1\n", "fix shardlow needs pair style dpd/fdt; the deck has dpd"),
+        (FDT + "fix 2 all nve\nfix 1 all shardlow\nrun 1\n", "in.deck:16: fix 1: fix shardlow must come before"),
+        (FDT + "fix 1 all shardlow\nrun 1\n", "needs a fix nve after it"),
+        (FDT + "fix 1 all shardlow\nfix 3 all shardlow\nfix 2 all nve\nrun 1\n", r"there is a fix shardlow already \(1\)"),
+        (FDT + "fix 1 all shardlow\nfix 2 all mvv/dpd\nrun 1\n", "beside fix shardlow beads are moved by fix nve"),
+        (
+            "pair_style hybrid/overlay dpd/fdt 1 1 7 dpd/tstat 1 1 1 7\npair_coeff * * dpd/fdt 25 3\npair_coeff * * dpd/tstat 4\n"
+            "fix 1 all shardlow\nfix 2 all nve\nrun 1\n",
+            "pair style dpd/tstat beside fix shardlow is not supported",
+        ),
+        ("group two delete\nfix 1 all nve\ngroup one delete\nfix 2 one nve\n", "there is no group 'one'"),
+        ("fix 1 one nve\ngroup one delete\n", "group one is in use by fix 1"),
+        ("run\n", "expected 'run N ...', but found 0 arguments"),
+        ("run -5\n", "the number of steps must be at least 0"),
+        ("run 1e3\n", "expected a whole number for the number of steps, not '1e3'"),
+        ("run 10 every 5 NULL\n", "run has no option 'every' here"),
+        ("reset_timestep 50\nrun 10 upto\n", "the present step, 50, is beyond it"),
+        ("run 10 start 5\n", "start 5 lies after the first step of the run, 0"),
+        ("run 10 stop 5\n", "stop 5 lies before the last step of the run, 10"),
+        ("timestep 0\n", "the time step must be > 0"),
+        ("minimize 0 0 100 100\n", "in.deck:13: unknown or unsupported command 'minimize'"),
+        ("mass 1 nan\n", "the mass must be finite"),
+        ("thermo_style custom step pxx\n", "thermo word 'pxx' is not supported; supported are step"),
+        ("thermo_style custom v_x\n", "there is no variable 'x'"),
+        ("variable x index 1\nthermo_style custom v_x\n", "variable x is index-style; only equal-style ones can be printed"),
+        ("thermo_style custom c_x\n", "there is no compute 'x'; defined are thermo_temp"),
+        ("thermo_style custom f_1\n", "none of the supported fixes has a value"),
+        ("compute m all momentum\nthermo_style custom c_m\n", "compute style momentum has no value"),
+        ("compute x all rdf 100\n", "compute style 'rdf' is not supported"),
+        ("compute x all dpd\n", "compute dpd needs atom_style dpd"),
+        ("thermo_modify norm maybe\n", "expected yes or no for norm"),
+        ("thermo_modify colour blue\n", "thermo_modify has no option 'colour'"),
+        ("thermo_modify format float abc\n", "expected a format such as %12.6f, not 'abc'"),
+        ("thermo_modify format line '%d %g'\n", "has 2 conversions for 6 columns"),
+        ("thermo_modify temp x\n", "'x' is not the id of a compute of style temp"),
+        ("dump 1 all xyz 10 a.xyz\n", "dump style 'xyz' is not supported; supported are atom, custom, dcd"),
+        ("dump 1 all custom 10 a id c_x\n", "a column of dump custom must be one of"),
+        ("dump 1 all atom 0 a\n", "the interval of the dump must be at least 1"),
+        ("dump 1 all atom 10 a.gz\n", "compressed and binary files are not supported"),
+        ("undump 1\n", "there is no dump '1'"),
+        ("variable a equal v_b\nvariable b equal v_a\nprint $a\n", "in.deck:14: variable b: variable a refers to itself: a -> b -> a"),
+        ("variable a equal 1/0\nprint '${a}'\n", "in.deck:13: variable a: cannot evaluate the formula '1/0': division by zero"),
+        ("print '$(temp)'\n", "in.deck:13: a value that needs a run"),
+        ("print ${b}\n", "in.deck:13: there is no variable 'b'"),
+    ],
+)
+def test_errors(tmp_path, text, message):
+    with pytest.raises(DeckError, match=message):
+        requests_of(tmp_path, text)
+
+
+# -- thermo output -----------------------------------------------------------------------------------------------------------
+def values_of(tmp_path, text: str, **sample) -> dict[str, float]:
+    found: dict[str, float] = {}
+    requests_of(tmp_path, text, lambda request: found.update(request.thermo.values(sample_of(request, **sample))))
+    return found
+
+
+def test_normalisation(tmp_path):
+    text = "fix 1 all nve\nvariable p equal pe/count(all)\nthermo_style custom pe ke etotal temp v_p c_thermo_pe\n{}run 1\n"
+    normed, total = (values_of(tmp_path, text.format(extra)) for extra in ("", "thermo_modify norm no\n"))
+    assert normed["pe"] == pytest.approx(110 / 50) and total["pe"] == 110
+    assert normed["v_p"] == pytest.approx(110 / 50 / 50)  # LAMMPS normalises words in formulas as well
+    assert normed["c_thermo_pe"] == pytest.approx(110 / 50)
+    assert normed["temp"] == total["temp"] == pytest.approx(1.0)
+    assert normed["ke"] == pytest.approx(1.5 * 49 / 50) and total["ke"] == pytest.approx(1.5 * 49)
+
+
+def test_pressures(tmp_path):
+    found = values_of(tmp_path, "fix 1 all nve\nthermo_style custom press press_full temp_conf\nrun 1\n", kT_conf=1.25)
+    assert found == pytest.approx({"press": (147 + 300) / 648, "press_full": (147 + 360) / 648, "temp_conf": 1.25})
+
+
+def test_every_word_has_a_value(tmp_path):
+    words = " ".join(WORDS)
+    found = values_of(tmp_path, f"fix 1 all nve\nthermo_style custom {words}\nrun 1\n", kT_conf=1.0)
+    assert set(found) == set(WORDS) and all(np.isfinite(list(found.values())))
+
+
+def test_what_was_not_measured_is_an_error(tmp_path):
+    with pytest.raises(DeckError, match="thermo output fmax: the simulation did not measure force max"):
+        values_of(tmp_path, "fix 1 all nve\nthermo_style custom fmax\nrun 1\n", force_max=None)
+
+
+def test_needs(tmp_path):
+    text = """fix 1 all nve
+compute t two temp
+variable a equal fmax+1
+variable b equal 2*v_a+vcm(two,x)
+compute c two com
+thermo_style custom step v_b c_c[1]
+run 1
+thermo_style custom step temp
+run 1
+thermo_modify temp t
+run 1
+"""
+    found: list[set[str]] = []
+    requests_of(tmp_path, text, lambda request: found.append(set(request.thermo.needs)))
+    first, second, third = found
+    assert first == {"force_max", "velocities", "positions"}
+    assert second == {"kinetic", "dof"}
+    assert third == {"kinetic", "dof", "velocities"}
+
+
+def test_a_temperature_on_a_group(tmp_path):
+    text = """velocity two scale 3.0
+compute t two temp
+fix 1 all nve
+thermo_style custom temp ke press c_t c_thermo_temp
+thermo_modify temp t
+run 1
+"""
+    seen = {}
+
+    def callback(request):
+        seen.update(request.thermo.values(sample_of(request, velocities=request.scene().velocities)))
+
+    requests_of(tmp_path, text, callback)
+    kinetic = 0.5 * 57 * 3.0
+    assert seen["temp"] == pytest.approx(3.0) == seen["c_t"] == seen["c_thermo_temp"]
+    assert seen["ke"] == pytest.approx(kinetic / 50)
+    assert seen["press"] == pytest.approx((2 * kinetic + 300) / 648)
+
+
+def test_compute_dpd_counts_the_internal_energies_of_an_isothermal_run(tmp_path):
+    text = """set group all dpd/theta 300
+set atom 1 dpd/theta 100
+compute u all dpd
+fix 1 all nve
+thermo_style custom c_u[1] c_u[4] c_u[5]
+run 1
+"""
+    path = write(tmp_path, text, "metal\natom_style dpd")
+    found: dict[str, float] = {}
+    read_deck(path, run_callback=lambda request: found.update(request.thermo.values(sample_of(request))))
+    assert found == pytest.approx({"c_u[1]": 0, "c_u[4]": 50 / (49 / 300 + 1 / 100), "c_u[5]": 50})
+
+
+def test_rows_are_due_first_last_and_at_multiples(tmp_path):
+    (_, request) = requests_of(tmp_path, "fix 1 all nve\nthermo 50\nrun 30\nrun 100\n")
+    assert [step for step in range(30, 131) if request.thermo.due(step)] == [30, 50, 100, 130]
+    step, seen = 30, []
+    while step < 130:
+        step = request.thermo.next_due(step)
+        seen.append(step)
+    assert seen == [50, 100, 130]
+    (request,) = requests_of(tmp_path, "fix 1 all nve\nrun 100\n")
+    assert request.thermo.next_due(0) == 100
+
+
+def rows_of(tmp_path, text: str) -> list[str]:
+    lines: list[str] = []
+
+    def callback(request):
+        sample = sample_of(request)
+        lines.extend([request.thermo.header(), request.thermo.row(request.thermo.values(sample), sample)])
+
+    requests_of(tmp_path, "fix 1 all nve\nthermo_style custom step pe atoms\n" + text + "run 1\n", callback)
+    return lines
+
+
+@pytest.mark.parametrize(
+    ("modify", "header", "row"),
+    [
+        ("", ["Step", "PotEng", "Atoms"], "         0 2.2                    50"),
+        ("thermo_modify format float %8.3f\n", ["Step", "PotEng", "Atoms"], "         0    2.200         50"),
+        ("thermo_modify format int %4ld format 2 %.1f\n", ["Step", "PotEng", "Atoms"], "   0    2.2    50"),
+        ("thermo_modify format line '%d %6.2f %5d'\n", ["Step", "PotEng", "Atoms"], "   0   2.20    50"),
+        ("thermo_modify format pe %.0f colname pe U colname 3 N\n", ["Step", "U", "N"], "         0 2         50"),
+        (
+            "thermo_modify format float %8.3f format none flush yes lost warn\n",
+            ["Step", "PotEng", "Atoms"],
+            "         0 2.2                    50",
+        ),
+        (
+            "thermo_modify format float %8.3f\nthermo_style custom step pe atoms\n",
+            ["Step", "PotEng", "Atoms"],
+            "         0 2.2                    50",
+        ),
+    ],
+)
+def test_formats(tmp_path, modify, header, row):
+    lines = rows_of(tmp_path, modify)
+    assert lines[0].split() == header
+    assert lines[1] == row
+
+
+def test_the_other_styles(tmp_path):
+    lines = rows_of(tmp_path, "thermo_style multi\n")
+    assert lines[0] == "" and "TotEng   =" in lines[1] and "Step              0" in lines[1]
+    lines = rows_of(tmp_path, "thermo_style yaml\n")
+    assert lines[0].startswith("---\nkeywords: ['Step', 'Temp'") and lines[1].startswith("  - [0, 1")
+    lines = rows_of(tmp_path, "thermo_style one\n")
+    assert lines[0].split() == ["Step", "Temp", "E_pair", "E_mol", "TotEng", "Press"]
+
+
+# -- dumps -------------------------------------------------------------------------------------------------------------------
+def dump_run(request: RunRequest) -> None:
+    """Move all beads by 0.1 along x each step."""
+    scene = request.scene()
+    for step in range(request.first_step, request.last_step + 1):
+        x = scene.positions + [0.1 * (step - request.first_step), 0, 0]
+        for dump in request.dumps:
+            if dump.due(step):
+                dump.write(request.state, step, x, scene.velocities, np.full_like(x, 3.0))
+    request.finish(x, scene.velocities)
+
+
+def frames(path: Path) -> list[tuple[int, list[list[str]]]]:
+    blocks = path.read_text().split("ITEM: TIMESTEP\n")[1:]
+    return [
+        (int(block.split("\n", 1)[0]), [line.split() for line in block.splitlines() if line[0].isdigit() or line[0] == "-"][5:])
+        for block in blocks
+    ]
+
+
+def test_text_dumps(tmp_path):
+    text = """fix 1 all nve
+dump 1 two custom 20 some.dump id type x xu ix vx fz
+dump 2 all atom 50 atom.*.dump
+dump_modify 1 first yes format xu %.3f
+run 50
+undump 2
+run 50
+"""
+    (request, _) = requests_of(tmp_path, text, dump_run)
+    found = frames(tmp_path / "some.dump")
+    assert [step for step, _ in found] == [0, 20, 40, 60, 80, 100]
+    assert all(len(rows) == 20 for _, rows in found)
+    first = np.array(found[0][1], dtype=float)
+    last = np.array(found[-1][1], dtype=float)
+    assert first[:, 0].tolist() == list(range(31, 51)) and set(first[:, 1]) == {2.0}
+    np.testing.assert_allclose(last[:, 3] - first[:, 3], 10.0, atol=2e-3)
+    np.testing.assert_allclose(last[:, 3], last[:, 2] + 6 * last[:, 4], atol=2e-3)
+    assert set(last[:, 6]) == {3.0}
+    assert sorted(path.name for path in tmp_path.glob("atom.*")) == ["atom.0.dump", "atom.50.dump"]
+
+
+def test_dcd_dumps_go_on_over_runs(tmp_path):
+    from mdtraj.formats import DCDTrajectoryFile
+
+    requests = requests_of(tmp_path, "fix 1 all nve\ndump 1 two dcd 20 some.dcd\nrun 50\nrun 50\n", dump_run)
+    with DCDTrajectoryFile(str(tmp_path / "some.dcd")) as file:
+        positions, lengths, angles = file.read()
+    assert positions.shape == (6, 20, 3)
+    np.testing.assert_allclose(lengths, 6)
+    np.testing.assert_allclose(angles, 90)
+    scene = requests[0].state
+    assert np.all((positions >= 0) & (positions <= 6)) and scene.dumps["1"].last_step == 100
+
+
+def test_forces_must_be_handed_over(tmp_path):
+    (request,) = requests_of(tmp_path, "fix 1 all nve\ndump 1 all custom 10 a fx\nrun 1\n")
+    (dump,) = request.dumps
+    assert dump.needs_forces
+    scene = request.scene()
+    with pytest.raises(ParameterError, match="need the forces"):
+        dump.write(request.state, 0, scene.positions, scene.velocities)
+    dump.close()
+
+
+# -- the example decks -------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("path", sorted(DECKS.glob("in.*")), ids=lambda path: path.name)
+def test_example_decks(tmp_path, path):
+    """Each parses to valid scenes, run by run, and its thermo words have values."""
+    rows = []
+
+    def callback(request: RunRequest) -> None:
+        scene = request.scene()
+        assert scene.n_beads == len(request.state.atoms) and np.all(np.isfinite(scene.positions))
+        sample = sample_of(request, positions=scene.positions, velocities=scene.velocities)
+        rows.append(request.thermo.row(request.thermo.values(sample), sample))
+
+    state = read_deck(path, run_callback=callback, output=tmp_path)
+    assert len(rows) == state.runs >= 1

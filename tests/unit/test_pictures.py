@@ -1,0 +1,123 @@
+"""The picture of a run."""
+
+from __future__ import annotations
+
+import struct
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from openmm_dpd.errors import ParameterError
+from openmm_dpd.pictures import _sliding_mean, _spans, thermo_picture
+
+
+def rows(count: int) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(1)
+    levels = {"temp": 1.0, "temp_conf": 1.01, "press": 23.6, "press_full": 23.5, "pe": 4.55, "ke": 1.5, "etotal": 6.05}
+    return {"time": 0.5 * np.arange(count)} | {word: level + 0.01 * rng.standard_normal(count) for word, level in levels.items()}
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """Figures that are saved while the test runs."""
+    figures = []
+    save = Figure.savefig
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *args, **kwargs: (figures.append(figure), save(figure, *args, **kwargs)))
+    return figures
+
+
+def size(path) -> tuple[int, int]:
+    """Width and height of a PNG file, from its first chunk."""
+    data = path.read_bytes()
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    return struct.unpack(">II", data[16:24])
+
+
+def test_panels_labels_and_legend(tmp_path, drawn):
+    units = {"temperature": "K", "pressure": "bar", "time": "ps"}
+    thermo_picture(tmp_path / "run.png", rows(200), runs=[50.0], target=1.0, labels=units, title="a run")
+    assert size(tmp_path / "run.png") == (1200, 1275)
+    (figure,) = drawn
+    assert [axis.get_ylabel() for axis in figure.axes] == ["temperature\n[K]", "pressure\n[bar]", "potential energy", "total energy"]
+    assert [axis.get_xlabel() for axis in figure.axes] == ["", "", "", "time [ps]"]
+    assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == ["kinetic", "configurational", "set"]
+    assert len(figure.axes[1].get_legend().get_texts()) == 2
+    assert figure.axes[2].get_legend() is None
+    # rows and mean of two runs, and the line between them
+    data = [line.get_xdata() for line in figure.axes[2].lines]
+    assert [(float(x[0]), float(x[-1])) for x in data] == [(0.0, 49.5), (0.0, 49.5), (50.0, 99.5), (50.0, 99.5), (50.0, 50.0)]
+
+
+def test_every_row_is_drawn(tmp_path, drawn):
+    columns = rows(150)
+    thermo_picture(tmp_path / "run.png", {"time": columns["time"], "pe": columns["pe"]})
+    line = drawn[0].axes[0].lines[0]
+    assert np.array_equal(line.get_xdata(), columns["time"])
+    assert np.array_equal(line.get_ydata(), columns["pe"])
+
+
+def test_long_series_are_thinned(tmp_path, drawn):
+    thermo_picture(tmp_path / "run.png", {"step": np.arange(100_000), "temp": np.ones(100_000)}, x="step")
+    assert len(drawn[0].axes[0].lines[0].get_xdata()) == 20_000
+
+
+def test_target_may_be_a_ramp(tmp_path, drawn):
+    ramp = np.linspace(1.0, 2.0, 30)
+    thermo_picture(tmp_path / "run.png", {"time": np.arange(30.0), "temp": np.ones(30)}, target=ramp)
+    assert any(np.array_equal(line.get_ydata(), ramp) for line in drawn[0].axes[0].lines)
+
+
+@pytest.mark.parametrize("values", [[1.0], [1.0, 2.0], [np.nan, 1.0, np.inf, 2.0], [None, None, None]])
+def test_few_rows_and_gaps(tmp_path, values):
+    """One row (a deck with run 0), and values that were not measured."""
+    thermo_picture(tmp_path / "run.png", {"time": np.arange(len(values)), "temp": values}, target=1.0)
+    assert size(tmp_path / "run.png")[0] == 1200
+
+
+def test_runs_are_kept_apart():
+    """Runs often share the step at which one ends and the next begins; only there two rows have the same x."""
+    assert _spans(np.array([0.0, 1.0, 2.0, 2.0, 3.0]), [2.0]) == [slice(0, 3), slice(3, 5)]
+    assert _spans(np.array([0.0, 1.0, 2.0, 3.0]), [2.0]) == [slice(0, 2), slice(2, 4)]
+    assert _spans(np.arange(4.0), [1.0, 3.0]) == [slice(0, 1), slice(1, 3), slice(3, 4)]
+    assert _spans(np.arange(4.0), []) == _spans(np.arange(4.0), [0.0, 9.0]) == [slice(0, 4)]
+
+
+def test_sliding_mean():
+    line = 3.0 * np.arange(50) - 7
+    mean = _sliding_mean(line, 11)
+    assert np.isfinite(mean).tolist() == [False] + [True] * 48 + [False]
+    assert np.allclose(mean[1:-1], line[1:-1], rtol=1e-12)  # a straight line stays one, up to its ends
+    values = np.random.default_rng(2).standard_normal(50)
+    assert _sliding_mean(values, 11)[20] == pytest.approx(values[15:26].mean(), rel=1e-12)
+    values[17] = np.nan
+    assert _sliding_mean(values, 11)[20] == pytest.approx(np.nanmean(values[15:26]), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("columns", "options", "message"),
+    [
+        ({"temp": [1.0]}, {}, "no column 'time' to draw against; there are temp"),
+        ({"time": [0.0], "vol": [1.0]}, {}, "nothing to draw: none of temp, "),
+        ({"time": [], "temp": []}, {}, "no rows to draw"),
+        ({"time": [0.0, 1.0], "temp": [1.0]}, {}, r"'temp' has the shape \(1,\)"),
+        ({"time": [0.0, 2.0, 1.0], "temp": [1.0, 1.0, 1.0]}, {"runs": [1.0]}, r"goes back \(from 2 to 1 in row 2\)"),
+        ({"time": [0.0, 1.0], "temp": [1.0, 1.0]}, {"target": [1.0, 1.0, 1.0]}, r"target has the shape \(3,\)"),
+    ],
+)
+def test_what_cannot_be_drawn(tmp_path, columns, options, message):
+    with pytest.raises(ParameterError, match=message):
+        thermo_picture(tmp_path / "run.png", columns, **options)
+    assert not (tmp_path / "run.png").exists()
+
+
+def test_no_global_state(tmp_path):
+    """pyplot is never loaded, so no backend is chosen for the user."""
+    code = (
+        "import sys; from openmm_dpd.pictures import thermo_picture; assert 'matplotlib' not in sys.modules;"
+        f"thermo_picture({str(tmp_path / 'run.png')!r}, {{'time': [0, 1], 'temp': [1, 1]}});"
+        "assert 'matplotlib.pyplot' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -1,0 +1,339 @@
+"""Topology files and mdtraj: every bead keeps its name, mass, charge and bonds."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+import subprocess
+import sys
+import threading
+
+import mdtraj as md
+import numpy as np
+import openmm
+import pytest
+from mdtraj.core.element import Element
+from openmm import app, unit
+
+from openmm_dpd.errors import ParameterError
+from openmm_dpd.trajectory import (
+    bead_charges,
+    bead_element,
+    bead_masses,
+    load,
+    load_topology,
+    openmm_topology,
+    pdb_names,
+    radius_of_gyration,
+    read_psf,
+    write_psf,
+)
+
+MASS = {"A": 1.0, "B": 1 / 3, "C": 12.5, "W": 54.0}
+
+
+def scene(beads: int, seed: int = 11):
+    """Names, masses, charges and bonds of chains of four over types that are, or look like, chemical elements."""
+    rng = np.random.default_rng(seed)
+    names = [str(name) for name in np.array(list(MASS))[rng.integers(0, len(MASS), beads)]]
+    masses = np.array([MASS[name] for name in names])
+    charges = rng.integers(-2, 3, beads) * 0.25
+    first = np.arange(0, beads - 3, 8)
+    bonds = np.concatenate([np.stack([first + k, first + k + 1], axis=1) for k in range(3)])
+    return names, masses, charges, bonds
+
+
+@pytest.fixture
+def psf(tmp_path):
+    names, masses, charges, bonds = scene(48)
+    write_psf(tmp_path / "top.psf", names=names, masses=masses, charges=charges, bonds=bonds)
+    return tmp_path / "top.psf"
+
+
+@pytest.fixture
+def trajectory(psf):
+    rng = np.random.default_rng(5)
+    xyz = rng.uniform(-3, 12, (6, 48, 3)).astype(np.float32)
+    return md.Trajectory(xyz, load_topology(psf), unitcell_lengths=np.full((6, 3), 9.0), unitcell_angles=np.full((6, 3), 90.0))
+
+
+# -- PSF and load_topology -------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("beads", [48, 100_003])
+def test_everything_comes_back(tmp_path, beads):
+    """Names, masses (all digits), charges, molecules and bonds, also where indices have six digits."""
+    names, masses, charges, bonds = scene(beads)
+    masses = masses + np.arange(beads) % 7 / 7  # also masses of single beads
+    write_psf(tmp_path / "top.psf", names=names, masses=masses, charges=charges, bonds=bonds)
+    topology = load_topology(tmp_path / "top.psf")
+    assert [atom.name for atom in topology.atoms] == names
+    assert np.array_equal(bead_masses(topology), masses)
+    assert np.array_equal(bead_charges(topology), charges)
+    assert [(a.index, b.index) for a, b in topology.bonds] == [tuple(pair) for pair in bonds.tolist()]
+    assert [atom.index for atom in topology.atoms] == list(range(beads))
+    assert topology.n_residues == beads - len(bonds)  # chains and single beads, no rings
+    beads_read = read_psf(tmp_path / "top.psf")
+    assert np.array_equal(beads_read.bonds, bonds)
+
+
+def test_centre_of_mass_and_inertia(trajectory):
+    """Against numpy; mdtraj's own elements (hydrogen, nothing, carbon, manganese for these masses) would be off by a lot."""
+    _, masses, _, _ = scene(48)
+    x = trajectory.xyz.astype(np.float64)
+    centre = (masses[:, None] * x).sum(axis=1) / masses.sum()
+    assert np.allclose(md.compute_center_of_mass(trajectory), centre, atol=1e-12, rtol=0)
+    moved = x - centre[:, None]
+    square = (moved**2).sum(axis=2)
+    inertia = np.einsum("i,fi,ab->fab", masses, square, np.eye(3)) - np.einsum("i,fia,fib->fab", masses, moved, moved)
+    assert np.allclose(md.compute_inertia_tensor(trajectory), inertia, rtol=1e-5)
+    assert np.allclose(radius_of_gyration(trajectory), np.sqrt((masses * square).sum(axis=1) / masses.sum()), rtol=1e-12)
+    # mdtraj's own Rg takes the distances from the geometric centre
+    about = ((x - x.mean(axis=1, keepdims=True)) ** 2).sum(axis=2)
+    expected = np.sqrt((masses * about).sum(axis=1) / masses.sum())
+    assert np.allclose(md.compute_rg(trajectory, masses=bead_masses(trajectory.topology)), expected, rtol=1e-5)
+
+
+def test_centre_of_mass_of_100003_beads(tmp_path):
+    names, masses, _, _ = scene(100_003)
+    write_psf(tmp_path / "top.psf", names=names, masses=masses)
+    xyz = np.random.default_rng(6).uniform(0, 30, (1, 100_003, 3)).astype(np.float32)
+    md.Trajectory(xyz, None).save_dcd(tmp_path / "run.dcd")
+    loaded = load(tmp_path / "run.dcd", tmp_path / "top.psf")
+    expected = (masses[:, None] * xyz[0].astype(np.float64)).sum(axis=0) / masses.sum()
+    # DCD holds float32 angstrom: 30 nm * 1e-7, averaged
+    assert np.allclose(md.compute_center_of_mass(loaded)[0], expected, atol=1e-6, rtol=0)
+    centred = xyz[0] - expected
+    assert radius_of_gyration(loaded)[0] == pytest.approx(np.sqrt((masses * (centred**2).sum(axis=1)).sum() / masses.sum()), rel=1e-6)
+
+
+def test_what_mdtraj_makes_of_the_masses_alone(psf):
+    """Why load_topology exists: mdtraj's reader replaces the masses by those of the nearest elements."""
+    found = {atom.name: atom.element.mass for atom in md.load_psf(psf).atoms}
+    assert found["B"] == 0.0
+    assert found["W"] == pytest.approx(54.938, abs=1e-3)
+
+
+def test_registry_is_untouched(psf):
+    symbols, numbers = dict(Element._elements_by_symbol), dict(Element._elements_by_atomic_number)
+    load_topology(psf)
+    assert Element._elements_by_symbol == symbols
+    assert Element._elements_by_atomic_number == numbers
+    assert md.element.boron.mass == pytest.approx(10.81, abs=0.01)
+
+
+def test_equality_hash_copy_pickle(psf):
+    topology = load_topology(psf)
+    for other in (load_topology(psf), topology.copy(), copy.deepcopy(topology), pickle.loads(pickle.dumps(topology))):
+        assert other == topology
+        assert hash(other) == hash(topology)
+        assert np.array_equal(bead_masses(other), bead_masses(topology))
+    element = topology.atom(0).element
+    for again in (pickle.loads(pickle.dumps(element)), copy.copy(element), copy.deepcopy(element)):
+        assert again is element
+    assert bead_element("A", 1.0) == bead_element("A", 1)
+    assert bead_element("A", 1.0) != bead_element("A", 2.0) != bead_element("B", 2.0)
+    assert bead_element("A", 1.0, 0.5).charge == 0.5
+
+
+def test_pickle_in_a_fresh_process(psf):
+    """Analysis in worker processes gets the same masses."""
+    code = "import pickle, sys; print(repr([a.element.mass for a in pickle.load(sys.stdin.buffer).atoms]))"
+    topology = load_topology(psf)
+    done = subprocess.run([sys.executable, "-c", code], input=pickle.dumps(topology), capture_output=True, check=True)
+    assert done.stdout.decode().strip() == repr(bead_masses(topology).tolist())
+
+
+def test_one_element_from_many_threads():
+    found, gate = [], threading.Barrier(8)
+
+    def make():
+        gate.wait()
+        found.append([bead_element("thread", 1.0 + k) for k in range(200)])
+
+    threads = [threading.Thread(target=make) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(found) == 8
+    assert all(mine is first for other in found for mine, first in zip(other, found[0], strict=True))
+
+
+def test_subset_join_stack_and_slices(trajectory):
+    _, masses, charges, _ = scene(48)
+    part = trajectory.atom_slice([3, 10, 11, 40])
+    assert np.array_equal(bead_masses(part.topology), masses[[3, 10, 11, 40]])
+    assert np.array_equal(bead_charges(part.topology), charges[[3, 10, 11, 40]])
+    assert md.join([trajectory[:2], trajectory[2:]]).n_frames == 6
+    assert np.array_equal(bead_masses(trajectory.stack(trajectory).topology), np.tile(masses, 2))
+    names = [atom.name for atom in trajectory.topology.atoms]
+    assert trajectory.topology.select("name B").tolist() == [k for k, name in enumerate(names) if name == "B"]
+    assert trajectory.topology.select("mass > 10").tolist() == np.flatnonzero(masses > 10).tolist()
+
+
+@pytest.mark.parametrize("suffix", [".dcd", ".xtc"])
+def test_load(trajectory, psf, tmp_path, suffix):
+    """Lengths in nm after a round trip (XTC keeps 0.001 nm), box included; stride, atoms and frame."""
+    path = tmp_path / f"run{suffix}"
+    trajectory.save(path)
+    loaded = load(path, psf)
+    assert loaded.topology == trajectory.topology
+    assert np.allclose(loaded.xyz, trajectory.xyz, atol=1e-5 if suffix == ".dcd" else 6e-4, rtol=0)
+    assert np.allclose(loaded.unitcell_lengths, 9.0)
+    assert load(path, trajectory.topology, stride=2).n_frames == 3
+    assert load(path, psf, frame=4).n_frames == 1
+    assert np.array_equal(bead_masses(load(path, psf, atom_indices=[2, 5]).topology), scene(48)[1][[2, 5]])
+
+
+def test_load_says_what_does_not_fit(trajectory, psf, tmp_path):
+    trajectory.atom_slice(range(40)).save_dcd(tmp_path / "run.dcd")
+    with pytest.raises(ParameterError, match=r"run\.dcd cannot be read with a topology of 48 beads"):
+        load(tmp_path / "run.dcd", psf)
+    with pytest.raises(ParameterError, match=r"must be a \.dcd or \.xtc file"):
+        load(tmp_path / "run.trr", psf)
+
+
+def test_saved_pdb_invents_no_element(trajectory, tmp_path):
+    """mdtraj's own PDB file of such a trajectory reads back without masses rather than with wrong ones."""
+    trajectory[0].save_pdb(tmp_path / "out.pdb")
+    assert {atom.element.mass for atom in md.load_pdb(tmp_path / "out.pdb").topology.atoms} == {0.0}
+
+
+def test_molecules(tmp_path):
+    """Given molecules are residues; beads of one molecule that are apart make two, since atoms stay in order."""
+    write_psf(tmp_path / "top.psf", names=["A"] * 6, masses=np.ones(6), molecules=[7, 7, 0, 0, 7, 9])
+    topology = load_topology(tmp_path / "top.psf")
+    assert [(residue.resSeq, residue.n_atoms) for residue in topology.residues] == [(7, 2), (0, 2), (7, 1), (9, 1)]
+    # bonded beads are a molecule if nothing is given
+    write_psf(tmp_path / "top.psf", names=["A"] * 6, masses=np.ones(6), bonds=[(4, 3), (3, 2)])
+    assert read_psf(tmp_path / "top.psf").molecules.tolist() == [1, 2, 3, 3, 3, 4]
+
+
+def test_names_of_elements_ions_and_any_length(tmp_path):
+    names = ["CLA", "SOD", "1", "solvent_bead_of_type_3", "O", "Na+", "!x"]
+    write_psf(tmp_path / "top.psf", names=names, masses=np.arange(7) + 0.5, charges=np.full(7, -1.2345678901234567e-5))
+    topology = load_topology(tmp_path / "top.psf")
+    assert [atom.name for atom in topology.atoms] == names
+    assert np.array_equal(bead_masses(topology), np.arange(7) + 0.5)
+    assert set(bead_charges(topology)) == {-1.2345678901234567e-5}
+    assert [atom.name for atom in md.load_psf(tmp_path / "top.psf").atoms] == names
+
+
+def test_units_of_masses(tmp_path):
+    write_psf(tmp_path / "top.psf", names=["A"], masses=[2.0] * unit.dalton, charges=[1.0] * unit.elementary_charge)
+    assert bead_masses(load_topology(tmp_path / "top.psf")).tolist() == [2.0]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"names": ["A", "B C"]}, "'B C' cannot stand in a PSF file"),
+        ({"names": ["A", ""]}, "'' cannot stand"),
+        ({"masses": [1.0]}, "masses must have one entry for each of the 2 names"),
+        ({"masses": [1.0, -2.0]}, "bead 1 has the mass -2"),
+        ({"masses": [1.0, np.nan]}, "masses holds nan"),
+        ({"charges": [1.0, 2.0, 3.0]}, "charges must have one entry"),
+        ({"bonds": [(0, 2)]}, r"bond 0 is \[0, 2\]"),
+        ({"bonds": [(0, 1), (1, 1)]}, r"bond 1 is \[1, 1\]"),
+        ({"bonds": [0, 1]}, "pairs of bead indices"),
+        ({"molecules": [1, -1]}, "bead 1 has the molecule number -1"),
+        ({"molecules": [0.5, 1.0]}, "one integer"),
+    ],
+)
+def test_what_cannot_be_written(tmp_path, change, message):
+    with pytest.raises(ParameterError, match=message):
+        write_psf(tmp_path / "top.psf", **({"names": ["A", "B"], "masses": [1.0, 1.0]} | change))
+    assert not (tmp_path / "top.psf").exists()
+
+
+def test_broken_files_name_the_line(psf):
+    lines = psf.read_text().splitlines()
+    with pytest.raises(ParameterError, match="no PSF file"):
+        psf.write_text("CRYST1\n")
+        load_topology(psf)
+    number = next(k for k, line in enumerate(lines) if "!NATOM" in line)
+    broken = [*lines]
+    broken[number + 3] = broken[number + 3][:40]
+    psf.write_text("\n".join(broken))
+    with pytest.raises(ParameterError, match=rf"top\.psf:{number + 4}: cannot read bead 3 of 48"):
+        load_topology(psf)
+    psf.write_text("\n".join(lines[: number + 50]))
+    with pytest.raises(ParameterError, match="no readable !NBOND section"):
+        load_topology(psf)
+
+
+# -- OpenMM ------------------------------------------------------------------------------------------------------------------------
+def test_pdb_names_cannot_be_read_as_elements():
+    """Every symbol that mdtraj knows, as the name of a bead."""
+    symbols = sorted({element.symbol for element in Element._elements_by_symbol.values()})
+    assert len(symbols) > 100
+    names = pdb_names([*symbols, "A", "W", "1"])
+    assert names["B"] == "QB"
+    assert len(set(names.values())) == len(names)
+    for name in names.values():
+        assert md.formats.pdb.PDBTrajectoryFile._guess_element(name, "MOL", 1) is None
+        for symbol in (name, name[0], name[:2]):
+            assert symbol.upper() not in Element._elements_by_symbol
+
+
+def test_pdb_names_stay_different():
+    names = pdb_names(["solvent", "sol", "solute", "a-b", "ab", "\u03b1", "s2", "Q"])
+    assert names["sol"] == "Qsol"
+    assert len(set(names.values())) == 8
+    assert all(2 <= len(short) <= 4 and short.isascii() and short.isalnum() for short in names.values())
+
+
+def test_openmm_topology():
+    topology = openmm_topology(["A", "B", "B", "W"], [3, 3, 4, 4], [(1, 0), (2, 3)], [5.0, 6.0, 7.0])
+    assert [(atom.name, atom.element, atom.residue.id) for atom in topology.atoms()] == [
+        ("QA", None, "3"),
+        ("QB", None, "3"),
+        ("QB", None, "4"),
+        ("QW", None, "4"),
+    ]
+    assert [residue.id for residue in topology.residues()] == ["3", "4"]
+    assert [(a.index, b.index) for a, b in topology.bonds()] == [(1, 0), (2, 3)]
+    assert topology.getUnitCellDimensions().value_in_unit(unit.nanometer) == openmm.Vec3(5, 6, 7)
+    assert openmm_topology(["A"]).getPeriodicBoxVectors() is None
+    # no residue holds a name twice
+    assert [residue.id for residue in openmm_topology(["A", "B", "A", "W", "A"], [1, 1, 1, 2, 2]).residues()] == ["1", "1", "1", "2"]
+    with pytest.raises(ParameterError, match=r"bond 0 is \[0, 1\]"):
+        openmm_topology(["A"], bonds=[(0, 1)])
+
+
+def test_reporters_and_pdb(tmp_path):
+    """DCD, XTC, PDB and mmCIF from a Simulation; mdtraj finds no element in any, and all masses through load."""
+    names, masses, _, bonds = scene(24)
+    topology = openmm_topology(names, None, bonds, np.diag([6.0, 6.0, 6.0]))
+    system = openmm.System()
+    for mass in masses:
+        system.addParticle(mass)
+    system.setDefaultPeriodicBoxVectors(*topology.getPeriodicBoxVectors())
+    integrator = openmm.VerletIntegrator(0.001)
+    simulation = app.Simulation(topology, system, integrator, openmm.Platform.getPlatform("Reference"))
+    positions = np.random.default_rng(2).uniform(0, 6, (24, 3))
+    simulation.context.setPositions(positions)
+    write_psf(tmp_path / "top.psf", names=names, masses=masses, bonds=bonds)
+    files = {suffix: tmp_path / f"run.{suffix}" for suffix in ("dcd", "xtc", "pdb")}
+    kinds = {"dcd": app.DCDReporter, "xtc": app.XTCReporter, "pdb": app.PDBReporter}
+    simulation.reporters = [kinds[suffix](str(path), 1, enforcePeriodicBox=False) for suffix, path in files.items()]
+    simulation.step(2)
+    simulation.reporters.clear()  # closes the files
+    with open(tmp_path / "run.cif", "w") as file:
+        app.PDBxFile.writeFile(topology, positions * unit.nanometer, file)
+    for suffix in ("dcd", "xtc"):
+        loaded = load(files[suffix], tmp_path / "top.psf")
+        assert np.allclose(loaded.xyz[1], positions, atol=1e-3)
+        assert np.array_equal(bead_masses(loaded.topology), masses)
+    pdb = md.load_pdb(files["pdb"])
+    assert [atom.name for atom in pdb.topology.atoms] == [f"Q{name}" for name in names]
+    assert {atom.element.symbol for atom in pdb.topology.atoms} == {"VS"}
+    assert {tuple(sorted((a.index, b.index))) for a, b in pdb.topology.bonds} == {tuple(pair) for pair in bonds.tolist()}
+    assert pdb.n_frames == 2
+    for read in (app.PDBFile(str(files["pdb"])), app.PDBxFile(str(tmp_path / "run.cif"))):
+        assert [atom.name for atom in read.topology.atoms()] == [f"Q{name}" for name in names]
+        assert {atom.element for atom in read.topology.atoms()} == {None}
+
+
+def test_import_does_not_load_mdtraj():
+    code = "import sys, openmm_dpd.trajectory; sys.exit('mdtraj' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
