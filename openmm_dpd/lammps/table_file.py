@@ -1,7 +1,6 @@
 """Pair table files: a keyword, a line with ``N``, a blank line and rows ``index r energy force``.
 
-How a table is used here: a cubic spline goes through the energies at the file's own distances, and the force is its
-slope.  The number of points after ``pair_style table linear|spline|lookup|bitmap`` is LAMMPS's resolution for its own
+How a table is used here: a cubic spline goes through energies and forces at the file's own distances.  The number of points after ``pair_style table linear|spline|lookup|bitmap`` is LAMMPS's resolution for its own
 intermediate table in r^2, for which there is no need here.
 """
 
@@ -11,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from ..errors import DeckError, ParameterError
 from ..model.pairs import TabulatedPair
@@ -109,7 +109,7 @@ def _assemble(rows: list[tuple[int, list[str]]], parameters: dict, path: Path, l
 
 
 def tabulated_pair(data: TableData, cutoff: float | None, units: UnitSystem) -> tuple[TabulatedPair, str | None]:
-    """Table as a pair term in MD units, and a remark if its forces had to be left out.
+    """Table as a pair term in MD units, and a remark if its energies had to be replaced.
 
     Parameters
     ----------
@@ -125,22 +125,23 @@ def tabulated_pair(data: TableData, cutoff: float | None, units: UnitSystem) -> 
     pair : TabulatedPair
         Evenly spaced; an uneven table (``RSQ``) is resampled with a cubic spline.
     remark : str or None
-        Says that the forces of the file are not the slope of its energies (LAMMPS would use these forces), if so.
+        Says that the forces of the file are not the slope of its energies, if so.
     """
     r, energies, forces = data.distances, data.energies, data.forces
     steps = np.diff(r)
     if not np.allclose(steps, steps.mean(), rtol=1e-4):
-        from scipy.interpolate import CubicSpline
-
         # as fine as the finest part of the file, within reason
         even = np.linspace(r[0], r[-1], int(np.clip(np.ceil((r[-1] - r[0]) / steps.min()) + 1, len(r), max(20000, len(r)))))
         spline = CubicSpline(r, energies, bc_type=((1, -forces[0]), (1, -forces[-1])))
         r, energies, forces = even, spline(even), np.interp(even, r, forces)
     limit = None if cutoff is None else cutoff * units.length
-    arguments = (r * units.length, energies * units.energy)
     try:
-        return TabulatedPair(*arguments, forces=forces * units.force, cutoff=limit), None
+        return TabulatedPair(r * units.length, energies * units.energy, forces=forces * units.force, cutoff=limit), None
     except ParameterError as error:
         if "minus the slope" not in str(error):
             raise
-        return TabulatedPair(*arguments, cutoff=limit), f"the slope of its energies is used as the force ({error})"
+        # LAMMPS moves the beads by the forces, so they define the potential
+        work = CubicSpline(r, forces).antiderivative()
+        energies = energies[-1] + work(r[-1]) - work(r)
+        pair = TabulatedPair(r * units.length, energies * units.energy, forces=forces * units.force, cutoff=limit)
+        return pair, f"its energies are replaced by the integral of its forces, which move the beads ({error})"

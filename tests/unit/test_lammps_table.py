@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
@@ -63,10 +65,22 @@ def test_units_and_cutoff(table):
     assert pair.forces[0] == pytest.approx(force(0.1) * 41.84, rel=1e-6)
 
 
-def test_forces_that_are_not_the_slope_are_left_out_and_said(table):
+def test_forces_that_are_not_the_slope_define_the_potential(table):
+    """LAMMPS moves the beads by the forces of the file, whatever its energies are."""
+    even = read_table(table, "EVEN")
+    data = replace(even, forces=1.5 * even.forces)
+    pair, remark = tabulated_pair(data, None, LJ)
+    assert "energies are replaced" in remark
+    np.testing.assert_allclose(pair.forces, data.forces)
+    inner = slice(2, -2)
+    np.testing.assert_allclose(-np.gradient(pair.energies, pair.distances)[inner], data.forces[inner], atol=0.05 * np.ptp(data.forces))
+
+
+def test_forces_with_kinks_are_kept(table):
+    """Coarse-grained tables have forces that jump about the slope of the energies; their integral is what counts."""
     pair, remark = tabulated_pair(read_table(table, "NOISY"), None, LJ)
-    assert pair.forces is None
-    assert "the slope of its energies is used" in remark
+    assert remark is None
+    np.testing.assert_allclose(pair.forces, read_table(table, "NOISY").forces)
 
 
 @pytest.mark.parametrize(

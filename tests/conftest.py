@@ -1,0 +1,69 @@
+"""Fixtures of the whole suite: platforms, precisions and threads."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+# a second thread can be asked for on any machine; has to be set before numba is imported
+os.environ.setdefault("NUMBA_NUM_THREADS", "2")
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+import numba
+import openmm
+import pytest
+from devices import DEVICES, Device
+
+from openmm_dpd.kernels.engine import set_threads
+
+
+@cache
+def why_missing(device: Device) -> str | None:
+    """None when a Context can be made on the device, otherwise the reason in words."""
+    names = [openmm.Platform.getPlatform(k).getName() for k in range(openmm.Platform.getNumPlatforms())]
+    if device.platform not in names:
+        return f"OpenMM has no platform {device.platform} here"
+    system = openmm.System()
+    system.addParticle(1.0)
+    try:
+        openmm.Context(system, openmm.VerletIntegrator(0.001), openmm.Platform.getPlatformByName(device.platform), device.properties)
+    except openmm.OpenMMException as error:
+        return f"no Context on {device}: {error}"
+    return None
+
+
+def _available(device: Device) -> Device:
+    reason = why_missing(device)
+    if reason is not None:
+        pytest.skip(reason)
+    return device
+
+
+@pytest.fixture(params=DEVICES, ids=str)
+def device(request) -> Device:
+    """Every platform in every precision it has."""
+    return _available(request.param)
+
+
+@pytest.fixture(params=[d for d in DEVICES if d.exact], ids=str)
+def host(request) -> Device:
+    """The platforms that hand positions and pair forces over in double precision, bit for bit."""
+    return _available(request.param)
+
+
+@pytest.fixture(autouse=True)
+def one_thread() -> Iterator[None]:
+    """The kernel uses one thread unless a test asks for more."""
+    set_threads(1)
+    yield
+    set_threads(None)
+
+
+@pytest.fixture
+def two_threads() -> None:
+    """Skip where numba was limited to one thread before it was imported."""
+    if numba.config.NUMBA_NUM_THREADS < 2:
+        pytest.skip("NUMBA_NUM_THREADS is 1")

@@ -1,0 +1,46 @@
+"""Platforms and precisions the tests run on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import openmm
+
+
+@dataclass(frozen=True)
+class Device:
+    """One platform in one precision."""
+
+    platform: str
+    precision: str = ""
+
+    def __str__(self) -> str:
+        return self.platform + (f"-{self.precision}" if self.precision else "")
+
+    @property
+    def properties(self) -> dict[str, str]:
+        """Platform properties."""
+        if self.platform == "CPU":
+            return {"Threads": "1"}
+        return {"Precision": self.precision} if self.precision else {}
+
+    @property
+    def exact(self) -> bool:
+        """Whether positions, velocities and the kernel's forces are double precision throughout."""
+        return self.platform in ("Reference", "CPU")
+
+    def choose(self, exact: float, mixed: float, single: float) -> float:
+        """A tolerance: Reference and CPU; double or mixed precision; single precision."""
+        return exact if self.exact else single if self.precision == "single" else mixed
+
+
+_PRESENT = {openmm.Platform.getPlatform(k).getName() for k in range(openmm.Platform.getNumPlatforms())}
+PRECISIONS = ("single", "mixed", "double")
+
+#: CUDA and HIP are tested where they are; OpenCL runs on any machine that has PoCL, and is skipped with a reason where it is not.
+DEVICES = [Device("Reference"), Device("CPU")] + [
+    Device(platform, precision)
+    for platform in ("OpenCL", "CUDA", "HIP")
+    if platform == "OpenCL" or platform in _PRESENT
+    for precision in PRECISIONS
+]
