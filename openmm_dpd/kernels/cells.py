@@ -15,6 +15,10 @@ from scipy.spatial import cKDTree
 from .compiled import serial_and_parallel
 
 
+#: Square of the distance (nm^2) below which a pair exerts no force.
+R_MIN2 = 1e-20
+
+
 @njit(nogil=True, cache=True)
 def bin_beads(x, beads, box, origin, periodic, ncell, cell, count, order, xs):
     """Counting sort of the beads by cell (x fastest), stable in the bead's index.
@@ -121,9 +125,10 @@ def _put(i, j, dx, dy, dz, r2, factor, n, end, pi, pj, geometry, factors):
         r = np.sqrt(r2)
         pi[n] = i
         pj[n] = j
-        geometry[n, 0] = dx / r
-        geometry[n, 1] = dy / r
-        geometry[n, 2] = dz / r
+        inverse = 1.0 / r
+        geometry[n, 0] = dx * inverse
+        geometry[n, 1] = dy * inverse
+        geometry[n, 2] = dz * inverse
         geometry[n, 3] = r
         if len(factors):
             factors[n] = factor
@@ -195,7 +200,7 @@ def _list_pairs(xs, order, types, ntypes, cut2, cut2max, exc, box, periodic, nce
                         dy = yi - xs[j, 1]
                         dz = zi - xs[j, 2]
                         r2 = dx * dx + dy * dy + dz * dz
-                        if r2 < cut2max and r2 >= 1e-20:
+                        if r2 < cut2max and r2 >= R_MIN2:
                             if ntypes > 1 and r2 >= cut2[types[i] * ntypes + types[j]]:
                                 continue
                             factor = 1.0
@@ -227,7 +232,7 @@ def list_pairs_small_box(xs, order, types, ntypes, cut2, cut2max, exc, box, star
             dy -= turns * box[1, 1]
             dx -= np.floor(dx / box[0, 0] + 0.5) * box[0, 0]
             r2 = dx * dx + dy * dy + dz * dz
-            if r2 < cut2max and r2 >= 1e-20:
+            if r2 < cut2max and r2 >= R_MIN2:
                 if ntypes > 1 and r2 >= cut2[types[i] * ntypes + types[j]]:
                     continue
                 factor = 1.0

@@ -17,10 +17,6 @@ from scipy.interpolate import CubicSpline
 from ..errors import ParameterError
 from ..units import to_md
 
-#: Below this distance (nm) a pair exerts no force.
-R_MIN = 1e-10
-
-
 class _NoInteraction:
     """The explicit statement that a type pair does not interact (LAMMPS: ``pair_coeff i j none``)."""
 
