@@ -46,7 +46,7 @@ MASSES = {"A": 1.0, "B": 2.7}
 
 
 def fluid(
-    table=EXTENDED, box=BOXES["ortho"], density=2.0, *, n=None, seed=1, kT=1.0, spread=2, masses=MASSES, **options
+    table=EXTENDED, box=BOXES["ortho"], density=2.0, *, n=None, seed=1, kT=1.0, spread=2, masses=MASSES, positions=None, **options
 ) -> dpd.Scene:
     """Random two-type fluid with velocities (no total momentum), its beads strewn over ``2 spread + 1`` images of the box along each edge.
 
@@ -54,18 +54,29 @@ def fluid(
     """
     rng = np.random.default_rng(seed)
     if n is None:
-        n = int(density * (64.0 if box is None else np.prod(np.diag(box))))
+        n = max(40, int(density * (64.0 if box is None else np.prod(np.diag(box)))))
     fractional = rng.random((n, 3))
     if box is None:
         x = fractional * (n / density) ** (1 / 3)
     else:
         x = (fractional + rng.integers(-spread, spread + 1, (n, 3))) @ box
+    x = x if positions is None else positions
     names = list(masses)
     types = [names[k] for k in rng.integers(0, len(names), n)]
     m = np.array([masses[name] for name in types])
     v = rng.normal(size=(n, 3)) / np.sqrt(m)[:, None]
     v -= m @ v / m.sum()
     return dpd.Scene(masses, types, x, table, kT, box=box, **{"velocities": v, **options})
+
+
+def chains(box=BOXES["ortho"], *, n=100, special=(0.0, 0.5, 0.25), k=0.0, **options) -> dpd.Scene:
+    """The random fluid with chains of four beads, a ring and a star in it, bonded beads 0.4 apart."""
+    bonds = [(4 * c + a, 4 * c + a + 1) for c in range(10) for a in range(3)]
+    bonds += [(40, 41), (41, 42), (42, 43), (40, 43), (50, 51), (50, 52), (50, 53)]
+    x = fluid(box=box, n=n, seed=12).positions
+    for (i, j), step in zip(bonds, np.random.default_rng(13).normal(size=(len(bonds), 3)), strict=True):
+        x[j] = x[i] + 0.4 * step / np.linalg.norm(step)
+    return fluid(box=box, n=n, seed=12, positions=x, bonds=[dpd.HarmonicBonds(np.array(bonds), k, 0.5)], special=special, **options)
 
 
 def beads(n: int = 81, *, seed: int = 1, kT: float = 1.0, table=None, edge: float = 3.0, **options) -> dpd.Scene:

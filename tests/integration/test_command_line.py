@@ -1,0 +1,165 @@
+"""The command line: what it writes, what it overrides, and one clear line for each kind of bad input."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from openmm_dpd.cli import main
+from openmm_dpd.lammps.main import deck_forces, explain_deck, run_deck
+from openmm_dpd.lammps.run import RunOptions
+
+DECKS = Path(__file__).parents[2] / "examples" / "decks"
+
+FLUID = """# a small two-type fluid
+units lj
+atom_style atomic
+comm_modify vel yes
+region box block 0 4 0 4 0 4 units box
+create_box 2 box
+create_atoms 1 random 100 4243 box
+create_atoms 2 random 92 4244 box
+mass 1 1.0
+mass 2 2.0
+pair_style dpd 1.0 1.0 34387
+pair_coeff 1 1 25.0 4.5
+pair_coeff 1 2 30.0 4.5
+pair_coeff 2 2 25.0 4.5
+velocity all create 1.0 87287
+fix move all nve
+timestep 0.01
+thermo 10
+variable twice equal 2*temp
+thermo_style custom step temp press pe v_twice c_thermo_temp
+run 50
+run 30
+"""
+
+
+@pytest.fixture
+def deck(tmp_path: Path) -> Path:
+    path = tmp_path / "in.fluid"
+    path.write_text(FLUID)
+    return path
+
+
+def test_run_writes_everything(deck, tmp_path, capsys):
+    out, report_file = tmp_path / "out", tmp_path / "report.json"
+    assert main(["run", str(deck), "--platform", "CPU", "--threads", "1", "--json", str(report_file), "--out", str(out)]) == 0
+    report = json.loads(report_file.read_text())
+    assert set(report) >= {"natoms", "units", "scheme", "platform", "precision", "threads", "momentum", "runs", "steps", "dt", "seconds_per_step", "thermo"}
+    assert (report["natoms"], report["units"], report["scheme"], report["platform"], report["threads"]) == (192, "lj", "mvv", "CPU", 1)
+    assert [run["steps"] for run in report["runs"]] == [50, 30]
+    assert report["steps"] == 30 and report["dt"] == pytest.approx(0.01)
+    assert report["momentum"] < 1e-9 * 192
+    words = {"step", "temp", "press", "pe", "v_twice", "c_thermo_temp", "press_full", "ke", "etotal", "temp_conf"}
+    assert set(report["thermo"]) == words
+    for word in words:
+        assert set(report["thermo"][word]) == {"mean", "sem", "first", "last"}
+    assert report["thermo"]["v_twice"]["mean"] == pytest.approx(2 * report["thermo"]["temp"]["mean"])
+    # the second run starts where the first one ends
+    assert report["thermo"]["step"]["first"] == 50 and report["thermo"]["step"]["last"] == 80
+    assert report["runs"][1]["thermo"]["pe"]["first"] == pytest.approx(report["runs"][0]["thermo"]["pe"]["last"], rel=1e-9)
+    for name in ("trajectory.dcd", "topology.psf", "final_state.xml", "thermo.png"):
+        assert (out / name).stat().st_size > 0
+    printed = capsys.readouterr().out
+    assert printed.count("v_twice") == 2
+
+
+def test_trajectory_opens_in_mdtraj_with_the_right_masses(deck, tmp_path):
+    from openmm_dpd.trajectory import bead_masses, load
+
+    run_deck(deck, RunOptions(platform="CPU", threads=1), out=tmp_path)
+    trajectory = load(tmp_path / "trajectory.dcd", tmp_path / "topology.psf")
+    assert trajectory.n_atoms == 192
+    np.testing.assert_allclose(bead_masses(trajectory.topology), [1.0] * 100 + [2.0] * 92)
+    np.testing.assert_allclose(trajectory.unitcell_lengths[0], 4.0, rtol=1e-6)
+
+
+def test_overrides_apply_to_every_run(deck):
+    report = run_deck(deck, RunOptions(platform="Reference", scheme="middle", dt=0.02, steps=4, threads=1))
+    assert report["scheme"] == "middle"
+    assert [(run["steps"], run["dt"]) for run in report["runs"]] == [(4, pytest.approx(0.02))] * 2
+
+
+def test_discard_leaves_out_the_beginning(deck):
+    all_rows = run_deck(deck, RunOptions(platform="Reference", threads=1))["runs"][0]["thermo"]["step"]
+    late = run_deck(deck, RunOptions(platform="Reference", threads=1, discard=30))["runs"][0]["thermo"]["step"]
+    assert all_rows["mean"] == 25 and late["mean"] == 40 and late["first"] == 0
+
+
+def test_seeds_and_runs_draw_different_noise(deck):
+    def last(seed: int) -> float:
+        return run_deck(deck, RunOptions(platform="Reference", threads=1, seed=seed, steps=5))["thermo"]["pe"]["last"]
+
+    assert last(1) == last(1)
+    assert last(1) != last(2)
+
+
+@pytest.mark.parametrize("scheme", ["mvv", "middle"])
+def test_forces_add_up_and_do_not_depend_on_the_scheme(deck, tmp_path, scheme):
+    target = tmp_path / "forces.json"
+    assert main(["forces", str(deck), "--platform", "Reference", "--json", str(target)]) == 0
+    terms = {name: np.array(force) for name, force in json.loads(target.read_text())["terms"].items()}
+    assert set(terms) == {"conservative", "dissipative", "random"}
+    again = deck_forces(deck, RunOptions(platform="Reference", scheme=scheme))
+    for name, force in terms.items():
+        assert force.shape == (192, 3)
+        np.testing.assert_allclose(force.sum(axis=0), 0, atol=1e-10)
+        np.testing.assert_allclose(force, again[name], rtol=1e-12, atol=1e-12)
+
+
+def test_explain_shows_plan_program_and_notes(deck):
+    text = explain_deck(deck, RunOptions(platform="CPU"))
+    for part in ("192 beads of 2 type(s)", "scheme: mvv", "program mvv", "comm_modify has no meaning here"):
+        assert part in text
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        (("pair_coeff 1 2 30.0 4.5\n", ""), "in.fluid:11: no pair coefficients for the type pair 1 2"),
+        (("1 2 30.0 4.5", "1 2 30.0 -4.5"), "in.fluid:13: pair style dpd, types 1 2: gamma must be >= 0, but is -4.5"),
+        (("2 2 25.0 4.5", "2 2 25.0 4.5 2.5"), "in.fluid:14: the cutoff 2.5 of types 2 2 is over half the box"),
+        (("timestep", "tempstep"), "in.fluid:17: unknown or unsupported command 'tempstep'"),
+        (("run 50\nrun 30\n", ""), "in.fluid: the deck has no run command"),
+        (("fix move all nve", "fix move all nvt temp 1 1 1"), "in.fluid:16:"),
+        (("25.0 4.5\npair_coeff 1 2", "nan 4.5\npair_coeff 1 2"), "in.fluid:12:"),
+    ],
+)
+def test_one_clear_line_for_bad_input(deck, capsys, edit, message):
+    text = FLUID.replace(*edit)
+    assert text != FLUID
+    deck.write_text(text)
+    assert main(["run", str(deck), "--platform", "Reference", "--quiet", "--out", str(deck.parent / "out")]) == 1
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_impossible_scheme_names_the_reason(deck, capsys):
+    deck.write_text(FLUID.replace("pair_style dpd 1.0 1.0", "pair_style dpd/ext 1.0 1.0").replace(" 4.5\n", " 4.5 2.0 1.0 1.0\n"))
+    assert main(["run", str(deck), "--platform", "Reference", "--scheme", "native", "--quiet"]) == 1
+    assert "DPDIntegrator cannot run this scene: for types (1, 1) there is transverse friction" in capsys.readouterr().err
+
+
+def test_native_scheme_runs_a_deck(deck):
+    report = run_deck(deck, RunOptions(platform="CPU", scheme="native", steps=20, threads=1))
+    assert report["scheme"] == "native" and np.isfinite(report["thermo"]["temp"]["mean"])
+    # the native integrator has no noise of ours to report: its pressure is the conservative one
+    assert report["thermo"]["press"]["mean"] != report["thermo"]["press_full"]["mean"]
+
+
+def test_configurational_temperature_is_null_with_a_reason():
+    report = run_deck(DECKS / "in.dpd_tstat", RunOptions(platform="CPU", steps=2, threads=1))
+    assert report["thermo"]["temp_conf"] is None
+    assert "Laplacian" in report["temp_conf_reason"]
+
+
+@pytest.mark.parametrize("deck_name", sorted(path.name for path in DECKS.glob("in.*")))
+def test_every_example_deck_runs(deck_name, tmp_path):
+    report = run_deck(DECKS / deck_name, RunOptions(platform="CPU", steps=4, threads=1), out=tmp_path)
+    assert all(np.isfinite(run["thermo"]["temp"]["last"]) for run in report["runs"])

@@ -1,0 +1,273 @@
+"""Pair lists: every pair once, whatever the box, the images and the number of threads."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import oracle
+import pytest
+from scenes import BOXES, EXTENDED, TABLES, chains, factor_of, fluid, listed_pairs, oracle_params
+
+from openmm_dpd import RunError
+from openmm_dpd.kernels import cells
+from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, PairSpec, TermTable, set_threads
+from openmm_dpd.plan import make_plan
+
+BOX = pytest.mark.parametrize("box", BOXES.values(), ids=BOXES.keys())
+
+
+def engine_of(scene, **choices) -> PairEngine:
+    return PairEngine(make_plan(scene, dt=0.01, seed=1, **choices).spec)
+
+
+def table_of(cutoff: float, types: int = 1) -> TermTable:
+    def full(value):
+        return np.full((types, types), float(value))
+
+    return TermTable(full(25), full(4.5), full(np.nan), full(0), full(1), full(1), full(cutoff))
+
+
+def simple_engine(n: int, cutoff: float = 1.0) -> PairEngine:
+    return PairEngine(PairSpec(np.zeros(n, np.int32), np.ones(n), (table_of(cutoff),)))
+
+
+def unordered(pairs) -> list[tuple[int, int]]:
+    return sorted((min(p), max(p)) for p in pairs)
+
+
+def oracle_pairs(x, box, cutoff=1.0) -> list[tuple[int, int]]:
+    found = oracle.pair_list(x, np.zeros(len(x), int), oracle.PairParams.build(cutoff=cutoff), box)
+    return sorted(zip(found.i.tolist(), found.j.tolist(), strict=True))
+
+
+@BOX
+@pytest.mark.parametrize("table", TABLES.values(), ids=TABLES.keys())
+@pytest.mark.parametrize("density", [0.3, 3.0])
+def test_every_pair_is_listed_once(box, table, density):
+    scene = fluid(table, box, density, seed=3)
+    engine = engine_of(scene)
+    engine.prepare(scene.positions, box)
+    found = oracle.pair_list(scene.positions, scene.type_ids, oracle_params(scene), box)
+    pairs = listed_pairs(engine)
+    assert unordered(pairs) == sorted(zip(found.i.tolist(), found.j.tolist(), strict=True))
+    assert len(pairs) > 2
+
+
+@BOX
+def test_geometry_of_the_listed_pairs(box):
+    """Unit vector from j to i and distance, by minimum image."""
+    scene = fluid(EXTENDED, box, seed=5)
+    engine = engine_of(scene)
+    engine.prepare(scene.positions, box)
+    found = oracle.pair_list(scene.positions, scene.type_ids, oracle_params(scene), box)
+    expected = {(i, j): (*e, r) for i, j, r, e in zip(*found, strict=True)}
+    pairs = engine.lists[0]
+    rows = [k for c in pairs.columns for k in range(pairs.start[c], pairs.start[c] + pairs.found[c])]
+    for (i, j), row in zip(listed_pairs(engine), rows, strict=True):
+        got = np.array(pairs.geometry[row])
+        if i > j:
+            i, j, got[:3] = j, i, -got[:3]
+        np.testing.assert_allclose(got, expected[i, j], rtol=0, atol=1e-13 * (1 + np.abs(scene.positions).max()))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_lattice_beads_exactly_on_the_faces_of_a_tilted_box(seed):
+    """Positions k/5 of each box vector plus whole boxes: rounding may put a bead on either side of a face, but must not lose its pairs."""
+    rng = np.random.default_rng(seed)
+    edges = rng.uniform(3.3, 5.0, 3)
+    box = np.diag(edges)
+    tilt = rng.uniform(-0.5, 0.5, 3) if seed % 3 else np.array([0.5, -0.5, 0.5])
+    box[1, 0], box[2, 0], box[2, 1] = tilt[0] * edges[0], tilt[1] * edges[0], tilt[2] * edges[1]
+    lattice = np.array(list(itertools.product(range(5), repeat=3))) / 5.0
+    x = (lattice + rng.integers(-2, 3, lattice.shape)) @ box
+    engine = simple_engine(len(x))
+    engine.prepare(x, box)
+    # pairs at the cutoff itself may fall on either side of it by rounding
+    inside, outside = (set(oracle_pairs(x, box, cutoff)) for cutoff in (1 - 1e-9, 1 + 1e-9))
+    pairs = unordered(listed_pairs(engine))
+    assert len(pairs) == len(set(pairs))
+    assert inside <= set(pairs) <= outside
+
+
+@pytest.mark.parametrize("edges", [(3.0, 3.0, 3.0), (2.0, 2.0, 2.0), (2.0, 3.0, 9.0), (4.0, 5.0, 6.0)])
+def test_lattice_beads_exactly_on_the_faces_of_an_orthorhombic_box(edges):
+    """Multiples of 1/4 and the largest double below an edge, boxes of a whole number of cutoffs."""
+    rng = np.random.default_rng(4)
+    x = rng.integers(0, [int(4 * e) for e in edges], (150, 3)) / 4.0
+    x[:3], x[3:6] = 0.0, np.nextafter(edges, 0)
+    x[6:9] = -1e-17
+    x = x + rng.integers(-1, 2, x.shape) * np.array(edges)
+    engine = simple_engine(len(x))
+    engine.prepare(x, np.diag(edges))
+    inside, outside = (set(oracle_pairs(x, np.diag(edges), cutoff)) for cutoff in (1 - 1e-9, min(1 + 1e-9, min(edges) / 2)))
+    pairs = unordered(listed_pairs(engine))
+    # beads that rounding alone keeps apart (5e-16 across a face) may or may not be a pair
+    far = {p for p in pairs if np.linalg.norm(oracle.minimum_image(x[p[0]] - x[p[1]], np.diag(edges))) > 1e-9}
+    assert len(pairs) == len(set(pairs))
+    assert {p for p in inside if np.linalg.norm(oracle.minimum_image(x[p[0]] - x[p[1]], np.diag(edges))) > 1e-9} <= far
+    assert far <= outside | {p for p in far if np.isclose(np.linalg.norm(oracle.minimum_image(x[p[0]] - x[p[1]], np.diag(edges))), 1.0)}
+
+
+@BOX
+def test_order_of_pairs_is_a_function_of_the_positions(box):
+    """Another engine, an engine that saw other positions before, and the second call all list the same order."""
+    scene, other = fluid(EXTENDED, box, seed=3), fluid(EXTENDED, box, 4.0, n=fluid(EXTENDED, box, seed=3).n_beads, seed=8)
+    fresh, used = engine_of(scene), engine_of(scene)
+    used.prepare(other.positions, None if box is None else box * 1.3)
+    for engine in (fresh, used, used):
+        engine.prepare(scene.positions, box)
+    assert listed_pairs(fresh) == listed_pairs(used)
+
+
+@BOX
+@pytest.mark.parametrize("density", [0.3, 3.0])
+def test_same_bits_for_one_and_two_threads(box, density, two_threads):
+    scene = fluid(EXTENDED, box, density, seed=6)
+    results = []
+    for threads in (1, 2):
+        set_threads(threads)
+        engine = engine_of(scene)
+        for _ in range(3):
+            engine.prepare(scene.positions, box)
+            energy, force, virial = engine.forces(CONSERVATIVE | DISSIPATIVE | RANDOM, scene.velocities, 1.0, 0.01, 5, 9)
+            swept = engine.sweep(scene.velocities, 1.0, 0.01, 5, 9)
+            results.append((energy, virial, force, swept))
+    for other in results[1:]:
+        assert other[:2] == results[0][:2]
+        assert np.array_equal(other[2], results[0][2]) and np.array_equal(other[3], results[0][3])
+
+
+@pytest.mark.parametrize(("ny", "nz"), [(1, 1), (2, 5), (3, 3), (3, 4), (4, 3), (5, 5), (6, 7), (7, 6), (9, 8), (11, 13)])
+def test_tasks_of_one_colour_never_touch_the_same_column(ny, nz):
+    """Recomputed from the geometry: a column's pairs reach (y +- 1, z), and (y - 1 ... y + 1, z + 1), around the box."""
+    columns, block_start, colour_start = cells.colours(ny, nz)
+    assert sorted(columns) == list(range(ny * nz))
+    assert colour_start[0] == 0 and colour_start[-1] == len(block_start) - 1 and block_start[-1] == ny * nz
+
+    def touched(column):
+        y, z = column % ny, column // ny
+        near = {(y, z), (y + 1, z), (y - 1, z + 1), (y, z + 1), (y + 1, z + 1)}
+        return {(a % ny, b % nz) for a, b in near}
+
+    for colour in range(len(colour_start) - 1):
+        blocks = range(colour_start[colour], colour_start[colour + 1])
+        reach = [set().union(*(touched(c) for c in columns[block_start[b] : block_start[b + 1]])) for b in blocks]
+        for first, second in itertools.combinations(reach, 2):
+            assert not first & second
+
+
+def test_more_pairs_than_there_was_room_for():
+    """The list grows when beads collapse into one cell, and the engine can be used again afterwards."""
+    rng = np.random.default_rng(7)
+    box = np.diag([6.0] * 3)
+    spread, heap = rng.random((200, 3)) * 6, 3 + rng.random((200, 3)) * 0.3
+    engine = simple_engine(200)
+    for x in (spread, heap, spread):
+        engine.prepare(x, box)
+        assert unordered(listed_pairs(engine)) == oracle_pairs(x, box)
+    engine.prepare(heap, box)
+    assert len(listed_pairs(engine)) == 200 * 199 // 2
+
+
+def test_a_new_box_at_the_same_positions_is_noticed():
+    x = np.array([[0.1, 0.1, 0.1], [3.9, 0.1, 0.1]])
+    engine = simple_engine(2)
+    for edge, count in ((4.0, 1), (5.0, 0), (4.0, 1)):
+        engine.prepare(x, np.diag([edge, 4.0, 4.0]))
+        assert len(listed_pairs(engine)) == count
+    engine.prepare(x, None)
+    assert len(listed_pairs(engine)) == 0
+
+
+@pytest.mark.parametrize("box", [None, np.diag([4.0] * 3)], ids=["none", "box"])
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_very_few_beads(box, n):
+    x = np.array([[0.1, 0.2, 0.3], [3.95, 0.2, 0.3], [0.1, 0.2, 0.9]])[:n]
+    engine = simple_engine(n)
+    engine.prepare(x, box)
+    assert unordered(listed_pairs(engine)) == oracle_pairs(x, box)
+    assert engine.sweep(np.zeros((n, 3)), 1.0, 0.01, 1, 1).shape == (n, 3)
+
+
+@pytest.mark.parametrize("distance", [0.0, 1e-300, 1e-12, 9.9e-11])
+@pytest.mark.parametrize("box", [None, np.diag([4.0] * 3), np.diag([2.0] * 3)], ids=["none", "box", "narrow"])
+def test_beads_closer_than_1e_10_are_no_pair(distance, box):
+    x = np.array([[0.0, 0.0, 0.0], [distance, 0.0, 0.0], [0.5, 0.0, 0.0]])
+    engine = simple_engine(3)
+    engine.prepare(x, box)
+    assert unordered(listed_pairs(engine)) == [(0, 2), (1, 2)]
+    x[1, 0] = 2e-10
+    engine.prepare(x, box)
+    assert unordered(listed_pairs(engine)) == [(0, 1), (0, 2), (1, 2)]
+
+
+@pytest.mark.parametrize("box", [None, np.diag([4.0] * 3)], ids=["none", "box"])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_position_that_is_not_finite_is_named(box, value):
+    x = np.random.default_rng(1).random((10, 3))
+    x[7, 1] = value
+    engine = simple_engine(10)
+    with pytest.raises(RunError, match="bead 7"):
+        engine.prepare(x, box)
+    x[7, 1] = 0.5  # and the engine is not left with a broken list
+    engine.prepare(x, box)
+    assert unordered(listed_pairs(engine)) == oracle_pairs(x, box)
+
+
+@pytest.mark.parametrize("far", [1e5, 1e7, 1e10, 1e14])
+def test_beads_without_a_box_may_be_far_apart(far):
+    """Cells are limited in number, whatever the extent (a million cells along each edge would overflow their count)."""
+    x = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [far, far, -far], [far, 0.25 * far, -far], [far, far + 0.5, -far]])
+    engine = simple_engine(len(x))
+    engine.prepare(x, None)
+    assert unordered(listed_pairs(engine)) == oracle_pairs(x, None)
+
+
+def test_few_beads_in_a_huge_box():
+    box = np.diag([1e6, 2e6, 3e6])
+    x = np.array([[0.2, 0.1, 0.1], [1e6 - 0.3, 0.1, 0.1], [5e5, 1e6, 1e6], [5e5, 1e6, 1e6 + 0.5]])
+    engine = simple_engine(len(x))
+    engine.prepare(x, box)
+    assert unordered(listed_pairs(engine)) == [(0, 1), (2, 3)]
+
+
+def test_particles_of_type_minus_one_take_no_part():
+    rng = np.random.default_rng(3)
+    x, types = rng.random((40, 3)) * 2, np.where(np.arange(40) % 3 == 0, -1, 0).astype(np.int32)
+    x[0] = np.nan  # not even looked at
+    engine = PairEngine(PairSpec(types, np.ones(40), (table_of(1.0),)))
+    engine.prepare(x, None)
+    members = np.flatnonzero(types == 0)
+    found = oracle_pairs(x[members], None)
+    assert unordered(listed_pairs(engine)) == sorted((int(members[i]), int(members[j])) for i, j in found)
+    force = engine.forces(CONSERVATIVE | RANDOM, None, 1.0, 0.1, 1, 1)[1]
+    assert np.all(force[types < 0] == 0) and np.all(np.isfinite(force))
+
+
+@BOX
+def test_pairs_with_factor_zero_are_left_out(box):
+    scene = chains(box)
+    engine = engine_of(scene)
+    engine.prepare(scene.positions, box)
+    factor = factor_of(scene)
+    found = oracle.pair_list(scene.positions, scene.type_ids, oracle_params(scene), box)
+    expected = [(i, j) for i, j in zip(found.i.tolist(), found.j.tolist(), strict=True) if factor(i, j) > 0]
+    assert unordered(listed_pairs(engine)) == sorted(expected)
+    assert len(expected) < len(found.i)
+
+
+@BOX
+def test_coincident_pairs_across_faces(box):
+    rng = np.random.default_rng(9)
+    frame = np.diag([4.0] * 3) if box is None else box
+    x = rng.random((60, 3)) @ frame
+    x[10] = x[3]
+    x[20] = x[4] + [3e-5, 0, 0]
+    x[30] = x[4] - [2e-5, 0, 0]
+    x[5], x[40] = 0.0, 0.0 if box is None else frame.sum(axis=0)
+    x[50], x[51] = [0, 1.0, 1.0], [1e-5, 1.0, 1.0]
+    if box is not None:
+        x[51] = x[50] - [1e-5, 0, 0] + frame[0]
+        x[20] += 2 * frame[2]
+    assert cells.coincident_pairs(x, box, 1e-4) == [(3, 10), (4, 20), (4, 30), (5, 40), (20, 30), (50, 51)]

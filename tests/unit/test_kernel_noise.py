@@ -1,0 +1,168 @@
+"""The hash-based noise: Gaussian, and unrelated for pairs, steps, components and seeds.
+
+Seeds are fixed, so every statistical check gives the same number each time; bounds are 4 standard errors, or the stated level.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numba import njit
+from scipy import special, stats
+
+from openmm_dpd.kernels import noise
+
+M = 1_000_000
+
+
+@njit(cache=True)
+def stream(key, n, component):
+    """Numbers of the pairs (0, 1), (0, 2) ... under one key."""
+    values = np.empty(n)
+    for k in range(n):
+        values[k] = noise.normal(noise.pair_key(key, k // 2000, 2000 + k % 2000), component)
+    return values
+
+
+@njit(cache=True)
+def _from_bits(bits, values):
+    for k in range(len(bits)):
+        values[k] = noise.normal(bits[k], 0)
+
+
+def from_bits(bits) -> np.ndarray:
+    """Stream 0 of given 64-bit hashes: their upper 53 bits are the uniform number."""
+    bits = np.array(bits, dtype=np.uint64)
+    values = np.empty(len(bits))
+    _from_bits(bits, values)
+    return values
+
+
+def ks(values: np.ndarray) -> float:
+    """Level of the Kolmogorov-Smirnov test against the standard normal distribution (its limit for many numbers)."""
+    n = len(values)
+    cdf = special.ndtr(np.sort(values))
+    distance = max(np.max(np.arange(1, n + 1) / n - cdf), np.max(cdf - np.arange(n) / n))
+    return float(stats.kstwobign.sf(distance * np.sqrt(n)))
+
+
+@pytest.mark.parametrize("component", range(4))
+def test_distribution_is_standard_normal(component):
+    """Kolmogorov-Smirnov at level 1e-4 on 10^6 numbers; that is enough to see 1 % in the width or 0.01 in the mean."""
+    values = stream(noise.call_key(12345, 7), M, component)
+    assert ks(values) > 1e-4
+    assert ks(1.01 * values) < 1e-4
+    assert ks(values + 0.01) < 1e-4
+
+
+@pytest.mark.parametrize("component", range(4))
+def test_moments(component):
+    """<x^k> of 10^6 numbers, k = 1 ... 6, within 4 standard errors: sqrt((<x^2k> - <x^k>^2)/M)."""
+
+    def moment(k):
+        return 0.0 if k % 2 else float(special.factorial2(k - 1))
+
+    values = stream(noise.call_key(1, 1), M, component)
+    for k in range(1, 7):
+        error = np.sqrt((moment(2 * k) - moment(k) ** 2) / M)
+        assert abs(np.mean(values**k) - moment(k)) < 4 * error, k
+    # a width of 1.01 moves the second moment by 0.02, 14 standard errors
+    assert abs(np.mean((1.01 * values) ** 2) - 1) > 4 * np.sqrt(2 / M)
+
+
+def test_inverse_distribution_function_to_1e_7():
+    """Every 53-bit uniform number becomes the normal quantile it stands for, into both tails."""
+    rng = np.random.default_rng(2)
+    whole = np.concatenate([rng.integers(0, 2**52, 100_000), 2 ** np.arange(0, 52), [0, 1, 2, 3]]).astype(np.uint64)
+    quantile = special.ndtri((whole.astype(float) + 0.5) * 2.0**-53)
+    lower = from_bits(whole << np.uint64(11))
+    np.testing.assert_allclose(lower, quantile, rtol=3e-7)
+    # the upper half is resolved to 2^-53 in its tail: stay where that is finer than the tolerance
+    body = whole[whole > 2**32]
+    mirrored = from_bits((np.uint64(2**53 - 1) - body) << np.uint64(11))
+    np.testing.assert_allclose(mirrored, -special.ndtri((body.astype(float) + 0.5) * 2.0**-53), rtol=3e-7)
+
+
+def test_the_outermost_numbers_are_finite():
+    """All bits 0 and all bits 1 are legal hashes: about 8.2 standard deviations, not infinity."""
+    extremes = from_bits([0, 2**64 - 1, 2**64 - 2048, 2**11, 2**63, 2**63 - 1])
+    assert np.all(np.isfinite(extremes))
+    assert np.all(np.abs(extremes) < 8.5)
+    assert extremes[0] < -8 and extremes[1] > 8
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        pytest.param((5, 1, 0), (5, 2, 0), id="steps"),
+        pytest.param((5, 1, 0), (5, 2**31, 0), id="steps far apart"),
+        pytest.param((5, 1, 0), (6, 1, 0), id="seeds"),
+        pytest.param((5, 2, 0), (6, 1, 0), id="seed and step exchanged"),
+        pytest.param((0, 1, 0), (1, 0, 0), id="seed 0"),
+        pytest.param((5, 1, 0), (5, 1, 1), id="components 0 1"),
+        pytest.param((5, 1, 1), (5, 1, 2), id="components 1 2"),
+        pytest.param((5, 1, 1), (5, 1, 3), id="components 1 3"),
+        pytest.param((5, 1, 2), (5, 1, 3), id="components 2 3"),
+    ],
+)
+def test_no_correlation(first, second):
+    """Correlations of x, x^2 and |x| with y, of 10^6 numbers of two streams: |r| < 4/sqrt(M) = 0.004."""
+    x, y = (stream(noise.call_key(seed, counter), M, component) for seed, counter, component in (first, second))
+    assert not np.array_equal(x, y)
+    for p, q in ((x, y), (x**2, y**2), (x**2, y), (x, y**2), (np.abs(x), np.abs(y))):
+        assert abs(np.corrcoef(p, q)[0, 1]) < 4 / np.sqrt(M)
+
+
+def test_no_correlation_between_pairs():
+    """Neighbours in either index, the lag-1 and lag-2000 autocorrelation of (0..499) x (2000..3999): |r| < 4/sqrt(M)."""
+    values = stream(noise.call_key(9, 3), M, 0).reshape(500, 2000)
+    for x, y in ((values[:, 1:], values[:, :-1]), (values[1:], values[:-1]), (values[1:, 1:], values[:-1, :-1])):
+        assert abs(np.corrcoef(x.ravel(), y.ravel())[0, 1]) < 4 / np.sqrt(x.size)
+        assert abs(np.corrcoef(x.ravel() ** 2, y.ravel() ** 2)[0, 1]) < 4 / np.sqrt(x.size)
+
+
+def test_sums_over_the_pairs_of_a_bead_are_normal():
+    """A bead feels a sum over its pairs; 500 sums over 2000 pairs have variance 2000 within 4 sqrt(2/500)."""
+    sums = stream(noise.call_key(4, 8), M, 0).reshape(500, 2000).sum(axis=1)
+    assert abs(np.var(sums) / 2000 - 1) < 4 * np.sqrt(2 / 500)
+    assert ks(sums / np.sqrt(2000)) > 1e-4
+
+
+def test_keys_do_not_repeat():
+    """No two of 10^6 (seed, counter) pairs share a key, nor any two of 10^6 pairs of beads a hash."""
+    keys = {int(noise.call_key(seed, counter)) for seed in range(1000) for counter in range(200)}
+    assert len(keys) == 1000 * 200
+
+    @njit
+    def hashes(key, n):
+        found = np.empty(n * n, np.uint64)
+        for i in range(n):
+            for j in range(n):
+                found[i * n + j] = noise.pair_key(key, i, n + j)
+        return found
+
+    assert len(np.unique(hashes(noise.call_key(0, 0), 1000))) == 10**6
+
+
+def test_noise_has_not_changed():
+    """A restart continues only if the numbers stay what they were: four values, computed from the documented hash in plain integers."""
+    mask = 2**64 - 1
+
+    def mix(z):
+        z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & mask
+        z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & mask
+        return z ^ (z >> 31)
+
+    golden, seed, counter, i, j = 0x9E3779B97F4A7C15, 7, 19, 3, 41
+    key = mix((mix((seed + golden) & mask) + counter * golden) & mask)
+    assert int(noise.call_key(seed, counter)) == key
+    pair = mix((mix((((i << 32) | j) * golden + key) & mask) + key) & mask)
+
+    @njit
+    def numbers(key, i, j):
+        return [noise.normal(noise.pair_key(key, i, j), k) for k in range(4)]
+
+    drawn = numbers(noise.call_key(seed, counter), i, j)
+    for k in range(4):
+        bits = pair if k == 0 else mix((pair + k * 0xD1342543DE82EF95) & mask)
+        assert drawn[k] == pytest.approx(special.ndtri(((bits >> 11) + 0.5) * 2.0**-53), rel=3e-7)
