@@ -1,0 +1,162 @@
+"""Measured quantities against closed forms, finite differences and the oracle."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import oracle
+import pytest
+from openmm import unit
+
+import openmm_dpd as dpd
+from openmm_dpd.measure import bond_sums
+
+
+def fluid(n: int = 120, edge: float = 3.4, **extra) -> dpd.Scene:
+    rng = np.random.default_rng(5)
+    pairs = {("A", "A"): dpd.DPD(A=25, gamma=4.5), ("A", "B"): dpd.DPD(A=31, gamma=6, cutoff=1.3), ("B", "B"): dpd.DPD(A=18, gamma=3, gamma_perp=2)}
+    types = ["A", "B", "B"] * (n // 3)
+    settings = {"kT": 1.2, "box": [edge] * 3} | extra
+    return dpd.Scene({"A": 1.0, "B": 2.5}, types, rng.random((n, 3)) * edge, pairs, velocities=rng.normal(size=(n, 3)), **settings)
+
+
+def oracle_parameters() -> oracle.PairParams:
+    return oracle.PairParams.build(
+        2,
+        A=np.array([[25, 31], [31, 18.0]]),
+        gamma=np.array([[4.5, 6], [6, 3.0]]),
+        gamma_perp=np.array([[0, 0], [0, 2.0]]),
+        cutoff=np.array([[1, 1.3], [1.3, 1.0]]),
+    )
+
+
+@pytest.mark.parametrize("conservative", ["kernel", "openmm"])
+def test_sample_against_the_oracle(conservative):
+    scene = fluid()
+    built = dpd.build(scene, dt=0.01, platform="Reference", conservative=conservative, seed=3)
+    sample = dpd.Observer(built).sample(built.simulation().context)
+    mass, v = scene.bead_masses, scene.velocities
+    expected = oracle.conservative(scene.positions, scene.type_ids, oracle_parameters(), scene.box)
+    assert sample.potential == pytest.approx(expected[0], rel=1e-12)
+    assert sample.virial_conservative == pytest.approx(expected[2], rel=1e-12)
+    assert sample.laplacian == pytest.approx(expected[3], rel=1e-12)
+    assert sample.gradient2 == pytest.approx(np.sum(expected[1] ** 2), rel=1e-12)
+    drag = oracle.dissipative(scene.positions, v, scene.type_ids, oracle_parameters(), scene.box)
+    assert sample.virial_dissipative == pytest.approx(drag[1], rel=1e-11)
+    kinetic = 0.5 * np.sum(mass[:, None] * v**2)
+    assert sample.kinetic == pytest.approx(kinetic)
+    assert sample.kT == pytest.approx(2 * kinetic / (3 * 120 - 3))
+    assert sample.pressure(full=False) == pytest.approx((2 * kinetic + expected[2]) / (3 * 3.4**3))
+    np.testing.assert_allclose(sample.momentum, mass @ v)
+
+
+def test_bond_sums_by_finite_differences():
+    scene = dpd.Scene(
+        {"A": 1.0},
+        ["A"] * 4,
+        [[0.1, 0.2, 0.3], [0.9, 0.4, 0.1], [3.9, 0.3, 0.2], [2.0, 2.0, 2.0]],
+        {("A", "A"): dpd.NONE},
+        kT=0,
+        box=[4, 4, 4],
+        bonds=[dpd.HarmonicBonds(np.array([[0, 1], [0, 2]]), [10.0, 20.0], [0.5, 0.2])],
+    )
+    plan = dpd.make_plan(scene, dt=0.01, platform="Reference")
+    x, box, all_move = scene.positions, scene.box, np.ones(4, bool)
+    energy, virial, laplacian = bond_sums(plan, x, box, all_move)
+    h = 1e-4
+    scaled = [bond_sums(plan, x * s, box * s, all_move)[0] for s in (1 + h, 1 - h)]
+    assert virial == pytest.approx(-(scaled[0] - scaled[1]) / (2 * h), rel=1e-6)
+    second = 0.0
+    for k in range(4):
+        for axis in range(3):
+            moved = [x.copy(), x.copy()]
+            moved[0][k, axis] += h
+            moved[1][k, axis] -= h
+            second += (bond_sums(plan, moved[0], box, all_move)[0] + bond_sums(plan, moved[1], box, all_move)[0] - 2 * energy) / h**2
+    assert laplacian == pytest.approx(second, rel=1e-5)
+
+
+@pytest.mark.parametrize("coefficient", ["lennard_jones", "table"])
+def test_virial_of_partners_by_finite_differences(coefficient):
+    """A thermostat over another potential: -r dU/dr from the second force equals the derivative by a scaled box."""
+    r = np.linspace(0.5, 1.5, 200)
+    partner = {
+        "lennard_jones": dpd.LennardJones(epsilon=0.7, sigma=0.5, cutoff=1.5, shift=True),
+        "table": dpd.TabulatedPair(r, 3 * (1.5 - r) ** 3, forces=9 * (1.5 - r) ** 2),
+    }[coefficient]
+    rng = np.random.default_rng(2)
+    grid = np.stack(np.meshgrid(*[np.arange(4.0)] * 3), -1).reshape(-1, 3) * 0.9 + 0.1 * rng.random((64, 3))
+
+    def sample(scale: float) -> dpd.Sample:
+        pairs = [dpd.PairTable({("A", "A"): partner}), dpd.PairTable({("A", "A"): dpd.DPD(gamma=2.0, cutoff=1.2)})]
+        scene = dpd.Scene({"A": 1.0}, ["A"] * 64, grid * scale, pairs, kT=1.0, box=[3.6 * scale] * 3)
+        built = dpd.build(scene, dt=0.005, platform="Reference", seed=1)
+        return dpd.Observer(built).sample(built.simulation().context)
+
+    h = 1e-5
+    slope = -(sample(1 + h).potential - sample(1 - h).potential) / (2 * h)
+    found = sample(1.0)
+    assert found.virial_conservative == pytest.approx(slope, rel=1e-4)
+    assert found.laplacian is None
+
+
+def test_virial_forces_do_not_enter_anyones_energy():
+    pairs = [dpd.PairTable({("A", "A"): dpd.LennardJones(1.0, 0.5, 1.2)}), dpd.PairTable({("A", "A"): dpd.DPD(gamma=2.0)})]
+    scene = dpd.Scene({"A": 1.0}, ["A", "A"], [[0, 0, 0], [0.6, 0, 0]], pairs, kT=1.0, box=[3, 3, 3])
+    built = dpd.build(scene, dt=0.005, platform="Reference", seed=1)
+    simulation = built.simulation()
+    s6 = (0.5 / 0.6) ** 6
+    everything = simulation.context.getState(energy=True).getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)
+    assert everything == pytest.approx(4 * (s6**2 - s6))
+    dpd.Observer(built).sample(simulation.context)
+    assert simulation.context.getState(energy=True).getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole) == everything
+
+
+def test_immobile_beads_are_left_out():
+    mobile = np.ones(120, bool)
+    mobile[:40] = False
+    scene = fluid(mobile=mobile)
+    built = dpd.build(scene, dt=0.01, platform="Reference", seed=3)
+    sample = dpd.Observer(built).sample(built.simulation().context)
+    mass, v = scene.bead_masses[mobile], scene.velocities[mobile]
+    assert (sample.n_mobile, sample.dof) == (80, 237)
+    assert sample.kinetic == pytest.approx(0.5 * np.sum(mass[:, None] * v**2))
+    force = oracle.conservative(scene.positions, scene.type_ids, oracle_parameters(), scene.box)[1][mobile]
+    assert sample.gradient2 == pytest.approx(np.sum(force**2), rel=1e-12)
+
+
+def test_sampling_changes_nothing():
+    def final(sampled: bool) -> np.ndarray:
+        built = dpd.build(fluid(), dt=0.01, scheme="mvv", platform="Reference", seed=3)
+        simulation, observer = built.simulation(), dpd.Observer(built)
+        for _ in range(5):
+            simulation.step(1)
+            if sampled:
+                observer.sample(simulation.context)
+        return simulation.context.getState(positions=True).getPositions(asNumpy=True)._value
+
+    np.testing.assert_array_equal(final(True), final(False))
+
+
+def test_reporter_writes_what_the_observer_measures():
+    built = dpd.build(fluid(), dt=0.01, platform="Reference", seed=3)
+    simulation, out = built.simulation(), io.StringIO()
+    simulation.reporters.append(dpd.DPDReporter(out, 2, built, columns=("step", "kT", "temperature", "pressure", "pressure_bar")))
+    simulation.step(4)
+    header, *rows = out.getvalue().splitlines()
+    assert header == "step,kT,temperature,pressure,pressure_bar"
+    assert [row.split(",")[0] for row in rows] == ["2", "4"]
+    step, kT, kelvin, pressure, bar = map(float, rows[-1].split(","))
+    sample = dpd.Observer(built).sample(simulation.context)
+    assert kT == pytest.approx(sample.kT, rel=1e-9) and pressure == pytest.approx(sample.pressure(), rel=1e-9)
+    # the reduced units of the documentation: kT = 1 is 120.27 K, a pressure of 1 is 16.605 bar
+    assert kelvin / kT == pytest.approx(120.27, abs=0.01) and bar / pressure == pytest.approx(16.605, abs=0.001)
+
+
+def test_reporter_refuses_unknown_columns():
+    built = dpd.build(fluid(), dt=0.01, platform="Reference", seed=3)
+    with pytest.raises(dpd.ParameterError, match="unknown columns kt; they must be among step"):
+        dpd.DPDReporter(io.StringIO(), 2, built, columns=("kt",))
+    with pytest.raises(dpd.ParameterError, match="at least 1 step"):
+        dpd.DPDReporter(io.StringIO(), 0, built)

@@ -1,0 +1,157 @@
+"""The thermostat on Systems made by openmm.app.ForceField."""
+
+from __future__ import annotations
+
+import numpy as np
+import openmm
+import pytest
+from openmm import app, unit
+
+import openmm_dpd as dpd
+from openmm_dpd.stats import block_average
+
+
+def water(model: str = "tip3p", edge: float = 1.9):
+    """A small box of rigid water: (topology, positions, System)."""
+    forcefield = app.ForceField(f"amber14/{model}.xml")
+    modeller = app.Modeller(app.Topology(), [] * unit.nanometer)
+    kind = "tip4pew" if "4" in model else "tip3p"
+    modeller.addSolvent(forcefield, boxSize=openmm.Vec3(edge, edge, edge) * unit.nanometer, model=kind)
+    system = forcefield.createSystem(
+        modeller.topology, nonbondedMethod=app.PME, nonbondedCutoff=0.8 * unit.nanometer, constraints=app.HBonds, removeCMMotion=False
+    )
+    return modeller.topology, modeller.positions, system
+
+
+def masses_of(system: openmm.System) -> np.ndarray:
+    return np.array([system.getParticleMass(k).value_in_unit(unit.dalton) for k in range(system.getNumParticles())])
+
+
+def run(system, topology, positions, integrator, steps: int):
+    simulation = app.Simulation(topology, system, integrator, openmm.Platform.getPlatformByName("CPU"), {"Threads": "1"})
+    simulation.context.setPositions(positions)
+    simulation.context.computeVirtualSites()
+    simulation.minimizeEnergy(maxIterations=50)
+    simulation.context.setVelocitiesToTemperature(300 * unit.kelvin, 7)
+    simulation.step(steps)
+    return simulation
+
+
+@pytest.mark.parametrize("model", ["tip3p", "tip4pew"])
+def test_constraints_and_virtual_sites_hold(model):
+    topology, positions, system = water(model)
+    integrator = dpd.add_thermostat(system, dpd.DPD(gamma=2, cutoff=0.7), 300 * unit.kelvin, 2 * unit.femtosecond, seed=2)
+    simulation = run(system, topology, positions, integrator, 30)
+    x = simulation.context.getState(positions=True).getPositions(asNumpy=True)._value
+    for k in range(system.getNumConstraints()):
+        i, j, distance = system.getConstraintParameters(k)
+        assert np.linalg.norm(x[i] - x[j]) == pytest.approx(distance._value, rel=2e-5)
+    simulation.context.computeVirtualSites()
+    again = simulation.context.getState(positions=True).getPositions(asNumpy=True)._value
+    np.testing.assert_allclose(x, again, atol=1e-6)
+
+
+def test_momentum_of_the_pair_terms():
+    """Friction and noise alone change the momentum only by rounding; what the System's own PME does is not ours."""
+    topology, positions, system = water()
+    while system.getNumForces():
+        system.removeForce(0)
+    # a System without periodic forces is not periodic: keep one that does nothing
+    silent = openmm.HarmonicBondForce()
+    silent.setUsesPeriodicBoundaryConditions(True)
+    system.addForce(silent)
+    integrator = dpd.add_thermostat(system, dpd.DPD(gamma=2, gamma_perp=1, cutoff=0.7), 300 * unit.kelvin, 0.002, seed=2)
+    simulation = app.Simulation(topology, system, integrator, openmm.Platform.getPlatformByName("Reference"))
+    simulation.context.setPositions(positions)
+    simulation.context.setVelocitiesToTemperature(300, 7)
+    mass = masses_of(system)
+
+    def momentum():
+        return mass @ simulation.context.getState(velocities=True).getVelocities(asNumpy=True)._value
+
+    before = momentum()
+    simulation.step(20)
+    np.testing.assert_allclose(momentum(), before, atol=1e-8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("model", ["tip3p", "tip4pew"])
+def test_temperature_of_rigid_water(model):
+    """300 K for the degrees of freedom left by constraints, at friction that damps far harder than Langevin dynamics usually does."""
+    topology, positions, system = water(model)
+    integrator = dpd.add_thermostat(system, dpd.DPD(gamma=2, cutoff=0.7), 300 * unit.kelvin, 2 * unit.femtosecond, seed=2)
+    simulation = run(system, topology, positions, integrator, 3000)
+    dof = 3 * int(np.sum(masses_of(system) > 0)) - system.getNumConstraints() - 3
+    rows = []
+    for _ in range(1500):
+        simulation.step(5)
+        kinetic = simulation.context.getState(energy=True).getKineticEnergy().value_in_unit(unit.kilojoule_per_mole)
+        rows.append(2 * kinetic / dof / dpd.units.BOLTZMANN)
+    average = block_average(rows)
+    print(model, average)
+    assert average.sem < 2.0
+    # 0.5 % for the first-order error of pair updates under constraints, beside 4 standard errors
+    assert abs(average.mean - 300) < 1.5 + 4 * average.sem
+
+
+def test_serialized_system_and_integrator_give_the_same_trajectory():
+    topology, positions, system = water()
+    integrator = dpd.add_thermostat(system, dpd.DPD(gamma=2, cutoff=0.7), 300 * unit.kelvin, 0.002, seed=2)
+    copies = [openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(thing)) for thing in (system, integrator)]
+
+    def positions_after(system, integrator):
+        context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName("Reference"))
+        context.setPositions(positions)
+        integrator.step(2)
+        return context.getState(positions=True).getPositions(asNumpy=True)._value
+
+    np.testing.assert_array_equal(positions_after(system, integrator), positions_after(*copies))
+
+
+def system_of(n: int = 4, edge: float = 3.0) -> openmm.System:
+    system = openmm.System()
+    system.setDefaultPeriodicBoxVectors(*(edge * np.eye(3)))
+    force = openmm.CustomExternalForce("0*periodicdistance(x, y, z, 0, 0, 0)")
+    for k in range(n):
+        system.addParticle(1.0)
+        force.addParticle(k)
+    system.addForce(force)
+    return system
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"friction": dpd.DPD(A=1, gamma=1)}, dpd.ParameterError, "a thermostat has no repulsion"),
+        ({"friction": dpd.DPD(gamma=1, cutoff=2)}, dpd.ParameterError, "over half the box"),
+        ({"friction": {("A", "A"): dpd.DPD(gamma=1)}, "types": ["A", "A", "B", "B"]}, dpd.ParameterError, r"no pair coefficients for types \(A, B\)"),
+        ({"friction": {("A", "A"): dpd.DPD(gamma=1)}}, dpd.ParameterError, "`types` must name the type"),
+        ({"friction": {("A", "A"): dpd.DPD(gamma=1)}, "types": ["A"]}, dpd.ParameterError, "types names 1 particles, but the System has 4"),
+        ({"temperature": -3}, dpd.ParameterError, "temperature must be a single number >= 0"),
+        ({"dt": 0}, dpd.ParameterError, "dt must be a single time > 0"),
+        ({"scheme": "native"}, dpd.ParameterError, "scheme must be one of"),
+    ],
+)
+def test_bad_input(arguments, error, message):
+    settings = {"friction": dpd.DPD(gamma=1), "temperature": 300, "dt": 0.002} | arguments
+    with pytest.raises(error, match=message):
+        dpd.add_thermostat(system_of(), **settings)
+
+
+def test_what_cannot_go_together():
+    system = system_of()
+    system.addForce(openmm.AndersenThermostat(300, 1))
+    with pytest.raises(dpd.PlanError, match="AndersenThermostat"):
+        dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002)
+    system = system_of()
+    system.addForce(openmm.CMMotionRemover())
+    with pytest.raises(dpd.PlanError, match="removeCMMotion=False"):
+        dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002)
+    system = system_of()
+    system.addConstraint(0, 1, 0.1)
+    with pytest.raises(dpd.PlanError, match="use scheme='middle'"):
+        dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002, scheme="mvv")
+    system = system_of()
+    dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002)
+    with pytest.raises(dpd.PlanError, match="force group 31"):
+        dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002)
