@@ -1,7 +1,7 @@
 """Accuracy of every scheme against the time step: kinetic and configurational temperature and potential energy per bead.
 
-The standard fluid: rho = 3, A = 25, kT = 1, cutoff 1, at gamma = 4.5 and 40.5.  Prints one table per gamma; every entry carries its standard error from
-block averages.  Potential energy per bead tends to 4.543(2) as dt -> 0.
+The standard fluid: rho = 3, A = 25, kT = 1, cutoff 1, at gamma = 4.5 and 40.5.  Prints one table per gamma; every entry carries its
+standard error from block averages.  Potential energy per bead tends to 4.543(2) as dt -> 0.
 
     python benchmarks/accuracy.py                 # about 12 minutes on one core
     python benchmarks/accuracy.py --time 30       # a quick look

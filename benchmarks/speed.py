@@ -1,8 +1,9 @@
 """Time per step beside the peers, in one chain on the same cores: 10,000 beads, rho = 3, dt = 0.05, after equilibration.
 
-LAMMPS pair dpd + fix nve (MPI ranks = threads), OpenMM's DPDIntegrator on the CPU platform, and every scheme here with the conservative force in
-the pair kernel (plan left on auto) and as a CustomNonbondedForce.  Prints ms per step and the ratio to LAMMPS; several rounds, the best of each, since a
-shared machine only ever makes things slower.
+LAMMPS pair dpd + fix nve (MPI ranks = threads), OpenMM's DPDIntegrator on the CPU platform, and every scheme here with the
+conservative force in
+the pair kernel (plan left on auto) and as a CustomNonbondedForce.  Prints ms per step and the ratio to LAMMPS; several rounds, the
+best of each, since a shared machine only ever makes things slower.
 
     python benchmarks/speed.py --threads 1
     python benchmarks/speed.py --threads 2
@@ -59,7 +60,11 @@ def lammps(scene: dpd.Scene, dt: float, steps: int, threads: int) -> float:
     """ms per step of LAMMPS in a process of its own."""
     n, edge = scene.n_beads, scene.box[0, 0]
     with tempfile.TemporaryDirectory() as folder:
-        lines = [f"fluid\n\n{n} atoms\n1 atom types\n", *(f"0 {edge!r} {a}lo {a}hi" for a in "xyz"), "\nMasses\n\n1 1.0\n\nAtoms # atomic\n"]
+        lines = [
+            f"fluid\n\n{n} atoms\n1 atom types\n",
+            *(f"0 {edge!r} {a}lo {a}hi" for a in "xyz"),
+            "\nMasses\n\n1 1.0\n\nAtoms # atomic\n",
+        ]
         lines += [f"{k + 1} 1 {x[0]!r} {x[1]!r} {x[2]!r}" for k, x in enumerate((scene.positions % edge).tolist())]
         lines += ["\nVelocities\n", *(f"{k + 1} {v[0]!r} {v[1]!r} {v[2]!r}" for k, v in enumerate(scene.velocities.tolist()))]
         data, deck = Path(folder) / "data", Path(folder) / "in"
@@ -102,14 +107,19 @@ def main() -> None:
     jobs = {"LAMMPS pair dpd + fix nve": lambda: lammps(scene, options.dt, options.steps, options.threads)}
     for scheme in ("mvv", "shardlow", "middle", "aboba"):
         for where in ("auto", "openmm"):
-            jobs[f"{scheme}, conservative={where}"] = lambda s=scheme, w=where: ours(scene, s, w, options.dt, options.steps, options.threads)
+            jobs[f"{scheme}, conservative={where}"] = lambda s=scheme, w=where: ours(
+                scene, s, w, options.dt, options.steps, options.threads
+            )
     jobs["OpenMM DPDIntegrator"] = lambda: ours(scene, "native", "openmm", options.dt, max(20, options.steps // 10), options.threads)
     best = dict.fromkeys(jobs, float("inf"))
     for _ in range(options.rounds):
         for name, job in jobs.items():
             best[name] = min(best[name], job())
     reference = best["LAMMPS pair dpd + fix nve"]
-    print(f"{options.beads} beads, dt {options.dt:g}, {options.threads} thread(s), OpenMM {openmm.__version__}, {platform.processor() or platform.machine()}")
+    print(
+        f"{options.beads} beads, dt {options.dt:g}, {options.threads} thread(s), "
+        f"OpenMM {openmm.__version__}, {platform.processor() or platform.machine()}"
+    )
     for name, value in best.items():
         print(f"{name:32s} {value:8.2f} ms/step   {value / reference:6.2f} x LAMMPS")
     if options.json:

@@ -197,7 +197,7 @@ def _add_pair_expressions(system: openmm.System, plan: Plan, expressions: list[P
         factors.setdefault(pair, 1.0)
     exclusions = sorted(factors)
     restored = {pair: factor for pair, factor in sorted(factors.items()) if factor > 0}
-    groups = {}
+    groups: dict[float, int] = {}
     for expression in expressions:
         group = groups.setdefault(expression.cutoff, len(groups) + 1)
         for virial in (False, True) if expression in with_virial else (False,):

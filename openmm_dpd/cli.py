@@ -37,7 +37,9 @@ def _parser() -> argparse.ArgumentParser:
             default="auto",
             help="where the conservative force is computed: CustomNonbondedForce or pair kernel",
         )
-        command.add_argument("--var", nargs=2, action="append", default=[], metavar=("NAME", "VALUE"), help="set an index variable of the deck")
+        command.add_argument(
+            "--var", nargs=2, action="append", default=[], metavar=("NAME", "VALUE"), help="set an index variable of the deck"
+        )
     for command in (run, forces):
         command.add_argument("--precision", choices=("single", "mixed", "double"), help="precision of a GPU platform")
         command.add_argument("--json", type=Path, metavar="FILE", required=command is forces, help="write results to this file")

@@ -1,7 +1,8 @@
 """Measured quantities of a running scene: temperatures, energies, virials and pressures, momentum, and forces term by term.
 
 Kinetic temperature: 2K/(3N - 3), over the beads that move (all schemes here conserve momentum).  Configurational temperature:
-<|grad U|^2>/<lap U>, a ratio of averages, which shows errors of the configurations that a thermostat hides from the kinetic one (Rugh, Phys. Rev.
+<|grad U|^2>/<lap U>, a ratio of averages, which shows errors of the configurations that a thermostat hides from the kinetic one (Rugh,
+Phys. Rev.
 Lett. 78, 772 (1997); Allen, J. Phys. Chem. B 110, 3823 (2006)).  Pressure: (2K + W)/(3V) with the virial W = sum over pairs of r_ij . F_ij.
 OpenMM's own reporters use 3N degrees of freedom, kelvin, and no pair term.
 """
@@ -196,7 +197,9 @@ def bond_sums(plan: Plan, x: np.ndarray, box: np.ndarray | None, mobile: np.ndar
     return energy, virial, laplacian
 
 
-def force_terms(built: Built, positions=None, velocities=None, *, counter: int = 1, properties: dict[str, str] | None = None) -> dict[str, np.ndarray]:
+def force_terms(
+    built: Built, positions=None, velocities=None, *, counter: int = 1, properties: dict[str, str] | None = None
+) -> dict[str, np.ndarray]:
     """Forces term by term at given positions and velocities, always in force form, whatever the scheme.
 
     Parameters

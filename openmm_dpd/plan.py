@@ -5,6 +5,7 @@ from __future__ import annotations
 import secrets
 from dataclasses import dataclass, field
 from itertools import combinations_with_replacement
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from .errors import ParameterError, PlanError
 from .kernels.engine import PairSpec, TermTable
 from .kernels.sweeps import EXACT, SHARDLOW
 from .model.bonds import bonded_neighbours
-from .model.pairs import DPD, NONE, PairCoefficient, describe
+from .model.pairs import DPD, NONE, describe
 from .model.scene import Scene, TemperatureRamp
 from .units import to_md
 
@@ -24,6 +25,9 @@ SCHEMES = {
     "aboba": "half drift, half kick, sweep of exact pair updates, half kick, half drift",
     "native": "OpenMM's own DPDIntegrator",
 }
+
+#: Coefficients by pair of types, all of one kind.
+ResolvedTable = dict[tuple[str, str], Any]
 
 #: Platforms on which the kernel passes over the pairs faster than a CustomNonbondedForce does.
 KERNEL_PLATFORMS = ("CPU",)
@@ -78,13 +82,13 @@ class ProgramOptions:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What will be built.  ``layers`` are the DPD tables, ``partners`` the tables of all other pair terms, each {pair of types: coefficient}."""
+    """What will be built: ``layers`` are the DPD tables, ``partners`` those of all other pair terms, each {pair of types: coefficient}."""
 
     scene: Scene
     spec: PairSpec
     options: ProgramOptions
-    layers: tuple[dict[tuple[str, str], PairCoefficient], ...]
-    partners: tuple[dict[tuple[str, str], PairCoefficient], ...]
+    layers: tuple[ResolvedTable, ...]
+    partners: tuple[ResolvedTable, ...]
     exceptions: dict[tuple[int, int], float]
     conservative: str
     platform: str | None
@@ -109,7 +113,9 @@ class Plan:
             lines.append("no friction, no noise: no pair kernel, no PythonForce")
         elif options.thermostat:
             transverse = any(np.any(term.gamma_perp > 0) for term in self.spec.terms)
-            lines.append("friction and noise: compiled pair kernel behind a PythonForce" + (", with transverse terms" if transverse else ""))
+            lines.append(
+                "friction and noise: compiled pair kernel behind a PythonForce" + (", with transverse terms" if transverse else "")
+            )
         if len(scene.bond_pairs):
             lines.append(f"{len(scene.bond_pairs)} harmonic bonds; {len(self.exceptions)} bonded neighbours with a factor other than 1")
         if frozen:
@@ -161,8 +167,8 @@ def make_plan(
     lam : float, default 0.5
         Weight of the velocity prediction of ``mvv``, between 0 and 1; 0.5 is plain velocity Verlet.
     conservative : {"auto", "openmm", "kernel"}
-        Where the conservative DPD force is computed: a CustomNonbondedForce, or the pair kernel.  ``auto`` takes the kernel on the CPU platform,
-        where it is faster, and OpenMM elsewhere.
+        Where the conservative DPD force is computed: a CustomNonbondedForce, or the pair kernel.  ``auto`` takes the kernel on the CPU
+        platform, where it is faster, and OpenMM elsewhere.
     platform : str, optional
         Name of the platform that will be used; the fastest one by default.
     seed : int, optional
@@ -241,7 +247,7 @@ def checked_seed(seed: int | None) -> int:
 
 def _split_tables(scene: Scene):
     layers, partners = [], []
-    for table in scene.pairs:
+    for table in scene.tables:
         resolved = table.resolve(scene.type_names)
         if table.kind is DPD:
             layers.append(resolved)
@@ -259,7 +265,8 @@ def check_cutoffs(box: np.ndarray | None, tables: list[dict]) -> None:
         for (a, b), coefficient in table.items():
             if coefficient.cutoff > half * (1 + 1e-12):
                 raise ParameterError(
-                    f"for types ({a}, {b}): the cutoff {coefficient.cutoff:g} nm is over half the box, whose smallest width is {2 * half:g} nm"
+                    f"for types ({a}, {b}): the cutoff {coefficient.cutoff:g} nm is over half the box, "
+                    f"whose smallest width is {2 * half:g} nm"
                 )
 
 
@@ -306,12 +313,14 @@ def compressed_exceptions(exceptions: dict[tuple[int, int], float], n_beads: int
 
 def _pair_spec(scene: Scene, layers, exceptions, scheme: str) -> PairSpec:
     mobile = np.ones(scene.n_beads, bool) if scene.mobile is None else scene.mobile
-    moving_walls = scene.velocities is not None and np.any(scene.velocities[~mobile] != 0)
+    wall_velocity = None
+    if scene.velocities is not None and np.any(scene.velocities[~mobile] != 0):
+        wall_velocity = np.where(mobile[:, None], 0.0, scene.velocities)
     return PairSpec(
         types=scene.type_ids,
         inv_mass=np.where(mobile, 1.0 / scene.bead_masses, 0.0),
         terms=tuple(term_table(table, scene.type_names) for table in layers),
         update=SHARDLOW if scheme == "shardlow" else EXACT,
         exceptions=compressed_exceptions(exceptions, scene.n_beads),
-        wall_velocity=np.where(mobile[:, None], 0.0, scene.velocities) if moving_walls else None,
+        wall_velocity=wall_velocity,
     )

@@ -52,8 +52,10 @@ class DPDReporter:
     built : Built
         What :func:`openmm_dpd.build.build` returned.
     columns : sequence of str
-        Keys of :data:`COLUMNS`.  Energies are in kJ/mol and pressures in kJ/mol/nm^3, which are the reduced units of a reduced scene; ``temperature`` is
-        in kelvin, ``pressure_bar`` in bar; ``pressure`` counts conservative, dissipative and random pair forces; ``momentum`` is the largest component
+        Keys of :data:`COLUMNS`.  Energies are in kJ/mol and pressures in kJ/mol/nm^3, which are the reduced units of a reduced scene;
+        ``temperature`` is
+        in kelvin, ``pressure_bar`` in bar; ``pressure`` counts conservative, dissipative and random pair forces; ``momentum`` is the
+        largest component
         of the total.  ``kT_conf`` is this configuration's ratio: average numerator and denominator apart for a precise value
         (:class:`openmm_dpd.measure.Observer`).
 

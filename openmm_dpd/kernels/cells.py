@@ -14,7 +14,6 @@ from scipy.spatial import cKDTree
 
 from .compiled import serial_and_parallel
 
-
 #: Square of the distance (nm^2) below which a pair exerts no force.
 R_MIN2 = 1e-20
 
@@ -88,8 +87,8 @@ def colours(ny: int, nz: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Columns in blocks, blocks in colours: (columns, first column of each block, first block of each colour).
 
     Column (y, z) touches y-1..y+1 and z..z+1.  Blocks are at least two columns wide in y and one in z, and there is an even number of them
-    (or one) along either axis, so that neighbouring blocks can alternate between two colours, around the periodic box too, and blocks of one colour
-    never touch the same bead.  Four colours at most: every colour costs the threads a rendezvous.
+    (or one) along either axis, so that neighbouring blocks can alternate between two colours, around the periodic box too, and blocks
+    of one colour never touch the same bead.  Four colours at most: every colour costs the threads a rendezvous.
     """
 
     def edges(n: int, width: int) -> np.ndarray:
@@ -100,8 +99,8 @@ def colours(ny: int, nz: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     blocks: list[list[list[int]]] = [[], [], [], []]
     for bz in range(len(z_edges) - 1):
         for by in range(len(y_edges) - 1):
-            columns = [z * ny + y for z in range(z_edges[bz], z_edges[bz + 1]) for y in range(y_edges[by], y_edges[by + 1])]
-            blocks[2 * (bz % 2) + by % 2].append(columns)
+            inside = [z * ny + y for z in range(z_edges[bz], z_edges[bz + 1]) for y in range(y_edges[by], y_edges[by + 1])]
+            blocks[2 * (bz % 2) + by % 2].append(inside)
     ordered = [block for colour in blocks for block in colour]
     columns = np.array([column for block in ordered for column in block], dtype=np.int64)
     block_start = np.concatenate([[0], np.cumsum([len(block) for block in ordered])]).astype(np.int64)
@@ -176,7 +175,9 @@ def _neighbour_ranges(cx, cy, cz, ncell, box, periodic, count, first, last, shif
     return n
 
 
-def _list_pairs(xs, order, types, ntypes, cut2, cut2max, exc, box, periodic, ncell, count, columns, start, found, pi, pj, geometry, factors):
+def _list_pairs(
+    xs, order, types, ntypes, cut2, cut2max, exc, box, periodic, ncell, count, columns, start, found, pi, pj, geometry, factors
+):
     """List all pairs, column by column; column c writes to start[c]:start[c+1] and reports in found[c] how many there are."""
     nx, ny, nz = ncell
     for task in prange(len(columns)):

@@ -10,29 +10,31 @@ import os
 import threading
 import time
 from dataclasses import dataclass, field
+from typing import Any
 
 import numba
 import numpy as np
 
 from ..errors import RunError
 from . import cells, forces, sweeps
-from .forces import A, CONSERVATIVE, CUTOFF, DISSIPATIVE, EXPONENT, EXPONENT_PERP, GAMMA, GAMMA_PERP, RANDOM, SIGMA, SIGMA_PERP
+from .forces import CONSERVATIVE, CUTOFF, DISSIPATIVE, EXPONENT, EXPONENT_PERP, GAMMA, GAMMA_PERP, RANDOM, SIGMA, SIGMA_PERP, A
 from .noise import call_key
 
 # Threads of GNU OpenMP that spin while they wait stall each other, and OpenMM's own, wherever there are fewer free cores than threads
-# (a step can take ten times as long); the variable is read when the library is loaded, at the first parallel call, and a user's own choice is kept.
-os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+# (a step can take ten times as long); the variable is read when the library is loaded, at the first parallel call, and a user's own
+# choice is kept. .environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 #: Numba's default threading layer must not be entered from two threads at once.
 _PARALLEL_LOCK = threading.Lock()
 
+_MOST_THREADS: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
 _thread_count: int | None = None
 
 
 def set_threads(threads: int | None) -> None:
     """Number of threads the pair kernel uses (None: all cores this process may run on)."""
     global _thread_count
-    _thread_count = None if threads is None else max(1, min(int(threads), numba.config.NUMBA_NUM_THREADS))
+    _thread_count = None if threads is None else max(1, min(int(threads), _MOST_THREADS))
 
 
 def get_threads() -> int:
@@ -40,7 +42,7 @@ def get_threads() -> int:
     if _thread_count is not None:
         return _thread_count
     available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(1, min(available, numba.config.NUMBA_NUM_THREADS))
+    return max(1, min(available, _MOST_THREADS))
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +209,7 @@ class PairEngine:
 
     def prepare(self, x: np.ndarray, box: np.ndarray | None) -> None:
         """List the pairs at positions x; does nothing if they are those of the last call."""
-        same_box = (box is None) == (self._box is None) and (box is None or np.array_equal(box, self._box))
+        same_box = self._box is None if box is None else self._box is not None and np.array_equal(box, self._box)
         if same_box and np.array_equal(x, self._x):
             return
         parallel = get_threads() > 1
@@ -332,7 +334,7 @@ def warm_up(spec: PairSpec, log=lambda _: None) -> None:
     if not spec.terms:
         return
     parallel = get_threads() > 1
-    functions = [
+    functions: list[Any] = [
         cells.list_pairs_parallel if parallel else cells.list_pairs,
         forces.pair_forces_parallel if parallel else forces.pair_forces,
         sweeps.sweep_parallel if parallel else sweeps.sweep,

@@ -31,7 +31,26 @@ def power(w, s):
 
 
 def _pair_forces(
-    which, key, rsqrt_dt, order, types, ntypes, coefficients, pi, pj, geometry, factors, columns, block_start, colour_start, start, found, v, f, energy, virial
+    which,
+    key,
+    rsqrt_dt,
+    order,
+    types,
+    ntypes,
+    coefficients,
+    pi,
+    pj,
+    geometry,
+    factors,
+    columns,
+    block_start,
+    colour_start,
+    start,
+    found,
+    v,
+    f,
+    energy,
+    virial,
 ):
     for colour in range(len(colour_start) - 1):
         for block in prange(colour_start[colour], colour_start[colour + 1]):

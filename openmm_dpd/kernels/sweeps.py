@@ -31,7 +31,25 @@ def decay(update, x):
 
 
 def _sweep(
-    update, kT, dt, key, order, types, ntypes, coefficients, inv_mass, pi, pj, geometry, factors, columns, block_start, colour_start, start, found, v
+    update,
+    kT,
+    dt,
+    key,
+    order,
+    types,
+    ntypes,
+    coefficients,
+    inv_mass,
+    pi,
+    pj,
+    geometry,
+    factors,
+    columns,
+    block_start,
+    colour_start,
+    start,
+    found,
+    v,
 ):
     for colour in range(len(colour_start) - 1):
         for block in prange(colour_start[colour], colour_start[colour + 1]):

@@ -15,7 +15,6 @@ from .deck import read_deck
 from .request import RunRequest
 from .run import DeckRunner, RunOptions, RunResult, build_request, results_json
 
-
 #: Units in the labels of the picture.
 PICTURE_UNITS = {
     "lj": {},
@@ -54,7 +53,8 @@ def run_deck(
     Returns
     -------
     dict
-        ``natoms``, ``units``, ``scheme``, ``platform``, ``precision``, ``threads``, ``momentum``, ``runs``: one object per run with ``steps``, ``dt``,
+        ``natoms``, ``units``, ``scheme``, ``platform``, ``precision``, ``threads``, ``momentum``, ``runs``: one object per run with
+        ``steps``, ``dt``,
         ``seconds_per_step`` and ``thermo`` ({word: {mean, sem, first, last}}), and the last run's entries at top level.
 
     Raises
@@ -91,7 +91,9 @@ def _first_request(path: str | Path, options: RunOptions, variables: Mapping[str
     return request.override(steps=options.steps, dt=dt, scheme=options.scheme)
 
 
-def deck_forces(path: str | Path, options: RunOptions | None = None, *, variables: Mapping[str, str] | None = None) -> dict[str, np.ndarray]:
+def deck_forces(
+    path: str | Path, options: RunOptions | None = None, *, variables: Mapping[str, str] | None = None
+) -> dict[str, np.ndarray]:
     """Forces term by term at the first configuration and velocities of a deck.
 
     Always in force form, whatever the scheme; in the deck's units and in the order of the atom ids.

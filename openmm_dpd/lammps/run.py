@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import openmm
@@ -151,16 +152,16 @@ class RunResult:
         average = ratio_average(gradient2[kept], laplacian[kept])
         single = gradient2 / laplacian / kelvin
         return {
-            "mean": average.mean / kelvin,
+            "mean": None if average.mean is None else average.mean / kelvin,
             "sem": None if average.sem is None else average.sem / kelvin,
             "first": float(single[0]),
             "last": float(single[-1]),
         }
 
-    def summary(self) -> dict:
+    def summary(self) -> dict[str, Any]:
         """One object of the JSON file."""
         request = self.request
-        summary = {
+        summary: dict[str, Any] = {
             "steps": request.steps,
             "dt": request.dt / request.state.units.time,
             "seconds_per_step": self.seconds / request.steps if request.steps else None,
@@ -204,7 +205,7 @@ class DeckRunner:
             self.log(f"note: {note}")
         self._notes = len(state.notes)
         warm_up(built.plan.spec, self.log)
-        simulation = built.simulation(properties=options.properties(built.plan.platform))
+        simulation = built.simulation(properties=options.properties(built.plan.platform or ""))
         if COUNTER in simulation.context.getParameters():
             # every run draws new noise
             simulation.context.setParameter(COUNTER, self.counter)

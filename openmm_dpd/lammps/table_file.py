@@ -1,6 +1,7 @@
 """Pair table files: a keyword, a line with ``N``, a blank line and rows ``index r energy force``.
 
-How a table is used here: a cubic spline goes through energies and forces at the file's own distances.  The number of points after ``pair_style table linear|spline|lookup|bitmap`` is LAMMPS's resolution for its own
+How a table is used here: a cubic spline goes through energies and forces at the file's own distances.  The number of points after
+``pair_style table linear|spline|lookup|bitmap`` is LAMMPS's resolution for its own
 intermediate table in r^2, for which there is no need here.
 """
 

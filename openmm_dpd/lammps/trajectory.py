@@ -16,8 +16,8 @@ from .request import RunRequest
 class RunTrajectory:
     """Writes ``trajectory.dcd``, ``topology.psf`` and ``final_state.xml`` into a folder.
 
-    All runs go to one file; a new one (``trajectory-2.dcd``, ``topology-2.psf``) begins when the number of beads changes.  Positions are continuous:
-    they are not folded back into the box.
+    All runs go to one file; a new one (``trajectory-2.dcd``, ``topology-2.psf``) begins when the number of beads changes.  Positions
+    are continuous: they are not folded back into the box.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class RunTrajectory:
         cosines = [box[a] @ box[b] / lengths[a] / lengths[b] for a, b in ((1, 2), (0, 2), (0, 1))]
         angles = np.degrees(np.arccos(cosines))
         # DCD files are in Angstrom
-        self._file.write(np.float32(10 * (x + self._offset)), np.float32(10 * lengths)[None], np.float32(angles)[None])
+        self._file.write(*(np.asarray(a, dtype=np.float32) for a in (10 * (x + self._offset), 10 * lengths[None], angles[None])))
 
     def save_state(self, simulation: app.Simulation) -> None:
         """Write the final state, from which OpenMM can continue exactly."""

@@ -17,6 +17,7 @@ from scipy.interpolate import CubicSpline
 from ..errors import ParameterError
 from ..units import to_md
 
+
 class _NoInteraction:
     """The explicit statement that a type pair does not interact (LAMMPS: ``pair_coeff i j none``)."""
 
@@ -178,7 +179,8 @@ class TabulatedPair:
     energies : (K,) array of energies
         kJ/mol.
     forces : (K,) array of forces, optional
-        -dU/dr: the slopes of the spline.  Integrated from the table's end they must give the energies, to 5 % of their range beyond the first tenth.
+        -dU/dr: the slopes of the spline.  Integrated from the table's end they must give the energies, to 5 % of their range beyond
+        the first tenth.
     cutoff : length, optional
         Range, nm; the table's end by default, and not beyond it.
 
@@ -233,7 +235,6 @@ class TabulatedPair:
 
 #: Kinds of pair coefficients; tables of different kinds can be laid over each other.
 OVERLAYS = (DPD, LennardJones, TabulatedPair)
-PairCoefficient = DPD | LennardJones | TabulatedPair | _NoInteraction
 
 
 def describe(coefficient) -> str:

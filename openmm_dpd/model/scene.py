@@ -92,8 +92,8 @@ def box_vectors(box) -> np.ndarray | None:
 class Scene:
     """Everything that defines a DPD system: beads, box, pair coefficients, bonds and temperature.
 
-    Bare numbers are in OpenMM's MD units (nm, Da, ps, kJ/mol), Quantities are accepted everywhere.  A scene in reduced units is written with
-    bare numbers: 1 nm, 1 Da, 1 ps, and kT = 1 meaning 1 kJ/mol.
+    Bare numbers are in OpenMM's MD units (nm, Da, ps, kJ/mol), Quantities are accepted everywhere.  A scene in reduced units is
+    written with bare numbers: 1 nm, 1 Da, 1 ps, and kT = 1 meaning 1 kJ/mol.
 
     Parameters
     ----------
@@ -139,13 +139,14 @@ class Scene:
     kT: float | TemperatureRamp
     box: np.ndarray | None = None
     velocities: np.ndarray | None = None
-    bead_masses: np.ndarray | None = None
+    bead_masses: np.ndarray = None  # type: ignore[assignment]  # filled from the types
     charges: np.ndarray | None = None
     bonds: Sequence[HarmonicBonds] = ()
     special: tuple[float, float, float] = (1.0, 1.0, 1.0)
     mobile: np.ndarray | None = None
     molecules: np.ndarray | None = None
     type_ids: np.ndarray = field(init=False, repr=False)
+    tables: tuple[PairTable, ...] = field(init=False, repr=False)
 
     def __post_init__(self):
         def put(name, value):
@@ -169,7 +170,7 @@ class Scene:
                 put(name, array)
         self._check_bonds()
         put("special", self._checked_special())
-        put("pairs", self._checked_pairs())
+        put("tables", self._checked_pairs())
 
     # -- derived ---------------------------------------------------------------------------------------------------------------
     @property
@@ -228,8 +229,11 @@ class Scene:
         if self.bead_masses is None:
             return np.array(list(self.masses.values()))[self.type_ids]
         array = self._per_bead("bead_masses", "mass", ())
+        assert array is not None
         if np.any(array <= 0):
-            raise ParameterError(f"bead {int(np.argmin(array))} has the mass {array.min():g}; masses must be > 0 (freeze beads with `mobile`)")
+            raise ParameterError(
+                f"bead {int(np.argmin(array))} has the mass {array.min():g}; masses must be > 0 (freeze beads with `mobile`)"
+            )
         return array
 
     def _check_bonds(self) -> None:

@@ -41,11 +41,11 @@ class PairTable:
             if value is not NONE and not isinstance(value, OVERLAYS):
                 kinds = ", ".join(kind.__name__ for kind in OVERLAYS)
                 raise ParameterError(f"for types {key}: expected one of {kinds} or NONE, not {value!r}")
-        kinds = {type(value) for value in self.entries.values() if value is not NONE}
-        if len(kinds) > 1:
-            names = " and ".join(sorted(kind.__name__ for kind in kinds))
+        found = {type(value) for value in self.entries.values() if value is not NONE}
+        if len(found) > 1:
+            names = " and ".join(sorted(kind.__name__ for kind in found))
             raise ParameterError(f"one PairTable holds one kind of coefficient, not {names}; give the scene a list of tables")
-        self.kind = kinds.pop() if kinds else None
+        self.kind = found.pop() if found else None
 
     def __repr__(self) -> str:
         return f"PairTable({self.entries!r})"

@@ -23,7 +23,8 @@ def make_program(options: ProgramOptions) -> Program:
     """The program of a scheme, checked."""
     if options.constraints and options.scheme not in CONSTRAINED:
         raise PlanError(
-            f"the scheme {options.scheme!r} evaluates forces within the step, at positions where constraints and virtual sites do not hold; "
+            f"the scheme {options.scheme!r} evaluates forces within the step, at positions where constraints and virtual sites "
+            "do not hold; "
             f"use scheme={' or '.join(map(repr, CONSTRAINED))} for this System"
         )
     program = PROGRAMS[options.scheme](options)

@@ -76,5 +76,3 @@ def _plain(p: Program) -> None:
     p.each("x", "x+dt*v", "drift")
     p.each("v", "v+0.5*dt*f/m", "half kick")
     del p.per_dof["acc"]
-
-

@@ -17,7 +17,8 @@ from ..plan import ProgramOptions
 
 _RESERVED = frozenset("dt x v f m energy gaussian uniform".split()) | {f"f{g}" for g in range(32)} | {f"energy{g}" for g in range(32)}
 _FUNCTIONS = frozenset(
-    "sqrt exp log sin cos sec csc tan cot asin acos atan atan2 sinh cosh tanh erf erfc step delta square cube recip min max abs floor ceil select".split()
+    "sqrt exp log sin cos sec csc tan cot asin acos atan atan2 sinh cosh tanh erf erfc".split()
+    + "step delta square cube recip min max abs floor ceil select".split()
 )
 _NAME = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
 
