@@ -15,7 +15,9 @@ from ..errors import ProgramError
 from ..names import COUNTER, DT, KT, PAIR_GROUP, PARAMETERS, PHASE, TAU, Phase
 from ..plan import ProgramOptions
 
-_RESERVED = frozenset("dt x v f m energy gaussian uniform".split()) | {f"f{g}" for g in range(32)} | {f"energy{g}" for g in range(32)}
+_ENERGIES = frozenset({"energy"} | {f"energy{g}" for g in range(32)})
+_PER_DOF = frozenset({"x", "v", "f", "m"} | {f"f{g}" for g in range(32)})
+_RESERVED = frozenset({"dt", "gaussian", "uniform"}) | _ENERGIES | _PER_DOF
 _FUNCTIONS = frozenset(
     "sqrt exp log sin cos sec csc tan cot asin acos atan atan2 sinh cosh tanh erf erfc".split()
     + "step delta square cube recip min max abs floor ceil select".split()
@@ -136,7 +138,7 @@ class Program:
     def check(self) -> None:
         """Raise ProgramError for an unknown name, a shadowed one, or a step with two kinds of force."""
         context = set(PARAMETERS) if self.options.kernel else set()
-        known = set(self.globals_) | set(self.per_dof) | context | _RESERVED
+        everywhere = set(self.globals_) | context | _RESERVED
         for name in [*self.globals_, *self.per_dof]:
             if name in _RESERVED or name in _FUNCTIONS or name in PARAMETERS:
                 raise ProgramError(f"{self.name}: the variable {name!r} shadows a reserved name")
@@ -147,6 +149,8 @@ class Program:
             if step.kind in targets and step.target not in targets[step.kind]:
                 raise ProgramError(f"{where}: {step.target!r} was not declared")
             names = set(_NAME.findall(step.expression))
+            # a quantity with one value per degree of freedom means nothing in a global expression
+            known = everywhere | set(self.per_dof) if step.kind == "per_dof" else everywhere - _PER_DOF
             unknown = names - known - _FUNCTIONS
             if unknown:
                 raise ProgramError(f"{where}: unknown name {', '.join(sorted(unknown))}")
