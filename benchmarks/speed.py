@@ -58,7 +58,7 @@ def fluid(n: int, seed: int) -> dpd.Scene:
 
 def lammps(scene: dpd.Scene, dt: float, steps: int, threads: int) -> float:
     """ms per step of LAMMPS in a process of its own."""
-    n, edge = scene.n_beads, scene.box[0, 0]
+    n, edge = scene.n_beads, float(scene.box[0, 0])
     with tempfile.TemporaryDirectory() as folder:
         lines = [
             f"fluid\n\n{n} atoms\n1 atom types\n",

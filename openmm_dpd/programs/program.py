@@ -149,9 +149,11 @@ class Program:
             if step.kind in targets and step.target not in targets[step.kind]:
                 raise ProgramError(f"{where}: {step.target!r} was not declared")
             names = set(_NAME.findall(step.expression))
-            # a quantity with one value per degree of freedom means nothing in a global expression
-            known = everywhere | set(self.per_dof) if step.kind == "per_dof" else everywhere - _PER_DOF
-            unknown = names - known - _FUNCTIONS
+            per_dof = names & (_PER_DOF | set(self.per_dof))
+            if per_dof and step.kind != "per_dof":
+                listing = ", ".join(map(repr, sorted(per_dof)))
+                raise ProgramError(f"{where}: {listing} has one value per degree of freedom and means nothing in a global expression")
+            unknown = names - everywhere - set(self.per_dof) - _FUNCTIONS
             if unknown:
                 raise ProgramError(f"{where}: unknown name {', '.join(sorted(unknown))}")
             if len({name for name in names if re.fullmatch(r"f\d*|energy\d*", name)}) > 1:
