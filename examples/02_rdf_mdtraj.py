@@ -1,7 +1,7 @@
 """Radial distribution function of the DPD fluid with mdtraj, and the pressure that follows from it.
 
-Runs the standard fluid (density 3, A = 25, gamma = 4.5, kT = 1), writes a DCD trajectory with a PSF topology, reads it back piece by piece and
-averages g(r).  The virial theorem turns g(r) into a pressure,
+Runs the standard fluid (density 3, A = 25, gamma = 4.5, kT = 1), writes a DCD trajectory with a PSF topology, reads it back piece by
+piece and averages g(r).  The virial theorem turns g(r) into a pressure,
 
     P = rho kT + (2 pi/3) rho^2 A int r^3 (1 - r) g(r) dr,
 

@@ -79,11 +79,12 @@ def chains(box=BOXES["ortho"], *, n=100, special=(0.0, 0.5, 0.25), k=0.0, **opti
     return fluid(box=box, n=n, seed=12, positions=x, bonds=[dpd.HarmonicBonds(np.array(bonds), k, 0.5)], special=special, **options)
 
 
-def beads(n: int = 81, *, seed: int = 1, kT: float = 1.0, table=None, edge: float = 3.0, **options) -> dpd.Scene:
+def beads(n: int = 81, *, seed: int = 1, kT: float = 1.0, table=None, edge: float = 3.0, positions=None, **options) -> dpd.Scene:
     """The standard fluid: one type, rho = 3, A = 25, gamma = 4.5."""
     rng = np.random.default_rng(seed)
     table = table or {("W", "W"): D(A=25, gamma=4.5)}
-    return dpd.Scene({"W": 1.0}, ["W"] * n, rng.random((n, 3)) * edge, table, kT, **{"box": [edge] * 3, **options})
+    x = rng.random((n, 3)) * edge if positions is None else positions
+    return dpd.Scene({"W": 1.0}, ["W"] * n, x, table, kT, **{"box": [edge] * 3, **options})
 
 
 # -- what the oracle needs -----------------------------------------------------------------------------------------------------
@@ -91,7 +92,7 @@ def oracle_params(scene: dpd.Scene, layer: int = 0) -> oracle.PairParams:
     """The oracle's coefficients of one table of a scene."""
     names = scene.type_names
     arrays = {key: np.zeros((len(names), len(names))) for key in ("A", "gamma", "gamma_perp", "s", "s_perp", "cutoff")}
-    for (a, b), c in scene.pairs[layer].resolve(names).items():
+    for (a, b), c in scene.tables[layer].resolve(names).items():
         if c is dpd.NONE:
             continue
         gamma = c.sigma**2 / (2 * scene.initial_kT) if c.gamma is None and c.sigma else c.gamma or 0.0
@@ -116,7 +117,7 @@ def factor_of(scene: dpd.Scene):
     return lambda i, j: factors[i, j]
 
 
-@njit(cache=True)
+@njit
 def _fill(key, table):
     for i in range(table.shape[0]):
         for j in range(i + 1, table.shape[0]):
@@ -128,7 +129,7 @@ def _fill(key, table):
 def noise_of(n: int, seed: int, counter: int, layer: int = 0):
     """The kernel's numbers as the oracle's callable noise(i, j, k), i < j."""
     table = np.full((n, n, 4), np.nan)
-    _fill(hashed.call_key(seed + layer, counter), table)
+    _fill(hashed.call_key(seed, counter, layer), table)
     return lambda i, j, k: table[i, j, k]
 
 

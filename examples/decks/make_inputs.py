@@ -1,7 +1,8 @@
 """Write the data files and the pair table that the decks in this folder read.
 
-Run it here (``python make_inputs.py``, half a minute); it needs numpy only and its random numbers have
-fixed seeds, so that it writes the files already kept beside it (to rounding in the last digits).  Everything is generated: no file comes from another code.
+Run it here (``python make_inputs.py``, under a minute); it needs numpy only and its random numbers have
+fixed seeds, so that it writes the files already kept beside it (to rounding in the last digits).
+Everything is generated: no file comes from another code.
 
 Files written
 -------------

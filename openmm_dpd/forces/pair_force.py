@@ -6,15 +6,15 @@ import threading
 
 import numpy as np
 import openmm
-from numba import njit
 from openmm import unit
 
 from ..errors import RunError
+from ..kernels.compiled import compiled
 from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, PairSpec
 from ..names import COUNTER, DT, KT, PAIR_GROUP, PHASE, SEED, TAU, VOLATILE, Phase
 
 
-@njit(nogil=True, cache=True)
+@compiled
 def fingerprint(x, parameters):
     """A whole number below 2^53 that depends on every bit of the positions and parameters."""
     total = np.uint64(0x9E3779B97F4A7C15)

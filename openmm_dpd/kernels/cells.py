@@ -12,13 +12,22 @@ import numpy as np
 from numba import njit, prange
 from scipy.spatial import cKDTree
 
-from .compiled import serial_and_parallel
+from .compiled import compiled, serial_and_parallel
 
 #: Square of the distance (nm^2) below which a pair exerts no force.
 R_MIN2 = 1e-20
 
 
-@njit(nogil=True, cache=True)
+@njit(inline="always")
+def _fractions(px, py, pz, box, origin):
+    """Position in units of the (lower-triangular) box vectors."""
+    sz = (pz - origin[2]) / box[2, 2]
+    sy = (py - origin[1] - sz * box[2, 1]) / box[1, 1]
+    sx = (px - origin[0] - sz * box[2, 0] - sy * box[1, 0]) / box[0, 0]
+    return sx, sy, sz
+
+
+@compiled
 def bin_beads(x, beads, box, origin, periodic, ncell, cell, count, order, xs):
     """Counting sort of the beads by cell (x fastest), stable in the bead's index.
 
@@ -40,9 +49,7 @@ def bin_beads(x, beads, box, origin, periodic, ncell, cell, count, order, xs):
         count[k] = 0
     for k in range(len(beads)):
         i = beads[k]
-        sz = (x[i, 2] - origin[2]) / box[2, 2]
-        sy = (x[i, 1] - origin[1] - sz * box[2, 1]) / box[1, 1]
-        sx = (x[i, 0] - origin[0] - sz * box[2, 0] - sy * box[1, 0]) / box[0, 0]
+        sx, sy, sz = _fractions(x[i, 0], x[i, 1], x[i, 2], box, origin)
         if not (abs(sx) < 1e15 and abs(sy) < 1e15 and abs(sz) < 1e15):
             return i
         if periodic:
@@ -63,16 +70,12 @@ def bin_beads(x, beads, box, origin, periodic, ncell, cell, count, order, xs):
         order[place] = i
         px, py, pz = x[i, 0], x[i, 1], x[i, 2]
         if periodic:
-            turns = np.floor((pz - origin[2]) / box[2, 2])
-            px -= turns * box[2, 0]
-            py -= turns * box[2, 1]
-            pz -= turns * box[2, 2]
-            turns = np.floor((py - origin[1] - (pz - origin[2]) / box[2, 2] * box[2, 1]) / box[1, 1])
-            px -= turns * box[1, 0]
-            py -= turns * box[1, 1]
-            sz = (pz - origin[2]) / box[2, 2]
-            sy = (py - origin[1] - sz * box[2, 1]) / box[1, 1]
-            px -= np.floor((px - origin[0] - sz * box[2, 0] - sy * box[1, 0]) / box[0, 0]) * box[0, 0]
+            # the same turns as above: a bead on a face must get the position of the cell it was put into
+            sx, sy, sz = _fractions(px, py, pz, box, origin)
+            tx, ty, tz = np.floor(sx), np.floor(sy), np.floor(sz)
+            px -= tz * box[2, 0] + ty * box[1, 0] + tx * box[0, 0]
+            py -= tz * box[2, 1] + ty * box[1, 1]
+            pz -= tz * box[2, 2]
         xs[place, 0] = px
         xs[place, 1] = py
         xs[place, 2] = pz
@@ -217,7 +220,7 @@ def _list_pairs(
 list_pairs, list_pairs_parallel = serial_and_parallel(_list_pairs)
 
 
-@njit(nogil=True, cache=True)
+@compiled
 def list_pairs_small_box(xs, order, types, ntypes, cut2, cut2max, exc, box, start, found, pi, pj, geometry, factors):
     """All pairs by minimum image, for boxes too narrow for three cells; one column holds them all."""
     n, end = start[0], start[1]

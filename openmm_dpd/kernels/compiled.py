@@ -1,20 +1,40 @@
-"""One source, two compiled versions: serial and parallel."""
+"""How kernels are compiled and kept on disk."""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
+from pathlib import Path
 from types import FunctionType
+from typing import Any
 
 from numba import njit
 
 
-def serial_and_parallel(function: Callable) -> tuple[Callable, Callable]:
-    """Compile a function that loops with prange twice.
+def _digest() -> str:
+    """Hash of all kernel sources."""
+    sources = sorted(Path(__file__).parent.glob("*.py"))
+    return hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:12]
 
-    The parallel version is compiled from a copy with a name of its own: numba keys its disk cache on the name alone, and one version
-    would be loaded in place of the other.  Neither uses fastmath, so that both round alike and give the same bits.
+
+_DIGEST = _digest()
+
+
+def compiled(function: Callable, *, parallel: bool = False) -> Any:
+    """Compile a kernel; without the interpreter's lock, and cached on disk.
+
+    Numba keys its cache on a function's name and file alone: it would load a serial version in place of a parallel one, and old code where
+    only a function in another file, inlined here, has changed.  So the function is compiled under a name that says both.  No fastmath, so
+    that both versions round alike and give the same bits.
     """
-    copy = FunctionType(function.__code__, function.__globals__, f"{function.__name__}_parallel", function.__defaults__)
-    copy.__qualname__ = f"{function.__qualname__}_parallel"
+    name = f"{function.__name__}_{'parallel' if parallel else 'serial'}_{_DIGEST}"
+    copy = FunctionType(function.__code__, function.__globals__, name, function.__defaults__)
+    copy.__qualname__ = name
     copy.__module__ = function.__module__
-    return njit(nogil=True, cache=True)(function), njit(nogil=True, cache=True, parallel=True)(copy)
+    copy.__doc__ = function.__doc__
+    return njit(nogil=True, cache=True, parallel=parallel)(copy)
+
+
+def serial_and_parallel(function: Callable) -> tuple[Any, Any]:
+    """Compile a function that loops with prange twice."""
+    return compiled(function), compiled(function, parallel=True)

@@ -141,7 +141,7 @@ class PairList:
             origin, extent = np.zeros(3), box
             widths = 1.0 / np.linalg.norm(np.linalg.inv(box), axis=0)
         ncell = np.maximum((widths / self.cutoff).astype(np.int64), 1)
-        while ncell.prod() > max(64, 2 * len(self.beads)) and ncell.max() > 3:
+        while np.prod(ncell, dtype=float) > max(64, 2 * len(self.beads)) and ncell.max() > 3:
             ncell[ncell.argmax()] = max(3, int(ncell.max() * 0.8))
         return origin, extent, ncell
 
@@ -251,7 +251,7 @@ class PairEngine:
                 forces.pair_forces,
                 forces.pair_forces_parallel,
                 which,
-                call_key(seed + layer, counter),
+                call_key(seed, counter, layer),
                 1.0 / np.sqrt(dt) if which & RANDOM else 0.0,
                 pairs.order,
                 pairs.types,
@@ -281,7 +281,7 @@ class PairEngine:
                 self.spec.update,
                 kT,
                 dt,
-                call_key(seed + layer, counter),
+                call_key(seed, counter, layer),
                 pairs.order,
                 pairs.types,
                 pairs.ntypes,

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from .compiled import serial_and_parallel
+from .compiled import compiled, serial_and_parallel
 from .noise import normal, pair_key
 
 #: Which terms an evaluation adds up.
@@ -111,7 +111,7 @@ def _pair_forces(
 pair_forces, pair_forces_parallel = serial_and_parallel(_pair_forces)
 
 
-@njit(nogil=True, cache=True)
+@compiled
 def laplacian(types, ntypes, coefficients, inv_mass, pi, pj, geometry, factors, columns, start, found):
     """Sum over the mobile beads of the Laplacian of the conservative energy.
 

@@ -2,7 +2,7 @@
 
 The same pair gets the same number whatever the order of pairs, the number of threads or the platform, and a restart draws what an
 uninterrupted run would have drawn.  The hash is two rounds of the 64-bit finaliser "mix13" (Stafford; the one of SplitMix64,
-Steele, Lea and Flood, OOPSLA 2014, doi:10.1145/2660193.2660195); its upper 53 bits are turned into a standard normal number by the
+Steele, Lea and Flood, OOPSLA 2014, doi:10.1145/2660193.2660195); its upper 52 bits are turned into a standard normal number by the
 inverse distribution function (Wichura, algorithm AS 241, routine PPND7, Appl. Stat. 37, 477 (1988)): Gaussian to 1e-7.
 """
 
@@ -15,8 +15,8 @@ _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _M1 = np.uint64(0xBF58476D1CE4E5B9)
 _M2 = np.uint64(0x94D049BB133111EB)
 _STREAM = np.uint64(0xD1342543DE82EF95)
-_S30, _S27, _S31, _S11, _S32 = (np.uint64(k) for k in (30, 27, 31, 11, 32))
-_SCALE = 2.0**-53
+_S30, _S27, _S31, _S12, _S32 = (np.uint64(k) for k in (30, 27, 31, 12, 32))
+_SCALE = 2.0**-52
 
 
 @njit(inline="always")
@@ -26,8 +26,8 @@ def _mix(z):
     return z ^ (z >> _S31)
 
 
-def call_key(seed: int, counter: int) -> np.uint64:
-    """Key of one evaluation: differs for every seed and every count of the program's own noise counter."""
+def call_key(seed: int, counter: int, layer: int = 0) -> np.uint64:
+    """Key of one evaluation: differs for every seed, every count of the program's own noise counter and every layer of terms."""
     mask = (1 << 64) - 1
 
     def mix(z: int) -> int:
@@ -35,7 +35,11 @@ def call_key(seed: int, counter: int) -> np.uint64:
         z = ((z ^ (z >> 27)) * int(_M2)) & mask
         return z ^ (z >> 31)
 
-    return np.uint64(mix((mix((seed + int(_GOLDEN)) & mask) + counter * int(_GOLDEN)) & mask))
+    key = 0
+    # one after the other, each through the finaliser, so that no sum of two of them can stand for another
+    for word in (seed, counter, layer):
+        key = mix((key + word + int(_GOLDEN)) & mask)
+    return np.uint64(key)
 
 
 @njit(inline="always")
@@ -49,8 +53,8 @@ def pair_key(key, low, high):
 def normal(key, stream):
     """Standard normal number number ``stream`` (0, 1, ...) of a pair."""
     bits = key if stream == 0 else _mix(key + np.uint64(stream) * _STREAM)
-    # the middle of the k-th of 2^53 cells: never 0, never 1
-    return _normal_from_uniform((np.float64(bits >> _S11) + 0.5) * _SCALE)
+    # the middle of the k-th of 2^52 cells, an exact number: never 0, never 1
+    return _normal_from_uniform((np.float64(bits >> _S12) + 0.5) * _SCALE)
 
 
 @njit(inline="always")

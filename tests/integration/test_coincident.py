@@ -1,0 +1,155 @@
+"""Beads at the same point: no force between them, finite forces everywhere, on every platform and precision."""
+
+from __future__ import annotations
+
+import numpy as np
+import openmm
+import oracle
+import pytest
+from devices import DEVICES
+from openmm import unit
+from scenes import EXTENDED, D, beads, oracle_params, run_of, state_of
+
+import openmm_dpd as dpd
+from openmm_dpd.kernels.cells import coincident_pairs
+
+CONSERVATIVE = pytest.mark.parametrize("conservative", ["kernel", "openmm"])
+DISTANCES = pytest.mark.parametrize("distance", [0.0, 1e-12])
+EDGE = 4.0
+
+
+def scene_of(distance, *, box=True, kT=1.0, table=EXTENDED, n=60, **options):
+    """A fluid with coincident pairs inside, a threesome, one on a corner and one across a face."""
+    rng = np.random.default_rng(7)
+    x = rng.random((n, 3)) * EDGE
+    types = ["A", "B"] * (n // 2)
+    for first, second in ((0, 1), (2, 5), (7, 8), (7, 10), (20, 40)):
+        x[second] = x[first] + [0.0, distance, 0.0]
+    x[50], x[51] = 0.0, EDGE if box else 0.0  # the corner of the box, from either end
+    x[52] = [EDGE, 1.0, 1.0]
+    x[53] = [distance, 1.0, 1.0]
+    masses = {"A": 1.0, "B": 2.7}
+    return dpd.Scene(masses, types, x, table, kT, box=[EDGE] * 3 if box else None, **options)
+
+
+PAIRS = [(0, 1), (2, 5), (7, 8), (7, 10), (8, 10), (20, 40), (50, 51), (52, 53)]
+
+
+@CONSERVATIVE
+@DISTANCES
+def test_forces_are_those_of_all_other_pairs(device, conservative, distance):
+    scene = scene_of(distance)
+    assert coincident_pairs(scene.positions, scene.box, 1e-9) == PAIRS
+    built = dpd.build(scene, dt=0.01, platform=device.platform, conservative=conservative, seed=3)
+    forces = dpd.force_terms(built, properties=device.properties)
+    expected = oracle.conservative(scene.positions, scene.type_ids, oracle_params(scene), scene.box)
+    # single precision cannot tell 1e-12 beside a coordinate of 4 from nothing, and a pair at 0 has no force either
+    exact = 1e-9 if conservative == "kernel" or device.platform == "Reference" else 2e-4
+    np.testing.assert_allclose(forces["conservative"], expected.forces, rtol=0, atol=device.choose(exact, 2e-4, 2e-4))
+    for name in ("dissipative", "random"):
+        assert np.all(np.isfinite(forces[name]))
+    energy = built.simulation(properties=device.properties).context.getState(energy=True).getPotentialEnergy()
+    # at r -> 0 a pair has its full energy A rc/2 in one place and is skipped in the other: both are finite
+    full = sum(0.5 * c.A * c.cutoff for c in (scene.tables[0].resolve(["A", "B"])[tuple(sorted((scene.types[i], scene.types[j])))] for i, j in PAIRS))
+    value = energy.value_in_unit(unit.kilojoule_per_mole)
+    assert min(abs(value - expected.energy), abs(value - expected.energy - full)) < 1e-5 * full
+
+
+@CONSERVATIVE
+@pytest.mark.parametrize(
+    ("device", "distance", "scheme"),
+    [(d, distance, scheme) for d in DEVICES for distance in (0.0, 1e-12) for scheme in ("mvv", "middle") if d.exact or (distance == 0 and scheme == "mvv")],
+    indirect=["device"], ids=lambda value: str(value),
+)  # fmt: skip
+def test_a_few_steps(device, conservative, distance, scheme):
+    """They part because their velocities differ, and then repel each other like any other pair; their energy heats the fluid to kT = 2.3."""
+    simulation = run_of(scene_of(distance), device, dt=0.02, scheme=scheme, conservative=conservative)
+    simulation.step(40)
+    x, v = state_of(simulation.context)
+    assert np.all(np.isfinite(x)) and np.all(np.isfinite(v))
+    kT = np.sum(np.where(np.arange(60) % 2 == 0, 1.0, 2.7)[:, None] * v**2) / (3 * 59)
+    assert 0.5 < kT < 4.0
+    apart = [np.linalg.norm(oracle.minimum_image(x[i] - x[j], np.array([EDGE] * 3))) for i, j in PAIRS]
+    assert min(apart) > 0.02
+
+
+@CONSERVATIVE
+@pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba"])
+def test_steps_follow_the_scene_without_coincidence(conservative, scheme):
+    """A pair that starts at r = 0 moves as one that starts at r = 2e-10 does until the force between them counts: same noise, same neighbours."""
+    def run(distance):
+        x = np.array([[1.0, 1.0, 1.0], [1.0 + distance, 1.0, 1.0], [1.6, 1.0, 1.0]])
+        v = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 0.0]])
+        scene = dpd.Scene({"W": 1.0}, ["W"] * 3, x, {("W", "W"): D(A=25, gamma=4.5)}, 0.0, box=[4.0] * 3, velocities=v)
+        built = dpd.build(scene, dt=0.001, scheme=scheme, conservative=conservative, platform="Reference", seed=1)
+        simulation = built.simulation()
+        simulation.step(3)
+        return state_of(simulation.context)
+
+    (x, v), (_, other) = run(0.0), run(1e-11)
+    np.testing.assert_allclose(v, other, atol=1e-9)
+    assert abs(x[0, 1] - x[1, 1]) == pytest.approx(0.006, rel=0.2)
+    # the third bead is pushed to the right by both, as by one pair of beads at one point
+    assert v[2, 0] == pytest.approx(2 * 25 * 0.4 * 0.003, rel=0.25)
+
+
+@CONSERVATIVE
+def test_without_a_box(host, conservative):
+    simulation = run_of(scene_of(0.0, box=False), host, dt=0.02, scheme="aboba", conservative=conservative)
+    simulation.step(10)
+    assert all(np.all(np.isfinite(a)) for a in state_of(simulation.context))
+
+
+@CONSERVATIVE
+def test_many_beads_at_one_point(conservative):
+    """Thirty of them: 435 pairs without a force, then a cloud that flies apart."""
+    x = np.random.default_rng(1).random((60, 3)) * 3
+    x[:30] = [1.5, 1.5, 1.5]
+    for scheme in ("mvv", "middle"):
+        simulation = run_of(beads(60, positions=x), DEVICES[0], dt=0.005, scheme=scheme, conservative=conservative)
+        forces = simulation.context.getState(forces=True).getForces(asNumpy=True)
+        assert np.all(np.isfinite(forces))
+        # each feels the thirty others outside, and nothing from its companions
+        assert np.allclose(forces[:30], forces[0])
+        simulation.step(100)
+        assert np.all(np.isfinite(state_of(simulation.context)[0]))
+
+
+@CONSERVATIVE
+def test_bonded_and_scaled_beads_at_one_point(host, conservative):
+    """A factor of 1/2 on a pair at r = 0: half of nothing; a bond of rest length 0 between them is legal too."""
+    bonds = [dpd.HarmonicBonds(np.array([(0, 1), (2, 5)]), 10.0, 0.0)]
+    scene = scene_of(0.0, bonds=bonds, special=(0.5, 1.0, 1.0))
+    simulation = run_of(scene, host, dt=0.01, scheme="middle", conservative=conservative)
+    simulation.step(5)
+    assert all(np.all(np.isfinite(a)) for a in state_of(simulation.context))
+
+
+def test_beads_that_meet_later(host):
+    """Positions set on top of each other between two steps: legal where the kernel holds the force."""
+    simulation = run_of(beads(), host, dt=0.02, scheme="middle", conservative="kernel")
+    x, _ = state_of(simulation.context)
+    x[3] = x[4]
+    simulation.context.setPositions(x)
+    simulation.step(3)
+    assert np.all(np.isfinite(state_of(simulation.context)[0]))
+
+
+def test_beads_that_meet_later_in_openmms_force(host):
+    """A CustomNonbondedForce gives NaN there whatever its expression, and only pairs that start at one point can be taken out of it: an error."""
+    simulation = run_of(beads(), host, dt=0.02, scheme="middle", conservative="openmm")
+    x, _ = state_of(simulation.context)
+    x[3] = x[4]
+    simulation.context.setPositions(x)
+    with pytest.raises(openmm.OpenMMException, match="NaN|not finite"):
+        simulation.step(3)
+
+
+def test_frozen_coincident_pair(host):
+    """Two wall beads at one point stay there for good, and a third bead is pushed by both."""
+    scene = scene_of(0.0, mobile=~np.isin(np.arange(60), [0, 1]))
+    for conservative in ("kernel", "openmm"):
+        simulation = run_of(scene, host, dt=0.02, scheme="aboba", conservative=conservative)
+        simulation.step(10)
+        x, v = state_of(simulation.context)
+        assert np.all(np.isfinite(v)) and np.array_equal(x[0], x[1])

@@ -1,0 +1,207 @@
+"""What the texts say: their scripts run, their commands and files exist, their tables are complete, and the documentation builds."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import openmm_dpd as dpd
+from openmm_dpd import cli
+from openmm_dpd.lammps.commands.fixes import FIX_STYLES
+from openmm_dpd.lammps.computes import COMPUTES
+from openmm_dpd.lammps.deck import COMMANDS
+from openmm_dpd.lammps.pair_styles import PAIR_STYLES
+from openmm_dpd.lammps.words import WORDS
+from openmm_dpd.names import Phase
+from openmm_dpd.plan import SCHEMES
+
+ROOT = Path(__file__).resolve().parents[2]
+TEXTS = [ROOT / "README.md", ROOT / "ARCHITECTURE.md", *sorted((ROOT / "docs").rglob("*.md"))]
+README = (ROOT / "README.md").read_text()
+DECKS = (ROOT / "docs" / "decks.md").read_text()
+
+
+def blocks(text: str, language: str) -> list[str]:
+    """Contents of the fenced blocks of a language."""
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
+
+
+WITH_SCRIPTS = [path for path in TEXTS if path.name != "README.md" and blocks(path.read_text(), "python")]
+
+
+# -- scripts ---------------------------------------------------------------------------------------------------------------------
+def test_readme_script_is_the_first_example():
+    """... which test_examples.py runs; at most 15 lines of code."""
+    (script,) = blocks(README, "python")
+    assert script == (ROOT / "examples" / "01_dpd_fluid.py").read_text()
+    assert len([line for line in script.splitlines() if line.strip()]) <= 15
+
+
+@pytest.mark.parametrize("path", WITH_SCRIPTS, ids=lambda path: path.stem)
+def test_scripts_of_a_page_run(path, tmp_path, monkeypatch):
+    """All Python blocks of a page, in their order, as one script."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    code = "\n".join(blocks(path.read_text(), "python"))
+    try:
+        exec(compile(code, str(path), "exec"), {"__name__": "page"})
+    finally:
+        dpd.set_threads(None)
+
+
+def test_pages_that_ought_to_have_scripts_have_them():
+    expected = "run_deck build_scene thermostat restart analyse temperature contexts schemes units"
+    assert {path.stem for path in WITH_SCRIPTS} >= set(expected.split())
+
+
+# -- commands --------------------------------------------------------------------------------------------------------------------
+def test_readme_has_two_command_blocks():
+    """One sets up and runs the main job on a deck, one sets up and tests."""
+    run, test = blocks(README, "bash")
+    assert "pip install ." in run and "openmm-dpd run examples/decks/" in run
+    assert "pip install -e" in test and "pytest" in test
+
+
+LINES = {line for path in TEXTS for block in blocks(path.read_text(), "bash") for line in block.splitlines()}
+COMMAND_LINES = sorted(line for line in LINES if line.startswith("openmm-dpd"))
+
+
+@pytest.mark.parametrize("line", COMMAND_LINES)
+def test_command_lines_are_accepted(line):
+    """The parser takes them, and their decks exist."""
+    options = cli._parser().parse_args(shlex.split(line)[1:])
+    assert (ROOT / options.deck).is_file()
+
+
+def test_every_option_of_run_is_described():
+    page = (ROOT / "docs" / "howto" / "run_deck.md").read_text()
+    with pytest.raises(SystemExit):
+        cli._parser().parse_args(["run", "--no-such-option"])
+    helped = subprocess.run([sys.executable, "-m", "openmm_dpd.cli", "run", "--help"], capture_output=True, text=True, check=True).stdout
+    for option in set(re.findall(r"--[a-z]+", helped)) - {"--help"}:
+        assert f"`{option}" in page or f" {option}" in page or f"{option} " in page, option
+
+
+# -- tables ----------------------------------------------------------------------------------------------------------------------
+TABLES = {"commands": COMMANDS, "pair styles": PAIR_STYLES, "fixes": FIX_STYLES, "computes": COMPUTES, "thermo words": WORDS}
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_everything_a_deck_may_use_is_listed(table):
+    missing = [name for name in TABLES[table] if f"`{name}`" not in DECKS]
+    assert not missing
+
+
+def test_listed_commands_exist():
+    """The first column of the table of commands, and the list of ignored ones."""
+    rows = re.findall(r"^\| (`[^|]*`) \|", DECKS.partition("## Pair styles")[0], flags=re.MULTILINE)
+    ignored = DECKS.partition("without effect: ")[2].partition("\n\n")[0]
+    named = [name for row in rows for name in re.findall(r"`([^`]+)`", row)] + re.findall(r"`([a-z_]+)`", ignored.replace("`exclude`", ""))
+    assert len(named) > 40 and not [name for name in named if name not in COMMANDS]
+
+
+def test_every_scheme_and_phase_is_described():
+    schemes, architecture = (ROOT / "docs" / "schemes.md").read_text(), (ROOT / "ARCHITECTURE.md").read_text()
+    assert not [name for name in SCHEMES if f"| `{name}` |" not in schemes]
+    assert not [phase.name for phase in Phase if phase.name not in architecture]
+
+
+def test_listings_in_the_architecture_are_what_explain_prints():
+    positions = np.random.default_rng(1).random((81, 3)) * 3
+    scene = dpd.Scene({"W": 1}, ["W"] * 81, positions, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1, box=[3, 3, 3])
+    text = (ROOT / "ARCHITECTURE.md").read_text()
+    for scheme, conservative in (("middle", "openmm"), ("mvv", "kernel")):
+        built = dpd.build(scene, dt=0.04, scheme=scheme, conservative=conservative, platform="CPU", seed=7)
+        assert built.program is not None and built.program.describe() in built.explain()
+        assert built.program.describe() in text, scheme
+
+
+def test_units_are_the_ones_in_the_code():
+    """Numbers of docs/units.md."""
+    from openmm_dpd.units import BAR_PER_MD_PRESSURE, BOLTZMANN, COULOMB, UNIT_SYSTEMS
+
+    page = (ROOT / "docs" / "units.md").read_text()
+    for text, value in (("120.27 K", 1 / BOLTZMANN), ("16.605 bar", BAR_PER_MD_PRESSURE), ("138.935 kJ/mol", COULOMB)):
+        assert text in page
+        assert float(text.split()[0]) == pytest.approx(value, abs=5e-3)
+    rows = {"length": "length", "time": "time", "energy": "energy", "temperature to kT": "thermal_energy"}
+    rows |= {"`A`": "force", "`gamma`": "friction", "`sigma`": "noise", "pressure": "pressure"}
+    table = page.partition("## LAMMPS unit styles")[2]
+    for name, attribute in rows.items():
+        (line,) = re.findall(rf"^\| {re.escape(name)}, [^|]*\|(.*)\|$", table, flags=re.MULTILINE)
+        for system, text in zip(("lj", "real", "metal"), line.split("|"), strict=True):
+            assert float(text) == pytest.approx(getattr(UNIT_SYSTEMS[system], attribute), rel=1e-6), (name, system)
+
+
+# -- claims of the theory --------------------------------------------------------------------------------------------------------
+def stationary(before, after, decay: float) -> np.ndarray:
+    """Covariance that a step keeps: ``before``, then v <- decay v + noise of unit Maxwell variance, then ``after``."""
+    step = after @ np.diag([1.0, decay]) @ before
+    noise = after @ np.diag([0.0, 1 - decay**2]) @ after.T
+    n = len(step)
+    return np.linalg.solve(np.eye(n * n) - np.kron(step, step), noise.ravel()).reshape(n, n)
+
+
+def test_variances_of_the_harmonic_oscillator():
+    """The table of docs/theory.md: variances of x and v for each order of the substeps."""
+    dt, decay = 0.5, 0.9
+    a = dt**2 / 4
+
+    def drift(h):
+        return np.array([[1.0, h], [0.0, 1.0]])
+
+    def kick(h):
+        return np.array([[1.0, 0.0], [-h, 1.0]])
+
+    middle = stationary(drift(dt / 2) @ kick(dt), drift(dt / 2), decay)
+    aboba = stationary(kick(dt / 2) @ drift(dt / 2), drift(dt / 2) @ kick(dt / 2), decay)
+    verlet = stationary(kick(dt / 2) @ drift(dt) @ kick(dt / 2), np.eye(2), decay)
+    for covariance, expected in ((middle, (1, 1)), (aboba, (1, 1 / (1 - a))), (verlet, (1 / (1 - a), 1))):
+        assert np.diag(covariance) == pytest.approx(expected, rel=1e-12)
+
+
+def test_what_constraints_take_away():
+    """docs/constraints.md: the covariance lost in a step is P S (Sigma - Sigma_c) S^T P^T, not negative, and of second order."""
+    rng = np.random.default_rng(1)
+    n = 6
+    sigma = np.diag(1 / rng.uniform(1, 3, n))
+    constraints = rng.normal(size=(2, n))
+    projection = np.eye(n) - sigma @ constraints.T @ np.linalg.inv(constraints @ sigma @ constraints.T) @ constraints
+    right = projection @ sigma @ projection.T
+    assert np.allclose(right, projection @ sigma, atol=1e-14)
+    root = rng.normal(size=(n, n))
+    lost = []
+    for epsilon in (2e-3, 1e-3):
+        sweep = np.eye(n) - epsilon * sigma @ root @ root.T
+        noise = sigma - sweep @ sigma @ sweep.T
+        after = projection @ (sweep @ right @ sweep.T + noise) @ projection.T
+        expected = projection @ sweep @ (sigma - right) @ sweep.T @ projection.T
+        assert np.allclose(right - after, expected, atol=1e-15)
+        assert np.linalg.eigvalsh(expected).min() > -1e-15
+        lost.append(np.linalg.norm(expected))
+    assert lost[0] / lost[1] == pytest.approx(4, rel=1e-10)
+
+
+# -- files -----------------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("path", TEXTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_files_named_in_a_text_exist(path):
+    named = re.findall(r"(?<![\w/])((?:tests|examples|benchmarks|docs|openmm_dpd)/[\w./-]*\w)", path.read_text())
+    missing = [name for name in named if not (ROOT / name).exists() and not name.startswith("docs/_build")]
+    assert not missing
+
+
+@pytest.mark.slow
+def test_documentation_builds_without_warnings(tmp_path):
+    pytest.importorskip("sphinx", reason="sphinx is not installed: pip install -e '.[docs]'")
+    pytest.importorskip("myst_parser", reason="myst-parser is not installed: pip install -e '.[docs]'")
+    options = ["-W", "--keep-going", "-q", "-b", "html", "-d", str(tmp_path / "trees")]
+    command = [sys.executable, "-m", "sphinx", *options, str(ROOT / "docs"), str(tmp_path / "html")]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "html" / "api" / "build.html").is_file()

@@ -1,0 +1,103 @@
+"""The example scripts, shortened, and one number of each."""
+
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from openmm import unit
+
+import openmm_dpd as dpd
+from openmm_dpd.trajectory import bead_masses, load
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+
+
+def example(name: str, monkeypatch, **constants):
+    """An example as a module, with other constants than its own."""
+    spec = importlib.util.spec_from_file_location(f"example_{name}", EXAMPLES / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    for constant, value in constants.items():
+        assert hasattr(module, constant), constant
+        monkeypatch.setattr(module, constant, value)
+    return module
+
+
+def is_picture(path: Path) -> bool:
+    return path.read_bytes().startswith(b"\x89PNG") and path.stat().st_size > 10_000
+
+
+def test_every_example_is_tested_here():
+    assert {path.stem[:2] for path in EXAMPLES.glob("*.py")} == {"01", "02", "03", "04", "05"}
+
+
+def test_dpd_fluid(tmp_path):
+    """The script of the README as it is, but smaller and shorter: temperature within 4 standard errors of 1, and files that open."""
+    text = (EXAMPLES / "01_dpd_fluid.py").read_text()
+    changes = {"= 3000, 10.0, 2000": "= 375, 5.0, 400", '"fluid.dcd", 100': '"fluid.dcd", 10', '"fluid.csv", 100': '"fluid.csv", 10'}
+    shorter = text
+    for old, new in changes.items():
+        assert old in shorter
+        shorter = shorter.replace(old, new)
+    done = subprocess.run([sys.executable, "-c", shorter], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    rows = np.genfromtxt(tmp_path / "fluid.csv", delimiter=",", names=True)
+    assert len(rows) == 40
+    # 1122 degrees of freedom, rows half a unit of time apart, which is more than velocities remember; the scheme's own error is below 0.01
+    assert abs(rows["kT"].mean() - 1) < 4 * np.sqrt(2 / 1122 / 40) + 0.01
+    assert np.abs(rows["momentum"]).max() < 1e-10
+    trajectory = load(tmp_path / "fluid.dcd", tmp_path / "fluid.psf")
+    assert trajectory.n_frames == 40 and trajectory.n_atoms == 375
+    assert np.allclose(trajectory.unitcell_lengths, 5.0) and np.allclose(bead_masses(trajectory.topology), 1.0)
+
+
+def test_rdf_gives_the_measured_pressure(tmp_path, monkeypatch):
+    """The virial theorem: the pressure from g(r) is the one that the reporter measured, on the same frames."""
+    module = example("02_rdf_mdtraj", monkeypatch, N=648, EQUILIBRATION=200, STEPS=600, EVERY=20, CENTRES=648, R_MAX=2.5, BINS=250)
+    found = module.main(tmp_path)
+    # all pairs of the same frames on both sides: what differs is the kinetic part, 3 (kT - 1) with 30 rows of 1941 degrees of freedom,
+    # and the width of the bins
+    tolerance = 4 * 3.0 * np.sqrt(2 / 1941 / 30) + 0.05
+    assert found["pressure_from_rdf"] == pytest.approx(found["pressure_measured"], abs=tolerance)
+    assert found["pressure_measured"] == pytest.approx(23.65, abs=0.5)
+    assert 0.7 < found["peak_at"] < 1.0 and 1.1 < found["peak"] < 1.3
+    assert is_picture(tmp_path / "rdf.png")
+
+
+def test_peptide(tmp_path, monkeypatch):
+    """Momentum stays at zero but for the rounding of the PME forces, and the temperature is about right from the start."""
+    friction = dpd.DPD(gamma=5 * unit.dalton / unit.picosecond, cutoff=0.5 * unit.nanometer)
+    shorter = {"PLATFORM": "CPU", "EDGE": 1.9, "EQUILIBRATION": 100, "STEPS": 100, "EVERY": 10, "FRICTION": friction}
+    module = example("03_thermostat_peptide", monkeypatch, **shorter)
+    found = module.main(tmp_path)
+    thermal = np.sqrt(3900 * 2.494)  # of one component of the total momentum, for a box of this mass
+    assert found["pairwise friction: momentum"] < 0.05 * thermal
+    assert found["Langevin, 5/ps: momentum"] > 0.2 * thermal
+    assert 200 < found["pairwise friction: temperature"] < 350
+    assert is_picture(tmp_path / "peptide.png")
+
+
+def test_two_fluids_demix(tmp_path, monkeypatch):
+    """In a small box with strong repulsion two layers form soon."""
+    module = example("04_two_fluids", monkeypatch, BOX=(4.0, 4.0, 6.0), A_UNLIKE=60.0, STEPS=4000, EVERY=50, BINS=30)
+    found = module.main(tmp_path)
+    assert found["order_at_start"] < 0.3 < 0.7 < found["order_at_end"]
+    assert found["purity_of_A"] > 0.95
+    assert 0.5 < found["lowest_density"] < 0.95
+    assert is_picture(tmp_path / "two_fluids.png")
+
+
+def test_polymers(tmp_path, monkeypatch):
+    """Longer chains are larger; a chain of four is as large as its bonds say."""
+    module = example("05_polymers_bonds", monkeypatch, EDGE=6.0, CHAINS={4: 12, 8: 8, 16: 4}, EQUILIBRATION=500, STEPS=1500, EVERY=30)
+    found = module.main(tmp_path)
+    # four freely jointed beads at the rest length have Rg^2 = (15/24) r0^2, a straight rod has (5/4) r0^2; repulsion stretches the bonds
+    assert np.sqrt(15 / 24) * 0.7 < found["Rg_4"] < np.sqrt(5 / 4) * 0.9
+    assert found["Rg_4"] < found["Rg_8"] < found["Rg_16"]
+    assert 0.4 < found["exponent"] < 0.8
+    assert is_picture(tmp_path / "chains.png")

@@ -1,0 +1,138 @@
+"""A restart continues the run: bit for bit where everything is double precision, across a fresh process."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import openmm
+import pytest
+import restart_runs
+from devices import DEVICES
+from restart_runs import AFTER, BEFORE, HOW
+from scenes import EXTENDED, beads, fluid, run_of, same_bits, state_of
+
+import openmm_dpd as dpd
+from openmm_dpd.names import COUNTER
+
+
+@pytest.fixture(scope="module", params=["Reference", "CPU"])
+def continued(request, tmp_path_factory):
+    """For each case: the uninterrupted run's last state, and the folder where a fresh process left the continued ones."""
+    platform, folder = request.param, tmp_path_factory.mktemp("restart")
+    results = {}
+    for name, choices in restart_runs.cases(platform).items():
+        simulation = restart_runs.simulation_of(platform, **choices)
+        simulation.step(BEFORE)
+        simulation.saveCheckpoint(str(folder / f"{name}.checkpoint"))
+        simulation.saveState(str(folder / f"{name}.xml"))
+        between = state_of(simulation.context)
+        simulation.step(AFTER)
+        results[name] = state_of(simulation.context)
+        assert np.abs(results[name][0] - between[0]).max() > 0.1
+    script = Path(restart_runs.__file__)
+    done = subprocess.run([sys.executable, str(script), str(folder), platform], capture_output=True, text=True, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return platform, results, folder
+
+
+@pytest.mark.parametrize("how", HOW)
+def test_restart_in_a_fresh_process_is_bit_exact(continued, how):
+    _, results, folder = continued
+    differing = []
+    for name, expected in results.items():
+        with np.load(folder / f"{name}.{how}.npz") as found:
+            assert found["step"] == BEFORE + AFTER
+            if not same_bits(expected, (found["x"], found["v"])):
+                differing.append((name, float(np.abs(found["x"] - expected[0]).max())))
+    assert not differing
+
+
+SCHEMES = pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba"])
+
+
+@SCHEMES
+def test_restart_on_cpu_with_openmm_forces_agrees_to_float32(tmp_path, scheme):
+    """The CPU platform's forces are single precision, from a list with history: 2e-5 in the velocities after 3 steps."""
+    device = restart_runs.Device("CPU")
+
+    def run():
+        return run_of(fluid(EXTENDED, kT=1.0), device, dt=0.03, scheme=scheme, conservative="openmm", seed=5)
+
+    first = run()
+    first.step(BEFORE)
+    first.saveState(str(tmp_path / "state.xml"))
+    second = run()
+    second.loadState(str(tmp_path / "state.xml"))
+    before = state_of(second.context)
+    for simulation in (first, second):
+        simulation.step(3)
+    (x, v), (expected_x, expected_v) = state_of(second.context), state_of(first.context)
+    assert np.abs(v - expected_v).max() < 2e-5 and np.abs(x - expected_x).max() < 2e-6
+    assert np.abs(v - before[1]).max() > 0.1
+
+
+@pytest.mark.parametrize("scheme", ["mvv", "shardlow"])
+@pytest.mark.parametrize("device", [d for d in DEVICES if not d.exact], indirect=True, ids=str)
+def test_restart_on_gpu_platforms(tmp_path, device, scheme):
+    """Checkpoints and XML states also continue there, to the rounding of forces and states; these two schemes have a history."""
+
+    def run():
+        return run_of(fluid(EXTENDED, kT=1.0, n=60), device, dt=0.03, scheme=scheme, conservative="kernel", seed=5)
+
+    first = run()
+    first.step(BEFORE)
+    first.saveState(str(tmp_path / "state.xml"))
+    first.saveCheckpoint(str(tmp_path / "checkpoint"))
+    counter = first.context.getParameter(COUNTER)
+    first.step(3)
+    expected = state_of(first.context)
+    for load in ("loadState", "loadCheckpoint"):
+        second = run()
+        getattr(second, load)(str(tmp_path / ("state.xml" if load == "loadState" else "checkpoint")))
+        assert second.context.getParameter(COUNTER) == counter
+        second.step(3)
+        # one and the same noise: the history was not drawn anew
+        assert second.context.getParameter(COUNTER) == counter + 3
+        limit = device.choose(0.0, 1e-6, 2e-4)
+        assert np.abs(state_of(second.context)[1] - expected[1]).max() <= limit
+
+
+def test_going_back_to_a_state_repeats_the_run(tmp_path):
+    """An XML state loaded into the simulation that ran ahead gives what the first pass gave, noise included."""
+    simulation = run_of(beads(), restart_runs.Device("Reference"), dt=0.04, scheme="mvv", conservative="kernel")
+    simulation.step(5)
+    simulation.saveState(str(tmp_path / "state.xml"))
+    simulation.step(5)
+    expected = state_of(simulation.context)
+    simulation.step(9)
+    simulation.loadState(str(tmp_path / "state.xml"))
+    simulation.step(5)
+    assert same_bits(expected, state_of(simulation.context))
+
+
+@SCHEMES
+@pytest.mark.parametrize("conservative", ["kernel", "openmm"])
+def test_system_and_integrator_survive_serialization(scheme, conservative):
+    """XmlSerializer and back: the same trajectory, bit for bit, of a scene that has everything."""
+    built_run = restart_runs.simulation_of("Reference", "fluid", scheme=scheme, conservative=conservative)
+    system, integrator = built_run.system, built_run.integrator
+    copies = [openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(thing)) for thing in (system, integrator)]
+    assert copies[1].getIntegrationForceGroups() == integrator.getIntegrationForceGroups()
+    assert copies[0].usesPeriodicBoundaryConditions() == system.usesPeriodicBoundaryConditions()
+    context = openmm.Context(*copies, openmm.Platform.getPlatformByName("Reference"))
+    x, v = state_of(built_run.context)
+    context.setPositions(x)
+    context.setVelocities(v)
+    built_run.step(8)
+    copies[1].step(8)
+    assert same_bits(state_of(built_run.context), state_of(context))
+
+
+def test_a_system_in_xml_stays_small():
+    """The pair force carries numbers per bead, nothing per pair: below 200 bytes of XML per bead."""
+    built = dpd.build(beads(3000, edge=10.0), dt=0.04, platform="Reference", conservative="kernel", seed=1)
+    force = next(f for f in built.system.getForces() if isinstance(f, openmm.PythonForce))
+    assert len(openmm.XmlSerializer.serialize(force)) < 200 * 3000

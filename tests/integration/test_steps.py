@@ -1,0 +1,136 @@
+"""One step and ten steps of every scheme on every platform, against the oracle's steps with the same noise and the same order of pairs."""
+
+from __future__ import annotations
+
+import numpy as np
+import oracle
+import pytest
+from devices import DEVICES
+from scenes import BOXES, EXTENDED, PLAIN, chains, factor_of, fluid, listed_pairs, noise_of, oracle_params, run_of, state_of
+
+import openmm_dpd as dpd
+from openmm_dpd.kernels.engine import PairEngine
+from openmm_dpd.names import COUNTER
+from openmm_dpd.plan import make_plan
+
+KT, DT, SEED = 1.3, 0.03, 11
+SCHEMES = {"mvv": ("mvv", 0.5), "mvv-0.65": ("mvv", 0.65), "mvv-0": ("mvv", 0.0), "shardlow": ("shardlow", 0.5), "middle": ("middle", 0.5), "aboba": ("aboba", 0.5)}
+
+
+class Oracle:
+    """The oracle's step functions bound to a scene, with the kernel's noise, pair order and count of noise."""
+
+    def __init__(self, scene, scheme: str, lam: float):
+        self.scene, self.scheme, self.lam = scene, scheme, lam
+        self.x, self.counter = scene.positions.copy(), 0
+        mobile = np.ones(scene.n_beads, bool) if scene.mobile is None else scene.mobile
+        self.inv_mass = np.where(mobile, 1 / scene.bead_masses, 0.0)
+        # a bead that does not move has the velocity 0 in the step, and its prescribed one for the friction
+        self.wall = np.where(mobile[:, None], 0.0, scene.velocities)
+        self.v = scene.velocities - self.wall
+        self.params, self.factor = oracle_params(scene), factor_of(scene)
+        self.engine = PairEngine(make_plan(scene, dt=DT, scheme=scheme, seed=SEED).spec)
+        if scheme == "mvv":
+            self.f = self._force(self.x, self.v)
+        elif scheme == "shardlow":
+            self.f = self._conservative(self.x)
+
+    def step(self) -> None:
+        common = (self.inv_mass, DT)
+        if self.scheme == "mvv":
+            self.x, self.v, self.f = oracle.mvv_step(self.x, self.v, self.f, *common, self.lam, self._force)
+        elif self.scheme == "shardlow":
+            self.x, self.v, self.f = oracle.shardlow_step(self.x, self.v, self.f, *common, self._conservative, self._sweep)
+        else:
+            step = {"middle": oracle.middle_step, "aboba": oracle.aboba_step}[self.scheme]
+            self.x, self.v = step(self.x, self.v, *common, self._conservative, self._sweep)
+
+    def _noise(self):
+        self.counter += 1
+        return noise_of(self.scene.n_beads, SEED, self.counter)
+
+    def _conservative(self, x):
+        return oracle.conservative(x, self.scene.type_ids, self.params, self.scene.box, self.factor).forces
+
+    def _force(self, x, v):
+        common = (self.scene.type_ids, self.params, self.scene.box)
+        drag = oracle.dissipative(x, v + self.wall, *common, self.factor).forces
+        return self._conservative(x) + drag + oracle.random(x, *common, KT, DT, self._noise(), self.factor).forces
+
+    def _sweep(self, x, v):
+        self.engine.prepare(x, self.scene.box)
+        update = oracle.shardlow_update if self.scheme == "shardlow" else oracle.ou_update
+        common = (self.scene.type_ids, self.params, self.scene.box, KT, DT, self._noise(), update, self.factor)
+        return oracle.sweep(x, v + self.wall, listed_pairs(self.engine), self.inv_mass, *common) - self.wall
+
+
+def frozen_and_walls(box=BOXES["ortho"], moving=True):
+    """A fifth of the beads do not move; as seen by the friction they have velocities, or not."""
+    base = fluid(EXTENDED, box, n=60, kT=KT, seed=5, spread=0)
+    mobile = np.arange(60) % 5 > 0
+    velocities = base.velocities if moving else np.where(mobile[:, None], base.velocities, 0.0)
+    return dpd.Scene(base.masses, base.types, base.positions, EXTENDED, KT, box=box, velocities=velocities, mobile=mobile)
+
+
+SCENES = {
+    "fluid": lambda: fluid(EXTENDED, BOXES["tilted"], n=70, density=1.0, kT=KT, spread=0),
+    "chains": lambda: chains(BOXES["narrow"], n=60, table=EXTENDED, kT=KT),
+    "no box": lambda: fluid(PLAIN, None, n=50, kT=KT),
+    "moving walls": frozen_and_walls,
+    "frozen beads": lambda: frozen_and_walls(moving=False),
+}
+
+
+def compare(scene, device, name, conservative, limits) -> None:
+    """Largest errors of positions and velocities after 1 and 10 steps stay below the limits."""
+    scheme, lam = SCHEMES[name]
+    simulation = run_of(scene, device, dt=DT, scheme=scheme, lam=lam, conservative=conservative, seed=SEED)
+    expected, mobile = Oracle(scene, scheme, lam), scene.mobile
+    start = state_of(simulation.context)
+    for steps, limit in zip((1, 9), limits, strict=True):
+        simulation.step(steps)
+        for _ in range(steps):
+            expected.step()
+        x, v = state_of(simulation.context)
+        # a GPU platform may have moved a bead by whole boxes
+        assert np.abs(oracle.minimum_image(x - expected.x, scene.box)).max() < limit * DT
+        moving = slice(None) if mobile is None else mobile
+        assert np.abs(v - expected.v)[moving].max() < limit
+        if mobile is not None:
+            # the platforms keep a frozen bead's position to the bit
+            assert np.array_equal(x[~mobile], start[0][~mobile])
+    assert np.abs(expected.v - scene.velocities).max() > 0.5  # a lot happened
+    assert simulation.context.getParameter(COUNTER) == expected.counter
+
+
+EXACT = [(scene, name, "kernel") for scene in SCENES for name in SCHEMES if name != "mvv-0" or scene == "fluid"]
+EXACT += [(scene, name, "openmm") for scene in ("chains", "moving walls") for name in SCHEMES if name != "mvv-0"]
+
+
+@pytest.mark.parametrize(("scene", "name", "conservative"), EXACT)
+def test_steps_on_reference(scene, name, conservative):
+    """All double precision: 1e-12 after one step, 1e-11 after ten."""
+    compare(SCENES[scene](), DEVICES[0], name, conservative, (1e-12, 1e-11))
+
+
+@pytest.mark.parametrize("scene", ["chains", "moving walls"])
+@pytest.mark.parametrize("name", [name for name in SCHEMES if name != "mvv-0"])
+def test_steps_on_cpu(scene, name):
+    """With the kernel, the CPU platform is as exact as Reference."""
+    compare(SCENES[scene](), DEVICES[1], name, "kernel", (1e-12, 1e-11))
+
+
+def floats():
+    """Every scheme and both ways of the conservative force in single and mixed precision; a few of each in the others."""
+    chosen = {"kernel": ("mvv", "mvv-0.65", "shardlow", "middle", "aboba"), "openmm": ("mvv", "aboba")}
+    few = {"kernel": ("mvv", "middle"), "openmm": ("mvv-0.65", "shardlow")}
+    for device in DEVICES[1:]:
+        names = {"openmm": chosen["kernel"]} if device.exact else few if device.precision == "double" else chosen
+        yield from ((device, name, conservative) for conservative, schemes in names.items() for name in schemes)
+
+
+@pytest.mark.parametrize(("device", "name", "conservative"), floats(), indirect=["device"], ids=lambda value: str(value))
+def test_steps_where_forces_pass_through_float32(device, name, conservative):
+    """Velocities of order 1, forces of order 100: 2e-6 in mixed and double precision, 1e-4 where positions, and so the drifts, are single."""
+    limit = device.choose(2e-6, 2e-6, 1e-4)
+    compare(SCENES["moving walls"](), device, name, conservative, (limit, 10 * limit))

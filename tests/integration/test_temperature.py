@@ -1,0 +1,147 @@
+"""Temperatures of short runs: ramps, factors of bonded neighbours, walls; each with its standard error, bounds at 4 of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from devices import DEVICES
+from scenes import BOXES, EXTENDED, D, beads, chains, fluid, run_of, state_of
+
+import openmm_dpd as dpd
+from openmm_dpd.names import KT
+
+REFERENCE, CPU = DEVICES[:2]
+SCHEMES = {"mvv": {"scheme": "mvv"}, "mvv-0.65": {"scheme": "mvv", "lam": 0.65}, "shardlow": {"scheme": "shardlow"}, "middle": {"scheme": "middle"}, "aboba": {"scheme": "aboba"}}
+SCHEME = pytest.mark.parametrize("choices", SCHEMES.values(), ids=SCHEMES.keys())
+
+
+def temperature(scene, device=CPU, *, dt, steps, every=5, discard=0.2, **choices):
+    """Kinetic temperature 2K/(3N-3) of the mobile beads, and its standard error from 10 blocks."""
+    simulation = run_of(scene, device, dt=dt, **choices)
+    mobile = np.ones(scene.n_beads, bool) if scene.mobile is None else scene.mobile
+    mass, values = scene.bead_masses[mobile, None], []
+    dof = 3 * mobile.sum() - (3 if mobile.all() else 0)
+    for _ in range(steps // every):
+        simulation.step(every)
+        values.append(np.sum(mass * state_of(simulation.context)[1][mobile] ** 2) / dof)
+    values = np.array(values[int(discard * len(values)) :])
+    blocks = values[: len(values) // 10 * 10].reshape(10, -1).mean(axis=1)
+    return values.mean(), blocks.std(ddof=1) / np.sqrt(10)
+
+
+# -- ramps ---------------------------------------------------------------------------------------------------------------------------
+@SCHEME
+@pytest.mark.parametrize(("begin", "end"), [(0, 10), (3, 8), (-10, 10), (5, 6)])
+def test_temperature_of_every_step_of_a_ramp(choices, begin, end):
+    """KT(k) = start + (stop - start)(k - begin)/(end - begin) in step k = 1, 2 ..., start before, stop after."""
+    scene = beads(kT=dpd.TemperatureRamp(1.0, 3.0, begin, end))
+    simulation = run_of(scene, REFERENCE, dt=0.02, conservative="kernel", **choices)
+    for k in range(1, 15):
+        simulation.step(1)
+        expected = 1.0 + 2.0 * min(1.0, max(0.0, (k - begin) / (end - begin)))
+        assert simulation.context.getParameter(KT) == pytest.approx(expected, rel=1e-14)
+
+
+def test_ramp_does_not_depend_on_how_the_run_is_cut_up_or_on_the_step_count():
+    scene = beads(kT=dpd.TemperatureRamp(1.0, 3.0, 0, 20))
+    simulation = run_of(scene, REFERENCE, dt=0.02, scheme="middle")
+    simulation.step(7)
+    simulation.context.setStepCount(0)
+    simulation.step(3)
+    assert simulation.context.getParameter(KT) == pytest.approx(2.0)
+
+
+@SCHEME
+def test_a_ramp_step_is_a_step_at_that_temperature(choices):
+    """One step of a ramp against a run at the temperature it has reached, from the same state and noise count."""
+    ramp = run_of(fluid(EXTENDED, BOXES["ortho"], n=60, kT=dpd.TemperatureRamp(1.0, 2.0, 0, 2)), REFERENCE, dt=0.02, conservative="kernel", **choices)
+    fixed = run_of(fluid(EXTENDED, BOXES["ortho"], n=60, kT=1.0), REFERENCE, dt=0.02, conservative="kernel", **choices)
+    ramp.step(1)
+    half = state_of(ramp.context)
+    if choices["scheme"] != "mvv":  # there the first force belongs to the start's temperature, the second to the ramp's
+        fixed.context.setParameter(KT, 1.5)
+    fixed.step(1)
+    other = state_of(fixed.context)
+    if choices["scheme"] == "mvv":
+        assert np.abs(half[1] - other[1]).max() > 1e-3
+    else:
+        assert np.array_equal(half[0], other[0]) and np.array_equal(half[1], other[1])
+
+
+@pytest.mark.parametrize("start_stop", [(0.5, 2.0), (2.0, 0.5)])
+def test_a_ramp_reaches_its_targets(start_stop):
+    """Gamma fixed and sigma fixed: at the end of a slow ramp, and held there, the fluid has the last temperature within 4 standard errors (about 1 %)."""
+    start, stop = start_stop
+    table = {("A", "A"): D(A=25, gamma=20), ("A", "B"): D(A=25, sigma=6.0), ("B", "B"): D(A=25, gamma=20)}
+    scene = fluid(table, np.diag([4.0] * 3), 3.0, kT=dpd.TemperatureRamp(start, stop, 0, 500))
+    simulation = run_of(scene, CPU, dt=0.01, scheme="middle")
+    values = []
+    for _ in range(300):
+        simulation.step(5)
+        values.append(np.sum(scene.bead_masses[:, None] * state_of(simulation.context)[1] ** 2) / (3 * scene.n_beads - 3))
+    held = np.array(values[120:]).reshape(9, -1).mean(axis=1)
+    error = held.std(ddof=1) / 3
+    assert error < 0.02 * stop
+    assert abs(held.mean() - stop) < 4 * error
+    # halfway through the ramp it is on its way
+    assert min(start, stop) + 0.3 < np.mean(values[40:60]) < max(start, stop) - 0.3
+
+
+# -- what could spoil the temperature ------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("choices", [SCHEMES["mvv"], SCHEMES["shardlow"], SCHEMES["middle"]], ids=["mvv", "shardlow", "middle"])
+def test_factors_of_bonded_neighbours_keep_the_temperature(choices):
+    """Chains with factors 0.5, 0.25 and 0: noise goes as the square root.  Noise times f itself would be 10 % too cold for so many bonded pairs."""
+    n = 200
+    bonds = dpd.HarmonicBonds(np.array([(4 * c + a, 4 * c + a + 1) for c in range(50) for a in range(3)]), 50.0, 0.5)
+    rng = np.random.default_rng(2)
+    x = np.repeat(rng.random((50, 3)) * 6, 4, axis=0) + rng.normal(size=(n, 3)) * 0.3
+    table = {("W", "W"): D(A=25, gamma=10.0, gamma_perp=5.0)}
+    scene = beads(n, edge=6.0, positions=x, table=table, bonds=[bonds], special=(0.5, 0.25, 0.0))
+    mean, error = temperature(scene, dt=0.005, steps=3000, conservative="kernel", **choices)
+    assert error < 0.02
+    assert abs(mean - 1.0) < 4 * error
+
+
+@SCHEME
+def test_unequal_masses_and_transverse_friction(choices):
+    """Masses 1 and 2.7, everything different: kT = 1.3 within 4 standard errors (about 1 %) at a small step."""
+    scene = fluid(EXTENDED, np.diag([4.0] * 3), 3.0, kT=1.3)
+    mean, error = temperature(scene, dt=0.01, steps=1000, conservative="kernel", **choices)
+    assert error < 0.03
+    assert abs(mean - 1.3) < 4 * error
+
+
+@pytest.mark.parametrize("choices", [SCHEMES["mvv"], SCHEMES["middle"]], ids=["mvv", "middle"])
+def test_walls_at_rest_keep_the_temperature(choices):
+    base = fluid(EXTENDED, np.diag([4.0] * 3), 3.0, seed=4)
+    mobile = base.positions[:, 2] % 4.0 > 0.8
+    scene = dpd.Scene(base.masses, base.types, base.positions, EXTENDED, 1.0, box=base.box, mobile=mobile)
+    mean, error = temperature(scene, dt=0.01, steps=1000, conservative="kernel", **choices)
+    assert error < 0.03
+    assert abs(mean - 1.0) < 4 * error
+
+
+def test_moving_walls_drag_the_fluid_along():
+    """All walls move along x: an ideal gas with friction takes on their velocity."""
+    friction = {("*", "*"): D(gamma=20.0, cutoff=1.2)}
+    base = fluid(friction, np.diag([4.0] * 3), 3.0, seed=4, kT=0.1)
+    mobile = base.positions[:, 2] % 4.0 > 0.8
+    velocities = np.where(mobile[:, None], 0.0, [2.0, 0.0, 0.0])
+    scene = dpd.Scene(base.masses, base.types, base.positions, friction, 0.1, box=base.box, mobile=mobile, velocities=velocities)
+    simulation = run_of(scene, CPU, dt=0.05, scheme="middle")
+    simulation.step(800)
+    x, v = state_of(simulation.context)
+    flow = np.average(v[mobile], axis=0, weights=scene.bead_masses[mobile])
+    # the mean velocity of 150 beads fluctuates by sqrt(kT/M) = 0.02
+    np.testing.assert_allclose(flow, [2.0, 0.0, 0.0], atol=0.08)
+    assert np.array_equal(x[~mobile], scene.positions[~mobile])
+
+
+def test_initial_velocities_have_exactly_the_temperature_and_no_momentum():
+    scene = dpd.Scene({"A": 1.0, "B": 2.7}, ["A", "B"] * 50, np.random.default_rng(1).random((100, 3)) * 4, EXTENDED, 1.7, box=[4.0] * 3)
+    built = [dpd.build(scene, dt=0.01, platform="Reference", seed=seed) for seed in (1, 1, 2)]
+    v = [np.array(b.velocities._value) for b in built]
+    assert np.array_equal(v[0], v[1]) and not np.array_equal(v[0], v[2])
+    mass = scene.bead_masses[:, None]
+    assert np.sum(mass * v[0] ** 2) / (3 * 99) == pytest.approx(1.7, rel=1e-12)
+    assert np.abs(np.sum(mass * v[0], axis=0)).max() < 1e-12
