@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 import oracle
-from numba import njit
 from openmm import unit
 
 import openmm_dpd as dpd
 from openmm_dpd.kernels import noise as hashed
+from openmm_dpd.kernels.compiled import compiled
 from openmm_dpd.kernels.engine import PairEngine
 
 D = dpd.DPD
@@ -54,7 +54,7 @@ def fluid(
     """
     rng = np.random.default_rng(seed)
     if n is None:
-        n = max(40, int(density * (64.0 if box is None else np.prod(np.diag(box)))))
+        n = min(250, max(40, int(density * (64.0 if box is None else np.prod(np.diag(box))))))
     fractional = rng.random((n, 3))
     if box is None:
         x = fractional * (n / density) ** (1 / 3)
@@ -117,7 +117,7 @@ def factor_of(scene: dpd.Scene):
     return lambda i, j: factors[i, j]
 
 
-@njit
+@compiled
 def _fill(key, table):
     for i in range(table.shape[0]):
         for j in range(i + 1, table.shape[0]):

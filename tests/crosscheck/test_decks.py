@@ -32,9 +32,9 @@ FIXED_POSITIONS = ("in.dpd-vv", "in.dpd-shardlow", "in.dpdext_tstat", "in.bonded
 
 
 @pytest.mark.parametrize("deck", FIXED_POSITIONS)
-def test_first_row(deck):
+def test_first_row(deck, tmp_path):
     """Potential energy of the first configuration to the digits of the platform: exact pair terms, LAMMPS's constants."""
-    report = run_deck(DECKS / deck, RunOptions(platform="Reference", steps=0, threads=1))
+    report = run_deck(DECKS / deck, RunOptions(platform="Reference", steps=0, threads=1), out=tmp_path)
     mine, theirs = report["runs"][0]["thermo"]["pe"]["first"], REFERENCE[deck]["first"]["pe_per_bead"]
     if report["units"] != "lj":
         mine /= report["natoms"]
@@ -42,9 +42,9 @@ def test_first_row(deck):
     assert mine == pytest.approx(theirs, rel=1e-6 if deck == "in.dpdext_tstat" else 1e-11)
 
 
-def test_first_row_shardlow_pressure():
+def test_first_row_shardlow_pressure(tmp_path):
     """Fix shardlow keeps noise out of the pressure, so the first row's is deterministic."""
-    report = run_deck(DECKS / "in.dpd-shardlow", RunOptions(platform="Reference", steps=0, threads=1))
+    report = run_deck(DECKS / "in.dpd-shardlow", RunOptions(platform="Reference", steps=0, threads=1), out=tmp_path)
     first = REFERENCE["in.dpd-shardlow"]["first"]
     for word in ("press", "temp", "ke"):
         assert report["runs"][0]["thermo"][word]["first"] == pytest.approx(first[word], rel=1e-9)
@@ -52,13 +52,14 @@ def test_first_row_shardlow_pressure():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("deck", PRODUCTION)
-def test_averages(deck):
+def test_averages(deck, tmp_path):
     """Averages of T, P and PE per bead within 4 combined standard errors of LAMMPS's."""
     reference = REFERENCE[deck]["production"]
     report = run_deck(
         DECKS / deck,
         RunOptions(platform="CPU", discard=reference["discard"], seed=20),
         variables={"nrun": str(PRODUCTION[deck]), "every": "10"},
+        out=tmp_path,
     )
     thermo = report["thermo"]
     z = {}

@@ -153,8 +153,8 @@ def test_native_scheme_runs_a_deck(deck):
     assert report["thermo"]["press"]["mean"] != report["thermo"]["press_full"]["mean"]
 
 
-def test_configurational_temperature_is_null_with_a_reason():
-    report = run_deck(DECKS / "in.dpd_tstat", RunOptions(platform="CPU", steps=2, threads=1))
+def test_configurational_temperature_is_null_with_a_reason(tmp_path):
+    report = run_deck(DECKS / "in.dpd_tstat", RunOptions(platform="CPU", steps=2, threads=1), out=tmp_path)
     assert report["thermo"]["temp_conf"] is None
     assert "Laplacian" in report["temp_conf_reason"]
 

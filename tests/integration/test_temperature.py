@@ -90,7 +90,7 @@ def test_a_ramp_reaches_its_targets(start_stop):
 # -- what could spoil the temperature ------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("choices", [SCHEMES["mvv"], SCHEMES["shardlow"], SCHEMES["middle"]], ids=["mvv", "shardlow", "middle"])
 def test_factors_of_bonded_neighbours_keep_the_temperature(choices):
-    """Chains with factors 0.5, 0.25 and 0: noise goes as the square root.  Noise times f itself would be 10 % too cold for so many bonded pairs."""
+    """Chains with factors 0.5, 0.25 and 0: noise goes as the square root.  With noise times f itself it would be 45 % too cold."""
     n = 200
     bonds = dpd.HarmonicBonds(np.array([(4 * c + a, 4 * c + a + 1) for c in range(50) for a in range(3)]), 50.0, 0.5)
     rng = np.random.default_rng(2)

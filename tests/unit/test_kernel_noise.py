@@ -7,15 +7,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numba import njit
 from scipy import special, stats
 
 from openmm_dpd.kernels import noise
+from openmm_dpd.kernels.compiled import compiled
 
 M = 1_000_000
 
 
-@njit
+@compiled
 def stream(key, n, component):
     """Numbers of the pairs (0, 1), (0, 2) ... under one key."""
     values = np.empty(n)
@@ -24,7 +24,7 @@ def stream(key, n, component):
     return values
 
 
-@njit
+@compiled
 def _from_bits(bits, values):
     for k in range(len(bits)):
         values[k] = noise.normal(bits[k], 0)
@@ -133,7 +133,7 @@ def test_keys_do_not_repeat():
     keys = {int(noise.call_key(seed, counter)) for seed in range(1000) for counter in range(200)}
     assert len(keys) == 1000 * 200
 
-    @njit
+    @compiled
     def hashes(key, n):
         found = np.empty(n * n, np.uint64)
         for i in range(n):
@@ -160,7 +160,7 @@ def test_noise_has_not_changed():
     assert int(noise.call_key(seed, counter)) == key
     pair = mix((mix((((i << 32) | j) * golden + key) & mask) + key) & mask)
 
-    @njit
+    @compiled
     def numbers(key, i, j):
         return [noise.normal(noise.pair_key(key, i, j), k) for k in range(4)]
 

@@ -1,0 +1,190 @@
+"""Wrong input gives one clear error that names what, where and what would be right; what goes wrong while stepping, likewise."""
+
+from __future__ import annotations
+
+import numpy as np
+import openmm
+import pytest
+from devices import DEVICES
+from openmm import unit
+from scenes import BOXES, D, beads, run_of, state_of
+
+import openmm_dpd as dpd
+from openmm_dpd import DPDError, ParameterError, PlanError
+from openmm_dpd.names import KT, PHASE, Phase
+
+N = 20
+X = np.random.default_rng(0).random((N, 3)) * 3
+TABLE = {("W", "W"): D(A=25, gamma=4.5)}
+KELVIN = unit.kelvin
+
+
+def scene(**changes):
+    arguments = dict(masses={"W": 1.0}, types=["W"] * N, positions=X, pairs=TABLE, kT=1.0, box=[3.0] * 3)
+    return dpd.Scene(**{**arguments, **changes})
+
+
+def build(of=None, **changes):
+    return dpd.build(of or scene(), **{"dt": 0.02, "platform": "Reference", "seed": 1, **changes})
+
+
+def with_value(value):
+    x = X.copy()
+    x[7, 1] = value
+    return x
+
+
+BOND = np.array([[0, 1]])
+TWO = dict(masses={"A": 1.0, "B": 1.0}, types=["A", "B"] * (N // 2))
+
+#: What is wrong -> what makes it, and what the message has to say.
+WRONG = {
+    "NaN position": (lambda: scene(positions=with_value(np.nan)), r"positions.*nan.*\(7, 1\)"),
+    "infinite position": (lambda: scene(positions=with_value(np.inf)), r"positions.*inf.*\(7, 1\)"),
+    "NaN velocity": (lambda: scene(velocities=with_value(np.nan)), r"velocities.*nan.*\(7, 1\)"),
+    "too few positions": (lambda: scene(positions=X[:5]), r"positions.*\(20, 3\).*\(5, 3\)"),
+    "cutoff over half the box": (lambda: build(scene(pairs={("W", "W"): D(A=25, cutoff=1.6)})), r"\(W, W\).*1\.6.*half the box.*3"),
+    "cutoff over half of one edge": (lambda: build(scene(box=[3, 3, 1.9])), r"\(W, W\).*half the box.*1\.9"),
+    "unset type pair": (lambda: scene(**TWO, pairs={("A", "A"): D(A=1)}), r"\(A, B\), \(B, B\)"),
+    "unknown type in a table": (lambda: scene(pairs={("W", "X"): D(A=1)}), r"\('W', 'X'\).*'X'"),
+    "unknown type of a bead": (lambda: scene(types=["V"] * N), "V.*W"),
+    "no pairs": (lambda: scene(pairs={}), "at least one"),
+    "pairs is None": (lambda: scene(pairs=None), "pairs"),
+    "negative gamma": (lambda: D(gamma=-1), "gamma.*-1"),
+    "negative gamma_perp": (lambda: D(gamma_perp=-2), "gamma_perp.*-2"),
+    "negative sigma": (lambda: D(sigma=-3), "sigma.*-3"),
+    "negative exponent": (lambda: D(exponent=-1), "exponent.*-1"),
+    "cutoff 0": (lambda: D(cutoff=0), "cutoff.*> 0"),
+    "infinite A": (lambda: D(A=np.inf), "A.*inf"),
+    "A in kelvin": (lambda: D(A=25 * KELVIN), "A.*kelvin.*force"),
+    "gamma is text": (lambda: D(gamma="much"), "gamma.*'much'"),
+    "gamma and sigma disagree": (lambda: scene(pairs={("W", "W"): D(gamma=4.5, sigma=2)}), r"\('W', 'W'\).*sigma = 2.*gamma = 4\.5.*sigma = 3"),
+    "sigma at zero temperature": (lambda: scene(kT=0, pairs={("W", "W"): D(sigma=3)}), "sigma = 3.*temperature of 0"),
+    "ramp to zero with sigma": (lambda: scene(kT=dpd.TemperatureRamp(1, 0, 0, 5), pairs={("W", "W"): D(sigma=3)}), "temperature of 0"),
+    "negative temperature": (lambda: scene(kT=-1), "kT.*-1"),
+    "temperature is text": (lambda: scene(kT="hot"), "kT.*'hot'"),
+    "temperature in nanometers": (lambda: scene(kT=1 * unit.nanometer), "kT.*nanometer.*energy"),
+    "ramp without length": (lambda: dpd.TemperatureRamp(1, 2, 5, 5), "end.*5"),
+    "dt 0": (lambda: build(dt=0), "dt.*> 0"),
+    "negative dt": (lambda: build(dt=-1), "dt.*-1"),
+    "dt in kelvin": (lambda: build(dt=1 * KELVIN), "dt.*kelvin.*time"),
+    "dt is text": (lambda: build(dt="short"), "dt.*'short'"),
+    "unknown scheme": (lambda: build(scheme="verlet"), "'verlet'.*mvv.*shardlow.*middle.*aboba.*native"),
+    "lambda out of bounds": (lambda: build(scheme="mvv", lam=2), "lam.*0 and 1.*2"),
+    "lambda is text": (lambda: build(scheme="mvv", lam="half"), "lam"),
+    "unknown placement": (lambda: build(conservative="gpu"), "conservative.*'gpu'"),
+    "unknown platform": (lambda: build(platform="GPU"), "'GPU'.*Reference"),
+    "negative seed": (lambda: build(seed=-1), "seed.*-1"),
+    "seed too large": (lambda: build(seed=2**31), "seed.*2147483648"),
+    "seed not whole": (lambda: build(seed=1.5), r"seed.*1\.5"),
+    "two edges": (lambda: scene(box=[3, 3]), r"box.*\(2,\)"),
+    "negative edge": (lambda: scene(box=[3, 3, -3]), r"box.*-3"),
+    "tilt over half": (lambda: scene(box=[[3, 0, 0], [2, 3, 0], [0, 0, 3]]), "reduced form"),
+    "box not lower triangular": (lambda: scene(box=[[3, 1, 0], [0, 3, 0], [0, 0, 3]]), "lower triangular"),
+    "mass 0": (lambda: scene(masses={"W": 0}), "'W'.*> 0.*mobile"),
+    "mass is text": (lambda: scene(masses={"W": "heavy"}), "'W'.*'heavy'"),
+    "masses is a list": (lambda: scene(masses=[1.0]), "masses"),
+    "bead mass 0": (lambda: scene(bead_masses=[1.0] * 19 + [0.0]), "bead 19.*mass 0"),
+    "mobile of the wrong length": (lambda: scene(mobile=[True]), "mobile.*20"),
+    "bond to a missing bead": (lambda: scene(bonds=[dpd.HarmonicBonds(np.array([[0, 25]]), 1, 1)]), "bead 25.*20"),
+    "bond to itself": (lambda: dpd.HarmonicBonds(np.array([[3, 3]]), 1, 1), "bead 3"),
+    "negative bond constant": (lambda: dpd.HarmonicBonds(BOND, -1, 1), "k.*-1"),
+    "bond twice": (lambda: scene(bonds=[dpd.HarmonicBonds(np.array([[0, 1], [1, 0]]), 1, 1)]), "twice"),
+    "bonds not in a sequence": (lambda: scene(bonds=dpd.HarmonicBonds(BOND, 1, 1)), "bonds.*HarmonicBonds"),
+    "factor over 1": (lambda: scene(special=(2, 1, 1)), "special.*0 and 1"),
+    "one factor": (lambda: scene(special=0.5), "special.*three"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_wrong_input(name):
+    make, message = WRONG[name]
+    with pytest.raises(DPDError, match=message) as caught:
+        make()
+    assert isinstance(caught.value, ParameterError)
+    assert "\n" not in str(caught.value)
+
+
+NATIVE = {
+    "transverse friction": (D(gamma=1, gamma_perp=1), "transverse"),
+    "sigma fixed": (D(sigma=3), "sigma is fixed"),
+    "exponent": (D(gamma=4.5, exponent=0.5), "exponent is 0.5"),
+}
+
+
+@pytest.mark.parametrize("name", NATIVE)
+def test_what_the_native_scheme_cannot_express(name):
+    coefficient, message = NATIVE[name]
+    with pytest.raises(PlanError, match=message):
+        build(scene(pairs={("W", "W"): coefficient}), scheme="native")
+
+
+def test_native_needs_openmms_force_and_no_ramp():
+    with pytest.raises(PlanError, match="openmm"):
+        build(scheme="native", conservative="kernel")
+    with pytest.raises(PlanError, match="ramp"):
+        build(scene(kT=dpd.TemperatureRamp(1, 2, 0, 5)), scheme="native")
+
+
+# -- while stepping --------------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("conservative", ["kernel", "openmm"])
+@pytest.mark.parametrize(
+    ("device", "scheme"), [(d, s) for d in DEVICES for s in ("mvv", "middle") if d.exact or s == "middle"], indirect=["device"], ids=str
+)
+def test_box_smaller_than_twice_the_cutoff(device, scheme, conservative):
+    """A barostat that shrinks the box too far ends the run with the reason, and does not take wrong images instead."""
+    simulation = run_of(scene(), device, dt=0.02, scheme=scheme, conservative=conservative)
+    simulation.step(1)
+    simulation.context.setPeriodicBoxVectors([1.9, 0, 0], [0, 3, 0], [0, 0, 3])
+    with pytest.raises(openmm.OpenMMException, match=r"box has (shrunk|decreased).*less than twice the.*cutoff"):
+        simulation.step(1)
+
+
+def test_bead_that_became_nan_is_named(device):
+    """By the kernel: its number; the CPU platform looks at positions before any force and says it in its own words."""
+    simulation = run_of(scene(), device, dt=0.02, scheme="middle", conservative="kernel")
+    simulation.context.setPositions(with_value(np.nan))
+    with pytest.raises(openmm.OpenMMException, match="bead 7 is not finite|coordinate is NaN"):
+        simulation.step(2)
+
+
+@pytest.mark.parametrize("conservative", ["kernel", "openmm"])
+@pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba"])
+def test_a_failed_step_leaves_no_nonsense_behind(scheme, conservative):
+    """After an error within a step a script may want to write the last state: energies are energies, and the run can go on."""
+    simulation = run_of(scene(), DEVICES[0], dt=0.02, scheme=scheme, conservative=conservative)
+    simulation.step(2)
+    simulation.context.setPeriodicBoxVectors([1.9, 0, 0], [0, 3, 0], [0, 0, 3])
+    with pytest.raises(openmm.OpenMMException):
+        simulation.step(1)
+    simulation.context.setPeriodicBoxVectors(*BOXES["ortho"])
+    simulation.step(3)
+    assert simulation.context.getParameter(PHASE) == Phase.IDLE
+    energy = simulation.context.getState(energy=True).getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)
+    assert 0 < energy < 1000
+
+
+def test_barostat_after_a_failed_step_sees_energies():
+    """The barostat acts before the program speaks to the pair force: it must not find it in the middle of a step."""
+    built = build(conservative="kernel", scheme="mvv")
+    # an error or Ctrl-C within a step leaves another phase behind
+    program = [built.integrator.getComputationStep(k) for k in range(built.integrator.getNumComputations())]
+    update = next(k for k, step in enumerate(program) if step[0] == built.integrator.UpdateContextState)
+    assert any(step[1] == PHASE and float(step[2]) == Phase.IDLE for step in program[:update])
+
+
+def test_negative_temperature_while_stepping():
+    simulation = run_of(beads(), DEVICES[0], dt=0.02, scheme="middle")
+    simulation.context.setParameter(KT, -1.0)
+    with pytest.raises(openmm.OpenMMException, match="dpd_kT.*-1"):
+        simulation.step(1)
+
+
+def test_observer_says_when_a_run_has_blown_up():
+    built = build(conservative="openmm", scheme="mvv")
+    simulation = built.simulation()
+    _, v = state_of(simulation.context)
+    v[3] = np.nan
+    simulation.context.setVelocities(v)
+    with pytest.raises(dpd.RunError, match="not finite"):
+        dpd.Observer(built).sample(simulation.context)

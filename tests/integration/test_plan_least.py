@@ -1,0 +1,216 @@
+"""The plan is the least the scene needs: nothing is built, declared or evaluated that nothing asks for."""
+
+from __future__ import annotations
+
+import numpy as np
+import openmm
+import pytest
+from openmm import unit
+from scenes import BOXES, EXTENDED, PLAIN, D, beads, chains, fluid
+
+import openmm_dpd as dpd
+from openmm_dpd.kernels import forces
+from openmm_dpd.names import PAIR_GROUP, PARAMETERS
+from openmm_dpd.plan import make_plan
+
+SCHEMES = pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba"])
+PLACEMENTS = pytest.mark.parametrize("conservative", ["kernel", "openmm"])
+SOFT, FRICTION = {("W", "W"): D(A=25)}, {("W", "W"): D(gamma=4.5)}
+
+
+def build(scene, **choices):
+    return dpd.build(scene, **{"dt": 0.02, "platform": "Reference", "seed": 1, **choices})
+
+
+def kinds(built) -> dict[str, openmm.Force]:
+    return {type(force).__name__: force for force in built.system.getForces()}
+
+
+def parameters_of(built) -> set[str]:
+    return set(built.simulation().context.getParameters().keys())
+
+
+@SCHEMES
+def test_no_thermostat_no_python_force(scheme):
+    """Velocity Verlet and OpenMM's own force: none of our parameters, none of our variables."""
+    built = build(beads(table=SOFT), scheme=scheme)
+    assert set(kinds(built)) == {"CustomNonbondedForce"}
+    assert not parameters_of(built)
+    assert built.integrator.getNumGlobalVariables() == 0
+    assert "no pair kernel" in built.explain()
+
+
+@SCHEMES
+def test_no_conservative_force_no_nonbonded_force(scheme):
+    built = build(beads(table=FRICTION), scheme=scheme)
+    assert set(kinds(built)) == {"PythonForce"}
+    assert built.plan.conservative == "none"
+    assert PAIR_GROUP not in _groups(built)
+
+
+def _groups(built) -> set[int]:
+    groups = built.integrator.getIntegrationForceGroups()
+    return {g for g in range(32) if groups & (1 << g)} if isinstance(groups, int) else set(groups)
+
+
+@SCHEMES
+@PLACEMENTS
+def test_one_force_for_each_thing(scheme, conservative):
+    built = build(beads(), scheme=scheme, conservative=conservative)
+    assert set(kinds(built)) == ({"PythonForce"} if conservative == "kernel" else {"PythonForce", "CustomNonbondedForce"})
+    assert (PAIR_GROUP in _groups(built)) == (conservative == "kernel")
+    assert parameters_of(built) == set(PARAMETERS)
+
+
+def test_a_single_type_has_constants_and_no_tables():
+    force = kinds(build(beads(), conservative="openmm"))["CustomNonbondedForce"]
+    assert force.getNumTabulatedFunctions() == 0
+    assert force.getNumPerParticleParameters() == 0
+    assert force.getNumGlobalParameters() == 0
+    assert "type" not in force.getEnergyFunction()
+
+
+def test_types_that_agree_have_constants_and_no_tables():
+    """Only what differs between type pairs becomes a table."""
+    table = {("*", "*"): D(A=25, gamma=4.5)}
+    force = kinds(build(fluid(table, np.diag([4.0] * 3), n=40), conservative="openmm"))["CustomNonbondedForce"]
+    assert force.getNumTabulatedFunctions() == force.getNumPerParticleParameters() == 0
+    force = kinds(build(fluid(PLAIN, np.diag([4.0] * 3), n=40), conservative="openmm"))["CustomNonbondedForce"]
+    assert force.getNumTabulatedFunctions() == 1
+    force = kinds(build(fluid(EXTENDED, np.diag([4.0] * 3), n=40), conservative="openmm"))["CustomNonbondedForce"]
+    assert force.getNumTabulatedFunctions() == 2
+
+
+@PLACEMENTS
+def test_no_exclusions_and_no_bond_force_without_need(conservative):
+    built = build(beads(), conservative=conservative)
+    assert not any("Bond" in name for name in kinds(built))
+    if conservative == "openmm":
+        assert kinds(built)["CustomNonbondedForce"].getNumExclusions() == 0
+    # bonded neighbours whose factors are all 1 need no exception either
+    built = build(chains(special=(1.0, 1.0, 1.0), k=10.0), conservative=conservative)
+    assert "CustomCompoundBondForce" not in kinds(built)
+    assert len(built.plan.exceptions) == 0 and len(built.plan.spec.exceptions[0]) == 0
+    if conservative == "openmm":
+        assert kinds(built)["CustomNonbondedForce"].getNumExclusions() == 0
+
+
+def test_factors_of_zero_need_no_bond_force_that_puts_back():
+    built = build(chains(special=(0.0, 1.0, 1.0), k=10.0), conservative="openmm")
+    assert "CustomCompoundBondForce" not in kinds(built)
+    assert kinds(built)["CustomNonbondedForce"].getNumExclusions() == len(built.plan.scene.bond_pairs)
+
+
+def test_no_wall_velocities_without_moving_walls():
+    scene = beads()
+    assert make_plan(scene, dt=0.02, seed=1).spec.wall_velocity is None
+    at_rest = beads(mobile=np.arange(81) > 9, velocities=np.zeros((81, 3)))
+    assert make_plan(at_rest, dt=0.02, seed=1).spec.wall_velocity is None
+    moving = beads(mobile=np.arange(81) > 9, velocities=np.ones((81, 3)))
+    assert make_plan(moving, dt=0.02, seed=1).spec.wall_velocity is not None
+
+
+@SCHEMES
+def test_no_ramp_no_ramp_variable(scheme):
+    for kT, expected in ((1.0, False), (dpd.TemperatureRamp(1, 2, 0, 10), True)):
+        integrator = build(beads(kT=kT), scheme=scheme).integrator
+        names = {integrator.getGlobalVariableName(k) for k in range(integrator.getNumGlobalVariables())}
+        assert ("ramp_step" in names) == expected
+
+
+def test_no_transverse_work_without_transverse_friction():
+    """The coefficient the compiled loops test is exactly 0, and explain says so; with transverse friction it says that."""
+    plain, extended = (build(fluid(table, BOXES["ortho"], n=40)) for table in (PLAIN, EXTENDED))
+    column = [built.plan.spec.terms[0].coefficients(1.0)[:, [forces.GAMMA_PERP, forces.SIGMA_PERP]] for built in (plain, extended)]
+    assert not column[0].any() and column[1].any()
+    assert "transverse" not in plain.explain() and "transverse" in extended.explain()
+
+
+def test_only_the_forces_of_the_scene_have_parameters_of_types():
+    """One table, one layer: no more layers than tables with DPD terms; thermostat-only layers hold no conservative term."""
+    friction = dpd.PairTable({("*", "*"): D(gamma=4.5)})
+    lennard_jones = dpd.PairTable({("*", "*"): dpd.LennardJones(1.0, 0.5, 1.2)})
+    scene = dpd.Scene({"W": 1.0}, ["W"] * 20, np.random.default_rng(1).random((20, 3)) * 4, [lennard_jones, friction], 1.0, box=[4.0] * 3)
+    built = build(scene)
+    assert len(built.plan.layers) == len(built.plan.partners) == 1
+    assert built.plan.conservative == "none"
+    assert sorted(type(f).__name__ for f in built.system.getForces()) == ["CustomNonbondedForce", "CustomNonbondedForce", "PythonForce"]
+    # the second one is the virial, in a group nobody integrates and switched off
+    virial = [f for f in built.system.getForces() if "virial" in f.getName()]
+    assert len(virial) == 1 and virial[0].getForceGroup() not in _groups(built)
+    context = built.simulation().context
+    assert context.getParameter("dpd_virial") == 0.0
+    everything, integrated = (context.getState(energy=True, **kw).getPotentialEnergy() for kw in ({}, {"groups": _groups(built)}))
+    assert everything == integrated
+
+
+def test_auto_takes_the_kernel_on_the_cpu_platform_only():
+    for platform, expected in (("CPU", "kernel"), ("Reference", "openmm"), ("OpenCL", "openmm"), ("CUDA", "openmm"), (None, "openmm")):
+        assert make_plan(beads(), dt=0.02, platform=platform, seed=1).conservative == expected
+    assert make_plan(beads(table=SOFT), dt=0.02, platform="CPU", seed=1).conservative == "openmm"
+    assert make_plan(beads(), dt=0.02, platform="CPU", scheme="native", seed=1).conservative == "openmm"
+
+
+def test_native_builds_no_python_force():
+    built = build(beads(), scheme="native")
+    assert set(kinds(built)) == {"CustomNonbondedForce"}
+    assert isinstance(built.integrator, openmm.DPDIntegrator)
+    assert built.program is None and "DPDIntegrator" in built.explain()
+
+
+def test_native_has_the_friction_of_lammps():
+    """Gamma in Da/ps becomes a rate: gamma (1/m_i + 1/m_j)/2 for w^2 twice over; and the temperature is kT over the gas constant."""
+    table = {("A", "A"): D(A=25, gamma=4.5), ("A", "B"): D(A=25, gamma=3.0, cutoff=1.2), ("B", "B"): D(A=25, gamma=9.0)}
+
+    def bare(value):
+        return value.value_in_unit_system(unit.md_unit_system) if unit.is_quantity(value) else value
+
+    integrator = build(fluid(table, np.diag([4.0] * 3), n=40, kT=1.5), scheme="native").integrator
+    rates = {}
+    for k in range(integrator.getNumTypePairs()):
+        a, b, rate, cutoff = integrator.getTypePairParameters(k)
+        rates[a, b] = bare(rate), bare(cutoff)
+    assert rates == {(0, 0): (4.5, 1.0), (0, 1): (pytest.approx(3.0 * (1 + 1 / 2.7) / 2), 1.2), (1, 1): (pytest.approx(9.0 / 2.7), 1.0)}
+    kT = bare(integrator.getTemperature()) * unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole / unit.kelvin)
+    assert kT == pytest.approx(1.5)
+
+
+@SCHEMES
+@PLACEMENTS
+def test_evaluations_per_step(scheme, conservative, monkeypatch):
+    """How often the kernel lists pairs, and adds forces or sweeps, in a step: counted on a running scene."""
+    from openmm_dpd.kernels.engine import PairEngine, PairList
+
+    counts = {"lists": 0, "forces": 0, "sweeps": 0}
+
+    def counted(owner, name, key):
+        original = getattr(owner, name)
+
+        def call(self, *arguments, **options):
+            counts[key] += 1
+            return original(self, *arguments, **options)
+
+        monkeypatch.setattr(owner, name, call)
+
+    counted(PairList, "build", "lists")
+    counted(PairEngine, "forces", "forces")
+    counted(PairEngine, "sweep", "sweeps")
+    simulation = build(beads(), scheme=scheme, conservative=conservative).simulation()
+    simulation.step(3)
+    counts.update(dict.fromkeys(counts, 0))
+    simulation.step(10)
+    kernel = conservative == "kernel"
+    expected = {
+        "mvv": (10, 10, 0),
+        "shardlow": (10, 10 if kernel else 0, 10),
+        "middle": (20 if kernel else 10, 10 if kernel else 0, 10),
+        "aboba": (10, 10 if kernel else 0, 10),
+    }[scheme]
+    assert tuple(counts.values()) == expected
+
+
+def test_explain_says_what_will_be_built():
+    text = build(chains(mobile=np.arange(100) % 9 > 0, kT=dpd.TemperatureRamp(1, 2, 0, 50)), scheme="mvv", lam=0.65, conservative="kernel").explain()
+    for word in ("100 beads of 2 type(s)", "A (mass 1)", "B (mass 2.7)", "lambda = 0.65", "dt = 0.02", "kT from 1 to 2", "between steps 0 and 50",
+                 "A - B: DPD(A = 31", "gamma_perp = 3", "pair kernel", "transverse", "37 harmonic bonds", "12 beads do not move", "program mvv"):  # fmt: skip
+        assert word in text, word
