@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import openmm
@@ -73,6 +74,9 @@ def fastest_platform() -> str:
 
 
 def _opencl_is_a_gpu(platform: openmm.Platform) -> bool:
+    drivers = list(Path("/etc/OpenCL/vendors").glob("*.icd"))
+    if drivers and all("pocl" in driver.name for driver in drivers):
+        return False
     system = openmm.System()
     system.addParticle(1.0)
     try:

@@ -70,9 +70,12 @@ def _options(options: argparse.Namespace):
 
 
 def _run(options: argparse.Namespace) -> None:
+    from tqdm import tqdm
+
     from .lammps.main import run_deck
 
-    log = (lambda _: None) if options.quiet else print
+    # lines above the progress bar, not through it
+    log = (lambda _: None) if options.quiet else tqdm.write
     out = options.out or Path("out") / options.deck.name.removeprefix("in.")
     report = run_deck(options.deck, _options(options), out=out, log=log, variables=dict(options.var), progress=not options.quiet)
     if options.json:

@@ -125,8 +125,13 @@ class Observer:
             raise RunError(f"the energy or a velocity is not finite at step {state.getStepCount()}; the step size may be too large")
         box = None if plan.scene.box is None else state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(_NM)
         bond, bond_virial, bond_laplacian = bond_sums(plan, x, box, mobile)
-        virials = self._pair_virials(context, x, v, box)
         mass = self._mass[mobile][:, None]
+        seen = v
+        if plan.options.scheme == "middle":
+            # its velocities are half a kick behind the positions, which would show as a spurious drag of pairs that repel
+            seen = v.copy()
+            seen[mobile] += 0.5 * context.getIntegrator().getStepSize().value_in_unit(unit.picosecond) * force / mass
+        virials = self._pair_virials(context, x, seen, box)
         gradient2 = float(np.sum(force**2))
         return Sample(
             step=state.getStepCount(),
@@ -155,6 +160,9 @@ class Observer:
         if self._engine is not None:
             self._engine.prepare(x, box)
             kT, seed, counter, dt = noise_state(context, self.plan)
+            if self.plan.options.scheme != "mvv":
+                # the last sweep's noise has already moved the beads; as a force it would be correlated with their positions
+                counter += 1
             for k, which in enumerate((CONSERVATIVE, DISSIPATIVE, RANDOM)):
                 parts[k] = self._engine.forces(which, v, kT, dt, seed, counter)[2]
         if self.plan.partners:

@@ -5,6 +5,7 @@ OpenMM's StateDataReporter works as always; it prints kelvin, divides by 3N, and
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from typing import TextIO
 
@@ -45,7 +46,7 @@ class DPDReporter:
 
     Parameters
     ----------
-    file : str or text file
+    file : str, path or text file
         Where to write.
     interval : int
         Steps between rows.
@@ -65,14 +66,14 @@ class DPDReporter:
         For an unknown column or an interval below 1.
     """
 
-    def __init__(self, file: str | TextIO, interval: int, built: Built, columns: Sequence[str] = DEFAULT_COLUMNS):
+    def __init__(self, file: str | os.PathLike | TextIO, interval: int, built: Built, columns: Sequence[str] = DEFAULT_COLUMNS):
         unknown = [name for name in columns if name not in COLUMNS]
         if unknown:
             raise ParameterError(f"unknown columns {', '.join(unknown)}; they must be among {', '.join(COLUMNS)}")
         if interval < 1:
             raise ParameterError(f"the interval between reports must be at least 1 step, not {interval}")
-        self._owned = isinstance(file, str)
-        self._out: TextIO = open(file, "w") if isinstance(file, str) else file
+        self._owned = isinstance(file, (str, os.PathLike))
+        self._out: TextIO = open(file, "w") if isinstance(file, (str, os.PathLike)) else file
         self._interval, self._columns, self._observer = interval, tuple(columns), Observer(built)
         self._write(self._columns)
 

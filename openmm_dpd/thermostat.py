@@ -42,8 +42,8 @@ def add_thermostat(
 
     With constraints the pair updates are exact only to first order in dt times the friction rate of a particle (the sum over its
     neighbours of gamma w^2/m): part of the noise pushes along constraints, which take it away.  Rigid TIP3P water at 2 fs with friction on
-    all atoms within 0.8 nm is 3.7(2) % cold at gamma = 50 Da/ps (a rate of 1,000/ps on hydrogen) and right within its error of 0.4 % at
-    5 Da/ps, which still damps a hundred times as hard as Langevin dynamics at 1/ps.  Sensible values are 0.1 to 5 Da/ps.
+    all atoms within 0.8 nm is 3 % cold at gamma = 50 Da/ps (a rate of 1,000/ps on hydrogen) and
+    0.4(2) % at 5 Da/ps, which still damps a hundred times as hard as Langevin dynamics at 1/ps.  Sensible values are 0.1 to 5 Da/ps.
 
     Parameters
     ----------

@@ -147,7 +147,7 @@ class UnitSystem:
 
     @property
     def thermal_energy(self) -> float:
-        """KT in kJ/mol per unit of temperature."""
+        """Thermal energy in kJ/mol per unit of temperature."""
         return self.boltzmann * self.energy
 
     @property

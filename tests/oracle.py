@@ -43,9 +43,7 @@ class PairParams:
             object.__setattr__(self, name, array)
 
     @classmethod
-    def build(
-        cls, n_types: int = 1, *, A=0.0, gamma=0.0, gamma_perp=0.0, s=1.0, s_perp=1.0, cutoff=1.0
-    ) -> PairParams:
+    def build(cls, n_types: int = 1, *, A=0.0, gamma=0.0, gamma_perp=0.0, s=1.0, s_perp=1.0, cutoff=1.0) -> PairParams:
         """Coefficients given as a number (the same for all pairs of types) or as a (T, T) array."""
         values = (A, gamma, gamma_perp, s, s_perp, cutoff)
         return cls(*(np.broadcast_to(np.asarray(a, dtype=float), (n_types, n_types)).copy() for a in values))
@@ -174,9 +172,7 @@ def dissipative(x, v, types, params: PairParams, box=None, factor: Factor | None
     return PairForces(forces, float(np.trace(tensor)), tensor)
 
 
-def random(
-    x, types, params: PairParams, box, kT: float, dt: float, noise: Noise, factor: Factor | None = None
-) -> PairForces:
+def random(x, types, params: PairParams, box, kT: float, dt: float, noise: Noise, factor: Factor | None = None) -> PairForces:
     """Noise ``F = sqrt(f/dt) [sigma w^s z0 e + sigma_perp w^s_perp P (z1, z2, z3)]``, sigma^2 = 2kT gamma."""
     forces, tensor = np.zeros_like(x, dtype=float), np.zeros((3, 3))
     for i, j, a, b, r, e, f in _scaled_pairs(x, types, params, box, factor):

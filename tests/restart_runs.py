@@ -1,6 +1,6 @@
 """Runs that are interrupted and continued: the cases, and the program that continues them in a fresh process.
 
-    python restart_runs.py FOLDER PLATFORM
+python restart_runs.py FOLDER PLATFORM
 """
 
 from __future__ import annotations

@@ -232,10 +232,7 @@ def write_triclinic(path: Path) -> None:
     lines = ["Two kinds of beads in a tilted box, written by make_inputs.py", "", f"{n} atoms", "2 atom types", ""]
     lines += box_lines(lo, lo + edges) + [f"{xy} {xz} {yz} xy xz yz"]
     lines += ["", "Masses", "", "1 1.0", "2 2.0", "", "Atoms # atomic", ""]
-    lines += [
-        f"{i + 1} {kind[i]} {p[0]:.7f} {p[1]:.7f} {p[2]:.7f} {image[i, 0]} {image[i, 1]} {image[i, 2]}"
-        for i, p in enumerate(x)
-    ]
+    lines += [f"{i + 1} {kind[i]} {p[0]:.7f} {p[1]:.7f} {p[2]:.7f} {image[i, 0]} {image[i, 1]} {image[i, 2]}" for i, p in enumerate(x)]
     lines += ["", "Velocities", ""]
     lines += [f"{i + 1} {u[0]:.9f} {u[1]:.9f} {u[2]:.9f}" for i, u in enumerate(v)]
     path.write_text("\n".join(lines) + "\n")

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import FunctionType
 from typing import Any
 
-from numba import njit
+import numba
 
 
 def _digest() -> str:
@@ -18,6 +21,28 @@ def _digest() -> str:
 
 
 _DIGEST = _digest()
+
+
+@contextmanager
+def _user_cache() -> Iterator[None]:
+    """Keep compiled code in the user's cache folder, unless NUMBA_CACHE_DIR says otherwise.
+
+    Beside the package it would survive an uninstall and leave a folder that shadows the next installation.
+    """
+    config: Any = numba.config
+    given = config.CACHE_DIR
+    if not given:
+        folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "openmm_dpd"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError:
+            folder = Path(tempfile.gettempdir()) / f"openmm_dpd-{os.getuid() if hasattr(os, 'getuid') else 'cache'}"
+            folder.mkdir(parents=True, exist_ok=True)
+        config.CACHE_DIR = str(folder)
+    try:
+        yield
+    finally:
+        config.CACHE_DIR = given
 
 
 def compiled(function: Callable, *, parallel: bool = False) -> Any:
@@ -32,7 +57,8 @@ def compiled(function: Callable, *, parallel: bool = False) -> Any:
     copy.__qualname__ = name
     copy.__module__ = function.__module__
     copy.__doc__ = function.__doc__
-    return njit(nogil=True, cache=True, parallel=parallel)(copy)
+    with _user_cache():
+        return numba.njit(nogil=True, cache=True, parallel=parallel)(copy)
 
 
 def serial_and_parallel(function: Callable) -> tuple[Any, Any]:

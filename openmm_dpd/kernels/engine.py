@@ -329,7 +329,7 @@ class PairEngine:
 def warm_up(spec: PairSpec, log=lambda _: None) -> None:
     """Compile all the kernels a run of ``spec`` can need (or load them from the cache), saying so if it takes a while.
 
-    Compiled code is kept on disk beside the package, or in the user's cache folder where the package is not writable.
+    Compiled code is kept in the user's cache folder.
     """
     if not spec.terms:
         return

@@ -46,7 +46,7 @@ class TemperatureRamp:
 
 
 def thermal_energy(value, name: str = "kT") -> float:
-    """KT in kJ/mol from an energy (bare numbers: kJ/mol) or from a temperature given as a Quantity."""
+    """Thermal energy in kJ/mol from an energy (bare numbers: kJ/mol) or from a temperature given as a Quantity."""
     from openmm import unit
 
     if unit.is_quantity(value) and value.unit.is_compatible(unit.kelvin):

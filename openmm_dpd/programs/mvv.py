@@ -11,7 +11,8 @@ With a(t) the acceleration by all forces, friction and noise included, drawn onc
 lambda = 1/2 is plain velocity Verlet: v_pred = v_half, which the drift itself shows to the pair force.  This is what LAMMPS's fix nve
 and fix mvv/dpd do.  a(t) is history: it is stored per degree of freedom with a fingerprint of what it was computed from, and computed anew
 (with the velocities of the moment) whenever positions, box, dt or a parameter are not what the last step left behind.  A change of
-velocities alone goes unnoticed: it leaves a friction force of the old velocities for half a step.
+velocities alone goes unnoticed: it leaves a friction force of the old velocities for half a step.  GPU platforms fold positions back into
+the box now and then (when they reorder atoms), which counts as a change.
 """
 
 from __future__ import annotations

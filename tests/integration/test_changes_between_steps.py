@@ -14,7 +14,13 @@ from scenes import BOXES, EXTENDED, D, beads, fluid, run_of, same_bits, state_of
 import openmm_dpd as dpd
 from openmm_dpd.names import COUNTER, KT, PHASE, SEED, Phase
 
-SCHEMES = {"mvv": {"scheme": "mvv"}, "mvv-0.65": {"scheme": "mvv", "lam": 0.65}, "shardlow": {"scheme": "shardlow"}, "middle": {"scheme": "middle"}, "aboba": {"scheme": "aboba"}}
+SCHEMES = {
+    "mvv": {"scheme": "mvv"},
+    "mvv-0.65": {"scheme": "mvv", "lam": 0.65},
+    "shardlow": {"scheme": "shardlow"},
+    "middle": {"scheme": "middle"},
+    "aboba": {"scheme": "aboba"},
+}
 SCHEME = pytest.mark.parametrize("choices", SCHEMES.values(), ids=SCHEMES.keys())
 HISTORY = pytest.mark.parametrize("choices", [SCHEMES[k] for k in ("mvv", "mvv-0.65", "shardlow")], ids=["mvv", "mvv-0.65", "shardlow"])
 DT = 0.03
@@ -214,7 +220,17 @@ def test_reporters_do_not_disturb(choices, conservative, tmp_path):
     built = dpd.build(scene, dt=DT, platform="Reference", conservative=conservative, seed=11, **choices)
     watched = built.simulation()
     lines = io.StringIO()
-    columns = dict(step=True, time=True, potentialEnergy=True, kineticEnergy=True, totalEnergy=True, temperature=True, volume=True, density=True, speed=True)
+    columns = dict(
+        step=True,
+        time=True,
+        potentialEnergy=True,
+        kineticEnergy=True,
+        totalEnergy=True,
+        temperature=True,
+        volume=True,
+        density=True,
+        speed=True,
+    )
     watched.reporters.append(app.StateDataReporter(lines, 1, **columns))
     watched.reporters.append(app.DCDReporter(str(tmp_path / "run.dcd"), 1))
     watched.reporters.append(app.CheckpointReporter(str(tmp_path / "run.chk"), 2))

@@ -50,7 +50,10 @@ def test_forces_are_those_of_all_other_pairs(device, conservative, distance):
         assert np.all(np.isfinite(forces[name]))
     energy = built.simulation(properties=device.properties).context.getState(energy=True).getPotentialEnergy()
     # at r -> 0 a pair has its full energy A rc/2 in one place and is skipped in the other: both are finite
-    full = sum(0.5 * c.A * c.cutoff for c in (scene.tables[0].resolve(["A", "B"])[tuple(sorted((scene.types[i], scene.types[j])))] for i, j in PAIRS))
+    full = sum(
+        0.5 * c.A * c.cutoff
+        for c in (scene.tables[0].resolve(["A", "B"])[tuple(sorted((scene.types[i], scene.types[j])))] for i, j in PAIRS)
+    )
     value = energy.value_in_unit(unit.kilojoule_per_mole)
     assert min(abs(value - expected.energy), abs(value - expected.energy - full)) < 1e-5 * full
 
@@ -77,6 +80,7 @@ def test_a_few_steps(device, conservative, distance, scheme):
 @pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba"])
 def test_steps_follow_the_scene_without_coincidence(conservative, scheme):
     """A pair that starts at r = 0 moves as one that starts at r = 2e-10 does until the force between them counts: same noise, same neighbours."""
+
     def run(distance):
         x = np.array([[1.0, 1.0, 1.0], [1.0 + distance, 1.0, 1.0], [1.6, 1.0, 1.0]])
         v = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 0.0]])

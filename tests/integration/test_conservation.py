@@ -11,7 +11,13 @@ from scenes import BOXES, EXTENDED, D, beads, chains, fluid, run_of, state_of
 import openmm_dpd as dpd
 
 REFERENCE, CPU = DEVICES[:2]
-SCHEMES = {"mvv": {"scheme": "mvv"}, "mvv-0.65": {"scheme": "mvv", "lam": 0.65}, "shardlow": {"scheme": "shardlow"}, "middle": {"scheme": "middle"}, "aboba": {"scheme": "aboba"}}
+SCHEMES = {
+    "mvv": {"scheme": "mvv"},
+    "mvv-0.65": {"scheme": "mvv", "lam": 0.65},
+    "shardlow": {"scheme": "shardlow"},
+    "middle": {"scheme": "middle"},
+    "aboba": {"scheme": "aboba"},
+}
 SCHEME = pytest.mark.parametrize("choices", SCHEMES.values(), ids=SCHEMES.keys())
 
 
@@ -124,7 +130,9 @@ def test_zero_temperature_friction_only_takes_energy_out():
 def test_a_single_bead_flies_straight():
     """No pair, no force, no noise; also without a box."""
     for box in ([4.0] * 3, None):
-        scene = dpd.Scene({"W": 2.0}, ["W"], [[0.1, 0.2, 0.3]], {("W", "W"): D(A=25, gamma=4.5)}, 1.0, box=box, velocities=[[1.0, -2.0, 0.5]])
+        scene = dpd.Scene(
+            {"W": 2.0}, ["W"], [[0.1, 0.2, 0.3]], {("W", "W"): D(A=25, gamma=4.5)}, 1.0, box=box, velocities=[[1.0, -2.0, 0.5]]
+        )
         for choices in SCHEMES.values():
             simulation = run_of(scene, REFERENCE, dt=0.05, conservative="kernel", **choices)
             simulation.step(40)

@@ -13,7 +13,13 @@ from scenes import BOXES, EXTENDED, beads, chains, fluid, run_of, same_bits, sta
 import openmm_dpd as dpd
 from openmm_dpd.kernels.engine import set_threads
 
-SCHEMES = {"mvv": {"scheme": "mvv"}, "mvv-0.65": {"scheme": "mvv", "lam": 0.65}, "shardlow": {"scheme": "shardlow"}, "middle": {"scheme": "middle"}, "aboba": {"scheme": "aboba"}}
+SCHEMES = {
+    "mvv": {"scheme": "mvv"},
+    "mvv-0.65": {"scheme": "mvv", "lam": 0.65},
+    "shardlow": {"scheme": "shardlow"},
+    "middle": {"scheme": "middle"},
+    "aboba": {"scheme": "aboba"},
+}
 SCHEME = pytest.mark.parametrize("choices", SCHEMES.values(), ids=SCHEMES.keys())
 REFERENCE, CPU = DEVICES[:2]
 
@@ -106,7 +112,12 @@ def test_two_contexts_of_one_system_in_two_python_threads(device):
     contexts = []
     for shift in (0.0, 0.4):
         contexts.append(
-            openmm.Context(built.system, openmm.XmlSerializer.clone(built.integrator), openmm.Platform.getPlatformByName(device.platform), device.properties)
+            openmm.Context(
+                built.system,
+                openmm.XmlSerializer.clone(built.integrator),
+                openmm.Platform.getPlatformByName(device.platform),
+                device.properties,
+            )
         )
         contexts[-1].setPositions(scene.positions + shift * scene.velocities)
         contexts[-1].setVelocities(scene.velocities)

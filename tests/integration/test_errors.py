@@ -58,7 +58,10 @@ WRONG = {
     "infinite A": (lambda: D(A=np.inf), "A.*inf"),
     "A in kelvin": (lambda: D(A=25 * KELVIN), "A.*kelvin.*force"),
     "gamma is text": (lambda: D(gamma="much"), "gamma.*'much'"),
-    "gamma and sigma disagree": (lambda: scene(pairs={("W", "W"): D(gamma=4.5, sigma=2)}), r"\('W', 'W'\).*sigma = 2.*gamma = 4\.5.*sigma = 3"),
+    "gamma and sigma disagree": (
+        lambda: scene(pairs={("W", "W"): D(gamma=4.5, sigma=2)}),
+        r"\('W', 'W'\).*sigma = 2.*gamma = 4\.5.*sigma = 3",
+    ),
     "sigma at zero temperature": (lambda: scene(kT=0, pairs={("W", "W"): D(sigma=3)}), "sigma = 3.*temperature of 0"),
     "ramp to zero with sigma": (lambda: scene(kT=dpd.TemperatureRamp(1, 0, 0, 5), pairs={("W", "W"): D(sigma=3)}), "temperature of 0"),
     "negative temperature": (lambda: scene(kT=-1), "kT.*-1"),

@@ -37,7 +37,9 @@ def terms_of(scene, device, conservative, **options):
 
 
 @CONSERVATIVE
-@pytest.mark.parametrize(("device", "box"), [(d, box) for d in DEVICES for box in ("none", "narrow", "tilted")[0 if d.exact else 1 :]], **DEVICE_IDS)
+@pytest.mark.parametrize(
+    ("device", "box"), [(d, box) for d in DEVICES for box in ("none", "narrow", "tilted")[0 if d.exact else 1 :]], **DEVICE_IDS
+)
 def test_forces_equal_the_oracle(device, box, conservative):
     """Two types that differ in everything, beads far outside the box, bonded neighbours with factors 0, 0.5 and 0.25."""
     scene = chains(BOXES[box], table=EXTENDED, kT=KT)
@@ -140,7 +142,9 @@ def lammps_results():
 
 @CONSERVATIVE
 @pytest.mark.parametrize(
-    ("device", "name"), [(d, name) for d in DEVICES for name in LAMMPS_SCENES if d.exact or name in ("dpd-ortho", "dpd_ext-tilted")], **DEVICE_IDS
+    ("device", "name"),
+    [(d, name) for d in DEVICES for name in LAMMPS_SCENES if d.exact or name in ("dpd-ortho", "dpd_ext-tilted")],
+    **DEVICE_IDS,
 )
 def test_forces_equal_lammps(lammps_results, device, name, conservative):
     """Relative RMS 1e-9 on Reference, 1e-5 on CPU and in the GPU precisions; the dissipative part alone, as a difference, likewise."""

@@ -15,7 +15,11 @@ from openmm_dpd.measure import bond_sums
 
 def fluid(n: int = 120, edge: float = 3.4, **extra) -> dpd.Scene:
     rng = np.random.default_rng(5)
-    pairs = {("A", "A"): dpd.DPD(A=25, gamma=4.5), ("A", "B"): dpd.DPD(A=31, gamma=6, cutoff=1.3), ("B", "B"): dpd.DPD(A=18, gamma=3, gamma_perp=2)}
+    pairs = {
+        ("A", "A"): dpd.DPD(A=25, gamma=4.5),
+        ("A", "B"): dpd.DPD(A=31, gamma=6, cutoff=1.3),
+        ("B", "B"): dpd.DPD(A=18, gamma=3, gamma_perp=2),
+    }
     types = ["A", "B", "B"] * (n // 3)
     settings = {"kT": 1.2, "box": [edge] * 3} | extra
     return dpd.Scene({"A": 1.0, "B": 2.5}, types, rng.random((n, 3)) * edge, pairs, velocities=rng.normal(size=(n, 3)), **settings)

@@ -14,7 +14,14 @@ from openmm_dpd.names import COUNTER
 from openmm_dpd.plan import make_plan
 
 KT, DT, SEED = 1.3, 0.03, 11
-SCHEMES = {"mvv": ("mvv", 0.5), "mvv-0.65": ("mvv", 0.65), "mvv-0": ("mvv", 0.0), "shardlow": ("shardlow", 0.5), "middle": ("middle", 0.5), "aboba": ("aboba", 0.5)}
+SCHEMES = {
+    "mvv": ("mvv", 0.5),
+    "mvv-0.65": ("mvv", 0.65),
+    "mvv-0": ("mvv", 0.0),
+    "shardlow": ("shardlow", 0.5),
+    "middle": ("middle", 0.5),
+    "aboba": ("aboba", 0.5),
+}
 
 
 class Oracle:

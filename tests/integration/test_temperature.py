@@ -5,13 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from devices import DEVICES
-from scenes import BOXES, EXTENDED, D, beads, chains, fluid, run_of, state_of
+from scenes import BOXES, EXTENDED, D, beads, fluid, run_of, state_of
 
 import openmm_dpd as dpd
 from openmm_dpd.names import KT
 
 REFERENCE, CPU = DEVICES[:2]
-SCHEMES = {"mvv": {"scheme": "mvv"}, "mvv-0.65": {"scheme": "mvv", "lam": 0.65}, "shardlow": {"scheme": "shardlow"}, "middle": {"scheme": "middle"}, "aboba": {"scheme": "aboba"}}
+SCHEMES = {
+    "mvv": {"scheme": "mvv"},
+    "mvv-0.65": {"scheme": "mvv", "lam": 0.65},
+    "shardlow": {"scheme": "shardlow"},
+    "middle": {"scheme": "middle"},
+    "aboba": {"scheme": "aboba"},
+}
 SCHEME = pytest.mark.parametrize("choices", SCHEMES.values(), ids=SCHEMES.keys())
 
 
@@ -54,7 +60,9 @@ def test_ramp_does_not_depend_on_how_the_run_is_cut_up_or_on_the_step_count():
 @SCHEME
 def test_a_ramp_step_is_a_step_at_that_temperature(choices):
     """One step of a ramp against a run at the temperature it has reached, from the same state and noise count."""
-    ramp = run_of(fluid(EXTENDED, BOXES["ortho"], n=60, kT=dpd.TemperatureRamp(1.0, 2.0, 0, 2)), REFERENCE, dt=0.02, conservative="kernel", **choices)
+    ramp = run_of(
+        fluid(EXTENDED, BOXES["ortho"], n=60, kT=dpd.TemperatureRamp(1.0, 2.0, 0, 2)), REFERENCE, dt=0.02, conservative="kernel", **choices
+    )
     fixed = run_of(fluid(EXTENDED, BOXES["ortho"], n=60, kT=1.0), REFERENCE, dt=0.02, conservative="kernel", **choices)
     ramp.step(1)
     half = state_of(ramp.context)

@@ -124,7 +124,11 @@ def system_of(n: int = 4, edge: float = 3.0) -> openmm.System:
     [
         ({"friction": dpd.DPD(A=1, gamma=1)}, dpd.ParameterError, "a thermostat has no repulsion"),
         ({"friction": dpd.DPD(gamma=1, cutoff=2)}, dpd.ParameterError, "over half the box"),
-        ({"friction": {("A", "A"): dpd.DPD(gamma=1)}, "types": ["A", "A", "B", "B"]}, dpd.ParameterError, r"no pair coefficients for types \(A, B\)"),
+        (
+            {"friction": {("A", "A"): dpd.DPD(gamma=1)}, "types": ["A", "A", "B", "B"]},
+            dpd.ParameterError,
+            r"no pair coefficients for types \(A, B\)",
+        ),
         ({"friction": {("A", "A"): dpd.DPD(gamma=1)}}, dpd.ParameterError, "`types` must name the type"),
         ({"friction": {("A", "A"): dpd.DPD(gamma=1)}, "types": ["A"]}, dpd.ParameterError, "types names 1 particles, but the System has 4"),
         ({"temperature": -3}, dpd.ParameterError, "temperature must be a single number >= 0"),

@@ -94,9 +94,7 @@ def test_overlaid_tables_add_up_and_draw_noise_of_their_own():
     )
     force = prepared(both).forces(RANDOM, None, KT, DT, SEED, COUNTER)[1]
     x, types, box, n = both.positions, both.type_ids, both.box, both.n_beads
-    expected = sum(
-        oracle.random(x, types, oracle_params(both, k), box, KT, DT, noise_of(n, SEED, COUNTER, k)).forces for k in (0, 1)
-    )
+    expected = sum(oracle.random(x, types, oracle_params(both, k), box, KT, DT, noise_of(n, SEED, COUNTER, k)).forces for k in (0, 1))
     close(force, expected)
     drag = sum(oracle.dissipative(x, both.velocities, types, oracle_params(both, k), box).forces for k in (0, 1))
     close(prepared(both).forces(DISSIPATIVE, both.velocities, KT, DT, SEED, COUNTER)[1], drag)
@@ -146,9 +144,7 @@ def test_no_noise_at_zero_temperature():
 def test_drag_sees_moving_walls_and_noise_acts_on_them():
     scene = fluid(EXTENDED, seed=4)
     mobile = np.arange(scene.n_beads) % 4 > 0
-    wall = dpd.Scene(
-        scene.masses, scene.types, scene.positions, EXTENDED, KT, box=scene.box, velocities=scene.velocities, mobile=mobile
-    )
+    wall = dpd.Scene(scene.masses, scene.types, scene.positions, EXTENDED, KT, box=scene.box, velocities=scene.velocities, mobile=mobile)
     seen_by_openmm = np.where(mobile[:, None], scene.velocities, 0.0)
     force = prepared(wall).forces(DISSIPATIVE, seen_by_openmm, KT, DT, SEED, COUNTER)[1]
     close(force, oracle.dissipative(scene.positions, scene.velocities, scene.type_ids, oracle_params(scene), scene.box).forces)

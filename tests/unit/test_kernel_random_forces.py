@@ -121,7 +121,11 @@ def test_no_correlation_between_components_steps_and_pairs(samples):
 
 
 def test_no_correlation_between_seeds(samples):
-    for seeds, counters in (((8,) * CALLS, range(CALLS)), ((7,) * CALLS, range(10_000, 10_000 + CALLS)), (range(100, 100 + CALLS), (3,) * CALLS)):
+    for seeds, counters in (
+        ((8,) * CALLS, range(CALLS)),
+        ((7,) * CALLS, range(10_000, 10_000 + CALLS)),
+        (range(100, 100 + CALLS), (3,) * CALLS),
+    ):
         other = normalised(tuple(seeds), tuple(counters))
         for k in range(3):
             assert abs(correlation_in_errors(samples[..., k], other[..., k])) < 4
@@ -131,7 +135,10 @@ def test_no_correlation_between_seeds(samples):
 def test_order_of_magnitude_of_every_setting():
     """Exponent 0 and 1, one part alone, another temperature: each 50,000 numbers, standard error 0.6 %."""
     calls = dict(seeds=(5,) * 100, counters=tuple(range(100)))
-    for kT, coefficient in ((1.0, D(gamma=3.0, gamma_perp=3.0, cutoff=1.15)), (0.3, D(gamma=40.5, gamma_perp=0.1, exponent=0, exponent_perp=0.5, cutoff=2))):
+    for kT, coefficient in (
+        (1.0, D(gamma=3.0, gamma_perp=3.0, cutoff=1.15)),
+        (0.3, D(gamma=40.5, gamma_perp=0.1, exponent=0, exponent_perp=0.5, cutoff=2)),
+    ):
         z = normalised(kT=kT, coefficient=coefficient, **calls)
         assert abs(variance_in_errors(z[..., 0])) < 4
         assert abs(variance_in_errors(z[..., 1:])) < 4
