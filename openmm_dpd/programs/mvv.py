@@ -12,7 +12,7 @@ lambda = 1/2 is plain velocity Verlet: v_pred = v_half, which the drift itself s
 and fix mvv/dpd do.  a(t) is history: it is stored per degree of freedom with a fingerprint of what it was computed from, and computed anew
 (with the velocities of the moment) whenever positions, box, dt or a parameter are not what the last step left behind.  A change of
 velocities alone goes unnoticed: it leaves a friction force of the old velocities for half a step.  GPU platforms fold positions back into
-the box now and then (when they reorder atoms), which counts as a change.
+the box now and then (when they reorder atoms), which counts as a change.  The noise is that of the last half kick in any case.
 """
 
 from __future__ import annotations
@@ -36,6 +36,8 @@ def program(options: ProgramOptions) -> Program:
         p.phase(Phase.CONSERVE)
     p.each("acc", "f/m", "conservative acceleration")
     if options.thermostat:
+        # the noise of the last half kick: two different ones in the two half kicks of a step would halve its variance
+        p.show_by(f"dt*{options.tau_ratio!r}")
         _add_friction_and_noise(p, "v")
     p.end()
     predicted = options.thermostat and options.lam != 0.5
@@ -49,6 +51,7 @@ def program(options: ProgramOptions) -> Program:
         p.phase(Phase.CONSERVE) if options.kernel_conservative else p.note()
         p.each("acc", "f/m", "conservative acceleration")
         if predicted:
+            p.next_noise(f"dt*{options.tau_ratio!r}")
             _add_friction_and_noise(p, "vp")
     else:
         p.next_noise("dt")
@@ -65,7 +68,6 @@ def program(options: ProgramOptions) -> Program:
 
 def _add_friction_and_noise(p: Program, velocity: str) -> None:
     """Acc gains friction and noise at the kept positions."""
-    p.next_noise(f"dt*{p.options.tau_ratio!r}")
     p.trial_drift(velocity)
     p.phase(Phase.FORCE_KEPT)
     p.each("acc", f"acc+{PAIR_FORCE}/m", "friction and noise")

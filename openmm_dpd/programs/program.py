@@ -89,9 +89,13 @@ class Program:
         if self.options.kernel:
             self.set(DT, "dt", "so that setStepSize works")
 
+    def show_by(self, tau: str) -> None:
+        """Say which drift shows the velocities."""
+        self.set(TAU, tau, "the drift that shows the velocities")
+
     def next_noise(self, tau: str) -> None:
         """Advance the noise counter and say which drift shows the velocities."""
-        self.set(TAU, tau, "the drift that shows the velocities")
+        self.show_by(tau)
         self.set(COUNTER, f"{COUNTER}+1", "new noise")
 
     def next_temperature(self) -> None:

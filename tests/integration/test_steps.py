@@ -29,7 +29,8 @@ class Oracle:
 
     def __init__(self, scene, scheme: str, lam: float):
         self.scene, self.scheme, self.lam = scene, scheme, lam
-        self.x, self.counter = scene.positions.copy(), 0
+        # the first evaluation of mvv draws no new noise: it takes number 0, then each step one more
+        self.x, self.counter = scene.positions.copy(), -1 if scheme == "mvv" else 0
         mobile = np.ones(scene.n_beads, bool) if scene.mobile is None else scene.mobile
         self.inv_mass = np.where(mobile, 1 / scene.bead_masses, 0.0)
         # a bead that does not move has the velocity 0 in the step, and its prescribed one for the friction

@@ -110,7 +110,7 @@ def test_factors_of_bonded_neighbours_keep_the_temperature(choices):
     assert abs(mean - 1.0) < 4 * error
 
 
-@SCHEME
+@pytest.mark.parametrize("choices", [SCHEMES["mvv-0.65"], SCHEMES["shardlow"], SCHEMES["aboba"]], ids=["mvv-0.65", "shardlow", "aboba"])
 def test_unequal_masses_and_transverse_friction(choices):
     """Masses 1 and 2.7, everything different: kT = 1.3 within 4 standard errors (about 1 %) at a small step."""
     scene = fluid(EXTENDED, np.diag([4.0] * 3), 3.0, kT=1.3)

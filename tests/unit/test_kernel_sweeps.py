@@ -114,8 +114,7 @@ def test_the_input_is_left_alone_and_again_gives_the_same_bits(scheme, two_threa
 def test_maxwell_distribution_is_left_unchanged(scheme, dt):
     """4,000 isolated pairs of masses 1 and 2.7, from the exact distribution, 12 sweeps: covariances stay within 4 standard errors.
 
-    Radial and transverse parts of the relative velocity apart, in units of kT (1/m_i + 1/m_j): errors sqrt(2/M) = 2.2 % and 1.6 %, and that of the
-    average over the last 6 sweeps (of which about 3 are independent at dt = 0.5) is not claimed to be smaller.
+    Radial and transverse parts of the relative velocity apart, in units of kT (1/m_i + 1/m_j): errors sqrt(2/M) = 2.2 % and 1.6 %.
     """
     pairs, rng = 4000, np.random.default_rng(5)
     places = np.stack(np.meshgrid(*[np.arange(16) * 4.0] * 3), axis=-1).reshape(-1, 3)[:pairs]
