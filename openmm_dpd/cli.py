@@ -38,7 +38,7 @@ def _parser() -> argparse.ArgumentParser:
             help="where the conservative force is computed: CustomNonbondedForce or pair kernel",
         )
         command.add_argument(
-            "--var", nargs=2, action="append", default=[], metavar=("NAME", "VALUE"), help="set an index variable of the deck"
+            "--var", "-var", nargs=2, action="append", default=[], metavar=("NAME", "VALUE"), help="set an index variable of the deck"
         )
     for command in (run, forces):
         command.add_argument("--precision", choices=("single", "mixed", "double"), help="precision of a GPU platform")

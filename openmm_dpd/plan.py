@@ -182,7 +182,8 @@ def make_plan(
     step = _checked_step(dt)
     if scheme not in SCHEMES:
         raise ParameterError(f"unknown scheme {scheme!r}; it must be one of {', '.join(SCHEMES)}")
-    if not 0.0 <= lam <= 1.0:
+    lam = to_md(lam, "dimensionless", "lam")
+    if not isinstance(lam, float) or not 0.0 <= lam <= 1.0:
         raise ParameterError(f"lam (lambda of the modified velocity Verlet scheme) must be between 0 and 1, but is {lam!r}")
     if conservative not in ("auto", "openmm", "kernel"):
         raise ParameterError(f"conservative must be 'auto', 'openmm' or 'kernel', not {conservative!r}")

@@ -68,6 +68,8 @@ def to_md(value, dimension: str, name: str):
                 f"{name} has the unit {value.unit}, which is no {dimension}; expected something like {DIMENSIONS[dimension]}"
             )
         value = value.value_in_unit(DIMENSIONS[dimension])
+    if value is None or isinstance(value, (str, bytes)):
+        raise ParameterError(f"{name} must be a number or an array of numbers, not {value!r}")
     try:
         result = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):

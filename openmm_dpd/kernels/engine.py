@@ -22,7 +22,8 @@ from .noise import call_key
 
 # Threads of GNU OpenMP that spin while they wait stall each other, and OpenMM's own, wherever there are fewer free cores than threads
 # (a step can take ten times as long); the variable is read when the library is loaded, at the first parallel call, and a user's own
-# choice is kept. .environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+# choice is kept.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 #: Numba's default threading layer must not be entered from two threads at once.
 _PARALLEL_LOCK = threading.Lock()

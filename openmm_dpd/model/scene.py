@@ -237,6 +237,8 @@ class Scene:
         return array
 
     def _check_bonds(self) -> None:
+        if isinstance(self.bonds, HarmonicBonds) or not isinstance(self.bonds, Sequence):
+            raise ParameterError(f"bonds must be a sequence of HarmonicBonds, such as [HarmonicBonds(...)], not {self.bonds!r}")
         object.__setattr__(self, "bonds", tuple(self.bonds))
         for bonds in self.bonds:
             if not isinstance(bonds, HarmonicBonds):
@@ -248,13 +250,18 @@ class Scene:
             raise ParameterError("a bond is listed twice")
 
     def _checked_special(self) -> tuple[float, float, float]:
-        factors = tuple(float(factor) for factor in self.special)
+        try:
+            factors = tuple(float(factor) for factor in self.special)
+        except (TypeError, ValueError):
+            factors = ()
         if len(factors) != 3 or not all(0 <= factor <= 1 for factor in factors):
             raise ParameterError(f"special must be three factors between 0 and 1 (for 1-2, 1-3 and 1-4 pairs), not {self.special!r}")
         return factors
 
     def _checked_pairs(self) -> tuple[PairTable, ...]:
         tables = self.pairs
+        if not isinstance(tables, (PairTable, Mapping, Sequence)):
+            raise ParameterError(f"pairs must be a PairTable, a mapping that makes one, or a sequence of them, not {tables!r}")
         if isinstance(tables, Mapping):
             tables = PairTable(tables)
         if isinstance(tables, PairTable):

@@ -85,6 +85,9 @@ class Program:
 
     def begin(self) -> None:
         """What every step starts with: barostats, then the present dt for the kernel."""
+        if self.options.kernel:
+            # an error within a step leaves another phase behind, and barostats ask for energies
+            self.phase(Phase.IDLE)
         self.steps.append(Step("update", why="barostats and other updates of the Context's state"))
         if self.options.kernel:
             self.set(DT, "dt", "so that setStepSize works")

@@ -121,7 +121,7 @@ def test_steps_on_reference(scene, name, conservative):
     compare(SCENES[scene](), DEVICES[0], name, conservative, (1e-12, 1e-11))
 
 
-@pytest.mark.parametrize("scene", ["chains", "moving walls"])
+@pytest.mark.parametrize("scene", ["moving walls"])
 @pytest.mark.parametrize("name", [name for name in SCHEMES if name != "mvv-0"])
 def test_steps_on_cpu(scene, name):
     """With the kernel, the CPU platform is as exact as Reference."""

@@ -91,7 +91,7 @@ def test_phase_is_idle_again_at_the_end(options):
     if options.kernel:
         assert phases[-1] == str(int(Phase.IDLE))
         update = next(k for k, step in enumerate(program.steps) if step.kind == "update")
-        assert not any(step.target == PHASE for step in program.steps[:update])
+        assert [step.expression for step in program.steps[:update] if step.target == PHASE] == [str(int(Phase.IDLE))]
     else:
         assert not phases
 

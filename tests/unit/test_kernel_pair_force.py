@@ -1,0 +1,110 @@
+"""The callable between OpenMM and the kernel, without OpenMM: displacements, fingerprints, pickling, phases."""
+
+from __future__ import annotations
+
+import pickle
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from openmm import unit
+from scenes import BOXES, EXTENDED, fluid
+
+from openmm_dpd import RunError
+from openmm_dpd.forces.pair_force import PairForceFunction, fingerprint, relative_to
+from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
+from openmm_dpd.names import COUNTER, DT, KT, PHASE, SEED, TAU, Phase
+from openmm_dpd.plan import make_plan
+
+SCENE = fluid(EXTENDED, BOXES["tilted"], n=60)
+SPEC = make_plan(SCENE, dt=0.02, seed=1).spec
+PARAMETERS = {PHASE: 0.0, TAU: 1 / 64, DT: 0.02, KT: 1.3, COUNTER: 4.0, SEED: 9.0}
+
+
+def state(x, phase, box=SCENE.box, **parameters):
+    """What OpenMM hands to a PythonForce."""
+    values = {**PARAMETERS, PHASE: float(phase), **parameters}
+    return SimpleNamespace(
+        getParameters=lambda: values,
+        getPositions=lambda asNumpy: np.array(x) * unit.nanometer,
+        getPeriodicBoxVectors=lambda asNumpy: box * unit.nanometer,
+    )
+
+
+@pytest.mark.parametrize("name", ["ortho", "tilted", "tilted_narrow"])
+def test_displacements_do_not_mind_beads_that_were_wrapped_meanwhile(name):
+    """A GPU platform may have moved some of the beads by whole boxes between the two positions."""
+    rng, box = np.random.default_rng(1), BOXES[name]
+    kept = rng.random((200, 3)) @ box
+    d = rng.normal(size=(200, 3)) * 0.02
+    images = rng.integers(-2, 3, (200, 3))
+    np.testing.assert_allclose(relative_to(kept + d + images @ box, kept, box), d, atol=1e-13)
+    np.testing.assert_allclose(relative_to(kept + d, kept, box), d, atol=1e-14)
+    np.testing.assert_allclose(relative_to(kept + d, kept, None), d, atol=1e-14)
+
+
+def test_fingerprint_depends_on_every_bit():
+    x, parameters = np.random.default_rng(2).random((50, 3)), np.array([1.0, 0.02, 7.0])
+    found = {fingerprint(x, parameters)}
+    for k in range(x.size):
+        y = x.copy()
+        y.flat[k] = np.nextafter(y.flat[k], 2)
+        found.add(fingerprint(y, parameters))
+    for k in range(3):
+        changed = parameters.copy()
+        changed[k] = np.nextafter(changed[k], 99)
+        found.add(fingerprint(x, changed))
+    found |= {fingerprint(x[::-1].copy(), parameters), fingerprint(x[:-1].copy(), parameters)}
+    assert len(found) == 1 + x.size + 3 + 2
+    assert all(value == int(value) and 0 <= value < 2**53 for value in found)
+    assert fingerprint(x.copy(), parameters.copy()) == fingerprint(x, parameters)
+
+
+def test_phases():
+    """Every phase against the engine, with a velocity shown by a drift."""
+    function, engine = PairForceFunction(SPEC, True, True), PairEngine(SPEC)
+    x, v = SCENE.positions, SCENE.velocities
+    seen = x + PARAMETERS[TAU] * v
+    common = (PARAMETERS[KT], PARAMETERS[DT], 9, 4)
+
+    def at(positions):
+        engine.prepare(positions, SCENE.box)
+        return engine
+
+    energy, force = function(state(x, Phase.CONSERVE))
+    expected = at(x).forces(CONSERVATIVE, None, *common)
+    assert energy == expected[0] and np.array_equal(force, expected[1])
+    assert function(state(x, Phase.IDLE))[0] == expected[0]
+    for phase, result in {
+        Phase.FORCE_SEEN: lambda: at(seen).forces(CONSERVATIVE | DISSIPATIVE | RANDOM, v, *common)[1],
+        Phase.FORCE_KEPT: lambda: at(x).forces(DISSIPATIVE | RANDOM, v, *common)[1],
+        Phase.SWEEP_SEEN: lambda: at(seen).sweep(v, *common) * SCENE.bead_masses[:, None] / PARAMETERS[DT],
+        Phase.SWEEP_KEPT: lambda: at(x).sweep(v, *common) * SCENE.bead_masses[:, None] / PARAMETERS[DT],
+    }.items():
+        energy, force = function(state(seen, phase))
+        assert energy == 0.0
+        np.testing.assert_allclose(force, result(), rtol=0, atol=1e-9)
+    kick = at(seen).forces(CONSERVATIVE, None, *common)[1]
+    kicked = v + 0.5 * PARAMETERS[DT] * kick / SCENE.bead_masses[:, None]
+    swept = at(seen).sweep(kicked, *common) * SCENE.bead_masses[:, None] / PARAMETERS[DT]
+    np.testing.assert_allclose(function(state(seen, Phase.KICK_SWEEP_SEEN))[1], kick + swept, rtol=0, atol=1e-9)
+
+
+def test_outside_a_step_there_is_nothing_to_see_unless_it_holds_the_conservative_force():
+    energy, force = PairForceFunction(SPEC, False, True)(state(SCENE.positions, Phase.IDLE))
+    assert energy == 0.0 and not force.any()
+
+
+def test_a_phase_without_kept_positions_is_an_error():
+    with pytest.raises(RunError, match="before it saw any positions"):
+        PairForceFunction(SPEC, False, True)(state(SCENE.positions, Phase.FORCE_SEEN))
+
+
+def test_pickled_copies_do_the_same():
+    function = PairForceFunction(SPEC, True, True)
+    function(state(SCENE.positions, Phase.CONSERVE))  # what it keeps is not part of it
+    copy = pickle.loads(pickle.dumps(function))
+    assert len(pickle.dumps(function)) == len(pickle.dumps(copy)) < 8000
+    for phase in (Phase.NOTE, Phase.CONSERVE, Phase.FORCE_KEPT):
+        first, second = (f(state(SCENE.positions, phase)) for f in (function, copy))
+        assert first[0] == second[0] and np.array_equal(first[1], second[1])
