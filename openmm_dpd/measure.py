@@ -131,6 +131,10 @@ class Observer:
             # its velocities are half a kick behind the positions, which would show as a spurious drag of pairs that repel
             seen = v.copy()
             seen[mobile] += 0.5 * context.getIntegrator().getStepSize().value_in_unit(unit.picosecond) * force / mass
+        if plan.options.scheme == "mvv" and plan.options.thermostat:
+            # the friction in the force saw half-step velocities; LAMMPS's pressure counts it so (no history yet: acc is 0)
+            acc = np.array(context.getIntegrator().getPerDofVariableByName("acc"), dtype=np.float64)
+            seen = v - 0.5 * context.getIntegrator().getStepSize().value_in_unit(unit.picosecond) * acc
         virials = self._pair_virials(context, x, seen, box)
         gradient2 = float(np.sum(force**2))
         return Sample(
