@@ -11,14 +11,17 @@ import openmm
 from openmm import app, unit
 
 from .errors import ParameterError, PlanError
+from .fields import field_variables
 from .forces.bonded import harmonic_bond_force
 from .forces.conservative import dpd_expression
 from .forces.expressions import PairExpression, exception_force, nonbonded_force
+from .forces.manybody import attraction_expression, density_force
 from .forces.pair_force import pair_force
 from .forces.partners import EXPRESSIONS
 from .kernels.cells import coincident_pairs
+from .model.mdpd import MDPD
 from .model.scene import Scene
-from .names import PAIR_GROUP, VIRIAL_GROUP
+from .names import DENSITY_GROUP, PAIR_GROUP, VIRIAL_GROUP
 from .plan import Plan, make_plan
 from .programs import make_program
 from .programs.native import native_integrator
@@ -130,6 +133,9 @@ def build_plan(plan: Plan) -> Built:
     system, groups = _system(plan)
     integrator = native_integrator(plan) if program is None else program.lower()
     integrator.setIntegrationForceGroups(groups)
+    if plan.spec.fields is not None:
+        for name, values in field_variables(plan.spec.fields.initial).items():
+            integrator.setPerDofVariableByName(name, values)
     return Built(
         system=system,
         integrator=integrator,
@@ -169,15 +175,34 @@ def _system(plan: Plan) -> tuple[openmm.System, set[int]]:
     if scene.box is not None:
         system.setDefaultPeriodicBoxVectors(*(openmm.Vec3(*row) for row in scene.box.tolist()))
     groups = {0}
-    expressions = [dpd_expression(layer, scene.type_names) for layer in plan.layers] if plan.conservative == "openmm" else []
+    expressions, densities = [], []
+    for layer in plan.layers if plan.conservative == "openmm" else ():
+        if isinstance(_some(layer), MDPD):
+            expressions.append(attraction_expression(layer, scene.type_names))
+            densities.append(layer)
+        else:
+            expressions.append(dpd_expression(layer, scene.type_names))
     partners = [EXPRESSIONS[type(_some(table))](table, scene.type_names) for table in plan.partners]
     groups |= _add_pair_expressions(system, plan, [*expressions, *partners], with_virial=partners)
+    for k, layer in enumerate(densities):
+        excluded = sorted(pair for pair, factor in plan.exceptions.items() if factor == 0.0)
+        force = density_force(layer, scene.type_names, scene.type_ids, excluded, periodic)
+        force.setForceGroup(DENSITY_GROUP - k)
+        groups.add(DENSITY_GROUP - k)
+        system.addForce(force)
     if len(scene.bond_pairs):
         system.addForce(harmonic_bond_force(scene.bonds, periodic))
     if options.kernel and options.scheme != "native":
         system.addForce(
             pair_force(
-                plan.spec, conservative=options.kernel_conservative, periodic=periodic, kT=options.kT, dt=options.dt, seed=options.seed
+                plan.spec,
+                conservative=options.kernel_conservative,
+                periodic=periodic,
+                kT=options.kT,
+                dt=options.dt,
+                seed=options.seed,
+                scale=options.field_scale,
+                balanced=options.compensated and plan.spec.sweeps,
             )
         )
         if options.kernel_conservative:

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
-from .errors import DPDError
+from .errors import DPDError, ParameterError
 from .plan import SCHEMES
 
 
@@ -47,19 +51,39 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status: 0, or 1 after an error (one line on standard error)."""
+    """Entry point; returns the exit status: 0, 1 after an error (one line on standard error), 2 for a bad option, 130 after Ctrl-C."""
     options = _parser().parse_args(arguments)
-    try:
-        {"run": _run, "forces": _forces, "explain": _explain}[options.command](options)
-    except DPDError as error:
-        print(f"openmm-dpd: error: {error}", file=sys.stderr)
-        return 1
-    except BrokenPipeError:
-        return 1
-    except KeyboardInterrupt:
-        print("openmm-dpd: interrupted", file=sys.stderr)
-        return 130
+    with _interrupts() as interrupts:
+        try:
+            {"run": _run, "forces": _forces, "explain": _explain}[options.command](options)
+        except (DPDError, KeyboardInterrupt) as error:
+            if interrupts or isinstance(error, KeyboardInterrupt):
+                print("openmm-dpd: interrupted", file=sys.stderr)
+                return 130
+            print(f"openmm-dpd: error: {error}", file=sys.stderr)
+            return 1
+        except BrokenPipeError:
+            return 1
     return 0
+
+
+@contextmanager
+def _interrupts() -> Iterator[list[int]]:
+    """List that gets an entry with each Ctrl-C; one that comes inside a force callback reaches us as an error of OpenMM without a text."""
+    seen: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield seen  # signals go to the main thread
+        return
+
+    def interrupt(number: int, frame: object) -> None:
+        seen.append(number)
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield seen
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _options(options: argparse.Namespace):
@@ -77,6 +101,9 @@ def _run(options: argparse.Namespace) -> None:
     # lines above the progress bar, not through it
     log = (lambda _: None) if options.quiet else tqdm.write
     out = options.out or Path("out") / options.deck.name.removeprefix("in.")
+    _make_folder(out, "--out")
+    if options.json:
+        _check_target(options.json)
     report = run_deck(options.deck, _options(options), out=out, log=log, variables=dict(options.var), progress=not options.quiet)
     if options.json:
         _write(options.json, report)
@@ -86,6 +113,7 @@ def _run(options: argparse.Namespace) -> None:
 def _forces(options: argparse.Namespace) -> None:
     from .lammps.main import deck_forces
 
+    _check_target(options.json)
     terms = deck_forces(options.deck, _options(options), variables=dict(options.var))
     _write(options.json, {"terms": {name: array.tolist() for name, array in terms.items()}})
 
@@ -96,8 +124,24 @@ def _explain(options: argparse.Namespace) -> None:
     print(explain_deck(options.deck, _options(options), variables=dict(options.var)))
 
 
+def _make_folder(folder: Path, option: str) -> None:
+    """Make a folder for results; ParameterError if that is impossible, before anything is computed."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ParameterError(f"{option}: the folder {folder} cannot be made ({error.strerror}); give another one") from None
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise ParameterError(f"{option}: the folder {folder} is not writable; give another one")
+
+
+def _check_target(path: Path) -> None:
+    """ParameterError unless the file of --json can be written."""
+    _make_folder(path.parent, "--json")
+    if path.is_dir() or (path.exists() and not os.access(path, os.W_OK)):
+        raise ParameterError(f"--json: {path} is {'a folder' if path.is_dir() else 'not writable'}; give the name of a file")
+
+
 def _write(path: Path, content: dict) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(content, indent=1) + "\n")
 
 

@@ -10,6 +10,7 @@ OpenMM's own reporters use 3N degrees of freedom, kelvin, and no pair term.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import openmm
@@ -17,8 +18,11 @@ from openmm import unit
 
 from .build import Built
 from .errors import RunError
+from .fields import raw_fields
 from .forces.expressions import VIRIAL_SWITCH
 from .kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
+from .kernels.fields import ENERGY, TEMPERATURE
+from .model.mdpd import MDPD
 from .model.scene import TemperatureRamp
 from .names import COUNTER, KT, SEED, VIRIAL_GROUP
 from .plan import Plan
@@ -40,10 +44,15 @@ class Sample:
     volume : nm^3, or None without a box
     box : (3, 3) box vectors or None
     gradient2 : sum over mobile beads of the squared conservative force
-    force_norm, force_max : length of the vector of all conservative forces, and its largest component
+    force_norm, force_max : length of the vector of all forces, and its largest component (with friction and noise where they are forces, in
+        ``mvv``)
     laplacian : sum over mobile beads of the Laplacian of the potential energy, or None (see ``no_laplacian``)
     momentum : (3,) total momentum
     target_kT : thermal energy the thermostat is set to
+    kinetic_on_step : kinetic energy with the velocities of the same moment as the positions (``middle`` keeps them half a kick behind)
+    internal : sum of the internal energies, u (EnergyDPD) or C T (EDPD); None if the beads have none
+    conductive : the conductive part of it (EnergyDPD)
+    theta : harmonic mean of the internal temperatures, N/sum(1/theta), as an energy
     """
 
     step: int
@@ -64,6 +73,15 @@ class Sample:
     laplacian: float | None
     momentum: np.ndarray
     target_kT: float
+    kinetic_on_step: float = 0.0
+    internal: float | None = None
+    conductive: float | None = None
+    theta: float | None = None
+
+    @property
+    def total(self) -> float:
+        """Potential, kinetic and internal energy of one moment: what energy-conserving DPD conserves."""
+        return self.potential + self.kinetic_on_step + (self.internal or 0.0)
 
     @property
     def potential(self) -> float:
@@ -108,6 +126,10 @@ class Observer:
         """Why there is no configurational temperature, or None."""
         if self.plan.partners:
             return "a conservative term (Lennard-Jones or tabulated) has no Laplacian here"
+        if self.plan.spec.fields is not None and self.plan.spec.fields.kind == TEMPERATURE:
+            return "the repulsion depends on the temperatures of the beads (EDPD)"
+        if any(isinstance(c, MDPD) and c.kernel == "lucy" for table in self.plan.layers for c in table.values()):
+            return "the many-body force of the Lucy kernel derives from no potential"
         if not self.plan.layers or (self.plan.conservative == "none" and not len(self.plan.scene.bond_pairs)):
             return "there is no conservative force"
         return None
@@ -126,16 +148,15 @@ class Observer:
         box = None if plan.scene.box is None else state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(_NM)
         bond, bond_virial, bond_laplacian = bond_sums(plan, x, box, mobile)
         mass = self._mass[mobile][:, None]
-        seen = v
-        if plan.options.scheme == "middle":
-            # its velocities are half a kick behind the positions, which would show as a spurious drag of pairs that repel
-            seen = v.copy()
-            seen[mobile] += 0.5 * context.getIntegrator().getStepSize().value_in_unit(unit.picosecond) * force / mass
+        values = None if plan.spec.fields is None else raw_fields(context, plan.spec.fields)
+        seen, on_step = self._seen_velocities(context, v, force, mass, mobile)
+        parts = self._pair_parts(context, x, seen, box, values)
+        if plan.spec.fields is not None and plan.spec.fields.kind == TEMPERATURE:
+            # outside a step the pair force does not know the temperatures its repulsion depends on
+            potential, force = parts[0].energy + bond, parts[0].force[mobile]
+        shown = force
         if plan.options.scheme == "mvv" and plan.options.thermostat:
-            # the friction in the force saw half-step velocities; LAMMPS's pressure counts it so (no history yet: acc is 0)
-            acc = np.array(context.getIntegrator().getPerDofVariableByName("acc"), dtype=np.float64)
-            seen = v - 0.5 * context.getIntegrator().getStepSize().value_in_unit(unit.picosecond) * acc
-        virials = self._pair_virials(context, x, seen, box)
+            shown = force + parts[1].force[mobile] + parts[2].force[mobile]
         gradient2 = float(np.sum(force**2))
         return Sample(
             step=state.getStepCount(),
@@ -145,38 +166,79 @@ class Observer:
             kinetic=0.5 * float(np.sum(mass * v[mobile] ** 2)),
             pair=potential - bond,
             bond=bond,
-            virial_conservative=virials[0] + bond_virial,
-            virial_dissipative=virials[1],
-            virial_random=virials[2],
+            virial_conservative=parts[0].virial + bond_virial,
+            virial_dissipative=parts[1].virial,
+            virial_random=parts[2].virial,
             volume=None if box is None else float(np.prod(np.diag(box))),
             box=box,
             gradient2=gradient2,
-            force_norm=gradient2**0.5,
-            force_max=float(np.abs(force).max(initial=0.0)),
+            force_norm=float(np.sum(shown**2)) ** 0.5,
+            force_max=float(np.abs(shown).max(initial=0.0)),
             laplacian=None if self.no_laplacian or self._engine is None else self._engine.laplacian() + bond_laplacian,
             momentum=np.sum(mass * v[mobile], axis=0),
             target_kT=noise_state(context, plan)[0],
+            kinetic_on_step=0.5 * float(np.sum(mass * on_step[mobile] ** 2)),
+            **self._internal(values, mobile),
         )
 
-    def _pair_virials(self, context, x, v, box) -> tuple[float, float, float]:
-        """Conservative, dissipative and random virial; leaves the engine prepared at x."""
-        parts = [0.0, 0.0, 0.0]
+    def _internal(self, values: np.ndarray | None, mobile: np.ndarray) -> dict[str, float]:
+        """Sums over the internal energies of the mobile beads."""
+        fields = self.plan.spec.fields
+        if fields is None or values is None or fields.kind not in (ENERGY, TEMPERATURE):
+            return {}
+        if fields.kind == TEMPERATURE:
+            assert fields.capacity is not None
+            theta, sums = values[mobile, 0], {"internal": float(fields.capacity[mobile] @ values[mobile, 0])}
+        else:
+            theta = fields.eos.temperatures(values.sum(axis=1))[mobile]  # type: ignore[attr-defined]
+            sums = {"internal": float(values[mobile].sum()), "conductive": float(values[mobile, 0].sum())}
+        return sums | {"theta": float(len(theta) / np.sum(1.0 / theta))}
+
+    def _seen_velocities(self, context, v, force, mass, mobile) -> tuple[np.ndarray, np.ndarray]:
+        """Velocities the friction saw last, and those of the same moment as the positions."""
+        options, integrator = self.plan.options, context.getIntegrator()
+        dt = integrator.getStepSize().value_in_unit(unit.picosecond)
+        if options.scheme == "middle":
+            # its velocities are half a kick behind the positions, which would show as a spurious drag of pairs that repel
+            on_step = v.copy()
+            on_step[mobile] += 0.5 * dt * force / mass
+            return on_step, on_step
+        if options.scheme != "mvv" or not options.thermostat:
+            return v, v
+        # the friction in the force saw half-step or predicted velocities; LAMMPS's pressure counts it so (no history yet: acc is 0)
+        acc = np.array(integrator.getPerDofVariableByName("acc"), dtype=np.float64)
+        if options.lam == 0.5:
+            return v - 0.5 * dt * acc, v
+        predicted = np.array(integrator.getPerDofVariableByName("vp"), dtype=np.float64)
+        return np.where(np.any(acc != 0) & mobile[:, None], predicted, v), v
+
+    def _pair_parts(self, context, x, v, box, values) -> list[Part]:
+        """Conservative, dissipative and random energies, forces and virials of pairs; leaves the engine prepared at x."""
+        parts = [Part(0.0, np.zeros_like(x), 0.0) for _ in range(3)]
         if self._engine is not None:
             self._engine.prepare(x, box)
             kT, seed, counter, dt = noise_state(context, self.plan)
             if self.plan.options.scheme != "mvv":
                 # the last sweep's noise has already moved the beads; as a force it would be correlated with their positions
                 counter += 1
-            for k, which in enumerate((CONSERVATIVE, DISSIPATIVE, RANDOM)):
-                parts[k] = self._engine.forces(which, v, kT, dt, seed, counter)[2]
+            parts = [Part(*self._engine.forces(which, v, kT, dt, seed, counter, values)) for which in (CONSERVATIVE, DISSIPATIVE, RANDOM)]
         if self.plan.partners:
             context.setParameter(VIRIAL_SWITCH, 1.0)
             groups = {VIRIAL_GROUP - k for k in range(10)}
             try:
-                parts[0] += context.getState(energy=True, groups=groups).getPotentialEnergy().value_in_unit(_KJ)
+                virial = context.getState(energy=True, groups=groups).getPotentialEnergy().value_in_unit(_KJ)
             finally:
                 context.setParameter(VIRIAL_SWITCH, 0.0)
-        return parts[0], parts[1], parts[2]
+            parts[0] = Part(parts[0].energy, parts[0].force, parts[0].virial + virial)
+        return parts
+
+
+class Part(NamedTuple):
+    """Energy, forces (N, 3) and virial of one kind of pair term."""
+
+    energy: float
+    force: np.ndarray
+    virial: float
 
 
 def noise_state(context: openmm.Context, plan: Plan) -> tuple[float, int, int, float]:
@@ -228,7 +290,8 @@ def force_terms(
     -------
     dict of (N, 3) arrays, kJ/mol/nm
         ``conservative`` (all pair potentials, from the plan's platform), ``bond`` if there are bonds, ``dissipative`` and ``random``.
-        They add up to the total force.
+        They add up to the total force.  If beads carry internal energies, temperatures or concentrations, ``rates_dissipative`` and
+        ``rates_random`` (N, K) are their changes per time at the scene's initial values.
     """
     plan = built.plan
     scene, spec = plan.scene, plan.spec
@@ -246,8 +309,12 @@ def force_terms(
     terms["conservative"] = _forces(context, groups)
     engine = PairEngine(spec)
     engine.prepare(x, scene.box)
+    values = None if spec.fields is None else spec.fields.initial
     for name, which in (("dissipative", DISSIPATIVE), ("random", RANDOM)):
-        terms[name] = engine.forces(which, v, scene.initial_kT, plan.options.dt, plan.options.seed, counter)[1]
+        terms[name] = engine.forces(which, v, scene.initial_kT, plan.options.dt, plan.options.seed, counter, values)[1]
+        if values is not None:
+            # rates: conductive and mechanical energy, dT/dt, or dC/dt of each species
+            terms[f"rates_{name}"] = engine.rates.copy()
     return terms
 
 

@@ -20,12 +20,17 @@ class Phase(IntEnum):
     SWEEP_SEEN = 5  # impulses/dt of a sweep at the seen positions
     SWEEP_KEPT = 6  # impulses/dt of a sweep at the kept positions
     KICK_SWEEP_SEEN = 7  # half a kick, a sweep, half a kick at the seen positions, as impulses/dt
+    READ = 100  # (+ block) take three values per bead from seen - kept: what beads carry beside position and velocity
+    CHANGES = 200  # (+ block) what the last evaluation did to these values: rates, or after a sweep increments
 
 
 PHASE, TAU, DT, KT, COUNTER, SEED = "dpd_phase", "dpd_tau", "dpd_dt", "dpd_kT", "dpd_counter", "dpd_seed"
 
 #: Context parameters the pair force defines.
 PARAMETERS = (PHASE, TAU, DT, KT, COUNTER, SEED)
+
+#: Names of the per-DOF variables that hold internal energies, temperatures or concentrations, three values per bead in each.
+FIELD = "field"
 
 #: Parameters that change within a step and say nothing about the state.
 VOLATILE = frozenset((PHASE, TAU, COUNTER))
@@ -35,3 +40,6 @@ PAIR_GROUP = 31
 
 #: Groups of forces that are evaluated only when a pressure is asked for, downwards from here.
 VIRIAL_GROUP = 30
+
+#: Groups of the densities of many-body terms, downwards from here.
+DENSITY_GROUP = 15

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import secrets
 from dataclasses import dataclass, field
-from itertools import combinations_with_replacement
 from typing import Any
 
 import numpy as np
 
 from .errors import ParameterError, PlanError
-from .kernels.engine import PairSpec, TermTable
+from .kernels.cells import coincident_pairs
+from .kernels.engine import PairSpec
+from .kernels.fields import ENERGY, TEMPERATURE, FieldSpec
 from .kernels.sweeps import EXACT, SHARDLOW
 from .model.bonds import bonded_neighbours
-from .model.pairs import DPD, NONE, describe
+from .model.edpd import EDPD
+from .model.mdpd import MDPD, why_no_openmm_force
+from .model.pairs import NONE, describe
 from .model.scene import Scene, TemperatureRamp
+from .model.tdpd import TDPD
+from .tables import FIELD_NAMES, TABLES, field_spec
 from .units import to_md
 
 #: Schemes and what each one is.
@@ -60,6 +65,20 @@ class ProgramOptions:
     ramp : TemperatureRamp or None
     tau_ratio : float
         Trial drift in units of the step size.
+    trial : float or None
+        Trial drift, ps, instead.
+    field_blocks : int
+        Number of per-DOF variables that hold internal energies, temperatures or concentrations.
+    field_names : str
+        What they hold, for the listing.
+    field_lam : float
+        Weight of the prediction of the fields in ``mvv``.
+    field_reach : float
+        Largest displacement that shows them to the pair force, nm.
+    field_scale : float
+        Their changes come back in units of this.
+    compensated : bool
+        Whether velocities or forces are less than double precision, so that energies have to be balanced by the program.
     """
 
     scheme: str
@@ -73,6 +92,18 @@ class ProgramOptions:
     constraints: bool = False
     ramp: TemperatureRamp | None = None
     tau_ratio: float = 1.0 / 32.0
+    trial: float | None = None
+    field_blocks: int = 0
+    field_names: str = ""
+    field_lam: float = 0.5
+    field_reach: float = 0.1
+    field_scale: float = 1.0
+    compensated: bool = False
+
+    @property
+    def trial_time(self) -> str:
+        """Length of trial drifts, as an expression."""
+        return f"dt*{self.tau_ratio!r}" if self.trial is None else repr(self.trial)
 
     @property
     def kernel(self) -> bool:
@@ -112,15 +143,28 @@ class Plan:
         if not options.kernel:
             lines.append("no friction, no noise: no pair kernel, no PythonForce")
         elif options.thermostat:
-            transverse = any(np.any(term.gamma_perp > 0) for term in self.spec.terms)
+            transverse = any(np.any(getattr(term, "gamma_perp", 0) > 0) for term in self.spec.terms)
             lines.append(
                 "friction and noise: compiled pair kernel behind a PythonForce" + (", with transverse terms" if transverse else "")
             )
+        if self.spec.fields is not None:
+            lines.append(self._field_text())
         if len(scene.bond_pairs):
             lines.append(f"{len(scene.bond_pairs)} harmonic bonds; {len(self.exceptions)} bonded neighbours with a factor other than 1")
         if frozen:
             lines.append(f"{frozen} beads do not move (mass 0)")
         return "\n".join(lines + [f"note: {note}" for note in self.notes])
+
+    def _field_text(self) -> str:
+        fields = self.spec.fields
+        assert fields is not None
+        text = f"{fields.n_values} value(s) per bead in {fields.n_blocks} per-DOF variable(s): {self.options.field_names}"
+        if fields.kind == ENERGY:
+            eos = self.scene.internal.by_type(self.scene.type_names)  # type: ignore[union-attr]
+            text += "; equation of state " + ", ".join(f"{name}: {state}" for name, state in zip(self.scene.type_names, eos, strict=True))
+        if fields.kind == TEMPERATURE and self.scene.compat == "lammps":
+            text += "; heat as LAMMPS computes it (compat), which does not conserve energy"
+        return text + (f"; {len(fields.sources)} source(s)" if fields.sources else "")
 
     def _lambda_text(self) -> str:
         return f", lambda = {self.options.lam:g}" if self.options.scheme == "mvv" else ""
@@ -187,20 +231,15 @@ def make_plan(
         raise ParameterError(f"lam (lambda of the modified velocity Verlet scheme) must be between 0 and 1, but is {lam!r}")
     if conservative not in ("auto", "openmm", "kernel"):
         raise ParameterError(f"conservative must be 'auto', 'openmm' or 'kernel', not {conservative!r}")
-    layers, partners = _split_tables(scene)
+    kinds, layers, partners = _split_tables(scene)
     check_cutoffs(scene.box, [*layers, *partners])
+    _check_scheme(scheme, kinds)
     exceptions = _exceptions(scene)
     repulsive = any(c is not NONE and c.has_conservative for table in layers for c in table.values())
     thermostat = any(c is not NONE and c.has_thermostat for table in layers for c in table.values())
-    if not repulsive:
-        where = "none"
-    elif conservative != "auto":
-        where = conservative
-    else:
-        # without friction there is no kernel, and OpenMM's own force needs no company
-        where = "kernel" if platform in KERNEL_PLATFORMS and thermostat and scheme != "native" else "openmm"
-    if scheme == "native" and where == "kernel":
-        raise PlanError("the native scheme has no pair kernel; use conservative='openmm'")
+    only = _why_kernel_only(scene, kinds, layers, exceptions)
+    where = _conservative_place(conservative, repulsive, thermostat, only, platform, scheme)
+    fields = field_spec(scene)
     options = ProgramOptions(
         scheme=scheme,
         dt=step,
@@ -212,10 +251,11 @@ def make_plan(
         sole_force=where == "kernel" and not partners and not len(scene.bond_pairs),
         ramp=scene.kT if isinstance(scene.kT, TemperatureRamp) else None,
         tau_ratio=tau_ratio(platform),
+        **_field_options(scene, fields, _longest(layers), platform, lam),
     )
     return Plan(
         scene=scene,
-        spec=_pair_spec(scene, layers, exceptions, scheme),
+        spec=_pair_spec(scene, kinds, layers, exceptions, scheme, fields),
         options=options,
         layers=tuple(layers),
         partners=tuple(partners),
@@ -225,9 +265,87 @@ def make_plan(
     )
 
 
+#: Platforms where positions, velocities and forces are double precision.
+DOUBLE_PLATFORMS = ("Reference", "CPU")
+
+
 def tau_ratio(platform: str | None) -> float:
     """Trial drift in units of dt: short where positions are double precision, longer where they may be single."""
-    return 1.0 / 32.0 if platform in ("Reference", "CPU") else 0.25
+    return 1.0 / 32.0 if platform in DOUBLE_PLATFORMS else 0.25
+
+
+def _longest(layers) -> float:
+    return max((c.cutoff for table in layers for c in table.values()), default=0.0)
+
+
+def _trial_time(scene: Scene, cutoff: float, double: bool) -> float | None:
+    """Trial drift for scenes that balance energies: 1/1000 of the range at a thermal velocity (1/50 where positions may be float32).
+
+    A power of two, so that multiplying and dividing by it is exact.
+    """
+    speed = float(np.sqrt(scene.initial_kT / scene.bead_masses.min()))
+    if speed * cutoff <= 0:
+        return None
+    return float(2.0 ** np.round(np.log2((0.001 if double else 0.02) * cutoff / speed)))
+
+
+def _field_options(scene: Scene, fields: FieldSpec | None, cutoff: float, platform: str | None, lam: float) -> dict[str, Any]:
+    """How the program keeps and shows what beads carry."""
+    if fields is None:
+        return {}
+    double = platform in DOUBLE_PLATFORMS
+    reach = 0.25 * cutoff if double or scene.box is None else 0.2 * float(np.diag(scene.box).min())
+    typical = float(np.abs(fields.initial.sum(axis=1)).mean()) or 1.0
+    return {
+        "trial": _trial_time(scene, cutoff, double),
+        "field_blocks": fields.n_blocks,
+        "field_names": FIELD_NAMES[fields.kind],
+        # LAMMPS: fix mvv/edpd predicts temperatures with lambda, dpd/energy and mvv/tdpd take half steps
+        "field_lam": lam if fields.kind == TEMPERATURE else 0.5,
+        "field_reach": float(reach),
+        # forces are fixed-point numbers with 32 bits behind the point on GPU platforms
+        "field_scale": 1.0 if double else float(2.0 ** (np.floor(np.log2(typical)) - 10)),
+        "compensated": not double and fields.kind == ENERGY,
+    }
+
+
+def _check_scheme(scheme: str, kinds: list[type]) -> None:
+    """Raise PlanError if a scheme cannot run these pair terms."""
+    for kind in (EDPD, TDPD):
+        if kind in kinds and scheme != "mvv":
+            raise PlanError(f"{kind.__name__} has no pair-by-pair update; only scheme='mvv' runs it, not {scheme!r}")
+
+
+def _conservative_place(conservative: str, repulsive: bool, thermostat: bool, only: str | None, platform, scheme: str) -> str:
+    """Where the conservative force is computed: "kernel", "openmm" or "none"; ``only`` is the reason why it must be the kernel."""
+    if not repulsive:
+        return "none"
+    if only is not None:
+        if scheme == "native" or conservative == "openmm":
+            what = "the native scheme" if scheme == "native" else "conservative='openmm'"
+            raise PlanError(f"{what} is not possible: {only}")
+        return "kernel"
+    if conservative != "auto":
+        where = conservative
+    else:
+        # without friction there is no kernel, and OpenMM's own force needs no company
+        where = "kernel" if platform in KERNEL_PLATFORMS and thermostat and scheme != "native" else "openmm"
+    if scheme == "native" and where == "kernel":
+        raise PlanError("the native scheme has no pair kernel; use conservative='openmm'")
+    return where
+
+
+def _why_kernel_only(scene: Scene, kinds: list[type], layers, exceptions) -> str | None:
+    """Why no OpenMM force can compute the conservative force, or None."""
+    for kind, table in zip(kinds, layers, strict=True):
+        if kind is EDPD:
+            return "the repulsion of EDPD depends on the temperatures of the beads, which no OpenMM force sees"
+        if kind is MDPD:
+            close = coincident_pairs(scene.positions, scene.box, 1e-4 * _longest([table]))
+            reason = why_no_openmm_force(table, exceptions, close)
+            if reason is not None:
+                return reason
+    return None
 
 
 def _checked_step(dt) -> float:
@@ -247,14 +365,16 @@ def checked_seed(seed: int | None) -> int:
 
 
 def _split_tables(scene: Scene):
-    layers, partners = [], []
+    """Kinds and resolved tables of what the pair kernel evaluates, and the resolved tables of all other pair terms."""
+    kinds, layers, partners = [], [], []
     for table in scene.tables:
         resolved = table.resolve(scene.type_names)
-        if table.kind is DPD:
+        if table.kind in TABLES:
+            kinds.append(table.kind)
             layers.append(resolved)
         elif table.kind is not None:
             partners.append(resolved)
-    return layers, partners
+    return kinds, layers, partners
 
 
 def check_cutoffs(box: np.ndarray | None, tables: list[dict]) -> None:
@@ -279,29 +399,6 @@ def _exceptions(scene: Scene) -> dict[tuple[int, int], float]:
     return {pair: scene.special[k - 1] for k, pairs in found.items() if scene.special[k - 1] != 1.0 for pair in pairs}
 
 
-def term_table(table: dict, names: list[str]) -> TermTable:
-    """(T, T) arrays of one table of DPD coefficients; pairs without one get cutoff 0."""
-    size = len(names)
-    arrays = {key: np.zeros((size, size)) for key in TermTable.__dataclass_fields__}
-    for a, b in combinations_with_replacement(range(size), 2):
-        coefficient = table.get((names[a], names[b]), NONE)
-        if coefficient is NONE:
-            continue
-        fixed_sigma = coefficient.sigma is not None and coefficient.gamma is None
-        values = {
-            "A": coefficient.A,
-            "gamma": np.nan if fixed_sigma else coefficient.gamma or 0.0,
-            "sigma": coefficient.sigma if fixed_sigma else np.nan,
-            "gamma_perp": coefficient.gamma_perp,
-            "exponent": coefficient.exponent,
-            "exponent_perp": coefficient.exponent_perp,
-            "cutoff": coefficient.cutoff,
-        }
-        for key, value in values.items():
-            arrays[key][a, b] = arrays[key][b, a] = value
-    return TermTable(**arrays)
-
-
 def compressed_exceptions(exceptions: dict[tuple[int, int], float], n_beads: int):
     """Exceptions as compressed rows (start, bead, factor), both directions; empty arrays if there are none."""
     if not exceptions:
@@ -312,7 +409,7 @@ def compressed_exceptions(exceptions: dict[tuple[int, int], float], n_beads: int
     return start.astype(np.int64), np.array([row[1] for row in rows], np.int64), np.array([row[2] for row in rows])
 
 
-def _pair_spec(scene: Scene, layers, exceptions, scheme: str) -> PairSpec:
+def _pair_spec(scene: Scene, kinds, layers, exceptions, scheme: str, fields: FieldSpec | None) -> PairSpec:
     mobile = np.ones(scene.n_beads, bool) if scene.mobile is None else scene.mobile
     wall_velocity = None
     if scene.velocities is not None and np.any(scene.velocities[~mobile] != 0):
@@ -320,8 +417,10 @@ def _pair_spec(scene: Scene, layers, exceptions, scheme: str) -> PairSpec:
     return PairSpec(
         types=scene.type_ids,
         inv_mass=np.where(mobile, 1.0 / scene.bead_masses, 0.0),
-        terms=tuple(term_table(table, scene.type_names) for table in layers),
+        terms=tuple(TABLES[kind](table, scene) for kind, table in zip(kinds, layers, strict=True)),
         update=SHARDLOW if scheme == "shardlow" else EXACT,
         exceptions=compressed_exceptions(exceptions, scene.n_beads),
         wall_velocity=wall_velocity,
+        fields=fields,
+        sweeps=scheme != "mvv",
     )

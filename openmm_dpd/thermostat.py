@@ -19,8 +19,9 @@ from .model.pairs import DPD, NONE
 from .model.scene import TemperatureRamp, thermal_energy
 from .model.table import PairTable, require_complete
 from .names import PAIR_GROUP
-from .plan import SCHEMES, ProgramOptions, check_cutoffs, checked_seed, tau_ratio, term_table
+from .plan import SCHEMES, ProgramOptions, check_cutoffs, checked_seed, tau_ratio
 from .programs import make_program
+from .tables import dpd_table
 from .units import to_md
 
 
@@ -121,7 +122,7 @@ def add_thermostat(
     spec = PairSpec(
         types=numbers,
         inv_mass=np.divide(1.0, masses, out=np.zeros_like(masses), where=masses > 0),
-        terms=(term_table(table, names),),
+        terms=(dpd_table(table, names),),
         update=SHARDLOW if scheme == "shardlow" else EXACT,
     )
     system.addForce(pair_force(spec, conservative=False, periodic=periodic, kT=kT, dt=step, seed=options.seed))

@@ -6,80 +6,17 @@
 
 from __future__ import annotations
 
-import os
-import threading
 import time
 from dataclasses import dataclass, field
-from typing import Any
 
-import numba
 import numpy as np
 
 from ..errors import RunError
-from . import cells, forces, sweeps
-from .forces import CONSERVATIVE, CUTOFF, DISSIPATIVE, EXPONENT, EXPONENT_PERP, GAMMA, GAMMA_PERP, RANDOM, SIGMA, SIGMA_PERP, A
-from .noise import call_key
-
-# Threads of GNU OpenMP that spin while they wait stall each other, and OpenMM's own, wherever there are fewer free cores than threads
-# (a step can take ten times as long); the variable is read when the library is loaded, at the first parallel call, and a user's own
-# choice is kept.
-os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-
-#: Numba's default threading layer must not be entered from two threads at once.
-_PARALLEL_LOCK = threading.Lock()
-
-_MOST_THREADS: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
-_thread_count: int | None = None
-
-
-def set_threads(threads: int | None) -> None:
-    """Number of threads the pair kernel uses (None: all cores this process may run on)."""
-    global _thread_count
-    _thread_count = None if threads is None else max(1, min(int(threads), _MOST_THREADS))
-
-
-def get_threads() -> int:
-    """Number of threads the pair kernel uses."""
-    if _thread_count is not None:
-        return _thread_count
-    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(1, min(available, _MOST_THREADS))
-
-
-@dataclass(frozen=True, eq=False)
-class TermTable:
-    """Coefficients of one layer of DPD terms, as (T, T) symmetric arrays (MD units).
-
-    ``gamma`` holds NaN where sigma is the fixed quantity, ``sigma`` holds NaN where gamma is; cutoff 0 means no interaction.
-    """
-
-    A: np.ndarray
-    gamma: np.ndarray
-    sigma: np.ndarray
-    gamma_perp: np.ndarray
-    exponent: np.ndarray
-    exponent_perp: np.ndarray
-    cutoff: np.ndarray
-
-    def coefficients(self, kT: float) -> np.ndarray:
-        """(T*T, 8) table at the thermal energy kT: sigma^2 = 2 kT gamma, whichever of the two is fixed."""
-        fixed_sigma = np.isnan(self.gamma)
-        table = np.zeros((self.A.size, 8))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            gamma = np.where(fixed_sigma, np.where(self.sigma > 0, self.sigma**2 / (2 * kT), 0.0), self.gamma)
-        sigma = np.where(fixed_sigma, self.sigma, np.sqrt(2 * kT * np.where(fixed_sigma, 0.0, self.gamma)))
-        for column, values in (
-            (A, self.A),
-            (CUTOFF, self.cutoff),
-            (GAMMA, gamma),
-            (SIGMA, sigma),
-            (GAMMA_PERP, self.gamma_perp),
-            (SIGMA_PERP, np.sqrt(2 * kT * self.gamma_perp)),
-            (EXPONENT, self.exponent),
-            (EXPONENT_PERP, self.exponent_perp),
-        ):
-            table[:, column] = values.ravel()
-        return table
+from . import cells, sweeps
+from .dpd import TermTable
+from .fields import FieldSpec
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Layer, Table
+from .threads import get_threads, run, set_threads
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,33 +29,39 @@ class PairSpec:
         Type of each particle; -1 for one that takes no part in any pair term.
     inv_mass : (N,) float64
         1/mass; 0 for a particle that does not move.
-    terms : tuple of TermTable
-        Layers, evaluated one after the other.
+    terms : tuple of tables
+        Coefficients of the layers, evaluated one after the other.
     update : int
         Pair update of the sweep: ``sweeps.EXACT`` or ``sweeps.SHARDLOW``.
     exceptions : three arrays
         Bonded neighbours in compressed rows: start (N + 1,), bead (E,), factor (E,); start is empty if there are none.
     wall_velocity : (N, 3) float64, or None
         Velocity with which immobile particles take part in the friction.
+    fields : FieldSpec or None
+        What beads carry beside position and velocity.
+    sweeps : bool
+        Whether the scheme sweeps over pairs at all.
     """
 
     types: np.ndarray
     inv_mass: np.ndarray
-    terms: tuple[TermTable, ...]
+    terms: tuple[Table, ...]
     update: int = sweeps.EXACT
     exceptions: tuple[np.ndarray, np.ndarray, np.ndarray] = field(
         default_factory=lambda: (np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
     )
     wall_velocity: np.ndarray | None = None
+    fields: FieldSpec | None = None
+    sweeps: bool = True
 
 
 class PairList:
     """Pairs of one layer of terms at one set of positions, in coloured columns (see :mod:`.cells`)."""
 
-    def __init__(self, spec: PairSpec, table: TermTable):
+    def __init__(self, spec: PairSpec, table: Table):
         self.beads = np.flatnonzero(spec.types >= 0)
         self.cut2 = np.ascontiguousarray(table.cutoff.ravel() ** 2)
-        self.ntypes = len(table.A)
+        self.ntypes = len(table.cutoff)
         self.cutoff = float(table.cutoff.max())
         self.spec = spec
         m = len(self.beads)
@@ -199,14 +142,23 @@ class PairEngine:
     """Evaluates the pair terms of one :class:`PairSpec`.
 
     One engine belongs to one thread at a time.  All results are the same, bit for bit, for any number of threads.
+
+    Attributes
+    ----------
+    rates, flow : (N, K) arrays
+        What the last call of :meth:`forces` and :meth:`sweep` gave for the fields of the spec (per time, and in all).
     """
 
     def __init__(self, spec: PairSpec):
         self.spec = spec
         self.lists = [PairList(spec, table) for table in spec.terms]
+        self.layers: list[Layer] = [
+            table.layer(spec, pairs, k) for k, (table, pairs) in enumerate(zip(spec.terms, self.lists, strict=True))
+        ]
+        columns = 0 if spec.fields is None else spec.fields.n_values
+        self.rates, self.flow = np.zeros((len(spec.types), columns)), np.zeros((len(spec.types), columns))
         self._x = np.full((len(spec.types), 3), np.nan)
         self._box: np.ndarray | None = None
-        self._coefficients: tuple[float, list[np.ndarray]] = (np.nan, [])
 
     def prepare(self, x: np.ndarray, box: np.ndarray | None) -> None:
         """List the pairs at positions x; does nothing if they are those of the last call."""
@@ -216,11 +168,11 @@ class PairEngine:
         parallel = get_threads() > 1
         self._x[0, 0] = np.nan  # not valid until the lists are complete
         for pairs in self.lists:
-            self._run(pairs.build, None, x, box, parallel)
+            run(pairs.build, None, x, box, parallel)
         self._x[...] = x
         self._box = None if box is None else box.copy()
 
-    def forces(self, which: int, v: np.ndarray | None, kT: float, dt: float, seed: int, counter: int):
+    def forces(self, which: int, v: np.ndarray | None, kT: float, dt: float, seed: int, counter: int, scalars: np.ndarray | None = None):
         """Sum of the chosen terms at the prepared positions.
 
         Parameters
@@ -233,6 +185,8 @@ class PairEngine:
             Thermal energy and time step; the noise has the amplitude sigma/sqrt(dt).
         seed, counter : int
             Key of the noise.
+        scalars : (N, K) array, optional
+            Values of the fields of the spec.
 
         Returns
         -------
@@ -244,71 +198,39 @@ class PairEngine:
         """
         force = np.zeros((len(self.spec.types), 3))
         energy = virial = 0.0
-        if which & RANDOM and kT == 0.0:
+        if which & RANDOM and kT == 0.0 and self.spec.fields is None:
             which &= ~RANDOM
-        for layer, (pairs, table) in enumerate(zip(self.lists, self._tables(kT), strict=True)):
-            sorted_force = np.zeros((len(pairs.order), 3))
-            self._run(
-                forces.pair_forces,
-                forces.pair_forces_parallel,
-                which,
-                call_key(seed, counter, layer),
-                1.0 / np.sqrt(dt) if which & RANDOM else 0.0,
-                pairs.order,
-                pairs.types,
-                pairs.ntypes,
-                table,
-                *pairs.geometry_arguments,
-                self._sorted_velocities(pairs, v),
-                sorted_force,
-                pairs.energy,
-                pairs.virial,
-            )
-            if layer == 0:
-                force[pairs.order] = sorted_force  # cheaper than adding
+        call = Call(which, None if v is None else self._seen(v), kT, dt, seed, counter, scalars)
+        self.rates[...] = 0.0
+        for number, layer in enumerate(self.layers):
+            result, order = layer.forces(call), layer.pairs.order
+            if number == 0:
+                force[order] = result.force  # cheaper than adding
             else:
-                force[pairs.order] += sorted_force
-            energy += pairs.energy.sum()
-            virial += pairs.virial.sum()
+                force[order] += result.force
+            if result.rates is not None:
+                self.rates[order] += result.rates
+            energy += result.energy
+            virial += result.virial
+        if self.spec.fields is not None and which & DISSIPATIVE:
+            for source in self.spec.fields.sources:
+                source.add_to(self.rates, self._x, self._box)
         return energy, force, virial
 
-    def sweep(self, v: np.ndarray, kT: float, dt: float, seed: int, counter: int) -> np.ndarray:
+    def sweep(self, v: np.ndarray, kT: float, dt: float, seed: int, counter: int, scalars: np.ndarray | None = None) -> np.ndarray:
         """Change of the velocities (N, 3) by one sweep of pair updates at the prepared positions."""
         swept = v if self.spec.wall_velocity is None else self._seen(v)
         swept = swept.copy()
         before = swept.copy()
-        for layer, (pairs, table) in enumerate(zip(self.lists, self._tables(kT), strict=True)):
-            sorted_v = np.take(swept, pairs.order, axis=0)
-            self._run(
-                sweeps.sweep,
-                sweeps.sweep_parallel,
-                self.spec.update,
-                kT,
-                dt,
-                call_key(seed, counter, layer),
-                pairs.order,
-                pairs.types,
-                pairs.ntypes,
-                table,
-                pairs.inv_mass,
-                *pairs.geometry_arguments,
-                sorted_v,
-            )
-            swept[pairs.order] = sorted_v
+        self.flow[...] = 0.0
+        call = Call(DISSIPATIVE | RANDOM, None, kT, dt, seed, counter, scalars)
+        for layer in self.layers:
+            layer.sweep(call, swept, self.flow)
         return swept - before
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy at the prepared positions."""
-        total = 0.0
-        for pairs, table in zip(self.lists, self._tables(0.0), strict=True):
-            pi, pj, geometry, factors, columns, _, _, start, found = pairs.geometry_arguments
-            total += forces.laplacian(pairs.types, pairs.ntypes, table, pairs.inv_mass, pi, pj, geometry, factors, columns, start, found)
-        return total
-
-    def _tables(self, kT: float) -> list[np.ndarray]:
-        if self._coefficients[0] != kT:
-            self._coefficients = (kT, [table.coefficients(kT) for table in self.spec.terms])
-        return self._coefficients[1]
+        return sum(layer.laplacian() for layer in self.layers)
 
     def _seen(self, v: np.ndarray) -> np.ndarray:
         """Velocities with those of immobile beads replaced by their prescribed ones."""
@@ -316,18 +238,8 @@ class PairEngine:
             return v
         return np.where(self.spec.inv_mass[:, None] > 0, v, self.spec.wall_velocity)
 
-    def _sorted_velocities(self, pairs: PairList, v: np.ndarray | None) -> np.ndarray:
-        return np.zeros((0, 3)) if v is None else np.take(self._seen(v), pairs.order, axis=0)
 
-    @staticmethod
-    def _run(serial, parallel, *arguments):
-        """Call the parallel version under the lock, with the right number of threads, or the serial one."""
-        threads = get_threads()
-        if threads == 1:
-            return serial(*arguments)
-        with _PARALLEL_LOCK:
-            numba.set_num_threads(threads)
-            return (parallel or serial)(*arguments)
+_WARM: set = set()
 
 
 def warm_up(spec: PairSpec, log=lambda _: None) -> None:
@@ -335,24 +247,22 @@ def warm_up(spec: PairSpec, log=lambda _: None) -> None:
 
     Compiled code is kept in the user's cache folder.
     """
-    if not spec.terms:
+    kinds = (tuple(type(table) for table in spec.terms), spec.update, spec.fields and spec.fields.kind, get_threads() > 1)
+    if not spec.terms or kinds in _WARM:
         return
-    parallel = get_threads() > 1
-    functions: list[Any] = [
-        cells.list_pairs_parallel if parallel else cells.list_pairs,
-        forces.pair_forces_parallel if parallel else forces.pair_forces,
-        sweeps.sweep_parallel if parallel else sweeps.sweep,
-    ]
-    if all(function.signatures for function in functions):
-        return
+    _WARM.add(kinds)
     begun = time.perf_counter()
-    n = 30
-    few = PairSpec(np.zeros(n, np.int32), np.ones(n), spec.terms[:1], spec.update)
-    x = np.random.default_rng(0).random((n, 3)) * 4 * spec.terms[0].cutoff.max()
-    engine = PairEngine(few)
-    engine.prepare(x, np.diag([4.0] * 3) * spec.terms[0].cutoff.max())
-    engine.forces(CONSERVATIVE | DISSIPATIVE | RANDOM, np.zeros((n, 3)), 1.0, 1.0, 0, 0)
-    engine.sweep(np.zeros((n, 3)), 1.0, 1.0, 0, 0)
+    # few enough beads to be quick, in a box with three cells along each edge
+    few = np.arange(30) % len(spec.types)
+    fields = None if spec.fields is None else spec.fields.of(few)
+    small = PairSpec(np.maximum(spec.types[few], 0), np.ones(len(few)), spec.terms, spec.update, fields=fields)
+    edge = 4.0 * max(float(table.cutoff.max()) for table in spec.terms)
+    engine = PairEngine(small)
+    engine.prepare(np.random.default_rng(0).random((len(few), 3)) * edge, np.diag([edge] * 3))
+    scalars = None if fields is None else fields.initial
+    engine.forces(CONSERVATIVE | DISSIPATIVE | RANDOM, np.zeros((len(few), 3)), 1.0, 1e-6, 0, 0, scalars)
+    if spec.sweeps:
+        engine.sweep(np.zeros((len(few), 3)), 1.0, 1e-6, 0, 0, scalars)
     engine.laplacian()
     seconds = time.perf_counter() - begun
     if seconds > 2.0:

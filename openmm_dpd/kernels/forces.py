@@ -15,10 +15,8 @@ import numpy as np
 from numba import njit, prange
 
 from .compiled import compiled, serial_and_parallel
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM
 from .noise import normal, pair_key
-
-#: Which terms an evaluation adds up.
-CONSERVATIVE, DISSIPATIVE, RANDOM = 1, 2, 4
 
 #: Columns of the coefficient table, one row per pair of types.
 A, CUTOFF, GAMMA, SIGMA, GAMMA_PERP, SIGMA_PERP, EXPONENT, EXPONENT_PERP = range(8)

@@ -58,6 +58,12 @@ def normal(key, stream):
 
 
 @njit(inline="always")
+def uniform(key, stream):
+    """Uniform number between 0 and 1 (neither of them) number ``stream`` of a pair; do not use a stream for two kinds of number."""
+    return (np.float64(_mix(key + np.uint64(stream) * _STREAM) >> _S12) + 0.5) * _SCALE
+
+
+@njit(inline="always")
 def _normal_from_uniform(p):
     q = p - 0.5
     if abs(q) <= 0.425:

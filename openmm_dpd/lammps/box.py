@@ -84,7 +84,11 @@ class Box:
 
     def wrap(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions moved into the box, and by how many boxes each was moved back ((N, 3) integers to be added to the image flags)."""
-        shifts = np.floor(self.fractions(positions)).astype(np.int64)
+        boxes = np.floor(self.fractions(positions))
+        lost = ~(np.abs(boxes) < 2**31).all(axis=1)
+        if lost.any():
+            raise ParameterError(f"{int(lost.sum())} of {len(lost)} positions are not finite, or more than 2^31 boxes away")
+        shifts = boxes.astype(np.int64)
         inside = np.where(shifts.any(axis=1)[:, None], positions - shifts @ self.vectors, positions)
         # a bead a rounding error below the face lands exactly on the opposite one, which belongs to the next box
         over = np.floor(self.fractions(inside)).astype(np.int64)

@@ -218,6 +218,8 @@ class Context:
     def call(self, function: str, arguments: list[float]) -> float:
         """Functions that depend on the step or on random numbers."""
         if function in ("random", "normal"):
+            if arguments[2] < 1 or arguments[2] != int(arguments[2]):
+                raise ParameterError(f"the seed of {function} must be a whole number of at least 1, not {arguments[2]:g}")
             # one generator for all formulas, seeded by the first that draws, as in LAMMPS
             generator = self.state.generators.setdefault("formulas", np.random.default_rng(int(arguments[2])))
             draw = generator.uniform if function == "random" else generator.normal

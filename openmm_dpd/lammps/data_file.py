@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import DeckError, ParameterError
 from .box import Box
+from .lexer import read_text
 
 #: Columns of the Atoms section by atom style.  Columns named ``_`` are read and left aside.
 ATOM_STYLES: dict[str, tuple[str, ...]] = {
@@ -38,6 +39,11 @@ _HEADERS: dict[tuple[str, ...], int] = {
     ("zlo", "zhi"): 2,
     ("xy", "xz", "yz"): 3,
 }
+
+_UNSUPPORTED = ("angles", "dihedrals", "impropers")
+
+#: Largest id, and largest image flag.
+_LARGEST = 2**31 - 1
 
 Row = tuple[int, list[str]]
 
@@ -100,7 +106,7 @@ class _Reader:
     def split(self) -> None:
         """Sort the lines into header values and sections."""
         body: list[Row] | None = None
-        for number, raw in enumerate(self.path.read_text().splitlines(), start=1):
+        for number, raw in enumerate(read_text(self.path).splitlines(), start=1):
             if number == 1:
                 continue  # the first line is always a title
             text, _, comment = raw.partition("#")
@@ -131,6 +137,10 @@ class _Reader:
                     raise self.fail(f"expected numbers before '{' '.join(key)}', not '{' '.join(words[:size])}'", number) from None
                 if not np.all(np.isfinite(self.header[key])):
                     raise self.fail(f"the header value '{' '.join(words)}' is not finite", number)
+                if size == 1 and not (self.header[key][0].is_integer() and self.header[key][0] >= 0):
+                    raise self.fail(f"expected a whole number >= 0 before '{' '.join(key)}', not '{words[0]}'", number)
+                if key[0] in _UNSUPPORTED and len(key) == 1 and self.header[key][0]:
+                    raise self.fail(f"{key[0]} are not supported, but the header announces {words[0]}", number)
                 return
         raise self.fail(f"header line '{' '.join(words)}' is not supported", number)
 
@@ -192,12 +202,15 @@ class _Reader:
             except ValueError:
                 raise self.fail(f"expected {usage}, not '{' '.join(words)}'", number) from None
             if len(words) > size:
-                images[k] = self.integers(words[size:], number, "three image flags")
+                flags = self.integers(words[size:], number, "three image flags")
+                if max(map(abs, flags)) > _LARGEST:
+                    raise self.fail(f"an image flag of atom {words[0]} is beyond {_LARGEST}: '{' '.join(words[size:])}'", number)
+                images[k] = flags
         self.check_finite(values, rows)
         columns: dict[str, np.ndarray] = {}
         for k, name in enumerate(names):
             if name in ("id", "type", "molecule"):
-                columns[name] = values[:, k].astype(np.int64)
+                columns[name] = np.clip(values[:, k], -_LARGEST, _LARGEST).astype(np.int64)
                 self.check_whole(values[:, k], columns[name], rows, f"the {name} of an atom")
             elif name not in ("x", "y", "z", "_"):
                 columns[name] = values[:, k].copy()
@@ -214,7 +227,8 @@ class _Reader:
     def check_whole(self, values: np.ndarray, whole: np.ndarray, rows: list[Row], what: str) -> None:
         bad = np.flatnonzero(values != whole)
         if len(bad):
-            raise self.fail(f"{what} must be a whole number, not {values[bad[0]]:g}", rows[bad[0]][0])
+            limit = f" up to {_LARGEST}" if abs(values[bad[0]]) > _LARGEST else ""
+            raise self.fail(f"{what} must be a whole number{limit}, not {values[bad[0]]:g}", rows[bad[0]][0])
 
     def check_atoms(self, columns: dict[str, np.ndarray], rows: list[Row], n_types: int) -> None:
         ids, types = columns["id"], columns["type"]

@@ -10,7 +10,7 @@ from . import arguments as read
 from .commands import beads, box, fixes, output, pairs, setup, velocity
 from .commands.setup import Handler
 from .integration import integration
-from .lexer import Line, logical_lines, split_words
+from .lexer import Line, logical_lines, read_text, split_words
 from .request import RunRequest
 from .state import DeckState
 from .variables import Variables
@@ -20,8 +20,12 @@ def include(state: DeckState, args: list[str]) -> None:
     """``include file``."""
     read.count(args, "include file", 1)
     path = state.find_file(args[0])
+    if path.resolve() in state.reading:
+        raise ParameterError(f"include '{args[0]}': this file is being read already, it would include itself without end")
     outer = state.here
+    state.reading.append(path.resolve())
     execute_file(state, path)
+    state.reading.pop()
     state.here = outer
 
 
@@ -64,13 +68,13 @@ def execute(state: DeckState, line: Line) -> None:
         if error.file is None:
             raise DeckError(error.message, line.file, line.number) from None
         raise
-    except ParameterError as error:
+    except (ParameterError, OSError) as error:
         raise DeckError(str(error), line.file, line.number) from None
 
 
 def execute_file(state: DeckState, path: Path) -> None:
     """Carry out every line of a file."""
-    for line in logical_lines(path.read_text(), str(path)):
+    for line in logical_lines(read_text(path), str(path)):
         execute(state, line)
         if state.finished:
             return
@@ -120,16 +124,17 @@ def read_deck(
         stop_before_first_run=stop_before_first_run,
         output=Path(output),
         log=log,
+        reading=[path.resolve()],
     )
     try:
         execute_file(state, path)
-    except (OSError, UnicodeDecodeError) as error:
-        raise DeckError(f"cannot read a file: {error}", str(path)) from None
     finally:
         for dump in state.dumps.values():
             dump.close()
     if state.first_run is None:
         if not stop_before_first_run:
             raise DeckError("the deck has no run command: there is nothing to do", str(path))
+        if state.box is None:
+            raise DeckError("the deck makes no simulation box: there is nothing to look at", str(path))
         state.first_run = RunRequest.of(state, 0, integration(state))
     return state

@@ -133,6 +133,8 @@ class _Formula:
             result = self.binary(0)
         except ZeroDivisionError:
             self.fail("division by zero")
+        except RecursionError:
+            raise ParameterError(f"cannot evaluate the formula '{self.text[:40]} ...': it is nested too deeply") from None
         except (ValueError, OverflowError) as error:
             if isinstance(error, DPDError):
                 raise

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 from ..errors import DeckError, ParameterError
 
@@ -33,6 +34,24 @@ class Line:
     number: int
 
 
+def read_text(path: Path) -> str:
+    """Text of a deck or data file, with or without a byte-order mark.
+
+    Raises
+    ------
+    DeckError
+        If the file cannot be read or is no text.
+    """
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = error.object.count(b"\n", 0, error.start) + 1
+        byte = error.object[error.start]
+        raise DeckError(f"the file is not UTF-8 text (byte 0x{byte:02x}); convert it, or take the character out", str(path), line) from None
+    except OSError as error:
+        raise DeckError(f"cannot read the file: {error.strerror}", str(path)) from None
+
+
 def logical_lines(text: str, file: str) -> Iterator[Line]:
     """Logical lines of a script that are not empty.
 
@@ -41,7 +60,8 @@ def logical_lines(text: str, file: str) -> Iterator[Line]:
     DeckError
         If a quote is not closed.
     """
-    physical = text.splitlines()
+    # splitlines would also cut at form feeds and other separators, which are blanks to LAMMPS
+    physical = text.replace("\r\n", "\n").split("\n")
     index = 0
     while index < len(physical):
         number = index + 1

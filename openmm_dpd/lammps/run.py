@@ -132,8 +132,6 @@ class RunResult:
     def averages(self) -> dict[str, dict[str, float | None] | None]:
         """{word: {mean, sem, first, last}}; ``temp_conf`` is None if there is no configurational temperature."""
         kept = np.array(self.steps_done) - self.request.first_step >= self.discard
-        if not kept.any():
-            raise ParameterError(f"--discard {self.discard} leaves no thermo row of a run of {self.request.steps} steps to average")
         result: dict[str, dict[str, float | None] | None] = {}
         for word in self.words:
             if word == "temp_conf":
@@ -149,13 +147,16 @@ class RunResult:
             return None
         kelvin = self.request.state.units.thermal_energy
         gradient2, laplacian = np.array(self.conf).T
+        if not laplacian[kept].any():
+            self.no_laplacian = "no conservative force acts in the rows that are averaged, so the Laplacian is 0"
+            return None
         average = ratio_average(gradient2[kept], laplacian[kept])
-        single = gradient2 / laplacian / kelvin
+        first, last = (float(gradient2[k] / laplacian[k] / kelvin) if laplacian[k] else None for k in (0, -1))
         return {
             "mean": None if average.mean is None else average.mean / kelvin,
             "sem": None if average.sem is None else average.sem / kelvin,
-            "first": float(single[0]),
-            "last": float(single[-1]),
+            "first": first,
+            "last": last,
         }
 
     def summary(self) -> dict[str, Any]:
@@ -199,6 +200,9 @@ class DeckRunner:
         options, state = self.options, request.state
         dt = None if options.dt is None else options.dt * state.units.time
         request = request.override(steps=options.steps, dt=dt, scheme=options.scheme)
+        if options.discard > request.steps:
+            # the last step has a row always
+            raise RunError(f"{_where(request)}--discard {options.discard} leaves nothing to average of a run of {request.steps} steps")
         scene = request.scene()
         built = build_request(request, scene, options)
         for note in state.notes[self._notes :]:
@@ -210,12 +214,16 @@ class DeckRunner:
             # every run draws new noise
             simulation.context.setParameter(COUNTER, self.counter)
         result = self._result(request, simulation, built)
+        bar = self.progress(request.steps) if self.progress else None
         try:
-            self._step_through(request, scene, simulation, Observer(built), result)
+            self._step_through(request, scene, simulation, Observer(built), result, bar)
         except openmm.OpenMMException as error:
             raise RunError(f"{_where(request)}the run stopped: {error}") from None
         except RunError as error:
             raise RunError(f"{_where(request)}the run stopped: {error}") from None
+        finally:
+            if bar is not None:
+                bar.close()
         self.results.append(result)
         if COUNTER in simulation.context.getParameters():
             self.counter = simulation.context.getParameter(COUNTER)
@@ -230,10 +238,11 @@ class DeckRunner:
         precision = fixed[name] if name in fixed else platform.getPropertyValue(simulation.context, "Precision")
         return RunResult(request, name, precision, self.options.discard, words)
 
-    def _step_through(self, request: RunRequest, scene: Scene, simulation: app.Simulation, observer: Observer, result: RunResult) -> None:
+    def _step_through(
+        self, request: RunRequest, scene: Scene, simulation: app.Simulation, observer: Observer, result: RunResult, bar
+    ) -> None:
         thermo, dumps, context = request.thermo, request.dumps, simulation.context
         result.no_laplacian = observer.no_laplacian
-        bar = self.progress(request.steps) if self.progress else None
         if thermo.header():
             self.log(thermo.header())
         if self.trajectory is not None:
@@ -260,8 +269,6 @@ class DeckRunner:
             if bar is not None:
                 bar.update(stop - step)
             step = stop
-        if bar is not None:
-            bar.close()
         assert measured is not None
         result.momentum = float(np.abs(measured.momentum).max()) / request.state.units.mass / request.state.units.velocity
         x, v, _, box = _arrays(context)

@@ -98,6 +98,8 @@ class DeckState:
         The first run, if reading stopped there.
     last_sample : Sample or None
         The last row of the last run, for formulas evaluated between runs.
+    reading : list of Path
+        The deck and the files whose include is being carried out.
     """
 
     path: Path
@@ -134,6 +136,7 @@ class DeckState:
     output: Path = field(default_factory=Path)
     log: Callable[[str], None] = lambda _: None
     generators: dict[str, np.random.Generator] = field(default_factory=dict)
+    reading: list[Path] = field(default_factory=list)
 
     # -- questions -----------------------------------------------------------------------------------------------------------
     def require_box(self, command: str) -> Box:

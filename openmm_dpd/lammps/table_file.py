@@ -16,6 +16,7 @@ from scipy.interpolate import CubicSpline
 from ..errors import DeckError, ParameterError
 from ..model.pairs import TabulatedPair
 from ..units import UnitSystem
+from .lexer import read_text
 
 MODES = ("lookup", "linear", "spline", "bitmap")
 
@@ -37,7 +38,7 @@ def read_table(path: Path, keyword: str) -> TableData:
     DeckError
         If the section is missing, incomplete or not numeric.
     """
-    lines = [line.partition("#")[0].split() for line in path.read_text().splitlines()]
+    lines = [line.partition("#")[0].split() for line in read_text(path).splitlines()]
     index, found = 0, list[str]()
     while index < len(lines):
         if not lines[index]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 
@@ -38,6 +39,8 @@ def check_word(state: DeckState, word: str) -> None:
         name, index = compute_reference(word)
         if name in BUILT_IN and index is None:
             return
+        if name in BUILT_IN:
+            raise ParameterError(f"{word}: compute {name} has a single value only; use c_{name}")
         if name not in state.computes:
             raise ParameterError(f"{word}: there is no compute '{name}'; defined are {', '.join([*BUILT_IN, *state.computes])}")
         spec = COMPUTES[state.computes[name].style]
@@ -146,8 +149,14 @@ class Thermo:
             except DeckError:
                 raise
             except DPDError as error:
-                raise DeckError(f"thermo output {word}: {error}", str(self.state.path)) from None
+                raise self._complain(f"thermo output {word}: {error}") from None
+            if not math.isfinite(result[word]):
+                raise self._complain(f"thermo output {word} is {result[word]} at step {sample.step}")
         return result
+
+    def _complain(self, message: str) -> DeckError:
+        here = self.state.here
+        return DeckError(message, str(self.state.path)) if here is None else DeckError(message, here.file, here.number)
 
     @staticmethod
     def _value(context: Context, word: str) -> float:

@@ -4,7 +4,7 @@ Conventions of the whole package: r_ij = r_i - r_j (minimum image), v_ij = v_i -
 force F acts as +F e on i and -F e on j, so that a positive F repels.  Pairs interact where r < cutoff, and a pair with
 r < 1e-10 is skipped altogether: no force, no energy, no noise.
 
-A class listed in :data:`OVERLAYS` can be laid over any other in one scene; each keeps its own table of type pairs.
+The kinds that a scene can hold are listed in :data:`openmm_dpd.model.table.KINDS`; each keeps its own table of type pairs.
 """
 
 from __future__ import annotations
@@ -33,12 +33,21 @@ class _NoInteraction:
 NONE = _NoInteraction()
 
 
-def _checked(value, dimension: str, name: str, *, positive: bool = False) -> float:
+def checked(value, dimension: str, name: str, *, positive: bool = False) -> float:
+    """One finite number >= 0 (or > 0) in MD units."""
     number = to_md(value, dimension, name)
     if not isinstance(number, float):
         raise ParameterError(f"{name} must be a single number, not an array of shape {number.shape}")
     if number < 0 or (positive and number == 0):
         raise ParameterError(f"{name} must be {'> 0' if positive else '>= 0'}, but is {number:g}")
+    return number
+
+
+def checked_amplitude(value, dimension: str, name: str) -> float:
+    """One finite number of either sign, in MD units."""
+    number = to_md(value, dimension, name)
+    if not isinstance(number, float):
+        raise ParameterError(f"{name} must be a single number, not an array of shape {number.shape}")
     return number
 
 
@@ -101,17 +110,14 @@ class DPD:
     cutoff: float = 1.0
 
     def __post_init__(self):
-        amplitude = to_md(self.A, "force", "A")
-        if not isinstance(amplitude, float):
-            raise ParameterError(f"A must be a single number, not an array of shape {amplitude.shape}")
         values = {
-            "A": amplitude,
-            "gamma": None if self.gamma is None else _checked(self.gamma, "friction", "gamma"),
-            "sigma": None if self.sigma is None else _checked(self.sigma, "noise", "sigma"),
-            "gamma_perp": _checked(self.gamma_perp, "friction", "gamma_perp"),
-            "exponent": _checked(self.exponent, "dimensionless", "exponent"),
-            "exponent_perp": _checked(self.exponent_perp, "dimensionless", "exponent_perp"),
-            "cutoff": _checked(self.cutoff, "length", "cutoff", positive=True),
+            "A": checked_amplitude(self.A, "force", "A"),
+            "gamma": None if self.gamma is None else checked(self.gamma, "friction", "gamma"),
+            "sigma": None if self.sigma is None else checked(self.sigma, "noise", "sigma"),
+            "gamma_perp": checked(self.gamma_perp, "friction", "gamma_perp"),
+            "exponent": checked(self.exponent, "dimensionless", "exponent"),
+            "exponent_perp": checked(self.exponent_perp, "dimensionless", "exponent_perp"),
+            "cutoff": checked(self.cutoff, "length", "cutoff", positive=True),
         }
         for key, value in values.items():
             object.__setattr__(self, key, value)
@@ -161,9 +167,9 @@ class LennardJones:
     shift: bool = False
 
     def __post_init__(self):
-        object.__setattr__(self, "epsilon", _checked(self.epsilon, "energy", "epsilon"))
-        object.__setattr__(self, "sigma", _checked(self.sigma, "length", "sigma", positive=True))
-        object.__setattr__(self, "cutoff", _checked(self.cutoff, "length", "cutoff", positive=True))
+        object.__setattr__(self, "epsilon", checked(self.epsilon, "energy", "epsilon"))
+        object.__setattr__(self, "sigma", checked(self.sigma, "length", "sigma", positive=True))
+        object.__setattr__(self, "cutoff", checked(self.cutoff, "length", "cutoff", positive=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,7 +212,7 @@ class TabulatedPair:
         if np.any(steps <= 0) or not np.allclose(steps, steps.mean(), rtol=1e-4):
             worst = int(np.argmax(np.abs(steps - steps.mean())))
             raise ParameterError(f"the distances of a tabulated pair must increase evenly; they do not after entry {worst}")
-        cutoff = distances[-1] if self.cutoff is None else _checked(self.cutoff, "length", "cutoff", positive=True)
+        cutoff = distances[-1] if self.cutoff is None else checked(self.cutoff, "length", "cutoff", positive=True)
         if cutoff > distances[-1] * (1 + 1e-9):
             raise ParameterError(f"the cutoff {cutoff:g} nm lies beyond the table, which ends at {distances[-1]:g} nm")
         values = {"distances": distances, "energies": energies, "cutoff": float(cutoff)}
@@ -233,10 +239,6 @@ class TabulatedPair:
         return forces
 
 
-#: Kinds of pair coefficients; tables of different kinds can be laid over each other.
-OVERLAYS = (DPD, LennardJones, TabulatedPair)
-
-
 def describe(coefficient) -> str:
     """One line that names the values of a coefficient, for explain()."""
     if coefficient is NONE:
@@ -244,7 +246,11 @@ def describe(coefficient) -> str:
     parts = []
     for field in fields(coefficient):
         value = getattr(coefficient, field.name)
-        if value is None or (np.ndim(value) == 0 and value == field.default):
+        if value is None or (np.ndim(value) == 0 and value == field.default) or isinstance(value, tuple) and value == field.default:
             continue
-        parts.append(f"{field.name} = {len(value)} points" if np.ndim(value) else f"{field.name} = {value:g}")
+        if isinstance(value, tuple):
+            text = "(" + ", ".join(f"{v:g}" for v in value) + ")"
+        else:
+            text = f"{len(value)} points" if np.ndim(value) else value if isinstance(value, str) else f"{value:g}"
+        parts.append(f"{field.name} = {text}")
     return f"{type(coefficient).__name__}({', '.join(parts)})"

@@ -10,7 +10,9 @@ import numpy as np
 from ..errors import ParameterError
 from ..units import BOLTZMANN, to_md
 from .bonds import HarmonicBonds
+from .internal import Internal, check_internal
 from .pairs import DPD
+from .sources import Source
 from .table import PairTable, require_complete
 
 
@@ -125,6 +127,12 @@ class Scene:
         ``velocities`` (a moving wall).  It is left out of every temperature.
     molecules : (N,) array of int, optional
         Molecule numbers, for the topology.
+    internal : InternalEnergy, BeadTemperatures or Concentrations, optional
+        What beads carry beside position and velocity; needed by the pair terms EnergyDPD, EDPD and TDPD in this order.
+    sources : sequence of Source
+        Sources of heat (EDPD) or of a species (TDPD).
+    compat : {"consistent", "lammps"}
+        ``"lammps"`` computes the heat of EDPD as LAMMPS does, which does not conserve energy.
 
     Raises
     ------
@@ -145,6 +153,9 @@ class Scene:
     special: tuple[float, float, float] = (1.0, 1.0, 1.0)
     mobile: np.ndarray | None = None
     molecules: np.ndarray | None = None
+    internal: Internal | None = None
+    sources: Sequence[Source] = ()
+    compat: str = "consistent"
     type_ids: np.ndarray = field(init=False, repr=False)
     tables: tuple[PairTable, ...] = field(init=False, repr=False)
 
@@ -155,7 +166,10 @@ class Scene:
         put("masses", self._checked_masses())
         put("type_ids", self._checked_types())
         put("types", tuple(self.types))
-        put("positions", self._per_bead("positions", "length", (3,)))
+        x = self._per_bead("positions", "length", (3,))
+        # OpenMM's Reference neighbour list loses pairs of beads at coordinates such as -3e-19, as lattices give
+        assert x is not None
+        put("positions", np.where(np.abs(x) < 1e-12, 0.0, x))
         put("velocities", self._per_bead("velocities", "velocity", (3,)))
         put("charges", self._per_bead("charges", "charge", ()))
         put("bead_masses", self._checked_bead_masses())
@@ -171,6 +185,10 @@ class Scene:
         self._check_bonds()
         put("special", self._checked_special())
         put("tables", self._checked_pairs())
+        put("sources", tuple(self.sources))
+        check_internal(self.internal, self.sources, self.tables, self.type_ids, self.type_names, self.box)
+        if self.compat not in ("consistent", "lammps"):
+            raise ParameterError(f"compat must be 'consistent' or 'lammps', not {self.compat!r}")
 
     # -- derived ---------------------------------------------------------------------------------------------------------------
     @property

@@ -6,7 +6,14 @@ from collections.abc import Mapping
 from itertools import combinations_with_replacement
 
 from ..errors import ParameterError
-from .pairs import NONE, OVERLAYS
+from .edpd import EDPD
+from .energy_dpd import EnergyDPD
+from .mdpd import MDPD
+from .pairs import DPD, NONE, LennardJones, TabulatedPair
+from .tdpd import TDPD
+
+#: Kinds of pair coefficients; tables of different kinds can be laid over each other.
+KINDS = (DPD, EnergyDPD, EDPD, TDPD, MDPD, LennardJones, TabulatedPair)
 
 
 class PairTable:
@@ -38,8 +45,8 @@ class PairTable:
         for key, value in self.entries.items():
             if not (isinstance(key, tuple) and len(key) == 2 and all(isinstance(name, str) for name in key)):
                 raise ParameterError(f"the keys of a PairTable are pairs of type names such as ('A', 'B'), not {key!r}")
-            if value is not NONE and not isinstance(value, OVERLAYS):
-                kinds = ", ".join(kind.__name__ for kind in OVERLAYS)
+            if value is not NONE and not isinstance(value, KINDS):
+                kinds = ", ".join(kind.__name__ for kind in KINDS)
                 raise ParameterError(f"for types {key}: expected one of {kinds} or NONE, not {value!r}")
         found = {type(value) for value in self.entries.values() if value is not NONE}
         if len(found) > 1:

@@ -16,7 +16,7 @@ def program(options: ProgramOptions) -> Program:
     """Program for the options given; without friction and noise it is the position Verlet scheme."""
     p = Program("aboba", "Shang 2021, ABOBA, with exact pair updates", options)
     p.begin()
-    if options.thermostat and options.sole_force:
+    if options.thermostat and options.sole_force and not (options.field_blocks and options.compensated):
         _one_evaluation(p)
     else:
         _two_evaluations(p)
@@ -28,11 +28,16 @@ def program(options: ProgramOptions) -> Program:
 def _one_evaluation(p: Program) -> None:
     """The kernel holds every force: it can kick, sweep and kick at once."""
     p.note()
-    p.each("x", "x+0.5*dt*v", "half drift")
+    fields = p.fields()
+    if fields:
+        p.keep_positions()
+        p.read(fields)
+    p.each("x", "xs+0.5*dt*v" if fields else "x+0.5*dt*v", "half drift")
     p.next_temperature()
     p.next_noise("0.5*dt")
     p.phase(Phase.KICK_SWEEP_SEEN)
     p.each("v", f"v+dt*{PAIR_FORCE}/m", "half kick, sweep, half kick: the half drift showed the velocities")
+    p.after_sweep(fields)
     p.each("x", "x+0.5*dt*v", "half drift")
 
 
@@ -50,8 +55,18 @@ def _two_evaluations(p: Program) -> None:
     p.declare_per_dof("acc", "conservative acceleration at the middle of the step")
     p.each("acc", "f/m")
     p.next_temperature()
-    p.next_noise(f"dt*{options.tau_ratio!r}")
-    p.trial_drift("(v+0.5*dt*acc)")
+    fields = p.fields()
+    p.keep_positions()
+    p.read(fields)
+    p.next_noise(options.trial_time)
+    p.show("(v+0.5*dt*acc)")
     p.phase(Phase.SWEEP_KEPT)
-    p.each("v", f"v+dt*acc+dt*{PAIR_FORCE}/m", "half kick, sweep, half kick")
+    if fields:
+        p.each("v", "v+0.5*dt*acc", "half kick")
+        p.before_sweep()
+        p.each("v", f"v+dt*{PAIR_FORCE}/m", "sweep")
+        p.after_sweep(fields)
+        p.each("v", "v+0.5*dt*acc", "half kick")
+    else:
+        p.each("v", f"v+dt*acc+dt*{PAIR_FORCE}/m", "half kick, sweep, half kick")
     p.each("x", "xs+0.5*dt*v", "half drift")

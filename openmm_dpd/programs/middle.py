@@ -22,12 +22,18 @@ def program(options: ProgramOptions) -> Program:
         p.note()
     p.each("v", "v+dt*f/m", "kick")
     p.constrain_velocities()
-    p.each("x", "x+0.5*dt*v", "half drift")
+    fields = p.fields()
+    if fields:
+        p.keep_positions()
+        p.read(fields)
+    p.each("x", "xs+0.5*dt*v" if fields else "x+0.5*dt*v", "half drift")
     if options.thermostat:
         p.next_temperature()
         p.next_noise("0.5*dt")
         p.phase(Phase.SWEEP_SEEN)
+        p.before_sweep()
         p.each("v", f"v+dt*{PAIR_FORCE}/m", "sweep: the half drift showed the velocities")
+        p.after_sweep(fields)
         p.constrain_velocities()
     p.each("x", "x+0.5*dt*v", "half drift")
     if options.constraints:

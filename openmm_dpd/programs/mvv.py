@@ -30,28 +30,30 @@ def program(options: ProgramOptions) -> Program:
     if not options.kernel:
         _plain(p)
         return p
+    fields = p.fields()
+    rates = [f"rate{k}" for k in range(len(fields))]
+    for name in rates:
+        p.declare_per_dof(name, "change of the field per time, at x")
     p.note()
     p.if_changed()
-    if options.kernel_conservative:
-        p.phase(Phase.CONSERVE)
-    p.each("acc", "f/m", "conservative acceleration")
-    if options.thermostat:
-        # the noise of the last half kick: two different ones in the two half kicks of a step would halve its variance
-        p.show_by(f"dt*{options.tau_ratio!r}")
-        _add_friction_and_noise(p, "v")
+    _recompute(p, fields, rates)
     p.end()
     predicted = options.thermostat and options.lam != 0.5
     if predicted:
         p.declare_per_dof("vp", "predicted velocity")
         p.each("vp", f"v+{options.lam!r}*dt*acc", "what the friction will see")
+    seen = _advance_fields(p, fields, rates)
     p.each("v", "v+0.5*dt*acc", "half kick")
-    p.each("x", "x+dt*v", "drift")
+    if fields:
+        p.keep_positions()
+        p.read(seen)
+    p.each("x", "xs+dt*v" if fields else "x+dt*v", "drift")
     p.next_temperature()
     if predicted or not options.thermostat:
         p.phase(Phase.CONSERVE) if options.kernel_conservative else p.note()
         p.each("acc", "f/m", "conservative acceleration")
         if predicted:
-            p.next_noise(f"dt*{options.tau_ratio!r}")
+            p.next_noise(options.trial_time)
             _add_friction_and_noise(p, "vp")
     else:
         p.next_noise("dt")
@@ -59,18 +61,57 @@ def program(options: ProgramOptions) -> Program:
         p.each("acc", "f/m", "the drift showed the half-step velocity")
         if not options.kernel_conservative:
             p.each("acc", f"acc+{PAIR_FORCE}/m", "friction and noise")
+    _take_rates(p, rates)
     p.each("v", "v+0.5*dt*acc", "half kick")
+    for name, rate in zip(fields, rates, strict=True):
+        p.each(name, f"{name}+0.5*dt*{rate}", "second half")
     p.note()
     p.set("last", "here", "acc is valid for this")
     p.phase(Phase.IDLE)
     return p
 
 
-def _add_friction_and_noise(p: Program, velocity: str) -> None:
+def _recompute(p: Program, fields: list[str], rates: list[str]) -> None:
+    """Accelerations and rates at the present positions, with the noise of the last half kick."""
+    options = p.options
+    if fields:
+        p.keep_positions()
+        p.read(fields)
+        p.each("x", "xs", "back")
+    if options.kernel_conservative:
+        p.phase(Phase.CONSERVE)
+    p.each("acc", "f/m", "conservative acceleration")
+    if options.thermostat:
+        # another noise would halve its variance: two half kicks of a step share it
+        p.show_by(options.trial_time)
+        _add_friction_and_noise(p, "v", rates)
+
+
+def _advance_fields(p: Program, fields: list[str], rates: list[str]) -> list[str]:
+    """First half step of the fields; returns the names of what the pair terms will see."""
+    lam = p.options.field_lam
+    seen = [f"seen{k}" for k in range(len(fields))] if lam != 0.5 else fields
+    for name, rate, shown in zip(fields, rates, seen, strict=True):
+        if lam != 0.5:
+            p.declare_per_dof(shown, "predicted field")
+            p.each(shown, f"{name}+{lam!r}*dt*{rate}", "what the pair terms will see")
+        p.each(name, f"{name}+0.5*dt*{rate}", "first half")
+    return seen
+
+
+def _take_rates(p: Program, rates: list[str]) -> None:
+    scale = p.options.field_scale
+    for block, rate in enumerate(rates):
+        p.phase(Phase.CHANGES, block)
+        p.each(rate, f"{scale!r}*{PAIR_FORCE}" if scale != 1.0 else PAIR_FORCE)
+
+
+def _add_friction_and_noise(p: Program, velocity: str, rates: list[str] | tuple = ()) -> None:
     """Acc gains friction and noise at the kept positions."""
     p.trial_drift(velocity)
     p.phase(Phase.FORCE_KEPT)
     p.each("acc", f"acc+{PAIR_FORCE}/m", "friction and noise")
+    _take_rates(p, list(rates))
     p.each("x", "xs", "back")
 
 

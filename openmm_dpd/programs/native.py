@@ -22,6 +22,9 @@ def why_not(plan: Plan) -> str | None:
     scene = plan.scene
     if len(plan.layers) != 1:
         return f"it holds one table of friction coefficients, and the scene has {len(plan.layers)}"
+    kinds = {type(c).__name__ for table in plan.layers for c in table.values() if c is not NONE} - {"DPD"}
+    if kinds:
+        return f"it knows isothermal DPD only, not {', '.join(sorted(kinds))}"
     if plan.options.ramp is not None:
         return "its temperature cannot follow a ramp within a run"
     if plan.exceptions:

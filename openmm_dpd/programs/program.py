@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import openmm
 
 from ..errors import ProgramError
-from ..names import COUNTER, DT, KT, PAIR_GROUP, PARAMETERS, PHASE, TAU, Phase
+from ..names import COUNTER, DT, FIELD, KT, PAIR_GROUP, PARAMETERS, PHASE, TAU, Phase
 from ..plan import ProgramOptions
 
 _ENERGIES = frozenset({"energy"} | {f"energy{g}" for g in range(32)})
@@ -21,6 +21,7 @@ _RESERVED = frozenset({"dt", "gaussian", "uniform"}) | _ENERGIES | _PER_DOF
 _FUNCTIONS = frozenset(
     "sqrt exp log sin cos sec csc tan cot asin acos atan atan2 sinh cosh tanh erf erfc".split()
     + "step delta square cube recip min max abs floor ceil select".split()
+    + "dot cross vector _x _y _z".split()
 )
 _NAME = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
 
@@ -30,7 +31,7 @@ PAIR_FORCE, PAIR_ENERGY = f"f{PAIR_GROUP}", f"energy{PAIR_GROUP}"
 
 @dataclass(frozen=True)
 class Step:
-    """One line of a program: ``kind`` is global, per_dof, constrain_positions, constrain_velocities, update, if or end."""
+    """One line of a program: ``kind`` is global, sum, per_dof, constrain_positions, constrain_velocities, update, if or end."""
 
     kind: str
     target: str = ""
@@ -79,9 +80,13 @@ class Program:
         """Assign to x, v or a per-DOF variable, for each degree of freedom."""
         self.steps.append(Step("per_dof", target, expression, why))
 
-    def phase(self, phase: Phase) -> None:
+    def total(self, target: str, expression: str, why: str = "") -> None:
+        """Assign to a global variable the sum over all degrees of freedom."""
+        self.steps.append(Step("sum", target, expression, why))
+
+    def phase(self, phase: Phase, block: int = 0) -> None:
         """Tell the pair force what the next evaluation asks for."""
-        self.set(PHASE, str(int(phase)), phase.name)
+        self.set(PHASE, str(int(phase) + block), phase.name + (f" {block}" if phase >= Phase.READ else ""))
 
     def begin(self) -> None:
         """What every step starts with: barostats, then the present dt for the kernel."""
@@ -119,9 +124,65 @@ class Program:
 
     def trial_drift(self, velocity: str) -> None:
         """Drift by tau*velocity from xs, for the pair force to see that velocity; x has to be put back afterwards."""
+        self.keep_positions()
+        self.show(velocity)
+
+    def show(self, velocity: str) -> None:
+        """Drift by tau*velocity from xs."""
+        self.each("x", f"xs+{TAU}*{velocity}", "trial drift: shows this velocity")
+
+    def fields(self) -> list[str]:
+        """Names of the per-DOF variables with internal energies, temperatures or concentrations; declares them."""
+        names = [f"{FIELD}{k}" for k in range(self.options.field_blocks)]
+        for name in names:
+            self.declare_per_dof(name, self.options.field_names)
+        return names
+
+    def read(self, variables: list[str]) -> None:
+        """Let the pair force read per-DOF variables, at xs where it keeps its positions; x has to be put back afterwards.
+
+        The displacement is scaled so that the largest one stays below ``options.field_reach``.
+        """
+        for block, variable in enumerate(variables):
+            self.declare("heard", 0.0, "takes the energy of evaluations made for their side effect")
+            self.declare("size", 0.0, "sum of squares of what the pair force reads next")
+            self.total("size", f"{variable}*{variable}")
+            self.set(TAU, f"{self.options.field_reach!r}/sqrt(size+1e-280)", "scale of the displacement")
+            self.each("x", f"xs+{TAU}*{variable}", "shows these values")
+            self.phase(Phase.READ, block)
+            self.set("heard", PAIR_ENERGY, "the pair force reads them")
+
+    def keep_positions(self) -> None:
+        """Remember x as xs."""
         self.declare_per_dof("xs", "positions before the trial drift")
         self.each("xs", "x")
-        self.each("x", f"xs+{TAU}*{velocity}", "trial drift: shows this velocity")
+
+    def after_sweep(self, fields: list[str]) -> None:
+        """Take over what a sweep did to internal energies; where velocities are not double precision, by what they really changed.
+
+        There the kernel hands over how much energy a bead got in all, motion included, and what its motion took comes from the velocities
+        that the program holds; rounding of the sum is kept in the third component.
+        """
+        if not fields:
+            return
+        (u,) = fields
+        scale = self.options.field_scale
+        self.phase(Phase.CHANGES)
+        if not self.options.compensated:
+            self.each(u, f"{u}+{scale!r}*{PAIR_FORCE}" if scale != 1.0 else f"{u}+{PAIR_FORCE}", "energies the beads got")
+            return
+        for name, why in (("du", "change of the energies"), ("un", "energies before rounding is made good")):
+            self.declare_per_dof(name, why)
+        self.each("du", f"{scale!r}*{PAIR_FORCE}-vector(0, 0.5*m*dot(v-vi, v+vi), 0)", "energy a bead got, less what went into its motion")
+        self.each("un", f"{u}+du")
+        self.each("du", f"du-(un-{u})", "what rounding lost")
+        self.each(u, "un+vector(0, 0, _x(du)+_y(du))", "is kept in the third component")
+
+    def before_sweep(self) -> None:
+        """Remember the velocities a sweep starts from, where they are needed afterwards."""
+        if self.options.field_blocks and self.options.compensated:
+            self.declare_per_dof("vi", "velocities before the sweep")
+            self.each("vi", "v")
 
     def if_changed(self) -> None:
         """Open a block that runs on the first step, and whenever x, the box or a parameter is not what the last step left behind."""
@@ -149,7 +210,7 @@ class Program:
         for name in [*self.globals_, *self.per_dof]:
             if name in _RESERVED or name in _FUNCTIONS or name in PARAMETERS:
                 raise ProgramError(f"{self.name}: the variable {name!r} shadows a reserved name")
-        targets = {"global": set(self.globals_) | context, "per_dof": set(self.per_dof) | {"x", "v"}}
+        targets = {"global": set(self.globals_) | context, "sum": set(self.globals_), "per_dof": set(self.per_dof) | {"x", "v"}}
         depth = 0
         for number, step in enumerate(self.steps):
             where = f"{self.name}, step {number} ({step.target} <- {step.expression})"
@@ -157,7 +218,7 @@ class Program:
                 raise ProgramError(f"{where}: {step.target!r} was not declared")
             names = set(_NAME.findall(step.expression))
             per_dof = names & (_PER_DOF | set(self.per_dof))
-            if per_dof and step.kind != "per_dof":
+            if per_dof and step.kind not in ("per_dof", "sum"):
                 listing = ", ".join(map(repr, sorted(per_dof)))
                 raise ProgramError(f"{where}: {listing} has one value per degree of freedom and means nothing in a global expression")
             unknown = names - everywhere - set(self.per_dof) - _FUNCTIONS
@@ -181,6 +242,7 @@ class Program:
         add = {
             "global": lambda s: integrator.addComputeGlobal(s.target, s.expression),
             "per_dof": lambda s: integrator.addComputePerDof(s.target, s.expression),
+            "sum": lambda s: integrator.addComputeSum(s.target, s.expression),
             "constrain_positions": lambda s: integrator.addConstrainPositions(),
             "constrain_velocities": lambda s: integrator.addConstrainVelocities(),
             "update": lambda s: integrator.addUpdateContextState(),
@@ -202,6 +264,7 @@ class Program:
             text = {
                 "global": f"{step.target} <- {step.expression}",
                 "per_dof": f"{step.target} <- {step.expression}  (each)",
+                "sum": f"{step.target} <- sum of {step.expression}",
                 "if": f"if {step.expression}:",
             }.get(step.kind, step.kind.replace("_", " "))
             lines.append(f"  {number:3d}  {'  ' * indent}{text:<{52 - 2 * indent}}{'# ' + step.why if step.why else ''}".rstrip())

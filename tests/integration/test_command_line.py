@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from openmm_dpd import cli
 from openmm_dpd.cli import main
+from openmm_dpd.errors import RunError
 from openmm_dpd.lammps.main import deck_forces, explain_deck, run_deck
 from openmm_dpd.lammps.run import RunOptions
 
@@ -140,6 +146,13 @@ def test_explain_shows_plan_program_and_notes(deck):
         (("timestep", "tempstep"), "in.fluid:17: unknown or unsupported command 'tempstep'"),
         (("run 50\nrun 30\n", ""), "in.fluid: the deck has no run command"),
         (("fix move all nve", "fix move all nvt temp 1 1 1"), "in.fluid:16:"),
+        (
+            ("pair_style dpd 1.0 1.0 34387\npair_coeff 1 1 25.0 4.5\npair_coeff 1 2 30.0 4.5\npair_coeff 2 2 25.0 4.5\n", ""),
+            "needs a pair_style",
+        ),
+        (("2*temp", "c_none[1]"), "variable twice: there is no compute 'none'"),
+        (("2*temp", "1e308*10"), "in.fluid:21: thermo output v_twice is inf at step 0"),
+        (("timestep", "dump d all custom 10 ../in.fluid/d id\ntimestep"), "in.fluid:22: "),
         (("25.0 4.5\npair_coeff 1 2", "nan 4.5\npair_coeff 1 2"), "in.fluid:12:"),
     ],
 )
@@ -151,6 +164,66 @@ def test_one_clear_line_for_bad_input(deck, capsys, edit, message):
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "target"),
+    [
+        ("run", "--json", "folder"),
+        ("run", "--json", "file/x.json"),
+        ("run", "--out", "file"),
+        ("run", "--out", "file/x"),
+        ("forces", "--json", "folder"),
+        ("forces", "--json", "file/x.json"),
+    ],
+)
+def test_places_that_cannot_be_written_are_found_before_anything_is_computed(deck, capsys, monkeypatch, command, option, target):
+    monkeypatch.chdir(deck.parent)
+    Path("folder").mkdir()
+    Path("file").write_text("")
+    monkeypatch.setattr("openmm_dpd.lammps.main.read_deck", lambda *_, **__: pytest.fail("the deck was read"))
+    assert main([command, str(deck), option, target, *(["--quiet"] if command == "run" else [])]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith(f"openmm-dpd: error: {option}: ") and error.count("\n") == 1
+
+
+def test_a_discard_beyond_a_run_is_found_before_the_run(deck, capsys):
+    arguments = ["run", str(deck), "--platform", "Reference", "--discard", "31", "--out", str(deck.parent / "out")]
+    assert main(arguments) == 1
+    printed = capsys.readouterr()
+    # the first run has 50 steps, the second one 30
+    assert "in.fluid:22: --discard 31 leaves nothing to average of a run of 30 steps" in printed.err
+    assert printed.out.count("v_twice") == 1
+
+
+def test_ctrl_c_inside_a_force_callback_is_no_error(deck, capsys, monkeypatch):
+    """OpenMM turns the KeyboardInterrupt of a callback into an exception of its own, without a text."""
+
+    def interrupted(_):
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise RunError("the run stopped: <NULL>") from None
+
+    before = signal.getsignal(signal.SIGINT)
+    monkeypatch.setattr(cli, "_run", interrupted)
+    assert main(["run", str(deck)]) == 130
+    assert capsys.readouterr().err == "openmm-dpd: interrupted\n"
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGINT for other processes")
+@pytest.mark.parametrize("scheme", ["mvv", "shardlow"])
+def test_ctrl_c_ends_a_run(deck, scheme):
+    arguments = ["--platform", "Reference", "--threads", "1", "--steps", "100000000", "--scheme", scheme, "--out", str(deck.parent / "out")]
+    command = [sys.executable, "-m", "openmm_dpd.cli", "run", str(deck), *arguments]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        rows = (line for line in process.stdout if line.split()[:1] == ["100"])
+        assert next(rows, None) is not None
+        process.send_signal(signal.SIGINT)
+        _, error = process.communicate()
+    assert process.returncode == 130
+    assert error.rstrip().endswith("openmm-dpd: interrupted") and "Traceback" not in error
 
 
 def test_impossible_scheme_names_the_reason(deck, capsys):
@@ -170,6 +243,22 @@ def test_configurational_temperature_is_null_with_a_reason(tmp_path):
     report = run_deck(DECKS / "in.dpd_tstat", RunOptions(platform="CPU", steps=2, threads=1), out=tmp_path)
     assert report["thermo"]["temp_conf"] is None
     assert "Laplacian" in report["temp_conf_reason"]
+
+
+def test_configurational_temperature_of_beads_out_of_reach_is_null_with_a_reason(deck, tmp_path):
+    single = FLUID.replace("create_atoms 1 random 100 4243 box\ncreate_atoms 2 random 92 4244 box", "create_atoms 1 single 1 1 1 units box")
+    single = single.replace("velocity all create 1.0 87287\n", "")
+    deck.write_text(single)
+    target = tmp_path / "single.json"
+    assert main(["run", str(deck), "--platform", "Reference", "--quiet", "--json", str(target), "--out", str(tmp_path)]) == 0
+    report = json.loads(target.read_text(), parse_constant=lambda word: pytest.fail(f"{word} is no JSON"))
+    assert report["thermo"]["temp_conf"] is None and "Laplacian is 0" in report["temp_conf_reason"]
+
+    # two beads that come into reach of each other: a row without a value is null, the others count
+    second = "single 1 1 1 units box\ncreate_atoms 1 single 2.5 1 1 units box\nset atom 2 vx -5.0"
+    deck.write_text(single.replace("single 1 1 1 units box", second))
+    conf = run_deck(deck, RunOptions(platform="Reference", threads=1))["runs"][0]["thermo"]["temp_conf"]
+    assert conf["first"] is None and np.isfinite(conf["mean"])
 
 
 @pytest.mark.parametrize("deck_name", sorted(path.name for path in DECKS.glob("in.*")))

@@ -358,6 +358,11 @@ velocity all set 1.0 0.5 NULL units box sum yes
         (TWENTY + "velocity all create -1.0 5", "the temperature must be >= 0"),
         (TWENTY + "velocity all create 1.0 5 dist odd", "dist must be one of uniform, gaussian, not 'odd'"),
         (TWENTY + "velocity all create 1.0 5 mom maybe", "expected yes or no for mom, not 'maybe'"),
+        (
+            TWENTY + "mass * 1\ndelete_atoms group all\ncreate_atoms 1 single 0 0 0\nset atom 1 x 1\n"
+            "create_atoms 1 random 2147483648 5 NULL",
+            "create_atoms random: 2147483648 beads are too many",
+        ),
         (TWENTY + "velocity all scale 1.0", "cannot be scaled to a temperature: it is 0"),
         (TWENTY + "velocity none create 1.0 5", "there is no group 'none'"),
         (TWENTY + "units real", "units must come before the simulation box"),

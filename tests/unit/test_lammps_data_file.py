@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from openmm_dpd.errors import DeckError
+from openmm_dpd.errors import DeckError, ParameterError
 from openmm_dpd.lammps import read_deck
 from openmm_dpd.lammps.box import Box
 from openmm_dpd.lammps.data_file import ATOM_STYLES, read_data_file
@@ -90,6 +90,13 @@ def test_wrapping_in_a_tilted_box():
     np.testing.assert_allclose(wrapped, inside, atol=1e-12)
     assert np.array_equal(shifts, flags)
     np.testing.assert_allclose(box.unwrap(wrapped, shifts), inside + flags @ box.vectors, atol=1e-12)
+
+
+@pytest.mark.parametrize("far", [1e300, np.nan])
+def test_positions_that_no_image_flag_can_hold_are_an_error(far):
+    box = Box(np.zeros(3), np.ones(3), np.zeros(3), False)
+    with pytest.raises(ParameterError, match=r"1 of 2 positions are not finite, or more than 2\^31 boxes away"):
+        box.wrap(np.array([[0.5, 0.5, 0.5], [0.5, far, 0.5]]))
 
 
 def test_a_bead_just_below_a_face_does_not_end_up_outside():
@@ -201,6 +208,10 @@ GOOD = HEADER + "\nMasses\n\n1 1.0\n2 2.0\n\nAtoms\n\n" + "\n".join(ATOMS["atomi
         ("2 1 1 2 4", "0 1 1 2 4", r"data:18: atom ids start at 1"),
         ("2 1 1 2 4", "2 1 1 x 4", r"data:18: expected an atom"),
         ("2 1 1 2 4", "2 1 1 2 4 0 0 0.5", r"data:18: expected three image flags"),
+        ("2 1 1 2 4", "99999999999999999999 1 1 2 4", r"data:18: the id of an atom must be a whole number up to 2147483647, not 1e\+20"),
+        ("2 1 1 2 4", "2 1 1 2 4 0 0 99999999999999999999", r"data:18: an image flag of atom 2 is beyond 2147483647"),
+        ("3 atoms", "3.5 atoms", r"data:3: expected a whole number >= 0 before 'atoms', not '3.5'"),
+        ("3 atoms", "3 atoms\n5 angles", r"data:4: angles are not supported, but the header announces 5"),
         ("3 atoms", "4 atoms", r"data:15: section Atoms has 3 lines, but the header announces 4"),
         ("Masses", "Angles", r"data:10: section or header line 'Angles' is not supported"),
         ("2 atom types", "2 atom kinds", r"data:4: header line '2 atom kinds' is not supported"),

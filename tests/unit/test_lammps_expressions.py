@@ -84,6 +84,7 @@ def test_values(text, value):
         ("sqrt(1,2)", "sqrt takes 1 arguments, not 2"),
         ("temper", "no thermo word 'temper'"),
         ("1 @ 2", "unexpected '@'"),
+        ("(" * 3000 + "1" + ")" * 3000, "it is nested too deeply"),
         ("f_1", "none of the supported fixes has a value"),
         ("__import__('os')", 'unexpected "\'"'),
     ],

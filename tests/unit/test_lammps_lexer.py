@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from openmm_dpd.errors import DeckError, ParameterError
-from openmm_dpd.lammps.lexer import Line, logical_lines, split_words, strip_comment, substitute
+from openmm_dpd.lammps.lexer import Line, logical_lines, read_text, split_words, strip_comment, substitute
 from openmm_dpd.lammps.variables import Variables
 
 HERE = Line("", "deck", 1)
@@ -33,6 +33,22 @@ def test_a_continuation_mark_on_the_last_line():
 
 def test_windows_line_ends_and_tabs():
     assert split_words(lines("run\t10\r\n")[0][1]) == ["run", "10"]
+
+
+def test_a_form_feed_is_a_blank():
+    assert lines("# one page\f the next\nrun\f10") == [(2, "run\f10")]
+    assert split_words("run\f10") == ["run", "10"]
+
+
+def test_a_byte_order_mark_is_left_aside(tmp_path):
+    (tmp_path / "deck").write_bytes(b"\xef\xbb\xbfunits lj\r\n")
+    assert lines(read_text(tmp_path / "deck")) == [(1, "units lj")]
+
+
+def test_other_encodings_are_named_with_their_line(tmp_path):
+    (tmp_path / "deck").write_bytes(b"units lj\n# 10 \xc5ngstrom\n")
+    with pytest.raises(DeckError, match=r"deck:2: the file is not UTF-8 text \(byte 0xc5\)"):
+        read_text(tmp_path / "deck")
 
 
 @pytest.mark.parametrize(

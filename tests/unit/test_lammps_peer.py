@@ -14,6 +14,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import lammps_peer
 
 from openmm_dpd.lammps import RunRequest, Sample, read_deck
+from openmm_dpd.lammps.main import run_deck
+from openmm_dpd.lammps.run import RunOptions
 
 MISSING = lammps_peer.why_missing()
 pytestmark = pytest.mark.skipif(MISSING is not None, reason=str(MISSING))
@@ -320,3 +322,59 @@ write_data data.ours pair ij
     np.testing.assert_allclose(beads[:, 2:5], state.atoms.positions * 10, rtol=1e-12)
     np.testing.assert_allclose(beads[:, 8:], state.atoms.velocities / 100, rtol=1e-12)
     assert np.array_equal(beads[:, 5:8], state.atoms.images)
+
+
+# -- steps without noise -----------------------------------------------------------------------------------------------------
+BEADS_OF_STEPS = """units {units}
+atom_style {style}
+lattice fcc {density} origin 0.1 0.1 0.1
+region b {region}
+create_box 2 b
+create_atoms 1 box
+set atom 1*60 type 2
+group two type 2
+mass 1 {mass}
+mass 2 $(1.7*{mass})
+set atom 3*9 vx {speed}
+velocity all ramp vx -{speed} {speed} y 0 4 units box
+velocity all ramp vz {speed} -{speed} x 0 3 sum yes units box
+"""
+LJ_BEADS = BEADS_OF_STEPS.format(units="lj", style="atomic", density=3.1, region="prism 0 4 0 3 0 3 0.7 -0.5 0.3", mass=0.9, speed=1.3)
+REAL_BEADS = BEADS_OF_STEPS.format(units="real", style="atomic", density=7.1, region="block 0 4 0 3 0 3", mass=54.0, speed=0.01)
+STEPS = {
+    "dpd": LJ_BEADS + "pair_style dpd 0 1.1 3\npair_coeff * * 23.5 3.75\npair_coeff 1 2 31 6 0.9\nfix 1 all nve\ntimestep 0.02\n",
+    "moving beads in no fix": LJ_BEADS
+    + "pair_style dpd 0 1.1 3\npair_coeff * * 23.5 3.75\nfix 1 two nve\ntimestep 0.02\ncompute everything all temp\n",
+    "ext": LJ_BEADS + "pair_style dpd/ext 0 1.2 3\npair_coeff * * 18 2.5 1.25 0.6 1.9\nfix 1 all nve\ntimestep 0.015\n",
+    "overlay": LJ_BEADS
+    + """pair_style hybrid/overlay lj/cut 1.3 dpd/tstat 0 0 1.2 3 dpd/ext/tstat 0 0 1.0 4
+pair_coeff 1 1 lj/cut 0.3 0.55
+pair_coeff 2 2 lj/cut 0.2 0.6 1.1
+pair_coeff * * dpd/tstat 5.5
+pair_coeff 2 2 dpd/ext/tstat 2.5 1.5 0.5 1.5
+pair_modify pair lj/cut mix arithmetic shift yes
+fix 1 all nve
+timestep 0.003
+""",
+    "real units": REAL_BEADS + "pair_style dpd 0 6.5 3\npair_coeff * * 3.1 25.0\nfix 1 all nve\ntimestep 20\n",
+}
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_steps_without_noise(tmp_path, name):
+    """At temperature 0 nothing is random: six steps with friction end where LAMMPS's do, with the same thermo output at both ends."""
+    titles = {"temp": "Temp", "press": "Press", "pe": "PotEng", "ke": "KinEng", "etotal": "TotEng", "enthalpy": "Enthalpy"}
+    deck = STEPS[name] + f"thermo_style custom step {' '.join(titles)}\n"
+    if "compute everything" in deck:
+        deck += "thermo_modify temp everything\n"  # LAMMPS's temperature counts beads that nothing integrates
+    with lammps_peer.instance() as lmp:
+        lmp.commands_string(deck + "comm_modify vel yes\nneigh_modify every 1 delay 0 check yes\nrun 0\n")
+        first = lmp.last_thermo()
+        lmp.command("run 6")
+        last = lmp.last_thermo()
+    path = tmp_path / "in.ours"
+    path.write_text(deck + "run 6\n")
+    found = run_deck(path, RunOptions(platform="Reference", threads=1))["thermo"]
+    for word, title in titles.items():
+        assert first[title] != pytest.approx(last[title], rel=1e-4)  # something happens
+        assert (found[word]["first"], found[word]["last"]) == pytest.approx((first[title], last[title]), rel=1e-9)

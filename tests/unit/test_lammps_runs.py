@@ -199,6 +199,53 @@ def test_an_error_in_an_included_file_is_located_there(tmp_path):
         requests_of(tmp_path, "include part\n")
 
 
+def test_a_file_that_includes_itself_is_an_error(tmp_path):
+    (tmp_path / "one").write_text("thermo 5\ninclude two\n")
+    (tmp_path / "two").write_text("include one\n")
+    with pytest.raises(DeckError, match=r"two:1: include 'one': this file is being read already"):
+        requests_of(tmp_path, "include one\n")
+    # the same file twice in a row is fine
+    (tmp_path / "two").write_text("thermo 7\n")
+    requests_of(tmp_path, "include one\ninclude one\nfix 1 all nve\nrun 1\n")
+
+
+def test_a_deck_without_a_box_has_nothing_to_look_at(tmp_path):
+    (tmp_path / "in.empty").write_text("units lj\n")
+    with pytest.raises(DeckError, match="in.empty: the deck makes no simulation box"):
+        read_deck(tmp_path / "in.empty", stop_before_first_run=True)
+
+
+def test_a_run_needs_a_pair_style_even_if_it_is_none(tmp_path):
+    beads = START.format(units="lj").replace("pair_style dpd 1.0 1.0 77\npair_coeff * * 25 4.5\n", "{}") + "fix 1 all nve\nrun 1\n"
+    path = tmp_path / "in.deck"
+    path.write_text(beads.format(""))
+    with pytest.raises(DeckError, match=r"in.deck:12: run needs a pair_style before it; .* 'pair_style none'"):
+        read_deck(path)
+    path.write_text(beads.format("pair_style none\n"))
+    assert read_deck(path).runs == 1
+
+
+def test_velocities_by_id_do_not_draw_for_every_number_up_to_a_huge_id(tmp_path):
+    (tmp_path / "data").write_text(
+        "two beads\n\n2 atoms\n1 atom types\n0 4 xlo xhi\n0 4 ylo yhi\n0 4 zlo zhi\n\n"
+        "Masses\n\n1 1\n\nAtoms\n\n1 1 1 1 1\n2000000000 1 2 2 2\n"
+    )
+    path = tmp_path / "in.sparse"
+    path.write_text("read_data data\nvelocity all create 1 5\n")
+    with pytest.raises(DeckError, match="in.sparse:2: velocity create: 2 beads have ids up to 2000000000, .* use 'loop geom'"):
+        read_deck(path, stop_before_first_run=True)
+    path.write_text("read_data data\nvelocity all create 1 5 loop geom\n")
+    assert read_deck(path, stop_before_first_run=True).atoms.velocities.any()
+
+
+def test_what_forces_are_shown_is_said(tmp_path):
+    text = "conservative forces; LAMMPS counts friction"
+    (request,) = requests_of(tmp_path, "dump 1 all custom 5 d id fx\nfix 1 all nve\nrun 1\n")
+    assert any(text in note for note in request.state.notes)
+    (request,) = requests_of(tmp_path, "fix 1 all nve\nrun 1\n")
+    assert not any(text in note for note in request.state.notes)
+
+
 # -- ramps -------------------------------------------------------------------------------------------------------------------
 def test_a_ramp_over_two_runs(tmp_path):
     text = """pair_style dpd/tstat 1.0 3.0 1.0 7
@@ -284,6 +331,8 @@ def test_no_fix_at_all_is_said(tmp_path):
         ("thermo_style custom v_x\n", "there is no variable 'x'"),
         ("variable x index 1\nthermo_style custom v_x\n", "variable x is index-style; only equal-style ones can be printed"),
         ("thermo_style custom c_x\n", "there is no compute 'x'; defined are thermo_temp"),
+        ("thermo_style custom c_thermo_press[1]\n", r"compute thermo_press has a single value only; use c_thermo_press"),
+        ("variable a equal random(0,1,0.5)\nprint $a\n", "the seed of random must be a whole number of at least 1, not 0.5"),
         ("thermo_style custom f_1\n", "none of the supported fixes has a value"),
         ("compute m all momentum\nthermo_style custom c_m\n", "compute style momentum has no value"),
         ("compute x all rdf 100\n", "compute style 'rdf' is not supported"),

@@ -135,6 +135,8 @@ def _lattice_points(state: DeckState, kind: int, basis: dict[int, int], words: l
 
 def _random_points(state: DeckState, words: list[str], options: dict[str, list[str]]) -> np.ndarray:
     wanted = read.integer(words[0], "the number of beads", 0)
+    if wanted > 2**31 - 1:
+        raise ParameterError(f"create_atoms random: {wanted} beads are too many")
     rng = np.random.default_rng(read.integer(words[1], "the seed", 1))
     limit = None if words[2] == "NULL" else _region(state, words[2])
     box = state.require_box("create_atoms").scaled(1.0 / state.units.length)

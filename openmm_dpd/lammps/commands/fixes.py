@@ -80,6 +80,8 @@ def run(state: DeckState, args: list[str]) -> None:
     """``run N [upto] [start N] [stop N] [pre yes|no] [post yes|no]``."""
     read.count(args, "run N ...", 1, None)
     state.require_box("run")
+    if state.pair.where is None:
+        raise ParameterError("run needs a pair_style before it; if the beads do not interact, say 'pair_style none'")
     steps = read.integer(args[0], "the number of steps", 0)
     begin = end = None
     for keyword, values in read.options(args[1:], {"upto": 0, "start": 1, "stop": 1, "pre": 1, "post": 1}, "run"):
@@ -103,6 +105,8 @@ def run(state: DeckState, args: list[str]) -> None:
     if state.stop_before_first_run:
         state.finished = True
         return
+    if request.scheme == "mvv" and request.seed is not None and any(dump.needs_forces for dump in request.dumps):
+        state.note("the dump columns fx, fy, fz hold the conservative forces; LAMMPS counts friction and noise as well")
     request.scene()  # everything that is missing or wrong is reported before anything is computed
     if state.run_callback is not None:
         state.run_callback(request)

@@ -97,6 +97,8 @@ def _create(state: DeckState, group: str, mask: np.ndarray, words: list[str], op
 
 def _by_id(ids: np.ndarray, seed: int) -> np.ndarray:
     """(N, 6) uniform numbers that depend on the id and the seed only."""
+    if ids.max() > 100 * len(ids) + 1_000_000:
+        raise ParameterError(f"velocity create: {len(ids)} beads have ids up to {ids.max()}, with a number drawn for each; use 'loop geom'")
     drawn = np.random.default_rng(seed).random((int(ids.max()), 6))
     return drawn[ids - 1]
 

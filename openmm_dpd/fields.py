@@ -1,0 +1,147 @@
+"""Internal energies, temperatures and concentrations of a running scene: reading, setting, and saving them.
+
+They are per-DOF variables of the integrator (``field0``, ``field1``, ..., three values per bead in each), so OpenMM's checkpoints and saved
+states hold them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import openmm
+from openmm import unit
+
+from .errors import ParameterError
+from .kernels.engine import PairEngine
+from .kernels.eos import EOSTable
+from .kernels.fields import ENERGY, TEMPERATURE, FieldSpec
+from .kernels.manybody import ManyBodyTable
+from .model.eos import thermal_energies
+from .model.internal import InternalEnergy
+from .names import FIELD
+from .units import to_md
+
+if TYPE_CHECKING:
+    from .plan import Plan
+
+
+def field_variables(values: np.ndarray) -> dict[str, np.ndarray]:
+    """Per-DOF variables (N, 3) by name, for values (N, K)."""
+    blocks = -(-values.shape[1] // 3)
+    padded = np.zeros((len(values), 3 * blocks))
+    padded[:, : values.shape[1]] = values
+    return {f"{FIELD}{k}": padded[:, 3 * k : 3 * k + 3] for k in range(blocks)}
+
+
+def raw_fields(context: openmm.Context, spec: FieldSpec) -> np.ndarray:
+    """(N, K) values of the fields in a Context."""
+    integrator = context.getIntegrator()
+    blocks = [np.array(integrator.getPerDofVariableByName(f"{FIELD}{k}"), dtype=np.float64) for k in range(spec.n_blocks)]
+    values = np.concatenate(blocks, axis=1)
+    if spec.kind == ENERGY:
+        # the third component is what rounding lost of the sum
+        values[:, 1] += values[:, 2]
+    return values[:, : spec.n_values]
+
+
+def read_fields(context: openmm.Context, plan: Plan) -> dict[str, np.ndarray]:
+    """What the beads of a running scene carry, by name.
+
+    Parameters
+    ----------
+    context : openmm.Context
+    plan : Plan
+        ``built.plan``.
+
+    Returns
+    -------
+    dict of arrays
+        InternalEnergy: ``u_cond``, ``u_mech`` and ``theta``, each (N,), kJ/mol.  BeadTemperatures: ``temperature`` (N,), kJ/mol.
+        Concentrations: ``concentrations`` (N, K).  MDPD: ``density`` (N,), the local densities at the present positions.  Empty for a
+        scene without any of these.
+    """
+    spec = plan.spec.fields
+    if spec is None:
+        return _densities(context, plan)
+    values = raw_fields(context, spec)
+    if spec.kind == ENERGY:
+        assert isinstance(spec.eos, EOSTable)
+        return {"u_cond": values[:, 0], "u_mech": values[:, 1], "theta": spec.eos.temperatures(values.sum(axis=1))}
+    return {"temperature": values[:, 0]} if spec.kind == TEMPERATURE else {"concentrations": values}
+
+
+def _densities(context: openmm.Context, plan: Plan) -> dict[str, np.ndarray]:
+    many_body = [k for k, table in enumerate(plan.spec.terms) if isinstance(table, ManyBodyTable)]
+    if not many_body:
+        return {}
+    state = context.getState(positions=True)
+    box = None if plan.scene.box is None else state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer)
+    engine = PairEngine(plan.spec)
+    engine.prepare(state.getPositions(asNumpy=True).value_in_unit(unit.nanometer), box)
+    return {"density": np.sum([engine.layers[k].densities for k in many_body], axis=0)}  # type: ignore[attr-defined]
+
+
+def write_fields(context: openmm.Context, plan: Plan, **values: Any) -> None:
+    """Set what the beads of a running scene carry.
+
+    Parameters
+    ----------
+    context : openmm.Context
+    plan : Plan
+    **values
+        Names of :func:`read_fields` with one value per bead (or one for all), with units if you like.  For internal energies either
+        ``theta`` (everything becomes mechanical energy) or ``u_cond`` and/or ``u_mech``.
+
+    Raises
+    ------
+    ParameterError
+        If the scene has no such field, a shape is wrong, or a temperature or energy is outside the equation of state (the bead is named).
+    """
+    spec = plan.spec.fields
+    known = (
+        () if spec is None else {ENERGY: ("theta", "u_cond", "u_mech"), TEMPERATURE: ("temperature",)}.get(spec.kind, ("concentrations",))
+    )
+    for name in values:
+        if name not in known:
+            raise ParameterError(f"the beads of this scene carry no {name!r}; they carry {', '.join(known) or 'nothing'}")
+    if spec is None or not values:
+        return
+    new = raw_fields(context, spec)
+    n = len(new)
+    if spec.kind == ENERGY:
+        if "theta" in values:
+            if len(values) > 1:
+                raise ParameterError("give either theta or the energies, not both")
+            assert isinstance(plan.scene.internal, InternalEnergy)
+            internal = InternalEnergy(plan.scene.internal.eos, values["theta"])
+            new[...] = internal.energies(plan.scene.type_ids, plan.scene.type_names)
+        for column, name in enumerate(("u_cond", "u_mech")):
+            if name in values:
+                new[:, column] = _per_bead(to_md(values[name], "energy", name), (n,), name)
+        assert isinstance(spec.eos, EOSTable)
+        bad = np.flatnonzero(np.isnan(spec.eos.temperatures(new.sum(axis=1))) & ~spec.immobile)
+        if len(bad):
+            raise ParameterError(f"the internal energy {new[bad[0]].sum():g} of bead {bad[0]} is outside its equation of state")
+    elif spec.kind == TEMPERATURE:
+        new[:, 0] = _per_bead(thermal_energies(values["temperature"], "temperature"), (n,), "temperature")
+        if np.any(new <= 0):
+            raise ParameterError(f"the temperature of bead {int(np.argmin(new[:, 0]))} is {new.min():g}; it must be > 0")
+    else:
+        new[...] = _per_bead(to_md(values["concentrations"], "dimensionless", "concentrations"), new.shape, "concentrations")
+    integrator = context.getIntegrator()
+    for name, block in field_variables(new).items():
+        integrator.setPerDofVariableByName(name, block)
+    if any(integrator.getGlobalVariableName(k) == "last" for k in range(integrator.getNumGlobalVariables())):
+        # accelerations and rates that a scheme kept belong to the old values
+        integrator.setGlobalVariableByName("last", -1.0)
+
+
+def _per_bead(value, shape: tuple[int, ...], name: str) -> np.ndarray:
+    array = np.asarray(value, dtype=np.float64)
+    if array.ndim and array.shape != shape:
+        raise ParameterError(f"{name} must be one number or an array of shape {shape}, not {array.shape}")
+    return np.broadcast_to(array, shape)
+
+
+__all__ = ["field_variables", "raw_fields", "read_fields", "write_fields"]

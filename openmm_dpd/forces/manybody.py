@@ -1,0 +1,86 @@
+"""The potential of many-body DPD with the quadratic kernel, as OpenMM forces.
+
+The attraction is a CustomNonbondedForce.  The repulsion is a CustomGBForce: a computed value rho_i, summed over pairs, and the energy
+pi B h^4 rho_i^2/30 of each bead.  With the Lucy kernel there is no potential, and the pair kernel computes the force.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import openmm
+
+from ..errors import PlanError
+from ..model.mdpd import check_many_body, why_no_openmm_force
+from .conservative import dpd_expression
+from .expressions import PairExpression, nonbonded_force, type_pairs, type_table
+
+
+def attraction_expression(table: dict, names: list[str]) -> PairExpression:
+    """The attraction A cutoff w^2/2 of one table of MDPD coefficients {(type, type): MDPD or NONE}."""
+    return replace(dpd_expression(table, names), name="MDPD attraction")
+
+
+def density_force(
+    table: dict, names: list[str], types: np.ndarray, exclusions: list[tuple[int, int]], periodic: bool
+) -> openmm.CustomGBForce:
+    """The energy sum over i of pi B h^4 rho_i^2/30, rho_i = sum over j of 15/(2 pi h^3) (1 - r/h)^2, as a CustomGBForce.
+
+    Parameters are those of :func:`many_body_forces`; excluded pairs do not count in the densities.
+    """
+    coefficient = check_many_body(table)
+    h = coefficient.cutoff_B
+    interacts = type_pairs(table, names, lambda c: 1.0, 0.0)
+    typed = not np.all(interacts == 1.0)
+    force = openmm.CustomGBForce()
+    force.setName("MDPD density")
+    if typed:
+        force.addPerParticleParameter("type")
+        force.addTabulatedFunction("interacts", type_table(interacts)())
+    factor = "interacts(type1, type2)*" if typed else ""
+    force.addComputedValue("rho", f"{factor}step(h-r)*{7.5 / (np.pi * h**3)!r}*(1-r/h)^2; h={h!r}", force.ParticlePair)
+    force.addEnergyTerm(f"{np.pi * coefficient.B * h**4 / 30!r}*rho^2", force.SingleParticle)
+    for kind in types.tolist():
+        force.addParticle([kind] if typed else [])
+    for i, j in exclusions:
+        force.addExclusion(i, j)
+    force.setNonbondedMethod(force.CutoffPeriodic if periodic else force.CutoffNonPeriodic)
+    force.setCutoffDistance(h)
+    return force
+
+
+def many_body_forces(
+    table: dict, names: list[str], types: np.ndarray, periodic: bool, exceptions: dict[tuple[int, int], float]
+) -> list[tuple[openmm.Force, float]]:
+    """The conservative forces of one table of MDPD coefficients with their cutoffs, nm.
+
+    Forces of different cutoffs need force groups of their own, and on GPU platforms all must have the same exclusions.
+
+    Parameters
+    ----------
+    table : dict of (str, str) to MDPD or NONE
+    names : list of str
+        Names of the types.
+    types : (N,) int array
+        Type of each bead.
+    periodic : bool
+    exceptions : dict of (int, int) to float
+        Bonded neighbours with their factors: 0 takes the pair out of the attraction and out of the densities.
+
+    Raises
+    ------
+    ParameterError
+        If the coefficients do not go together.
+    PlanError
+        If there is no such force.
+    """
+    reason = why_no_openmm_force(table, exceptions, [])
+    if reason is not None:
+        raise PlanError(f"conservative='openmm' is not possible: {reason}; use conservative='kernel'")
+    excluded = sorted(pair for pair, factor in exceptions.items() if factor == 0.0)
+    attraction = attraction_expression(table, names)
+    return [
+        (nonbonded_force(attraction, types, excluded, periodic), attraction.cutoff),
+        (density_force(table, names, types, excluded, periodic), check_many_body(table).cutoff_B),
+    ]

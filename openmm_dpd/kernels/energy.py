@@ -1,0 +1,393 @@
+"""The layer of energy-conserving DPD: friction heats the beads, and beads exchange heat.
+
+Force form (rates per pair; w = 1 - r/rc, 1/Theta = (1/theta_i + 1/theta_j)/2, gamma = sigma^2/(2 Theta), im = 1/m_i + 1/m_j)::
+
+    F       = A w - gamma w^2 (e.v) + sigma w xi/sqrt(dt)
+    du_mech = [gamma w^2 (e.v)^2 - sigma^2 w^2 im/2 - sigma w (e.v) xi/sqrt(dt)]/2           to each of the two
+    du_cond = kappa w^2 (1/theta_i - 1/theta_j) + sqrt(2 kappa) w xi_q/sqrt(dt)               to i, minus it to j
+
+Sweep form, pair by pair.  The pair's kinetic energy of relative motion K = (e.v)^2/(2 im) and its internal energies change together:
+each bead gets half of what K loses, so that the energy is conserved to rounding whatever dt is.
+
+- *frozen* (fix shardlow): Shardlow's update at the temperatures the beads had before the sweep, and an Euler step of conduction.
+- *exact*: the update leaves the weight exp(S_i + S_j) of the pair invariant for any dt.  For the motion, e.v performs the exact
+  Ornstein-Uhlenbeck step with a Theta that depends only on what the update conserves (u_i + K/2 and u_j + K/2); its Gaussian weight
+  exp(-K/Theta) is not quite the true one, exp(S_i + S_j), and a Metropolis test with the ratio of both puts that right.  Heat likewise,
+  with the
+  Gaussian around the equilibrium share of u_i + u_j.  The noise amplitudes are sigma and sqrt(2 kappa) exactly, and for constant noise the
+  drift follows from the invariant weight, so as dt -> 0 this is the same stochastic equation.  A rejected move is no error; a move to an
+  energy out of range is always rejected.  docs/theory_energy.md derives it; the idea of the test is Stoltz's (J. Comput. Phys. 340, 451
+  (2017)).
+
+For bonded neighbours with a factor f the forces have f A, f sigma^2 (so that friction and noise stay in balance); conduction has no factor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit, prange
+
+from ..errors import RunError
+from . import forces
+from .compiled import serial_and_parallel
+from .eos import CONSTANT, RESERVOIR, EOSTable, curvature, entropy_change, in_range, inverse_temperature
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Forces
+from .noise import normal, pair_key, uniform
+from .sweeps import EXACT, decay
+from .threads import run
+
+if TYPE_CHECKING:
+    from .engine import PairList, PairSpec
+
+#: Columns of the coefficient table; the first two are those of :mod:`.forces`.
+A, CUTOFF, SIGMA, KAPPA = range(4)
+
+#: Streams of the pair's random numbers.
+MOTION, HEAT, MOTION_TEST, HEAT_TEST = range(4)
+
+
+@dataclass(frozen=True, eq=False)
+class EnergyTable:
+    """Coefficients of one layer, as (T, T) symmetric arrays (MD units); cutoff 0 means no interaction."""
+
+    A: np.ndarray
+    sigma: np.ndarray
+    kappa: np.ndarray
+    cutoff: np.ndarray
+
+    def layer(self, spec: PairSpec, pairs: PairList, number: int) -> EnergyLayer:
+        """The layer that evaluates these coefficients."""
+        return EnergyLayer(self, spec, pairs, number)
+
+
+class EnergyLayer:
+    """Evaluates an :class:`EnergyTable`.  The first two columns of the fields are the conductive and the mechanical energy."""
+
+    def __init__(self, table: EnergyTable, spec: PairSpec, pairs: PairList, number: int):
+        assert spec.fields is not None and isinstance(spec.fields.eos, EOSTable)
+        self.fields, self.eos, self.update = spec.fields, spec.fields.eos, spec.update
+        self.pairs, self.number = pairs, number
+        self.coefficients = np.column_stack([table.A.ravel(), table.cutoff.ravel(), table.sigma.ravel(), table.kappa.ravel()])
+
+    def _temperatures(self, energies: np.ndarray, when: str) -> np.ndarray:
+        """(N,) temperatures; RunError if an energy has none."""
+        theta = self.eos.temperatures(energies)
+        bad = np.flatnonzero(np.isnan(theta))
+        if len(bad):
+            raise RunError(
+                f"the internal energy {energies[bad[0]]:g} kJ/mol of bead {bad[0]} {when} is outside its equation of state; "
+                "the step size may be too large for this scheme (middle and aboba never leave the range)"
+            )
+        return theta
+
+    def forces(self, call: Call) -> Forces:
+        """Force form at the listed positions."""
+        pairs, m = self.pairs, len(self.pairs.order)
+        force, rates = np.zeros((m, 3)), np.zeros((m, 2))
+        inverse, v = np.zeros(m), np.zeros((m, 3))
+        if call.which & (DISSIPATIVE | RANDOM):
+            assert call.scalars is not None and (call.velocities is not None or not call.which & DISSIPATIVE)
+            inverse = 1.0 / np.take(self._temperatures(call.scalars.sum(axis=1), "within the step"), pairs.order)
+            if call.velocities is not None:
+                v = np.take(call.velocities, pairs.order, axis=0)
+        run(
+            energy_forces,
+            energy_forces_parallel,
+            call.which,
+            call.key(self.number),
+            call.rsqrt_dt,
+            pairs.order,
+            pairs.types,
+            pairs.ntypes,
+            self.coefficients,
+            pairs.inv_mass,
+            *pairs.geometry_arguments,
+            v,
+            inverse,
+            force,
+            rates,
+            pairs.energy,
+            pairs.virial,
+        )
+        return Forces(pairs.energy.sum(), pairs.virial.sum(), force, rates)
+
+    def sweep(self, call: Call, v: np.ndarray, flow: np.ndarray | None) -> None:
+        """Update velocities pair by pair in place, and add to ``flow`` the conductive and mechanical energy each bead got."""
+        assert call.scalars is not None and flow is not None
+        pairs, order = self.pairs, self.pairs.order
+        before = call.scalars.sum(axis=1) + flow.sum(axis=1)
+        theta = self._temperatures(before, "before the sweep")
+        sorted_v, u, changes = np.take(v, order, axis=0), np.take(before, order), np.zeros((len(order), 2))
+        run(
+            energy_sweep,
+            energy_sweep_parallel,
+            self.update,
+            call.dt,
+            call.key(self.number),
+            order,
+            pairs.types,
+            pairs.ntypes,
+            self.coefficients,
+            pairs.inv_mass,
+            *pairs.geometry_arguments,
+            1.0 / np.take(theta, order),
+            np.take(self.eos.capacity, order),
+            np.take(self.eos.curve, order),
+            self.eos.curves,
+            sorted_v,
+            u,
+            changes,
+        )
+        v[order] = sorted_v
+        flow[order] += changes
+        flow[self.fields.immobile] = 0.0
+        if self.update != EXACT:
+            self._temperatures(call.scalars.sum(axis=1) + flow.sum(axis=1), "after the sweep")
+
+    def laplacian(self) -> float:
+        """Sum over mobile beads of the Laplacian of the conservative energy."""
+        pairs = self.pairs
+        pi, pj, geometry, factors, columns, _, _, start, found = pairs.geometry_arguments
+        return forces.laplacian(
+            pairs.types, pairs.ntypes, self.coefficients, pairs.inv_mass, pi, pj, geometry, factors, columns, start, found
+        )
+
+
+def _energy_forces(
+    which,
+    key,
+    rsqrt_dt,
+    order,
+    types,
+    ntypes,
+    coefficients,
+    inv_mass,
+    pi,
+    pj,
+    geometry,
+    factors,
+    columns,
+    block_start,
+    colour_start,
+    start,
+    found,
+    v,
+    inverse,
+    f,
+    rates,
+    energy,
+    virial,
+):
+    for colour in range(len(colour_start) - 1):
+        for block in prange(colour_start[colour], colour_start[colour + 1]):
+            for task in range(block_start[block], block_start[block + 1]):
+                column = columns[task]
+                column_energy, column_virial = 0.0, 0.0
+                for n in range(start[column], start[column] + found[column]):
+                    i, j = pi[n], pj[n]
+                    row = 0 if ntypes == 1 else types[i] * ntypes + types[j]
+                    ex, ey, ez, r = geometry[n, 0], geometry[n, 1], geometry[n, 2], geometry[n, 3]
+                    factor = factors[n] if len(factors) else 1.0
+                    w = 1.0 - r / coefficients[row, CUTOFF]
+                    radial, heat, conducted = 0.0, 0.0, 0.0
+                    if which & CONSERVATIVE:
+                        radial = factor * coefficients[row, A] * w
+                        column_energy += 0.5 * radial * w * coefficients[row, CUTOFF]
+                    strength = factor * (coefficients[row, SIGMA] * w) ** 2
+                    kappa = coefficients[row, KAPPA] * w * w
+                    ev = ex * (v[i, 0] - v[j, 0]) + ey * (v[i, 1] - v[j, 1]) + ez * (v[i, 2] - v[j, 2])
+                    if which & DISSIPATIVE:
+                        # gamma w^2 = sigma^2 w^2 (1/theta_i + 1/theta_j)/4
+                        drag = 0.25 * strength * (inverse[i] + inverse[j]) * ev
+                        radial -= drag
+                        heat += 0.5 * (drag * ev - 0.5 * strength * (inv_mass[i] + inv_mass[j]))
+                        conducted += kappa * (inverse[i] - inverse[j])
+                    if which & RANDOM:
+                        low, high = min(order[i], order[j]), max(order[i], order[j])
+                        pair = pair_key(key, low, high)
+                        kick = np.sqrt(strength) * rsqrt_dt * normal(pair, MOTION)
+                        radial += kick
+                        heat -= 0.5 * ev * kick
+                        drawn = np.sqrt(2.0 * kappa) * rsqrt_dt * normal(pair, HEAT)
+                        conducted += drawn if order[i] < order[j] else -drawn
+                    column_virial += radial * r
+                    f[i, 0] += radial * ex
+                    f[i, 1] += radial * ey
+                    f[i, 2] += radial * ez
+                    f[j, 0] -= radial * ex
+                    f[j, 1] -= radial * ey
+                    f[j, 2] -= radial * ez
+                    rates[i, 0] += conducted
+                    rates[j, 0] -= conducted
+                    rates[i, 1] += heat
+                    rates[j, 1] += heat
+                energy[column] = column_energy
+                virial[column] = column_virial
+
+
+energy_forces, energy_forces_parallel = serial_and_parallel(_energy_forces)
+
+
+@njit
+def _shared_temperature(bi, bj, ci, cj, ki, kj, start, nodes, pieces):
+    """Theta of a pair from bi = u_i + K/2 and bj = u_j + K/2, which motion and friction conserve: near K = Theta/2, its mean."""
+    rest = 2.0 / (inverse_temperature(bi, ci, ki, start, nodes, pieces) + inverse_temperature(bj, cj, kj, start, nodes, pieces))
+    si, sj = bi - 0.25 * rest, bj - 0.25 * rest
+    if in_range(si, ci, ki, start, nodes) and in_range(sj, cj, kj, start, nodes):
+        return 2.0 / (inverse_temperature(si, ci, ki, start, nodes, pieces) + inverse_temperature(sj, cj, kj, start, nodes, pieces))
+    return rest
+
+
+@njit
+def _balance(total, ci, cj, ki, kj, start, nodes, pieces):
+    """The share of bead i at which two beads that hold ``total`` have one temperature (40 bisections; any function of total would do)."""
+    if ki == CONSTANT and kj == CONSTANT:
+        return total * ci / (ci + cj)
+    if ki == CONSTANT and kj == RESERVOIR:
+        return ci * cj
+    if kj == CONSTANT and ki == RESERVOIR:
+        return total - ci * cj
+    # a reservoir takes whatever is left: only the other bead limits the share
+    low, high = -np.inf, np.inf
+    if ki != RESERVOIR:
+        low = 0.0 if ki == CONSTANT else nodes[start[ki]]
+        high = np.inf if ki == CONSTANT else nodes[start[ki + 1] - 1]
+    if kj != RESERVOIR:
+        low = max(low, -np.inf if kj == CONSTANT else total - nodes[start[kj + 1] - 1])
+        high = min(high, total if kj == CONSTANT else total - nodes[start[kj]])
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        warmer = inverse_temperature(middle, ci, ki, start, nodes, pieces) < inverse_temperature(
+            total - middle, cj, kj, start, nodes, pieces
+        )
+        if warmer:
+            high = middle
+        else:
+            low = middle
+    return 0.5 * (low + high)
+
+
+@njit(inline="always")
+def _passes(log_ratio, key, stream):
+    """Metropolis test."""
+    return log_ratio >= 0.0 or uniform(key, stream) < np.exp(log_ratio)
+
+
+@njit
+def _exact_conduction(ui, uj, exchange, key, flip, ci, cj, ki, kj, start, nodes, pieces):
+    """Energy that goes to bead i in one exact update of the heat, with exchange = kappa w^2 dt."""
+    total = ui + uj
+    share = _balance(total, ci, cj, ki, kj, start, nodes, pieces)
+    bent = curvature(share, ci, ki, start, nodes, pieces) + curvature(total - share, cj, kj, start, nodes, pieces)
+    # a flat piece of a table has no curvature; any positive number that depends on the total alone is legal
+    slope = inverse_temperature(share, ci, ki, start, nodes, pieces)
+    variance = 1.0 / max(bent, 1e-6 * slope * slope)
+    lost = -np.expm1(-exchange / variance)
+    drawn = np.sqrt(lost * (2.0 - lost) * variance) * normal(key, HEAT)
+    old = ui - share
+    new = old * (1.0 - lost) + (-drawn if flip else drawn)
+    change = new - old
+    if not (in_range(ui + change, ci, ki, start, nodes) and in_range(uj - change, cj, kj, start, nodes)):
+        return 0.0
+    log_ratio = (
+        entropy_change(ui, ui + change, ci, ki, start, nodes, pieces)
+        + entropy_change(uj, uj - change, cj, kj, start, nodes, pieces)
+        + 0.5 * (new * new - old * old) / variance
+    )
+    return change if _passes(log_ratio, key, HEAT_TEST) else 0.0
+
+
+def _energy_sweep(
+    update,
+    dt,
+    key,
+    order,
+    types,
+    ntypes,
+    coefficients,
+    inv_mass,
+    pi,
+    pj,
+    geometry,
+    factors,
+    columns,
+    block_start,
+    colour_start,
+    start,
+    found,
+    frozen,
+    capacity,
+    curve,
+    curves,
+    v,
+    u,
+    changes,
+):
+    first, nodes, pieces = curves
+    for colour in range(len(colour_start) - 1):
+        for block in prange(colour_start[colour], colour_start[colour + 1]):
+            for task in range(block_start[block], block_start[block + 1]):
+                column = columns[task]
+                for n in range(start[column], start[column] + found[column]):
+                    i, j = pi[n], pj[n]
+                    im = inv_mass[i] + inv_mass[j]
+                    if im == 0.0:
+                        continue
+                    row = 0 if ntypes == 1 else types[i] * ntypes + types[j]
+                    factor = factors[n] if len(factors) else 1.0
+                    w = 1.0 - geometry[n, 3] / coefficients[row, CUTOFF]
+                    pair = pair_key(key, min(order[i], order[j]), max(order[i], order[j]))
+                    ci, cj, ki, kj = capacity[i], capacity[j], curve[i], curve[j]
+                    strength = factor * (coefficients[row, SIGMA] * w) ** 2
+                    if strength > 0.0:
+                        ex, ey, ez = geometry[n, 0], geometry[n, 1], geometry[n, 2]
+                        ev = ex * (v[i, 0] - v[j, 0]) + ey * (v[i, 1] - v[j, 1]) + ez * (v[i, 2] - v[j, 2])
+                        kinetic = 0.5 * ev * ev / im
+                        if update == EXACT:
+                            theta = _shared_temperature(u[i] + 0.5 * kinetic, u[j] + 0.5 * kinetic, ci, cj, ki, kj, first, nodes, pieces)
+                        else:
+                            theta = 2.0 / (frozen[i] + frozen[j])
+                        lost = decay(update, 0.5 * strength / theta * im * dt)
+                        new = ev * (1.0 - lost) + np.sqrt(lost * (2.0 - lost) * theta * im) * normal(pair, MOTION)
+                        # what each bead gets: half of what the motion loses
+                        gain = 0.25 * (ev - new) * (ev + new) / im
+                        accepted = True
+                        if update == EXACT:
+                            accepted = in_range(u[i] + gain, ci, ki, first, nodes) and in_range(u[j] + gain, cj, kj, first, nodes)
+                            if accepted:
+                                log_ratio = (
+                                    entropy_change(u[i], u[i] + gain, ci, ki, first, nodes, pieces)
+                                    + entropy_change(u[j], u[j] + gain, cj, kj, first, nodes, pieces)
+                                    - 2.0 * gain / theta
+                                )
+                                accepted = _passes(log_ratio, pair, MOTION_TEST)
+                        if accepted:
+                            wi, wj = (new - ev) * inv_mass[i] / im, (new - ev) * inv_mass[j] / im
+                            v[i, 0] += wi * ex
+                            v[i, 1] += wi * ey
+                            v[i, 2] += wi * ez
+                            v[j, 0] -= wj * ex
+                            v[j, 1] -= wj * ey
+                            v[j, 2] -= wj * ez
+                            u[i] += gain
+                            u[j] += gain
+                            changes[i, 1] += gain
+                            changes[j, 1] += gain
+                    exchange = coefficients[row, KAPPA] * w * w * dt
+                    if exchange > 0.0:
+                        flip = order[i] > order[j]
+                        if update == EXACT:
+                            change = _exact_conduction(u[i], u[j], exchange, pair, flip, ci, cj, ki, kj, first, nodes, pieces)
+                        else:
+                            change = np.sqrt(2.0 * exchange) * normal(pair, HEAT)
+                            change = (-change if flip else change) + exchange * (frozen[i] - frozen[j])
+                        u[i] += change
+                        u[j] -= change
+                        changes[i, 0] += change
+                        changes[j, 0] -= change
+
+
+energy_sweep, energy_sweep_parallel = serial_and_parallel(_energy_sweep)

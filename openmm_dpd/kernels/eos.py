@@ -1,0 +1,153 @@
+"""Equations of state for kernels: 1/theta, its slope, and the entropy, of a bead with a given internal energy.
+
+A bead has a constant heat capacity C (u = C theta), or a curve 1/theta(u) of cubic pieces, or it is a reservoir: an immobile bead whose
+temperature stays what it is.  Entropies are in units of k_B and temperatures are thermal energies.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from ..model.eos import ConstantHeatCapacity
+from .compiled import compiled
+
+#: Entries of ``curve`` for beads without one.
+CONSTANT, RESERVOIR = -1, -2
+
+
+@dataclass(frozen=True, eq=False)
+class EOSTable:
+    """Equation of state of each bead.
+
+    Attributes
+    ----------
+    capacity : (N,) array
+        Heat capacity; the temperature for a reservoir; unused for a curve.
+    curve : (N,) int32 array
+        CONSTANT, RESERVOIR, or the number of the curve.
+    start : (C + 1,) int64 array
+        First node of each curve.
+    nodes : (P,) array
+        Energies at the nodes, all curves one after the other.
+    pieces : (P, 5) array
+        Per interval: cubic coefficients of 1/theta, highest power first, and the entropy at its left end.
+    """
+
+    capacity: np.ndarray
+    curve: np.ndarray
+    start: np.ndarray
+    nodes: np.ndarray
+    pieces: np.ndarray
+
+    def of(self, beads: np.ndarray) -> EOSTable:
+        """The same for a choice of beads."""
+        return EOSTable(self.capacity[beads], self.curve[beads], self.start, self.nodes, self.pieces)
+
+    @property
+    def curves(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What :func:`inverse_temperature` reads beside the bead's own two numbers."""
+        return self.start, self.nodes, self.pieces
+
+    def temperatures(self, u: np.ndarray) -> np.ndarray:
+        """(N,) temperatures at the internal energies u; NaN out of range."""
+        return _temperatures(self.capacity, self.curve, *self.curves, np.ascontiguousarray(u))
+
+
+def eos_table(by_type: list, type_ids: np.ndarray, immobile: np.ndarray, energies: np.ndarray) -> EOSTable:
+    """Equation of state of each bead, from that of its type and its energy at the start (for immobile beads)."""
+    capacity, curve = np.zeros(len(type_ids)), np.full(len(type_ids), CONSTANT, np.int32)
+    start, nodes, pieces = [0], [np.zeros(0)], [np.zeros((0, 5))]
+    numbers: dict[int, int] = {}
+    for k, eos in enumerate(by_type):
+        members = type_ids == k
+        if isinstance(eos, ConstantHeatCapacity):
+            capacity[members] = eos.capacity
+            continue
+        if id(eos) not in numbers:
+            numbers[id(eos)] = len(start) - 1
+            spline = eos.inverse_temperature
+            entropy = spline.antiderivative()(eos.energies[:-1])
+            rows = np.column_stack([spline.c.T, entropy])
+            nodes.append(eos.energies)
+            pieces.append(np.vstack([rows, np.zeros((1, 5))]))
+            start.append(start[-1] + len(eos.energies))
+        curve[members] = numbers[id(eos)]
+    table = EOSTable(capacity, curve, np.array(start, np.int64), np.concatenate(nodes), np.concatenate(pieces))
+    theta = table.temperatures(energies)
+    capacity[immobile], curve[immobile] = theta[immobile], RESERVOIR
+    return table
+
+
+@njit(inline="always")
+def in_range(u, capacity, curve, start, nodes):
+    """Whether there is a temperature for the energy u."""
+    if curve == CONSTANT:
+        return u > 0.0
+    if curve == RESERVOIR:
+        return True
+    return nodes[start[curve]] <= u <= nodes[start[curve + 1] - 1]
+
+
+@njit
+def _piece(u, curve, start, nodes):
+    """Interval of the curve that holds u, and the distance from its left end."""
+    low, high = start[curve], start[curve + 1] - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if nodes[middle] <= u:
+            low = middle
+        else:
+            high = middle
+    return low, u - nodes[low]
+
+
+@njit
+def inverse_temperature(u, capacity, curve, start, nodes, pieces):
+    """1/theta; the energy is taken to the nearest end if it is out of range (constant capacity: NaN)."""
+    if curve == CONSTANT:
+        return capacity / u if u > 0.0 else np.nan
+    if curve == RESERVOIR:
+        return 1.0 / capacity
+    u = min(max(u, nodes[start[curve]]), nodes[start[curve + 1] - 1])
+    k, d = _piece(u, curve, start, nodes)
+    return ((pieces[k, 0] * d + pieces[k, 1]) * d + pieces[k, 2]) * d + pieces[k, 3]
+
+
+@njit
+def curvature(u, capacity, curve, start, nodes, pieces):
+    """-d(1/theta)/du >= 0: minus the second derivative of the entropy."""
+    if curve == CONSTANT:
+        return capacity / (u * u)
+    if curve == RESERVOIR:
+        return 0.0
+    u = min(max(u, nodes[start[curve]]), nodes[start[curve + 1] - 1])
+    k, d = _piece(u, curve, start, nodes)
+    return -((3.0 * pieces[k, 0] * d + 2.0 * pieces[k, 1]) * d + pieces[k, 2])
+
+
+@njit
+def entropy_change(u, new, capacity, curve, start, nodes, pieces):
+    """S(new) - S(u), both in range."""
+    if curve == CONSTANT:
+        return capacity * np.log(new / u)
+    if curve == RESERVOIR:
+        return (new - u) / capacity
+    total = 0.0
+    for sign, value in ((1.0, new), (-1.0, u)):
+        k, d = _piece(value, curve, start, nodes)
+        inner = ((0.25 * pieces[k, 0] * d + pieces[k, 1] / 3.0) * d + 0.5 * pieces[k, 2]) * d + pieces[k, 3]
+        total += sign * (pieces[k, 4] + inner * d)
+    return total
+
+
+@compiled
+def _temperatures(capacity, curve, start, nodes, pieces, u):
+    theta = np.empty(len(u))
+    for i in range(len(u)):
+        theta[i] = np.nan
+        if in_range(u[i], capacity[i], curve[i], start, nodes):
+            theta[i] = 1.0 / inverse_temperature(u[i], capacity[i], curve[i], start, nodes, pieces)
+    return theta

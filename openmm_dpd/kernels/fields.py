@@ -1,0 +1,73 @@
+"""What the kernel has to know of internal energies, temperatures and concentrations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+#: Kinds of fields.
+ENERGY, TEMPERATURE, SPECIES = "energy", "temperature", "species"
+
+
+@dataclass(frozen=True, eq=False)
+class FieldSource:
+    """A rate added to one value of the beads in a region, see :class:`openmm_dpd.model.sources.Source`."""
+
+    region: object
+    rate: float
+    column: int
+    beads: np.ndarray | None
+    corner: np.ndarray
+
+    def add_to(self, rates: np.ndarray, x: np.ndarray, box: np.ndarray | None) -> None:
+        """Add the rate to ``rates`` (N, K) of the beads that stand in the region."""
+        folded = x - self.corner
+        if box is not None:
+            for k in (2, 1, 0):
+                folded = folded - np.outer(np.floor(folded[:, k] / box[k, k]), box[k])
+        inside = self.region.contains(folded + self.corner)  # type: ignore[attr-defined]
+        rates[inside if self.beads is None else inside & self.beads, self.column] += self.rate
+
+
+@dataclass(frozen=True, eq=False)
+class FieldSpec:
+    """What beads carry, as far as it never changes.
+
+    Attributes
+    ----------
+    kind : str
+        ENERGY (columns: conductive, mechanical), TEMPERATURE (one column) or SPECIES (one column each).
+    initial : (N, K) array
+        Values at the start; those of immobile beads hold all the time.
+    capacity : (N,) array or None
+        TEMPERATURE: heat capacities.
+    eos : EOSTable or None
+        ENERGY: equations of state.
+    immobile : (N,) array of bool
+        Beads whose values the program does not change.
+    sources : tuple of FieldSource
+    """
+
+    kind: str
+    initial: np.ndarray
+    immobile: np.ndarray
+    capacity: np.ndarray | None = None
+    eos: object | None = None
+    sources: tuple[FieldSource, ...] = ()
+
+    @property
+    def n_values(self) -> int:
+        """Number of values per bead."""
+        return self.initial.shape[1]
+
+    @property
+    def n_blocks(self) -> int:
+        """Number of per-DOF variables it takes: three values fit in each.  Energies have a third component for what rounding lost."""
+        return -(-self.n_values // 3)
+
+    def of(self, beads: np.ndarray) -> FieldSpec:
+        """The same for a choice of beads (without sources)."""
+        eos = None if self.eos is None else self.eos.of(beads)  # type: ignore[attr-defined]
+        capacity = None if self.capacity is None else self.capacity[beads]
+        return FieldSpec(self.kind, self.initial[beads], self.immobile[beads], capacity, eos)

@@ -1,0 +1,98 @@
+"""What the engine asks of one layer of pair terms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from .noise import call_key
+
+if TYPE_CHECKING:
+    from .engine import PairList, PairSpec
+
+#: Which terms an evaluation adds up.
+CONSERVATIVE, DISSIPATIVE, RANDOM = 1, 2, 4
+
+
+@dataclass(frozen=True, eq=False)
+class Call:
+    """What pair terms depend on beside the positions.
+
+    Attributes
+    ----------
+    which : int
+        Sum of CONSERVATIVE, DISSIPATIVE, RANDOM.
+    velocities : (N, 3) array or None
+    kT, dt : float
+        Thermal energy and time step; noise as a force has the amplitude sigma/sqrt(dt).
+    seed, counter : int
+        Key of the noise.
+    scalars : (N, K) array or None
+        What beads carry beside position and velocity (see :mod:`.fields`).
+    """
+
+    which: int
+    velocities: np.ndarray | None
+    kT: float
+    dt: float
+    seed: int
+    counter: int
+    scalars: np.ndarray | None = None
+
+    def key(self, number: int) -> np.uint64:
+        """Key of the noise of layer number ``number``."""
+        return call_key(self.seed, self.counter, number)
+
+    @property
+    def rsqrt_dt(self) -> float:
+        """1/sqrt(dt), 0 where no noise is asked for."""
+        return 1.0 / np.sqrt(self.dt) if self.which & RANDOM else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Forces:
+    """Result of the force form of one layer; arrays are in the order of the pair list, M = len(pairs.order).
+
+    Attributes
+    ----------
+    energy, virial : float
+        Conservative energy, and the sum over pairs of r_ij . F_ij of the chosen terms.
+    force : (M, 3) array
+    rates : (M, K) array or None
+        Change per time of what beads carry (for internal energies: conductive, mechanical).
+    """
+
+    energy: float
+    virial: float
+    force: np.ndarray
+    rates: np.ndarray | None = None
+
+
+class Layer(Protocol):
+    """One table of pair terms over one list of pairs."""
+
+    @property
+    def pairs(self) -> PairList:
+        """The list of pairs."""
+
+    def forces(self, call: Call) -> Forces:
+        """Force form at the listed positions."""
+
+    def sweep(self, call: Call, v: np.ndarray, flow: np.ndarray | None) -> None:
+        """Update velocities (N, 3) pair by pair, in place; add to ``flow`` (N, K) what each bead got."""
+
+    def laplacian(self) -> float:
+        """Sum over mobile beads of the Laplacian of the conservative energy."""
+
+
+class Table(Protocol):
+    """Coefficients of one layer, immutable: it is pickled into the System."""
+
+    @property
+    def cutoff(self) -> np.ndarray:
+        """(T, T): range of the pair list; 0 means no interaction."""
+
+    def layer(self, spec: PairSpec, pairs: PairList, number: int) -> Layer:
+        """The layer that evaluates these coefficients."""

@@ -1,0 +1,88 @@
+"""Energy-conserving DPD with temperature-dependent coefficients (LAMMPS: edpd)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..errors import ParameterError
+from ..units import to_md
+from .pairs import checked, checked_amplitude
+
+
+def polynomial(value, name: str) -> tuple[float, float, float, float]:
+    """Four coefficients of T - 1, its square, cube and fourth power."""
+    coefficients = tuple(to_md(c, "dimensionless", name) for c in value)
+    if len(coefficients) != 4 or not all(isinstance(c, float) for c in coefficients):
+        raise ParameterError(f"{name} must be four coefficients, of T-1, (T-1)^2, (T-1)^3 and (T-1)^4, not {value!r}")
+    return coefficients
+
+
+@dataclass(frozen=True)
+class EDPD:
+    r"""eDPD of Li et al.: forces and heat conduction that depend on the local temperature, in reduced units (k_B = 1).
+
+    With T_m = (T_i + T_j)/2, y = T_m - 1, w = 1 - r/cutoff, w_T = 1 - r/cutoff_T and Theta the harmonic mean of T_i and T_j::
+
+        s = exponent (1 + c1 y + c2 y^2 + c3 y^3 + c4 y^4), at least 0.01        drag weight w^s, noise weight w^(s/2)
+        k = kappa    (1 + d1 y + d2 y^2 + d3 y^3 + d4 y^4)
+        F   = A T_m w - gamma w^s (e.v) + sigma w^(s/2) xi/sqrt(dt),   sigma^2 = 2 gamma Theta,   U = A T_m cutoff w^2/2
+        q_C = K w_T^exponent_T (1/T_i - 1/T_j),   K = C_i C_j k T_m^2                             to i, minus it to j
+        q_R = sqrt(2 K) w_T^(exponent_T/2) xi_T/sqrt(dt)                                           to i, minus it to j
+        q_V = {w^s [gamma (e.v)^2 - sigma^2 (1/m_i + 1/m_j)/2] - sigma w^(s/2) (e.v) xi/sqrt(dt)}/2   to i and to j
+        C_i dT_i/dt = q_i
+
+    xi_T is independent of xi and clamped to [-5, 5], as in LAMMPS's manual.  LAMMPS's code differs: it uses the clamped xi for xi_T,
+    divides q_V by
+    C_i + C_j instead of 2, leaves 1/sqrt(dt) out of its last term and takes sigma^2/m_i, so that its energy is not conserved.  A scene with
+    ``compat="lammps"`` computes exactly that.
+
+    Parameters
+    ----------
+    A, gamma : float
+        Repulsion (kJ/mol/nm per kJ/mol) and friction (Da/ps), gamma >= 0.
+    exponent : float
+        Exponent s of the drag at T = 1, >= 0 (LAMMPS: power_f).
+    cutoff : length
+    kappa : float
+        Heat conduction coefficient, >= 0.
+    exponent_T : float, default 2
+        Exponent of the conduction weight (LAMMPS: power_T).
+    cutoff_T : length, optional
+        Range of the conduction; ``cutoff`` by default.  Longer or shorter than ``cutoff`` are both right here (LAMMPS fails at the first
+        and truncates at the second).
+    exponent_polynomial, kappa_polynomial : four floats
+        c1 to c4 and d1 to d4.
+
+    References
+    ----------
+    Li, Tang, Lei, Caswell and Karniadakis, J. Comput. Phys. 265, 113 (2014).
+    """
+
+    A: float
+    gamma: float
+    kappa: float
+    cutoff: float = 1.0
+    exponent: float = 2.0
+    exponent_T: float = 2.0
+    cutoff_T: float | None = None
+    exponent_polynomial: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    kappa_polynomial: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+
+    def __post_init__(self):
+        cutoff = checked(self.cutoff, "length", "cutoff", positive=True)
+        values = {
+            "A": checked_amplitude(self.A, "dimensionless", "A"),
+            "gamma": checked(self.gamma, "friction", "gamma"),
+            "kappa": checked(self.kappa, "dimensionless", "kappa"),
+            "cutoff": cutoff,
+            "exponent": checked(self.exponent, "dimensionless", "exponent"),
+            "exponent_T": checked(self.exponent_T, "dimensionless", "exponent_T"),
+            "cutoff_T": cutoff if self.cutoff_T is None else checked(self.cutoff_T, "length", "cutoff_T", positive=True),
+            "exponent_polynomial": polynomial(self.exponent_polynomial, "exponent_polynomial"),
+            "kappa_polynomial": polynomial(self.kappa_polynomial, "kappa_polynomial"),
+        }
+        for key, value in values.items():
+            object.__setattr__(self, key, value)
+
+    has_conservative = True
+    has_thermostat = True

@@ -1,0 +1,191 @@
+"""Equations of state: the internal energy u of a bead and its internal temperature theta.
+
+Temperatures are thermal energies here, as everywhere in this package: theta stands for k_B times the temperature, in kJ/mol, and heat
+capacities are in units of k_B, so that u = C theta has no constants in it.  The entropy (in units of k_B) follows from both,
+S(u) = integral du/theta(u).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from ..errors import ParameterError
+from ..units import BOLTZMANN, to_md
+
+
+def thermal_energies(value, name: str):
+    """Thermal energies in kJ/mol from energies (bare numbers: kJ/mol) or from temperatures given as a Quantity."""
+    from openmm import unit
+
+    if unit.is_quantity(value) and value.unit.is_compatible(unit.kelvin):
+        return to_md(value, "temperature", name) * BOLTZMANN
+    return to_md(value, "energy", name)
+
+
+def heat_capacity(value, name: str):
+    """Heat capacity in units of k_B from a bare number or from a Quantity (energy/temperature)."""
+    from openmm import unit
+
+    if unit.is_quantity(value) and not value.unit.is_compatible(unit.dimensionless):
+        per_kelvin = unit.kilojoule_per_mole / unit.kelvin
+        if not value.unit.is_compatible(per_kelvin):
+            raise ParameterError(f"{name} has the unit {value.unit}, which is no heat capacity; expected something like {per_kelvin}")
+        value = value.value_in_unit(per_kelvin) / BOLTZMANN
+    return to_md(value, "dimensionless", name)
+
+
+@dataclass(frozen=True)
+class ConstantHeatCapacity:
+    r"""Equation of state u = C theta, S(u) = C ln u (LAMMPS: ``fix eos/cv``).
+
+    Parameters
+    ----------
+    capacity : float
+        Heat capacity of a bead in units of k_B (or a Quantity, energy/temperature), > 0.
+
+    Raises
+    ------
+    ParameterError
+        If it is not a number > 0.
+    """
+
+    capacity: float
+
+    def __post_init__(self):
+        capacity = heat_capacity(self.capacity, "capacity")
+        if not isinstance(capacity, float) or capacity <= 0:
+            raise ParameterError(f"the heat capacity of a bead must be a single number > 0, but is {self.capacity!r}")
+        object.__setattr__(self, "capacity", capacity)
+
+    def energy(self, theta):
+        """Internal energy at the temperature theta."""
+        return self.capacity * np.asarray(theta)
+
+    def temperature(self, u):
+        """Temperature at the internal energy u."""
+        return np.asarray(u) / self.capacity
+
+    def out_of_range(self, u) -> np.ndarray:
+        """Mask of energies that no temperature > 0 belongs to."""
+        return ~(np.asarray(u) > 0)
+
+    def __str__(self) -> str:
+        return f"u = {self.capacity:g} theta"
+
+
+@dataclass(frozen=True, eq=False)
+class TabulatedEOS:
+    r"""Equation of state through given points (theta_k, u_k) (LAMMPS: ``fix eos/table``).
+
+    What is interpolated is 1/theta as a function of u, by a monotone cubic (Fritsch and Carlson, SIAM J. Numer. Anal. 17, 238 (1980);
+    scipy's
+    ``PchipInterpolator``).  So theta(u) runs through the points and increases between them, and the entropy S = integral du/theta is
+    exactly the
+    integral of what is interpolated, which the exact schemes need.  LAMMPS resamples a table twice (through a spline with end slopes of
+    zero) and interpolates linearly; both agree at the points of the table.
+
+    Parameters
+    ----------
+    temperatures : (K,) array
+        Thermal energies in kJ/mol (or temperatures as a Quantity), > 0, increasing; K >= 2.
+    energies : (K,) array of energies
+        Internal energy of a bead at these temperatures, kJ/mol, increasing.
+
+    Raises
+    ------
+    ParameterError
+        If lengths differ, or a column does not increase (the entry is named).
+    """
+
+    temperatures: np.ndarray
+    energies: np.ndarray
+
+    def __post_init__(self):
+        theta = np.atleast_1d(thermal_energies(self.temperatures, "temperatures of the table"))
+        u = np.atleast_1d(to_md(self.energies, "energy", "energies of the table"))
+        if theta.ndim != 1 or theta.shape != u.shape or len(u) < 2:
+            raise ParameterError(f"an equation of state needs as many energies as temperatures, at least 2; got {len(u)} and {len(theta)}")
+        if theta[0] <= 0:
+            raise ParameterError(f"the temperatures of an equation of state must be > 0, but the first is {theta[0]:g}")
+        for name, column in (("temperatures", theta), ("energies", u)):
+            flat = np.flatnonzero(np.diff(column) <= 0)
+            if len(flat):
+                k = int(flat[0])
+                raise ParameterError(
+                    f"the {name} of an equation of state must increase; entry {k + 2} ({column[k + 1]:g}) "
+                    f"is not above entry {k + 1} ({column[k]:g})"
+                )
+        object.__setattr__(self, "temperatures", theta)
+        object.__setattr__(self, "energies", u)
+
+    @classmethod
+    def from_functions(
+        cls, energy: Callable, temperatures: tuple[float, float], temperature: Callable | None = None, points: int = 2001
+    ) -> TabulatedEOS:
+        """Table of a function u(theta) between two temperatures.
+
+        Parameters
+        ----------
+        energy : callable
+            u(theta), for arrays; kJ/mol from thermal energies in kJ/mol.
+        temperatures : (low, high)
+            Range, > 0; beads that leave it stop the run.
+        temperature : callable, optional
+            theta(u), only checked: it must invert ``energy`` to 1e-6.
+        points : int, default 2001
+            Entries of the table, evenly spaced in 1/theta, which is what is interpolated.
+        """
+        low, high = (float(np.asarray(thermal_energies(value, "temperatures"))) for value in temperatures)
+        if not 0 < low < high:
+            raise ParameterError(f"the range of temperatures must be 0 < low < high, not {low:g} to {high:g}")
+        theta = 1.0 / np.linspace(1.0 / low, 1.0 / high, points)
+        u = np.broadcast_to(np.asarray(energy(theta), dtype=np.float64), theta.shape)
+        if temperature is not None:
+            back = np.asarray(temperature(u), dtype=np.float64)
+            worst = int(np.argmax(np.abs(back / theta - 1)))
+            if not np.allclose(back, theta, rtol=1e-6, atol=0):
+                raise ParameterError(
+                    f"the two functions contradict each other: theta = {theta[worst]:g} has u = {u[worst]:g}, "
+                    f"which has theta = {back[worst]:g}"
+                )
+        return cls(theta, u)
+
+    @property
+    def inverse_temperature(self) -> PchipInterpolator:
+        """1/theta as a function of u."""
+        return PchipInterpolator(self.energies, 1.0 / self.temperatures, extrapolate=False)
+
+    def temperature(self, u):
+        """Temperature at the internal energy u; NaN out of range."""
+        return 1.0 / self.inverse_temperature(u)
+
+    def energy(self, theta):
+        """Internal energy at the temperature theta; NaN out of range."""
+        theta = np.asarray(theta, dtype=np.float64)
+        flat = np.atleast_1d(theta)
+        curve = self.inverse_temperature
+        low, high = np.full(flat.shape, self.energies[0]), np.full(flat.shape, self.energies[-1])
+        for _ in range(200):  # bisection to the last bit: done once per bead and run
+            middle = 0.5 * (low + high)
+            below = curve(middle) > 1.0 / flat
+            low, high = np.where(below, middle, low), np.where(below, high, middle)
+        # the points of the table give back their own energies
+        exact = np.searchsorted(self.temperatures, flat).clip(0, len(self.temperatures) - 1)
+        found = np.where(self.temperatures[exact] == flat, self.energies[exact], 0.5 * (low + high))
+        outside = (flat < self.temperatures[0]) | (flat > self.temperatures[-1])
+        return np.where(outside, np.nan, found).reshape(theta.shape)
+
+    def out_of_range(self, u) -> np.ndarray:
+        """Mask of energies outside the table."""
+        u = np.asarray(u)
+        return ~((u >= self.energies[0]) & (u <= self.energies[-1]))
+
+    def __str__(self) -> str:
+        return f"table of {len(self.energies)} points, theta = {self.temperatures[0]:g} to {self.temperatures[-1]:g}"
+
+
+EquationOfState = ConstantHeatCapacity | TabulatedEOS

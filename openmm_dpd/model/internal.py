@@ -1,0 +1,192 @@
+"""What beads carry beside position and velocity: internal energies, temperatures, or concentrations.
+
+All of it is state of the Context (per-DOF variables of the integrator, see :mod:`openmm_dpd.fields`); what stands here are the values at
+the start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import ParameterError
+from ..units import to_md
+from .edpd import EDPD
+from .energy_dpd import EnergyDPD
+from .eos import ConstantHeatCapacity, EquationOfState, TabulatedEOS, heat_capacity, thermal_energies
+from .pairs import NONE
+from .sources import Source
+from .tdpd import TDPD
+
+
+def _per_bead(values, n: int, name: str) -> np.ndarray:
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim == 0:
+        array = np.full(n, float(array))
+    if array.shape != (n,):
+        raise ParameterError(f"{name} must be one number or one per bead, {n}, not an array of shape {array.shape}")
+    return array.copy()
+
+
+def _positive(array: np.ndarray, name: str) -> np.ndarray:
+    if np.any(array <= 0):
+        bad = int(np.argmin(array))
+        raise ParameterError(f"{name} of bead {bad} is {array[bad]:g}; it must be > 0")
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class InternalEnergy:
+    """Internal energies of beads with an equation of state, for :class:`~openmm_dpd.model.energy_dpd.EnergyDPD`.
+
+    A bead has u = u_cond + u_mech: what it got by conduction, and what it got from friction and noise; theta follows from the sum.
+
+    Parameters
+    ----------
+    eos : ConstantHeatCapacity, TabulatedEOS, or mapping of bead type to one
+        Equation of state.
+    temperatures : thermal energy, or (N,) array
+        Internal temperatures theta at the start, kJ/mol (or a Quantity in kelvin), > 0.
+    conductive : (N,) array of energies, optional
+        u_cond at the start, 0 by default; u_mech is the rest.
+
+    Raises
+    ------
+    ParameterError
+        If a temperature is not > 0 or outside its equation of state (the bead is named), or an equation of state is missing.
+    """
+
+    eos: EquationOfState | Mapping[str, EquationOfState]
+    temperatures: float | np.ndarray
+    conductive: np.ndarray | None = None
+
+    def by_type(self, names: list[str]) -> list[EquationOfState]:
+        """Equation of state of each bead type."""
+        if isinstance(self.eos, (ConstantHeatCapacity, TabulatedEOS)):
+            return [self.eos] * len(names)
+        if not isinstance(self.eos, Mapping):
+            raise ParameterError(f"eos must be an equation of state or a mapping of bead types to them, not {self.eos!r}")
+        for name in names:
+            if not isinstance(self.eos.get(name), (ConstantHeatCapacity, TabulatedEOS)):
+                raise ParameterError(f"no equation of state for bead type {name}")
+        return [self.eos[name] for name in names]
+
+    def energies(self, type_ids: np.ndarray, names: list[str]) -> np.ndarray:
+        """(N, 2) conductive and mechanical energies at the start, kJ/mol."""
+        n = len(type_ids)
+        theta = _positive(_per_bead(thermal_energies(self.temperatures, "temperatures"), n, "temperatures"), "the internal temperature")
+        eos = self.by_type(names)
+        total = np.empty(n)
+        for k in range(len(names)):
+            members = type_ids == k
+            total[members] = eos[k].energy(theta[members])
+        bad = np.flatnonzero(~np.isfinite(total))
+        if len(bad):
+            raise ParameterError(
+                f"the internal temperature {theta[bad[0]]:g} of bead {bad[0]} is outside its equation of state "
+                f"({eos[int(type_ids[bad[0]])]})"
+            )
+        conductive = 0.0 if self.conductive is None else _per_bead(to_md(self.conductive, "energy", "conductive"), n, "conductive")
+        return np.column_stack([np.broadcast_to(conductive, (n,)), total - conductive])
+
+
+@dataclass(frozen=True, eq=False)
+class BeadTemperatures:
+    """Temperatures of beads with a constant heat capacity each, for :class:`~openmm_dpd.model.edpd.EDPD`.
+
+    Parameters
+    ----------
+    temperatures : thermal energy, or (N,) array
+        kJ/mol (or a Quantity in kelvin), > 0.  The polynomials of eDPD are in T - 1, so reduced units are meant.
+    capacities : float, or (N,) array
+        Heat capacity of each bead in units of k_B, > 0.
+    """
+
+    temperatures: float | np.ndarray
+    capacities: float | np.ndarray
+
+    def values(self, n: int) -> np.ndarray:
+        """(N, 1) temperatures, kJ/mol."""
+        return _positive(_per_bead(thermal_energies(self.temperatures, "temperatures"), n, "temperatures"), "the temperature")[:, None]
+
+    def heat_capacities(self, n: int) -> np.ndarray:
+        """(N,) heat capacities."""
+        return _positive(_per_bead(heat_capacity(self.capacities, "capacities"), n, "capacities"), "the heat capacity")
+
+
+@dataclass(frozen=True, eq=False)
+class Concentrations:
+    """Concentrations of one or more species in every bead, for :class:`~openmm_dpd.model.tdpd.TDPD`.
+
+    Parameters
+    ----------
+    values : (N, K) array, or (N,) for one species
+        Any unit the user likes; not limited to values >= 0 (as in LAMMPS).
+    """
+
+    values: np.ndarray
+
+    def __post_init__(self):
+        array = np.atleast_1d(to_md(self.values, "dimensionless", "concentrations"))
+        if array.ndim == 1:
+            array = array[:, None]
+        if array.ndim != 2 or array.shape[1] < 1:
+            raise ParameterError(f"concentrations must have the shape (beads, species), not {array.shape}")
+        object.__setattr__(self, "values", array.copy())
+
+    @property
+    def n_species(self) -> int:
+        """Number of species."""
+        return self.values.shape[1]
+
+
+Internal = InternalEnergy | BeadTemperatures | Concentrations
+
+#: Kind of pair term -> what its beads must carry.
+NEEDED: dict[type, type] = {EnergyDPD: InternalEnergy, EDPD: BeadTemperatures, TDPD: Concentrations}
+
+
+def check_internal(
+    internal: Internal | None,
+    sources: Sequence[Source],
+    tables: Sequence,
+    type_ids: np.ndarray,
+    type_names: list[str],
+    box: np.ndarray | None,
+) -> None:
+    """Raise ParameterError unless what beads carry, the pair terms and the sources fit each other."""
+    kinds = {table.kind for table in tables} & set(NEEDED)
+    if len(kinds) > 1:
+        names = " and ".join(sorted(kind.__name__ for kind in kinds))
+        raise ParameterError(f"{names} cannot be combined in one scene: beads carry one kind of internal quantity")
+    if not kinds:
+        if internal is not None or sources:
+            what = type(internal).__name__ if internal is not None else "sources"
+            raise ParameterError(f"{what} given, but no pair term uses it (EnergyDPD, EDPD and TDPD do)")
+        return
+    kind = kinds.pop()
+    if not isinstance(internal, NEEDED[kind]):
+        raise ParameterError(f"pair terms of kind {kind.__name__} need internal={NEEDED[kind].__name__}(...), not {internal!r}")
+    n = len(type_ids)
+    n_values = 0
+    if isinstance(internal, InternalEnergy):
+        internal.energies(type_ids, type_names)
+    elif isinstance(internal, BeadTemperatures):
+        internal.values(n)
+        internal.heat_capacities(n)
+        n_values = 1
+    else:
+        assert isinstance(internal, Concentrations)
+        if len(internal.values) != n:
+            raise ParameterError(f"concentrations are given for {len(internal.values)} beads, but there are {n}")
+        n_values = internal.n_species
+        for table in tables:
+            for pair, term in table.entries.items():
+                if isinstance(term, TDPD) and term is not NONE and term.n_species != n_values:
+                    raise ParameterError(f"for types {pair}: coefficients of {term.n_species} species, but the beads carry {n_values}")
+    if sources and not n_values:
+        raise ParameterError("sources act on temperatures (EDPD) or concentrations (TDPD), not on internal energies")
+    for source in sources:
+        source.check(box, n, n_values)

@@ -1,0 +1,139 @@
+"""Many-body DPD: liquids with a free surface (LAMMPS: mdpd with mdpd/rhosum)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..errors import ParameterError
+from .pairs import NONE, checked, checked_amplitude
+
+#: Weight functions of the local density, normalised in three dimensions; h is the cutoff of the density.
+DENSITY_KERNELS = {
+    "lucy": "105/(16 pi h^3) (1 + 3 r/h) (1 - r/h)^3",
+    "quadratic": "15/(2 pi h^3) (1 - r/h)^2",
+}
+
+
+@dataclass(frozen=True)
+class MDPD:
+    r"""Many-body DPD: attraction, and a repulsion that grows with the local density.
+
+    With w_c = 1 - r/cutoff, w_d = 1 - r/cutoff_B and the density rho_i = sum over j of m_j W(r)::
+
+        F = A w_c + B (rho_i + rho_j) w_d - gamma w_c^2 (e.v) + sigma w_c xi/sqrt(dt),    sigma^2 = 2 kT gamma
+
+    - ``kernel="lucy"``, LAMMPS's: W = 105/(16 pi h^3) (1 + 3 r/h)(1 - r/h)^3 with h = cutoff_density.  The many-body force then
+      derives from no
+      potential.  The energy reported is LAMMPS's, A cutoff w_c^2/2 + B cutoff_B (rho_i + rho_j) w_d^2/2 per pair, in which the densities
+      count as frozen: it is no conserved quantity.
+    - ``kernel="quadratic"``, Warren's: W = 15/(2 pi h^3) (1 - r/h)^2 with h = cutoff_B.  The many-body force is minus the gradient of
+      sum over i of pi B h^4 rho_i^2/30, which is the energy reported.  Here rho counts beads, whatever their masses.
+
+    Parameters
+    ----------
+    A : force
+        Usually negative: attraction.
+    B : force/density
+        kJ/mol/nm * nm^3, the same for all type pairs (Warren's no-go theorem, Phys. Rev. E 87, 045303 (2013)).
+    gamma : mass/time
+    cutoff, cutoff_B : length
+        Ranges of the attraction (and of the friction) and of the repulsion; cutoff >= cutoff_B.
+    cutoff_density : length, optional
+        Range of the density; ``cutoff_B`` by default, and that with the quadratic kernel.
+    kernel : {"quadratic", "lucy"}
+
+    References
+    ----------
+    Warren, Phys. Rev. E 68, 066702 (2003); Li et al., Phys. Fluids 25, 072103 (2013).
+    """
+
+    A: float
+    B: float
+    gamma: float
+    cutoff: float = 1.0
+    cutoff_B: float = 0.75
+    cutoff_density: float = None  # type: ignore[assignment]  # filled from cutoff_B
+    kernel: str = "quadratic"
+
+    def __post_init__(self):
+        cutoff_B = checked(self.cutoff_B, "length", "cutoff_B", positive=True)
+        values = {
+            "A": checked_amplitude(self.A, "force", "A"),
+            "B": checked_amplitude(self.B, "dimensionless", "B"),
+            "gamma": checked(self.gamma, "friction", "gamma"),
+            "cutoff": checked(self.cutoff, "length", "cutoff", positive=True),
+            "cutoff_B": cutoff_B,
+            "cutoff_density": cutoff_B
+            if self.cutoff_density is None
+            else checked(self.cutoff_density, "length", "cutoff_density", positive=True),
+        }
+        for key, value in values.items():
+            object.__setattr__(self, key, value)
+        if self.kernel not in DENSITY_KERNELS:
+            raise ParameterError(f"kernel must be one of {', '.join(DENSITY_KERNELS)}, not {self.kernel!r}")
+        if self.cutoff_B > self.cutoff:
+            raise ParameterError(f"cutoff_B = {self.cutoff_B:g} must not be longer than cutoff = {self.cutoff:g}")
+        if self.cutoff_density > self.cutoff:
+            raise ParameterError(f"cutoff_density = {self.cutoff_density:g} must not be longer than cutoff = {self.cutoff:g}")
+        if self.kernel == "quadratic" and self.cutoff_density != self.cutoff_B:
+            raise ParameterError("with the quadratic kernel the density has the range cutoff_B; only then is there a potential")
+
+    has_conservative = True
+
+    @property
+    def has_thermostat(self) -> bool:
+        """Whether there is friction and noise."""
+        return self.gamma > 0.0
+
+
+def check_many_body(table: dict) -> MDPD:
+    """Check that the coefficients {(type, type): MDPD or NONE} of one table go together; returns one of them.
+
+    All must have one kernel.  With the quadratic kernel B and cutoff_B must be the same for all pairs that interact: else the forces derive
+    from no potential (Warren, Phys. Rev. E 87, 045303 (2013)).  NONE is no obstacle: such beads do not count in each other's density.
+
+    Raises
+    ------
+    ParameterError
+        If they differ; it names the types.
+    """
+    entries = [(pair, c) for pair, c in table.items() if c is not NONE]
+    if not entries:
+        raise ParameterError("a table of MDPD coefficients needs a pair of types that interacts")
+    (first, reference), *others = entries
+    same = {"kernel": "one table has one density"}
+    if reference.kernel == "quadratic":
+        why = "otherwise the many-body forces have no potential; or use kernel='lucy'"
+        same |= {"B": why, "cutoff_B": why}
+    for pair, c in others:
+        for key, reason in same.items():
+            one, other = getattr(reference, key), getattr(c, key)
+            if one != other:
+                raise ParameterError(
+                    f"for types ({pair[0]}, {pair[1]}): {key} = {other!r} differs from {one!r} of types ({first[0]}, {first[1]}); "
+                    f"give all pairs the same {key}: {reason}"
+                )
+    return reference
+
+
+def why_no_openmm_force(table: dict, exceptions: dict[tuple[int, int], float], coincident: list[tuple[int, int]]) -> str | None:
+    """Why only the pair kernel can compute the conservative force, or None.
+
+    Parameters
+    ----------
+    table : dict of (str, str) to MDPD or NONE
+    exceptions : dict of (int, int) to float
+        Bonded neighbours with their factors.
+    coincident : list of (int, int)
+        Beads at the same point: every platform returns NaN or nonsense from a CustomGBForce at r = 0, even for excluded pairs.
+    """
+    if check_many_body(table).kernel != "quadratic":
+        return "the force of MDPD with the Lucy kernel derives from no potential"
+    scaled = next((pair for pair, factor in exceptions.items() if factor not in (0.0, 1.0)), None)
+    if scaled is not None:
+        i, j = scaled
+        return f"a CustomGBForce cannot scale single pairs, and that of beads {i} and {j} has the factor {exceptions[scaled]:g}"
+    if coincident:
+        i, j = coincident[0]
+        return f"a CustomGBForce has no finite force at r = 0, and beads {i} and {j} are at the same point"
+    return None

@@ -1,0 +1,134 @@
+"""Sources of heat or of a species in a part of the box."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import ParameterError
+from ..units import to_md
+
+
+def _point(value, name: str) -> np.ndarray:
+    array = np.asarray(to_md(value, "length", name))
+    if array.shape != (3,):
+        raise ParameterError(f"{name} must be three lengths, not an array of shape {array.shape}")
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """The cuboid low <= x <= high.
+
+    Parameters
+    ----------
+    low, high : three lengths
+        Corners, nm; infinite where the block has no face.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+
+    def __post_init__(self):
+        for name in ("low", "high"):
+            # faces at infinity are legal, everything else is not
+            values = np.array(
+                [np.sign(v) * np.inf if isinstance(v, float) and np.isinf(v) else to_md(v, "length", name) for v in getattr(self, name)]
+            )
+            if values.shape != (3,):
+                raise ParameterError(f"{name} of a block must be three lengths")
+            object.__setattr__(self, name, values)
+        if np.any(self.low >= self.high):
+            raise ParameterError(f"a block needs low < high, but has {self.low.tolist()} and {self.high.tolist()}")
+
+    @classmethod
+    def centred(cls, centre, edges) -> Block:
+        """The block with this centre and these edges."""
+        centre, edges = _point(centre, "centre"), _point(edges, "edges")
+        return cls(centre - edges / 2, centre + edges / 2)
+
+    def contains(self, x: np.ndarray) -> np.ndarray:
+        """Mask of the positions (N, 3) inside."""
+        return np.all((x >= self.low) & (x <= self.high), axis=1)
+
+    def meets(self, low: np.ndarray, high: np.ndarray) -> bool:
+        """Whether it has anything in common with a box."""
+        return bool(np.all(self.low < high) and np.all(self.high > low))
+
+
+@dataclass(frozen=True, eq=False)
+class Sphere:
+    """The ball |x - centre| < radius.  (LAMMPS's source fixes compare the squared distance with radius^3; this is a sphere.)
+
+    Parameters
+    ----------
+    centre : three lengths
+    radius : length, > 0
+    """
+
+    centre: np.ndarray
+    radius: float
+
+    def __post_init__(self):
+        object.__setattr__(self, "centre", _point(self.centre, "centre"))
+        object.__setattr__(self, "radius", to_md(self.radius, "length", "radius"))
+        if not isinstance(self.radius, float) or self.radius <= 0:
+            raise ParameterError(f"the radius of a sphere must be > 0, but is {self.radius!r}")
+
+    def contains(self, x: np.ndarray) -> np.ndarray:
+        """Mask of the positions (N, 3) inside."""
+        return np.sum((x - self.centre) ** 2, axis=1) < self.radius**2
+
+    def meets(self, low: np.ndarray, high: np.ndarray) -> bool:
+        """Whether it has anything in common with a box."""
+        return bool(np.sum((self.centre - np.clip(self.centre, low, high)) ** 2) < self.radius**2)
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A constant rate added to every bead that is in a place: dT/dt for eDPD, dC/dt for one species of tDPD.
+
+    Positions are folded into the box whose lower corner is ``corner`` before the place is tested.  A region that reaches beyond the box
+    acts in the box only (it is not continued periodically).
+
+    Parameters
+    ----------
+    region : Block or Sphere
+    rate : float
+        Change per time: kJ/mol/ps of thermal energy (eDPD: the heat put in is C times that), or concentration per ps.
+    species : int, default 0
+        Which species (tDPD), counted from 0.
+    beads : (N,) array of bool, optional
+        Beads it acts on; all by default.
+    corner : three lengths, default (0, 0, 0)
+        Lower corner of the box.
+    """
+
+    region: Block | Sphere
+    rate: float
+    species: int = 0
+    beads: np.ndarray | None = None
+    corner: np.ndarray | tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self):
+        if not isinstance(self.region, (Block, Sphere)):
+            raise ParameterError(f"the region of a source must be a Block or a Sphere, not {self.region!r}")
+        object.__setattr__(self, "rate", to_md(self.rate, "dimensionless", "the rate of a source"))
+        object.__setattr__(self, "corner", _point(self.corner, "corner"))
+        if isinstance(self.species, bool) or not isinstance(self.species, (int, np.integer)) or self.species < 0:
+            raise ParameterError(f"the species of a source must be a number counted from 0, not {self.species!r}")
+        if self.beads is not None:
+            object.__setattr__(self, "beads", np.asarray(self.beads, dtype=bool))
+
+    def check(self, box: np.ndarray | None, n_beads: int, n_values: int) -> None:
+        """Raise ParameterError if the source does not fit a scene."""
+        if self.beads is not None and self.beads.shape != (n_beads,):
+            raise ParameterError(f"the beads of a source must have one entry per bead, {n_beads}, not shape {self.beads.shape}")
+        if self.species >= n_values:
+            raise ParameterError(f"a source names species {self.species}, but there are {n_values}, counted from 0")
+        if box is not None:
+            low = np.asarray(self.corner) + np.minimum(box, 0).sum(axis=0)
+            high = np.asarray(self.corner) + np.maximum(box, 0).sum(axis=0)
+            if not self.region.meets(low, high):
+                raise ParameterError(f"the region of a source, {self.region!r}, lies outside the box {low.tolist()} to {high.tolist()}")

@@ -1,0 +1,90 @@
+"""DPD with diffusing species (LAMMPS: tdpd)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import ParameterError
+from ..units import to_md
+from .pairs import checked, checked_amplitude
+
+
+def _per_species(value, name: str) -> tuple[float, ...]:
+    array = np.atleast_1d(to_md(value, "dimensionless", name))
+    if array.ndim != 1 or np.any(array < 0):
+        raise ParameterError(f"{name} must be one number >= 0 per species, not {value!r}")
+    return tuple(array.tolist())
+
+
+@dataclass(frozen=True)
+class TDPD:
+    r"""tDPD of Li et al.: an isothermal DPD fluid whose beads carry concentrations that diffuse.
+
+    With w = 1 - r/cutoff, w_c = 1 - r/cutoff_c, and for every species k::
+
+        F    = A w - gamma w^exponent (e.v) + sigma w^(exponent/2) xi/sqrt(dt),   sigma^2 = 2 kT gamma,   U = A cutoff w^2/2
+        dC_i = -kappa_k w_c^p_k (C_i - C_j) + epsilon_k w_c^(p_k/2) (C_i + C_j) xi_k/sqrt(dt),   dC_j = -dC_i     (rates; p = exponent_c)
+
+    xi_k is clamped to [-5, 5] as in LAMMPS.  Here ``exponent`` is that of the *drag*, as in LAMMPS's ``tdpd``.
+
+    Parameters
+    ----------
+    A : force
+    gamma : mass/time
+    kappa : float or sequence of K
+        Exchange rate of each species, 1/ps, >= 0.
+    epsilon : float or sequence of K, default 0
+        Noise amplitude of each species, >= 0.
+    exponent : float, default 2
+    cutoff, cutoff_c : length
+        Ranges of the forces and of the exchange (``cutoff`` by default).
+    exponent_c : float or sequence of K, default 2
+
+    References
+    ----------
+    Li, Yazdani, Tartakovsky and Karniadakis, J. Chem. Phys. 143, 014101 (2015).
+    """
+
+    A: float
+    gamma: float
+    kappa: tuple[float, ...]
+    epsilon: tuple[float, ...] = (0.0,)
+    exponent: float = 2.0
+    cutoff: float = 1.0
+    cutoff_c: float | None = None
+    exponent_c: tuple[float, ...] = (2.0,)
+
+    def __post_init__(self):
+        cutoff = checked(self.cutoff, "length", "cutoff", positive=True)
+        kappa = _per_species(self.kappa, "kappa")
+        values = {
+            "A": checked_amplitude(self.A, "force", "A"),
+            "gamma": checked(self.gamma, "friction", "gamma"),
+            "kappa": kappa,
+            "exponent": checked(self.exponent, "dimensionless", "exponent"),
+            "cutoff": cutoff,
+            "cutoff_c": cutoff if self.cutoff_c is None else checked(self.cutoff_c, "length", "cutoff_c", positive=True),
+        }
+        for name in ("epsilon", "exponent_c"):
+            given = _per_species(getattr(self, name), name)
+            if len(given) == 1:
+                given = given * len(kappa)
+            if len(given) != len(kappa):
+                raise ParameterError(f"{name} names {len(given)} species, but kappa names {len(kappa)}")
+            values[name] = given
+        for key, value in values.items():
+            object.__setattr__(self, key, value)
+
+    @property
+    def n_species(self) -> int:
+        """Number of species."""
+        return len(self.kappa)
+
+    @property
+    def has_conservative(self) -> bool:
+        """Whether there is a conservative term."""
+        return self.A != 0.0
+
+    has_thermostat = True

@@ -1,0 +1,322 @@
+"""Heat and species carried by beads (eDPD, tDPD), slowly and plainly: the answer that faster code has to reproduce.
+
+Conventions are those of `oracle_energy`: loops over ordered pairs, symmetric (T, T) coefficients, one mass per
+bead, explicit noise matrices (symmetric for forces, antisymmetric for fluxes). In eDPD temperatures are energies
+(k_B = 1), Cv is a pure number and the bead's internal energy is Cv T.
+
+``compat="lammps"`` gives what LAMMPS computes, ``compat="consistent"`` what the equations ask for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from oracle_energy import Terms, TermSums, antisymmetric_noise, harmonic_mean, matrices, ordered_pairs, symmetric_noise
+
+HEAT_NOISE_LIMIT = 5.0  # larger heat and species noise is cut to this
+POWER_MIN = 0.01  # smallest drag exponent of eDPD
+COMPAT = ("lammps", "consistent")
+
+
+def _check_compat(compat: str) -> None:
+    if compat not in COMPAT:
+        raise ValueError(f"compat must be one of {COMPAT}, not {compat!r}")
+
+
+def _clamped(xi: float) -> float:
+    return float(np.clip(xi, -HEAT_NOISE_LIMIT, HEAT_NOISE_LIMIT))
+
+
+def _weight(r: float, cutoff: float, power: float) -> float:
+    """``(1 - r/rc)^power`` inside the cutoff, 0 outside."""
+    return (1.0 - r / cutoff) ** power if r < cutoff else 0.0
+
+
+# --------------------------------------------------------------------------------------------------- eDPD
+
+
+class EdpdRates(NamedTuple):
+    """Forces, and energy per time (N,) that goes into each bead (``Cv dT/dt = q``), by origin.
+
+    ``q_viscous`` is the sum of its part without noise and its part with noise.
+    """
+
+    terms: Terms
+    q_conductive: np.ndarray
+    q_viscous_deterministic: np.ndarray
+    q_viscous_random: np.ndarray
+    q_random: np.ndarray
+
+    @property
+    def q_viscous(self) -> np.ndarray:
+        """Heat from the pair's kinetic energy."""
+        return self.q_viscous_deterministic + self.q_viscous_random
+
+    @property
+    def q(self) -> np.ndarray:
+        """All heat."""
+        return self.q_conductive + self.q_viscous + self.q_random
+
+
+def temperature_polynomial(coefficients, mean_temperature: float) -> float:
+    """``1 + c1 y + c2 y^2 + c3 y^3 + c4 y^4``, ``y = Tm - 1``; 1 without coefficients."""
+    y = mean_temperature - 1.0
+    return 1.0 if coefficients is None else 1.0 + sum(float(c) * y**k for k, c in enumerate(coefficients, start=1))
+
+
+def _polynomial_of(table, a: int, b: int):
+    """Four coefficients of a type pair from a (4,) or (T, T, 4) array or None."""
+    if table is None:
+        return None
+    table = np.asarray(table, dtype=float)
+    return table if table.ndim == 1 else table[a, b]
+
+
+def _conduction(r, T_i, T_j, cv_cv_k, power_T, cutoff_T) -> tuple[float, float]:
+    """``K wT^2 (1/T_i - 1/T_j)`` and ``sqrt(2 K) wT``, ``K = Cv_i Cv_j k Tm^2``."""
+    K, w_T = cv_cv_k * (0.5 * (T_i + T_j)) ** 2, _weight(r, cutoff_T, 0.5 * power_T)
+    return K * w_T**2 * (1.0 / T_i - 1.0 / T_j), np.sqrt(2.0 * K) * w_T
+
+
+def edpd_pair(
+    x, v, T, cv, types, masses, A, gamma, power, cutoff, kappa, power_T, cutoff_T, box, dt, xi=None, xi_T=None,
+    power_coeffs=None, kappa_coeffs=None, compat="consistent", owner: Callable[[int, int], int] = min,
+) -> EdpdRates:  # fmt: skip
+    """Forces and heat of eDPD.
+
+    With ``Tm = (T_i + T_j)/2``, ``s = max(0.01, power P(Tm))``, ``k = kappa P'(Tm)`` (`temperature_polynomial`),
+    ``w = 1 - r/rc``, ``wR = w^(s/2)``, ``sigma^2 = 4 gamma T_i T_j/(T_i + T_j)``,
+    ``wT = (1 - r/rcT)^(power_T/2)``, ``K = Cv_i Cv_j k Tm^2``, ``mu = 1/m_i + 1/m_j``:
+
+    - ``F = [A Tm w - gamma wR^2 (e.v_ij) + sigma wR xi/sqrt(dt)] e``, ``U = A Tm rc w^2/2``
+    - ``q_conductive_i = K wT^2 (1/T_i - 1/T_j)``, opposite for j
+    - ``q_random_i = sqrt(2 K) wT xi_T/sqrt(dt)``, opposite for j, xi_T cut to [-5, 5]
+    - ``q_viscous_i = {wR^2 [gamma (e.v_ij)^2 - sigma^2 mu/2] - sigma wR (e.v_ij) xi/sqrt(dt)}/2``, the same for j
+
+    ``compat="consistent"``: as written. ``xi_T`` is a noise of its own. Viscous heat acts where drag and noise act
+    (r < rc), conduction and its noise where they have weight (r < rcT), whichever cutoff is larger, so that each
+    fluctuation has its dissipation over the same range and D + R keep kinetic energy + sum Cv T on average
+    (the force A Tm w is not in that balance: U depends on T and no heat flows for it).
+
+    ``compat="lammps"``: ``xi_T = xi[i, j]`` as seen from the owner of the pair (``xi_T`` must be None);
+    ``q_viscous = {wR^2 [gamma (e.v_ij)^2 - sigma^2/m] - sigma wR (e.v_ij) xi}/(Cv_i + Cv_j)``, m the mass of the owner,
+    for both beads; no heat of any kind beyond ``min(rc, rcT)``. (For ``rcT <= r < rc`` LAMMPS leaves the owner's q alone
+    and adds left-over numbers to the other's; here nothing is added.)
+
+    Parameters
+    ----------
+    x, v, T, cv, types, masses : (N, 3), (N, 3), and (N,) each
+    A, gamma, power, cutoff, kappa, power_T, cutoff_T : numbers or symmetric (T, T) matrices
+    xi, xi_T : symmetric and antisymmetric (N, N) noise; None means no noise
+    power_coeffs, kappa_coeffs : None, (4,), or (T, T, 4)
+    owner : which of two beads LAMMPS has in the first place of its neighbour list: as observed, the smaller index within a bin,
+        the one that is lower (in z first) between bins. Only for ``compat="lammps"``
+    """
+    _check_compat(compat)
+    lammps = compat == "lammps"
+    if lammps and xi_T is not None:
+        raise ValueError("LAMMPS has no heat noise of its own: give xi only")
+    n, root_dt = len(x), np.sqrt(dt)
+    A, gamma, power, cutoff, kappa, power_T, cutoff_T = matrices(types, A, gamma, power, cutoff, kappa, power_T, cutoff_T)
+    xi, xi_T = symmetric_noise(xi, n), antisymmetric_noise(xi_T, n)
+    sums, heat = TermSums(n), np.zeros((4, n))
+    for i, j, a, b, r, e in ordered_pairs(x, types, np.maximum(cutoff, cutoff_T), box):
+        rc, mean = cutoff[a, b], 0.5 * (T[i] + T[j])
+        inside = r < rc
+        if inside:
+            w = 1.0 - r / rc
+            s = max(POWER_MIN, power[a, b] * temperature_polynomial(_polynomial_of(power_coeffs, a, b), mean))
+            sigma = np.sqrt(2.0 * gamma[a, b] * harmonic_mean(T[i], T[j]))
+            drag, noise = gamma[a, b] * w**s, sigma * w ** (0.5 * s)
+            ev = float(np.dot(e, v[i] - v[j]))
+            sums.add(i, r, e, (A[a, b] * mean * w, -drag * ev, noise * xi[i, j] / root_dt), 0.5 * A[a, b] * mean * rc * w**2)
+        if lammps and inside and r < cutoff_T[a, b]:
+            share = 1.0 / (cv[i] + cv[j])
+            heat[1, i] += share * (drag * ev**2 - noise**2 / masses[owner(i, j)])
+            heat[2, i] -= share * noise * ev * xi[i, j]
+        if not lammps and inside:
+            mu = 1.0 / masses[i] + 1.0 / masses[j]
+            heat[1, i] += 0.5 * (drag * ev**2 - 0.5 * noise**2 * mu)
+            heat[2, i] -= 0.5 * noise * ev * xi[i, j] / root_dt
+        if r < cutoff_T[a, b] and (inside or not lammps):
+            k = kappa[a, b] * temperature_polynomial(_polynomial_of(kappa_coeffs, a, b), mean)
+            flux, amplitude = _conduction(r, T[i], T[j], cv[i] * cv[j] * k, power_T[a, b], cutoff_T[a, b])
+            z = xi_T[i, j] if not lammps else (xi[i, j] if i == owner(i, j) else -xi[i, j])
+            heat[0, i] += flux
+            heat[3, i] += amplitude * _clamped(z) / root_dt
+    return EdpdRates(sums.terms(), *heat)
+
+
+# --------------------------------------------------------------------------------------------------- tDPD
+
+
+class TdpdRates(NamedTuple):
+    """Forces, and change of concentration per time (N, S) by origin (``dC/dt = Q``)."""
+
+    terms: Terms
+    conductive: np.ndarray
+    random: np.ndarray
+
+    @property
+    def Q(self) -> np.ndarray:
+        """All of it."""
+        return self.conductive + self.random
+
+
+def _species(values, n_species: int) -> list:
+    """One coefficient (a number or a matrix) per species from a number or a sequence of them."""
+    values = [values] * n_species if np.ndim(values) == 0 else list(values)
+    if len(values) != n_species:
+        raise ValueError(f"{len(values)} coefficients for {n_species} species")
+    return values
+
+
+def tdpd_pair(
+    x, v, C, types, A, gamma, power, cutoff, cutoff_C, kappa, epsilon, power_C, kT, box, dt, xi=None, xi_C=None, compat="consistent"
+) -> TdpdRates:  # fmt: skip
+    """Forces and species fluxes of tDPD.
+
+    With ``w = 1 - r/rc``, ``wR = w^(power/2)``, ``sigma^2 = 2 kT gamma``, and for species k
+    ``wk = (1 - r/rcC)^(power_C_k/2)``:
+
+    - ``F = [A w - gamma wR^2 (e.v_ij) + sigma wR xi/sqrt(dt)] e``, ``U = A rc w^2/2``
+    - ``Q_i,k = -kappa_k wk^2 (C_i,k - C_j,k) + epsilon_k wk (C_i,k + C_j,k) xi_k/sqrt(dt)``, opposite for j,
+      xi_k cut to [-5, 5]
+
+    ``compat="lammps"`` drops the flux of pairs with ``r >= rc`` (it matters when rcC > rc).
+
+    Parameters
+    ----------
+    C : (N, S)
+    A, gamma, power, cutoff, cutoff_C : numbers or symmetric (T, T) matrices
+    kappa, epsilon, power_C : numbers, or one number or symmetric (T, T) matrix per species
+    xi : symmetric (N, N) noise or None
+    xi_C : antisymmetric noise of each species (S, N, N) or None
+    """
+    _check_compat(compat)
+    C = np.asarray(C, dtype=float)
+    (n, n_species), root_dt = C.shape, np.sqrt(dt)
+    A, gamma, power, cutoff, cutoff_C = matrices(types, A, gamma, power, cutoff, cutoff_C)
+    kappa, epsilon, power_C = (matrices(types, *_species(a, n_species)) for a in (kappa, epsilon, power_C))
+    xi = symmetric_noise(xi, n)
+    xi_C = [antisymmetric_noise(None if xi_C is None else xi_C[k], n) for k in range(n_species)]
+    sums, conductive, random = TermSums(n), np.zeros_like(C), np.zeros_like(C)
+    for i, j, a, b, r, e in ordered_pairs(x, types, np.maximum(cutoff, cutoff_C), box):
+        rc = cutoff[a, b]
+        if r < rc:
+            w = 1.0 - r / rc
+            w_R, ev = w ** (0.5 * power[a, b]), float(np.dot(e, v[i] - v[j]))
+            R = np.sqrt(2.0 * kT * gamma[a, b]) * w_R * xi[i, j] / root_dt
+            sums.add(i, r, e, (A[a, b] * w, -gamma[a, b] * w_R**2 * ev, R), 0.5 * A[a, b] * rc * w**2)
+        elif compat == "lammps":
+            continue
+        if r >= cutoff_C[a, b]:
+            continue
+        for k in range(n_species):
+            w_k = _weight(r, cutoff_C[a, b], 0.5 * power_C[k][a, b])
+            conductive[i, k] -= kappa[k][a, b] * w_k**2 * (C[i, k] - C[j, k])
+            random[i, k] += epsilon[k][a, b] * w_k * (C[i, k] + C[j, k]) * _clamped(xi_C[k][i, j]) / root_dt
+    return TdpdRates(sums.terms(), conductive, random)
+
+
+# ------------------------------------------------------------------------------------------------ sources
+
+
+def in_sphere(x, centre, radius: float) -> np.ndarray:
+    """Beads with ``|x - centre| < radius`` (no periodic images). LAMMPS's source fixes compare with radius^(3/2)."""
+    return np.sum((np.asarray(x, dtype=float) - centre) ** 2, axis=1) < radius**2
+
+
+def in_cuboid(x, centre, lengths) -> np.ndarray:
+    """Beads with ``|x - centre| <= lengths/2`` in each direction (no periodic images); ``centre`` is the middle."""
+    return np.all(np.abs(np.asarray(x, dtype=float) - centre) <= 0.5 * np.asarray(lengths, dtype=float), axis=1)
+
+
+def in_block_region(x, low, high) -> np.ndarray:
+    """Beads with ``low <= x <= high`` in each direction (no periodic images); infinite bounds are allowed."""
+    x = np.asarray(x, dtype=float)
+    return np.all((x >= low) & (x <= high), axis=1)
+
+
+def in_sphere_region(x, centre, radius: float) -> np.ndarray:
+    """Beads with ``|x - centre| <= radius`` (no periodic images)."""
+    return np.sum((np.asarray(x, dtype=float) - centre) ** 2, axis=1) <= radius**2
+
+
+def edpd_source(inside, rate: float, cv) -> np.ndarray:
+    """Heat ``q_i = rate Cv_i`` of the beads inside: ``rate`` is a dT/dt."""
+    return np.where(inside, rate * np.asarray(cv, dtype=float), 0.0)
+
+
+def tdpd_source(inside, species: int, rate: float, n_species: int) -> np.ndarray:
+    """Flux (N, S) with ``Q_i,species = rate`` of the beads inside; species are counted from 0."""
+    Q = np.zeros((len(inside), n_species))
+    Q[np.asarray(inside), species] = rate
+    return Q
+
+
+# -------------------------------------------------------------------------------------------------- steps
+
+
+class EdpdState(NamedTuple):
+    """Result of `mvv_edpd_step`; ``f`` and ``q`` open the next step."""
+
+    x: np.ndarray
+    v: np.ndarray
+    T: np.ndarray
+    f: np.ndarray
+    q: np.ndarray
+
+
+def mvv_edpd_step(x, v, T, f, q, masses, cv, dt, lam, rates_at) -> EdpdState:
+    """Modified velocity Verlet of velocities and temperatures.
+
+    ``vh = v + dt/2 f/m``, ``x += dt vh``, ``Th = T + dt/2 q/Cv``; new f and q at x and at the predictions
+    ``v + lam dt f/m``, ``T + lam dt q/Cv``; ``v = vh + dt/2 f/m``, ``T = Th + dt/2 q/Cv``.
+
+    Parameters
+    ----------
+    rates_at : ``rates_at(x, v, T) -> (f, q)``, noise and sources included
+    """
+    m, cv = np.asarray(masses, dtype=float)[:, None], np.asarray(cv, dtype=float)
+    v_half, T_half = v + 0.5 * dt * f / m, T + 0.5 * dt * q / cv
+    x = x + dt * v_half
+    f, q = rates_at(x, v + lam * dt * f / m, T + lam * dt * q / cv)
+    return EdpdState(x, v_half + 0.5 * dt * f / m, T_half + 0.5 * dt * q / cv, f, q)
+
+
+class TdpdState(NamedTuple):
+    """Result of `mvv_tdpd_step`; ``f`` and ``Q`` open the next step."""
+
+    x: np.ndarray
+    v: np.ndarray
+    C: np.ndarray
+    f: np.ndarray
+    Q: np.ndarray
+
+
+def mvv_tdpd_step(x, v, C, f, Q, masses, dt, lam, rates_at) -> TdpdState:
+    """Modified velocity Verlet of velocities; concentrations always take two half steps.
+
+    As `mvv_edpd_step` for x and v; ``C += dt/2 Q`` before and after the new f and Q, which are taken at the
+    half-step C. lam does not act on C.
+
+    Parameters
+    ----------
+    rates_at : ``rates_at(x, v, C) -> (f, Q)``, noise and sources included
+    """
+    m = np.asarray(masses, dtype=float)[:, None]
+    v_half, C = v + 0.5 * dt * f / m, C + 0.5 * dt * Q
+    x = x + dt * v_half
+    f, Q = rates_at(x, v + lam * dt * f / m, C)
+    return TdpdState(x, v_half + 0.5 * dt * f / m, C + 0.5 * dt * Q, f, Q)
+
+
+def mean_diffusivity(rho: float, kappa: float, cutoff: float, power: float) -> float:
+    """``D = (2 pi rho kappa/3) rcC^5 24/[(n+1)(n+2)(n+3)(n+4)(n+5)]`` of a uniform fluid, n = power.
+
+    Heat conduction of eDPD at T = 1: the same with ``kappa -> Cv kappa``.
+    """
+    return float(2.0 * np.pi * rho * kappa / 3.0 * cutoff**5 * 24.0 / np.prod(power + np.arange(1, 6)))

@@ -1,0 +1,296 @@
+"""Energy-conserving DPD: force form and sweeps against the oracle, conservation, and the distribution the exact updates sample."""
+
+from __future__ import annotations
+
+import numpy as np
+import oracle_energy as oracle
+import pytest
+from scenes import BOXES, MASSES, chains, fluid, listed_pairs, noise_of
+from scipy import stats
+
+import openmm_dpd as dpd
+from openmm_dpd.errors import ParameterError, RunError
+from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, set_threads
+from openmm_dpd.model.energy_dpd import EnergyDPD
+from openmm_dpd.model.eos import ConstantHeatCapacity, TabulatedEOS
+from openmm_dpd.model.internal import InternalEnergy
+from openmm_dpd.plan import make_plan
+
+BOX = pytest.mark.parametrize("box", BOXES.values(), ids=BOXES.keys())
+DT, SEED, COUNTER = 0.02, 21, 5
+TABLE = {
+    ("A", "A"): EnergyDPD(A=25, sigma=3, kappa=2.0, cutoff=1.0),
+    ("A", "B"): EnergyDPD(A=31, sigma=2, kappa=1.0, cutoff=1.2),
+    ("B", "B"): EnergyDPD(A=18, sigma=4, kappa=3.0, cutoff=0.9),
+}
+EOS = {"A": ConstantHeatCapacity(40.0), "B": ConstantHeatCapacity(70.0)}
+
+
+def energy_fluid(box, *, make=fluid, eos=EOS, table=TABLE, seed=5, **options) -> dpd.Scene:
+    n = make(box=box).n_beads
+    theta = np.random.default_rng(seed).uniform(0.7, 1.4, n)
+    return make(table=table, box=box, internal=InternalEnergy(eos, theta), **options)
+
+
+def prepared(scene, scheme="middle", dt=DT) -> PairEngine:
+    engine = PairEngine(make_plan(scene, dt=dt, seed=SEED, scheme=scheme).spec)
+    engine.prepare(scene.positions, scene.box)
+    return engine
+
+
+def noise_matrices(n: int):
+    """The kernel's numbers: symmetric for the motion, antisymmetric (the lower index gets +) for the heat."""
+    draw = noise_of(n, SEED, COUNTER)
+    motion, heat = np.zeros((n, n)), np.zeros((n, n))
+    for i in range(n):
+        for j in range(i + 1, n):
+            motion[i, j] = motion[j, i] = draw(i, j, 0)
+            heat[i, j] = draw(i, j, 1)
+            heat[j, i] = -heat[i, j]
+    return motion, heat
+
+
+def matrices(scene):
+    names = scene.type_names
+    entries = scene.tables[0].resolve(names)
+    get = lambda key: np.array([[getattr(entries[(names[min(a, b)], names[max(a, b)])], key) for b in range(2)] for a in range(2)])  # noqa: E731
+    return {key: get(key) for key in ("A", "sigma", "kappa", "cutoff")}
+
+
+def close(got, expected, rtol=1e-12):
+    np.testing.assert_allclose(got, expected, rtol=0, atol=rtol * np.abs(expected).max())
+    assert np.abs(expected).max() > 1e-3
+
+
+@BOX
+def test_forces_and_heat_equal_the_oracle(box):
+    scene = energy_fluid(box)
+    engine, n = prepared(scene), scene.n_beads
+    u = scene.internal.energies(scene.type_ids, scene.type_names)
+    theta = u.sum(axis=1) / np.array([EOS[t].capacity for t in scene.types])
+    motion, heat = noise_matrices(n)
+    expected = oracle.dpde_rates(
+        scene.positions,
+        scene.velocities,
+        theta,
+        scene.type_ids,
+        scene.bead_masses,
+        **matrices(scene),
+        box=box,
+        k_B=1.0,
+        dt=DT,
+        xi=motion,
+        xi_q=heat,
+    )
+    parts = {}
+    for which in (CONSERVATIVE, DISSIPATIVE, RANDOM):
+        energy, force, virial = engine.forces(which, scene.velocities, 1.0, DT, SEED, COUNTER, u)
+        parts[which] = (energy, force, virial, engine.rates.copy())
+    terms = expected.terms
+    for which, force, virial in (
+        (CONSERVATIVE, terms.conservative, terms.virial_conservative),
+        (DISSIPATIVE, terms.dissipative, terms.virial_dissipative),
+        (RANDOM, terms.random, terms.virial_random),
+    ):
+        close(parts[which][1], force)
+        assert parts[which][2] == pytest.approx(np.trace(virial) if np.ndim(virial) else virial, rel=1e-11)
+    assert parts[CONSERVATIVE][0] == pytest.approx(terms.energy, rel=1e-12)
+    close(parts[DISSIPATIVE][3], np.column_stack([expected.cond_deterministic, expected.mech_deterministic]))
+    close(parts[RANDOM][3], np.column_stack([expected.cond_random, expected.mech_random]))
+    assert abs((parts[DISSIPATIVE][3] + parts[RANDOM][3])[:, 0].sum()) < 1e-12 * np.abs(parts[RANDOM][3]).sum()
+
+
+@BOX
+def test_frozen_sweep_equals_the_oracle(box):
+    """What fix shardlow does, with the same noise in the same order of pairs."""
+    scene = energy_fluid(box)
+    engine = prepared(scene, "shardlow")
+    u = scene.internal.energies(scene.type_ids, scene.type_names)
+    theta = u.sum(axis=1) / np.array([EOS[t].capacity for t in scene.types])
+    coefficients = matrices(scene)
+    coefficients.pop("A")
+    expected = oracle.shardlow_energy_sweep(
+        scene.positions, scene.velocities, u[:, 0], u[:, 1], theta, listed_pairs(engine, 0), scene.type_ids, scene.bead_masses, **coefficients,
+        box=box, k_B=1.0, dt=DT, xi=noise_matrices(scene.n_beads)[0], xi_q=noise_matrices(scene.n_beads)[1],
+    )  # fmt: skip
+    change = engine.sweep(scene.velocities, 1.0, DT, SEED, COUNTER, u)
+    close(scene.velocities + change, expected.v)
+    close(u + engine.flow, np.column_stack([expected.u_cond, expected.u_mech]))
+
+
+@pytest.mark.parametrize("scheme", ["middle", "shardlow"])
+@pytest.mark.parametrize("dt", [1e-4, 0.02, 3.0])
+@BOX
+def test_a_sweep_conserves_energy_and_momentum(box, dt, scheme):
+    scene = energy_fluid(
+        box, table={key: EnergyDPD(A=c.A, sigma=c.sigma, kappa=0.1 * c.kappa, cutoff=c.cutoff) for key, c in TABLE.items()}
+    )
+    engine, v, mass = prepared(scene, scheme, dt), scene.velocities, scene.bead_masses
+    u = scene.internal.energies(scene.type_ids, scene.type_names)
+    change = engine.sweep(v, 1.0, dt, SEED, COUNTER, u)
+    kinetic = [0.5 * mass @ np.sum(w**2, axis=1) for w in (v, v + change)]
+    assert abs(kinetic[1] - kinetic[0] + engine.flow.sum()) < 1e-13 * (kinetic[0] + u.sum())
+    assert abs(engine.flow[:, 0].sum()) < 1e-14 * u.sum()
+    assert np.abs(mass @ change).max() < 1e-13 * mass @ np.abs(v).sum(axis=1)
+    assert np.abs(engine.flow).max() > 1e-4 * dt
+
+
+def test_small_steps_of_both_forms_agree():
+    """A sweep over a time dt is dt times the rates to first order, noise included to order sqrt(dt)."""
+    scene = energy_fluid(BOXES["ortho"])
+    u, v, dt = scene.internal.energies(scene.type_ids, scene.type_names), scene.velocities, 1e-8
+    engine = prepared(scene)
+    force = engine.forces(DISSIPATIVE | RANDOM, v, 1.0, dt, SEED, COUNTER, u)[1]
+    rates = engine.rates.copy()
+    change = engine.sweep(v, 1.0, dt, SEED, COUNTER, u)
+    np.testing.assert_allclose(change, dt * force / scene.bead_masses[:, None], atol=3e-3 * np.abs(change).max())
+    np.testing.assert_allclose(engine.flow, dt * rates, atol=3e-3 * np.abs(engine.flow).max())
+
+
+# -- what the exact update samples -----------------------------------------------------------------------------------------------------
+def cluster(eos, n=6, **options):
+    """Beads of two masses, all within reach of each other and at rest in space: only the sweep acts."""
+    rng = np.random.default_rng(3)
+    x = rng.uniform(0, 0.5, (n, 3))
+    table = {("*", "*"): EnergyDPD(sigma=2.0, kappa=0.5, cutoff=1.5)}
+    return dpd.Scene(
+        MASSES, ["A", "B"] * (n // 2), x, table, 1.0, internal=InternalEnergy(eos, 1.0), velocities=np.zeros((n, 3)), **options
+    )
+
+
+def sampled(scene, scheme, dt, sweeps, thin):
+    """Energy of bead 0 and kinetic energy after every ``thin`` sweeps."""
+    engine = prepared(scene, scheme, dt)
+    u, v = scene.internal.energies(scene.type_ids, scene.type_names), scene.velocities.copy()
+    rows = []
+    for k in range(sweeps):
+        v += engine.sweep(v, 1.0, dt, SEED, k, u)
+        u = u + engine.flow
+        if k % thin == 0 and k > 20 * thin:
+            rows.append((u[0].sum(), 0.5 * scene.bead_masses @ np.sum(v**2, axis=1)))
+    return np.array(rows).T, u.sum() + 0.5 * scene.bead_masses @ np.sum(v**2, axis=1)
+
+
+@pytest.mark.parametrize("dt", [0.1, 5.0])
+@pytest.mark.parametrize("capacity", [2.0, 6.0, 60.0])
+def test_exact_sweep_samples_the_microcanonical_distribution(capacity, dt):
+    """u of a bead and K follow beta distributions: weight u^C for each bead, and 3N - 6 velocities (total and angular momentum stay 0).
+
+    Kolmogorov-Smirnov test of 4,000 nearly independent samples; fails at about 4 sigma (p < 6e-5).
+    """
+    n = 6
+    (u, kinetic), energy = sampled(cluster(ConstantHeatCapacity(capacity)), "middle", dt, 4000 * 10, 10)
+    assert energy == pytest.approx(n * capacity, rel=1e-11)
+    motion = (3 * n - 6) / 2
+    expected = {"u": stats.beta(capacity + 1, (n - 1) * (capacity + 1) + motion), "K": stats.beta(motion, n * (capacity + 1))}
+    for name, values in (("u", u), ("K", kinetic)):
+        # every 4th row: neighbouring rows still remember each other a little
+        p = stats.kstest(values[::4] / energy, expected[name].cdf).pvalue
+        assert p > 6e-5, (name, p)
+
+
+def test_the_distribution_test_can_fail():
+    """It tells the weight u^C from u^(C-1)."""
+    (u, _), energy = sampled(cluster(ConstantHeatCapacity(2.0)), "middle", 1.0, 40_000, 10)
+    assert stats.kstest(u[::4] / energy, stats.beta(2, 10 + 6).cdf).pvalue < 1e-8
+
+
+def test_the_frozen_sweep_can_run_out_of_energy():
+    with pytest.raises(RunError, match=r"internal energy -\S+ kJ/mol of bead \d after the sweep is outside its equation of state"):
+        sampled(cluster(ConstantHeatCapacity(6.0)), "shardlow", 0.2, 40_000, 10)
+
+
+def test_exact_sweep_with_a_table():
+    """Any equation of state: u = theta^2 (S = 2 sqrt(u)) for one type, constant capacity for the other, against a direct integral."""
+    low, high = 0.05, 8.0
+    eos = {"A": TabulatedEOS.from_functions(lambda theta: 3 * theta**2, (low, high)), "B": ConstantHeatCapacity(4.0)}
+    n = 4
+    (u, _), energy = sampled(cluster(eos, n), "middle", 1.0, 60_000, 10)
+    # marginal of bead 0: exp(S(u)) times the number of states of the rest, which is a convolution on a grid
+    grid = np.linspace(0, energy, 4001)[1:]
+    table = np.where(grid >= 3 * low**2, np.exp(2 * np.sqrt(3 * np.maximum(grid, 0))), 0.0)
+    constant, motion = grid**4.0, grid ** ((3 * n - 6) / 2 - 1)
+    rest = motion
+    for weight in (table, constant, constant):
+        rest = np.convolve(rest, weight)[: len(grid)]
+        rest = rest / rest.max()
+    # grid points stand for cells: the total of four cells lies two cells below the sum of their upper ends
+    density = table[:-4] * rest[::-1][4:]
+    cdf = np.cumsum(density) / density.sum()
+    p = stats.kstest(u[::4], lambda value: np.interp(value, grid[:-4], cdf)).pvalue
+    assert p > 6e-5, p
+
+
+def test_threads_give_the_same_bits():
+    scene = energy_fluid(BOXES["wide"])
+    u = scene.internal.energies(scene.type_ids, scene.type_names)
+    results = []
+    for threads in (1, 2):
+        set_threads(threads)
+        try:
+            engine = prepared(scene)
+            force = engine.forces(7, scene.velocities, 1.0, DT, SEED, COUNTER, u)[1]
+            rates = engine.rates.copy()
+            results.append((force, rates, engine.sweep(scene.velocities, 1.0, DT, SEED, COUNTER, u), engine.flow.copy()))
+        finally:
+            set_threads(None)
+    for one, two in zip(*results, strict=True):
+        np.testing.assert_array_equal(one, two)
+
+
+def test_factors_act_on_forces_and_their_heat():
+    """f on A, f on sigma^2 (so that friction and noise stay in balance), nothing on conduction; energy stays conserved."""
+    scene = energy_fluid(BOXES["ortho"], make=chains)
+    engine, v, mass = prepared(scene), scene.velocities, scene.bead_masses
+    u = scene.internal.energies(scene.type_ids, scene.type_names)
+    change = engine.sweep(v, 1.0, DT, SEED, COUNTER, u)
+    kinetic = [0.5 * mass @ np.sum(w**2, axis=1) for w in (v, v + change)]
+    assert abs(kinetic[1] - kinetic[0] + engine.flow.sum()) < 1e-13 * (kinetic[0] + u.sum())
+
+
+# -- walls and errors ---------------------------------------------------------------------------------------------------------------------
+def test_a_wall_is_a_reservoir():
+    """Beads in contact with immobile ones of theta = 2 get that temperature: u of a bead follows the gamma distribution of theta = 2."""
+    scene = cluster(ConstantHeatCapacity(6.0), mobile=np.arange(6) < 1)
+    theta = np.where(np.arange(6) < 1, 1.0, 2.0)
+    scene = dpd.Scene(
+        MASSES, list(scene.types), scene.positions, scene.tables[0], 1.0, internal=InternalEnergy(ConstantHeatCapacity(6.0), theta),
+        velocities=scene.velocities, mobile=scene.mobile,
+    )  # fmt: skip
+    (u, kinetic), _ = sampled(scene, "middle", 0.5, 60_000, 10)
+    assert stats.kstest(u[::4], stats.gamma(7.0, scale=2.0).cdf).pvalue > 6e-5
+    assert stats.kstest(kinetic[::4], stats.gamma(1.5, scale=2.0).cdf).pvalue > 6e-5
+
+
+def test_energy_out_of_range_names_the_bead():
+    """Euler conduction overshoots at large steps; the run stops there."""
+    table = {("*", "*"): EnergyDPD(sigma=2.0, kappa=500.0, cutoff=1.5)}
+    scene = cluster(ConstantHeatCapacity(2.0))
+    scene = dpd.Scene(MASSES, list(scene.types), scene.positions, table, 1.0, internal=scene.internal, velocities=scene.velocities)
+    engine = prepared(scene, "shardlow", 5.0)
+    u = scene.internal.energies(scene.type_ids, scene.type_names)
+    with pytest.raises(RunError, match=r"internal energy -\S+ kJ/mol of bead \d after the sweep is outside"):
+        engine.sweep(scene.velocities, 1.0, 5.0, SEED, COUNTER, u)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"internal": None}, "need internal=InternalEnergy"),
+        ({"internal": InternalEnergy(EOS, 0.0)}, "bead 0 is 0; it must be > 0"),
+        ({"internal": InternalEnergy({"A": EOS["A"]}, 1.0)}, "no equation of state for bead type B"),
+        ({"internal": InternalEnergy(TabulatedEOS([1, 2], [1, 2]), 3.0)}, "3 of bead 0 is outside its equation of state"),
+    ],
+)
+def test_bad_internal_energies(change, message):
+    with pytest.raises(ParameterError, match=message):
+        fluid(table=TABLE, box=BOXES["ortho"], **change)
+
+
+def test_bad_equations_of_state():
+    with pytest.raises(ParameterError, match="must be a single number > 0"):
+        ConstantHeatCapacity(0.0)
+    with pytest.raises(ParameterError, match=r"energies .* must increase; entry 3 \(1.5\) is not above entry 2 \(2\)"):
+        TabulatedEOS([1, 2, 3], [1, 2, 1.5])
+    with pytest.raises(ParameterError, match="contradict each other"):
+        TabulatedEOS.from_functions(lambda theta: theta, (1, 2), lambda u: 2 * u)

@@ -1,0 +1,206 @@
+"""The oracle of beads that carry heat and species against a live LAMMPS, noise included."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import lammps_steps
+import oracle_energy as oe
+import oracle_meso as om
+
+EDPD = {
+    "A": np.array([[25.0, 31.0], [31.0, 18.0]]),
+    "gamma": np.array([[4.5, 2.0], [2.0, 9.0]]),
+    "power": np.array([[2.0, 0.41], [0.41, 1.2]]),
+    "cutoff": np.array([[1.0, 1.2], [1.2, 0.9]]),
+    "kappa": np.array([[0.7, 0.2], [0.2, 1.3]]),
+    "power_T": np.array([[2.0, 1.0], [1.0, 3.0]]),
+    "cutoff_T": np.array([[1.2, 0.8], [0.8, 0.9]]),
+}
+MOMENTUM = {name: EDPD[name] for name in ("A", "gamma", "power", "cutoff")}
+POLYNOMIAL = np.array([0.5, -0.3, 0.8, 0.2])
+
+
+@pytest.fixture(scope="module")
+def live_lammps():
+    reason = lammps_steps.why_missing(
+        [("pair", "edpd"), ("pair", "tdpd"), ("fix", "mvv/edpd"), ("fix", "edpd/source"), ("fix", "tdpd/source")]
+    )
+    if reason:
+        pytest.skip(reason)
+
+
+BOX = lammps_steps.peer_box()
+X2 = np.array([[5.0, 5, 5], [5.3, 5.2, 4.8]])  # r = 0.412
+V2 = np.array([[0.4, -0.3, 1.0], [-0.6, 0.2, 0.3]])
+T2, CV2 = np.array([0.8, 1.7]), np.array([3.0, 5.0])
+
+EDPD_CASES = {
+    "plain": {},
+    "power": {"power_coeffs": POLYNOMIAL},
+    "kappa": {"kappa_coeffs": POLYNOMIAL},
+    "both": {"power_coeffs": POLYNOMIAL, "kappa_coeffs": POLYNOMIAL[::-1]},
+    "smallest power": {"power_coeffs": -100.0 * POLYNOMIAL**2},
+    "heat beyond the forces": {"cutoff": 0.38, "cutoff_T": 1.0},
+    "odd powers": {"power": 0.41, "power_T": 3.0},
+    "unequal masses": {"masses": (1.0, 2.7)},
+    "unequal masses, other order": {"masses": (2.7, 1.0)},
+    "second bead owns the pair": {"masses": (1.0, 2.7), "x": np.array([[5.0, 5, 5.6], [5.0, 5, 5.0]]), "owner": max},
+}
+
+
+def edpd_line(options):
+    line = "pair_coeff * * " + " ".join(str(options[k]) for k in ("A", "gamma", "power", "cutoff", "kappa", "power_T", "cutoff_T"))
+    for word in ("power", "kappa"):
+        if f"{word}_coeffs" in options:
+            line += f" {word} " + " ".join(str(c) for c in options[f"{word}_coeffs"])
+    return line
+
+
+@pytest.mark.parametrize("case", EDPD_CASES.values(), ids=EDPD_CASES.keys())
+def test_edpd_pair_and_step_with_their_noise_equal_lammps(live_lammps, case):
+    seed, dt, lam, steps = 4711, 0.01, 0.65, 3
+    options = {"A": 18.75, "gamma": 4.5, "power": 2.0, "cutoff": 1.0, "kappa": 0.02, "power_T": 2.0, "cutoff_T": 1.0} | case
+    masses, start = np.array(options.pop("masses", (1.3, 1.3))), options.pop("x", X2)
+    commands = [
+        *(f"set atom {k} edpd/temp {t} edpd/cv {c}" for k, t, c in zip((1, 2), T2, CV2, strict=True)),
+        f"pair_style edpd 1.0 {seed}",
+        edpd_line(options),
+        f"fix 1 all mvv/edpd {lam}",
+        "fix 2 all edpd/source cuboid 5 5 5 0.2 9 9 0.3",
+        f"timestep {dt}",
+    ]
+    peer = lammps_steps.run("edpd", start, V2, (0, 1), masses, commands, steps, {"T": "edpd/temp/atom"})
+    noise = iter(lammps_steps.lammps_normals(seed, steps + 1))
+    source_on = iter([False] + [True] * steps)  # the source is not there at setup
+
+    def at(x, v, T):
+        xi = lammps_steps.two_bead_noise(next(noise), True)
+        got = om.edpd_pair(x, v, T, CV2, (0, 0), masses, **options, box=BOX, dt=dt, xi=xi, compat="lammps")
+        source = om.edpd_source(om.in_cuboid(x, [5, 5, 5], [0.2, 9, 9]), 0.3, CV2)
+        at.terms = got.terms
+        return got.terms.forces, got.q + (source if next(source_on) else 0.0)
+
+    state = om.EdpdState(start, V2, T2, *at(start, V2, T2))
+    for _ in range(steps):
+        state = om.mvv_edpd_step(state.x, state.v, state.T, state.f, state.q, masses, CV2, dt, lam, at)
+    assert np.all(np.abs(state.T - T2)[: 2 if "cutoff" not in case else 1] > 1e-3)
+    np.testing.assert_allclose(peer.x, state.x, rtol=1e-13)
+    np.testing.assert_allclose(peer.v, state.v, rtol=1e-10)
+    np.testing.assert_allclose(peer.f, state.f, rtol=1e-9)
+    np.testing.assert_allclose(peer.values["T"], state.T, rtol=1e-11)
+    assert peer.pe == pytest.approx(at.terms.energy, rel=1e-11)
+    assert peer.press == pytest.approx(oe.pressure(masses, state.v, at.terms, BOX), rel=1e-10)
+
+
+def test_edpd_conduction_among_many_beads_equals_lammps(live_lammps):
+    """Cv 1e16 and kappa Cv^2 as large make the heat noise 1e-8 of the conduction; no drag, hence no noise in the forces."""
+    n, dt, steps = 60, 0.01, 2
+    rng = np.random.default_rng(12)
+    x, v = rng.uniform(4.0, 6.5, (n, 3)), rng.normal(size=(n, 3))
+    T, cv, types = rng.uniform(0.7, 1.8, n), 1e16 * rng.uniform(1.0, 2.0, n), np.arange(n) % 2
+    commands = [
+        *(f"set atom {k} edpd/temp {t} edpd/cv {c}" for k, (t, c) in enumerate(zip(T, cv, strict=True), start=1)),
+        "pair_style edpd 1.2 99",
+        *(
+            f"pair_coeff {a + 1} {b + 1} {EDPD['A'][a, b]} 0.0 2.0 {EDPD['cutoff'][a, b]} {EDPD['kappa'][a, b] * 1e-16} {EDPD['power_T'][a, b]} {EDPD['cutoff'][a, b]}"
+            for a, b in ((0, 0), (0, 1), (1, 1))
+        ),
+        "fix 1 all mvv/edpd 0.5",
+        f"timestep {dt}",
+        "neigh_modify every 1 delay 0 check no",
+    ]
+    peer = lammps_steps.run("edpd", x, v, types, (1.0, 2.7), commands, steps, {"T": "edpd/temp/atom"})
+    masses = np.array([1.0, 2.7])[types]
+    options = EDPD | {"gamma": 0.0, "kappa": EDPD["kappa"] * 1e-16, "cutoff_T": EDPD["cutoff"]}
+
+    def at(x, v, T):
+        got = om.edpd_pair(x, v, T, cv, types, masses, **options, box=BOX, dt=dt)
+        return got.terms.forces, got.q
+
+    state = om.EdpdState(x, v, T, *at(x, v, T))
+    for _ in range(steps):
+        state = om.mvv_edpd_step(state.x, state.v, state.T, state.f, state.q, masses, cv, dt, 0.5, at)
+    assert np.abs(state.T - T).max() > 1e-3
+    np.testing.assert_allclose(peer.v, state.v, atol=1e-9)
+    np.testing.assert_allclose(peer.values["T"], state.T, atol=1e-8)
+
+
+def tdpd_line(a, b, options):
+    head = " ".join(str(options[k][a, b]) for k in ("A", "gamma", "power", "cutoff"))
+    species = " ".join(f"{k[a, b]} {e} {p}" for k, e, p in zip(options["kappa"], options["epsilon"], options["power_C"], strict=True))
+    return f"pair_coeff {a + 1} {b + 1} {head} {options['cutoff_C']} {species}"
+
+
+@pytest.mark.parametrize("cutoff_C", [1.0, 0.5, 1.5])
+def test_tdpd_pair_and_step_with_their_noise_equal_lammps(live_lammps, cutoff_C):
+    seed, dt, lam, steps, kT = 4711, 0.01, 0.65, 3, 0.7
+    C, masses = np.array([[1.0, 2.0], [0.4, 5.0]]), np.array([1.0, 2.7])
+    options = {**MOMENTUM, "cutoff_C": cutoff_C, "kappa": [EDPD["kappa"], 2 * EDPD["kappa"]], "epsilon": [0.1, 0.2], "power_C": [2.0, 1.0]}
+    commands = [
+        *(f"set atom {k + 1} cc {s + 1} {C[k, s]}" for k in range(2) for s in range(2)),
+        f"pair_style tdpd {kT} 1.0 {seed}",
+        *(tdpd_line(a, b, options) for a, b in ((0, 0), (0, 1), (1, 1))),
+        f"fix 1 all mvv/tdpd {lam}",
+        "fix 2 all tdpd/source 2 sphere 5 5 5 1.0 0.3",
+        f"timestep {dt}",
+    ]
+    peer = lammps_steps.run("tdpd 2", X2, V2, (0, 1), masses, commands, steps, {"C1": "tdpd/cc/atom 1", "C2": "tdpd/cc/atom 2"})
+    noise = iter(lammps_steps.pair_noise(seed, steps + 1, 3))
+    source_on = iter([False] + [True] * steps)
+
+    def at(x, v, C):
+        xi, *xi_C = next(noise)
+        xi_C = [lammps_steps.two_bead_noise(z, False) for z in xi_C]
+        got = om.tdpd_pair(
+            x, v, C, (0, 1), **options, kT=kT, box=BOX, dt=dt, xi=lammps_steps.two_bead_noise(xi, True), xi_C=xi_C, compat="lammps"
+        )
+        source = om.tdpd_source(om.in_sphere(x, [5, 5, 5], 1.0), 1, 0.3, 2)
+        at.terms = got.terms
+        return got.terms.forces, got.Q + (source if next(source_on) else 0.0)
+
+    state = om.TdpdState(X2, V2, C, *at(X2, V2, C))
+    for _ in range(steps):
+        state = om.mvv_tdpd_step(state.x, state.v, state.C, state.f, state.Q, masses, dt, lam, at)
+    np.testing.assert_allclose(peer.v, state.v, rtol=1e-10)
+    np.testing.assert_allclose(np.stack([peer.values["C1"], peer.values["C2"]], axis=1), state.C, rtol=1e-12)
+    assert np.abs(state.C - C).max() > 1e-3
+    assert peer.press == pytest.approx(oe.pressure(masses, state.v, at.terms, BOX), rel=1e-10)
+
+
+def test_tdpd_without_noise_equals_lammps_for_many_beads(live_lammps):
+    n, dt, steps, lam = 60, 0.01, 3, 0.65
+    rng = np.random.default_rng(12)
+    x, v, C = rng.uniform(4.0, 6.5, (n, 3)), rng.normal(size=(n, 3)), rng.uniform(size=(n, 3))
+    types = np.arange(n) % 2
+    masses = np.array([1.0, 2.7])[types]
+    kappa = [EDPD["kappa"] * k for k in (1, 2, 3)]
+    options = {**MOMENTUM, "cutoff_C": 0.85, "kappa": kappa, "epsilon": [0.0] * 3, "power_C": [2.0, 1.0, 0.5]}
+    commands = [
+        *(f"set atom {k + 1} cc {s + 1} {C[k, s]}" for k in range(n) for s in range(3)),
+        "pair_style tdpd 0.0 1.2 99",
+        *(tdpd_line(a, b, options) for a, b in ((0, 0), (0, 1), (1, 1))),
+        f"fix 1 all mvv/tdpd {lam}",
+        f"timestep {dt}",
+        "neigh_modify every 1 delay 0 check no",
+    ]
+    peer = lammps_steps.run("tdpd 3", x, v, types, (1.0, 2.7), commands, steps, {f"C{k}": f"tdpd/cc/atom {k}" for k in (1, 2, 3)})
+
+    def at(x, v, C):
+        got = om.tdpd_pair(x, v, C, types, **options, kT=0.0, box=BOX, dt=dt, compat="lammps")
+        at.terms = got.terms
+        return got.terms.forces, got.Q
+
+    state = om.TdpdState(x, v, C, *at(x, v, C))
+    for _ in range(steps):
+        state = om.mvv_tdpd_step(state.x, state.v, state.C, state.f, state.Q, masses, dt, lam, at)
+    np.testing.assert_allclose(peer.v, state.v, atol=1e-10)
+    np.testing.assert_allclose(np.stack([peer.values[f"C{k}"] for k in (1, 2, 3)], axis=1), state.C, atol=1e-11)
+    assert peer.pe == pytest.approx(at.terms.energy, rel=1e-11)
+    assert peer.press == pytest.approx(oe.pressure(masses, state.v, at.terms, BOX), rel=1e-9)
