@@ -42,6 +42,12 @@ def _parser() -> argparse.ArgumentParser:
             help="where the conservative force is computed: CustomNonbondedForce or pair kernel",
         )
         command.add_argument(
+            "--compat",
+            choices=("consistent", "lammps"),
+            default="consistent",
+            help="heat of pair style edpd: so that energy is conserved (default), or as LAMMPS computes it",
+        )
+        command.add_argument(
             "--var", "-var", nargs=2, action="append", default=[], metavar=("NAME", "VALUE"), help="set an index variable of the deck"
         )
     for command in (run, forces):

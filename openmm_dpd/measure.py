@@ -17,16 +17,19 @@ import openmm
 from openmm import unit
 
 from .build import Built
-from .errors import RunError
+from .errors import ParameterError, RunError
 from .fields import raw_fields
 from .forces.expressions import VIRIAL_SWITCH
 from .kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
 from .kernels.fields import ENERGY, TEMPERATURE
 from .model.mdpd import MDPD
-from .model.scene import TemperatureRamp
+from .model.scene import TemperatureRamp, thermal_energy
 from .names import COUNTER, KT, SEED, VIRIAL_GROUP
 from .plan import Plan
-from .units import BOLTZMANN
+from .units import BOLTZMANN, to_md, whole_number
+
+#: Variable of an integrator that follows a temperature ramp.
+RAMP_STEP = "ramp_step"
 
 _NM, _KJ, _V = unit.nanometer, unit.kilojoule_per_mole, unit.nanometer / unit.picosecond
 
@@ -113,9 +116,16 @@ class Observer:
     ----------
     built : Built
         The scene's System, integrator and plan.
+
+    Raises
+    ------
+    ParameterError
+        If it is something else, a Simulation say.
     """
 
     def __init__(self, built: Built):
+        if not isinstance(built, Built):
+            raise ParameterError(f"an Observer wants what openmm_dpd.build() returned, not a {type(built).__name__}")
         self.built, self.plan = built, built.plan
         self._engine = PairEngine(self.plan.spec) if self.plan.layers else None
         self._groups = built.integrator.getIntegrationForceGroups()
@@ -137,6 +147,7 @@ class Observer:
     def sample(self, context: openmm.Context) -> Sample:
         """Measure the present state of a Context."""
         plan = self.plan
+        _check_context(context)
         state = context.getState(positions=True, velocities=True, forces=True, energy=True, groups=self._groups)
         x = state.getPositions(asNumpy=True).value_in_unit(_NM)
         v = state.getVelocities(asNumpy=True).value_in_unit(_V)
@@ -280,7 +291,7 @@ def force_terms(
     ----------
     built : Built
     positions, velocities : (N, 3) arrays, optional
-        nm and nm/ps; the scene's own by default.
+        Bare numbers: nm and nm/ps; the scene's own by default.
     counter : int
         Count of the noise; another count gives independent random forces.
     properties : dict, optional
@@ -295,8 +306,9 @@ def force_terms(
     """
     plan = built.plan
     scene, spec = plan.scene, plan.spec
-    x = np.ascontiguousarray(scene.positions if positions is None else positions, dtype=np.float64)
-    v = np.ascontiguousarray(built.velocities.value_in_unit(_V) if velocities is None else velocities, dtype=np.float64)
+    x = _vectors(scene.positions if positions is None else positions, "length", "positions", scene.n_beads)
+    v = _vectors(built.velocities if velocities is None else velocities, "velocity", "velocities", scene.n_beads)
+    counter = whole_number(counter, "counter", least=0)
     # an integrator belongs to one Context: this one is thrown away
     integrator = openmm.VerletIntegrator(plan.options.dt)
     context = openmm.Context(built.system, integrator, openmm.Platform.getPlatformByName(plan.platform), properties or {})
@@ -318,15 +330,47 @@ def force_terms(
     return terms
 
 
+def _vectors(value, dimension: str, name: str, count: int) -> np.ndarray:
+    array = np.ascontiguousarray(to_md(value, dimension, name))
+    if array.shape != (count, 3):
+        raise ParameterError(f"{name} must have shape {(count, 3)}, not {array.shape}")
+    return array
+
+
+def _check_context(context) -> None:
+    if not isinstance(context, openmm.Context):
+        raise ParameterError(f"an openmm.Context is wanted here (simulation.context), not a {type(context).__name__}")
+
+
 def _forces(context: openmm.Context, groups) -> np.ndarray:
     return context.getState(forces=True, groups=groups).getForces(asNumpy=True).value_in_unit(_KJ / _NM)
 
 
 def set_temperature(context: openmm.Context, temperature) -> None:
-    """Set the thermal energy of a running Context (energy, or a Quantity in kelvin); not for scenes with a temperature ramp."""
-    from .model.scene import thermal_energy
+    """Set the thermal energy of a running Context.
 
-    context.setParameter(KT, thermal_energy(temperature))
+    Parameters
+    ----------
+    context : openmm.Context
+    temperature : energy or temperature
+        Bare numbers are kJ/mol, also for Systems with :func:`openmm_dpd.add_thermostat`; a Quantity may be in kelvin.
+
+    Raises
+    ------
+    ParameterError
+        If the value is out of bounds, or the Context has no such parameter or a ramp that would overwrite it.
+    """
+    _check_context(context)
+    kT, integrator = thermal_energy(temperature), context.getIntegrator()
+    if KT not in context.getParameters():
+        native = isinstance(integrator, openmm.DPDIntegrator)
+        remedy = "use setTemperature of its DPDIntegrator" if native else "nothing in it has friction or noise"
+        raise ParameterError(f"this Context has no thermostat of openmm_dpd's; {remedy}")
+    if isinstance(integrator, openmm.CustomIntegrator):
+        names = map(integrator.getGlobalVariableName, range(integrator.getNumGlobalVariables()))
+        if RAMP_STEP in names:
+            raise ParameterError("the temperature of this Context follows a ramp, which would overwrite it at the next step")
+    context.setParameter(KT, kT)
 
 
 def kelvin(kT: float) -> float:

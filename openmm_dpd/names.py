@@ -29,11 +29,14 @@ PHASE, TAU, DT, KT, COUNTER, SEED = "dpd_phase", "dpd_tau", "dpd_dt", "dpd_kT", 
 #: Context parameters the pair force defines.
 PARAMETERS = (PHASE, TAU, DT, KT, COUNTER, SEED)
 
+#: Further ones where beads carry internal energies: volume moves tried, their length (in ln V), and how many were accepted of late.
+VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED = "dpd_volume_moves", "dpd_volume_step", "dpd_volume_accepted"
+
 #: Names of the per-DOF variables that hold internal energies, temperatures or concentrations, three values per bead in each.
 FIELD = "field"
 
 #: Parameters that change within a step and say nothing about the state.
-VOLATILE = frozenset((PHASE, TAU, COUNTER))
+VOLATILE = frozenset((PHASE, TAU, COUNTER, VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED))
 
 #: Force group of the pair terms, outside the integration groups unless the kernel holds the conservative force.
 PAIR_GROUP = 31

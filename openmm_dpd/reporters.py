@@ -14,7 +14,7 @@ import numpy as np
 from .build import Built
 from .errors import ParameterError
 from .measure import Observer, Sample, kelvin
-from .units import BAR_PER_MD_PRESSURE
+from .units import BAR_PER_MD_PRESSURE, whole_number
 
 
 def _optional(value: float | None, factor: float = 1.0) -> float:
@@ -36,6 +36,10 @@ COLUMNS: dict[str, Callable[[Sample], float]] = {
     "pressure_bar": lambda s: _optional(s.pressure(True), BAR_PER_MD_PRESSURE),
     "volume": lambda s: _optional(s.volume),
     "momentum": lambda s: float(np.abs(s.momentum).max()),
+    "internal_energy": lambda s: _optional(s.internal),
+    "conductive_energy": lambda s: _optional(s.conductive),
+    "theta": lambda s: _optional(s.theta),
+    "conserved_energy": lambda s: s.total,
 }
 
 DEFAULT_COLUMNS = ("step", "time", "kT", "kT_conf", "potential_energy", "kinetic_energy", "pressure", "pressure_conservative", "momentum")
@@ -57,24 +61,30 @@ class DPDReporter:
         ``temperature`` is
         in kelvin, ``pressure_bar`` in bar; ``pressure`` counts conservative, dissipative and random pair forces; ``momentum`` is the
         largest component
-        of the total.  ``kT_conf`` is this configuration's ratio: average numerator and denominator apart for a precise value
-        (:class:`openmm_dpd.measure.Observer`).
+        of the total.  Of beads with internal energies, ``internal_energy`` and ``conductive_energy`` are sums, ``theta`` is the harmonic
+        mean temperature (an energy), and ``conserved_energy`` the sum of potential, kinetic and internal energy of one moment.  ``kT_conf``
+        is this configuration's ratio: average numerator and denominator apart for a precise value (:class:`openmm_dpd.measure.Observer`).
 
     Raises
     ------
     ParameterError
-        For an unknown column or an interval below 1.
+        For an unknown column, an interval that is no whole number of at least 1, or if ``built`` is something else.
     """
 
     def __init__(self, file: str | os.PathLike | TextIO, interval: int, built: Built, columns: Sequence[str] = DEFAULT_COLUMNS):
-        unknown = [name for name in columns if name not in COLUMNS]
+        self._owned = False
+        if isinstance(columns, str) or not isinstance(columns, Sequence) or not columns:
+            raise ParameterError(f"columns must be a sequence of names such as ('step', 'kT'), not {columns!r}")
+        unknown = [str(name) for name in columns if name not in COLUMNS]
         if unknown:
             raise ParameterError(f"unknown columns {', '.join(unknown)}; they must be among {', '.join(COLUMNS)}")
-        if interval < 1:
-            raise ParameterError(f"the interval between reports must be at least 1 step, not {interval}")
-        self._owned = isinstance(file, (str, os.PathLike))
+        self._interval = whole_number(interval, "the interval between reports, in steps,", least=1)
+        self._columns, self._observer = tuple(columns), Observer(built)
+        if not isinstance(file, (str, os.PathLike)) and not hasattr(file, "write"):
+            raise ParameterError(f"file must be a path or a text file open for writing, not {file!r}")
+        # opened last, so that an error above leaves an existing file as it is
         self._out: TextIO = open(file, "w") if isinstance(file, (str, os.PathLike)) else file
-        self._interval, self._columns, self._observer = interval, tuple(columns), Observer(built)
+        self._owned = isinstance(file, (str, os.PathLike))
         self._write(self._columns)
 
     def describeNextReport(self, simulation):
@@ -93,5 +103,5 @@ class DPDReporter:
         self._out.flush()
 
     def __del__(self):
-        if getattr(self, "_owned", False):
+        if self._owned:
             self._out.close()

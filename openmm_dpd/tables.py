@@ -12,11 +12,13 @@ from typing import Any
 import numpy as np
 
 from .kernels.dpd import TermTable
+from .kernels.edpd import ThermalTable
 from .kernels.energy import EnergyTable
 from .kernels.eos import eos_table
 from .kernels.fields import ENERGY, SPECIES, TEMPERATURE, FieldSource, FieldSpec
 from .kernels.layer import Table
 from .kernels.manybody import ManyBodyTable
+from .kernels.tdpd import SpeciesTable
 from .model.edpd import EDPD
 from .model.energy_dpd import EnergyDPD
 from .model.internal import BeadTemperatures, InternalEnergy
@@ -61,9 +63,7 @@ def _energy_table(table: dict, scene: Scene) -> EnergyTable:
     return EnergyTable(**_arrays(table, scene.type_names, lambda c: {"A": c.A, "sigma": c.sigma, "kappa": c.kappa, "cutoff": c.cutoff}))
 
 
-def _thermal_table(table: dict, scene: Scene):
-    from .kernels.edpd import ThermalTable
-
+def _thermal_table(table: dict, scene: Scene) -> ThermalTable:
     def values(c) -> dict:
         return {
             "A": c.A,
@@ -81,9 +81,7 @@ def _thermal_table(table: dict, scene: Scene):
     return ThermalTable(**_arrays(table, scene.type_names, values), lammps=scene.compat == "lammps")
 
 
-def _species_table(table: dict, scene: Scene):
-    from .kernels.tdpd import SpeciesTable
-
+def _species_table(table: dict, scene: Scene) -> SpeciesTable:
     def values(c) -> dict:
         return {
             "A": c.A,

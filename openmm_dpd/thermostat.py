@@ -15,7 +15,7 @@ from .errors import ParameterError, PlanError
 from .forces.pair_force import pair_force
 from .kernels.engine import PairSpec
 from .kernels.sweeps import EXACT, SHARDLOW
-from .model.pairs import DPD, NONE
+from .model.pairs import DPD, NONE, checked
 from .model.scene import TemperatureRamp, thermal_energy
 from .model.table import PairTable, require_complete
 from .names import PAIR_GROUP
@@ -23,6 +23,9 @@ from .plan import SCHEMES, ProgramOptions, check_cutoffs, checked_seed, tau_rati
 from .programs import make_program
 from .tables import dpd_table
 from .units import to_md
+
+#: Names of OpenMM's platforms, present here or not.
+PLATFORMS = ("Reference", "CPU", "OpenCL", "CUDA", "HIP")
 
 
 def add_thermostat(
@@ -53,7 +56,8 @@ def add_thermostat(
     friction : DPD, PairTable or mapping
         Friction between all particles (a DPD with A = 0), or a table by type names.
     temperature : temperature, energy or TemperatureRamp
-        Bare numbers are in kelvin here, as for OpenMM's integrators.
+        Bare numbers are in kelvin here, as for OpenMM's integrators; those of a TemperatureRamp are kJ/mol as everywhere else, so give
+        it Quantities.
     dt : time
         Step size (bare numbers: ps).
     types : sequence of str or None, optional
@@ -88,9 +92,13 @@ def add_thermostat(
     step = to_md(dt, "time", "dt")
     if not isinstance(step, float) or step <= 0:
         raise ParameterError(f"dt must be a single time > 0, not {dt!r}")
+    lam = checked(lam, "dimensionless", "lam")
+    if lam > 1:
+        raise ParameterError(f"lam (lambda of the modified velocity Verlet scheme) must be between 0 and 1, but is {lam:g}")
+    if platform not in (None, *PLATFORMS):
+        raise ParameterError(f"platform must be the name of one of OpenMM's platforms ({', '.join(PLATFORMS)}), not {platform!r}")
     _check_system(system)
-    ramp = temperature if isinstance(temperature, TemperatureRamp) else None
-    kT = ramp.at(0) if ramp else thermal_energy(temperature if unit.is_quantity(temperature) else temperature * unit.kelvin, "temperature")
+    ramp, kT = _temperature(temperature)
     masses = np.array([m.value_in_unit(unit.dalton) for m in map(system.getParticleMass, range(system.getNumParticles()))])
     names, table, numbers = _types(friction, types, masses)
     for key, coefficient in table.items():
@@ -100,7 +108,8 @@ def add_thermostat(
             raise ParameterError(
                 f"for types {key}: a thermostat has no repulsion, but A = {coefficient.A:g}; give the System a force of its own"
             )
-        coefficient.check_temperature(kT)
+        for energy in (kT,) if ramp is None else (ramp.start, ramp.stop):
+            coefficient.check_temperature(energy)
     periodic = system.usesPeriodicBoundaryConditions()
     if periodic:
         vectors = system.getDefaultPeriodicBoxVectors()
@@ -129,19 +138,33 @@ def add_thermostat(
     return integrator
 
 
+def _temperature(temperature) -> tuple[TemperatureRamp | None, float]:
+    """The ramp, if it is one, and the thermal energy at the first step."""
+    if isinstance(temperature, TemperatureRamp):
+        return temperature, temperature.at(0)
+    if not unit.is_quantity(temperature):
+        temperature = to_md(temperature, "temperature", "temperature") * unit.kelvin
+    return None, thermal_energy(temperature, "temperature")
+
+
 def _types(friction, types, masses: np.ndarray):
     """Type names, resolved table, and type number of each particle (-1: left out)."""
     if isinstance(friction, DPD):
         if types is not None:
             raise ParameterError("types are given, but friction is the same for all particles; give a PairTable by type names, or no types")
         friction, types = PairTable({("*", "*"): friction}), ["particle"] * len(masses)
+    if not isinstance(friction, (PairTable, Mapping)):
+        raise ParameterError(f"friction must be a DPD, or a table of them by type names, not {friction!r}")
     table = friction if isinstance(friction, PairTable) else PairTable(friction)
     if table.kind is not DPD:
-        raise ParameterError("friction must be a DPD, or a table of them")
+        raise ParameterError("friction must be a DPD, or a table of them by type names")
     if types is None:
         raise ParameterError("friction is a table by type names, so `types` must name the type of each particle")
     if len(types) != len(masses):
         raise ParameterError(f"types names {len(types)} particles, but the System has {len(masses)}")
+    odd = next((name for name in types if not isinstance(name, (str, type(None)))), None)
+    if odd is not None:
+        raise ParameterError(f"types must hold the name of each particle's type, or None; one is {odd!r}")
     names = sorted({name for name in types if name is not None})
     if not names:
         raise ParameterError("every particle is left out of the thermostat")
@@ -154,6 +177,8 @@ def _types(friction, types, masses: np.ndarray):
 
 
 def _check_system(system: openmm.System) -> None:
+    if not isinstance(system, openmm.System):
+        raise ParameterError(f"the thermostat is added to an openmm.System, not to a {type(system).__name__}")
     for force in system.getForces():
         name = type(force).__name__
         if isinstance(force, openmm.AndersenThermostat):

@@ -348,7 +348,10 @@ def _per_bead(values, dimension: str, name: str, count: int) -> np.ndarray:
 
 def _checked_bonds(bonds, count: int) -> np.ndarray:
     """Bonds as a (B, 2) array of indices in range."""
-    array = np.asarray(bonds)
+    try:
+        array = np.asarray(bonds)
+    except ValueError:
+        raise ParameterError("bonds must be pairs of bead indices; their entries differ in length") from None
     if array.size == 0:
         return np.zeros((0, 2), dtype=np.int64)
     if array.ndim != 2 or array.shape[1] != 2 or not np.issubdtype(array.dtype, np.integer):

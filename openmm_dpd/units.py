@@ -10,6 +10,7 @@ Two things live here, and nothing else converts:
 
 from __future__ import annotations
 
+import reprlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,7 +62,8 @@ def to_md(value, dimension: str, name: str):
     Raises
     ------
     ParameterError
-        If the unit does not fit, the value is not numeric, or it holds a NaN or an infinity.
+        If the unit does not fit, the value is no real number or array of them, Quantities and bare numbers are mixed, or a value is NaN
+        or infinite.
     """
     if unit.is_quantity(value):
         if not value.unit.is_compatible(DIMENSIONS[dimension]):
@@ -69,21 +71,57 @@ def to_md(value, dimension: str, name: str):
                 f"{name} has the unit {value.unit}, which is no {dimension}; expected something like {DIMENSIONS[dimension]}"
             )
         value = value.value_in_unit(DIMENSIONS[dimension])
-    if value is None or isinstance(value, (str, bytes)):
-        raise ParameterError(f"{name} must be a number or an array of numbers, not {value!r}")
-    try:
-        result = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        # lists of Quantities (a list of Vec3 with units, say) are converted entry by entry
-        try:
-            result = np.asarray([to_md(entry, dimension, name) for entry in value], dtype=np.float64)
-        except TypeError:
-            raise ParameterError(f"{name} must be a number or an array of numbers, not {value!r}") from None
+    result = None if _lists_quantities(value) else _real_numbers(value)
+    if result is None:
+        result = _entry_by_entry(value, dimension, name)
     bad = np.argwhere(~np.isfinite(result))
     if len(bad):
         where = "" if result.ndim == 0 else f" at index {tuple(int(k) for k in bad[0])}"
         raise ParameterError(f"{name} holds {result[tuple(bad[0])]}{where}; every value must be finite")
     return float(result) if result.ndim == 0 else result
+
+
+def _lists_quantities(value) -> bool:
+    """Whether a Quantity is somewhere in a list; NumPy would drop the units of Quantities of arrays without a word."""
+    return isinstance(value, (list, tuple)) and any(unit.is_quantity(entry) or _lists_quantities(entry) for entry in value)
+
+
+def _real_numbers(value) -> np.ndarray | None:
+    """Value as float64, or None if it is anything but real numbers: NumPy would turn text, truth values and None into numbers."""
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError):
+        return None
+    return array.astype(np.float64) if array.dtype.kind in "iuf" else None
+
+
+def _entry_by_entry(value, dimension: str, name: str) -> np.ndarray:
+    """Lists of Quantities (a list of Vec3 with units, say); whatever else is no array of numbers is an error that names the culprit."""
+    if not isinstance(value, (list, tuple)) and not (isinstance(value, np.ndarray) and value.ndim):
+        raise ParameterError(f"{name} must be a number or an array of numbers, not {reprlib.repr(value)}")
+    bare = [k for k, entry in enumerate(value) if not unit.is_quantity(entry)]
+    if 0 < len(bare) < len(value):
+        raise ParameterError(f"{name} mixes Quantities with bare numbers: entry {bare[0]} has no unit")
+    entries = [to_md(entry, dimension, name) for entry in value]
+    shapes = list(dict.fromkeys(np.shape(entry) for entry in entries))
+    if len(shapes) > 1:
+        raise ParameterError(f"{name} must be an array of numbers, but its entries have different shapes, {shapes[0]} and {shapes[1]}")
+    return np.array(entries, dtype=np.float64)
+
+
+def whole_number(value, name: str, least: int | None = None) -> int:
+    """An integer, of at least so much.
+
+    Raises
+    ------
+    ParameterError
+        For anything else: a float (1e5 is one), a truth value, a Quantity.
+    """
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
+        raise ParameterError(f"{name} must be a whole number, not {value!r}")
+    if least is not None and value < least:
+        raise ParameterError(f"{name} must be at least {least}, not {value}")
+    return int(value)
 
 
 @dataclass(frozen=True)

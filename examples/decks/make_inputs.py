@@ -1,6 +1,6 @@
 """Write the data files and the pair table that the decks in this folder read.
 
-Run it here (``python make_inputs.py``, under a minute); it needs numpy only and its random numbers have
+Run it here (``python make_inputs.py``, one to two minutes); it needs numpy only and its random numbers have
 fixed seeds, so that it writes the files already kept beside it (to rounding in the last digits).
 Everything is generated: no file comes from another code.
 
@@ -8,8 +8,11 @@ Files written
 -------------
 table.cg_water        tabulated potential of one-site water, LAMMPS pair-table format (real units)
 data.cg_water         2180 water beads, atom_style full, shuffled ids, style hint (real units)
-data.dpd_fdt          2000 beads for in.dpd-vv, atom_style dpd, no Masses section (metal units)
+data.dpd_fdt          2000 beads for in.dpd-vv and in.dpde-vv, atom_style dpd, no Masses section (metal units)
 data.dpd_shardlow     2000 beads with velocities for in.dpd-shardlow, atom_style dpd (metal units)
+data.dpde_shardlow    3000 beads with velocities for in.dpde-shardlow and in.dpdp-shardlow, atom_style dpd (metal units)
+data.dpdh             2500 beads with velocities for in.dpdh-shardlow, atom_style dpd (metal units)
+table.dpde_eos        internal energy of a bead as a function of its temperature, for in.dpde-table (metal units)
 data.chains           60 chains of 8 beads in 480 + 480 solvent, atom_style bond, no style hint (lj units)
 data.triclinic        900 beads in a tilted box, image flags, beads far outside, velocities (lj units)
 """
@@ -17,6 +20,7 @@ data.triclinic        900 beads in a tilted box, image flags, beads far outside,
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +33,7 @@ HERE = Path(__file__).resolve().parent
 GAUSSIANS = ((45.00, 0.00, 1.15), (-0.45, 2.85, 0.45), (0.12, 3.70, 0.50), (-0.12, 4.70, 0.70))
 KT_300 = 8.617343e-5 * 300.0  # eV
 TABLE_LO, TABLE_HI, TABLE_POINTS = 0.01, 9.0, 900
+EOS_LO, EOS_HI, EOS_POINTS = 10.0, 1200.0, 1191  # K
 
 
 def water_potential(r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -166,20 +171,62 @@ def write_fdt(path: Path) -> None:
     path.write_text("\n".join(lines) + "\n")
 
 
-def write_shardlow(path: Path) -> None:
-    """2000 beads, velocities of 128.67 K for a mass of 100 (the deck overrides the mass in the file)."""
-    rng = np.random.default_rng(20240103)
-    n, mass, start = 2000, 100.0, 128.67
-    box = np.array([66.83, 57.89, 105.62])
+@dataclass(frozen=True)
+class ColdStart:
+    """Beads relaxed at 300 K whose velocities are those of another temperature (kelvin), for the Shardlow decks."""
+
+    title: str
+    seed: int
+    box: tuple[float, float, float]
+    beads: int
+    start: float
+
+
+SHARDLOW = ColdStart("Cold start for a Shardlow run", 20240103, (66.83, 57.89, 105.62), 2000, 128.67)
+DPDE_SHARDLOW = ColdStart("Cold start for Shardlow runs at constant energy or pressure", 20240106, (66.83, 57.89, 158.43), 3000, 128.67)
+DPDH = ColdStart("Start of a Shardlow run at constant enthalpy", 20240107, (80.93, 80.93, 80.93), 2500, 239.427)
+
+
+def write_shardlow(path: Path, job: ColdStart) -> None:
+    """Theta = 300 K for each bead, velocities for a mass of 100 (the deck overrides the mass in the file)."""
+    rng = np.random.default_rng(job.seed)
+    n, mass = job.beads, 100.0
+    box = np.array(job.box)
     x = relax(rng, spread_points(rng, n, box, 3.0), box, soft_force(0.075, 10.0, KT_300), 10.0, 0.4, 480)
     mvv2e = 1.0364269e-4  # metal: (g/mol) (A/ps)^2 -> eV
-    v = thermal_velocities(rng, n, KT_300 * start / 300.0 / (mass * mvv2e), 3 * n - 3)
-    lines = ["Cold start for a Shardlow run, written by make_inputs.py", "", f"{n} atoms", "1 atom types", ""]
+    v = thermal_velocities(rng, n, KT_300 * job.start / 300.0 / (mass * mvv2e), 3 * n - 3)
+    lines = [f"{job.title}, written by make_inputs.py", "", f"{n} atoms", "1 atom types", ""]
     lines += box_lines(np.zeros(3), box)
     lines += ["", "Masses", "", "1 200.0", "", "Atoms", ""]  # this mass is meant to be overridden
     lines += [f"{i + 1} 1 300.0 {p[0]:.6f} {p[1]:.6f} {p[2]:.6f}" for i, p in enumerate(x)]
     lines += ["", "Velocities", ""]
     lines += [f"{i + 1} {u[0]:.9f} {u[1]:.9f} {u[2]:.9f}" for i, u in enumerate(v)]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def internal_energy(theta: np.ndarray) -> np.ndarray:
+    """Energy (eV) inside a bead at temperature theta (K): a constant heat capacity and 48 quantum oscillators.
+
+    U = 12 kB theta + 48 kB theta_E / (exp(theta_E/theta) - 1), theta_E = 500 K.  The heat capacity grows
+    from 12 kB (cold) to 60 kB (hot); at 300 K it is 50 kB.
+    """
+    kb, einstein = KT_300 / 300.0, 500.0
+    return kb * (12.0 * theta + 48.0 * einstein / np.expm1(einstein / theta))
+
+
+def write_eos(path: Path) -> None:
+    """Equation of state for fix eos/table: a keyword, ``N n``, a blank line, then ``index T U``."""
+    theta = np.linspace(EOS_LO, EOS_HI, EOS_POINTS)
+    energy = internal_energy(theta)
+    lines = [
+        "# U(T) of a bead: 12 kB T + 48 oscillators of 500 K, written by make_inputs.py",
+        "# UNITS: metal (K, eV)",
+        "",
+        "SOFT_BEAD",
+        f"N {EOS_POINTS}",
+        "",
+    ]
+    lines += [f"{k + 1} {theta[k]:.10g} {energy[k]:.12g}" for k in range(EOS_POINTS)]
     path.write_text("\n".join(lines) + "\n")
 
 
@@ -242,6 +289,9 @@ if __name__ == "__main__":
     write_table(HERE / "table.cg_water")
     write_water(HERE / "data.cg_water")
     write_fdt(HERE / "data.dpd_fdt")
-    write_shardlow(HERE / "data.dpd_shardlow")
+    write_shardlow(HERE / "data.dpd_shardlow", SHARDLOW)
+    write_shardlow(HERE / "data.dpde_shardlow", DPDE_SHARDLOW)
+    write_shardlow(HERE / "data.dpdh", DPDH)
+    write_eos(HERE / "table.dpde_eos")
     write_chains(HERE / "data.chains")
     write_triclinic(HERE / "data.triclinic")

@@ -12,7 +12,20 @@ from ..errors import RunError
 from ..kernels.compiled import compiled
 from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, PairSpec
 from ..kernels.fields import ENERGY, FieldSpec
-from ..names import COUNTER, DT, KT, PAIR_GROUP, PHASE, SEED, TAU, VOLATILE, Phase
+from ..names import (
+    COUNTER,
+    DT,
+    KT,
+    PAIR_GROUP,
+    PHASE,
+    SEED,
+    TAU,
+    VOLATILE,
+    VOLUME_ACCEPTED,
+    VOLUME_MOVES,
+    VOLUME_STEP,
+    Phase,
+)
 
 
 @compiled
@@ -211,6 +224,8 @@ def pair_force(
 ) -> openmm.PythonForce:
     """PythonForce that evaluates the pair terms, with its context parameters (see :mod:`openmm_dpd.names`)."""
     parameters = {PHASE: float(Phase.IDLE), TAU: dt, DT: dt, KT: kT, COUNTER: 0.0, SEED: float(seed)}
+    if spec.fields is not None and spec.fields.kind == ENERGY:
+        parameters |= {VOLUME_MOVES: 0.0, VOLUME_STEP: 0.01, VOLUME_ACCEPTED: 0.0}
     force = openmm.PythonForce(PairForceFunction(spec, conservative, periodic, scale, balanced), parameters)
     force.setName("DPD pair terms")
     force.setForceGroup(PAIR_GROUP)

@@ -259,7 +259,8 @@ def warm_up(spec: PairSpec, log=lambda _: None) -> None:
     edge = 4.0 * max(float(table.cutoff.max()) for table in spec.terms)
     engine = PairEngine(small)
     engine.prepare(np.random.default_rng(0).random((len(few), 3)) * edge, np.diag([edge] * 3))
-    scalars = None if fields is None else fields.initial
+    # everywhere the same, so that no two beads meet that never would
+    scalars = None if fields is None else np.tile(fields.initial[:1], (len(few), 1))
     engine.forces(CONSERVATIVE | DISSIPATIVE | RANDOM, np.zeros((len(few), 3)), 1.0, 1e-6, 0, 0, scalars)
     if spec.sweeps:
         engine.sweep(np.zeros((len(few), 3)), 1.0, 1e-6, 0, 0, scalars)

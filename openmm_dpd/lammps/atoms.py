@@ -32,7 +32,15 @@ class Atoms:
     molecules : (N,) int
         Molecule ids; 0 means none.
     thetas : (N,) float
-        Internal temperatures of ``atom_style dpd``, in the deck's units; carried along only.
+        Internal temperatures of ``atom_style dpd``, in the deck's units.
+    u_cond, u_mech : (N,) float
+        Internal energies of ``atom_style dpd``, kJ/mol: what came by conduction, and what friction and noise brought.
+    temperatures, capacities : (N,) float
+        Temperatures and heat capacities of ``atom_style edpd``, in the deck's units.
+    concentrations : (N, K) float
+        Concentrations of ``atom_style tdpd``.
+    densities : (N,) float
+        Local densities of ``atom_style mdpd``, in the deck's units.
     """
 
     ids: np.ndarray = _empty(0, dtype=np.int64)
@@ -43,13 +51,19 @@ class Atoms:
     charges: np.ndarray = _empty(0)
     molecules: np.ndarray = _empty(0, dtype=np.int64)
     thetas: np.ndarray = _empty(0)
+    u_cond: np.ndarray = _empty(0)
+    u_mech: np.ndarray = _empty(0)
+    temperatures: np.ndarray = _empty(0)
+    capacities: np.ndarray = _empty(0)
+    concentrations: np.ndarray = _empty(0, 0)
+    densities: np.ndarray = _empty(0)
 
     def __len__(self) -> int:
         return len(self.ids)
 
     @classmethod
-    def new(cls, ids: np.ndarray, types: np.ndarray, positions: np.ndarray) -> Atoms:
-        """Beads at rest with no images, charges or molecules."""
+    def new(cls, ids: np.ndarray, types: np.ndarray, positions: np.ndarray, n_species: int = 0) -> Atoms:
+        """Beads at rest with no images, charges or molecules; temperature 1 and heat capacity 1e5, as LAMMPS creates them."""
         n = len(ids)
         return cls(
             np.asarray(ids, dtype=np.int64),
@@ -59,7 +73,13 @@ class Atoms:
             np.zeros((n, 3)),
             np.zeros(n),
             np.zeros(n, dtype=np.int64),
-            np.zeros(n),
+            thetas=np.zeros(n),
+            u_cond=np.zeros(n),
+            u_mech=np.zeros(n),
+            temperatures=np.full(n, 1.0),
+            capacities=np.full(n, 1e5),
+            concentrations=np.zeros((n, n_species)),
+            densities=np.zeros(n),
         )
 
     def append(self, other: Atoms) -> None:

@@ -3,52 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import ParameterError
 from . import arguments as read
+from .chunks import CHUNKS
+from .compute_spec import Compute, ComputeSpec
+from .per_bead import PER_BEAD, REDUCE, require_atom_style
 
 if TYPE_CHECKING:
     from .context import Context
     from .state import DeckState
-
-
-@dataclass(frozen=True)
-class Compute:
-    """One compute as the deck defines it: id, group, style and parsed arguments."""
-
-    name: str
-    group: str
-    style: str
-    arguments: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class ComputeSpec:
-    """A compute style.
-
-    Attributes
-    ----------
-    check : callable
-        Raises ParameterError if the arguments (state, group, words) are not supported.
-    scalar : callable or None
-        From (context, compute) to its value in deck units, not normalised.
-    vector : callable or None
-        The same for an array of values.
-    extensive : bool
-        Whether thermo output divides it by the number of beads when it normalises.
-    needs : tuple of str
-        Fields of Sample that it reads.
-    """
-
-    check: Callable[[DeckState, str, list[str]], None]
-    scalar: Callable[[Context, Compute], float] | None = None
-    vector: Callable[[Context, Compute], np.ndarray] | None = None
-    extensive: bool = False
-    needs: tuple[str, ...] = ()
 
 
 def _no_arguments(state: DeckState, group: str, words: list[str]) -> None:
@@ -108,16 +75,17 @@ def _momentum(context: Context, compute: Compute) -> np.ndarray:
 
 
 def _dpd(context: Context, compute: Compute) -> np.ndarray:
-    thetas = context.state.atoms.thetas[context.state.group(compute.group)]
-    # energies of internal degrees of freedom start at 0 and stay there: only an energy-conserving style changes them
+    mask, units = context.state.group(compute.group), context.units
+    conductive, mechanical = (float(context.carried(name)[mask].sum()) / units.energy for name in ("u_cond", "u_mech"))
+    thetas = context.carried("theta")[mask] / units.thermal_energy
     harmonic = len(thetas) / np.sum(1 / thetas) if len(thetas) and np.all(thetas > 0) else 0.0
-    return np.array([0.0, 0.0, 0.0, harmonic, float(len(thetas))])
+    # LAMMPS's third energy is chemical: there are no reactions here
+    return np.array([conductive, mechanical, 0.0, harmonic, float(len(thetas))])
 
 
 def _check_dpd(state: DeckState, group: str, words: list[str]) -> None:
     _no_arguments(state, group, words)
-    if state.atom_style != "dpd":
-        raise ParameterError("compute dpd needs atom_style dpd")
+    require_atom_style(state, "dpd", "dpd")
 
 
 #: Compute styles by name.
@@ -133,7 +101,10 @@ COMPUTES: dict[str, ComputeSpec] = {
     "pressure": ComputeSpec(_check_pressure, _pressure, needs=("virial", "velocities")),
     "com": ComputeSpec(_no_arguments, vector=_centre, needs=("positions",)),
     "momentum": ComputeSpec(_no_arguments, vector=_momentum, extensive=True, needs=("velocities",)),
-    "dpd": ComputeSpec(_check_dpd, vector=_dpd),
+    "dpd": ComputeSpec(_check_dpd, vector=_dpd, needs=("fields",)),
+    "reduce": REDUCE,
+    "chunk/atom": CHUNKS,
+    **PER_BEAD,
 }
 
 #: Computes that exist without being defined.

@@ -12,6 +12,7 @@ from ..errors import ParameterError
 from . import computes
 from .box import Box
 from .expressions import evaluate
+from .state import carried_places
 from .words import WORDS
 
 if TYPE_CHECKING:
@@ -86,6 +87,19 @@ class Context:
             raise ParameterError(f"the simulation did not measure {name.replace('_', ' ')}")
         return value
 
+    def carried(self, name: str) -> np.ndarray:
+        """What the beads carry, by its name in :func:`openmm_dpd.fields.read_fields` and in the same units.
+
+        It is that of the deck where the simulation does not change it; ParameterError if it does, but was not asked.
+        """
+        fields = None if self.sample is None else self.sample.fields
+        if fields is not None and name in fields:
+            return fields[name]
+        if fields is None and self.window is not None and any(style.spec.atom_style for style in self.state.pair.styles):
+            raise ParameterError(f"the simulation did not measure {name.replace('_', ' ')}")
+        attribute, unit = carried_places(self.units)[name]
+        return getattr(self.state.atoms, attribute) * unit
+
     def energy(self, name: str) -> float:
         """Energy field of the sample in the deck's units."""
         return self.need(name) / self.units.energy
@@ -143,6 +157,8 @@ class Context:
             raise ParameterError(f"there is no compute '{name}'{'' if index is None else ' with a vector'}; defined are {known}")
         compute = self.state.computes[name]
         spec = computes.COMPUTES[compute.style]
+        if spec.per_bead is not None:
+            return self._of_bead(name, index)
         if index is None:
             if spec.scalar is None:
                 raise ParameterError(f"compute {name} (style {compute.style}) has no single value; use c_{name}[1]")
@@ -153,6 +169,43 @@ class Context:
         if not 1 <= index <= len(values):
             raise ParameterError(f"c_{name}[{index}] is out of range: compute {compute.style} has {len(values)} values")
         return float(values[index - 1])
+
+    def compute_vector(self, name: str) -> np.ndarray:
+        """All values of ``c_name``; ParameterError if the compute has no vector."""
+        compute = self.state.computes.get(name)
+        spec = None if compute is None else computes.COMPUTES[compute.style]
+        if compute is None or spec is None or spec.vector is None:
+            raise ParameterError(f"there is no compute '{name}' with a vector")
+        return spec.vector(self, compute)
+
+    def bead_compute(self, name: str, column: int | None) -> np.ndarray:
+        """(N,) values of ``c_name`` or ``c_name[column]``, a compute with values of single beads."""
+        compute = self.state.computes.get(name)
+        spec = None if compute is None else computes.COMPUTES[compute.style]
+        if compute is None or spec is None or spec.per_bead is None:
+            raise ParameterError(f"there is no compute '{name}' with values of single beads")
+        values = spec.per_bead(self, compute)
+        return values if column is None else values[:, column - 1]
+
+    def _of_bead(self, name: str, bead: int | None) -> float:
+        """Value of the bead with the id ``bead`` of a compute with one value per bead."""
+        if bead is None:
+            raise ParameterError(f"compute {name} has values of single beads; use c_{name}[id], compute reduce or fix ave/chunk")
+        values = self.bead_compute(name, None)
+        if values.ndim > 1:
+            raise ParameterError(f"compute {name} has {values.shape[1]} values per bead; only computes with one can be asked for a bead")
+        try:
+            return float(values[self.state.atoms.index_of(np.array([bead]))[0]])
+        except KeyError:
+            raise ParameterError(f"c_{name}[{bead}]: there is no bead with the id {bead}") from None
+
+    def fix(self, name: str, index: int | None) -> float:
+        """Value of ``f_name`` or ``f_name[index]``: the last average of a fix ave/time, 0 before the first."""
+        found = self.state.fixes.get(name)
+        average = None if found is None else found.parameters.get("average")
+        if average is None:
+            raise ParameterError(f"f_{name}: there is no fix '{name}' with a value; fix ave/time has values")
+        return average.value(index)
 
     def group(self, function: str, arguments: list[str]) -> float:
         """Value of ``count(group)`` and its relatives."""

@@ -11,7 +11,7 @@ from ..errors import DeckError, ParameterError
 from .box import Box
 from .lexer import read_text
 
-#: Columns of the Atoms section by atom style.  Columns named ``_`` are read and left aside.
+#: Columns of the Atoms section by atom style; ``tdpd`` has its concentrations after them.
 ATOM_STYLES: dict[str, tuple[str, ...]] = {
     "atomic": ("id", "type", "x", "y", "z"),
     "charge": ("id", "type", "charge", "x", "y", "z"),
@@ -19,9 +19,16 @@ ATOM_STYLES: dict[str, tuple[str, ...]] = {
     "molecular": ("id", "molecule", "type", "x", "y", "z"),
     "full": ("id", "molecule", "type", "charge", "x", "y", "z"),
     "dpd": ("id", "type", "theta", "x", "y", "z"),
-    "mdpd": ("id", "type", "_", "x", "y", "z"),
-    "edpd": ("id", "type", "_", "_", "x", "y", "z"),
+    "mdpd": ("id", "type", "rho", "x", "y", "z"),
+    "edpd": ("id", "type", "temperature", "capacity", "x", "y", "z"),
+    "tdpd": ("id", "type", "x", "y", "z"),
 }
+
+
+def atom_columns(style: str, n_species: int = 0) -> tuple[str, ...]:
+    """Columns of the Atoms section; the concentrations of ``tdpd`` are ``c1``, ``c2``, ..."""
+    return (*ATOM_STYLES[style], *(f"c{k}" for k in range(1, n_species + 1)))
+
 
 #: Atom styles whose beads may be bonded.
 BONDED_STYLES = ("bond", "molecular", "full")
@@ -61,7 +68,7 @@ class DataFile:
     box : Box
         The box.
     columns : dict of str to (N,) arrays
-        ``id``, ``type``, and by style ``molecule``, ``charge``, ``theta``.
+        ``id``, ``type``, and by style ``molecule``, ``charge``, ``theta``, ``rho``, ``temperature``, ``capacity``, ``c1``, ``c2``, ...
     positions : (N, 3) array
         As in the file, perhaps outside the box.
     images : (N, 3) array of int
@@ -93,8 +100,9 @@ class DataFile:
 
 
 class _Reader:
-    def __init__(self, path: Path, atom_style: str):
+    def __init__(self, path: Path, atom_style: str, n_species: int = 0):
         self.path, self.style = path, atom_style
+        self.names = atom_columns(atom_style, n_species)
         self.header: dict[tuple[str, ...], list[float]] = {}
         self.sections: dict[str, tuple[int, list[Row]]] = {}
         self.hints: dict[str, str] = {}
@@ -185,13 +193,13 @@ class _Reader:
             raise self.fail(str(error)) from None
 
     def atoms(self, n_types: int) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
-        names = ATOM_STYLES[self.style]
+        names, x = self.names, self.names.index("x")
         n = self.count("atoms")
         if n and "Atoms" not in self.sections:
             raise self.fail(f"the header announces {n} atoms, but there is no Atoms section")
         rows = self.rows("Atoms", n)
         size = len(names)
-        usage = f"an atom of atom_style {self.style}: {' '.join(name.strip('_') or '(value)' for name in names)} [ix iy iz]"
+        usage = f"an atom of atom_style {self.style}: {' '.join(names)} [ix iy iz]"
         values = np.empty((n, size))
         images = np.zeros((n, 3), dtype=np.int64)
         for k, (number, words) in enumerate(rows):
@@ -206,19 +214,19 @@ class _Reader:
                 if max(map(abs, flags)) > _LARGEST:
                     raise self.fail(f"an image flag of atom {words[0]} is beyond {_LARGEST}: '{' '.join(words[size:])}'", number)
                 images[k] = flags
-        self.check_finite(values, rows)
+        self.check_finite(values, rows, x)
         columns: dict[str, np.ndarray] = {}
         for k, name in enumerate(names):
             if name in ("id", "type", "molecule"):
                 columns[name] = np.clip(values[:, k], -_LARGEST, _LARGEST).astype(np.int64)
                 self.check_whole(values[:, k], columns[name], rows, f"the {name} of an atom")
-            elif name not in ("x", "y", "z", "_"):
+            elif name not in ("x", "y", "z"):
                 columns[name] = values[:, k].copy()
         self.check_atoms(columns, rows, n_types)
-        return columns, values[:, size - 3 :].copy(), images
+        return columns, values[:, x : x + 3].copy(), images
 
-    def check_finite(self, values: np.ndarray, rows: list[Row]) -> None:
-        for columns, what in ((slice(-3, None), "position"), (slice(None), "value")):
+    def check_finite(self, values: np.ndarray, rows: list[Row], x: int) -> None:
+        for columns, what in ((slice(x, x + 3), "position"), (slice(None), "value")):
             bad = ~np.isfinite(values[:, columns]).all(axis=1)
             if bad.any():
                 number, words = rows[int(np.argmax(bad))]
@@ -236,6 +244,8 @@ class _Reader:
             (ids < 1, "atom ids start at 1"),
             ((types < 1) | (types > n_types), f"the atom type is out of range; there are {n_types}"),
             (columns.get("theta", np.ones(len(ids))) <= 0, "the internal temperature (theta) must be > 0"),
+            (columns.get("temperature", np.ones(len(ids))) <= 0, "the temperature of a bead must be > 0"),
+            (columns.get("capacity", np.ones(len(ids))) <= 0, "the heat capacity of a bead must be > 0"),
         ):
             if mask.any():
                 number, words = rows[int(np.argmax(mask))]
@@ -292,7 +302,7 @@ class _Reader:
         return found
 
 
-def read_data_file(path: Path, atom_style: str) -> DataFile:
+def read_data_file(path: Path, atom_style: str, n_species: int = 0) -> DataFile:
     """Content of a data file.
 
     Parameters
@@ -301,6 +311,8 @@ def read_data_file(path: Path, atom_style: str) -> DataFile:
         The file.
     atom_style : str
         A key of :data:`ATOM_STYLES`; the style hint behind ``Atoms #`` is optional and only reported.
+    n_species : int
+        Number of concentrations of ``atom_style tdpd``.
 
     Raises
     ------
@@ -308,7 +320,7 @@ def read_data_file(path: Path, atom_style: str) -> DataFile:
         With file and line, for unknown sections, wrong counts, values that are not numbers or not finite, ids that appear
         twice, types out of range.
     """
-    reader = _Reader(path, atom_style)
+    reader = _Reader(path, atom_style, n_species)
     reader.split()
     n_types, n_bond_types = reader.count("atom", "types"), reader.count("bond", "types")
     columns, positions, images = reader.atoms(n_types)

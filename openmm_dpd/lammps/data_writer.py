@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import numpy as np
-
-from .data_file import ATOM_STYLES
+from .data_file import atom_columns
+from .pair_styles import coefficient_words
 from .state import DeckState
 
 
@@ -60,8 +59,7 @@ def _pair_coefficients(state: DeckState, which: str) -> Iterator[str]:
     yield from ("", f"{'PairIJ' if which == 'ij' else 'Pair'} Coeffs # {style.name}", "")
     for (i, j), found in wanted.items():
         types = f"{i} {j}" if which == "ij" else f"{i}"
-        values = [*found.values.values(), style.cutoff(found)]
-        yield f"{types} {' '.join(f'{value:.15g}' for value in values)}"
+        yield f"{types} {' '.join(coefficient_words(style, found))}"
 
 
 def _bond_coefficients(state: DeckState) -> Iterator[str]:
@@ -76,7 +74,6 @@ def _bond_coefficients(state: DeckState) -> Iterator[str]:
 def _atoms(state: DeckState) -> Iterator[str]:
     atoms, units = state.atoms, state.units
     x, y, z = (atoms.positions / units.length).T
-    zeros = np.zeros(len(atoms))
     arrays = {
         "id": atoms.ids,
         "type": atoms.types,
@@ -86,9 +83,13 @@ def _atoms(state: DeckState) -> Iterator[str]:
         "x": x,
         "y": y,
         "z": z,
-        "_": zeros,
+        "rho": atoms.densities,
+        "temperature": atoms.temperatures,
+        "capacity": atoms.capacities,
+        **{f"c{k}": column for k, column in enumerate(atoms.concentrations.T, start=1)},
     }
-    columns = [arrays[name].tolist() for name in ATOM_STYLES[state.atom_style]] + [column.tolist() for column in atoms.images.T]
+    names = atom_columns(state.atom_style, state.n_species)
+    columns = [arrays[name].tolist() for name in names] + [column.tolist() for column in atoms.images.T]
     yield from ("", f"Atoms # {state.atom_style}", "")
     for row in zip(*columns, strict=True):
         yield " ".join(map(repr, row))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -11,6 +11,9 @@ import numpy as np
 
 from ..errors import ParameterError
 from .box import Box
+from .context import Context
+from .per_bead import bead_values
+from .thermo import fields_read
 
 if TYPE_CHECKING:
     from .state import DeckState
@@ -27,12 +30,15 @@ class Frame:
     molecules: np.ndarray
     masses: np.ndarray
     charges: np.ndarray
+    u_cond: np.ndarray
+    u_mech: np.ndarray
     thetas: np.ndarray
     wrapped: np.ndarray
     images: np.ndarray
     velocities: np.ndarray
     forces: np.ndarray | None
     box: Box
+    computed: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def unwrapped(self) -> np.ndarray:
@@ -53,6 +59,8 @@ def _columns() -> dict[str, tuple[Callable[[Frame], np.ndarray], str]]:
         "mol": (lambda f: f.molecules, "%d"),
         "mass": (lambda f: f.masses, "%g"),
         "q": (lambda f: f.charges, "%g"),
+        "uCond": (lambda f: f.u_cond, "%g"),
+        "uMech": (lambda f: f.u_mech, "%g"),
         "dpdTheta": (lambda f: f.thetas, "%g"),
     }
     arrays: dict[str, tuple[Callable[[Frame], np.ndarray], str]] = {
@@ -74,8 +82,15 @@ def _column(array: Callable[[Frame], np.ndarray], axis: int) -> Callable[[Frame]
     return lambda frame: array(frame)[:, axis]
 
 
-#: Columns of ``dump custom``: how to get them from a frame, and their default format.
+#: Columns of ``dump custom``: how to get them from a frame, and their default format.  Computes (``c_id``, ``c_id[2]``) come on top.
 COLUMNS = _columns()
+
+#: Columns that change during a run without being a position, a velocity or a force.
+CARRIED = ("uCond", "uMech", "dpdTheta")
+
+
+def _of_column(name: str) -> tuple[Callable[[Frame], np.ndarray], str]:
+    return COLUMNS[name] if name in COLUMNS else (lambda frame: frame.computed[name], "%g")
 
 
 @dataclass
@@ -114,6 +129,11 @@ class Dump:
         """Whether a column is a force."""
         return any(column in ("fx", "fy", "fz") for column in self.columns)
 
+    def needs(self, state: DeckState) -> frozenset[str]:
+        """Fields of Sample that the columns read, beside positions, velocities and forces."""
+        found = fields_read(state, [column for column in self.columns if column.startswith("c_")])
+        return found | {"fields"} if set(CARRIED) & set(self.columns) else found
+
     def due(self, step: int) -> bool:
         """Whether a configuration is written at this step (never twice at one step)."""
         return step != self.last_step and (step % self.every == 0 or (self.first and self.last_step is None))
@@ -130,6 +150,7 @@ class Dump:
         velocities: np.ndarray,
         forces: np.ndarray | None = None,
         box: np.ndarray | None = None,
+        context: Context | None = None,
     ) -> None:
         """Write one configuration.
 
@@ -143,8 +164,10 @@ class Dump:
             MD units; positions continuous with those of the scene.
         box : (3, 3) array, optional
             Box vectors in nm, if they differ from the deck's.
+        context : Context, optional
+            With a sample of this step that has the fields of :meth:`needs`; the deck's state by default.
         """
-        frame = _frame(state, state.group(self.group), positions, velocities, forces, box)
+        frame = _frame(state, self, positions, velocities, forces, box, context or Context(state))
         if self.style == "dcd":
             self._write_dcd(state, frame)
         else:
@@ -184,8 +207,9 @@ class Dump:
             stream.writelines(f"{box.low[k]:.16e} {box.high[k]:.16e}\n" for k in range(3))
         stream.write(f"ITEM: ATOMS {' '.join(self.columns)}\n")
         kinds = {True: self.formats.get("float"), False: self.formats.get("int")}
-        forms = [self.formats.get(name) or kinds[COLUMNS[name][1] == "%g"] or COLUMNS[name][1] for name in self.columns]
-        values = [COLUMNS[name][0](frame) for name in self.columns]
+        columns = [_of_column(name) for name in self.columns]
+        forms = [self.formats.get(name) or kinds[form == "%g"] or form for name, (_, form) in zip(self.columns, columns, strict=True)]
+        values = [value(frame) for value, _ in columns]
         line = " ".join(forms) + " \n"
         stream.writelines(line % row for row in zip(*values, strict=True))
 
@@ -202,8 +226,13 @@ class Dump:
         self._stream.write(positions.astype(np.float32), lengths[None].astype(np.float32), angles[None].astype(np.float32))
 
 
-def _frame(state: DeckState, mask: np.ndarray, positions, velocities, forces, vectors) -> Frame:
-    atoms, units = state.atoms, state.units
+def _frame(state: DeckState, dump: Dump, positions, velocities, forces, vectors, context: Context) -> Frame:
+    atoms, units, mask = state.atoms, state.units, state.group(dump.group)
+    # values that the columns do not show are not asked for
+    carried = {
+        name: (context.carried(name) if column in dump.columns else np.zeros(len(atoms)))[mask]
+        for name, column in zip(("u_cond", "u_mech", "theta"), CARRIED, strict=True)
+    }
     box = state.require_box("a dump")
     if vectors is not None and not np.allclose(vectors, box.reduced_vectors, rtol=1e-9, atol=1e-9):
         box = Box(box.low, np.diag(vectors), np.array([vectors[1][0], vectors[2][0], vectors[2][1]]), box.triclinic)
@@ -214,10 +243,13 @@ def _frame(state: DeckState, mask: np.ndarray, positions, velocities, forces, ve
         molecules=atoms.molecules[mask],
         masses=state.bead_masses()[mask] / units.mass,
         charges=atoms.charges[mask],
-        thetas=atoms.thetas[mask],
+        u_cond=carried["u_cond"] / units.energy,
+        u_mech=carried["u_mech"] / units.energy,
+        thetas=carried["theta"] / units.thermal_energy,
         wrapped=inside / units.length,
         images=atoms.images[mask] + shifts,
         velocities=np.asarray(velocities)[mask] / units.velocity,
         forces=None if forces is None else np.asarray(forces)[mask] / units.force,
         box=box.scaled(1.0 / units.length),
+        computed={column: bead_values(context, column)[mask] for column in dump.columns if column.startswith("c_")},
     )

@@ -34,6 +34,9 @@ class Resolver(Protocol):
     def compute(self, name: str, index: int | None) -> float:
         """Value of ``c_name`` or ``c_name[index]``."""
 
+    def fix(self, name: str, index: int | None) -> float:
+        """Value of ``f_name`` or ``f_name[index]``."""
+
     def group(self, function: str, arguments: list[str]) -> float:
         """Value of a group function such as ``count(all)``."""
 
@@ -195,7 +198,7 @@ class _Formula:
         if token.startswith("c_"):
             return self.resolver.compute(token[2:], self.index())
         if token.startswith("f_"):
-            self.fail(f"{token}: none of the supported fixes has a value")
+            return self.resolver.fix(token[2:], self.index())
         if self.peek()[1] == "(":
             return self.function(token)
         if self.peek()[1] == "[" and token in ATOM_VALUES:

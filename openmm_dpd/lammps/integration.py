@@ -7,10 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import DeckError
+from .pressure import PressureControl, with_thermostat
 from .state import DeckState, Fix
 
 #: Fixes that move beads.
-INTEGRATORS = ("nve", "mvv/dpd")
+INTEGRATORS = ("nve", "mvv/dpd", "mvv/edpd", "mvv/tdpd", "nph")
+
+#: Pair styles that fix shardlow takes over.
+SHARDLOW_PAIRS = ("dpd/fdt", "dpd/fdt/energy")
+
+#: Pair styles whose beads carry something that only one fix advances.
+ADVANCED_BY = {"edpd": ("mvv/edpd", "temperatures"), "tdpd": ("mvv/tdpd", "concentrations")}
 
 
 @dataclass(frozen=True)
@@ -25,11 +32,14 @@ class Integration:
         Weight of the predicted velocity in ``mvv``; 1/2 is velocity Verlet.
     mobile : (N,) array of bool
         Beads that some fix moves.
+    barostat : PressureControl or None
+        The pressure of ``fix nph``.
     """
 
     scheme: str
     lambda_: float
     mobile: np.ndarray
+    barostat: PressureControl | None = None
 
 
 def _complain(fix: Fix, message: str) -> DeckError:
@@ -42,7 +52,7 @@ def integration(state: DeckState) -> Integration:
     Raises
     ------
     DeckError
-        If two fixes move one bead, two schemes are mixed, or fix shardlow lacks what it needs.
+        If two fixes move one bead, two schemes are mixed, a fix lacks its pair style, or a pair style its fix.
     """
     mobile = np.zeros(len(state.atoms), dtype=bool)
     owners: list[Fix] = []
@@ -64,7 +74,53 @@ def integration(state: DeckState) -> Integration:
     shardlow = [fix for fix in state.fixes.values() if fix.style == "shardlow"]
     if shardlow:
         _check_shardlow(state, shardlow, owners)
-    return Integration("shardlow" if shardlow else "mvv", weights.pop() if weights else 0.5, mobile)
+    _check_energy(state, shardlow)
+    _check_advanced(state, owners)
+    return Integration("shardlow" if shardlow else "mvv", weights.pop() if weights else 0.5, mobile, _barostat(state, owners))
+
+
+def _check_energy(state: DeckState, shardlow: list[Fix]) -> None:
+    """Internal energies are advanced by fix dpd/energy or by fix shardlow, not by both and not by neither."""
+    heat = [fix for fix in state.fixes.values() if fix.style == "dpd/energy"]
+    styles = [style for style in state.pair.styles if style.name == "dpd/fdt/energy"]
+    if len(heat) > 1:
+        raise _complain(heat[1], f"there is a fix dpd/energy already ({heat[0].name})")
+    if heat and shardlow:
+        raise _complain(heat[0], f"dpd/energy beside shardlow (fix {shardlow[0].name}) would do its work twice; use one of them")
+    if heat and not styles:
+        names = ", ".join(style.name for style in state.pair.styles) or "none"
+        raise _complain(heat[0], f"dpd/energy needs pair style dpd/fdt/energy; the deck has {names}")
+    if styles and not heat and not shardlow:
+        raise DeckError(
+            "pair style dpd/fdt/energy needs fix dpd/energy (beside fix nve) or fix shardlow; "
+            "without them the internal energies never change",
+            styles[0].where.file,
+            styles[0].where.number,
+        )
+
+
+def _check_advanced(state: DeckState, owners: list[Fix]) -> None:
+    """Temperatures of edpd and concentrations of tdpd are advanced by the fix that moves the beads."""
+    styles = {style.name: style for style in state.pair.styles}
+    for pair, (fix_style, what) in ADVANCED_BY.items():
+        for owner in owners:
+            if owner.style == fix_style and pair not in styles:
+                raise _complain(owner, f"{fix_style} needs pair style {pair}; the deck has {', '.join(styles) or 'none'}")
+            if owner.style != fix_style and pair in styles:
+                message = f"with pair style {pair} beads are moved by fix {fix_style}; {owner.style} would leave their {what} as they are"
+                raise _complain(owner, message)
+
+
+def _barostat(state: DeckState, owners: list[Fix]) -> PressureControl | None:
+    """The pressure of fix nph, and whether something holds the temperature."""
+    fixes = [fix for fix in owners if fix.style == "nph"]
+    if not fixes:
+        return None
+    if len(fixes) > 1:
+        raise _complain(fixes[1], f"there is a fix nph already ({fixes[0].name}); a box follows one pressure")
+    state.note("fix nph: Monte Carlo moves of the volume replace LAMMPS's motion of the box; averages compare, the path does not")
+    isothermal = any("start" in style.settings for style in state.pair.styles if style.spec.thermostat)
+    return with_thermostat(fixes[0].parameters["pressure"], isothermal)
 
 
 def _check_shardlow(state: DeckState, shardlow: list[Fix], owners: list[Fix]) -> None:
@@ -72,9 +128,9 @@ def _check_shardlow(state: DeckState, shardlow: list[Fix], owners: list[Fix]) ->
     if len(shardlow) > 1:
         raise _complain(shardlow[1], f"there is a fix shardlow already ({fix.name})")
     names = [style.name for style in state.pair.styles]
-    if "dpd/fdt" not in names:
-        raise _complain(fix, f"fix shardlow needs pair style dpd/fdt; the deck has {', '.join(names) or 'none'}")
-    others = [style.name for style in state.pair.styles if style.spec.thermostat and style.name != "dpd/fdt"]
+    if not set(names) & set(SHARDLOW_PAIRS):
+        raise _complain(fix, f"fix shardlow needs pair style dpd/fdt or dpd/fdt/energy; the deck has {', '.join(names) or 'none'}")
+    others = [style.name for style in state.pair.styles if style.spec.thermostat and style.name not in SHARDLOW_PAIRS]
     if others:
         raise _complain(fix, f"pair style {others[0]} beside fix shardlow is not supported: it would act as a force there")
     order = list(state.fixes)
@@ -84,5 +140,5 @@ def _check_shardlow(state: DeckState, shardlow: list[Fix], owners: list[Fix]) ->
     if not owners:
         raise _complain(fix, "fix shardlow needs a fix nve after it")
     for owner in owners:
-        if owner.style != "nve":
-            raise _complain(owner, "beside fix shardlow beads are moved by fix nve")
+        if owner.style not in ("nve", "nph"):
+            raise _complain(owner, "beside fix shardlow beads are moved by fix nve or nph")

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..kernels.engine import set_threads
 from ..measure import force_terms
+from ..model.internal import BeadTemperatures, InternalEnergy
 from ..pictures import thermo_picture
 from .deck import read_deck
 from .request import RunRequest
@@ -88,7 +89,7 @@ def _first_request(path: str | Path, options: RunOptions, variables: Mapping[str
     request = state.first_run
     assert request is not None
     dt = None if options.dt is None else options.dt * state.units.time
-    return request.override(steps=options.steps, dt=dt, scheme=options.scheme)
+    return request.override(steps=options.steps, dt=dt, scheme=options.scheme, compat=options.compat)
 
 
 def deck_forces(
@@ -101,14 +102,17 @@ def deck_forces(
     Returns
     -------
     dict of (N, 3) arrays
-        ``conservative``, ``dissipative``, ``random``, and ``bond`` if there are bonds.  They add up to the total.
+        ``conservative``, ``dissipative``, ``random``, and ``bond`` if there are bonds.  They add up to the total.  If beads carry
+        energies, temperatures or concentrations, ``rates_dissipative`` and ``rates_random`` (N, K) are the changes of these per time.
     """
     options = options or RunOptions()
     set_threads(options.threads)
     request = _first_request(path, options, variables)
     built = build_request(request, request.scene(), options)
     terms = force_terms(built, properties=options.properties(built.plan.platform or ""))
-    return {name: force / request.state.units.force for name, force in terms.items()}
+    units, internal = request.state.units, built.plan.scene.internal
+    carried = {InternalEnergy: units.energy, BeadTemperatures: units.thermal_energy}.get(type(internal), 1.0)
+    return {name: values / (carried / units.time if name.startswith("rates") else units.force) for name, values in terms.items()}
 
 
 def explain_deck(path: str | Path, options: RunOptions | None = None, *, variables: Mapping[str, str] | None = None) -> str:

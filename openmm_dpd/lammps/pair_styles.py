@@ -10,7 +10,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..errors import ParameterError
+from ..model.edpd import EDPD
+from ..model.energy_dpd import EnergyDPD
+from ..model.mdpd import MDPD
 from ..model.pairs import DPD, NONE, LennardJones
+from ..model.tdpd import TDPD
 from ..units import UnitSystem
 from . import arguments as read
 from .lexer import Line
@@ -26,7 +30,7 @@ class Coefficient:
     Attributes
     ----------
     values : dict
-        Values by name, in the order of the command, without the cutoff.
+        Values by name, in the order of the command, without the cutoff (unless the style has several; then all are here).
     cutoff : float or None
         The cutoff, if the line gives one; the style's otherwise.
     where : Line or None
@@ -47,7 +51,7 @@ class PairStyle:
     name : str
         A key of :data:`PAIR_STYLES`.
     settings : dict
-        The style's own arguments: ``start`` and ``stop`` temperatures, ``cutoff``, ``seed``, ...
+        The style's own arguments: ``start`` and ``stop`` temperatures, ``cutoff``, ``seed``, ...; ``species`` of tdpd.
     where : Line
         The pair_style line.
     coefficients : dict
@@ -93,6 +97,10 @@ class Spec:
         Whether unset pairs i < j follow from i, i and j, j.
     keeps_coefficients : bool
         Whether re-issuing pair_style with the same style keeps the coefficients (cutoffs go back to the global one).
+    atom_style : str, optional
+        The only atom style it works with.
+    own_cutoffs : bool
+        Whether cutoffs are ordinary coefficients, in the midst of the others.
     """
 
     settings: Callable[[list[str]], dict]
@@ -101,6 +109,8 @@ class Spec:
     thermostat: bool = False
     mixes: bool = False
     keeps_coefficients: bool = True
+    atom_style: str | None = None
+    own_cutoffs: bool = False
 
 
 # -- the DPD family -------------------------------------------------------------------------------------------------------
@@ -132,6 +142,102 @@ def _dpd(name: str, ramp: bool, columns: dict[str, str]) -> Spec:
         return term, None
 
     return Spec(settings, coefficient, build, thermostat=True)
+
+
+# -- styles whose beads carry more than a velocity -----------------------------------------------------------------------------
+def _seeded(name: str, isothermal: bool) -> Callable[[list[str]], dict]:
+    """Reader of ``[T] cutoff seed``."""
+    usage = f"{name} {'T ' if isothermal else ''}cutoff seed"
+
+    def settings(words: list[str]) -> dict:
+        read.count(words, usage, 3 if isothermal else 2)
+        temperature = read.non_negative(words[0], f"the temperature of {name}") if isothermal else None
+        found = {"start": temperature, "stop": temperature} if isothermal else {}
+        cutoff, seed = words[-2:]
+        return {**found, "cutoff": read.positive(cutoff, f"the cutoff of {name}"), "seed": read.integer(seed, f"the seed of {name}", 1)}
+
+    return settings
+
+
+def _energy_coefficient(style: PairStyle, words: list[str], _: Callable[[str], Path]) -> tuple[dict, float | None]:
+    read.count(words, "A sigma kappa [cutoff]", 3, 4)
+    values = {key: read.number(word, key) for key, word in zip(("A", "sigma", "kappa"), words, strict=False)}
+    return values, read.positive(words[3], "the cutoff") if len(words) > 3 else None
+
+
+def _energy_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> tuple[object, str | None]:
+    # LAMMPS's kappa is an energy times a temperature per time, ours has the square of an energy
+    factors = {"A": units.force, "sigma": units.noise, "kappa": units.energy * units.thermal_energy / units.time}
+    values = {key: value * factors[key] for key, value in found.values.items()}
+    return EnergyDPD(**values, cutoff=style.cutoff(found) * units.length), None  # type: ignore[operator]
+
+
+_EDPD = ("A", "gamma", "exponent", "cutoff", "kappa", "exponent_T", "cutoff_T")
+
+
+def _edpd_coefficient(style: PairStyle, words: list[str], _: Callable[[str], Path]) -> tuple[dict, float | None]:
+    read.count(words, "A gamma power_f cutoff kappa power_T cutoff_T [power c1 c2 c3 c4] [kappa c1 c2 c3 c4]", 7, None)
+    values: dict = {key: read.number(word, key) for key, word in zip(_EDPD, words, strict=False)}
+    for keyword, numbers in read.options(words[7:], {"power": 4, "kappa": 4}, "pair_coeff of edpd"):
+        name = "exponent_polynomial" if keyword == "power" else "kappa_polynomial"
+        values[name] = tuple(read.number(word, f"a coefficient of {keyword}") for word in numbers)
+    return values, None
+
+
+def _edpd_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> tuple[object, str | None]:
+    factors = {"A": units.force / units.thermal_energy, "gamma": units.friction, "kappa": 1 / units.time}
+    factors |= {"cutoff": units.length, "cutoff_T": units.length}
+    term = EDPD(**{key: value * factors[key] if key in factors else value for key, value in found.values.items()})
+    remark = "pair edpd: forces and heat have different cutoffs, which LAMMPS does not compute correctly; here each has its own"
+    return term, remark if term.cutoff_T != term.cutoff else None
+
+
+_TDPD = ("A", "gamma", "exponent", "cutoff", "cutoff_c")
+
+
+def _tdpd_coefficient(style: PairStyle, words: list[str], _: Callable[[str], Path]) -> tuple[dict, float | None]:
+    n = style.settings["species"]
+    each = " ".join(f"kappa_{k} epsilon_{k} power_{k}" for k in range(1, n + 1))
+    read.count(words, f"A gamma power_f cutoff cutoff_c {each}", 5 + 3 * n)
+    values = {key: read.number(word, key) for key, word in zip(_TDPD, words, strict=False)}
+    return values | {"species": tuple(read.number(word, "a coefficient of a species") for word in words[5:])}, None
+
+
+def _tdpd_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> tuple[object, str | None]:
+    factors = {"A": units.force, "gamma": units.friction, "exponent": 1.0, "cutoff": units.length, "cutoff_c": units.length}
+    kappa, epsilon, exponents = (found.values["species"][k::3] for k in range(3))
+    term = TDPD(
+        **{key: found.values[key] * factor for key, factor in factors.items()},
+        kappa=tuple(k / units.time for k in kappa),
+        epsilon=tuple(e / units.time**0.5 for e in epsilon),
+        exponent_c=exponents,
+    )
+    remark = "pair tdpd: cutoff_c is longer than the cutoff, where LAMMPS ends the exchange; here it goes on to cutoff_c"
+    return term, remark if term.cutoff_c > term.cutoff else None  # type: ignore[operator]
+
+
+_MDPD = ("A", "B", "gamma", "cutoff", "cutoff_B")
+
+
+def _mdpd_coefficient(style: PairStyle, words: list[str], _: Callable[[str], Path]) -> tuple[dict, float | None]:
+    read.count(words, "A B gamma cutoff_A cutoff_B", 5)
+    return {key: read.number(word, key) for key, word in zip(_MDPD, words, strict=True)}, None
+
+
+def _mdpd_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> tuple[object, str | None]:
+    factors = {"A": units.force, "B": units.force * units.length**3 / units.mass, "gamma": units.friction}
+    values = {key: value * factors.get(key, units.length) for key, value in found.values.items()}
+    return MDPD(**values, kernel="lucy"), None
+
+
+def _rhosum_settings(words: list[str]) -> dict:
+    read.count(words, "mdpd/rhosum", 0)
+    return {}
+
+
+def _rhosum_coefficient(style: PairStyle, words: list[str], _: Callable[[str], Path]) -> tuple[dict, float | None]:
+    read.count(words, "cutoff", 1)
+    return {}, read.positive(words[0], "the cutoff of the density")
 
 
 # -- Lennard-Jones ----------------------------------------------------------------------------------------------------------
@@ -207,10 +313,25 @@ PAIR_STYLES: dict[str, Spec] = {
     ),
     "dpd/ext/tstat": _dpd("dpd/ext/tstat", True, {"gamma": "friction", "gamma_perp": "friction", "exponent": "1", "exponent_perp": "1"}),
     "dpd/fdt": _dpd("dpd/fdt", False, {"A": "force", "sigma": "noise"}),
+    "dpd/fdt/energy": Spec(_seeded("dpd/fdt/energy", False), _energy_coefficient, _energy_build, thermostat=True, atom_style="dpd"),
+    "edpd": Spec(_seeded("edpd", False), _edpd_coefficient, _edpd_build, thermostat=True, atom_style="edpd", own_cutoffs=True),
+    "tdpd": Spec(_seeded("tdpd", True), _tdpd_coefficient, _tdpd_build, thermostat=True, atom_style="tdpd", own_cutoffs=True),
+    "mdpd/rhosum": Spec(_rhosum_settings, _rhosum_coefficient, lambda *_: (NONE, None), atom_style="mdpd"),
+    "mdpd": Spec(_seeded("mdpd", True), _mdpd_coefficient, _mdpd_build, thermostat=True, atom_style="mdpd", own_cutoffs=True),
     "lj/cut": Spec(_lj_settings, _lj_coefficient, _lj_build, mixes=True),
     "table": Spec(_table_settings, _table_coefficient, _table_build, keeps_coefficients=False),
     "zero": Spec(_zero_settings, _zero_coefficient, lambda *_: (NONE, None)),
 }
+
+
+def coefficient_words(style: PairStyle, found: Coefficient) -> list[str]:
+    """Words after the types on a ``pair_coeff`` line, in the deck's units, the cutoff included."""
+    words: list[str] = []
+    for name, value in found.values.items():
+        if name.endswith("_polynomial"):
+            words.append("power" if name.startswith("exponent") else "kappa")
+        words += [f"{number:.15g}" for number in (value if isinstance(value, tuple) else (value,))]
+    return words if style.spec.own_cutoffs else [*words, f"{style.cutoff(found):.15g}"]
 
 
 @dataclass

@@ -26,12 +26,15 @@ class Region:
         Corners of a box around it, if it is bounded.
     box : Box, optional
         The box that ``create_box`` makes of it (block and prism).
+    shape : tuple, optional
+        Lower and upper corner (perhaps infinite) of a block, or centre and radius of a sphere, if it is the inside of one.
     """
 
     style: str
     contains: Callable[[np.ndarray], np.ndarray]
     bounds: tuple[np.ndarray, np.ndarray] | None = None
     box: Box | None = None
+    shape: tuple[np.ndarray, np.ndarray] | tuple[np.ndarray, float] | None = None
 
 
 def _edge(word: str, axis: int, upper: bool, scale: np.ndarray, box: Box | None) -> float:
@@ -63,6 +66,7 @@ def _block(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
         lambda points: np.all((points >= low) & (points <= high), axis=1),
         (low, high) if bounded else None,
         Box(low, high - low, np.zeros(3)) if solid else None,
+        (low, high),
     )
 
 
@@ -84,7 +88,8 @@ def _prism(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
 def _sphere(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
     centre = np.array([read.number(word, "the centre of the sphere") for word in words[:3]]) * scale
     radius = read.non_negative(words[3], "the radius of the sphere") * scale[0]
-    return Region("sphere", lambda points: np.sum((points - centre) ** 2, axis=1) <= radius**2, (centre - radius, centre + radius))
+    bounds = (centre - radius, centre + radius)
+    return Region("sphere", lambda points: np.sum((points - centre) ** 2, axis=1) <= radius**2, bounds, shape=(centre, radius))
 
 
 def _cylinder(words: list[str], scale: np.ndarray, box: Box | None) -> Region:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -12,11 +12,13 @@ from ..model.scene import Scene
 from .context import Window
 from .integration import Integration
 from .lexer import Line
+from .pressure import PressureControl
 from .scene import build_scene
 from .state import DeckState
 from .thermo import Thermo
 
 if TYPE_CHECKING:
+    from .averages import Average
     from .dumps import Dump
     from .sample import Sample
 
@@ -51,6 +53,10 @@ class RunRequest:
         The run command.
     number : int
         Number of this run in the deck, from 0.
+    barostat : PressureControl or None
+        The pressure that the box follows.
+    compat : str
+        ``consistent``, or ``lammps`` for the heat of edpd as LAMMPS computes it.
     """
 
     state: DeckState
@@ -65,6 +71,8 @@ class RunRequest:
     seed: int | None
     where: Line | None
     number: int = 0
+    barostat: PressureControl | None = None
+    compat: str = "consistent"
 
     @classmethod
     def of(cls, state: DeckState, steps: int, moved: Integration, begin: int | None = None, end: int | None = None) -> RunRequest:
@@ -83,6 +91,7 @@ class RunRequest:
             seed=seeds[0] if seeds else None,
             where=state.here,
             number=state.runs,
+            barostat=moved.barostat,
         )
 
     @property
@@ -103,16 +112,23 @@ class RunRequest:
         return Thermo(self.state, self.window, self.last_step, tuple(settings.words), settings.every)
 
     @property
+    def averages(self) -> Sequence[Average]:
+        """Averages of fix ave/time and ave/chunk, in the order of the deck."""
+        return tuple(fix.parameters["average"] for fix in self.state.fixes.values() if "average" in fix.parameters)
+
+    @property
     def dumps(self) -> Sequence[Dump]:
         """Dumps that are active during this run."""
         return tuple(self.state.dumps.values())
 
     def scene(self) -> Scene:
         """The scene at the first step; see :func:`~openmm_dpd.lammps.scene.build_scene`."""
-        return build_scene(self.state, self.window)
+        return build_scene(self.state, self.window, self.compat)
 
-    def override(self, *, steps: int | None = None, dt: float | None = None, scheme: str | None = None) -> RunRequest:
-        """The request with another number of steps, time step (ps) or scheme; a given dt becomes the deck's as well."""
+    def override(
+        self, *, steps: int | None = None, dt: float | None = None, scheme: str | None = None, compat: str | None = None
+    ) -> RunRequest:
+        """The request with another number of steps, time step (ps), scheme or ``compat``; a given dt becomes the deck's as well."""
         if dt is not None and dt != self.state.timestep:
             self.state.set_timestep(dt)
         return replace(
@@ -120,6 +136,7 @@ class RunRequest:
             steps=self.steps if steps is None else steps,
             dt=self.dt if dt is None else dt,
             scheme=self.scheme if scheme is None else scheme,
+            compat=self.compat if compat is None else compat,
         )
 
     def finish(
@@ -129,6 +146,7 @@ class RunRequest:
         *,
         box: np.ndarray | None = None,
         sample: Sample | None = None,
+        carried: Mapping[str, np.ndarray] | None = None,
     ) -> None:
         """Hand the result back to the deck: its step becomes ``last_step``.
 
@@ -140,8 +158,10 @@ class RunRequest:
             Box vectors, if they may have changed.
         sample : Sample, optional
             Measurement at the last step, for formulas evaluated before the next run.
+        carried : mapping, optional
+            What the beads carry, as :func:`openmm_dpd.fields.read_fields` gives it; the next run goes on from there.
         """
-        self.state.write_back(positions, velocities, box)
+        self.state.write_back(positions, velocities, box, carried)
         self.state.step = self.last_step
         if sample is not None:
-            self.state.last_sample = replace(sample, positions=None, velocities=None)
+            self.state.last_sample = replace(sample, positions=None, velocities=None, fields=None)

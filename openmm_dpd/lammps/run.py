@@ -12,16 +12,20 @@ import numpy as np
 import openmm
 from openmm import app, unit
 
+from ..barostat import EnthalpyBarostat, add_barostat
 from ..build import Built, build
 from ..errors import DeckError, DPDError, ParameterError, RunError
+from ..fields import read_fields
 from ..kernels.engine import get_threads, set_threads, warm_up
-from ..measure import Observer
 from ..measure import Sample as Measurement
+from ..model.edpd import EDPD
 from ..model.scene import Scene
 from ..names import COUNTER
 from ..stats import block_average, ratio_average
+from .chunk_average import ChunkAverage
+from .context import Context
 from .request import RunRequest
-from .sample import Sample
+from .sampling import CHEAP, Sampler, arrays
 from .thermo import ALWAYS
 from .trajectory import RunTrajectory
 
@@ -50,6 +54,8 @@ class RunOptions:
         Steps at the beginning of each run that are left out of averages.
     conservative : str
         Where the conservative force is computed, see :func:`openmm_dpd.plan.make_plan`.
+    compat : str
+        ``consistent``, or ``lammps`` for the heat of pair style edpd as LAMMPS computes it.
     """
 
     platform: str | None = None
@@ -61,8 +67,11 @@ class RunOptions:
     threads: int | None = None
     discard: int = 0
     conservative: str = "auto"
+    compat: str = "consistent"
 
     def __post_init__(self):
+        if self.compat not in ("consistent", "lammps"):
+            raise ParameterError(f"compat must be 'consistent' or 'lammps', not {self.compat!r}")
         for name, low in (("steps", 0), ("threads", 1), ("discard", 0), ("seed", 0)):
             value = getattr(self, name)
             if value is not None and value < low:
@@ -105,6 +114,8 @@ class RunResult:
         Thermal energy (kJ/mol) that the thermostat is set to at each row.
     momentum : float
         Largest component of the total momentum at the end, in the deck's units.
+    profiles : dict
+        The last block of every fix ave/chunk: {id: {"coord": [...], "ncount": [...], value: [...]}}.
     """
 
     request: RunRequest
@@ -119,6 +130,7 @@ class RunResult:
     no_laplacian: str | None = None
     target_kT: list[float] = field(default_factory=list)
     momentum: float = 0.0
+    profiles: dict[str, dict[str, list[float]]] = field(default_factory=dict)
 
     def add(self, step: int, values: dict[str, float], measured: Measurement) -> None:
         """Append a row."""
@@ -167,6 +179,7 @@ class RunResult:
             "dt": request.dt / request.state.units.time,
             "seconds_per_step": self.seconds / request.steps if request.steps else None,
             "thermo": self.averages(),
+            "profiles": self.profiles,
         }
         if self.no_laplacian is not None:
             summary["temp_conf_reason"] = self.no_laplacian
@@ -199,24 +212,27 @@ class DeckRunner:
         """Carry out one run."""
         options, state = self.options, request.state
         dt = None if options.dt is None else options.dt * state.units.time
-        request = request.override(steps=options.steps, dt=dt, scheme=options.scheme)
+        request = request.override(steps=options.steps, dt=dt, scheme=options.scheme, compat=options.compat)
         if options.discard > request.steps:
             # the last step has a row always
             raise RunError(f"{_where(request)}--discard {options.discard} leaves nothing to average of a run of {request.steps} steps")
         scene = request.scene()
         built = build_request(request, scene, options)
+        barostat = connect_barostat(request, built)
         for note in state.notes[self._notes :]:
             self.log(f"note: {note}")
         self._notes = len(state.notes)
         warm_up(built.plan.spec, self.log)
         simulation = built.simulation(properties=options.properties(built.plan.platform or ""))
+        if barostat is not None:
+            simulation.reporters.append(barostat)
         if COUNTER in simulation.context.getParameters():
             # every run draws new noise
             simulation.context.setParameter(COUNTER, self.counter)
         result = self._result(request, simulation, built)
         bar = self.progress(request.steps) if self.progress else None
         try:
-            self._step_through(request, scene, simulation, Observer(built), result, bar)
+            self._step_through(request, scene, simulation, built, result, bar)
         except openmm.OpenMMException as error:
             raise RunError(f"{_where(request)}the run stopped: {error}") from None
         except RunError as error:
@@ -238,31 +254,40 @@ class DeckRunner:
         precision = fixed[name] if name in fixed else platform.getPropertyValue(simulation.context, "Precision")
         return RunResult(request, name, precision, self.options.discard, words)
 
-    def _step_through(
-        self, request: RunRequest, scene: Scene, simulation: app.Simulation, observer: Observer, result: RunResult, bar
-    ) -> None:
+    def _step_through(self, request: RunRequest, scene: Scene, simulation: app.Simulation, built: Built, result: RunResult, bar) -> None:
         thermo, dumps, context = request.thermo, request.dumps, simulation.context
-        result.no_laplacian = observer.no_laplacian
+        sampler, averages = Sampler(request, built, context), request.averages
+        result.no_laplacian = sampler.observer.no_laplacian
+        for average in averages:
+            average.begin(request.state, request.first_step)
         if thermo.header():
             self.log(thermo.header())
         if self.trajectory is not None:
-            self.trajectory.start(scene, request)
+            self.trajectory.start(scene, request, built)
         step, started, measured = request.first_step, time.perf_counter(), None
         while True:
+            begun = time.perf_counter()
+            sample, rates = None, [average for average in averages if average.next_due == step]
+            needs = frozenset().union(*(average.needs(request.state) for average in rates))
+            if thermo.due(step) or not needs <= CHEAP:
+                sample, measured = sampler.full(step, needs | thermo.needs, begun - started)
+            elif rates:
+                sample = sampler.cheap(step, needs, begun - started)
+            for average in rates:
+                average.take(Context(request.state, sample, request.window))
             if thermo.due(step):
-                begun = time.perf_counter()
-                measured = observer.sample(context)
-                sample = thermo_sample(request, measured, context, step, begun - started)
+                assert sample is not None and measured is not None
                 values = thermo.values(sample, tuple(w for w in result.words if w != "temp_conf"))
                 result.add(step, values, measured)
-                result.seconds += time.perf_counter() - begun if step > request.first_step else 0.0
                 self.log(thermo.row(values | {"temp_conf": sample.kT_conf or float("nan")}, sample))
-            self._write_frames(request, context, step)
+            result.seconds += time.perf_counter() - begun if step > request.first_step else 0.0
+            self._write_frames(request, sampler, step)
             if step == request.last_step:
                 break
             stop = min([thermo.next_due(step), request.last_step, step + 1000, *(dump.next_due(step) for dump in dumps)])
             if self.trajectory is not None:
                 stop = min(stop, self.trajectory.next_due(step))
+            stop = min([stop, *(average.next_due for average in averages if average.next_due > step)])
             begun = time.perf_counter()
             simulation.step(stop - step)
             result.seconds += time.perf_counter() - begun
@@ -271,23 +296,30 @@ class DeckRunner:
             step = stop
         assert measured is not None
         result.momentum = float(np.abs(measured.momentum).max()) / request.state.units.mass / request.state.units.velocity
-        x, v, _, box = _arrays(context)
-        request.finish(x, v, box=box, sample=sample)
+        result.profiles = {average.name: average.profile for average in averages if isinstance(average, ChunkAverage) and average.profile}
+        x, v, _, box = arrays(context)
+        request.finish(x, v, box=box, sample=sample, carried=read_fields(context, built.plan))
 
-    def _write_frames(self, request: RunRequest, context: openmm.Context, step: int) -> None:
+    def _write_frames(self, request: RunRequest, sampler: Sampler, step: int) -> None:
         due = [dump for dump in request.dumps if dump.due(step)]
         framed = self.trajectory is not None and self.trajectory.due(step)
         if not due and not framed:
             return
-        x, v, f, box = _arrays(context, any(dump.needs_forces for dump in due))
+        x, v, f, box = arrays(sampler.context, any(dump.needs_forces for dump in due))
+        needs: frozenset[str] = frozenset().union(*(dump.needs(request.state) for dump in due))
+        context = Context(request.state, sampler.cheap(step, needs, 0.0), request.window)
         for dump in due:
-            dump.write(request.state, step, x, v, f, box)
+            dump.write(request.state, step, x, v, f, box, context)
         if framed and self.trajectory is not None:
-            self.trajectory.write(x, box)
+            self.trajectory.write(x, box, sampler.context, step)
 
 
 def build_request(request: RunRequest, scene: Scene, options: RunOptions) -> Built:
     """Build the scene of a run; what cannot be built is an error at the deck's run command."""
+    if scene.compat == "consistent" and any(table.kind is EDPD for table in scene.tables):
+        request.state.note(
+            "pair edpd: heat is computed so that energy is conserved, which LAMMPS does not do; --compat lammps computes its"
+        )
     try:
         return build(
             scene,
@@ -304,43 +336,37 @@ def build_request(request: RunRequest, scene: Scene, options: RunOptions) -> Bui
         raise DeckError(str(error), request.where.file, request.where.number) from None
 
 
+#: Steps between two attempts to change the volume.
+VOLUME_INTERVAL = 10
+
+
+def connect_barostat(request: RunRequest, built: Built) -> EnthalpyBarostat | None:
+    """The barostat of ``request.barostat``: OpenMM's goes into ``built.system``, before there is a Context; ours is returned.
+
+    Raises
+    ------
+    DeckError
+        If the pressure changes during the run, or is not the same along all axes.
+    """
+    control = request.barostat
+    if control is None:
+        return None
+    where = request.where
+    pressures = {p for p, used in zip(control.start, control.axes, strict=True) if used}
+    try:
+        if not control.constant or len(pressures) > 1:
+            raise ParameterError("fix nph: volume moves have one pressure, the same along all axes and during the whole run")
+        choices: dict[str, Any] = {"interval": VOLUME_INTERVAL, "axes": control.axes, "coupled": control.coupled}
+        if control.isothermal:
+            add_barostat(built, pressures.pop(), seed=built.plan.options.seed or 1, **choices)
+            return None
+        return EnthalpyBarostat(built, pressures.pop(), **choices)
+    except DPDError as error:
+        raise DeckError(str(error), where.file, where.number) if where else error from None
+
+
 def _where(request: RunRequest) -> str:
     return "" if request.where is None else f"{request.where.file}:{request.where.number}: "
-
-
-def _arrays(context: openmm.Context, forces: bool = False):
-    """Positions, velocities, conservative forces (or None) and box vectors."""
-    groups = context.getIntegrator().getIntegrationForceGroups()
-    state = context.getState(positions=True, velocities=True, forces=forces, groups=groups)
-    f = state.getForces(asNumpy=True).value_in_unit(unit.kilojoule_per_mole / _NM) if forces else None
-    x, v = state.getPositions(asNumpy=True).value_in_unit(_NM), state.getVelocities(asNumpy=True).value_in_unit(_V)
-    return x, v, f, state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(_NM)
-
-
-def thermo_sample(request: RunRequest, measured: Measurement, context: openmm.Context, step: int, cpu: float) -> Sample:
-    """A measurement in the form thermo output wants.
-
-    ``virial`` counts what LAMMPS counts: the dissipative and random parts only if they are forces.
-    """
-    full = measured.virial_conservative + measured.virial_dissipative + measured.virial_random
-    needs = request.thermo.needs
-    arrays = _arrays(context) if needs & {"positions", "velocities"} else (None, None, None, None)
-    return Sample(
-        step=step,
-        kinetic=measured.kinetic,
-        dof=measured.dof,
-        pair_energy=measured.pair,
-        bond_energy=measured.bond,
-        virial=full if request.scheme == "mvv" else measured.virial_conservative,
-        virial_full=full,
-        force_norm=measured.force_norm,
-        force_max=measured.force_max,
-        kT_conf=measured.configurational_kT,
-        box=measured.box,
-        positions=arrays[0],
-        velocities=arrays[1],
-        cpu=cpu,
-    )
 
 
 def results_json(results: list[RunResult]) -> dict:

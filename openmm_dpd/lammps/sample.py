@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,9 +18,9 @@ class Sample:
     ----------
     step : int
         Number of the step, as the deck counts.
-    kinetic : float
+    kinetic : float, optional
         Kinetic energy of the mobile beads.
-    dof : int
+    dof : int, optional
         Their degrees of freedom, 3N - 3.
     pair_energy : float, optional
         Conservative pair energy.
@@ -37,14 +38,16 @@ class Sample:
     box : (3, 3) array, optional
         Box vectors; the deck's box if None.
     positions, velocities : (N, 3) arrays, optional
-        Needed by computes on groups only.
+        Needed by computes on groups and of single beads only.
+    fields : dict of arrays, optional
+        What the beads carry, as :func:`openmm_dpd.fields.read_fields` gives it; empty if they carry nothing.
     cpu : float
         Seconds since the run began.
     """
 
     step: int
-    kinetic: float
-    dof: int
+    kinetic: float | None = None
+    dof: int | None = None
     pair_energy: float | None = None
     bond_energy: float | None = 0.0
     virial: float | None = None
@@ -55,4 +58,5 @@ class Sample:
     box: np.ndarray | None = None
     positions: np.ndarray | None = None
     velocities: np.ndarray | None = None
+    fields: Mapping[str, np.ndarray] | None = None
     cpu: float = 0.0

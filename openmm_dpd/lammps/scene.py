@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..errors import DeckError, ParameterError
@@ -9,10 +11,15 @@ from ..model.bonds import HarmonicBonds
 from ..model.pairs import NONE
 from ..model.scene import Scene, TemperatureRamp
 from ..model.table import PairTable
+from .carried import internal_of, internal_scale, sources_of
 from .context import Window
 from .integration import integration
 from .lexer import Line
+from .pair_styles import Coefficient, PairStyle
 from .state import DeckState
+
+#: Coefficients of one pair style by type pair.
+Table = dict[tuple[int, int], Coefficient]
 
 
 def _complain(where: Line | None, message: str) -> DeckError:
@@ -24,7 +31,7 @@ def type_name(number: int) -> str:
     return str(number)
 
 
-def build_scene(state: DeckState, window: Window | None = None) -> Scene:
+def build_scene(state: DeckState, window: Window | None = None, compat: str = "consistent") -> Scene:
     """The scene that the deck describes at this point.
 
     Parameters
@@ -33,6 +40,8 @@ def build_scene(state: DeckState, window: Window | None = None) -> Scene:
         The deck; it must have a box, beads and pair coefficients.
     window : Window, optional
         Steps between which temperature ramps go; the ramp starts now if absent.
+    compat : {"consistent", "lammps"}
+        How the heat of edpd is computed.
 
     Raises
     ------
@@ -46,7 +55,11 @@ def build_scene(state: DeckState, window: Window | None = None) -> Scene:
     masses = state.bead_masses()
     if state.bond.style == "none" and len(state.bonds):
         state.note("there are bonds but no bond_style: they have no energy, only special_bonds acts on them")
-    if len(state.bonds) and any(0 < f < 1 for f in state.special) and any(style.name == "dpd/fdt" for style in state.pair.styles):
+    if (
+        len(state.bonds)
+        and any(0 < f < 1 for f in state.special)
+        and any(style.name in ("dpd/fdt", "dpd/fdt/energy") for style in state.pair.styles)
+    ):
         state.note("dpd/fdt: the noise of bonded neighbours goes with the root of the special_bonds factor (LAMMPS: with the factor)")
     moved = integration(state)
     atoms = state.atoms
@@ -65,6 +78,9 @@ def build_scene(state: DeckState, window: Window | None = None) -> Scene:
             special=state.special if len(state.bonds) else (1.0, 1.0, 1.0),
             mobile=None if moved.mobile.all() else moved.mobile,
             molecules=atoms.molecules if np.any(atoms.molecules) else None,
+            internal=internal_of(state),
+            sources=sources_of(state, box.reduced_vectors),
+            compat=compat,
         )
     except ParameterError as error:
         raise _complain(state.here, str(error)) from None
@@ -91,13 +107,18 @@ def pair_tables(state: DeckState) -> list[PairTable]:
             f"no pair coefficients for the type pair{'s' * (len(missing) > 1)} {listing} (pair style {names}); "
             "add a pair_coeff line, or 'pair_coeff i j none' if they do not interact",
         )
-    result = []
     for style, table in zip(setup.styles, tables, strict=True):
         if not table:
             raise _complain(style.where, f"pair style {style.name} is used by no type pair")
+    result = []
+    for style, table in _with_densities(setup.styles, tables):
         entries: dict = {}
         for (i, j), coefficient in sorted(table.items()):
-            term, remark = style.spec.build(style, coefficient, state.units)
+            try:
+                term, remark = style.spec.build(style, coefficient, state.units)
+            except ParameterError as error:
+                message = f"pair style {style.name}, types {i} {j}: {error}"
+                raise _complain(coefficient.where or style.where, message) from None
             if remark:
                 state.note(remark)
             _check_cutoff(state, term, (i, j), coefficient.where or style.where)
@@ -108,13 +129,38 @@ def pair_tables(state: DeckState) -> list[PairTable]:
     return [PairTable(entries) for entries in result]
 
 
+def _with_densities(styles: list[PairStyle], tables: list[Table]) -> list[tuple[PairStyle, Table]]:
+    """Styles and their tables, with mdpd/rhosum merged into mdpd: its cutoffs become those of the densities."""
+    sums = [k for k, style in enumerate(styles) if style.name == "mdpd/rhosum"]
+    many = [k for k, style in enumerate(styles) if style.name == "mdpd"]
+    if not sums and not many:
+        return list(zip(styles, tables, strict=True))
+    for here, there, other in ((many, sums, "mdpd/rhosum"), (sums, many, "mdpd")):
+        if here and len(there) != 1:
+            count = f"{len(there)} of them" if there else "none"
+            style = styles[here[0]]
+            message = (
+                f"pair style {style.name} needs one {other} beside it (pair_style hybrid/overlay mdpd/rhosum mdpd ...); there are {count}"
+            )
+            raise _complain(style.where, message)
+    densities, forces = tables[sums[0]], tables[many[0]]
+    for table, partner, lacking in ((densities, forces, "mdpd"), (forces, densities, "mdpd/rhosum")):
+        alone = sorted(set(table) - set(partner))
+        if alone:
+            i, j = alone[0]
+            raise _complain(table[alone[0]].where, f"types {i} {j} have no coefficients of {lacking}; both styles need the same type pairs")
+    merged = {pair: replace(found, values=found.values | {"cutoff_density": densities[pair].cutoff}) for pair, found in forces.items()}
+    return [(style, merged if k == many[0] else tables[k]) for k, style in enumerate(styles) if k != sums[0]]
+
+
 def _check_cutoff(state: DeckState, term, pair: tuple[int, int], where: Line) -> None:
     half = 0.5 * float(np.min(np.diag(state.require_box("a run").reduced_vectors)))
-    if term.cutoff > half * (1 + 1e-12):
+    cutoff = max(getattr(term, name, 0.0) for name in ("cutoff", "cutoff_T", "cutoff_c"))
+    if cutoff > half * (1 + 1e-12):
         length = state.units.length
         raise _complain(
             where,
-            f"the cutoff {term.cutoff / length:g} of types {pair[0]} {pair[1]} is over half the box, {half / length:g}; "
+            f"the cutoff {cutoff / length:g} of types {pair[0]} {pair[1]} is over half the box, {half / length:g}; "
             "a pair would meet two periodic images of one bead. Use a larger box or a smaller cutoff",
         )
 
@@ -122,14 +168,16 @@ def _check_cutoff(state: DeckState, term, pair: tuple[int, int], where: Line) ->
 def thermal_energy(state: DeckState, window: Window | None) -> float | TemperatureRamp:
     """The one temperature (or ramp) of all thermostatting pair styles, as an energy; 0 if there is none.
 
+    Where beads have internal temperatures and no style sets another, it is the mean of these (the scale of a trial step).
+
     Raises
     ------
     DeckError
         If two styles have different temperatures.
     """
-    styles = [style for style in state.pair.styles if style.spec.thermostat]
+    styles = [style for style in state.pair.styles if style.spec.thermostat and "start" in style.settings]
     if not styles:
-        return 0.0
+        return internal_scale(state)
     wanted = [(style.settings["start"], style.settings["stop"]) for style in styles]
     for style, pair in zip(styles, wanted, strict=True):
         if pair != wanted[0]:

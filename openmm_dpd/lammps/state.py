@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,6 +24,18 @@ if TYPE_CHECKING:
     from .dumps import Dump
     from .request import RunRequest
     from .sample import Sample
+
+
+def carried_places(units: UnitSystem) -> dict[str, tuple[str, float]]:
+    """Names of :func:`openmm_dpd.fields.read_fields` -> the array of Atoms that holds the values, and its unit."""
+    return {
+        "u_cond": ("u_cond", 1.0),
+        "u_mech": ("u_mech", 1.0),
+        "theta": ("thetas", units.thermal_energy),
+        "temperature": ("temperatures", units.thermal_energy),
+        "concentrations": ("concentrations", 1.0),
+        "density": ("densities", units.mass / units.length**3),
+    }
 
 
 @dataclass(frozen=True)
@@ -76,6 +88,8 @@ class DeckState:
         The periodic box, nm.
     n_types, n_bond_types : int
         Numbers of bead and bond types.
+    n_species : int
+        Number of concentrations of ``atom_style tdpd``, 0 for other styles.
     masses : dict of int to float
         Mass of each type that has one, Da.
     atoms : Atoms
@@ -108,6 +122,7 @@ class DeckState:
     box: Box | None = None
     n_types: int = 0
     n_bond_types: int = 0
+    n_species: int = 0
     masses: dict[int, float] = field(default_factory=dict)
     atoms: Atoms = field(default_factory=Atoms)
     bonds: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
@@ -205,7 +220,13 @@ class DeckState:
         for name, mask in self.groups.items():
             self.groups[name] = np.concatenate([mask, np.full(len(new), name == "all")])
 
-    def write_back(self, positions: np.ndarray, velocities: np.ndarray, box: np.ndarray | None = None) -> None:
+    def write_back(
+        self,
+        positions: np.ndarray,
+        velocities: np.ndarray,
+        box: np.ndarray | None = None,
+        carried: Mapping[str, np.ndarray] | None = None,
+    ) -> None:
         """Take over the result of a run.
 
         Parameters
@@ -216,6 +237,8 @@ class DeckState:
             nm/ps.
         box : (3, 3) array, optional
             New box vectors, if the box has changed; its lower corner stays.
+        carried : mapping, optional
+            What the beads carry, as :func:`openmm_dpd.fields.read_fields` gives it.
         """
         if box is not None and self.box is not None and not np.allclose(box, self.box.reduced_vectors, rtol=1e-9, atol=1e-9):
             edges, tilt = np.diag(box), np.array([box[1][0], box[2][0], box[2][1]])
@@ -224,3 +247,7 @@ class DeckState:
         self.atoms.positions = inside
         self.atoms.images = self.atoms.images + shifts
         self.atoms.velocities = np.array(velocities, dtype=np.float64)
+        places = carried_places(self.units)
+        for name, values in (carried or {}).items():
+            place, unit = places[name]
+            setattr(self.atoms, place, np.array(values, dtype=np.float64) / unit)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from ..errors import DeckError, DPDError, ParameterError
 from .computes import BUILT_IN, COMPUTES
 from .context import Context, Window
+from .per_bead import BEAD_WORDS
 from .sample import Sample
 from .state import DeckState
 from .words import WORDS
@@ -23,8 +25,8 @@ STYLES = {
 #: Averages that are wanted whether or not the deck prints them.
 ALWAYS = ("temp", "press", "press_full", "pe", "ke", "etotal", "temp_conf")
 
-_REFERENCE = re.compile(r"[cv]_\w+(?:\[\d+\])?|[A-Za-z_]\w*")
-_COMPUTE = re.compile(r"c_(\w+?)(?:\[(\d+)\])?")
+_REFERENCE = re.compile(r"[cfv]_\w+(?:\[\d+\])?|[A-Za-z_]\w*")
+_COMPUTE = re.compile(r"[cf]_(\w+?)(?:\[(\d+)\])?")
 _FORMAT = re.compile(r"%[-+ #0-9.]*l{0,2}[dioxXeEfFgG]")
 
 
@@ -48,13 +50,17 @@ def check_word(state: DeckState, word: str) -> None:
             raise ParameterError(f"{word}: compute style {state.computes[name].style} has no {'value' if index is None else 'vector'}")
         return
     if word.startswith("f_"):
-        raise ParameterError(f"{word}: none of the supported fixes has a value")
+        name, index = compute_reference(word)
+        if name not in state.fixes or "average" not in state.fixes[name].parameters:
+            raise ParameterError(f"{word}: there is no fix '{name}' with a value; fix ave/time has values")
+        state.fixes[name].parameters["average"].check_index(index)
+        return
     if word not in WORDS:
         raise ParameterError(f"thermo word '{word}' is not supported; supported are {', '.join(WORDS)}, v_name, c_id and c_id[i]")
 
 
 def compute_reference(word: str) -> tuple[str, int | None]:
-    """Id and index of ``c_id`` or ``c_id[index]``."""
+    """Id and index of ``c_id`` or ``c_id[index]`` (or ``f_``)."""
     match = _COMPUTE.fullmatch(word)
     if match is None:
         raise ParameterError(f"expected c_id or c_id[index], not '{word}'")
@@ -84,7 +90,13 @@ def _needs(state: DeckState, word: str, seen: set[str]) -> set[str]:
         name, _ = compute_reference(word)
         if name in BUILT_IN:
             return _needs(state, BUILT_IN[name][0], seen)
-        return set(COMPUTES[state.computes[name].style].needs) if name in state.computes else set()
+        if name not in state.computes:
+            return set()
+        compute = state.computes[name]
+        spec = COMPUTES[compute.style]
+        return set(spec.needs).union(*(_needs(state, other, seen) for other in spec.inputs(compute)))
+    if word in BEAD_WORDS and word not in WORDS:
+        return set(BEAD_WORDS[word].needs)
     found = set(WORDS[word].needs) if word in WORDS else set()
     # a temperature taken from a compute on a group needs the velocities of its beads
     if "kinetic" in found and state.thermo.temp != "thermo_temp":
@@ -92,6 +104,12 @@ def _needs(state: DeckState, word: str, seen: set[str]) -> set[str]:
     if "virial" in found and state.thermo.press != "thermo_press":
         found |= _needs(state, "c_" + state.thermo.press, seen)
     return found
+
+
+def fields_read(state: DeckState, words: Iterable[str]) -> frozenset[str]:
+    """Fields of :class:`Sample` that words read: thermo words, ``c_``, ``v_``, and values of single beads."""
+    seen: set[str] = set()
+    return frozenset().union(*(_needs(state, word, seen) for word in words))
 
 
 @dataclass(frozen=True)
@@ -121,8 +139,7 @@ class Thermo:
     @property
     def needs(self) -> frozenset[str]:
         """Fields of :class:`Sample` that the columns read."""
-        seen: set[str] = set()
-        return frozenset().union(*(_needs(self.state, word, seen) for word in self.words))
+        return fields_read(self.state, self.words)
 
     def due(self, step: int) -> bool:
         """Whether a row is printed at this step: first, last, and every multiple of the interval."""
@@ -167,7 +184,10 @@ class Thermo:
             value = context.compute(name, index)
             if name in BUILT_IN:
                 return value / context.norm if BUILT_IN[name][1] else value
-            return value / context.norm if COMPUTES[context.state.computes[name].style].extensive else value
+            compute = context.state.computes[name]
+            return value / context.norm if COMPUTES[compute.style].is_extensive(compute) else value
+        if word.startswith("f_"):
+            return context.fix(*compute_reference(word))
         return context.thermo(word)
 
     # -- text ----------------------------------------------------------------------------------------------------------------

@@ -6,15 +6,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from openmm import app
+import openmm
+from openmm import app, unit
 
+from ..build import Built
+from ..field_file import FieldWriter, carries_fields
+from ..fields import read_fields
 from ..model.scene import Scene
 from ..trajectory import write_psf
 from .request import RunRequest
 
 
 class RunTrajectory:
-    """Writes ``trajectory.dcd``, ``topology.psf`` and ``final_state.xml`` into a folder.
+    """Writes ``trajectory.dcd``, ``topology.psf`` and ``final_state.xml`` into a folder, and ``fields.npz`` with what beads carry.
 
     All runs go to one file; a new one (``trajectory-2.dcd``, ``topology-2.psf``) begins when the number of beads changes.  Positions
     are continuous: they are not folded back into the box.
@@ -31,11 +35,12 @@ class RunTrajectory:
         folder.mkdir(parents=True, exist_ok=True)
         self.folder, self.frames = folder, frames
         self._file: Any = None
+        self._fields: FieldWriter | None = None
         self._beads, self._part = 0, 0
         self._offset: np.ndarray = np.zeros((0, 3))
         self._every, self._first, self._last = 1, 0, 0
 
-    def start(self, scene: Scene, request: RunRequest) -> None:
+    def start(self, scene: Scene, request: RunRequest, built: Built) -> None:
         """Prepare for a run; about ``frames`` frames, at its first and last step in any case."""
         self._every = max(1, request.steps // self.frames)
         self._first, self._last = request.first_step, request.last_step
@@ -45,6 +50,10 @@ class RunTrajectory:
             self.close()
             self._beads, self._part = scene.n_beads, self._part + 1
             self._open(scene)
+        self._built = built
+        if self._fields is None and carries_fields(built):
+            suffix = "" if self._part == 1 else f"-{self._part}"
+            self._fields = FieldWriter(self.folder / f"fields{suffix}.npz")
 
     def _open(self, scene: Scene) -> None:
         from mdtraj.formats import DCDTrajectoryFile
@@ -68,8 +77,11 @@ class RunTrajectory:
         """The first step after ``step`` that gives a frame."""
         return self._first + ((step - self._first) // self._every + 1) * self._every
 
-    def write(self, x: np.ndarray, box: np.ndarray) -> None:
-        """Write one frame (nm)."""
+    def write(self, x: np.ndarray, box: np.ndarray, context: openmm.Context, step: int) -> None:
+        """Write one frame (nm), and what beads carry."""
+        if self._fields is not None:
+            time = context.getTime().value_in_unit(unit.picosecond)
+            self._fields.write(time, step, read_fields(context, self._built.plan))
         lengths = np.linalg.norm(box, axis=1)
         cosines = [box[a] @ box[b] / lengths[a] / lengths[b] for a, b in ((1, 2), (0, 2), (0, 1))]
         angles = np.degrees(np.arccos(cosines))
@@ -85,3 +97,4 @@ class RunTrajectory:
         if self._file is not None:
             self._file.close()
             self._file = None
+            self._fields = None

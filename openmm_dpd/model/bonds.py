@@ -26,7 +26,7 @@ class HarmonicBonds:
     Raises
     ------
     ParameterError
-        If shapes differ, a bead is bonded to itself or a bond is listed twice.
+        If shapes differ, a value is out of bounds or a bead is bonded to itself.
     """
 
     pairs: np.ndarray
@@ -34,7 +34,10 @@ class HarmonicBonds:
     r0: np.ndarray
 
     def __post_init__(self):
-        pairs = np.asarray(self.pairs)
+        try:
+            pairs = np.asarray(self.pairs)
+        except ValueError:
+            raise ParameterError("bond pairs must be an integer array of shape (bonds, 2); their entries differ in length") from None
         if pairs.size == 0:
             pairs = np.zeros((0, 2), dtype=np.int64)
         if pairs.ndim != 2 or pairs.shape[1] != 2 or not np.issubdtype(pairs.dtype, np.integer):
@@ -46,7 +49,10 @@ class HarmonicBonds:
             raise ParameterError(f"bond {own[0]} joins bead {pairs[own[0], 0]} to itself")
         values = {"pairs": pairs.astype(np.int64)}
         for name, dimension in (("k", "force_constant"), ("r0", "length")):
-            array = np.broadcast_to(to_md(getattr(self, name), dimension, f"bond {name}"), (len(pairs),)).copy()
+            array = np.asarray(to_md(getattr(self, name), dimension, f"bond {name}"))
+            if array.shape not in ((), (len(pairs),)):
+                raise ParameterError(f"bond {name} must be one number, or one for each of the {len(pairs)} bonds, not shape {array.shape}")
+            array = np.broadcast_to(array, (len(pairs),)).copy()
             if np.any(array < 0):
                 raise ParameterError(f"bond {name} must be >= 0; bond {int(np.argmin(array))} has {array.min():g}")
             values[name] = array

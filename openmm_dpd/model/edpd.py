@@ -48,8 +48,8 @@ class EDPD:
     exponent_T : float, default 2
         Exponent of the conduction weight (LAMMPS: power_T).
     cutoff_T : length, optional
-        Range of the conduction; ``cutoff`` by default.  Longer or shorter than ``cutoff`` are both right here (LAMMPS fails at the first
-        and truncates at the second).
+        Range of the conduction; ``cutoff`` by default.  Longer or shorter than ``cutoff`` are both right here (LAMMPS truncates the first
+        and adds stale values to the second).
     exponent_polynomial, kappa_polynomial : four floats
         c1 to c4 and d1 to d4.
 

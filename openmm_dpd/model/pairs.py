@@ -167,6 +167,8 @@ class LennardJones:
     shift: bool = False
 
     def __post_init__(self):
+        if not isinstance(self.shift, (bool, np.bool_)):
+            raise ParameterError(f"shift must be True or False, not {self.shift!r}")
         object.__setattr__(self, "epsilon", checked(self.epsilon, "energy", "epsilon"))
         object.__setattr__(self, "sigma", checked(self.sigma, "length", "sigma", positive=True))
         object.__setattr__(self, "cutoff", checked(self.cutoff, "length", "cutoff", positive=True))
@@ -208,6 +210,8 @@ class TabulatedPair:
             raise ParameterError(
                 f"a tabulated pair needs as many energies as distances, at least 4; got {len(distances)} and {len(energies)}"
             )
+        if distances[0] < 0:
+            raise ParameterError(f"the distances of a tabulated pair must be >= 0; the first is {distances[0]:g} nm")
         steps = np.diff(distances)
         if np.any(steps <= 0) or not np.allclose(steps, steps.mean(), rtol=1e-4):
             worst = int(np.argmax(np.abs(steps - steps.mean())))

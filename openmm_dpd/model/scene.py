@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import ParameterError
-from ..units import BOLTZMANN, to_md
+from ..units import BOLTZMANN, to_md, whole_number
 from .bonds import HarmonicBonds
 from .internal import Internal, check_internal
 from .pairs import DPD
@@ -39,6 +39,8 @@ class TemperatureRamp:
     def __post_init__(self):
         object.__setattr__(self, "start", thermal_energy(self.start, "the ramp's start"))
         object.__setattr__(self, "stop", thermal_energy(self.stop, "the ramp's stop"))
+        for name in ("begin", "end"):
+            object.__setattr__(self, name, whole_number(getattr(self, name), f"the ramp's {name} (a step)"))
         if self.end <= self.begin:
             raise ParameterError(f"a temperature ramp must end after it begins; got begin = {self.begin}, end = {self.end}")
 
@@ -56,7 +58,7 @@ def thermal_energy(value, name: str = "kT") -> float:
     else:
         kT = to_md(value, "energy", name)
     if not isinstance(kT, float) or kT < 0:
-        raise ParameterError(f"{name} must be a single number >= 0, but is {kT!r}")
+        raise ParameterError(f"{name} must be a single number >= 0, but is {value!r}")
     return kT
 
 
@@ -164,8 +166,9 @@ class Scene:
             object.__setattr__(self, name, value)
 
         put("masses", self._checked_masses())
-        put("type_ids", self._checked_types())
-        put("types", tuple(self.types))
+        put("types", self._checked_types())
+        number = {name: index for index, name in enumerate(self.masses)}
+        put("type_ids", np.fromiter((number[name] for name in self.types), dtype=np.int32, count=len(self.types)))
         x = self._per_bead("positions", "length", (3,))
         # OpenMM's Reference neighbour list loses pairs of beads at coordinates such as -3e-19, as lattices give
         assert x is not None
@@ -176,15 +179,13 @@ class Scene:
         put("box", box_vectors(self.box))
         if not isinstance(self.kT, TemperatureRamp):
             put("kT", thermal_energy(self.kT))
-        for name, dtype in (("mobile", bool), ("molecules", np.int64)):
-            if getattr(self, name) is not None:
-                array = np.asarray(getattr(self, name), dtype=dtype)
-                if array.shape != (self.n_beads,):
-                    raise ParameterError(f"{name} must have one entry per bead, {self.n_beads}, not shape {array.shape}")
-                put(name, array)
+        put("mobile", self._flags("mobile", np.bool_, "True or False (for indices: numpy.isin(numpy.arange(N), indices))"))
+        put("molecules", self._flags("molecules", np.integer, "one whole number"))
         self._check_bonds()
         put("special", self._checked_special())
         put("tables", self._checked_pairs())
+        if not isinstance(self.sources, Sequence):
+            raise ParameterError(f"sources must be a sequence of sources, not {self.sources!r}")
         put("sources", tuple(self.sources))
         check_internal(self.internal, self.sources, self.tables, self.type_ids, self.type_names, self.box)
         if self.compat not in ("consistent", "lammps"):
@@ -217,20 +218,36 @@ class Scene:
             raise ParameterError("masses must map the name of each bead type to its mass, and name at least one")
         checked = {}
         for name, mass in self.masses.items():
+            if not isinstance(name, str) or name in ("", "*"):
+                raise ParameterError(f"bead types are named by text other than '*'; `masses` has the name {name!r}")
             value = to_md(mass, "mass", f"the mass of type {name!r}")
             if not isinstance(value, float) or value <= 0:
                 raise ParameterError(f"the mass of type {name!r} must be a number > 0, not {mass!r}; freeze beads with `mobile`")
             checked[str(name)] = value
         return checked
 
-    def _checked_types(self) -> np.ndarray:
-        number = {name: index for index, name in enumerate(self.masses)}
-        unknown = sorted({str(name) for name in self.types if name not in number})
-        if unknown:
-            raise ParameterError(f"unknown bead types {', '.join(unknown)}; `masses` defines {', '.join(number)}")
-        if not len(self.types):
+    def _checked_types(self) -> tuple[str, ...]:
+        try:
+            types = tuple(self.types)
+        except TypeError:
+            raise ParameterError(f"types must name the type of each bead, as ['W', 'W', ...]; they are {self.types!r}") from None
+        if not types:
             raise ParameterError("a scene needs at least one bead")
-        return np.fromiter((number[name] for name in self.types), dtype=np.int32, count=len(self.types))
+        unknown = sorted({name if isinstance(name, str) else repr(name) for name in types if name not in self.masses})
+        if unknown:
+            raise ParameterError(f"unknown bead types {', '.join(unknown)}; `masses` defines {', '.join(self.masses)}")
+        return types
+
+    def _flags(self, name: str, kind: type, what: str) -> np.ndarray | None:
+        """One truth value or whole number per bead."""
+        if getattr(self, name) is None:
+            return None
+        array = np.asarray(getattr(self, name))
+        if array.shape != (self.n_beads,):
+            raise ParameterError(f"{name} must have one entry per bead, {self.n_beads}, not shape {array.shape}")
+        if not np.issubdtype(array.dtype, kind):
+            raise ParameterError(f"{name} must hold {what} for each bead, not {array.dtype} such as {array[0]!r}")
+        return array.astype(np.int64 if kind is np.integer else kind)
 
     def _per_bead(self, name: str, dimension: str, shape: tuple[int, ...]) -> np.ndarray | None:
         value = getattr(self, name)
@@ -238,9 +255,11 @@ class Scene:
             if name == "positions":
                 raise ParameterError("positions are missing")
             return None
-        array = np.array(to_md(value, dimension, name), dtype=np.float64, order="C", ndmin=1 + len(shape))
+        array = np.array(to_md(value, dimension, name), dtype=np.float64, order="C")
         if array.shape != (self.n_beads, *shape):
-            raise ParameterError(f"{name} must have shape {(self.n_beads, *shape)} (there are {self.n_beads} types), not {array.shape}")
+            raise ParameterError(
+                f"{name} must have shape {(self.n_beads, *shape)}, as `types` names {self.n_beads} beads, not {array.shape}"
+            )
         return array
 
     def _checked_bead_masses(self) -> np.ndarray:
@@ -264,8 +283,9 @@ class Scene:
         pairs = np.sort(self.bond_pairs, axis=1)
         if pairs.size and pairs.max() >= self.n_beads:
             raise ParameterError(f"a bond names bead {pairs.max()}, but there are only {self.n_beads} beads, counted from 0")
-        if len(np.unique(pairs, axis=0)) != len(pairs):
-            raise ParameterError("a bond is listed twice")
+        different, counts = np.unique(pairs, axis=0, return_counts=True)
+        if np.any(counts > 1):
+            raise ParameterError("the bond between beads {} and {} is listed twice".format(*different[counts > 1][0]))
 
     def _checked_special(self) -> tuple[float, float, float]:
         try:

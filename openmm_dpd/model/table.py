@@ -28,7 +28,7 @@ class PairTable:
     Raises
     ------
     ParameterError
-        If a key is not a pair of names, or the values are not all of one kind.
+        If it is no mapping, a key is not a pair of names, or the values are not all of one kind.
 
     Examples
     --------
@@ -39,6 +39,8 @@ class PairTable:
     """
 
     def __init__(self, entries: Mapping):
+        if not isinstance(entries, Mapping):
+            raise ParameterError(f"a PairTable is made from a mapping such as {{('A', 'B'): DPD(...)}}, not from {entries!r}")
         self.entries = dict(entries)
         if not self.entries:
             raise ParameterError("a PairTable needs at least one entry")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+
 import numpy as np
 import openmm
 import pytest
@@ -16,7 +18,7 @@ from openmm_dpd.names import KT, PHASE, Phase
 N = 20
 X = np.random.default_rng(0).random((N, 3)) * 3
 TABLE = {("W", "W"): D(A=25, gamma=4.5)}
-KELVIN = unit.kelvin
+KELVIN, NM = unit.kelvin, unit.nanometer
 
 
 def scene(**changes):
@@ -92,10 +94,56 @@ WRONG = {
     "bond to a missing bead": (lambda: scene(bonds=[dpd.HarmonicBonds(np.array([[0, 25]]), 1, 1)]), "bead 25.*20"),
     "bond to itself": (lambda: dpd.HarmonicBonds(np.array([[3, 3]]), 1, 1), "bead 3"),
     "negative bond constant": (lambda: dpd.HarmonicBonds(BOND, -1, 1), "k.*-1"),
-    "bond twice": (lambda: scene(bonds=[dpd.HarmonicBonds(np.array([[0, 1], [1, 0]]), 1, 1)]), "twice"),
+    "bond twice": (lambda: scene(bonds=[dpd.HarmonicBonds(np.array([[0, 1], [1, 0]]), 1, 1)]), "beads 0 and 1.*twice"),
     "bonds not in a sequence": (lambda: scene(bonds=dpd.HarmonicBonds(BOND, 1, 1)), "bonds.*HarmonicBonds"),
     "factor over 1": (lambda: scene(special=(2, 1, 1)), "special.*0 and 1"),
     "one factor": (lambda: scene(special=0.5), "special.*three"),
+    "Quantities and bare numbers": (lambda: scene(positions=[X[0] * NM, *X[1:]]), "positions mixes Quantities.*entry 1 "),
+    "Quantities in kelvin": (lambda: scene(positions=[x * KELVIN for x in X]), "positions.*kelvin.*length"),
+    "ragged positions": (lambda: scene(positions=[[1, 2, 3]] * (N - 1) + [[1, 2]]), r"positions.*\(3,\) and \(2,\)"),
+    "complex positions": (lambda: scene(positions=X + 1j), "positions.*array of numbers"),
+    "positions of text": (lambda: scene(positions=[["1", "2", "3"]] * N), "positions.*'1'"),
+    "positions in one row": (lambda: scene(positions=X.ravel()), r"positions.*\(20, 3\).*20 beads.*\(60,\)"),
+    "temperature is True": (lambda: scene(kT=True), "kT.*True"),
+    "dt is True": (lambda: build(dt=True), "dt.*True"),
+    "types is a number": (lambda: scene(types=5), "types.*5"),
+    "types is missing": (lambda: scene(types=None), "types.*None"),
+    "type named by a number": (lambda: scene(masses={1: 1.0}, types=[1] * N), "masses.*1"),
+    "type named as the wildcard": (lambda: scene(masses={"*": 1.0}, types=["*"] * N), r"masses.*'\*'"),
+    "ramp ends within a step": (lambda: dpd.TemperatureRamp(1, 2, 0, 5.5), r"ramp's end.*5\.5"),
+    "ramp begins with text": (lambda: dpd.TemperatureRamp(1, 2, "0", 5), "ramp's begin.*'0'"),
+    "ramp over time": (lambda: dpd.TemperatureRamp(1, 2, 0, 5 * unit.picosecond), "ramp's end.*5 ps"),
+    "mobile by indices": (lambda: scene(mobile=np.arange(N)), "mobile.*True or False.*isin.*int64"),
+    "mobile is text": (lambda: scene(mobile=["no"] * N), "mobile.*True or False"),
+    "molecules not whole": (lambda: scene(molecules=np.arange(N) + 0.5), "molecules.*whole number"),
+    "sources is None": (lambda: scene(sources=None), "sources.*None"),
+    "pairs is a list of coefficients": (lambda: scene(pairs=[D(A=25)]), r"PairTable.*DPD\(A=25"),
+    "shift is text": (lambda: dpd.LennardJones(1, 1, 1, "no"), "shift.*'no'"),
+    "negative distance in a table": (lambda: dpd.TabulatedPair([-0.1, 0, 0.1, 0.2], [3, 2, 1, 0]), r"distances.*-0\.1"),
+    "ragged bonds": (lambda: dpd.HarmonicBonds([(0, 1), (2,)], 1, 1), "bond pairs.*length"),
+    "wrong number of bond constants": (lambda: dpd.HarmonicBonds([(0, 1), (2, 3)], [1, 2, 3], 1), r"bond k.*2 bonds.*\(3,\)"),
+    "forces at too few positions": (lambda: dpd.force_terms(build(), X[:5]), r"positions.*\(20, 3\).*\(5, 3\)"),
+    "noise before the first": (lambda: dpd.force_terms(build(), counter=-1), "counter.*-1"),
+    "observer of a Simulation": (lambda: dpd.Observer(build().simulation()), "Observer.*build.*Simulation"),
+    "sample of a Simulation": (lambda: dpd.Observer(build()).sample(build().simulation()), "Context.*Simulation"),
+    "temperature of a Simulation": (lambda: dpd.set_temperature(build().simulation(), 1), "Context.*Simulation"),
+    "temperature under a ramp": (
+        lambda: dpd.set_temperature(build(scene(kT=dpd.TemperatureRamp(1, 2, 0, 5))).simulation().context, 1),
+        "ramp.*overwrite",
+    ),
+    "temperature without friction": (
+        lambda: dpd.set_temperature(build(scene(pairs={("W", "W"): D(A=1)})).simulation().context, 1),
+        "no thermostat.*friction",
+    ),
+    "temperature of the native scheme": (
+        lambda: dpd.set_temperature(build(scheme="native").simulation().context, 1),
+        "no thermostat.*DPDIntegrator",
+    ),
+    "rows every 1.5 steps": (lambda: dpd.DPDReporter(io.StringIO(), 1.5, build()), r"interval.*1\.5"),
+    "rows every True steps": (lambda: dpd.DPDReporter(io.StringIO(), True, build()), "interval.*True"),
+    "one column as text": (lambda: dpd.DPDReporter(io.StringIO(), 1, build(), "kT"), "columns.*'kT'"),
+    "no columns": (lambda: dpd.DPDReporter(io.StringIO(), 1, build(), []), r"columns.*\[\]"),
+    "no file": (lambda: dpd.DPDReporter(None, 1, build()), "file.*None"),
 }
 
 
@@ -106,6 +154,28 @@ def test_wrong_input(name):
         make()
     assert isinstance(caught.value, ParameterError)
     assert "\n" not in str(caught.value)
+
+
+def test_lists_of_quantities_keep_their_units():
+    """NumPy drops the unit of a Quantity of an array without a word, which would scale positions by ten."""
+    x = 10 * X
+    for positions in ([row * unit.angstrom for row in x], [[v * unit.angstrom for v in row] for row in x], x * unit.angstrom):
+        np.testing.assert_allclose(scene(positions=positions).positions, X)
+    built = build()
+    expected, found = (dpd.force_terms(built, positions)["conservative"] for positions in (X, x * unit.angstrom))
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_reporter_that_is_refused_leaves_the_file(tmp_path):
+    path = tmp_path / "rows.csv"
+    path.write_text("precious")
+    with pytest.raises(ParameterError):
+        dpd.DPDReporter(path, 0, build())
+    with pytest.raises(ParameterError):
+        dpd.DPDReporter(path, 10, build().simulation())
+    assert path.read_text() == "precious"
+    with pytest.raises(FileNotFoundError):
+        dpd.DPDReporter(tmp_path / "nowhere" / "rows.csv", 10, build())
 
 
 NATIVE = {

@@ -163,5 +163,5 @@ def test_reporter_refuses_unknown_columns():
     built = dpd.build(fluid(), dt=0.01, platform="Reference", seed=3)
     with pytest.raises(dpd.ParameterError, match="unknown columns kt; they must be among step"):
         dpd.DPDReporter(io.StringIO(), 2, built, columns=("kt",))
-    with pytest.raises(dpd.ParameterError, match="at least 1 step"):
+    with pytest.raises(dpd.ParameterError, match="interval.*at least 1, not 0"):
         dpd.DPDReporter(io.StringIO(), 0, built)

@@ -77,19 +77,22 @@ def test_momentum_of_the_pair_terms():
 @pytest.mark.slow
 @pytest.mark.parametrize("model", ["tip3p", "tip4pew"])
 def test_temperature_of_rigid_water(model):
-    """300 K for the degrees of freedom left by constraints, at friction that damps far harder than Langevin dynamics usually does."""
+    """300 K for the degrees of freedom left by constraints, at friction that damps far harder than Langevin dynamics usually does.
+
+    1,300 degrees of freedom fluctuate by 12 K and remember that for 0.34 ps, so 30 ps give a standard error of about 1.8 K.
+    """
     topology, positions, system = water(model)
     integrator = dpd.add_thermostat(system, dpd.DPD(gamma=2, cutoff=0.7), 300 * unit.kelvin, 2 * unit.femtosecond, seed=2)
     simulation = run(system, topology, positions, integrator, 3000)
     dof = 3 * int(np.sum(masses_of(system) > 0)) - system.getNumConstraints() - 3
     rows = []
-    for _ in range(1500):
+    for _ in range(3000):
         simulation.step(5)
         kinetic = simulation.context.getState(energy=True).getKineticEnergy().value_in_unit(unit.kilojoule_per_mole)
         rows.append(2 * kinetic / dof / dpd.units.BOLTZMANN)
     average = block_average(rows)
     print(model, average)
-    assert average.sem < 2.0
+    assert average.sem < 3.0
     # 0.5 % for the first-order error of pair updates under constraints, beside 4 standard errors
     assert abs(average.mean - 300) < 1.5 + 4 * average.sem
 
@@ -131,7 +134,20 @@ def system_of(n: int = 4, edge: float = 3.0) -> openmm.System:
         ),
         ({"friction": {("A", "A"): dpd.DPD(gamma=1)}}, dpd.ParameterError, "`types` must name the type"),
         ({"friction": {("A", "A"): dpd.DPD(gamma=1)}, "types": ["A"]}, dpd.ParameterError, "types names 1 particles, but the System has 4"),
-        ({"temperature": -3}, dpd.ParameterError, "temperature must be a single number >= 0"),
+        ({"friction": {("A", "A"): dpd.DPD(gamma=1)}, "types": ["A", 1, "A", "A"]}, dpd.ParameterError, "types must hold the name.*1"),
+        ({"friction": 5}, dpd.ParameterError, "friction must be a DPD.*5"),
+        ({"friction": dpd.LennardJones(1, 1, 1)}, dpd.ParameterError, "friction must be a DPD"),
+        ({"temperature": -3}, dpd.ParameterError, r"temperature must be a single number >= 0, but is -3\.0 K"),
+        ({"temperature": None}, dpd.ParameterError, "temperature must be a number.*None"),
+        (
+            {"friction": dpd.DPD(gamma=1, sigma=2), "temperature": dpd.TemperatureRamp(2.0, 3.0, 0, 9)},
+            dpd.ParameterError,
+            "contradict the temperature.*kT = 3",
+        ),
+        ({"friction": dpd.DPD(sigma=2), "temperature": dpd.TemperatureRamp(2.0, 0.0, 0, 9)}, dpd.ParameterError, "temperature of 0"),
+        ({"scheme": "mvv", "lam": 5}, dpd.ParameterError, "lam.*between 0 and 1.*5"),
+        ({"scheme": "mvv", "lam": float("nan")}, dpd.ParameterError, "lam.*nan"),
+        ({"platform": "cpu"}, dpd.ParameterError, "platform.*'cpu'"),
         ({"dt": 0}, dpd.ParameterError, "dt must be a single time > 0"),
         ({"scheme": "native"}, dpd.ParameterError, "scheme must be one of"),
     ],
@@ -140,6 +156,11 @@ def test_bad_input(arguments, error, message):
     settings = {"friction": dpd.DPD(gamma=1), "temperature": 300, "dt": 0.002} | arguments
     with pytest.raises(error, match=message):
         dpd.add_thermostat(system_of(), **settings)
+
+
+def test_only_a_system_gets_a_thermostat():
+    with pytest.raises(dpd.ParameterError, match="not to a Topology"):
+        dpd.add_thermostat(app.Topology(), dpd.DPD(gamma=1), 300, 0.002)
 
 
 def test_what_cannot_go_together():

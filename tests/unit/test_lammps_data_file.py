@@ -28,7 +28,8 @@ ATOMS = {
     "full": ["7 9 2 -0.5 0 1 3", "2 8 1 0.5 1 2 4", "5 8 1 0 2 3 5"],
     "dpd": ["7 2 310 0 1 3", "2 1 300 1 2 4", "5 1 290 2 3 5"],
     "mdpd": ["7 2 3.1 0 1 3", "2 1 3.0 1 2 4", "5 1 2.9 2 3 5"],
-    "edpd": ["7 2 1.0 1e5 0 1 3", "2 1 1.1 1e5 1 2 4", "5 1 1.0 1e5 2 3 5"],
+    "edpd": ["7 2 1.0 1e5 0 1 3", "2 1 1.1 2e5 1 2 4", "5 1 1.2 1e5 2 3 5"],
+    "tdpd": ["7 2 0 1 3 0.5 2.5", "2 1 1 2 4 0.1 -2", "5 1 2 3 5 0.2 3e2"],
 }
 
 
@@ -49,7 +50,7 @@ def deck(folder, text: str, **options):
 def test_every_atom_style_with_and_without_a_hint(tmp_path, style, hint):
     section = f"Atoms # {style}" if hint else "Atoms"
     write(tmp_path, HEADER + f"\n{section}\n\n" + "\n".join(ATOMS[style]) + "\n")
-    state = deck(tmp_path, f"atom_style {style}\nread_data data")
+    state = deck(tmp_path, f"atom_style {style}{' 2' if style == 'tdpd' else ''}\nread_data data")
     atoms = state.atoms
     assert atoms.ids.tolist() == [2, 5, 7]
     assert atoms.types.tolist() == [1, 1, 2]
@@ -57,6 +58,10 @@ def test_every_atom_style_with_and_without_a_hint(tmp_path, style, hint):
     assert atoms.molecules.tolist() == ([8, 8, 9] if style in ("bond", "molecular", "full") else [0, 0, 0])
     assert atoms.charges.tolist() == ([0.5, 0, -0.5] if style in ("charge", "full") else [0, 0, 0])
     assert atoms.thetas.tolist() == ([300, 290, 310] if style == "dpd" else [0, 0, 0])
+    assert atoms.densities.tolist() == ([3.0, 2.9, 3.1] if style == "mdpd" else [0, 0, 0])
+    assert atoms.temperatures.tolist() == ([1.1, 1.2, 1.0] if style == "edpd" else [1, 1, 1])
+    assert atoms.capacities.tolist() == ([2e5, 1e5, 1e5] if style == "edpd" else [1e5] * 3)
+    assert atoms.concentrations.tolist() == ([[0.1, -2], [0.2, 300], [0.5, 2.5]] if style == "tdpd" else [[], [], []])
 
 
 def test_units_are_converted(tmp_path):

@@ -24,6 +24,11 @@ class Fixed:
     def compute(self, name, index):
         return {("t", None): 1.5, ("u", 4): 2.5}[(name, index)]
 
+    def fix(self, name, index):
+        if name != "a":
+            raise ParameterError(f"there is no fix {name}")
+        return 2.5 if index is None else 10.0 * index
+
     def group(self, function, arguments):
         return {"count all": 200.0, "count all box": 7.0, "xcm flow x": 0.5}[" ".join([function, *arguments])]
 
@@ -62,6 +67,7 @@ class Fixed:
         ("pe/count(all)+step", 40.06),
         ("count(all, box)", 7),
         ("c_t*c_u[2+2]", 3.75),
+        ("f_a*f_a[1+1]", 50),
         ("x[17]+xcm(flow,x)", -0.75),
         ("random(1,2,3)+ramp(4,5)", 15),
     ],
@@ -85,7 +91,7 @@ def test_values(text, value):
         ("temper", "no thermo word 'temper'"),
         ("1 @ 2", "unexpected '@'"),
         ("(" * 3000 + "1" + ")" * 3000, "it is nested too deeply"),
-        ("f_1", "none of the supported fixes has a value"),
+        ("f_1", "there is no fix 1"),
         ("__import__('os')", 'unexpected "\'"'),
     ],
 )

@@ -40,6 +40,7 @@ def sample_of(request: RunRequest, step: int | None = None, **values) -> Sample:
     mobile = request.mobile
     kinetic = 0.5 * float(scene.bead_masses[mobile] @ np.sum(scene.velocities[mobile] ** 2, axis=1))
     defaults = {"pair_energy": 100.0, "bond_energy": 10.0, "virial": 300.0, "virial_full": 360.0, "force_norm": 7.0, "force_max": 2.0}
+    defaults["fields"] = {}
     return Sample(request.first_step if step is None else step, kinetic, 3 * int(mobile.sum()) - 3, **{**defaults, **values})
 
 
@@ -299,13 +300,13 @@ def test_no_fix_at_all_is_said(tmp_path):
         ("fix 1 all nve\nfix 2 two nve\nrun 1\n", "in.deck:14: fix 2: bead 31 is moved by fix 1 already"),
         ("fix 1 one nve\nfix 2 two mvv/dpd 0.65\nrun 1\n", r"different lambda \(0.5, 0.65\)"),
         ("fix 1 all mvv/dpd 1.5\n", "lambda must be between 0 and 1, but is 1.5"),
-        ("fix 1 all nvt temp 1 1 1\n", "in.deck:13: fix style 'nvt' is not supported; supported are nve, mvv/dpd, shardlow"),
+        ("fix 1 all nvt temp 1 1 1\n", "in.deck:13: fix style 'nvt' is not supported; supported are nve, mvv/dpd, mvv/edpd, "),
         ("fix 1 all langevin 1 1 1 7\n", "fix style 'langevin' is not supported"),
         ("fix 1 most nve\n", "there is no group 'most'"),
         ("fix 1 all nve 5\n", "expected 'fix ID group nve', but found 1 argument"),
         ("fix 1 all nve\nfix 1 all mvv/dpd\n", "there is a fix 1 of style nve already"),
         ("unfix 1\n", "there is no fix '1'"),
-        ("fix 1 all shardlow\nfix 2 all nve\nrun 1\n", "fix shardlow needs pair style dpd/fdt; the deck has dpd"),
+        ("fix 1 all shardlow\nfix 2 all nve\nrun 1\n", "fix shardlow needs pair style dpd/fdt or dpd/fdt/energy; the deck has dpd"),
         (FDT + "fix 2 all nve\nfix 1 all shardlow\nrun 1\n", "in.deck:16: fix 1: fix shardlow must come before"),
         (FDT + "fix 1 all shardlow\nrun 1\n", "needs a fix nve after it"),
         (FDT + "fix 1 all shardlow\nfix 3 all shardlow\nfix 2 all nve\nrun 1\n", r"there is a fix shardlow already \(1\)"),
@@ -333,7 +334,7 @@ def test_no_fix_at_all_is_said(tmp_path):
         ("thermo_style custom c_x\n", "there is no compute 'x'; defined are thermo_temp"),
         ("thermo_style custom c_thermo_press[1]\n", r"compute thermo_press has a single value only; use c_thermo_press"),
         ("variable a equal random(0,1,0.5)\nprint $a\n", "the seed of random must be a whole number of at least 1, not 0.5"),
-        ("thermo_style custom f_1\n", "none of the supported fixes has a value"),
+        ("thermo_style custom f_1\n", "f_1: there is no fix '1' with a value; fix ave/time has values"),
         ("compute m all momentum\nthermo_style custom c_m\n", "compute style momentum has no value"),
         ("compute x all rdf 100\n", "compute style 'rdf' is not supported"),
         ("compute x all dpd\n", "compute dpd needs atom_style dpd"),
@@ -343,7 +344,8 @@ def test_no_fix_at_all_is_said(tmp_path):
         ("thermo_modify format line '%d %g'\n", "has 2 conversions for 6 columns"),
         ("thermo_modify temp x\n", "'x' is not the id of a compute of style temp"),
         ("dump 1 all xyz 10 a.xyz\n", "dump style 'xyz' is not supported; supported are atom, custom, dcd"),
-        ("dump 1 all custom 10 a id c_x\n", "a column of dump custom must be one of"),
+        ("dump 1 all custom 10 a id fast\n", "a column of dump custom must be one of"),
+        ("dump 1 all custom 10 a id c_x\n", "c_x: there is no compute 'x'"),
         ("dump 1 all atom 0 a\n", "the interval of the dump must be at least 1"),
         ("dump 1 all atom 10 a.gz\n", "compressed and binary files are not supported"),
         ("undump 1\n", "there is no dump '1'"),

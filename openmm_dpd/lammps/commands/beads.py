@@ -8,6 +8,7 @@ import numpy as np
 
 from ...errors import ParameterError
 from .. import arguments as read
+from ..context import Context
 from ..state import DeckState
 from .box import _region
 from .setup import Handler
@@ -152,14 +153,56 @@ def _set_subset(state: DeckState, mask: np.ndarray, words: list[str], ratio: boo
     state.atoms.types[rng.choice(beads, wanted, replace=False)] = _type(state, words[0])
 
 
+def _value(state: DeckState, word: str, what: str) -> float:
+    """A number, or the value of a variable (``v_name``)."""
+    if not word.startswith("v_"):
+        return read.number(word, what)
+    current = state.last_sample is not None and state.last_sample.step == state.step
+    return Context(state, state.last_sample if current else None).variable(word[2:])
+
+
+def _needs_style(state: DeckState, style: str, what: str) -> None:
+    if state.atom_style != style:
+        raise ParameterError(f"atom_style {state.atom_style} has no {what}; it belongs to atom_style {style}")
+
+
 def _set_theta(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
-    if state.atom_style != "dpd":
-        raise ParameterError(f"atom_style {state.atom_style} has no dpd/theta")
+    _needs_style(state, "dpd", "dpd/theta")
     if words[0] == "NULL":
         speed2 = np.sum(state.atoms.velocities[mask] ** 2, axis=1)
-        state.atoms.thetas[mask] = state.bead_masses()[mask] * speed2 / (3 * state.units.thermal_energy)
+        values = state.bead_masses()[mask] * speed2 / (3 * state.units.thermal_energy)
+        if np.any(values <= 0):
+            bead = int(state.atoms.ids[mask][np.argmin(values)])
+            raise ParameterError(f"set dpd/theta NULL takes the temperature from the velocity of each bead, but bead {bead} is at rest")
+        state.atoms.thetas[mask] = values
+        return
+    value = _value(state, words[0], "dpd/theta")
+    if value < 0 and words[0].startswith("v_"):
+        _set_theta(state, mask, ["NULL"])  # as in LAMMPS
     else:
-        state.atoms.thetas[mask] = read.non_negative(words[0], "dpd/theta")
+        state.atoms.thetas[mask] = _positive(value, "dpd/theta")
+
+
+def _positive(value: float, what: str) -> float:
+    if not 0 < value < np.inf:
+        raise ParameterError(f"{what} must be > 0, but is {value:g}")
+    return value
+
+
+def _set_thermal(what: str, array: str) -> Callable[[DeckState, np.ndarray, list[str]], None]:
+    def handler(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
+        _needs_style(state, "edpd", what)
+        getattr(state.atoms, array)[mask] = _positive(_value(state, words[0], what), what)
+
+    return handler
+
+
+def _set_concentration(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
+    _needs_style(state, "tdpd", "cc")
+    species = read.integer(words[0], "the number of the species", 1)
+    if species > state.n_species:
+        raise ParameterError(f"set cc {species}: atom_style tdpd has {state.n_species} species")
+    state.atoms.concentrations[mask, species - 1] = _value(state, words[1], "cc")
 
 
 def _set_charge(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
@@ -211,6 +254,9 @@ SETTERS: dict[str, tuple[int, Callable[[DeckState, np.ndarray, list[str]], None]
     "charge": (1, _set_charge),
     "mass": (1, _set_mass),
     "dpd/theta": (1, _set_theta),
+    "edpd/temp": (1, _set_thermal("edpd/temp", "temperatures")),
+    "edpd/cv": (1, _set_thermal("edpd/cv", "capacities")),
+    "cc": (2, _set_concentration),
     "image": (3, _set_image),
     **{axis: (1, _set_position(k)) for k, axis in enumerate("xyz")},
     **{f"v{axis}": (1, _set_velocity(k)) for k, axis in enumerate("xyz")},

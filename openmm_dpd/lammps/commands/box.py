@@ -97,7 +97,7 @@ def create_atoms(state: DeckState, args: list[str]) -> None:
         points, types = _lattice_points(state, kind, basis, words, options)
     start = int(state.atoms.ids.max()) + 1 if len(state.atoms) else 1
     inside, _ = state.require_box("create_atoms").wrap(points * state.units.length)
-    state.add_atoms(Atoms.new(np.arange(start, start + len(points)), types, inside))
+    state.add_atoms(Atoms.new(np.arange(start, start + len(points)), types, inside, state.n_species))
 
 
 def _inside(state: DeckState, points: np.ndarray) -> np.ndarray:
@@ -178,7 +178,7 @@ def read_data(state: DeckState, args: list[str]) -> None:
     read.count(args, "read_data file ...", 1, None)
     if state.box is not None:
         raise ParameterError("read_data must come before any other box is defined (read_data add is not supported)")
-    data = read_data_file(state.find_file(args[0]), state.atom_style)
+    data = read_data_file(state.find_file(args[0]), state.atom_style, state.n_species)
     # how much room LAMMPS reserves is of no interest here
     ignored = ("extra/bond/per/atom", "extra/special/per/atom", "extra/angle/types", "extra/dihedral/types", "extra/improper/types")
     sizes = {"extra/atom/types": 1, "extra/bond/types": 1, "nocoeff": 0, "group": 1, **dict.fromkeys(ignored, 1)}
@@ -199,22 +199,29 @@ def read_data(state: DeckState, args: list[str]) -> None:
         _take_coefficients(state, data)
 
 
+#: Columns of data files that become arrays of the beads as they are.
+_CARRIED = {
+    "charge": "charges",
+    "molecule": "molecules",
+    "theta": "thetas",
+    "temperature": "temperatures",
+    "capacity": "capacities",
+    "rho": "densities",
+}
+
+
 def _take_atoms(state: DeckState, data: DataFile) -> None:
     order = np.argsort(data.columns["id"], kind="stable")
     inside, shifts = state.require_box("read_data").wrap(data.positions * state.units.length)
-    n = len(order)
-    state.add_atoms(
-        Atoms(
-            ids=data.columns["id"][order],
-            types=data.columns["type"][order],
-            positions=inside[order],
-            images=(data.images + shifts)[order],
-            velocities=data.velocities[order] * state.units.velocity,
-            charges=data.columns.get("charge", np.zeros(n))[order],
-            molecules=data.columns.get("molecule", np.zeros(n, dtype=np.int64))[order],
-            thetas=data.columns.get("theta", np.zeros(n))[order],
-        )
-    )
+    atoms = Atoms.new(data.columns["id"][order], data.columns["type"][order], inside[order], state.n_species)
+    atoms.images = (data.images + shifts)[order]
+    atoms.velocities = data.velocities[order] * state.units.velocity
+    for column, name in _CARRIED.items():
+        if column in data.columns:
+            setattr(atoms, name, data.columns[column][order])
+    for k in range(state.n_species):
+        atoms.concentrations[:, k] = data.columns[f"c{k + 1}"][order]
+    state.add_atoms(atoms)
     state.bonds = data.bonds
 
 

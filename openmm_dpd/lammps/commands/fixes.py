@@ -6,9 +6,13 @@ from collections.abc import Callable
 
 from ...errors import ParameterError
 from .. import arguments as read
+from ..averages import Average
+from ..chunk_average import parse_ave_chunk
 from ..integration import integration
 from ..request import RunRequest
 from ..state import DeckState, Fix
+from ..time_average import parse_ave_time
+from .energy_fixes import ENERGY_FIXES
 from .setup import Handler
 
 
@@ -17,12 +21,15 @@ def _nve(state: DeckState, group: str, words: list[str]) -> dict:
     return {"lambda": 0.5}
 
 
-def _mvv(state: DeckState, group: str, words: list[str]) -> dict:
-    read.count(words, "fix ID group mvv/dpd [lambda]", 0, 1)
-    value = read.number(words[0], "lambda") if words else 0.5
-    if not 0 <= value <= 1:
-        raise ParameterError(f"lambda must be between 0 and 1, but is {value:g}")
-    return {"lambda": value}
+def _mvv(style: str) -> Callable[[DeckState, str, list[str]], dict]:
+    def reader(state: DeckState, group: str, words: list[str]) -> dict:
+        read.count(words, f"fix ID group {style} [lambda]", 0, 1)
+        value = read.number(words[0], "lambda") if words else 0.5
+        if not 0 <= value <= 1:
+            raise ParameterError(f"lambda must be between 0 and 1, but is {value:g}")
+        return {"lambda": value}
+
+    return reader
 
 
 def _shardlow(state: DeckState, group: str, words: list[str]) -> dict:
@@ -33,7 +40,18 @@ def _shardlow(state: DeckState, group: str, words: list[str]) -> dict:
 
 
 #: Fix styles: from (state, group, words) to the fix's parameters.
-FIX_STYLES: dict[str, Callable[[DeckState, str, list[str]], dict]] = {"nve": _nve, "mvv/dpd": _mvv, "shardlow": _shardlow}
+FIX_STYLES: dict[str, Callable[[DeckState, str, list[str]], dict]] = {
+    "nve": _nve,
+    "mvv/dpd": _mvv("mvv/dpd"),
+    "mvv/edpd": _mvv("mvv/edpd"),
+    "mvv/tdpd": _mvv("mvv/tdpd"),
+    "shardlow": _shardlow,
+    **ENERGY_FIXES,
+}
+
+
+#: Fixes that average: from (state, id, group, words) to the average.
+AVERAGES: dict[str, Callable[[DeckState, str, str, list[str]], Average]] = {"ave/time": parse_ave_time, "ave/chunk": parse_ave_chunk}
 
 
 def fix(state: DeckState, args: list[str]) -> None:
@@ -42,13 +60,17 @@ def fix(state: DeckState, args: list[str]) -> None:
     state.require_box("fix")
     name, group, style, *words = args
     state.group(group)
-    if style not in FIX_STYLES:
-        raise ParameterError(f"fix style '{style}' is not supported; supported are {', '.join(FIX_STYLES)}")
+    if style not in FIX_STYLES and style not in AVERAGES:
+        raise ParameterError(f"fix style '{style}' is not supported; supported are {', '.join([*FIX_STYLES, *AVERAGES])}")
     old = state.fixes.get(name)
     if old is not None and old.style != style:
         raise ParameterError(f"there is a fix {name} of style {old.style} already; unfix it first, or use another id")
     assert state.here is not None
-    state.fixes[name] = Fix(name, group, style, FIX_STYLES[style](state, group, words), state.here)
+    if style in AVERAGES:
+        parameters: dict = {"average": AVERAGES[style](state, name, group, words)}
+    else:
+        parameters = FIX_STYLES[style](state, group, words)
+    state.fixes[name] = Fix(name, group, style, parameters, state.here)
 
 
 def unfix(state: DeckState, args: list[str]) -> None:
@@ -69,6 +91,9 @@ def reset_timestep(state: DeckState, args: list[str]) -> None:
     read.count(args, "reset_timestep N [time T]", 1, 3)
     step = read.integer(args[0], "the step", 0)
     options = dict(read.options(args[1:], {"time": 1}, "reset_timestep"))
+    averages = [found.name for found in state.fixes.values() if found.style in AVERAGES]
+    if averages and step != state.step:
+        raise ParameterError(f"reset_timestep is not possible while fix {', '.join(averages)} counts steps; unfix it before")
     state.reset_step(step)
     if "time" in options:
         state.time_origin = (read.number(options["time"][0], "the time") * state.units.time, step)

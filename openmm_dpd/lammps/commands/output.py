@@ -12,6 +12,7 @@ from ..data_writer import data_file_lines
 from ..dumps import COLUMNS, Dump
 from ..dumps import STYLES as DUMP_STYLES
 from ..lexer import substitute
+from ..per_bead import check_bead_word
 from ..state import DeckState, ThermoSettings
 from ..thermo import STYLES as THERMO_STYLES
 from ..thermo import check_format, check_word
@@ -137,8 +138,10 @@ def compute(state: DeckState, args: list[str]) -> None:
         raise ParameterError(f"compute style '{style}' is not supported; supported are {', '.join(COMPUTES)}")
     if name in state.computes or name in BUILT_IN:
         raise ParameterError(f"there is a compute {name} already")
-    COMPUTES[style].check(state, group, words)
-    state.computes[name] = Compute(name, group, style, tuple(words))
+    spec = COMPUTES[style]
+    spec.check(state, group, words)
+    settings = None if spec.prepare is None else spec.prepare(state, group, words)
+    state.computes[name] = Compute(name, group, style, tuple(words), settings)
 
 
 def uncompute(state: DeckState, args: list[str]) -> None:
@@ -162,7 +165,7 @@ def dump(state: DeckState, args: list[str]) -> None:
     if style == "custom":
         read.count(words, "dump ID group custom N file column ...", 1, None)
         for word in words:
-            read.choice(word, "a column of dump custom", list(COLUMNS))
+            check_bead_word(state, word, tuple(COLUMNS), "a column of dump custom")
     else:
         read.count(words, f"dump ID group {style} N file", 0)
     if file.endswith((".gz", ".bz2", ".zst", ".bin")):

@@ -69,7 +69,13 @@ def _style(state: DeckState, name: str, words: list[str]) -> PairStyle:
     if name not in PAIR_STYLES:
         raise _unknown(name)
     assert state.here is not None
-    return PairStyle(name, PAIR_STYLES[name].settings(words), state.here)
+    spec = PAIR_STYLES[name]
+    if spec.atom_style not in (None, state.atom_style):
+        raise ParameterError(f"pair style {name} needs atom_style {spec.atom_style}, but the deck has atom_style {state.atom_style}")
+    style = PairStyle(name, spec.settings(words), state.here)
+    if spec.atom_style == "tdpd":
+        style.settings["species"] = state.n_species
+    return style
 
 
 def pair_coeff(state: DeckState, args: list[str]) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
 from ...errors import ParameterError
 from ...units import UNIT_SYSTEMS
 from .. import arguments as read
@@ -13,10 +15,16 @@ from ..state import DeckState
 Handler = Callable[[DeckState, list[str]], None]
 
 
+#: Atom styles whose models are written in reduced units.
+REDUCED = ("edpd", "tdpd", "mdpd")
+
+
 def units(state: DeckState, args: list[str]) -> None:
     """``units lj|real|metal``."""
     read.count(args, "units style", 1)
     state.refuse_box("units")
+    if state.atom_style in REDUCED and args[0] != "lj":
+        raise ParameterError(f"atom_style {state.atom_style} needs units lj, not units {args[0]}")
     state.units = UNIT_SYSTEMS[read.choice(args[0], "units", list(UNIT_SYSTEMS))]
     state.timestep = state.units.timestep * state.units.time
 
@@ -36,12 +44,19 @@ def boundary(state: DeckState, args: list[str]) -> None:
 
 
 def atom_style(state: DeckState, args: list[str]) -> None:
-    """``atom_style style``."""
-    read.count(args, "atom_style style", 1)
+    """``atom_style style``, or ``atom_style tdpd N`` with the number of species."""
+    read.count(args, "atom_style style", 1, None)
     state.refuse_box("atom_style")
-    state.atom_style = read.choice(args[0], "the atom style", list(ATOM_STYLES))
-    if "_" in ATOM_STYLES[args[0]]:
-        state.note(f"atom_style {args[0]}: its own values (density, temperature, heat capacity) are read and written as 0, not used")
+    style = read.choice(args[0], "the atom style", list(ATOM_STYLES))
+    if style == "tdpd":
+        read.count(args, "atom_style tdpd N", 2)
+    else:
+        read.count(args, f"atom_style {style}", 1)
+    if style in REDUCED and state.units.name != "lj":
+        raise ParameterError(f"atom_style {style} needs units lj, but the deck's are {state.units.name}")
+    state.atom_style = style
+    state.n_species = read.integer(args[1], "the number of species", 1) if style == "tdpd" else 0
+    state.atoms.concentrations = np.zeros((0, state.n_species))
 
 
 def neigh_modify(state: DeckState, args: list[str]) -> None:

@@ -1,0 +1,247 @@
+r"""Constant pressure: with a thermostat by OpenMM's Monte Carlo barostats, with conserved energy by volume moves that trade with the beads.
+
+**Isoenthalpic moves.**  Energy-conserving DPD at constant pressure samples
+
+.. math:: \rho(x, p, u, V) \propto e^{\sum_i S_i(u_i)/k_B}\, \delta\Big(U(x) + K(p) + \sum_i u_i + P V - H\Big).
+
+A move proposes ln V' = ln V + D (2 zeta - 1) with zeta uniform in (0, 1), scales all positions with the box, keeps all momenta, and lets
+the beads pay for it in equal shares, u_i' = u_i + d with d = -(U' - U + P (V' - V))/N, so that H stays what it is, to rounding, accepted or
+not.  The map (x, u, V) -> (x', u', V') is its own kind backwards, and its Jacobian is (V'/V)^N for the positions, 1 for the u (a shift by
+something that does not depend on them), and V'/V because ln V is proposed uniformly.  So detailed balance needs
+
+.. math:: A = \min\Big(1, (V'/V)^{N+1}\, e^{\sum_i [S_i(u_i') - S_i(u_i)]/k_B}\Big),
+
+and a move to an energy out of range is rejected.  For large heat capacities the entropy change is -(dU + P dV)/Theta, which is the
+Metropolis test of the isothermal ensemble at the beads' own (harmonic mean) temperature.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import openmm
+from openmm import unit
+
+from .build import Built
+from .errors import ParameterError, PlanError
+from .fields import raw_fields
+from .kernels.compiled import compiled
+from .kernels.eos import EOSTable, entropy_change, in_range
+from .kernels.fields import ENERGY
+from .kernels.noise import call_key, uniform
+from .names import FIELD, SEED, VOLUME_ACCEPTED, VOLUME_MOVES, VOLUME_STEP
+from .units import BAR_PER_MD_PRESSURE, BOLTZMANN, to_md
+
+#: Layer number under which volume moves draw their noise: far from those of pair terms.
+_NOISE_LAYER = 1 << 20
+
+#: Moves between two adjustments of the length of the moves.
+_ADJUST = 20
+
+
+def md_pressure(value) -> float:
+    """Pressure in kJ/mol/nm^3 from a bare number or from a Quantity (bar, atmosphere, pascal, or energy/volume)."""
+    if unit.is_quantity(value) and value.unit.is_compatible(unit.bar):
+        value = value.value_in_unit(unit.bar) / BAR_PER_MD_PRESSURE
+    elif unit.is_quantity(value):
+        wanted = unit.kilojoule_per_mole / unit.nanometer**3
+        if not value.unit.is_compatible(wanted):
+            raise ParameterError(f"the pressure has the unit {value.unit}; expected something like bar or {wanted}")
+        value = value.value_in_unit(wanted)
+    number = to_md(value, "dimensionless", "the pressure")
+    if not isinstance(number, float):
+        raise ParameterError(f"the pressure must be a single number, not an array of shape {number.shape}")
+    return number
+
+
+def _check(built: Built, interval: int, axes: tuple[bool, bool, bool]) -> None:
+    scene = built.plan.scene
+    if scene.box is None:
+        raise PlanError("a scene without a box has no pressure to hold constant")
+    if scene.mobile is not None and not scene.mobile.all():
+        raise PlanError("a barostat would scale the positions of immobile beads; it needs a scene where all beads move")
+    if isinstance(interval, bool) or not isinstance(interval, (int, np.integer)) or interval < 1:
+        raise ParameterError(f"the interval of volume moves must be a number of steps >= 1, not {interval!r}")
+    if len(axes) != 3 or not any(axes):
+        raise ParameterError(f"axes must be three of True or False, at least one True, not {axes!r}")
+
+
+def add_barostat(
+    built: Built, pressure, *, interval: int = 25, axes: tuple[bool, bool, bool] = (True, True, True), coupled: bool = True, seed: int = 0
+) -> openmm.Force:
+    """Add OpenMM's Monte Carlo barostat to an isothermal scene, before its Context is made.
+
+    OpenMM's conventions for temperature (kelvin) and pressure (bar) are taken care of.  The counters and the random numbers of OpenMM's
+    barostats are not part of checkpoints, so a restart continues a correct run, but not the same one.
+
+    Parameters
+    ----------
+    built : Built
+        An isothermal scene (no internal energies) in a box, all of whose beads move.
+    pressure : pressure
+        Bare numbers: kJ/mol/nm^3 (the reduced pressure of a reduced scene).
+    interval : int, default 25
+        Steps between two attempts.
+    axes : three bool
+        Axes that may change.
+    coupled : bool, default True
+        True: all axes change by one factor (MonteCarloBarostat); False: each by itself (MonteCarloAnisotropicBarostat).
+    seed : int
+        Seed of OpenMM's generator; 0 takes one from the operating system.
+
+    Returns
+    -------
+    openmm.Force
+        The barostat, already in ``built.system``.
+
+    Raises
+    ------
+    ParameterError, PlanError
+        If the scene has internal energies (use :class:`EnthalpyBarostat`), a temperature ramp, no box or immobile beads, or a value is
+        wrong.
+    """
+    _check(built, interval, axes)
+    plan = built.plan
+    if plan.spec.fields is not None:
+        raise PlanError("the beads carry internal energies, temperatures or concentrations; use EnthalpyBarostat for energy-conserving DPD")
+    if plan.options.ramp is not None:
+        raise PlanError("OpenMM's barostats have one temperature; a temperature ramp cannot be combined with them")
+    bar, kelvin = md_pressure(pressure) * BAR_PER_MD_PRESSURE, plan.options.kT / BOLTZMANN
+    if coupled and all(axes):
+        barostat = openmm.MonteCarloBarostat(bar, kelvin, interval)
+    elif coupled:
+        raise PlanError("axes that change by one factor while another stays are not supported; use coupled=False")
+    else:
+        barostat = openmm.MonteCarloAnisotropicBarostat(openmm.Vec3(bar, bar, bar), kelvin, *map(bool, axes), interval)
+    barostat.setRandomNumberSeed(seed)
+    built.system.addForce(barostat)
+    return barostat
+
+
+class EnthalpyBarostat:
+    """Constant pressure and enthalpy for energy-conserving DPD: append it to ``simulation.reporters``.
+
+    Every ``interval`` steps it tries to change the volume (see the module's text for the move and why it is right); the beads' internal
+    energies
+    pay, so that U + K + sum u + P V is conserved to rounding.  The number of moves, which is the key of their noise, and the length of
+    the moves are Context parameters, so checkpoints and saved states continue exactly.
+
+    Parameters
+    ----------
+    built : Built
+        A scene with internal energies (EnergyDPD) in a box, all of whose beads move.
+    pressure : pressure
+        Bare numbers: kJ/mol/nm^3.
+    interval : int, default 25
+    axes : three bool
+        Axes that may change.
+    coupled : bool, default True
+        True: all of ``axes`` change by one factor; False: each move changes one of them.
+    adjust : bool, default True
+        Adjust the length of the moves so that a quarter to three quarters of them are accepted.
+
+    Raises
+    ------
+    ParameterError, PlanError
+        If the scene has no internal energies, no box or immobile beads, or a value is wrong.
+    """
+
+    def __init__(
+        self,
+        built: Built,
+        pressure,
+        *,
+        interval: int = 25,
+        axes: tuple[bool, bool, bool] = (True, True, True),
+        coupled: bool = True,
+        adjust: bool = True,
+    ):
+        _check(built, interval, axes)
+        fields = built.plan.spec.fields
+        if fields is None or fields.kind != ENERGY:
+            raise PlanError(
+                "an isoenthalpic barostat needs beads with internal energies (EnergyDPD); use add_barostat for isothermal scenes"
+            )
+        assert isinstance(fields.eos, EOSTable)
+        self.built, self.pressure, self.interval, self.adjust = built, md_pressure(pressure), int(interval), adjust
+        self.axes, self.coupled = np.flatnonzero(axes), coupled
+        self._fields, self._eos = fields, fields.eos
+        self._groups = built.integrator.getIntegrationForceGroups()
+
+    def describeNextReport(self, simulation):
+        """Steps until the next move; nothing is wanted in the State that OpenMM hands over."""
+        steps = self.interval - simulation.currentStep % self.interval
+        return {"steps": steps, "periodic": None, "include": []}
+
+    def report(self, simulation, state):
+        """Try a move."""
+        self.move(simulation.context)
+
+    def move(self, context: openmm.Context) -> bool:
+        """Try one change of the volume; returns whether it was accepted."""
+        number = context.getParameter(VOLUME_MOVES)
+        key = call_key(int(context.getParameter(SEED)), int(number), _NOISE_LAYER)
+        context.setParameter(VOLUME_MOVES, number + 1)
+        state = context.getState(positions=True, energy=True, groups=self._groups)
+        box = state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer)
+        x = state.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+        factor = np.exp(context.getParameter(VOLUME_STEP) * (2 * uniform(key, 1) - 1))
+        scale = np.ones(3)
+        if self.coupled:
+            scale[self.axes] = factor ** (1 / len(self.axes))
+        else:
+            scale[self.axes[int(uniform(key, 2) * len(self.axes))]] = factor
+        new_box = box * scale
+        accepted = self._fits(new_box) and self._try(context, key, state, x * scale, new_box, factor, float(np.prod(np.diag(box))))
+        if not accepted:
+            context.setPeriodicBoxVectors(*box)
+            context.setPositions(x)
+        context.setParameter(VOLUME_ACCEPTED, context.getParameter(VOLUME_ACCEPTED) + accepted)
+        if self.adjust and (number + 1) % _ADJUST == 0:
+            self._adjust(context)
+        return accepted
+
+    def _fits(self, box: np.ndarray) -> bool:
+        cutoff = max(float(table.cutoff.max()) for table in self.built.plan.spec.terms)
+        return 0.5 * np.diag(box).min() >= cutoff
+
+    def _try(self, context, key, state, x: np.ndarray, box: np.ndarray, factor: float, volume: float) -> bool:
+        """Go to the new volume; pay for it if the move is accepted."""
+        context.setPeriodicBoxVectors(*box)
+        context.setPositions(x)
+        energies = [
+            s.getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)
+            for s in (state, context.getState(energy=True, groups=self._groups))
+        ]
+        share = -(energies[1] - energies[0] + self.pressure * volume * (factor - 1)) / len(x)
+        gained = _entropy_gain(raw_fields(context, self._fields).sum(axis=1), share, self._eos.capacity, self._eos.curve, *self._eos.curves)
+        if not np.log(uniform(key, 3)) < gained + (len(x) + 1) * np.log(factor):
+            return False
+        integrator = context.getIntegrator()
+        values = np.array(integrator.getPerDofVariableByName(f"{FIELD}0"), dtype=np.float64)
+        values[:, 1] += share
+        integrator.setPerDofVariableByName(f"{FIELD}0", values)
+        return True
+
+    def _adjust(self, context: openmm.Context) -> None:
+        rate = context.getParameter(VOLUME_ACCEPTED) / _ADJUST
+        step = context.getParameter(VOLUME_STEP)
+        if rate < 0.25:
+            step /= 1.2
+        elif rate > 0.75:
+            step = min(step * 1.2, 0.3)
+        context.setParameter(VOLUME_STEP, step)
+        context.setParameter(VOLUME_ACCEPTED, 0.0)
+
+
+@compiled
+def _entropy_gain(u, share, capacity, curve, start, nodes, pieces):
+    """Change of the entropy if every bead gets ``share``; -infinity if one leaves its range."""
+    total = 0.0
+    for i in range(len(u)):
+        if not in_range(u[i] + share, capacity[i], curve[i], start, nodes):
+            return -np.inf
+        total += entropy_change(u[i], u[i] + share, capacity[i], curve[i], start, nodes, pieces)
+    return total
+
+
+__all__ = ["EnthalpyBarostat", "add_barostat", "md_pressure"]

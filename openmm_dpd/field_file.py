@@ -1,0 +1,105 @@
+"""Internal energies, temperatures and concentrations over time: a file beside the trajectory."""
+
+from __future__ import annotations
+
+import io
+import os
+import zipfile
+
+import numpy as np
+from openmm import unit
+
+from .build import Built
+from .errors import ParameterError
+from .fields import read_fields
+from .kernels.manybody import ManyBodyTable
+
+
+class FieldWriter:
+    """Appends frames to a zip archive of .npy arrays, ``name/number.npy``, which ``numpy.load`` and :func:`load_fields` read.
+
+    Every frame is complete on disk when :meth:`write` returns, and nothing is held in memory.
+
+    Parameters
+    ----------
+    file : str or path
+        Written anew.
+    """
+
+    def __init__(self, file: str | os.PathLike):
+        self.file, self.frames = os.fspath(file), 0
+        with zipfile.ZipFile(self.file, "w"):
+            pass
+
+    def write(self, time: float, step: int, fields: dict[str, np.ndarray]) -> None:
+        """Append one frame."""
+        with zipfile.ZipFile(self.file, "a", zipfile.ZIP_DEFLATED) as archive:
+            for name, values in {"time": np.float64(time), "step": np.int64(step), **fields}.items():
+                buffer = io.BytesIO()
+                np.save(buffer, np.asarray(values))
+                archive.writestr(f"{name}/{self.frames:08d}.npy", buffer.getvalue())
+        self.frames += 1
+
+
+def load_fields(file: str | os.PathLike) -> dict[str, np.ndarray]:
+    """Read what :class:`FieldReporter` or ``openmm-dpd run`` wrote.
+
+    Returns
+    -------
+    dict of arrays
+        ``time`` (ps) and ``step``, each (F,), and the names of :func:`openmm_dpd.fields.read_fields`, each (F, N) or (F, N, K), kJ/mol.
+    """
+    with np.load(file) as archive:
+        members = sorted(archive.files)
+        names = dict.fromkeys(member.split("/")[0] for member in members)
+        return {name: np.array([archive[member] for member in members if member.split("/")[0] == name]) for name in names}
+
+
+class FieldReporter:
+    """Writes what beads carry to a file, for ``simulation.reporters``; give it the interval of the trajectory, and frames match.
+
+    Parameters
+    ----------
+    file : str or path
+        By custom ``fields.npz`` beside the trajectory.
+    interval : int
+        Steps between frames.
+    built : Built
+        A scene whose beads carry internal energies, temperatures, concentrations or local densities.
+
+    Raises
+    ------
+    ParameterError
+        If the interval is below 1, or the beads carry nothing.
+
+    Examples
+    --------
+    >>> simulation.reporters.append(FieldReporter("fields.npz", 100, built))  # doctest: +SKIP
+    >>> load_fields("fields.npz")["theta"].mean(axis=0)  # doctest: +SKIP
+    """
+
+    def __init__(self, file: str | os.PathLike, interval: int, built: Built):
+        if interval < 1:
+            raise ParameterError(f"the interval between reports must be at least 1 step, not {interval}")
+        if not carries_fields(built):
+            raise ParameterError("the beads of this scene carry no internal energies, temperatures, concentrations or local densities")
+        self._writer, self._interval, self._built = FieldWriter(file), interval, built
+
+    def describeNextReport(self, simulation):
+        """Steps until the next frame; nothing is wanted in the State that OpenMM hands over."""
+        steps = self._interval - simulation.currentStep % self._interval
+        return {"steps": steps, "periodic": None, "include": []}
+
+    def report(self, simulation, state):
+        """Write one frame."""
+        time = simulation.context.getTime().value_in_unit(unit.picosecond)
+        self._writer.write(time, simulation.currentStep, read_fields(simulation.context, self._built.plan))
+
+
+def carries_fields(built: Built) -> bool:
+    """Whether there is anything to write."""
+    spec = built.plan.spec
+    return spec.fields is not None or any(isinstance(table, ManyBodyTable) for table in spec.terms)
+
+
+__all__ = ["FieldReporter", "FieldWriter", "carries_fields", "load_fields"]

@@ -1,0 +1,264 @@
+"""The layer of eDPD: DPD whose beads carry temperatures and exchange heat (formulas: :class:`openmm_dpd.model.edpd.EDPD`).
+
+Per pair, with T_m = (T_i + T_j)/2, w = 1 - r/cutoff, w_T = 1 - r/cutoff_T, s and k the polynomials at T_m, f the factor of bonded
+neighbours, 1/Theta = (1/T_i + 1/T_j)/2, sigma^2 = 2 gamma Theta, K = C_i C_j k T_m^2, im = 1/m_i + 1/m_j (k_B = 1)::
+
+    F       = f A T_m w - f gamma w^s (e.v) + sqrt(f) sigma w^(s/2) xi/sqrt(dt)                                          r < cutoff
+    q_visc  = {f w^s [gamma (e.v)^2 - sigma^2 im/2] - sqrt(f) sigma w^(s/2) (e.v) xi/sqrt(dt)}/2  to each of the two     r < cutoff
+    q_cond  = K w_T^p (1/T_i - 1/T_j) + sqrt(2 K) w_T^(p/2) xi_T/sqrt(dt)                         to i, minus it to j    r < cutoff_T
+
+xi_T is a number of its own, clamped to [-5, 5], and belongs to the bead with the lower index.  Viscous heat has the factors of the forces,
+because it is what they do; conduction has none.  With ``lammps`` the heat is that of LAMMPS's code: xi_T is xi, clamped;
+q_visc = {f w^s [gamma (e.v)^2 - sigma^2/m_i] - sqrt(f) sigma w^(s/2) (e.v) xi}/(C_i + C_j) with i the bead of lower index; and nothing of
+either kind flows at r >= min(cutoff, cutoff_T).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit, prange
+
+from ..errors import RunError
+from .compiled import serial_and_parallel
+from .forces import power
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Forces
+from .noise import normal, pair_key
+from .threads import run
+
+if TYPE_CHECKING:
+    from .engine import PairList, PairSpec
+
+#: Columns of the coefficient table; the last two are where four coefficients of a polynomial begin.
+A, CUTOFF, GAMMA, EXPONENT, KAPPA, EXPONENT_T, CUTOFF_T, EXPONENT_POLYNOMIAL = range(8)
+KAPPA_POLYNOMIAL = EXPONENT_POLYNOMIAL + 4
+
+#: Streams of the pair's random numbers.
+MOTION, HEAT = range(2)
+
+#: Smallest exponent of the drag, and largest noise of a flux.
+SMALLEST_EXPONENT, LARGEST_NOISE = 0.01, 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class ThermalTable:
+    """Coefficients of one layer, as (T, T) symmetric arrays, polynomials (T, T, 4) (MD units); ``cutoff`` is the larger of both ranges.
+
+    ``lammps`` says whether heat is computed as LAMMPS's code does.
+    """
+
+    A: np.ndarray
+    gamma: np.ndarray
+    kappa: np.ndarray
+    exponent: np.ndarray
+    exponent_T: np.ndarray
+    cutoff_F: np.ndarray
+    cutoff_T: np.ndarray
+    cutoff: np.ndarray
+    exponent_polynomial: np.ndarray
+    kappa_polynomial: np.ndarray
+    lammps: bool = False
+
+    def coefficients(self) -> np.ndarray:
+        """(T*T, 15) table."""
+        single = (self.A, self.cutoff_F, self.gamma, self.exponent, self.kappa, self.exponent_T, self.cutoff_T)
+        four = (self.exponent_polynomial.reshape(-1, 4), self.kappa_polynomial.reshape(-1, 4))
+        return np.ascontiguousarray(np.column_stack([*(array.ravel() for array in single), *four]))
+
+    def layer(self, spec: PairSpec, pairs: PairList, number: int) -> ThermalLayer:
+        """The layer that evaluates these coefficients."""
+        return ThermalLayer(self, spec, pairs, number)
+
+
+class ThermalLayer:
+    """Evaluates a :class:`ThermalTable`.  The first column of the fields is the temperature."""
+
+    #: The conservative force depends on temperatures, so there is no configurational temperature.
+    has_laplacian = False
+
+    def __init__(self, table: ThermalTable, spec: PairSpec, pairs: PairList, number: int):
+        assert spec.fields is not None and spec.fields.capacity is not None
+        self.pairs, self.number, self.lammps, self.capacity = pairs, number, table.lammps, spec.fields.capacity
+        self.coefficients = table.coefficients()
+
+    def forces(self, call: Call) -> Forces:
+        """Force form at the listed positions; rates (M, 1) are dT/dt."""
+        assert call.scalars is not None
+        pairs, m = self.pairs, len(self.pairs.order)
+        temperature = self._temperatures(call.scalars)
+        v = np.zeros((m, 3))
+        if call.which & (DISSIPATIVE | RANDOM):
+            assert call.velocities is not None  # the heat of the noise depends on them too
+            v = np.take(call.velocities, pairs.order, axis=0)
+        capacity = np.take(self.capacity, pairs.order)
+        force, heat, failed = np.zeros((m, 3)), np.zeros(m), np.full(len(pairs.energy), -1)
+        run(
+            thermal_forces,
+            thermal_forces_parallel,
+            call.which,
+            self.lammps,
+            call.key(self.number),
+            call.rsqrt_dt,
+            pairs.order,
+            pairs.types,
+            pairs.ntypes,
+            self.coefficients,
+            pairs.inv_mass,
+            capacity,
+            temperature,
+            *pairs.geometry_arguments,
+            v,
+            force,
+            heat,
+            pairs.energy,
+            pairs.virial,
+            failed,
+        )
+        if failed.max(initial=-1) >= 0:
+            self._raise_conduction(int(failed[failed >= 0][0]), temperature)
+        return Forces(pairs.energy.sum(), pairs.virial.sum(), force, (heat / capacity)[:, None])
+
+    def _temperatures(self, scalars: np.ndarray) -> np.ndarray:
+        """(M,) temperatures in the order of the list; RunError if one is not > 0."""
+        order = self.pairs.order
+        temperature = np.take(scalars[:, 0], order)
+        bad = np.flatnonzero(~(temperature > 0.0))
+        if len(bad):
+            bead = order[bad].min()
+            raise RunError(
+                f"the temperature of bead {bead} is {scalars[bead, 0]:g}; it must be > 0 (the step size may be too large, "
+                "or the heat capacity too small for the noise of the heat)"
+            )
+        return temperature
+
+    def _raise_conduction(self, n: int, temperature: np.ndarray) -> None:
+        pairs = self.pairs
+        i, j = pairs.pi[n], pairs.pj[n]
+        mean = 0.5 * (temperature[i] + temperature[j])
+        row = self.coefficients[pairs.types[i] * pairs.ntypes + pairs.types[j]]
+        kappa = row[KAPPA] * float(np.polynomial.polynomial.polyval(mean - 1.0, [1.0, *row[KAPPA_POLYNOMIAL : KAPPA_POLYNOMIAL + 4]]))
+        raise RunError(
+            f"the heat conduction coefficient is {kappa:g} at the temperature {mean:g} of beads {pairs.order[i]} and {pairs.order[j]}; "
+            "kappa_polynomial must keep it >= 0 at every temperature of the run"
+        )
+
+    def sweep(self, call: Call, v: np.ndarray, flow: np.ndarray | None) -> None:
+        """There is no sweep form."""
+        raise RunError("EDPD has no pair updates; only the scheme mvv can run it")
+
+    def laplacian(self) -> float:
+        """NaN: not defined for forces that depend on temperatures."""
+        return np.nan
+
+
+@njit(inline="always")
+def clamped(xi):
+    """Noise of a flux, limited as in LAMMPS."""
+    return min(LARGEST_NOISE, max(-LARGEST_NOISE, xi))
+
+
+@njit(inline="always")
+def polynomial(coefficients, row, first, y):
+    """1 + c1 y + c2 y^2 + c3 y^3 + c4 y^4."""
+    c = coefficients
+    return 1.0 + y * (c[row, first] + y * (c[row, first + 1] + y * (c[row, first + 2] + y * c[row, first + 3])))
+
+
+@njit(inline="always")
+def _friction(which, lammps, coefficients, row, factor, r, ti, tj, ev, rsqrt_dt, xi, inverse_mass, capacities):
+    """Friction and noise of a pair within the cutoff, and its viscous heat for each of the two.
+
+    ``inverse_mass`` is 1/m_i + 1/m_j, or 1/m of the bead with the lower index for lammps; ``capacities`` is C_i + C_j.
+    """
+    s = max(SMALLEST_EXPONENT, coefficients[row, EXPONENT] * polynomial(coefficients, row, EXPONENT_POLYNOMIAL, 0.5 * (ti + tj) - 1.0))
+    weight = power(1.0 - r / coefficients[row, CUTOFF], 0.5 * s)
+    friction = coefficients[row, GAMMA] * weight * weight
+    strength = 4.0 * friction * ti * tj / (ti + tj)
+    share, mass_term, rate = (1.0 / capacities, 1.0, 1.0) if lammps else (0.5, 0.5, rsqrt_dt)
+    # LAMMPS puts f on the noise of the forces too, and none on the heat
+    noise_factor, heat_factor, heat_noise_factor = (factor, 1.0, 1.0) if lammps else (np.sqrt(factor), factor, np.sqrt(factor))
+    radial, heat = 0.0, 0.0
+    if which & DISSIPATIVE:
+        radial -= factor * friction * ev
+        heat += share * heat_factor * (friction * ev * ev - mass_term * strength * inverse_mass)
+    if which & RANDOM:
+        kick = np.sqrt(strength) * xi
+        radial += noise_factor * kick * rsqrt_dt
+        heat -= share * heat_noise_factor * ev * kick * rate
+    return radial, heat
+
+
+@njit(inline="always")
+def _conduction(which, coefficients, row, r, ti, tj, kappa, rsqrt_dt, xi):
+    """Heat that flows to i from j; ``kappa`` is C_i C_j k, ``xi`` as bead i sees it."""
+    weight = power(1.0 - r / coefficients[row, CUTOFF_T], 0.5 * coefficients[row, EXPONENT_T])
+    strength = kappa * (0.5 * (ti + tj) * weight) ** 2
+    flux = 0.0
+    if which & DISSIPATIVE:
+        flux += strength * (1.0 / ti - 1.0 / tj)
+    if which & RANDOM:
+        flux += np.sqrt(2.0 * strength) * rsqrt_dt * clamped(xi)
+    return flux
+
+
+def _thermal_forces(
+    which, lammps, key, rsqrt_dt, order, types, ntypes, coefficients, inv_mass, capacity, temperature,
+    pi, pj, geometry, factors, columns, block_start, colour_start, start, found, v, f, heat, energy, virial, failed,
+):  # fmt: skip
+    for colour in range(len(colour_start) - 1):
+        for block in prange(colour_start[colour], colour_start[colour + 1]):
+            for task in range(block_start[block], block_start[block + 1]):
+                column = columns[task]
+                column_energy, column_virial = 0.0, 0.0
+                for n in range(start[column], start[column] + found[column]):
+                    i, j = pi[n], pj[n]
+                    row = 0 if ntypes == 1 else types[i] * ntypes + types[j]
+                    ex, ey, ez, r = geometry[n, 0], geometry[n, 1], geometry[n, 2], geometry[n, 3]
+                    factor = factors[n] if len(factors) else 1.0
+                    ti, tj = temperature[i], temperature[j]
+                    inside, near = r < coefficients[row, CUTOFF], r < coefficients[row, CUTOFF_T]
+                    lower = order[i] < order[j]
+                    radial, gain = 0.0, 0.0
+                    pair, xi = key, 0.0
+                    if which & RANDOM:
+                        pair = pair_key(key, min(order[i], order[j]), max(order[i], order[j]))
+                        xi = normal(pair, MOTION) if inside else 0.0
+                    if inside and which & CONSERVATIVE:
+                        w = 1.0 - r / coefficients[row, CUTOFF]
+                        radial = factor * coefficients[row, A] * 0.5 * (ti + tj) * w
+                        column_energy += 0.5 * radial * w * coefficients[row, CUTOFF]
+                    if inside and which & (DISSIPATIVE | RANDOM):
+                        ev = ex * (v[i, 0] - v[j, 0]) + ey * (v[i, 1] - v[j, 1]) + ez * (v[i, 2] - v[j, 2])
+                        im = inv_mass[i] + inv_mass[j]
+                        if lammps:
+                            im = inv_mass[i] if lower else inv_mass[j]
+                        capacities = capacity[i] + capacity[j]
+                        rubbed, gain = _friction(which, lammps, coefficients, row, factor, r, ti, tj, ev, rsqrt_dt, xi, im, capacities)
+                        radial += rubbed
+                        gain = 0.0 if lammps and not near else gain
+                    if near and (inside or not lammps) and which & (DISSIPATIVE | RANDOM):
+                        kappa = coefficients[row, KAPPA] * polynomial(coefficients, row, KAPPA_POLYNOMIAL, 0.5 * (ti + tj) - 1.0)
+                        if kappa < 0.0 and failed[column] < 0:
+                            failed[column] = n
+                        drawn = xi if lammps or not which & RANDOM else normal(pair, HEAT)
+                        flux = _conduction(
+                            which, coefficients, row, r, ti, tj, kappa * capacity[i] * capacity[j], rsqrt_dt, drawn if lower else -drawn
+                        )
+                        heat[i] += flux
+                        heat[j] -= flux
+                    heat[i] += gain
+                    heat[j] += gain
+                    column_virial += radial * r
+                    f[i, 0] += radial * ex
+                    f[i, 1] += radial * ey
+                    f[i, 2] += radial * ez
+                    f[j, 0] -= radial * ex
+                    f[j, 1] -= radial * ey
+                    f[j, 2] -= radial * ez
+                energy[column] = column_energy
+                virial[column] = column_virial
+
+
+thermal_forces, thermal_forces_parallel = serial_and_parallel(_thermal_forces)

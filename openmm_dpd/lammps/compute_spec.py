@@ -1,0 +1,65 @@
+"""What a compute is: its definition in a deck, and the description of a style."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from .context import Context
+    from .state import DeckState
+
+
+@dataclass(frozen=True)
+class Compute:
+    """One compute as the deck defines it: id, group, style, arguments, and what ``ComputeSpec.prepare`` made of them."""
+
+    name: str
+    group: str
+    style: str
+    arguments: tuple[str, ...] = ()
+    settings: Any = None
+
+
+@dataclass(frozen=True)
+class ComputeSpec:
+    """A compute style.
+
+    Attributes
+    ----------
+    check : callable
+        Raises ParameterError if the arguments (state, group, words) are not supported.
+    scalar : callable or None
+        From (context, compute) to its value in deck units, not normalised.
+    vector : callable or None
+        The same for an array of values.
+    per_bead : callable or None
+        The same for values of single beads, (N,) or (N, columns), 0 for beads outside the group.
+    columns : callable
+        Number of values per bead, 0 if there is one without an index.
+    extensive : bool or callable
+        Whether thermo output divides it by the number of beads when it normalises; may depend on the compute.
+    needs : tuple of str
+        Fields of Sample that it reads.
+    inputs : callable
+        Words (``c_id``, ``vx``, ...) of the beads' values that it is made of.
+    prepare : callable or None
+        Turns (state, group, words) into ``Compute.settings``, once.
+    """
+
+    check: Callable[[DeckState, str, list[str]], None]
+    scalar: Callable[[Context, Compute], float] | None = None
+    vector: Callable[[Context, Compute], np.ndarray] | None = None
+    per_bead: Callable[[Context, Compute], np.ndarray] | None = None
+    columns: Callable[[Compute], int] = lambda compute: 0
+    extensive: bool | Callable[[Compute], bool] = False
+    needs: tuple[str, ...] = ()
+    inputs: Callable[[Compute], tuple[str, ...]] = lambda compute: ()
+    prepare: Callable[[DeckState, str, list[str]], Any] | None = None
+
+    def is_extensive(self, compute: Compute) -> bool:
+        """Whether the values of this compute are sums over beads."""
+        return self.extensive if isinstance(self.extensive, bool) else self.extensive(compute)

@@ -1,0 +1,79 @@
+"""Measuring a running simulation, for thermo output and for averages: no more than is asked for."""
+
+from __future__ import annotations
+
+import openmm
+from openmm import unit
+
+from ..build import Built
+from ..fields import read_fields
+from ..measure import Observer
+from ..measure import Sample as Measurement
+from .request import RunRequest
+from .sample import Sample
+
+_NM, _V = unit.nanometer, unit.nanometer / unit.picosecond
+
+#: Fields of Sample that need no forces and no energies.
+CHEAP = frozenset(("positions", "velocities", "fields"))
+
+
+def arrays(context: openmm.Context, forces: bool = False):
+    """Positions, velocities, conservative forces (or None) and box vectors."""
+    groups = context.getIntegrator().getIntegrationForceGroups()
+    state = context.getState(positions=True, velocities=True, forces=forces, groups=groups)
+    f = state.getForces(asNumpy=True).value_in_unit(unit.kilojoule_per_mole / _NM) if forces else None
+    x, v = state.getPositions(asNumpy=True).value_in_unit(_NM), state.getVelocities(asNumpy=True).value_in_unit(_V)
+    return x, v, f, state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(_NM)
+
+
+class Sampler:
+    """Takes samples during one run.
+
+    Parameters
+    ----------
+    request : RunRequest
+    built : Built
+    context : openmm.Context
+    """
+
+    def __init__(self, request: RunRequest, built: Built, context: openmm.Context):
+        self.request, self.built, self.context = request, built, context
+        self.observer = Observer(built)
+
+    def full(self, step: int, needs: frozenset[str], cpu: float) -> tuple[Sample, Measurement]:
+        """A sample with energies and virial, and the fields of ``needs``.
+
+        ``virial`` counts what LAMMPS counts: the dissipative and random parts only if they are forces.
+        """
+        measured = self.observer.sample(self.context)
+        full = measured.virial_conservative + measured.virial_dissipative + measured.virial_random
+        sample = Sample(
+            step=step,
+            kinetic=measured.kinetic,
+            dof=measured.dof,
+            pair_energy=measured.pair,
+            bond_energy=measured.bond,
+            virial=full if self.request.scheme == "mvv" else measured.virial_conservative,
+            virial_full=full,
+            force_norm=measured.force_norm,
+            force_max=measured.force_max,
+            kT_conf=measured.configurational_kT,
+            box=measured.box,
+            cpu=cpu,
+            **self._of_beads(needs),
+        )
+        return sample, measured
+
+    def cheap(self, step: int, needs: frozenset[str], cpu: float) -> Sample:
+        """A sample with values of beads and the box only."""
+        box = self.context.getState().getPeriodicBoxVectors(asNumpy=True).value_in_unit(_NM)
+        return Sample(step=step, box=box, cpu=cpu, bond_energy=None, **self._of_beads(needs))
+
+    def _of_beads(self, needs: frozenset[str]) -> dict:
+        found: dict = {}
+        if needs & {"positions", "velocities"}:
+            found["positions"], found["velocities"], _, _ = arrays(self.context)
+        if "fields" in needs:
+            found["fields"] = read_fields(self.context, self.built.plan)
+        return found

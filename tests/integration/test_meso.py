@@ -1,0 +1,278 @@
+"""eDPD, tDPD and mDPD in a running Context: steps on every platform against the oracle's integrators, sources, restart, files, energy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import oracle
+import oracle_meso
+import pytest
+from devices import DEVICES
+from scenes import BOXES, MASSES, fluid, state_of
+
+import openmm_dpd as dpd
+from openmm_dpd.errors import ParameterError, PlanError
+from openmm_dpd.fields import raw_fields, read_fields, write_fields
+from openmm_dpd.kernels.engine import PairEngine
+
+DT, SEED, N = 0.01, 11, 90
+HEAT = {
+    ("A", "A"): dpd.EDPD(A=18, gamma=4.5, kappa=2e-3, cutoff=1.0, exponent=0.8, exponent_polynomial=(2.0, -1.0, 0.5, 0.0)),
+    ("A", "B"): dpd.EDPD(A=15, gamma=3.0, kappa=1e-3, cutoff=0.9, cutoff_T=1.2, kappa_polynomial=(-0.4, 0.1, 0.0, 0.0)),
+    ("B", "B"): dpd.EDPD(A=22, gamma=6.0, kappa=3e-3, cutoff=1.1, cutoff_T=0.8),
+}
+SPECIES = {
+    ("A", "A"): dpd.TDPD(A=18, gamma=4.5, kappa=(1.0, 2.0, 0.0, 0.5), epsilon=0.02, exponent=0.8),
+    ("A", "B"): dpd.TDPD(A=15, gamma=3.0, kappa=(0.5, 1.0, 1.0, 0.1), cutoff_c=1.2, exponent_c=(2, 1, 2, 3)),
+    ("B", "B"): dpd.TDPD(A=22, gamma=6.0, kappa=(2.0, 2.0, 2.0, 2.0), epsilon=(0.0, 0.1, 0.0, 0.0), cutoff=0.9),
+}
+#: The lower corner of the box is not 0: places are meant in these coordinates.
+CORNER = (-1.5, -2.0, -2.5)
+
+
+def heat_scene(lammps=False, frozen=True, **options) -> dpd.Scene:
+    rng = np.random.default_rng(4)
+    sources = [
+        dpd.Source(dpd.Block.centred((0.0, 0.0, -1.0), (2.0, 3.0, 2.0)), 0.7, corner=CORNER),
+        dpd.Source(dpd.Sphere((1.0, 1.0, 0.0), 0.9), -0.4, beads=np.arange(N) % 2 == 0, corner=CORNER),
+    ]
+    internal = dpd.BeadTemperatures(rng.uniform(0.8, 1.2, N), rng.uniform(20, 60, N))
+    mobile = np.arange(N) % 6 > 0 if frozen else None
+    return fluid(
+        HEAT,
+        BOXES["ortho"],
+        n=N,
+        spread=0,
+        internal=internal,
+        sources=sources,
+        mobile=mobile,
+        compat="lammps" if lammps else "consistent",
+        **options,
+    )
+
+
+def species_scene() -> dpd.Scene:
+    rng = np.random.default_rng(4)
+    sources = [
+        dpd.Source(dpd.Block.centred((0.0, 0.0, -1.0), (2.0, 3.0, 2.0)), 0.7, species=3, corner=CORNER),
+        dpd.Source(dpd.Sphere((1.0, 1.0, 0.0), 0.9), -0.4, corner=CORNER),
+    ]
+    internal = dpd.Concentrations(rng.uniform(0.0, 2.0, (N, 4)))
+    return fluid(SPECIES, BOXES["ortho"], n=N, spread=0, internal=internal, sources=sources, mobile=np.arange(N) % 6 > 0, kT=1.3)
+
+
+def density_scene(kernel="quadratic") -> dpd.Scene:
+    table = {("*", "*"): dpd.MDPD(A=-40, B=25, gamma=4.5, cutoff=1.0, cutoff_B=0.75, kernel=kernel)}
+    return fluid(table, BOXES["ortho"], n=200, spread=0)
+
+
+def running(scene, device, **choices):
+    built = dpd.build(scene, platform=device.platform, **{"seed": SEED, "dt": DT, "scheme": "mvv", **choices})
+    simulation = built.simulation(properties=device.properties)
+    simulation.built = built
+    return simulation
+
+
+class Rates:
+    """Forces and rates at given positions, velocities and fields, from the kernel (which has tests of its own) and from sources done here."""
+
+    def __init__(self, scene, built):
+        # the engine's own sources are replaced by an independent sum
+        spec = built.plan.spec
+        self.spec = replace(spec, fields=replace(spec.fields, sources=()))
+        self.scene, self.engine, self.counter = scene, PairEngine(self.spec), -1
+        self.mobile = self.spec.inv_mass > 0
+
+    def __call__(self, x, v, values):
+        self.counter += 1
+        values = values.reshape(len(x), -1)
+        self.engine.prepare(x, self.scene.box)
+        force = self.engine.forces(7, v, self.scene.initial_kT, DT, SEED, self.counter, values)[1]
+        rates = self.engine.rates.copy()
+        edges = np.diag(self.scene.box)
+        folded = (x - CORNER) % edges + CORNER
+        for source in self.scene.sources:
+            if isinstance(source.region, dpd.Block):
+                inside = oracle_meso.in_cuboid(folded, (source.region.low + source.region.high) / 2, source.region.high - source.region.low)
+            else:
+                inside = oracle_meso.in_sphere(folded, source.region.centre, source.region.radius)
+            inside = inside & (source.beads if source.beads is not None else True)
+            rates[inside, source.species] += source.rate
+        still = ~self.mobile
+        force[still], rates[still] = 0.0, 0.0
+        return force, rates
+
+
+@pytest.mark.parametrize("lam", [0.5, 0.65])
+@pytest.mark.parametrize("make", [heat_scene, species_scene])
+def test_steps_on_every_device(device, make, lam):
+    """Temperatures are predicted with lambda, concentrations take half steps; walls keep theirs; sources act where beads are."""
+    scene = make()
+    simulation = running(scene, device, lam=lam)
+    rates = Rates(scene, simulation.built)
+    mobile = rates.mobile
+    x, v = scene.positions.copy(), np.where(mobile[:, None], scene.velocities, 0.0)
+    values = rates.spec.fields.initial.copy()
+    f, q = rates(x, v, values)
+    steps = 6
+    simulation.step(steps)
+    for _ in range(steps):
+        if make is heat_scene:
+            x, v, values, f, q = oracle_meso.mvv_edpd_step(x, v, values, f, q, scene.bead_masses, np.ones((N, 1)), DT, lam, rates)
+        else:
+            x, v, values, f, q = oracle_meso.mvv_tdpd_step(x, v, values, f, q, scene.bead_masses, DT, lam, rates)
+    got_x, got_v = state_of(simulation.context)
+    limit = device.choose(1e-11, 2e-5, 3e-3)
+    assert np.abs(oracle.minimum_image(got_x - x, scene.box)).max() < limit
+    assert np.abs(got_v - v)[mobile].max() < limit
+    got = raw_fields(simulation.context, rates.spec.fields)
+    assert np.abs(got - values)[mobile].max() < limit
+    np.testing.assert_allclose(got[~mobile], rates.spec.fields.initial[~mobile], rtol=1e-6)
+    assert np.abs(values - rates.spec.fields.initial)[mobile].max() > 0.02
+
+
+def test_sources_act_on_beads_that_crossed_the_box():
+    """Beads flying through the box many times are heated where they are, counted from the box's own corner."""
+    corner, edge, speed = np.array([-2.0, 1.0, 5.0]), 4.0, 10.0
+    y = np.linspace(0, edge, 40, endpoint=False) + corner[1]
+    x = np.column_stack([np.full(40, corner[0] + 1), y + 40 * edge, np.full(40, corner[2] + 1)])
+    upper = dpd.Source(dpd.Block((-9, corner[1] + edge / 2, -9), (9, corner[1] + edge, 9)), 1.0, corner=corner)
+    table = {("W", "W"): dpd.EDPD(A=0, gamma=0, kappa=0, cutoff=1.0)}
+    scene = dpd.Scene(
+        {"W": 1}, ["W"] * 40, x, table, 1.0, box=[edge] * 3, velocities=np.tile([0.0, speed, 0.0], (40, 1)),
+        internal=dpd.BeadTemperatures(1.0, 1.0), sources=[upper],
+    )  # fmt: skip
+    simulation = running(scene, DEVICES[1], dt=0.001)
+    simulation.step(4000)  # ten times through the box
+    temperature = read_fields(simulation.context, simulation.built.plan)["temperature"]
+    # half of the time in the source, to a step or two at its faces
+    np.testing.assert_allclose(temperature, 1.0 + 4.0 / 2, atol=0.02)
+
+
+@pytest.mark.parametrize("make", [heat_scene, species_scene])
+@pytest.mark.parametrize("how", ["checkpoint", "xml"])
+def test_restart_is_exact(host, make, how, tmp_path):
+    first = running(make(), host, lam=0.65)
+    first.step(7)
+    path = str(tmp_path / "state")
+    (first.saveCheckpoint if how == "checkpoint" else first.saveState)(path)
+    first.step(6)
+    second = running(make(), host, lam=0.65)
+    (second.loadCheckpoint if how == "checkpoint" else second.loadState)(path)
+    second.step(6)
+    fields = [raw_fields(s.context, s.built.plan.spec.fields) for s in (first, second)]
+    for one, two in zip((*state_of(first.context), fields[0]), (*state_of(second.context), fields[1]), strict=True):
+        np.testing.assert_array_equal(one, two)
+
+
+def test_setting_values_acts_at_once():
+    simulation = running(heat_scene(frozen=False), DEVICES[1])
+    simulation.step(3)
+    write_fields(simulation.context, simulation.built.plan, temperature=1.0)
+    assert np.all(read_fields(simulation.context, simulation.built.plan)["temperature"] == 1.0)
+    with pytest.raises(ParameterError, match="it must be > 0"):
+        write_fields(simulation.context, simulation.built.plan, temperature=np.zeros(N))
+    species = running(species_scene(), DEVICES[1])
+    with pytest.raises(ParameterError, match=r"shape \(90, 4\)"):
+        write_fields(species.context, species.built.plan, concentrations=np.zeros(N))
+    write_fields(species.context, species.built.plan, concentrations=np.full((N, 4), 2.0))
+    assert np.all(read_fields(species.context, species.built.plan)["concentrations"] == 2.0)
+
+
+def heat_error(compat: str, dt: float) -> float:
+    """Change of K + sum C T over a time of 2, by friction, noise and conduction alone (A = 0)."""
+    rng = np.random.default_rng(4)
+    table = {("*", "*"): dpd.EDPD(A=0.0, gamma=4.5, kappa=1e-3, cutoff=1.0)}
+    internal = dpd.BeadTemperatures(1.5, rng.uniform(20, 60, 200))
+    scene = fluid(table, BOXES["ortho"], n=200, internal=internal, compat=compat)
+    simulation = running(scene, DEVICES[1], dt=dt)
+    observer = dpd.Observer(simulation.built)
+    start = observer.sample(simulation.context).total
+    simulation.step(round(2 / dt))
+    end = observer.sample(simulation.context)
+    assert end.kT > 1.05  # 200 beads of kT = 1 have warmed up
+    return abs(end.total - start)
+
+
+def test_consistent_heat_conserves_energy_and_lammps_heat_does_not():
+    """K rises by about 150; the consistent form takes it from the beads, to the order of the scheme, LAMMPS's from nowhere."""
+    coarse, fine = heat_error("consistent", 0.004), heat_error("consistent", 0.001)
+    assert fine < 5 and fine < 0.6 * coarse
+    assert heat_error("lammps", 0.001) > 50
+
+
+@pytest.mark.parametrize("make", [heat_scene, species_scene, density_scene])
+def test_files_beside_the_trajectory(make, tmp_path):
+    simulation = running(make(), DEVICES[1])
+    simulation.reporters.append(dpd.FieldReporter(tmp_path / "fields.npz", 2, simulation.built))
+    simulation.step(6)
+    fields = dpd.load_fields(tmp_path / "fields.npz")
+    np.testing.assert_array_equal(fields["step"], [2, 4, 6])
+    np.testing.assert_allclose(fields["time"], [0.02, 0.04, 0.06])
+    now = read_fields(simulation.context, simulation.built.plan)
+    for name, values in now.items():
+        np.testing.assert_array_equal(fields[name][-1], values)
+    assert len(now) == 1
+
+
+def test_local_density_is_a_measured_quantity(device):
+    simulation = running(density_scene(), device, scheme="middle")
+    simulation.step(3)
+    density = read_fields(simulation.context, simulation.built.plan)["density"]
+    x, _ = state_of(simulation.context)
+    d = oracle.minimum_image(x[:, None] - x[None], BOXES["ortho"])
+    r = np.linalg.norm(d, axis=2) + 9 * np.eye(len(x))
+    expected = np.sum(np.where(r < 0.75, 15 / (2 * np.pi * 0.75**3) * (1 - r / 0.75) ** 2, 0), axis=1)
+    np.testing.assert_allclose(density, expected, rtol=1e-10)
+
+
+@pytest.mark.parametrize("kernel", ["quadratic", "lucy"])
+@pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba"])
+def test_many_body_scenes_on_every_device(device, kernel, scheme):
+    """One step of every scheme on every platform, against Reference."""
+    results = []
+    for where in (DEVICES[0], device):
+        simulation = running(density_scene(kernel), where, scheme=scheme)
+        simulation.step(3)
+        results.append(state_of(simulation.context))
+    limit = device.choose(1e-4, 1e-4, 3e-3)  # the CPU platform's own forces are single precision
+    assert np.abs(oracle.minimum_image(results[0][0] - results[1][0], BOXES["ortho"])).max() < limit
+    assert np.abs(results[0][1] - results[1][1]).max() < 10 * limit
+
+
+# -- errors --------------------------------------------------------------------------------------------------------------------------------
+def test_schemes_and_places_that_do_not_fit():
+    for make in (heat_scene, species_scene):
+        with pytest.raises(PlanError, match="only scheme='mvv' runs it"):
+            dpd.build(make(), dt=DT, scheme="middle", platform="CPU")
+    with pytest.raises(PlanError, match="depends on the temperatures"):
+        dpd.build(heat_scene(), dt=DT, scheme="mvv", conservative="openmm", platform="CPU")
+    with pytest.raises(PlanError, match="derives from no potential"):
+        dpd.build(density_scene("lucy"), dt=DT, conservative="openmm", platform="CPU")
+    with pytest.raises(PlanError, match="it knows isothermal DPD only, not MDPD"):
+        dpd.build(density_scene(), dt=DT, scheme="native", platform="CPU")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"internal": dpd.BeadTemperatures(0.0, 1.0)}, "temperature of bead 0 is 0; it must be > 0"),
+        ({"internal": dpd.BeadTemperatures(1.0, -1.0)}, "heat capacity of bead 0 is -1; it must be > 0"),
+        ({"internal": dpd.Concentrations(np.ones(N))}, "need internal=BeadTemperatures"),
+        ({"sources": [dpd.Source(dpd.Sphere((50, 0, 0), 1.0), 1.0)]}, "lies outside the box"),
+        ({"sources": [dpd.Source(dpd.Sphere((1, 0, 0), 1.0), 1.0, species=1)]}, "names species 1, but there are 1"),
+        ({"compat": "LAMMPS"}, "compat must be"),
+    ],
+)
+def test_bad_input(change, message):
+    good = {"internal": dpd.BeadTemperatures(1.0, 1.0)}
+    with pytest.raises(ParameterError, match=message):
+        fluid(HEAT, BOXES["ortho"], n=N, **{**good, **change})
+
+
+def test_species_must_match():
+    with pytest.raises(ParameterError, match=r"\('A', 'A'\): coefficients of 4 species, but the beads carry 2"):
+        fluid(SPECIES, BOXES["ortho"], n=N, internal=dpd.Concentrations(np.ones((N, 2))))
+    with pytest.raises(ParameterError, match="cannot be combined"):
+        fluid([SPECIES, HEAT], BOXES["ortho"], n=N, internal=dpd.Concentrations(np.ones((N, 4))), masses=MASSES)

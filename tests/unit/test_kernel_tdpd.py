@@ -1,0 +1,247 @@
+"""tDPD: forces and species fluxes against the oracle, ranges, factors, noise and errors."""
+
+from __future__ import annotations
+
+import numpy as np
+import oracle as plain_oracle
+import oracle_meso as oracle
+import pytest
+from scenes import BOXES, MASSES, chains, fluid
+
+import openmm_dpd as dpd
+from openmm_dpd.errors import RunError
+from openmm_dpd.kernels import noise as hashed
+from openmm_dpd.kernels.compiled import compiled
+from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, set_threads
+from openmm_dpd.model.internal import Concentrations
+from openmm_dpd.model.tdpd import TDPD
+from openmm_dpd.plan import make_plan
+
+BOX = pytest.mark.parametrize("box", BOXES.values(), ids=BOXES.keys())
+SPECIES = pytest.mark.parametrize("n_species", [1, 3, 4])
+DT, SEED, COUNTER, KT = 0.02, 21, 5, 0.8
+PARTS = (CONSERVATIVE, DISSIPATIVE, RANDOM)
+
+
+def species_table(n_species: int) -> dict:
+    """Fluxes reach further than the forces, less far, and as far; species differ in everything."""
+    k = np.arange(n_species)
+    return {
+        ("A", "A"): TDPD(A=25, gamma=4.5, kappa=0.7 + 0.2 * k, epsilon=0.3 + 0.1 * k, cutoff=1.0, cutoff_c=1.2, exponent_c=2.0 + k),
+        ("A", "B"): TDPD(
+            A=31, gamma=2, kappa=0.2 * (1 + k), epsilon=0.2 / (1 + k), exponent=0.41, cutoff=1.2, cutoff_c=0.8, exponent_c=1.0
+        ),
+        ("B", "B"): TDPD(A=18, gamma=9, kappa=1.3 - 0.1 * k, epsilon=0.05 + 0.2 * k, exponent=1.2, cutoff=0.9, exponent_c=3.0 - 0.5 * k),
+    }
+
+
+def solution(box=BOXES["ortho"], n_species=3, *, make=fluid, table=None, seed=5, kT=KT, **options) -> dpd.Scene:
+    """Concentrations from -0.5 to 2 (nothing keeps them positive)."""
+    values = np.random.default_rng(seed).uniform(-0.5, 2.0, (make(box=box).n_beads, n_species))
+    return make(table=table or species_table(n_species), box=box, kT=kT, internal=Concentrations(values), **options)
+
+
+def prepared(scene, dt=DT) -> PairEngine:
+    engine = PairEngine(make_plan(scene, dt=dt, seed=SEED, scheme="mvv").spec)
+    engine.prepare(scene.positions, scene.box)
+    return engine
+
+
+def evaluate(scene, which, counter=COUNTER, kT=KT, engine=None):
+    """Energy, forces, virial and fluxes (N, K) of each bead."""
+    engine = engine or prepared(scene)
+    result = engine.forces(which, scene.velocities, kT, DT, SEED, counter, scene.internal.values)
+    return *result, engine.rates.copy()
+
+
+@compiled
+def _fill(key, table):
+    for i in range(table.shape[1]):
+        for j in range(i + 1, table.shape[1]):
+            pair = hashed.pair_key(key, i, j)
+            for k in range(table.shape[0]):
+                table[k, i, j] = hashed.normal(pair, k)
+
+
+def noise_matrices(n: int, n_species: int, counter: int = COUNTER):
+    """The kernel's numbers: symmetric for the motion, antisymmetric (the lower index gets +) for each species."""
+    upper = np.zeros((1 + n_species, n, n))
+    _fill(hashed.call_key(SEED, counter, 0), upper)
+    return upper[0] + upper[0].T, upper[1:] - np.swapaxes(upper[1:], 1, 2)
+
+
+def coefficient(scene, key):
+    names = scene.type_names
+    entries = scene.tables[0].resolve(names)
+    term = lambda a, b: entries[(names[min(a, b)], names[max(a, b)])]  # noqa: E731
+    return np.array([[getattr(term(a, b), key) for b in range(len(names))] for a in range(len(names))])
+
+
+def oracle_rates(scene, kT=KT) -> oracle.TdpdRates:
+    get = lambda key: coefficient(scene, key)  # noqa: E731
+    per_species = lambda key: list(np.moveaxis(get(key), -1, 0))  # noqa: E731
+    xi, xi_C = noise_matrices(scene.n_beads, scene.internal.n_species)
+    return oracle.tdpd_pair(
+        scene.positions, scene.velocities, scene.internal.values, scene.type_ids, get("A"), get("gamma"), get("exponent"), get("cutoff"),
+        get("cutoff_c"), per_species("kappa"), per_species("epsilon"), per_species("exponent_c"), kT, scene.box, DT, xi=xi, xi_C=xi_C,
+    )  # fmt: skip
+
+
+def close(got, expected, rtol=1e-12):
+    np.testing.assert_allclose(got, expected, rtol=0, atol=rtol * np.abs(expected).max())
+    assert np.abs(expected).max() > 1e-3
+
+
+def pair_of_beads(f=1.0, n_species=3, compat="consistent", **changes) -> dpd.Scene:
+    """Two bonded beads 0.5 apart; ``f`` is their factor."""
+    values = {"A": 25, "gamma": 4.5, "kappa": 0.7 + 0.1 * np.arange(n_species), "epsilon": 0.3, "exponent": 1.4} | changes
+    x, v = np.array([[0.0, 0, 0], [0.3, 0, -0.4]]), np.array([[0.3, 1.0, -0.2], [-0.5, 0.4, 0.9]])
+    bonds = [dpd.HarmonicBonds(np.array([[0, 1]]), 0.0, 0.5)]
+    internal = Concentrations(np.array([0.8, 1.7])[:, None] + 0.4 * np.arange(n_species))
+    options = {"velocities": v, "internal": internal, "bonds": bonds, "special": (f, 1, 1), "compat": compat}
+    return dpd.Scene(MASSES, ["A", "B"], x, {("*", "*"): TDPD(**values)}, KT, **options)
+
+
+# -- the oracle ---------------------------------------------------------------------------------------------------------------------------
+@SPECIES
+@BOX
+def test_forces_and_fluxes_equal_the_oracle(box, n_species):
+    scene = solution(box, n_species)
+    expected = oracle_rates(scene)
+    engine, terms = prepared(scene), expected.terms
+    got = {which: evaluate(scene, which, engine=engine) for which in PARTS}
+    for which, force, virial in zip(
+        PARTS,
+        (terms.conservative, terms.dissipative, terms.random),
+        (terms.virial_conservative, terms.virial_dissipative, terms.virial_random),
+        strict=True,
+    ):
+        close(got[which][1], force)
+        assert got[which][2] == pytest.approx(np.trace(virial), rel=1e-11)
+    assert got[CONSERVATIVE][0] == pytest.approx(terms.energy, rel=1e-12)
+    assert not got[CONSERVATIVE][3].any()
+    close(got[DISSIPATIVE][3], expected.conductive)
+    close(got[RANDOM][3], expected.random)
+    _, force, _, rates = evaluate(scene, sum(PARTS), engine=engine)
+    close(force, terms.forces)
+    close(rates, expected.Q)
+    # nothing is lost
+    for part in (got[DISSIPATIVE][3], got[RANDOM][3]):
+        assert np.abs(part.sum(axis=0)).max() < 1e-12 * np.abs(part).sum()
+    for which in PARTS:
+        assert np.abs(got[which][1].sum(axis=0)).max() < 1e-12 * np.abs(got[which][1]).sum()
+
+
+def test_fluxes_and_forces_have_ranges_of_their_own():
+    """Also with ``compat="lammps"``: the list reaches as far as the longer of the two."""
+    short, long = pair_of_beads(cutoff_c=0.4), pair_of_beads(cutoff=0.4, cutoff_c=1.0)
+    _, force, _, rates = evaluate(short, sum(PARTS))
+    assert not rates.any() and np.abs(force).max() > 1
+    energy, force, virial, rates = evaluate(long, sum(PARTS))
+    assert energy == virial == 0 and not force.any()
+    np.testing.assert_array_equal(rates[0], -rates[1])
+    assert np.abs(rates).min() > 0.01
+
+
+def test_the_noise_of_species_does_not_depend_on_the_temperature_of_the_forces():
+    scene = solution()
+    cold, warm = evaluate(scene, RANDOM, kT=0.0), evaluate(scene, RANDOM)
+    assert not cold[1].any() and np.abs(warm[1]).max() > 1
+    np.testing.assert_array_equal(cold[3], warm[3])
+
+
+@pytest.mark.parametrize("f", [0.25, 0.81])
+def test_factors(f):
+    """Repulsion and friction have f, noise its square root, fluxes none."""
+    plain, scaled = pair_of_beads(), pair_of_beads(f)
+    for which, factor in ((CONSERVATIVE, f), (DISSIPATIVE, f), (RANDOM, np.sqrt(f))):
+        one, other = evaluate(plain, which), evaluate(scaled, which)
+        close(other[1], factor * one[1])
+        assert other[2] == pytest.approx(factor * one[2], rel=1e-12)
+        assert other[0] == pytest.approx(factor * one[0], rel=1e-12)
+        np.testing.assert_array_equal(other[3], one[3])
+
+
+def test_laplacian_counts_the_range_of_the_forces_only():
+    """The list reaches further: pairs beyond the forces' range must not count."""
+    scene = solution()
+    zero = np.zeros((2, 2))
+    params = plain_oracle.PairParams(coefficient(scene, "A"), zero, zero, zero + 1, zero + 1, coefficient(scene, "cutoff"))
+    expected = plain_oracle.conservative(scene.positions, scene.type_ids, params, scene.box).laplacian
+    engine = prepared(scene)
+    assert engine.laplacian() == pytest.approx(expected, rel=1e-11)
+    assert engine.layers[0].has_laplacian
+    # immobile beads do not count, a factor does
+    whole, half = pair_of_beads(), pair_of_beads(0.5)
+    assert prepared(half).laplacian() == pytest.approx(0.5 * prepared(whole).laplacian(), rel=1e-12)
+
+
+def test_walls_and_chains_keep_species():
+    """Fluxes of bonded and immobile beads sum to zero as well: what walls get is the program's affair."""
+    scene = solution(make=chains, mobile=np.arange(100) % 3 > 0)
+    rates = evaluate(scene, sum(PARTS))[3]
+    assert np.abs(rates.sum(axis=0)).max() < 1e-12 * np.abs(rates).sum()
+    assert np.abs(rates).max() > 1
+
+
+def test_threads_give_the_same_bits(two_threads):
+    scene = solution(BOXES["wide"], 4)
+    results = []
+    for threads in (1, 2):
+        set_threads(threads)
+        engine = prepared(scene)
+        results.append((*evaluate(scene, sum(PARTS), engine=engine), engine.laplacian()))
+    for one, two in zip(*results, strict=True):
+        np.testing.assert_array_equal(one, two)
+
+
+# -- noise --------------------------------------------------------------------------------------------------------------------------------
+def test_noise_has_the_right_variance_and_species_are_independent():
+    """100,000 samples: standard errors sqrt(2/n) of a variance, 1/sqrt(n) of a mean over its sigma and of a correlation; 4 of them fail."""
+    n = 5000
+    corner = 4.0 * np.array(list(np.ndindex(25, 20, 10)))
+    x = np.concatenate([corner, corner + [0.27, 0.0, 0.36]])
+    c = np.repeat([[0.5, 1.0, 2.0, -0.4], [1.5, 0.5, 0.7, 1.4]], n, axis=0)
+    epsilon, p = np.array([0.3, 0.2, 0.7, 0.5]), np.array([2.0, 1.0, 3.0, 0.5])
+    table = {("*", "*"): TDPD(A=0, gamma=4.5, kappa=[1.0] * 4, epsilon=epsilon, exponent=1.4, cutoff_c=0.9, exponent_c=p)}
+    options = {"box": [100.0, 80.0, 40.0], "internal": Concentrations(c), "velocities": np.zeros((2 * n, 3))}
+    scene = dpd.Scene(MASSES, ["A", "B"] * n, x, table, KT, **options)
+    engine = prepared(scene)
+    results = [evaluate(scene, RANDOM, counter=k, engine=engine) for k in range(20)]
+    columns = [np.array([force[:n] @ [-0.6, 0.0, -0.8] for _, force, _, _ in results])]
+    columns += [np.array([rates[:n, k] for *_, rates in results]) for k in range(4)]
+    variances = [2 * KT * 4.5 * (1 - 0.45) ** 1.4 / DT, *(epsilon**2 * (1 - 0.45 / 0.9) ** p * (c[0] + c[-1]) ** 2 / DT)]
+    samples = columns[0].size
+    for values, variance in zip(columns, variances, strict=True):
+        assert abs(values.var() / variance - 1) < 4 * np.sqrt(2 / samples)
+        assert abs(values.mean()) < 4 * np.sqrt(variance / samples)
+    correlation = np.corrcoef([values.ravel() for values in columns])
+    assert np.abs(correlation[np.triu_indices(5, 1)]).max() < 4 / np.sqrt(samples)
+
+
+def test_noise_of_species_is_cut_at_five_and_that_of_the_motion_is_not():
+    """At these counts of the noise the number of the pair is beyond 5: it happens once in 1.7 million draws."""
+    for stream, counter in ((1, 1309902), (0, 104703)):
+        xi, xi_C = noise_matrices(2, 1, counter)
+        drawn = (xi, *xi_C)[stream][0, 1]
+        assert abs(drawn) > 5.05
+        scene = pair_of_beads(n_species=1)
+        _, force, _, rates = evaluate(scene, RANDOM, counter=counter)
+        if stream == 0:
+            assert np.linalg.norm(force[0]) == pytest.approx(np.sqrt(2 * KT * 4.5 * 0.5**1.4 / DT) * abs(drawn), rel=1e-12)
+        else:
+            close(rates[:, 0], 0.3 * 0.5 * 2.5 / np.sqrt(DT) * np.sign(drawn) * 5 * np.array([1, -1]))
+
+
+# -- errors -------------------------------------------------------------------------------------------------------------------------------
+def test_there_is_no_sweep():
+    scene = pair_of_beads()
+    with pytest.raises(RunError, match="only the scheme mvv"):
+        prepared(scene).sweep(scene.velocities, KT, DT, SEED, COUNTER, scene.internal.values)
+
+
+def test_the_conservative_force_needs_no_concentrations():
+    scene = solution()
+    energy, force, _ = prepared(scene).forces(CONSERVATIVE, None, 0.0, 1.0, 0, 0)
+    expected = evaluate(scene, CONSERVATIVE)
+    assert energy == expected[0] and np.array_equal(force, expected[1])

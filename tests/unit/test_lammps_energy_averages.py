@@ -1,0 +1,453 @@
+"""Values of single beads, slices, and averages over steps: computes, fix ave/time, fix ave/chunk, and what a run hands to them."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import lammps_steps
+import numpy as np
+import pytest
+
+from openmm_dpd.errors import DeckError
+from openmm_dpd.lammps import RunRequest, Sample, read_deck
+from openmm_dpd.lammps.averages import Schedule
+from openmm_dpd.lammps.context import Context
+from openmm_dpd.lammps.main import run_deck
+from openmm_dpd.lammps.run import RunOptions
+
+START = """atom_style {style}
+region b block -2 4 0 5 1 7 units box
+create_box 2 b
+create_atoms 1 random 30 1 b
+create_atoms 2 random 20 2 b
+mass 1 1.0
+mass 2 2.5
+velocity all create 1.0 5
+group two type 2
+compute ch all chunk/atom bin/1d x lower 1.0
+"""
+PLAIN = START.format(style="atomic") + "pair_style zero 1.0 nocoeff\npair_coeff * *\nfix move all nve\ntimestep 0.01\n"
+HEAT = (
+    START.format(style="edpd")
+    + "pair_style edpd 1.2 7\npair_coeff * * 18.75 4.5 0.41 1.2 1e-3 2 1.2\nfix move all mvv/edpd\ntimestep 0.01\n"
+)
+SPECIES = (
+    START.format(style="tdpd 2")
+    + "pair_style tdpd 1.0 1.2 7\npair_coeff * * 18.75 4.5 0.41 1.2 1.2 1 0 2 3 0 2\nfix move all mvv/tdpd\ntimestep 0.01\n"
+    + "set type 1 cc 1 2.0\nset type 2 cc 2 -1.0\n"
+)
+ENERGY = (
+    "units metal\n"
+    + START.format(style="dpd").replace("-2 4 0 5 1 7", "-20 40 0 50 10 70").replace("x lower 1.0", "x lower 10.0")
+    + "set type 1 dpd/theta 300\nset type 2 dpd/theta 400\nfix in all eos/cv 0.0005\ntimestep 0.001\n"
+    + "pair_style dpd/fdt/energy 10.0 7\npair_coeff * * 0.075 0.022 3.2e-5\nfix heat all dpd/energy\nfix move all nve\n"
+)
+QUICK = RunOptions(platform="Reference", threads=1, seed=3)
+
+
+def write(tmp_path, text: str) -> Path:
+    path = tmp_path / "in.deck"
+    path.write_text(text)
+    return path
+
+
+def request_of(tmp_path, text: str) -> RunRequest:
+    request = read_deck(write(tmp_path, text), stop_before_first_run=True, output=tmp_path).first_run
+    assert request is not None
+    return request
+
+
+def context_of(request: RunRequest, step: int = 0, shift=(0.0, 0.0, 0.0), **values) -> Context:
+    """Context at a step at which all beads have moved by ``shift``."""
+    atoms = request.state.atoms
+    sample = Sample(step, positions=atoms.positions + np.array(shift), velocities=atoms.velocities, **{"fields": {}, **values})
+    return Context(request.state, sample, request.window)
+
+
+def blocks_of(path: Path) -> list[tuple[list[float], np.ndarray]]:
+    """Header line and rows of each block of an ave/chunk (or ave/time mode vector) file."""
+    found: list = []
+    for line in path.read_text().splitlines():
+        numbers = [float(word) for word in line.split()] if not line.startswith("#") else None
+        if numbers is not None and not line.startswith(" "):
+            found.append((numbers, []))
+        elif numbers is not None:
+            found[-1][1].append(numbers)
+    return [(head, np.array(rows)) for head, rows in found]
+
+
+# -- when ------------------------------------------------------------------------------------------------------------------------
+def due_steps(schedule: Schedule, first: int, last: int) -> list[tuple[int, bool]]:
+    """Steps of one run at which a sample is taken, and whether it ends a window."""
+    schedule.begin(first)
+    found = []
+    while schedule.next <= last:
+        found.append((schedule.next, schedule.advance()))
+    return found
+
+
+def test_when_samples_are_taken():
+    assert due_steps(Schedule(2, 3, 10, 0), 0, 20) == [(6, False), (8, False), (10, True), (16, False), (18, False), (20, True)]
+    # with one sample a window is that step alone, the present one included
+    assert due_steps(Schedule(10, 1, 10, 30), 30, 50) == [(30, True), (40, True), (50, True)]
+    # a window that has begun is left out
+    assert due_steps(Schedule(1, 10, 10, 5), 5, 20)[0] == (11, False)
+    assert due_steps(Schedule(5, 2, 20, 15), 15, 20) == [(15, False), (20, True)]
+    assert due_steps(Schedule(5, 2, 20, 0, start=50), 0, 60) == [(55, False), (60, True)]
+
+
+def test_a_window_goes_on_over_two_runs_and_is_lost_if_steps_are_passed_over():
+    schedule = Schedule(2, 3, 10, 0)
+    assert due_steps(schedule, 0, 7) == [(6, False)]
+    assert not schedule.begin(7)
+    assert due_steps(schedule, 7, 10) == [(8, False), (10, True)]
+    schedule.next, schedule.taken = 16, 1
+    assert schedule.begin(17) and schedule.next == 26
+
+
+# -- values of beads ---------------------------------------------------------------------------------------------------------------
+def test_what_beads_carry_comes_from_the_running_scene(tmp_path):
+    text = ENERGY + "compute b two dpd/atom\ncompute u two dpd\ncompute s all reduce sum c_b[2]\nthermo_style custom c_u[1]\n"
+    request = request_of(tmp_path, text)
+    units, n = request.state.units, 50
+    fields = {
+        "u_cond": np.linspace(-1, 1, n) * units.energy,
+        "u_mech": np.linspace(1, 2, n) * units.energy,
+        "theta": np.linspace(200, 500, n) * units.thermal_energy,
+    }
+    context = context_of(request, fields=fields)
+    rows = context.bead_compute("b", None)
+    assert not rows[:30].any()  # beads outside the group
+    np.testing.assert_allclose(
+        rows[30:, [0, 1, 3]], np.column_stack([np.linspace(-1, 1, n), np.linspace(1, 2, n), np.linspace(200, 500, n)])[30:]
+    )
+    theta = np.linspace(200, 500, n)[30:]
+    expected = [np.linspace(-1, 1, n)[30:].sum(), np.linspace(1, 2, n)[30:].sum(), 0.0, 20 / np.sum(1 / theta), 20.0]
+    np.testing.assert_allclose([context.compute("u", k) for k in range(1, 6)], expected)
+    assert context.compute("s", None) == pytest.approx(expected[1])
+    assert request.thermo.needs == {"fields"}
+
+
+def test_a_sample_without_what_beads_carry_is_refused(tmp_path):
+    request = request_of(tmp_path, ENERGY + "compute u all dpd\n")
+    with pytest.raises(ValueError, match="did not measure u cond"):
+        context_of(request, fields=None).compute("u", 1)
+
+
+def test_single_beads_in_formulas(tmp_path):
+    request = request_of(tmp_path, HEAT + "set atom 7 edpd/temp 1.5\ncompute t all edpd/temp/atom\nvariable hot equal c_t[7]-c_t[8]\n")
+    assert context_of(request).variable("hot") == pytest.approx(0.5)
+
+
+def test_reduce(tmp_path):
+    text = PLAIN + (
+        "compute k all ke/atom\ncompute p all property/atom id mass\ncompute r two reduce sum c_k c_p[1] vx\ncompute a two reduce ave c_p[2]\n"
+        "compute m two reduce max c_p[1]\nthermo_style custom c_m c_a c_r[2]\nthermo_modify norm yes\n"
+    )
+    request = request_of(tmp_path, text)
+    context, atoms = context_of(request), request.state.atoms
+    energy = 0.5 * 2.5 * np.sum(atoms.velocities[30:] ** 2)
+    np.testing.assert_allclose([context.compute("r", k) for k in (1, 2, 3)], [energy, sum(range(31, 51)), atoms.velocities[30:, 0].sum()])
+    assert context.compute("a", None) == 2.5
+    # sums are extensive, means and maxima are not
+    values = request.thermo.values(context.sample)
+    assert values == pytest.approx({"c_m": 50, "c_a": 2.5, "c_r[2]": sum(range(31, 51)) / 50})
+
+
+# -- slices ------------------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("bins", "start", "count", "volume"),
+    [
+        ("x lower 1.0", -2.0, 6, 30.0),
+        ("x lower 4.0", -2.0, 2, 120.0),  # the last slice reaches beyond the box
+        ("x upper 4.0", -4.0, 2, 120.0),
+        ("x center 4.0", -3.0, 2, 120.0),
+        ("x 10.5 1.0", -2.5, 7, 30.0),
+        ("z -0.5 2.0", -0.5 + 0.0, 4, 60.0),
+        ("y lower 0.1", 0.0, 50, 3.6),  # 5/0.1 is not exactly 50
+        ("y lower 0.25 units reduced", 0.0, 4, 45.0),
+        ("x lower 1.0 bound x 0 3.5", 0.0, 4, 30.0),
+    ],
+)
+def test_slices(tmp_path, bins, start, count, volume):
+    request = request_of(tmp_path, PLAIN.replace("x lower 1.0", bins))
+    slices = request.state.computes["ch"].settings.slices(request.state.box)
+    assert (slices.start, slices.count, slices.volume) == (pytest.approx(start), count, pytest.approx(volume))
+    np.testing.assert_allclose(slices.centres, start + (np.arange(count) + 0.5) * slices.thickness)
+
+
+def test_lattice_units_are_the_default(tmp_path):
+    text = PLAIN.replace("compute ch", "lattice fcc 0.5\ncompute ch").replace("x lower 1.0", "x -1 1")
+    slicing = request_of(tmp_path, text).state.computes["ch"].settings
+    assert (slicing.thickness, slicing.origin) == (2.0, -2.0)
+
+
+@pytest.mark.parametrize("shift", [(0.0, 0.0, 0.0), (6.0, 0.0, 0.0), (-18.0, 10.0, 6.0), (300.0, 5.0, -60.0)])
+def test_beads_that_have_crossed_the_box_are_folded_back(tmp_path, shift):
+    """The lower corner of the box is not the origin."""
+    request = request_of(tmp_path, PLAIN)
+    x = request.state.atoms.positions[:, 0]
+    assert np.any(x < 0) and np.all((x >= -2) & (x < 4))
+    np.testing.assert_array_equal(context_of(request, shift=shift).bead_compute("ch", None), np.floor(x + 2) + 1)
+
+
+@pytest.mark.parametrize(
+    ("options", "low", "high"),
+    [("", 0, 0), (" discard no", 1, 3), (" discard yes", 0, 0), (" discard mixed", 0, 0)],
+)
+def test_beads_beyond_the_bounds(tmp_path, options, low, high):
+    request = request_of(tmp_path, PLAIN.replace("x lower 1.0", "x lower 1.0 bound x 0 3" + options))
+    x, number = request.state.atoms.positions[:, 0], context_of(request).bead_compute("ch", None)
+    assert set(number[x < 0]) == {low} and set(number[x >= 3]) == {high}
+    np.testing.assert_array_equal(number[(x >= 0) & (x < 3)], np.floor(x[(x >= 0) & (x < 3)]) + 1)
+
+
+def test_a_box_that_has_grown_gets_more_slices(tmp_path):
+    request = request_of(tmp_path, PLAIN)
+    box = np.diag([7.5, 5.0, 6.0])
+    context = context_of(request, box=box)
+    assert request.state.computes["ch"].settings.slices(context.box).count == 8
+
+
+# -- averages ----------------------------------------------------------------------------------------------------------------------
+def test_profile_of_hand_made_samples(tmp_path):
+    """norm all: mean over beads and samples together; norm sample: mean of the means; density by volume."""
+    text = PLAIN + (
+        "compute p all property/atom id vx\n"
+        "fix a two ave/chunk 1 2 2 ch c_p[1] density/number density/mass temp vx file a.out\n"
+        "fix s two ave/chunk 1 2 2 ch c_p[1] density/number norm sample file s.out\n"
+        "fix n two ave/chunk 1 2 2 ch c_p[1] norm none file n.out\n"
+    )
+    request = request_of(tmp_path, text)
+    atoms = request.state.atoms
+    shifts = {1: (0.0, 0.0, 0.0), 2: (1.25, 0.0, 0.0)}
+    for step, shift in shifts.items():
+        for average in request.averages:
+            assert average.next_due == step
+            average.take(context_of(request, step, shift))
+    ids, v = atoms.ids[30:].astype(float), atoms.velocities[30:]
+    numbers = [np.floor((atoms.positions[30:, 0] + shift[0] + 2) % 6).astype(int) for shift in shifts.values()]
+    counts = np.array([np.bincount(k, minlength=6) for k in numbers])
+    assert (counts.sum(axis=0) > 0).all()
+    sums = np.array([np.bincount(k, ids, minlength=6) for k in numbers])
+    squares = np.sum([np.bincount(k, 2.5 * np.sum(v**2, axis=1), minlength=6) for k in numbers], axis=0)
+    (head, rows), *others = blocks_of(tmp_path / "a.out")
+    assert head == [2, 6, 20] and not others
+    expected = [
+        np.arange(1, 7),
+        np.arange(-1.5, 4.0),
+        counts.mean(axis=0),
+        sums.sum(axis=0) / counts.sum(axis=0),
+        counts.mean(axis=0) / 30,
+        2.5 * counts.mean(axis=0) / 30,
+        squares / (3 * counts.sum(axis=0)),
+        np.sum([np.bincount(k, v[:, 0], minlength=6) for k in numbers], axis=0) / counts.sum(axis=0),
+    ]
+    np.testing.assert_allclose(rows, np.transpose(expected), rtol=1e-5)
+    means = np.divide(sums, counts, out=np.zeros((2, 6)), where=counts > 0).mean(axis=0)
+    np.testing.assert_allclose(blocks_of(tmp_path / "s.out")[0][1][:, 3:], np.transpose([means, counts.mean(axis=0) / 30]), rtol=1e-5)
+    np.testing.assert_allclose(blocks_of(tmp_path / "n.out")[0][1][:, 3], sums.mean(axis=0), rtol=1e-5)
+
+
+@pytest.mark.parametrize(("mode", "expected"), [("one", [1, 2, 3, 4]), ("running", [1, 1.5, 2, 2.5]), ("window 2", [1, 1.5, 2.5, 3.5])])
+def test_how_windows_combine(tmp_path, mode, expected):
+    request = request_of(tmp_path, PLAIN + f"variable a equal step/10\nfix t all ave/time 10 1 10 v_a ave {mode} start 10 file t.out\n")
+    (average,) = request.averages
+    found = []
+    for step in (10, 20, 30, 40):
+        average.take(context_of(request, step))
+        found.append(average.value(None))
+    assert found == pytest.approx(expected)
+    lines = (tmp_path / "t.out").read_text().splitlines()
+    assert lines[:2] == ["# Time-averaged data for fix t", "# TimeStep v_a"]
+    assert [line.split() for line in lines[2:]] == [[str(10 * k), f"{value:g}"] for k, value in enumerate(expected, start=1)]
+
+
+def test_vectors_side_by_side(tmp_path):
+    text = PLAIN + "compute p all momentum\ncompute q two momentum\nfix t all ave/time 1 2 2 c_p c_q mode vector file t.out\n"
+    request = request_of(tmp_path, text)
+    (average,) = request.averages
+    for step in (1, 2):
+        average.take(context_of(request, step))
+    assert (tmp_path / "t.out").read_text().splitlines()[1:4] == ["# TimeStep Number-of-rows", "# Row c_p c_q", "2 3"]
+    momenta = [context_of(request).compute_vector(name) for name in "pq"]
+    rows = np.loadtxt(tmp_path / "t.out", skiprows=4)
+    np.testing.assert_allclose(rows, np.column_stack([[1, 2, 3], *momenta]), rtol=1e-5, atol=1e-5)
+
+
+def test_other_averages_in_formulas_and_thermo_output(tmp_path):
+    text = PLAIN + (
+        "variable a equal step\nfix s all ave/time 1 1 1 v_a v_a\nvariable twice equal 2*f_s[1]\nfix t all ave/time 1 2 2 v_twice\n"
+        "thermo_style custom step f_t f_s[2] v_twice\n"
+    )
+    request = request_of(tmp_path, text)
+    assert request.thermo.values(context_of(request).sample)["f_t"] == 0  # before the first window is complete
+    for step in (0, 1, 2):
+        for average in request.averages:
+            if average.next_due == step:
+                average.take(context_of(request, step))
+    assert request.thermo.values(context_of(request, 2).sample) == {"step": 2, "f_t": 3, "f_s[2]": 2, "v_twice": 4}
+
+
+def test_a_sample_needs_no_more_than_is_averaged(tmp_path):
+    text = HEAT + (
+        "compute h all edpd/temp/atom\ncompute t two temp\nfix a all ave/chunk 1 1 1 ch c_h\nfix b all ave/chunk 1 1 1 ch temp\n"
+        "fix c all ave/time 1 1 1 c_t\nvariable e equal pe\nfix d all ave/time 1 1 1 v_e\n"
+    )
+    request = request_of(tmp_path, text)
+    needs = [set(average.needs(request.state)) for average in request.averages]
+    assert needs == [{"positions", "fields"}, {"positions", "velocities"}, {"velocities"}, {"pair_energy", "bond_energy"}]
+
+
+# -- in a run -----------------------------------------------------------------------------------------------------------------------
+def test_a_run_takes_every_sample_and_reports_profiles(tmp_path):
+    text = HEAT + (
+        "set type 2 edpd/temp 1.1\ncompute h all edpd/temp/atom\nvariable s equal step\n"
+        "fix p all ave/chunk 2 3 10 ch c_h vx density/number file p.out\nfix t all ave/time 2 3 10 v_s file t.out\n"
+        "thermo 7\nthermo_style custom step f_t\nrun 20\nrun 13\n"
+    )
+    report = run_deck(write(tmp_path, text), QUICK, out=tmp_path)
+    json.dumps(report)
+    assert [head[0] for head, _ in blocks_of(tmp_path / "p.out")] == [10, 20, 30]
+    np.testing.assert_allclose(np.loadtxt(tmp_path / "t.out"), [[10, 8], [20, 18], [30, 28]])
+    assert report["runs"][1]["thermo"]["f_t"]["last"] == 28
+    profile = report["profiles"]["p"]
+    assert profile == report["runs"][1]["profiles"]["p"] and list(profile) == ["coord", "ncount", "c_h", "vx", "density/number"]
+    np.testing.assert_allclose(np.transpose(list(profile.values())), blocks_of(tmp_path / "p.out")[2][1][:, 1:], rtol=1e-5)
+    assert sum(profile["ncount"]) == pytest.approx(50)
+    # the mean temperature (20 of 50 beads at 1.1) is conserved up to what friction makes of motion
+    mean = np.average(profile["c_h"], weights=profile["ncount"])
+    assert mean == pytest.approx(1.04, abs=1e-3) and np.ptp(profile["c_h"]) > 1e-3
+
+
+def test_concentrations_of_a_run_add_up(tmp_path):
+    text = SPECIES + (
+        "compute c1 all tdpd/cc/atom 1\ncompute c2 all tdpd/cc/atom 2\ncompute s1 all reduce sum c_c1\ncompute s2 all reduce sum c_c2\n"
+        "thermo_style custom step c_s1 c_s2\nthermo_modify norm no\ndump d all custom 5 d.out id c_c1 c_c2\nrun 5\n"
+    )
+    thermo = run_deck(write(tmp_path, text), QUICK, out=tmp_path)["thermo"]
+    assert thermo["c_s1"]["last"] == pytest.approx(60) and thermo["c_s2"]["last"] == pytest.approx(-20)
+    frames = (tmp_path / "d.out").read_text().split("ITEM: ATOMS id c_c1 c_c2\n")[1:]
+    first, last = (np.array([line.split() for line in frame.splitlines()[:50]], dtype=float) for frame in frames)
+    np.testing.assert_array_equal(np.unique(first[:, 1:], axis=0), [[0, -1], [2, 0]])
+    assert np.ptp(last[:30, 1]) > 1e-3 and last[:, 1].sum() == pytest.approx(60, rel=1e-4)
+
+
+def test_dumps_show_the_temperatures_of_the_running_scene(tmp_path):
+    text = ENERGY + "compute u all dpd\ndump d all custom 20 d.out dpdTheta uCond uMech\nthermo_style custom c_u[2] c_u[4]\nrun 20\n"
+    thermo = run_deck(write(tmp_path, text), QUICK, out=tmp_path)["thermo"]
+    frames = (tmp_path / "d.out").read_text().split("ITEM: ATOMS dpdTheta uCond uMech\n")[1:]
+    first, last = (np.array([line.split() for line in frame.splitlines()[:50]], dtype=float) for frame in frames)
+    np.testing.assert_allclose(first, np.repeat([[300, 0, 0.15], [400, 0, 0.2]], (30, 20), axis=0), rtol=1e-5)
+    assert np.any(last[:, 0] != first[:, 0]) and np.any(last[:, 1] != 0)
+    np.testing.assert_allclose(last[:, 0], last[:, 1:].sum(axis=1) / 0.0005, rtol=1e-4)
+    assert thermo["c_u[2]"]["last"] == pytest.approx(last[:, 2].sum(), rel=1e-5)
+    assert thermo["c_u[4]"]["last"] == pytest.approx(50 / np.sum(1 / last[:, 0]), rel=1e-5)
+
+
+def test_nothing_is_written_when_a_deck_is_only_read(tmp_path):
+    request_of(tmp_path, PLAIN + "fix t all ave/time 1 1 1 c_thermo_temp file t.out\nrun 1\n")
+    assert not (tmp_path / "t.out").exists()
+
+
+# -- what is refused ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("compute x all chunk/atom bin/2d x lower 1 y lower 1\n", "only style bin/1d is supported"),
+        ("compute x all chunk/atom bin/1d x lower 0\n", "the thickness of the slices must be > 0"),
+        ("compute x all chunk/atom bin/1d x middle 1\n", "the origin of the slices"),
+        ("compute x all chunk/atom bin/1d x lower 1 bound y 0 1\n", "bound y, but the slices are along x"),
+        ("compute x all chunk/atom bin/1d x lower 1 bound x 3 1\n", "the lower bound 3 is not below the upper one, 1"),
+        ("compute x all chunk/atom bin/1d x lower 1e-9\n", "a thickness of 1e-09 gives 6e\\+09 slices"),
+        ("compute x all chunk/atom bin/1d x lower 1 region r\n", "there is no region 'r'"),
+        ("compute x all dpd/atom\n", "compute dpd/atom needs atom_style dpd, but the deck has atom_style atomic"),
+        ("compute x all edpd/temp/atom\n", "compute edpd/temp/atom needs atom_style edpd"),
+        ("compute x all tdpd/cc/atom 1\n", "compute tdpd/cc/atom needs atom_style tdpd"),
+        ("compute x all reduce sum c_y\n", "there is no compute 'y'"),
+        ("compute x all reduce sum c_ch[1]\n", "compute ch .style chunk/atom. has one value per bead; use c_ch"),
+        ("compute p all property/atom x y\ncompute x all reduce sum c_p\n", "has 2 values per bead; use c_p.1. and so on"),
+        ("compute x all reduce sum c_ch\nthermo_style custom c_ch\n", "compute style chunk/atom has no value"),
+        ("fix f all ave/chunk 1 1 1 zz vx\n", "'zz' is not the id of a compute chunk/atom; defined are ch"),
+        ("fix f all ave/chunk 1 1 1 ch fx\n", "expected vx, vy, vz, mass, density/number, density/mass, temp"),
+        ("fix f all ave/chunk 1 1 1 ch vx fy\n", "'fy' is neither a value nor an option"),
+        ("fix f all ave/chunk 10 10 50 ch vx\n", "Nfreq must be a multiple of Nevery, at least Nrepeat.Nevery"),
+        ("fix f all ave/chunk 3 1 10 ch vx\n", "Nfreq must be a multiple of Nevery"),
+        ("fix f all ave/chunk 1 1 1 ch vx ave window\n", "needs 2 values"),
+        ("fix f all ave/time 1 1 1 v_no\n", "there is no variable 'no'"),
+        ("fix f all ave/time 1 1 1 c_thermo_temp off 3\n", "'off' is neither a value nor an option"),
+        ("fix f all ave/time 1 1 1 c_thermo_temp\nreset_timestep 10\n", "reset_timestep is not possible while fix f counts steps"),
+        ("fix f all ave/time 1 1 1 c_thermo_temp\nthermo_style custom f_f[1]\n", "f_f: the fix averages 1 value; use f_f"),
+        ("fix f all ave/chunk 1 1 1 ch vx\nthermo_style custom f_f\n", "a fix ave/chunk has no single values"),
+    ],
+)
+def test_errors(tmp_path, text, message):
+    with pytest.raises(DeckError, match=r"in.deck:\d+: .*" + message):
+        read_deck(write(tmp_path, PLAIN + text), stop_before_first_run=True, output=tmp_path)
+
+
+def test_a_species_that_is_not_there(tmp_path):
+    with pytest.raises(DeckError, match="there is no species 3; atom_style tdpd has 2"):
+        read_deck(write(tmp_path, SPECIES + "compute x all tdpd/cc/atom 3\n"), stop_before_first_run=True)
+
+
+# -- LAMMPS ------------------------------------------------------------------------------------------------------------------------
+PEER = """compute k all ke/atom
+compute p all property/atom vx type zu iy
+compute r1 all reduce sum c_k
+compute r2 two reduce max c_p[1] vx x
+compute r3 all reduce ave c_p[3]
+compute t two temp
+variable a equal step+c_t
+fix q two ave/chunk 2 3 10 ch vx density/number density/mass temp c_k c_p[2] mass vz norm {norm} ave {ave} file p.out
+fix s all ave/time 2 3 10 c_r1 c_r2[2] c_r3 c_t v_a ave {ave} file t.out
+fix u all ave/time 2 2 10 c_r2 mode vector ave {ave} file v.out
+thermo_style custom step c_r1 c_r2[1] c_r2[3] c_r3 f_s[4] f_s[1] f_u[2]
+run 30
+run 20
+"""
+
+
+@pytest.mark.parametrize(
+    ("bins", "norm", "ave"),
+    [
+        ("x lower 1.0", "all", "one"),
+        ("y center 0.7", "sample", "running"),
+        ("z 0.3 1.1", "none", "window 2"),
+        ("x lower 1.0 bound x -1.5 2.2 discard yes", "all", "window 3"),
+        ("z upper 0.13 units reduced", "sample", "one"),
+    ],
+)
+def test_files_equal_lammps(tmp_path, bins, norm, ave):
+    """Beads fly freely through the box for 50 steps: the same files, number by number."""
+    reason = lammps_steps.why_missing([("compute", "chunk/atom"), ("fix", "ave/chunk"), ("fix", "ave/time")])
+    if reason:
+        pytest.skip(reason)
+    (tmp_path / "ours").mkdir()
+    start = PLAIN.replace("x lower 1.0", bins).replace("0.01", "0.05").split("compute ch")[0]
+    read_deck(write(tmp_path, start + "write_data data.start nocoeff\n"), stop_before_first_run=True, output=tmp_path)
+    # LAMMPS folds beads back into the box when it makes its lists
+    text = (
+        "atom_style atomic\nread_data data.start\nneighbor 0.5 bin\nneigh_modify every 1 delay 0 check no\ngroup two type 2\n"
+        f"pair_style zero 1.0 nocoeff\npair_coeff * *\nfix move all nve\ntimestep 0.05\ncompute ch all chunk/atom bin/1d {bins}\n"
+        + PEER.format(norm=norm, ave=ave)
+    )
+    run_deck(write(tmp_path, text), QUICK, out=tmp_path / "ours")
+    program = (
+        "import ctypes, sys, pathlib\n"
+        "mpi = pathlib.Path(sys.prefix) / 'lib' / 'libmpi.so.12'\n"
+        "if mpi.exists(): ctypes.CDLL(str(mpi), ctypes.RTLD_GLOBAL)\n"
+        "import lammps\n"
+        "lammps.lammps(cmdargs=['-log', 'none', '-screen', 'none', '-nocite']).file('in.deck')\n"
+    )
+    subprocess.run([sys.executable, "-c", program], cwd=tmp_path, check=True, env=os.environ | {"OMP_NUM_THREADS": "1"})
+    for name in ("p.out", "t.out", "v.out"):
+        mine, theirs = ((folder / name).read_text().splitlines() for folder in (tmp_path / "ours", tmp_path))
+        assert [line for line in mine if line[0] == "#"] == [line for line in theirs if line[0] == "#"]
+        numbers = [[float(word) for line in lines if line[0] != "#" for word in line.split()] for lines in (mine, theirs)]
+        assert len(numbers[1]) > 10
+        np.testing.assert_allclose(*numbers, rtol=2e-5, atol=2e-5)
