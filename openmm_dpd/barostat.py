@@ -23,7 +23,7 @@ from openmm import unit
 
 from .build import Built
 from .errors import ParameterError, PlanError
-from .fields import raw_fields
+from .fields import per_dof, raw_fields
 from .kernels.compiled import compiled
 from .kernels.eos import EOSTable, entropy_change, in_range
 from .kernels.fields import ENERGY
@@ -217,7 +217,7 @@ class EnthalpyBarostat:
         if not np.log(uniform(key, 3)) < gained + (len(x) + 1) * np.log(factor):
             return False
         integrator = context.getIntegrator()
-        values = np.array(integrator.getPerDofVariableByName(f"{FIELD}0"), dtype=np.float64)
+        values = per_dof(integrator, f"{FIELD}0")
         values[:, 1] += share
         integrator.setPerDofVariableByName(f"{FIELD}0", values)
         return True

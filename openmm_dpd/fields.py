@@ -6,6 +6,7 @@ states hold them.
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,10 +35,17 @@ def field_variables(values: np.ndarray) -> dict[str, np.ndarray]:
     return {f"{FIELD}{k}": padded[:, 3 * k : 3 * k + 3] for k in range(blocks)}
 
 
+def per_dof(integrator: openmm.CustomIntegrator, name: str) -> np.ndarray:
+    """(N, 3) values of a per-DOF variable."""
+    values = integrator.getPerDofVariableByName(name)
+    # 80 times faster than np.array(values)
+    return np.fromiter(chain.from_iterable(values), np.float64, 3 * len(values)).reshape(-1, 3)
+
+
 def raw_fields(context: openmm.Context, spec: FieldSpec) -> np.ndarray:
     """(N, K) values of the fields in a Context."""
     integrator = context.getIntegrator()
-    blocks = [np.array(integrator.getPerDofVariableByName(f"{FIELD}{k}"), dtype=np.float64) for k in range(spec.n_blocks)]
+    blocks = [per_dof(integrator, f"{FIELD}{k}") for k in range(spec.n_blocks)]
     values = np.concatenate(blocks, axis=1)
     if spec.kind == ENERGY:
         # the third component is what rounding lost of the sum
@@ -144,4 +152,4 @@ def _per_bead(value, shape: tuple[int, ...], name: str) -> np.ndarray:
     return np.broadcast_to(array, shape)
 
 
-__all__ = ["field_variables", "raw_fields", "read_fields", "write_fields"]
+__all__ = ["field_variables", "per_dof", "raw_fields", "read_fields", "write_fields"]

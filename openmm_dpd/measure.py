@@ -18,7 +18,7 @@ from openmm import unit
 
 from .build import Built
 from .errors import ParameterError, RunError
-from .fields import raw_fields
+from .fields import per_dof, raw_fields
 from .forces.expressions import VIRIAL_SWITCH
 from .kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
 from .kernels.fields import ENERGY, TEMPERATURE
@@ -217,10 +217,10 @@ class Observer:
         if options.scheme != "mvv" or not options.thermostat:
             return v, v
         # the friction in the force saw half-step or predicted velocities; LAMMPS's pressure counts it so (no history yet: acc is 0)
-        acc = np.array(integrator.getPerDofVariableByName("acc"), dtype=np.float64)
+        acc = per_dof(integrator, "acc")
         if options.lam == 0.5:
             return v - 0.5 * dt * acc, v
-        predicted = np.array(integrator.getPerDofVariableByName("vp"), dtype=np.float64)
+        predicted = per_dof(integrator, "vp")
         return np.where(np.any(acc != 0) & mobile[:, None], predicted, v), v
 
     def _pair_parts(self, context, x, v, box, values) -> list[Part]:

@@ -11,6 +11,7 @@ import numpy as np
 from ..kernels.engine import set_threads
 from ..measure import force_terms
 from ..model.internal import BeadTemperatures, InternalEnergy
+from ..model.scene import Scene
 from ..pictures import thermo_picture
 from .deck import read_deck
 from .request import RunRequest
@@ -90,6 +91,17 @@ def _first_request(path: str | Path, options: RunOptions, variables: Mapping[str
     assert request is not None
     dt = None if options.dt is None else options.dt * state.units.time
     return request.override(steps=options.steps, dt=dt, scheme=options.scheme, compat=options.compat)
+
+
+def deck_scene(path: str | Path, *, variables: Mapping[str, str] | None = None) -> Scene:
+    """The scene of a deck's first run, to build it in Python instead of running the deck.
+
+    Raises
+    ------
+    DeckError
+        For anything in the deck that is unknown, unsupported or wrong, with file and line.
+    """
+    return _first_request(path, RunOptions(), variables).scene()
 
 
 def deck_forces(
