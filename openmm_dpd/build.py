@@ -55,8 +55,13 @@ class Built:
     def simulation(self, platform: openmm.Platform | str | None = None, properties: dict[str, str] | None = None) -> app.Simulation:
         """A Simulation with positions and velocities set, on the plan's platform by default."""
         name = platform if platform is not None else self.plan.platform
-        chosen = openmm.Platform.getPlatformByName(name) if isinstance(name, str) else name
-        simulation = app.Simulation(self.topology, self.system, self.integrator, chosen, properties)
+        try:
+            chosen = openmm.Platform.getPlatformByName(name) if isinstance(name, str) else name
+            simulation = app.Simulation(self.topology, self.system, self.integrator, chosen, properties)
+        except openmm.OpenMMException as error:
+            if "already bound" in str(error):
+                raise PlanError("this scene has a Simulation already; build it again for another one") from None
+            raise ParameterError(f"no Simulation on platform {name!r} with properties {properties!r}: {error}") from None
         simulation.context.setPositions(self.positions)
         simulation.context.setVelocities(self.velocities)
         return simulation
@@ -119,6 +124,8 @@ def build(
     >>> simulation = built.simulation()
     >>> simulation.step(10)
     """
+    if isinstance(platform, openmm.Platform):
+        platform = platform.getName()
     platform = platform or fastest_platform()
     known = [openmm.Platform.getPlatform(k).getName() for k in range(openmm.Platform.getNumPlatforms())]
     if platform not in known:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import reprlib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -61,12 +62,13 @@ def thermo_picture(
     Raises
     ------
     ParameterError
-        If there is nothing to draw, the columns differ in length, or x goes back although there are several runs.
+        If there is nothing to draw, a column holds anything but numbers, the columns differ in length, or x goes back although there are
+        several runs.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    data = {word: np.asarray(values, dtype=np.float64) for word, values in columns.items()}
+    data = {word: _numbers(values, f"the column {word!r}") for word, values in columns.items()}
     _check(data, x)
     panels = _panels(data)
     level = _level(target, len(data[x]))
@@ -92,6 +94,13 @@ def thermo_picture(
     figure.savefig(path, format="png")
 
 
+def _numbers(values: Any, name: str) -> np.ndarray:
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ParameterError(f"{name} must be numbers, not {reprlib.repr(values)}") from None
+
+
 def _check(data: Mapping[str, np.ndarray], x: str) -> None:
     if x not in data:
         raise ParameterError(f"there is no column {x!r} to draw against; there are {', '.join(data) or 'none'}")
@@ -115,7 +124,7 @@ def _level(target: float | Sequence[float] | np.ndarray | None, rows: int) -> np
     """Target temperature of each row."""
     if target is None:
         return None
-    level = np.asarray(target, dtype=np.float64)
+    level = _numbers(target, "target")
     if level.shape not in ((), (rows,)):
         raise ParameterError(f"target has the shape {level.shape}; it must be one number or one for each of the {rows} rows")
     return np.broadcast_to(level, (rows,))

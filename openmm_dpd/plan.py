@@ -223,12 +223,16 @@ def make_plan(
     ParameterError, PlanError
         If a choice is out of bounds or cannot be combined with the scene.
     """
+    if not isinstance(scene, Scene):
+        raise ParameterError(f"expected a Scene, not {scene!r}")
     step = _checked_step(dt)
-    if scheme not in SCHEMES:
+    if not isinstance(scheme, str) or scheme not in SCHEMES:
         raise ParameterError(f"unknown scheme {scheme!r}; it must be one of {', '.join(SCHEMES)}")
     lam = to_md(lam, "dimensionless", "lam")
     if not isinstance(lam, float) or not 0.0 <= lam <= 1.0:
         raise ParameterError(f"lam (lambda of the modified velocity Verlet scheme) must be between 0 and 1, but is {lam!r}")
+    if lam != 0.5 and scheme != "mvv":
+        raise ParameterError(f"lam is the weight of the prediction of the scheme 'mvv'; the scheme {scheme!r} has none")
     if conservative not in ("auto", "openmm", "kernel"):
         raise ParameterError(f"conservative must be 'auto', 'openmm' or 'kernel', not {conservative!r}")
     kinds, layers, partners = _split_tables(scene)
@@ -359,7 +363,7 @@ def checked_seed(seed: int | None) -> int:
     """The seed to use; None draws one from the operating system."""
     if seed is None:
         return secrets.randbelow(2**31 - 1) + 1
-    if not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**31:
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**31:
         raise ParameterError(f"seed must be an integer with 0 <= seed < 2^31, not {seed!r}")
     return int(seed)
 

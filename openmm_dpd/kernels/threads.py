@@ -7,6 +7,8 @@ import threading
 
 import numba
 
+from ..errors import ParameterError
+
 # Threads of GNU OpenMP that spin while they wait stall each other, and OpenMM's own, wherever there are fewer free cores than threads
 # (a step can take ten times as long); the variable is read when the library is loaded, at the first parallel call, and a user's own
 # choice is kept.
@@ -20,8 +22,10 @@ _thread_count: int | None = None
 
 
 def set_threads(threads: int | None) -> None:
-    """Number of threads the pair kernel uses (None: all cores this process may run on)."""
+    """Number of threads the pair kernel uses (None: all cores this process may run on; never more than numba was started with)."""
     global _thread_count
+    if threads is not None and (isinstance(threads, bool) or not isinstance(threads, int) or threads < 1):
+        raise ParameterError(f"the number of threads must be an integer >= 1, or None for all cores, not {threads!r}")
     _thread_count = None if threads is None else max(1, min(int(threads), _MOST_THREADS))
 
 

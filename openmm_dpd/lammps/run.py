@@ -325,7 +325,7 @@ def build_request(request: RunRequest, scene: Scene, options: RunOptions) -> Bui
             scene,
             dt=request.dt,
             scheme=request.scheme,
-            lam=request.lambda_,
+            lam=request.lambda_ if request.scheme == "mvv" else 0.5,
             conservative=options.conservative,
             platform=options.platform,
             seed=options.seed if options.seed is not None else request.seed,

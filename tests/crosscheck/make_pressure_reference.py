@@ -30,7 +30,9 @@ def rows_of(deck: str, steps: int) -> dict[str, np.ndarray]:
         arguments = [lmp, "-in", DECKS / deck, "-log", "none", "-var", "nequil", "20000", "-var", "nrun", str(steps)]
         text = subprocess.run(arguments, cwd=folder, env=environment, capture_output=True, text=True, check=True).stdout
     last = text[text.rindex("   Step ") :].splitlines()
-    table = np.array([line.split() for line in last[1:] if re.match(r"^\s*\d+\s", line) and len(line.split()) == len(last[0].split())], float)
+    table = np.array(
+        [line.split() for line in last[1:] if re.match(r"^\s*\d+\s", line) and len(line.split()) == len(last[0].split())], float
+    )
     return dict(zip(last[0].split(), table.T, strict=True))
 
 

@@ -261,3 +261,19 @@ def test_observer_says_when_a_run_has_blown_up():
     simulation.context.setVelocities(v)
     with pytest.raises(dpd.RunError, match="not finite"):
         dpd.Observer(built).sample(simulation.context)
+
+
+@pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba"])
+def test_energy_after_a_failed_step(scheme):
+    """A step that dies half way leaves a Context whose energy is that of its positions, not of a phase in between."""
+    simulation = run_of(beads(), DEVICES[1], dt=0.02, scheme=scheme, conservative="kernel")
+    simulation.step(3)
+    simulation.context.setParameter("dpd_kT", -1.0)
+    with pytest.raises(Exception, match="must be >= 0"):
+        simulation.step(1)
+    simulation.context.setParameter("dpd_kT", 1.0)
+    state = simulation.context.getState(energy=True, positions=True)
+    fresh = run_of(beads(positions=state.getPositions(asNumpy=True)._value), DEVICES[1], dt=0.02, scheme=scheme, conservative="kernel")
+    expected = fresh.context.getState(energy=True).getPotentialEnergy()._value
+    assert state.getPotentialEnergy()._value == pytest.approx(expected, rel=1e-12)
+    simulation.step(3)

@@ -105,6 +105,8 @@ def test_sliding_mean():
         ({"time": [0.0, 1.0], "temp": [1.0]}, {}, r"'temp' has the shape \(1,\)"),
         ({"time": [0.0, 2.0, 1.0], "temp": [1.0, 1.0, 1.0]}, {"runs": [1.0]}, r"goes back \(from 2 to 1 in row 2\)"),
         ({"time": [0.0, 1.0], "temp": [1.0, 1.0]}, {"target": [1.0, 1.0, 1.0]}, r"target has the shape \(3,\)"),
+        ({"time": [1, 2], "temp": ["a", "b"]}, {}, "the column 'temp' must be numbers.*'a'"),
+        ({"time": [1, 2], "temp": [1, 2]}, {"target": "warm"}, "target must be numbers.*'warm'"),
     ],
 )
 def test_what_cannot_be_drawn(tmp_path, columns, options, message):

@@ -235,6 +235,7 @@ def test_units_of_masses(tmp_path):
         ({"bonds": [(0, 2)]}, r"bond 0 is \[0, 2\]"),
         ({"bonds": [(0, 1), (1, 1)]}, r"bond 1 is \[1, 1\]"),
         ({"bonds": [0, 1]}, "pairs of bead indices"),
+        ({"bonds": [(0, 1), (1,)]}, "differ in length"),
         ({"molecules": [1, -1]}, "bead 1 has the molecule number -1"),
         ({"molecules": [0.5, 1.0]}, "one integer"),
     ],
