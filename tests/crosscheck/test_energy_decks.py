@@ -55,6 +55,7 @@ REPLICATES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("deck", REPLICATES)
 def test_the_way_to_equilibrium(deck, tmp_path):
     """Means over replicates at a step on the way, where everything still moves; |t| < 6 (p of about 1e-4 at 6 to 16 degrees of freedom)."""
