@@ -102,7 +102,9 @@ def add_barostat(
     _check(built, interval, axes)
     plan = built.plan
     if plan.spec.fields is not None:
-        raise PlanError("the beads carry internal energies, temperatures or concentrations; use EnthalpyBarostat for energy-conserving DPD")
+        if plan.spec.fields.kind == ENERGY:
+            raise PlanError("the beads carry internal energies: use EnthalpyBarostat")
+        raise PlanError("there is no barostat for beads with temperatures or concentrations (EDPD, TDPD)")
     if plan.options.ramp is not None:
         raise PlanError("OpenMM's barostats have one temperature; a temperature ramp cannot be combined with them")
     bar, kelvin = md_pressure(pressure) * BAR_PER_MD_PRESSURE, plan.options.kT / BOLTZMANN
@@ -118,7 +120,9 @@ def add_barostat(
 
 
 class EnthalpyBarostat:
-    """Constant pressure and enthalpy for energy-conserving DPD: append it to ``simulation.reporters``.
+    """Constant pressure and enthalpy for energy-conserving DPD: append it to ``simulation.reporters``, after all others.
+
+    (OpenMM hands all reporters of a step one State taken before, so frames written after a move would mix two volumes.)
 
     Every ``interval`` steps it tries to change the volume (see the module's text for the move and why it is right); the beads' internal
     energies
@@ -181,7 +185,8 @@ class EnthalpyBarostat:
         number = context.getParameter(VOLUME_MOVES)
         key = call_key(int(context.getParameter(SEED)), int(number), _NOISE_LAYER)
         context.setParameter(VOLUME_MOVES, number + 1)
-        state = context.getState(positions=True, energy=True, groups=self._groups)
+        late = self.built.plan.options.scheme == "middle"
+        state = context.getState(positions=True, energy=True, velocities=late, forces=late, groups=self._groups)
         box = state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer)
         x = state.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
         factor = np.exp(context.getParameter(VOLUME_STEP) * (2 * uniform(key, 1) - 1))
@@ -208,10 +213,9 @@ class EnthalpyBarostat:
         """Go to the new volume; pay for it if the move is accepted."""
         context.setPeriodicBoxVectors(*box)
         context.setPositions(x)
-        energies = [
-            s.getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)
-            for s in (state, context.getState(energy=True, groups=self._groups))
-        ]
+        late = self.built.plan.options.scheme == "middle"
+        new = context.getState(energy=True, forces=late, groups=self._groups)
+        energies = [s.getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole) for s in (state, new)]
         share = -(energies[1] - energies[0] + self.pressure * volume * (factor - 1)) / len(x)
         gained = _entropy_gain(raw_fields(context, self._fields).sum(axis=1), share, self._eos.capacity, self._eos.curve, *self._eos.curves)
         if not np.log(uniform(key, 3)) < gained + (len(x) + 1) * np.log(factor):
@@ -220,6 +224,12 @@ class EnthalpyBarostat:
         values = per_dof(integrator, f"{FIELD}0")
         values[:, 1] += share
         integrator.setPerDofVariableByName(f"{FIELD}0", values)
+        if late:
+            # middle keeps velocities half a kick behind: what stays in a move are those of the same moment as the positions
+            dt = integrator.getStepSize().value_in_unit(unit.picosecond)
+            kick = [s.getForces(asNumpy=True).value_in_unit(unit.kilojoule_per_mole / unit.nanometer) for s in (state, new)]
+            v = state.getVelocities(asNumpy=True).value_in_unit(unit.nanometer / unit.picosecond)
+            context.setVelocities(v + 0.5 * dt * self.built.plan.spec.inv_mass[:, None] * (kick[0] - kick[1]))
         return True
 
     def _adjust(self, context: openmm.Context) -> None:

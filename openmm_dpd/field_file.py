@@ -13,6 +13,7 @@ from .build import Built
 from .errors import ParameterError
 from .fields import read_fields
 from .kernels.manybody import ManyBodyTable
+from .units import whole_number
 
 
 class FieldWriter:
@@ -79,8 +80,7 @@ class FieldReporter:
     """
 
     def __init__(self, file: str | os.PathLike, interval: int, built: Built):
-        if interval < 1:
-            raise ParameterError(f"the interval between reports must be at least 1 step, not {interval}")
+        interval = whole_number(interval, "the interval between reports, in steps,", least=1)
         if not carries_fields(built):
             raise ParameterError("the beads of this scene carry no internal energies, temperatures, concentrations or local densities")
         self._writer, self._interval, self._built = FieldWriter(file), interval, built

@@ -24,7 +24,7 @@ from .kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
 from .kernels.fields import ENERGY, TEMPERATURE
 from .model.mdpd import MDPD
 from .model.scene import TemperatureRamp, thermal_energy
-from .names import COUNTER, KT, SEED, VIRIAL_GROUP
+from .names import COUNTER, KT, SEED, VIRIAL_GROUP, VOLUME_MOVES
 from .plan import Plan
 from .units import BOLTZMANN, to_md, whole_number
 
@@ -370,6 +370,8 @@ def set_temperature(context: openmm.Context, temperature) -> None:
         names = map(integrator.getGlobalVariableName, range(integrator.getNumGlobalVariables()))
         if RAMP_STEP in names:
             raise ParameterError("the temperature of this Context follows a ramp, which would overwrite it at the next step")
+    if VOLUME_MOVES in context.getParameters():
+        raise ParameterError("the beads of this Context have internal temperatures, which follow their energies; see write_fields")
     context.setParameter(KT, kT)
 
 

@@ -8,9 +8,9 @@ neighbours, 1/Theta = (1/T_i + 1/T_j)/2, sigma^2 = 2 gamma Theta, K = C_i C_j k 
     q_cond  = K w_T^p (1/T_i - 1/T_j) + sqrt(2 K) w_T^(p/2) xi_T/sqrt(dt)                         to i, minus it to j    r < cutoff_T
 
 xi_T is a number of its own, clamped to [-5, 5], and belongs to the bead with the lower index.  Viscous heat has the factors of the forces,
-because it is what they do; conduction has none.  With ``lammps`` the heat is that of LAMMPS's code: xi_T is xi, clamped;
-q_visc = {f w^s [gamma (e.v)^2 - sigma^2/m_i] - sqrt(f) sigma w^(s/2) (e.v) xi}/(C_i + C_j) with i the bead of lower index; and nothing of
-either kind flows at r >= min(cutoff, cutoff_T).
+because it is what they do; conduction has none.  With ``lammps`` heat and factors are those of LAMMPS's code: xi_T is xi, clamped;
+q_visc = {w^s [gamma (e.v)^2 - sigma^2/m_i] - sigma w^(s/2) (e.v) xi}/(C_i + C_j) with i the bead of lower index, without a factor; the
+noise of the force has f, not sqrt(f); and no heat of either kind flows at r >= min(cutoff, cutoff_T).
 """
 
 from __future__ import annotations

@@ -34,7 +34,8 @@ class MDPD:
     A : force
         Usually negative: attraction.
     B : force/density
-        kJ/mol/nm * nm^3, the same for all type pairs (Warren's no-go theorem, Phys. Rev. E 87, 045303 (2013)).
+        kJ/mol/nm * nm^3.  With the quadratic kernel it must be the same for all type pairs (Warren's no-go theorem, Phys. Rev. E 87,
+        045303 (2013)); with Lucy's it should be.
     gamma : mass/time
     cutoff, cutoff_B : length
         Ranges of the attraction (and of the friction) and of the repulsion; cutoff >= cutoff_B.

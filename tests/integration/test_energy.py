@@ -351,6 +351,23 @@ def test_three_temperatures_agree_at_equilibrium():
     assert abs(configurational / inner.mean - 1) < 0.03
 
 
+@pytest.mark.parametrize("scheme", ["middle", "shardlow", "mvv"])
+def test_a_volume_move_conserves_enthalpy_with_any_scheme(scheme):
+    """Positions and velocities of one moment, whatever the scheme keeps."""
+    simulation = running(soft_fluid(), DEVICES[1], scheme=scheme, dt=0.01)
+    simulation.step(50)
+    observer, barostat = dpd.Observer(simulation.built), EnthalpyBarostat(simulation.built, 25.0)
+    accepted = 0
+    for _ in range(12):
+        simulation.step(1)
+        before = observer.sample(simulation.context)
+        accepted += barostat.move(simulation.context)
+        after = observer.sample(simulation.context)
+        enthalpy = before.total + 25.0 * before.volume
+        assert abs(after.total + 25.0 * after.volume - enthalpy) < 1e-13 * enthalpy
+    assert accepted
+
+
 @pytest.mark.slow
 def test_volume_moves_conserve_enthalpy_and_hold_the_pressure():
     simulation = running(soft_fluid(), DEVICES[1], scheme="aboba", dt=0.02)
