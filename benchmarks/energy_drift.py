@@ -23,6 +23,7 @@ import numpy as np
 
 import openmm_dpd as dpd
 from openmm_dpd.lammps.main import deck_scene
+from openmm_dpd.stats import block_average, ratio_average
 
 DECK = Path(__file__).parents[1] / "examples" / "decks" / "in.dpde-shardlow"
 SCHEMES = ("mvv", "shardlow", "middle", "aboba")
@@ -36,10 +37,13 @@ def slope(times: np.ndarray, energies: np.ndarray) -> tuple[float, float]:
     return float(fit), float(np.std(pieces, ddof=1) / 8**0.5)
 
 
-def measure(scheme: str, dt: float, length: float, discard: float, seed: int) -> dict:
-    """One run; dt in fs, length and discard in ps."""
+def measure(scheme: str, dt: float, length: float, discard: float, seed: int, kinetic: float | None = None) -> dict:
+    """One run; dt in fs, length and discard in ps, kinetic temperature at the start in K (None: the deck's)."""
     built = dpd.build(deck_scene(DECK), dt=1e-3 * dt, scheme=scheme, platform="CPU", seed=seed)
     simulation, observer = built.simulation(), dpd.Observer(built)
+    if kinetic is not None:
+        now = dpd.measure.kelvin(observer.sample(simulation.context).kT)
+        simulation.context.setVelocities(built.velocities * (kinetic / now) ** 0.5)
     every = max(1, round(0.05 / (1e-3 * dt)))
     rows, stepping = [], 0.0
     try:
@@ -49,10 +53,11 @@ def measure(scheme: str, dt: float, length: float, discard: float, seed: int) ->
             stepping += time.perf_counter() - begun
             s = observer.sample(simulation.context)
             if s.time >= discard:
-                rows.append((s.time, s.total, dpd.measure.kelvin(s.kT), dpd.measure.kelvin(s.theta)))
+                rows.append((s.time, s.total, dpd.measure.kelvin(s.kT), dpd.measure.kelvin(s.theta), s.gradient2, s.laplacian))
     except Exception as error:  # a run that breaks down is a result here
         return {"scheme": scheme, "dt": dt, "error": str(error)}
-    times, energies, kinetic, theta = np.array(rows).T
+    times, energies, motion, theta, gradient2, laplacian = np.array(rows).T
+    averages = {"T": block_average(motion), "theta": block_average(theta), "T_conf": ratio_average(gradient2, laplacian)}
     drift, error = slope(times, energies)
     return {
         "scheme": scheme,
@@ -61,8 +66,12 @@ def measure(scheme: str, dt: float, length: float, discard: float, seed: int) ->
         "drift": drift,
         "drift_error": error,
         "scatter": float(np.std(energies - np.polyval(np.polyfit(times, energies, 1), times)) / energies[0]),
-        "T": float(kinetic.mean()),
-        "theta": float(theta.mean()),
+        "T": averages["T"].mean,
+        "T_error": averages["T"].sem,
+        "theta": averages["theta"].mean,
+        "theta_error": averages["theta"].sem,
+        "T_conf": dpd.measure.kelvin(averages["T_conf"].mean),
+        "T_conf_error": dpd.measure.kelvin(averages["T_conf"].sem),
         "ms_per_step": 1e3 * stepping * 1e-3 * dt / (length + discard),
     }
 
@@ -115,6 +124,7 @@ def main() -> None:
     parser.add_argument("--dts", nargs="+", type=float, default=[10.0, 30.0, 100.0, 200.0, 400.0], help="fs")
     parser.add_argument("--time", type=float, default=400.0, help="ps that are measured")
     parser.add_argument("--discard", type=float, default=10.0, help="ps before")
+    parser.add_argument("--kinetic", type=float, help="kinetic temperature at the start, K (default: the deck's 129)")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--lammps", action="store_true", help="run LAMMPS too")
     parser.add_argument("--out", default="drift.json")
@@ -126,7 +136,7 @@ def main() -> None:
     dpd.set_threads(1)
     results = []
     for dt in options.dts:
-        found = [measure(scheme, dt, options.time, options.discard, options.seed) for scheme in options.schemes]
+        found = [measure(scheme, dt, options.time, options.discard, options.seed, options.kinetic) for scheme in options.schemes]
         if options.lammps:
             found.append(lammps(dt, options.time, options.discard, options.seed))
         for row in filter(None, found):
@@ -134,7 +144,11 @@ def main() -> None:
             if "error" in row:
                 print(f"{row['scheme']:20s} {dt:5g} fs: {row['error']}", flush=True)
             else:
-                print(f"{row['scheme']:20s} {dt:5g} fs: drift {row['drift']:+.2e}({row['drift_error']:.0e})/ps  T {row['T']:.2f} K  theta {row['theta']:.2f} K  {row.get('ms_per_step', 0):.2f} ms", flush=True)  # fmt: skip
+                conf = f"T_conf {row['T_conf']:.2f}({row['T_conf_error']:.2f})  " if "T_conf" in row else ""
+                temperatures = (
+                    f"T {row['T']:.2f}({row.get('T_error', 0):.2f})  theta {row['theta']:.2f}({row.get('theta_error', 0):.2f})  {conf}K"
+                )
+                print(f"{row['scheme']:20s} {dt:5g} fs: drift {row['drift']:+.2e}({row['drift_error']:.0e})/ps  {temperatures}", flush=True)
         Path(options.out).write_text(json.dumps(results, indent=1))
     plot(results, str(Path(options.out).with_suffix(".png")))
 
