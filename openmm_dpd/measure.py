@@ -56,6 +56,7 @@ class Sample:
     internal : sum of the internal energies, u (EnergyDPD) or C T (EDPD); None if the beads have none
     conductive : the conductive part of it (EnergyDPD)
     theta : harmonic mean of the internal temperatures, N/sum(1/theta), as an energy
+    forces : (N, 3) all forces, of frozen beads as well (with friction and noise where they are forces, in ``mvv``)
     """
 
     step: int
@@ -80,6 +81,7 @@ class Sample:
     internal: float | None = None
     conductive: float | None = None
     theta: float | None = None
+    forces: np.ndarray | None = None
 
     @property
     def total(self) -> float:
@@ -152,7 +154,8 @@ class Observer:
         x = state.getPositions(asNumpy=True).value_in_unit(_NM)
         v = state.getVelocities(asNumpy=True).value_in_unit(_V)
         mobile = self._mass > 0
-        force = state.getForces(asNumpy=True).value_in_unit(_KJ / _NM)[mobile]
+        every = state.getForces(asNumpy=True).value_in_unit(_KJ / _NM)
+        force = every[mobile]
         potential = state.getPotentialEnergy().value_in_unit(_KJ)
         if not (np.isfinite(potential) and np.all(np.isfinite(v))):
             raise RunError(f"the energy or a velocity is not finite at step {state.getStepCount()}; the step size may be too large")
@@ -164,10 +167,11 @@ class Observer:
         parts = self._pair_parts(context, x, seen, box, values)
         if plan.spec.fields is not None and plan.spec.fields.kind == TEMPERATURE:
             # outside a step the pair force does not know the temperatures its repulsion depends on
-            potential, force = parts[0].energy + bond, parts[0].force[mobile]
-        shown = force
+            potential, every = parts[0].energy + bond, parts[0].force
+            force = every[mobile]
         if plan.options.scheme == "mvv" and plan.options.thermostat:
-            shown = force + parts[1].force[mobile] + parts[2].force[mobile]
+            every = every + parts[1].force + parts[2].force
+        shown = every[mobile]
         gradient2 = float(np.sum(force**2))
         return Sample(
             step=state.getStepCount(),
@@ -189,6 +193,7 @@ class Observer:
             momentum=np.sum(mass * v[mobile], axis=0),
             target_kT=noise_state(context, plan)[0],
             kinetic_on_step=0.5 * float(np.sum(mass * on_step[mobile] ** 2)),
+            forces=every,
             **self._internal(values, mobile),
         )
 

@@ -68,11 +68,17 @@ class PairList:
         self.cell, self.order, self.xs = np.zeros(m, np.int64), np.zeros(m, np.int64), np.zeros((m, 3))
         self.types, self.inv_mass = np.zeros(m, np.int32), np.zeros(m)
         self.shape: tuple[int, int, int] | None = None
-        self.pi = self.pj = np.zeros(0, np.int32)
+        self.grid: tuple[np.ndarray, np.ndarray, tuple[int, int, int]]
+        self.grid_box: np.ndarray | None = None
+        self.place = np.zeros((0, 0), np.int64)
+        # unsigned (like start and found): numba looks out for negative indices otherwise, in every loop over pairs
+        self.pi = self.pj = np.zeros(0, np.uint32)
         self.geometry, self.factors = np.zeros((0, 4)), np.zeros(0)
 
-    def _grid(self, x: np.ndarray, box: np.ndarray | None):
-        """Lower corner, extent and number of cells; no more cells than twice the beads."""
+    def _grid(self, x: np.ndarray, box: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, tuple[int, int, int]]:
+        """Lower corner, extent and number of cells; no more cells than twice the beads.  That of a box is kept for the next call."""
+        if box is not None and self.grid_box is not None and np.array_equal(box, self.grid_box):
+            return self.grid
         if box is None:
             used = x[self.beads]
             bad = np.flatnonzero(~np.isfinite(used).all(axis=1))
@@ -82,53 +88,63 @@ class PairList:
             widths = np.maximum(used.max(axis=0) - origin, self.cutoff) * (1 + 1e-9)
             extent = np.diag(widths)
         else:
-            origin, extent = np.zeros(3), box
+            origin, extent = np.zeros(3), box.copy()
             widths = 1.0 / np.linalg.norm(np.linalg.inv(box), axis=0)
         ncell = np.maximum((widths / self.cutoff).astype(np.int64), 1)
         while np.prod(ncell, dtype=float) > max(64, 2 * len(self.beads)) and ncell.max() > 3:
             ncell[ncell.argmax()] = max(3, int(ncell.max() * 0.8))
-        return origin, extent, ncell
+        if box is not None and ncell.min() < 3:
+            ncell[:] = 1  # too narrow for cells
+        self.grid_box = None if box is None else extent
+        self.grid = origin, extent, (int(ncell[0]), int(ncell[1]), int(ncell[2]))
+        return self.grid
 
     def _resize(self, shape: tuple[int, int, int]) -> None:
         if shape == self.shape:
             return
         nx, ny, nz = self.shape = shape
-        self.count = np.zeros(nx * ny * nz + 1, np.int64)
+        self.count = np.zeros(nx * ny * nz + 1, np.uint64)
         self.columns, self.block_start, self.colour_start = cells.colours(ny, nz)
-        self.found = np.zeros(ny * nz, np.int64)
+        self.found = np.zeros(ny * nz, np.uint64)
         self.energy, self.virial = np.zeros(ny * nz), np.zeros(ny * nz)
-        self.start = np.zeros(ny * nz + 1, np.int64)
+        self.start = np.zeros(ny * nz + 1, np.uint64)
 
     def _make_room(self) -> None:
         """Give every column a quarter more room than it needed, and never less than it had: columns fluctuate."""
         self.start[1:] = np.cumsum(np.maximum(np.diff(self.start), self.found + self.found // 4 + 48))
         room = int(self.start[-1])
-        self.pi, self.pj = np.empty(room, np.int32), np.empty(room, np.int32)
+        self.pi, self.pj = np.empty(room, np.uint32), np.empty(room, np.uint32)
         self.geometry = np.empty((room, 4))
         self.factors = np.empty(room if len(self.spec.exceptions[0]) else 0)
+
+    def _bin(self, x: np.ndarray, extent: np.ndarray, origin: np.ndarray, periodic: bool, parallel: bool) -> None:
+        """Sort the beads into cells."""
+        chunks = min(get_threads(), 8) if parallel else 1  # counts of all chunks are summed by one thread
+        if self.place.shape != (chunks, len(self.count) - 1):
+            self.place, self.bad = np.zeros((chunks, len(self.count) - 1), np.int64), np.zeros(chunks, np.int64)
+        scratch = (self.cell, self.place, self.bad)
+        out = (self.count, self.order, self.xs, self.types, self.inv_mass)
+        function = cells.bin_beads_parallel if parallel else cells.bin_beads
+        bad = function(x, self.beads, self.spec.types, self.spec.inv_mass, extent, origin, periodic, self.shape, *scratch, *out)
+        if bad >= 0:
+            raise RunError(f"the position of bead {bad} is not finite: {x[bad].tolist()}")
 
     def build(self, x: np.ndarray, box: np.ndarray | None, parallel: bool) -> None:
         """List the pairs at the positions x (N, 3)."""
         periodic = box is not None
-        origin, extent, ncell = self._grid(x, box)
-        small = periodic and ncell.min() < 3
-        if small:
-            ncell[:] = 1
-        self._resize((int(ncell[0]), int(ncell[1]), int(ncell[2])))
-        bad = cells.bin_beads(x, self.beads, extent, origin, periodic, self.shape, self.cell, self.count, self.order, self.xs)
-        if bad >= 0:
-            raise RunError(f"the position of bead {bad} is not finite: {x[bad].tolist()}")
-        np.take(self.spec.types, self.order, out=self.types)
-        np.take(self.spec.inv_mass, self.order, out=self.inv_mass)
+        origin, extent, shape = self._grid(x, box)
+        self._resize(shape)
+        self._bin(x, extent, origin, periodic, parallel)
         pairs = (self.xs, self.order, self.types, self.ntypes, self.cut2, self.cutoff**2, self.spec.exceptions, extent)
+        tasks = min(8 * get_threads(), len(self.found)) if parallel else 1
         while True:
             out = (self.start, self.found, self.pi, self.pj, self.geometry, self.factors)
-            if small:
-                cells.list_pairs_small_box(*pairs, *out)
+            if periodic and shape == (1, 1, 1):
+                enough = cells.list_pairs_small_box(*pairs, *out)
             else:
                 function = cells.list_pairs_parallel if parallel else cells.list_pairs
-                function(*pairs, periodic, self.shape, self.count, self.columns, *out)
-            if np.all(self.found <= np.diff(self.start)):
+                enough = function(*pairs, periodic, self.shape, self.count, tasks, *out)
+            if enough:
                 return
             self._make_room()
 

@@ -176,14 +176,18 @@ class Average(ABC):
     def close_window(self, context: Context) -> None:
         """Average, write, and begin anew."""
 
-    def check_index(self, index: int | None) -> None:
-        """Raise ParameterError unless ``f_name`` (None) or ``f_name[index]`` has a value."""
-        raise ParameterError(f"f_{self.name}: a fix ave/chunk has no single values")
+    @property
+    def size(self) -> int:
+        """Number of values that ``f_name[*]`` stands for."""
+        return 0
 
-    def value(self, index: int | None) -> float:
-        """Value of ``f_name`` or ``f_name[index]``: 0 before the first average is complete, as in LAMMPS."""
-        self.check_index(index)
-        return 0.0
+    @abstractmethod
+    def check_index(self, *indices: int) -> None:
+        """Raise ParameterError unless ``f_name`` (no index), ``f_name[index]`` or ``f_name[row][column]`` has a value."""
+
+    @abstractmethod
+    def value(self, *indices: int) -> float:
+        """Value of ``f_name``, ``f_name[index]`` or ``f_name[row][column]``: 0 before the first average is complete, as in LAMMPS."""
 
 
 # -- arguments ------------------------------------------------------------------------------------------------------------------
@@ -202,7 +206,8 @@ def split_values(
         at = rest.index("ave") if "ave" in rest else len(rest)
         # ave has one word after it, or two
         size = 2 if rest[at + 1 : at + 2] == ["window"] else 1
-        found = dict(read.options(rest, {**sizes, "ave": size}, f"fix {style}"))
+        for keyword, values in read.options(rest, {**sizes, "ave": size}, f"fix {style}"):
+            found[keyword] = found.get("off", []) + values if keyword == "off" else values
     return tuple(args[:n]), found
 
 

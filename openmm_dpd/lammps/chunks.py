@@ -1,8 +1,8 @@
-"""Slices of the box: ``compute chunk/atom ... bin/1d``."""
+"""Bins of the box: ``compute chunk/atom ... bin/1d|bin/2d|bin/3d``."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,17 +17,18 @@ if TYPE_CHECKING:
     from .context import Context
     from .state import DeckState
 
-_USAGE = "compute ID group chunk/atom bin/1d x|y|z lower|center|upper|coordinate thickness"
+_STYLES = {"bin/1d": 1, "bin/2d": 2, "bin/3d": 3}
+_USAGE = "compute ID group chunk/atom bin/1d|bin/2d|bin/3d x|y|z lower|center|upper|coordinate thickness ..."
 _ENDS = ("lower", "center", "upper")
-_SIZES = {"units": 1, "discard": 1, "bound": 3, "region": 1, "nchunk": 1, "ids": 1, "limit": 1, "compress": 1, "static": 1, "pbc": 1}
+_SIZES = {"units": 1, "discard": 1, "bound": 3, "region": 1, "nchunk": 1, "ids": 1, "limit": 1, "compress": 1, "pbc": 1}
 
-#: More slices than that are a mistake.
+#: More bins than that are a mistake.
 _MOST = 10_000_000
 
 
 @dataclass(frozen=True)
 class Slicing:
-    """Settings of ``bin/1d``; lengths in the deck's unit, or in fractions of the edge if ``reduced``.
+    """How one axis is cut; lengths in the deck's unit, or in fractions of the edge if ``reduced``.
 
     Attributes
     ----------
@@ -37,22 +38,15 @@ class Slicing:
         ``lower``, ``center``, ``upper``, or the coordinate of the face of some slice.
     thickness : float
     reduced : bool
-    discard : str
-        What becomes of beads beyond the slices: ``no`` (they count in the last slice), ``yes`` (they are left out), ``mixed`` (left out
-        only where ``bound`` has put an end).
     bound : pair of (float or None)
         Ends that are not those of the box.
-    region : str or None
-        Only beads in this region count.
     """
 
     axis: int
     origin: str | float
     thickness: float
     reduced: bool = False
-    discard: str = "mixed"
     bound: tuple[float | None, float | None] = (None, None)
-    region: str | None = None
 
     def slices(self, box: Box) -> Slices:
         """The slices in a box (deck units)."""
@@ -69,18 +63,17 @@ class Slicing:
             raise ParameterError(
                 f"compute chunk/atom: a thickness of {self.thickness:g} gives {last - first:g} slices between {low:g} and {high:g}"
             )
-        start = float(origin + first * self.thickness)
-        return Slices(start, self.thickness, int(last - first), box.volume * self.thickness / edge)
+        return Slices(float(origin + first * self.thickness), self.thickness, int(last - first), self.thickness / edge)
 
 
 @dataclass(frozen=True)
 class Slices:
-    """``count`` slices of one thickness, from ``start`` on, each with the same volume."""
+    """``count`` slices of one thickness, from ``start`` on, each with the same fraction of the volume of the box."""
 
     start: float
     thickness: float
     count: int
-    volume: float
+    fraction: float
 
     @property
     def centres(self) -> np.ndarray:
@@ -88,7 +81,54 @@ class Slices:
         return self.start + (np.arange(self.count) + 0.5) * self.thickness
 
 
-def parse_slicing(state: DeckState, group: str, words: list[str]) -> Slicing:
+@dataclass(frozen=True)
+class Binning:
+    """Settings of a compute chunk/atom.
+
+    Attributes
+    ----------
+    axes : tuple of Slicing
+        The axes that are cut, the one that changes slowest first.
+    discard : str
+        What becomes of beads beyond the slices: ``no`` (they count in the last slice), ``yes`` (they are left out), ``mixed`` (left out
+        only where ``bound`` has put an end).
+    region : str or None
+        Only beads in this region count.
+    """
+
+    axes: tuple[Slicing, ...]
+    discard: str = "mixed"
+    region: str | None = None
+
+    def bins(self, box: Box) -> Bins:
+        """The bins in a box (deck units)."""
+        axes = tuple(axis.slices(box) for axis in self.axes)
+        bins = Bins(axes, box.volume * float(np.prod([slices.fraction for slices in axes])))
+        if bins.count > _MOST:
+            raise ParameterError(f"compute chunk/atom: {bins.count} bins are too many")
+        return bins
+
+
+@dataclass(frozen=True)
+class Bins:
+    """Bins of one volume, those along the last axis one after the other."""
+
+    axes: tuple[Slices, ...]
+    volume: float
+
+    @property
+    def count(self) -> int:
+        """Number of bins."""
+        return int(np.prod([slices.count for slices in self.axes], dtype=object))
+
+    @property
+    def centres(self) -> np.ndarray:
+        """(count, axes) coordinates of the middle of each bin."""
+        grids = np.meshgrid(*(slices.centres for slices in self.axes), indexing="ij")
+        return np.stack([grid.ravel() for grid in grids], axis=1)
+
+
+def parse_binning(state: DeckState, group: str, words: list[str]) -> Binning:
     """Settings from the words after ``chunk/atom``.
 
     Raises
@@ -96,42 +136,58 @@ def parse_slicing(state: DeckState, group: str, words: list[str]) -> Slicing:
     ParameterError
         For styles and options that are not supported, or values out of bounds.
     """
-    read.count(words, _USAGE, 4, None)
-    if words[0] != "bin/1d":
-        raise ParameterError(f"compute chunk/atom: only style bin/1d is supported, not '{words[0]}'")
-    axis = "xyz".index(read.choice(words[1], "the direction of the slices", ("x", "y", "z")))
-    options = {"units": ["lattice"], "discard": ["mixed"]} | dict(read.options(words[4:], _SIZES, "compute chunk/atom"))
+    read.count(words, _USAGE, 1, None)
+    if words[0] not in _STYLES:
+        raise ParameterError(f"compute chunk/atom: only styles {', '.join(_STYLES)} are supported, not '{words[0]}'")
+    n = 3 * _STYLES[words[0]]
+    read.count(words, _USAGE, 1 + n, None)
+    given = read.options(words[1 + n :], _SIZES, "compute chunk/atom")
+    options = {"units": ["lattice"], "discard": ["mixed"]} | dict(given)
+    _check_options(state, options)
     units = read.choice(options["units"][0], "units", ("box", "lattice", "reduced"))
-    scale = float(state.lattice.spacing[axis]) if units == "lattice" else 1.0
-    origin: str | float = words[2]
-    if words[2] not in _ENDS:
-        origin = read.number(words[2], "the origin of the slices (or lower, center, upper)") * scale
     box = state.require_box("compute chunk/atom")
     if box.triclinic and units != "reduced":
         raise ParameterError("compute chunk/atom: in a tilted box slices need 'units reduced'")
-    for keyword, allowed in (("compress", "no"), ("limit", "0"), ("pbc", "no")):
+    axes = [_axis(state, words[k : k + 3], units) for k in range(1, 1 + n, 3)]
+    used = ["xyz"[axis.axis] for axis in axes]
+    if len(set(used)) < len(used):
+        raise ParameterError(f"compute chunk/atom {words[0]}: every axis can be cut once only, not {', '.join(used)}")
+    for keyword, values in given:
+        if keyword == "bound":
+            if values[0] not in used:
+                raise ParameterError(f"compute chunk/atom: bound {values[0]}, but the slices are along {', '.join(used)}")
+            k = used.index(values[0])
+            axes[k] = replace(axes[k], bound=_bound(values, _scale(state, axes[k].axis, units)))
+    discard = read.choice(options["discard"][0], "discard", ("yes", "no", "mixed"))
+    binning = Binning(tuple(axes), discard, options["region"][0] if "region" in options else None)
+    binning.bins(box.scaled(1.0 / state.units.length))
+    return binning
+
+
+def _check_options(state: DeckState, options: dict[str, list[str]]) -> None:
+    for keyword, allowed in (("compress", "no"), ("limit", "0"), ("pbc", "no"), ("ids", "every")):
         if options.get(keyword, [allowed])[0] != allowed:
             raise ParameterError(f"compute chunk/atom: {keyword} {options[keyword][0]} is not supported")
+    if read.choice(options.get("nchunk", ["every"])[0], "nchunk", ("once", "every")) == "once":
+        state.note("compute chunk/atom: nchunk once has no meaning: bins follow the box if it changes")
     if "region" in options and options["region"][0] not in state.regions:
         raise ParameterError(f"compute chunk/atom: there is no region '{options['region'][0]}'")
-    slicing = Slicing(
-        axis=axis,
-        origin=origin,
-        thickness=read.positive(words[3], "the thickness of the slices") * scale,
-        reduced=units == "reduced",
-        discard=read.choice(options["discard"][0], "discard", ("yes", "no", "mixed")),
-        bound=_bound(options.get("bound"), axis, scale),
-        region=options["region"][0] if "region" in options else None,
-    )
-    slicing.slices(box.scaled(1.0 / state.units.length))
-    return slicing
 
 
-def _bound(words: list[str] | None, axis: int, scale: float) -> tuple[float | None, float | None]:
-    if words is None:
-        return None, None
-    if words[0] != "xyz"[axis]:
-        raise ParameterError(f"compute chunk/atom: bound {words[0]}, but the slices are along {'xyz'[axis]}")
+def _scale(state: DeckState, axis: int, units: str) -> float:
+    return float(state.lattice.spacing[axis]) if units == "lattice" else 1.0
+
+
+def _axis(state: DeckState, words: list[str], units: str) -> Slicing:
+    axis = "xyz".index(read.choice(words[0], "the direction of the slices", ("x", "y", "z")))
+    scale = _scale(state, axis, units)
+    origin: str | float = words[1]
+    if words[1] not in _ENDS:
+        origin = read.number(words[1], "the origin of the slices (or lower, center, upper)") * scale
+    return Slicing(axis, origin, read.positive(words[2], "the thickness of the slices") * scale, units == "reduced")
+
+
+def _bound(words: list[str], scale: float) -> tuple[float | None, float | None]:
     low = None if words[1] == "lower" else read.number(words[1], "the lower bound") * scale
     high = None if words[2] == "upper" else read.number(words[2], "the upper bound") * scale
     if low is not None and high is not None and low >= high:
@@ -139,29 +195,32 @@ def _bound(words: list[str] | None, axis: int, scale: float) -> tuple[float | No
     return low, high
 
 
-def chunk_numbers(context: Context, compute: Compute, slices: Slices) -> np.ndarray:
-    """(N,) number of the slice of each bead, from 0; -1 for beads that are in none, or not in the group of the compute."""
-    slicing: Slicing = compute.settings
+def chunk_numbers(context: Context, compute: Compute, bins: Bins) -> np.ndarray:
+    """(N,) number of the bin of each bead, from 0; -1 for beads that are in none, or not in the group of the compute."""
+    binning: Binning = compute.settings
     positions, _ = folded(context)
-    along = (context.box.fractions(positions) if slicing.reduced else positions)[:, slicing.axis]
-    number = np.floor((along - slices.start) / slices.thickness).astype(np.int64)
-    keep_low = slicing.discard == "no" or (slicing.discard == "mixed" and slicing.bound[0] is None)
-    keep_high = slicing.discard == "no" or (slicing.discard == "mixed" and slicing.bound[1] is None)
-    number[number < 0] = 0 if keep_low else -1
-    number[number >= slices.count] = slices.count - 1 if keep_high else -1
+    fractions = context.box.fractions(positions) if binning.axes[0].reduced else positions
     counted = context.state.group(compute.group)
-    if slicing.region is not None:
-        counted = counted & context.state.regions[slicing.region].contains(positions)
-    return np.where(counted, number, -1)
+    if binning.region is not None:
+        counted = counted & context.state.regions[binning.region].contains(positions)
+    total = np.zeros(len(positions), dtype=np.int64)
+    for axis, slices in zip(binning.axes, bins.axes, strict=True):
+        number = np.floor((fractions[:, axis.axis] - slices.start) / slices.thickness).astype(np.int64)
+        beyond = (number < 0, number >= slices.count)
+        for outside, end in zip(beyond, axis.bound, strict=True):
+            if binning.discard == "yes" or (binning.discard == "mixed" and end is not None):
+                counted = counted & ~outside
+        total = total * slices.count + np.clip(number, 0, slices.count - 1)
+    return np.where(counted, total, -1)
 
 
 def _numbers(context: Context, compute: Compute) -> np.ndarray:
-    return chunk_numbers(context, compute, compute.settings.slices(context.box)) + 1.0
+    return chunk_numbers(context, compute, compute.settings.bins(context.box)) + 1.0
 
 
 CHUNKS = ComputeSpec(
-    lambda state, group, words: None,  # parse_slicing checks
+    lambda state, group, words: None,  # parse_binning checks
     per_bead=_numbers,
     needs=("positions",),
-    prepare=parse_slicing,
+    prepare=parse_binning,
 )

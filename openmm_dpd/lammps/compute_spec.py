@@ -42,6 +42,10 @@ class ComputeSpec:
         Number of values per bead, 0 if there is one without an index.
     extensive : bool or callable
         Whether thermo output divides it by the number of beads when it normalises; may depend on the compute.
+    extensive_vector : bool
+        Whether it divides the values of the vector although it does not divide the single value.
+    size : callable
+        Number of values of the vector.
     needs : tuple of str
         Fields of Sample that it reads.
     inputs : callable
@@ -56,10 +60,14 @@ class ComputeSpec:
     per_bead: Callable[[Context, Compute], np.ndarray] | None = None
     columns: Callable[[Compute], int] = lambda compute: 0
     extensive: bool | Callable[[Compute], bool] = False
+    extensive_vector: bool = False
+    size: Callable[[Compute], int] = lambda compute: 0
     needs: tuple[str, ...] = ()
     inputs: Callable[[Compute], tuple[str, ...]] = lambda compute: ()
     prepare: Callable[[DeckState, str, list[str]], Any] | None = None
 
-    def is_extensive(self, compute: Compute) -> bool:
-        """Whether the values of this compute are sums over beads."""
+    def is_extensive(self, compute: Compute, indexed: bool = False) -> bool:
+        """Whether the value of this compute (or those of its vector) are sums over beads."""
+        if indexed and self.extensive_vector:
+            return True
         return self.extensive if isinstance(self.extensive, bool) else self.extensive(compute)

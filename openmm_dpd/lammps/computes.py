@@ -69,6 +69,14 @@ def _centre(context: Context, compute: Compute) -> np.ndarray:
     return masses[mask] @ positions[mask] / masses[mask].sum() / context.units.length
 
 
+def _kinetic_tensor(context: Context, compute: Compute) -> np.ndarray:
+    """Sums of m v_a v_b over the group: xx, yy, zz, xy, xz, yz."""
+    mask, masses = context.state.group(compute.group), context.state.bead_masses()
+    velocities = np.asarray(context.need("velocities"))[mask]
+    tensor = (masses[mask][:, None] * velocities).T @ velocities / context.units.energy
+    return tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+
+
 def _momentum(context: Context, compute: Compute) -> np.ndarray:
     mask, masses = context.state.group(compute.group), context.state.bead_masses()
     return masses[mask] @ context.need("velocities")[mask] / context.units.mass / context.units.velocity
@@ -90,7 +98,14 @@ def _check_dpd(state: DeckState, group: str, words: list[str]) -> None:
 
 #: Compute styles by name.
 COMPUTES: dict[str, ComputeSpec] = {
-    "temp": ComputeSpec(_no_arguments, lambda context, compute: context.temperature(compute), needs=("velocities",)),
+    "temp": ComputeSpec(
+        _no_arguments,
+        lambda context, compute: context.temperature(compute),
+        _kinetic_tensor,
+        extensive_vector=True,
+        size=lambda compute: 6,
+        needs=("velocities",),
+    ),
     "ke": ComputeSpec(
         _no_arguments,
         lambda context, compute: context.kinetic(compute) / context.units.energy,
@@ -99,9 +114,9 @@ COMPUTES: dict[str, ComputeSpec] = {
     ),
     "pe": ComputeSpec(_all_only("pe", ("pair", "bond")), _pe, extensive=True, needs=("pair_energy", "bond_energy")),
     "pressure": ComputeSpec(_check_pressure, _pressure, needs=("virial", "velocities")),
-    "com": ComputeSpec(_no_arguments, vector=_centre, needs=("positions",)),
-    "momentum": ComputeSpec(_no_arguments, vector=_momentum, extensive=True, needs=("velocities",)),
-    "dpd": ComputeSpec(_check_dpd, vector=_dpd, needs=("fields",)),
+    "com": ComputeSpec(_no_arguments, vector=_centre, size=lambda compute: 3, needs=("positions",)),
+    "momentum": ComputeSpec(_no_arguments, vector=_momentum, extensive=True, size=lambda compute: 3, needs=("velocities",)),
+    "dpd": ComputeSpec(_check_dpd, vector=_dpd, size=lambda compute: 5, needs=("fields",)),
     "reduce": REDUCE,
     "chunk/atom": CHUNKS,
     **PER_BEAD,

@@ -10,8 +10,10 @@ import numpy as np
 
 from ..errors import ParameterError
 from . import computes
+from .bead_formulas import evaluate_beads
 from .box import Box
 from .expressions import evaluate
+from .per_bead import BEAD_WORDS, folded
 from .state import carried_places
 from .words import WORDS
 
@@ -199,13 +201,37 @@ class Context:
         except KeyError:
             raise ParameterError(f"c_{name}[{bead}]: there is no bead with the id {bead}") from None
 
-    def fix(self, name: str, index: int | None) -> float:
-        """Value of ``f_name`` or ``f_name[index]``: the last average of a fix ave/time, 0 before the first."""
+    def fix(self, name: str, index: int | None = None, column: int | None = None) -> float:
+        """Value of ``f_name``, ``f_name[index]`` or ``f_name[index][column]``: that of the last average, 0 before the first."""
         found = self.state.fixes.get(name)
         average = None if found is None else found.parameters.get("average")
         if average is None:
-            raise ParameterError(f"f_{name}: there is no fix '{name}' with a value; fix ave/time has values")
-        return average.value(index)
+            raise ParameterError(
+                f"f_{name}: there is no fix '{name}' with a value; fix ave/time has values, fix ave/chunk f_id[bin][column]"
+            )
+        return average.value(*(k for k in (index, column) if k is not None))
+
+    def fix_vector(self, name: str) -> np.ndarray:
+        """All values of ``f_name``; ParameterError if it has no vector."""
+        average = self.state.fixes[name].parameters.get("average") if name in self.state.fixes else None
+        if average is None or not average.size:
+            raise ParameterError(f"there is no fix '{name}' with a vector")
+        return average.vector
+
+    # -- values of all beads (bead_formulas.Resolver) ----------------------------------------------------------------------------
+    def bead_variable(self, name: str) -> np.ndarray | float:
+        """Value of ``v_name``: one number, or (N,) values of an atom-style variable."""
+        if self.state.variables.get(name).style != "atom":
+            return self.variable(name)
+        return self.state.variables.bead_values(name, lambda text: evaluate_beads(text, self, len(self.state.atoms)))
+
+    def bead_word(self, word: str) -> np.ndarray | None:
+        """(N,) values of a word such as ``vx``, None for what is not a value of single beads."""
+        return BEAD_WORDS[word].value(self) if word in BEAD_WORDS else None
+
+    def is_bead_compute(self, name: str) -> bool:
+        """Whether a compute has values of single beads."""
+        return name in self.state.computes and computes.COMPUTES[self.state.computes[name].style].per_bead is not None
 
     def group(self, function: str, arguments: list[str]) -> float:
         """Value of ``count(group)`` and its relatives."""
@@ -225,9 +251,9 @@ class Context:
         if function == "vcm":
             values, factor = masses @ self.need("velocities")[mask] / masses.sum(), self.units.velocity
         else:
-            positions = self.need("positions") + self.state.atoms.images @ self.state.require_box(function).vectors
             if function == "bound":
-                return self._bound(positions[mask], arguments)
+                return self._bound(folded(self)[0][mask], arguments)
+            positions = self.need("positions") + self.state.atoms.images @ self.state.require_box(function).vectors
             values, factor = masses @ positions[mask] / masses.sum(), self.units.length
         return float(values["xyz".index(arguments[1])]) / factor
 
@@ -243,8 +269,7 @@ class Context:
             name = arguments[-1]
             if name not in self.state.regions:
                 raise ParameterError(f"there is no region '{name}'")
-            positions, _ = self.state.require_box(function).wrap(np.asarray(self.need("positions")))
-            mask = mask & self.state.regions[name].contains(positions / self.units.length)
+            mask = mask & self.state.regions[name].contains(folded(self)[0])
         return mask
 
     def _bound(self, positions: np.ndarray, arguments: list[str]) -> float:
@@ -252,7 +277,7 @@ class Context:
         if len(word) != 4 or word[0] not in "xyz" or word[1:] not in ("min", "max"):
             raise ParameterError(f"the second argument of bound is xmin, xmax, ymin ..., not '{word}'")
         column = positions[:, "xyz".index(word[0])]
-        return float(column.min() if word[1:] == "min" else column.max()) / self.units.length
+        return float(column.min() if word[1:] == "min" else column.max())
 
     def atom(self, quantity: str, bead: int) -> float:
         """Value of one bead, by its id."""
@@ -262,9 +287,11 @@ class Context:
         except KeyError:
             raise ParameterError(f"{quantity}[{bead}]: there is no bead with the id {bead}") from None
         if quantity in ("x", "y", "z"):
-            return float(self.need("positions")[index]["xyz".index(quantity)]) / self.units.length
+            return float(folded(self)[0][index]["xyz".index(quantity)])
         if quantity in ("vx", "vy", "vz"):
             return float(self.need("velocities")[index]["xyz".index(quantity[1])]) / self.units.velocity
+        if quantity in ("fx", "fy", "fz"):
+            return float(self.need("forces")[index]["xyz".index(quantity[1])]) / self.units.force
         arrays = {"id": atoms.ids, "type": atoms.types, "mol": atoms.molecules, "q": atoms.charges}
         return float(arrays[quantity][index]) if quantity in arrays else float(self.state.bead_masses()[index]) / self.units.mass
 

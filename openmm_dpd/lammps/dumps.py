@@ -82,7 +82,7 @@ def _column(array: Callable[[Frame], np.ndarray], axis: int) -> Callable[[Frame]
     return lambda frame: array(frame)[:, axis]
 
 
-#: Columns of ``dump custom``: how to get them from a frame, and their default format.  Computes (``c_id``, ``c_id[2]``) come on top.
+#: Columns of ``dump custom``: how to get them from a frame, and their default format.  ``c_id``, ``c_id[2]`` and ``v_name`` come on top.
 COLUMNS = _columns()
 
 #: Columns that change during a run without being a position, a velocity or a force.
@@ -131,7 +131,7 @@ class Dump:
 
     def needs(self, state: DeckState) -> frozenset[str]:
         """Fields of Sample that the columns read, beside positions, velocities and forces."""
-        found = fields_read(state, [column for column in self.columns if column.startswith("c_")])
+        found = fields_read(state, [column for column in self.columns if column.startswith(("c_", "v_"))])
         return found | {"fields"} if set(CARRIED) & set(self.columns) else found
 
     def due(self, step: int) -> bool:
@@ -251,5 +251,5 @@ def _frame(state: DeckState, dump: Dump, positions, velocities, forces, vectors,
         velocities=np.asarray(velocities)[mask] / units.velocity,
         forces=None if forces is None else np.asarray(forces)[mask] / units.force,
         box=box.scaled(1.0 / units.length),
-        computed={column: bead_values(context, column)[mask] for column in dump.columns if column.startswith("c_")},
+        computed={column: bead_values(context, column)[mask] for column in dump.columns if column.startswith(("c_", "v_"))},
     )

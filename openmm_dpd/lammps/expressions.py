@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol
 
 from ..errors import DPDError, ParameterError
 
@@ -17,7 +17,7 @@ from ..errors import DPDError, ParameterError
 GROUP_FUNCTIONS = ("count", "mass", "charge", "xcm", "vcm", "ke", "bound")
 
 #: Formulas may ask for these values of one bead, by its id: ``x[17]``.
-ATOM_VALUES = ("id", "mass", "type", "mol", "x", "y", "z", "vx", "vy", "vz", "q")
+ATOM_VALUES = ("id", "mass", "type", "mol", "x", "y", "z", "vx", "vy", "vz", "fx", "fy", "fz", "q")
 
 CONSTANTS = {"PI": math.pi, "yes": 1.0, "on": 1.0, "true": 1.0, "no": 0.0, "off": 0.0, "false": 0.0}
 
@@ -34,8 +34,8 @@ class Resolver(Protocol):
     def compute(self, name: str, index: int | None) -> float:
         """Value of ``c_name`` or ``c_name[index]``."""
 
-    def fix(self, name: str, index: int | None) -> float:
-        """Value of ``f_name`` or ``f_name[index]``."""
+    def fix(self, name: str, index: int | None, column: int | None = None) -> float:
+        """Value of ``f_name``, ``f_name[index]`` or ``f_name[index][column]``."""
 
     def group(self, function: str, arguments: list[str]) -> float:
         """Value of a group function such as ``count(all)``."""
@@ -113,10 +113,15 @@ def evaluate(text: str, resolver: Resolver) -> float:
     ParameterError
         If the formula is malformed, divides by zero, leaves the domain of a function, or names something unknown.
     """
-    return _Formula(text, resolver).value()
+    return Formula(text, resolver).value()
 
 
-class _Formula:
+class Formula:
+    """One evaluation of a formula."""
+
+    levels: tuple[dict[str, Callable[..., Any]], ...] = _LEVELS
+    functions: dict[str, tuple[int, Callable[..., Any]]] = FUNCTIONS
+
     def __init__(self, text: str, resolver: Resolver):
         self.text, self.resolver, self.at = text, resolver, 0
         self.tokens: list[tuple[str, str]] = []
@@ -131,7 +136,13 @@ class _Formula:
     def fail(self, why: str):
         raise ParameterError(f"cannot evaluate the formula '{self.text}': {why}")
 
+    @staticmethod
+    def negated(value):
+        """What ``!`` makes of a value."""
+        return float(value == 0)
+
     def value(self) -> float:
+        """The value."""
         try:
             result = self.binary(0)
         except ZeroDivisionError:
@@ -165,12 +176,12 @@ class _Formula:
 
     # -- grammar -----------------------------------------------------------------------------------------------------------
     def binary(self, level: int) -> float:
-        if level == len(_LEVELS):
+        if level == len(self.levels):
             return self.unary()
         left = self.binary(level + 1)
-        while self.peek()[0] == "operator" and self.peek()[1] in _LEVELS[level]:
+        while self.peek()[0] == "operator" and self.peek()[1] in self.levels[level]:
             operator = self.take()[1]
-            left = _LEVELS[level][operator](left, self.binary(level + 1))
+            left = self.levels[level][operator](left, self.binary(level + 1))
         return left
 
     def unary(self) -> float:
@@ -180,7 +191,7 @@ class _Formula:
         if token == "+":
             return self.unary()
         if token == "!":
-            return float(self.unary() == 0)
+            return self.negated(self.unary())
         if token == "(":
             inside = self.binary(0)
             self.expect(")")
@@ -198,7 +209,8 @@ class _Formula:
         if token.startswith("c_"):
             return self.resolver.compute(token[2:], self.index())
         if token.startswith("f_"):
-            return self.resolver.fix(token[2:], self.index())
+            index = self.index()
+            return self.resolver.fix(token[2:], index) if self.peek()[1] != "[" else self.resolver.fix(token[2:], index, self.index())
         if self.peek()[1] == "(":
             return self.function(token)
         if self.peek()[1] == "[" and token in ATOM_VALUES:
@@ -226,7 +238,7 @@ class _Formula:
         if len(arguments) != expected:
             self.fail(f"{token} takes {expected} arguments, not {len(arguments)}")
         if token in FUNCTIONS:
-            return FUNCTIONS[token][1](*arguments)
+            return self.functions[token][1](*arguments)
         return self.resolver.call(token, arguments)
 
     def arguments(self) -> list[float]:

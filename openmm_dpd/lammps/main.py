@@ -56,8 +56,8 @@ def run_deck(
     -------
     dict
         ``natoms``, ``units``, ``scheme``, ``platform``, ``precision``, ``threads``, ``momentum``, ``runs``: one object per run with
-        ``steps``, ``dt``,
-        ``seconds_per_step`` and ``thermo`` ({word: {mean, sem, first, last}}), and the last run's entries at top level.
+        ``steps``, ``dt``, ``seconds_per_step``, ``thermo`` ({word: {mean, sem, first, last}}), ``profiles`` ({fix: {coord, ncount, ...}})
+        and ``averages`` ({fix: {step, word: value}}), and the last run's entries at top level.
 
     Raises
     ------

@@ -63,6 +63,7 @@ def _words() -> dict[str, BeadWord]:
         "{}s": (lambda c: c.box.fractions(folded(c)[0]), "positions"),
         "i{}": (lambda c: (c.state.atoms.images + folded(c)[1]).astype(float), "positions"),
         "v{}": (_velocities, "velocities"),
+        "f{}": (lambda c: np.asarray(c.need("forces")) / c.units.force, "forces"),
     }
     for name, (array, needed) in arrays.items():
         for k, axis in enumerate("xyz"):
@@ -74,8 +75,18 @@ def _words() -> dict[str, BeadWord]:
 BEAD_WORDS = _words()
 
 
+def _density(context: Context) -> np.ndarray:
+    return context.carried("density") * context.units.length**3 / context.units.mass
+
+
+#: What compute property/atom knows: on top of these the local density of mdpd.
+PROPERTIES = BEAD_WORDS | {"rho": BeadWord(_density, ("fields",))}
+
+
 def bead_values(context: Context, word: str) -> np.ndarray:
-    """(N,) values of a word: one of :data:`BEAD_WORDS`, ``c_id`` or ``c_id[column]``."""
+    """(N,) values of a word: one of :data:`BEAD_WORDS`, ``c_id``, ``c_id[column]``, or ``v_name`` of an atom-style variable."""
+    if word.startswith("v_"):
+        return np.asarray(context.bead_variable(word[2:]))
     if word.startswith("c_"):
         return context.bead_compute(*bead_reference(word))
     return BEAD_WORDS[word].value(context)
@@ -93,8 +104,13 @@ def check_bead_word(state: DeckState, word: str, allowed: tuple[str, ...] = tupl
     """Raise ParameterError unless a word names a value that every bead has."""
     from .computes import COMPUTES
 
+    if word.startswith("v_"):
+        style = state.variables.get(word[2:]).style
+        if style != "atom":
+            raise ParameterError(f"{word}: variable {word[2:]} is {style}-style; only atom-style ones have values of single beads")
+        return
     if not word.startswith("c_"):
-        read.choice(word, what, [*allowed, "c_id", "c_id[column]"])
+        read.choice(word, what, [*allowed, "c_id", "c_id[column]", "v_name"])
         return
     name, column = bead_reference(word)
     if name not in state.computes:
@@ -117,14 +133,16 @@ def _in_group(context: Context, compute: Compute, values: np.ndarray) -> np.ndar
 
 
 def _property(context: Context, compute: Compute) -> np.ndarray:
-    columns = [BEAD_WORDS[word].value(context) for word in compute.arguments]
+    columns = [PROPERTIES[word].value(context) for word in compute.arguments]
     return _in_group(context, compute, columns[0] if len(columns) == 1 else np.column_stack(columns))
 
 
 def _check_property(state: DeckState, group: str, words: list[str]) -> None:
     read.count(words, "compute ID group property/atom value value ...", 1, None)
     for word in words:
-        read.choice(word, "a value of compute property/atom", list(BEAD_WORDS))
+        read.choice(word, "a value of compute property/atom", list(PROPERTIES))
+        if word == "rho":
+            require_atom_style(state, "property/atom rho", "mdpd")
 
 
 def _kinetic(context: Context, compute: Compute) -> np.ndarray:
@@ -206,7 +224,7 @@ def _check_reduce(state: DeckState, group: str, words: list[str]) -> None:
     read.count(words, "compute ID group reduce mode value value ...", 2, None)
     read.choice(words[0], "the mode of compute reduce", list(_MODES))
     for word in words[1:]:
-        check_bead_word(state, word, tuple(f"{kind}{axis}" for kind in ("", "v") for axis in "xyz"))
+        check_bead_word(state, word, tuple(f"{kind}{axis}" for kind in ("", "v", "f") for axis in "xyz"))
 
 
 def _reduced(context: Context, compute: Compute) -> np.ndarray:
@@ -228,5 +246,6 @@ REDUCE = ComputeSpec(
     _reduced_one,
     _reduced,
     extensive=lambda compute: compute.arguments[0].startswith("sum"),
+    size=lambda compute: len(compute.arguments) - 1,
     inputs=lambda compute: compute.arguments[1:],
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,7 @@ from .context import Context
 from .request import RunRequest
 from .sampling import CHEAP, Sampler, arrays
 from .thermo import ALWAYS
+from .time_average import TimeAverage
 from .trajectory import RunTrajectory
 
 _NM, _V = unit.nanometer, unit.nanometer / unit.picosecond
@@ -116,6 +117,8 @@ class RunResult:
         Largest component of the total momentum at the end, in the deck's units.
     profiles : dict
         The last block of every fix ave/chunk: {id: {"coord": [...], "ncount": [...], value: [...]}}.
+    time_averages : dict
+        The last average of every fix ave/time: {id: {"step": ..., value: ...}}.
     """
 
     request: RunRequest
@@ -131,6 +134,7 @@ class RunResult:
     target_kT: list[float] = field(default_factory=list)
     momentum: float = 0.0
     profiles: dict[str, dict[str, list[float]]] = field(default_factory=dict)
+    time_averages: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     def add(self, step: int, values: dict[str, float], measured: Measurement) -> None:
         """Append a row."""
@@ -180,6 +184,7 @@ class RunResult:
             "seconds_per_step": self.seconds / request.steps if request.steps else None,
             "thermo": self.averages(),
             "profiles": self.profiles,
+            "averages": self.time_averages,
         }
         if self.no_laplacian is not None:
             summary["temp_conf_reason"] = self.no_laplacian
@@ -297,19 +302,24 @@ class DeckRunner:
         assert measured is not None
         result.momentum = float(np.abs(measured.momentum).max()) / request.state.units.mass / request.state.units.velocity
         result.profiles = {average.name: average.profile for average in averages if isinstance(average, ChunkAverage) and average.profile}
-        x, v, _, box = arrays(context)
-        request.finish(x, v, box=box, sample=sample, carried=read_fields(context, built.plan))
+        result.time_averages = {average.name: average.report for average in averages if isinstance(average, TimeAverage) and average.report}
+        x, v, box = arrays(context)
+        last = None if sample is None else replace(sample, forces=None)
+        request.finish(x, v, box=box, sample=last, carried=read_fields(context, built.plan))
 
     def _write_frames(self, request: RunRequest, sampler: Sampler, step: int) -> None:
         due = [dump for dump in request.dumps if dump.due(step)]
         framed = self.trajectory is not None and self.trajectory.due(step)
         if not due and not framed:
             return
-        x, v, f, box = arrays(sampler.context, any(dump.needs_forces for dump in due))
+        x, v, box = arrays(sampler.context)
         needs: frozenset[str] = frozenset().union(*(dump.needs(request.state) for dump in due))
-        context = Context(request.state, sampler.cheap(step, needs, 0.0), request.window)
+        if any(dump.needs_forces for dump in due):
+            needs |= {"forces"}
+        sample = sampler.cheap(step, needs, 0.0) if needs <= CHEAP else sampler.full(step, needs, 0.0)[0]
+        context = Context(request.state, sample, request.window)
         for dump in due:
-            dump.write(request.state, step, x, v, f, box, context)
+            dump.write(request.state, step, x, v, sample.forces, box, context)
         if framed and self.trajectory is not None:
             self.trajectory.write(x, box, sampler.context, step)
 

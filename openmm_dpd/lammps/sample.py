@@ -39,6 +39,8 @@ class Sample:
         Box vectors; the deck's box if None.
     positions, velocities : (N, 3) arrays, optional
         Needed by computes on groups and of single beads only.
+    forces : (N, 3) array, optional
+        Total forces, with friction and noise where they are forces (``mvv``).
     fields : dict of arrays, optional
         What the beads carry, as :func:`openmm_dpd.fields.read_fields` gives it; empty if they carry nothing.
     cpu : float
@@ -58,5 +60,6 @@ class Sample:
     box: np.ndarray | None = None
     positions: np.ndarray | None = None
     velocities: np.ndarray | None = None
+    forces: np.ndarray | None = None
     fields: Mapping[str, np.ndarray] | None = None
     cpu: float = 0.0

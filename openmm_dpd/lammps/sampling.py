@@ -18,13 +18,11 @@ _NM, _V = unit.nanometer, unit.nanometer / unit.picosecond
 CHEAP = frozenset(("positions", "velocities", "fields"))
 
 
-def arrays(context: openmm.Context, forces: bool = False):
-    """Positions, velocities, conservative forces (or None) and box vectors."""
-    groups = context.getIntegrator().getIntegrationForceGroups()
-    state = context.getState(positions=True, velocities=True, forces=forces, groups=groups)
-    f = state.getForces(asNumpy=True).value_in_unit(unit.kilojoule_per_mole / _NM) if forces else None
+def arrays(context: openmm.Context):
+    """Positions, velocities and box vectors."""
+    state = context.getState(positions=True, velocities=True)
     x, v = state.getPositions(asNumpy=True).value_in_unit(_NM), state.getVelocities(asNumpy=True).value_in_unit(_V)
-    return x, v, f, state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(_NM)
+    return x, v, state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(_NM)
 
 
 class Sampler:
@@ -61,6 +59,7 @@ class Sampler:
             kT_conf=measured.configurational_kT,
             box=measured.box,
             cpu=cpu,
+            forces=measured.forces if "forces" in needs else None,
             **self._of_beads(needs),
         )
         return sample, measured
@@ -73,7 +72,7 @@ class Sampler:
     def _of_beads(self, needs: frozenset[str]) -> dict:
         found: dict = {}
         if needs & {"positions", "velocities"}:
-            found["positions"], found["velocities"], _, _ = arrays(self.context)
+            found["positions"], found["velocities"], _ = arrays(self.context)
         if "fields" in needs:
             found["fields"] = read_fields(self.context, self.built.plan)
         return found

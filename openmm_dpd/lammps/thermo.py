@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from ..errors import DeckError, DPDError, ParameterError
 from .computes import BUILT_IN, COMPUTES
 from .context import Context, Window
-from .per_bead import BEAD_WORDS
+from .per_bead import PROPERTIES
 from .sample import Sample
 from .state import DeckState
+from .variables import FORMULAS
 from .words import WORDS
 
 #: Columns of the styles that are not ``custom``.
@@ -26,7 +27,8 @@ STYLES = {
 ALWAYS = ("temp", "press", "press_full", "pe", "ke", "etotal", "temp_conf")
 
 _REFERENCE = re.compile(r"[cfv]_\w+(?:\[\d+\])?|[A-Za-z_]\w*")
-_COMPUTE = re.compile(r"[cf]_(\w+?)(?:\[(\d+)\])?")
+_COMPUTE = re.compile(r"c_(\w+?)(?:\[(\d+)\])?")
+_FIX = re.compile(r"f_(\w+?)((?:\[\d+\]){0,2})")
 _FORMAT = re.compile(r"%[-+ #0-9.]*l{0,2}[dioxXeEfFgG]")
 
 
@@ -50,21 +52,29 @@ def check_word(state: DeckState, word: str) -> None:
             raise ParameterError(f"{word}: compute style {state.computes[name].style} has no {'value' if index is None else 'vector'}")
         return
     if word.startswith("f_"):
-        name, index = compute_reference(word)
+        name, *indices = fix_reference(word)
         if name not in state.fixes or "average" not in state.fixes[name].parameters:
-            raise ParameterError(f"{word}: there is no fix '{name}' with a value; fix ave/time has values")
-        state.fixes[name].parameters["average"].check_index(index)
+            raise ParameterError(f"{word}: there is no fix '{name}' with a value; fix ave/time has values, fix ave/chunk f_id[bin][column]")
+        state.fixes[name].parameters["average"].check_index(*indices)
         return
     if word not in WORDS:
         raise ParameterError(f"thermo word '{word}' is not supported; supported are {', '.join(WORDS)}, v_name, c_id and c_id[i]")
 
 
 def compute_reference(word: str) -> tuple[str, int | None]:
-    """Id and index of ``c_id`` or ``c_id[index]`` (or ``f_``)."""
+    """Id and index of ``c_id`` or ``c_id[index]``."""
     match = _COMPUTE.fullmatch(word)
     if match is None:
         raise ParameterError(f"expected c_id or c_id[index], not '{word}'")
     return match[1], None if match[2] is None else int(match[2])
+
+
+def fix_reference(word: str) -> tuple:
+    """Id and indices of ``f_id``, ``f_id[index]`` or ``f_id[row][column]``."""
+    match = _FIX.fullmatch(word)
+    if match is None:
+        raise ParameterError(f"expected f_id, f_id[index] or f_id[row][column], not '{word}'")
+    return (match[1], *map(int, re.findall(r"\d+", match[2])))
 
 
 def _needs(state: DeckState, word: str, seen: set[str]) -> set[str]:
@@ -76,12 +86,12 @@ def _needs(state: DeckState, word: str, seen: set[str]) -> set[str]:
         if word[2:] not in state.variables:
             return set()
         variable = state.variables.get(word[2:])
-        if variable.style != "equal":
+        if variable.style not in FORMULAS:
             return set()
         found: set[str] = set()
-        if re.search(r"\b(xcm|bound|[xyz]\s*\[|count\([^)]*,)", variable.text):
+        if re.search(r"\b(xcm|bound|count\([^)]*,)", variable.text):
             found.add("positions")
-        if re.search(r"\b(vcm|ke\(|v[xyz]\s*\[)", variable.text):
+        if re.search(r"\b(vcm|ke\()", variable.text):
             found.add("velocities")
         for reference in _REFERENCE.findall(variable.text):
             found |= _needs(state, reference, seen)
@@ -95,8 +105,8 @@ def _needs(state: DeckState, word: str, seen: set[str]) -> set[str]:
         compute = state.computes[name]
         spec = COMPUTES[compute.style]
         return set(spec.needs).union(*(_needs(state, other, seen) for other in spec.inputs(compute)))
-    if word in BEAD_WORDS and word not in WORDS:
-        return set(BEAD_WORDS[word].needs)
+    if word in PROPERTIES and word not in WORDS:
+        return set(PROPERTIES[word].needs)
     found = set(WORDS[word].needs) if word in WORDS else set()
     # a temperature taken from a compute on a group needs the velocities of its beads
     if "kinetic" in found and state.thermo.temp != "thermo_temp":
@@ -185,9 +195,9 @@ class Thermo:
             if name in BUILT_IN:
                 return value / context.norm if BUILT_IN[name][1] else value
             compute = context.state.computes[name]
-            return value / context.norm if COMPUTES[compute.style].is_extensive(compute) else value
+            return value / context.norm if COMPUTES[compute.style].is_extensive(compute, index is not None) else value
         if word.startswith("f_"):
-            return context.fix(*compute_reference(word))
+            return context.fix(*fix_reference(word))
         return context.thermo(word)
 
     # -- text ----------------------------------------------------------------------------------------------------------------

@@ -10,18 +10,28 @@ from ..errors import ParameterError
 from . import arguments as read
 from .averages import Average, Window, file_of, form_of, parse_schedule, split_values
 from .context import Context
-from .thermo import check_word, compute_reference
+from .thermo import check_word, compute_reference, fix_reference
+from .wildcards import count_of, expanded
 
 if TYPE_CHECKING:
     from .state import DeckState
 
 
 class TimeAverage(Average):
-    """``fix ave/time``: single numbers (mode scalar), or whole vectors side by side (mode vector)."""
+    """``fix ave/time``: single numbers (mode scalar), or whole vectors side by side (mode vector).
 
-    def __init__(self, words: tuple[str, ...], vector: bool, *parts):
+    Attributes
+    ----------
+    report : dict or None
+        The last average that was complete: ``step``, and by word a number or the list of a vector's.
+    """
+
+    def __init__(self, words: tuple[str, ...], rows: int | None, off: list[int], *parts):
         super().__init__(*parts)
-        self._words, self._vector = words, vector
+        # the length of the vectors, None in mode scalar
+        self._words, self._rows, self._off = words, rows, off
+        self._vector = rows is not None
+        self.report: dict | None = None
         self._values = np.zeros(0)
         self.forget()
 
@@ -31,27 +41,30 @@ class TimeAverage(Average):
         return self._words
 
     def forget(self) -> None:
-        self._sum, self._count = np.zeros(0), 0
+        self._sum, self._count, self._latest = np.zeros(0), 0, np.zeros(0)
 
     def _read(self, context: Context, word: str) -> np.ndarray:
         if word.startswith("v_"):
             return np.array(context.variable(word[2:]))
-        name, index = compute_reference(word)
         if word.startswith("f_"):
-            return np.array(context.fix(name, index))
+            name, *indices = fix_reference(word)
+            return context.fix_vector(name) if self._vector else np.array(context.fix(name, *indices))
+        name, index = compute_reference(word)
         return context.compute_vector(name) if self._vector else np.array(context.compute(name, index))
 
     def sample(self, context: Context) -> None:
-        columns = [self._read(context, word) for word in self.words]
-        if len({column.shape for column in columns}) > 1:
-            lengths = ", ".join(f"{word}: {len(column)}" for word, column in zip(self.words, columns, strict=True))
-            raise ParameterError(f"fix {self.name}: its vectors must be of one length ({lengths})")
-        values = np.stack(columns, axis=-1)
+        values = np.stack([self._read(context, word) for word in self.words], axis=-1)
         self._sum = values if not self._count else self._sum + values
         self._count += 1
+        self._latest = values[..., self._off]
 
     def close_window(self, context: Context) -> None:
         self._values = self._window.add(self._sum / self._count)
+        # values that are not averaged: those of this step
+        self._values[..., self._off] = self._latest
+        self.report = {"step": context.step}
+        for word, column in zip(self.words, np.moveaxis(self._values, -1, 0), strict=True):
+            self.report[word] = column.tolist()
         self.forget()
         rows = np.atleast_2d(self._values)
         texts = ["".join(self._form % value for value in row) for row in rows]
@@ -61,28 +74,41 @@ class TimeAverage(Average):
             lines = [f"{context.step}{texts[0]}"]
         self._file.write(context.state, lines)
 
-    def check_index(self, index: int | None) -> None:
-        n = len(self.words)
-        if self._vector and n > 1:
-            raise ParameterError(f"f_{self.name}: several vectors side by side cannot be named; average them by fixes of their own")
-        if self._vector and index is None:
-            raise ParameterError(f"f_{self.name} is a vector; use f_{self.name}[1] and so on")
-        if not self._vector and (index is None) != (n == 1):
-            raise ParameterError(f"f_{self.name}: the fix averages {n} value{'s' * (n > 1)}; use f_{self.name}{'[1] and so on' * (n > 1)}")
-        if not self._vector and index is not None and not 1 <= index <= n:
-            raise ParameterError(f"f_{self.name}[{index}] is out of range: the fix averages {n} values")
+    @property
+    def size(self) -> int:
+        if self._rows is None:
+            return len(self.words) if len(self.words) > 1 else 0
+        return self._rows if len(self.words) == 1 else 0
 
-    def value(self, index: int | None) -> float:
-        self.check_index(index)
+    def check_index(self, *indices: int) -> None:
+        n = len(self.words)
+        if self._vector:
+            if len(indices) != (1 if n == 1 else 2):
+                how = "[1] and so on" if n == 1 else "[row][column]"
+                raise ParameterError(f"f_{self.name}: the fix averages {n} vector{'s' * (n > 1)}; use f_{self.name}{how}")
+            if not 1 <= indices[0] <= (self._rows or 0):
+                raise ParameterError(f"f_{self.name}[{indices[0]}] is out of range: the vector has {self._rows} values")
+            indices = indices[1:]
+        elif len(indices) != (n > 1):
+            raise ParameterError(f"f_{self.name}: the fix averages {n} value{'s' * (n > 1)}; use f_{self.name}{'[1] and so on' * (n > 1)}")
+        if any(not 1 <= index <= n for index in indices):
+            raise ParameterError(f"f_{self.name}[{indices[0]}] is out of range: the fix averages {n} values")
+
+    def value(self, *indices: int) -> float:
+        self.check_index(*indices)
         if not self._values.size:
             return 0.0
-        flat = self._values.ravel()
-        if index is not None and not 1 <= index <= len(flat):
-            raise ParameterError(f"f_{self.name}[{index}] is out of range: there are {len(flat)} values")
-        return float(flat[0 if index is None else index - 1])
+        if self._vector:
+            return float(self._values[indices[0] - 1, indices[1] - 1 if len(indices) > 1 else 0])
+        return float(self._values[indices[0] - 1 if indices else 0])
+
+    @property
+    def vector(self) -> np.ndarray:
+        """The values of ``f_name[*]``; zeros before the first average is complete."""
+        return self._values.ravel() if self._values.size else np.zeros(self.size)
 
 
-_TIME_SIZES = {"mode": 1, "file": 1, "append": 1, "start": 1, "overwrite": 0, "format": 1, "title1": 1, "title2": 1, "title3": 1}
+_TIME_SIZES = {"off": 1, "mode": 1, "file": 1, "append": 1, "start": 1, "overwrite": 0, "format": 1, "title1": 1, "title2": 1, "title3": 1}
 
 
 def parse_ave_time(state: DeckState, name: str, group: str, args: list[str]) -> TimeAverage:
@@ -92,18 +118,35 @@ def parse_ave_time(state: DeckState, name: str, group: str, args: list[str]) -> 
     vector = read.choice(options.get("mode", ["scalar"])[0], "mode", ("scalar", "vector")) == "vector"
     if not words:
         raise ParameterError(f"fix ave/time: expected c_id, c_id[i], f_id or v_name, not '{args[3]}'")
-    for word in words:
-        if not vector:
-            check_word(state, word)
-            continue
-        reference, index = compute_reference(word) if word.startswith("c_") else ("", 0)
-        if index is not None:
-            raise ParameterError(f"fix ave/time mode vector: expected the id of a compute with a vector (c_id), not '{word}'")
-        check_word(state, f"c_{reference}[1]")
+    if not vector:
+        words = expanded(state, words)
+    rows = {_rows(state, word) for word in words} if vector else {None}
+    if len(rows) > 1:
+        raise ParameterError(f"fix ave/time mode vector: {' '.join(words)} have different lengths ({', '.join(map(str, rows))})")
+    for word in () if vector else words:
+        check_word(state, word)
+    off = [read.integer(number, "the value after off", 1) - 1 for number in options.get("off", [])]
+    if off and max(off) >= len(words):
+        raise ParameterError(f"fix ave/time: off {max(off) + 1}, but the fix averages {len(words)}")
     start = read.integer(options["start"][0], "start", 0) if "start" in options else 0
     header = [f"# Time-averaged data for fix {name}", f"# TimeStep {' '.join(words)}"]
     if vector:
         header[1:] = ["# TimeStep Number-of-rows", f"# Row {' '.join(words)}"]
     file = file_of(options, header)
     window = Window(options.get("ave", ["one"]))
-    return TimeAverage(words, vector, name, parse_schedule(state, "ave/time", args[:3], start), window, file, form_of(options))
+    return TimeAverage(words, rows.pop(), off, name, parse_schedule(state, "ave/time", args[:3], start), window, file, form_of(options))
+
+
+def _rows(state: DeckState, word: str) -> int:
+    """Length of the vector that a word names; ParameterError if it is none."""
+    if word.startswith("f_"):
+        name, *indices = fix_reference(word)
+        average = state.fixes[name].parameters.get("average") if name in state.fixes else None
+        if indices or not isinstance(average, TimeAverage) or not average.size:
+            raise ParameterError(f"fix ave/time mode vector: {word} is not a fix ave/time with a vector")
+        return average.size
+    reference, index = compute_reference(word) if word.startswith("c_") else ("", 0)
+    if index is not None:
+        raise ParameterError(f"fix ave/time mode vector: expected a compute or fix with a vector (c_id, f_id), not '{word}'")
+    check_word(state, f"c_{reference}[1]")
+    return count_of(state, "c", reference)

@@ -4,11 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
 
 from ..errors import DeckError, DPDError, ParameterError
 from .lexer import Line
 
-STYLES = ("equal", "string", "index", "loop", "delete")
+STYLES = ("equal", "atom", "string", "index", "loop", "delete")
+
+#: Styles whose text is a formula.
+FORMULAS = ("equal", "atom")
+
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -55,8 +64,8 @@ class Variables:
         if style == "delete":
             self._found.pop(name, None)
             return
-        if not values or (style in ("equal", "string", "loop") and len(values) > 1):
-            hint = "; put a formula with blanks into quotes" if style == "equal" else ""
+        if not values or (style in (*FORMULAS, "string", "loop") and len(values) > 1):
+            hint = "; put a formula with blanks into quotes" if style in FORMULAS else ""
             raise ParameterError(f"variable {name} {style}: expected one value, but found {len(values)}{hint}")
         old = self._found.get(name)
         if style in ("index", "loop"):
@@ -81,11 +90,23 @@ class Variables:
     def value(self, name: str, evaluate: Callable[[str], float]) -> float:
         """Number that ``v_name`` stands for; ``evaluate`` gives the values of formulas."""
         variable = self.get(name)
+        if variable.style == "atom":
+            raise ParameterError(f"variable {name} is atom-style: it has a value for every bead; use compute reduce or fix ave/chunk")
         if variable.style != "equal":
             try:
                 return float(variable.text)
             except ValueError:
                 raise ParameterError(f"variable {name} is '{variable.text}', which is not a number") from None
+        return self._evaluated(name, variable, evaluate)
+
+    def bead_values(self, name: str, evaluate: Callable[[str], np.ndarray]) -> np.ndarray:
+        """(N,) values of an atom-style variable."""
+        variable = self.get(name)
+        if variable.style != "atom":
+            raise ParameterError(f"variable {name} is {variable.style}-style; an atom-style one is expected")
+        return self._evaluated(name, variable, evaluate)
+
+    def _evaluated(self, name: str, variable: Variable, evaluate: Callable[[str], T]) -> T:
         if name in self._evaluating:
             raise ParameterError(f"variable {name} refers to itself: {' -> '.join([*self._evaluating, name])}")
         self._evaluating.append(name)
@@ -103,4 +124,4 @@ class Variables:
     def text(self, name: str, evaluate: Callable[[str], float]) -> str:
         """Text that ``${name}`` stands for."""
         variable = self.get(name)
-        return f"{self.value(name, evaluate):.15g}" if variable.style == "equal" else variable.text
+        return f"{self.value(name, evaluate):.15g}" if variable.style in FORMULAS else variable.text

@@ -18,7 +18,7 @@ REFERENCE = json.loads((HERE / "lammps_reference.json").read_text())["decks"]
 # deck -> steps of the production run.  The first group is long enough for standard errors of 0.3 % (temperature) and 0.2 % (energy); the others mix
 # slowly (weak friction) or cost much per step, and would need hours here: docs/validation.md has long runs of them.
 LONG = {"in.dpd": 120_000, "in.dpdext": 30_000, "in.bonded": 20_000, "in.triclinic": 20_000}
-SHORT = {"in.dpd_tstat": 4_000, "in.dpdext_tstat": 2_500, "in.dpd-vv": 40_000, "in.dpd-shardlow": 30_000}
+SHORT = {"in.dpd_tstat": 3_000, "in.dpdext_tstat": 2_000, "in.dpd-vv": 40_000, "in.dpd-shardlow": 20_000}
 PRODUCTION = LONG | SHORT
 
 #: First rows do not depend on velocities or noise where positions come from a data file.

@@ -175,14 +175,15 @@ def test_reduce(tmp_path):
 )
 def test_slices(tmp_path, bins, start, count, volume):
     request = request_of(tmp_path, PLAIN.replace("x lower 1.0", bins))
-    slices = request.state.computes["ch"].settings.slices(request.state.box)
-    assert (slices.start, slices.count, slices.volume) == (pytest.approx(start), count, pytest.approx(volume))
+    all_bins = request.state.computes["ch"].settings.bins(request.state.box)
+    (slices,) = all_bins.axes
+    assert (slices.start, slices.count, all_bins.volume) == (pytest.approx(start), count, pytest.approx(volume))
     np.testing.assert_allclose(slices.centres, start + (np.arange(count) + 0.5) * slices.thickness)
 
 
 def test_lattice_units_are_the_default(tmp_path):
     text = PLAIN.replace("compute ch", "lattice fcc 0.5\ncompute ch").replace("x lower 1.0", "x -1 1")
-    slicing = request_of(tmp_path, text).state.computes["ch"].settings
+    (slicing,) = request_of(tmp_path, text).state.computes["ch"].settings.axes
     assert (slicing.thickness, slicing.origin) == (2.0, -2.0)
 
 
@@ -210,7 +211,7 @@ def test_a_box_that_has_grown_gets_more_slices(tmp_path):
     request = request_of(tmp_path, PLAIN)
     box = np.diag([7.5, 5.0, 6.0])
     context = context_of(request, box=box)
-    assert request.state.computes["ch"].settings.slices(context.box).count == 8
+    assert request.state.computes["ch"].settings.bins(context.box).count == 8
 
 
 # -- averages ----------------------------------------------------------------------------------------------------------------------
@@ -260,7 +261,7 @@ def test_how_windows_combine(tmp_path, mode, expected):
     found = []
     for step in (10, 20, 30, 40):
         average.take(context_of(request, step))
-        found.append(average.value(None))
+        found.append(average.value())
     assert found == pytest.approx(expected)
     lines = (tmp_path / "t.out").read_text().splitlines()
     assert lines[:2] == ["# Time-averaged data for fix t", "# TimeStep v_a"]
@@ -358,7 +359,7 @@ def test_nothing_is_written_when_a_deck_is_only_read(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("compute x all chunk/atom bin/2d x lower 1 y lower 1\n", "only style bin/1d is supported"),
+        ("compute x all chunk/atom bin/sphere 1 1 1 0 1 2\n", "only styles bin/1d, bin/2d, bin/3d are supported"),
         ("compute x all chunk/atom bin/1d x lower 0\n", "the thickness of the slices must be > 0"),
         ("compute x all chunk/atom bin/1d x middle 1\n", "the origin of the slices"),
         ("compute x all chunk/atom bin/1d x lower 1 bound y 0 1\n", "bound y, but the slices are along x"),
@@ -373,13 +374,13 @@ def test_nothing_is_written_when_a_deck_is_only_read(tmp_path):
         ("compute p all property/atom x y\ncompute x all reduce sum c_p\n", "has 2 values per bead; use c_p.1. and so on"),
         ("compute x all reduce sum c_ch\nthermo_style custom c_ch\n", "compute style chunk/atom has no value"),
         ("fix f all ave/chunk 1 1 1 zz vx\n", "'zz' is not the id of a compute chunk/atom; defined are ch"),
-        ("fix f all ave/chunk 1 1 1 ch fx\n", "expected vx, vy, vz, mass, density/number, density/mass, temp"),
-        ("fix f all ave/chunk 1 1 1 ch vx fy\n", "'fy' is neither a value nor an option"),
+        ("fix f all ave/chunk 1 1 1 ch x\n", "expected vx, vy, vz, fx, fy, fz, mass, density/number, density/mass, temp"),
+        ("fix f all ave/chunk 1 1 1 ch vx y\n", "'y' is neither a value nor an option"),
         ("fix f all ave/chunk 10 10 50 ch vx\n", "Nfreq must be a multiple of Nevery, at least Nrepeat.Nevery"),
         ("fix f all ave/chunk 3 1 10 ch vx\n", "Nfreq must be a multiple of Nevery"),
         ("fix f all ave/chunk 1 1 1 ch vx ave window\n", "needs 2 values"),
         ("fix f all ave/time 1 1 1 v_no\n", "there is no variable 'no'"),
-        ("fix f all ave/time 1 1 1 c_thermo_temp off 3\n", "'off' is neither a value nor an option"),
+        ("fix f all ave/time 1 1 1 c_thermo_temp off 3\n", "off 3, but the fix averages 1"),
         ("fix f all ave/time 1 1 1 c_thermo_temp\nreset_timestep 10\n", "reset_timestep is not possible while fix f counts steps"),
         ("fix f all ave/time 1 1 1 c_thermo_temp\nthermo_style custom f_f[1]\n", "f_f: the fix averages 1 value; use f_f"),
         ("fix f all ave/chunk 1 1 1 ch vx\nthermo_style custom f_f\n", "a fix ave/chunk has no single values"),

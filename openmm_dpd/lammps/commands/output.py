@@ -16,6 +16,7 @@ from ..per_bead import check_bead_word
 from ..state import DeckState, ThermoSettings
 from ..thermo import STYLES as THERMO_STYLES
 from ..thermo import check_format, check_word
+from ..wildcards import expanded
 from .setup import Handler
 
 
@@ -36,7 +37,7 @@ def thermo_style(state: DeckState, args: list[str]) -> None:
     """``thermo_style one|multi|yaml|custom words ...``; resets what thermo_modify has set, as in LAMMPS."""
     read.count(args, "thermo_style style ...", 1, None)
     style = read.choice(args[0], "the thermo style", [*THERMO_STYLES, "custom"])
-    words = args[1:] if style == "custom" else list(THERMO_STYLES[style])
+    words = list(expanded(state, args[1:]) if style == "custom" else THERMO_STYLES[style])
     if style == "custom":
         read.count(words, "thermo_style custom word word ...", 1, None)
     for word in words:
@@ -139,6 +140,7 @@ def compute(state: DeckState, args: list[str]) -> None:
     if name in state.computes or name in BUILT_IN:
         raise ParameterError(f"there is a compute {name} already")
     spec = COMPUTES[style]
+    words = list(expanded(state, words))
     spec.check(state, group, words)
     settings = None if spec.prepare is None else spec.prepare(state, group, words)
     state.computes[name] = Compute(name, group, style, tuple(words), settings)
@@ -164,6 +166,7 @@ def dump(state: DeckState, args: list[str]) -> None:
     every = read.integer(interval, "the interval of the dump", 1)
     if style == "custom":
         read.count(words, "dump ID group custom N file column ...", 1, None)
+        words = list(expanded(state, words))
         for word in words:
             check_bead_word(state, word, tuple(COLUMNS), "a column of dump custom")
     else:
