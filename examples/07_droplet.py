@@ -77,7 +77,7 @@ def draw(path: Path, times: np.ndarray, xyz: np.ndarray, density: np.ndarray, an
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(1, 4, figsize=(12.4, 3.3), layout="constrained", dpi=150, width_ratios=(1, 1, 1, 1.25))
+    figure, axes = plt.subplots(1, 4, figsize=(12.4, 3.3), layout="constrained", dpi=150, width_ratios=(1, 1, 1, 1.1))
     halfway = int(np.argmax(anisotropy < 0.5 * anisotropy[0]))
     shown = (0, halfway, len(times) - 1)
     top, reach = float(np.percentile(density[-1], 99)), 0.55 * max(FILM)
@@ -87,13 +87,14 @@ def draw(path: Path, times: np.ndarray, xyz: np.ndarray, density: np.ndarray, an
         cut = cut[np.argsort(-x[cut, 1])]
         dots = axis.scatter(x[cut, 0], x[cut, 2], c=density[k][cut], s=16, vmin=0, vmax=top, cmap="viridis", linewidth=0)
         axis.set(aspect="equal", xlim=(-reach, reach), ylim=(-reach, reach), xlabel="x", title=f"t = {times[k]:g}")
-        axis.locator_params(nbins=6)
-    axes[0].set_ylabel("z")
-    figure.colorbar(dots, ax=axes[:3], label="local density (others only)", shrink=0.9, pad=0.01)
+        axis.locator_params(nbins=3)
+    axes[0].set_ylabel("z   (beads with |y| < 1)")
+    # the density that the forces see: weighted counts of the neighbours within cutoff_B, without the bead itself
+    figure.colorbar(dots, ax=axes[:3], label="density of neighbours", pad=0.01)
     curve = axes[3]
     curve.plot(times, anisotropy, color="0.2", linewidth=1.5)
     curve.plot(times[list(shown)], anisotropy[list(shown)], "o", color="#b3541e", markersize=6, clip_on=False, zorder=3)
-    curve.set(xlabel="time", ylabel="shape anisotropy (0: sphere)", xlim=(0, times[-1]), ylim=(0, None))
+    curve.set(xlabel="time", ylabel="shape anisotropy (0: sphere)", box_aspect=1, xlim=(0, times[-1]), ylim=(0, None))
     curve.spines[["top", "right"]].set_visible(False)
     figure.savefig(path)
     plt.close(figure)
