@@ -53,6 +53,7 @@ def run(out: Path, seed: int) -> tuple[np.ndarray, np.ndarray, float]:
     simulation.step(EQUILIBRATION)
     # the fluid has found its structure: heat starts from here
     dpd.write_fields(simulation.context, built.plan, temperature=1.0)
+    # a reporter counts steps from the beginning: its frames are those of the loop if EQUILIBRATION is a multiple of EVERY
     file = out / f"fields{seed}.npz"
     simulation.reporters.append(dpd.FieldReporter(file, EVERY, built))
     frames = []

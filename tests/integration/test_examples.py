@@ -104,20 +104,24 @@ def test_polymers(tmp_path, monkeypatch):
 
 
 def test_heat_conduction(tmp_path, monkeypatch):
-    """The fitted diffusivity, within 10 % of the continuum formula in a narrower box (it scatters by 2 % between seeds)."""
-    module = example("06_heat_conduction", monkeypatch, EDGES=np.array([5.0, 20.0, 5.0]), EQUILIBRATION=200)
+    """The fitted diffusivity beside the continuum formula."""
+    shorter = {"EQUILIBRATION": 100, "STEPS": 500, "RUNS": 2}
+    module = example("06_heat_conduction", monkeypatch, **shorter)
     found = module.main(tmp_path)
     assert found["D_formula"] == pytest.approx(1.1077, abs=1e-3)
-    assert found["D"] == pytest.approx(found["D_formula"], rel=0.1)
-    assert found["offset"] > 0  # velocity Verlet heats a fluid with so much friction
+    # such runs scatter by at most 0.013 (8 seeds, of a narrower box); the range of the heat exchange and the wandering beads change D by 0.012 at most
+    assert found["D"] == pytest.approx(found["D_formula"], abs=4 * 0.013 / np.sqrt(2) + 0.012)
+    assert found["offset"] == pytest.approx(0.00223, abs=4 * 5e-5 / np.sqrt(2) + 1e-4)  # the heat of "mvv"
     assert is_picture(tmp_path / "profile.png")
 
 
 def test_droplet(tmp_path, monkeypatch):
-    """A small film rounds off; the liquid has the density that A, B and kT give it, near 6."""
+    """A small film rounds off, and its inside is as dense as the liquid at rest."""
     module = example("07_droplet", monkeypatch, FILM=(8.0, 6.0, 1.7), EDGE=14.0, STEPS=700, EVERY=20)
     found = module.main(tmp_path)
-    assert found["anisotropy_first"] > 0.1
-    assert found["anisotropy_last"] < 0.4 * found["anisotropy_first"]
-    assert found["density_inside"] == pytest.approx(6.0, abs=1.5)
+    assert found["anisotropy_first"] > 0.2
+    assert found["anisotropy_last"] < 0.1 * found["anisotropy_first"]
+    # pressure in a periodic box vanishes at 6.08; surface tension squeezes the drop by less than 0.15; standard error 0.035
+    assert 6.08 - 4 * 0.035 < found["density_inside"] < 6.23 + 4 * 0.035
+    assert 0 < found["density_error"] < 0.1
     assert is_picture(tmp_path / "drop.png")
