@@ -139,6 +139,45 @@ def test_same_bits_for_one_and_two_threads(box, density, two_threads):
         assert np.array_equal(other[2], results[0][2]) and np.array_equal(other[3], results[0][3])
 
 
+@pytest.mark.parametrize("box", [None, BOXES["tilted"]], ids=["none", "tilted"])
+def test_parts_the_work_is_cut_into_do_not_change_the_order(box):
+    """Any number of chunks of beads and tasks of columns, also more than there are beads in a cell or columns: the same sorted beads and pairs."""
+    scene = fluid(EXTENDED, box, seed=4)
+    engine = engine_of(scene)
+    engine.prepare(scene.positions, box)
+    pairs, expected = engine.lists[0], listed_pairs(engine)
+    order, geometry = pairs.order.copy(), pairs.geometry.copy()
+    origin, extent, shape = pairs._grid(scene.positions, box)
+    for parts in (2, 3, 7, 300):
+        scratch = pairs.cell, np.zeros((parts, len(pairs.count) - 1), np.int64), np.zeros(parts, np.int64)
+        out = pairs.count, pairs.order, pairs.xs, pairs.types, pairs.inv_mass
+        pairs.order[:], pairs.geometry[:] = -1, np.nan
+        of_beads = engine.spec.types, engine.spec.inv_mass
+        assert cells.bin_beads(scene.positions, pairs.beads, *of_beads, extent, origin, box is not None, shape, *scratch, *out) == -1
+        assert np.array_equal(pairs.order, order)
+        pairs.found[:] = 0
+        beads = pairs.xs, pairs.order, pairs.types, pairs.ntypes, pairs.cut2, pairs.cutoff**2, engine.spec.exceptions
+        out = pairs.start, pairs.found, pairs.pi, pairs.pj, pairs.geometry, pairs.factors
+        assert cells.list_pairs(*beads, extent, box is not None, shape, pairs.count, parts, *out)
+        assert listed_pairs(engine) == expected
+        listed = np.concatenate([np.arange(s, s + f) for s, f in zip(pairs.start[:-1].tolist(), pairs.found.tolist(), strict=True)])
+        assert np.array_equal(pairs.geometry[listed], geometry[listed])
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_few_cells_along_some_axes(seed):
+    """One, two or many cells along each axis without a box, three or four with one; beads many boxes away."""
+    rng = np.random.default_rng(seed)
+    edges = rng.choice([0.05, 1.5, 2.5, 3.2, 6.0], 3) if seed % 2 else rng.choice([2.2, 3.0, 3.2, 4.1], 3)
+    x, box = rng.random((150, 3)) * edges, None
+    if seed % 2 == 0:
+        box = np.diag(edges)
+        x += rng.integers(-40, 40, x.shape) * edges
+    engine = simple_engine(len(x))
+    engine.prepare(x, box)
+    assert unordered(listed_pairs(engine)) == oracle_pairs(x, box)
+
+
 @pytest.mark.parametrize(("ny", "nz"), [(1, 1), (2, 5), (3, 3), (3, 4), (4, 3), (5, 5), (6, 7), (7, 6), (9, 8), (11, 13)])
 def test_tasks_of_one_colour_never_touch_the_same_column(ny, nz):
     """Recomputed from the geometry: a column's pairs reach (y +- 1, z), and (y - 1 ... y + 1, z + 1), around the box."""

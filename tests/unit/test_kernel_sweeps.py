@@ -93,7 +93,7 @@ def test_immobile_beads_keep_their_velocity_and_drag_the_others(scheme):
     expected = expected_of(scene, scheme, engine, 0.05, inv_mass=inv_mass)
     np.testing.assert_allclose((base.velocities + change)[mobile], expected[mobile], rtol=0, atol=1e-12)
     at_rest = expected_of(scene, scheme, engine, 0.05, inv_mass=inv_mass, v=seen)
-    assert np.abs((expected - at_rest)[mobile]).max() > 0.1
+    assert np.abs((expected - at_rest)[mobile]).max() > 1e-3  # the walls' motion is seen
 
 
 @UPDATE
