@@ -21,20 +21,16 @@ from pathlib import Path
 
 import numpy as np
 
-import openmm_dpd as dpd
-from openmm_dpd.lammps.main import deck_scene
-from openmm_dpd.stats import block_average, ratio_average
+sys.path.insert(0, str(Path(__file__).parent))
+
+from atlas_parts.sampling import slope  # noqa: E402
+
+import openmm_dpd as dpd  # noqa: E402
+from openmm_dpd.lammps.main import deck_scene  # noqa: E402
+from openmm_dpd.stats import block_average, ratio_average  # noqa: E402
 
 DECK = Path(__file__).parents[1] / "examples" / "decks" / "in.dpde-shardlow"
 SCHEMES = ("mvv", "shardlow", "middle", "aboba")
-
-
-def slope(times: np.ndarray, energies: np.ndarray) -> tuple[float, float]:
-    """Slope of a straight line per ps and relative to the energy, and its standard error from eight pieces."""
-    fit = np.polyfit(times, energies, 1)[0] / energies[0]
-    pieces = [np.polyfit(t, e, 1)[0] / energies[0] for t, e in zip(np.array_split(times, 8), np.array_split(energies, 8), strict=True)]
-    # with noise the energy does a random walk, and the slopes of pieces are independent measurements of the drift
-    return float(fit), float(np.std(pieces, ddof=1) / 8**0.5)
 
 
 def measure(scheme: str, dt: float, length: float, discard: float, seed: int, kinetic: float | None = None) -> dict:

@@ -74,7 +74,7 @@ class Watch:
         self.every = every
         self.masses = np.array([m.value_in_unit(unit.dalton) for m in map(system.getParticleMass, range(system.getNumParticles()))])
         # total momentum is fixed, hence 3 degrees of freedom fewer than StateDataReporter counts
-        self.freedom = 3 * len(self.masses) - system.getNumConstraints() - 3
+        self.freedom = dpd.degrees_of_freedom(system)
         self.times: list[float] = []
         self.temperatures: list[float] = []
         self.momenta: list[float] = []

@@ -4,72 +4,94 @@ from __future__ import annotations
 
 from .barostat import EnthalpyBarostat, add_barostat
 from .build import Built, build, build_plan, fastest_platform
+from .embed import Embedded, embed
 from .errors import DeckError, DPDError, ParameterError, PlanError, ProgramError, RunError
 from .field_file import FieldReporter, load_fields
 from .fields import read_fields, write_fields
 from .kernels.threads import get_threads, set_threads
 from .measure import Observer, Sample, force_terms, set_temperature
-from .model.bonds import HarmonicBonds
+from .model.angles import CosineAngles, HarmonicAngles
+from .model.bonds import FENEBonds, HarmonicBonds, MorseBonds
 from .model.edpd import EDPD
+from .model.electrostatics import GaussianCharges, SlaterCharges
 from .model.energy_dpd import EnergyDPD
 from .model.eos import ConstantHeatCapacity, TabulatedEOS
+from .model.flow import BodyForce, PositionForce, Wall
 from .model.internal import BeadTemperatures, Concentrations, InternalEnergy
 from .model.mdpd import MDPD
 from .model.pairs import DPD, NONE, LennardJones, TabulatedPair
 from .model.scene import Scene, TemperatureRamp
+from .model.segments import SegmentalRepulsion
 from .model.sources import Block, Source, Sphere
 from .model.table import PairTable
 from .model.tdpd import TDPD
 from .plan import Plan, make_plan
+from .recommend import Choice, Recommendation, recommend
 from .reporters import DPDReporter
-from .thermostat import add_thermostat
+from .thermostat import add_thermostat, degrees_of_freedom
 
 __version__ = "0.1.0"
 
 __all__ = [
     "BeadTemperatures",
     "Block",
+    "BodyForce",
     "Built",
+    "Choice",
     "Concentrations",
     "ConstantHeatCapacity",
+    "CosineAngles",
     "DPD",
     "DPDError",
     "DPDReporter",
     "DeckError",
     "EDPD",
+    "Embedded",
     "EnergyDPD",
     "EnthalpyBarostat",
+    "FENEBonds",
     "FieldReporter",
+    "GaussianCharges",
+    "HarmonicAngles",
     "HarmonicBonds",
     "InternalEnergy",
     "LennardJones",
     "MDPD",
+    "MorseBonds",
     "NONE",
     "Observer",
     "PairTable",
     "ParameterError",
     "Plan",
     "PlanError",
+    "PositionForce",
     "ProgramError",
+    "Recommendation",
     "RunError",
     "Sample",
     "Scene",
+    "SegmentalRepulsion",
+    "SlaterCharges",
     "Source",
     "Sphere",
     "TDPD",
     "TabulatedEOS",
     "TabulatedPair",
     "TemperatureRamp",
+    "Wall",
     "add_barostat",
     "add_thermostat",
     "build",
     "build_plan",
+    "degrees_of_freedom",
+    "embed",
     "fastest_platform",
     "force_terms",
     "get_threads",
     "load_fields",
     "make_plan",
     "read_fields",
+    "recommend",
     "set_temperature",
     "set_threads",
     "write_fields",

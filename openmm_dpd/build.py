@@ -12,18 +12,23 @@ from openmm import app, unit
 
 from .errors import ParameterError, PlanError
 from .fields import field_variables
-from .forces.bonded import harmonic_bond_force
+from .forces.bonded import angle_forces, bond_forces
 from .forces.conservative import dpd_expression
+from .forces.electrostatics import electrostatic_forces, needs_list
 from .forces.expressions import PairExpression, exception_force, nonbonded_force
+from .forces.external import external_force
 from .forces.manybody import attraction_expression, density_force
 from .forces.pair_force import pair_force
 from .forces.partners import EXPRESSIONS
+from .forces.segments import segment_force, segment_spec
 from .kernels.cells import coincident_pairs
+from .model.bonds import FENEBonds
+from .model.flow import gaps
 from .model.mdpd import MDPD
 from .model.scene import Scene
-from .names import DENSITY_GROUP, PAIR_GROUP, VIRIAL_GROUP
+from .names import COULOMB_GROUP, DENSITY_GROUP, EXTERNAL_GROUP, LATTICE_GROUP, PAIR_GROUP, SEGMENT_GROUP, VIRIAL_GROUP
 from .plan import Plan, make_plan
-from .programs import make_program
+from .programs import make_program, walls
 from .programs.native import native_integrator
 from .programs.program import Program
 from .trajectory import openmm_topology
@@ -143,10 +148,13 @@ def build_plan(plan: Plan) -> Built:
     if plan.spec.fields is not None:
         for name, values in field_variables(plan.spec.fields.initial).items():
             integrator.setPerDofVariableByName(name, values)
+    if scene.walls:
+        for name, values in walls.variables(gaps(scene.walls, scene.box), scene.n_beads).items():
+            integrator.setPerDofVariableByName(name, values)
     return Built(
         system=system,
         integrator=integrator,
-        topology=openmm_topology(list(scene.types), scene.molecules, scene.bond_pairs, scene.box),
+        topology=openmm_topology(list(scene.types), scene.molecules, scene.bond_pairs, scene.box, scene.residues),
         positions=scene.positions * unit.nanometer,
         velocities=initial_velocities(scene, options.seed) * (unit.nanometer / unit.picosecond),
         plan=plan,
@@ -190,15 +198,24 @@ def _system(plan: Plan) -> tuple[openmm.System, set[int]]:
         else:
             expressions.append(dpd_expression(layer, scene.type_names))
     partners = [EXPRESSIONS[type(_some(table))](table, scene.type_names) for table in plan.partners]
-    groups |= _add_pair_expressions(system, plan, [*expressions, *partners], with_virial=partners)
+    factors = _excluded_pairs(plan, [*expressions, *partners])
+    groups |= _add_pair_expressions(system, plan, [*expressions, *partners], factors, with_virial=partners)
+    groups |= _add_charges(system, plan, factors)
     for k, layer in enumerate(densities):
         excluded = sorted(pair for pair, factor in plan.exceptions.items() if factor == 0.0)
         force = density_force(layer, scene.type_names, scene.type_ids, excluded, periodic)
         force.setForceGroup(DENSITY_GROUP - k)
         groups.add(DENSITY_GROUP - k)
         system.addForce(force)
-    if len(scene.bond_pairs):
-        system.addForce(harmonic_bond_force(scene.bonds, periodic))
+    for force in (*bond_forces(scene.bonds, periodic), *angle_forces(scene.angles, periodic)):
+        system.addForce(force)
+    segments = segment_spec(scene)
+    if segments is not None:
+        system.addForce(segment_force(segments, periodic))
+        groups.add(SEGMENT_GROUP)
+    for term in scene.body_forces:
+        system.addForce(external_force(term, scene.type_ids, scene.type_names, scene.box))
+        groups.add(EXTERNAL_GROUP)
     if options.kernel and options.scheme != "native":
         system.addForce(
             pair_force(
@@ -210,6 +227,7 @@ def _system(plan: Plan) -> tuple[openmm.System, set[int]]:
                 seed=options.seed,
                 scale=options.field_scale,
                 balanced=options.compensated and plan.spec.sweeps,
+                guarded=tuple(bonds for bonds in scene.bonds if isinstance(bonds, FENEBonds)),
             )
         )
         if options.kernel_conservative:
@@ -222,15 +240,41 @@ def _some(table: dict):
     return next(c for c in table.values() if c.cutoff > 0)
 
 
-def _add_pair_expressions(system: openmm.System, plan: Plan, expressions: list[PairExpression], with_virial) -> set[int]:
+def _excluded_pairs(plan: Plan, expressions: list[PairExpression]) -> dict[tuple[int, int], float]:
+    """Pairs that all pair forces leave to bond forces, and their factors: bonded neighbours, and beads at the same point."""
+    scene = plan.scene
+    reaches = [e.cutoff for e in expressions]
+    if scene.electrostatics is not None:
+        reaches.append(1.0 / scene.electrostatics.steepness)
+    if not reaches:
+        return {}
+    factors = dict(plan.exceptions)
+    # GPU platforms want the same exclusions in all pair forces
+    for pair in (*plan.charge_exceptions, *coincident_pairs(scene.positions, scene.box, 1e-4 * max(reaches))):
+        factors.setdefault(pair, 1.0)
+    return factors
+
+
+def _add_charges(system: openmm.System, plan: Plan, factors: dict[tuple[int, int], float]) -> set[int]:
+    """Add the forces of smeared charges."""
+    scene = plan.scene
+    if scene.electrostatics is None:
+        return set()
+    assert scene.charges is not None
+    listed = needs_list(scene.charges, plan.ewald, scene.box)
+    constant = scene.electrostatics.coulomb(scene.initial_kT)
+    factors = {pair: plan.charge_exceptions.get(pair, 1.0) for pair in factors}
+    for force in electrostatic_forces(scene.electrostatics, scene.charges, constant, plan.ewald, factors, listed=listed):
+        system.addForce(force)
+    return {COULOMB_GROUP} if plan.ewald is None else {COULOMB_GROUP, LATTICE_GROUP}
+
+
+def _add_pair_expressions(
+    system: openmm.System, plan: Plan, expressions: list[PairExpression], factors: dict[tuple[int, int], float], with_virial
+) -> set[int]:
     """Add the forces of radial pair potentials; GPU platforms want one cutoff per group and the same exclusions everywhere."""
     scene = plan.scene
     periodic = scene.box is not None
-    if not expressions:
-        return set()
-    factors = dict(plan.exceptions)
-    for pair in coincident_pairs(scene.positions, scene.box, 1e-4 * max(e.cutoff for e in expressions)):
-        factors.setdefault(pair, 1.0)
     exclusions = sorted(factors)
     restored = {pair: factor for pair, factor in sorted(factors.items()) if factor > 0}
     groups: dict[float, int] = {}

@@ -1,4 +1,4 @@
-"""The command line, ``openmm-dpd run | forces | explain``: thin over :mod:`openmm_dpd.lammps`."""
+"""The command line, ``openmm-dpd run | forces | explain | export``: thin over :mod:`openmm_dpd.lammps`."""
 
 from __future__ import annotations
 
@@ -27,6 +27,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--out", type=Path, metavar="DIR", help="folder for all files that are written (default: out/NAME)")
     run.add_argument("--quiet", action="store_true", help="print nothing but errors")
     forces = commands.add_parser("forces", help="forces term by term at the first configuration of a deck")
+    export = commands.add_parser("export", help="write the first run of a deck as in.NAME and data.NAME, for LAMMPS on a cluster")
     explain = commands.add_parser("explain", help="print what would be built for the first run of a deck")
     explain.add_argument("--scheme", choices=SCHEMES, help="integration scheme (default: what the deck's fixes say)")
     explain.add_argument("--dt", type=float, metavar="DT", help="time step, in the deck's units")
@@ -50,10 +51,28 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument(
             "--var", "-var", nargs=2, action="append", default=[], metavar=("NAME", "VALUE"), help="set an index variable of the deck"
         )
+    _add_export_options(export)
     for command in (run, forces):
         command.add_argument("--precision", choices=("single", "mixed", "double"), help="precision of a GPU platform")
         command.add_argument("--json", type=Path, metavar="FILE", required=command is forces, help="write results to this file")
     return parser
+
+
+def _add_export_options(export: argparse.ArgumentParser) -> None:
+    export.add_argument("deck", type=Path, metavar="DECK", help="LAMMPS input file")
+    export.add_argument("directory", type=Path, metavar="DIR", help="folder to write to")
+    export.add_argument("--name", metavar="NAME", help="files are in.NAME and data.NAME (default: the deck's name without 'in.')")
+    export.add_argument("--scheme", choices=SCHEMES, help="integration scheme; what LAMMPS does not have is replaced by what is nearest")
+    export.add_argument("--dt", type=float, metavar="DT", help="time step, in the deck's units")
+    export.add_argument("--steps", type=int, metavar="N", help="number of steps")
+    export.add_argument("--every", type=int, metavar="N", help="steps between two frames (default: a hundredth of the steps)")
+    export.add_argument("--seed", type=int, metavar="K", help="seed of the noise (default: the deck's)")
+    export.add_argument(
+        "--compat", choices=("consistent", "lammps"), default="consistent", help="what the scene means where LAMMPS differs on purpose"
+    )
+    export.add_argument(
+        "--var", "-var", nargs=2, action="append", default=[], metavar=("NAME", "VALUE"), help="set an index variable of the deck"
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -61,7 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     with _interrupts() as interrupts:
         try:
-            {"run": _run, "forces": _forces, "explain": _explain}[options.command](options)
+            {"run": _run, "forces": _forces, "explain": _explain, "export": _export}[options.command](options)
         except (DPDError, KeyboardInterrupt) as error:
             if interrupts or isinstance(error, KeyboardInterrupt):
                 print("openmm-dpd: interrupted", file=sys.stderr)
@@ -128,6 +147,31 @@ def _explain(options: argparse.Namespace) -> None:
     from .lammps.main import explain_deck
 
     print(explain_deck(options.deck, _options(options), variables=dict(options.var)))
+
+
+def _export(options: argparse.Namespace) -> None:
+    import warnings
+
+    from .lammps.export import export_deck
+    from .lammps.export_words import ExportWarning
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ExportWarning)  # said below, one line each
+        written = export_deck(
+            options.deck,
+            options.directory,
+            name=options.name,
+            dt=options.dt,
+            steps=options.steps,
+            scheme=options.scheme,
+            seed=options.seed,
+            every=options.every,
+            compat=options.compat,
+            variables=dict(options.var),
+        )
+    for text in written.differences:
+        print(f"openmm-dpd: different in LAMMPS: {text}", file=sys.stderr)
+    print("\n".join(str(path) for path in (written.deck, written.data, *written.tables)))
 
 
 def _make_folder(folder: Path, option: str) -> None:

@@ -16,15 +16,30 @@ import numpy as np
 import openmm
 from openmm import unit
 
+from .bonded_sums import angle_sums, bond_sums
 from .build import Built
 from .errors import ParameterError, RunError
 from .fields import per_dof, raw_fields
 from .forces.expressions import VIRIAL_SWITCH
+from .forces.segments import segment_spec
 from .kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
 from .kernels.fields import ENERGY, TEMPERATURE
+from .kernels.segments import SegmentEngine
+from .model.bonds import FENEBonds
 from .model.mdpd import MDPD
 from .model.scene import TemperatureRamp, thermal_energy
-from .names import COUNTER, KT, SEED, VIRIAL_GROUP, VOLUME_MOVES
+from .names import (
+    COULOMB_GROUP,
+    COULOMB_VIRIAL_GROUP,
+    COUNTER,
+    EXTERNAL_GROUP,
+    KT,
+    LATTICE_GROUP,
+    PAIR_GROUP,
+    SEED,
+    VIRIAL_GROUP,
+    VOLUME_MOVES,
+)
 from .plan import Plan
 from .units import BOLTZMANN, to_md, whole_number
 
@@ -42,7 +57,8 @@ class Sample:
     ----------
     step, time : steps done and time
     n_mobile, dof : beads that move, and their degrees of freedom, 3N - 3
-    kinetic, pair, bond : energies
+    kinetic, pair, bond, angle : energies; those of segmental repulsion and of charges are in ``pair``
+    short, lattice : of it, the short-ranged part of the charges and their lattice sum (0 without a box)
     virial_conservative, virial_dissipative, virial_random : sums of r_ij . F_ij
     volume : nm^3, or None without a box
     box : (3, 3) box vectors or None
@@ -82,6 +98,9 @@ class Sample:
     conductive: float | None = None
     theta: float | None = None
     forces: np.ndarray | None = None
+    angle: float = 0.0
+    short: float = 0.0
+    lattice: float = 0.0
 
     @property
     def total(self) -> float:
@@ -90,8 +109,8 @@ class Sample:
 
     @property
     def potential(self) -> float:
-        """Potential energy: pairs and bonds."""
-        return self.pair + self.bond
+        """Potential energy: pairs, bonds and angles."""
+        return self.pair + self.bond + self.angle
 
     @property
     def kT(self) -> float:
@@ -130,6 +149,8 @@ class Observer:
             raise ParameterError(f"an Observer wants what openmm_dpd.build() returned, not a {type(built).__name__}")
         self.built, self.plan = built, built.plan
         self._engine = PairEngine(self.plan.spec) if self.plan.layers else None
+        segments = segment_spec(self.plan.scene)
+        self._segments = None if segments is None else SegmentEngine(segments)
         self._groups = built.integrator.getIntegrationForceGroups()
         self._mass = np.array([m.value_in_unit(unit.dalton) for m in map(built.system.getParticleMass, range(self.plan.scene.n_beads))])
 
@@ -138,11 +159,15 @@ class Observer:
         """Why there is no configurational temperature, or None."""
         if self.plan.partners:
             return "a conservative term (Lennard-Jones or tabulated) has no Laplacian here"
+        if self._segments is not None:
+            return "the segmental repulsion has no Laplacian here"
+        if self.plan.scene.electrostatics is not None:
+            return "the interaction of charges has no Laplacian here"
         if self.plan.spec.fields is not None and self.plan.spec.fields.kind == TEMPERATURE:
             return "the repulsion depends on the temperatures of the beads (EDPD)"
         if any(isinstance(c, MDPD) and c.kernel == "lucy" for table in self.plan.layers for c in table.values()):
             return "the many-body force of the Lucy kernel derives from no potential"
-        if not self.plan.layers or (self.plan.conservative == "none" and not len(self.plan.scene.bond_pairs)):
+        if not self.plan.layers or (self.plan.conservative == "none" and not self.plan.scene.bonds and not self.plan.scene.angles):
             return "there is no conservative force"
         return None
 
@@ -158,16 +183,22 @@ class Observer:
         force = every[mobile]
         potential = state.getPotentialEnergy().value_in_unit(_KJ)
         if not (np.isfinite(potential) and np.all(np.isfinite(v))):
-            raise RunError(f"the energy or a velocity is not finite at step {state.getStepCount()}; the step size may be too large")
+            long = ", or a FENE bond too long" if any(isinstance(bonds, FENEBonds) for bonds in plan.scene.bonds) else ""
+            raise RunError(f"the energy or a velocity is not finite at step {state.getStepCount()}; the step size may be too large{long}")
         box = None if plan.scene.box is None else state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(_NM)
         bond, bond_virial, bond_laplacian = bond_sums(plan, x, box, mobile)
+        angle, angle_laplacian = angle_sums(plan, x, box, mobile)
         mass = self._mass[mobile][:, None]
         values = None if plan.spec.fields is None else raw_fields(context, plan.spec.fields)
         seen, on_step = self._seen_velocities(context, v, force, mass, mobile)
         parts = self._pair_parts(context, x, seen, box, values)
+        short, lattice = (0.0, 0.0) if plan.scene.electrostatics is None else charge_energies(context)
+        if plan.ewald is not None:
+            virial = short + lattice + _switched_energy(context, COULOMB_VIRIAL_GROUP)
+            parts[0] = parts[0]._replace(virial=parts[0].virial + virial)
         if plan.spec.fields is not None and plan.spec.fields.kind == TEMPERATURE:
             # outside a step the pair force does not know the temperatures its repulsion depends on
-            potential, every = parts[0].energy + bond, parts[0].force
+            potential, every = self._with_others(context, parts[0])
             force = every[mobile]
         if plan.options.scheme == "mvv" and plan.options.thermostat:
             every = every + parts[1].force + parts[2].force
@@ -179,8 +210,11 @@ class Observer:
             n_mobile=int(mobile.sum()),
             dof=max(0, 3 * int(mobile.sum()) - 3),
             kinetic=0.5 * float(np.sum(mass * v[mobile] ** 2)),
-            pair=potential - bond,
+            pair=potential - bond - angle,
             bond=bond,
+            angle=angle,
+            short=short,
+            lattice=lattice,
             virial_conservative=parts[0].virial + bond_virial,
             virial_dissipative=parts[1].virial,
             virial_random=parts[2].virial,
@@ -189,7 +223,7 @@ class Observer:
             gradient2=gradient2,
             force_norm=float(np.sum(shown**2)) ** 0.5,
             force_max=float(np.abs(shown).max(initial=0.0)),
-            laplacian=None if self.no_laplacian or self._engine is None else self._engine.laplacian() + bond_laplacian,
+            laplacian=None if self.no_laplacian or self._engine is None else self._engine.laplacian() + bond_laplacian + angle_laplacian,
             momentum=np.sum(mass * v[mobile], axis=0),
             target_kT=noise_state(context, plan)[0],
             kinetic_on_step=0.5 * float(np.sum(mass * on_step[mobile] ** 2)),
@@ -228,6 +262,12 @@ class Observer:
         predicted = per_dof(integrator, "vp")
         return np.where(np.any(acc != 0) & mobile[:, None], predicted, v), v
 
+    def _with_others(self, context: openmm.Context, part: Part) -> tuple[float, np.ndarray]:
+        """Energy and forces of a pair term, and of everything that is not in the pair force."""
+        state = context.getState(forces=True, energy=True, groups=self._groups & ((1 << PAIR_GROUP) - 1))
+        energy = state.getPotentialEnergy().value_in_unit(_KJ)
+        return part.energy + energy, part.force + state.getForces(asNumpy=True).value_in_unit(_KJ / _NM)
+
     def _pair_parts(self, context, x, v, box, values) -> list[Part]:
         """Conservative, dissipative and random energies, forces and virials of pairs; leaves the engine prepared at x."""
         parts = [Part(0.0, np.zeros_like(x), 0.0) for _ in range(3)]
@@ -239,14 +279,28 @@ class Observer:
                 counter += 1
             parts = [Part(*self._engine.forces(which, v, kT, dt, seed, counter, values)) for which in (CONSERVATIVE, DISSIPATIVE, RANDOM)]
         if self.plan.partners:
-            context.setParameter(VIRIAL_SWITCH, 1.0)
-            groups = {VIRIAL_GROUP - k for k in range(10)}
-            try:
-                virial = context.getState(energy=True, groups=groups).getPotentialEnergy().value_in_unit(_KJ)
-            finally:
-                context.setParameter(VIRIAL_SWITCH, 0.0)
+            virial = _switched_energy(context, *(VIRIAL_GROUP - k for k in range(10)))
             parts[0] = Part(parts[0].energy, parts[0].force, parts[0].virial + virial)
+        if self._segments is not None:
+            parts[0] = parts[0]._replace(virial=parts[0].virial + self._segments.forces(x, box)[2])
         return parts
+
+
+def _switched_energy(context: openmm.Context, *groups: int) -> float:
+    """Sum of the "energies" of virial forces."""
+    context.setParameter(VIRIAL_SWITCH, 1.0)
+    try:
+        return context.getState(energy=True, groups=set(groups)).getPotentialEnergy().value_in_unit(_KJ)
+    finally:
+        context.setParameter(VIRIAL_SWITCH, 0.0)
+
+
+def charge_energies(context: openmm.Context) -> tuple[float, float]:
+    """Energy of the charges of a scene, kJ/mol: the short-ranged part with what is taken out for bonded neighbours, and the lattice sum."""
+    short, lattice = (
+        context.getState(energy=True, groups={group}).getPotentialEnergy().value_in_unit(_KJ) for group in (COULOMB_GROUP, LATTICE_GROUP)
+    )
+    return short, lattice
 
 
 class Part(NamedTuple):
@@ -263,28 +317,6 @@ def noise_state(context: openmm.Context, plan: Plan) -> tuple[float, int, int, f
     if KT not in context.getParameters():
         return plan.options.kT, plan.options.seed, context.getStepCount(), dt
     return context.getParameter(KT), int(context.getParameter(SEED)), int(context.getParameter(COUNTER)), dt
-
-
-def bond_sums(plan: Plan, x: np.ndarray, box: np.ndarray | None, mobile: np.ndarray) -> tuple[float, float, float]:
-    """Energy, virial and Laplacian of harmonic bonds U = k (r - r0)^2 at the positions x.
-
-    The Laplacian is U'' + 2U'/r = 2k + 4k (r - r0)/r per bond and mobile bead.
-    """
-    energy = virial = laplacian = 0.0
-    for bonds in plan.scene.bonds:
-        i, j = bonds.pairs.T
-        d = x[i] - x[j]
-        if box is not None:
-            for k in (2, 1, 0):
-                d -= np.outer(np.rint(d[:, k] / box[k, k]), box[k])
-        r = np.linalg.norm(d, axis=1)
-        stretch = r - bonds.r0
-        energy += float(np.sum(bonds.k * stretch**2))
-        virial -= float(np.sum(2 * bonds.k * stretch * r))
-        ends = mobile[i].astype(float) + mobile[j]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            laplacian += float(np.sum(ends * np.where(r > 1e-10, 2 * bonds.k + 4 * bonds.k * stretch / r, 0.0)))
-    return energy, virial, laplacian
 
 
 def force_terms(
@@ -305,9 +337,11 @@ def force_terms(
     Returns
     -------
     dict of (N, 3) arrays, kJ/mol/nm
-        ``conservative`` (all pair potentials, from the plan's platform), ``bond`` if there are bonds, ``dissipative`` and ``random``.
-        They add up to the total force.  If beads carry internal energies, temperatures or concentrations, ``rates_dissipative`` and
-        ``rates_random`` (N, K) are their changes per time at the scene's initial values.
+        ``conservative`` (all pair potentials but charges, from the plan's platform), ``electrostatic`` if there are charges,
+        ``bond`` if there are bonds or angles, ``external`` if
+        there are body forces, ``dissipative`` and
+        ``random``.  They add up to the total force.  If beads carry internal energies, temperatures or concentrations,
+        ``rates_dissipative`` and ``rates_random`` (N, K) are their changes per time at the scene's initial values.
     """
     plan = built.plan
     scene, spec = plan.scene, plan.spec
@@ -320,9 +354,17 @@ def force_terms(
     context.setPositions(x)
     groups = built.integrator.getIntegrationForceGroups()
     terms = {}
-    if len(scene.bond_pairs):
+    if scene.bonds or scene.angles:
         terms["bond"] = _forces(context, {0})
         groups = {g for g in range(32) if groups & (1 << g)} - {0} if isinstance(groups, int) else set(groups) - {0}
+    if scene.body_forces:
+        terms["external"] = _forces(context, {EXTERNAL_GROUP})
+        groups = {g for g in range(32) if groups & (1 << g)} if isinstance(groups, int) else set(groups)
+        groups -= {EXTERNAL_GROUP}
+    if scene.electrostatics is not None:
+        terms["electrostatic"] = _forces(context, {COULOMB_GROUP, LATTICE_GROUP})
+        kept = {g for g in range(32) if groups & (1 << g)} if isinstance(groups, int) else set(groups)
+        groups = kept - {COULOMB_GROUP, LATTICE_GROUP}
     terms["conservative"] = _forces(context, groups)
     engine = PairEngine(spec)
     engine.prepare(x, scene.box)
@@ -348,6 +390,8 @@ def _check_context(context) -> None:
 
 
 def _forces(context: openmm.Context, groups) -> np.ndarray:
+    if not groups:
+        return np.zeros((context.getSystem().getNumParticles(), 3))
     return context.getState(forces=True, groups=groups).getForces(asNumpy=True).value_in_unit(_KJ / _NM)
 
 

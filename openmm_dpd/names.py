@@ -44,5 +44,15 @@ PAIR_GROUP = 31
 #: Groups of forces that are evaluated only when a pressure is asked for, downwards from here.
 VIRIAL_GROUP = 30
 
+#: Group of forces on single beads, and the context parameter that scales them (0 switches them off).
+EXTERNAL_GROUP = 20
+BODY_FORCE = "dpd_body_force"
+
 #: Groups of the densities of many-body terms, downwards from here.
 DENSITY_GROUP = 15
+
+#: Group of the segmental repulsion.
+SEGMENT_GROUP = 16
+
+#: Groups of smeared charges: what is short-ranged, the lattice sum, and what makes a virial of their energy (only for pressures).
+COULOMB_GROUP, LATTICE_GROUP, COULOMB_VIRIAL_GROUP = 17, 18, 19

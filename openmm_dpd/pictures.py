@@ -86,7 +86,7 @@ def thermo_picture(
             axis.plot(data[x], level, color="black", linewidth=1.2, linestyle=(0, (5, 3)), label="set", zorder=3.9)
         for start in runs:
             axis.axvline(start, color="0.6", linewidth=0.8, linestyle=":", zorder=0)
-        _finish(axis, _with_unit(name, labels, "\n"), legend=len(words) > 1 or set_level)
+        finish_axis(axis, _with_unit(name, labels, "\n"), legend=len(words) > 1 or set_level)
     figure.align_ylabels(axes)
     axes[-1].set_xlabel(_with_unit(x, labels), fontsize=11)
     if title:
@@ -178,14 +178,16 @@ def _draw(axis: Any, x: np.ndarray, values: np.ndarray, spans: list[slice], labe
         axis.plot(x[span][::step], mean[::step], color=dark, linewidth=1.7, label=label if number == 0 else None, zorder=depth + 3)
 
 
-def _finish(axis: Any, name: str, legend: bool) -> None:
+def finish_axis(axis: Any, name: str, legend: bool) -> None:
+    """Label, grid and frame of one panel, and its legend above it."""
     axis.set_ylabel(name, fontsize=11)
     axis.tick_params(labelsize=10)
     axis.grid(color="0.92", linewidth=0.7)
     axis.set_axisbelow(True)
     axis.margins(x=0.01, y=0.12)
     # an offset such as "+1.234e5" above an axis is overlooked
-    axis.ticklabel_format(axis="y", useOffset=False)
+    if axis.get_yscale() == "linear":
+        axis.ticklabel_format(axis="y", useOffset=False)
     for side in ("top", "right"):
         axis.spines[side].set_visible(False)
     if legend:

@@ -13,8 +13,11 @@ from .kernels.cells import coincident_pairs
 from .kernels.engine import PairSpec
 from .kernels.fields import ENERGY, TEMPERATURE, FieldSpec
 from .kernels.sweeps import EXACT, SHARDLOW
-from .model.bonds import bonded_neighbours
+from .model.angles import HarmonicAngles
+from .model.bonds import FENEBonds, HarmonicBonds, bonded_neighbours
 from .model.edpd import EDPD
+from .model.electrostatics import EwaldSum, ewald_sum
+from .model.flow import gaps, kind_of
 from .model.mdpd import MDPD, why_no_openmm_force
 from .model.pairs import NONE, describe
 from .model.scene import Scene, TemperatureRamp
@@ -67,6 +70,8 @@ class ProgramOptions:
         Trial drift in units of the step size.
     trial : float or None
         Trial drift, ps, instead.
+    walls : str
+        Kind of the walls, "specular", "bounce-back" or "mixed"; empty if there are none.
     field_blocks : int
         Number of per-DOF variables that hold internal energies, temperatures or concentrations.
     field_names : str
@@ -93,6 +98,7 @@ class ProgramOptions:
     ramp: TemperatureRamp | None = None
     tau_ratio: float = 1.0 / 32.0
     trial: float | None = None
+    walls: str = ""
     field_blocks: int = 0
     field_names: str = ""
     field_lam: float = 0.5
@@ -124,6 +130,8 @@ class Plan:
     conservative: str
     platform: str | None
     notes: tuple[str, ...] = field(default=())
+    ewald: EwaldSum | None = None
+    charge_exceptions: dict[tuple[int, int], float] = field(default_factory=dict)
 
     def explain(self) -> str:
         """Half a page: what will be built, and why."""
@@ -150,10 +158,53 @@ class Plan:
         if self.spec.fields is not None:
             lines.append(self._field_text())
         if len(scene.bond_pairs):
-            lines.append(f"{len(scene.bond_pairs)} harmonic bonds; {len(self.exceptions)} bonded neighbours with a factor other than 1")
+            lines.append(f"{self._bond_text()}; {len(self.exceptions)} bonded neighbours with a factor other than 1")
+        for angles in scene.angles:
+            lines.append(f"{len(angles.triples)} {'harmonic' if isinstance(angles, HarmonicAngles) else 'cosine'} angles")
+        if scene.segments is not None:
+            lines.append(self._segment_text())
+        if scene.electrostatics is not None:
+            lines += self._charge_lines()
+        lines += [f"body force on single beads: {term}" for term in scene.body_forces]
+        for axis, gap in gaps(scene.walls, scene.box).items():
+            lines.append(f"{gap.kind} walls: {'xyz'[axis]} from {gap.low:g} to {gap.high:g} nm")
         if frozen:
             lines.append(f"{frozen} beads do not move (mass 0)")
         return "\n".join(lines + [f"note: {note}" for note in self.notes])
+
+    def _bond_text(self) -> str:
+        counts: dict[str, int] = {}
+        for bonds in self.scene.bonds:
+            name = {HarmonicBonds: "harmonic", FENEBonds: "FENE"}.get(type(bonds), "Morse")
+            counts[name] = counts.get(name, 0) + len(bonds.pairs)
+        return ", ".join(f"{count} {name} bonds" for name, count in counts.items())
+
+    def _segment_text(self) -> str:
+        segments = self.scene.segments
+        assert segments is not None
+        points = "midpoints" if segments.distance == "mid" else "nearest points"
+        return (
+            f"segmental repulsion between the {points} of {len(self.scene.segment_pairs)} bonds: A = {segments.A:g}, "
+            f"cutoff {segments.cutoff:g} nm, compiled kernel behind a PythonForce of its own"
+        )
+
+    def _charge_lines(self) -> list[str]:
+        charges, q, ewald = self.scene.electrostatics, self.scene.charges, self.ewald
+        assert charges is not None and q is not None
+        ions = int(np.count_nonzero(q))
+        text = f"{ions} charged beads, total charge {q.sum():g} e: {charges.describe()}, "
+        text += f"Coulomb constant {charges.coulomb(self.scene.initial_kT):.6g} kJ/mol nm/e^2"
+        if ewald is None:
+            return [text + "; no box: every pair, no cutoff"]
+        grid = " x ".join(map(str, ewald.grid))
+        lines = [text, f"  real space to {ewald.cutoff:.4g} nm, PME with alpha = {ewald.alpha:.4g}/nm on a grid of {grid}"]
+        error = charges.tail(ewald.cutoff)
+        if error > 2 * charges.tolerance:
+            lines.append(
+                f"  beyond that charges are point charges; the smeared force differs there by a part of {error:.1g} still "
+                f"({charges.tolerance:g} from {charges.reach(charges.tolerance):.3g} nm on)"
+            )
+        return lines
 
     def _field_text(self) -> str:
         fields = self.spec.fields
@@ -238,7 +289,7 @@ def make_plan(
     kinds, layers, partners = _split_tables(scene)
     check_cutoffs(scene.box, [*layers, *partners])
     _check_scheme(scheme, kinds)
-    exceptions = _exceptions(scene)
+    exceptions = _exceptions(scene, scene.special)
     repulsive = any(c is not NONE and c.has_conservative for table in layers for c in table.values())
     thermostat = any(c is not NONE and c.has_thermostat for table in layers for c in table.values())
     only = _why_kernel_only(scene, kinds, layers, exceptions)
@@ -252,9 +303,12 @@ def make_plan(
         lam=float(lam),
         thermostat=thermostat,
         kernel_conservative=where == "kernel",
-        sole_force=where == "kernel" and not partners and not len(scene.bond_pairs),
+        sole_force=where == "kernel"
+        and not partners
+        and not (scene.bonds or scene.angles or scene.segments or scene.body_forces or scene.electrostatics),
         ramp=scene.kT if isinstance(scene.kT, TemperatureRamp) else None,
         tau_ratio=tau_ratio(platform),
+        walls=kind_of(gaps(scene.walls, scene.box)),
         **_field_options(scene, fields, _longest(layers), platform, lam),
     )
     return Plan(
@@ -266,6 +320,8 @@ def make_plan(
         exceptions=exceptions,
         conservative=where,
         platform=platform,
+        ewald=_ewald(scene),
+        charge_exceptions=_charge_exceptions(scene),
     )
 
 
@@ -395,12 +451,25 @@ def check_cutoffs(box: np.ndarray | None, tables: list[dict]) -> None:
                 )
 
 
-def _exceptions(scene: Scene) -> dict[tuple[int, int], float]:
+def _exceptions(scene: Scene, special: tuple[float, float, float]) -> dict[tuple[int, int], float]:
     """Bonded neighbours whose factor is not 1."""
-    if not len(scene.bond_pairs) or scene.special == (1.0, 1.0, 1.0):
+    if not len(scene.bond_pairs) or special == (1.0, 1.0, 1.0):
         return {}
     found = bonded_neighbours(scene.bond_pairs, scene.n_beads)
-    return {pair: scene.special[k - 1] for k, pairs in found.items() if scene.special[k - 1] != 1.0 for pair in pairs}
+    return {pair: special[k - 1] for k, pairs in found.items() if special[k - 1] != 1.0 for pair in pairs}
+
+
+def _charge_exceptions(scene: Scene) -> dict[tuple[int, int], float]:
+    """The same for the interaction of charges."""
+    if scene.electrostatics is None:
+        return {}
+    return _exceptions(scene, scene.electrostatics.special or scene.special)
+
+
+def _ewald(scene: Scene) -> EwaldSum | None:
+    if scene.electrostatics is None or scene.charges is None or scene.box is None:
+        return None
+    return ewald_sum(scene.electrostatics, scene.box, int(np.count_nonzero(scene.charges)))
 
 
 def compressed_exceptions(exceptions: dict[tuple[int, int], float], n_beads: int):

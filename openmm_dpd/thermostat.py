@@ -97,7 +97,7 @@ def add_thermostat(
         raise ParameterError(f"lam (lambda of the modified velocity Verlet scheme) must be between 0 and 1, but is {lam:g}")
     if platform not in (None, *PLATFORMS):
         raise ParameterError(f"platform must be the name of one of OpenMM's platforms ({', '.join(PLATFORMS)}), not {platform!r}")
-    _check_system(system)
+    check_system(system)
     ramp, kT = _temperature(temperature)
     masses = np.array([m.value_in_unit(unit.dalton) for m in map(system.getParticleMass, range(system.getNumParticles()))])
     names, table, numbers = _types(friction, types, masses)
@@ -173,10 +173,34 @@ def _types(friction, types, masses: np.ndarray):
     numbers = np.array(
         [-1 if name is None or mass == 0 else number[name] for name, mass in zip(types, masses, strict=True)], dtype=np.int32
     )
+    if np.all(numbers < 0):
+        raise ParameterError("every particle is left out of the thermostat: those with a type name have mass 0")
     return names, table.resolve(names), numbers
 
 
-def _check_system(system: openmm.System) -> None:
+def degrees_of_freedom(system: openmm.System, *, momentum: bool = True) -> int:
+    """Degrees of freedom that share the kinetic energy of a System under a DPD thermostat, for its temperature 2K/(f k_B).
+
+    Three for each particle that moves, less one for each constraint, less three for the total momentum, which pairwise friction
+    conserves.  ``openmm.app.StateDataReporter`` takes those three off only if the System has a CMMotionRemover.
+
+    Parameters
+    ----------
+    system : openmm.System
+    momentum : bool, default True
+        Take the three of the momentum off.  Nothing is taken off where frozen particles (mass 0, no virtual sites) take up momentum, or if
+        there is not more than one particle.
+    """
+    count = range(system.getNumParticles())
+    moves = [system.getParticleMass(k).value_in_unit(unit.dalton) > 0 for k in count]
+    frozen = any(not moves[k] and not system.isVirtualSite(k) for k in count)
+    tied = [system.getConstraintParameters(k)[:2] for k in range(system.getNumConstraints())]
+    found = 3 * sum(moves) - sum(moves[i] or moves[j] for i, j in tied)
+    return found - 3 if momentum and not frozen and found > 3 else found
+
+
+def check_system(system: openmm.System) -> None:
+    """Raise an error if this is no System, or one that a DPD thermostat cannot be added to."""
     if not isinstance(system, openmm.System):
         raise ParameterError(f"the thermostat is added to an openmm.System, not to a {type(system).__name__}")
     for force in system.getForces():
@@ -192,4 +216,4 @@ def _check_system(system: openmm.System) -> None:
             raise PlanError(f"the {name} is in force group {PAIR_GROUP}, which the pair terms need for themselves")
 
 
-__all__ = ["add_thermostat"]
+__all__ = ["add_thermostat", "check_system", "degrees_of_freedom"]

@@ -12,8 +12,7 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,13 +21,27 @@ from openmm import app, unit
 
 from .errors import ParameterError
 from .model.scene import box_vectors
-from .units import to_md
+from .psf import RESIDUE, SEGMENT, Beads, checked_bonds, molecule_numbers, read_psf, residue_names, runs, write_psf
 
 if TYPE_CHECKING:
     import mdtraj
 
-#: Residue and segment name of all beads.  No reader knows "MOL" as an amino acid, nucleotide, water or solvent.
-RESIDUE, SEGMENT = "MOL", "DPD"
+__all__ = [
+    "RESIDUE",
+    "SEGMENT",
+    "SYMBOL",
+    "Beads",
+    "bead_charges",
+    "bead_element",
+    "bead_masses",
+    "load",
+    "load_topology",
+    "openmm_topology",
+    "pdb_names",
+    "radius_of_gyration",
+    "read_psf",
+    "write_psf",
+]
 
 #: Symbol of the elements made here: mdtraj's own for "no element", so that no file written from them can name a chemical one.
 SYMBOL = "VS"
@@ -60,7 +73,7 @@ def pdb_names(names: Sequence[str]) -> dict[str, str]:
     return {name: short[name] for name in types}
 
 
-def openmm_topology(names: Sequence[str], molecules=None, bonds=(), box=None) -> app.Topology:
+def openmm_topology(names: Sequence[str], molecules=None, bonds=(), box=None, residues: Sequence[str] | None = None) -> app.Topology:
     """Topology of beads without elements, for Simulation and all of OpenMM's reporters and file writers.
 
     Parameters
@@ -74,6 +87,8 @@ def openmm_topology(names: Sequence[str], molecules=None, bonds=(), box=None) ->
         Bead indices from 0.
     box : (3,) or (3, 3) array of lengths, optional
         Edges or box vectors.
+    residues : sequence of N str, optional
+        Name of the molecule of each bead; ``MOL`` by default.
 
     Returns
     -------
@@ -81,16 +96,17 @@ def openmm_topology(names: Sequence[str], molecules=None, bonds=(), box=None) ->
         One chain; every atom has the element None, which OpenMM writes as ``EP``.
     """
     names = [str(name) for name in names]
-    pairs = _checked_bonds(bonds, len(names))
-    numbers = _molecule_numbers(molecules, pairs, len(names))
+    pairs = checked_bonds(bonds, len(names))
+    numbers = molecule_numbers(molecules, pairs, len(names))
     short = pdb_names(names)
+    called = residue_names(residues, len(names))
     topology = app.Topology()
     chain = topology.addChain()
     atoms = []
-    for number, beads in _runs(numbers):
+    for number, beads in runs(numbers):
         unique = len({names[bead] for bead in beads}) == len(beads)
         for residue_beads in [beads] if unique else [[bead] for bead in beads]:
-            residue = topology.addResidue(RESIDUE, chain, id=str(number))
+            residue = topology.addResidue(called[residue_beads[0]], chain, id=str(number))
             atoms += [topology.addAtom(short[names[bead]], None, residue) for bead in residue_beads]
     for i, j in pairs.tolist():
         topology.addBond(atoms[i], atoms[j])
@@ -98,112 +114,6 @@ def openmm_topology(names: Sequence[str], molecules=None, bonds=(), box=None) ->
     if vectors is not None:
         topology.setPeriodicBoxVectors(vectors * unit.nanometer)
     return topology
-
-
-# -- PSF -----------------------------------------------------------------------------------------------------------------------
-@dataclass(frozen=True, eq=False)
-class Beads:
-    """What a PSF file says: the names, masses (Da), charges (e) and molecule numbers of N beads, and their bonds, (B, 2) from 0."""
-
-    names: list[str]
-    masses: np.ndarray
-    charges: np.ndarray
-    molecules: np.ndarray
-    bonds: np.ndarray
-
-
-def write_psf(path: str | os.PathLike, *, names: Sequence[str], masses, charges=None, molecules=None, bonds=()) -> None:
-    """Write a topology file with real masses and charges: PSF in NAMD's variant, whose columns are separated by blanks.
-
-    Read by :func:`load_topology`, mdtraj (which drops the masses), VMD (names of at most 7 characters), MDAnalysis and others.  Fixed
-    columns would cut digits, long names and large indices, and readers of CHARMM's extended columns disagree on where they stand.
-
-    Parameters
-    ----------
-    path : path-like
-        File to write; overwritten.
-    names : sequence of N str
-        Type name of each bead: printable ASCII without blanks.
-    masses : (N,) array of masses
-        Da, >= 0; all digits are kept.
-    charges : (N,) array of charges, optional
-        Elementary charges; 0 by default.
-    molecules : (N,) array of int, optional
-        Molecule numbers, >= 0, become residue numbers.  By default beads connected by bonds are a molecule.
-    bonds : (B, 2) array of int
-        Bead indices from 0.
-
-    Raises
-    ------
-    ParameterError
-        If the lengths differ, a name cannot be written, a mass is negative, a value is not finite, or a bond names no bead.
-    """
-    names = [str(name) for name in names]
-    count = len(names)
-    numbers = {name: k for k, name in enumerate(dict.fromkeys(names), start=1)}
-    for name in numbers:
-        if not name or not name.isascii() or not name.isprintable() or " " in name:
-            raise ParameterError(f"the bead type {name!r} cannot stand in a PSF file; use printable ASCII characters without blanks")
-    mass = _per_bead(masses, "mass", "masses", count)
-    if np.any(mass < 0):
-        raise ParameterError(f"bead {int(np.argmin(mass))} has the mass {mass.min():g}; masses must be >= 0")
-    charge = np.zeros(count) if charges is None else _per_bead(charges, "charge", "charges", count)
-    pairs = _checked_bonds(bonds, count)
-    molecule = _molecule_numbers(molecules, pairs, count)
-    # VMD wants at least 50 characters a line
-    atom_lines = [
-        f"{bead:10d} {SEGMENT:<8s} {resid:<8d} {RESIDUE:<8s} {name:<8s} {numbers[name]:<4d} {q!r:>13s} {m!r:>13s} {0:7d}"
-        for bead, (resid, name, q, m) in enumerate(zip(molecule.tolist(), names, charge.tolist(), mass.tolist(), strict=True), start=1)
-    ]
-    flat = [f" {index:9d}" for index in (pairs + 1).ravel().tolist()]
-    bond_lines = ["".join(flat[start : start + 8]) for start in range(0, len(flat), 8)]
-    sections = [
-        ("NTITLE", 1, [" REMARKS beads of a DPD simulation; masses in Da, charges in e"]),
-        ("NATOM", count, atom_lines),
-        ("NBOND: bonds", len(pairs), bond_lines),
-        *((name, 0, []) for name in ("NTHETA: angles", "NPHI: dihedrals", "NIMPHI: impropers", "NDON: donors", "NACC: acceptors")),
-    ]
-    with open(path, "w", encoding="ascii", newline="\n") as file:
-        file.write("PSF NAMD\n")
-        for name, entries, lines in sections:
-            file.writelines(f"{line}\n" for line in ("", f"{entries:10d} !{name}", *lines))
-        file.write("\n")
-
-
-def read_psf(path: str | os.PathLike) -> Beads:
-    """Read what :func:`write_psf` wrote, or any other PSF file whose columns are separated by blanks.
-
-    Raises
-    ------
-    ParameterError
-        If it is no PSF file or cannot be parsed; the message names file and line.
-    """
-    with open(path, encoding="ascii", errors="replace") as file:
-        lines = file.read().splitlines()
-    if not lines or not lines[0].startswith("PSF"):
-        raise ParameterError(f"{path} is no PSF file: its first line must begin with PSF")
-    start, count = _section(lines, "!NATOM", path)
-    names: list[str] = []
-    columns = np.zeros((2, count))
-    molecules = np.zeros(count, dtype=np.int64)
-    for k in range(count):
-        try:
-            # index, segment, residue number, residue, name, type, charge, mass
-            words = lines[start + k].split()
-            names.append(words[4])
-            molecules[k], columns[0, k], columns[1, k] = int(words[2]), float(words[6]), float(words[7])
-        except (IndexError, ValueError):
-            raise ParameterError(f"{path}:{start + k + 1}: cannot read bead {k + 1} of {count} from this line") from None
-    start, number = _section(lines, "!NBOND", path)
-    words = []
-    while len(words) < 2 * number and start < len(lines) and lines[start].strip():
-        words += lines[start].split()
-        start += 1
-    try:
-        bonds = np.array([int(word) for word in words], dtype=np.int64).reshape(number, 2) - 1
-    except ValueError:
-        raise ParameterError(f"{path}:{start}: cannot read {number} bonds up to this line") from None
-    return Beads(names, columns[1], columns[0], molecules, _checked_bonds(bonds, count))
 
 
 # -- mdtraj --------------------------------------------------------------------------------------------------------------------
@@ -247,9 +157,9 @@ def load_topology(path: str | os.PathLike) -> mdtraj.Topology:
     """mdtraj topology of a PSF file, with the masses and charges that stand in it.
 
     ``atom.name`` is the bead's type as it was written, ``atom.element.mass`` its mass (Da), ``atom.element.charge`` its charge (e).  Each
-    run of beads of one molecule is a residue, whose ``resSeq`` is the molecule number.  Elements are not in mdtraj's registry and have the
-    symbol of a virtual site: formats that store symbols instead of masses (PDB, HDF5) lose the masses but never invent an element.  For
-    OpenMM use :func:`openmm_topology`, not mdtraj's ``to_openmm``, which knows chemical elements only.
+    run of beads of one molecule is a residue, whose ``resSeq`` is the molecule number and whose name is the molecule's.  Elements are not
+    in mdtraj's registry and have the symbol of a virtual site: formats that store symbols instead of masses (PDB, HDF5) lose the masses
+    but never invent an element.  For OpenMM use :func:`openmm_topology`, not mdtraj's ``to_openmm``, which knows chemical elements only.
 
     Parameters
     ----------
@@ -263,8 +173,8 @@ def load_topology(path: str | os.PathLike) -> mdtraj.Topology:
     chain = topology.add_chain()
     atoms = []
     masses, charges = beads.masses.tolist(), beads.charges.tolist()
-    for number, run in _runs(beads.molecules):
-        residue = topology.add_residue(RESIDUE, chain, resSeq=number, segment_id=SEGMENT)
+    for number, run in runs(beads.molecules):
+        residue = topology.add_residue(beads.residues[run[0]], chain, resSeq=number, segment_id=SEGMENT)
         for bead in run:
             name = beads.names[bead]
             atoms.append(topology.add_atom(name, bead_element(name, masses[bead], charges[bead]), residue))
@@ -336,67 +246,3 @@ def radius_of_gyration(trajectory: mdtraj.Trajectory) -> np.ndarray:
     positions = trajectory.xyz.astype(np.float64)
     centred = positions - np.einsum("i,fik->fk", weights, positions)[:, None, :]
     return np.sqrt(np.einsum("i,fik,fik->f", weights, centred, centred))
-
-
-# -- helpers -------------------------------------------------------------------------------------------------------------------
-def _per_bead(values, dimension: str, name: str, count: int) -> np.ndarray:
-    array = np.asarray(to_md(values, dimension, name))
-    if array.shape != (count,):
-        raise ParameterError(f"{name} must have one entry for each of the {count} names, not shape {array.shape}")
-    return array
-
-
-def _checked_bonds(bonds, count: int) -> np.ndarray:
-    """Bonds as a (B, 2) array of indices in range."""
-    try:
-        array = np.asarray(bonds)
-    except ValueError:
-        raise ParameterError("bonds must be pairs of bead indices; their entries differ in length") from None
-    if array.size == 0:
-        return np.zeros((0, 2), dtype=np.int64)
-    if array.ndim != 2 or array.shape[1] != 2 or not np.issubdtype(array.dtype, np.integer):
-        raise ParameterError(f"bonds must be pairs of bead indices, not an array of {array.dtype} of shape {array.shape}")
-    bad = np.flatnonzero((array.min(axis=1) < 0) | (array.max(axis=1) >= count) | (array[:, 0] == array[:, 1]))
-    if len(bad):
-        raise ParameterError(f"bond {bad[0]} is {array[bad[0]].tolist()}; it must join two different beads of 0 to {count - 1}")
-    return array.astype(np.int64)
-
-
-def _molecule_numbers(molecules, bonds: np.ndarray, count: int) -> np.ndarray:
-    """Molecule numbers, (N,); where none are given, those of the beads connected by bonds, counted from 1."""
-    if molecules is None:
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
-
-        if not len(bonds):
-            return np.arange(1, count + 1)
-        joined = coo_array((np.ones(len(bonds), dtype=np.int8), (bonds[:, 0], bonds[:, 1])), shape=(count, count))
-        label = connected_components(joined, directed=False)[1]
-        # numbered in the order of their first beads
-        _, first, position = np.unique(label, return_index=True, return_inverse=True)
-        return (np.argsort(np.argsort(first)) + 1)[position]
-    array = np.asarray(molecules)
-    if array.shape != (count,) or not np.issubdtype(array.dtype, np.integer):
-        raise ParameterError(f"molecules must be one integer for each of the {count} names, not {array.dtype} of shape {array.shape}")
-    if count and array.min() < 0:
-        raise ParameterError(f"bead {int(np.argmin(array))} has the molecule number {array.min()}; they must be >= 0")
-    return array.astype(np.int64)
-
-
-def _runs(numbers: np.ndarray) -> Iterator[tuple[int, range]]:
-    """Runs of neighbours with the same number: the number and the indices."""
-    edges = np.concatenate([[0], np.flatnonzero(np.diff(numbers)) + 1, [len(numbers)]]).tolist()
-    for start, stop in zip(edges[:-1], edges[1:], strict=True):
-        if stop > start:
-            yield int(numbers[start]), range(start, stop)
-
-
-def _section(lines: list[str], title: str, path) -> tuple[int, int]:
-    """Index of the first line of a section and the number of its entries."""
-    for index, line in enumerate(lines):
-        if title in line:
-            try:
-                return index + 1, int(line.split()[0])
-            except ValueError:
-                break
-    raise ParameterError(f"{path} has no readable {title} section")

@@ -41,6 +41,9 @@ DIMENSIONS = {
     "friction": _M / _T,  # force/velocity: gamma of the DPD literature
     "noise": _E / _L * _T**0.5,  # force*time^(1/2): sigma of the DPD literature
     "force_constant": _E / _L**2,
+    "inverse_length": _L**-1,
+    "angle": unit.radian,
+    "angle_constant": _E / unit.radian**2,
     "conduction": _E**2 / _T,  # kappa of energy-conserving DPD times k_B
     "charge": unit.elementary_charge,
     "dimensionless": unit.dimensionless,

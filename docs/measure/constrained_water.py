@@ -62,7 +62,7 @@ def main() -> None:
     v = simulation.context.getState(velocities=True).getVelocities(asNumpy=True).value_in_unit(velocity)
     simulation.context.setVelocities(v - masses @ v / masses.sum())
     simulation.step(round(options.equilibration * 1000 / options.dt))
-    freedom = 3 * len(masses) - system.getNumConstraints() - 3
+    freedom = dpd.degrees_of_freedom(system)
     every = max(1, round(40 / options.dt))
     temperatures = []
     for _ in range(round(options.time * 1000 / options.dt / every)):

@@ -14,6 +14,8 @@ data.dpde_shardlow    3000 beads with velocities for in.dpde-shardlow and in.dpd
 data.dpdh             2500 beads with velocities for in.dpdh-shardlow, atom_style dpd (metal units)
 table.dpde_eos        internal energy of a bead as a function of its temperature, for in.dpde-table (metal units)
 data.chains           60 chains of 8 beads in 480 + 480 solvent, atom_style bond, no style hint (lj units)
+data.srp              40 chains of 10 beads among 248 single ones, atom_style angle, a third type for bonds (lj units)
+data.electrolyte      331 solvent beads, 22 cations and 22 anions, atom_style charge (lj units)
 data.triclinic        900 beads in a tilted box, image flags, beads far outside, velocities (lj units)
 """
 
@@ -258,6 +260,55 @@ def write_chains(path: Path) -> None:
     path.write_text("\n".join(lines) + "\n")
 
 
+def write_srp(path: Path) -> None:
+    """Random walks of ten beads (bond length 0.85) with an angle at every inner bead, and single beads between them."""
+    rng = np.random.default_rng(20240108)
+    chains, length, single, edge = 40, 10, 248, 6.0  # 648 beads, density 3
+    rows, bonds, angles = [], [], []
+    for chain in range(chains):
+        position = rng.random(3) * edge
+        for bead in range(length):
+            if bead:
+                step = rng.standard_normal(3)
+                position = position + 0.85 * step / np.linalg.norm(step)
+                bonds.append((len(bonds) + 1, 1, len(rows), len(rows) + 1))
+            if bead > 1:
+                angles.append((len(angles) + 1, 1, len(rows) - 1, len(rows), len(rows) + 1))
+            image = np.floor(position / edge).astype(int)
+            rows.append((len(rows) + 1, chain + 1, 1, *(position - image * edge), *image))
+    for k in range(single):
+        rows.append((len(rows) + 1, chains + 1 + k, 2, *(rng.random(3) * edge), 0, 0, 0))
+    lines = [
+        "Chains that do not cross, written by make_inputs.py",
+        "",
+        f"{len(rows)} atoms",
+        f"{len(bonds)} bonds",
+        f"{len(angles)} angles",
+    ]
+    lines += ["3 atom types", "1 bond types", "1 angle types", ""] + box_lines(np.zeros(3), np.full(3, edge))
+    lines += ["", "Masses", "", "1 1.0", "2 1.0", "3 1.0", "", "Atoms # angle", ""]
+    lines += [f"{a} {m} {t} {x:.6f} {y:.6f} {z:.6f} {i} {j} {k}" for a, m, t, x, y, z, i, j, k in rows]
+    lines += ["", "Bonds", ""] + [" ".join(map(str, bond)) for bond in bonds]
+    lines += ["", "Angles", ""] + [" ".join(map(str, angle)) for angle in angles]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def write_electrolyte(path: Path) -> None:
+    """Beads on a disturbed lattice, ions among them at random."""
+    rng = np.random.default_rng(20240111)
+    edge, sites = 5.0, 8
+    kinds = np.array([1] * 331 + [2] * 22 + [3] * 22)
+    rng.shuffle(kinds)
+    lattice = np.stack(np.meshgrid(*[np.arange(sites)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    places = (rng.permutation(lattice)[: len(kinds)] + 0.5 + rng.uniform(-0.3, 0.3, (len(kinds), 3))) * edge / sites
+    lines = ["Solvent and ions, written by make_inputs.py", "", f"{len(kinds)} atoms", "3 atom types", ""]
+    lines += box_lines(np.zeros(3), np.full(3, edge)) + ["", "Masses", "", "1 1.0", "2 1.0", "3 1.0", "", "Atoms # charge", ""]
+    charges = {1: 0.0, 2: 1.0, 3: -1.0}
+    rows = zip(kinds.tolist(), places.tolist(), strict=True)
+    lines += [f"{k} {kind} {charges[kind]:g} {x:.6f} {y:.6f} {z:.6f}" for k, (kind, (x, y, z)) in enumerate(rows, start=1)]
+    path.write_text("\n".join(lines) + "\n")
+
+
 def write_triclinic(path: Path) -> None:
     """Tilted box with a lower corner that is not 0; a third of the beads lie in other periodic images."""
     rng = np.random.default_rng(20240105)
@@ -294,4 +345,6 @@ if __name__ == "__main__":
     write_shardlow(HERE / "data.dpdh", DPDH)
     write_eos(HERE / "table.dpde_eos")
     write_chains(HERE / "data.chains")
+    write_srp(HERE / "data.srp")
+    write_electrolyte(HERE / "data.electrolyte")
     write_triclinic(HERE / "data.triclinic")

@@ -1,4 +1,4 @@
-"""Bonds."""
+"""Bonds and angles as forces of OpenMM."""
 
 from __future__ import annotations
 
@@ -6,15 +6,88 @@ from collections.abc import Sequence
 
 import openmm
 
-from ..model.bonds import HarmonicBonds
+from ..model.angles import Angles, CosineAngles, HarmonicAngles
+from ..model.bonds import WCA_END, Bonds, FENEBonds, HarmonicBonds, MorseBonds
 
 
-def harmonic_bond_force(bonds: Sequence[HarmonicBonds], periodic: bool) -> openmm.HarmonicBondForce:
-    """HarmonicBondForce of U = k (r - r0)^2; OpenMM's own constant is 2k."""
+def bond_forces(bonds: Sequence[Bonds], periodic: bool) -> list[openmm.Force]:
+    """Forces of all bonds, one of each kind that there is."""
+    makers = {HarmonicBonds: _harmonic_bonds, FENEBonds: _fene_bonds, MorseBonds: _morse_bonds}
+    return _forces(bonds, makers, lambda group: len(group.pairs), periodic)
+
+
+def angle_forces(angles: Sequence[Angles], periodic: bool) -> list[openmm.Force]:
+    """Forces of all angles, one of each kind that there is."""
+    makers = {HarmonicAngles: _harmonic_angles, CosineAngles: _cosine_angles}
+    return _forces(angles, makers, lambda group: len(group.triples), periodic)
+
+
+def _forces(groups, makers, size, periodic: bool) -> list[openmm.Force]:
+    made: list[openmm.Force] = []
+    for kind, maker in makers.items():
+        chosen = [group for group in groups if isinstance(group, kind) and size(group)]
+        made += maker(chosen) if chosen else []
+    for force in made:
+        force.setUsesPeriodicBoundaryConditions(periodic)
+    return made
+
+
+def _harmonic_bonds(groups: Sequence[HarmonicBonds]) -> list[openmm.Force]:
+    """U = k (r - r0)^2; OpenMM's own constant is 2k."""
     force = openmm.HarmonicBondForce()
     force.setName("harmonic bonds")
-    for group in bonds:
+    for group in groups:
         for (i, j), k, r0 in zip(group.pairs.tolist(), group.k.tolist(), group.r0.tolist(), strict=True):
             force.addBond(i, j, r0, 2 * k)
-    force.setUsesPeriodicBoundaryConditions(periodic)
+    return [force]
+
+
+def _custom_bonds(expression: str, names: Sequence[str], name: str) -> openmm.CustomBondForce:
+    force = openmm.CustomBondForce(expression)
+    force.setName(name)
+    for parameter in names:
+        force.addPerBondParameter(parameter)
     return force
+
+
+def _fene_bonds(groups: Sequence[FENEBonds]) -> list[openmm.Force]:
+    """The spring, and apart from it the repulsion of the bonds that have one: at r = 0 it would give NaN even with epsilon = 0."""
+    spring = _custom_bonds("-0.5*k*R0^2*log(1-(r/R0)^2)", ("k", "R0"), "FENE bonds")
+    repulsion = _custom_bonds(
+        f"step({WCA_END!r}*sigma-r)*epsilon*(4*s6*(s6-1)+1); s6=(sigma/r)^6", ("epsilon", "sigma"), "repulsion of FENE bonds"
+    )
+    for group in groups:
+        rows = zip(*(array.tolist() for array in (group.pairs, group.k, group.R0, group.epsilon, group.sigma)), strict=True)
+        for (i, j), k, longest, epsilon, sigma in rows:
+            spring.addBond(i, j, [k, longest])
+            if epsilon > 0:
+                repulsion.addBond(i, j, [epsilon, sigma])
+    return [spring, repulsion] if repulsion.getNumBonds() else [spring]
+
+
+def _morse_bonds(groups: Sequence[MorseBonds]) -> list[openmm.Force]:
+    force = _custom_bonds("D*(1-exp(-alpha*(r-r0)))^2", ("D", "alpha", "r0"), "Morse bonds")
+    for group in groups:
+        for (i, j), *values in zip(*(array.tolist() for array in (group.pairs, group.D, group.alpha, group.r0)), strict=True):
+            force.addBond(i, j, values)
+    return [force]
+
+
+def _harmonic_angles(groups: Sequence[HarmonicAngles]) -> list[openmm.Force]:
+    """U = k (theta - theta0)^2; OpenMM's own constant is 2k."""
+    force = openmm.HarmonicAngleForce()
+    force.setName("harmonic angles")
+    for group in groups:
+        for (i, j, m), k, theta0 in zip(group.triples.tolist(), group.k.tolist(), group.theta0.tolist(), strict=True):
+            force.addAngle(i, j, m, theta0, 2 * k)
+    return [force]
+
+
+def _cosine_angles(groups: Sequence[CosineAngles]) -> list[openmm.Force]:
+    force = openmm.CustomAngleForce("k*(1+cos(theta))")
+    force.setName("cosine angles")
+    force.addPerAngleParameter("k")
+    for group in groups:
+        for (i, j, m), k in zip(group.triples.tolist(), group.k.tolist(), strict=True):
+            force.addAngle(i, j, m, [k])
+    return [force]

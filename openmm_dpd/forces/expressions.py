@@ -103,7 +103,9 @@ def exception_force(
     CustomNonbondedForce and returns NaN at r = 0 whatever the expression, but not in a bond force.
     """
     text = expression.virial if virial else expression.energy
-    text = f"factor*({text.split(';')[0]}); r=max(distance(p1, p2), 1e-10){''.join(';' + part for part in text.split(';')[1:])}"
+    head, *definitions = text.split(";")
+    # OpenMM wants what a definition uses behind it
+    text = ";".join([f"factor*({head})", *definitions, " r=max(distance(p1, p2), 1e-10)"])
     force = openmm.CustomCompoundBondForce(2, _switched(text) if virial else text)
     force.setName(expression.name + " (exceptions)" + (" (virial)" if virial else ""))
     if virial:

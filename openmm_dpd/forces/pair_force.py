@@ -26,6 +26,7 @@ from ..names import (
     VOLUME_STEP,
     Phase,
 )
+from .runaway import runaway
 
 
 @compiled
@@ -111,17 +112,19 @@ class PairForceFunction:
         Changes of what beads carry are returned in units of this.
     balanced : bool
         Whether, for internal energies, the change of a bead's kinetic energy counts in (the program takes it off again).
+    guarded : sequence of FENEBonds
+        Bonds whose lengths are looked at once in every step: a bond that is too long would make the positions NaN.
     """
 
-    def __init__(self, spec: PairSpec, conservative: bool, periodic: bool, scale: float = 1.0, balanced: bool = False):
+    def __init__(self, spec: PairSpec, conservative: bool, periodic: bool, scale: float = 1.0, balanced: bool = False, guarded: tuple = ()):
         self.spec, self.conservative, self.periodic = spec, conservative, periodic
-        self.scale, self.balanced = scale, balanced
+        self.scale, self.balanced, self.guarded = scale, balanced, guarded
         self._cutoff = max(float(term.cutoff.max()) for term in spec.terms)
         self._zero = np.zeros((len(spec.types), 3))
         self._local = threading.local()
 
     def __reduce__(self):
-        return type(self), (self.spec, self.conservative, self.periodic, self.scale, self.balanced)
+        return type(self), (self.spec, self.conservative, self.periodic, self.scale, self.balanced, self.guarded)
 
     def __call__(self, state):
         parameters = state.getParameters()
@@ -149,6 +152,11 @@ class PairForceFunction:
         """Energy and forces for a phase."""
         x = state.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
         box = self._box(state) if self.periodic else None
+        if phase in (Phase.NOTE, Phase.CONSERVE):
+            for bonds in self.guarded:
+                wrong = bonds.overstretched(x, box)
+                if wrong is not None:
+                    raise RunError(f"{wrong}; the step size may be too large")
         if phase == Phase.NOTE:
             local.kept = x
             return self._note(local, x, box, parameters), self._zero
@@ -199,6 +207,9 @@ class PairForceFunction:
         if not kT >= 0.0:
             raise RunError(f"the context parameter {KT} must be >= 0, but is {kT}")
         v = relative_to(x, kept, box) / tau
+        wrong = runaway(v, self.spec.inv_mass, kT, dt, self._cutoff)
+        if wrong is not None:
+            raise RunError(f"{wrong}; the step size is too large for this scheme, or the start is too far from equilibrium")
         engine.prepare(kept if phase in (Phase.FORCE_KEPT, Phase.SWEEP_KEPT) else x, box)
         if phase in (Phase.FORCE_SEEN, Phase.FORCE_KEPT):
             which = DISSIPATIVE | RANDOM
@@ -238,12 +249,13 @@ def pair_force(
     seed: int,
     scale: float = 1.0,
     balanced: bool = False,
+    guarded: tuple = (),
 ) -> openmm.PythonForce:
     """PythonForce that evaluates the pair terms, with its context parameters (see :mod:`openmm_dpd.names`)."""
     parameters = {PHASE: float(Phase.IDLE), TAU: dt, DT: dt, KT: kT, COUNTER: 0.0, SEED: float(seed)}
     if spec.fields is not None and spec.fields.kind == ENERGY:
         parameters |= {VOLUME_MOVES: 0.0, VOLUME_STEP: 0.01, VOLUME_ACCEPTED: 0.0}
-    force = openmm.PythonForce(PairForceFunction(spec, conservative, periodic, scale, balanced), parameters)
+    force = openmm.PythonForce(PairForceFunction(spec, conservative, periodic, scale, balanced, guarded), parameters)
     force.setName("DPD pair terms")
     force.setForceGroup(PAIR_GROUP)
     # true exactly when the scene is periodic: only then are the positions handed over meaningful on GPU platforms

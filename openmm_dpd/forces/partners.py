@@ -26,7 +26,8 @@ def lennard_jones_expression(table: dict, names: list[str]) -> PairExpression:
     text, functions = parameters(
         {
             "epsilon": type_pairs(table, names, lambda c: c.epsilon, 0.0),
-            "sigma": type_pairs(table, names, lambda c: c.sigma, 1.0),
+            # 0 where there is no interaction: (1/r)^12 would overflow where soft beads overlap
+            "sigma": type_pairs(table, names, lambda c: c.sigma, 0.0),
             "rc": type_pairs(table, names, lambda c: c.cutoff, 1.0),
             "shift": type_pairs(table, names, at_cutoff, 0.0),
         }

@@ -9,7 +9,7 @@ import numpy as np
 
 from . import forces, sweeps
 from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, GAMMA, GAMMA_PERP, SIGMA, SIGMA_PERP, A
-from .layer import Call, Forces
+from .layer import STRESS, Call, Forces
 from .threads import run
 
 if TYPE_CHECKING:
@@ -72,6 +72,7 @@ class DPDLayer:
         """Force form at the listed positions."""
         pairs = self.pairs
         force = np.zeros((len(pairs.order), 3))
+        stress = np.zeros((len(pairs.energy) if call.which & STRESS else 0, 6))
         v = np.zeros((0, 3)) if call.velocities is None else np.take(call.velocities, pairs.order, axis=0)
         run(
             forces.pair_forces,
@@ -88,8 +89,9 @@ class DPDLayer:
             force,
             pairs.energy,
             pairs.virial,
+            stress,
         )
-        return Forces(pairs.energy.sum(), pairs.virial.sum(), force)
+        return Forces(pairs.energy.sum(), pairs.virial.sum(), force, stress=stress.sum(axis=0) if len(stress) else None)
 
     def sweep(self, call: Call, v: np.ndarray, flow: np.ndarray | None) -> None:
         """Update the velocities (N, 3) pair by pair, in place."""
@@ -111,6 +113,12 @@ class DPDLayer:
             sorted_v,
         )
         v[pairs.order] = sorted_v
+
+    def friction_moment(self, kT: float) -> float:
+        """Sum over pairs of f gamma w^(2s) r^2 (radial friction)."""
+        pairs = self.pairs
+        pi, pj, geometry, factors, columns, _, _, start, found = pairs.geometry_arguments
+        return forces.friction_moment(pairs.types, pairs.ntypes, self._at(kT), pi, pj, geometry, factors, columns, start, found)
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy."""

@@ -15,7 +15,7 @@ from ..errors import RunError
 from . import cells, sweeps
 from .dpd import TermTable
 from .fields import FieldSpec
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Layer, Table
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, Call, Layer, Table
 from .threads import get_threads, run, set_threads
 
 
@@ -163,6 +163,8 @@ class PairEngine:
     ----------
     rates, flow : (N, K) arrays
         What the last call of :meth:`forces` and :meth:`sweep` gave for the fields of the spec (per time, and in all).
+    stress : (6,) array
+        Sum over pairs of r_ij F_ij (xx, yy, zz, xy, xz, yz) of the last call of :meth:`forces` with STRESS.
     """
 
     def __init__(self, spec: PairSpec):
@@ -173,6 +175,7 @@ class PairEngine:
         ]
         columns = 0 if spec.fields is None else spec.fields.n_values
         self.rates, self.flow = np.zeros((len(spec.types), columns)), np.zeros((len(spec.types), columns))
+        self.stress = np.zeros(6)
         self._x = np.full((len(spec.types), 3), np.nan)
         self._box: np.ndarray | None = None
 
@@ -194,7 +197,7 @@ class PairEngine:
         Parameters
         ----------
         which : int
-            Sum of CONSERVATIVE, DISSIPATIVE, RANDOM.
+            Sum of CONSERVATIVE, DISSIPATIVE, RANDOM, and STRESS for the tensor in ``stress``.
         v : (N, 3) array
             Velocities the friction sees (not needed for conservative and random forces).
         kT, dt : float
@@ -218,6 +221,7 @@ class PairEngine:
             which &= ~RANDOM
         call = Call(which, None if v is None else self._seen(v), kT, dt, seed, counter, scalars)
         self.rates[...] = 0.0
+        self.stress[...] = 0.0
         for number, layer in enumerate(self.layers):
             result, order = layer.forces(call), layer.pairs.order
             if number == 0:
@@ -226,6 +230,10 @@ class PairEngine:
                 force[order] += result.force
             if result.rates is not None:
                 self.rates[order] += result.rates
+            if which & STRESS:
+                if result.stress is None:
+                    raise RunError("the stress tensor is computed for isothermal DPD terms only")
+                self.stress += result.stress
             energy += result.energy
             virial += result.virial
         if self.spec.fields is not None and which & DISSIPATIVE:
@@ -286,4 +294,15 @@ def warm_up(spec: PairSpec, log=lambda _: None) -> None:
         log(f"compiled the pair kernel in {seconds:.0f} s (first run only; it is cached)")
 
 
-__all__ = ["CONSERVATIVE", "DISSIPATIVE", "RANDOM", "PairEngine", "PairSpec", "TermTable", "get_threads", "set_threads", "warm_up"]
+__all__ = [
+    "CONSERVATIVE",
+    "DISSIPATIVE",
+    "RANDOM",
+    "STRESS",
+    "PairEngine",
+    "PairSpec",
+    "TermTable",
+    "get_threads",
+    "set_threads",
+    "warm_up",
+]

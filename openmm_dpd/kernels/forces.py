@@ -49,12 +49,14 @@ def _pair_forces(
     f,
     energy,
     virial,
+    stress,
 ):
     for colour in range(len(colour_start) - 1):
         for block in prange(colour_start[colour], colour_start[colour + 1]):
             for task in range(block_start[block], block_start[block + 1]):
                 column = columns[task]
                 column_energy, column_virial = 0.0, 0.0
+                xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
                 for n in range(start[column], start[column] + found[column]):
                     i, j = pi[n], pj[n]
                     row = 0 if ntypes == 1 else types[i] * ntypes + types[j]
@@ -96,6 +98,14 @@ def _pair_forces(
                     fx += radial * ex
                     fy += radial * ey
                     fz += radial * ez
+                    if len(stress):
+                        xx += r * ex * fx
+                        yy += r * ey * fy
+                        zz += r * ez * fz
+                        # central forces make these symmetric; transverse ones on average only
+                        xy += 0.5 * r * (ex * fy + ey * fx)
+                        xz += 0.5 * r * (ex * fz + ez * fx)
+                        yz += 0.5 * r * (ey * fz + ez * fy)
                     f[i, 0] += fx
                     f[i, 1] += fy
                     f[i, 2] += fz
@@ -104,6 +114,9 @@ def _pair_forces(
                     f[j, 2] -= fz
                 energy[column] = column_energy
                 virial[column] = column_virial
+                if len(stress):
+                    stress[column, 0], stress[column, 1], stress[column, 2] = xx, yy, zz
+                    stress[column, 3], stress[column, 4], stress[column, 5] = xy, xz, yz
 
 
 pair_forces, pair_forces_parallel = serial_and_parallel(_pair_forces)
@@ -124,4 +137,17 @@ def laplacian(types, ntypes, coefficients, inv_mass, pi, pj, geometry, factors, 
             rc, r = coefficients[row, CUTOFF], geometry[n, 3]
             mobile = (inv_mass[i] > 0.0) + (inv_mass[j] > 0.0)
             total += mobile * factor * coefficients[row, A] * (1.0 / rc - 2.0 * (1.0 - r / rc) / r)
+    return total
+
+
+@compiled
+def friction_moment(types, ntypes, coefficients, pi, pj, geometry, factors, columns, start, found):
+    """Sum over pairs of f gamma w^(2s) r^2: a fifteenth of it is the mean stress of an affine shear at rate 1."""
+    total = 0.0
+    for column in columns:
+        for n in range(start[column], start[column] + found[column]):
+            row = 0 if ntypes == 1 else types[pi[n]] * ntypes + types[pj[n]]
+            r = geometry[n, 3]
+            wr = power(1.0 - r / coefficients[row, CUTOFF], coefficients[row, EXPONENT])
+            total += (factors[n] if len(factors) else 1.0) * coefficients[row, GAMMA] * wr * wr * r * r
     return total

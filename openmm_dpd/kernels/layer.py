@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 #: Which terms an evaluation adds up.
 CONSERVATIVE, DISSIPATIVE, RANDOM = 1, 2, 4
 
+#: Added to them: the sum of r_ij F_ij as a tensor is wanted too.
+STRESS = 8
+
 
 @dataclass(frozen=True, eq=False)
 class Call:
@@ -23,7 +26,7 @@ class Call:
     Attributes
     ----------
     which : int
-        Sum of CONSERVATIVE, DISSIPATIVE, RANDOM.
+        Sum of CONSERVATIVE, DISSIPATIVE, RANDOM, and perhaps STRESS.
     velocities : (N, 3) array or None
     kT, dt : float
         Thermal energy and time step; noise as a force has the amplitude sigma/sqrt(dt).
@@ -62,12 +65,15 @@ class Forces:
     force : (M, 3) array
     rates : (M, K) array or None
         Change per time of what beads carry (for internal energies: conductive, mechanical).
+    stress : (6,) array or None
+        Sum over pairs of r_ij F_ij, components xx, yy, zz, xy, xz, yz; only if asked for, and only of layers that have it.
     """
 
     energy: float
     virial: float
     force: np.ndarray
     rates: np.ndarray | None = None
+    stress: np.ndarray | None = None
 
 
 class Layer(Protocol):

@@ -23,12 +23,15 @@ class Box:
         ``xy``, ``xz``, ``yz``; zero for an orthogonal box.
     triclinic : bool
         Whether the box was defined with tilts, even if they are 0.
+    periodic : three bools
+        Axes along which the box repeats; a box with others has no tilts.
     """
 
     low: np.ndarray
     edges: np.ndarray
     tilt: np.ndarray
     triclinic: bool = False
+    periodic: tuple[bool, bool, bool] = (True, True, True)
 
     def __post_init__(self):
         for name in ("low", "edges", "tilt"):
@@ -45,8 +48,11 @@ class Box:
 
     @property
     def reduced_vectors(self) -> np.ndarray:
-        """Vectors of the same lattice in OpenMM's reduced form (no tilt above half an edge)."""
-        a, b, c = self.vectors
+        """Vectors of the same lattice in OpenMM's reduced form (no tilt above half an edge).
+
+        Along an axis that does not repeat the box is followed by as much empty room, which no cutoff reaches through.
+        """
+        a, b, c = self.vectors * np.where(self.periodic, 1.0, 2.0)[:, None]
         c = c - b * np.round(c[1] / b[1]) if abs(c[1]) > 0.5 * b[1] * (1 + 1e-9) else c
         c = c - a * np.round(c[0] / a[0]) if abs(c[0]) > 0.5 * a[0] * (1 + 1e-9) else c
         b = b - a * np.round(b[0] / a[0]) if abs(b[0]) > 0.5 * a[0] * (1 + 1e-9) else b
@@ -70,7 +76,7 @@ class Box:
 
     def scaled(self, factor: float) -> Box:
         """The box in another unit of length."""
-        return Box(self.low * factor, self.edges * factor, self.tilt * factor, self.triclinic)
+        return Box(self.low * factor, self.edges * factor, self.tilt * factor, self.triclinic, self.periodic)
 
     def fractions(self, positions: np.ndarray) -> np.ndarray:
         """Positions in units of the box vectors, counted from the lower corner."""
@@ -84,14 +90,14 @@ class Box:
 
     def wrap(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions moved into the box, and by how many boxes each was moved back ((N, 3) integers to be added to the image flags)."""
-        boxes = np.floor(self.fractions(positions))
+        boxes = np.floor(self.fractions(positions)) * self.periodic
         lost = ~(np.abs(boxes) < 2**31).all(axis=1)
         if lost.any():
             raise ParameterError(f"{int(lost.sum())} of {len(lost)} positions are not finite, or more than 2^31 boxes away")
         shifts = boxes.astype(np.int64)
         inside = np.where(shifts.any(axis=1)[:, None], positions - shifts @ self.vectors, positions)
         # a bead a rounding error below the face lands exactly on the opposite one, which belongs to the next box
-        over = np.floor(self.fractions(inside)).astype(np.int64)
+        over = (np.floor(self.fractions(inside)) * self.periodic).astype(np.int64)
         inside = np.where(over.any(axis=1)[:, None], inside - over @ self.vectors, inside)
         return inside, shifts + over
 

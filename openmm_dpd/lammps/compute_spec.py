@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..errors import ParameterError
+
 if TYPE_CHECKING:
     from .context import Context
     from .state import DeckState
@@ -38,8 +40,12 @@ class ComputeSpec:
         The same for an array of values.
     per_bead : callable or None
         The same for values of single beads, (N,) or (N, columns), 0 for beads outside the group.
+    array : callable or None
+        The same for a table of values, (rows, columns), which are never normalised.
+    rows : callable
+        Number of rows of the table.
     columns : callable
-        Number of values per bead, 0 if there is one without an index.
+        Number of columns of the table, or of values per bead: 0 if there is one without an index.
     extensive : bool or callable
         Whether thermo output divides it by the number of beads when it normalises; may depend on the compute.
     extensive_vector : bool
@@ -58,6 +64,8 @@ class ComputeSpec:
     scalar: Callable[[Context, Compute], float] | None = None
     vector: Callable[[Context, Compute], np.ndarray] | None = None
     per_bead: Callable[[Context, Compute], np.ndarray] | None = None
+    array: Callable[[Context, Compute], np.ndarray] | None = None
+    rows: Callable[[Compute], int] = lambda compute: 0
     columns: Callable[[Compute], int] = lambda compute: 0
     extensive: bool | Callable[[Compute], bool] = False
     extensive_vector: bool = False
@@ -71,3 +79,13 @@ class ComputeSpec:
         if indexed and self.extensive_vector:
             return True
         return self.extensive if isinstance(self.extensive, bool) else self.extensive(compute)
+
+
+def check_place(compute: Compute, spec: ComputeSpec, row: int | None, column: int | None) -> tuple[int, int]:
+    """Indices from 0 of ``c_id[row][column]``; ParameterError unless it is in the table of a compute."""
+    rows, columns, name = spec.rows(compute), spec.columns(compute), f"c_{compute.name}"
+    if row is None or column is None:
+        raise ParameterError(f"compute {compute.name} (style {compute.style}) has a table of values; use {name}[row][column]")
+    if not (1 <= row <= rows and 1 <= column <= columns):
+        raise ParameterError(f"{name}[{row}][{column}] is out of range: the table has {rows} rows and {columns} columns")
+    return row - 1, column - 1

@@ -12,6 +12,7 @@ from . import arguments as read
 from .chunks import CHUNKS
 from .compute_spec import Compute, ComputeSpec
 from .per_bead import PER_BEAD, REDUCE, require_atom_style
+from .structure_computes import STRUCTURE
 
 if TYPE_CHECKING:
     from .context import Context
@@ -50,9 +51,12 @@ def temperature_compute(state: DeckState, name: str) -> Compute | None:
     return state.computes[name]
 
 
+#: Parts of the potential energy that compute pe can be asked for.
+_PARTS = ("pair", "bond", "angle")
+
+
 def _pe(context: Context, compute: Compute) -> float:
-    parts = compute.arguments or ("pair", "bond")
-    return sum(context.energy({"pair": "pair_energy", "bond": "bond_energy"}[part]) for part in parts)
+    return sum(context.energy(f"{part}_energy") for part in compute.arguments or _PARTS)
 
 
 def _pressure(context: Context, compute: Compute) -> float:
@@ -112,13 +116,14 @@ COMPUTES: dict[str, ComputeSpec] = {
         extensive=True,
         needs=("velocities",),
     ),
-    "pe": ComputeSpec(_all_only("pe", ("pair", "bond")), _pe, extensive=True, needs=("pair_energy", "bond_energy")),
+    "pe": ComputeSpec(_all_only("pe", _PARTS), _pe, extensive=True, needs=tuple(f"{part}_energy" for part in _PARTS)),
     "pressure": ComputeSpec(_check_pressure, _pressure, needs=("virial", "velocities")),
     "com": ComputeSpec(_no_arguments, vector=_centre, size=lambda compute: 3, needs=("positions",)),
     "momentum": ComputeSpec(_no_arguments, vector=_momentum, extensive=True, size=lambda compute: 3, needs=("velocities",)),
     "dpd": ComputeSpec(_check_dpd, vector=_dpd, size=lambda compute: 5, needs=("fields",)),
     "reduce": REDUCE,
     "chunk/atom": CHUNKS,
+    **STRUCTURE,
     **PER_BEAD,
 }
 

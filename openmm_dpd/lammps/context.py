@@ -12,6 +12,7 @@ from ..errors import ParameterError
 from . import computes
 from .bead_formulas import evaluate_beads
 from .box import Box
+from .compute_spec import check_place
 from .expressions import evaluate
 from .per_bead import BEAD_WORDS, folded
 from .state import carried_places
@@ -149,8 +150,8 @@ class Context:
         """Value of ``v_name``."""
         return self.state.variables.value(name, self.formula)
 
-    def compute(self, name: str, index: int | None) -> float:
-        """Value of ``c_name`` or ``c_name[index]``, not normalised."""
+    def compute(self, name: str, index: int | None, column: int | None = None) -> float:
+        """Value of ``c_name``, ``c_name[index]`` or ``c_name[index][column]``, not normalised."""
         if name in computes.BUILT_IN and index is None:
             word, extensive = computes.BUILT_IN[name]
             return self.thermo(word) * (self.norm if extensive else 1.0)
@@ -159,6 +160,10 @@ class Context:
             raise ParameterError(f"there is no compute '{name}'{'' if index is None else ' with a vector'}; defined are {known}")
         compute = self.state.computes[name]
         spec = computes.COMPUTES[compute.style]
+        if spec.array is not None:
+            return float(spec.array(self, compute)[check_place(compute, spec, index, column)])
+        if column is not None:
+            raise ParameterError(f"c_{name}[{index}][{column}]: compute {name} (style {compute.style}) has no table of values")
         if spec.per_bead is not None:
             return self._of_bead(name, index)
         if index is None:
@@ -172,10 +177,12 @@ class Context:
             raise ParameterError(f"c_{name}[{index}] is out of range: compute {compute.style} has {len(values)} values")
         return float(values[index - 1])
 
-    def compute_vector(self, name: str) -> np.ndarray:
-        """All values of ``c_name``; ParameterError if the compute has no vector."""
+    def compute_vector(self, name: str, column: int | None = None) -> np.ndarray:
+        """All values of ``c_name``, or of ``c_name[column]`` of a table; ParameterError if the compute has no vector."""
         compute = self.state.computes.get(name)
         spec = None if compute is None else computes.COMPUTES[compute.style]
+        if compute is not None and spec is not None and spec.array is not None and column is not None:
+            return spec.array(self, compute)[:, column - 1]
         if compute is None or spec is None or spec.vector is None:
             raise ParameterError(f"there is no compute '{name}' with a vector")
         return spec.vector(self, compute)

@@ -16,6 +16,7 @@ ATOM_STYLES: dict[str, tuple[str, ...]] = {
     "atomic": ("id", "type", "x", "y", "z"),
     "charge": ("id", "type", "charge", "x", "y", "z"),
     "bond": ("id", "molecule", "type", "x", "y", "z"),
+    "angle": ("id", "molecule", "type", "x", "y", "z"),
     "molecular": ("id", "molecule", "type", "x", "y", "z"),
     "full": ("id", "molecule", "type", "charge", "x", "y", "z"),
     "dpd": ("id", "type", "theta", "x", "y", "z"),
@@ -31,9 +32,12 @@ def atom_columns(style: str, n_species: int = 0) -> tuple[str, ...]:
 
 
 #: Atom styles whose beads may be bonded.
-BONDED_STYLES = ("bond", "molecular", "full")
+BONDED_STYLES = ("bond", "angle", "molecular", "full")
 
-SECTIONS = ("Atoms", "Velocities", "Masses", "Bonds", "Pair Coeffs", "PairIJ Coeffs", "Bond Coeffs")
+#: Atom styles whose bonds may have angles between them.
+ANGLE_STYLES = ("angle", "molecular", "full")
+
+SECTIONS = ("Atoms", "Velocities", "Masses", "Bonds", "Angles", "Pair Coeffs", "PairIJ Coeffs", "Bond Coeffs", "Angle Coeffs")
 
 _COUNTS = ("atoms", "bonds", "angles", "dihedrals", "impropers")
 _HEADERS: dict[tuple[str, ...], int] = {
@@ -47,7 +51,7 @@ _HEADERS: dict[tuple[str, ...], int] = {
     ("xy", "xz", "yz"): 3,
 }
 
-_UNSUPPORTED = ("angles", "dihedrals", "impropers")
+_UNSUPPORTED = ("dihedrals", "impropers")
 
 #: Largest id, and largest image flag.
 _LARGEST = 2**31 - 1
@@ -63,7 +67,7 @@ class DataFile:
     ----------
     path : Path
         The file.
-    n_types, n_bond_types : int
+    n_types, n_bond_types, n_angle_types : int
         Numbers of types.
     box : Box
         The box.
@@ -79,6 +83,8 @@ class DataFile:
         Masses section.
     bonds : (B, 3) array of int
         Type and two ids.
+    angles : (A, 4) array of int
+        Type and three ids.
     coefficients : dict of str to list of (line number, words)
         Lines of the Coeffs sections by section name.
     hints : dict of str to str
@@ -97,6 +103,8 @@ class DataFile:
     bonds: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
     coefficients: dict[str, list[Row]] = field(default_factory=dict)
     hints: dict[str, str] = field(default_factory=dict)
+    n_angle_types: int = 0
+    angles: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
 
 
 class _Reader:
@@ -281,24 +289,27 @@ class _Reader:
             found[kind] = mass
         return found
 
-    def bonds(self, n_bond_types: int, ids: np.ndarray) -> np.ndarray:
-        rows = self.rows("Bonds", self.count("bonds"))
-        if rows and self.style not in BONDED_STYLES:
-            raise self.fail(f"atom_style {self.style} has no bonds; use {' or '.join(BONDED_STYLES)}", self.sections["Bonds"][0])
-        if self.count("bonds") and not rows:
-            raise self.fail(f"the header announces {self.count('bonds')} bonds, but there is no Bonds section")
+    def joined(self, what: str, size: int, n_types: int, ids: np.ndarray, styles: tuple[str, ...]) -> np.ndarray:
+        """Types and ids of the Bonds or Angles section."""
+        section, announced = f"{what.capitalize()}s", self.count(f"{what}s")
+        rows = self.rows(section, announced)
+        if rows and self.style not in styles:
+            raise self.fail(f"atom_style {self.style} has no {what}s; use {' or '.join(styles)}", self.sections[section][0])
+        if announced and not rows:
+            raise self.fail(f"the header announces {announced} {what}s, but there is no {section} section")
         known = set(ids.tolist())
-        found = np.zeros((len(rows), 3), dtype=np.int64)
+        found = np.zeros((len(rows), 1 + size), dtype=np.int64)
+        usage = "id type " + " ".join(f"atom{k}" for k in range(1, size + 1))
         for k, (number, words) in enumerate(rows):
-            if len(words) != 4:
-                raise self.fail(f"expected 'id type atom1 atom2', not '{' '.join(words)}'", number)
-            _, kind, first, second = self.integers(words, number, "whole numbers 'id type atom1 atom2'")
-            if not 1 <= kind <= n_bond_types:
-                raise self.fail(f"bond type {kind} is out of range; there are {n_bond_types}", number)
-            for atom in (first, second):
+            if len(words) != 2 + size:
+                raise self.fail(f"expected '{usage}', not '{' '.join(words)}'", number)
+            _, kind, *atoms = self.integers(words, number, f"whole numbers '{usage}'")
+            if not 1 <= kind <= n_types:
+                raise self.fail(f"{what} type {kind} is out of range; there are {n_types}", number)
+            for atom in atoms:
                 if atom not in known:
-                    raise self.fail(f"a bond names atom {atom}, which does not exist", number)
-            found[k] = kind, first, second
+                    raise self.fail(f"a{'n' * (what == 'angle')} {what} names atom {atom}, which does not exist", number)
+            found[k] = kind, *atoms
         return found
 
 
@@ -323,6 +334,7 @@ def read_data_file(path: Path, atom_style: str, n_species: int = 0) -> DataFile:
     reader = _Reader(path, atom_style, n_species)
     reader.split()
     n_types, n_bond_types = reader.count("atom", "types"), reader.count("bond", "types")
+    n_angle_types = reader.count("angle", "types")
     columns, positions, images = reader.atoms(n_types)
     return DataFile(
         path=path,
@@ -334,7 +346,9 @@ def read_data_file(path: Path, atom_style: str, n_species: int = 0) -> DataFile:
         images=images,
         velocities=reader.velocities(columns["id"]),
         masses=reader.masses(n_types),
-        bonds=reader.bonds(n_bond_types, columns["id"]),
+        bonds=reader.joined("bond", 2, n_bond_types, columns["id"], BONDED_STYLES),
+        n_angle_types=n_angle_types,
+        angles=reader.joined("angle", 3, n_angle_types, columns["id"], ANGLE_STYLES),
         coefficients={name: reader.sections[name][1] for name in SECTIONS if "Coeffs" in name and name in reader.sections},
         hints=reader.hints,
     )

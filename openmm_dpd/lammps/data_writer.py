@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from .bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedSetup, BondedStyle
 from .data_file import atom_columns
 from .pair_styles import coefficient_words
 from .state import DeckState
@@ -28,6 +29,9 @@ def data_file_lines(state: DeckState, *, pair: str | None = "ii") -> Iterator[st
     if len(state.bonds) or state.n_bond_types:
         yield f"{len(state.bonds)} bonds"
         yield f"{state.n_bond_types} bond types"
+    if len(state.angles) or state.n_angle_types:
+        yield f"{len(state.angles)} angles"
+        yield f"{state.n_angle_types} angle types"
     yield ""
     for axis, low, high in zip("xyz", box.low, box.high, strict=True):
         yield f"{float(low)!r} {float(high)!r} {axis}lo {axis}hi"
@@ -35,14 +39,16 @@ def data_file_lines(state: DeckState, *, pair: str | None = "ii") -> Iterator[st
         yield " ".join(repr(float(value)) for value in box.tilt) + " xy xz yz"
     if len(state.masses) == state.n_types:
         yield from ("", "Masses", "")
-        yield from (f"{kind} {mass / state.units.mass:.15g}" for kind, mass in sorted(state.masses.items()))
+        yield from (f"{kind} {mass / state.units.mass!r}" for kind, mass in sorted(state.masses.items()))
     if pair is not None:
         yield from _pair_coefficients(state, pair)
-        yield from _bond_coefficients(state)
+        yield from _bonded_coefficients(state, "Bond", state.bond, BOND_STYLES)
+        yield from _bonded_coefficients(state, "Angle", state.angle, ANGLE_STYLES)
     yield from _atoms(state)
-    if len(state.bonds):
-        yield from ("", "Bonds", "")
-        yield from (f"{k} {kind} {first} {second}" for k, (kind, first, second) in enumerate(state.bonds.tolist(), start=1))
+    for section, terms in (("Bonds", state.bonds), ("Angles", state.angles)):
+        if len(terms):
+            yield from ("", section, "")
+            yield from (f"{k} {' '.join(map(str, row))}" for k, row in enumerate(terms.tolist(), start=1))
 
 
 def _pair_coefficients(state: DeckState, which: str) -> Iterator[str]:
@@ -62,13 +68,14 @@ def _pair_coefficients(state: DeckState, which: str) -> Iterator[str]:
         yield f"{types} {' '.join(coefficient_words(style, found))}"
 
 
-def _bond_coefficients(state: DeckState) -> Iterator[str]:
-    if not state.bond.coefficients:
+def _bonded_coefficients(state: DeckState, section: str, setup: BondedSetup, known: dict[str, BondedStyle]) -> Iterator[str]:
+    found = {kind: entry for kind, entry in sorted(setup.coefficients.items()) if entry[0] == "none" or known[entry[0]].kind is not None}
+    if not found:
         return
-    k_unit = state.units.energy / state.units.length**2
-    yield from ("", f"Bond Coeffs # {state.bond.style}", "")
-    for kind, (k, r0) in sorted(state.bond.coefficients.items()):
-        yield f"{kind} {k / k_unit:.15g} {r0 / state.units.length:.15g}"
+    yield from ("", f"{section} Coeffs # {setup.style}", "")
+    for kind, (style, values) in found.items():
+        words = known[style].words(values, state.units) if style != "none" else []
+        yield " ".join([str(kind), *([style] if setup.style == "hybrid" else []), *words])
 
 
 def _atoms(state: DeckState) -> Iterator[str]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ..errors import DeckError, ParameterError
 from . import arguments as read
-from .commands import beads, box, fixes, output, pairs, setup, velocity
+from .commands import beads, bonded, box, fixes, kspace, output, pairs, setup, velocity
 from .commands.setup import Handler
 from .integration import integration
 from .lexer import Line, logical_lines, read_text, split_words
@@ -41,6 +41,8 @@ COMMANDS: dict[str, Handler] = {
     **beads.COMMANDS,
     **velocity.COMMANDS,
     **pairs.COMMANDS,
+    **bonded.COMMANDS,
+    **kspace.COMMANDS,
     **fixes.COMMANDS,
     **output.COMMANDS,
     "include": include,

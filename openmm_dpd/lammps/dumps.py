@@ -203,7 +203,7 @@ class Dump:
             stream.write("ITEM: BOX BOUNDS xy xz yz pp pp pp\n")
             stream.writelines(f"{low[k]:.16e} {high[k]:.16e} {box.tilt[k]:.16e}\n" for k in range(3))
         else:
-            stream.write("ITEM: BOX BOUNDS pp pp pp\n")
+            stream.write("ITEM: BOX BOUNDS " + " ".join("pp" if periodic else "ff" for periodic in frame.box.periodic) + "\n")
             stream.writelines(f"{box.low[k]:.16e} {box.high[k]:.16e}\n" for k in range(3))
         stream.write(f"ITEM: ATOMS {' '.join(self.columns)}\n")
         kinds = {True: self.formats.get("float"), False: self.formats.get("int")}

@@ -31,8 +31,8 @@ class Resolver(Protocol):
     def variable(self, name: str) -> float:
         """Value of ``v_name``."""
 
-    def compute(self, name: str, index: int | None) -> float:
-        """Value of ``c_name`` or ``c_name[index]``."""
+    def compute(self, name: str, index: int | None, column: int | None = None) -> float:
+        """Value of ``c_name``, ``c_name[index]`` or ``c_name[index][column]``."""
 
     def fix(self, name: str, index: int | None, column: int | None = None) -> float:
         """Value of ``f_name``, ``f_name[index]`` or ``f_name[index][column]``."""
@@ -207,10 +207,9 @@ class Formula:
         if token.startswith("v_"):
             return self.resolver.variable(token[2:])
         if token.startswith("c_"):
-            return self.resolver.compute(token[2:], self.index())
+            return self.indexed(self.resolver.compute, token[2:])
         if token.startswith("f_"):
-            index = self.index()
-            return self.resolver.fix(token[2:], index) if self.peek()[1] != "[" else self.resolver.fix(token[2:], index, self.index())
+            return self.indexed(self.resolver.fix, token[2:])
         if self.peek()[1] == "(":
             return self.function(token)
         if self.peek()[1] == "[" and token in ATOM_VALUES:
@@ -218,6 +217,10 @@ class Formula:
         if token in CONSTANTS:
             return CONSTANTS[token]
         return self.resolver.thermo(token)
+
+    def indexed(self, ask: Callable[..., float], name: str) -> float:
+        index = self.index()
+        return ask(name, index) if self.peek()[1] != "[" else ask(name, index, self.index())
 
     def index(self) -> int | None:
         if self.peek()[1] != "[":

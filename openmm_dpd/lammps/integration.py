@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import DeckError
+from .flow import still_beads
 from .pressure import PressureControl, with_thermostat
 from .state import DeckState, Fix
 
@@ -76,6 +77,7 @@ def integration(state: DeckState) -> Integration:
         _check_shardlow(state, shardlow, owners)
     _check_energy(state, shardlow)
     _check_advanced(state, owners)
+    mobile &= ~still_beads(state, mobile)
     return Integration("shardlow" if shardlow else "mvv", weights.pop() if weights else 0.5, mobile, _barostat(state, owners))
 
 
@@ -116,6 +118,8 @@ def _barostat(state: DeckState, owners: list[Fix]) -> PressureControl | None:
     fixes = [fix for fix in owners if fix.style == "nph"]
     if not fixes:
         return None
+    if not all(state.periodic):
+        raise _complain(fixes[0], "constant pressure needs a box that is periodic along all axes")
     if len(fixes) > 1:
         raise _complain(fixes[1], f"there is a fix nph already ({fixes[0].name}); a box follows one pressure")
     state.note("fix nph: Monte Carlo moves of the volume replace LAMMPS's motion of the box; averages compare, the path does not")

@@ -13,6 +13,7 @@ from ..measure import force_terms
 from ..model.internal import BeadTemperatures, InternalEnergy
 from ..model.scene import Scene
 from ..pictures import thermo_picture
+from ..recommend import advice
 from .deck import read_deck
 from .request import RunRequest
 from .run import DeckRunner, RunOptions, RunResult, build_request, results_json
@@ -114,7 +115,7 @@ def deck_forces(
     Returns
     -------
     dict of (N, 3) arrays
-        ``conservative``, ``dissipative``, ``random``, and ``bond`` if there are bonds.  They add up to the total.  If beads carry
+        ``conservative``, ``dissipative``, ``random``, and ``bond`` if there are bonds or angles.  They add up to the total.  If beads carry
         energies, temperatures or concentrations, ``rates_dissipative`` and ``rates_random`` (N, K) are the changes of these per time.
     """
     options = options or RunOptions()
@@ -128,11 +129,13 @@ def deck_forces(
 
 
 def explain_deck(path: str | Path, options: RunOptions | None = None, *, variables: Mapping[str, str] | None = None) -> str:
-    """The plan and the program for the first run of a deck, and what the deck says that has no meaning here."""
+    """The plan and the program for the first run of a deck, what the table of steps says, and what of the deck has no meaning here."""
     options = options or RunOptions()
     request = _first_request(path, options, variables)
-    text = build_request(request, request.scene(), options).explain()
-    return "\n".join([text, *(f"note: {note}" for note in request.state.notes)])
+    built = build_request(request, request.scene(), options)
+    # dt in the deck's units
+    step = "step: " + advice(built.plan.scene, request.scheme, request.dt, unit=request.state.units.time)
+    return "\n".join([built.explain(), step, *(f"note: {note}" for note in request.state.notes)])
 
 
 def _picture(path: Path, results: list[RunResult]) -> None:

@@ -17,7 +17,10 @@ from ..model.pairs import DPD, NONE, LennardJones
 from ..model.tdpd import TDPD
 from ..units import UnitSystem
 from . import arguments as read
+from .charges import both_coefficient, both_settings, slater_coefficient, slater_settings
 from .lexer import Line
+from .srp import WORDS as SRP_WORDS
+from .srp import srp_coefficient, srp_settings
 from .table_file import MODES, read_table, tabulated_pair
 
 MIXING = ("geometric", "arithmetic", "sixthpower")
@@ -101,6 +104,10 @@ class Spec:
         The only atom style it works with.
     own_cutoffs : bool
         Whether cutoffs are ordinary coefficients, in the midst of the others.
+    words : set of str
+        Words among its settings that are no numbers, for finding the next style of hybrid.
+    of_bonds : bool
+        Whether it acts between bonds, not beads: it then needs hybrid, and builds no pair term.
     """
 
     settings: Callable[[list[str]], dict]
@@ -111,6 +118,8 @@ class Spec:
     keeps_coefficients: bool = True
     atom_style: str | None = None
     own_cutoffs: bool = False
+    words: frozenset[str] = frozenset()
+    of_bonds: bool = False
 
 
 # -- the DPD family -------------------------------------------------------------------------------------------------------
@@ -293,6 +302,13 @@ def _table_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> tup
     return term, remark and f"pair table {found.values['keyword']} of {found.values['file']}: {remark}"
 
 
+# -- charges ----------------------------------------------------------------------------------------------------------------
+def _both_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> tuple[object, str | None]:
+    """The DPD part; the charges are those of the beads (charges.py)."""
+    plain = {key: found.values[key] for key in ("A", "gamma")}
+    return PAIR_STYLES["dpd"].build(style, Coefficient(plain, found.cutoff, found.where), units)
+
+
 def _zero_settings(words: list[str]) -> dict:
     read.count(words, "zero cutoff [nocoeff]", 1, 2)
     return {"cutoff": read.positive(words[0], "the cutoff of zero")}
@@ -320,6 +336,9 @@ PAIR_STYLES: dict[str, Spec] = {
     "mdpd": Spec(_seeded("mdpd", True), _mdpd_coefficient, _mdpd_build, thermostat=True, atom_style="mdpd", own_cutoffs=True),
     "lj/cut": Spec(_lj_settings, _lj_coefficient, _lj_build, mixes=True),
     "table": Spec(_table_settings, _table_coefficient, _table_build, keeps_coefficients=False),
+    "dpd/coul/slater/long": Spec(both_settings, both_coefficient, _both_build, thermostat=True),
+    "coul/slater/long": Spec(slater_settings, slater_coefficient, lambda *_: (NONE, None), own_cutoffs=True),
+    "srp": Spec(srp_settings, srp_coefficient, lambda *_: (NONE, None), words=SRP_WORDS, of_bonds=True),
     "zero": Spec(_zero_settings, _zero_coefficient, lambda *_: (NONE, None)),
 }
 
@@ -330,7 +349,7 @@ def coefficient_words(style: PairStyle, found: Coefficient) -> list[str]:
     for name, value in found.values.items():
         if name.endswith("_polynomial"):
             words.append("power" if name.startswith("exponent") else "kappa")
-        words += [f"{number:.15g}" for number in (value if isinstance(value, tuple) else (value,))]
+        words += [w if isinstance(w, str) else f"{w:.15g}" for w in (value if isinstance(value, tuple) else (value,))]
     return words if style.spec.own_cutoffs else [*words, f"{style.cutoff(found):.15g}"]
 
 

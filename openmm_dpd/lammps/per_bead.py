@@ -33,7 +33,8 @@ def folded(context: Context) -> tuple[np.ndarray, np.ndarray]:
     return context.box.wrap(np.asarray(context.need("positions")) / context.units.length)
 
 
-def _unwrapped(context: Context) -> np.ndarray:
+def unwrapped(context: Context) -> np.ndarray:
+    """Positions on continuous paths (deck units)."""
     return np.asarray(context.need("positions")) / context.units.length + context.state.atoms.images @ context.box.vectors
 
 
@@ -59,7 +60,7 @@ def _words() -> dict[str, BeadWord]:
     }
     arrays: dict[str, tuple[Callable[[Context], np.ndarray], str]] = {
         "{}": (lambda c: folded(c)[0], "positions"),
-        "{}u": (_unwrapped, "positions"),
+        "{}u": (unwrapped, "positions"),
         "{}s": (lambda c: c.box.fractions(folded(c)[0]), "positions"),
         "i{}": (lambda c: (c.state.atoms.images + folded(c)[1]).astype(float), "positions"),
         "v{}": (_velocities, "velocities"),

@@ -16,6 +16,7 @@ from ..barostat import EnthalpyBarostat, add_barostat
 from ..build import Built, build
 from ..errors import DeckError, DPDError, ParameterError, RunError
 from ..fields import read_fields
+from ..forces.segments import warm_up_segments
 from ..kernels.engine import get_threads, set_threads, warm_up
 from ..measure import Sample as Measurement
 from ..model.edpd import EDPD
@@ -228,6 +229,7 @@ class DeckRunner:
             self.log(f"note: {note}")
         self._notes = len(state.notes)
         warm_up(built.plan.spec, self.log)
+        warm_up_segments(scene)
         simulation = built.simulation(properties=options.properties(built.plan.platform or ""))
         if barostat is not None:
             simulation.reporters.append(barostat)

@@ -23,9 +23,11 @@ class Sample:
     dof : int, optional
         Their degrees of freedom, 3N - 3.
     pair_energy : float, optional
-        Conservative pair energy.
-    bond_energy : float, optional
-        Energy of the bonds.
+        Conservative pair energy, charges included.
+    short_energy, lattice_energy : float, optional
+        Of it, the short-ranged part and the lattice sum of charges.
+    bond_energy, angle_energy : float, optional
+        Energy of the bonds and of the angles.
     virial : float, optional
         Sum of r.F over everything that LAMMPS counts in ``press`` with this scheme: pairs and bonds, and with ``mvv`` the
         dissipative and random parts as well.
@@ -51,7 +53,10 @@ class Sample:
     kinetic: float | None = None
     dof: int | None = None
     pair_energy: float | None = None
+    short_energy: float | None = 0.0
+    lattice_energy: float | None = 0.0
     bond_energy: float | None = 0.0
+    angle_energy: float | None = 0.0
     virial: float | None = None
     virial_full: float | None = None
     force_norm: float | None = None

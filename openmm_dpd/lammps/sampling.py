@@ -51,7 +51,10 @@ class Sampler:
             kinetic=measured.kinetic,
             dof=measured.dof,
             pair_energy=measured.pair,
+            short_energy=measured.short,
+            lattice_energy=measured.lattice,
             bond_energy=measured.bond,
+            angle_energy=measured.angle,
             virial=full if self.request.scheme == "mvv" else measured.virial_conservative,
             virial_full=full,
             force_norm=measured.force_norm,
@@ -67,7 +70,8 @@ class Sampler:
     def cheap(self, step: int, needs: frozenset[str], cpu: float) -> Sample:
         """A sample with values of beads and the box only."""
         box = self.context.getState().getPeriodicBoxVectors(asNumpy=True).value_in_unit(_NM)
-        return Sample(step=step, box=box, cpu=cpu, bond_energy=None, **self._of_beads(needs))
+        energies = dict.fromkeys(("short_energy", "lattice_energy", "bond_energy", "angle_energy"))
+        return Sample(step=step, box=box, cpu=cpu, **energies, **self._of_beads(needs))
 
     def _of_beads(self, needs: frozenset[str]) -> dict:
         found: dict = {}

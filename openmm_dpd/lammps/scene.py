@@ -7,15 +7,20 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import DeckError, ParameterError
-from ..model.bonds import HarmonicBonds
+from ..model.angles import Angles
+from ..model.bonds import Bonds, FENEBonds, HarmonicBonds
 from ..model.pairs import NONE
 from ..model.scene import Scene, TemperatureRamp
 from ..model.table import PairTable
+from .bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedSetup, BondedStyle
 from .carried import internal_of, internal_scale, sources_of
+from .charges import electrostatics_of
 from .context import Window
+from .flow import body_forces_of, walls_of
 from .integration import integration
 from .lexer import Line
 from .pair_styles import Coefficient, PairStyle
+from .srp import segments_of
 from .state import DeckState
 
 #: Coefficients of one pair style by type pair.
@@ -75,12 +80,17 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
             bead_masses=masses,
             charges=atoms.charges if np.any(atoms.charges) else None,
             bonds=bond_terms(state),
+            angles=angle_terms(state),
+            segments=segments_of(state, compat),
             special=state.special if len(state.bonds) else (1.0, 1.0, 1.0),
             mobile=None if moved.mobile.all() else moved.mobile,
             molecules=atoms.molecules if np.any(atoms.molecules) else None,
             internal=internal_of(state),
             sources=sources_of(state, box.reduced_vectors),
             compat=compat,
+            body_forces=body_forces_of(state),
+            walls=walls_of(state, moved.mobile),
+            electrostatics=electrostatics_of(state),
         )
     except ParameterError as error:
         raise _complain(state.here, str(error)) from None
@@ -111,7 +121,11 @@ def pair_tables(state: DeckState) -> list[PairTable]:
         if not table:
             raise _complain(style.where, f"pair style {style.name} is used by no type pair")
     result = []
+    between_bonds = set()
     for style, table in _with_densities(setup.styles, tables):
+        if style.spec.of_bonds:
+            between_bonds |= set(table)
+            continue
         entries: dict = {}
         for (i, j), coefficient in sorted(table.items()):
             try:
@@ -124,7 +138,8 @@ def pair_tables(state: DeckState) -> list[PairTable]:
             _check_cutoff(state, term, (i, j), coefficient.where or style.where)
             entries[(type_name(i), type_name(j))] = term
         result.append(entries)
-    for i, j in sorted(setup.excluded):
+    result = result or [{}]
+    for i, j in sorted(setup.excluded | between_bonds):
         result[0].setdefault((type_name(i), type_name(j)), NONE)
     return [PairTable(entries) for entries in result]
 
@@ -178,6 +193,8 @@ def thermal_energy(state: DeckState, window: Window | None) -> float | Temperatu
     styles = [style for style in state.pair.styles if style.spec.thermostat and "start" in style.settings]
     if not styles:
         return internal_scale(state)
+    # without friction there is no noise, and so no temperature, unless it is the only style that has one
+    styles = [style for style in styles if any(found.values.get("gamma", 1.0) for found in style.coefficients.values())] or styles
     wanted = [(style.settings["start"], style.settings["stop"]) for style in styles]
     for style, pair in zip(styles, wanted, strict=True):
         if pair != wanted[0]:
@@ -192,17 +209,40 @@ def thermal_energy(state: DeckState, window: Window | None) -> float | Temperatu
     return TemperatureRamp(start, stop, window.begin - window.first, window.end - window.first)
 
 
-def bond_terms(state: DeckState) -> list[HarmonicBonds]:
-    """Harmonic bonds by bond type; with no bond style they have no energy but still count for special_bonds."""
-    if not len(state.bonds):
-        return []
+def bond_terms(state: DeckState) -> list[Bonds]:
+    """Bonds by bond type; where the style has no energy they still count for special_bonds."""
+    return _bonded_terms(state, state.bonds, state.bond, BOND_STYLES, "bond")
+
+
+def angle_terms(state: DeckState) -> list[Angles]:
+    """Angles by angle type; those of a style without energy are left out."""
+    return _bonded_terms(state, state.angles, state.angle, ANGLE_STYLES, "angle")
+
+
+def _bonded_terms(state: DeckState, terms: np.ndarray, setup: BondedSetup, known: dict[str, BondedStyle], what: str) -> list:
     found = []
-    for kind in np.unique(state.bonds[:, 0]).tolist():
-        k, r0 = 0.0, 0.0
-        if state.bond.style == "harmonic":
-            if kind not in state.bond.coefficients:
-                raise _complain(state.bond.where, f"no bond_coeff for bond type {kind} (bond_style harmonic)")
-            k, r0 = state.bond.coefficients[kind]
-        ids = state.bonds[state.bonds[:, 0] == kind, 1:]
-        found.append(HarmonicBonds(state.atoms.index_of(ids.ravel()).reshape(-1, 2), np.full(len(ids), k), np.full(len(ids), r0)))
+    for kind in np.unique(terms[:, 0]).tolist():
+        style: str = "none"
+        values: dict[str, float] = {}
+        if setup.style not in ("none", "zero"):
+            if kind not in setup.coefficients:
+                raise _complain(setup.where, f"no {what}_coeff for {what} type {kind} ({what}_style {setup.style})")
+            style, values = setup.coefficients[kind]
+        ids = terms[terms[:, 0] == kind, 1:]
+        beads = state.atoms.index_of(ids.ravel()).reshape(ids.shape)
+        if style not in ("none", "zero"):
+            found.append(known[style].build(beads, values))
+            if isinstance(found[-1], FENEBonds):
+                _check_lengths(state, found[-1], ids)
+        elif what == "bond":
+            found.append(HarmonicBonds(beads, np.zeros(len(beads)), np.zeros(len(beads))))
     return found
+
+
+def _check_lengths(state: DeckState, bonds: FENEBonds, ids: np.ndarray) -> None:
+    """Raise DeckError if a bond is too long, with the ids of its beads and its length in the deck's unit."""
+    r = bonds.lengths(state.atoms.positions, state.require_box("a run").reduced_vectors)
+    for k in np.flatnonzero(r >= bonds.R0)[:1]:
+        length, limit = (value / state.units.length for value in (r[k], bonds.R0[k]))
+        which = f"the FENE bond of the beads with the ids {ids[k, 0]} and {ids[k, 1]}"
+        raise _complain(state.here, f"{which} has the length {length:g}, not less than its R0, {limit:g}")

@@ -12,7 +12,9 @@ import numpy as np
 from ..errors import ParameterError
 from ..units import LJ, UnitSystem
 from .atoms import Atoms
+from .bonded_styles import BondedSetup
 from .box import Box
+from .charges import KspaceSetup
 from .lattice import Lattice, default_lattice
 from .lexer import Line
 from .pair_styles import PairSetup
@@ -64,15 +66,6 @@ class ThermoSettings:
 
 
 @dataclass
-class BondSetup:
-    """Bond style and, by bond type, its coefficients (k, r0) in MD units."""
-
-    style: str = "none"
-    coefficients: dict[int, tuple[float, float]] = field(default_factory=dict)
-    where: Line | None = None
-
-
-@dataclass
 class DeckState:
     """State of a deck between two commands.  Numbers are in MD units (nm, Da, ps, kJ/mol) unless said otherwise.
 
@@ -86,8 +79,10 @@ class DeckState:
         Its atom style.
     box : Box or None
         The periodic box, nm.
-    n_types, n_bond_types : int
-        Numbers of bead and bond types.
+    periodic : three bools
+        Axes along which the box repeats.
+    n_types, n_bond_types, n_angle_types : int
+        Numbers of bead, bond and angle types.
     n_species : int
         Number of concentrations of ``atom_style tdpd``, 0 for other styles.
     masses : dict of int to float
@@ -96,10 +91,16 @@ class DeckState:
         Arrays in the order of the ids.
     bonds : (B, 3) int array
         Bond type and the ids of the two beads.
+    angles : (A, 4) int array
+        Angle type and the ids of the three beads, the vertex in the middle.
     groups : dict of str to (N,) bool array
         Members of each group, ``all`` included.
     special : three floats
-        Factors for 1-2, 1-3 and 1-4 neighbours.
+        Factors for 1-2, 1-3 and 1-4 neighbours; ``special_charges`` those of their charges.
+    kspace : KspaceSetup or None
+        What ``kspace_style`` said.
+    dielectric : float
+        Divisor of the Coulomb constant.
     timestep : float
         ps.
     step : int
@@ -120,18 +121,25 @@ class DeckState:
     units: UnitSystem = LJ
     atom_style: str = "atomic"
     box: Box | None = None
+    periodic: tuple[bool, bool, bool] = (True, True, True)
     n_types: int = 0
     n_bond_types: int = 0
+    n_angle_types: int = 0
     n_species: int = 0
     masses: dict[int, float] = field(default_factory=dict)
     atoms: Atoms = field(default_factory=Atoms)
     bonds: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
+    angles: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
     groups: dict[str, np.ndarray] = field(default_factory=lambda: {"all": np.zeros(0, dtype=bool)})
     lattice: Lattice = field(default_factory=default_lattice)
     regions: dict[str, Region] = field(default_factory=dict)
     pair: PairSetup = field(default_factory=PairSetup)
-    bond: BondSetup = field(default_factory=BondSetup)
+    bond: BondedSetup = field(default_factory=BondedSetup)
+    angle: BondedSetup = field(default_factory=BondedSetup)
     special: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    special_charges: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    kspace: KspaceSetup | None = None
+    dielectric: float = 1.0
     fixes: dict[str, Fix] = field(default_factory=dict)
     computes: dict[str, Compute] = field(default_factory=dict)
     dumps: dict[str, Dump] = field(default_factory=dict)

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from ..errors import DeckError, DPDError, ParameterError
+from .compute_spec import check_place
 from .computes import BUILT_IN, COMPUTES
 from .context import Context, Window
 from .per_bead import PROPERTIES
@@ -27,7 +28,7 @@ STYLES = {
 ALWAYS = ("temp", "press", "press_full", "pe", "ke", "etotal", "temp_conf")
 
 _REFERENCE = re.compile(r"[cfv]_\w+(?:\[\d+\])?|[A-Za-z_]\w*")
-_COMPUTE = re.compile(r"c_(\w+?)(?:\[(\d+)\])?")
+_COMPUTE = re.compile(r"c_(\w+?)(?:\[(\d+)\])?(?:\[(\d+)\])?")
 _FIX = re.compile(r"f_(\w+?)((?:\[\d+\]){0,2})")
 _FORMAT = re.compile(r"%[-+ #0-9.]*l{0,2}[dioxXeEfFgG]")
 
@@ -40,7 +41,7 @@ def check_word(state: DeckState, word: str) -> None:
             raise ParameterError(f"{word}: variable {word[2:]} is {variable.style}-style; only equal-style ones can be printed")
         return
     if word.startswith("c_"):
-        name, index = compute_reference(word)
+        name, index, column = compute_reference(word)
         if name in BUILT_IN and index is None:
             return
         if name in BUILT_IN:
@@ -48,6 +49,11 @@ def check_word(state: DeckState, word: str) -> None:
         if name not in state.computes:
             raise ParameterError(f"{word}: there is no compute '{name}'; defined are {', '.join([*BUILT_IN, *state.computes])}")
         spec = COMPUTES[state.computes[name].style]
+        if spec.array is not None:
+            check_place(state.computes[name], spec, index, column)
+            return
+        if column is not None:
+            raise ParameterError(f"{word}: compute style {state.computes[name].style} has no table of values")
         if (spec.scalar if index is None else spec.vector) is None:
             raise ParameterError(f"{word}: compute style {state.computes[name].style} has no {'value' if index is None else 'vector'}")
         return
@@ -61,12 +67,12 @@ def check_word(state: DeckState, word: str) -> None:
         raise ParameterError(f"thermo word '{word}' is not supported; supported are {', '.join(WORDS)}, v_name, c_id and c_id[i]")
 
 
-def compute_reference(word: str) -> tuple[str, int | None]:
-    """Id and index of ``c_id`` or ``c_id[index]``."""
+def compute_reference(word: str) -> tuple[str, int | None, int | None]:
+    """Id and indices of ``c_id``, ``c_id[index]`` or ``c_id[row][column]``."""
     match = _COMPUTE.fullmatch(word)
     if match is None:
         raise ParameterError(f"expected c_id or c_id[index], not '{word}'")
-    return match[1], None if match[2] is None else int(match[2])
+    return match[1], *(None if index is None else int(index) for index in match.groups()[1:])  # type: ignore[return-value]
 
 
 def fix_reference(word: str) -> tuple:
@@ -97,7 +103,7 @@ def _needs(state: DeckState, word: str, seen: set[str]) -> set[str]:
             found |= _needs(state, reference, seen)
         return found
     if word.startswith("c_"):
-        name, _ = compute_reference(word)
+        name, _, _ = compute_reference(word)
         if name in BUILT_IN:
             return _needs(state, BUILT_IN[name][0], seen)
         if name not in state.computes:
@@ -190,8 +196,8 @@ class Thermo:
         if word.startswith("v_"):
             return context.variable(word[2:])
         if word.startswith("c_"):
-            name, index = compute_reference(word)
-            value = context.compute(name, index)
+            name, index, column = compute_reference(word)
+            value = context.compute(name, index, column)
             if name in BUILT_IN:
                 return value / context.norm if BUILT_IN[name][1] else value
             compute = context.state.computes[name]

@@ -9,6 +9,8 @@ import numpy as np
 from ..errors import ParameterError
 from . import arguments as read
 from .averages import Average, Window, file_of, form_of, parse_schedule, split_values
+from .compute_spec import check_place
+from .computes import COMPUTES
 from .context import Context
 from .thermo import check_word, compute_reference, fix_reference
 from .wildcards import count_of, expanded
@@ -49,8 +51,8 @@ class TimeAverage(Average):
         if word.startswith("f_"):
             name, *indices = fix_reference(word)
             return context.fix_vector(name) if self._vector else np.array(context.fix(name, *indices))
-        name, index = compute_reference(word)
-        return context.compute_vector(name) if self._vector else np.array(context.compute(name, index))
+        name, index, column = compute_reference(word)
+        return context.compute_vector(name, index) if self._vector else np.array(context.compute(name, index, column))
 
     def sample(self, context: Context) -> None:
         values = np.stack([self._read(context, word) for word in self.words], axis=-1)
@@ -118,8 +120,7 @@ def parse_ave_time(state: DeckState, name: str, group: str, args: list[str]) -> 
     vector = read.choice(options.get("mode", ["scalar"])[0], "mode", ("scalar", "vector")) == "vector"
     if not words:
         raise ParameterError(f"fix ave/time: expected c_id, c_id[i], f_id or v_name, not '{args[3]}'")
-    if not vector:
-        words = expanded(state, words)
+    words = expanded(state, words, tables=vector)
     rows = {_rows(state, word) for word in words} if vector else {None}
     if len(rows) > 1:
         raise ParameterError(f"fix ave/time mode vector: {' '.join(words)} have different lengths ({', '.join(map(str, rows))})")
@@ -145,7 +146,13 @@ def _rows(state: DeckState, word: str) -> int:
         if indices or not isinstance(average, TimeAverage) or not average.size:
             raise ParameterError(f"fix ave/time mode vector: {word} is not a fix ave/time with a vector")
         return average.size
-    reference, index = compute_reference(word) if word.startswith("c_") else ("", 0)
+    reference, index, column = compute_reference(word) if word.startswith("c_") else ("", 0, 0)
+    compute = state.computes.get(reference)
+    spec = None if compute is None else COMPUTES[compute.style]
+    if compute is not None and spec is not None and spec.array is not None and index is not None and column is None:
+        # a column of a table
+        check_place(compute, spec, 1, index)
+        return spec.rows(compute)
     if index is not None:
         raise ParameterError(f"fix ave/time mode vector: expected a compute or fix with a vector (c_id, f_id), not '{word}'")
     check_word(state, f"c_{reference}[1]")

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 _WILD = re.compile(r"([cf])_(\w+)\[(\d*\*\d*)\]")
 
 
-def expanded(state: DeckState, words: Sequence[str]) -> tuple[str, ...]:
-    """The words with every ``*`` in an index written out.
+def expanded(state: DeckState, words: Sequence[str], tables: bool = False) -> tuple[str, ...]:
+    """The words with every ``*`` in an index written out; with ``tables`` only columns of the tables of computes.
 
     Raises
     ------
@@ -31,6 +31,9 @@ def expanded(state: DeckState, words: Sequence[str]) -> tuple[str, ...]:
             found.append(word)
             continue
         kind, name, index = match.groups()
+        if tables and not (kind == "c" and name in state.computes and COMPUTES[state.computes[name].style].array is not None):
+            found.append(word)
+            continue
         size = count_of(state, kind, name)
         if size == 0:
             raise ParameterError(f"{word}: {'compute' if kind == 'c' else 'fix'} {name} has not several values")
@@ -48,4 +51,4 @@ def count_of(state: DeckState, kind: str, name: str) -> int:
     if compute is None:
         raise ParameterError(f"there is no compute '{name}'; defined are {', '.join(state.computes) or 'none'}")
     spec = COMPUTES[compute.style]
-    return spec.columns(compute) if spec.per_bead is not None else spec.size(compute)
+    return spec.columns(compute) if spec.per_bead is not None or spec.array is not None else spec.size(compute)

@@ -44,7 +44,7 @@ def _kinetic(context: Context) -> float:
 
 
 def _total(context: Context) -> float:
-    return _per_bead("pair_energy", "bond_energy")(context) + _kinetic(context)
+    return _per_bead(*_ENERGIES)(context) + _kinetic(context)
 
 
 def _enthalpy(context: Context) -> float:
@@ -91,8 +91,15 @@ def _rate(context: Context, per_step: bool) -> float:
     return elapsed / seconds if per_step else elapsed * context.state.timestep / context.units.time / seconds
 
 
-_ENERGIES = ("pair_energy", "bond_energy")
+_ENERGIES = ("pair_energy", "bond_energy", "angle_energy")
 _PRESSURE = ("kinetic", "dof", "virial")
+
+
+_CHARGES = ("short_energy", "lattice_energy")
+
+
+def _without_charges(context: Context) -> float:
+    return (context.energy("pair_energy") - sum(context.energy(name) for name in _CHARGES)) / context.norm
 
 
 def _of_box(attribute: str, axis: int) -> Callable[[Context], float]:
@@ -126,21 +133,22 @@ WORDS: dict[str, Word] = {
     "spcpu": Word("S/CPU", lambda c: _rate(c, True)),
     "atoms": Word("Atoms", lambda c: len(c.state.atoms), integer=True),
     "bonds": Word("Bonds", lambda c: len(c.state.bonds), integer=True),
+    "angles": Word("Angles", lambda c: len(c.state.angles), integer=True),
     "temp": Word("Temp", lambda c: c.temperature(c.thermo_compute()), needs=("kinetic", "dof")),
     "press": Word("Press", lambda c: c.pressure(), needs=_PRESSURE),
     "pe": Word("PotEng", _per_bead(*_ENERGIES), needs=_ENERGIES),
     "ke": Word("KinEng", _kinetic, needs=("kinetic",)),
     "etotal": Word("TotEng", _total, needs=("kinetic", *_ENERGIES)),
     "enthalpy": Word("Enthalpy", _enthalpy, needs=(*_PRESSURE, *_ENERGIES)),
-    "evdwl": Word("E_vdwl", _per_bead("pair_energy"), needs=("pair_energy",)),
-    "ecoul": Word("E_coul", lambda c: 0.0),
+    "evdwl": Word("E_vdwl", _without_charges, needs=("pair_energy", *_CHARGES)),
+    "ecoul": Word("E_coul", _per_bead("short_energy"), needs=("short_energy",)),
     "epair": Word("E_pair", _per_bead("pair_energy"), needs=("pair_energy",)),
     "ebond": Word("E_bond", _per_bead("bond_energy"), needs=("bond_energy",)),
-    "eangle": Word("E_angle", lambda c: 0.0),
+    "eangle": Word("E_angle", _per_bead("angle_energy"), needs=("angle_energy",)),
     "edihed": Word("E_dihed", lambda c: 0.0),
     "eimp": Word("E_impro", lambda c: 0.0),
-    "emol": Word("E_mol", _per_bead("bond_energy"), needs=("bond_energy",)),
-    "elong": Word("E_long", lambda c: 0.0),
+    "emol": Word("E_mol", _per_bead("bond_energy", "angle_energy"), needs=("bond_energy", "angle_energy")),
+    "elong": Word("E_long", _per_bead("lattice_energy"), needs=("lattice_energy",)),
     "etail": Word("E_tail", lambda c: 0.0),
     "vol": Word("Volume", lambda c: c.box.volume),
     "density": Word("Density", _density),

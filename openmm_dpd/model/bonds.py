@@ -9,9 +9,96 @@ import numpy as np
 from ..errors import ParameterError
 from ..units import to_md
 
+#: r/sigma where the repulsion of a FENE bond ends, the minimum of Lennard-Jones.
+WCA_END = 2.0 ** (1.0 / 6.0)
+
+
+def minimum_image(d: np.ndarray, box: np.ndarray | None) -> np.ndarray:
+    """Distance vectors (K, 3) by minimum image in a box of reduced vectors; as they are without a box."""
+    if box is None:
+        return d
+    d = d.copy()
+    for k in (2, 1, 0):
+        d -= np.outer(np.rint(d[:, k] / box[k, k]), box[k])
+    return d
+
+
+def bead_indices(value, width: int, what: str) -> np.ndarray:
+    """(K, width) array of bead indices, all >= 0 and different in each row; ``what`` is their name in messages.
+
+    Raises
+    ------
+    ParameterError
+        If it is anything else.
+    """
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        raise ParameterError(f"{what} must be an integer array of shape (K, {width}); its entries differ in length") from None
+    if array.size == 0:
+        array = np.zeros((0, width), dtype=np.int64)
+    if array.ndim != 2 or array.shape[1] != width or not np.issubdtype(array.dtype, np.integer):
+        raise ParameterError(f"{what} must be an integer array of shape (K, {width}), not {array.dtype} {array.shape}")
+    if array.size and array.min() < 0:
+        raise ParameterError(f"bead indices of {what} are counted from 0; one is negative")
+    ordered = np.sort(array, axis=1)
+    own = np.argwhere(ordered[:, 1:] == ordered[:, :-1])
+    if len(own):
+        raise ParameterError(f"entry {own[0, 0]} of {what} names bead {ordered[tuple(own[0])]} twice: {array[own[0, 0]].tolist()}")
+    return array.astype(np.int64)
+
+
+def term_values(term, count: int, dimensions: dict[str, tuple[str, str]], what: str) -> dict[str, np.ndarray]:
+    """Coefficients of ``count`` bonds or angles as (count,) arrays in MD units.
+
+    Parameters
+    ----------
+    term : object
+        Has the coefficients as attributes.
+    dimensions : dict
+        Name of each coefficient: its dimension, and its bound, ``">= 0"``, ``"> 0"`` or ``""``.
+    what : str
+        "bond" or "angle", for messages.
+
+    Raises
+    ------
+    ParameterError
+        If a shape is wrong or a value out of bounds.
+    """
+    values = {}
+    for name, (dimension, bound) in dimensions.items():
+        array = np.asarray(to_md(getattr(term, name), dimension, f"{what} {name}"))
+        if array.shape not in ((), (count,)):
+            raise ParameterError(f"{what} {name} must be one number, or one for each of the {count} {what}s, not shape {array.shape}")
+        array = np.broadcast_to(array, (count,)).copy()
+        if count and ((bound == ">= 0" and array.min() < 0) or (bound == "> 0" and array.min() <= 0)):
+            raise ParameterError(f"{what} {name} must be {bound}; {what} {int(np.argmin(array))} has {array.min():g}")
+        values[name] = array
+    return values
+
+
+class _Bonds:
+    """What all kinds of bonds have in common: ``pairs`` and coefficients for each of them."""
+
+    pairs: np.ndarray
+    _DIMENSIONS: dict[str, tuple[str, str]] = {}
+
+    def __post_init__(self):
+        object.__setattr__(self, "pairs", bead_indices(self.pairs, 2, "bond pairs"))
+        for name, values in term_values(self, len(self.pairs), self._DIMENSIONS, "bond").items():
+            object.__setattr__(self, name, values)
+
+    def lengths(self, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
+        """(B,) lengths (nm) at positions x (N, 3), by minimum image."""
+        return np.linalg.norm(minimum_image(x[self.pairs[:, 0]] - x[self.pairs[:, 1]], box), axis=1)
+
+    def curve(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Energy of each bond at the lengths r (B,), its first and its second derivative."""
+        raise NotImplementedError
+
 
 @dataclass(frozen=True, eq=False)
-class HarmonicBonds:
+class HarmonicBonds(_Bonds):
     """Harmonic bonds, U = k (r - r0)^2 (LAMMPS's convention: no factor 1/2).
 
     Parameters
@@ -33,31 +120,113 @@ class HarmonicBonds:
     k: np.ndarray
     r0: np.ndarray
 
-    def __post_init__(self):
-        try:
-            pairs = np.asarray(self.pairs)
-        except ValueError:
-            raise ParameterError("bond pairs must be an integer array of shape (bonds, 2); their entries differ in length") from None
-        if pairs.size == 0:
-            pairs = np.zeros((0, 2), dtype=np.int64)
-        if pairs.ndim != 2 or pairs.shape[1] != 2 or not np.issubdtype(pairs.dtype, np.integer):
-            raise ParameterError(f"bond pairs must be an integer array of shape (bonds, 2), not {pairs.dtype} {pairs.shape}")
-        if pairs.size and pairs.min() < 0:
-            raise ParameterError("bead indices of bonds are counted from 0; one is negative")
-        own = np.flatnonzero(pairs[:, 0] == pairs[:, 1])
-        if len(own):
-            raise ParameterError(f"bond {own[0]} joins bead {pairs[own[0], 0]} to itself")
-        values = {"pairs": pairs.astype(np.int64)}
-        for name, dimension in (("k", "force_constant"), ("r0", "length")):
-            array = np.asarray(to_md(getattr(self, name), dimension, f"bond {name}"))
-            if array.shape not in ((), (len(pairs),)):
-                raise ParameterError(f"bond {name} must be one number, or one for each of the {len(pairs)} bonds, not shape {array.shape}")
-            array = np.broadcast_to(array, (len(pairs),)).copy()
-            if np.any(array < 0):
-                raise ParameterError(f"bond {name} must be >= 0; bond {int(np.argmin(array))} has {array.min():g}")
-            values[name] = array
-        for key, value in values.items():
-            object.__setattr__(self, key, value)
+    _DIMENSIONS = {"k": ("force_constant", ">= 0"), "r0": ("length", ">= 0")}
+
+    def curve(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Energy of each bond at the lengths r (B,), its first and its second derivative."""
+        return self.k * (r - self.r0) ** 2, 2 * self.k * (r - self.r0), 2 * self.k
+
+
+@dataclass(frozen=True, eq=False)
+class FENEBonds(_Bonds):
+    r"""Finitely extensible bonds (LAMMPS: ``bond_style fene``).
+
+    U = -1/2 k R0^2 ln(1 - (r/R0)^2) + 4 epsilon [(sigma/r)^12 - (sigma/r)^6] + epsilon, the part with epsilon for
+    r < 2^(1/6) sigma only (Kremer and Grest, J. Chem. Phys. 92, 5057 (1990)).  A bond can never be longer than R0.
+
+    Parameters
+    ----------
+    pairs : (B, 2) array of int
+        Bead indices, counted from 0.
+    k : energy/length^2, or (B,) array
+        kJ/mol/nm^2, >= 0.
+    R0 : length, or (B,) array
+        Largest length in nm, > 0.
+    epsilon : energy, or (B,) array, default 0
+        Repulsion of the two beads, kJ/mol, >= 0; 0 where another term keeps them apart.
+    sigma : length, or (B,) array, default 1
+        Range of the repulsion, nm, > 0.
+
+    Raises
+    ------
+    ParameterError
+        If shapes differ, a value is out of bounds or a bead is bonded to itself.
+    """
+
+    pairs: np.ndarray
+    k: np.ndarray
+    R0: np.ndarray
+    epsilon: np.ndarray = 0.0  # type: ignore[assignment]  # an array once constructed
+    sigma: np.ndarray = 1.0  # type: ignore[assignment]
+
+    _DIMENSIONS = {"k": ("force_constant", ">= 0"), "R0": ("length", "> 0"), "epsilon": ("energy", ">= 0"), "sigma": ("length", "> 0")}
+
+    def overstretched(self, x: np.ndarray, box: np.ndarray | None) -> str | None:
+        """What is wrong with the first bond that has no finite energy at positions x, or None."""
+        r = self.lengths(x, box)
+        bad = np.flatnonzero(~(r < self.R0) & ~np.isnan(r))
+        if len(bad):
+            (i, j), limit = self.pairs[bad[0]], f"its R0 of {self.R0[bad[0]]:g} nm"
+            return f"the FENE bond between beads {i} and {j} (counted from 0) is {r[bad[0]]:g} nm long, which is not less than {limit}"
+        bad = np.flatnonzero((r == 0) & (self.epsilon > 0))
+        if len(bad):
+            i, j = self.pairs[bad[0]]
+            return f"beads {i} and {j} are at the same point, where the repulsion of their FENE bond is infinite"
+        return None
+
+    def curve(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Energy of each bond at the lengths r (B,), its first and its second derivative."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rest = 1 - (r / self.R0) ** 2
+            energy = -0.5 * self.k * self.R0**2 * np.log(rest)
+            slope, curvature = self.k * r / rest, self.k / rest * (1 + 2 * (r / self.R0) ** 2 / rest)
+            close = (r < WCA_END * self.sigma) & (self.epsilon > 0)
+            s6 = (self.sigma / r) ** 6
+            energy = energy + np.where(close, self.epsilon * (4 * s6 * (s6 - 1) + 1), 0.0)
+            slope = slope + np.where(close, -24 * self.epsilon * s6 * (2 * s6 - 1) / r, 0.0)
+            curvature = curvature + np.where(close, 24 * self.epsilon * s6 * (26 * s6 - 7) / r**2, 0.0)
+        return energy, slope, curvature
+
+
+@dataclass(frozen=True, eq=False)
+class MorseBonds(_Bonds):
+    """Morse bonds, U = D (1 - exp(-alpha (r - r0)))^2 (LAMMPS: ``bond_style morse``).
+
+    Parameters
+    ----------
+    pairs : (B, 2) array of int
+        Bead indices, counted from 0.
+    D : energy, or (B,) array
+        Depth of the well, kJ/mol, >= 0.
+    alpha : 1/length, or (B,) array
+        Inverse width of the well, 1/nm, >= 0.
+    r0 : length, or (B,) array
+        Rest length in nm, >= 0.
+
+    Raises
+    ------
+    ParameterError
+        If shapes differ, a value is out of bounds or a bead is bonded to itself.
+    """
+
+    pairs: np.ndarray
+    D: np.ndarray
+    alpha: np.ndarray
+    r0: np.ndarray
+
+    _DIMENSIONS = {"D": ("energy", ">= 0"), "alpha": ("inverse_length", ">= 0"), "r0": ("length", ">= 0")}
+
+    def curve(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Energy of each bond at the lengths r (B,), its first and its second derivative."""
+        e = np.exp(-self.alpha * (r - self.r0))
+        return self.D * (1 - e) ** 2, 2 * self.D * self.alpha * e * (1 - e), 2 * self.D * self.alpha**2 * e * (2 * e - 1)
+
+
+#: Any kind of bonds.
+Bonds = HarmonicBonds | FENEBonds | MorseBonds
+
+#: All kinds of bonds.
+BOND_KINDS = (HarmonicBonds, FENEBonds, MorseBonds)
 
 
 def bonded_neighbours(pairs: np.ndarray, n_beads: int) -> dict[int, set[tuple[int, int]]]:

@@ -9,9 +9,13 @@ import numpy as np
 
 from ..errors import ParameterError
 from ..units import BOLTZMANN, to_md, whole_number
-from .bonds import HarmonicBonds
+from .angles import ANGLE_KINDS, Angles, check_angles
+from .bonds import BOND_KINDS, Bonds, FENEBonds
+from .electrostatics import GaussianCharges, SlaterCharges, check_electrostatics
+from .flow import BodyForce, PositionForce, Wall, check_inside, gaps
 from .internal import Internal, check_internal
 from .pairs import DPD
+from .segments import SegmentalRepulsion, check_segments
 from .sources import Source
 from .table import PairTable, require_complete
 
@@ -118,8 +122,8 @@ class Scene:
     bead_masses : (N,) array, optional
         Masses of the single beads where they differ from those of their types.
     charges : (N,) array, optional
-        Elementary charges; carried into topologies, no force is derived from them here.
-    bonds : sequence of HarmonicBonds
+        Elementary charges; carried into topologies.  Forces follow from them if there is an ``electrostatics``.
+    bonds : sequence of HarmonicBonds, FENEBonds and MorseBonds
         Bonds.
     special : three floats, default (1, 1, 1)
         Factors in [0, 1] for pairs that are one, two and three bonds apart: conservative and dissipative forces are multiplied by f,
@@ -134,7 +138,21 @@ class Scene:
     sources : sequence of Source
         Sources of heat (EDPD) or of a species (TDPD).
     compat : {"consistent", "lammps"}
-        ``"lammps"`` computes the heat of EDPD as LAMMPS does, which does not conserve energy.
+        ``"lammps"`` computes the heat of EDPD as LAMMPS does, which does not conserve energy, and takes LAMMPS's points for the
+        nearest ones of two segments.
+    angles : sequence of HarmonicAngles and CosineAngles
+        Angles between bonds.
+    segments : SegmentalRepulsion, optional
+        Repulsion between bonds, which keeps chains from crossing.
+
+    body_forces : sequence of BodyForce and PositionForce
+        Forces on single beads, which drive a flow.
+    walls : sequence of Wall
+        Planes that beads are reflected at.
+    residues : sequence of N str, optional
+        Name of the molecule of each bead, for the topology.
+    electrostatics : SlaterCharges or GaussianCharges, optional
+        How ``charges`` interact; the factors of ``special`` hold for them as well.  None: they do not.
 
     Raises
     ------
@@ -151,13 +169,19 @@ class Scene:
     velocities: np.ndarray | None = None
     bead_masses: np.ndarray = None  # type: ignore[assignment]  # filled from the types
     charges: np.ndarray | None = None
-    bonds: Sequence[HarmonicBonds] = ()
+    bonds: Sequence[Bonds] = ()
     special: tuple[float, float, float] = (1.0, 1.0, 1.0)
     mobile: np.ndarray | None = None
     molecules: np.ndarray | None = None
     internal: Internal | None = None
     sources: Sequence[Source] = ()
     compat: str = "consistent"
+    angles: Sequence[Angles] = ()
+    segments: SegmentalRepulsion | None = None
+    body_forces: Sequence[BodyForce | PositionForce] = ()
+    walls: Sequence[Wall] = ()
+    residues: Sequence[str] | None = None
+    electrostatics: SlaterCharges | GaussianCharges | None = None
     type_ids: np.ndarray = field(init=False, repr=False)
     tables: tuple[PairTable, ...] = field(init=False, repr=False)
 
@@ -181,13 +205,18 @@ class Scene:
             put("kT", thermal_energy(self.kT))
         put("mobile", self._flags("mobile", np.bool_, "True or False (for indices: numpy.isin(numpy.arange(N), indices))"))
         put("molecules", self._flags("molecules", np.integer, "one whole number"))
+        put("residues", self._checked_residues())
         self._check_bonds()
+        self._check_angles()
+        self._check_segments()
         put("special", self._checked_special())
         put("tables", self._checked_pairs())
         if not isinstance(self.sources, Sequence):
             raise ParameterError(f"sources must be a sequence of sources, not {self.sources!r}")
         put("sources", tuple(self.sources))
         check_internal(self.internal, self.sources, self.tables, self.type_ids, self.type_names, self.box)
+        self._check_flow()
+        check_electrostatics(self.electrostatics, self.charges, self.box, self.initial_kT)
         if self.compat not in ("consistent", "lammps"):
             raise ParameterError(f"compat must be 'consistent' or 'lammps', not {self.compat!r}")
 
@@ -211,6 +240,13 @@ class Scene:
     def bond_pairs(self) -> np.ndarray:
         """All bonds as one (B, 2) array of bead indices."""
         return np.concatenate([bonds.pairs for bonds in self.bonds]) if self.bonds else np.zeros((0, 2), dtype=np.int64)
+
+    @property
+    def segment_pairs(self) -> np.ndarray:
+        """The bonds between which there is segmental repulsion, (S, 2) bead indices."""
+        if self.segments is None:
+            return np.zeros((0, 2), dtype=np.int64)
+        return self.bond_pairs if self.segments.bonds is None else self.segments.bonds
 
     # -- checks ----------------------------------------------------------------------------------------------------------------
     def _checked_masses(self) -> dict[str, float]:
@@ -237,6 +273,14 @@ class Scene:
         if unknown:
             raise ParameterError(f"unknown bead types {', '.join(unknown)}; `masses` defines {', '.join(self.masses)}")
         return types
+
+    def _checked_residues(self) -> tuple[str, ...] | None:
+        if self.residues is None:
+            return None
+        names = () if isinstance(self.residues, str) else tuple(self.residues)
+        if len(names) != self.n_beads or not all(isinstance(name, str) and name for name in names):
+            raise ParameterError(f"residues must name the molecule of each of the {self.n_beads} beads by text")
+        return names
 
     def _flags(self, name: str, kind: type, what: str) -> np.ndarray | None:
         """One truth value or whole number per bead."""
@@ -274,18 +318,49 @@ class Scene:
         return array
 
     def _check_bonds(self) -> None:
-        if isinstance(self.bonds, HarmonicBonds) or not isinstance(self.bonds, Sequence):
-            raise ParameterError(f"bonds must be a sequence of HarmonicBonds, such as [HarmonicBonds(...)], not {self.bonds!r}")
-        object.__setattr__(self, "bonds", tuple(self.bonds))
-        for bonds in self.bonds:
-            if not isinstance(bonds, HarmonicBonds):
-                raise ParameterError(f"bonds must be a sequence of HarmonicBonds, not of {type(bonds).__name__}")
+        self._check_kinds("bonds", BOND_KINDS)
         pairs = np.sort(self.bond_pairs, axis=1)
         if pairs.size and pairs.max() >= self.n_beads:
             raise ParameterError(f"a bond names bead {pairs.max()}, but there are only {self.n_beads} beads, counted from 0")
         different, counts = np.unique(pairs, axis=0, return_counts=True)
         if np.any(counts > 1):
             raise ParameterError("the bond between beads {} and {} is listed twice".format(*different[counts > 1][0]))
+        for bonds in self.bonds:
+            wrong = bonds.overstretched(self.positions, self.box) if isinstance(bonds, FENEBonds) else None
+            if wrong is not None:
+                raise ParameterError(f"{wrong}; move the beads, or use other bonds until they are close enough")
+
+    def _check_kinds(self, name: str, kinds: tuple[type, ...]) -> None:
+        given, names = getattr(self, name), " or ".join(kind.__name__ for kind in kinds)
+        if isinstance(given, kinds) or not isinstance(given, Sequence) or isinstance(given, str):
+            raise ParameterError(f"{name} must be a sequence of {names}, such as [{kinds[0].__name__}(...)], not {given!r}")
+        object.__setattr__(self, name, tuple(given))
+        for entry in given:
+            if not isinstance(entry, kinds):
+                raise ParameterError(f"{name} must be a sequence of {names}, not of {type(entry).__name__}")
+
+    def _check_angles(self) -> None:
+        self._check_kinds("angles", ANGLE_KINDS)
+        check_angles(self.angles, self.n_beads)
+
+    def _check_segments(self) -> None:
+        if self.segments is None:
+            return
+        if not isinstance(self.segments, SegmentalRepulsion):
+            raise ParameterError(f"segments must be a SegmentalRepulsion, not {self.segments!r}")
+        check_segments(self.segments, self.segment_pairs, self.positions, self.box)
+
+    def _check_flow(self) -> None:
+        self._check_kinds("body_forces", (BodyForce, PositionForce))
+        for term in self.body_forces:
+            if isinstance(term, BodyForce):
+                term.vectors(self.type_ids, self.type_names, self.box)
+            else:
+                term.mask(self.type_ids, self.type_names)
+        if self.walls:
+            mobile = np.ones(self.n_beads, bool) if self.mobile is None else self.mobile
+            check_inside(gaps(self.walls, self.box), self.positions, mobile)
+        object.__setattr__(self, "walls", tuple(self.walls))
 
     def _checked_special(self) -> tuple[float, float, float]:
         try:

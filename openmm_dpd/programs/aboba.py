@@ -10,13 +10,14 @@ from __future__ import annotations
 from ..names import Phase
 from ..plan import ProgramOptions
 from .program import PAIR_FORCE, Program
+from .walls import reflect
 
 
 def program(options: ProgramOptions) -> Program:
     """Program for the options given; without friction and noise it is the position Verlet scheme."""
     p = Program("aboba", "Shang 2021, ABOBA, with exact pair updates", options)
     p.begin()
-    if options.thermostat and options.sole_force and not (options.field_blocks and options.compensated):
+    if options.thermostat and options.sole_force and not options.walls and not (options.field_blocks and options.compensated):
         _one_evaluation(p)
     else:
         _two_evaluations(p)
@@ -44,6 +45,7 @@ def _one_evaluation(p: Program) -> None:
 def _two_evaluations(p: Program) -> None:
     options = p.options
     p.each("x", "x+0.5*dt*v", "half drift")
+    reflect(p)
     if options.kernel_conservative:
         p.phase(Phase.CONSERVE)
     elif options.thermostat:
@@ -51,6 +53,7 @@ def _two_evaluations(p: Program) -> None:
     if not options.thermostat:
         p.each("v", "v+dt*f/m", "kick")
         p.each("x", "x+0.5*dt*v", "half drift")
+        reflect(p)
         return
     p.declare_per_dof("acc", "conservative acceleration at the middle of the step")
     p.each("acc", "f/m")
@@ -70,3 +73,4 @@ def _two_evaluations(p: Program) -> None:
     else:
         p.each("v", f"v+dt*acc+dt*{PAIR_FORCE}/m", "half kick, sweep, half kick")
     p.each("x", "xs+0.5*dt*v", "half drift")
+    reflect(p)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from ..names import Phase
 from ..plan import ProgramOptions
 from .program import PAIR_FORCE, Program
+from .walls import reflect
 
 
 def program(options: ProgramOptions) -> Program:
@@ -22,6 +23,9 @@ def program(options: ProgramOptions) -> Program:
         p.note()
     p.each("v", "v+dt*f/m", "kick")
     p.constrain_velocities()
+    if options.walls:
+        _beside_walls(p)
+        return p
     fields = p.fields()
     if fields:
         p.keep_positions()
@@ -44,3 +48,26 @@ def program(options: ProgramOptions) -> Program:
     if options.kernel:
         p.phase(Phase.IDLE)
     return p
+
+
+def _beside_walls(p: Program) -> None:
+    """The rest of a step where a half drift may end in a reflection, which would spoil what it shows of the velocities."""
+    options = p.options
+    p.each("x", "x+0.5*dt*v", "half drift")
+    reflect(p)
+    if options.thermostat:
+        p.next_temperature()
+        p.note()
+        fields = p.fields()
+        p.keep_positions()
+        p.read(fields)
+        p.next_noise(options.trial_time)
+        p.show("v")
+        p.phase(Phase.SWEEP_KEPT)
+        p.before_sweep()
+        p.each("v", f"v+dt*{PAIR_FORCE}/m", "sweep")
+        p.after_sweep(fields)
+    p.each("x", "xs+0.5*dt*v" if options.thermostat else "x+0.5*dt*v", "half drift")
+    reflect(p)
+    if options.kernel:
+        p.phase(Phase.IDLE)

@@ -20,6 +20,7 @@ from __future__ import annotations
 from ..names import Phase
 from ..plan import ProgramOptions
 from .program import PAIR_FORCE, Program
+from .walls import reflect
 
 
 def program(options: ProgramOptions) -> Program:
@@ -48,13 +49,14 @@ def program(options: ProgramOptions) -> Program:
         p.keep_positions()
         p.read(seen)
     p.each("x", "xs+dt*v" if fields else "x+dt*v", "drift")
+    reflect(p, ("vp",) if predicted else ())
     p.next_temperature()
-    if predicted or not options.thermostat:
+    if predicted or options.walls or not options.thermostat:
         p.phase(Phase.CONSERVE) if options.kernel_conservative else p.note()
         p.each("acc", "f/m", "conservative acceleration")
-        if predicted:
+        if options.thermostat:
             p.next_noise(options.trial_time)
-            _add_friction_and_noise(p, "vp")
+            _add_friction_and_noise(p, "vp" if predicted else "v")
     else:
         p.next_noise("dt")
         p.phase(Phase.FORCE_SEEN)
@@ -118,5 +120,6 @@ def _add_friction_and_noise(p: Program, velocity: str, rates: list[str] | tuple 
 def _plain(p: Program) -> None:
     p.each("v", "v+0.5*dt*f/m", "half kick")
     p.each("x", "x+dt*v", "drift")
+    reflect(p)
     p.each("v", "v+0.5*dt*f/m", "half kick")
     del p.per_dof["acc"]

@@ -20,6 +20,8 @@ from ..units import BOLTZMANN
 def why_not(plan: Plan) -> str | None:
     """The reason why the DPDIntegrator cannot run this scene, or None."""
     scene = plan.scene
+    if scene.walls:
+        return "it cannot reflect beads at walls"
     if len(plan.layers) != 1:
         return f"it holds one table of friction coefficients, and the scene has {len(plan.layers)}"
     kinds = {type(c).__name__ for table in plan.layers for c in table.values() if c is not NONE} - {"DPD"}

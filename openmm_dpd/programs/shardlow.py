@@ -11,6 +11,7 @@ from ..names import Phase
 from ..plan import ProgramOptions
 from .mvv import program as velocity_verlet
 from .program import PAIR_FORCE, Program
+from .walls import reflect
 
 
 def program(options: ProgramOptions) -> Program:
@@ -41,6 +42,7 @@ def program(options: ProgramOptions) -> Program:
     else:
         p.each("v", f"v+dt*{PAIR_FORCE}/m+0.5*dt*acc", "sweep, half kick")
     p.each("x", "xs+dt*v", "drift")
+    reflect(p)
     p.phase(Phase.CONSERVE if options.kernel_conservative else Phase.IDLE)
     p.each("acc", "f/m")
     p.each("v", "v+0.5*dt*acc", "half kick")

@@ -163,6 +163,16 @@ def test_only_a_system_gets_a_thermostat():
         dpd.add_thermostat(app.Topology(), dpd.DPD(gamma=1), 300, 0.002)
 
 
+def test_somebody_must_take_part():
+    system = system_of()
+    with pytest.raises(dpd.ParameterError, match="every particle is left out"):
+        dpd.add_thermostat(system, {("A", "A"): dpd.DPD(gamma=1)}, 300, 0.002, types=[None] * 4)
+    for k in range(4):
+        system.setParticleMass(k, 0)
+    with pytest.raises(dpd.ParameterError, match="have mass 0"):
+        dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002)
+
+
 def test_what_cannot_go_together():
     system = system_of()
     system.addForce(openmm.AndersenThermostat(300, 1))

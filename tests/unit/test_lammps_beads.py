@@ -322,7 +322,7 @@ velocity all set 1.0 0.5 NULL units box sum yes
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("boundary p p f", "only periodic boundaries are supported"),
+        ("boundary p p s", "boundaries are periodic .p. or, behind fix wall/reflect, fixed .f., not .p p s."),
         ("dimension 2", "only three dimensions"),
         ("units si", "units must be one of lj, real, metal, not 'si'"),
         ("atom_style sphere", "the atom style must be one of atomic,"),

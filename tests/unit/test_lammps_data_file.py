@@ -24,6 +24,7 @@ ATOMS = {
     "atomic": ["7 2 0 1 3", "2 1 1 2 4", "5 1 2 3 5"],
     "charge": ["7 2 -0.5 0 1 3", "2 1 0.5 1 2 4", "5 1 0 2 3 5"],
     "bond": ["7 9 2 0 1 3", "2 8 1 1 2 4", "5 8 1 2 3 5"],
+    "angle": ["7 9 2 0 1 3", "2 8 1 1 2 4", "5 8 1 2 3 5"],
     "molecular": ["7 9 2 0 1 3", "2 8 1 1 2 4", "5 8 1 2 3 5"],
     "full": ["7 9 2 -0.5 0 1 3", "2 8 1 0.5 1 2 4", "5 8 1 0 2 3 5"],
     "dpd": ["7 2 310 0 1 3", "2 1 300 1 2 4", "5 1 290 2 3 5"],
@@ -55,7 +56,7 @@ def test_every_atom_style_with_and_without_a_hint(tmp_path, style, hint):
     assert atoms.ids.tolist() == [2, 5, 7]
     assert atoms.types.tolist() == [1, 1, 2]
     np.testing.assert_allclose(atoms.positions, [[1, 2, 4], [2, 3, 5], [0, 1, 3]])
-    assert atoms.molecules.tolist() == ([8, 8, 9] if style in ("bond", "molecular", "full") else [0, 0, 0])
+    assert atoms.molecules.tolist() == ([8, 8, 9] if style in ("bond", "angle", "molecular", "full") else [0, 0, 0])
     assert atoms.charges.tolist() == ([0.5, 0, -0.5] if style in ("charge", "full") else [0, 0, 0])
     assert atoms.thetas.tolist() == ([300, 290, 310] if style == "dpd" else [0, 0, 0])
     assert atoms.densities.tolist() == ([3.0, 2.9, 3.1] if style == "mdpd" else [0, 0, 0])
@@ -216,9 +217,9 @@ GOOD = HEADER + "\nMasses\n\n1 1.0\n2 2.0\n\nAtoms\n\n" + "\n".join(ATOMS["atomi
         ("2 1 1 2 4", "99999999999999999999 1 1 2 4", r"data:18: the id of an atom must be a whole number up to 2147483647, not 1e\+20"),
         ("2 1 1 2 4", "2 1 1 2 4 0 0 99999999999999999999", r"data:18: an image flag of atom 2 is beyond 2147483647"),
         ("3 atoms", "3.5 atoms", r"data:3: expected a whole number >= 0 before 'atoms', not '3.5'"),
-        ("3 atoms", "3 atoms\n5 angles", r"data:4: angles are not supported, but the header announces 5"),
+        ("3 atoms", "3 atoms\n5 dihedrals", r"data:4: dihedrals are not supported, but the header announces 5"),
         ("3 atoms", "4 atoms", r"data:15: section Atoms has 3 lines, but the header announces 4"),
-        ("Masses", "Angles", r"data:10: section or header line 'Angles' is not supported"),
+        ("Masses", "Dihedrals", r"data:10: section or header line 'Dihedrals' is not supported"),
         ("2 atom types", "2 atom kinds", r"data:4: header line '2 atom kinds' is not supported"),
         ("-1 3 xlo", "3 -1 xlo", r"the box must have a positive length along x, not -4"),
         ("-1 3 xlo", "-1 x xlo", r"data:6: expected numbers before 'xlo xhi'"),

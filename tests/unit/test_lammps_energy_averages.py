@@ -301,7 +301,7 @@ def test_a_sample_needs_no_more_than_is_averaged(tmp_path):
     )
     request = request_of(tmp_path, text)
     needs = [set(average.needs(request.state)) for average in request.averages]
-    assert needs == [{"positions", "fields"}, {"positions", "velocities"}, {"velocities"}, {"pair_energy", "bond_energy"}]
+    assert needs == [{"positions", "fields"}, {"positions", "velocities"}, {"velocities"}, {"pair_energy", "bond_energy", "angle_energy"}]
 
 
 # -- in a run -----------------------------------------------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ import numpy as np
 from ...errors import ParameterError
 from .. import arguments as read
 from ..context import Context
+from ..data_file import BONDED_STYLES
 from ..state import DeckState
 from .box import _region
 from .setup import Handler
@@ -212,7 +213,7 @@ def _set_charge(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
 
 
 def _set_molecule(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
-    if state.atom_style not in ("bond", "molecular", "full"):
+    if state.atom_style not in BONDED_STYLES:
         raise ParameterError(f"atom_style {state.atom_style} has no molecule ids")
     state.atoms.molecules[mask] = read.integer(words[0], "the molecule id", 0)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ...errors import DeckError, ParameterError
@@ -13,7 +15,8 @@ from ..lattice import parse_lattice
 from ..lexer import Line
 from ..regions import parse_region
 from ..state import DeckState
-from .pairs import bond_coeff, pair_coeff
+from .bonded import angle_coeff, bond_coeff
+from .pairs import pair_coeff
 from .setup import Handler
 
 
@@ -43,17 +46,20 @@ def _region(state: DeckState, name: str):
 
 
 def create_box(state: DeckState, args: list[str]) -> None:
-    """``create_box N region [bond/types N] [extra/...]``."""
+    """``create_box N region [bond/types N] [angle/types N] [extra/...]``."""
     read.count(args, "create_box N region ...", 2, None)
     state.refuse_box("create_box")
     found = _region(state, args[1])
     if found.box is None:
         raise ParameterError(f"create_box needs a bounded block or prism with positive lengths; region '{args[1]}' is a {found.style}")
     state.n_types = read.integer(args[0], "the number of atom types", 1)
-    ignored = ("extra/bond/per/atom", "extra/special/per/atom", "angle/types", "dihedral/types", "improper/types")
-    for keyword, values in read.options(args[2:], {"bond/types": 1, **dict.fromkeys(ignored, 1)}, "create_box"):
+    ignored = ("extra/bond/per/atom", "extra/angle/per/atom", "extra/special/per/atom", "dihedral/types", "improper/types")
+    sizes = {"bond/types": 1, "angle/types": 1, **dict.fromkeys(ignored, 1)}
+    for keyword, values in read.options(args[2:], sizes, "create_box"):
         if keyword == "bond/types":
             state.n_bond_types = read.integer(values[0], "the number of bond types", 0)
+        elif keyword == "angle/types":
+            state.n_angle_types = read.integer(values[0], "the number of angle types", 0)
     _set_box(state, found.box)
 
 
@@ -61,6 +67,10 @@ def _set_box(state: DeckState, box: Box) -> None:
     """Take over a box in the deck's unit of length."""
     if np.any(np.abs(box.reduced_vectors - box.vectors) > 1e-9 * box.edges.max()):
         state.note("the box is tilted by more than half an edge; OpenMM gets the equivalent box with smaller tilts")
+    if not all(state.periodic):
+        if np.any(box.tilt):
+            raise ParameterError("a tilted box must be periodic along all axes (boundary p p p)")
+        box = replace(box, periodic=state.periodic)
     state.box = box.scaled(state.units.length)
 
 
@@ -174,17 +184,18 @@ def _closest(points: np.ndarray, point: np.ndarray, box: Box) -> float:
 
 
 def read_data(state: DeckState, args: list[str]) -> None:
-    """``read_data file [nocoeff] [extra/atom/types N] [extra/bond/types N] [group ID]``."""
+    """``read_data file [nocoeff] [extra/atom/types N] [extra/bond/types N] [extra/angle/types N] [group ID]``."""
     read.count(args, "read_data file ...", 1, None)
     if state.box is not None:
         raise ParameterError("read_data must come before any other box is defined (read_data add is not supported)")
     data = read_data_file(state.find_file(args[0]), state.atom_style, state.n_species)
     # how much room LAMMPS reserves is of no interest here
-    ignored = ("extra/bond/per/atom", "extra/special/per/atom", "extra/angle/types", "extra/dihedral/types", "extra/improper/types")
-    sizes = {"extra/atom/types": 1, "extra/bond/types": 1, "nocoeff": 0, "group": 1, **dict.fromkeys(ignored, 1)}
+    ignored = ("extra/bond/per/atom", "extra/angle/per/atom", "extra/special/per/atom", "extra/dihedral/types", "extra/improper/types")
+    sizes = {"extra/atom/types": 1, "extra/bond/types": 1, "extra/angle/types": 1, "nocoeff": 0, "group": 1, **dict.fromkeys(ignored, 1)}
     chosen = dict(read.options(args[1:], sizes, "read_data"))
     state.n_types = data.n_types + read.integer(chosen.get("extra/atom/types", ["0"])[0], "extra/atom/types", 0)
     state.n_bond_types = data.n_bond_types + read.integer(chosen.get("extra/bond/types", ["0"])[0], "extra/bond/types", 0)
+    state.n_angle_types = data.n_angle_types + read.integer(chosen.get("extra/angle/types", ["0"])[0], "extra/angle/types", 0)
     if state.n_types < 1:
         raise DeckError("the header announces no atom types", str(data.path))
     hint = data.hints.get("Atoms", "")
@@ -222,7 +233,7 @@ def _take_atoms(state: DeckState, data: DataFile) -> None:
     for k in range(state.n_species):
         atoms.concentrations[:, k] = data.columns[f"c{k + 1}"][order]
     state.add_atoms(atoms)
-    state.bonds = data.bonds
+    state.bonds, state.angles = data.bonds, data.angles
 
 
 def _take_coefficients(state: DeckState, data: DataFile) -> None:
@@ -230,6 +241,7 @@ def _take_coefficients(state: DeckState, data: DataFile) -> None:
         "Pair Coeffs": lambda words: pair_coeff(state, [words[0], *words]),
         "PairIJ Coeffs": lambda words: pair_coeff(state, words),
         "Bond Coeffs": lambda words: bond_coeff(state, words),
+        "Angle Coeffs": lambda words: angle_coeff(state, words),
     }
     outer = state.here
     for name, rows in data.coefficients.items():
@@ -254,10 +266,11 @@ def delete_atoms(state: DeckState, args: list[str]) -> None:
     if "mol" in options and read.switch(options["mol"][0], "mol"):
         raise ParameterError("delete_atoms mol yes is not supported")
     gone = state.atoms.ids[doomed]
-    broken = np.isin(state.bonds[:, 1:], gone).any(axis=1)
-    if broken.any() and not read.switch(options.get("bond", ["no"])[0], "bond"):
-        raise ParameterError(f"{int(broken.sum())} bonds would lose a bead; delete them too with 'bond yes'")
-    state.bonds = state.bonds[~broken]
+    broken, bent = (np.isin(terms[:, 1:], gone).any(axis=1) for terms in (state.bonds, state.angles))
+    if (broken.any() or bent.any()) and not read.switch(options.get("bond", ["no"])[0], "bond"):
+        lost = f"{int(broken.sum())} bonds" + (f" and {int(bent.sum())} angles" if bent.any() else "")
+        raise ParameterError(f"{lost} would lose a bead; delete them too with 'bond yes'")
+    state.bonds, state.angles = state.bonds[~broken], state.angles[~bent]
     state.atoms.keep(~doomed)
     state.groups = {name: mask[~doomed] for name, mask in state.groups.items()}
     if read.switch(options.get("compress", ["yes"])[0], "compress") and not len(state.bonds) and not state.atoms.molecules.any():

@@ -13,6 +13,7 @@ from ..request import RunRequest
 from ..state import DeckState, Fix
 from ..time_average import parse_ave_time
 from .energy_fixes import ENERGY_FIXES
+from .flow_fixes import FLOW_FIXES
 from .setup import Handler
 
 
@@ -47,6 +48,7 @@ FIX_STYLES: dict[str, Callable[[DeckState, str, list[str]], dict]] = {
     "mvv/tdpd": _mvv("mvv/tdpd"),
     "shardlow": _shardlow,
     **ENERGY_FIXES,
+    **FLOW_FIXES,
 }
 
 

@@ -1,4 +1,4 @@
-"""Commands about interactions: pair_style, pair_coeff, pair_modify, special_bonds, bond_style, bond_coeff."""
+"""Commands about interactions: pair_style, pair_coeff, pair_modify, special_bonds."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 from ...errors import ParameterError
 from .. import arguments as read
 from ..pair_styles import MIXING, PAIR_STYLES, Coefficient, PairSetup, PairStyle
-from ..state import BondSetup, DeckState
+from ..state import DeckState
 from ..table_file import MODES
 from .setup import Handler
 
@@ -27,6 +27,8 @@ def pair_style(state: DeckState, args: list[str]) -> None:
         state.pair = PairSetup(name, styles, where=state.here)
     else:
         style = _style(state, name, words)
+        if style.spec.of_bonds:
+            raise ParameterError(f"pair style {name} acts between bonds; use it in pair_style hybrid, beside what acts between beads")
         old = state.pair.styles[0] if state.pair.mode == "single" else None
         excluded: set[tuple[int, int]] = set()
         if old is not None and old.name == name and style.spec.keeps_coefficients:
@@ -45,7 +47,8 @@ def _parts(name: str, words: list[str]) -> list[list[str]]:
     parts: list[list[str]] = []
     for word in words:
         is_style = word in PAIR_STYLES
-        if not is_style and (not parts or not (word in (*MODES, "nocoeff") or _is_number(word))):
+        own = PAIR_STYLES[parts[-1][0]].words if parts else frozenset()
+        if not is_style and (not parts or not (word in (*MODES, "nocoeff") or word in own or _is_number(word))):
             raise _unknown(word)
         if is_style:
             parts.append([])
@@ -156,54 +159,32 @@ def pair_modify(state: DeckState, args: list[str]) -> None:
             raise ParameterError("pair_modify compute no is not supported; use 'pair_coeff i j none'")
 
 
-_SPECIAL_PRESETS = {"charmm": (0.0, 0.0, 0.0), "dreiding": (0.0, 0.0, 1.0), "fene": (0.0, 1.0, 1.0)}
+#: Presets of special_bonds: factors of all pair terms, and of charges.
+_SPECIAL_PRESETS = {
+    "amber": ((0.0, 0.0, 0.5), (0.0, 0.0, 5.0 / 6.0)),
+    "charmm": ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    "dreiding": ((0.0, 0.0, 1.0), (0.0, 0.0, 1.0)),
+    "fene": ((0.0, 1.0, 1.0), (0.0, 1.0, 1.0)),
+}
 
 
 def special_bonds(state: DeckState, args: list[str]) -> None:
     """``special_bonds lj/coul|lj|coul f2 f3 f4``, or a preset; keywords that are left out go back to their defaults."""
     read.count(args, "special_bonds keyword values ...", 1, None)
-    factors = (0.0, 0.0, 0.0)
-    sizes = {"lj": 3, "coul": 3, "lj/coul": 3, "angle": 1, "dihedral": 1, "amber": 0, **dict.fromkeys(_SPECIAL_PRESETS, 0)}
+    factors = charges = (0.0, 0.0, 0.0)
+    sizes = {"lj": 3, "coul": 3, "lj/coul": 3, "angle": 1, "dihedral": 1, **dict.fromkeys(_SPECIAL_PRESETS, 0)}
     for keyword, values in read.options(args, sizes, "special_bonds"):
-        if keyword in ("lj", "lj/coul"):
-            factors = tuple(read.number(word, f"factor 1-{k}") for k, word in enumerate(values, start=2))  # type: ignore[assignment]
-        elif keyword == "amber":
-            factors = (0.0, 0.0, 0.5)
-        elif keyword in _SPECIAL_PRESETS:
-            factors = _SPECIAL_PRESETS[keyword]
-        elif keyword == "coul":
-            state.note("special_bonds coul has no meaning here: there is no Coulomb interaction")
+        if keyword in _SPECIAL_PRESETS:
+            factors, charges = _SPECIAL_PRESETS[keyword]
+        elif keyword in ("lj", "coul", "lj/coul"):
+            given = tuple(read.number(word, f"factor 1-{k}") for k, word in enumerate(values, start=2))
+            if not all(0 <= factor <= 1 for factor in given):
+                raise ParameterError(f"the factors of special_bonds must be between 0 and 1, not {' '.join(f'{f:g}' for f in given)}")
+            factors = given if keyword != "coul" else factors  # type: ignore[assignment]
+            charges = given if keyword != "lj" else charges  # type: ignore[assignment]
         elif read.switch(values[0], keyword):
             raise ParameterError(f"special_bonds {keyword} yes is not supported")
-    if not all(0 <= factor <= 1 for factor in factors):
-        raise ParameterError(f"the factors of special_bonds must be between 0 and 1, not {' '.join(f'{f:g}' for f in factors)}")
-    state.special = factors
-
-
-def bond_style(state: DeckState, args: list[str]) -> None:
-    """``bond_style none|zero|harmonic``."""
-    read.count(args, "bond_style style", 1, None)
-    style = read.choice(args[0], "the bond style", ("none", "zero", "harmonic"))
-    if style == "harmonic":
-        read.count(args[1:], "bond_style harmonic", 0)
-        kept = state.bond.coefficients if state.bond.style == style else {}
-        state.bond = BondSetup(style, dict(kept), state.here)
-    else:
-        state.bond = BondSetup("none", where=state.here)
-
-
-def bond_coeff(state: DeckState, args: list[str]) -> None:
-    """``bond_coeff type K r0`` of bond_style harmonic."""
-    state.require_box("bond_coeff")
-    if state.bond.style != "harmonic":
-        raise ParameterError("bond_coeff needs 'bond_style harmonic' before it")
-    read.count(args, "bond_coeff type K r0", 3)
-    if state.n_bond_types == 0:
-        raise ParameterError("bond_coeff: there are no bond types")
-    kinds = read.numeric_range(args[0], state.n_bond_types, "bond type")
-    k = read.non_negative(args[1], "K") * state.units.energy / state.units.length**2
-    r0 = read.non_negative(args[2], "r0") * state.units.length
-    state.bond.coefficients.update(dict.fromkeys(kinds, (k, r0)))
+    state.special, state.special_charges = factors, charges
 
 
 COMMANDS: dict[str, Handler] = {
@@ -211,6 +192,4 @@ COMMANDS: dict[str, Handler] = {
     "pair_coeff": pair_coeff,
     "pair_modify": pair_modify,
     "special_bonds": special_bonds,
-    "bond_style": bond_style,
-    "bond_coeff": bond_coeff,
 }

@@ -37,10 +37,13 @@ def dimension(state: DeckState, args: list[str]) -> None:
 
 
 def boundary(state: DeckState, args: list[str]) -> None:
-    """``boundary p p p``."""
+    """``boundary p p p``, with f for axes that walls close (see :mod:`openmm_dpd.lammps.flow`)."""
     read.count(args, "boundary p p p", 3)
-    if any(word not in ("p", "pp") for word in args):
-        raise ParameterError(f"only periodic boundaries are supported (boundary p p p), not '{' '.join(args)}'")
+    state.refuse_box("boundary")
+    if any(word not in ("p", "pp", "f", "ff") for word in args):
+        raise ParameterError(f"boundaries are periodic (p) or, behind fix wall/reflect, fixed (f), not '{' '.join(args)}'")
+    x, y, z = (word in ("p", "pp") for word in args)
+    state.periodic = x, y, z
 
 
 def atom_style(state: DeckState, args: list[str]) -> None:

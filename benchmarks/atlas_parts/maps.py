@@ -1,0 +1,127 @@
+"""Pictures and tables of the stability map."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt  # noqa: E402
+import numpy as np  # noqa: E402
+
+from .page import table as markdown  # noqa: E402
+
+NAMES = {"rho": "density", "mass": "mass ratio", "s": "exponent of the noise weight", "cv": "heat capacity of a bead / k_B"}
+KINDS = {"conf": "configurational temperature", "kin": "kinetic temperature"}
+COLOURS = {"mvv": "tab:gray", "shardlow": "tab:purple", "middle": "tab:blue", "aboba": "tab:green"}
+
+
+def draw(table: dict, folder: Path) -> None:
+    """Maps of the plane friction times repulsion, and lines of everything else."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for kind, words in KINDS.items():
+        _planes(
+            table,
+            folder / f"stability_{kind}.png",
+            lambda e, k=kind: (e[k]["1"] or e["kin"]["1"])[0],
+            f"longest step with the {words} within 1 %",
+        )
+    _planes(table, folder / "stability_blow.png", lambda e: e["blow"][0], "step at which a run blows up")
+    _lines(table, folder / "stability_lines.png")
+
+
+def _base(table: dict, point: dict, but: str = "") -> bool:
+    return all(point[name] == table["base"][name] for name in NAMES if name != but)
+
+
+def plane(table: dict, scheme: str, take) -> tuple[list, list, np.ndarray]:
+    """Frictions, repulsions and what ``take`` says of each point; NaN where the table has nothing."""
+    points = [p for p in table["points"] if _base(table, p) and scheme in p["schemes"]]
+    gammas, repulsions = (sorted({p[name] for p in points}) for name in ("gamma", "a"))
+    values = np.full((len(repulsions), len(gammas)), np.nan)
+    for p in points:
+        values[repulsions.index(p["a"]), gammas.index(p["gamma"])] = take(p["schemes"][scheme])
+    return gammas, repulsions, values
+
+
+def _planes(table: dict, file: Path, take, title: str) -> None:
+    schemes = list(table["cost"])
+    figure, grid = plt.subplots(1, len(schemes), figsize=(3.4 * len(schemes), 3.6), layout="constrained", squeeze=False)
+    image = None
+    for axes, scheme in zip(grid[0], schemes, strict=True):
+        gammas, repulsions, values = plane(table, scheme, take)
+        if not gammas:
+            continue
+        image = axes.imshow(np.log10(values), origin="lower", aspect="auto", cmap="viridis", vmin=-2.3, vmax=0)
+        for (row, column), value in np.ndenumerate(values):
+            if np.isfinite(value):
+                axes.text(column, row, f"{value:.2g}", ha="center", va="center", fontsize=8, color="white" if value < 0.15 else "black")
+        axes.set_xticks(range(len(gammas)), [f"{g:g}" for g in gammas], fontsize=8)
+        axes.set_yticks(range(len(repulsions)), [f"{a:g}" for a in repulsions], fontsize=8)
+        axes.set(title=scheme, xlabel="friction", ylabel="repulsion")
+    figure.suptitle(f"{title} (reduced units, density 3; brighter: longer steps)", fontsize=10)
+    if image is not None:
+        figure.savefig(file, dpi=110)
+    plt.close(figure)
+
+
+def _lines(table: dict, file: Path) -> None:
+    figure, grid = plt.subplots(2, len(NAMES), figsize=(3.6 * len(NAMES), 6.4), layout="constrained", squeeze=False)
+    for column, (name, words) in enumerate(NAMES.items()):
+        for row, gamma in enumerate((4.5, 40.5)):
+            axes = grid[row, column]
+            for scheme, colour in COLOURS.items():
+                rows = line(table, scheme, name, gamma)
+                if rows:
+                    x, y, e = np.array([(v, entry["conf"]["1"][0], entry["conf"]["1"][1]) for v, entry in rows]).T
+                    axes.errorbar(x, y, yerr=e, marker="o", markersize=4, capsize=2, color=colour, label=scheme)
+                    axes.plot(x, [entry["blow"][0] for _, entry in rows], linestyle=":", color=colour)
+            axes.set(xscale="log", yscale="log", xlabel=words, title=f"friction {gamma:g}")
+            axes.grid(alpha=0.25)
+        grid[0, column].set_ylabel("step" if column == 0 else "")
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    if handles:
+        figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    figure.suptitle("Step with the configurational temperature within 1 % (points), and step that blows up (dotted)", fontsize=10)
+    figure.savefig(file, dpi=110)
+    plt.close(figure)
+
+
+def line(table: dict, scheme: str, name: str, gamma: float) -> list[tuple[float, dict]]:
+    """(value, entry) along a line of the table, the base fluid included, where there is a configurational temperature."""
+    points = [
+        p for p in table["points"] if _base(table, p, name) and p["gamma"] == gamma and p["a"] == table["base"]["a"] and p[name] is not None
+    ]
+    return sorted(
+        ((p[name], p["schemes"][scheme]) for p in points if scheme in p["schemes"] and p["schemes"][scheme]["conf"]["1"]),
+        key=lambda r: r[0],
+    )
+
+
+def blocks(table: dict) -> dict[str, str]:
+    """Blocks of the page: what was run, and the plane as a table."""
+    m = table["machine"]
+    about = f"{table['date']}, {m['processor']}; {len(table['points'])} points; standard errors of the steps stand beside them."
+    found = {"stability-about": about}
+    for kind in KINDS:
+        rows = []
+        for p in table["points"]:
+            if _base(table, p):
+                cells = [_cell(p["schemes"].get(s, {}).get(kind, {}).get("1")) for s in table["cost"]]
+                rows.append([f"{p['gamma']:g}", f"{p['a']:g}", *cells])
+        found[f"stability-{kind}"] = markdown(["friction", "repulsion", *(f"`{s}`" for s in table["cost"])], rows)
+    rows = [
+        [f"{p['gamma']:g}", f"{p['a']:g}", *(_cell(p["schemes"].get(s, {}).get("blow")) for s in table["cost"])]
+        for p in table["points"]
+        if _base(table, p)
+    ]
+    found["stability-blow"] = markdown(["friction", "repulsion", *(f"`{s}`" for s in table["cost"])], rows)
+    return found
+
+
+def _cell(entry: list | None) -> str:
+    if entry is None:
+        return "-"
+    dt, sem, kind = entry
+    return f"{kind} {dt:.2g}" if kind else f"{dt:.2g} ± {sem:.1g}"

@@ -1,0 +1,287 @@
+"""The stability map: for every scheme the step at which temperatures are 1, 5 and 10 % off, and the one at which it blows up.
+
+Small systems, found by bisection.  Reduced units: cutoff 1, mass of the lightest bead 1, kT 1.  Runs what is missing in ``out/stability``,
+then writes openmm_dpd/data/stability.json, the maps in docs/figures and the tables of docs/atlas.md; it can be interrupted at any time.
+
+    python benchmarks/stability.py                       # about two hours on one core, one on two
+    python benchmarks/stability.py --coarse              # a quarter of the points
+    python benchmarks/stability.py --coarse --loose 4    # errors twice as large: some minutes
+    python benchmarks/stability.py --only table          # only the table, the maps and the page
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import functools
+import json
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import openmm
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(Path(__file__).parent))
+
+from atlas_parts import maps, page  # noqa: E402
+from atlas_parts.errors import crossing  # noqa: E402
+from atlas_parts.store import Store, carry_out  # noqa: E402
+from atlas_parts.summary import machine, short, write  # noqa: E402
+
+import openmm_dpd as dpd  # noqa: E402
+from openmm_dpd.errors import DPDError  # noqa: E402
+from openmm_dpd.stats import block_average, ratio_average  # noqa: E402
+
+SCHEMES = ("mvv", "shardlow", "middle", "aboba")
+BASE = {"gamma": 4.5, "a": 25.0, "rho": 3.0, "mass": 1.0, "s": 1.0, "cv": None}
+LEVELS = (0.01, 0.05, 0.10)
+
+#: First step that is tried, and the factor between two of them; errors go as a power of the step between two.
+FIRST, FACTOR = 0.05, 1.5
+
+#: Shortest step that is tried where nothing blows up.
+SHORTEST = 0.004
+
+#: Longest step that is tried; nothing is learnt about real fluids beyond it.
+LONGEST = 1.0
+
+FULL = {
+    "gamma": (0.5, 1.5, 4.5, 13.5, 40.5, 135.0, 450.0), "a": (0.0, 6.0, 25.0, 50.0, 100.0), "rho": (1.0, 2.0, 4.0, 6.0, 8.0),
+    "mass": (3.0, 10.0, 30.0, 100.0), "s": (0.25, 0.5, 2.0), "cv": (1.0, 3.0, 10.0, 100.0, 1e3, 1e5),
+}  # fmt: skip
+COARSE = {
+    "gamma": (0.5, 4.5, 40.5, 450.0), "a": (0.0, 25.0, 100.0), "rho": (1.0, 8.0), "mass": (10.0, 100.0), "s": (0.25, 2.0), "cv": (1.0, 10.0, 1e5),
+}  # fmt: skip
+
+
+def points(grid: dict[str, tuple[float, ...]]) -> list[dict]:
+    """Friction times repulsion as a plane; density, mass ratio and exponent as lines at two frictions; heat capacity as one line."""
+    plane = [BASE | {"gamma": g, "a": a} for g in grid["gamma"] for a in grid["a"]]
+    lines = [BASE | {"gamma": g, name: value} for name in ("rho", "mass", "s") for g in (4.5, 40.5) for value in grid[name]]
+    return [*plane, *lines, *(BASE | {"cv": value} for value in grid["cv"])]
+
+
+def scene_of(point: dict, beads: int) -> dpd.Scene:
+    """The fluid of a point on random positions; with a mass ratio, every other bead is the heavy one."""
+    n = max(beads, int(np.ceil(point["rho"] * 2.2**3)))
+    edge = (n / point["rho"]) ** (1 / 3)
+    types = ["L", "H"] * (n // 2) + ["L"] * (n % 2) if point["mass"] != 1 else ["L"] * n
+    masses = {"L": 1.0, "H": point["mass"]} if point["mass"] != 1 else {"L": 1.0}
+    carried = {}
+    if point["cv"] is None:
+        coefficient = dpd.DPD(A=point["a"], gamma=point["gamma"], exponent=point["s"], cutoff=1)
+    else:
+        coefficient = dpd.EnergyDPD(A=point["a"], sigma=(2 * point["gamma"]) ** 0.5, kappa=1.0, cutoff=1)
+        carried["internal"] = dpd.InternalEnergy(dpd.ConstantHeatCapacity(point["cv"]), 1.0)
+    names = list(masses)
+    pairs = {(a, b): coefficient for k, a in enumerate(names) for b in names[k:]}
+    x = np.random.default_rng(1).random((n, 3)) * edge
+    return dpd.Scene(masses, types, x, pairs, kT=1.0, box=[edge] * 3, **carried)
+
+
+class Point:
+    """One point of the map: its equilibrated fluid and what has been found about a scheme there."""
+
+    def __init__(self, job: dict):
+        self.job, self.point, self.scheme = job, job["point"], job["scheme"]
+        scene = scene_of(self.point, job["beads"])
+        built = dpd.build(scene, dt=0.004, scheme="middle", platform="CPU", seed=1)
+        simulation = built.simulation(properties={"Threads": "1"})
+        # random points overlap; heat from that goes in the first steps
+        simulation.step(job["settle"])
+        state = simulation.context.getState(positions=True, velocities=True)
+        self.x = state.getPositions(asNumpy=True)
+        self.scene = scene
+        self.tried: dict[float, dict] = {}
+
+    def measure(self, dt: float, bound: float) -> dict:
+        """{"conf": [error, sem], "kin": [error, sem]} at a step, or {"blown": True}; errors no larger than a quarter of the bound."""
+        dt = float(f"{dt:.4g}")
+        known = self.tried.get(dt)
+        if known is not None and (known.get("blown") or known["bound"] <= bound):
+            return known
+        try:
+            found = self._run(dt, bound)
+        except (DPDError, openmm.OpenMMException, FloatingPointError):
+            found = {"blown": True}
+        self.tried[dt] = found | {"bound": bound}
+        return self.tried[dt]
+
+    def _run(self, dt: float, bound: float) -> dict:
+        built = dpd.build(self.scene, dt=dt, scheme=self.scheme, platform="CPU", seed=2)
+        simulation, observer = built.simulation(properties={"Threads": "1"}), dpd.Observer(built)
+        simulation.context.setPositions(self.x)
+        every = max(1, round(0.15 / dt))
+        simulation.step(max(round(5.0 / dt), 20))
+        rows: list[tuple] = []
+        while True:
+            for _ in range(60):
+                simulation.step(every)
+                s = observer.sample(simulation.context)
+                target = s.theta if self.point["cv"] is not None else 1.0
+                rows.append((s.kT, target, s.gradient2, (s.laplacian or 0.0) * target))
+            found = self._errors(np.array(rows).T)
+            size = max(abs(pair[0]) for pair in found.values())
+            if size > 2.0 or not np.isfinite(size):
+                return {"blown": True}
+            wanted = max(0.25 * bound * self.job["loose"], 0.1 * min(abs(pair[0]) for pair in found.values()))
+            if all(pair[1] < wanted for pair in found.values()) or len(rows) * every * dt > self._longest(bound):
+                return found
+
+    def _longest(self, bound: float) -> float:
+        # errors go with the root of the length: a rough error needs a short run only; with weak friction the energy fluctuates slowly
+        slow = 2.0 if self.point["gamma"] < 1 else 1.0
+        return slow * self.job["longest"] * min(1.0, (3 * LEVELS[0] / bound) ** 2)
+
+    def _errors(self, columns: np.ndarray) -> dict[str, list[float]]:
+        kT, target, above, below = columns
+        kinetic = block_average(kT / target)
+        found = {"kin": [kinetic.mean - 1, kinetic.sem]}
+        if below.any():
+            conf = ratio_average(above, below)
+            found["conf"] = [conf.mean - 1, conf.sem]
+        return found
+
+    def largest(self, dt: float, bound: float) -> float:
+        """The larger of the two |errors|, as far as it is seen above its noise; infinite when blown up."""
+        found = self.measure(dt, bound)
+        if found.get("blown"):
+            return np.inf
+        pairs = [found[name] for name in ("conf", "kin") if name in found]
+        return max((abs(value) for value, sem in pairs if abs(value) > 2 * sem), default=0.0)
+
+    def search(self) -> dict:
+        """Up by factors until it blows up, down until the errors are small, bisection of the blow-up, and a run at each step of 1 %."""
+        dt = FIRST
+        while dt <= LONGEST and self.largest(dt, LEVELS[-1]) < np.inf:
+            dt *= FACTOR
+        dt = FIRST
+        while self.largest(dt, LEVELS[0]) > 0.6 * LEVELS[0] and dt > (SHORTEST if self.largest(dt, LEVELS[0]) < 10 else 1e-4):
+            dt /= FACTOR
+        self._bisect_blow()
+        for name in ("conf", "kin"):
+            guess = self.level(name, LEVELS[0])
+            if guess is not None and not guess[2]:
+                self.measure(guess[0], LEVELS[0])
+        return self.levels()
+
+    def _bisect_blow(self) -> None:
+        """Halve the interval (of log dt) in which the run blows up, twice."""
+        for _ in range(2):
+            bad = [dt for dt, found in self.tried.items() if found.get("blown")]
+            good = [dt for dt in self.tried if bad and dt < min(bad)]
+            if good:
+                self.measure((max(good) * min(bad)) ** 0.5, LEVELS[-1])
+
+    def levels(self) -> dict:
+        """The steps at the bounds, as [dt, standard error, kind of bound]."""
+        return {"blow": self.blow()} | {name: {f"{100 * b:g}": self.level(name, b) for b in LEVELS} for name in ("conf", "kin")}
+
+    def blow(self) -> list:
+        """The step that blows up, half a bisection interval as its error."""
+        bad = [dt for dt, found in self.tried.items() if found.get("blown")]
+        if not bad:
+            return [max(self.tried), 0.0, ">"]
+        good = [dt for dt in self.tried if dt < min(bad)]
+        if not good:
+            return [min(bad), 0.0, "<"]
+        return [short((max(good) * min(bad)) ** 0.5), short(0.5 * (min(bad) - max(good)), 2), ""]
+
+    def level(self, name: str, bound: float) -> list | None:
+        """The step at which an error reaches a bound; None if it has no meaning (there is no repulsion)."""
+        rows = sorted(self.tried.items())
+        if not any(name in found for _, found in rows):
+            return None
+        # a run that blew up is off by far; the interpolation must not see more of it than that
+        values = [[3.0, 0.0] if found.get("blown") else found.get(name, [0.0, 0.0]) for _, found in rows]
+        found = crossing([dt for dt, _ in rows], values, bound, 200)
+        for word, sign in (("at_least", ">"), ("at_most", "<")):
+            if word in found:
+                return [short(found[word]), 0.0, sign]
+        return [short(found["dt"]), short(found["sem"], 2), ""]
+
+    def sign(self, name: str) -> int:
+        """+1 if the fluid is too hot where the error is first clearly seen, -1 if too cold."""
+        clear = [
+            found[name] for _, found in sorted(self.tried.items()) if name in found and abs(found[name][0]) > max(0.005, 3 * found[name][1])
+        ]
+        return int(np.sign(clear[0][0])) if clear else 1
+
+
+def work(job: dict) -> dict:
+    """One scheme at one point."""
+    dpd.set_threads(1)
+    begun = time.perf_counter()
+    point = Point(job)
+    levels = point.search() | {"sign": {name: point.sign(name) for name in ("conf", "kin")}}
+    ladder = [[dt, *(None if found.get("blown") else [short(v) for v in found.get(n, [0, 0])] for n in ("conf", "kin"))] for dt, found in sorted(point.tried.items())]  # fmt: skip
+    return job | {"levels": levels, "ladder": ladder, "seconds": round(time.perf_counter() - begun, 1)}
+
+
+def tabulate(store: Store, costs: dict[str, float]) -> dict:
+    """The table of the package, from everything in the store; where a point was run twice, the run with the smaller errors counts."""
+    found: dict[str, dict] = {}
+    loosest = 1.0
+    for result in sorted(store.results.values(), key=lambda r: -r["loose"]):
+        entry = found.setdefault(json.dumps(result["point"], sort_keys=True), result["point"] | {"schemes": {}})
+        entry["schemes"][result["scheme"]] = result["levels"]
+    for result in store.results.values():
+        loosest = max(loosest, result["loose"])
+    return {
+        "about": "steps at which temperatures are off by 1, 5, 10 %, in units of rc (m/kT)^(1/2): [dt, standard error, kind of bound]; "
+        "written by benchmarks/stability.py",
+        "date": datetime.date.today().isoformat(),
+        "machine": machine(),
+        "loose": loosest,
+        "base": BASE,
+        "cost": costs,
+        "points": sorted(found.values(), key=lambda p: [p[k] or 0.0 for k in ("cv", "s", "mass", "rho", "gamma", "a")]),
+    }
+
+
+def costs(file: Path) -> dict[str, float]:
+    """Time of a step of each scheme beside that of mvv, from the atlas, or from docs/validation.md where there is none yet."""
+    usual = {"mvv": 1.0, "shardlow": 1.33, "middle": 1.18, "aboba": 1.0}
+    atlas = json.loads(file.read_text()) if file.exists() else {"quick": True}
+    if atlas["quick"]:
+        return usual
+    entries = atlas["fluids"].get("weak", {}).get("methods", {})
+    ms = {name: float(np.mean(list(entry["ms"]["1"].values()))) for name, entry in entries.items() if entry["ms"].get("1")}
+    return {name: short(ms[name] / ms["mvv"], 3) if name in ms and "mvv" in ms else value for name, value in usual.items()}
+
+
+def main() -> None:
+    """Run what is missing, write table, maps and page."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--coarse", action="store_true", help="fewer points")
+    parser.add_argument(
+        "--loose", type=float, default=2.0, help="standard errors in units of a quarter of the bound (1: four times the time)"
+    )
+    parser.add_argument("--beads", type=int, default=600)
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--schemes", nargs="+", choices=SCHEMES, default=SCHEMES)
+    parser.add_argument("--only", choices=("runs", "table"))
+    parser.add_argument("--limit", type=int, help="no more than this many runs")
+    options = parser.parse_args()
+    store = Store(ROOT / "out" / "stability" / "results.jsonl")
+    # the length of a run is bounded: where the fluid relaxes slowly the error stays larger, and is stated
+    length = {"beads": options.beads, "loose": options.loose, "longest": 400.0 / options.loose**2, "settle": 2500}
+    jobs = [
+        {"part": "stability", "scheme": s, "point": p, **length}
+        for p in points(COARSE if options.coarse else FULL)
+        for s in options.schemes
+    ]
+    if options.only != "table":
+        left = [job for job in jobs if job not in store][: options.limit]
+        carry_out(left, work, store, options.processes, functools.partial(print, flush=True))
+    if options.only != "runs":
+        table = tabulate(store, costs(ROOT / "docs" / "atlas.json"))
+        write(table, ROOT / "openmm_dpd" / "data" / "stability.json")
+        maps.draw(table, ROOT / "docs" / "figures")
+        page.update(ROOT / "docs" / "atlas.md", texts=maps.blocks(table))
+
+
+if __name__ == "__main__":
+    main()

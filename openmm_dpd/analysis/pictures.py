@@ -1,0 +1,153 @@
+"""Pictures of what the analysis returns: one function for each, drawn with matplotlib but without its global state."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..errors import ParameterError
+from ..pictures import finish_axis
+from .clusters import Clusters
+from .curves import Curve
+from .diffusion import MeanSquaredDisplacement, diffusion_coefficient
+
+#: Colours of lines, told apart by colour-blind readers too.
+LINES = ("#1f5a99", "#b3541e", "#3b7d3b", "#7a4a8c", "#8a6d1d", "#555555")
+
+
+def radial_distribution_picture(
+    path: str | os.PathLike, curves: Curve | Mapping[str, Curve], *, unit: str = "nm", cutoff: float | None = None, title: str = ""
+) -> None:
+    """Draw g(r), one curve or several by their names, with bands of one standard error.
+
+    Parameters
+    ----------
+    path : path-like
+        PNG file to write.
+    curves : Curve, or mapping of str to Curve
+    unit : str
+        Unit of length for the axes; empty for reduced units.
+    cutoff : float, optional
+        Distance that a thin line marks.
+    title : str
+        A line above.
+    """
+    figure, axis = _axes()
+    axis.axhline(1.0, color="0.75", linewidth=0.8, zorder=1)
+    if cutoff is not None:
+        axis.axvline(cutoff, color="0.6", linewidth=0.8, linestyle=":", zorder=1)
+    _lines(axis, curves)
+    axis.set_ylim(bottom=0)
+    _write(figure, axis, path, _label("distance $r$", unit), "$g(r)$", title)
+
+
+def structure_factor_picture(path: str | os.PathLike, curves: Curve | Mapping[str, Curve], *, unit: str = "nm", title: str = "") -> None:
+    """Draw S(q), one curve or several by their names; arguments as for :func:`radial_distribution_picture`."""
+    figure, axis = _axes()
+    _lines(axis, curves, marker="o")
+    _write(figure, axis, path, _label("wave number $q$", f"1/{unit}" if unit else ""), "$S(q)$", title)
+
+
+def profile_picture(
+    path: str | os.PathLike,
+    curves: Curve | Mapping[str, Curve],
+    *,
+    quantity: str = "density",
+    quantity_unit: str = "1/nm$^3$",
+    axis_name: str = "z",
+    unit: str = "nm",
+    title: str = "",
+) -> None:
+    """Draw profiles along an axis: those of :func:`density_profile`, or of velocities or temperatures with their ``quantity``."""
+    figure, axis = _axes()
+    _lines(axis, curves)
+    _write(figure, axis, path, _label(f"${axis_name}$", unit), _label(quantity, quantity_unit), title)
+
+
+def displacement_picture(
+    path: str | os.PathLike,
+    displacement: MeanSquaredDisplacement,
+    *,
+    fit: tuple[float, float] | None = None,
+    unit: str = "nm",
+    time_unit: str = "ps",
+    title: str = "",
+) -> None:
+    """Draw a mean squared displacement on logarithmic axes; with ``fit`` the line of :func:`diffusion_coefficient` and its D."""
+    figure, axis = _axes()
+    later = displacement.x > 0
+    shown = Curve(displacement.x[later], displacement.y[later], displacement.sem[later], displacement.n_frames)
+    _lines(axis, {"trajectory": shown}, marker="o")
+    if fit is not None:
+        found = diffusion_coefficient(displacement, fit)
+        inside = (shown.x >= fit[0]) & (shown.x <= fit[1])
+        slope = 2 * displacement.dimensions * (found.mean or 0.0)
+        # the line through the middle of what was fitted
+        offset = np.mean(shown.y[inside] - slope * shown.x[inside]) if inside.sum() > 1 else 0.0
+        error = "" if found.sem is None else rf" $\pm$ {found.sem:.2g}"
+        label = _label(f"$D$ = {found.mean:.4g}{error}", f"{unit}$^2$/{time_unit}" if unit else "")
+        axis.plot(
+            shown.x[inside], slope * shown.x[inside] + offset, color="black", linewidth=1.2, linestyle=(0, (5, 3)), label=label, zorder=5
+        )
+    axis.set(xscale="log", yscale="log")
+    _write(
+        figure,
+        axis,
+        path,
+        _label("time", time_unit if unit else ""),
+        _label("mean squared displacement", f"{unit}$^2$" if unit else ""),
+        title,
+    )
+
+
+def cluster_picture(path: str | os.PathLike, clusters: Clusters, *, title: str = "") -> None:
+    """Draw the distribution of cluster sizes: how many clusters of each size a frame has, and how many of all units are in them."""
+    figure, axis = _axes()
+    size, count = clusters.distribution
+    shares = size * count / np.sum(size * count)
+    axis.bar(size, shares, width=max(0.8, 0.01 * float(size.max())), color=LINES[0])
+    for value, name, style in (
+        (clusters.number_average.mean, "mean by number", ":"),
+        (clusters.weight_average.mean, "mean by weight", "--"),
+    ):
+        axis.axvline(value, color="black", linewidth=1.0, linestyle=style, label=f"{name}, {value:.3g}")
+    _write(figure, axis, path, "size of the cluster", "share of all units", title)
+
+
+# -- what they share -------------------------------------------------------------------------------------------------------------
+def _axes() -> tuple[Any, Any]:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.4, 4.0), dpi=150, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, figure.subplots()
+
+
+def _lines(axis: Any, curves: Curve | Mapping[str, Curve], marker: str | None = None) -> None:
+    named = {"": curves} if isinstance(curves, Curve) else dict(curves)
+    if not named or not all(isinstance(curve, Curve) for curve in named.values()):
+        raise ParameterError("there is nothing to draw: a Curve is wanted, or a mapping of names to Curves")
+    for number, (name, curve) in enumerate(named.items()):
+        colour = LINES[number % len(LINES)]
+        dots = {"marker": marker, "markersize": 3} if marker and len(curve.x) <= 200 else {}
+        axis.plot(curve.x, curve.y, color=colour, linewidth=1.7, label=name or None, zorder=4, **dots)
+        axis.fill_between(curve.x, curve.y - curve.sem, curve.y + curve.sem, color=colour, alpha=0.25, linewidth=0, zorder=3)
+
+
+def _write(figure: Any, axis: Any, path: str | os.PathLike, x_label: str, y_label: str, title: str) -> None:
+    finish_axis(axis, y_label, legend=bool(axis.get_legend_handles_labels()[1]))
+    axis.set_xlabel(x_label, fontsize=11)
+    if title:
+        figure.suptitle(title, fontsize=12)
+    figure.savefig(path, format="png")
+
+
+def _label(name: str, unit: str) -> str:
+    return f"{name} [{unit}]" if unit else name
+
+
+__all__ = ["cluster_picture", "displacement_picture", "profile_picture", "radial_distribution_picture", "structure_factor_picture"]

@@ -1,0 +1,265 @@
+"""Profiles along an axis of the box: densities, velocities and temperatures in slices."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import ParameterError
+from ..units import whole_number
+from .curves import Curve, curve_of, ratio_curve
+from .frames import Frame, axis_number, frames_of, selected, type_names, weights_of, widths
+
+if TYPE_CHECKING:
+    from .frames import Beads, Trajectories
+
+#: Length of the mean of exp(2 pi i s) below which beads are spread too evenly to have a centre.
+LEAST_RESULTANT = 0.05
+
+
+@dataclass(frozen=True)
+class Slicer:
+    """Puts beads into slices of a frame.
+
+    Attributes
+    ----------
+    axis : int
+        Box vector along which slices follow each other; they are parallel to the two others.
+    n_bins : int
+    centre : (M,) array of int or None
+        Beads whose centre of mass is put in the middle.
+    weights : (N,) array
+        Masses for that.
+    """
+
+    axis: int
+    n_bins: int
+    centre: np.ndarray | None
+    weights: np.ndarray
+
+    def heights(self, frame: Frame) -> np.ndarray:
+        """Place of each bead along the axis as a fraction of the box, folded to [0, 1); the centre of mass is at 1/2 if there is one."""
+        s = frame.fractions("a profile")[:, self.axis]
+        if self.centre is not None:
+            s = s - periodic_centre(s[self.centre], self.weights[self.centre]) + 0.5
+        # a rounding error below 0 gives exactly 1
+        return np.mod(s, 1.0) % 1.0
+
+    def slices(self, frame: Frame) -> np.ndarray:
+        """Number of the slice of each bead."""
+        return np.minimum((self.heights(frame) * self.n_bins).astype(np.int64), self.n_bins - 1)
+
+    def coordinates(self, width: float) -> np.ndarray:
+        """Middles of the slices in a box of this width; 0 is the lower face, or the centre of mass."""
+        return ((np.arange(self.n_bins) + 0.5) / self.n_bins - (0.5 if self.centre is not None else 0.0)) * width
+
+
+def periodic_centre(fractions: np.ndarray, weights: np.ndarray) -> float:
+    r"""Centre of mass of beads in a periodic direction, as a fraction of the box.
+
+    The phase of sum w exp(2 pi i s) is the centre of a symmetric distribution; the mean of the positions folded around it is the centre of
+    mass of what does not reach around the box (L. Bai and D. Breen, J. Graphics Tools 13, 53 (2008), for the phase).
+
+    Raises
+    ------
+    ParameterError
+        If the beads are spread evenly, so that there is no centre.
+    """
+    resultant = np.sum(weights * np.exp(2j * np.pi * fractions)) / weights.sum()
+    if abs(resultant) < LEAST_RESULTANT:
+        raise ParameterError(
+            "the beads to be centred are spread evenly along the axis, or over opposite places: they have no centre of mass there"
+        )
+    guess = np.angle(resultant) / (2 * np.pi)
+    around = fractions - guess - np.round(fractions - guess)
+    return float(guess + np.sum(weights * around) / weights.sum())
+
+
+def _slicer(topology, axis, n_bins, centre) -> Slicer:
+    n_bins = whole_number(n_bins, "n_bins", least=1)
+    about = None if centre is None else selected(topology, centre, "centre")
+    return Slicer(axis_number(axis), n_bins, about, weights_of(topology))
+
+
+def density_profile(
+    trajectory: Trajectories,
+    types: Beads = None,
+    *,
+    axis: str | int = "z",
+    n_bins: int = 100,
+    centre: Beads = None,
+    mass: bool = False,
+) -> dict[str, Curve]:
+    r"""Density of each type of beads in slices along an axis, rho(z) = n(z)/(A dz).
+
+    Parameters
+    ----------
+    trajectory : mdtraj.Trajectory or iterable of them
+        Any periodic box, which may change.
+    types : str, sequence of str, array of int, or None
+        Types, each with a profile of its own; all of the topology by default.  Indices give one profile, called ``selected``.
+    axis : {"z", "y", "x"} or int
+        Slices are parallel to the faces of the box that the two other box vectors span; z is the distance from the lower one.
+    n_bins : int, default 100
+        Slices.  Their thickness follows the box.
+    centre : str, sequence of str, array of int, or None
+        Beads (a film, the tails of a bilayer) whose centre of mass is moved to the middle in every frame, where z = 0 then.  They may cross
+        the periodic boundary.
+    mass : bool
+        Mass densities (Da/nm^3) instead of numbers (1/nm^3).
+
+    Returns
+    -------
+    dict of str to Curve
+        By type.  x: z in a box of the mean width; y: density.
+
+    Raises
+    ------
+    ParameterError
+        If there is no box, a type is unknown, or ``centre`` is spread evenly.
+
+    Examples
+    --------
+    >>> profiles = density_profile(mdtraj.iterload("film.dcd", top=topology), centre="B")  # doctest: +SKIP
+    >>> axes.plot(profiles["B"].x, profiles["B"].y)  # doctest: +SKIP
+    """
+    topology, frames = frames_of(trajectory)
+    groups = _groups(topology, types)
+    slicer = _slicer(topology, axis, n_bins, centre)
+    weights = slicer.weights if mass else np.ones(topology.n_atoms)
+    rows: dict[str, list[np.ndarray]] = {name: [] for name in groups}
+    width = []
+    for frame in frames:
+        box = frame.need_box("a density profile")
+        width.append(widths(box)[slicer.axis])
+        number, volume = slicer.slices(frame), np.linalg.det(box) / slicer.n_bins
+        for name, group in groups.items():
+            rows[name].append(np.bincount(number[group], weights[group], minlength=slicer.n_bins) / volume)
+    x = slicer.coordinates(float(np.mean(width)))
+    return {name: curve_of(x, found, f"the density of {name}") for name, found in rows.items()}
+
+
+def _groups(topology, types: Beads) -> dict[str, np.ndarray]:
+    names = [types] if isinstance(types, str) else list(dict.fromkeys(type_names(topology).tolist())) if types is None else list(types)
+    if names and all(isinstance(name, str) for name in names):
+        return {str(name): selected(topology, name, "types") for name in names}
+    return {"selected": selected(topology, types, "types")}
+
+
+# -- velocities ------------------------------------------------------------------------------------------------------------------
+def velocity_profile(
+    trajectory: Trajectories,
+    velocities: Iterable[np.ndarray],
+    beads: Beads = None,
+    *,
+    component: str | int = "x",
+    axis: str | int = "z",
+    n_bins: int = 50,
+    centre: Beads = None,
+) -> Curve:
+    r"""Flow velocity in slices along an axis, the centre-of-mass velocity of the beads in each: u(z) = <sum m v>/<sum m>.
+
+    Parameters
+    ----------
+    trajectory : mdtraj.Trajectory or iterable of them
+    velocities : (F, N, 3) array, or iterable of (N, 3) or (f, N, 3) arrays
+        Velocities (nm/ps) of the same frames: trajectory files that mdtraj streams have none.  Written by
+        :class:`openmm_dpd.analysis.VelocityReporter`, or taken from ``mdtraj.formats.HDF5TrajectoryFile(...).read().velocities``.
+    beads : str, sequence of str, array of int, or None
+        All by default.
+    component, axis : {"x", "y", "z"} or int
+        Component of the velocity; direction in which slices follow each other (see :func:`density_profile`).
+    n_bins, centre
+        As for :func:`density_profile`.
+
+    Returns
+    -------
+    Curve
+        x: z; y: u, NaN in slices that are mostly empty.
+    """
+    k = axis_number(component)
+    x, sums = _velocity_sums(trajectory, velocities, beads, axis, n_bins, centre)
+    return ratio_curve(x, sums["momentum"][:, :, k], sums["mass"], "the velocity profile")
+
+
+def temperature_profile(
+    trajectory: Trajectories,
+    velocities: Iterable[np.ndarray],
+    beads: Beads = None,
+    *,
+    axis: str | int = "z",
+    n_bins: int = 50,
+    centre: Beads = None,
+    flow: bool = False,
+) -> Curve:
+    r"""Kinetic temperature kT (kJ/mol) in slices along an axis.
+
+    .. math:: kT(z) = \frac{\langle \sum m\,(\mathbf v - \mathbf u)^2 \rangle}{3 \langle n \rangle},
+
+    with u(z) the mean flow over all frames if ``flow``, else 0.  Taking the centre-of-mass motion of the whole system as 0 costs three
+    degrees of freedom of 3N, which is neglected here.
+
+    Parameters
+    ----------
+    trajectory, velocities, beads, axis, n_bins, centre
+        As for :func:`velocity_profile`.
+    flow : bool
+        Take off the mean flow.
+
+    Returns
+    -------
+    Curve
+        x: z; y: kT, NaN in slices that are mostly empty.
+    """
+    x, sums = _velocity_sums(trajectory, velocities, beads, axis, n_bins, centre)
+    square, mass = sums["square"], sums["mass"]
+    if flow:
+        total = mass.sum(axis=0)[:, None]
+        u = np.divide(sums["momentum"].sum(axis=0), total, out=np.zeros((n_bins, 3)), where=total > 0)
+        square = square - 2 * np.einsum("fbk,bk->fb", sums["momentum"], u) + mass * np.sum(u**2, axis=1)
+    return ratio_curve(x, square, 3 * sums["count"], "the temperature profile")
+
+
+def _velocity_sums(trajectory, velocities, beads, axis, n_bins, centre) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Middles of the slices; sums over beads in each slice and frame: mass, m v, m v^2 and number of beads."""
+    topology, frames = frames_of(trajectory)
+    group, slicer = selected(topology, beads), _slicer(topology, axis, n_bins, centre)
+    m, width = slicer.weights[group], list[float]()
+    rows: dict[str, list[np.ndarray]] = {"mass": [], "momentum": [], "square": [], "count": []}
+    streamed = velocity_frames(velocities, topology.n_atoms)
+    for frame in frames:
+        v = next(streamed, None)
+        if v is None:
+            raise ParameterError(f"there are velocities of {len(width)} frames only; the trajectory has more")
+        v, number = v[group], slicer.slices(frame)[group]
+        width.append(widths(frame.need_box("a profile"))[slicer.axis])
+        of_slice = [np.bincount(number, w, slicer.n_bins) for w in (m, *(m * v.T), m * np.sum(v**2, axis=1))]
+        rows["mass"].append(of_slice[0])
+        rows["momentum"].append(np.column_stack(of_slice[1:4]))
+        rows["square"].append(of_slice[4])
+        rows["count"].append(np.bincount(number, minlength=slicer.n_bins))
+    if next(streamed, None) is not None:
+        raise ParameterError(f"there are velocities of more frames than the {len(width)} of the trajectory")
+    return slicer.coordinates(float(np.mean(width))), {name: np.array(found, dtype=np.float64) for name, found in rows.items()}
+
+
+def velocity_frames(velocities: Iterable[np.ndarray], beads: int | None) -> Iterator[np.ndarray]:
+    """Velocities frame by frame, (N, 3) each, from one array or an iterable of arrays."""
+    if isinstance(velocities, (str, bytes)) or not isinstance(velocities, Iterable):
+        raise ParameterError(f"velocities must be an array (frames, beads, 3) or an iterable of such, not {type(velocities).__name__}")
+    for piece in velocities:
+        array = np.asarray(piece, dtype=np.float64)
+        if array.ndim == 2:
+            array = array[None]
+        beads = array.shape[1] if beads is None and array.ndim == 3 else beads
+        if array.ndim != 3 or array.shape[1:] != (beads, 3):
+            raise ParameterError(f"velocities of a frame must have shape ({beads}, 3), not {np.shape(piece)}")
+        if not np.all(np.isfinite(array)):
+            raise ParameterError("a velocity is not finite")
+        yield from array
+
+
+__all__ = ["density_profile", "periodic_centre", "temperature_profile", "velocity_profile"]

@@ -1,0 +1,137 @@
+"""Static structure factors on the wave vectors of the box."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import ParameterError
+from .curves import Curve, curve_of
+from .frames import Frame, frames_of, positive_number, selected
+
+if TYPE_CHECKING:
+    from .frames import Beads, Trajectories
+
+#: More wave vectors than that are a mistake.
+MOST_VECTORS = 5_000_000
+
+
+def structure_factor(
+    trajectory: Trajectories, beads: Beads = None, other: Beads = None, *, q_max: float, width: float | None = None
+) -> Curve:
+    r"""Isotropic average of the static structure factor, or of a partial one.
+
+    .. math::
+
+        S_{ab}(q) = \frac{1}{\sqrt{N_a N_b}} \langle \mathrm{Re}\, \rho_a(\mathbf q) \rho_b(\mathbf q)^* \rangle, \qquad
+        \rho_a(\mathbf q) = \sum_{i \in a} e^{-i \mathbf q \cdot \mathbf r_i},
+
+    averaged over the wave vectors q = 2 pi h^-1 n (n integers, h the box vectors as rows) with lengths in the same bin.  These are the only
+    ones at which a periodic box has no spurious scattering from its edges.  With a = b it tends to 1 at large q, else to 0.
+
+    Parameters
+    ----------
+    trajectory : mdtraj.Trajectory or iterable of them
+        Any periodic box, which may change.
+    beads, other : str, sequence of str, array of int, or None
+        Types (or indices) a and b; all beads by default, and b = a.
+    q_max : float
+        Largest wave number, 1/nm.
+    width : float, optional
+        Width of the bins of q.  By default the shortest wave vector of the first frame.  With a very small one each shell of equal wave
+        numbers is a bin.
+
+    Returns
+    -------
+    Curve
+        x: mean wave number of the vectors in each bin, 1/nm; y: S.  Empty bins are left out.
+
+    Raises
+    ------
+    ParameterError
+        If there is no box, q_max is below the shortest wave vector, or there are more than 5 million of them.
+
+    Notes
+    -----
+    Sums over powers of three phase factors for each bead are matrix products, so that all wave vectors cost about as much as few.
+    ``freud`` takes samples of the wave vectors instead.
+
+    References
+    ----------
+    M. P. Allen and D. J. Tildesley, Computer Simulation of Liquids, 2nd ed., section 2.6; N. W. Ashcroft and D. C. Langreth,
+    Phys. Rev. 156, 685 (1967) for the normalisation of partial ones.
+    """
+    q_max = positive_number(q_max, "q_max")
+    topology, frames = frames_of(trajectory)
+    a = selected(topology, beads, "beads")
+    b = a if other is None else selected(topology, other, "other")
+    sums: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    for frame in frames:
+        q, strength = _strengths(frame, a, b, q_max)
+        if width is None:
+            width = float(q.min())
+        # bins reach from (k - 1/2) width to (k + 1/2) width, so that the shortest vectors stay in the first one in a changing box
+        which, place = np.unique(np.rint(q / positive_number(width, "width")).astype(np.int64), return_inverse=True)
+        counts = np.bincount(place)
+        sums.append((which, np.bincount(place, q) / counts, np.bincount(place, strength) / counts))
+    return _collected(sums)
+
+
+def _collected(sums: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> Curve:
+    """Curve from the bins of each frame; bins that some frames do not have (the box changes) are left out."""
+    common = sums[0][0]
+    for which, _, _ in sums[1:]:
+        common = common[np.isin(common, which)]
+    rows = [[values[np.isin(which, common)] for values in (q, strength)] for which, q, strength in sums]
+    return curve_of(np.mean([q for q, _ in rows], axis=0), [strength for _, strength in rows], "the structure factor")
+
+
+def _strengths(frame: Frame, a: np.ndarray, b: np.ndarray, q_max: float) -> tuple[np.ndarray, np.ndarray]:
+    """Wave numbers up to q_max and S at them; of n and -n only one."""
+    fractions = frame.fractions("a structure factor")
+    reciprocal = 2 * np.pi * np.linalg.inv(frame.need_box("a structure factor")).T
+    limits = largest_indices(frame.need_box("a structure factor"), q_max)
+    indices = np.stack(np.meshgrid(*(np.arange(-n, n + 1) for n in limits[:2]), np.arange(limits[2] + 1), indexing="ij"), axis=-1)
+    q = np.linalg.norm(indices @ reciprocal, axis=-1)
+    # half of the space, and not the origin
+    half = (indices[..., 2] > 0) | ((indices[..., 2] == 0) & ((indices[..., 1] > 0) | ((indices[..., 1] == 0) & (indices[..., 0] > 0))))
+    kept = half & (q <= q_max * (1 + 1e-6))
+    if not kept.any():
+        raise ParameterError(f"q_max = {q_max:g} is below the shortest wave vector of the box, {q[half].min():.4g}")
+    density = density_waves(fractions[a], limits)
+    partner = density if b is a else density_waves(fractions[b], limits)
+    return q[kept], (density * partner.conj()).real[kept] / np.sqrt(len(a) * len(b))
+
+
+def largest_indices(box: np.ndarray, q_max: float) -> np.ndarray:
+    """Largest integers n of wave vectors 2 pi h^-1 n not longer than q_max, (3,): q . a_k = 2 pi n_k, so n_k <= q_max |a_k| / (2 pi)."""
+    limits = np.maximum(1, np.floor(q_max * np.linalg.norm(box, axis=1) / (2 * np.pi) + 1e-6))
+    if np.prod(2 * limits + 1) > 2 * MOST_VECTORS:
+        raise ParameterError(
+            f"q_max = {q_max:g} asks for {np.prod(2 * limits + 1) / 2:.3g} wave vectors; at most {MOST_VECTORS:,} are sensible"
+        )
+    return limits.astype(np.int64)
+
+
+def density_waves(fractions: np.ndarray, limits: np.ndarray, block: int = 4096) -> np.ndarray:
+    """Sums of exp(-2 pi i n . s) over beads with fractional positions s, for n from -limits to limits, but for the last axis from 0 on.
+
+    Returns an array of complex (2 nx + 1, 2 ny + 1, nz + 1).
+    """
+    nx, ny, nz = limits.tolist()
+    total = np.zeros((2 * nx + 1, (2 * ny + 1) * (nz + 1)), dtype=np.complex128)
+    for start in range(0, len(fractions), block):
+        # the phases of n = 1 carried to all n; folded first, so that large coordinates lose no digits
+        s = fractions[start : start + block] - np.floor(fractions[start : start + block])
+        x, y, z = (
+            np.exp(-2j * np.pi * s[:, k, None] * np.arange(low, high + 1)) for k, (low, high) in enumerate(((-nx, nx), (-ny, ny), (0, nz)))
+        )
+        step = max(1, 1_000_000 // ((2 * ny + 1) * (nz + 1)))
+        for part in range(0, len(s), step):
+            cut = slice(part, part + step)
+            total += x[cut].T @ (y[cut, :, None] * z[cut, None, :]).reshape(len(s[cut]), -1)
+    return total.reshape(2 * nx + 1, 2 * ny + 1, nz + 1)
+
+
+__all__ = ["density_waves", "largest_indices", "structure_factor"]

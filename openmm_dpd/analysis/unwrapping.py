@@ -1,0 +1,81 @@
+"""Continuous paths of beads from positions that were folded into the box."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import ParameterError
+from .frames import Frame
+from .molecules import molecule_labels
+
+if TYPE_CHECKING:
+    import mdtraj
+
+#: Largest root mean square displacement between frames, in box edges and along one axis, at which folded positions can be unwrapped: four
+#: standard deviations are half an edge.
+MOST_STEP = 0.125
+
+
+def unwrapped(topology: mdtraj.Topology, frames: Iterator[Frame], unwrap: bool | str = "auto") -> Iterator[np.ndarray]:
+    r"""Positions (N, 3) of each frame on continuous paths.
+
+    Between frames each bead moves by the shortest image of its displacement, d - round(d h^-1) h with the new box h, so that paths in boxes
+    that change are right too (S. von Buelow, J. T. Bullerjahn, G. Hummer, J. Chem. Phys. 153, 021101 (2020)).  It does not matter whether
+    single beads or whole molecules (as by OpenMM's reporters) were folded.
+
+    Parameters
+    ----------
+    topology : mdtraj.Topology
+    frames : iterator of Frame
+    unwrap : {"auto", True, False}
+        ``auto``: where a bead moves by more than half an edge of the box, positions must be folded, else it is an error.  True: always.
+        False: positions are on continuous paths as they are.
+
+    Raises
+    ------
+    ParameterError
+        If beads move too far between frames to tell their way, or (``auto``) positions seem to be neither folded nor continuous.
+    """
+    if unwrap not in (True, False, "auto"):
+        raise ParameterError(f"unwrap must be True, False or 'auto', not {unwrap!r}")
+    labels = molecule_labels(topology)
+    before: np.ndarray | None = None
+    path = np.zeros(0)
+    for number, frame in enumerate(frames):
+        x = frame.positions
+        if before is None or frame.box is None or unwrap is False:
+            path = x if before is None else path + (x - before)
+        else:
+            step = (x - before) @ np.linalg.inv(frame.box)
+            turns = np.round(step)
+            if turns.any():
+                _check(frame, number, step - turns, labels if unwrap == "auto" else None)
+            path = path + (x - before - turns @ frame.box)
+        before = x
+        yield path
+
+
+def _check(frame: Frame, number: int, step: np.ndarray, labels: np.ndarray | None) -> None:
+    if labels is not None and not is_folded(frame, labels):
+        raise ParameterError(
+            f"frame {number}: a bead moves by more than half the box, but positions are not folded into the box; "
+            "say unwrap=False if they are on continuous paths, unwrap=True if not"
+        )
+    most = float(np.sqrt(np.mean(step**2, axis=0)).max())
+    if most > MOST_STEP:
+        raise ParameterError(
+            f"frame {number}: positions are folded, and beads move by {most:.2g} edges of the box (root mean square) between frames; "
+            f"their way is certain below {MOST_STEP:g} only. Write frames more often, or positions that are not folded"
+        )
+
+
+def is_folded(frame: Frame, labels: np.ndarray) -> bool:
+    """Whether the centres of all molecules lie in one cell: a parallelepiped, or the brick (OpenMM's choice for tilted boxes)."""
+    assert frame.box is not None
+    counts = np.bincount(labels)
+    centres = np.column_stack([np.bincount(labels, column) for column in frame.positions.T]) / counts[:, None]
+    spans = (np.ptp(centres @ np.linalg.inv(frame.box), axis=0), np.ptp(centres, axis=0) / np.diagonal(frame.box))
+    return any(bool(np.all(span <= 1 + 1e-4)) for span in spans)

@@ -1,0 +1,241 @@
+"""Viscosity of a fluid: from its flow, and from fluctuations of its stress at rest (derivations in docs/theory_flow.md)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import ParameterError
+from ..stats import block_average
+from ..units import to_md
+from .flow_samples import StressReporter, VelocityProfile
+
+
+@dataclass(frozen=True)
+class PoiseuilleFit:
+    """A parabola through a velocity profile.
+
+    Attributes
+    ----------
+    viscosity, error : float
+        kJ/mol ps/nm^3 (reduced units of a reduced scene) and its standard error.
+    curvature : float
+        Force density over viscosity, 1/nm/ps.
+    slip : two floats, or None
+        Velocity at the lower and upper end of a channel, with ``slip_error``; None for reverse Poiseuille flow.
+    slip_error : two floats, or None
+    fitted : (B,) array
+        The parabola in the slabs of the profile, NaN in those left out.
+    converged : bool
+        Whether the run was long against the correlation time of the flow.
+    """
+
+    viscosity: float
+    error: float
+    curvature: float
+    slip: tuple[float, float] | None
+    slip_error: tuple[float, float] | None
+    fitted: np.ndarray
+    converged: bool
+
+
+def poiseuille_viscosity(profile: VelocityProfile, force, *, channel: tuple[float, float] | None = None, origin=0.0, skip=0.0):
+    r"""Viscosity from the parabolas of a driven flow, by linear least squares.
+
+    Reverse Poiseuille flow, with the force density n f up to d = L/2 and -n f beyond, is
+
+    .. math:: v(z) = \frac{n f}{2\eta}\, z (d - z) + v_0, \quad 0 < z < d,
+
+    and the negative of it (but for the drift v_0 of the whole box) in the other half.  In a channel, curvature and both ends are free.
+    Parabolas are averaged over the slabs.  Each sample is fitted on its own, which is the same on average as
+    it is linear; the error comes from the series of amplitudes, so that correlations between slabs and in time are counted.
+
+    Parameters
+    ----------
+    profile : VelocityProfile
+        Of a run in the steady state.
+    force : force
+        Force f per bead, kJ/mol/nm: of the lower half in reverse Poiseuille flow.
+    channel : two lengths, optional
+        Positions of the walls; without them the flow is reverse Poiseuille flow.
+    origin : length
+        Where the first half begins (``origin`` of the BodyForce).
+    skip : length
+        Slabs nearer than this to the ends of a channel or half are left out.
+
+    Returns
+    -------
+    PoiseuilleFit
+
+    Raises
+    ------
+    ParameterError
+        If too few slabs are left, or the fluid does not flow along the force.
+
+    References
+    ----------
+    J. A. Backer et al., J. Chem. Phys. 122, 154503 (2005).
+    """
+    f, skip = to_md(force, "force", "force"), to_md(skip, "length", "skip")
+    if not isinstance(f, float) or f == 0:
+        raise ParameterError(f"force must be one number other than 0, not {force!r}")
+    if channel is None:
+        low, gap = to_md(origin, "length", "origin"), profile.length / 2
+        z = (profile.centres - low) % profile.length
+        sign, z = np.where(z < gap, 1.0, -1.0), z % gap
+    else:
+        low, high = (to_md(end, "length", "an end of the channel") for end in channel)
+        gap, z, sign = high - low, profile.centres - low, np.ones(len(profile.centres))
+    half = 0.5 * profile.width
+    margin = max(skip, half * (1 - 1e-9))
+    # a slab across an end holds both sides
+    used = (z >= margin) & (z <= gap - margin) & np.all(np.isfinite(profile.rows), axis=0)
+    if used.sum() < 4:
+        raise ParameterError(f"{int(used.sum())} slabs are left to fit a parabola; take more and thinner ones, or a smaller skip")
+    shape = sign * 0.5 * (z * (gap - z) - profile.width**2 / 12)
+    columns = [shape, np.ones_like(z)] if channel is None else [shape, 1 - z / gap, z / gap]
+    design = np.stack(columns, axis=1)
+    amplitudes = profile.rows[:, used] @ np.linalg.pinv(design[used]).T
+    found = [block_average(column) for column in amplitudes.T]
+    curvature, error = found[0].mean, found[0].sem
+    assert curvature is not None
+    density = float(profile.density[used].mean()) if channel is not None else float(profile.density.mean())
+    if error is None or curvature * f <= 0:
+        raise ParameterError("there are too few samples, or the fluid does not flow along the force; run longer or push harder")
+    eta = density * f / curvature
+    fitted = np.where(used, design @ np.array([a.mean for a in found]), np.nan)
+    slip = None if channel is None else (float(found[1].mean or 0.0), float(found[2].mean or 0.0))
+    slip_error = None if channel is None else (float(found[1].sem or 0.0), float(found[2].sem or 0.0))
+    return PoiseuilleFit(eta, abs(eta * error / curvature), curvature, slip, slip_error, fitted, found[0].converged)
+
+
+@dataclass(frozen=True)
+class GreenKubo:
+    """A viscosity from the fluctuations of the stress.
+
+    Attributes
+    ----------
+    viscosity, error : float
+        kJ/mol ps/nm^3 and its standard error.
+    instantaneous : float
+        The part of it that friction passes on at once.
+    t_max : float
+        Upper limit of the integral, ps.
+    times, correlation, integral : arrays
+        The correlation function in kJ/mol/nm^3, and the viscosity as a function of the upper limit.
+    """
+
+    viscosity: float
+    error: float
+    instantaneous: float
+    t_max: float
+    times: np.ndarray
+    correlation: np.ndarray
+    integral: np.ndarray
+
+
+def green_kubo_viscosity(
+    stress,
+    dt=None,
+    *,
+    volume=None,
+    kT=None,
+    friction=None,
+    instantaneous: float | None = None,
+    t_max=None,
+    blocks: int = 10,
+) -> GreenKubo:
+    r"""Viscosity from a series of stress tensors at equilibrium.
+
+    .. math::
+
+        \eta = \eta_\infty + \frac{1}{V k_BT}\int_0^{t_{max}} \langle (A - D)(0)\,(A + D)(t)\rangle\,dt
+
+    with A the kinetic and conservative part of the pressure tensor times the volume, D the dissipative part, and
+    :math:`\eta_\infty` the stress that friction answers a shear with at once.  The random stress does not appear: it is uncorrelated
+    with what was before, and its effect on the friction that follows is the minus sign before D.  The average is over the five
+    independent components of the traceless tensor.
+
+    Parameters
+    ----------
+    stress : StressReporter, or (n, 6) array
+        A (xx, yy, zz, xy, xz, yz) at equal intervals, kJ/mol.  All else comes from a StressReporter, unless it is given.
+    dt : time
+        Time between samples.
+    volume : float
+        nm^3.
+    kT : energy
+    friction : (n, 6) array, optional
+        D; zero without friction (ordinary molecular dynamics).
+    instantaneous : float
+        The viscosity of the friction alone; 0 without friction.
+    t_max : time, optional
+        Upper limit of the integral; twice the first time at which the correlation is below its error by default.  Compare the plateau
+        of ``integral``.
+    blocks : int, default 10
+        Parts of the series that the error is taken from.
+
+    References
+    ----------
+    M. H. Ernst and R. Brito, Phys. Rev. E 72, 061102 (2005); G. Jung and F. Schmid, J. Chem. Phys. 144, 204104 (2016).
+    """
+    if isinstance(stress, StressReporter):
+        dt = stress.time_step if dt is None else dt
+        volume = stress.volume if volume is None else volume
+        kT = stress.kT if kT is None else kT
+        friction = stress.friction if friction is None else friction
+        instantaneous = stress.instantaneous if instantaneous is None else instantaneous
+        stress = stress.regular
+    if dt is None or volume is None or kT is None:
+        raise ParameterError("of stresses in an array, green_kubo_viscosity needs dt, volume and kT as well")
+    step, energy = to_md(dt, "time", "dt"), to_md(kT, "energy", "kT")
+    regular = _independent(stress, "stress")
+    drag = np.zeros_like(regular) if friction is None else _independent(friction, "friction")
+    if drag.shape != regular.shape:
+        raise ParameterError(f"friction and stress must have as many rows; they have {len(drag)} and {len(regular)}")
+    length = len(regular) // blocks
+    if blocks < 5 or length < 20:
+        raise ParameterError(f"{len(regular)} samples do not make {blocks} blocks of 20 or more, and an error needs at least 5")
+    lags = length // 2 if t_max is None else int(round(to_md(t_max, "time", "t_max") / step)) + 1
+    if not 2 <= lags <= length:
+        raise ParameterError(f"t_max must lie between dt and the length of a block, {length * step:g} ps")
+    parts = np.array(
+        [_correlation((regular - drag)[k : k + length], (regular + drag)[k : k + length], lags) for k in range(0, blocks * length, length)]
+    ) / (volume * energy)
+    mean, sem = parts.mean(axis=0), parts.std(axis=0, ddof=1) / np.sqrt(blocks)
+    integrals = np.concatenate([np.zeros((blocks, 1)), np.cumsum(0.5 * step * (parts[:, 1:] + parts[:, :-1]), axis=1)], axis=1)
+    last = lags - 1
+    if t_max is None:
+        last = min(2 * int(np.argmax(mean < sem)) or last, last)
+    base = 0.0 if instantaneous is None else float(instantaneous)
+    values = integrals[:, last]
+    return GreenKubo(
+        viscosity=base + float(values.mean()),
+        error=float(values.std(ddof=1) / np.sqrt(blocks)),
+        instantaneous=base,
+        t_max=last * step,
+        times=np.arange(lags) * step,
+        correlation=mean,
+        integral=base + integrals.mean(axis=0),
+    )
+
+
+def _independent(tensors, name: str) -> np.ndarray:
+    """(n, 5) independent components of the traceless part, each of which has the variance of xy."""
+    t = np.asarray(tensors, dtype=np.float64)
+    if t.ndim != 2 or t.shape[1] != 6 or not np.all(np.isfinite(t)):
+        raise ParameterError(f"{name} must be an (n, 6) array of finite components xx, yy, zz, xy, xz, yz")
+    xx, yy, zz, xy, xz, yz = t.T
+    return np.stack([xy, xz, yz, 0.5 * (xx - yy), (2 * zz - xx - yy) / (2 * np.sqrt(3))], axis=1)
+
+
+def _correlation(first: np.ndarray, second: np.ndarray, lags: int) -> np.ndarray:
+    """Mean over components and times of first(t0) second(t0 + t), t < lags."""
+    n = len(first)
+    size = 1 << int(np.ceil(np.log2(2 * n)))
+    spectrum = np.conj(np.fft.rfft(first, size, axis=0)) * np.fft.rfft(second, size, axis=0)
+    return np.fft.irfft(spectrum, size, axis=0)[:lags].mean(axis=1) / (n - np.arange(lags))
+
+
+__all__ = ["GreenKubo", "PoiseuilleFit", "green_kubo_viscosity", "poiseuille_viscosity"]

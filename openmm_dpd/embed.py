@@ -1,0 +1,348 @@
+"""Beads of a scene beside atoms of a force field, in one System.
+
+Every force of the atoms keeps acting on the atoms alone, every pair term of the scene on its beads alone, and what acts between atoms
+and beads stands in a table of its own, by names of classes of atoms and of bead types.  Nothing is counted twice, because nothing else
+is added:
+
+- in a NonbondedForce beads have no charge and no well depth;
+- the energy of a CustomNonbondedForce is switched off for pairs with a bead, without evaluating to NaN where beads overlap;
+- the forces of the scene have no term between two atoms.
+
+All of them exclude the same pairs and have one cutoff in each force group, as GPU platforms want it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import openmm
+from openmm import app, unit
+
+from .build import build_plan, fastest_platform
+from .errors import ParameterError, PlanError
+from .forces.merging import merged_systems
+from .measure import kelvin
+from .model.pairs import DPD, NONE, LennardJones, TabulatedPair
+from .model.scene import Scene
+from .model.table import PairTable
+from .plan import Plan, make_plan
+from .thermostat import PLATFORMS, check_system, degrees_of_freedom
+from .trajectory import openmm_topology
+from .units import to_md
+
+#: Class of atoms that beads do not see.
+_UNSEEN = "(unseen)"
+
+#: Kinds of pair terms that beads beside atoms may have.
+_KINDS = (DPD, LennardJones, TabulatedPair)
+
+
+@dataclass(eq=False)
+class Embedded:
+    """Atoms and beads in one System; the atoms come first.
+
+    Attributes
+    ----------
+    system : openmm.System
+    integrator : openmm.CustomIntegrator
+    topology : openmm.app.Topology
+    positions, velocities : (N, 3) Quantity
+    n_atoms : int
+        Number of particles of the force field; those from here on are beads.
+    plan : Plan
+        Of the pair terms: the beads, and the classes of atoms as further types.
+    """
+
+    system: openmm.System
+    integrator: openmm.CustomIntegrator
+    topology: app.Topology
+    positions: unit.Quantity
+    velocities: unit.Quantity
+    n_atoms: int
+    plan: Plan
+
+    def simulation(self, platform: openmm.Platform | str | None = None, properties: dict[str, str] | None = None) -> app.Simulation:
+        """A Simulation with positions and velocities set, such as constraints allow them, on the plan's platform by default."""
+        name = platform if platform is not None else self.plan.platform
+        try:
+            chosen = openmm.Platform.getPlatformByName(name) if isinstance(name, str) else name
+            simulation = app.Simulation(self.topology, self.system, self.integrator, chosen, properties)
+        except openmm.OpenMMException as error:
+            if "already bound" in str(error):
+                raise PlanError("these atoms and beads have a Simulation already; embed them again for another one") from None
+            raise ParameterError(f"no Simulation on platform {name!r} with properties {properties!r}: {error}") from None
+        context = simulation.context
+        context.setPositions(self.positions)
+        context.applyConstraints(1e-6)
+        context.computeVirtualSites()
+        context.setVelocities(self.velocities)
+        context.applyVelocityConstraints(1e-6)
+        return simulation
+
+    def temperatures(self, context: openmm.Context) -> dict[str, float]:
+        """Kinetic temperatures (kelvin) of ``atoms``, ``beads`` and of ``all``, for the degrees of freedom that each of them has.
+
+        The three that the conserved momentum takes are shared between atoms and beads in proportion to the degrees of freedom.
+        """
+        v = context.getState(velocities=True).getVelocities(asNumpy=True).value_in_unit(unit.nanometer / unit.picosecond)
+        mass = np.array([m.value_in_unit(unit.dalton) for m in map(self.system.getParticleMass, range(len(v)))])
+        twice = mass * np.sum(v**2, axis=1)
+        total = degrees_of_freedom(self.system)
+        beads = 3 * int(np.sum(mass[self.n_atoms :] > 0))
+        part = beads / degrees_of_freedom(self.system, momentum=False)
+        shares = {"atoms": total * (1 - part), "beads": total * part, "all": total}
+        sums = {"atoms": twice[: self.n_atoms].sum(), "beads": twice[self.n_atoms :].sum(), "all": twice.sum()}
+        return {name: kelvin(float(sums[name]) / shares[name]) if shares[name] else 0.0 for name in sums}
+
+
+def embed(
+    scene: Scene,
+    topology: app.Topology,
+    system: openmm.System,
+    positions,
+    *,
+    atoms: Sequence[str | None],
+    cross: PairTable | Mapping | Sequence[PairTable | Mapping],
+    dt,
+    scheme: str = "middle",
+    platform: str | None = None,
+    seed: int | None = None,
+) -> Embedded:
+    """Put the beads of a scene into a System made elsewhere, by openmm.app.ForceField say, and make the integrator that runs both.
+
+    Parameters
+    ----------
+    scene : Scene
+        The beads, with everything that acts between them; its box and its temperature are those of the whole.
+    topology, system, positions
+        The atoms.  The System is copied and stays as it is; its box must be that of the scene.
+    atoms : sequence of str or None
+        Class of each particle of the System, in any names that are not bead types.  None: beads do not see it.
+    cross : table, or a sequence of tables
+        What acts between classes and bead types, ``{("solute", "W"): DPD(A=..., gamma=...)}``; tables of different kinds are laid over
+        each other.  ``"*"`` stands for all classes beside a bead type, for all bead types beside a class.  Every class needs an entry
+        with every bead type (or NONE).  Two classes may have friction (a DPD with A = 0), nothing else, and have none by default.
+    dt, scheme, platform, seed
+        As in :func:`openmm_dpd.build.build`; constraints and virtual sites need ``middle``.
+
+    Returns
+    -------
+    Embedded
+
+    Raises
+    ------
+    ParameterError, PlanError
+        If sizes, boxes or names do not fit, a pair of class and bead type has no entry, two classes have more than friction, the
+        System has a force that cannot take further particles, or the scene has something that atoms cannot share (walls, body
+        forces, internal energies).
+
+    Notes
+    -----
+    Virtual sites take no part in friction; conservative cross terms on them go to the atoms they belong to.  Atoms of mass 0 that
+    are no virtual sites stay where they are and exert friction on beads, as immobile beads do.
+
+    A dispersion correction of the NonbondedForce (``useDispersionCorrection``) spreads the atoms over the whole box; for few atoms in a
+    solvent of beads it means little and is better switched off.
+    """
+    if not isinstance(scene, Scene):
+        raise ParameterError(f"expected a Scene, not {scene!r}")
+    _check_scene(scene)
+    check_system(system)
+    x = _checked_positions(topology, system, positions)
+    _check_box(scene, system)
+    classes = _checked_classes(atoms, len(x), scene.type_names)
+    tables = _tables(scene, classes, cross)
+    if isinstance(platform, openmm.Platform):
+        platform = platform.getName()
+    if platform not in (None, *PLATFORMS):
+        raise ParameterError(f"platform must be the name of one of OpenMM's platforms ({', '.join(PLATFORMS)}), not {platform!r}")
+    if scheme == "native":
+        raise PlanError("OpenMM's DPDIntegrator has no conservative forces of its own; use scheme='middle'")
+    whole = _whole(scene, system, x, classes, tables)
+    plan = make_plan(whole, dt=dt, scheme=scheme, conservative="openmm", platform=platform or fastest_platform(), seed=seed)
+    virtual = np.array([system.isVirtualSite(k) for k in range(len(x))], dtype=bool)
+    kernel_types = plan.spec.types.copy()
+    kernel_types[: len(x)][virtual | np.array([name is None for name in classes])] = -1
+    plan = replace(
+        plan,
+        spec=replace(plan.spec, types=kernel_types),
+        options=replace(plan.options, constraints=bool(system.getNumConstraints() or virtual.any()), sole_force=False),
+    )
+    built = build_plan(plan)
+    merged, groups = merged_systems(system, built.system, built.integrator.getIntegrationForceGroups())
+    built.integrator.setIntegrationForceGroups(groups)
+    beads = openmm_topology(list(scene.types), scene.molecules, scene.bond_pairs, scene.box, scene.residues)
+    modeller = app.Modeller(topology, x * unit.nanometer)
+    modeller.add(beads, scene.positions * unit.nanometer)
+    modeller.topology.setPeriodicBoxVectors(None if scene.box is None else scene.box * unit.nanometer)
+    return Embedded(
+        system=merged,
+        integrator=built.integrator,
+        topology=modeller.topology,
+        positions=built.positions,
+        velocities=built.velocities,
+        n_atoms=len(x),
+        plan=plan,
+    )
+
+
+# -- checks --------------------------------------------------------------------------------------------------------------------------
+def _check_scene(scene: Scene) -> None:
+    refused = {"walls": scene.walls, "body_forces": scene.body_forces, "internal": scene.internal, "sources": scene.sources}
+    refused |= {name: getattr(scene, name, None) for name in ("electrostatics",)}
+    for name, value in refused.items():
+        if value is not None and value != ():
+            raise PlanError(f"a scene with `{name}` cannot be put beside atoms")
+    for table in scene.tables:
+        if table.kind is not None and table.kind not in _KINDS:
+            allowed = ", ".join(kind.__name__ for kind in _KINDS)
+            raise PlanError(f"beads beside atoms may have the pair terms {allowed}; {table.kind.__name__} is for beads alone")
+
+
+def _checked_positions(topology, system: openmm.System, positions) -> np.ndarray:
+    n = system.getNumParticles()
+    if not isinstance(topology, app.Topology) or topology.getNumAtoms() != n:
+        what = f"has {topology.getNumAtoms()} atoms" if isinstance(topology, app.Topology) else f"is a {type(topology).__name__}"
+        raise ParameterError(f"the Topology must have the {n} particles of the System as its atoms, but it {what}")
+    x = np.asarray(to_md(positions, "length", "positions"), dtype=float)
+    if x.shape != (n, 3):
+        raise ParameterError(f"positions must have shape ({n}, 3), as the System has {n} particles, not {x.shape}")
+    return x
+
+
+def _check_box(scene: Scene, system: openmm.System) -> None:
+    """The box of the scene is that of the atoms, where these have one."""
+    periodic = system.usesPeriodicBoundaryConditions()
+    for force in system.getForces():
+        if isinstance(force, (openmm.NonbondedForce, openmm.CustomNonbondedForce)):
+            bounded = force.getNonbondedMethod() > force.CutoffNonPeriodic
+            if bounded != (scene.box is not None):
+                has, want = ("a box", "CutoffPeriodic or PME") if scene.box is not None else ("no box", "NoCutoff")
+                raise PlanError(
+                    f"the scene has {has}, which the {type(force).__name__} of the atoms does not fit; make the System with the "
+                    f"nonbondedMethod {want}"
+                )
+    if scene.box is None:
+        return
+    rows = [v.value_in_unit(unit.nanometer) for v in system.getDefaultPeriodicBoxVectors()]
+    box = np.array([[row.x, row.y, row.z] for row in rows])
+    if periodic and not np.allclose(box, scene.box, atol=1e-5):
+        raise ParameterError(
+            f"the box of the atoms, {np.diag(box).round(6).tolist()} nm, is not that of the scene, "
+            f"{np.diag(scene.box).round(6).tolist()} nm; set that of the Topology before createSystem"
+        )
+
+
+def _checked_classes(atoms, n: int, types: list[str]) -> list[str | None]:
+    if isinstance(atoms, str) or not isinstance(atoms, Sequence):
+        raise ParameterError(f"atoms must name the class of each particle of the System (or None), not {atoms!r}")
+    if len(atoms) != n:
+        raise ParameterError(f"atoms names the classes of {len(atoms)} particles, but the System has {n}")
+    for name in atoms:
+        if name is not None and (not isinstance(name, str) or name in ("", "*", _UNSEEN)):
+            raise ParameterError(f"a class of atoms is named by text other than '*', or None; `atoms` has {name!r}")
+        if name in types:
+            raise ParameterError(f"{name!r} is a bead type of the scene; give the class of atoms another name")
+    if all(name is None for name in atoms):
+        raise ParameterError("beads see none of the atoms: name the class of at least one in `atoms`")
+    return list(atoms)
+
+
+# -- tables --------------------------------------------------------------------------------------------------------------------------
+def _tables(scene: Scene, classes: list[str | None], cross) -> list[PairTable]:
+    """Tables of the whole: those of the scene, with the cross terms of the same kind in them."""
+    names = sorted({name for name in classes if name is not None})
+    given = [cross] if isinstance(cross, (PairTable, Mapping)) else cross
+    if not isinstance(given, Sequence) or isinstance(given, str):
+        raise ParameterError(f"cross must be a table {{(class, bead type): coefficient}}, or a sequence of them, not {cross!r}")
+    extra = [table if isinstance(table, PairTable) else PairTable(table) for table in given]
+    entries = [(table.kind, _cross_entries(table, names, scene.type_names)) for table in extra]
+    covered = {frozenset(pair) for _, found in entries for pair in found}
+    missing = [(a, b) for a in names for b in scene.type_names if frozenset((a, b)) not in covered]
+    if missing:
+        listing = ", ".join(f"({a}, {b})" for a, b in missing[:6]) + (" ..." if len(missing) > 6 else "")
+        raise ParameterError(f"no cross terms for {listing}; set them in `cross`, or set them to NONE if they do not interact")
+    merged = [(table.kind, dict(table.resolve(scene.type_names))) for table in scene.tables]
+    for kind, found in entries:
+        # one pass over the pairs serves both: the first table of the scene of the same kind that has no such entry yet
+        home = next((own for own_kind, own in merged if own_kind is kind and not set(own) & set(found)), None)
+        if home is None:
+            merged.append((kind, found))
+        else:
+            home.update(found)
+    # what no table names does not interact: atoms with atoms, unseen atoms with everything (the scene has seen to its own beads)
+    every = [*names, _UNSEEN, *scene.type_names]
+    silent = {(a, b): NONE for k, a in enumerate(every) for b in every[k:]}
+    tables = [PairTable(table) for kind, table in merged if kind is not None]
+    if not tables:
+        raise PlanError("neither the beads nor the cross terms have any pair term")
+    first = tables[0]
+    named = {frozenset(pair) for table in tables for pair in table.entries}
+    tables[0] = PairTable({**{pair: NONE for pair in silent if frozenset(pair) not in named}, **first.entries})
+    return tables
+
+
+def _cross_entries(table: PairTable, names: list[str], types: list[str]) -> dict:
+    """Entries of a cross table with wildcards written out, keyed (class, bead type) or (class, class)."""
+    if table.kind is not None and table.kind not in _KINDS:
+        raise PlanError(f"{table.kind.__name__} cannot act between atoms and beads; use {', '.join(kind.__name__ for kind in _KINDS)}")
+    found: dict[tuple[str, str], object] = {}
+    for key, value in table.entries.items():
+        for name in key:
+            if name not in ("*", *names, *types):
+                known = f"classes {', '.join(names)}; bead types {', '.join(types)}"
+                raise ParameterError(f"for {key} in `cross`: there is no class of atoms or bead type {name!r} ({known})")
+        sides = [name for name in key if name in names], [name for name in key if name in types]
+        if len(sides[1]) == 2:
+            raise ParameterError(f"for {key} in `cross`: both are bead types; what acts between beads stands in the scene")
+        if len(sides[0]) == 2:
+            if value is not NONE and (not isinstance(value, DPD) or value.has_conservative):
+                raise ParameterError(
+                    f"for {key} in `cross`: both are classes of atoms, which have forces of their own; "
+                    "only friction (a DPD with A = 0) is possible"
+                )
+            found[tuple(sorted(sides[0]))] = value  # type: ignore[index]
+            continue
+        for a in sides[0] or names:
+            for b in sides[1] or types:
+                found[a, b] = value
+    return found
+
+
+# -- the whole -----------------------------------------------------------------------------------------------------------------------
+def _whole(scene: Scene, system: openmm.System, x: np.ndarray, classes: list[str | None], tables: list[PairTable]) -> Scene:
+    """Scene of all particles: the classes of atoms are further types."""
+    n = len(x)
+    mass = np.array([m.value_in_unit(unit.dalton) for m in map(system.getParticleMass, range(n))])
+    names = [_UNSEEN if name is None else name for name in classes]
+    mobile = np.ones(scene.n_beads, bool) if scene.mobile is None else scene.mobile
+    mobile = np.concatenate([mass > 0, mobile])
+    velocities = None
+    if scene.velocities is not None:
+        drawn = np.random.default_rng(0xA70).normal(size=(n, 3)) * np.sqrt(scene.initial_kT / np.where(mass > 0, mass, 1.0))[:, None]
+        velocities = np.concatenate([np.where(mass[:, None] > 0, drawn, 0.0), scene.velocities])
+    segments = scene.segments
+    if segments is not None and segments.bonds is not None:
+        segments = replace(segments, bonds=segments.bonds + n)
+    whole = Scene(
+        masses={**dict.fromkeys([*sorted(set(names) - {_UNSEEN}), _UNSEEN], 1.0), **scene.masses},
+        types=[*names, *scene.types],
+        positions=np.concatenate([x, scene.positions]),
+        pairs=tables,
+        kT=scene.kT,
+        box=scene.box,
+        velocities=velocities,
+        bead_masses=np.concatenate([np.where(mass > 0, mass, 1.0), scene.bead_masses]),
+        bonds=[replace(bonds, pairs=bonds.pairs + n) for bonds in scene.bonds],
+        special=scene.special,
+        mobile=None if mobile.all() else mobile,
+        angles=[replace(angles, triples=angles.triples + n) for angles in scene.angles],
+        segments=segments,
+        compat=scene.compat,
+    )
+    return whole
+
+
+__all__ = ["Embedded", "embed"]

@@ -1,0 +1,113 @@
+"""Two Systems as one: atoms with the forces of a force field, and beads that these forces do not see."""
+
+from __future__ import annotations
+
+import copy
+
+import openmm
+
+from ..errors import PlanError
+from ..names import PAIR_GROUP
+
+#: Per-particle parameter that says whether a particle of a CustomNonbondedForce is an atom.
+_ATOM = "dpd_atom"
+
+#: Forces that list the particles they act on, or act on none.
+_LISTED = (
+    openmm.HarmonicBondForce,
+    openmm.HarmonicAngleForce,
+    openmm.PeriodicTorsionForce,
+    openmm.RBTorsionForce,
+    openmm.CMAPTorsionForce,
+    openmm.CustomBondForce,
+    openmm.CustomAngleForce,
+    openmm.CustomTorsionForce,
+    openmm.CustomCompoundBondForce,
+    openmm.CustomCentroidBondForce,
+    openmm.CustomExternalForce,
+    openmm.CustomHbondForce,
+    openmm.MonteCarloBarostat,
+    openmm.MonteCarloAnisotropicBarostat,
+    openmm.MonteCarloMembraneBarostat,
+    openmm.MonteCarloFlexibleBarostat,
+)
+
+
+def merged_systems(atoms: openmm.System, beads: openmm.System, active: int) -> tuple[openmm.System, set[int]]:
+    """The atoms' System with the beads added, and the force groups that its integrator uses.
+
+    ``beads`` is the System that was built for all particles, without the forces of the atoms; ``active`` are the groups (a bit mask)
+    that its integrator uses.
+    """
+    n, total = atoms.getNumParticles(), beads.getNumParticles()
+    merged = copy.deepcopy(atoms)
+    for k in range(n, total):
+        merged.addParticle(beads.getParticleMass(k))
+    merged.setDefaultPeriodicBoxVectors(*beads.getDefaultPeriodicBoxVectors())
+    own = [copy.deepcopy(force) for force in beads.getForces() if not force.getName().endswith("(virial)")]
+    pairs = [force for force in own if isinstance(force, openmm.CustomNonbondedForce)]
+    excluded = sorted({pair for force in pairs for pair in _exclusions(force) if max(pair) >= n})
+    theirs: set[tuple[int, int]] = set()
+    for force in merged.getForces():
+        theirs |= _take_beads(force, n, total, excluded)
+    for force in pairs:
+        for i, j in sorted(theirs - _exclusions(force)):
+            force.addExclusion(i, j)
+    taken = {force.getForceGroup() for force in merged.getForces()}
+    groups, free = set(taken) or {0}, iter(sorted(set(range(PAIR_GROUP)) - taken - {0}))
+    moved: dict[int, int] = {PAIR_GROUP: PAIR_GROUP}
+    for force in own:
+        group = force.getForceGroup()
+        if group not in moved:
+            moved[group] = next(free)
+        force.setForceGroup(moved[group])
+        if active >> group & 1:
+            groups.add(moved[group])
+        merged.addForce(force)
+    return merged, groups
+
+
+def _take_beads(force: openmm.Force, n: int, total: int, excluded: list[tuple[int, int]]) -> set[tuple[int, int]]:
+    """Make room for beads in a force of the atoms, in which they do nothing; returns the pairs of atoms that it excludes."""
+    if isinstance(force, openmm.NonbondedForce):
+        theirs = {tuple(sorted(force.getExceptionParameters(k)[:2])) for k in range(force.getNumExceptions())}
+        for _ in range(n, total):
+            force.addParticle(0.0, 0.0, 0.0)  # sigma 0 as well: (sigma/r)^12 would overflow where beads overlap
+        for i, j in excluded:
+            force.addException(i, j, 0.0, 1.0, 0.0)
+        return theirs
+    if isinstance(force, openmm.CustomNonbondedForce):
+        theirs = _exclusions(force)
+        _mask(force, n, total)
+        for i, j in excluded:
+            force.addExclusion(i, j)
+        return theirs
+    if not isinstance(force, _LISTED):
+        raise PlanError(
+            f"the System has a {type(force).__name__}, which needs parameters for every particle, "
+            "and there are none that would leave beads out"
+        )
+    return set()
+
+
+def _mask(force: openmm.CustomNonbondedForce, n: int, total: int) -> None:
+    """Add beads to a CustomNonbondedForce of atoms.  select() takes one of its branches, so that an infinite one does no harm."""
+    names = [force.getPerParticleParameterName(k) for k in range(force.getNumPerParticleParameters())]
+    if _ATOM in names:
+        raise PlanError(f"a CustomNonbondedForce has a parameter called {_ATOM} already: are there beads in the System?")
+    values = [force.getParticleParameters(k) for k in range(n)]
+    if force.getNumInteractionGroups():
+        for _ in range(n, total):
+            force.addParticle(values[0])  # beads are in none of the groups
+        return
+    head, *rest = force.getEnergyFunction().split(";")
+    force.setEnergyFunction(";".join([f"select({_ATOM}1*{_ATOM}2, {head}, 0)", *rest]))
+    force.addPerParticleParameter(_ATOM)
+    for k in range(n):
+        force.setParticleParameters(k, [*values[k], 1.0])
+    for _ in range(n, total):
+        force.addParticle([*values[0], 0.0])
+
+
+def _exclusions(force: openmm.CustomNonbondedForce) -> set[tuple[int, int]]:
+    return {tuple(sorted(force.getExclusionParticles(k))) for k in range(force.getNumExclusions())}

@@ -1,0 +1,53 @@
+"""Beads that run away: the sign of a step that is too long.
+
+The soft repulsion of DPD is bounded, so a scheme that has become unstable never makes a NaN: the beads heat up without limit and the
+run goes on as an ideal gas.  What gives it away are beads that cross more than a cutoff in one step.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+#: Speeds in thermal velocities that no bead has in equilibrium: the Maxwell distribution gives one in 10^21 beads.
+FASTEST = 10.0
+
+
+def runaway(v: np.ndarray, inv_mass: np.ndarray, kT: float, dt: float, cutoff: float) -> str | None:
+    """What is wrong with the velocities of a step, or None.
+
+    Parameters
+    ----------
+    v : (N, 3) array
+        Velocities, nm/ps.
+    inv_mass : (N,) array
+        1/mass; beads with 0 do not move and are not looked at.
+    kT : float
+        Thermal energy, kJ/mol.
+    dt, cutoff : float
+        Step size, ps, and longest range of the pair terms, nm.
+
+    Returns
+    -------
+    str or None
+        A sentence, if a velocity is not finite, or if a bead is faster than ten thermal velocities *and* crosses more than a cutoff in one
+        step.  Either alone may be meant: a quench from a hot start, or an ideal gas with a long step.
+    """
+    largest = float(np.abs(v).max(initial=0.0))
+    if largest * dt <= 0.5 * cutoff:  # the usual case, in one pass; NaN falls through
+        return None
+    moving = inv_mass > 0
+    square = np.where(moving, np.einsum("ij,ij->i", v, v), 0.0)
+    if not np.all(np.isfinite(square)):
+        return "a velocity is not finite"
+    limit = np.maximum(cutoff / dt, FASTEST * np.sqrt(kT * inv_mass))
+    ratio = np.where(moving, square / limit**2, 0.0)
+    bead = int(np.argmax(ratio))
+    if ratio[bead] <= 1.0:
+        return None
+    hot = "" if kT <= 0 else f"; the kinetic temperature is {_kinetic(square, inv_mass, moving) / kT:.3g} times what it should be"
+    return f"bead {bead} moves {square[bead] ** 0.5 * dt:.3g} nm in one step of {dt:g} ps, more than the cutoff of {cutoff:g} nm{hot}"
+
+
+def _kinetic(square: np.ndarray, inv_mass: np.ndarray, moving: np.ndarray) -> float:
+    """Mean m v^2/3 of the beads that move."""
+    return float(np.mean(square[moving] / inv_mass[moving]) / 3.0)

@@ -1,0 +1,244 @@
+"""Segmental repulsion: pairs of bonds within reach of each other, from the pair lists of their midpoints.
+
+Segment s goes from bead i to bead j, x_i and x_j = x_i + arm, with its midpoint m in between.  With the contact points m + t arm,
+-1/2 <= t <= 1/2, of two segments and the vector d from the second to the first::
+
+    F = A (1 - d/cutoff) d/|d|,   U = 1/2 A cutoff (1 - d/cutoff)^2   for d < cutoff
+    f_i += (1/2 - t) F,   f_j += (1/2 + t) F   for the first segment, the opposite for the second
+
+``MID``: t = 0.  ``NEAREST``: the nearest points of the two segments; the force is the gradient of U.  ``CLAMPED``: the nearest points of
+the two straight lines, each moved to the end of its own segment by itself, as LAMMPS's ``srp min`` has it; where one is moved these are not
+the nearest points, and the force is not quite the gradient of U.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numba import njit, prange
+
+from ..errors import RunError
+from .compiled import serial_and_parallel
+from .engine import PairList, PairSpec
+from .threads import get_threads, run
+
+MID, NEAREST, CLAMPED = range(3)
+
+#: Distance (nm) below which a contact has no direction, and exerts no force.
+D_MIN = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentSpec:
+    """Everything the kernel has to know that never changes.
+
+    Attributes
+    ----------
+    n_beads : int
+    pairs : (S, 2) int64
+        Beads of each segment.
+    A, cutoff : float
+        Force at d = 0 (kJ/mol/nm) and range (nm).
+    rule : int
+        ``MID``, ``NEAREST`` or ``CLAMPED``.
+    exclude_adjoining : bool
+        Whether segments that share a bead leave each other alone.
+    """
+
+    n_beads: int
+    pairs: np.ndarray
+    A: float
+    cutoff: float
+    rule: int
+    exclude_adjoining: bool = True
+
+
+@dataclass(frozen=True)
+class _Reach:
+    """The table of one cutoff that a pair list reads."""
+
+    cutoff: np.ndarray
+
+
+def adjoining(pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Segments that share a bead, as exceptions of factor 0 in compressed rows (see :class:`.engine.PairSpec`)."""
+    at: dict[int, list[int]] = {}
+    for segment, ends in enumerate(pairs.tolist()):
+        for bead in ends:
+            at.setdefault(bead, []).append(segment)
+    both = {pair for segments in at.values() for pair in combinations(segments, 2)}
+    if not both:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
+    rows = np.array(sorted(both | {(j, i) for i, j in both}), dtype=np.int64)
+    start = np.concatenate([[0], np.cumsum(np.bincount(rows[:, 0], minlength=len(pairs)))]).astype(np.int64)
+    return start, rows[:, 1].copy(), np.zeros(len(rows))
+
+
+@njit(inline="always")
+def _clamp(t):
+    return min(0.5, max(-0.5, t))
+
+
+@njit
+def _nearest(px, py, pz, a, b, i, j):
+    """Places (s, t) of the nearest points m_i + s a and m_j + t b of two segments with p = m_i - m_j.
+
+    Where the segments are parallel it is the middle of the stretch along which they are equally near.
+    """
+    aa = a[i, 0] * a[i, 0] + a[i, 1] * a[i, 1] + a[i, 2] * a[i, 2]
+    bb = b[j, 0] * b[j, 0] + b[j, 1] * b[j, 1] + b[j, 2] * b[j, 2]
+    ab = a[i, 0] * b[j, 0] + a[i, 1] * b[j, 1] + a[i, 2] * b[j, 2]
+    ap = a[i, 0] * px + a[i, 1] * py + a[i, 2] * pz
+    bp = b[j, 0] * px + b[j, 1] * py + b[j, 2] * pz
+    if aa < 1e-30 or bb < 1e-30:  # a segment without a length is a point
+        s = _clamp(-ap / aa) if aa >= 1e-30 else 0.0
+        t = _clamp(bp / bb) if bb >= 1e-30 else 0.0
+        return s, t
+    det = aa * bb - ab * ab
+    if det > 1e-12 * aa * bb:
+        s = _clamp((ab * bp - bb * ap) / det)
+    else:
+        one, other = (0.5 * bb - bp) / ab, (-0.5 * bb - bp) / ab
+        s = _clamp(0.5 * (max(-0.5, min(one, other)) + min(0.5, max(one, other))))
+    t = (ab * s + bp) / bb
+    if t < -0.5 or t > 0.5:
+        t = _clamp(t)
+        s = _clamp((ab * t - ap) / aa)
+    return s, t
+
+
+@njit
+def _clamped(px, py, pz, a, b, i, j):
+    """Places of the contact points as LAMMPS's srp has them: each moved to the end of its segment by itself; midpoints where parallel."""
+    aa = a[i, 0] * a[i, 0] + a[i, 1] * a[i, 1] + a[i, 2] * a[i, 2]
+    bb = b[j, 0] * b[j, 0] + b[j, 1] * b[j, 1] + b[j, 2] * b[j, 2]
+    ab = a[i, 0] * b[j, 0] + a[i, 1] * b[j, 1] + a[i, 2] * b[j, 2]
+    ap = a[i, 0] * px + a[i, 1] * py + a[i, 2] * pz
+    bp = b[j, 0] * px + b[j, 1] * py + b[j, 2] * pz
+    det = aa * bb - ab * ab
+    if abs(det) < 1e-10:
+        det = np.inf
+    return _clamp((ab * bp - bb * ap) / det), _clamp((aa * bp - ab * ap) / det)
+
+
+def _segment_forces(rule, A, cutoff, arm, pi, pj, geometry, factors, columns, block_start, colour_start, start, found, f, energy, virial):
+    """Forces f (S, 6) on the first and second bead of each sorted segment; energy and virial of each column."""
+    for colour in range(len(colour_start) - 1):
+        for block in prange(colour_start[colour], colour_start[colour + 1]):
+            for task in range(block_start[block], block_start[block + 1]):
+                column = columns[task]
+                column_energy, column_virial = 0.0, 0.0
+                for n in range(start[column], start[column] + found[column]):
+                    i, j, r = pi[n], pj[n], geometry[n, 3]
+                    dx, dy, dz = r * geometry[n, 0], r * geometry[n, 1], r * geometry[n, 2]
+                    s, t = 0.0, 0.0
+                    if rule == NEAREST:
+                        s, t = _nearest(dx, dy, dz, arm, arm, i, j)
+                    elif rule == CLAMPED:
+                        s, t = _clamped(dx, dy, dz, arm, arm, i, j)
+                    dx += s * arm[i, 0] - t * arm[j, 0]
+                    dy += s * arm[i, 1] - t * arm[j, 1]
+                    dz += s * arm[i, 2] - t * arm[j, 2]
+                    d = np.sqrt(dx * dx + dy * dy + dz * dz)
+                    if d >= cutoff:
+                        continue
+                    w = 1.0 - d / cutoff
+                    if d < D_MIN:
+                        if rule == NEAREST:
+                            column_energy += 0.5 * A * cutoff * w * w
+                        continue
+                    column_energy += 0.5 * A * cutoff * w * w
+                    column_virial += A * w * d
+                    radial = A * w / d
+                    fx, fy, fz = radial * dx, radial * dy, radial * dz
+                    f[i, 0] += (0.5 - s) * fx
+                    f[i, 1] += (0.5 - s) * fy
+                    f[i, 2] += (0.5 - s) * fz
+                    f[i, 3] += (0.5 + s) * fx
+                    f[i, 4] += (0.5 + s) * fy
+                    f[i, 5] += (0.5 + s) * fz
+                    f[j, 0] -= (0.5 - t) * fx
+                    f[j, 1] -= (0.5 - t) * fy
+                    f[j, 2] -= (0.5 - t) * fz
+                    f[j, 3] -= (0.5 + t) * fx
+                    f[j, 4] -= (0.5 + t) * fy
+                    f[j, 5] -= (0.5 + t) * fz
+                energy[column] = column_energy
+                virial[column] = column_virial
+
+
+segment_forces, segment_forces_parallel = serial_and_parallel(_segment_forces)
+
+
+class SegmentEngine:
+    """Evaluates one :class:`SegmentSpec`.
+
+    One engine belongs to one thread at a time.  The results are the same, bit for bit, for any number of threads, and depend on the
+    present positions alone.
+    """
+
+    def __init__(self, spec: SegmentSpec):
+        self.spec = spec
+        n = len(spec.pairs)
+        exceptions = adjoining(spec.pairs) if spec.exclude_adjoining else adjoining(spec.pairs[:0])
+        reach: Any = _Reach(np.array([[spec.cutoff]]))  # all of a table that a pair list reads
+        self._list = PairList(PairSpec(np.zeros(n, np.int32), np.ones(n), (), exceptions=exceptions), reach)
+        self._last: tuple[np.ndarray, np.ndarray | None, tuple[float, np.ndarray, float]] | None = None
+
+    def forces(self, x: np.ndarray, box: np.ndarray | None) -> tuple[float, np.ndarray, float]:
+        """Energy, forces (N, 3) and virial at positions x (N, 3), in or beyond the box.
+
+        Raises
+        ------
+        RunError
+            If a position is not finite, or the box too small for the range and the length of the bonds.
+        """
+        if self._last is not None:
+            last_x, last_box, result = self._last
+            if np.array_equal(x, last_x) and (box is None or np.array_equal(box, last_box)):  # type: ignore[arg-type]
+                return result
+        result = self._evaluate(x, box)
+        self._last = x.copy(), None if box is None else box.copy(), result
+        return result
+
+    def _evaluate(self, x: np.ndarray, box: np.ndarray | None) -> tuple[float, np.ndarray, float]:
+        spec, pairs = self.spec, self._list
+        first = x[spec.pairs[:, 0]]
+        arm = x[spec.pairs[:, 1]] - first
+        if box is not None:
+            for k in (2, 1, 0):
+                arm -= np.outer(np.rint(arm[:, k] / box[k, k]), box[k])
+        length2 = np.sum(arm * arm, axis=1)
+        if not np.all(np.isfinite(length2)):
+            i, j = spec.pairs[int(np.argmin(np.isfinite(length2)))]
+            raise RunError(f"the position of bead {i} or {j} is not finite")
+        self._set_reach(float(np.sqrt(length2.max(initial=0.0))), box)
+        run(pairs.build, None, first + 0.5 * arm, box, get_threads() > 1)
+        sorted_arm = np.take(arm, pairs.order, axis=0)
+        f = np.zeros((len(arm), 6))
+        arguments = (spec.rule, spec.A, spec.cutoff, sorted_arm, *pairs.geometry_arguments, f, pairs.energy, pairs.virial)
+        run(segment_forces, segment_forces_parallel, *arguments)
+        on_beads = np.empty_like(f)
+        on_beads[pairs.order] = f
+        force = np.empty((spec.n_beads, 3))
+        for k in range(3):
+            force[:, k] = np.bincount(spec.pairs.ravel(), on_beads[:, [k, k + 3]].ravel(), spec.n_beads)
+        return float(pairs.energy.sum()), force, float(pairs.virial.sum())
+
+    def _set_reach(self, longest: float, box: np.ndarray | None) -> None:
+        """Distance of midpoints up to which two segments can meet; it depends on the longest of them where ends can meet."""
+        spec, pairs = self.spec, self._list
+        reach = spec.cutoff if spec.rule == MID else spec.cutoff + longest
+        if box is not None and reach > 0.5 * box.diagonal().min() * (1 + 1e-9):
+            raise RunError(
+                f"segmental repulsion reaches over half the box: the range of {spec.cutoff:g} nm"
+                + (f" and the longest bond of {longest:g} nm" if spec.rule != MID else "")
+                + f" in a box of {box.diagonal().tolist()} nm"
+            )
+        # in steps of 1/8: the cells of the list are made anew whenever this changes
+        reach = spec.cutoff * (1.0 if spec.rule == MID else 1.0 + np.ceil(8.0 * longest / spec.cutoff + 1e-9) / 8.0)
+        if reach != pairs.cutoff:
+            pairs.cutoff, pairs.cut2, pairs.grid_box = reach, np.array([reach**2]), None

@@ -1,0 +1,87 @@
+"""Commands about bonds and angles: bond_style, bond_coeff, angle_style, angle_coeff."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...errors import ParameterError
+from .. import arguments as read
+from ..bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedSetup, BondedStyle
+from ..state import DeckState
+from .setup import Handler
+
+
+def _setup(state: DeckState, args: list[str], what: str, known: dict[str, BondedStyle], old: BondedSetup) -> BondedSetup:
+    """Setup after ``bond_style`` or ``angle_style``."""
+    read.count(args, f"{what}_style style", 1, None)
+    style = read.choice(args[0], f"the {what} style", ("none", *known, "hybrid"))
+    if style == "none":
+        read.count(args[1:], f"{what}_style none", 0)
+        return BondedSetup("none", where=state.here)
+    if style == "hybrid":
+        read.count(args[1:], f"{what}_style hybrid style style ...", 1, None)
+        for k, name in enumerate(args[1:], start=1):
+            read.choice(name, f"a style of {what}_style hybrid", tuple(known))
+            if name in args[1:k]:
+                raise ParameterError(f"{what}_style hybrid names {name} twice")
+        return BondedSetup(style, tuple(args[1:]), where=state.here)
+    read.choice(" ".join(args[1:]), f"the argument of {what}_style {style}", ("", "nocoeff") if style == "zero" else ("",))
+    kept = dict(old.coefficients) if old.style == style else {}
+    return BondedSetup(style, (style,), kept, state.here)
+
+
+def _coefficients(state: DeckState, args: list[str], what: str, known: dict[str, BondedStyle], setup: BondedSetup, types: int) -> None:
+    """Take over a ``bond_coeff`` or ``angle_coeff`` line."""
+    command = f"{what}_coeff"
+    state.require_box(command)
+    if setup.style == "none":
+        others = "harmonic" if what == "bond" else "cosine"
+        raise ParameterError(f"{command} needs a{'n' * (what == 'angle')} {what}_style before it, such as '{what}_style {others}'")
+    read.count(args, f"{command} type values ...", 1, None)
+    if types == 0:
+        raise ParameterError(f"{command}: there are no {what} types")
+    kinds = read.numeric_range(args[0], types, f"{what} type")
+    style, words = setup.style, args[1:]
+    if style == "hybrid":
+        allowed = (*setup.styles, "none")
+        if not words or words[0] not in allowed:
+            raise ParameterError(f"expected one of the styles {', '.join(allowed)} after the type, not '{' '.join(words[:1])}'")
+        style, words = words[0], words[1:]
+    if style == "none":
+        values: dict[str, float] = {}
+        read.count(words, f"{command} type none", 0)
+    else:
+        usage = f"{command} type {style}" if setup.style == "hybrid" else f"{command} type"
+        values = known[style].coefficient(words, usage, state.units)
+        if known[style].kind is not None:
+            # built once now, so that a value out of bounds is reported where it stands
+            known[style].build(np.arange(2 if what == "bond" else 3)[None, :], values)
+    setup.coefficients.update(dict.fromkeys(kinds, (style, values)))
+
+
+def bond_style(state: DeckState, args: list[str]) -> None:
+    """``bond_style none|zero|harmonic|fene|morse``, or ``hybrid`` with several of them."""
+    state.bond = _setup(state, args, "bond", BOND_STYLES, state.bond)
+
+
+def bond_coeff(state: DeckState, args: list[str]) -> None:
+    """``bond_coeff type [style] values ...``."""
+    _coefficients(state, args, "bond", BOND_STYLES, state.bond, state.n_bond_types)
+
+
+def angle_style(state: DeckState, args: list[str]) -> None:
+    """``angle_style none|zero|harmonic|cosine``, or ``hybrid`` with several of them."""
+    state.angle = _setup(state, args, "angle", ANGLE_STYLES, state.angle)
+
+
+def angle_coeff(state: DeckState, args: list[str]) -> None:
+    """``angle_coeff type [style] values ...``."""
+    _coefficients(state, args, "angle", ANGLE_STYLES, state.angle, state.n_angle_types)
+
+
+COMMANDS: dict[str, Handler] = {
+    "bond_style": bond_style,
+    "bond_coeff": bond_coeff,
+    "angle_style": angle_style,
+    "angle_coeff": angle_coeff,
+}

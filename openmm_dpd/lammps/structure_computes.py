@@ -1,0 +1,201 @@
+"""Computes of structure and motion: ``rdf``, ``msd`` and ``gyration``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..analysis.neighbours import pairs_within
+from ..errors import ParameterError
+from ..model.bonds import bonded_neighbours
+from . import arguments as read
+from .compute_spec import Compute, ComputeSpec
+from .per_bead import folded, unwrapped
+
+if TYPE_CHECKING:
+    from .context import Context, Window
+    from .state import DeckState
+
+
+# -- compute rdf --------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Distribution:
+    """Settings of a compute rdf: bins, the two sets of bead types of each g(r), and the largest distance (deck units) if it is given."""
+
+    bins: int
+    types: tuple[tuple[range, range], ...]
+    cutoff: float | None
+
+
+def parse_distribution(state: DeckState, group: str, words: list[str]) -> Distribution:
+    """Settings of ``rdf Nbin itype1 jtype1 itype2 jtype2 ... cutoff Rcut``."""
+    usage = "compute ID group rdf Nbin itype1 jtype1 ... [cutoff Rcut]"
+    read.count(words, usage, 1, None)
+    if not all(state.periodic):
+        raise ParameterError("compute rdf: the box must be periodic along x, y and z")
+    at = words.index("cutoff") if "cutoff" in words else len(words)
+    types, options = words[1:at], words[at:]
+    if len(types) % 2 or len(options) not in (0, 2):
+        raise ParameterError(f"compute rdf: expected pairs of types, and one value after cutoff: {usage}")
+    sets = [read.numeric_range(word, state.n_types, "atom type") for word in types or ("*", "*")]
+    return Distribution(
+        read.integer(words[0], "the number of bins of compute rdf", 1),
+        tuple(zip(sets[::2], sets[1::2], strict=True)),
+        read.positive(options[1], "the cutoff of compute rdf") if options else None,
+    )
+
+
+def _longest_cutoff(context: Context) -> float:
+    """Longest cutoff of the pair forces, in deck units."""
+    from .scene import pair_tables
+
+    cutoffs = [getattr(entry, "cutoff", 0.0) for table in pair_tables(context.state) for entry in table.entries.values()]
+    if not max(cutoffs, default=0.0) > 0:
+        raise ParameterError("compute rdf needs a pair force, or the keyword cutoff")
+    return max(cutoffs) / context.units.length
+
+
+def _excluded(state: DeckState) -> np.ndarray:
+    """Bonded neighbours that the pair list leaves out, as i * N + j with i < j."""
+    n = len(state.atoms)
+    if not len(state.bonds) or 0.0 not in state.special:
+        return np.zeros(0, dtype=np.int64)
+    ends = state.atoms.index_of(state.bonds[:, 1:].ravel()).reshape(-1, 2)
+    found = bonded_neighbours(ends, n)
+    return np.array([i * n + j for k, factor in enumerate(state.special, start=1) if factor == 0 for i, j in found[k]], dtype=np.int64)
+
+
+def _distribution(context: Context, compute: Compute) -> np.ndarray:
+    """Middles of the bins, then g(r) and the number of neighbours up to r for each pair of sets of types."""
+    settings: Distribution = compute.settings
+    state, box = context.state, context.box
+    reach = settings.cutoff or _longest_cutoff(context)
+    member = np.flatnonzero(state.group(compute.group))
+    types = state.atoms.types[member]
+    i, j, r = pairs_within(folded(context)[0][member], None, box.vectors, reach)
+    kept = ~np.isin(member[i] * len(state.atoms) + member[j], _excluded(state))
+    i, j, r = i[kept], j[kept], r[kept]
+    bins = (r * (settings.bins / reach)).astype(np.int64)
+    inside = bins < settings.bins
+    i, j, bins = i[inside], j[inside], bins[inside]
+    edges = np.arange(settings.bins + 1) * (reach / settings.bins)
+    shells = 4 * np.pi / 3 * np.diff(edges**3) / box.volume
+    columns = [0.5 * (edges[1:] + edges[:-1])]
+    for first, second in settings.types:
+        a, b = np.isin(types, first), np.isin(types, second)
+        counts = sum(np.bincount(bins[a[one] & b[two]], minlength=settings.bins) for one, two in ((i, j), (j, i)))
+        # a bead is no neighbour of itself
+        pairs = a.sum() * b.sum() - (a & b).sum()
+        columns.append(counts / (pairs * shells) if pairs > 0 else np.zeros(settings.bins))
+        columns.append(np.cumsum(counts) / a.sum() if pairs > 0 else np.zeros(settings.bins))
+    return np.column_stack(columns)
+
+
+# -- compute msd --------------------------------------------------------------------------------------------------------------
+@dataclass
+class Displacements:
+    """Settings of a compute msd, and the positions it counts from.
+
+    Attributes
+    ----------
+    com : bool
+        Whether the motion of the centre of mass of the group is taken off.
+    average : bool
+        Whether displacements are counted from the mean of all positions so far.
+    origin : (n, 3) array
+        Positions of the group (deck units) that displacements are counted from.
+    count : int
+        Positions that ``origin`` is the mean of.
+    """
+
+    com: bool
+    average: bool
+    origin: np.ndarray
+    count: int = 1
+    _seen: tuple[Window | None, int] | None = field(default=None, repr=False)
+
+    def include(self, context: Context, positions: np.ndarray) -> None:
+        """Take the positions of a step into the mean, once in a run."""
+        if not self.average or context.window is None or (self._seen is not None and self._is_seen(context)):
+            return
+        self._seen = (context.window, context.step)
+        self.origin = (self.origin * self.count + positions) / (self.count + 1)
+        self.count += 1
+
+    def _is_seen(self, context: Context) -> bool:
+        assert self._seen is not None
+        return self._seen[0] is context.window and self._seen[1] == context.step
+
+
+def parse_displacements(state: DeckState, group: str, words: list[str]) -> Displacements:
+    """Settings of ``msd [com yes|no] [average yes|no]``, with the present positions as origin."""
+    from .context import Context
+
+    options = {"com": "no", "average": "no"}
+    options |= {keyword: values[0] for keyword, values in read.options(words, {"com": 1, "average": 1}, "compute msd")}
+    com = read.switch(options["com"], "com")
+    return Displacements(com, read.switch(options["average"], "average"), _members(Context(state), group, com))
+
+
+def _members(context: Context, group: str, com: bool) -> np.ndarray:
+    """Positions of a group on continuous paths, from its centre of mass or from the origin."""
+    mask, masses = context.state.group(group), context.state.bead_masses()
+    positions = unwrapped(context)[mask]
+    return positions - masses[mask] @ positions / masses[mask].sum() if com and mask.any() else positions
+
+
+def _displacements(context: Context, compute: Compute) -> np.ndarray:
+    """Mean squares along x, y, z, and their sum."""
+    settings: Displacements = compute.settings
+    positions = _members(context, compute.group, settings.com)
+    if len(positions) != len(settings.origin):
+        raise ParameterError(
+            f"compute {compute.name} (style msd): its group has {len(positions)} beads, but had {len(settings.origin)} when it was defined"
+        )
+    if not len(positions):
+        return np.zeros(4)
+    settings.include(context, positions)
+    squares = np.mean((positions - settings.origin) ** 2, axis=0)
+    return np.append(squares, squares.sum())
+
+
+# -- compute gyration ---------------------------------------------------------------------------------------------------------
+def _gyration_tensor(context: Context, compute: Compute) -> np.ndarray:
+    """xx, yy, zz, xy, xz, yz of the mean of the products of the distances from the centre of mass, each bead with its mass."""
+    mask = context.state.group(compute.group)
+    if not mask.any():
+        return np.zeros(6)
+    positions, weights = _members(context, compute.group, com=True), context.state.bead_masses()[mask]
+    tensor = (weights[:, None] * positions).T @ positions / weights.sum()
+    return tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+
+
+def _no_arguments(state: DeckState, group: str, words: list[str]) -> None:
+    read.count(words, "compute ID group gyration (and no more)", 0)
+
+
+def _checked_later(state: DeckState, group: str, words: list[str]) -> None:
+    """The arguments are checked where they are parsed."""
+
+
+#: Computes of structure and motion.
+STRUCTURE: dict[str, ComputeSpec] = {
+    "rdf": ComputeSpec(
+        _checked_later,
+        array=_distribution,
+        rows=lambda compute: compute.settings.bins,
+        columns=lambda compute: 1 + 2 * len(compute.settings.types),
+        needs=("positions",),
+        prepare=parse_distribution,
+    ),
+    "msd": ComputeSpec(_checked_later, vector=_displacements, size=lambda compute: 4, needs=("positions",), prepare=parse_displacements),
+    "gyration": ComputeSpec(
+        _no_arguments,
+        lambda context, compute: float(np.sqrt(_gyration_tensor(context, compute)[:3].sum())),
+        _gyration_tensor,
+        size=lambda compute: 6,
+        needs=("positions",),
+    ),
+}

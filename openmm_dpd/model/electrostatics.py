@@ -1,0 +1,308 @@
+"""Smeared charges: what the user says about them, their potentials, and the settings of the Ewald sum."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import ParameterError
+from ..units import COULOMB, to_md, whole_number
+
+
+def _positive(value, dimension: str, name: str) -> float:
+    found = to_md(value, dimension, name)
+    if not isinstance(found, float) or found <= 0:
+        raise ParameterError(f"{name} must be one number > 0, not {value!r}")
+    return found
+
+
+def special_factors(value, name: str) -> tuple[float, float, float]:
+    """Three factors between 0 and 1."""
+    try:
+        factors = tuple(float(factor) for factor in value)
+    except (TypeError, ValueError):
+        factors = ()
+    if len(factors) != 3 or not all(0 <= factor <= 1 for factor in factors):
+        raise ParameterError(f"{name} must be three factors between 0 and 1 (for 1-2, 1-3 and 1-4 pairs), not {value!r}")
+    return factors  # type: ignore[return-value]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SmearedCharges:
+    """What all kinds of smeared charges have in common; see :class:`SlaterCharges`."""
+
+    permittivity: float | None = None
+    bjerrum_length: float | None = None
+    cutoff: float | None = None
+    tolerance: float = 1e-4
+    alpha: float | None = None
+    grid: tuple[int, int, int] | None = None
+    special: tuple[float, float, float] | None = None
+
+    def __post_init__(self):
+        what = f"of {type(self).__name__}"
+        given = [name for name in ("permittivity", "bjerrum_length") if getattr(self, name) is not None]
+        if len(given) != 1:
+            got = "both are given" if given else "neither is given"
+            raise ParameterError(f"{type(self).__name__} needs either a (relative) permittivity or a bjerrum_length; {got}")
+        dimensions = {"permittivity": "dimensionless", "bjerrum_length": "length", "cutoff": "length", "alpha": "inverse_length"}
+        for name, dimension in dimensions.items():
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, _positive(getattr(self, name), dimension, f"{name} {what}"))
+        tolerance = _positive(self.tolerance, "dimensionless", f"tolerance {what}")
+        if not 1e-10 <= tolerance <= 0.1:
+            raise ParameterError(f"tolerance {what} must be between 1e-10 and 0.1, not {self.tolerance!r}")
+        object.__setattr__(self, "tolerance", tolerance)
+        if self.special is not None:
+            object.__setattr__(self, "special", special_factors(self.special, f"special {what}"))
+        if self.grid is not None:
+            if not isinstance(self.grid, (tuple, list, np.ndarray)) or len(self.grid) != 3:
+                raise ParameterError(f"grid {what} must be three numbers of points, not {self.grid!r}")
+            object.__setattr__(self, "grid", tuple(whole_number(n, f"a number of grid points {what}", 6) for n in self.grid))
+
+    # -- of each kind ----------------------------------------------------------------------------------------------------------
+    @property
+    def steepness(self) -> float:
+        """Inverse length (1/nm) on which the potential flattens at small distances."""
+        raise NotImplementedError
+
+    def series(self, scale: float) -> np.ndarray:
+        """Coefficients of the potential in powers of r/scale; scale is at most 1/steepness."""
+        raise NotImplementedError
+
+    def potential(self, r):
+        """Energy of two unit charges over the Coulomb constant, 1/r at large distances; finite at r = 0."""
+        raise NotImplementedError
+
+    def tail(self, r: float) -> float:
+        """Relative difference of the force from that of point charges at the distance r > 0."""
+        raise NotImplementedError
+
+    def describe(self) -> str:
+        """Kind and width, for the plan."""
+        raise NotImplementedError
+
+    # -- of all ----------------------------------------------------------------------------------------------------------------
+    def coulomb(self, kT: float) -> float:
+        """Coulomb constant e^2/(4 pi eps0 eps_r) in kJ/mol nm; kT belongs to the Bjerrum length."""
+        if self.permittivity is not None:
+            return COULOMB / self.permittivity
+        assert self.bjerrum_length is not None
+        return kT * self.bjerrum_length
+
+    def reach(self, tolerance: float) -> float:
+        """Distance (nm) from which the force is that of point charges to a relative tolerance."""
+        low, high = 0.0, 1.0 / self.steepness
+        while self.tail(high) > tolerance:
+            low, high = high, 2 * high
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if self.tail(middle) > tolerance else (low, middle)
+        return high
+
+
+def _direct(r, scale: float, coefficients: np.ndarray, outer) -> np.ndarray:
+    """A function of the distance from its series below ``scale`` and a formula above."""
+    r = np.asarray(r, dtype=float)
+    near = np.polynomial.polynomial.polyval(np.minimum(r, scale) / scale, coefficients)
+    return np.where(r < scale, near, outer(np.maximum(r, scale)))
+
+
+@dataclass(frozen=True)
+class SlaterCharges(SmearedCharges):
+    r"""Charges smeared over exponential clouds (LAMMPS: ``coul/slater/long``, ``dpd/coul/slater/long``).
+
+    .. math:: U = \frac{q_i q_j}{4\pi\epsilon_0\epsilon_r r} \left[1 - \left(1 + \frac{r}{\lambda}\right) e^{-2r/\lambda}\right]
+
+    with lambda = ``lamda`` (beta = 1/lamda in other papers).  At r = 0 the energy is q_i q_j/(4 pi eps0 eps_r lamda) and the force 0, so
+    that opposite charges do not collapse onto each other.
+
+    In a periodic box the interaction with all images is summed: a CustomNonbondedForce up to the cutoff, and OpenMM's PME for the rest.
+    Beyond the cutoff charges act as point charges.  There the energy of a pair has a step, of the part (1 + r/lamda) exp(-2 r/lamda) of
+    q_i q_j/(4 pi eps0 eps_r r), and it is not shifted, as in LAMMPS.  The default cutoff is long enough to make the relative error of the
+    force there, (1 + 2 r/lamda + 2 (r/lamda)^2) exp(-2 r/lamda), at most the tolerance.  Without a box there is
+    no cutoff and no lattice sum.
+
+    Bonded neighbours with a factor f in ``special`` interact with f times the smeared energy, all of it: what the lattice sum holds of the
+    pair is taken out exactly, at any distance.  LAMMPS does the same up to the cutoff only, and releases before mid 2022 took out the
+    energy of point charges.
+
+    Parameters
+    ----------
+    lamda : length
+        Width of the clouds, > 0; as LAMMPS's lambda.  Papers that write exp(-2 beta* r/R) have lamda = R/beta*.
+    permittivity : float, optional
+        Relative permittivity eps_r; this or the Bjerrum length.
+    bjerrum_length : length, optional
+        Distance at which two unit point charges have the energy kT, with the scene's kT at the first step.  When the temperature changes
+        later on, the permittivity stays.
+    cutoff : length, optional
+        Of the real-space part, nm; at most half the box.  By default as long as the tolerance asks for, and long enough for some 40 charges
+        in its range, so that the grid does not become too fine.
+    tolerance : float, default 1e-4
+        Bound of the root mean square error of the forces of charges over their root mean square; sets the cutoff, alpha and the grid.
+    alpha : inverse length, optional
+        Splitting parameter of the Ewald sum; from the tolerance by default.
+    grid : three int, optional
+        Points of the PME grid; from the tolerance by default.
+    special : three floats, optional
+        Factors of the charges' interaction for pairs one, two and three bonds apart; those of the scene by default.
+
+    Raises
+    ------
+    ParameterError
+        If a value is out of bounds or not finite, or permittivity and Bjerrum length are both given or both missing.
+    """
+
+    lamda: float
+
+    def __post_init__(self):
+        object.__setattr__(self, "lamda", _positive(self.lamda, "length", "lamda of SlaterCharges"))
+        super().__post_init__()
+
+    @property
+    def steepness(self) -> float:
+        return 1.0 / self.lamda
+
+    def series(self, scale: float) -> np.ndarray:
+        # 1 - (1 + y/2) exp(-y) = sum over n > 0 of (-1)^n (n/2 - 1) y^n/n!, with y = 2 r/lamda
+        y = 2 * scale / self.lamda
+        return np.array([(-1) ** n * (n / 2 - 1) * y**n / math.factorial(n) for n in range(1, 40)]) / scale
+
+    def potential(self, r):
+        scale = self.lamda
+        return _direct(r, scale, self.series(scale), lambda x: (1 - (1 + x / self.lamda) * np.exp(-2 * x / self.lamda)) / x)
+
+    def tail(self, r: float) -> float:
+        y = 2 * r / self.lamda
+        return math.exp(-y) * (1 + y + y * y / 2)
+
+    def describe(self) -> str:
+        return f"Slater charges, lambda = {self.lamda:g} nm"
+
+
+@dataclass(frozen=True)
+class GaussianCharges(SmearedCharges):
+    r"""Charges smeared over Gaussian clouds.
+
+    .. math:: U = \frac{q_i q_j}{4\pi\epsilon_0\epsilon_r r}\, \mathrm{erf}\left(\frac{r}{2 w}\right)
+
+    for clouds with the standard deviation w (density proportional to exp(-r^2/(2 w^2))) in every direction.  At r = 0 the energy is
+    q_i q_j/(4 pi eps0 eps_r w sqrt(pi)), the force 0.  Everything else is as in :class:`SlaterCharges`.
+
+    Parameters
+    ----------
+    width : length
+        Standard deviation w of a cloud, > 0.
+    permittivity, bjerrum_length, cutoff, tolerance, alpha, grid, special
+        As in :class:`SlaterCharges`.
+
+    Raises
+    ------
+    ParameterError
+        If a value is out of bounds or not finite, or permittivity and Bjerrum length are both given or both missing.
+    """
+
+    width: float
+
+    def __post_init__(self):
+        object.__setattr__(self, "width", _positive(self.width, "length", "width of GaussianCharges"))
+        super().__post_init__()
+
+    @property
+    def steepness(self) -> float:
+        return 0.5 / self.width
+
+    def series(self, scale: float) -> np.ndarray:
+        return erf_series(0.5 / self.width, scale)
+
+    def potential(self, r):
+        from scipy.special import erf
+
+        scale = 2 * self.width
+        return _direct(r, scale, self.series(scale), lambda x: erf(0.5 * x / self.width) / x)
+
+    def tail(self, r: float) -> float:
+        t = 0.5 * r / self.width
+        return math.erfc(t) + 2 * t / math.sqrt(math.pi) * math.exp(-t * t)
+
+    def describe(self) -> str:
+        return f"Gaussian charges, width = {self.width:g} nm"
+
+
+def erf_series(steepness: float, scale: float) -> np.ndarray:
+    """Coefficients of erf(steepness r)/r in powers of r/scale."""
+    t = steepness * scale
+    found = np.zeros(61)
+    found[::2] = [(-1) ** n * t ** (2 * n) / (math.factorial(n) * (2 * n + 1)) for n in range(31)]
+    return found * 2 * steepness / math.sqrt(math.pi)
+
+
+@dataclass(frozen=True)
+class EwaldSum:
+    """Settings of the lattice sum: cutoff (nm), splitting parameter (1/nm) and grid."""
+
+    cutoff: float
+    alpha: float
+    grid: tuple[int, int, int]
+
+
+def ewald_sum(charges: SmearedCharges, box: np.ndarray, n_charges: int) -> EwaldSum:
+    """Cutoff, alpha and grid that make the forces as exact as the tolerance says.
+
+    Raises
+    ------
+    ParameterError
+        If the cutoff is over half the box, whether given or needed.
+    """
+    half = 0.5 * float(np.diag(box).min())
+    cutoff = charges.cutoff
+    if cutoff is None:
+        cutoff = charges.reach(charges.tolerance)
+        if cutoff > half:
+            raise ParameterError(
+                f"{type(charges).__name__}: the smearing reaches to {cutoff:.4g} nm at the tolerance {charges.tolerance:g}, over half the "
+                f"box ({half:.4g} nm); use a larger box, narrower charges or a larger tolerance, or set a cutoff and accept its error"
+            )
+        # narrow charges would do with a short cutoff, which would make the grid fine: some 40 charges in range are a good balance
+        balanced = (3 * 40 * float(np.prod(np.diag(box))) / (4 * math.pi * n_charges)) ** (1 / 3)
+        cutoff = min(half, max(cutoff, balanced))
+    elif cutoff > half * (1 + 1e-12):
+        raise ParameterError(
+            f"the cutoff {cutoff:g} nm of {type(charges).__name__} is over half the box, whose smallest width is {2 * half:g} nm"
+        )
+    # the factors were found by comparison with exact sums, see tests/unit/test_electrostatics.py
+    alpha = charges.alpha or math.sqrt(-math.log(0.3 * charges.tolerance)) / cutoff
+    grid = charges.grid
+    if grid is None:
+        spacing = 1.2 * charges.tolerance**0.2 / alpha
+        grid = tuple(max(8, math.ceil(width / spacing)) for width in np.linalg.norm(box, axis=1))  # type: ignore[assignment]
+    return EwaldSum(cutoff, alpha, grid)  # type: ignore[arg-type]
+
+
+def check_electrostatics(charges: SmearedCharges | None, q: np.ndarray | None, box: np.ndarray | None, kT: float) -> None:
+    """Raise ParameterError if a scene cannot have this electrostatics; warn if it is not neutral."""
+    if charges is None:
+        return
+    name = type(charges).__name__
+    if not isinstance(charges, (SlaterCharges, GaussianCharges)):
+        raise ParameterError(f"electrostatics must be SlaterCharges(...) or GaussianCharges(...), not {charges!r}")
+    if q is None:
+        raise ParameterError(f"electrostatics needs the charges of the beads; give one per bead in `charges` ({name})")
+    if not np.any(q):
+        raise ParameterError(f"{name}: all charges are 0; give the ions a charge, or leave out `electrostatics`")
+    if charges.bjerrum_length is not None and kT == 0:
+        raise ParameterError(f"{name}: a Bjerrum length needs a temperature, but kT is 0; give the permittivity")
+    if box is not None:
+        ewald_sum(charges, box, int(np.count_nonzero(q)))
+        total = float(q.sum())
+        if abs(total) > 1e-6 * max(1.0, float(np.abs(q).sum())):
+            warnings.warn(
+                f"the charges add up to {total:g} e; in a periodic box a uniform background makes up for them, "
+                "which changes the energy and the pressure. Add counterions if this is not meant",
+                UserWarning,
+                stacklevel=4,
+            )

@@ -1,0 +1,324 @@
+"""What drives and confines a flow: forces on single beads, and walls that beads are reflected at."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import ParameterError
+from ..units import to_md
+
+AXES = ("x", "y", "z")
+
+#: How a body force varies along its axis.
+PATTERNS = ("uniform", "halves", "sine")
+
+#: What happens to the velocity of a bead that a wall reflects; "mixed": some axes of each kind.
+SPECULAR, BOUNCE_BACK, MIXED = "specular", "bounce-back", "mixed"
+KINDS = (SPECULAR, BOUNCE_BACK)
+
+#: A wall that is not there; far more than any position, and still exact to subtract 0 times.
+NOWHERE = 1e30
+
+_NAME = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
+_FUNCTIONS = frozenset(
+    "sqrt exp log sin cos tan asin acos atan atan2 sinh cosh tanh erf step delta square cube recip min max abs floor ceil select".split()
+)
+
+
+class Members(NamedTuple):
+    """Bead types (a name or several) and a mask; None means all."""
+
+    types: tuple[str, ...] | None
+    beads: np.ndarray | None
+
+    def mask(self, scene_types: np.ndarray, type_names: list[str], what: str) -> np.ndarray:
+        """(N,) bool; ParameterError for unknown types and masks of another length."""
+        chosen = np.ones(len(scene_types), bool)
+        if self.types is not None:
+            unknown = [name for name in self.types if name not in type_names]
+            if unknown:
+                raise ParameterError(f"{what} names the bead type {unknown[0]!r}; the scene has {', '.join(type_names)}")
+            chosen &= np.isin(scene_types, [type_names.index(name) for name in self.types])
+        if self.beads is not None:
+            if self.beads.shape != chosen.shape:
+                raise ParameterError(f"{what}: beads must have one entry per bead, {len(chosen)}, not shape {self.beads.shape}")
+            chosen &= self.beads
+        if not chosen.any():
+            raise ParameterError(f"{what} acts on no bead")
+        return chosen
+
+
+def _members(types, beads, what: str) -> Members:
+    if types is not None:
+        types = (types,) if isinstance(types, str) else tuple(types)
+        if not types or not all(isinstance(name, str) for name in types):
+            raise ParameterError(f"{what}: types must be the name of a bead type or several, not {types!r}")
+    if beads is not None:
+        beads = np.asarray(beads)
+        if beads.dtype != np.bool_ or beads.ndim != 1:
+            raise ParameterError(f"{what}: beads must be one True or False per bead (for indices: numpy.isin(numpy.arange(N), indices))")
+    return Members(types, beads)
+
+
+def _axis(value, what: str) -> int:
+    if value not in AXES:
+        raise ParameterError(f"the axis of {what} must be 'x', 'y' or 'z', not {value!r}")
+    return AXES.index(value)
+
+
+def require_plain_axis(box: np.ndarray | None, axis: str, what: str) -> float | None:
+    """Period along an axis, None without a box; ParameterError if box vectors other than the axis' own point along it."""
+    if box is None:
+        return None
+    k = AXES.index(axis)
+    if any(box[other, k] != 0 for other in range(3) if other != k):
+        raise ParameterError(f"{what} varies along {axis}, but the box is tilted: another box vector points along {axis} as well; use z")
+    return float(box[k, k])
+
+
+@dataclass(frozen=True, eq=False)
+class BodyForce:
+    r"""A force on every bead of a kind, the same everywhere or with a sign that follows the position.
+
+    .. math:: \mathbf F_i = s(r_i)\,\mathbf f_i
+
+    with s = 1 (``uniform``), s = +1 in the lower and -1 in the upper half of the box along ``axis`` (``halves``: reverse Poiseuille flow),
+    or s = sin(2 pi (r - origin)/L) (``sine``).  Positions are folded into the box for that.
+
+    The box is that of the scene: a pattern does not follow a barostat.  In a periodic box the force has no potential energy that would
+    mean anything, and none is reported; without a box it counts.  The total force is zero, and so momentum stays what it is, as
+    far as the halves hold equally many beads: they do on average, and the momentum fluctuates with the difference.
+
+    Parameters
+    ----------
+    force : (3,) or (N, 3) array of forces
+        kJ/mol/nm; one vector, or one for each bead of the scene.
+    types : str or sequence of str, optional
+        Bead types it acts on; all by default.
+    beads : (N,) array of bool, optional
+        Beads it acts on; all by default.
+    pattern : {"uniform", "halves", "sine"}
+    axis : {"x", "y", "z"}, optional
+        Needed for a pattern other than uniform, which also needs a box.
+    origin : length, default 0
+        Where the first half begins.
+    """
+
+    force: np.ndarray
+    types: str | Sequence[str] | None = None
+    beads: np.ndarray | None = None
+    pattern: str = "uniform"
+    axis: str | None = None
+    origin: float = 0.0
+
+    def __post_init__(self):
+        force = np.asarray(to_md(self.force, "force", "a body force"))
+        if force.shape != (3,) and not (force.ndim == 2 and force.shape[1] == 3):
+            raise ParameterError(f"a body force must be three components, or three for each bead, not an array of shape {force.shape}")
+        object.__setattr__(self, "force", force)
+        members = _members(self.types, self.beads, "a body force")
+        object.__setattr__(self, "types", members.types)
+        object.__setattr__(self, "beads", members.beads)
+        if self.pattern not in PATTERNS:
+            raise ParameterError(f"the pattern of a body force must be one of {', '.join(PATTERNS)}, not {self.pattern!r}")
+        if self.pattern == "uniform" and self.axis is not None:
+            raise ParameterError("a uniform body force has no axis; for reverse Poiseuille flow say pattern='halves'")
+        if self.pattern != "uniform":
+            _axis(self.axis, f"a body force with the pattern {self.pattern!r}")
+        origin = to_md(self.origin, "length", "the origin of a body force")
+        if not isinstance(origin, float):
+            raise ParameterError(f"the origin of a body force must be one length, not {self.origin!r}")
+        object.__setattr__(self, "origin", origin)
+
+    def vectors(self, type_ids: np.ndarray, type_names: list[str], box: np.ndarray | None) -> np.ndarray:
+        """(N, 3) force of each bead before the pattern; ParameterError if it does not fit the scene."""
+        chosen = Members(self.types, self.beads).mask(type_ids, type_names, "a body force")  # type: ignore[arg-type]
+        if self.force.ndim == 2 and len(self.force) != len(type_ids):
+            raise ParameterError(f"a body force has {len(self.force)} vectors, but the scene has {len(type_ids)} beads")
+        if self.pattern != "uniform":
+            if box is None:
+                raise ParameterError(f"a body force with the pattern {self.pattern!r} needs a periodic box")
+            require_plain_axis(box, self.axis, "a body force")  # type: ignore[arg-type]
+        return np.where(chosen[:, None], np.broadcast_to(self.force, (len(type_ids), 3)), 0.0)
+
+    def __str__(self) -> str:
+        force = "one vector per bead" if self.force.ndim == 2 else "(" + ", ".join(f"{f:g}" for f in self.force) + ") kJ/mol/nm"
+        where = {"uniform": "", "halves": f", reversed in the upper half along {self.axis}", "sine": f", a sine along {self.axis}"}
+        return force + where[self.pattern]
+
+
+@dataclass(frozen=True, eq=False)
+class PositionForce:
+    """A force on single beads, given as a formula of the position folded into the box.
+
+    It has no potential energy, and none is reported.
+
+    Parameters
+    ----------
+    formulas : three texts
+        Components in kJ/mol/nm, in OpenMM's expression language, as functions of ``x``, ``y`` and ``z`` in nm:
+        ``("0.1*sin(z)", "0", "0")``.
+    types, beads : as in :class:`BodyForce`
+    corner : three lengths, default (0, 0, 0)
+        Lower corner of the box that positions are folded into.
+    """
+
+    formulas: tuple[str, str, str]
+    types: str | Sequence[str] | None = None
+    beads: np.ndarray | None = None
+    corner: np.ndarray | tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self):
+        formulas = self.formulas
+        if isinstance(formulas, str) or len(formulas) != 3 or not all(isinstance(text, str) and text.strip() for text in formulas):
+            raise ParameterError(f"a position force needs three formulas, one per component, not {formulas!r}")
+        for text in formulas:
+            for match in _NAME.finditer(text):
+                name, call = match.group(), text[match.end() :].lstrip().startswith("(")
+                if name not in (_FUNCTIONS if call else AXES):
+                    raise ParameterError(
+                        f"the formula '{text}' of a position force names {name!r}; it may use x, y, z and OpenMM's functions"
+                    )
+            if ";" in text or "=" in text:
+                raise ParameterError(f"the formula '{text}' of a position force must be one expression")
+        object.__setattr__(self, "formulas", tuple(formulas))
+        members = _members(self.types, self.beads, "a position force")
+        object.__setattr__(self, "types", members.types)
+        object.__setattr__(self, "beads", members.beads)
+        corner = np.asarray(to_md(self.corner, "length", "the corner of a position force"))
+        if corner.shape != (3,):
+            raise ParameterError("the corner of a position force must be three lengths")
+        object.__setattr__(self, "corner", corner)
+
+    def mask(self, type_ids: np.ndarray, type_names: list[str]) -> np.ndarray:
+        """(N,) bool: beads it acts on."""
+        return Members(self.types, self.beads).mask(type_ids, type_names, "a position force")  # type: ignore[arg-type]
+
+    def __str__(self) -> str:
+        return f"({', '.join(self.formulas)}) kJ/mol/nm"
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A plane that beads do not pass.
+
+    After each drift a bead beyond the plane is put back by reflection, and its velocity is turned round: its component along the axis
+    (``specular``: the wall transmits no shear), or all of it (``bounce-back``: a fluid does not slip).  Both leave the Maxwell distribution
+    and a uniform density as they are.  A wall takes momentum from the fluid; it exerts no force, and no virial.
+
+    Parameters
+    ----------
+    axis : {"x", "y", "z"}
+    position : length
+        Where the plane is, nm.
+    side : {"above", "below"}
+        Where the beads are: above, at larger coordinates than the plane, or below.
+    kind : {"specular", "bounce-back"}
+        Walls on one axis are of one kind.
+
+    Notes
+    -----
+    In a periodic box walls come in pairs, one with the beads above and one with the beads below; what is between the second and the next
+    image of the first is solid.  Where forces should not reach through the solid it has to be as thick as the cutoff; frozen beads
+    in it make the fluid feel a wall of its own kind.
+    """
+
+    axis: str
+    position: float
+    side: str
+    kind: str = "bounce-back"
+
+    def __post_init__(self):
+        _axis(self.axis, "a wall")
+        position = to_md(self.position, "length", "the position of a wall")
+        if not isinstance(position, float):
+            raise ParameterError(f"the position of a wall must be one length, not {self.position!r}")
+        object.__setattr__(self, "position", position)
+        if self.side not in ("above", "below"):
+            raise ParameterError(f"the side of a wall is where the beads are, 'above' or 'below', not {self.side!r}")
+        if self.kind not in KINDS:
+            raise ParameterError(f"the kind of a wall must be one of {', '.join(KINDS)}, not {self.kind!r}")
+
+
+class Gap(NamedTuple):
+    """The room between the walls of one axis: limits, kind, and the period (None if it is not periodic)."""
+
+    low: float
+    high: float
+    kind: str
+    period: float | None
+
+    def fold(self, coordinate: np.ndarray) -> np.ndarray:
+        """Coordinates in the period around the middle of the gap."""
+        if self.period is None:
+            return coordinate
+        start = 0.5 * (self.low + self.high - self.period)
+        return coordinate - self.period * np.floor((coordinate - start) / self.period)
+
+
+def gaps(walls: Sequence[Wall], box: np.ndarray | None) -> dict[int, Gap]:
+    """Axis number -> gap between its walls.
+
+    Raises
+    ------
+    ParameterError
+        If two walls have the same axis and side, kinds differ on one axis, a wall of a periodic axis lacks its partner, or nothing solid is
+        left between the images.
+    """
+    if isinstance(walls, Wall) or not all(isinstance(wall, Wall) for wall in walls):
+        raise ParameterError(f"walls must be a sequence of Wall, such as [Wall('z', 0.0, 'above'), ...], not {walls!r}")
+    found: dict[int, Gap] = {}
+    for name in dict.fromkeys(wall.axis for wall in walls):
+        mine = [wall for wall in walls if wall.axis == name]
+        sides = {wall.side: wall for wall in mine}
+        if len(sides) < len(mine):
+            raise ParameterError(
+                f"there are two walls along {name} with the beads on the same side; one room between two walls is possible"
+            )
+        kinds = {wall.kind for wall in mine}
+        if len(kinds) > 1:
+            raise ParameterError(f"the walls along {name} are of different kinds, {' and '.join(sorted(kinds))}; they must be of one")
+        low = sides["above"].position if "above" in sides else -NOWHERE
+        high = sides["below"].position if "below" in sides else NOWHERE
+        period = require_plain_axis(box, name, "a wall")
+        if period is not None:
+            if len(sides) < 2:
+                missing = "below" if "above" in sides else "above"
+                raise ParameterError(
+                    f"the box is periodic along {name}: beads would come round to the back of the only wall there; "
+                    f"add one with the beads {missing!r}"
+                )
+            high -= period * np.ceil((high - low) / period - 1.0)
+            if not high - low < period * (1 - 1e-9):
+                raise ParameterError(
+                    f"the walls along {name} leave nothing solid between the periodic images; make the box longer than the gap of "
+                    f"{high - low:g} nm, by the cutoff if forces should not reach through"
+                )
+        if low >= high:
+            raise ParameterError(f"the lower wall along {name}, at {low:g} nm, is not below the upper one, at {high:g} nm")
+        found[AXES.index(name)] = Gap(low, high, kinds.pop(), period)
+    return found
+
+
+def kind_of(found: dict[int, Gap]) -> str:
+    """What a program has to know of the walls: their kind, or "" if there are none."""
+    kinds = {gap.kind for gap in found.values()}
+    return MIXED if len(kinds) > 1 else kinds.pop() if kinds else ""
+
+
+def check_inside(found: dict[int, Gap], x: np.ndarray, mobile: np.ndarray) -> None:
+    """Raise ParameterError if a bead that moves starts beyond a wall."""
+    for axis, gap in found.items():
+        folded = gap.fold(x[:, axis])
+        beyond = np.flatnonzero(mobile & ((folded < gap.low) | (folded > gap.high)))
+        if len(beyond):
+            bead = int(beyond[0])
+            raise ParameterError(
+                f"bead {bead} starts at {AXES[axis]} = {x[bead, axis]:g} nm, beyond a wall ({len(beyond)} such beads); the room is from "
+                f"{gap.low:g} to {gap.high:g} nm. Beads of the wall itself are frozen with `mobile`"
+            )

@@ -1,0 +1,91 @@
+"""Segmental repulsion: bonds that do not pass through each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import ParameterError
+from ..units import to_md
+from .bonds import bead_indices, minimum_image
+
+#: What the distance of two segments is.
+DISTANCES = ("mid", "min")
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentalRepulsion:
+    r"""Repulsion between bonds, which keeps soft chains from crossing (LAMMPS: ``pair_style srp``).
+
+    F = A (1 - d/cutoff) along d, and U = 1/2 A cutoff (1 - d/cutoff)^2, with d the distance of the midpoints of two bonds
+    (``"mid"``) or of their nearest points (``"min"``).  The force is handed to the ends of each bond by the lever rule.
+    Sirk, Slizoberg, Brennan, Lisal and Andzelm, J. Chem. Phys. 136, 134903 (2012), doi:10.1063/1.3698476.
+
+    Parameters
+    ----------
+    A : force
+        Repulsion at d = 0, kJ/mol/nm, >= 0.
+    cutoff : length, default 1
+        nm, > 0.
+    distance : {"mid", "min"}
+        Which points of two bonds repel each other.
+    bonds : (S, 2) array of int, optional
+        Pairs of beads that are the segments; all bonds of the scene by default.
+    exclude_adjoining : bool, default True
+        Whether two bonds that share a bead leave each other alone; ``False`` only goes with ``"mid"``.
+
+    Raises
+    ------
+    ParameterError
+        If a value is out of bounds, or the choices contradict each other.
+    """
+
+    A: float
+    cutoff: float = 1.0
+    distance: str = "mid"
+    bonds: np.ndarray | None = None
+    exclude_adjoining: bool = True
+
+    def __post_init__(self):
+        for name, dimension, least in (("A", "force", 0.0), ("cutoff", "length", None)):
+            value = to_md(getattr(self, name), dimension, f"{name} of the segmental repulsion")
+            if not isinstance(value, float) or (value <= 0 if least is None else value < least):
+                bound = "> 0" if least is None else ">= 0"
+                raise ParameterError(f"{name} of the segmental repulsion must be one number {bound}, not {getattr(self, name)!r}")
+            object.__setattr__(self, name, value)
+        if self.distance not in DISTANCES:
+            raise ParameterError(f"distance of the segmental repulsion must be 'mid' or 'min', not {self.distance!r}")
+        if not isinstance(self.exclude_adjoining, (bool, np.bool_)):
+            raise ParameterError(f"exclude_adjoining must be True or False, not {self.exclude_adjoining!r}")
+        if self.distance == "min" and not self.exclude_adjoining:
+            raise ParameterError("bonds that share a bead have the distance 0 with distance='min'; they must be left out")
+        if self.bonds is not None:
+            pairs = bead_indices(self.bonds, 2, "segments")
+            different, counts = np.unique(np.sort(pairs, axis=1), axis=0, return_counts=True)
+            if np.any(counts > 1):
+                raise ParameterError("the segment between beads {} and {} is listed twice".format(*different[counts > 1][0]))
+            object.__setattr__(self, "bonds", pairs)
+
+    def reach(self, longest: float) -> float:
+        """Distance of midpoints (nm) up to which two bonds of at most this length can meet."""
+        return self.cutoff + (longest if self.distance == "min" else 0.0)
+
+
+def check_segments(segments: SegmentalRepulsion, pairs: np.ndarray, x: np.ndarray, box: np.ndarray | None) -> None:
+    """Raise ParameterError if there are no such bonds, or if two of them could meet more than one image of each other at positions x."""
+    if not len(pairs):
+        raise ParameterError("the segmental repulsion acts between bonds, but there are none; list them in `bonds`")
+    if pairs.max() >= len(x):
+        raise ParameterError(f"a segment names bead {pairs.max()}, but there are only {len(x)} beads, counted from 0")
+    if box is None:
+        return
+    arms = minimum_image(x[pairs[:, 1]] - x[pairs[:, 0]], box)
+    longest = float(np.linalg.norm(arms, axis=1).max())
+    half = 0.5 * float(np.diag(box).min())
+    if segments.reach(longest) > half * (1 + 1e-12):
+        bonds = f", with bonds of up to {longest:g} nm," if segments.distance == "min" else ""
+        raise ParameterError(
+            f"the segmental repulsion reaches {segments.cutoff:g} nm{bonds} which is over half the box, whose smallest width is "
+            f"{2 * half:g} nm; use a larger box or a smaller cutoff"
+        )

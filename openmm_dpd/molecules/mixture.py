@@ -1,0 +1,183 @@
+"""What was packed: beads, bonds and angles of many molecules, ready for a Scene."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import ParameterError
+from ..model.angles import Angles
+from ..model.bonds import Bonds
+from ..model.scene import Scene
+from ..trajectory import write_psf
+from .molecule import Molecule
+
+
+@dataclass(frozen=True, eq=False)
+class Mixture:
+    """Molecules in a box, made by :func:`openmm_dpd.molecules.pack`.
+
+    Attributes
+    ----------
+    kinds : tuple of (Molecule, int)
+        Kinds of molecules and their numbers, in the order in which their beads stand.
+    positions : (N, 3) array
+        nm; molecules are whole and may reach over the faces of the box.
+    box : (3, 3) array
+        Box vectors.
+    seed : int
+        Seed it was made with.
+    """
+
+    kinds: tuple[tuple[Molecule, int], ...]
+    positions: np.ndarray
+    box: np.ndarray
+    seed: int
+
+    @classmethod
+    def of(cls, groups: Sequence[tuple[Molecule, np.ndarray]], box: np.ndarray, seed: int) -> Mixture:
+        """From the beads of each kind, (count, n, 3)."""
+        kinds = tuple((molecule, len(beads)) for molecule, beads in groups)
+        positions = np.concatenate([beads.reshape(-1, 3) for _, beads in groups])
+        return cls(kinds, positions, box, seed)
+
+    # -- beads -----------------------------------------------------------------------------------------------------------------
+    @property
+    def n_beads(self) -> int:
+        """Number of beads."""
+        return len(self.positions)
+
+    @property
+    def density(self) -> float:
+        """Beads per nm^3."""
+        return self.n_beads / float(np.prod(np.diag(self.box)))
+
+    @property
+    def types(self) -> list[str]:
+        """Type of each bead."""
+        return [name for molecule, count in self.kinds for name in molecule.types * count]
+
+    @property
+    def charges(self) -> np.ndarray | None:
+        """Charge of each bead, (N,); None if no molecule has any."""
+        if all(molecule.charges is None for molecule, _ in self.kinds):
+            return None
+        return np.concatenate([np.tile(molecule.charges or (0.0,) * molecule.n_beads, count) for molecule, count in self.kinds])
+
+    @property
+    def molecules(self) -> np.ndarray:
+        """Number of the molecule of each bead, counted from 1, (N,)."""
+        sizes = [molecule.n_beads for molecule, count in self.kinds for _ in range(count)]
+        return np.repeat(np.arange(1, len(sizes) + 1), sizes)
+
+    @property
+    def residues(self) -> list[str]:
+        """Name of the molecule of each bead."""
+        return [name for molecule, count in self.kinds for name in [molecule.name] * (molecule.n_beads * count)]
+
+    def count(self, molecule: Molecule | str) -> int:
+        """How many molecules of this kind, or of this name, there are."""
+        return len(self.beads(molecule))
+
+    def beads(self, molecule: Molecule | str) -> np.ndarray:
+        """Bead indices of all molecules of this kind, or of this name, (count, n)."""
+        start = 0
+        for kind, count in self.kinds:
+            if molecule in (kind, kind.name):
+                return start + np.arange(count * kind.n_beads).reshape(count, kind.n_beads)
+            start += count * kind.n_beads
+        known = ", ".join(kind.name for kind, _ in self.kinds)
+        raise ParameterError(f"there is no molecule {getattr(molecule, 'name', molecule)!r} in this mixture; it has {known}")
+
+    # -- bonds and angles ------------------------------------------------------------------------------------------------------
+    @property
+    def bonds(self) -> list[Bonds]:
+        """Bonds of all molecules, for a Scene: one object for each kind of spring."""
+        return self._terms("bonds", 2)
+
+    @property
+    def angles(self) -> list[Angles]:
+        """Angles of all molecules, for a Scene: one object for each kind of bend."""
+        return self._terms("angles", 3)
+
+    @property
+    def bond_pairs(self) -> np.ndarray:
+        """All bonds as a (B, 2) array."""
+        return np.concatenate([group.pairs for group in self.bonds] or [np.zeros((0, 2), dtype=np.int64)])
+
+    @property
+    def angle_triples(self) -> np.ndarray:
+        """All angles as a (K, 3) array."""
+        return np.concatenate([group.triples for group in self.angles] or [np.zeros((0, 3), dtype=np.int64)])
+
+    def _terms(self, what: str, width: int) -> list:
+        beads: dict[type, list[np.ndarray]] = {}
+        terms: dict[type, list] = {}
+        start = 0
+        for molecule, count in self.kinds:
+            first = start + molecule.n_beads * np.arange(count)
+            start += molecule.n_beads * count
+            for kind in dict.fromkeys(type(entry[-1]) for entry in getattr(molecule, what)):
+                chosen = [entry for entry in getattr(molecule, what) if type(entry[-1]) is kind]
+                local = np.array([entry[:-1] for entry in chosen])
+                beads.setdefault(kind, []).append((first[:, None, None] + local).reshape(-1, width))
+                terms.setdefault(kind, []).extend([entry[-1] for entry in chosen] * count)
+        return [kind.many(np.concatenate(beads[kind]), terms[kind]) for kind in beads]  # type: ignore[attr-defined]
+
+    # -- out -------------------------------------------------------------------------------------------------------------------
+    def scene(self, *, pairs, kT, masses: float | Mapping[str, float] = 1.0, **options) -> Scene:
+        """A Scene of this mixture.
+
+        Parameters
+        ----------
+        pairs, kT
+            As for :class:`openmm_dpd.Scene`.
+        masses : mass, or mapping of types to masses
+            One mass for all types, or the mass of each type.
+        **options
+            Other arguments of :class:`openmm_dpd.Scene`: ``special``, ``electrostatics``, ``mobile``, ...
+        """
+        types = self.types
+        if not isinstance(masses, Mapping):
+            masses = dict.fromkeys(dict.fromkeys(types), masses)
+        return Scene(
+            masses=masses,
+            types=types,
+            positions=self.positions,
+            pairs=pairs,
+            kT=kT,
+            box=self.box,
+            charges=self.charges,
+            bonds=self.bonds,
+            angles=self.angles,
+            molecules=self.molecules,
+            residues=self.residues,
+            **options,
+        )
+
+    def write_psf(self, path: str | os.PathLike, masses=1.0) -> None:
+        """Write a topology file: names, masses, charges, molecules as residues, bonds and angles.
+
+        Parameters
+        ----------
+        path : path-like
+            File to write; overwritten.
+        masses : mass, mapping of types to masses, or (N,) array of masses
+            Masses of the beads, Da.
+        """
+        types = self.types
+        if isinstance(masses, Mapping):
+            masses = [masses[name] for name in types]
+        write_psf(
+            path,
+            names=types,
+            masses=masses if np.ndim(masses) else [masses] * len(types),
+            charges=self.charges,
+            molecules=self.molecules,
+            residues=self.residues,
+            bonds=self.bond_pairs,
+            angles=self.angle_triples,
+        )

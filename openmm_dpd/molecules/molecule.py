@@ -1,0 +1,247 @@
+"""A molecule as a value: types of its beads, bonds and angles between them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations, groupby
+
+import numpy as np
+
+from ..errors import ParameterError
+from ..units import to_md, whole_number
+from .terms import BENDS, SPRINGS
+
+#: A spring for every bond, or springs by the types of the two beads (``"*"`` for any type).
+Springs = object | Mapping[tuple[str, str], object]
+
+#: A bend, or bends by the types of the three beads.
+Bends = object | Mapping[tuple[str, str, str], object] | None
+
+
+@dataclass(frozen=True)
+class Molecule:
+    """A kind of molecule.  Equal molecules are the same key of a mapping, as :func:`openmm_dpd.molecules.pack` takes it.
+
+    Parameters
+    ----------
+    types : sequence of n str
+        Type of each bead.
+    bonds : sequence of (int, int, spring)
+        Beads, counted from 0, and the spring between them (:class:`Spring`, :class:`FENESpring`, :class:`MorseSpring`).
+        Every bead must be reached from bead 0.
+    angles : sequence of (int, int, int, bend)
+        Beads, the vertex in the middle, and the bend (:class:`Bend`, :class:`CosineBend`).
+    name : str, optional
+        Name in topology files, without blanks; by default the formula of the types, such as ``H3T8``.
+    charges : sequence of n charges, optional
+        Elementary charges.
+
+    Raises
+    ------
+    ParameterError
+        If a bead does not exist, a bond or angle is listed twice, or the molecule falls into parts.
+    """
+
+    types: tuple[str, ...]
+    bonds: tuple[tuple[int, int, object], ...] = ()
+    angles: tuple[tuple[int, int, int, object], ...] = ()
+    name: str = ""
+    charges: tuple[float, ...] | None = None
+
+    def __post_init__(self):
+        def put(name, value):
+            object.__setattr__(self, name, value)
+
+        put("types", bead_types(self.types))
+        put("bonds", self._checked_terms("bonds", 2, SPRINGS))
+        put("angles", self._checked_terms("angles", 3, BENDS))
+        name = self.name or formula(self.types)
+        if not isinstance(name, str) or not name.isascii() or not name.isprintable() or " " in name:
+            raise ParameterError(f"the name of a molecule must be printable ASCII text without blanks, not {name!r}")
+        put("name", name)
+        if self.charges is not None:
+            charges = np.asarray(to_md(list(self.charges), "charge", f"charges of {name}"))
+            if charges.shape != (self.n_beads,):
+                raise ParameterError(f"{name} has {self.n_beads} beads, but charges of shape {charges.shape}")
+            put("charges", tuple(charges.tolist()))
+        lost = sorted(set(range(self.n_beads)) - {bead for bead, _ in self.tree()})
+        if lost:
+            raise ParameterError(f"{name} falls into parts: no chain of bonds leads from bead 0 to bead {lost[0]}")
+
+    @property
+    def n_beads(self) -> int:
+        """Number of beads."""
+        return len(self.types)
+
+    @property
+    def bond_pairs(self) -> np.ndarray:
+        """Bonds as a (B, 2) array of bead indices."""
+        return np.array([bond[:2] for bond in self.bonds], dtype=np.int64).reshape(-1, 2)
+
+    @property
+    def angle_triples(self) -> np.ndarray:
+        """Angles as a (K, 3) array of bead indices."""
+        return np.array([angle[:3] for angle in self.angles], dtype=np.int64).reshape(-1, 3)
+
+    def beads(self, *types: str) -> list[int]:
+        """Indices of the beads of these types."""
+        return [bead for bead, name in enumerate(self.types) if name in types]
+
+    def tree(self) -> list[tuple[int, int | None]]:
+        """Beads in the order in which they are reached from bead 0, each with the neighbour it is reached from."""
+        neighbours = _neighbours(self.n_beads, self.bond_pairs)
+        order: list[tuple[int, int | None]] = [(0, None)]
+        seen = {0}
+        for bead, _ in order:
+            for other in neighbours[bead]:
+                if other not in seen:
+                    seen.add(other)
+                    order.append((other, bead))
+        return order
+
+    def _checked_terms(self, what: str, beads: int, kinds: tuple[type, ...]) -> tuple:
+        terms, seen = [], set()
+        for term in getattr(self, what):
+            if not isinstance(term, Sequence) or len(term) != beads + 1 or not isinstance(term[-1], kinds):
+                allowed = ", ".join(kind.__name__ for kind in kinds)
+                raise ParameterError(f"{what} of a molecule are {beads} bead indices and one of {allowed}; one is {term!r}")
+            indices = tuple(whole_number(index, f"a bead index in {what}") for index in term[:-1])
+            if len(set(indices)) < beads or not all(0 <= index < self.n_beads for index in indices):
+                raise ParameterError(f"{what} of a molecule must join different beads of 0 to {self.n_beads - 1}, not {indices}")
+            key = min(indices, indices[::-1])
+            if key in seen:
+                raise ParameterError(f"{what} of a molecule list beads {indices} twice")
+            seen.add(key)
+            terms.append((*indices, term[-1]))
+        return tuple(terms)
+
+
+def formula(types: Sequence[str]) -> str:
+    """Types in their order with the lengths of their runs, ``H3T8``."""
+    runs = [(name, len(list(run))) for name, run in groupby(types)]
+    return "".join(name if count == 1 else f"{name}{count}" for name, count in runs)
+
+
+def bead_types(types: Sequence[str] | str) -> tuple[str, ...]:
+    """Types of beads: a sequence of names as it is, text such as ``"A6B4"`` or ``"(A2B)3"`` read by :func:`sequence`."""
+    if isinstance(types, str):
+        return sequence(types)
+    try:
+        names = tuple(types)
+    except TypeError:
+        names = ()
+    bad = [name for name in names if not isinstance(name, str) or name in ("", "*")]
+    if not names or bad:
+        raise ParameterError(f"a molecule needs the type of each bead, as ['A', 'A', 'B'] or 'A2B', not {types!r}")
+    return names
+
+
+def sequence(text: str) -> tuple[str, ...]:
+    """Bead types from text: names, numbers that repeat what stands before them, parentheses.
+
+    A name is a capital letter with the small letters after it.
+
+    Examples
+    --------
+    >>> sequence("A2B3")
+    ('A', 'A', 'B', 'B', 'B')
+    >>> sequence("Na(AB)2")
+    ('Na', 'A', 'B', 'A', 'B')
+
+    Raises
+    ------
+    ParameterError
+        If it cannot be read; the message says where.
+    """
+    open_groups: list[list[str]] = [[]]
+    at = 0
+    while at < len(text):
+        start, letter = at, text[at]
+        at += 1
+        if letter == "(":
+            open_groups.append([])
+            continue
+        if letter == ")" and len(open_groups) > 1:
+            unit = open_groups.pop()
+        elif letter.isascii() and letter.isupper():
+            while at < len(text) and text[at].isascii() and text[at].islower():
+                at += 1
+            unit = [text[start:at]]
+        else:
+            raise ParameterError(f"cannot read the bead types {text!r} at {text[start:]!r}; write names like A or Na, numbers, parentheses")
+        digits = at
+        while at < len(text) and text[at] in "0123456789":
+            at += 1
+        if text[digits:at] and int(text[digits:at]) == 0:
+            raise ParameterError(f"the bead types {text!r} repeat something 0 times")
+        open_groups[-1] += unit * int(text[digits:at] or 1)
+    if len(open_groups) > 1 or not open_groups[0]:
+        reason = "a parenthesis is not closed" if open_groups[1:] else "there is none"
+        raise ParameterError(f"cannot read the bead types {text!r}: {reason}")
+    return tuple(open_groups[0])
+
+
+def join(types, pairs, spring: Springs, bend: Bends = None, *, name: str = "", charges=None) -> Molecule:
+    """A molecule from its graph.
+
+    Parameters
+    ----------
+    types : sequence of str, or text
+        Types of the beads; text is read by :func:`sequence`.
+    pairs : (B, 2) array of int
+        Which beads are bonded.
+    spring : spring, or mapping from two types to one
+        Of all bonds, or by types: ``{("*", "*"): Spring(...), ("A", "B"): Spring(...)}``, later entries before earlier ones.
+    bend : bend, or mapping from three types to one, optional
+        A bend acts at every bead with exactly two neighbours.  A mapping acts at every two bonds that meet and whose three types it
+        names, at branching points too: ``{("H", "T", "T"): CosineBend(15)}``, in either direction.
+    name, charges : optional
+        As for :class:`Molecule`.
+    """
+    names = bead_types(types)
+    pairs = [(int(i), int(j)) for i, j in np.asarray(pairs, dtype=np.int64).reshape(-1, 2).tolist()]
+    outside = [pair for pair in pairs if not all(0 <= bead < len(names) for bead in pair)]
+    if outside:
+        raise ParameterError(f"bond {outside[0]} names no bead; the molecule has beads 0 to {len(names) - 1}")
+    bonds = []
+    for i, j in pairs:
+        found = _by_types(spring, (names[i], names[j]), SPRINGS, "spring")
+        if found is None:
+            raise ParameterError(f"no spring is given for a bond between types {names[i]!r} and {names[j]!r}")
+        bonds.append((i, j, found))
+    angles = []
+    neighbours = _neighbours(len(names), np.array(pairs, dtype=np.int64).reshape(-1, 2))
+    for vertex, around in enumerate(neighbours if bend is not None else []):
+        if isinstance(bend, BENDS) and len(around) != 2:
+            continue
+        for i, k in combinations(around, 2):
+            found = _by_types(bend, (names[i], names[vertex], names[k]), BENDS, "bend")
+            if found is not None:
+                angles.append((i, vertex, k, found))
+    return Molecule(names, tuple(bonds), tuple(angles), name, charges)
+
+
+def _by_types(given, types: tuple[str, ...], kinds: tuple[type, ...], what: str):
+    """The spring or bend for these types, or None."""
+    if isinstance(given, kinds):
+        return given
+    if not isinstance(given, Mapping):
+        allowed = ", ".join(kind.__name__ for kind in kinds)
+        raise ParameterError(f"{what} must be one of {allowed}, or a mapping from {len(types)} types to one, not {given!r}")
+    found = None
+    for key, value in given.items():
+        if not isinstance(key, tuple) or len(key) != len(types) or not isinstance(value, kinds):
+            raise ParameterError(f"a mapping of {what}s needs keys of {len(types)} types and {what}s as values; it has {key!r}: {value!r}")
+        if any(all(k in ("*", t) for k, t in zip(key, order, strict=True)) for order in (types, types[::-1])):
+            found = value
+    return found
+
+
+def _neighbours(count: int, pairs: np.ndarray) -> list[list[int]]:
+    """Bonded neighbours of each bead, in the order of the bonds."""
+    found: list[list[int]] = [[] for _ in range(count)]
+    for i, j in pairs.tolist():
+        found[i].append(j)
+        found[j].append(i)
+    return found

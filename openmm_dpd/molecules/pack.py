@@ -1,0 +1,269 @@
+"""Molecules in a box: where their beads are at the start."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from openmm import unit
+
+from ..errors import ParameterError
+from ..model.scene import box_vectors, thermal_energy
+from ..model.sources import Block, Sphere
+from ..units import to_md, whole_number
+from .mixture import Mixture
+from .molecule import Molecule
+from .shapes import random_shapes, upright_shape
+
+AXES = {"x": 0, "y": 1, "z": 2}
+
+#: Clear distance between the middle of a bilayer and the lowest beads of its leaflets, in units of the distance between beads.
+GAP = 0.5
+
+
+@dataclass(frozen=True)
+class Scattered:
+    """So many molecules at random places.
+
+    Parameters
+    ----------
+    count : int
+        Number of molecules, >= 0.
+    region : Block or Sphere, optional
+        Where their centres are; the whole box by default.  (Beads of a molecule at the border reach out of it.)
+    """
+
+    count: int
+    region: Block | Sphere | None = None
+
+    def __post_init__(self):
+        object.__setattr__(self, "count", whole_number(self.count, "the number of molecules", least=0))
+        if self.region is not None and not isinstance(self.region, (Block, Sphere)):
+            raise ParameterError(f"the region of molecules must be a Block or a Sphere, not {self.region!r}")
+
+
+@dataclass(frozen=True)
+class Bilayer:
+    """So many molecules in two leaflets, bead 0 outwards.  Arrangements with the same normal and centre share the leaflets.
+
+    Parameters
+    ----------
+    count : int
+        Number of molecules in both leaflets, >= 0.
+    normal : {"z", "y", "x"}
+        Axis across the bilayer.
+    centre : length, optional
+        Place of its middle plane on that axis; the middle of the box by default.
+    upper : int, optional
+        How many of them are in the leaflet on the positive side; half of them by default.
+    """
+
+    count: int
+    normal: str = "z"
+    centre: float | None = None
+    upper: int | None = None
+
+    def __post_init__(self):
+        object.__setattr__(self, "count", whole_number(self.count, "the number of molecules", least=0))
+        if self.normal not in AXES:
+            raise ParameterError(f"the normal of a bilayer must be 'x', 'y' or 'z', not {self.normal!r}")
+        if self.centre is not None:
+            object.__setattr__(self, "centre", to_md(self.centre, "length", "the centre of a bilayer"))
+        upper = (self.count + 1) // 2 if self.upper is None else whole_number(self.upper, "the number in the upper leaflet", least=0)
+        if upper > self.count:
+            raise ParameterError(f"{upper} molecules in the upper leaflet are more than the {self.count} in both")
+        object.__setattr__(self, "upper", upper)
+
+
+def pack(
+    molecules: Mapping[Molecule, int | Scattered | Bilayer],
+    *,
+    box=None,
+    density=3.0,
+    solvent: str | Molecule | None = "W",
+    seed: int | None = None,
+    kT=1.0,
+) -> Mixture:
+    """Put molecules into a periodic box and fill it up with solvent.
+
+    Molecules are random walks with every bond at its length, whole (beads reach over the faces of the box), at random places; DPD is so
+    soft that overlaps do not matter once :func:`openmm_dpd.molecules.relax` has been at work.  The solvent fills the box to exactly
+    round(density * volume) beads.
+
+    Parameters
+    ----------
+    molecules : mapping
+        Each kind of molecule to its number, or to an arrangement: :class:`Scattered` with a region, :class:`Bilayer`.
+    box : (3,) or (3, 3) array of lengths, optional
+        Edges or box vectors, nm.  Without solvent it may be left out: a cube of the given density.
+    density : 1/volume, default 3
+        Beads per nm^3.  Without solvent and with a box it has no meaning.
+    solvent : str, Molecule or None
+        Type of the solvent beads; a molecule of several beads fills as far as whole molecules go.  None: no solvent.
+    seed : int, optional
+        Same seed, same mixture.  By default one is drawn, and recorded in the mixture.
+    kT : energy or temperature
+        Thermal energy at which bend angles are drawn; 0 for those of least energy.
+
+    Returns
+    -------
+    Mixture
+
+    Raises
+    ------
+    ParameterError
+        If the molecules do not fit, a bilayer is thicker than the box, a region is empty, or a value is out of bounds.
+
+    Examples
+    --------
+    >>> from openmm_dpd.molecules import Spring, linear, pack
+    >>> chain = linear("A6B4", Spring(k=2, r0=0))
+    >>> mixture = pack({chain: 20}, solvent="W", density=3, box=[6, 6, 6], seed=1)
+    >>> mixture.n_beads, mixture.count(chain)
+    (648, 20)
+    """
+    wanted = _arrangements(molecules)
+    rho = _number_density(density)
+    if seed is None:
+        seed = int(np.random.SeedSequence().entropy % 2**63)  # type: ignore[operator]
+    rng = np.random.default_rng(whole_number(seed, "seed", least=0))
+    beads = sum(molecule.n_beads * arrangement.count for molecule, arrangement in wanted)
+    filler = Molecule((solvent,)) if isinstance(solvent, str) else solvent
+    vectors = _box(box, rho, beads, filler)
+    filling = _filling(vectors, rho, beads, filler)
+    energy, spacing = thermal_energy(kT), float(rho ** (-1 / 3))
+    slabs, placed = _leaflets(wanted, vectors, spacing, rng)
+    groups: list[tuple[Molecule, np.ndarray]] = []
+    for number, (molecule, arrangement) in enumerate(wanted):
+        if isinstance(arrangement, Scattered):
+            shapes = random_shapes(molecule, arrangement.count, rng, spacing=spacing, kT=energy)
+            centres = _places(arrangement.count, vectors, arrangement.region, slabs, rng)
+            placed[number] = shapes + centres[:, None]
+        groups.append((molecule, placed[number]))
+    if filler is not None and filling:
+        shapes = random_shapes(filler, filling, rng, spacing=spacing, kT=energy)
+        groups.append((filler, shapes + _places(filling, vectors, None, slabs, rng)[:, None]))
+    return Mixture.of(groups, vectors, seed)
+
+
+def _arrangements(molecules) -> list[tuple[Molecule, Scattered | Bilayer]]:
+    if not isinstance(molecules, Mapping):
+        raise ParameterError(f"molecules must map each kind of molecule to its number, as {{chain: 20}}, not {molecules!r}")
+    wanted = []
+    for molecule, given in molecules.items():
+        if not isinstance(molecule, Molecule):
+            raise ParameterError(f"molecules must map Molecules to their numbers; one key is {molecule!r} (a single bead: `bead('W')`)")
+        wanted.append((molecule, given if isinstance(given, (Scattered, Bilayer)) else Scattered(given)))
+    return wanted
+
+
+def _number_density(value) -> float:
+    if unit.is_quantity(value):
+        if not value.unit.is_compatible(unit.nanometer**-3):
+            raise ParameterError(f"density has the unit {value.unit}; expected beads per volume, such as 3 / nanometer**3")
+        value = value.value_in_unit(unit.nanometer**-3)
+    rho = to_md(value, "dimensionless", "density")
+    if not isinstance(rho, float) or rho <= 0:
+        raise ParameterError(f"density must be one number > 0, not {value!r}")
+    return rho
+
+
+def _box(box, rho: float, beads: int, filler: Molecule | None) -> np.ndarray:
+    vectors = box_vectors(box)
+    if vectors is not None:
+        return vectors
+    if filler is not None:
+        raise ParameterError("a box for solvent must be given, as box=[10, 10, 10]; without solvent the density defines a cube")
+    if not beads:
+        raise ParameterError("there is nothing to pack: no molecules and no solvent")
+    return np.eye(3) * (beads / rho) ** (1 / 3)
+
+
+def _filling(vectors: np.ndarray, rho: float, beads: int, filler: Molecule | None) -> int:
+    """Number of solvent molecules."""
+    if filler is None:
+        return 0
+    if not isinstance(filler, Molecule):
+        raise ParameterError(f"solvent must be a bead type, a Molecule or None, not {filler!r}")
+    volume = float(np.prod(np.diag(vectors)))
+    total = round(rho * volume)
+    if beads > total:
+        raise ParameterError(
+            f"the molecules have {beads} beads, but a density of {rho:g} in a volume of {volume:g} nm^3 is {total}; "
+            "take fewer molecules or a larger box (or solvent=None, which leaves the density open)"
+        )
+    return (total - beads) // filler.n_beads
+
+
+# -- places ------------------------------------------------------------------------------------------------------------------------
+def _places(count: int, vectors: np.ndarray, region, slabs: list[tuple[int, float, float]], rng: np.random.Generator) -> np.ndarray:
+    """Random points of the box, in the region if there is one, else outside the bilayers; (count, 3)."""
+    found: list[np.ndarray] = []
+    missing, tries = count, 0
+    while missing > 0:
+        points = rng.random((max(64, 2 * missing), 3)) @ vectors
+        keep = np.ones(len(points), bool) if region is None else region.contains(points)
+        for axis, centre, half in slabs if region is None else ():
+            edge = vectors[axis, axis]
+            keep &= np.abs((points[:, axis] - centre + edge / 2) % edge - edge / 2) > half
+        found.append(points[keep][:missing])
+        missing -= len(found[-1])
+        tries += len(points)
+        if tries > 1000 * (count + 1000):
+            raise ParameterError(f"no room: {region or 'what the bilayers leave'} has next to no volume in the box")
+    return np.concatenate(found) if found else np.zeros((0, 3))
+
+
+def _leaflets(
+    wanted, vectors: np.ndarray, spacing: float, rng: np.random.Generator
+) -> tuple[list[tuple[int, float, float]], dict[int, np.ndarray]]:
+    """Axis, centre and half the thickness of each bilayer, and the beads of its molecules by the number of their kind."""
+    planes: dict[tuple[int, float], list[int]] = {}
+    for number, (_, arrangement) in enumerate(wanted):
+        if isinstance(arrangement, Bilayer):
+            axis = AXES[arrangement.normal]
+            centre = vectors[axis, axis] / 2 if arrangement.centre is None else arrangement.centre
+            planes.setdefault((axis, centre), []).append(number)
+    slabs, placed = [], {}
+    if planes and np.any(vectors != np.diag(np.diag(vectors))):
+        raise ParameterError("a bilayer needs an orthorhombic box")
+    for (axis, centre), numbers in planes.items():
+        shapes = {number: upright_shape(wanted[number][0], spacing) + [0, 0, GAP * spacing] for number in numbers}
+        half = max(shape[:, 2].max() for shape in shapes.values())
+        edge = vectors[axis, axis]
+        if 2 * half > edge:
+            raise ParameterError(f"a bilayer of {2 * half:g} nm does not fit into an edge of {edge:g} nm")
+        beads: dict[int, list[np.ndarray]] = {number: [] for number in numbers}
+        for sign in (1, -1):
+            counts = [_in_leaflet(wanted[number][1], sign) for number in numbers]
+            kinds = rng.permutation(np.repeat(numbers, counts))
+            for number, site in zip(kinds.tolist(), _sites(len(kinds), np.delete(np.diag(vectors), axis), rng), strict=True):
+                beads[number].append(_stand(shapes[number], site, sign, axis, centre, rng))
+        placed.update({number: np.array(found).reshape(-1, wanted[number][0].n_beads, 3) for number, found in beads.items()})
+        slabs.append((axis, centre, half))
+    return slabs, placed
+
+
+def _in_leaflet(arrangement: Bilayer, sign: int) -> int:
+    assert arrangement.upper is not None
+    return arrangement.upper if sign > 0 else arrangement.count - arrangement.upper
+
+
+def _sites(count: int, edges: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Places in a leaflet, spread evenly, (count, 2)."""
+    if not count:
+        return np.zeros((0, 2))
+    columns = max(1, round(np.sqrt(count * edges[0] / edges[1])))
+    # as many in every column, but for one
+    per_column = np.full(columns, count // columns)
+    per_column[: count % columns] += 1
+    sites = [((column + 0.5) / columns, (row + rng.random()) / n) for column, n in enumerate(per_column) for row in range(n)]
+    return np.array(sites) * edges
+
+
+def _stand(shape: np.ndarray, site: np.ndarray, sign: int, axis: int, centre: float, rng: np.random.Generator) -> np.ndarray:
+    """An upright shape turned by a random angle about the normal, on its site."""
+    phi = 2 * np.pi * rng.random()
+    across = shape[:, :2] @ np.array([[np.cos(phi), np.sin(phi)], [-np.sin(phi), np.cos(phi)]]) + site
+    return np.insert(across, axis, centre + sign * shape[:, 2], axis=1)

@@ -1,0 +1,174 @@
+"""Springs and bends: one bond or one angle of a molecule, as a value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..model.angles import Angles, CosineAngles, HarmonicAngles
+from ..model.bonds import WCA_END, Bonds, FENEBonds, HarmonicBonds, MorseBonds
+
+
+@dataclass(frozen=True)
+class _Term:
+    """One bond or angle: checked, and turned into MD units, by the class of the model that holds many of them."""
+
+    KIND: ClassVar[Any]
+    _BEADS: ClassVar[tuple[int, ...]]
+
+    def __post_init__(self):
+        checked = self.KIND([self._BEADS], **self.coefficients())
+        for field in fields(self):
+            object.__setattr__(self, field.name, float(getattr(checked, field.name)[0]))
+
+    def coefficients(self) -> dict[str, float]:
+        """Coefficients by name."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    @classmethod
+    def many(cls, beads: np.ndarray, terms: list) -> Bonds | Angles:
+        """The bonds or angles of a scene between these beads, (B, 2) or (K, 3), with the coefficients of these terms."""
+        names = [field.name for field in fields(cls)]
+        return cls.KIND(beads, **{name: np.array([getattr(term, name) for term in terms]) for name in names})
+
+
+@dataclass(frozen=True)
+class _Spring(_Term):
+    _BEADS = (0, 1)
+
+    def length(self, spacing: float) -> float:
+        """Length (nm) at which a builder places the bond; ``spacing`` where the spring has no rest length of its own."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Spring(_Spring):
+    """Harmonic bond, U = k (r - r0)^2, without a factor 1/2 (:class:`openmm_dpd.HarmonicBonds`).
+
+    Much of the DPD literature writes U = (1/2) C (r - l0)^2 or F = -C r; halve such a constant: ``Spring(k=C / 2, r0=l0)``.
+
+    Parameters
+    ----------
+    k : energy/length^2
+        kJ/mol/nm^2, >= 0.
+    r0 : length
+        Rest length in nm, >= 0.
+    """
+
+    k: float
+    r0: float
+
+    KIND = HarmonicBonds
+
+    def length(self, spacing: float) -> float:
+        """Rest length, or ``spacing`` where that is 0."""
+        return self.r0 or spacing
+
+
+@dataclass(frozen=True)
+class FENESpring(_Spring):
+    """Finitely extensible bond (:class:`openmm_dpd.FENEBonds`).
+
+    Parameters
+    ----------
+    k : energy/length^2
+        kJ/mol/nm^2, >= 0.
+    R0 : length
+        Largest length in nm, > 0.
+    epsilon : energy, default 0
+        Repulsion of the two beads, kJ/mol.
+    sigma : length, default 1
+        Range of the repulsion, nm.
+    """
+
+    k: float
+    R0: float
+    epsilon: float = 0.0
+    sigma: float = 1.0
+
+    KIND = FENEBonds
+
+    def length(self, spacing: float) -> float:
+        """Where the repulsion begins, or ``spacing``, but at most 0.7 R0."""
+        return min(WCA_END * self.sigma if self.epsilon > 0 else spacing, 0.7 * self.R0)
+
+
+@dataclass(frozen=True)
+class MorseSpring(_Spring):
+    """Morse bond, U = D (1 - exp(-alpha (r - r0)))^2 (:class:`openmm_dpd.MorseBonds`).
+
+    Parameters
+    ----------
+    D : energy
+        Depth of the well, kJ/mol.
+    alpha : 1/length
+        Inverse width of the well, 1/nm.
+    r0 : length
+        Rest length in nm.
+    """
+
+    D: float
+    alpha: float
+    r0: float
+
+    KIND = MorseBonds
+
+    def length(self, spacing: float) -> float:
+        """Rest length, or ``spacing`` where that is 0."""
+        return self.r0 or spacing
+
+
+@dataclass(frozen=True)
+class _Bend(_Term):
+    _BEADS = (0, 1, 2)
+
+    def angles(self, count: int, rng: np.random.Generator, kT: float) -> np.ndarray:
+        """Angles (radians) with the density sin(theta) exp(-U/kT); those of least energy for kT = 0, (count,)."""
+        grid = np.linspace(0.0, np.pi, 2001)
+        energy = self.KIND([self._BEADS], **self.coefficients()).curve(grid)[0]
+        if kT == 0:
+            return np.full(count, grid[np.argmin(energy)])
+        weight = np.sin(grid) * np.exp(-(energy - energy.min()) / kT)
+        cumulative = np.concatenate([[0.0], np.cumsum(weight[1:] + weight[:-1])])
+        return np.interp(rng.random(count) * cumulative[-1], cumulative, grid)
+
+
+@dataclass(frozen=True)
+class Bend(_Bend):
+    """Harmonic angle, U = k (theta - theta0)^2, without a factor 1/2 (:class:`openmm_dpd.HarmonicAngles`).
+
+    Parameters
+    ----------
+    k : energy/angle^2
+        kJ/mol/rad^2, >= 0.
+    theta0 : angle
+        Rest angle; bare numbers are radians.  pi is a straight chain.
+    """
+
+    k: float
+    theta0: float
+
+    KIND = HarmonicAngles
+
+
+@dataclass(frozen=True)
+class CosineBend(_Bend):
+    """Bending stiffness, U = k (1 + cos theta), least for a straight chain (:class:`openmm_dpd.CosineAngles`).
+
+    The literature on DPD lipids writes k (1 - cos phi), with phi = 0 for a straight chain: the same k.
+
+    Parameters
+    ----------
+    k : energy
+        kJ/mol, >= 0.
+    """
+
+    k: float
+
+    KIND = CosineAngles
+
+
+#: All springs and all bends.
+SPRINGS, BENDS = (Spring, FENESpring, MorseSpring), (Bend, CosineBend)

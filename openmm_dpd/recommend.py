@@ -1,0 +1,259 @@
+"""Which scheme and which step: from the measured table of :mod:`openmm_dpd.stability_table`.  Nothing here changes a scene or a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .errors import ParameterError
+from .model.bonds import HarmonicBonds
+from .model.energy_dpd import EnergyDPD
+from .model.internal import InternalEnergy
+from .model.pairs import DPD, NONE
+from .model.scene import Scene
+from .plan import SCHEMES
+from .stability_table import LEVELS, SAFE, Groups, StabilityTable, shipped_table
+from .units import to_md
+
+#: Smallest error that may be asked for; below, no table could have measured it.
+SMALLEST = 1e-4
+
+#: Errors at which :func:`advice` compares schemes.
+_COMPARED = (0.003, 0.05)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What one scheme needs.
+
+    Attributes
+    ----------
+    scheme : str
+    dt : float
+        Step at which the error is reached, ps.
+    relative_cost : float
+        Time for the same simulated time and the same error, beside ``mvv``.
+    limit : str
+        What limits the step: "configurational temperature", "kinetic temperature", "stability" or "bonds".
+    """
+
+    scheme: str
+    dt: float
+    relative_cost: float
+    limit: str
+
+
+@dataclass(frozen=True)
+class Recommendation:
+    """The scheme that costs least, and all others.
+
+    Attributes
+    ----------
+    scheme : str or None
+        None if the table says nothing about the scene; ``notes`` say why.
+    dt : float or None
+        Step, ps.
+    relative_cost : float or None
+        Time for the same simulated time beside ``mvv`` at the same error.
+    error : float
+        Relative error of the temperature that was asked for.
+    choices : tuple of Choice
+        All schemes, the cheapest first.
+    notes : tuple of str
+        What is outside of the table, or not covered by it.
+    """
+
+    scheme: str | None
+    dt: float | None
+    relative_cost: float | None
+    error: float
+    choices: tuple[Choice, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        lines = [f"note: {note}" for note in self.notes]
+        if self.scheme is None:
+            return "\n".join(["no recommendation", *lines])
+        head = f"for temperatures within {100 * self.error:g} %: {self.scheme} at dt = {self.dt:.2g} ps"
+        table = [f"  {c.scheme:10s} dt {c.dt:.2g} ps, {c.relative_cost:.2f} times the time of mvv, set by {c.limit}" for c in self.choices]
+        return "\n".join([head, *table, *lines])
+
+
+def recommend(
+    scene: Scene, error: float = 0.01, *, configurations_only: bool = False, table: StabilityTable | None = None
+) -> Recommendation:
+    """Scheme, step and relative cost for an error of the temperature.
+
+    Parameters
+    ----------
+    scene : Scene
+    error : float, default 0.01
+        Relative error of the temperatures that is accepted, from 0.0001 to 0.1.
+    configurations_only : bool
+        Whether what is read from velocities may be further off (``aboba``).
+    table : StabilityTable, optional
+        Another table than the one that comes with the package.
+
+    Returns
+    -------
+    Recommendation
+
+    Raises
+    ------
+    ParameterError
+        If the error is out of bounds, or it is no Scene.
+    """
+    if not isinstance(scene, Scene):
+        raise ParameterError(f"expected a Scene, not {scene!r}")
+    error = to_md(error, "dimensionless", "error")
+    if not isinstance(error, float) or not SMALLEST <= error <= LEVELS[-1]:
+        raise ParameterError(f"error, a relative one of the temperature, must be between {SMALLEST:g} and {LEVELS[-1]:g}, but is {error!r}")
+    table = table or shipped_table()
+    pairs, notes = groups(scene)
+    outside = list(dict.fromkeys(text for at in pairs for text in table.outside(at)))
+    if not pairs or outside:
+        return Recommendation(None, None, None, error, notes=(*notes, *(f"outside of the table: {text}" for text in outside)))
+    steps = {scheme: _step(table, scheme, scene, pairs, error, configurations_only) for scheme in table.schemes}
+    costs = {scheme: table.cost[scheme] / dt for scheme, (dt, _) in steps.items()}
+    usual = costs.get("mvv", min(costs.values()))
+    choices = [Choice(s, steps[s][0], costs[s] / usual, steps[s][1]) for s in sorted(costs, key=lambda s: costs[s])]
+    best = choices[0]
+    return Recommendation(best.scheme, best.dt, best.relative_cost, error, tuple(choices), tuple(notes))
+
+
+def _step(
+    table: StabilityTable, scheme: str, scene: Scene, pairs: list[Groups], error: float, configurations_only: bool
+) -> tuple[float, str]:
+    """Smallest of all limits, ps, and which one it is."""
+    limits = []
+    for at in pairs:
+        unit = at.unit_time
+        limits.append((unit * table.step(scheme, at, error, "conf"), "configurational temperature"))
+        if not configurations_only:
+            limits.append((unit * table.step(scheme, at, error, "kin"), "kinetic temperature"))
+        limits.append((unit * SAFE * table.blow(scheme, at), "stability"))
+    frequency = bond_frequency(scene)
+    if frequency > 0:
+        # a harmonic bond under velocity Verlet is (omega dt)^2/4 too hot
+        limits.append((2.0 * error**0.5 / frequency, "bonds"))
+    return min(limits)
+
+
+def bond_frequency(scene: Scene) -> float:
+    """Largest frequency of the harmonic bonds, (2 k/mu)^(1/2) with U = k (r - r0)^2, rad/ps; 0 without such bonds."""
+    inverse = 1.0 / scene.bead_masses
+    found = [0.0]
+    for bonds in scene.bonds:
+        if isinstance(bonds, HarmonicBonds) and len(bonds.pairs):
+            found.append(float(np.max(2.0 * np.broadcast_to(bonds.k, len(bonds.pairs)) * inverse[bonds.pairs].sum(axis=1))))
+    return max(found) ** 0.5
+
+
+def groups(scene: Scene) -> tuple[list[Groups], list[str]]:
+    """Dimensionless groups of every pair of types that interacts, and what the table does not cover.
+
+    A mixture is taken for the worst of the fluids that its pairs of types would make at its density; no groups are returned where the table
+    says nothing, and the notes say why.
+    """
+    kT = scene.initial_kT
+    notes: list[str] = []
+    if kT <= 0:
+        return [], ["there is no temperature"]
+    if scene.box is None:
+        return [], ["there is no box, hence no density"]
+    masses = scene.bead_masses if scene.mobile is None else scene.bead_masses[scene.mobile]
+    light, ratio = float(masses.min()), float(masses.max() / masses.min())
+    density = scene.n_beads / float(np.prod(np.diag(scene.box)))
+    capacity = _heat_capacity(scene)
+    found = []
+    for table in scene.tables:
+        if table.kind not in (DPD, EnergyDPD):
+            if table.kind is not None:
+                return [], [f"the table of steps is about soft repulsion; {table.kind.__name__} is not in it"]
+            continue
+        coefficients: list[Any] = list(dict.fromkeys(table.resolve(scene.type_names).values()))
+        for value in coefficients:
+            if value is NONE:
+                continue
+            if value.A < 0:
+                return [], ["an attraction (A < 0) is not in the table of steps"]
+            unit = value.cutoff * (light / kT) ** 0.5
+            gamma = _friction(value, kT) * value.cutoff / (light * kT) ** 0.5
+            exponent = 1.0 if isinstance(value, EnergyDPD) else value.exponent
+            if gamma > 0:
+                found.append(Groups(gamma, value.A * value.cutoff / kT, density * value.cutoff**3, ratio, exponent, capacity, unit))
+    if not found:
+        return [], ["there is no friction"]
+    if any(not isinstance(bonds, HarmonicBonds) for bonds in scene.bonds):
+        notes.append("FENE and Morse bonds are not in the table of steps; they may need shorter ones")
+    if getattr(scene, "electrostatics", None) is not None or getattr(scene, "segments", None) is not None:
+        notes.append("charges and segmental repulsion are not in the table of steps")
+    return found, notes
+
+
+def _friction(value: DPD | EnergyDPD, kT: float) -> float:
+    """Friction along the line of centres, and across with its two directions (as if of the same exponent)."""
+    gamma = getattr(value, "gamma", None)
+    if gamma is None:
+        gamma = (value.sigma or 0.0) ** 2 / (2 * kT)
+    return float(gamma + 2.0 * getattr(value, "gamma_perp", 0.0))
+
+
+def _heat_capacity(scene: Scene) -> float | None:
+    """Smallest heat capacity of a bead over k_B near its temperature, or None."""
+    if not isinstance(scene.internal, InternalEnergy):
+        return None
+    kT = scene.initial_kT
+    states = scene.internal.by_type(scene.type_names)
+    return min(float((state.energy(1.01 * kT) - state.energy(0.99 * kT)) / (0.02 * kT)) for state in states)
+
+
+def predicted_error(scene: Scene, scheme: str, dt: float, *, table: StabilityTable | None = None) -> tuple[float, str] | None:
+    """Relative error of the worse temperature at a step (ps), signed, and which one; infinite over 10 %, None where the table ends."""
+    if scheme not in SCHEMES:
+        raise ParameterError(f"unknown scheme {scheme!r}; it must be one of {', '.join(SCHEMES)}")
+    table = table or shipped_table()
+    pairs, _ = groups(scene)
+    if scheme not in table.schemes or not pairs or any(table.outside(at) for at in pairs):
+        return None
+    worst = (0.0, 1, "conf")
+    for at in pairs:
+        for kind in ("conf", "kin"):
+            worst = max(worst, (table.error(scheme, at, dt / at.unit_time, kind), table.sign(scheme, at, kind), kind))
+    return worst[0] * (worst[1] or 1), {"conf": "configurational", "kin": "kinetic"}[worst[2]]
+
+
+def advice(scene: Scene, scheme: str, dt: float, *, unit: float = 1.0, table: StabilityTable | None = None) -> str:
+    """What the table says about a scheme and a step (ps), in a sentence; steps are written in units of ``unit``."""
+    table = table or shipped_table()
+    found = predicted_error(scene, scheme, dt, table=table)
+    if found is None:
+        notes = recommend(scene, table=table).notes or (f"the table of steps has no scheme {scheme!r}",)
+        return "no advice about the step: " + "; ".join(notes)
+    pairs, _ = groups(scene)
+    blow = min(at.unit_time * table.blow(scheme, at) for at in pairs)
+    size, kind = abs(found[0]), found[1]
+    compared = float(np.clip(size, *_COMPARED)) if np.isfinite(size) else 0.01
+    best = recommend(scene, compared, table=table)
+    assert best.scheme is not None and best.dt is not None
+    head = f"your dt {dt / unit:.3g} with {scheme}: "
+    other = f"{best.scheme} at {best.dt / unit:.2g}"
+    if dt > SAFE * blow:
+        return head + f"unstable or close to it (it blows up near {blow / unit:.2g}); {other} is {100 * compared:.2g} % off"
+    if not np.isfinite(size):
+        return head + f"more than {100 * LEVELS[-1]:g} % off ({kind} temperature); {other} is {100 * compared:.2g} % off"
+    text = head + f"{100 * size:.1g} % {'hot' if found[0] > 0 else 'cold'} ({kind} temperature)"
+    fraction = table.cost[best.scheme] / best.dt / (table.cost[scheme] / dt)
+    if fraction > 0.9:
+        return text + "; nothing here is faster by more than a tenth"
+    same = "gives the same" if np.isclose(compared, size) else f"is {100 * compared:.2g} % off"
+    return text + f"; {other} {same} for {_part(fraction)} of the time"
+
+
+def _part(fraction: float) -> str:
+    """A fraction in words where it is near one that has a name."""
+    names = {"three quarters": 0.75, "two thirds": 2 / 3, "half": 0.5, "a third": 1 / 3, "a quarter": 0.25, "a fifth": 0.2, "a tenth": 0.1}
+    near = min(names, key=lambda name: abs(np.log(fraction / names[name])))
+    return near if abs(fraction / names[near] - 1) < 0.1 else f"{100 * fraction:.0f} %"

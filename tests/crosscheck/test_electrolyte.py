@@ -1,0 +1,148 @@
+"""Charged beads beside LAMMPS: one configuration with its Ewald sum, and the electrolyte deck (electrolyte_reference.json)."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from lammps_peer import instance, why_missing
+
+import openmm_dpd as dpd
+from openmm_dpd.lammps.main import run_deck
+from openmm_dpd.lammps.run import RunOptions
+from openmm_dpd.stats import block_average
+
+HERE = Path(__file__).parent
+DECKS = HERE.parents[1] / "examples" / "decks"
+REFERENCE = json.loads((HERE / "electrolyte_reference.json").read_text())
+
+DECK = """
+units lj
+atom_style full
+comm_modify vel yes
+region box block 0 8 0 8 0 8
+create_box 2 box bond/types 1 extra/bond/per/atom 2 extra/special/per/atom 6
+create_atoms 1 random 60 71 NULL overlap 0.05 maxtry 50
+mass * 1.0
+set atom 1*30 type 2
+set atom 1*15 charge 1.0
+set atom 16*30 charge -1.0
+set atom 1 x 1.0 y 1.0 z 1.0
+set atom 16 x 1.4 y 1.0 z 1.2
+set atom 2 x 7.9 y 5.0 z 4.0
+set atom 17 x 0.2 y 5.1 z 4.0
+set atom 3 x 4.0 y 4.0 z 4.0
+set atom 4 x 4.0 y 4.9 z 4.0
+{styles}
+dielectric 0.5
+kspace_style ewald 1.0e-8
+special_bonds lj 1 1 1 coul {factor} 1 1
+bond_style zero nocoeff
+bond_coeff 1
+"""
+STYLES = {
+    "one": "pair_style dpd/coul/slater/long 0.0 1.0 1 0.25 4.0\npair_coeff * * 25 0\npair_coeff 2 2 25 0 yes",
+    "overlay": "pair_style hybrid/overlay dpd 0.0 1.0 1 coul/slater/long 0.25 4.0\npair_coeff * * dpd 25 0\npair_coeff * * coul/slater/long",
+}
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.5, 0.0])
+@pytest.mark.parametrize("styles", STYLES)
+def test_one_configuration(styles, factor):
+    """Energies, forces and pressure beside LAMMPS's Ewald sum with tight settings; the error function of LAMMPS has 1.5e-7.
+
+    The bonded beads are near each other: LAMMPS applies no factor to pairs beyond the cutoff.
+    """
+    if why_missing() is not None:
+        pytest.skip(why_missing())
+    bonds = [(1, 16), (2, 17), (3, 4)]
+    with instance() as lmp:
+        lmp.commands_list([line for line in DECK.format(styles=STYLES[styles], factor=factor).splitlines() if line.strip()])
+        lmp.commands_list([f"create_bonds single/bond 1 {i} {j}" for i, j in bonds])
+        lmp.commands_list(["thermo_style custom step pe evdwl ecoul elong press", "thermo_modify norm no", "run 0 post no"])
+        theirs = {word: lmp.get_thermo(word) for word in ("pe", "ecoul", "elong", "evdwl", "press")}
+        x, forces, q, types = (
+            np.array(lmp.gather_atoms(name, kind, count)) for name, kind, count in (("x", 1, 3), ("f", 1, 3), ("q", 1, 1), ("type", 0, 1))
+        )
+    n = len(q)
+    scene = dpd.Scene(
+        masses={"1": 1.0, "2": 1.0},
+        types=[str(k) for k in types],
+        positions=x.reshape(n, 3),
+        pairs={("*", "*"): dpd.DPD(A=25.0, gamma=0.0)},
+        kT=0.0,
+        box=[8.0] * 3,
+        velocities=np.zeros((n, 3)),
+        charges=q,
+        bonds=[dpd.HarmonicBonds(np.array(bonds) - 1, 0.0, 0.0)],
+        electrostatics=dpd.SlaterCharges(
+            lamda=0.25, permittivity=0.5 * dpd.units.COULOMB, cutoff=4.0, tolerance=1e-8, special=(factor, 1.0, 1.0)
+        ),
+    )
+    built = dpd.build(scene, dt=0.01, platform="Reference", scheme="mvv")
+    sample = dpd.Observer(built).sample(built.simulation().context)
+    terms = dpd.force_terms(built)
+    total = terms["conservative"] + terms["electrostatic"] + terms["bond"]
+    assert sample.short + sample.lattice == pytest.approx(theirs["ecoul"] + theirs["elong"], rel=2e-6)
+    assert sample.pair == pytest.approx(theirs["pe"], rel=1e-6)
+    np.testing.assert_allclose(total, forces.reshape(n, 3), atol=1e-6 * np.sqrt(np.mean(forces**2)) * 10)
+    assert sample.pressure() == pytest.approx(theirs["press"], rel=2e-6)
+
+
+def test_first_row_of_the_deck(tmp_path):
+    """Real-space part and lattice sum one by one, as the deck sets the splitting parameter."""
+    thermo = run_deck(DECKS / "in.electrolyte", RunOptions(threads=1, platform="Reference", steps=0), out=tmp_path)["runs"][0]["thermo"]
+    first = REFERENCE["first"]
+    assert thermo["evdwl"]["first"] == pytest.approx(first["evdwl"], rel=1e-9)
+    # relative to the sum of the energies of the single ions: 1e-5 is the accuracy the deck asks for
+    for word in ("ecoul", "elong", "v_coulomb"):
+        assert thermo[word]["first"] == pytest.approx(first[word], abs=1e-5 * 44 / 0.25)
+
+
+@pytest.mark.slow
+def test_electrolyte(tmp_path):
+    """T, P and the energy of the charges within four standard errors of LAMMPS's."""
+    variables = {"nequil": "1000", "nrun": "10000", "every": "20"}
+    report = run_deck(DECKS / "in.electrolyte", RunOptions(threads=1, platform="CPU"), variables=variables, out=tmp_path)
+    found = report["runs"][1]["thermo"]
+    z = {}
+    for word in ("temp", "press", "v_coulomb", "evdwl"):
+        theirs = REFERENCE["production"][word]
+        z[word] = (found[word]["mean"] - theirs["mean"]) / np.hypot(found[word]["sem"], theirs["sem"])
+    print(z)
+    assert max(map(abs, z.values())) < 4, z
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("device", ["CPU"])
+def test_ion_pairs_do_not_collapse(device):
+    """Strong coupling (Bjerrum length 6): the temperature holds, and energies stay above those of ions inside each other."""
+    n, edge, ions = 192, 4.0, 20
+    rng = np.random.default_rng(4)
+    q = np.zeros(n)
+    q[:ions], q[ions : 2 * ions] = 1.0, -1.0
+    scene = dpd.Scene(
+        masses={"W": 1.0},
+        types=["W"] * n,
+        positions=rng.random((n, 3)) * edge,
+        pairs={("W", "W"): dpd.DPD(A=25.0, gamma=4.5)},
+        kT=1.0,
+        box=[edge] * 3,
+        charges=q,
+        electrostatics=dpd.SlaterCharges(lamda=0.25, bjerrum_length=6.0, cutoff=2.0),
+    )
+    built = dpd.build(scene, dt=0.01, platform=device, seed=5)
+    simulation, observer = built.simulation(), dpd.Observer(built)
+    simulation.step(1000)
+    kT, energy = [], []
+    for _ in range(100):
+        simulation.step(20)
+        sample = observer.sample(simulation.context)
+        kT.append(sample.kT)
+        energy.append(sample.short + sample.lattice)
+    mean = block_average(np.array(kT))
+    assert mean.mean == pytest.approx(1.0, abs=4 * mean.sem + 0.01)
+    # no lower than every ion in the middle of an opposite one
+    assert min(energy) > -6.0 * ions / 0.25 * 1.2 and max(energy) < 0

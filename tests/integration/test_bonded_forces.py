@@ -1,0 +1,180 @@
+"""Bonds and angles in OpenMM: on every platform against plain numpy, beside a live LAMMPS, and what happens when a FENE bond breaks."""
+
+from __future__ import annotations
+
+import chains_of_beads as chains
+import lammps_peer
+import numpy as np
+import openmm
+import pytest
+from openmm import unit
+from scenes import beads
+
+import openmm_dpd as dpd
+from openmm_dpd.lammps.deck import read_deck
+from openmm_dpd.lammps.main import RunOptions, run_deck
+
+NO_LAMMPS = lammps_peer.why_missing()
+BOX = np.array([[6.2, 0, 0], [1.3, 5.9, 0], [-1.1, 1.7, 6.4]])
+KINDS = {
+    1: lambda p: dpd.HarmonicBonds(p, 20, 0.7),
+    2: lambda p: dpd.FENEBonds(p, 30, 1.5, 0.8, 0.9),
+    3: lambda p: dpd.MorseBonds(p, 12, 1.7, 0.6),
+}
+
+
+def scene(table=None, **options) -> dpd.Scene:
+    """Twelve chains of six with bonds of three kinds and angles of two, beads strewn over images of a tilted box."""
+    x, bonds, angles = chains.walks(12, 6, BOX, 5)
+    return beads(
+        len(x),
+        positions=x,
+        table=table or {("W", "W"): dpd.DPD(A=25, gamma=4.5)},
+        box=BOX,
+        bonds=[KINDS[kind](bonds[kind - 1 :: 3]) for kind in KINDS],
+        angles=[dpd.HarmonicAngles(angles[::2], 6, 110 * unit.degree), dpd.CosineAngles(angles[1::2], 4)],
+        **options,
+    )
+
+
+def energy_of(x, bonds, angles) -> float:
+    total = 0.0
+    for k, (i, j) in enumerate(bonds):
+        total += chains.BOND_ENERGY[k % 3 + 1](np.linalg.norm(chains.nearest_image(x[i] - x[j], BOX)))
+    for k, (i, j, m) in enumerate(angles):
+        a, b = chains.nearest_image(x[i] - x[j], BOX), chains.nearest_image(x[m] - x[j], BOX)
+        total += chains.ANGLE_ENERGY[k % 2 + 1](np.arccos(a @ b / np.linalg.norm(a) / np.linalg.norm(b)))
+    return total
+
+
+def test_forces_and_energy_on_every_platform(device):
+    """Forces are the gradient of the energy in plain numpy."""
+    made = scene()
+    _, bonds, angles = chains.walks(12, 6, BOX, 5)
+    built = dpd.build(made, dt=0.01, platform=device.platform, seed=1)
+    force = dpd.force_terms(built, properties=device.properties)["bond"]
+    x, h = made.positions, 1e-5
+    for bead in (0, 7, 20, 71):
+        for axis in range(3):
+            step = np.zeros_like(x)
+            step[bead, axis] = h
+            expected = -(energy_of(x + step, bonds, angles) - energy_of(x - step, bonds, angles)) / (2 * h)
+            assert force[bead, axis] == pytest.approx(expected, abs=device.choose(3e-6, 3e-4, 3e-4) * np.abs(force).max())
+    simulation = built.simulation(properties=device.properties)
+    energy = simulation.context.getState(energy=True, groups={0}).getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)
+    assert energy == pytest.approx(energy_of(x, bonds, angles), rel=device.choose(1e-10, 1e-5, 1e-5))
+    sample = dpd.Observer(built).sample(simulation.context)
+    assert sample.bond + sample.angle == pytest.approx(energy_of(x, bonds, angles), rel=device.choose(1e-12, 1e-5, 1e-5))
+    assert sample.potential == pytest.approx(sample.pair + sample.bond + sample.angle)
+
+
+DECK = f"""units lj
+atom_style angle
+newton on
+special_bonds lj 1 1 1
+comm_modify vel yes cutoff 3.0
+bond_style hybrid harmonic fene morse
+angle_style hybrid harmonic cosine
+pair_style dpd 0.0 1.0 33
+read_data data.chains
+{chr(10).join(f"bond_coeff {kind} {text}" for kind, text in chains.BONDS.items())}
+{chr(10).join(f"angle_coeff {kind} {text}" for kind, text in chains.ANGLES.items())}
+pair_coeff 1 1 25.0 4.5
+velocity all set 0 0 0
+fix 1 all nve
+"""
+
+
+@pytest.mark.skipif(NO_LAMMPS is not None, reason=str(NO_LAMMPS))
+@pytest.mark.parametrize("box", [np.diag([6.2, 5.9, 6.4]), BOX], ids=["orthogonal", "tilted"])
+def test_against_lammps(tmp_path, box, device):
+    """Energies, forces and pressure of one configuration with all styles: 1e-9 in double precision, 1e-5 elsewhere."""
+    x, bonds, angles = chains.walks(12, 6, box, 6)
+    (tmp_path / "data.chains").write_text(chains.data_file(x, bonds, angles, box))
+    expected, forces = chains.theirs(tmp_path, DECK)
+    deck = tmp_path / "in.chains"
+    deck.write_text(DECK + "run 0\n")
+    made = read_deck(deck, stop_before_first_run=True, output=tmp_path).first_run.scene()
+    built = dpd.build(made, dt=0.01, platform=device.platform, seed=1)
+    terms = dpd.force_terms(built, properties=device.properties)
+    tolerance = 1e-9 if device.platform == "Reference" else 1e-5
+    np.testing.assert_allclose(terms["bond"] + terms["conservative"], forces, atol=tolerance * np.abs(forces).max(), rtol=0)
+    sample = dpd.Observer(built).sample(built.simulation(properties=device.properties).context)
+    found = {"pe": sample.potential, "ebond": sample.bond, "eangle": sample.angle, "emol": sample.bond + sample.angle}
+    found |= {"evdwl": sample.pair, "press": sample.pressure(full=False)}
+    for word, value in expected.items():
+        assert found[word] == pytest.approx(value, rel=tolerance), word
+
+
+@pytest.mark.skipif(NO_LAMMPS is not None, reason=str(NO_LAMMPS))
+def test_a_run_prints_what_lammps_prints(tmp_path):
+    """Twenty steps without friction and noise, thermo words of bonds and angles."""
+    x, bonds, angles = chains.walks(12, 6, BOX, 6)
+    (tmp_path / "data.chains").write_text(chains.data_file(x, bonds, angles, BOX))
+    text = DECK.replace("25.0 4.5", "25.0 0.0") + "timestep 0.002\nthermo 10\nthermo_style custom step ebond eangle emol pe press\n"
+    with lammps_peer.instance() as lmp:
+        lmp.command(f"shell cd {tmp_path}")
+        lmp.commands_string(text + "thermo_modify norm no\nrun 20\n")
+        expected = {word: lmp.get_thermo(word) for word in ("ebond", "eangle", "emol", "pe", "press")}
+    deck = tmp_path / "in.chains"
+    extra = "compute e all pe bond angle\nvariable e equal c_e\nthermo_style custom step ebond eangle emol pe press v_e\n"
+    deck.write_text(text + extra + "thermo_modify norm no\nrun 20\n")
+    report = run_deck(deck, RunOptions(platform="Reference", threads=1), out=tmp_path / "out")
+    rows = {word: values["last"] for word, values in report["runs"][0]["thermo"].items()}
+    for word, value in expected.items():
+        assert rows[word] == pytest.approx(value, rel=1e-8), word
+    assert rows["v_e"] == pytest.approx(expected["emol"], rel=1e-8)
+
+
+SCHEMES = pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba"])
+
+
+@SCHEMES
+@pytest.mark.parametrize("conservative", ["kernel", "openmm"])
+def test_a_fene_bond_that_breaks_stops_the_run(scheme, conservative):
+    """Two beads fly apart: the run ends with the names of the beads before anything is NaN."""
+    made = beads(
+        20,
+        edge=5.0,
+        velocities=np.vstack([[-40.0, 0, 0], [40.0, 0, 0], np.zeros((18, 3))]),
+        positions=np.vstack([[2.0, 2, 2], [2.8, 2, 2], np.random.default_rng(1).random((18, 3)) * 5]),
+        bonds=[dpd.FENEBonds([(0, 1)], 30, 1.5)],
+    )
+    simulation = dpd.build(made, dt=0.02, scheme=scheme, conservative=conservative, platform="CPU", seed=1).simulation()
+    with pytest.raises(
+        openmm.OpenMMException, match=r"the FENE bond between beads 0 and 1 \(counted from 0\) is .* nm long.*R0 of 1.5 nm; the step size"
+    ):
+        simulation.step(3)
+
+
+def test_the_deck_says_where_a_fene_bond_is_too_long(tmp_path):
+    x, bonds, angles = np.array([[1.0, 1, 1], [2.6, 1, 1]]), np.array([[0, 1]]), np.zeros((0, 3), int)
+    (tmp_path / "data.chains").write_text(chains.data_file(x, bonds, angles, np.diag([6.0] * 3), bond_types=1))
+    text = (
+        "atom_style angle\nbond_style fene\nread_data data.chains\nbond_coeff 1 30 1.5 1 1\npair_style dpd 1 1 1\npair_coeff * * 25 4.5\n"
+    )
+    deck = tmp_path / "in.chains"
+    deck.write_text(text + "fix 1 all nve\nrun 10\n")
+    with pytest.raises(
+        dpd.DeckError, match=r"in.chains:8: the FENE bond of the beads with the ids 1 and 2 has the length 1.6, not less than its R0, 1.5"
+    ):
+        run_deck(deck, RunOptions(platform="Reference"), out=tmp_path / "out")
+
+
+def test_a_system_with_all_of_them_can_be_saved(tmp_path):
+    """Through XML, into another Context: the same bits."""
+    built = dpd.build(scene(), dt=0.002, platform="Reference", seed=1)
+    copy = openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(built.system))
+    integrator = openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(built.integrator))
+    simulation = built.simulation()
+    context = openmm.Context(copy, integrator, openmm.Platform.getPlatformByName("Reference"))
+    context.setState(simulation.context.getState(positions=True, velocities=True, parameters=True))
+    simulation.step(20)
+    integrator.step(20)
+    first, second = (c.getState(positions=True).getPositions(asNumpy=True)._value for c in (simulation.context, context))
+    assert np.array_equal(first, second)
+
+
+def test_explain_counts_them():
+    text = dpd.make_plan(scene(), dt=0.01, seed=1).explain()
+    assert "20 harmonic bonds, 20 FENE bonds, 20 Morse bonds" in text and "24 harmonic angles" in text and "24 cosine angles" in text

@@ -1,0 +1,198 @@
+"""Driven and confined fluids: leaks, temperatures, slip at walls, momentum, restarts."""
+
+from __future__ import annotations
+
+import numpy as np
+import openmm
+import pytest
+from openmm import unit
+
+import openmm_dpd as dpd
+from openmm_dpd.analysis import ProfileReporter, poiseuille_viscosity
+from openmm_dpd.names import EXTERNAL_GROUP
+from openmm_dpd.programs import PROGRAMS
+from openmm_dpd.stats import block_average
+
+LOW, HIGH, EDGES = 1.5, 4.5, np.array([3.0, 3.0, 6.0])
+
+
+def channel(
+    walls: str | None, *, frozen: bool = True, force: float = 0.0, dt: float = 0.02, scheme: str = "middle", seed: int = 1, A: float = 25.0
+):
+    """81 beads of fluid between z = 1.5 and 4.5, as dense as the frozen ones beyond."""
+    rng = np.random.default_rng(seed)
+    solid = 81 if frozen else 0
+    x = rng.random((81 + solid, 3)) * [3, 3, 3] + [0, 0, LOW]
+    x[81:, 2] += HIGH - LOW
+    planes = [dpd.Wall("z", LOW, "above", walls), dpd.Wall("z", HIGH, "below", walls)] if walls else []
+    scene = dpd.Scene(
+        {"W": 1.0, "S": 1.0},
+        ["W"] * 81 + ["S"] * solid,
+        x,
+        {("*", "*"): dpd.DPD(A=A, gamma=4.5)},
+        1.0,
+        box=EDGES,
+        mobile=np.arange(81 + solid) < 81,
+        walls=planes,
+        body_forces=[dpd.BodyForce((force, 0, 0), types="W")] if force else [],
+    )
+    built = dpd.build(scene, dt=dt, scheme=scheme, seed=seed, platform="CPU")
+    return built, built.simulation(properties={"Threads": "1"})
+
+
+def beyond(simulation) -> int:
+    z = simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)[:81, 2] % EDGES[2]
+    return int(np.sum((z < LOW) | (z > HIGH)))
+
+
+def kinetic(simulation) -> float:
+    """2K/3N of the fluid: walls take momentum up, so that there are 3N degrees of freedom."""
+    v = simulation.context.getState(velocities=True).getVelocities(asNumpy=True).value_in_unit(unit.nanometer / unit.picosecond)[:81]
+    return float((v**2).mean())
+
+
+@pytest.mark.parametrize("scheme", PROGRAMS)
+@pytest.mark.parametrize("kind", ["specular", "bounce-back"])
+def test_no_bead_passes_a_wall(scheme, kind):
+    _, simulation = channel(kind, scheme=scheme)
+    for _ in range(15):
+        simulation.step(40)
+        assert beyond(simulation) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [None, "specular", "bounce-back"])
+def test_leaks_in_ten_thousand_steps(kind):
+    """Frozen beads alone leak; with walls no bead ever passes, and the temperature is right."""
+    _, simulation = channel(kind, dt=0.01)
+    simulation.step(1000)
+    found, leaks = [], 0
+    for _ in range(450):
+        simulation.step(20)
+        found.append(kinetic(simulation))
+        leaks += beyond(simulation)
+    if kind is None:
+        assert leaks > 0
+        return
+    assert leaks == 0
+    average = block_average(found)
+    # 0.01 is the error of the scheme beside walls at this step size
+    assert average.mean == pytest.approx(1.0, abs=4 * average.sem + 0.01)
+
+
+@pytest.mark.parametrize("kind", ["specular", "bounce-back"])
+def test_ideal_gas_between_walls_is_uniform_and_maxwellian(kind):
+    """Reflections leave a uniform density and the Maxwell distribution as they are, at any step size."""
+    _, simulation = channel(kind, frozen=False, A=0.0, dt=0.1, seed=5)
+    simulation.step(100)
+    z, v = [], []
+    for _ in range(400):
+        simulation.step(10)
+        state = simulation.context.getState(positions=True, velocities=True)
+        z.append(state.getPositions(asNumpy=True)._value[:, 2])
+        v.append(state.getVelocities(asNumpy=True)._value)
+    share = np.histogram(np.ravel(z), 6, (LOW, HIGH))[0] / np.size(z)
+    # a bead leaves a sixth of the channel in about a unit of time, which is the time between samples
+    assert np.abs(share - 1 / 6).max() < 4 * np.sqrt(3 * (1 / 6) * (5 / 6) / np.size(z))
+    assert np.mean(np.square(v)) == pytest.approx(1.0, abs=4 * np.sqrt(2 * 2 / np.size(v)))
+
+
+def test_specular_walls_without_friction_let_a_fluid_slip():
+    """Momentum along bare specular walls grows with the force, to rounding."""
+    _, simulation = channel("specular", frozen=False, force=0.1)
+    simulation.step(200)
+    p = simulation.context.getState(velocities=True).getVelocities(asNumpy=True)._value.sum(axis=0)
+    assert p[0] == pytest.approx(81 * 0.1 * 200 * 0.02, rel=1e-6)
+    assert abs(p[1]) < 1e-4
+
+
+def flow(kind: str, steps: int):
+    """Parabola through a channel driven by f = 0.1, with frozen beads."""
+    built, simulation = channel(kind, force=0.1, dt=0.03, seed=3)
+    simulation.step(1000)
+    reporter = ProfileReporter(5, built, bins=24)
+    simulation.reporters.append(reporter)
+    simulation.step(steps)
+    return poiseuille_viscosity(reporter.profile, 0.1, channel=(LOW, HIGH), skip=0.25)
+
+
+@pytest.mark.slow
+def test_bounce_back_does_not_slip_and_specular_does():
+    stuck, slipping = flow("bounce-back", 20000), flow("specular", 20000)
+    top = stuck.curvature * (HIGH - LOW) ** 2 / 8
+    for slip, error in zip(stuck.slip, stuck.slip_error, strict=True):
+        assert abs(slip) < 4 * error + 0.02 * top
+        assert error < 0.1 * top
+    for slip, error in zip(slipping.slip, slipping.slip_error, strict=True):
+        assert slip > 4 * error
+
+
+def test_body_force_gives_momentum_and_reverse_flow_keeps_it():
+    """Momentum changes by dt times the total force, step by step; in reverse flow this is f times the difference of the halves."""
+    n = 81
+    x = np.random.default_rng(1).random((n, 3)) * 3
+    for pattern, axis in (("uniform", None), ("halves", "z")):
+        force = dpd.BodyForce((0.5, 0, 0), pattern=pattern, axis=axis)
+        scene = dpd.Scene({"W": 1.0}, ["W"] * n, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, 1.0, box=[3] * 3, body_forces=[force])
+        simulation = dpd.build(scene, dt=0.02, seed=1, platform="CPU").simulation(properties={"Threads": "1"})
+        expected = 0.0
+        for _ in range(50):
+            z = simulation.context.getState(positions=True).getPositions(asNumpy=True)._value[:, 2] % 3.0
+            expected += 0.02 * 0.5 * (n if pattern == "uniform" else np.sum(z < 1.5) - np.sum(z >= 1.5))
+            simulation.step(1)
+        p = simulation.context.getState(velocities=True).getVelocities(asNumpy=True)._value.sum(axis=0)
+        assert p == pytest.approx([expected, 0, 0], abs=2e-5)
+
+
+@pytest.mark.parametrize("scheme", PROGRAMS)
+def test_restart_with_walls_and_body_force(scheme, tmp_path):
+    """A checkpoint and an XML state go on exactly."""
+    _, simulation = channel("bounce-back", force=0.1, scheme=scheme)
+    simulation.step(20)
+    simulation.saveState(str(tmp_path / "state.xml"))
+    simulation.step(20)
+    wanted = simulation.context.getState(positions=True).getPositions(asNumpy=True)._value
+    _, again = channel("bounce-back", force=0.1, scheme=scheme)
+    again.loadState(str(tmp_path / "state.xml"))
+    again.step(20)
+    assert np.array_equal(again.context.getState(positions=True).getPositions(asNumpy=True)._value, wanted)
+
+
+def test_system_and_integrator_survive_xml():
+    built, simulation = channel("bounce-back", force=0.1)
+    simulation.step(5)
+    fresh, _ = channel("bounce-back", force=0.1)
+    system = openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(built.system))
+    integrator = openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(dpd.build_plan(fresh.plan).integrator))
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName("CPU"), {"Threads": "1"})
+    context.setPositions(built.positions)
+    context.setVelocities(built.velocities)
+    integrator.step(5)
+    a, b = (c.getState(positions=True).getPositions(asNumpy=True)._value for c in (context, simulation.context))
+    assert np.abs(a - b).max() < 1e-9
+
+
+def test_walls_and_body_forces_on_platforms(device):
+    """A room across the boundary of the box, beads strewn over many boxes: none leaves it, and reverse flow pushes as it should."""
+    edges, rng = np.array([4.0, 4.0, 6.0]), np.random.default_rng(2)
+    x = rng.random((192, 3)) * [4, 4, 4] + [0, 0, 4] + rng.integers(-2, 3, (192, 3)) * edges
+    scene = dpd.Scene(
+        {"W": 1.0},
+        ["W"] * 192,
+        x,
+        {("W", "W"): dpd.DPD(A=25, gamma=4.5)},
+        1.0,
+        box=edges,
+        walls=[dpd.Wall("z", 4.0, "above"), dpd.Wall("z", 2.0, "below")],
+        body_forces=[dpd.BodyForce((0.1, 0, 0), pattern="halves", axis="y")],
+    )
+    built = dpd.build(scene, dt=0.02, seed=3, platform=device.platform)
+    simulation = built.simulation(properties=device.properties)
+    state = simulation.context.getState(forces=True, energy=True, groups={EXTERNAL_GROUP})
+    assert np.allclose(state.getForces(asNumpy=True)._value[:, 0], np.where(x[:, 1] % 4 < 2, 0.1, -0.1), atol=1e-6)
+    assert abs(state.getPotentialEnergy()._value) < 1e-4
+    for _ in range(5):
+        simulation.step(20)
+        z = (simulation.context.getState(positions=True).getPositions(asNumpy=True)._value[:, 2] - 3.0) % 6.0  # the room is 1 to 5
+        slack = device.choose(1e-9, 1e-5, 1e-5)
+        assert np.all((z > 1 - slack) & (z < 5 + slack))

@@ -1,0 +1,349 @@
+"""Segmental repulsion in OpenMM: every platform, a live LAMMPS, chains that cannot cross, saved Systems, decks, bad input."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import chains_of_beads as chains
+import lammps_peer
+import numpy as np
+import openmm
+import pytest
+from openmm import unit
+from scenes import beads
+
+import openmm_dpd as dpd
+from openmm_dpd.lammps.deck import read_deck
+from openmm_dpd.lammps.main import RunOptions, run_deck
+from openmm_dpd.lammps.srp import srp_settings
+from openmm_dpd.names import SEGMENT_GROUP
+
+NO_LAMMPS = lammps_peer.why_missing()
+LAMMPS = pytest.mark.skipif(NO_LAMMPS is not None, reason=str(NO_LAMMPS))
+DECKS = Path(__file__).resolve().parents[2] / "examples" / "decks"
+BOX = np.array([[6.2, 0, 0], [1.3, 5.9, 0], [-1.1, 1.7, 6.4]])
+DISTANCE = pytest.mark.parametrize("distance", ["mid", "min"])
+SCHEMES = pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba"])
+
+
+def melt(distance="mid", *, spread=1, seed=5, table=None, bonds=None, **options) -> dpd.Scene:
+    """Twenty chains of six in a tilted box."""
+    x, pairs, _ = chains.walks(20, 6, BOX, seed, step=0.8, spread=spread)
+    return beads(
+        len(x),
+        positions=x,
+        table=table or {("W", "W"): dpd.DPD(A=25, gamma=4.5)},
+        box=BOX,
+        bonds=[dpd.HarmonicBonds(pairs, 100, 0.8)],
+        segments=dpd.SegmentalRepulsion(A=80, cutoff=0.9, distance=distance, bonds=bonds),
+        **options,
+    )
+
+
+def segment_state(context):
+    state = context.getState(energy=True, forces=True, groups={SEGMENT_GROUP})
+    force = state.getForces(asNumpy=True).value_in_unit(unit.kilojoule_per_mole / unit.nanometer)
+    return state.getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole), force
+
+
+@DISTANCE
+def test_energy_and_forces_on_every_platform(device, distance):
+    """Beads in other images of a tilted box; the force of the same kernel on Reference is checked against finite differences elsewhere."""
+    scene = melt(distance)
+    simulation = dpd.build(scene, dt=0.01, platform=device.platform, seed=1).simulation(properties=device.properties)
+    energy, force = segment_state(simulation.context)
+    expected = chains.segment_energy(scene.positions, scene.segment_pairs, BOX, 80.0, 0.9, distance)
+    assert energy == pytest.approx(expected, rel=device.choose(1e-11, 1e-5, 1e-5))
+    reference = dpd.build(scene, dt=0.01, platform="Reference", seed=1).simulation()
+    np.testing.assert_allclose(force, segment_state(reference.context)[1], atol=device.choose(1e-11, 1e-4, 1e-4) * np.abs(force).max())
+    simulation.step(30)  # beads leave the box, GPU platforms fold them back
+    x = simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+    expected = chains.segment_energy(x, scene.segment_pairs, BOX, 80.0, 0.9, distance)
+    assert segment_state(simulation.context)[0] == pytest.approx(expected, rel=device.choose(1e-11, 1e-4, 1e-4))
+
+
+def crossed(segments, distance="mid") -> dpd.Scene:
+    """A chain along x and one along y, 1.2 apart and on their way through each other; no friction, no noise, soft beads."""
+    n, half = 6, 2.5
+    x = np.full((2 * n, 3), 6.0)
+    x[:n, 0] += 0.8 * (np.arange(n) - half)
+    x[n:, 1] += 0.8 * (np.arange(n) - half)
+    x[:n, 2] += 0.6
+    x[n:, 2] -= 0.6
+    v = np.zeros((2 * n, 3))
+    v[:n, 2], v[n:, 2] = -1.0, 1.0
+    pairs = np.array([(c * n + k, c * n + k + 1) for c in range(2) for k in range(n - 1)])
+    return beads(
+        2 * n,
+        positions=x,
+        velocities=v,
+        edge=12.0,
+        table={("W", "W"): dpd.DPD(A=4.0)},
+        kT=0.0,
+        bonds=[dpd.HarmonicBonds(pairs, 100, 0.8)],
+        segments=dpd.SegmentalRepulsion(100.0, 0.8, distance) if segments else None,
+    )
+
+
+def gap(simulation) -> float:
+    z = simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)[:, 2]
+    return float(z[[2, 3]].mean() - z[[8, 9]].mean())
+
+
+@SCHEMES
+def test_chains_cross_without_and_not_with_segmental_repulsion(scheme):
+    gaps = {}
+    for segments in (None, "mid", "min"):
+        simulation = dpd.build(crossed(segments is not None, segments or "mid"), dt=0.005, scheme=scheme, platform="Reference").simulation()
+        seen = []
+        for _ in range(40):
+            simulation.step(10)
+            seen.append(gap(simulation))
+        gaps[segments] = np.array(seen)
+    assert gaps[None][-1] < -1.0  # through
+    for distance in ("mid", "min"):
+        assert gaps[distance].min() > 0.1 and gaps[distance][-1] > 0.8  # bounced
+
+
+@DISTANCE
+@pytest.mark.parametrize("scheme", ["mvv", "aboba"])
+def test_energy_is_conserved(distance, scheme):
+    """Drift over a collision falls with the square of the step: the forces belong to the energy."""
+    drifts = []
+    for dt in (0.004, 0.002):
+        built = dpd.build(crossed(True, distance), dt=dt, scheme=scheme, platform="Reference")
+        simulation, observer = built.simulation(), dpd.Observer(built)
+        totals = [observer.sample(simulation.context).total]
+        for _ in range(40):
+            simulation.step(round(0.04 / dt))
+            totals.append(observer.sample(simulation.context).total)
+        drifts.append(np.ptp(totals))
+    assert drifts[1] < 0.4 * drifts[0] and drifts[1] < 2e-3 * totals[0]
+
+
+@SCHEMES
+@DISTANCE
+def test_a_saved_system_goes_on_with_the_same_bits(scheme, distance):
+    built = dpd.build(melt(distance, spread=0), dt=0.004, scheme=scheme, platform="Reference", seed=1)
+    copy = openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(built.system))
+    integrator = openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(built.integrator))
+    simulation = built.simulation()
+    simulation.step(5)
+    context = openmm.Context(copy, integrator, openmm.Platform.getPlatformByName("Reference"))
+    context.loadCheckpoint(simulation.context.createCheckpoint())
+    simulation.step(10)
+    integrator.step(10)
+    first, second = (c.getState(positions=True).getPositions(asNumpy=True)._value for c in (simulation.context, context))
+    assert np.array_equal(first, second)
+
+
+def test_some_bonds_only():
+    """Segments need not be bonds of the scene, nor all of them."""
+    scene = melt(bonds=np.array([(0, 1), (6, 7), (7, 8), (30, 31)]))
+    energy, force = segment_state(dpd.build(scene, dt=0.01, platform="Reference").simulation().context)
+    assert energy == pytest.approx(chains.segment_energy(scene.positions, scene.segments.bonds, BOX, 80.0, 0.9, "mid"), rel=1e-12)
+    assert not force[[2, 3, 20, 50]].any()
+
+
+def test_what_is_measured():
+    scene = melt()
+    built = dpd.build(scene, dt=0.01, platform="Reference", seed=1)
+    observer, simulation = dpd.Observer(built), built.simulation()
+    sample = observer.sample(simulation.context)
+    without = dpd.build(melt(table={("W", "W"): dpd.NONE}), dt=0.01, platform="Reference").simulation()
+    alone = segment_state(without.context)[0]
+    assert sample.pair > alone > 100
+    assert "segmental repulsion" in observer.no_laplacian and sample.laplacian is None
+    text = built.explain()
+    assert "segmental repulsion between the midpoints of 100 bonds: A = 80, cutoff 0.9 nm" in text
+
+
+def test_beside_a_repulsion_that_depends_on_temperatures():
+    """A sample of an EDPD scene, whose pair force is evaluated anew, has bonds, angles and segments in energy and forces."""
+    table, n = {("W", "W"): dpd.EDPD(A=18.75, gamma=4.5, kappa=1e-3)}, 120
+    inside = dpd.BeadTemperatures(np.linspace(0.8, 1.2, n), 100.0)
+    plain = melt(table=table, internal=inside, velocities=np.zeros((n, 3)), angles=[dpd.CosineAngles([(0, 1, 2)], 3.0)])
+    empty = beads(n, positions=plain.positions, table=table, box=BOX, internal=inside, velocities=np.zeros((n, 3)))
+    samples, contexts = [], []
+    for scene in (empty, plain):
+        built = dpd.build(scene, dt=0.01, scheme="mvv", platform="CPU", seed=3)
+        contexts.append(built.simulation().context)
+        samples.append(dpd.Observer(built).sample(contexts[-1]))
+    energy, force = segment_state(contexts[1])
+    bonded = contexts[1].getState(forces=True, groups={0}).getForces(asNumpy=True)._value
+    assert samples[1].pair - samples[0].pair == pytest.approx(energy, rel=1e-10)
+    np.testing.assert_allclose(samples[1].forces - samples[0].forces, force + bonded, atol=1e-9)
+
+
+# -- decks ---------------------------------------------------------------------------------------------------------------------
+DECK = """units lj
+atom_style angle
+newton on
+special_bonds lj 1 1 1
+comm_modify vel yes cutoff 3.0
+neighbor {skin} bin
+bond_style harmonic
+angle_style cosine
+read_data data.chains
+bond_coeff * 100 0.8
+angle_coeff * 2
+pair_style {pair}
+{coefficients}
+velocity all set 0 0 0
+fix 1 all nve
+"""
+OVERLAY = "pair_coeff 1 1 dpd 25 4.5\npair_coeff 1 2 none\npair_coeff 2 2 srp 80"
+
+
+def deck_of(folder, pair, coefficients=OVERLAY, skin=1.1, box=BOX, seed=5):
+    """The deck's text, its data file written beside it: 100 bonds of two types."""
+    x, bonds, angles = chains.walks(20, 6, box, seed, step=0.8)
+    text = chains.data_file(x, bonds, angles, box, n_types=2, bond_types=2, angle_types=1)
+    (folder / "data.chains").write_text(text)
+    return DECK.format(pair=pair, coefficients=coefficients, skin=skin)
+
+
+def ours(folder, text, compat="consistent"):
+    path = folder / "in.ours"
+    path.write_text(text + "run 0\n")
+    scene = read_deck(path, stop_before_first_run=True, output=folder).first_run.override(compat=compat).scene()
+    built = dpd.build(scene, dt=0.01, platform="Reference", seed=1)
+    terms = dpd.force_terms(built)
+    return dpd.Observer(built).sample(built.simulation().context), terms["bond"] + terms["conservative"]
+
+
+CASES = {
+    "mid": ("hybrid/overlay dpd 0.0 1.0 33 srp 0.9 * mid", OVERLAY),
+    "one type": ("hybrid/overlay dpd 0.0 1.0 33 srp 0.9 2 mid exclude yes", OVERLAY),
+    "exclude no": ("hybrid/overlay dpd 0.0 1.0 33 srp 0.5 * mid exclude no bptype 2", OVERLAY + " 0.9"),
+    "min": ("hybrid/overlay dpd 0.0 1.0 33 srp 0.9 1 min", OVERLAY),
+    "min, all": ("hybrid/overlay dpd 0.0 1.0 33 srp 0.9 * min exclude yes", OVERLAY),
+    "hybrid": ("hybrid dpd 0.0 1.0 33 srp 0.9 * mid", OVERLAY),
+}
+
+
+@LAMMPS
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("box", [np.diag([6.2, 5.9, 6.4]), BOX], ids=["orthogonal", "tilted"])
+def test_decks_against_lammps(tmp_path, name, box):
+    """Energies, forces and pressure to 1e-9; the distance min with LAMMPS's points and a list of LAMMPS's that reaches far enough."""
+    text = deck_of(tmp_path, *CASES[name], box=box)
+    expected, forces = chains.theirs(tmp_path, text)
+    forces = forces[:120]  # then come the placeholders of the bonds
+    sample, force = ours(tmp_path, text, compat="lammps")
+    np.testing.assert_allclose(force, forces, atol=1e-9 * np.abs(forces).max(), rtol=0)
+    found = {
+        "pe": sample.potential,
+        "ebond": sample.bond,
+        "eangle": sample.angle,
+        "evdwl": sample.pair,
+        "press": sample.pressure(full=False),
+    }
+    for word, value in found.items():
+        assert value == pytest.approx(expected[word], rel=1e-9), word
+    if "min" in name:
+        assert ours(tmp_path, text)[0].pair > 1.0001 * expected["evdwl"]  # the nearest points repel more
+
+
+@LAMMPS
+@pytest.mark.parametrize("points", ["mid", "min"])
+def test_the_example_deck(tmp_path, points):
+    """Step 0 of examples/decks/in.srp: the digits that LAMMPS prints."""
+    (tmp_path / "data.srp").write_text((DECKS / "data.srp").read_text())
+    text = (DECKS / "in.srp").read_text().replace("neighbor        0.4", "neighbor        1.1")
+    with lammps_peer.instance() as lmp:
+        lmp.command(f"shell cd {tmp_path}")
+        lmp.commands_list(["variable nequil index 0", "variable nrun index 0", f"variable points index {points}"])
+        lmp.commands_string(text)
+        expected = {word: lmp.get_thermo(word) for word in ("pe", "evdwl", "ebond", "eangle", "emol", "ke", "temp")}
+    options = RunOptions(platform="Reference", steps=0, threads=1, compat="lammps")
+    report = run_deck(DECKS / "in.srp", options, variables={"points": points}, out=tmp_path / "out")
+    rows = report["runs"][0]["thermo"]
+    for word, value in expected.items():
+        assert f"{rows[word]['first']:.8g}" == f"{value:.8g}", word
+
+
+def test_notes_of_a_deck(tmp_path):
+    """Thermo output is not divided by the number of beads; the distance min has other points than LAMMPS's unless they are asked for."""
+    text = deck_of(tmp_path, *CASES["min"])
+    for compat in ("consistent", "lammps"):
+        (tmp_path / "in.ours").write_text(text + "run 0\n")
+        state = read_deck(tmp_path / "in.ours", stop_before_first_run=True, output=tmp_path)
+        state.first_run.override(compat=compat).scene()
+        assert state.thermo.norm is False and any("not divided by the number of beads" in note for note in state.notes)
+        assert any("the nearest points of two bonds are used" in note for note in state.notes) == (compat == "consistent")
+
+
+def test_settings_of_the_style():
+    found = srp_settings("0.8 2 min exclude yes bptype 3".split())
+    assert found == {"cutoff": 0.8, "bond_type": 2, "distance": "min", "exclude": True, "bptype": 3}
+    assert srp_settings("0.8 * mid exclude no".split()) == {
+        "cutoff": 0.8,
+        "bond_type": None,
+        "distance": "mid",
+        "exclude": False,
+        "bptype": None,
+    }
+
+
+SRP = "hybrid/overlay dpd 1 1 3 srp "
+DECK_ERRORS = {
+    "alone": ("srp 0.8 * mid", "pair_coeff 2 2 80", "in.ours:12: pair style srp acts between bonds; use it in pair_style hybrid"),
+    "words": (SRP + "0.8 *", OVERLAY, "expected 'srp cutoff bond-type|* mid|min"),
+    "distance": (SRP + "0.8 * max", OVERLAY, "pair style 'max' is not supported"),
+    "exclude": (SRP + "0.8 * min exclude no", OVERLAY, "'exclude no' goes with the distance mid only"),
+    "bond type": (SRP + "0.8 3 mid", OVERLAY, "in.ours:12: pair style srp: bond type 3 is out of range: there are 2"),
+    "bptype": (SRP + "0.8 * mid bptype 3", OVERLAY, "bptype 3 is out of range: there are 2 atom types"),
+    "beads of the type": (
+        SRP + "0.8 * mid bptype 1",
+        "pair_coeff 1 1 srp 80\npair_coeff 2 2 dpd 25 4.5\npair_coeff 1 2 none",
+        "120 beads have it",
+    ),
+    "not none": (SRP + "0.8 * mid", "pair_coeff * * dpd 25 4.5\npair_coeff 2 2 srp 80", "types 1 2 have coefficients of dpd; use none"),
+    "other types": (SRP + "0.8 * mid", OVERLAY + "\npair_coeff 1 2 srp 80", "coefficients for types 1 2; they belong to 2 2"),
+    "no coefficient": (SRP + "0.8 * mid", "pair_coeff 1 1 dpd 25 4.5\npair_coeff * 2 none", "style srp is used by no type pair"),
+    "negative": (SRP + "0.8 * mid", OVERLAY.replace("80", "-80"), "in.ours:15: A must be >= 0, but is -80"),
+    "twice": (SRP + "0.8 * mid srp 0.9 * mid", OVERLAY.replace("srp", "srp 1") + "\npair_coeff 2 2 srp 2 80", "it can be used once only"),
+}
+
+
+@pytest.mark.parametrize("name", DECK_ERRORS)
+def test_errors_of_decks(tmp_path, name):
+    pair, coefficients, message = DECK_ERRORS[name]
+    with pytest.raises(dpd.DeckError, match=message.replace("|", r"\|").replace("*", r"\*")):
+        ours(tmp_path, deck_of(tmp_path, pair, coefficients))
+
+
+S = dpd.SegmentalRepulsion
+BAD = {
+    "negative A": (lambda: S(-1.0), "A of the segmental repulsion must be one number >= 0, not -1.0"),
+    "no cutoff": (lambda: S(1.0, 0.0), "cutoff of the segmental repulsion must be one number > 0"),
+    "an array": (lambda: S([1.0, 2.0]), "A of the segmental repulsion must be one number"),
+    "unit": (lambda: S(1 * unit.nanometer), "A of the segmental repulsion has the unit nanometer, which is no force"),
+    "distance": (lambda: S(1.0, 1.0, "nearest"), "must be 'mid' or 'min', not 'nearest'"),
+    "sharing": (lambda: S(1.0, 1.0, "min", exclude_adjoining=False), "they must be left out"),
+    "truth": (lambda: S(1.0, exclude_adjoining="no"), "must be True or False, not 'no'"),
+    "triples": (lambda: S(1.0, bonds=[(0, 1, 2)]), r"segments must be an integer array of shape \(K, 2\)"),
+    "twice": (lambda: S(1.0, bonds=[(0, 1), (1, 0)]), "the segment between beads 0 and 1 is listed twice"),
+    "no bonds": (lambda: beads(4, segments=S(1.0)), "acts between bonds, but there are none; list them in `bonds`"),
+    "missing bead": (lambda: beads(4, segments=S(1.0, bonds=[(0, 4)])), "a segment names bead 4, but there are only 4 beads"),
+    "something else": (lambda: beads(4, segments={"A": 1}), "segments must be a SegmentalRepulsion"),
+    "box": (
+        lambda: beads(4, segments=S(1.0, 1.6, bonds=[(0, 1)])),
+        "reaches 1.6 nm which is over half the box, whose smallest width is 3 nm",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input(name):
+    make, message = BAD[name]
+    with pytest.raises(dpd.ParameterError, match=message):
+        make()
+
+
+def test_a_box_too_small_for_the_nearest_points():
+    x = np.array([[0, 0, 0], [1.0, 0, 0], [0, 1, 1], [0.2, 1, 1]]) + 1.0
+    scene = beads(4, positions=x, bonds=[dpd.HarmonicBonds([(0, 1), (2, 3)], 1, 1)], edge=3.0, segments=S(1.0, 0.5, "min"))
+    with pytest.raises(dpd.ParameterError, match="reaches 0.6 nm, with bonds of up to 1 nm, which is over half the box"):
+        beads(4, positions=x, bonds=scene.bonds, edge=3.0, segments=S(1.0, 0.6, "min"))

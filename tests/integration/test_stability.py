@@ -1,0 +1,164 @@
+"""Where a scheme fails and another does not, and that a failure is an error and not a trajectory."""
+
+from __future__ import annotations
+
+import numpy as np
+import openmm
+import pytest
+from devices import DEVICES
+
+import openmm_dpd as dpd
+from openmm_dpd.errors import RunError
+from openmm_dpd.forces.runaway import runaway
+from openmm_dpd.lammps.main import run_deck
+from openmm_dpd.lammps.run import RunOptions
+from openmm_dpd.stats import ratio_average
+
+N, EDGE = 375, 5.0
+TOO_FAST = "more than the cutoff"
+
+
+def fluid(gamma: float, A: float = 25.0, kT: float = 1.0) -> dpd.Scene:
+    """The standard fluid on random points."""
+    x = np.random.default_rng(1).random((N, 3)) * EDGE
+    return dpd.Scene({"W": 1.0}, ["W"] * N, x, {("W", "W"): dpd.DPD(A=A, gamma=gamma)}, kT=kT, box=[EDGE] * 3)
+
+
+def simulation(scene: dpd.Scene, scheme: str, dt: float, settle: float = 5.0, platform: str = "CPU", **options):
+    """A simulation of the scene after some time with ``middle`` at a small step, at a further step with another scheme."""
+    first = dpd.build(scene, dt=0.01, scheme="middle", platform="CPU", seed=3).simulation(properties={"Threads": "1"})
+    first.step(round(settle / 0.01))
+    state = first.context.getState(positions=True, velocities=True)
+    built = dpd.build(scene, dt=dt, scheme=scheme, platform=platform, seed=4, **options)
+    made = built.simulation(properties={"Threads": "1"} if platform == "CPU" else None)
+    made.context.setPositions(state.getPositions())
+    made.context.setVelocities(state.getVelocities())
+    return made, dpd.Observer(built)
+
+
+def temperatures(scene: dpd.Scene, scheme: str, dt: float, time: float) -> tuple[float, float, float]:
+    """Kinetic and configurational temperature over a time, and the standard error of the latter."""
+    made, observer = simulation(scene, scheme, dt)
+    every = max(1, round(0.12 / dt))
+    made.step(round(3.0 / dt))
+    rows = []
+    for _ in range(round(time / dt / every)):
+        made.step(every)
+        s = observer.sample(made.context)
+        rows.append((s.kT, s.gradient2, s.laplacian))
+    kT, above, below = np.array(rows).T
+    found = ratio_average(above, below)
+    return float(kT.mean()), found.mean, found.sem
+
+
+def test_strong_friction_at_a_long_step():
+    """gamma 40.5, dt 0.06: velocity Verlet blows up, middle is within 2 % in both temperatures.
+
+    gamma dt is 2.4; the standard error of the configurational temperature is 0.7 %, and middle is 1 % off in the long run: 2 % and
+    four standard errors.
+    """
+    scene = fluid(40.5)
+    made, _ = simulation(scene, "mvv", 0.06)
+    with pytest.raises(openmm.OpenMMException, match=TOO_FAST):
+        made.step(500)
+    kinetic, configurational, sem = temperatures(scene, "middle", 0.06, 60.0)
+    assert sem < 0.012
+    assert abs(kinetic - 1) < 0.02
+    assert abs(configurational - 1) < 0.02 + 4 * sem
+
+
+def test_weak_friction_at_a_long_step():
+    """gamma 4.5, dt 0.08: in its configurations velocity Verlet is 31 % too hot; aboba is 2 % too cold, hence within 3 % and the noise."""
+    scene = fluid(4.5)
+    _, hot, sem = temperatures(scene, "mvv", 0.08, 40.0)
+    assert hot - 4 * sem > 1.10
+    _, good, sem = temperatures(scene, "aboba", 0.08, 60.0)
+    assert abs(good - 1) < 0.03 + 4 * sem
+
+
+@pytest.mark.parametrize(("scheme", "dt"), [("mvv", 0.06), ("mvv", 0.3), ("shardlow", 0.3), ("middle", 0.4), ("aboba", 0.4)])
+def test_every_scheme_that_blows_up_says_so(scheme, dt):
+    """Soft beads never become NaN: without a check this would run on at a million times the temperature."""
+    made, _ = simulation(fluid(40.5), scheme, dt)
+    with pytest.raises(openmm.OpenMMException, match=r"bead \d+ moves .* nm in one step.*times what it should be.*step size"):
+        made.step(500)
+
+
+@pytest.mark.parametrize("device", [device for device in DEVICES if device.precision in ("", "single")], ids=str)
+def test_blow_up_is_an_error_on_every_platform(device):
+    scene = fluid(40.5)
+    built = dpd.build(scene, dt=0.06, scheme="mvv", platform=device.platform, seed=4)
+    made = built.simulation(properties=device.properties)
+    with pytest.raises(openmm.OpenMMException, match=TOO_FAST):
+        made.step(500)
+
+
+def test_a_context_goes_on_after_the_error():
+    """With a good step and fresh velocities the same simulation runs."""
+    made, observer = simulation(fluid(40.5), "mvv", 0.06)
+    good = made.context.getState(positions=True, velocities=True)
+    with pytest.raises(openmm.OpenMMException, match=TOO_FAST):
+        made.step(500)
+    made.integrator.setStepSize(0.005)
+    made.context.setPositions(good.getPositions())
+    made.context.setVelocities(good.getVelocities())
+    made.step(200)
+    assert 0.7 < observer.sample(made.context).kT < 1.3
+
+
+def test_a_deck_that_blows_up_is_an_error_with_its_line(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    lines = [
+        "units lj", "region box block 0 5 0 5 0 5", "create_box 1 box", "create_atoms 1 random 375 7 box", "mass 1 1.0",
+        "velocity all create 1.0 3", "pair_style dpd 1.0 1.0 5", "pair_coeff 1 1 25 40.5 1.0", "fix 1 all nve", "timestep 0.06", "run 500",
+    ]  # fmt: skip
+    (tmp_path / "in.hot").write_text("\n".join(lines) + "\n")
+    with pytest.raises(RunError, match=r"in\.hot:11: the run stopped: .*more than the cutoff"):
+        run_deck(tmp_path / "in.hot", RunOptions(platform="CPU", threads=1))
+    dpd.set_threads(None)
+
+
+# -- what is no failure ------------------------------------------------------------------------------------------------------------
+def test_an_ideal_gas_with_a_long_step_is_no_failure():
+    """Exact pair updates are right at any step; fast beads cross a cutoff in one step there."""
+    built = dpd.build(fluid(4.5, A=0.0), dt=0.5, scheme="middle", platform="CPU", seed=4)
+    made, observer = built.simulation(properties={"Threads": "1"}), dpd.Observer(built)
+    rows = []
+    for _ in range(200):
+        made.step(2)
+        rows.append(observer.sample(made.context).kT)
+    # 1122 degrees of freedom: 4.2 % for one sample, 0.3 % for 200 independent ones
+    assert abs(np.mean(rows) - 1) < 4 * 0.042 / 200**0.5
+
+
+def test_a_start_from_overlapping_points_is_no_failure():
+    """Random points heat up to a few times the temperature; the friction takes it out again."""
+    built = dpd.build(fluid(4.5, A=100.0), dt=0.01, scheme="middle", platform="CPU", seed=4)
+    made = built.simulation(properties={"Threads": "1"})
+    made.step(300)
+
+
+def test_the_check_by_itself():
+    """Not finite; faster than both bounds; only one of them; beads that do not move."""
+    inv_mass, still = np.array([1.0, 1.0, 0.0]), np.zeros((3, 3))
+    assert runaway(still, inv_mass, 1.0, 0.01, 1.0) is None
+    for bead, speed, dt, wrong in (
+        (1, 101.0, 0.01, True),
+        (1, 99.0, 0.01, False),
+        (1, 9.0, 0.5, False),
+        (1, 11.0, 0.5, True),
+        (2, 1e3, 0.5, False),
+    ):
+        v = still.copy()
+        v[bead, 1] = speed
+        assert (runaway(v, inv_mass, 1.0, dt, 1.0) is not None) == wrong, (bead, speed, dt)
+    v = still.copy()
+    v[0, 0] = np.nan
+    assert "not finite" in runaway(v, inv_mass, 1.0, 0.01, 1.0)
+    v[0, 0] = 101.0
+    text = runaway(v, inv_mass, 2.0, 0.01, 1.0)
+    assert (
+        text
+        == "bead 0 moves 1.01 nm in one step of 0.01 ps, more than the cutoff of 1 nm; the kinetic temperature is 850 times what it should be"
+    )
+    assert "temperature" not in runaway(v, inv_mass, 0.0, 0.01, 1.0)

@@ -1,0 +1,93 @@
+"""Charges in decks: what the commands read, and what they refuse."""
+
+from __future__ import annotations
+
+import pytest
+
+from openmm_dpd.errors import DeckError
+from openmm_dpd.lammps.main import deck_scene
+from openmm_dpd.units import COULOMB
+
+DECK = """units {units}
+atom_style charge
+region box block 0 {edge} 0 {edge} 0 {edge}
+create_box 2 box
+create_atoms 1 random 20 7 NULL
+create_atoms 2 random 20 8 NULL
+mass * 1.0
+set type 2 charge {charge}
+{styles}
+fix move all nve
+run 0
+"""
+STYLES = """pair_style dpd/coul/slater/long 1.0 {one} 5 {lamda} {cutoff}
+pair_coeff 1 * 25 4.5
+pair_coeff 2 2 25 4.5 yes
+kspace_style pppm 1.0e-5
+"""
+LJ = {"units": "lj", "edge": 6, "charge": 0.0}
+
+
+def scene(tmp_path, styles, **settings):
+    values = {**LJ, **settings}
+    text = DECK.format(styles=styles, **values)
+    # half of the second kind is positive, half negative
+    text = text.replace("set type 2 charge 0.0", "set atom 21*30 charge 1.0\nset atom 31*40 charge -1.0")
+    (tmp_path / "in.deck").write_text(text)
+    return deck_scene(tmp_path / "in.deck")
+
+
+@pytest.mark.parametrize(("units", "length", "constant"), [("lj", 1.0, 1.0), ("real", 0.1, COULOMB), ("metal", 0.1, COULOMB)])
+def test_what_a_deck_says(units, length, constant, tmp_path):
+    """Lengths and the Coulomb constant in each unit style; dielectric divides it; gewald and mesh are taken over."""
+    one, edge = 1 / length, 6 / length
+    more = f"dielectric 2.0\nkspace_modify gewald {1.5 * length} mesh 24 24 32 order 5\n"
+    styles = STYLES.format(one=one, lamda=0.25 * one, cutoff=2 * one) + more
+    charges = scene(tmp_path, styles, units=units, edge=edge).electrostatics
+    assert (charges.lamda, charges.cutoff, charges.tolerance, charges.alpha) == pytest.approx((0.25, 2.0, 1e-5, 1.5))
+    assert charges.grid == (24, 24, 32)
+    # the constants of real and metal are older than OpenMM's
+    assert charges.coulomb(1.0) == pytest.approx(constant / 2, rel=1e-6)
+
+
+SLATER = STYLES.format(one=1.0, lamda=0.25, cutoff=2.0)
+OVERLAY = "pair_style hybrid/overlay dpd 1.0 1.0 5 coul/slater/long 0.25 2.0\npair_coeff * * dpd 25 4.5\n"
+BAD = [
+    ("types 2 2 both have charges", SLATER.replace(" yes", "")),
+    ("types 2 2 both have charges", SLATER.replace(" yes", " no")),
+    ("types 2 2 both have charges", OVERLAY + "pair_coeff 1 1 coul/slater/long\nkspace_style ewald 1e-5\n"),
+    ("needs a kspace_style", SLATER.replace("kspace_style pppm 1.0e-5", "")),
+    ("needs a kspace_style", SLATER + "kspace_style none\n"),
+    ("kspace_style needs a pair style with charges", "pair_style dpd 1 1 5\npair_coeff * * 25 4.5\nkspace_style ewald 1e-4\n"),
+    ("kspace_style 'msm' is not supported", SLATER + "kspace_style msm 1e-4\n"),
+    ("the accuracy of kspace_style must be between", SLATER + "kspace_style ewald 2.0\n"),
+    ("slab is not supported", SLATER + "kspace_modify slab 3.0\n"),
+    ("force is not supported", SLATER + "kspace_modify force 1e-5\n"),
+    ("compute no is not supported", SLATER + "kspace_modify compute no\n"),
+    ("at least 6 points", SLATER + "kspace_modify mesh 4 8 8\n"),
+    ("kspace_modify needs a kspace_style", "kspace_modify mesh 8 8 8\n"),
+    ("lambda of dpd/coul/slater/long", STYLES.format(one=1.0, lamda=0.0, cutoff=2.0)),
+    ("over half the box", STYLES.format(one=1.0, lamda=0.25, cutoff=3.1)),
+    ("the dielectric constant", SLATER + "dielectric 0\n"),
+    ("no coefficients", OVERLAY + "pair_coeff * * coul/slater/long 1.0\n"),
+]
+
+
+@pytest.mark.parametrize(("message", "styles"), BAD)
+def test_what_is_refused(message, styles, tmp_path):
+    """With file and line."""
+    with pytest.raises(DeckError, match=message) as error:
+        scene(tmp_path, styles)
+    assert error.value.line is not None
+
+
+def test_overlay_and_flags(tmp_path):
+    overlay = scene(tmp_path, OVERLAY + "pair_coeff 2 2 coul/slater/long\nkspace_style ewald 1e-5\n")
+    assert overlay.electrostatics == scene(tmp_path, SLATER).electrostatics
+
+
+def test_decks_without_charged_beads(tmp_path):
+    text = SLATER
+    (tmp_path / "in.deck").write_text(DECK.format(styles=text, units="lj", edge=6, charge="0"))
+    with pytest.raises(DeckError, match="no bead has a charge"):
+        deck_scene(tmp_path / "in.deck")

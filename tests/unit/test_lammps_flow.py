@@ -1,0 +1,202 @@
+"""fix addforce, fix setforce, fix wall/reflect and boundary f: what they mean, what is refused, and both beside a live LAMMPS."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import lammps_peer
+
+from openmm_dpd import BodyForce, DeckError, PositionForce
+from openmm_dpd.lammps import read_deck
+from openmm_dpd.lammps.data_writer import data_file_lines
+from openmm_dpd.lammps.run import DeckRunner, RunOptions
+from openmm_dpd.model.flow import SPECULAR, Wall
+
+MISSING = lammps_peer.why_missing()
+live = pytest.mark.skipif(MISSING is not None, reason=str(MISSING))
+
+#: A box that does not begin at 0, and beads of two types and masses that fill it; some of them a box away.
+START = """units {units}
+boundary {boundary}
+region b block -3 4 -2 4 1 8 units box
+create_box 2 b
+create_atoms 1 random 90 4711 NULL
+create_atoms 2 random 90 4712 NULL
+mass 1 1
+mass 2 2.5
+velocity all create 1.0 87287
+region low block INF INF INF INF INF 4.5 units box
+group low region low
+group two type 2
+pair_style dpd 0.0 1.0 1
+pair_coeff * * 25 4.5
+comm_modify vel yes
+timestep 0.01
+"""
+
+
+def deck(text: str, boundary: str = "p p p", units: str = "lj") -> str:
+    return START.format(units=units, boundary=boundary) + text
+
+
+def ours(tmp_path, text: str):
+    (tmp_path / "in.deck").write_text(text)
+    runner = DeckRunner(RunOptions(platform="Reference", threads=1, conservative="openmm"))
+    return read_deck(tmp_path / "in.deck", run_callback=runner, output=tmp_path), runner
+
+
+def first_scene(tmp_path, text: str):
+    (tmp_path / "in.deck").write_text(text)
+    return read_deck(tmp_path / "in.deck", stop_before_first_run=True).first_run.scene()
+
+
+def error(tmp_path, text: str) -> str:
+    with pytest.raises(DeckError) as caught:
+        first_scene(tmp_path, text)
+    return str(caught.value)
+
+
+# -- what the fixes mean -------------------------------------------------------------------------------------------------------
+def test_addforce_is_a_body_force_of_the_group(tmp_path):
+    scene = first_scene(tmp_path, deck("fix 1 all nve\nfix 2 low addforce 0.1 -0.2 0\nfix 3 two addforce 0 0 0\nrun 1\n"))
+    (term,) = scene.body_forces
+    assert isinstance(term, BodyForce) and term.force.tolist() == [0.1, -0.2, 0]
+    assert term.beads.tolist() == (scene.positions[:, 2] < 4.5).tolist()
+
+
+def test_addforce_with_units(tmp_path):
+    scene = first_scene(tmp_path, deck("fix 1 all nve\nfix 2 all addforce 1 0 0\nrun 1\n", units="real").replace(" 1.0 1\n", " 2.0 1\n"))
+    assert scene.body_forces[0].force[0] == pytest.approx(41.84, rel=1e-6)  # kcal/mol/angstrom in kJ/mol/nm; LAMMPS's own constants
+
+
+def test_addforce_of_a_variable_follows_the_position(tmp_path):
+    text = 'variable h equal 4.5\nvariable f atom "0.1*(z<v_h)-0.1*(z>=v_h)"\nfix 1 all nve\nfix 2 all addforce v_f 0 v_h\nrun 1\n'
+    (term,) = first_scene(tmp_path, deck(text)).body_forces
+    assert isinstance(term, PositionForce) and term.beads.all() and term.corner.tolist() == [-3, -2, 1]
+
+
+def test_addforce_of_the_mass_is_one_force_per_type(tmp_path):
+    text = "variable g atom -0.3*mass\nfix 1 all nve\nfix 2 all addforce 0 0 v_g\nrun 1\n"
+    assert len(first_scene(tmp_path, deck(text)).body_forces) == 2
+
+
+def test_setforce_holds_beads_still(tmp_path):
+    scene = first_scene(tmp_path, deck("velocity low set 0 0 0\nfix 1 all nve\nfix 2 low setforce 0 0 0\nrun 1\n"))
+    assert scene.mobile.tolist() == (scene.positions[:, 2] >= 4.5).tolist()
+
+
+def test_walls_at_the_faces(tmp_path):
+    scene = first_scene(
+        tmp_path, deck("fix 1 all nve\nfix 2 all wall/reflect zlo EDGE zhi 7.9 units box\nrun 1\n".replace("7.9", "8.0"), "p p f")
+    )
+    assert scene.walls == (Wall("z", 1.0, "above", SPECULAR), Wall("z", 8.0, "below", SPECULAR))
+    assert scene.box[2, 2] == 14 and scene.box[0, 0] == 7  # empty room behind the walls
+
+
+# -- what is refused -----------------------------------------------------------------------------------------------------------
+NVE = "fix 1 all nve\n"
+REFUSED = {
+    "region": (NVE + "region s sphere 0 0 4 1\nfix 2 all addforce 1 0 0 region s\n", "p p p", "addforce region is not supported"),
+    "every": (NVE + "fix 2 all addforce 1 0 0 every 2\n", "p p p", "every"),
+    "no variable": (NVE + "fix 2 all addforce v_f 0 0\n", "p p p", "no variable 'f'"),
+    "step": ("variable f equal 0.1*step\n" + NVE + "fix 2 all addforce v_f 0 0\nrun 1\n", "p p p", "'step' depends on something else"),
+    "velocity": ("variable f atom -vx\n" + NVE + "fix 2 all addforce v_f 0 0\nrun 1\n", "p p p", "'vx' depends"),
+    "ramp": ("variable f atom x*ramp(0,1)\n" + NVE + "fix 2 all addforce v_f 0 0\nrun 1\n", "p p p", "'ramp' depends"),
+    "setforce value": (NVE + "fix 2 low setforce 0 0 1\n", "p p p", "replace forces"),
+    "setforce null": (NVE + "fix 2 low setforce NULL NULL 0\n", "p p p", "holds beads still"),
+    "coasting": (NVE + "fix 2 low setforce 0 0 0\nrun 1\n", "p p p", "coast"),
+    "periodic wall": (NVE + "fix 2 all wall/reflect zlo EDGE\n", "p p p", "boundary p p f"),
+    "moving wall": ("variable p equal 2\n" + NVE + "fix 2 all wall/reflect zlo v_p\n", "p p f", "walls that move"),
+    "outside": (NVE + "fix 2 all wall/reflect zlo 0.5 units box\n", "p p f", "outside the box"),
+    "open": (NVE + "fix 2 all wall/reflect zlo EDGE\nrun 1\n", "p p f", "wall/reflect zhi EDGE"),
+    "open 2": (NVE + "run 1\n", "p f p", "wall/reflect ylo EDGE yhi EDGE"),
+    "group": (NVE + "fix 2 low wall/reflect zlo EDGE zhi EDGE\nrun 1\n", "p p f", "outside group low"),
+    "beyond": (NVE + "fix 2 all wall/reflect zlo 4.5 zhi EDGE units box\nrun 1\n", "p p f", "beyond a wall"),
+    "lj wall": (NVE + "fix 2 all wall/lj93 zlo EDGE 1 1 2.5\n", "p p f", "fix style 'wall/lj93' is not supported"),
+    "shrink": ("", "p p s", "boundaries are periodic"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused(tmp_path, name):
+    text, boundary, message = REFUSED[name]
+    assert message in error(tmp_path, deck(text, boundary))
+
+
+# -- beside LAMMPS -------------------------------------------------------------------------------------------------------------
+#: Without friction, so that steps can be compared as well; the forces are large enough to be seen.
+FORCES = {
+    "constant": "fix 2 low addforce 0.7 -0.2 0.1\nfix 3 two addforce 0 0 1.5\n",
+    "halves": 'variable f atom "(z<4.5)*2-1"\nfix 2 all addforce v_f 0 0\n',
+    "sine": 'variable a equal 1.3\nvariable k equal 2*PI/lz\nvariable f atom "v_a*sin(v_k*(z-zlo))+cos(2*PI*x/lx)"\nfix 2 all addforce v_f 0.3 v_a\n',
+    "functions": 'variable f atom "ternary(x>1,round(y)%2,1.5-abs(z-4)^0.5+x^2/10)"\nvariable g atom "(x<0&&y>=1)||!(z<=5)-floor(x)"\n'
+    "fix 2 two addforce v_f v_g 0\n",
+    "mass": "variable g atom -0.3*mass*type\nfix 2 all addforce 0 0 v_g\n",
+    "setforce": "velocity low set 0 0 0\nfix 2 low setforce 0 0 0\n",
+}
+
+
+def last_frame(path: Path, n: int) -> np.ndarray:
+    """(n, 3) forces of the last frame of a dump."""
+    return np.array([line.split()[1:] for line in path.read_text().splitlines()[-n:]], dtype=float)
+
+
+def both(tmp_path, text: str, boundary: str = "p p p"):
+    """Positions, velocities and forces after the runs of a deck, here and in LAMMPS, in the order of the ids."""
+    text = deck(text, boundary).replace("25 4.5", "25 0")
+    here = text.partition("run ")[0]
+    (tmp_path / "in.start").write_text(here + "run 0\n")
+    start = read_deck(tmp_path / "in.start", stop_before_first_run=True)
+    (tmp_path / "data.start").write_text("\n".join(data_file_lines(start, pair=None)) + "\n")
+    state, _ = ours(tmp_path, text)
+    mine = last_frame(tmp_path / "forces", len(state.atoms))
+    (tmp_path / "forces").unlink()
+    with lammps_peer.instance() as lmp:
+        lmp.command(f"shell cd {tmp_path}")
+        for line in text.splitlines():
+            word = line.split()[0]
+            if word == "create_box":
+                lmp.command("read_data data.start")
+            elif word not in ("create_atoms", "velocity"):
+                lmp.command(line)
+        n = len(state.atoms)
+        theirs = [np.array(lmp.gather_atoms(name, 1, 3)).reshape(n, 3) for name in ("x", "v")]
+    return state, mine, last_frame(tmp_path / "forces", n), theirs
+
+
+DUMP = "dump d all custom 1 forces id fx fy fz\ndump_modify d sort id format float %.15g\n"
+
+
+@live
+@pytest.mark.parametrize("name", FORCES)
+def test_forces_of_the_first_configuration(tmp_path, name):
+    state, mine, theirs, _ = both(tmp_path, "fix 1 all nve\n" + FORCES[name] + DUMP + "run 0\n")
+    kept = ~state.group("low") if name == "setforce" else np.ones(len(mine), bool)  # LAMMPS shows no force on beads that are held
+    np.testing.assert_allclose(mine[kept], theirs[kept], rtol=1e-6, atol=1e-5)
+
+
+@live
+@pytest.mark.parametrize("name", ["constant", "sine", "setforce"])
+def test_steps(tmp_path, name):
+    """100 steps of velocity Verlet without friction."""
+    state, _, _, (x, v) = both(tmp_path, "fix 1 all nve\n" + FORCES[name] + DUMP.replace(" 1 forces", " 100 forces") + "run 100\n")
+    np.testing.assert_allclose(state.atoms.velocities, v, atol=2e-4)
+    assert name != "setforce" or not state.atoms.velocities[state.group("low")].any()
+
+
+@live
+@pytest.mark.parametrize("axes", ["p p f", "f p f"])
+def test_steps_between_walls(tmp_path, axes):
+    """Beads bounce at the faces as in LAMMPS, and do not see each other through them; pressure and box are the deck's."""
+    faces = " ".join(f"{axis}lo EDGE {axis}hi EDGE" for axis, kind in zip("xyz", axes.split(), strict=True) if kind == "f")
+    text = f"fix 1 all nve\nfix 2 all wall/reflect {faces}\n{DUMP.replace(' 1 forces', ' 100 forces')}thermo_style custom step pe press vol\nrun 100\n"
+    state, mine, theirs, (x, v) = both(tmp_path, text, axes)
+    np.testing.assert_allclose(state.atoms.positions, x, atol=2e-5)
+    np.testing.assert_allclose(state.atoms.velocities, v, atol=2e-4)
+    assert state.box.edges.tolist() == [7, 6, 7]

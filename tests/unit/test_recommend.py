@@ -1,0 +1,274 @@
+"""recommend and the table of steps: interpolation of a made-up table, bounds, the sentence of explain, and the shipped table."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import openmm_dpd as dpd
+from openmm_dpd.errors import ParameterError
+from openmm_dpd.plan import SCHEMES
+from openmm_dpd.recommend import advice, bond_frequency, groups, predicted_error, recommend
+from openmm_dpd.stability_table import LEVELS, Groups, StabilityTable, shipped_table
+
+BASE = {"gamma": 4.5, "a": 25.0, "rho": 3.0, "mass": 1.0, "s": 1.0, "cv": None}
+
+#: Made-up steps at 1 %: power laws, which bilinear interpolation in logarithms gives back exactly.
+SLOPES = {"mvv": (0.02, -0.5), "middle": (0.06, 0.0)}
+
+
+def made_up(step, frictions=(0.5, 4.5, 40.5, 450.0), repulsions=(1.0, 4.0, 25.0)) -> dict:
+    """A table where ``step(scheme, point)`` is the step at 1 %, with errors going as its square."""
+    points = [BASE | {"gamma": g, "a": a} for g in frictions for a in repulsions]
+    points += [BASE | {"gamma": g, "rho": rho} for g in (4.5, 40.5) for rho in (1.0, 8.0)]
+    points += [BASE | {"gamma": g, "mass": mass} for g in (4.5, 40.5) for mass in (10.0, 100.0)]
+    points += [BASE | {"cv": cv} for cv in (1.0, 100.0)]
+    for p in points:
+        p["schemes"] = {}
+        for scheme in SLOPES:
+            dt = step(scheme, p)
+            levels = {f"{100 * level:g}": [dt * (level / 0.01) ** 0.5, 0.001, ""] for level in LEVELS}
+            p["schemes"][scheme] = {"conf": levels, "kin": {k: [2 * v[0], *v[1:]] for k, v in levels.items()}, "blow": [8 * dt, 0.0, ""], "sign": {"conf": 1, "kin": -1}}  # fmt: skip
+    return {"base": BASE, "cost": {"mvv": 1.0, "middle": 1.2}, "points": points}
+
+
+def power(scheme: str, p: dict) -> float:
+    """Depends on the friction in surroundings alone."""
+    at = Groups(p["gamma"], p["a"], p["rho"], p["mass"], p["s"], p["cv"])
+    front, slope = SLOPES[scheme]
+    return front * (at.friction / 4.5) ** slope
+
+
+@pytest.fixture(scope="module")
+def table() -> StabilityTable:
+    return StabilityTable(made_up(power))
+
+
+def scene(gamma=4.5, A=25.0, rho=3.0, *, kT=1.0, cutoff=1.0, mass=1.0, n=81, **more) -> dpd.Scene:
+    """A fluid of one type."""
+    edge = (n / rho) ** (1 / 3) * cutoff
+    pairs = more.pop("pairs", {("W", "W"): dpd.DPD(A=A, gamma=gamma, cutoff=cutoff)})
+    x = np.random.default_rng(1).random((n, 3)) * edge
+    return dpd.Scene({"W": mass}, ["W"] * n, x, pairs, kT=kT, box=[edge] * 3, **more)
+
+
+# -- interpolation ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("gamma", [0.5, 1.0, 4.5, 11.0, 40.5])
+@pytest.mark.parametrize("a", [1.0, 3.0, 10.0, 25.0])
+def test_power_laws_are_interpolated_exactly(table, gamma, a):
+    at = Groups(gamma, a)
+    for scheme, (front, slope) in SLOPES.items():
+        assert table.step(scheme, at, 0.01, "conf") == pytest.approx(front * (gamma / 4.5) ** slope, rel=1e-9)
+
+
+def test_repulsion_is_interpolated_in_its_root():
+    """A step that goes as exp(-sqrt(a)): straight in the coordinates of the table."""
+    table = StabilityTable(made_up(lambda scheme, p: 0.1 * np.exp(-0.2 * p["a"] ** 0.5)))
+    assert table.step("mvv", Groups(4.5, 9.0), 0.01, "conf") == pytest.approx(0.1 * np.exp(-0.6), rel=1e-9)
+
+
+@pytest.mark.parametrize("error", [0.0004, 0.0025, 0.01, 0.02, 0.05, 0.07, 0.1])
+def test_step_and_error_are_inverse_and_quadratic(table, error):
+    at = Groups(4.5, 25.0)
+    dt = table.step("mvv", at, error, "conf")
+    assert dt == pytest.approx(0.02 * (error / 0.01) ** 0.5, rel=1e-6)
+    assert table.error("mvv", at, dt, "conf") == pytest.approx(error, rel=1e-6)
+
+
+def test_errors_over_ten_per_cent_are_not_guessed(table):
+    assert table.error("mvv", Groups(4.5, 25.0), 0.065, "conf") == np.inf
+
+
+@pytest.mark.parametrize("rho", [1.0, 2.0, 3.0, 5.0])
+def test_density_acts_through_friction_alone_if_it_does(table, rho):
+    """The made-up steps depend on the friction of a bead; then the lines of density lie on the plane and correct nothing."""
+    at = Groups(4.5, 25.0, rho=rho)
+    assert table.step("mvv", at, 0.01, "conf") == pytest.approx(0.02 * (at.friction / 4.5) ** -0.5, rel=1e-9)
+
+
+def test_corrections_of_lines_are_interpolated():
+    """Steps twice as long at mass ratio 100, at both frictions: sqrt(2) at 10, and that between the frictions as well."""
+    table = StabilityTable(made_up(lambda scheme, p: power(scheme, p) * 2 ** (np.log10(p["mass"]) / 2)))
+    for gamma in (4.5, 12.0, 40.5):
+        for mass, factor in ((1.0, 1.0), (10.0, 2**0.5), (30.0, 2 ** (np.log10(30) / 2)), (100.0, 2.0)):
+            found = table.step("middle", Groups(gamma, 25.0, mass=mass), 0.01, "conf")
+            assert found == pytest.approx(0.06 * factor, rel=1e-9)
+
+
+def test_friction_counts_the_weight_function():
+    """The integral of w^(2s) r^2, by quadrature."""
+    r = (np.arange(200000) + 0.5) / 200000
+    for s in (0.25, 1.0, 2.0):
+        ratio = np.sum((1 - r) ** (2 * s) * r**2) / np.sum((1 - r) ** 2 * r**2)
+        assert Groups(4.5, 25.0, rho=6.0, s=s).friction == pytest.approx(4.5 * 2 * ratio, rel=1e-6)
+
+
+def test_missing_points_take_their_neighbours_in_friction():
+    data = made_up(power)
+    data["points"] = [p for p in data["points"] if not (p["gamma"] == 4.5 and p["a"] == 4.0 and p["rho"] == 3.0)]
+    table = StabilityTable(data)
+    assert table.step("mvv", Groups(4.5, 4.0), 0.01, "conf") == pytest.approx(0.02, rel=1e-9)  # half way in the logarithm
+
+
+def test_a_table_without_a_plane_is_refused():
+    data = made_up(power, repulsions=(25.0,))
+    with pytest.raises(ParameterError, match="two repulsions"):
+        StabilityTable(data)
+
+
+@pytest.mark.parametrize("change", [{"gamma": 500.0}, {"a": 26.0}, {"a": 0.5}, {"rho": 9.0}, {"mass": 200.0}, {"s": 2.0}, {"cv": 0.5}])
+def test_beyond_the_table_is_said(table, change):
+    at = Groups(**({"gamma": 4.5, "a": 25.0} | change))
+    (text,) = table.outside(at)
+    assert "the table has it" in text
+
+
+def test_large_heat_capacities_are_thermostats(table):
+    at = Groups(4.5, 25.0, cv=1e7)
+    assert table.outside(at) == []
+    assert table.step("mvv", at, 0.01, "conf") == pytest.approx(0.02)
+
+
+# -- recommend -------------------------------------------------------------------------------------------------------------------
+def test_the_cheapest_scheme_is_recommended(table):
+    found = recommend(scene(), table=table)
+    assert (found.scheme, [c.scheme for c in found.choices]) == ("middle", ["middle", "mvv"])
+    assert found.dt == pytest.approx(0.06)
+    assert found.relative_cost == pytest.approx(1.2 / 0.06 * 0.02)
+    assert found.choices[0].limit == "configurational temperature"
+    assert "middle at dt = 0.06" in str(found)
+
+
+def test_units_do_not_matter(table):
+    """The same fluid with lengths 0.6 nm, masses 54 Da and kT = 2.5 kJ/mol: steps in units of rc (m/kT)^(1/2)."""
+    kT, cutoff, mass = 2.5, 0.6, 54.0
+    time = cutoff * (mass / kT) ** 0.5
+    other = scene(gamma=4.5 * (mass * kT) ** 0.5 / cutoff, A=25 * kT / cutoff, kT=kT, cutoff=cutoff, mass=mass)
+    assert recommend(other, table=table).dt == pytest.approx(0.06 * time)
+
+
+def test_smaller_errors_cost_the_root(table):
+    assert recommend(scene(), 0.0025, table=table).dt == pytest.approx(0.03)
+
+
+def test_safety_distance_from_the_blow_up():
+    data = made_up(power)
+    for p in data["points"]:
+        p["schemes"]["middle"]["blow"] = [0.05, 0.001, ""]
+    found = recommend(scene(), 0.01, table=StabilityTable(data))
+    middle = next(c for c in found.choices if c.scheme == "middle")
+    assert (middle.dt, middle.limit) == (pytest.approx(0.035), "stability")
+
+
+def test_stiff_bonds_limit_the_step(table):
+    """U = k (r - r0)^2: omega^2 = 2 k (1/m + 1/m); (omega dt)^2/4 = 0.01."""
+    bonded = scene(bonds=[dpd.HarmonicBonds([[0, 1]], 1e4, 0.5)])
+    assert bond_frequency(bonded) == pytest.approx(200.0)
+    found = recommend(bonded, table=table)
+    assert found.dt == pytest.approx(0.2 / 200)
+    assert {c.limit for c in found.choices} == {"bonds"}
+
+
+@pytest.mark.parametrize(
+    ("other", "words"),
+    [
+        (scene(gamma=4000), "friction"),
+        (scene(A=100), "repulsion"),
+        (scene(pairs={("W", "W"): dpd.LennardJones(epsilon=1, sigma=0.3, cutoff=1)}), "LennardJones"),
+        (scene(pairs={("W", "W"): dpd.DPD(A=-3, gamma=4.5)}), "attraction"),
+        (scene(gamma=0.0), "no friction"),
+        (scene(kT=0.0), "temperature"),
+    ],
+)
+def test_no_recommendation_outside_of_the_table(table, other, words):
+    found = recommend(other, table=table)
+    assert found.scheme is None and found.dt is None and any(words in note for note in found.notes)
+    assert "no recommendation" in str(found)
+    assert advice(other, "mvv", 0.01, table=table).startswith("no advice")
+
+
+def test_transverse_friction_counts_twice():
+    (at,), _ = groups(scene(pairs={("W", "W"): dpd.DPD(A=25, gamma=4.5, gamma_perp=3)}))
+    assert at.gamma == pytest.approx(10.5)
+
+
+def test_energy_conserving_beads_have_a_heat_capacity():
+    inside = dpd.InternalEnergy(dpd.ConstantHeatCapacity(60.0), 1.0)
+    (at,), _ = groups(scene(pairs={("W", "W"): dpd.EnergyDPD(A=25, sigma=3, kappa=1)}, internal=inside))
+    assert (at.gamma, at.cv) == (pytest.approx(4.5), pytest.approx(60.0))
+
+
+@pytest.mark.parametrize("error", [0.0, -0.01, 0.2, "much", None])
+def test_errors_out_of_bounds_are_refused(table, error):
+    with pytest.raises(ParameterError, match="error"):
+        recommend(scene(), error, table=table)
+
+
+def test_something_else_is_refused():
+    with pytest.raises(ParameterError, match="Scene"):
+        recommend("fluid")
+
+
+# -- the sentence ----------------------------------------------------------------------------------------------------------------
+def test_the_sentence_compares_at_the_same_error(table):
+    """mvv at 0.02: 1 % hot; middle reaches that at 0.06, for 1.2/0.06 : 1/0.02 = 0.4 of the time."""
+    text = advice(scene(), "mvv", 0.02, table=table)
+    assert text == "your dt 0.02 with mvv: 1 % hot (configurational temperature); middle at 0.06 gives the same for 40 % of the time"
+
+
+def test_the_sentence_in_other_units(table):
+    assert "your dt 20 with mvv" in advice(scene(), "mvv", 0.02, unit=0.001, table=table)
+
+
+def test_a_good_choice_is_left_alone(table):
+    assert "nothing here is faster" in advice(scene(), "middle", 0.06, table=table)
+
+
+def test_more_than_ten_per_cent_and_instability_are_said(table):
+    assert "more than 10 % off" in advice(scene(), "mvv", 0.08, table=table)
+    assert "blows up near 0.16" in advice(scene(), "mvv", 0.15, table=table)
+
+
+def test_predicted_error_has_a_sign():
+    data = made_up(power)
+    for p in data["points"]:
+        p["schemes"]["mvv"]["sign"]["conf"] = -1
+    size, kind = predicted_error(scene(), "mvv", 0.02, table=StabilityTable(data))
+    assert (size, kind) == (pytest.approx(-0.01), "configurational")
+
+
+# -- the shipped table -----------------------------------------------------------------------------------------------------------
+def test_shipped_table_is_complete_and_in_order():
+    """Steps of all schemes at every point of the plane; a larger error takes a longer step, and a blow-up the longest."""
+    table = shipped_table()
+    assert set(table.schemes) == {s for s in SCHEMES if s != "native"} & set(table.cost)
+    for p in table.data["points"]:
+        for scheme, entry in p["schemes"].items():
+            for kind in ("conf", "kin"):
+                if entry[kind]["1"] is None:
+                    assert p["a"] == 0 and kind == "conf"
+                    continue
+                steps = [entry[kind][f"{100 * level:g}"][0] for level in LEVELS]
+                assert steps == sorted(steps), (p, scheme, kind)
+                assert steps[-1] <= 1.3 * entry["blow"][0], (p, scheme, kind)
+
+
+def test_shipped_table_knows_the_standard_fluid():
+    """What every measurement of this fluid says: velocity Verlet is 1 % off near 0.02, middle takes more than twice its step."""
+    table, at = shipped_table(), Groups(4.5, 25.0)
+    assert 0.008 < table.step("mvv", at, 0.01, "conf") < 0.03
+    assert table.step("middle", at, 0.01, "conf") > 1.4 * table.step("mvv", at, 0.01, "conf")
+    assert 0.08 < table.blow("mvv", at) < 0.15
+
+
+def test_shipped_table_gives_a_recommendation():
+    found = recommend(scene())
+    assert found.scheme in SCHEMES and 0.005 < found.dt < 0.2 and found.relative_cost <= 1.0
+    assert advice(scene(), "mvv", 0.01).startswith("your dt 0.01 with mvv: ")
+
+
+def test_nothing_is_changed_by_a_recommendation():
+    fluid = scene()
+    before = fluid.positions.copy()
+    recommend(fluid)
+    assert np.array_equal(before, fluid.positions)

@@ -1,0 +1,220 @@
+"""Viscosities from made-up profiles and stress series with known answers, and the stress tensor of pairs."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from scenes import beads, chains, fluid
+
+import openmm_dpd as dpd
+from openmm_dpd.analysis import ProfileReporter, StressReporter, VelocityProfile, green_kubo_viscosity, poiseuille_viscosity
+from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, PairEngine
+
+
+# -- the stress tensor ---------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("which", [CONSERVATIVE, DISSIPATIVE, RANDOM])
+def test_stress_of_pairs(which):
+    """Against r_ij F_ij of all pairs, one pair at a time; its trace is the virial, and forces and energy are those without it."""
+    scene = fluid(n=40, table={("*", "*"): dpd.DPD(A=25, gamma=4.5, exponent=0.7)})
+    engine = PairEngine(dpd.make_plan(scene, dt=0.01, platform="CPU").spec)
+    engine.prepare(scene.positions, scene.box)
+    plain = engine.forces(which, scene.velocities, 1.0, 0.01, 3, 5)
+    with_stress = engine.forces(which | STRESS, scene.velocities, 1.0, 0.01, 3, 5)
+    assert np.array_equal(plain[1], with_stress[1]) and plain[0] == with_stress[0] and plain[2] == with_stress[2]
+    stress = engine.stress.copy()
+    assert stress[:3].sum() == pytest.approx(plain[2], rel=1e-12)
+    expected = np.zeros((3, 3))
+    edges = np.diag(scene.box)
+    types = scene.type_ids
+    for i in range(40):
+        for j in range(i + 1, 40):
+            r = scene.positions[i] - scene.positions[j]
+            r -= edges * np.rint(r / edges)
+            distance = np.linalg.norm(r)
+            if distance >= 1.0:
+                continue
+            if which == RANDOM:
+                # the force of one pair: that of the engine for these two beads alone, the others out of the way
+                spec = engine.spec
+                alone = PairEngine(
+                    type(spec)(np.where(np.isin(np.arange(40), [i, j]), types, -1).astype(np.int32), spec.inv_mass, spec.terms)
+                )
+                alone.prepare(scene.positions, scene.box)
+                force = alone.forces(which, scene.velocities, 1.0, 0.01, 3, 5)[1][i]
+            else:
+                w, e = 1 - distance, r / distance
+                force = 25 * w * e if which == CONSERVATIVE else -4.5 * w**1.4 * np.dot(e, scene.velocities[i] - scene.velocities[j]) * e
+            expected += np.outer(r, force)
+    np.testing.assert_allclose(stress, expected[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]], rtol=1e-9, atol=1e-9)
+
+
+def test_reporter_adds_kinetic_and_bond_parts():
+    """The trace is three times the conservative pressure times the volume that the Observer measures."""
+    scene = chains(k=30.0, special=(1.0, 1.0, 1.0), table={("*", "*"): dpd.DPD(A=25, gamma=4.5)})
+    built = dpd.build(scene, dt=0.001, scheme="mvv", platform="Reference", seed=1)
+    simulation = built.simulation()
+    reporter = StressReporter(1, built)
+    for _ in range(2):
+        reporter.report(simulation, None)
+    sample = dpd.Observer(built).sample(simulation.context)
+    assert reporter.regular.shape == reporter.friction.shape == (2, 6)
+    assert reporter.regular[0, :3].sum() == pytest.approx(3 * sample.pressure(full=False) * sample.volume, rel=1e-9)
+    assert reporter.friction[0, :3].sum() == pytest.approx(sample.virial_dissipative, rel=1e-9)
+
+
+def test_instantaneous_viscosity_is_the_stress_of_a_shear():
+    """Of an affine shear, averaged over its six directions that are independent; by hand for one pair along the diagonal."""
+    scene = beads(2, positions=np.array([[1.0, 1, 1], [1.3, 1.3, 1.3]]))
+    built = dpd.build(scene, dt=0.01, platform="Reference", seed=1)
+    reporter = StressReporter(1, built)
+    reporter.report(built.simulation(), None)
+    r = 0.3 * np.sqrt(3)
+    assert reporter.instantaneous == pytest.approx(4.5 * (1 - r) ** 2 * r**2 / 15 / 27, rel=1e-9)
+
+
+REFUSED = {
+    "no box": (beads(box=None), "no periodic box"),
+    "transverse": (beads(table={("W", "W"): dpd.DPD(A=25, gamma_perp=1)}), "asymmetric"),
+    "frozen": (beads(mobile=np.arange(81) > 0, velocities=np.zeros((81, 3))), "walls take up momentum"),
+    "lj": (fluid(n=40, table=[{("*", "*"): dpd.DPD(gamma=1)}, {("*", "*"): dpd.LennardJones(0.1, 0.3, cutoff=1)}]), "other pair terms"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused_scenes(name):
+    scene, message = REFUSED[name]
+    with pytest.raises(dpd.ParameterError, match=message):
+        StressReporter(1, dpd.build(scene, dt=0.01, platform="Reference"))
+
+
+# -- Green-Kubo ----------------------------------------------------------------------------------------------------------------
+def correlated(n: int, tau: float, amplitude: float, seed: int) -> np.ndarray:
+    """(n, 6) tensors whose five independent components are series with the correlation amplitude^2 exp(-t/tau)."""
+    rng, keep = np.random.default_rng(seed), np.exp(-1 / tau)
+    noise = rng.normal(size=(n, 5)) * amplitude * np.sqrt(1 - keep**2)
+    series = np.empty((n, 5))
+    series[0] = rng.normal(size=5) * amplitude
+    for k in range(1, n):
+        series[k] = keep * series[k - 1] + noise[k]
+    a, b = series[:, 3], series[:, 4] / np.sqrt(3)
+    return np.stack([a - b, -a - b, 2 * b, *series[:, :3].T], axis=1) + [7, 7, 7, 0, 0, 0]
+
+
+def test_green_kubo_of_an_exponential():
+    """Integral amplitude^2 tau/(V kT), here 4 * 20 * 0.01/(8 * 0.5) = 0.2, and what friction does at once; pressure does not matter."""
+    stress = correlated(60000, 20.0, 2.0, 1)
+    found = green_kubo_viscosity(stress, 0.01, volume=8.0, kT=0.5, t_max=1.5, instantaneous=0.05)
+    assert found.error < 0.015
+    assert found.viscosity == pytest.approx(0.25, abs=4 * found.error)
+    assert found.integral[0] == 0.05 and found.integral[-1] == pytest.approx(found.viscosity)
+    assert found.correlation[0] == pytest.approx(4 / 4, rel=0.1)
+    automatic = green_kubo_viscosity(stress, 0.01, volume=8.0, kT=0.5)
+    assert 0.3 < automatic.t_max < 3.0 and automatic.viscosity == pytest.approx(0.2, abs=4 * automatic.error)
+
+
+def test_friction_enters_with_the_two_signs():
+    """With D = c A the correlation is (1 - c)(1 + c) that of A; with a D that lags behind A, what comes later counts with +."""
+    stress = correlated(60000, 20.0, 2.0, 2)
+    whole = green_kubo_viscosity(stress, 0.01, volume=8.0, kT=0.5, t_max=1.0)
+    part = green_kubo_viscosity(stress, 0.01, volume=8.0, kT=0.5, t_max=1.0, friction=0.5 * stress)
+    assert part.viscosity == pytest.approx(0.75 * whole.viscosity, rel=1e-9)
+    for lag, sign in ((30, 1), (-30, -1)):
+        white = np.random.default_rng(3).normal(size=(40000, 6))
+        late = 0.3 * np.roll(white, lag, axis=0)
+        found = green_kubo_viscosity(white, 0.01, volume=1.0, kT=1.0, t_max=0.5, friction=late)
+        # half the variance of the others is in the two components with xx, yy, zz
+        assert found.correlation[30] == pytest.approx(0.3 * sign * 0.8, abs=4 / np.sqrt(5 * 40000))
+
+
+BAD_SERIES = {
+    "shape": (lambda: green_kubo_viscosity(np.zeros((500, 5)), 0.1, volume=1, kT=1), "xx, yy, zz"),
+    "missing": (lambda: green_kubo_viscosity(np.zeros((500, 6))), "needs dt, volume and kT"),
+    "short": (lambda: green_kubo_viscosity(np.zeros((50, 6)), 0.1, volume=1, kT=1), "do not make 10 blocks"),
+    "t_max": (lambda: green_kubo_viscosity(np.zeros((500, 6)), 0.1, volume=1, kT=1, t_max=10.0), "length of a block, 5 ps"),
+    "friction": (lambda: green_kubo_viscosity(np.zeros((500, 6)), 0.1, volume=1, kT=1, friction=np.zeros((400, 6))), "as many rows"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_SERIES)
+def test_refused_series(name):
+    make, message = BAD_SERIES[name]
+    with pytest.raises(dpd.ParameterError, match=message):
+        make()
+
+
+# -- Poiseuille ----------------------------------------------------------------------------------------------------------------
+def profile(function, bins: int = 20, length: float = 10.0, noise: float = 0.02, n: int = 400, seed: int = 1) -> VelocityProfile:
+    """Slabs that average a function exactly, with noise."""
+    width = length / bins
+    edges = np.arange(bins + 1) * width
+    fine = edges[:-1, None] + (np.arange(1000) + 0.5) * width / 1000
+    mean = function(fine).mean(axis=1)
+    rows = mean + noise * np.random.default_rng(seed).normal(size=(n, bins))
+    centres = edges[:-1] + width / 2
+    return VelocityProfile(
+        centres, width, rows.mean(axis=0), np.full(bins, noise / n**0.5), np.full(bins, 3.0), np.ones(bins), rows, length
+    )
+
+
+def test_reverse_poiseuille_fit():
+    """eta = 0.85, f = 0.05, rho = 3, and a drift of the whole box."""
+
+    def v(z):
+        return np.where(z < 5, 1, -1) * 3 * 0.05 / (2 * 0.85) * (z % 5) * (5 - z % 5) + 0.1
+
+    found = poiseuille_viscosity(profile(v), 0.05)
+    assert found.error < 0.005 and found.viscosity == pytest.approx(0.85, abs=4 * found.error)
+    exact = poiseuille_viscosity(profile(v, noise=1e-9), 0.05)
+    assert exact.viscosity == pytest.approx(0.85, rel=1e-6) and exact.slip is None
+    shifted = poiseuille_viscosity(profile(lambda z: v((z - 2.5) % 10), noise=1e-9), 0.05, origin=2.5)
+    assert shifted.viscosity == pytest.approx(0.85, rel=1e-6)
+
+
+def test_channel_fit():
+    """Curvature, and both slips, of a channel from 1.5 to 8.5 with 0.2 at one end and 0.1 at the other."""
+
+    def v(z):
+        s = z - 1.5
+        return 3 * 0.05 / (2 * 0.85) * s * (7 - s) + 0.2 - 0.1 * s / 7
+
+    found = poiseuille_viscosity(profile(v, noise=1e-9), 0.05, channel=(1.5, 8.5), skip=0.5)
+    assert found.viscosity == pytest.approx(0.85, rel=1e-6)
+    assert found.slip == pytest.approx((0.2, 0.1), abs=1e-6)
+    assert np.isnan(found.fitted[[0, 1, 2, 3]]).all() and np.isfinite(found.fitted[4:16]).all()
+
+
+@pytest.mark.parametrize(
+    "make, message",
+    [
+        (lambda p: poiseuille_viscosity(p, 0), "other than 0"),
+        (lambda p: poiseuille_viscosity(p, -0.05), "does not flow along"),
+        (lambda p: poiseuille_viscosity(p, 0.05, channel=(4, 5)), "slabs are left"),
+    ],
+)
+def test_refused_profiles(make, message):
+    with pytest.raises(dpd.ParameterError, match=message):
+        make(profile(lambda z: np.where(z < 5, 1, -1) * (z % 5) * (5 - z % 5)))
+
+
+def test_profile_reporter_counts_and_averages():
+    """Beads in known slabs with known velocities, some of them outside the box; frozen ones do not count."""
+    x = np.array([[0, 0, 0.2], [1.5, 0, 3.3], [0, 1.5, -2.9], [1.5, 1.5, 2.6], [2.9, 2.9, 1.2]])
+    v = np.array([[1.0, 0, 0], [3, 0, 0], [2, 0, 0], [0.5, 0, 0], [9, 9, 9]])
+    scene = beads(5, positions=x, velocities=v, mobile=np.arange(5) < 4, table={("W", "W"): dpd.DPD(gamma=4.5)})
+    built = dpd.build(scene, dt=0.01, scheme="mvv", platform="Reference", seed=1)
+    reporter = ProfileReporter(1, built, bins=6)
+    with pytest.raises(dpd.ParameterError, match="no sample"):
+        reporter.profile  # noqa: B018
+    simulation = built.simulation()
+    for _ in range(6):
+        reporter.report(simulation, None)
+    found = reporter.profile
+    assert found.velocity[[0, 5]] == pytest.approx([2.0, 0.5]) and np.isnan(found.velocity[[1, 2, 3, 4]]).all()
+    assert found.density[0] == pytest.approx(3 / 4.5) and found.kT[0] == pytest.approx(2 / 9)
+    assert found.rows.shape == (6, 6) and found.length == 3.0
