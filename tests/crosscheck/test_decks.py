@@ -45,7 +45,7 @@ def test_first_row_shardlow_pressure(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("deck", PRODUCTION)
+@pytest.mark.parametrize("deck", [pytest.param(deck, marks=pytest.mark.long) if deck == "in.dpdext_tstat" else deck for deck in PRODUCTION])
 def test_averages(deck, tmp_path):
     """Averages of T, P and PE per bead within 4 combined standard errors of LAMMPS's."""
     reference = REFERENCE[deck]["production"]

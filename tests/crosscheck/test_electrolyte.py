@@ -116,6 +116,7 @@ def test_electrolyte(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("device", ["CPU"])
 def test_ion_pairs_do_not_collapse(device):
     """Strong coupling (Bjerrum length 6): the temperature holds, and energies stay above those of ions inside each other."""

@@ -154,6 +154,7 @@ def test_averages_of_a_short_run(name, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["fluid", "chains", "energy", "electrolyte"])
 def test_averages_of_a_long_run(name, tmp_path):
     _compare(name, 20000, tmp_path)

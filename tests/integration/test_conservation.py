@@ -58,7 +58,10 @@ def test_momentum_on_gpu_platforms(device, conservative):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("conservative", "steps", "limit"), [("kernel", 100_000, 1e-9), ("openmm", 15_000, 1e-6)])
+@pytest.mark.parametrize(
+    ("conservative", "steps", "limit"),
+    [("kernel", 100_000, 1e-9), pytest.param("openmm", 15_000, 1e-6, marks=pytest.mark.long)],
+)
 def test_momentum_of_3000_beads_after_many_steps(conservative, steps, limit):
     """The single-precision forces of a CustomNonbondedForce let it drift; 100,000 steps of them would take ten minutes."""
     scene = beads(3000, edge=10.0)

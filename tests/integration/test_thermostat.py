@@ -75,6 +75,7 @@ def test_momentum_of_the_pair_terms():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("model", ["tip3p", "tip4pew"])
 def test_temperature_of_rigid_water(model):
     """300 K for the degrees of freedom left by constraints, at friction that damps far harder than Langevin dynamics usually does.
