@@ -97,18 +97,28 @@ def lammps(dt: float, length: float, discard: float, seed: int) -> dict | None:
 
 
 def plot(results: list[dict], file: str) -> None:
-    """Drift against the time step, double logarithmic."""
+    """Drift against the time step, double logarithmic; arrows are upper limits (drift below two standard errors), crosses broken runs."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(figsize=(6, 4.2), layout="constrained")
-    for scheme in dict.fromkeys(r["scheme"] for r in results):
+    top = 3 * max(abs(r["drift"]) for r in results if "drift" in r)
+    for number, scheme in enumerate(dict.fromkeys(r["scheme"] for r in results)):
         rows = [r for r in results if r["scheme"] == scheme and "drift" in r]
         x, y, e = (np.array([r[key] for r in rows]) for key in ("dt", "drift", "drift_error"))
-        axes.errorbar(x, np.abs(y), yerr=e, marker="o", capsize=3, label={"mvv": "mvv (velocity Verlet)"}.get(scheme, scheme))
+        seen = np.abs(y) > 2 * e
+        x = x * 1.015 ** (number - 2)  # so that bars of different schemes stand beside each other
+        label, colour = {"mvv": "mvv (velocity Verlet)"}.get(scheme, scheme), f"C{number}"
+        axes.errorbar(x[seen], np.abs(y[seen]), yerr=e[seen], marker="o", capsize=3, color=colour, label=label)
+        axes.errorbar(x[~seen], (np.abs(y) + 2 * e)[~seen], yerr=0.5 * e[~seen], uplims=True, fmt="none", color=colour)
+        broken = [r["dt"] for r in results if r["scheme"] == scheme and "error" in r]
+        axes.plot(broken, [top * 1.6**number] * len(broken), "x", color=colour)
     axes.set(xscale="log", yscale="log", xlabel="time step / fs", ylabel="|drift| of U + K + sum u, relative, per ps")
+    shown = [dt for dt in (1, 3, 10, 30, 50, 100, 200, 400) if dt >= min(r["dt"] for r in results)]
+    axes.set_xticks(shown, map(str, shown))
+    axes.set_xticks([], minor=True)
     axes.legend()
     figure.savefig(file, dpi=150)
 

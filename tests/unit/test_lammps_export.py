@@ -412,7 +412,7 @@ def test_broken_data_files(tmp_path):
     with pytest.raises(dpd.DeckError, match="expected an atom of atom_style atomic: id type x y z"):
         broken("Atoms # atomic\n\n1 ", "Atoms # atomic\n\nx ")
     with pytest.raises(dpd.ParameterError, match="no velocities"):
-        broken("Velocities", "Vélocités")
+        broken("Velocities", "Speeds")
     with pytest.raises(dpd.DeckError, match="lacks 'xlo xhi'"):
         broken("xlo xhi", "xlow xhigh")
     with pytest.raises(dpd.ParameterError, match="its units are lj, not real"):
