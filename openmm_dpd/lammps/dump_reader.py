@@ -89,7 +89,7 @@ def read_lammps_dump(
 # -- text to frames -----------------------------------------------------------------------------------------------------------
 def _frames(path: Path) -> Iterator[_Frame]:
     try:
-        lines = path.read_text().splitlines()
+        lines = path.read_text(encoding="utf-8").splitlines()
     except UnicodeDecodeError:
         raise DeckError("this is no text dump; binary and compressed dumps are not read", str(path)) from None
     except OSError as error:

@@ -192,7 +192,7 @@ def _write(job: Job, directory: Path, texts: dict[str, str]) -> LammpsExport:
     try:
         directory.mkdir(parents=True, exist_ok=True)
         for name, text in texts.items():
-            (directory / name).write_text(text)
+            (directory / name).write_text(text, encoding="utf-8")
     except OSError as error:
         raise ParameterError(f"the export cannot be written to {directory} ({error.strerror}); give another folder") from None
     return LammpsExport(
