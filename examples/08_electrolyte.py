@@ -4,6 +4,11 @@ Ions are DPD beads with charges smeared over Slater clouds, so that opposite one
 PME.  Ions of weak solutions follow the theory of Debye and Hueckel; here they are close enough for the first shells to show.  The pair
 distribution functions are mdtraj's.
 
+Five runs with seeds 1 to 5, mean and standard deviation of one run: g(r) of unlike ions at contact 1.769 (0.031), of like ions 0.625
+(0.018), far away 0.987 (0.003) and 1.010 (0.004); energy of the charges for each ion -1.490 (0.006).  In a box with so few ions the
+two functions do not end at exactly 1: what gathers at contact is missing far away.  ``energy_error``, from blocks of one run, is 0.012:
+sixty samples are few for blocks, and here the estimate is on the safe side.
+
     python examples/08_electrolyte.py        # about a minute
 """
 
@@ -23,7 +28,7 @@ from openmm_dpd.trajectory import load_topology, write_psf
 OUT = Path("out/08_electrolyte")
 EDGE, DENSITY, PAIRS = 6.0, 3.0, 40
 BJERRUM, LAMDA = 2.0, 0.25
-DT, WARMUP, STEPS, EVERY = 0.02, 500, 6000, 20
+DT, WARMUP, STEPS, EVERY, SEED = 0.02, 500, 6000, 20, 8
 
 
 def electrolyte() -> dpd.Scene:
@@ -34,7 +39,7 @@ def electrolyte() -> dpd.Scene:
     return dpd.Scene(
         masses=dict.fromkeys(charge, 1.0),
         types=types,
-        positions=np.random.default_rng(8).random((n, 3)) * EDGE,
+        positions=np.random.default_rng(SEED).random((n, 3)) * EDGE,
         pairs={("*", "*"): dpd.DPD(A=25.0, gamma=4.5)},
         kT=1.0,
         box=[EDGE] * 3,
@@ -46,7 +51,7 @@ def electrolyte() -> dpd.Scene:
 def run(out: Path) -> tuple[mdtraj.Trajectory, np.ndarray, str]:
     """Trajectory of the ions, the energy of the charges over time, and the plan."""
     scene = electrolyte()
-    built = dpd.build(scene, dt=DT, scheme="middle", seed=8)
+    built = dpd.build(scene, dt=DT, scheme="middle", seed=SEED)
     write_psf(out / "electrolyte.psf", names=scene.types, masses=scene.bead_masses, charges=scene.charges)
     simulation, observer, energies = built.simulation(), dpd.Observer(built), []
     simulation.step(WARMUP)

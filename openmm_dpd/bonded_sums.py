@@ -1,10 +1,18 @@
-"""Energies, virials and Laplacians of bonds and angles, summed in double precision."""
+"""Energies, virials, stress tensors and Laplacians of bonds and angles, summed in double precision."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from .model.bonds import minimum_image
 from .plan import Plan
+
+_FIRST, _SECOND = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
+
+
+def symmetric_products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(6,) sums over rows of the symmetrized products of two (N, 3) arrays: xx, yy, zz, xy, xz, yz."""
+    return 0.5 * (np.sum(a[:, _FIRST] * b[:, _SECOND], axis=0) + np.sum(a[:, _SECOND] * b[:, _FIRST], axis=0))
 
 
 def bond_sums(plan: Plan, x: np.ndarray, box: np.ndarray | None, mobile: np.ndarray) -> tuple[float, float, float]:
@@ -43,3 +51,29 @@ def angle_sums(plan: Plan, x: np.ndarray, box: np.ndarray | None, mobile: np.nda
             each = np.sum(weights * (curvature[:, None] * squares + slope[:, None] * seconds), axis=1)
         laplacian += float(np.sum(np.where(np.minimum(a, b) > 1e-10, each, 0.0)))
     return energy, laplacian
+
+
+def bonded_stress(plan: Plan, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
+    """(6,) sum over all bonds and angles of r F at the positions x: xx, yy, zz, xy, xz, yz, kJ/mol.
+
+    A bond of the vector r has -U'/r times the product of r with itself.  An angle has the products of its arms with the forces on its
+    ends, which with their directions a and b are U'/sin(theta) times ab + ba - cos(theta) (aa + bb); its trace is 0.
+    """
+    stress = np.zeros(6)
+    for bonds in plan.scene.bonds:
+        d = minimum_image(x[bonds.pairs[:, 0]] - x[bonds.pairs[:, 1]], box)
+        r = np.linalg.norm(d, axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            pull = np.where(r > 1e-10, -bonds.curve(r)[1] / r, 0.0)
+        stress += symmetric_products(d, pull[:, None] * d)
+    for angles in plan.scene.angles:
+        theta, *lengths = angles.arms(x, box)
+        i, j, k = angles.triples.T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            a, b = (minimum_image(x[end] - x[j], box) / long[:, None] for end, long in zip((i, k), lengths, strict=True))
+            pull = angles.curve(theta)[1] / np.maximum(np.sin(theta), 1e-8)
+        near = np.minimum(*lengths) <= 1e-10
+        a[near], b[near] = 0.0, 0.0
+        cosine = np.cos(theta)[:, None]
+        stress += symmetric_products(pull[:, None] * a, 2 * b - cosine * a) - symmetric_products(pull[:, None] * cosine * b, b)
+    return stress

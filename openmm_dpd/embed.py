@@ -15,28 +15,37 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import openmm
 from openmm import app, unit
 
 from .build import build_plan, fastest_platform
-from .errors import ParameterError, PlanError
+from .errors import ParameterError, PlanError, RunError
 from .forces.merging import merged_systems
-from .measure import kelvin
 from .model.pairs import DPD, NONE, LennardJones, TabulatedPair
 from .model.scene import Scene
 from .model.table import PairTable
+from .names import KT
 from .plan import Plan, make_plan
+from .sample import Sample
 from .thermostat import PLATFORMS, check_system, degrees_of_freedom
 from .trajectory import openmm_topology
-from .units import to_md
+from .units import BOLTZMANN, to_md
 
 #: Class of atoms that beads do not see.
 _UNSEEN = "(unseen)"
 
 #: Kinds of pair terms that beads beside atoms may have.
 _KINDS = (DPD, LennardJones, TabulatedPair)
+
+#: Numbers of a Sample that only a scene alone has.
+_NOT_TOLD_APART = (
+    *("pair", "bond", "angle", "short", "lattice", "virial_conservative", "virial_dissipative", "virial_random"),
+    *("gradient2", "force_norm", "force_max", "kinetic_on_step"),
+)
+_ABSENT: dict[str, Any] = dict.fromkeys(_NOT_TOLD_APART, float("nan"))
 
 
 @dataclass(eq=False)
@@ -86,15 +95,51 @@ class Embedded:
 
         The three that the conserved momentum takes are shared between atoms and beads in proportion to the degrees of freedom.
         """
-        v = context.getState(velocities=True).getVelocities(asNumpy=True).value_in_unit(unit.nanometer / unit.picosecond)
-        mass = np.array([m.value_in_unit(unit.dalton) for m in map(self.system.getParticleMass, range(len(v)))])
+        return {name: kT / BOLTZMANN for name, kT in self._kT(self._masses(), _velocities(context.getState(velocities=True))).items()}
+
+    def sample(self, context: openmm.Context) -> Sample:
+        """What an :class:`openmm_dpd.Observer` gives: temperatures, energies and momentum of the whole."""
+        state = context.getState(velocities=True, energy=True, groups=self.integrator.getIntegrationForceGroups())
+        mass, v = self._masses(), _velocities(state)
+        potential = state.getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)
+        if not (np.isfinite(potential) and np.all(np.isfinite(v))):
+            raise RunError(f"the energy or a velocity is not finite at step {state.getStepCount()}; the step size may be too large")
+        kT = self._kT(mass, v)
+        periodic = self.plan.scene.box is not None
+        box = state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer) if periodic else None
+        return Sample(
+            step=state.getStepCount(),
+            time=state.getTime().value_in_unit(unit.picosecond),
+            n_mobile=int(np.sum(mass > 0)),
+            dof=degrees_of_freedom(self.system),
+            kinetic=0.5 * float(mass @ np.sum(v**2, axis=1)),
+            whole=potential,
+            volume=None if box is None else float(np.prod(np.diag(box))),
+            box=box,
+            momentum=mass @ v,
+            target_kT=context.getParameter(KT) if KT in context.getParameters() else self.plan.options.kT,
+            kT_atoms=kT["atoms"],
+            kT_beads=kT["beads"],
+            laplacian=None,
+            **_ABSENT,
+        )
+
+    def _masses(self) -> np.ndarray:
+        return np.array([m.value_in_unit(unit.dalton) for m in map(self.system.getParticleMass, range(self.system.getNumParticles()))])
+
+    def _kT(self, mass: np.ndarray, v: np.ndarray) -> dict[str, float]:
+        """Kinetic temperatures as energies."""
         twice = mass * np.sum(v**2, axis=1)
         total = degrees_of_freedom(self.system)
         beads = 3 * int(np.sum(mass[self.n_atoms :] > 0))
         part = beads / degrees_of_freedom(self.system, momentum=False)
         shares = {"atoms": total * (1 - part), "beads": total * part, "all": total}
         sums = {"atoms": twice[: self.n_atoms].sum(), "beads": twice[self.n_atoms :].sum(), "all": twice.sum()}
-        return {name: kelvin(float(sums[name]) / shares[name]) if shares[name] else 0.0 for name in sums}
+        return {name: float(sums[name]) / shares[name] if shares[name] else 0.0 for name in sums}
+
+
+def _velocities(state: openmm.State) -> np.ndarray:
+    return state.getVelocities(asNumpy=True).value_in_unit(unit.nanometer / unit.picosecond)
 
 
 def embed(

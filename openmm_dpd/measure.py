@@ -9,7 +9,6 @@ OpenMM's own reporters use 3N degrees of freedom, kelvin, and no pair term.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +17,7 @@ from openmm import unit
 
 from .bonded_sums import angle_sums, bond_sums
 from .build import Built
+from .embed import Embedded
 from .errors import ParameterError, RunError
 from .fields import per_dof, raw_fields
 from .forces.expressions import VIRIAL_SWITCH
@@ -41,6 +41,7 @@ from .names import (
     VOLUME_MOVES,
 )
 from .plan import Plan
+from .sample import Sample
 from .units import BOLTZMANN, to_md, whole_number
 
 #: Variable of an integrator that follows a temperature ramp.
@@ -49,94 +50,14 @@ RAMP_STEP = "ramp_step"
 _NM, _KJ, _V = unit.nanometer, unit.kilojoule_per_mole, unit.nanometer / unit.picosecond
 
 
-@dataclass(frozen=True)
-class Sample:
-    """What one configuration says; MD units (nm, Da, ps, kJ/mol; pressures in kJ/mol/nm^3).
-
-    Attributes
-    ----------
-    step, time : steps done and time
-    n_mobile, dof : beads that move, and their degrees of freedom, 3N - 3
-    kinetic, pair, bond, angle : energies; those of segmental repulsion and of charges are in ``pair``
-    short, lattice : of it, the short-ranged part of the charges and their lattice sum (0 without a box)
-    virial_conservative, virial_dissipative, virial_random : sums of r_ij . F_ij
-    volume : nm^3, or None without a box
-    box : (3, 3) box vectors or None
-    gradient2 : sum over mobile beads of the squared conservative force
-    force_norm, force_max : length of the vector of all forces, and its largest component (with friction and noise where they are forces, in
-        ``mvv``)
-    laplacian : sum over mobile beads of the Laplacian of the potential energy, or None (see ``no_laplacian``)
-    momentum : (3,) total momentum
-    target_kT : thermal energy the thermostat is set to
-    kinetic_on_step : kinetic energy with the velocities of the same moment as the positions (``middle`` keeps them half a kick behind)
-    internal : sum of the internal energies, u (EnergyDPD) or C T (EDPD); None if the beads have none
-    conductive : the conductive part of it (EnergyDPD)
-    theta : harmonic mean of the internal temperatures, N/sum(1/theta), as an energy
-    forces : (N, 3) all forces, of frozen beads as well (with friction and noise where they are forces, in ``mvv``)
-    """
-
-    step: int
-    time: float
-    n_mobile: int
-    dof: int
-    kinetic: float
-    pair: float
-    bond: float
-    virial_conservative: float
-    virial_dissipative: float
-    virial_random: float
-    volume: float | None
-    box: np.ndarray | None
-    gradient2: float
-    force_norm: float
-    force_max: float
-    laplacian: float | None
-    momentum: np.ndarray
-    target_kT: float
-    kinetic_on_step: float = 0.0
-    internal: float | None = None
-    conductive: float | None = None
-    theta: float | None = None
-    forces: np.ndarray | None = None
-    angle: float = 0.0
-    short: float = 0.0
-    lattice: float = 0.0
-
-    @property
-    def total(self) -> float:
-        """Potential, kinetic and internal energy of one moment: what energy-conserving DPD conserves."""
-        return self.potential + self.kinetic_on_step + (self.internal or 0.0)
-
-    @property
-    def potential(self) -> float:
-        """Potential energy: pairs, bonds and angles."""
-        return self.pair + self.bond + self.angle
-
-    @property
-    def kT(self) -> float:
-        """Kinetic temperature as an energy, 2K/(3N - 3)."""
-        return 2.0 * self.kinetic / self.dof if self.dof else 0.0
-
-    @property
-    def configurational_kT(self) -> float | None:
-        """This configuration's |grad U|^2 / lap U; average both before dividing."""
-        return None if not self.laplacian else self.gradient2 / self.laplacian
-
-    def pressure(self, full: bool = True) -> float | None:
-        """(2K + W)/(3V) with all pair terms, or with the conservative ones only; None without a box."""
-        if self.volume is None:
-            return None
-        virial = self.virial_conservative + ((self.virial_dissipative + self.virial_random) if full else 0.0)
-        return (2.0 * self.kinetic + virial) / (3.0 * self.volume)
-
-
 class Observer:
     """Takes samples from a Context that runs a built scene.
 
     Parameters
     ----------
-    built : Built
-        The scene's System, integrator and plan.
+    built : Built or Embedded
+        The scene's System, integrator and plan: what :func:`openmm_dpd.build` or :func:`openmm_dpd.embed` returned.  Of atoms and beads in
+        one System a :class:`Sample` has less in it, see there.
 
     Raises
     ------
@@ -144,9 +65,9 @@ class Observer:
         If it is something else, a Simulation say.
     """
 
-    def __init__(self, built: Built):
-        if not isinstance(built, Built):
-            raise ParameterError(f"an Observer wants what openmm_dpd.build() returned, not a {type(built).__name__}")
+    def __init__(self, built: Built | Embedded):
+        if not isinstance(built, (Built, Embedded)):
+            raise ParameterError(f"an Observer wants what openmm_dpd.build() or embed() returned, not a {type(built).__name__}")
         self.built, self.plan = built, built.plan
         self._engine = PairEngine(self.plan.spec) if self.plan.layers else None
         segments = segment_spec(self.plan.scene)
@@ -157,6 +78,8 @@ class Observer:
     @property
     def no_laplacian(self) -> str | None:
         """Why there is no configurational temperature, or None."""
+        if isinstance(self.built, Embedded):
+            return "the forces of atoms have no Laplacian here"
         if self.plan.partners:
             return "a conservative term (Lennard-Jones or tabulated) has no Laplacian here"
         if self._segments is not None:
@@ -175,6 +98,8 @@ class Observer:
         """Measure the present state of a Context."""
         plan = self.plan
         _check_context(context)
+        if isinstance(self.built, Embedded):
+            return self.built.sample(context)
         state = context.getState(positions=True, velocities=True, forces=True, energy=True, groups=self._groups)
         x = state.getPositions(asNumpy=True).value_in_unit(_NM)
         v = state.getVelocities(asNumpy=True).value_in_unit(_V)
@@ -342,7 +267,15 @@ def force_terms(
         there are body forces, ``dissipative`` and
         ``random``.  They add up to the total force.  If beads carry internal energies, temperatures or concentrations,
         ``rates_dissipative`` and ``rates_random`` (N, K) are their changes per time at the scene's initial values.
+
+    Raises
+    ------
+    ParameterError
+        If a value has the wrong shape, or ``built`` is something else: the terms of atoms beside beads are not told apart.
     """
+    if not isinstance(built, Built):
+        remedy = "; for atoms and beads ask for context.getState(forces=True)" if isinstance(built, Embedded) else ""
+        raise ParameterError(f"force_terms wants what openmm_dpd.build() returned, but this is: {type(built).__name__}{remedy}")
     plan = built.plan
     scene, spec = plan.scene, plan.spec
     x = _vectors(scene.positions if positions is None else positions, "length", "positions", scene.n_beads)

@@ -20,6 +20,10 @@ class Phase(IntEnum):
     SWEEP_SEEN = 5  # impulses/dt of a sweep at the seen positions
     SWEEP_KEPT = 6  # impulses/dt of a sweep at the kept positions
     KICK_SWEEP_SEEN = 7  # half a kick, a sweep, half a kick at the seen positions, as impulses/dt
+    SWEEP_SEEN_CONSERVED = 8  # SWEEP_SEEN, and the conservative force at the kept positions
+    SWEEP_KICK_KEPT = 9  # a sweep, then half a kick at the kept positions, as impulses/dt
+    CLOSE = 10  # what SWEEP_KICK_KEPT gave, and half a kick at the present positions
+    KEEP = 11  # keep the positions; nothing else
     READ = 100  # (+ block) take three values per bead from seen - kept: what beads carry beside position and velocity
     CHANGES = 200  # (+ block) what the last evaluation did to these values: rates, or after a sweep increments
 

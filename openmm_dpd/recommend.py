@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .embed import Embedded
 from .errors import ParameterError
 from .model.bonds import HarmonicBonds
 from .model.energy_dpd import EnergyDPD
@@ -104,7 +105,18 @@ def recommend(
     ------
     ParameterError
         If the error is out of bounds, or it is no Scene.
+
+    Notes
+    -----
+    The table is about soft repulsion with friction, in a box.  Harmonic bonds limit the step by their frequency.  What else a scene has
+    is named in ``notes``, and the answer leaves it out: other bonds, angles, segmental repulsion, and charges, whose note has the
+    frequency of two opposite ones on top of each other.  Without friction, or with an attraction or another potential between beads, there
+    is no recommendation.  Beads beside atoms (:func:`openmm_dpd.embed`) take the step of the atoms and are refused.
     """
+    if isinstance(scene, Embedded):
+        raise ParameterError(
+            "atoms and beads in one System take the step and scheme of the atoms (docs/howto/mixed.md), not one of the table"
+        )
     if not isinstance(scene, Scene):
         raise ParameterError(f"expected a Scene, not {scene!r}")
     error = to_md(error, "dimensionless", "error")
@@ -164,6 +176,8 @@ def groups(scene: Scene) -> tuple[list[Groups], list[str]]:
     if scene.box is None:
         return [], ["there is no box, hence no density"]
     masses = scene.bead_masses if scene.mobile is None else scene.bead_masses[scene.mobile]
+    if not len(masses):
+        return [], ["no bead moves"]
     light, ratio = float(masses.min()), float(masses.max() / masses.min())
     density = scene.n_beads / float(np.prod(np.diag(scene.box)))
     capacity = _heat_capacity(scene)
@@ -188,9 +202,35 @@ def groups(scene: Scene) -> tuple[list[Groups], list[str]]:
         return [], ["there is no friction"]
     if any(not isinstance(bonds, HarmonicBonds) for bonds in scene.bonds):
         notes.append("FENE and Morse bonds are not in the table of steps; they may need shorter ones")
-    if getattr(scene, "electrostatics", None) is not None or getattr(scene, "segments", None) is not None:
-        notes.append("charges and segmental repulsion are not in the table of steps")
+    if scene.angles:
+        notes.append("angles are not in the table of steps; stiff ones may need shorter ones")
+    if scene.segments is not None:
+        notes.append("segmental repulsion is not in the table of steps")
+    if scene.electrostatics is not None:
+        text = "charges are not in the table of steps"
+        frequency = charge_frequency(scene)
+        if frequency > 0:
+            text += (
+                f"; opposite ones on top of each other vibrate with {frequency:.2g} rad/ps, which is 1 % hot at a step of "
+                f"{0.2 / frequency:.2g} ps if it is taken for a bond"
+            )
+        notes.append(text)
     return found, notes
+
+
+def charge_frequency(scene: Scene) -> float:
+    """Largest frequency of two opposite charges on top of each other, from the curvature at r = 0, rad/ps; 0 without any."""
+    if scene.electrostatics is None or scene.charges is None:
+        return 0.0
+    q, inverse = scene.charges, 1.0 / scene.bead_masses
+    ions = {sign: np.unique(np.stack([q, inverse], axis=1)[sign * q > 0], axis=0) for sign in (1, -1)}
+    if not len(ions[1]) or not len(ions[-1]):
+        return 0.0
+    ends = [-a[0] * b[0] * (a[1] + b[1]) for a in ions[1] for b in ions[-1]]
+    h = 1e-3 / scene.electrostatics.steepness
+    centre, beside = scene.electrostatics.potential(np.array([0.0, h]))
+    curvature = 2.0 * float(centre - beside) / h**2 * scene.electrostatics.coulomb(scene.initial_kT)
+    return float(curvature * max(ends)) ** 0.5
 
 
 def _friction(value: DPD | EnergyDPD, kT: float) -> float:
@@ -211,7 +251,10 @@ def _heat_capacity(scene: Scene) -> float | None:
 
 
 def predicted_error(scene: Scene, scheme: str, dt: float, *, table: StabilityTable | None = None) -> tuple[float, str] | None:
-    """Relative error of the worse temperature at a step (ps), signed, and which one; infinite over 10 %, None where the table ends."""
+    """Relative error of the worst temperature at a step (ps), signed, and which one; infinite over 10 %, None where the table ends.
+
+    Harmonic bonds count as under velocity Verlet: (omega dt)^2/4 too hot.
+    """
     if scheme not in SCHEMES:
         raise ParameterError(f"unknown scheme {scheme!r}; it must be one of {', '.join(SCHEMES)}")
     table = table or shipped_table()
@@ -222,16 +265,22 @@ def predicted_error(scene: Scene, scheme: str, dt: float, *, table: StabilityTab
     for at in pairs:
         for kind in ("conf", "kin"):
             worst = max(worst, (table.error(scheme, at, dt / at.unit_time, kind), table.sign(scheme, at, kind), kind))
-    return worst[0] * (worst[1] or 1), {"conf": "configurational", "kin": "kinetic"}[worst[2]]
+    bonds = 0.25 * (bond_frequency(scene) * dt) ** 2
+    worst = max(worst, (bonds if bonds <= LEVELS[-1] else np.inf, 1, "bond"))
+    return worst[0] * (worst[1] or 1), {"conf": "configurational", "kin": "kinetic"}.get(worst[2], worst[2])
 
 
 def advice(scene: Scene, scheme: str, dt: float, *, unit: float = 1.0, table: StabilityTable | None = None) -> str:
-    """What the table says about a scheme and a step (ps), in a sentence; steps are written in units of ``unit``."""
+    """What the table says about a scheme and a step (ps), in a sentence with what it leaves out; steps are in units of ``unit``."""
     table = table or shipped_table()
     found = predicted_error(scene, scheme, dt, table=table)
     if found is None:
         notes = recommend(scene, table=table).notes or (f"the table of steps has no scheme {scheme!r}",)
         return "no advice about the step: " + "; ".join(notes)
+    return "; ".join([_sentence(scene, scheme, dt, unit, table, found), *groups(scene)[1]])
+
+
+def _sentence(scene: Scene, scheme: str, dt: float, unit: float, table: StabilityTable, found: tuple[float, str]) -> str:
     pairs, _ = groups(scene)
     blow = min(at.unit_time * table.blow(scheme, at) for at in pairs)
     size, kind = abs(found[0]), found[1]

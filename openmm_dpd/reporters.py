@@ -12,8 +12,10 @@ from typing import TextIO
 import numpy as np
 
 from .build import Built
+from .embed import Embedded
 from .errors import ParameterError
-from .measure import Observer, Sample, kelvin
+from .measure import Observer, kelvin
+from .sample import Sample
 from .units import BAR_PER_MD_PRESSURE, whole_number
 
 
@@ -40,7 +42,15 @@ COLUMNS: dict[str, Callable[[Sample], float]] = {
     "conductive_energy": lambda s: _optional(s.conductive),
     "theta": lambda s: _optional(s.theta),
     "conserved_energy": lambda s: s.total,
+    "kT_atoms": lambda s: _optional(s.kT_atoms),
+    "kT_beads": lambda s: _optional(s.kT_beads),
 }
+
+#: The columns of atoms and beads in one System.
+EMBEDDED_COLUMNS = (
+    *("step", "time", "kT", "kT_atoms", "kT_beads", "temperature", "potential_energy", "kinetic_energy", "total_energy"),
+    *("volume", "momentum"),
+)
 
 DEFAULT_COLUMNS = ("step", "time", "kT", "kT_conf", "potential_energy", "kinetic_energy", "pressure", "pressure_conservative", "momentum")
 
@@ -54,9 +64,9 @@ class DPDReporter:
         Where to write.
     interval : int
         Steps between rows.
-    built : Built
-        What :func:`openmm_dpd.build.build` returned.
-    columns : sequence of str
+    built : Built or Embedded
+        What :func:`openmm_dpd.build` or :func:`openmm_dpd.embed` returned.
+    columns : sequence of str, optional
         Keys of :data:`COLUMNS`.  Energies are in kJ/mol and pressures in kJ/mol/nm^3, which are the reduced units of a reduced scene;
         ``temperature`` is
         in kelvin, ``pressure_bar`` in bar; ``pressure`` counts conservative, dissipative and random pair forces; ``momentum`` is the
@@ -64,20 +74,34 @@ class DPDReporter:
         of the total.  Of beads with internal energies, ``internal_energy`` and ``conductive_energy`` are sums, ``theta`` is the harmonic
         mean temperature (an energy), and ``conserved_energy`` the sum of potential, kinetic and internal energy of one moment.  ``kT_conf``
         is this configuration's ratio: average numerator and denominator apart for a precise value (:class:`openmm_dpd.measure.Observer`).
+        For atoms and beads in one System there are :data:`EMBEDDED_COLUMNS`: ``kT_atoms`` and ``kT_beads`` are the temperatures of the
+        parts, ``kT`` and ``temperature`` that of everything; pressures and configurational temperature are not measured.
 
     Raises
     ------
     ParameterError
-        For an unknown column, an interval that is no whole number of at least 1, or if ``built`` is something else.
+        For an unknown column, one that atoms and beads do not have, an interval that is no whole number of at least 1, or if ``built``
+        is something else.
     """
 
-    def __init__(self, file: str | os.PathLike | TextIO, interval: int, built: Built, columns: Sequence[str] = DEFAULT_COLUMNS):
+    def __init__(self, file: str | os.PathLike | TextIO, interval: int, built: Built | Embedded, columns: Sequence[str] | None = None):
         self._owned = False
+        if columns is None:
+            columns = [name for name in EMBEDDED_COLUMNS if name != "temperature"] if isinstance(built, Embedded) else DEFAULT_COLUMNS
         if isinstance(columns, str) or not isinstance(columns, Sequence) or not columns:
             raise ParameterError(f"columns must be a sequence of names such as ('step', 'kT'), not {columns!r}")
         unknown = [str(name) for name in columns if name not in COLUMNS]
         if unknown:
             raise ParameterError(f"unknown columns {', '.join(unknown)}; they must be among {', '.join(COLUMNS)}")
+        if isinstance(built, Embedded):
+            absent = [name for name in columns if name not in EMBEDDED_COLUMNS]
+            if absent:
+                raise ParameterError(
+                    f"columns {', '.join(absent)} are not measured for atoms and beads in one System; "
+                    f"choose among {', '.join(EMBEDDED_COLUMNS)}"
+                )
+        elif isinstance(built, Built) and {"kT_atoms", "kT_beads"} & set(columns):
+            raise ParameterError("columns kT_atoms and kT_beads are for what openmm_dpd.embed() returned; a scene alone has kT")
         self._interval = whole_number(interval, "the interval between reports, in steps,", least=1)
         self._columns, self._observer = tuple(columns), Observer(built)
         if not isinstance(file, (str, os.PathLike)) and not hasattr(file, "write"):

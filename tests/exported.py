@@ -175,7 +175,7 @@ def electrolyte(periodic: bool, tolerance: float = 1e-6, permittivity: float = 2
     charges = np.where(np.arange(n) < 60, np.where(np.arange(n) % 2, 1.0, -1.0), 0.0)
     if not periodic:
         beads["box"] = None
-    smeared = dpd.SlaterCharges(lamda=0.25, permittivity=permittivity, cutoff=2.2, tolerance=tolerance)
+    smeared = dpd.SlaterCharges(lamda=0.25, permittivity=permittivity, cutoff=2.2 if periodic else None, tolerance=tolerance)
     return dpd.Scene(pairs=TWO, charges=charges, electrostatics=smeared, **beads | changes)
 
 

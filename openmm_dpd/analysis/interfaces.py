@@ -17,9 +17,10 @@ def surface_tension(pressure, length, *, axis: str | int = "z", interfaces: int 
     Parameters
     ----------
     pressure : (F, 3), (F, 6) or (F, 3, 3) array
-        Pressure tensor over time: xx, yy, zz; or xx, yy, zz and the others, which do not count; or the whole tensor.
+        Pressure tensor over time: xx, yy, zz; or xx, yy, zz and the others, which do not count; or the whole tensor.  ``pressures`` of a
+        :class:`.StressReporter` is one.
     length : float or (F,) array
-        Length of the box along the axis.
+        Length of the box along the axis (``edges[:, 2]`` of a StressReporter for z).
     axis : {"z", "y", "x"} or int
         Normal of the interfaces.
     interfaces : int, default 2
@@ -45,6 +46,8 @@ def surface_tension(pressure, length, *, axis: str | int = "z", interfaces: int 
         raise ParameterError("pressure and length must be numbers") from None
     if tensor.ndim == 3 and tensor.shape[1:] == (3, 3):
         tensor = np.diagonal(tensor, axis1=1, axis2=2)
+    if not len(tensor):
+        raise ParameterError("there is no row of pressures")
     if tensor.ndim != 2 or tensor.shape[1] not in (3, 6):
         raise ParameterError(f"pressure must have shape (frames, 3), (frames, 6) or (frames, 3, 3), not {tensor.shape}")
     if edge.shape not in ((), (len(tensor),)) or not np.all(edge > 0):

@@ -81,6 +81,8 @@ def area_per_lipid(trajectory: Trajectories, lipids: Beads | int, *, axis: str |
         If there is no box or no lipid.
     """
     topology, frames = frames_of(trajectory)
+    if isinstance(lipids, (bool, np.bool_)):
+        raise ParameterError(f"lipids must be their number or beads, not {lipids!r}")
     if isinstance(lipids, (int, np.integer)):
         count = int(lipids)
     else:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -143,7 +143,10 @@ def density_profile(
 
 
 def _groups(topology, types: Beads) -> dict[str, np.ndarray]:
-    names = [types] if isinstance(types, str) else list(dict.fromkeys(type_names(topology).tolist())) if types is None else list(types)
+    if types is None:
+        names = list(dict.fromkeys(type_names(topology).tolist()))
+    else:
+        names = [types] if isinstance(types, str) else list(types) if isinstance(types, (Sequence, np.ndarray)) else []
     if names and all(isinstance(name, str) for name in names):
         return {str(name): selected(topology, name, "types") for name in names}
     return {"selected": selected(topology, types, "types")}

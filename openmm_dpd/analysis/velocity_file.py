@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from openmm import unit
 
+from ..errors import ParameterError
 from ..field_file import FieldWriter
 from ..units import whole_number
 
@@ -40,8 +41,20 @@ class VelocityReporter:
 
 
 def read_velocities(file: str | os.PathLike) -> Iterator[np.ndarray]:
-    """Velocities (N, 3), nm/ps, frame by frame; one frame at a time is in memory.  For all at once: ``load_fields(file)["velocities"]``."""
-    with np.load(file) as archive:
+    """Velocities (N, 3), nm/ps, frame by frame; one frame at a time is in memory.  For all at once: ``load_fields(file)["velocities"]``.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such file, or it is not one of :class:`VelocityReporter`.
+    """
+    try:
+        opened = np.load(file)
+    except (OSError, ValueError, TypeError) as error:
+        raise ParameterError(f"{file} cannot be read as a file of velocities (written by VelocityReporter): {error}") from None
+    if not isinstance(opened, np.lib.npyio.NpzFile):
+        raise ParameterError(f"{file} is no file of velocities written by VelocityReporter")
+    with opened as archive:
         for member in sorted(name for name in archive.files if name.startswith("velocities/")):
             yield archive[member]
 

@@ -133,7 +133,7 @@ def electrostatic_forces(
     if bonds:
         made.append(_bond_force(f"{constant!r}*qq*{bonded}", q, bonds, ewald))
     if ewald is not None:
-        made.append(_lattice_force(q, constant, ewald, factors))
+        made.append(lattice_force(q, constant, ewald, factors))
         slope = width_derivative(charges)
         virials = [_pair_force(f"{VIRIAL_SWITCH}*{pairs}{slope}", q, ewald, factors, listed)]
         if bonds:
@@ -178,7 +178,7 @@ def _bond_force(text: str, q: np.ndarray, factors: dict[tuple[int, int], float],
     return force
 
 
-def _lattice_force(q: np.ndarray, constant: float, ewald: EwaldSum, factors: dict[tuple[int, int], float]) -> openmm.NonbondedForce:
+def lattice_force(q: np.ndarray, constant: float, ewald: EwaldSum, factors: dict[tuple[int, int], float]) -> openmm.NonbondedForce:
     """PME of point charges without its direct space.
 
     The CPU platform wants the same exclusions in all pair forces.  Without the direct space they change nothing on any platform: the pairs

@@ -9,6 +9,7 @@ import openmm
 from openmm import unit
 
 from ..errors import RunError
+from ..kernels import motion
 from ..kernels.compiled import compiled
 from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, PairSpec
 from ..kernels.fields import ENERGY, FieldSpec
@@ -28,6 +29,18 @@ from ..names import (
 )
 from .runaway import runaway
 
+#: Phases that keep the positions.
+KEEPING = (Phase.NOTE, Phase.CONSERVE, Phase.KEEP)
+
+#: Phases that look at the kept positions.
+AT_KEPT = (Phase.FORCE_KEPT, Phase.SWEEP_KEPT, Phase.SWEEP_KICK_KEPT)
+
+#: How much of the conservative force comes with a sweep.
+KICKS: dict[int, float] = {Phase.KICK_SWEEP_SEEN: 1.0, Phase.SWEEP_SEEN_CONSERVED: 1.0, Phase.SWEEP_KICK_KEPT: 0.5}
+
+#: In the place of box vectors where there are none.
+NO_BOX = np.zeros((3, 3))
+
 
 @compiled
 def fingerprint(x, parameters):
@@ -42,17 +55,16 @@ def fingerprint(x, parameters):
 
 def relative_to(x: np.ndarray, kept: np.ndarray, box: np.ndarray | None) -> np.ndarray:
     """Displacement x - kept by minimum image: a GPU platform may have wrapped either of them."""
-    d = x - kept
-    if box is not None and np.any(np.abs(d) > 0.5 * np.diag(box)):
-        for k in (2, 1, 0):
-            d -= np.outer(np.rint(d[:, k] / box[k, k]), box[k])
+    d = np.empty_like(x)
+    motion.seen_velocities(x, kept, NO_BOX if box is None else box, box is not None, 1.0, d)
     return d
 
 
 def folded(x: np.ndarray, before: np.ndarray, box: np.ndarray) -> bool:
     """Whether x differs from the positions before by box vectors only, to float32 rounding: GPU platforms fold beads back now and then."""
-    moved = np.abs(x - before).max(axis=1) > 0.5 * np.diag(box).min()
-    return bool(moved.any() and np.abs(relative_to(x, before, box)).max() < 4e-7 * (np.abs(before).max() + np.diag(box).max()))
+    if not motion.jumped(x, before, 0.5 * np.diag(box).min()):
+        return False
+    return bool(np.abs(relative_to(x, before, box)).max() < 4e-7 * (np.abs(before).max() + np.diag(box).max()))
 
 
 class Fields:
@@ -136,10 +148,13 @@ class PairForceFunction:
             local.engine, local.kept, local.noted = PairEngine(self.spec), None, None
             local.fields = None if self.spec.fields is None else Fields(self.spec.fields)
             local.failed = None
+            # written again and again: OpenMM copies what it is given
+            local.v, local.result, local.conserved = np.zeros((3, len(self.spec.types), 3))
+            local.conserved_energy = None
         here = (phase, parameters[COUNTER])
-        if phase > Phase.CONSERVE and here == local.failed:
-            # a step died and left its phase behind: what is asked for from outside is what IDLE answers
-            phase = int(Phase.IDLE)
+        if phase != Phase.IDLE and here == local.failed:
+            # a step died and left its phase behind: what is asked for from outside is what IDLE answers; but a new step may begin so too
+            phase = phase if phase in KEEPING else int(Phase.IDLE)
         elif phase != Phase.IDLE:
             local.failed = None
         try:
@@ -152,20 +167,20 @@ class PairForceFunction:
         """Energy and forces for a phase."""
         x = state.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
         box = self._box(state) if self.periodic else None
-        if phase in (Phase.NOTE, Phase.CONSERVE):
+        if phase in KEEPING:
             for bonds in self.guarded:
                 wrong = bonds.overstretched(x, box)
                 if wrong is not None:
                     raise RunError(f"{wrong}; the step size may be too large")
-        if phase == Phase.NOTE:
             local.kept = x
-            return self._note(local, x, box, parameters), self._zero
+        if phase in (Phase.NOTE, Phase.KEEP) and local.failed is None:
+            return (self._note(local, x, box, parameters) if phase == Phase.NOTE else 0.0), self._zero
         if phase == Phase.IDLE and not self.conservative:
             return 0.0, self._zero
-        if phase in (Phase.IDLE, Phase.CONSERVE):
-            if phase == Phase.CONSERVE:
-                local.kept = x
-            return self._conserve(local.engine, x, box)
+        if phase == Phase.IDLE or phase in KEEPING:
+            return self._conserve(local, x, box)
+        if phase == Phase.CLOSE:
+            return 0.0, self._close(local, x, box)
         return 0.0, self._in_step(local, phase, x, box, parameters)
 
     def _note(self, local, x: np.ndarray, box: np.ndarray | None, parameters: dict) -> float:
@@ -181,16 +196,22 @@ class PairForceFunction:
         local.noted = (value, x, stable)
         return value
 
-    def _conserve(self, engine: PairEngine, x: np.ndarray, box: np.ndarray | None):
+    def _conserve(self, local, x: np.ndarray, box: np.ndarray | None):
         if not self.conservative:
             return 0.0, self._zero
-        engine.prepare(x, box)
-        scalars = None if self._local.fields is None else self._local.fields.values
-        energy, force, _ = engine.forces(CONSERVATIVE, None, 0.0, 1.0, 0, 0, scalars)
-        return energy, force
+        if local.engine.prepare(x, box):
+            local.conserved_energy = None
+        return self._conserve_prepared(local), local.conserved
+
+    def _conserve_prepared(self, local) -> float:
+        """Conservative force in ``local.conserved``, unless it is there already; its energy."""
+        if local.conserved_energy is None or local.fields is not None:
+            scalars = None if local.fields is None else local.fields.values
+            local.conserved_energy = local.engine.forces(CONSERVATIVE, None, 0.0, 1.0, 0, 0, scalars, local.conserved)[0]
+        return local.conserved_energy
 
     def _in_step(self, local, phase: int, x: np.ndarray, box: np.ndarray | None, parameters: dict) -> np.ndarray:
-        engine, kept = local.engine, local.kept
+        kept = local.kept
         if kept is None:
             raise RunError(f"the pair force was asked for phase {phase} before it saw any positions; is this one of our programs?")
         fields: Fields | None = local.fields
@@ -206,31 +227,48 @@ class PairForceFunction:
         key = (int(parameters[SEED]), int(parameters[COUNTER]))
         if not kT >= 0.0:
             raise RunError(f"the context parameter {KT} must be >= 0, but is {kT}")
-        v = relative_to(x, kept, box) / tau
+        v = local.v
+        motion.seen_velocities(x, kept, NO_BOX if box is None else box, box is not None, tau, v)
         wrong = runaway(v, self.spec.inv_mass, kT, dt, self._cutoff)
         if wrong is not None:
             raise RunError(f"{wrong}; the step size is too large for this scheme, or the start is too far from equilibrium")
-        engine.prepare(kept if phase in (Phase.FORCE_KEPT, Phase.SWEEP_KEPT) else x, box)
-        if phase in (Phase.FORCE_SEEN, Phase.FORCE_KEPT):
-            which = DISSIPATIVE | RANDOM
-            if phase == Phase.FORCE_SEEN and self.conservative:
-                which |= CONSERVATIVE
-            force = engine.forces(which, v, kT, dt, *key, scalars)[1]
-            if fields is not None:
-                fields.last = engine.rates
-            return force
-        kick = 0.0
+        if local.engine.prepare(kept if phase in AT_KEPT else x, box):
+            local.conserved_energy = None
+        return (self._force if phase in (Phase.FORCE_SEEN, Phase.FORCE_KEPT) else self._sweep)(local, phase, (kT, dt, *key, scalars))
+
+    def _force(self, local, phase: int, conditions: tuple) -> np.ndarray:
+        """Force form at the prepared positions."""
+        which = DISSIPATIVE | RANDOM
+        if phase == Phase.FORCE_SEEN and self.conservative:
+            which |= CONSERVATIVE
+        force = local.engine.forces(which, local.v, *conditions, local.result)[1]
+        if local.fields is not None:
+            local.fields.last = local.engine.rates
+        return force
+
+    def _sweep(self, local, phase: int, conditions: tuple) -> np.ndarray:
+        """Impulses/dt of a sweep at the prepared positions, and of the kicks that go with it."""
+        engine, v, dt = local.engine, local.v, conditions[1]
+        share = KICKS.get(phase, 0.0)
+        if phase in (Phase.KICK_SWEEP_SEEN, Phase.SWEEP_KICK_KEPT):
+            self._conserve_prepared(local)
         if phase == Phase.KICK_SWEEP_SEEN:
-            kick = engine.forces(CONSERVATIVE, None, kT, dt, *key, scalars)[1]
-            v = v + 0.5 * dt * self.spec.inv_mass[:, None] * kick
-        change = engine.sweep(v, kT, dt, *key, scalars)
-        if fields is not None:
-            fields.last = engine.flow
+            motion.kick(v, local.conserved, self.spec.inv_mass, 0.5 * dt)
+        change = engine.sweep(v, *conditions, local.result)
+        if local.fields is not None:
+            local.fields.last = engine.flow
             if self.balanced:
-                fields.balance(v, change, self.spec.inv_mass)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            impulse = np.where(self.spec.inv_mass[:, None] > 0, change / (dt * self.spec.inv_mass[:, None]), 0.0)
-        return impulse + kick
+                local.fields.balance(v, change, self.spec.inv_mass)
+        motion.as_force(change, self.spec.inv_mass, dt, share, local.conserved)
+        return change
+
+    def _close(self, local, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
+        """What the last sweep and half kick gave, and the next half kick."""
+        self._conserve(local, x, box)
+        # a sum that can be asked for twice
+        np.multiply(local.conserved, 0.5, out=local.v)
+        local.v += local.result
+        return local.v
 
     def _box(self, state) -> np.ndarray:
         box = state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from . import forces, sweeps
+from . import forces, motion, sweeps
 from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, GAMMA, GAMMA_PERP, SIGMA, SIGMA_PERP, A
 from .layer import STRESS, Call, Forces
 from .threads import run
@@ -62,6 +62,8 @@ class DPDLayer:
     def __init__(self, table: TermTable, spec: PairSpec, pairs: PairList, number: int):
         self.table, self.update, self.pairs, self.number = table, spec.update, pairs, number
         self._coefficients: tuple[float, np.ndarray] = (np.nan, np.zeros((0, 8)))
+        # scratch, in the order of the pair list
+        self._v, self._force = np.zeros((len(pairs.order), 3)), np.zeros((len(pairs.order), 3))
 
     def _at(self, kT: float) -> np.ndarray:
         if self._coefficients[0] != kT:
@@ -71,9 +73,11 @@ class DPDLayer:
     def forces(self, call: Call) -> Forces:
         """Force form at the listed positions."""
         pairs = self.pairs
-        force = np.zeros((len(pairs.order), 3))
+        force, v = self._force, self._v
+        force[...] = 0.0
         stress = np.zeros((len(pairs.energy) if call.which & STRESS else 0, 6))
-        v = np.zeros((0, 3)) if call.velocities is None else np.take(call.velocities, pairs.order, axis=0)
+        if call.velocities is not None:
+            motion.gather(call.velocities, pairs.order, v)
         run(
             forces.pair_forces,
             forces.pair_forces_parallel,
@@ -96,7 +100,7 @@ class DPDLayer:
     def sweep(self, call: Call, v: np.ndarray, flow: np.ndarray | None) -> None:
         """Update the velocities (N, 3) pair by pair, in place."""
         pairs = self.pairs
-        sorted_v = np.take(v, pairs.order, axis=0)
+        motion.gather(v, pairs.order, self._v)
         run(
             sweeps.sweep,
             sweeps.sweep_parallel,
@@ -110,9 +114,9 @@ class DPDLayer:
             self._at(call.kT),
             pairs.inv_mass,
             *pairs.geometry_arguments,
-            sorted_v,
+            self._v,
         )
-        v[pairs.order] = sorted_v
+        motion.scatter(self._v, pairs.order, v)
 
     def friction_moment(self, kT: float) -> float:
         """Sum over pairs of f gamma w^(2s) r^2 (radial friction)."""

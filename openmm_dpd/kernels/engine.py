@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import RunError
-from . import cells, sweeps
+from . import cells, motion, sweeps
 from .dpd import TermTable
 from .fields import FieldSpec
 from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, Call, Layer, Table
@@ -179,19 +179,30 @@ class PairEngine:
         self._x = np.full((len(spec.types), 3), np.nan)
         self._box: np.ndarray | None = None
 
-    def prepare(self, x: np.ndarray, box: np.ndarray | None) -> None:
-        """List the pairs at positions x; does nothing if they are those of the last call."""
+    def prepare(self, x: np.ndarray, box: np.ndarray | None) -> bool:
+        """List the pairs at positions x; does nothing and returns False if they are those of the last call."""
         same_box = self._box is None if box is None else self._box is not None and np.array_equal(box, self._box)
         if same_box and np.array_equal(x, self._x):
-            return
+            return False
         parallel = get_threads() > 1
         self._x[0, 0] = np.nan  # not valid until the lists are complete
         for pairs in self.lists:
             run(pairs.build, None, x, box, parallel)
         self._x[...] = x
         self._box = None if box is None else box.copy()
+        return True
 
-    def forces(self, which: int, v: np.ndarray | None, kT: float, dt: float, seed: int, counter: int, scalars: np.ndarray | None = None):
+    def forces(
+        self,
+        which: int,
+        v: np.ndarray | None,
+        kT: float,
+        dt: float,
+        seed: int,
+        counter: int,
+        scalars: np.ndarray | None = None,
+        out: np.ndarray | None = None,
+    ):
         """Sum of the chosen terms at the prepared positions.
 
         Parameters
@@ -206,6 +217,8 @@ class PairEngine:
             Key of the noise.
         scalars : (N, K) array, optional
             Values of the fields of the spec.
+        out : (N, 3) array, optional
+            Where the forces are written.
 
         Returns
         -------
@@ -215,7 +228,8 @@ class PairEngine:
         virial : float
             Sum over pairs of r_ij . F_ij.
         """
-        force = np.zeros((len(self.spec.types), 3))
+        force = np.empty((len(self.spec.types), 3)) if out is None else out
+        force[...] = 0.0
         energy = virial = 0.0
         if which & RANDOM and kT == 0.0 and self.spec.fields is None:
             which &= ~RANDOM
@@ -225,7 +239,7 @@ class PairEngine:
         for number, layer in enumerate(self.layers):
             result, order = layer.forces(call), layer.pairs.order
             if number == 0:
-                force[order] = result.force  # cheaper than adding
+                motion.scatter(result.force, order, force)  # cheaper than adding
             else:
                 force[order] += result.force
             if result.rates is not None:
@@ -241,16 +255,26 @@ class PairEngine:
                 source.add_to(self.rates, self._x, self._box)
         return energy, force, virial
 
-    def sweep(self, v: np.ndarray, kT: float, dt: float, seed: int, counter: int, scalars: np.ndarray | None = None) -> np.ndarray:
-        """Change of the velocities (N, 3) by one sweep of pair updates at the prepared positions."""
-        swept = v if self.spec.wall_velocity is None else self._seen(v)
-        swept = swept.copy()
-        before = swept.copy()
+    def sweep(
+        self,
+        v: np.ndarray,
+        kT: float,
+        dt: float,
+        seed: int,
+        counter: int,
+        scalars: np.ndarray | None = None,
+        out: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Change of the velocities (N, 3) by one sweep of pair updates at the prepared positions, written to ``out`` if that is given."""
+        before = self._seen(v)
+        swept = np.empty_like(before) if out is None else out
+        swept[...] = before
         self.flow[...] = 0.0
         call = Call(DISSIPATIVE | RANDOM, None, kT, dt, seed, counter, scalars)
         for layer in self.layers:
             layer.sweep(call, swept, self.flow)
-        return swept - before
+        swept -= before
+        return swept
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy at the prepared positions."""

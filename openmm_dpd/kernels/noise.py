@@ -2,21 +2,39 @@
 
 The same pair gets the same number whatever the order of pairs, the number of threads or the platform, and a restart draws what an
 uninterrupted run would have drawn.  The hash is two rounds of the 64-bit finaliser "mix13" (Stafford; the one of SplitMix64,
-Steele, Lea and Flood, OOPSLA 2014, doi:10.1145/2660193.2660195); its upper 52 bits are turned into a standard normal number by the
-inverse distribution function (Wichura, algorithm AS 241, routine PPND7, Appl. Stat. 37, 477 (1988)): Gaussian to 1e-7.
+Steele, Lea and Flood, OOPSLA 2014, doi:10.1145/2660193.2660195); its bits are turned into a standard normal number by the inverse
+distribution function: Gaussian to 1e-6.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from scipy.special import ndtri
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _M1 = np.uint64(0xBF58476D1CE4E5B9)
 _M2 = np.uint64(0x94D049BB133111EB)
 _STREAM = np.uint64(0xD1342543DE82EF95)
-_S30, _S27, _S31, _S12, _S32 = (np.uint64(k) for k in (30, 27, 31, 12, 32))
+_S30, _S27, _S31, _S12, _S32, _S55, _S63, _S3 = (np.uint64(k) for k in (30, 27, 31, 12, 32, 55, 63, 3))
+_BYTE, _LOW55 = np.uint64(0xFF), np.uint64((1 << 55) - 1)
 _SCALE = 2.0**-52
+
+#: The upper half of the inverse distribution function lies in this many cells of a cubic polynomial each; the last ones are left to _tail.
+_CELLS, _SMOOTH = 256, 248
+
+
+def _cubics() -> np.ndarray:
+    """(4, cells) coefficients that meet the values and slopes of the inverse distribution function at the edges of the cells."""
+    width = 0.5 / _CELLS
+    value = ndtri(0.5 + width * np.arange(_SMOOTH + 1))
+    slope = width * np.sqrt(2 * np.pi) * np.exp(0.5 * value**2)
+    rise = np.diff(value)
+    first, last = slope[:-1], slope[1:]
+    return np.ascontiguousarray(np.array([value[:-1], first, 3 * rise - 2 * first - last, first + last - 2 * rise]).T)
+
+
+_CUBICS = _cubics()
 
 
 @njit(inline="always")
@@ -53,8 +71,13 @@ def pair_key(key, low, high):
 def normal(key, stream):
     """Standard normal number number ``stream`` (0, 1, ...) of a pair."""
     bits = key if stream == 0 else _mix(key + np.uint64(stream) * _STREAM)
-    # the middle of the k-th of 2^52 cells, an exact number: never 0, never 1
-    return _normal_from_uniform((np.float64(bits >> _S12) + 0.5) * _SCALE)
+    # a sign, a cell, and the place in it: the middle of the k-th of 2^52 pieces, never on an edge
+    cell, place = (bits >> _S55) & _BYTE, (np.float64((bits & _LOW55) >> _S3) + 0.5) * _SCALE
+    if cell < _SMOOTH:
+        z = _CUBICS[cell, 0] + place * (_CUBICS[cell, 1] + place * (_CUBICS[cell, 2] + place * _CUBICS[cell, 3]))
+    else:
+        z = _tail((_CELLS - 1.0 - np.float64(cell) + (1.0 - place)) * (0.5 / _CELLS))  # never rounded to 0
+    return -z if bits >> _S63 else z
 
 
 @njit(inline="always")
@@ -63,28 +86,14 @@ def uniform(key, stream):
     return (np.float64(_mix(key + np.uint64(stream) * _STREAM) >> _S12) + 0.5) * _SCALE
 
 
-@njit(inline="always")
-def _normal_from_uniform(p):
-    q = p - 0.5
-    if abs(q) <= 0.425:
-        r = 0.180625 - q * q
-        return (
-            q
-            * (((59.109374720 * r + 159.29113202) * r + 50.434271938) * r + 3.3871327179)
-            / (((67.187563600 * r + 78.757757664) * r + 17.895169469) * r + 1.0)
-        )
-    return _tail(q, p)
-
-
 @njit
-def _tail(q, p):
-    r = np.sqrt(-np.log(p if q < 0.0 else 1.0 - p))
+def _tail(p):
+    """Normal number that is exceeded with the (small) probability p: Wichura, algorithm AS 241, PPND7, Appl. Stat. 37, 477 (1988)."""
+    r = np.sqrt(-np.log(p))
     if r <= 5.0:
         r -= 1.6
-        z = (((0.17023821103 * r + 1.3067284816) * r + 2.7568153900) * r + 1.4234372777) / ((0.12021132975 * r + 0.73700164250) * r + 1.0)
-    else:
-        r -= 5.0
-        z = (((0.017337203997 * r + 0.42868294337) * r + 3.0812263860) * r + 6.6579051150) / (
-            (0.012258202635 * r + 0.24197894225) * r + 1.0
-        )
-    return -z if q < 0.0 else z
+        above = ((0.17023821103 * r + 1.3067284816) * r + 2.7568153900) * r + 1.4234372777
+        return above / ((0.12021132975 * r + 0.73700164250) * r + 1.0)
+    r -= 5.0
+    above = ((0.017337203997 * r + 0.42868294337) * r + 3.0812263860) * r + 6.6579051150
+    return above / ((0.012258202635 * r + 0.24197894225) * r + 1.0)

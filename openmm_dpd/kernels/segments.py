@@ -124,13 +124,14 @@ def _clamped(px, py, pz, a, b, i, j):
     return _clamp((ab * bp - bb * ap) / det), _clamp((aa * bp - ab * ap) / det)
 
 
-def _segment_forces(rule, A, cutoff, arm, pi, pj, geometry, factors, columns, block_start, colour_start, start, found, f, energy, virial):
-    """Forces f (S, 6) on the first and second bead of each sorted segment; energy and virial of each column."""
+def _segment_forces(rule, A, cutoff, arm, pi, pj, geometry, factors, columns, block_start, colour_start, start, found, f, energy, stress):
+    """Forces f (S, 6) on the first and second bead of each sorted segment; energy and stress (6) of each column."""
     for colour in range(len(colour_start) - 1):
         for block in prange(colour_start[colour], colour_start[colour + 1]):
             for task in range(block_start[block], block_start[block + 1]):
                 column = columns[task]
-                column_energy, column_virial = 0.0, 0.0
+                column_energy = 0.0
+                xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
                 for n in range(start[column], start[column] + found[column]):
                     i, j, r = pi[n], pj[n], geometry[n, 3]
                     dx, dy, dz = r * geometry[n, 0], r * geometry[n, 1], r * geometry[n, 2]
@@ -151,9 +152,15 @@ def _segment_forces(rule, A, cutoff, arm, pi, pj, geometry, factors, columns, bl
                             column_energy += 0.5 * A * cutoff * w * w
                         continue
                     column_energy += 0.5 * A * cutoff * w * w
-                    column_virial += A * w * d
                     radial = A * w / d
                     fx, fy, fz = radial * dx, radial * dy, radial * dz
+                    # the shares of F at both ends of a segment have the contact point as their centre
+                    xx += dx * fx
+                    yy += dy * fy
+                    zz += dz * fz
+                    xy += dx * fy
+                    xz += dx * fz
+                    yz += dy * fz
                     f[i, 0] += (0.5 - s) * fx
                     f[i, 1] += (0.5 - s) * fy
                     f[i, 2] += (0.5 - s) * fz
@@ -167,7 +174,8 @@ def _segment_forces(rule, A, cutoff, arm, pi, pj, geometry, factors, columns, bl
                     f[j, 4] -= (0.5 + t) * fy
                     f[j, 5] -= (0.5 + t) * fz
                 energy[column] = column_energy
-                virial[column] = column_virial
+                stress[column, 0], stress[column, 1], stress[column, 2] = xx, yy, zz
+                stress[column, 3], stress[column, 4], stress[column, 5] = xy, xz, yz
 
 
 segment_forces, segment_forces_parallel = serial_and_parallel(_segment_forces)
@@ -178,6 +186,11 @@ class SegmentEngine:
 
     One engine belongs to one thread at a time.  The results are the same, bit for bit, for any number of threads, and depend on the
     present positions alone.
+
+    Attributes
+    ----------
+    stress : (6,) array
+        Sum over contacts of d F (xx, yy, zz, xy, xz, yz) of the last call of :meth:`forces`; its trace is the virial.
     """
 
     def __init__(self, spec: SegmentSpec):
@@ -186,6 +199,7 @@ class SegmentEngine:
         exceptions = adjoining(spec.pairs) if spec.exclude_adjoining else adjoining(spec.pairs[:0])
         reach: Any = _Reach(np.array([[spec.cutoff]]))  # all of a table that a pair list reads
         self._list = PairList(PairSpec(np.zeros(n, np.int32), np.ones(n), (), exceptions=exceptions), reach)
+        self.stress = np.zeros(6)
         self._last: tuple[np.ndarray, np.ndarray | None, tuple[float, np.ndarray, float]] | None = None
 
     def forces(self, x: np.ndarray, box: np.ndarray | None) -> tuple[float, np.ndarray, float]:
@@ -218,15 +232,16 @@ class SegmentEngine:
         self._set_reach(float(np.sqrt(length2.max(initial=0.0))), box)
         run(pairs.build, None, first + 0.5 * arm, box, get_threads() > 1)
         sorted_arm = np.take(arm, pairs.order, axis=0)
-        f = np.zeros((len(arm), 6))
-        arguments = (spec.rule, spec.A, spec.cutoff, sorted_arm, *pairs.geometry_arguments, f, pairs.energy, pairs.virial)
+        f, stress = np.zeros((len(arm), 6)), np.zeros((len(pairs.energy), 6))
+        arguments = (spec.rule, spec.A, spec.cutoff, sorted_arm, *pairs.geometry_arguments, f, pairs.energy, stress)
         run(segment_forces, segment_forces_parallel, *arguments)
         on_beads = np.empty_like(f)
         on_beads[pairs.order] = f
         force = np.empty((spec.n_beads, 3))
         for k in range(3):
             force[:, k] = np.bincount(spec.pairs.ravel(), on_beads[:, [k, k + 3]].ravel(), spec.n_beads)
-        return float(pairs.energy.sum()), force, float(pairs.virial.sum())
+        self.stress = stress.sum(axis=0)
+        return float(pairs.energy.sum()), force, float(self.stress[:3].sum())
 
     def _set_reach(self, longest: float, box: np.ndarray | None) -> None:
         """Distance of midpoints up to which two segments can meet; it depends on the longest of them where ends can meet."""

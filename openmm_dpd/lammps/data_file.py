@@ -191,8 +191,10 @@ class _Reader:
         edges = []
         for axis in "xyz":
             key = (f"{axis}lo", f"{axis}hi")
-            # LAMMPS's default box goes from -1/2 to 1/2
-            edges.append(self.header.get(key, [-0.5, 0.5]))
+            if key not in self.header:
+                # LAMMPS takes -1/2 to 1/2 without a word
+                raise self.fail(f"the header has no line '{key[0]} {key[1]}', so the box has no edges along {axis}")
+            edges.append(self.header[key])
         tilt = self.header.get(("xy", "xz", "yz"))
         low, high = np.array(edges).T
         try:

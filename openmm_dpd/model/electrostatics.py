@@ -11,6 +11,9 @@ import numpy as np
 from ..errors import ParameterError
 from ..units import COULOMB, to_md, whole_number
 
+#: A larger PME grid is a mistake: 512^3 points, 2 GB on the Reference platform.
+MOST_GRID_POINTS = 512**3
+
 
 def _positive(value, dimension: str, name: str) -> float:
     found = to_md(value, dimension, name)
@@ -256,7 +259,7 @@ def ewald_sum(charges: SmearedCharges, box: np.ndarray, n_charges: int) -> Ewald
     Raises
     ------
     ParameterError
-        If the cutoff is over half the box, whether given or needed.
+        If the cutoff is over half the box, whether given or needed, or cutoff, alpha and grid do not go together.
     """
     half = 0.5 * float(np.diag(box).min())
     cutoff = charges.cutoff
@@ -280,7 +283,30 @@ def ewald_sum(charges: SmearedCharges, box: np.ndarray, n_charges: int) -> Ewald
     if grid is None:
         spacing = 1.2 * charges.tolerance**0.2 / alpha
         grid = tuple(max(8, math.ceil(width / spacing)) for width in np.linalg.norm(box, axis=1))  # type: ignore[assignment]
+    _check_sum(charges, cutoff, alpha, grid, box)  # type: ignore[arg-type]
     return EwaldSum(cutoff, alpha, grid)  # type: ignore[arg-type]
+
+
+def _check_sum(charges: SmearedCharges, cutoff: float, alpha: float, grid: tuple[int, int, int], box: np.ndarray) -> None:
+    """Settings whose sum would be wrong by a tenth and more, or whose grid is beyond what a computer holds (OpenMM would crash)."""
+    name = type(charges).__name__
+    if math.erfc(alpha * cutoff) > 0.1:
+        raise ParameterError(
+            f"{name}: with alpha = {alpha:.4g}/nm a part of {math.erfc(alpha * cutoff):.2g} of the real-space sum is beyond the cutoff of "
+            f"{cutoff:.4g} nm; leave alpha out, or make it at least {1.2 / cutoff:.4g}/nm"
+        )
+    if float(np.prod(np.array(grid, dtype=float))) > MOST_GRID_POINTS:
+        raise ParameterError(
+            f"{name}: the lattice sum would need a grid of {' x '.join(map(str, grid))} points (cutoff {cutoff:.4g} nm, alpha "
+            f"{alpha:.4g}/nm, tolerance {charges.tolerance:g}); take a longer cutoff, a larger tolerance, or leave alpha and grid out"
+        )
+    coarse = np.linalg.norm(box, axis=1) / np.array(grid) * alpha
+    if coarse.max() > 1.5:
+        least = np.ceil(np.linalg.norm(box, axis=1) * alpha / 1.5).astype(int)
+        raise ParameterError(
+            f"{name}: a grid of {' x '.join(map(str, grid))} points is too coarse for alpha = {alpha:.4g}/nm; leave it out, or take at "
+            f"least {' x '.join(map(str, least))}"
+        )
 
 
 def check_electrostatics(charges: SmearedCharges | None, q: np.ndarray | None, box: np.ndarray | None, kT: float) -> None:
@@ -296,7 +322,14 @@ def check_electrostatics(charges: SmearedCharges | None, q: np.ndarray | None, b
         raise ParameterError(f"{name}: all charges are 0; give the ions a charge, or leave out `electrostatics`")
     if charges.bjerrum_length is not None and kT == 0:
         raise ParameterError(f"{name}: a Bjerrum length needs a temperature, but kT is 0; give the permittivity")
-    if box is not None:
+    if box is None:
+        given = [setting for setting in ("cutoff", "alpha", "grid") if getattr(charges, setting) is not None]
+        if given:
+            raise ParameterError(
+                f"{name}: a scene without a periodic box has no lattice sum, and all pairs of charges interact, so that "
+                f"{' and '.join(given)} would have no effect; leave that out, or give the scene a box"
+            )
+    else:
         ewald_sum(charges, box, int(np.count_nonzero(q)))
         total = float(q.sum())
         if abs(total) > 1e-6 * max(1.0, float(np.abs(q).sum())):

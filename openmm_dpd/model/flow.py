@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from ..errors import ParameterError
 from ..units import to_md
+from .formulas import read_formula, values
 
 AXES = ("x", "y", "z")
 
@@ -23,11 +23,6 @@ KINDS = (SPECULAR, BOUNCE_BACK)
 
 #: A wall that is not there; far more than any position, and still exact to subtract 0 times.
 NOWHERE = 1e30
-
-_NAME = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
-_FUNCTIONS = frozenset(
-    "sqrt exp log sin cos tan asin acos atan atan2 sinh cosh tanh erf step delta square cube recip min max abs floor ceil select".split()
-)
 
 
 class Members(NamedTuple):
@@ -55,8 +50,8 @@ class Members(NamedTuple):
 
 def _members(types, beads, what: str) -> Members:
     if types is not None:
-        types = (types,) if isinstance(types, str) else tuple(types)
-        if not types or not all(isinstance(name, str) for name in types):
+        types = (types,) if isinstance(types, str) else tuple(types) if isinstance(types, Iterable) else types
+        if not isinstance(types, tuple) or not types or not all(isinstance(name, str) for name in types):
             raise ParameterError(f"{what}: types must be the name of a bead type or several, not {types!r}")
     if beads is not None:
         beads = np.asarray(beads)
@@ -175,17 +170,14 @@ class PositionForce:
 
     def __post_init__(self):
         formulas = self.formulas
-        if isinstance(formulas, str) or len(formulas) != 3 or not all(isinstance(text, str) and text.strip() for text in formulas):
+        if (
+            not isinstance(formulas, (tuple, list))
+            or len(formulas) != 3
+            or not all(isinstance(text, str) and text.strip() for text in formulas)
+        ):
             raise ParameterError(f"a position force needs three formulas, one per component, not {formulas!r}")
         for text in formulas:
-            for match in _NAME.finditer(text):
-                name, call = match.group(), text[match.end() :].lstrip().startswith("(")
-                if name not in (_FUNCTIONS if call else AXES):
-                    raise ParameterError(
-                        f"the formula '{text}' of a position force names {name!r}; it may use x, y, z and OpenMM's functions"
-                    )
-            if ";" in text or "=" in text:
-                raise ParameterError(f"the formula '{text}' of a position force must be one expression")
+            read_formula(text, AXES, "a position force")
         object.__setattr__(self, "formulas", tuple(formulas))
         members = _members(self.types, self.beads, "a position force")
         object.__setattr__(self, "types", members.types)
@@ -194,6 +186,24 @@ class PositionForce:
         if corner.shape != (3,):
             raise ParameterError("the corner of a position force must be three lengths")
         object.__setattr__(self, "corner", corner)
+
+    def check_values(self, x: np.ndarray, members: np.ndarray, box: np.ndarray | None) -> None:
+        """Raise ParameterError if the force on one of these beads is not finite at its place."""
+        place = x - np.asarray(self.corner)
+        if box is not None:
+            for k in (2, 1, 0):
+                place = place - np.outer(np.floor(place[:, k] / box[k, k]), box[k])
+        place = place + np.asarray(self.corner)
+        variables = dict(zip(AXES, place.T, strict=True))
+        for text in self.formulas:
+            found = np.broadcast_to(values(read_formula(text, AXES, "a position force"), variables), len(x))
+            bad = np.flatnonzero(members & ~np.isfinite(found))
+            if len(bad):
+                where = ", ".join(f"{name} = {variables[name][bad[0]]:g}" for name in AXES)
+                raise ParameterError(
+                    f"the formula '{text}' of a position force gives {found[bad[0]]:g} for bead {bad[0]} at {where}; "
+                    "the force must be finite everywhere"
+                )
 
     def mask(self, type_ids: np.ndarray, type_names: list[str]) -> np.ndarray:
         """(N,) bool: beads it acts on."""

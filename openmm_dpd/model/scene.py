@@ -356,7 +356,7 @@ class Scene:
             if isinstance(term, BodyForce):
                 term.vectors(self.type_ids, self.type_names, self.box)
             else:
-                term.mask(self.type_ids, self.type_names)
+                term.check_values(self.positions, term.mask(self.type_ids, self.type_names), self.box)
         if self.walls:
             mobile = np.ones(self.n_beads, bool) if self.mobile is None else self.mobile
             check_inside(gaps(self.walls, self.box), self.positions, mobile)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from ..errors import ParameterError
 from ..units import whole_number
 from .molecule import Bends, Molecule, Springs, bead_types, join
@@ -114,7 +116,7 @@ def star(core: str, arms: Sequence[Sequence[str] | str], spring: Springs, bend: 
     spring, bend, name, charges
         As for :func:`branched`.
     """
-    if isinstance(arms, str) or len(arms) < 3:
+    if isinstance(arms, str) or not isinstance(arms, Sequence) or len(arms) < 3:
         raise ParameterError(f"a star needs a list of at least 3 arms, such as ['A8'] * 3, not {arms!r}")
     return branched([core], {0: list(arms)}, spring, bend, name=name, charges=charges)
 
@@ -145,12 +147,12 @@ def lipid(
         As for :class:`Molecule`; head beads come first.
     """
     heads = bead_types(head)
-    if isinstance(tails, str) or not tails:
+    if isinstance(tails, str) or not isinstance(tails, Sequence) or not tails:
         raise ParameterError(f"tails of a lipid are a list with one entry for each tail, such as ['T4', 'T4'], not {tails!r}")
     if tails_at is None:
         tails_at = [max(0, len(heads) - len(tails) + k) for k in range(len(tails))]
-    if len(tails_at) != len(tails):
-        raise ParameterError(f"{len(tails)} tails need as many entries of tails_at, not {len(tails_at)}")
+    if not isinstance(tails_at, (Sequence, np.ndarray)) or len(tails_at) != len(tails):
+        raise ParameterError(f"{len(tails)} tails need as many entries of tails_at, such as {[0] * len(tails)}, not {tails_at!r}")
     branches: dict[int, list] = {}
     for at, tail in zip(tails_at, tails, strict=True):
         branches.setdefault(at, []).append(tail)

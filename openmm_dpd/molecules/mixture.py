@@ -84,11 +84,16 @@ class Mixture:
 
     def beads(self, molecule: Molecule | str) -> np.ndarray:
         """Bead indices of all molecules of this kind, or of this name, (count, n)."""
-        start = 0
+        start, found, meant = 0, [], set()
         for kind, count in self.kinds:
             if molecule in (kind, kind.name):
-                return start + np.arange(count * kind.n_beads).reshape(count, kind.n_beads)
+                found.append(start + np.arange(count * kind.n_beads).reshape(count, kind.n_beads))
+                meant.add(kind)
             start += count * kind.n_beads
+        if len(meant) > 1:
+            raise ParameterError(f"{len(meant)} kinds of molecules are called {molecule!r}; give the molecule itself, or other names")
+        if found:
+            return np.concatenate(found)
         known = ", ".join(kind.name for kind, _ in self.kinds)
         raise ParameterError(f"there is no molecule {getattr(molecule, 'name', molecule)!r} in this mixture; it has {known}")
 
@@ -170,6 +175,9 @@ class Mixture:
         """
         types = self.types
         if isinstance(masses, Mapping):
+            missing = [name for name in dict.fromkeys(types) if name not in masses]
+            if missing:
+                raise ParameterError(f"masses has no mass of the bead type {missing[0]!r}; it has {', '.join(map(str, masses))}")
             masses = [masses[name] for name in types]
         write_psf(
             path,

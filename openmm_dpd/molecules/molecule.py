@@ -61,7 +61,8 @@ class Molecule:
             raise ParameterError(f"the name of a molecule must be printable ASCII text without blanks, not {name!r}")
         put("name", name)
         if self.charges is not None:
-            charges = np.asarray(to_md(list(self.charges), "charge", f"charges of {name}"))
+            given = list(self.charges) if isinstance(self.charges, (list, tuple)) else self.charges
+            charges = np.asarray(to_md(given, "charge", f"charges of {name}"))
             if charges.shape != (self.n_beads,):
                 raise ParameterError(f"{name} has {self.n_beads} beads, but charges of shape {charges.shape}")
             put("charges", tuple(charges.tolist()))
@@ -115,6 +116,10 @@ class Molecule:
             seen.add(key)
             terms.append((*indices, term[-1]))
         return tuple(terms)
+
+
+#: A longer molecule is a slip of the keyboard.
+MOST_BEADS = 10_000_000
 
 
 def formula(types: Sequence[str]) -> str:
@@ -175,7 +180,10 @@ def sequence(text: str) -> tuple[str, ...]:
             at += 1
         if text[digits:at] and int(text[digits:at]) == 0:
             raise ParameterError(f"the bead types {text!r} repeat something 0 times")
-        open_groups[-1] += unit * int(text[digits:at] or 1)
+        repeats = int(text[digits:at] or 1)
+        if len(open_groups[-1]) + repeats * len(unit) > MOST_BEADS:
+            raise ParameterError(f"the bead types {text!r} are more than {MOST_BEADS} beads; pack many molecules instead of a large one")
+        open_groups[-1] += unit * repeats
     if len(open_groups) > 1 or not open_groups[0]:
         reason = "a parenthesis is not closed" if open_groups[1:] else "there is none"
         raise ParameterError(f"cannot read the bead types {text!r}: {reason}")
@@ -200,7 +208,7 @@ def join(types, pairs, spring: Springs, bend: Bends = None, *, name: str = "", c
         As for :class:`Molecule`.
     """
     names = bead_types(types)
-    pairs = [(int(i), int(j)) for i, j in np.asarray(pairs, dtype=np.int64).reshape(-1, 2).tolist()]
+    pairs = _checked_pairs(pairs)
     outside = [pair for pair in pairs if not all(0 <= bead < len(names) for bead in pair)]
     if outside:
         raise ParameterError(f"bond {outside[0]} names no bead; the molecule has beads 0 to {len(names) - 1}")
@@ -220,6 +228,17 @@ def join(types, pairs, spring: Springs, bend: Bends = None, *, name: str = "", c
             if found is not None:
                 angles.append((i, vertex, k, found))
     return Molecule(names, tuple(bonds), tuple(angles), name, charges)
+
+
+def _checked_pairs(pairs) -> list[tuple[int, int]]:
+    try:
+        rows = [tuple(row) for row in pairs]
+    except TypeError:
+        raise ParameterError(f"the bonds of a molecule are pairs of bead numbers, such as [(0, 1), (1, 2)], not {pairs!r}") from None
+    wrong = [row for row in rows if len(row) != 2]
+    if wrong:
+        raise ParameterError(f"a bond joins two beads, as (0, 1); one of the bonds is {wrong[0]!r}")
+    return [(whole_number(i, "a bead number of a bond"), whole_number(j, "a bead number of a bond")) for i, j in rows]
 
 
 def _by_types(given, types: tuple[str, ...], kinds: tuple[type, ...], what: str):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ..errors import ParameterError
 from ..model.pairs import DPD
-from ..units import whole_number
+from ..units import to_md, whole_number
 from .builders import lipid
 from .molecule import Molecule
 from .terms import CosineBend, Spring
@@ -61,9 +61,10 @@ def grafmueller_2009(tail: int = 4) -> Model:
 
 def like_repulsion(density: float = 3.0) -> float:
     """a_ii = 75 kT/(rho r_c^4), in reduced units; Groot and Warren, J. Chem. Phys. 107, 4423 (1997)."""
-    if not density > 0:
+    number = to_md(density, "dimensionless", "density")
+    if not isinstance(number, float) or number <= 0:
         raise ParameterError(f"density must be > 0, but is {density!r}")
-    return 75.0 / density
+    return 75.0 / number
 
 
 def unlike_repulsion(chi: float, density: float = 3.0) -> float:
@@ -72,6 +73,9 @@ def unlike_repulsion(chi: float, density: float = 3.0) -> float:
     Groot and Warren, J. Chem. Phys. 107, 4423 (1997).  For short chains the slope differs by several per cent.
     """
     slopes = {3.0: 0.286, 5.0: 0.689}
-    if float(density) not in slopes:
+    if density not in (3, 5):
         raise ParameterError(f"the relation of a to chi is known for the densities 3 and 5, not {density!r}")
-    return like_repulsion(density) + chi / slopes[float(density)]
+    number = to_md(chi, "dimensionless", "chi")
+    if not isinstance(number, float):
+        raise ParameterError(f"chi must be one number, not {chi!r}")
+    return like_repulsion(density) + number / slopes[float(density)]

@@ -28,7 +28,7 @@ def program(options: ProgramOptions) -> Program:
 
 def _one_evaluation(p: Program) -> None:
     """The kernel holds every force: it can kick, sweep and kick at once."""
-    p.note()
+    p.keep()
     fields = p.fields()
     if fields:
         p.keep_positions()
@@ -49,7 +49,7 @@ def _two_evaluations(p: Program) -> None:
     if options.kernel_conservative:
         p.phase(Phase.CONSERVE)
     elif options.thermostat:
-        p.note()
+        p.keep()
     if not options.thermostat:
         p.each("v", "v+dt*f/m", "kick")
         p.each("x", "x+0.5*dt*v", "half drift")

@@ -20,7 +20,10 @@ def program(options: ProgramOptions) -> Program:
     if options.kernel_conservative:
         p.phase(Phase.CONSERVE)
     elif options.thermostat:
-        p.note()
+        p.keep()
+    if options.thermostat and options.sole_force and not options.walls and not options.field_blocks:
+        _one_update(p)
+        return p
     p.each("v", "v+dt*f/m", "kick")
     p.constrain_velocities()
     if options.walls:
@@ -50,6 +53,17 @@ def program(options: ProgramOptions) -> Program:
     return p
 
 
+def _one_update(p: Program) -> None:
+    """The rest of a step where the kernel holds every force: it remembers the kick, and v is written once."""
+    p.each("x", "x+0.5*dt*(v+dt*f/m)", "kick, half drift")
+    p.next_temperature()
+    p.next_noise("0.5*dt")
+    p.phase(Phase.SWEEP_SEEN_CONSERVED)
+    p.each("v", f"v+dt*{PAIR_FORCE}/m", "kick, sweep: the half drift showed the velocities")
+    p.each("x", "x+0.5*dt*v", "half drift")
+    p.phase(Phase.IDLE)
+
+
 def _beside_walls(p: Program) -> None:
     """The rest of a step where a half drift may end in a reflection, which would spoil what it shows of the velocities."""
     options = p.options
@@ -57,7 +71,7 @@ def _beside_walls(p: Program) -> None:
     reflect(p)
     if options.thermostat:
         p.next_temperature()
-        p.note()
+        p.keep()
         fields = p.fields()
         p.keep_positions()
         p.read(fields)

@@ -43,6 +43,9 @@ def program(options: ProgramOptions) -> Program:
     if predicted:
         p.declare_per_dof("vp", "predicted velocity")
         p.each("vp", f"v+{options.lam!r}*dt*acc", "what the friction will see")
+    if options.thermostat and options.kernel_conservative and not (predicted or options.walls or fields):
+        _one_update(p)
+        return p
     seen = _advance_fields(p, fields, rates)
     p.each("v", "v+0.5*dt*acc", "half kick")
     if fields:
@@ -67,10 +70,25 @@ def program(options: ProgramOptions) -> Program:
     p.each("v", "v+0.5*dt*acc", "half kick")
     for name, rate in zip(fields, rates, strict=True):
         p.each(name, f"{name}+0.5*dt*{rate}", "second half")
+    _finish(p)
+    return p
+
+
+def _one_update(p: Program) -> None:
+    """The rest of a step where one evaluation gives all forces: v is written once."""
+    p.each("x", "x+dt*(v+0.5*dt*acc)", "half kick, drift")
+    p.next_temperature()
+    p.next_noise("dt")
+    p.phase(Phase.FORCE_SEEN)
+    p.each("v", "v+0.5*dt*(acc+f/m)", "both half kicks: the drift showed the half-step velocity")
+    p.each("acc", "f/m")
+    _finish(p)
+
+
+def _finish(p: Program) -> None:
     p.note()
     p.set("last", "here", "acc is valid for this")
     p.phase(Phase.IDLE)
-    return p
 
 
 def _recompute(p: Program, fields: list[str], rates: list[str]) -> None:

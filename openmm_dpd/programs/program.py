@@ -122,6 +122,12 @@ class Program:
         self.phase(Phase.NOTE)
         self.set("here", PAIR_ENERGY, "the pair force keeps x")
 
+    def keep(self) -> None:
+        """Let the pair force keep the present positions, without a fingerprint."""
+        self.declare("heard", 0.0, "takes the energy of evaluations made for their side effect")
+        self.phase(Phase.KEEP)
+        self.set("heard", PAIR_ENERGY, "the pair force keeps x")
+
     def trial_drift(self, velocity: str) -> None:
         """Drift by tau*velocity from xs, for the pair force to see that velocity; x has to be put back afterwards."""
         self.keep_positions()

@@ -19,6 +19,9 @@ def program(options: ProgramOptions) -> Program:
     if not options.thermostat:
         return velocity_verlet(options)
     p = Program("shardlow", "Shardlow 2003, S1", options)
+    if options.sole_force and not options.walls and not options.field_blocks:
+        _one_update(p)
+        return p
     p.declare_per_dof("acc", "conservative acceleration at x")
     p.begin()
     p.note()
@@ -50,3 +53,17 @@ def program(options: ProgramOptions) -> Program:
     p.set("last", "here", "acc is valid for this")
     p.phase(Phase.IDLE)
     return p
+
+
+def _one_update(p: Program) -> None:
+    """The kernel holds every force: it remembers the first half kick, and v is written once."""
+    p.begin()
+    p.next_temperature()
+    p.keep()
+    p.each("x", "x+dt*v", "drift: shows the velocities")
+    p.next_noise("dt")
+    p.phase(Phase.SWEEP_KICK_KEPT)
+    p.each("x", f"x+dt*(dt*{PAIR_FORCE}/m)", "what sweep and half kick add to the drift")
+    p.phase(Phase.CLOSE)
+    p.each("v", f"v+dt*{PAIR_FORCE}/m", "sweep and both half kicks")
+    p.phase(Phase.IDLE)

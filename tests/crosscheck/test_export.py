@@ -139,7 +139,9 @@ def _compare(name: str, steps: int, folder) -> None:
     late = theirs["Step"] > steps // 10
     for column, word in (("Temp", "kT"), ("Press", "pressure"), ("PotEng", "potential")):
         average, other = block_average(theirs[column][late]), block_average(ours[word])
-        error = np.hypot(average.sem, other.sem)
+        # a run of a few correlation times (up to 5 rows in long runs) says too little about its own error
+        least = [np.std(rows) * np.sqrt(2 * 5 / len(rows)) for rows in (theirs[column][late], ours[word])]
+        error = np.hypot(max(average.sem, least[0]), max(other.sem, least[1]))
         assert 0 < error < 0.1 * abs(average.mean), (word, error)
         assert abs(average.mean - other.mean) < 4 * error, (word, average, other)
     frames = read_lammps_dump(written.dump, scene)
@@ -192,12 +194,13 @@ def test_walls_of_frozen_beads_move_by_their_velocities_only_as_seen(tmp_path):
 
     base = _relaxed(_warm("fluid"))
     frozen = base.positions[:, 2] % 5.0 < 1.0
-    velocities = np.where(frozen[:, None], [2.0, 0.0, 0.0], base.velocities)
+    velocities = np.where(frozen[:, None], [10.0, 0.0, 0.0], base.velocities)
     scene = replace(base, mobile=~frozen, velocities=velocities)
     for scheme in ("mvv", "shardlow"):
         written = export_lammps(scene, tmp_path, scheme, dt=0.01, steps=50, seed=3, scheme=scheme)
         exported.run_lammps(tmp_path, scheme)
         found = read_lammps_dump(written.dump, scene).scene()
         np.testing.assert_allclose(found.positions[frozen], scene.positions[frozen], atol=1e-12)
-        np.testing.assert_allclose(found.velocities[frozen], [[2.0, 0.0, 0.0]] * frozen.sum(), atol=1e-9)
-        assert found.velocities[~frozen, 0].mean() > 0.05  # dragged along
+        np.testing.assert_allclose(found.velocities[frozen], [[10.0, 0.0, 0.0]] * frozen.sum(), atol=1e-9)
+        # dragged along: by 0.18 with a standard error of 0.02
+        assert found.velocities[~frozen, 0].mean() - base.velocities[~frozen, 0].mean() > 0.1

@@ -214,6 +214,66 @@ def rows_of(whole: dpd.Embedded, simulation: app.Simulation, n: int, every: int)
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
+def independent_temperatures(whole: dpd.Embedded, context: openmm.Context, n: int) -> dict[str, float]:
+    """2K/f of atoms, beads and all in kJ/mol, from nothing but the System: n particles are atoms."""
+    system = whole.system
+    v = context.getState(velocities=True).getVelocities(asNumpy=True)._value
+    twice = np.array([system.getParticleMass(k)._value * float(v[k] @ v[k]) for k in range(system.getNumParticles())])
+    moving = [system.getParticleMass(k)._value > 0 for k in range(system.getNumParticles())]
+    free = {"atoms": 3 * sum(moving[:n]) - system.getNumConstraints(), "beads": 3 * sum(moving[n:])}
+    every = free["atoms"] + free["beads"]
+    sums = {"atoms": twice[:n].sum(), "beads": twice[n:].sum()}
+    return {name: sums[name] / (free[name] * (every - 3) / every) for name in sums} | {"all": twice.sum() / (every - 3)}
+
+
+@pytest.mark.parametrize("platform", PLATFORMS)
+def test_observer_and_reporter(platform):
+    """Rigid water with a virtual site beside beads: temperatures with the degrees of freedom counted here, energies, momentum; the file."""
+    topology, system, x = atoms()
+    whole = dpd.embed(beads(x), topology, system, x, atoms=classes(topology), cross=REPULSION, dt=0.001, platform=platform, seed=3)
+    simulation = whole.simulation(properties={"Threads": "1"} if platform == "CPU" else None)
+    simulation.minimizeEnergy(maxIterations=30)
+    theirs, mine = StringIO(), StringIO()
+    simulation.reporters.append(app.StateDataReporter(theirs, 2, kineticEnergy=True, potentialEnergy=True, totalEnergy=True, volume=True))
+    simulation.reporters.append(dpd.DPDReporter(mine, 2, whole))
+    simulation.step(4)
+    sample = dpd.Observer(whole).sample(simulation.context)
+    wanted = independent_temperatures(whole, simulation.context, len(x))
+    assert sum(system.isVirtualSite(k) for k in range(len(x))) == 3 and system.getNumConstraints() > 9
+    assert {"atoms": sample.kT_atoms, "beads": sample.kT_beads, "all": sample.kT} == pytest.approx(wanted, rel=1e-9)
+    assert whole.temperatures(simulation.context)["beads"] == pytest.approx(wanted["beads"] / dpd.units.BOLTZMANN, rel=1e-9)
+    state = simulation.context.getState(energy=True, velocities=True)
+    mass = np.array([m._value for m in map(whole.system.getParticleMass, range(whole.system.getNumParticles()))])
+    assert sample.potential == pytest.approx(state.getPotentialEnergy()._value, rel=1e-6)
+    assert sample.kinetic == pytest.approx(state.getKineticEnergy()._value, rel=1e-6)
+    np.testing.assert_allclose(sample.momentum, mass @ state.getVelocities(asNumpy=True)._value, atol=1e-10)
+    assert sample.target_kT == pytest.approx(KT) and sample.volume == pytest.approx(EDGE**3)
+    rows, expected = (np.genfromtxt(StringIO(out.getvalue().replace('"', "")), delimiter=",", names=True) for out in (mine, theirs))
+    assert rows.dtype.names == ("step", "time", "kT", "kT_atoms", "kT_beads", "potential_energy", "kinetic_energy", "total_energy", "volume", "momentum")  # fmt: skip
+    assert rows["step"].tolist() == [2, 4] and rows["kT_beads"][-1] == pytest.approx(sample.kT_beads, rel=1e-8)
+    for name, other in (("potential", "Potential"), ("kinetic", "Kinetic"), ("total", "Total")):
+        (column,) = [key for key in expected.dtype.names if key.startswith(other)]
+        np.testing.assert_allclose(rows[f"{name}_energy"], expected[column], rtol=1e-6, atol=1e-3, err_msg=name)
+
+
+def test_what_is_not_measured_of_atoms_and_beads():
+    """No pressure, no configurational temperature, no forces term by term: absent or an error, and never a number."""
+    topology, system, x = atoms()
+    whole = dpd.embed(beads(x), topology, system, x, atoms=classes(topology), cross=REPULSION, dt=0.001, platform="Reference", seed=3)
+    observer = dpd.Observer(whole)
+    sample = observer.sample(whole.simulation().context)
+    absent = (sample.pressure(), sample.pressure(full=False), sample.virial_conservative, sample.pair, sample.bond, sample.total)
+    assert np.isnan(absent).all() and np.isfinite(sample.potential)
+    assert sample.configurational_kT is None and sample.forces is None and "Laplacian" in (observer.no_laplacian or "")
+    for columns in (["step", "pressure"], ["kT_conf"], ["conserved_energy"]):
+        with pytest.raises(dpd.ParameterError, match=f"{columns[-1]} are not measured for atoms and beads.*kT_beads"):
+            dpd.DPDReporter(StringIO(), 2, whole, columns)
+    with pytest.raises(dpd.ParameterError, match="kT_beads are for what openmm_dpd.embed.. returned"):
+        dpd.DPDReporter(StringIO(), 2, dpd.build(beads(x), dt=0.001, platform="Reference"), ["step", "kT_beads"])
+    with pytest.raises(dpd.ParameterError, match="force_terms wants what openmm_dpd.build.. returned, but this is: Embedded; .*getState"):
+        dpd.force_terms(whole)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_temperature_of_atoms_and_of_beads(platform):

@@ -231,6 +231,8 @@ def test_a_failed_step_leaves_no_nonsense_behind(scheme, conservative):
     with pytest.raises(openmm.OpenMMException):
         simulation.step(1)
     simulation.context.setPeriodicBoxVectors(*BOXES["ortho"])
+    left = simulation.context.getState(energy=True).getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)
+    assert 1 < left < 1000
     simulation.step(3)
     assert simulation.context.getParameter(PHASE) == Phase.IDLE
     energy = simulation.context.getState(energy=True).getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)

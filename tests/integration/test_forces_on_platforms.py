@@ -81,6 +81,31 @@ def test_boxes_and_tables_on_reference(box, table, conservative):
     assert relative_rms(terms["dissipative"], oracle.dissipative(x, scene.velocities, types, params, scene.box).forces) < EXACT
 
 
+@pytest.mark.parametrize("what", ["bonds", "charges", "push"])
+def test_no_pair_interacts(what, device):
+    """All pairs are NONE: what else there is acts, friction and noise are 0, and the scene runs and is measured."""
+    more = {
+        "bonds": {"bonds": [dpd.HarmonicBonds([[0, 1]], 10.0, 0.5)]},
+        "charges": {"charges": [1.0, -1.0, 0.0], "electrostatics": dpd.SlaterCharges(lamda=0.3, bjerrum_length=1.0)},
+        "push": {"body_forces": [dpd.BodyForce((2.0, 0.0, 0.0))]},
+    }[what]
+    x = [[0, 0, 0], [0.6, 0, 0], [0, 0.7, 0]]
+    scene = dpd.Scene({"W": 1.0}, ["W"] * 3, x, {("W", "W"): dpd.NONE}, kT=KT, box=[8, 8, 8], **more)
+    built = dpd.build(scene, dt=DT, platform=device.platform, seed=9)
+    terms = dpd.force_terms(built, properties=device.properties)
+    name = {"bonds": "bond", "charges": "electrostatic", "push": "external"}[what]
+    assert set(terms) == {name, "conservative", "dissipative", "random"}
+    for term in ("conservative", "dissipative", "random"):
+        np.testing.assert_array_equal(terms[term], np.zeros((3, 3)), err_msg=term)
+    if what == "bonds":  # U = k (r - r0)^2
+        np.testing.assert_allclose(terms[name], [[2, 0, 0], [-2, 0, 0], [0, 0, 0]], rtol=0, atol=1e-5)
+    else:
+        assert (terms[name][0, 0] > 1) and terms[name][2, 1] == 0
+    simulation = built.simulation(properties=device.properties)
+    simulation.step(3)
+    assert np.isfinite(dpd.Observer(built).sample(simulation.context).total)
+
+
 def test_other_positions_and_velocities_than_the_scenes():
     scene = fluid(EXTENDED, BOXES["tilted"], kT=KT)
     built = dpd.build(scene, dt=DT, platform="Reference", seed=9)

@@ -180,26 +180,29 @@ def test_setting_values_acts_at_once():
     assert np.all(read_fields(species.context, species.built.plan)["concentrations"] == 2.0)
 
 
-def heat_error(compat: str, dt: float) -> float:
+def heat_error(compat: str, dt: float, seed: int) -> float:
     """Change of K + sum C T over a time of 2, by friction, noise and conduction alone (A = 0)."""
     rng = np.random.default_rng(4)
     table = {("*", "*"): dpd.EDPD(A=0.0, gamma=4.5, kappa=1e-3, cutoff=1.0)}
     internal = dpd.BeadTemperatures(1.5, rng.uniform(20, 60, 200))
     scene = fluid(table, BOXES["ortho"], n=200, internal=internal, compat=compat)
-    simulation = running(scene, DEVICES[1], dt=dt)
+    simulation = running(scene, DEVICES[1], dt=dt, seed=seed)
     observer = dpd.Observer(simulation.built)
     start = observer.sample(simulation.context).total
     simulation.step(round(2 / dt))
     end = observer.sample(simulation.context)
     assert end.kT > 1.05  # 200 beads of kT = 1 have warmed up
-    return abs(end.total - start)
+    return end.total - start
 
 
 def test_consistent_heat_conserves_energy_and_lammps_heat_does_not():
-    """K rises by about 150; the consistent form takes it from the beads, to the order of the scheme, LAMMPS's from nowhere."""
-    coarse, fine = heat_error("consistent", 0.004), heat_error("consistent", 0.001)
-    assert fine < 5 and fine < 0.6 * coarse
-    assert heat_error("lammps", 0.001) > 50
+    """K rises by about 150; the consistent form takes it from the beads, to the order of the scheme, LAMMPS's from nowhere.
+
+    Means of six runs: 25 and 4 with standard errors of 3 and 2 at the two steps.
+    """
+    coarse, fine = (np.mean([heat_error("consistent", dt, seed) for seed in range(1, 7)]) for dt in (0.008, 0.001))
+    assert abs(fine) < 12 and fine < 0.6 * coarse
+    assert heat_error("lammps", 0.001, 1) > 50
 
 
 @pytest.mark.parametrize("make", [heat_scene, species_scene, density_scene])

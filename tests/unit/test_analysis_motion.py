@@ -332,6 +332,7 @@ def test_surface_tension():
     )
     for arguments, message in (
         ((diagonal[:, :2], 20.0), "must have shape"),
+        ((np.zeros((0, 3)), 20.0), "no row"),
         ((diagonal, length[:7]), "one for each of the 500 rows"),
         ((diagonal, -1.0), "all above 0"),
         (("a", 1.0), "must be numbers"),
@@ -380,3 +381,10 @@ def test_every_result_has_a_picture(tmp_path):
     assert isinstance(g["A"], Curve)
     with pytest.raises(ParameterError, match="nothing to draw"):
         draw.profile_picture(tmp_path / "x.png", {"A": [1, 2]})
+
+
+@pytest.mark.parametrize("name", ["text.npz", "missing.npz"])
+def test_files_that_hold_no_velocities(tmp_path, name):
+    (tmp_path / "text.npz").write_text("hello")
+    with pytest.raises(ParameterError, match=f"{name} cannot be read as a file of velocities"):
+        next(read_velocities(tmp_path / name))

@@ -382,6 +382,9 @@ def test_errors():
         (lambda: cluster_sizes(trajectory, cutoff=0.1, by="residue"), "by must be"),
         (lambda: cluster_sizes(trajectory, cutoff=0.1, least=0), "least must be at least 1"),
         (lambda: bilayer_thickness(trajectory, "H"), "no bead is of type 'H'"),
+        (lambda: density_profile(trajectory, 3.5), "types must be a type"),
+        (lambda: density_profile(trajectory, {"A": 1}), "types must be a type"),
+        (lambda: area_per_lipid(trajectory, True), "lipids must be a type"),
         (lambda: area_per_lipid(trajectory, 0), "number of lipids must be above 0"),
     ):
         with pytest.raises(ParameterError, match=message):

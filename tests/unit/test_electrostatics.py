@@ -8,6 +8,7 @@ import warnings
 import numpy as np
 import openmm
 import pytest
+from devices import DEVICES
 from openmm import unit
 from oracle_charges import gaussian_tail, lattice_sum, slater_tail
 
@@ -97,15 +98,21 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("device", ["Reference", "CPU"])
+#: Mostly charged beads go through the neighbour list, few ions through all their pairs: every platform in every precision has both.  Compiling
+#: for PoCL takes seconds, so that the other cases are for Reference and CPU, and slow elsewhere.
+MATRIX = [
+    pytest.param(case, device, marks=pytest.mark.slow if case in ("wide", "gaussian") and not device.exact else (), id=f"{device}-{case}")
+    for device in DEVICES
+    for case in CASES
+]
+
+
+@pytest.mark.parametrize(("case", "device"), MATRIX, indirect=["device"])
 def test_forces_of_the_lattice_at_default_settings(case, device):
     """Root mean square error of the forces over their root mean square: 1e-4, the default tolerance; the energy and virial to match."""
-    from devices import Device
-
     kind, width, edge, n, ions = CASES[case]
     x, q = electrolyte(n, edge, ions)
-    energy, forces, virial = evaluate(scene(x, q, charges_of(kind, width), [edge] * 3), Device(device))
+    energy, forces, virial = evaluate(scene(x, q, charges_of(kind, width), [edge] * 3), device)
     exact_energy, exact, exact_virial = lattice_sum(x, q, np.eye(3) * edge, KINDS[kind][2], width)
     assert np.sqrt(np.sum((forces - exact) ** 2) / np.sum(exact**2)) < 1e-4
     assert energy == pytest.approx(exact_energy, rel=1e-4)
@@ -301,6 +308,12 @@ def test_bad_scenes():
         "all charges are 0": lambda: scene(x, 0 * q, good, [5.0] * 3),
         "must be SlaterCharges": lambda: scene(x, q, "slater", [5.0] * 3),
         "over half the box, whose smallest width is 5": lambda: scene(x, q, charges_of("slater", 0.25, cutoff=2.6), [5.0] * 3),
+        "of the real-space sum is beyond the cutoff": lambda: scene(x, q, charges_of("slater", 0.25, alpha=0.1), [5.0] * 3),
+        # OpenMM crashes when it makes such grids
+        "would need a grid of": lambda: scene(x, q, charges_of("slater", 0.25, cutoff=0.01), [5.0] * 3),
+        "would need a grid of 1": lambda: scene(x, q, charges_of("slater", 0.25, grid=(100000, 100000, 100000)), [5.0] * 3),
+        "is too coarse": lambda: scene(x, q, charges_of("slater", 0.25, alpha=3.0, grid=(6, 6, 6)), [5.0] * 3),
+        "cutoff and alpha would have no effect": lambda: scene(x, q, charges_of("slater", 0.25, cutoff=2.0, alpha=2.0)),
         "the smearing reaches to": lambda: scene(x, q, charges_of("slater", 0.6), [5.0] * 3),
         "a Bjerrum length needs a temperature": lambda: dpd.Scene(
             {"W": 1},

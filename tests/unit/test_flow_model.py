@@ -111,6 +111,15 @@ BAD_FORCES = {
     "formula": (lambda: dpd.PositionForce(("vx", "0", "0")), "names 'vx'"),
     "call": (lambda: dpd.PositionForce(("system(x)", "0", "0")), "names 'system'"),
     "two formulas": (lambda: dpd.PositionForce(("x", "0")), "three formulas"),
+    "types": (lambda: dpd.BodyForce((1, 0, 0), types=3), "name of a bead type or several, not 3"),
+    "no formulas": (lambda: dpd.PositionForce(None), "three formulas"),
+    "syntax": (lambda: dpd.PositionForce(("x+", "0", "0")), "the formula 'x.' of a position force cannot be read"),
+    "half a number": (lambda: dpd.PositionForce(("1e", "0", "0")), "cannot be read"),
+    "Python's power": (lambda: dpd.PositionForce(("x**2", "0", "0")), "cannot be read"),
+    "arguments": (lambda: dpd.PositionForce(("max(x)", "0", "0")), "calls max with 1 arguments; it takes 2"),
+    # OpenMM does not come back from this one
+    "constant NaN": (lambda: dpd.PositionForce(("x*sqrt(-1)", "0", "0")), "without a finite value: sqrt.-1."),
+    "not finite": (lambda: beads(body_forces=[dpd.PositionForce(("0", "log(x-100)", "0"))]), "gives nan for bead 0"),
     "definitions": (lambda: dpd.PositionForce(("x; x=1", "0", "0")), "one expression"),
 }
 

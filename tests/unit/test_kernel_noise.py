@@ -31,7 +31,7 @@ def _from_bits(bits, values):
 
 
 def from_bits(bits) -> np.ndarray:
-    """Stream 0 of given 64-bit hashes: their upper 52 bits are the uniform number."""
+    """Stream 0 of given 64-bit hashes: a sign bit, eight bits for the cell, and the place in it."""
     bits = np.array(bits, dtype=np.uint64)
     values = np.empty(len(bits))
     _from_bits(bits, values)
@@ -70,25 +70,43 @@ def test_moments(component):
     assert abs(np.mean((1.01 * values) ** 2) - 1) > 4 * np.sqrt(2 / M)
 
 
-def test_inverse_distribution_function_to_1e_7():
-    """Every 52-bit uniform number becomes the normal quantile it stands for, into both tails."""
+def bits_of(upper_tail, sign):
+    """Hashes whose number is exceeded with the given probabilities (up to 2^-61), with a sign."""
+    place = np.clip(np.floor((1 - 2 * np.asarray(upper_tail)) * 256 * 2.0**52), 0, 2**60 - 1).astype(np.uint64)
+    cell, rest = place >> np.uint64(52), place & np.uint64(2**52 - 1)
+    return (np.uint64(sign) << np.uint64(63)) | (cell << np.uint64(55)) | (rest << np.uint64(3))
+
+
+@pytest.mark.parametrize("sign", [0, 1])
+def test_inverse_distribution_function_to_2e_6(sign):
+    """Every sign, cell and place in it becomes the normal quantile it stands for, into both tails."""
     rng = np.random.default_rng(2)
-    whole = np.concatenate([rng.integers(0, 2**51, 100_000), 2 ** np.arange(0, 51), [0, 1, 2, 3]]).astype(np.uint64)
-    quantile = special.ndtri((whole.astype(float) + 0.5) * 2.0**-52)
-    lower = from_bits(whole << np.uint64(12))
-    np.testing.assert_allclose(lower, quantile, rtol=3e-7)
-    # the upper half is resolved to 2^-53 in its tail: stay where that is finer than the tolerance
-    body = whole[whole > 2**32]
-    mirrored = from_bits((np.uint64(2**52 - 1) - body) << np.uint64(12))
-    np.testing.assert_allclose(mirrored, -special.ndtri((body.astype(float) + 0.5) * 2.0**-52), rtol=3e-7)
+    bits = bits_of(np.concatenate([rng.random(100_000) / 2, 10.0 ** rng.uniform(-12, -1, 10_000)]), sign)
+    cell, place = (bits >> np.uint64(55)) & np.uint64(255), ((bits >> np.uint64(3)) & np.uint64(2**52 - 1)).astype(float) + 0.5
+    tail = (256 - (cell + place * 2.0**-52)) / 512
+    np.testing.assert_allclose(from_bits(bits), (2 * sign - 1) * special.ndtri(tail), rtol=0, atol=2e-6)
+
+
+def test_moments_of_the_cubic_pieces():
+    """By quadrature over the pieces and the tail: second, fourth and sixth moment of what is drawn are 1, 3 and 15."""
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    nodes, weights = 0.5 * (nodes + 1), 0.5 * weights
+    cells = np.arange(248)[:, None]
+    drawn = from_bits(((cells.astype(np.uint64) << np.uint64(55)) | ((nodes * 2.0**52).astype(np.uint64) << np.uint64(3))).ravel()).reshape(
+        248, 12
+    )
+    edge = special.ndtri(0.5 + 248 / 512)
+    for k, moment in ((2, 1.0), (4, 3.0), (6, 15.0)):
+        beyond = moment * special.gammaincc((k + 1) / 2, edge**2 / 2)
+        assert np.sum(drawn**k @ weights) / 256 + beyond == pytest.approx(moment, abs=3e-6)
 
 
 def test_the_outermost_numbers_are_finite():
-    """All bits 0 and all bits 1 are legal hashes: about 8.2 standard deviations, not infinity."""
+    """All bits 0 and all bits 1 are legal hashes: about 9.1 standard deviations, not infinity."""
     extremes = from_bits([0, 2**64 - 1, 2**64 - 2048, 2**11, 2**63, 2**63 - 1])
     assert np.all(np.isfinite(extremes))
-    assert np.all(np.abs(extremes) < 8.5)
-    assert extremes[0] < -8 and extremes[1] > 8
+    assert np.all(np.abs(extremes) < 9.3)
+    assert extremes[1] < -8 and extremes[5] > 8
 
 
 @pytest.mark.parametrize(
@@ -167,4 +185,5 @@ def test_noise_has_not_changed():
     drawn = numbers(noise.call_key(seed, counter), i, j)
     for k in range(4):
         bits = pair if k == 0 else mix((pair + k * 0xD1342543DE82EF95) & mask)
-        assert drawn[k] == pytest.approx(special.ndtri(((bits >> 12) + 0.5) * 2.0**-52), rel=3e-7)
+        tail = (256 - ((bits >> 55) % 256) - (((bits >> 3) % 2**52) + 0.5) * 2.0**-52) / 512
+        assert drawn[k] == pytest.approx((2 * (bits >> 63) - 1) * special.ndtri(tail), abs=2e-6)

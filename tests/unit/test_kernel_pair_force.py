@@ -91,6 +91,33 @@ def test_phases():
     np.testing.assert_allclose(function(state(seen, Phase.KICK_SWEEP_SEEN))[1], kick + swept, rtol=0, atol=1e-9)
 
 
+def test_phases_that_remember_the_conservative_force():
+    """Kicks that come with a sweep are those of the positions they should be of, however often a platform asks."""
+    function, engine = PairForceFunction(SPEC, True, True), PairEngine(SPEC)
+    x, v = SCENE.positions, SCENE.velocities
+    seen, later = x + PARAMETERS[TAU] * v, x - 0.01 * v
+    common = (PARAMETERS[KT], PARAMETERS[DT], 9, 4)
+    kicks = {}
+    for name, positions in (("x", x), ("seen", seen), ("later", later)):
+        engine.prepare(positions, SCENE.box)
+        kicks[name] = engine.forces(CONSERVATIVE, None, *common)[1], engine.sweep(v, *common) * SCENE.bead_masses[:, None] / PARAMETERS[DT]
+
+    function(state(x, Phase.CONSERVE))
+    for _ in range(2):
+        result = function(state(seen, Phase.SWEEP_SEEN_CONSERVED))[1]
+        np.testing.assert_allclose(result, kicks["x"][0] + kicks["seen"][1], rtol=0, atol=1e-9)
+    for phase in (Phase.KEEP, Phase.CONSERVE):
+        function(state(x, phase))
+        for _ in range(2):
+            result = function(state(seen, Phase.SWEEP_KICK_KEPT))[1]
+            np.testing.assert_allclose(result, 0.5 * kicks["x"][0] + kicks["x"][1], rtol=0, atol=1e-9)
+        for _ in range(2):
+            result = function(state(later, Phase.CLOSE))[1]
+            np.testing.assert_allclose(result, 0.5 * kicks["x"][0] + kicks["x"][1] + 0.5 * kicks["later"][0], rtol=0, atol=1e-9)
+        # what is asked for outside of a step does not disturb the next one
+        assert np.array_equal(function(state(later, Phase.IDLE))[1], function(state(later, Phase.CONSERVE))[1])
+
+
 def test_outside_a_step_there_is_nothing_to_see_unless_it_holds_the_conservative_force():
     energy, force = PairForceFunction(SPEC, False, True)(state(SCENE.positions, Phase.IDLE))
     assert energy == 0.0 and not force.any()

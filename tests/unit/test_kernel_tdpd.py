@@ -140,7 +140,7 @@ def test_fluxes_and_forces_have_ranges_of_their_own():
     energy, force, virial, rates = evaluate(long, sum(PARTS))
     assert energy == virial == 0 and not force.any()
     np.testing.assert_array_equal(rates[0], -rates[1])
-    assert np.abs(rates).min() > 0.01
+    assert np.abs(rates).min() > 0.001
 
 
 def test_the_noise_of_species_does_not_depend_on_the_temperature_of_the_forces():
@@ -221,7 +221,7 @@ def test_noise_has_the_right_variance_and_species_are_independent():
 
 def test_noise_of_species_is_cut_at_five_and_that_of_the_motion_is_not():
     """At these counts of the noise the number of the pair is beyond 5: it happens once in 1.7 million draws."""
-    for stream, counter in ((1, 1309902), (0, 104703)):
+    for stream, counter in ((1, 1309902), (0, 2189271)):
         xi, xi_C = noise_matrices(2, 1, counter)
         drawn = (xi, *xi_C)[stream][0, 1]
         assert abs(drawn) > 5.05

@@ -222,6 +222,7 @@ GOOD = HEADER + "\nMasses\n\n1 1.0\n2 2.0\n\nAtoms\n\n" + "\n".join(ATOMS["atomi
         ("Masses", "Dihedrals", r"data:10: section or header line 'Dihedrals' is not supported"),
         ("2 atom types", "2 atom kinds", r"data:4: header line '2 atom kinds' is not supported"),
         ("-1 3 xlo", "3 -1 xlo", r"the box must have a positive length along x, not -4"),
+        ("-1 3 xlo xhi\n", "", r"the header has no line 'xlo xhi'"),
         ("-1 3 xlo", "-1 x xlo", r"data:6: expected numbers before 'xlo xhi'"),
         ("1 1.0", "1 -1.0", r"data:12: the mass of type 1 must be > 0, but is -1"),
         ("1 1.0", "3 1.0", r"data:12: atom type 3 is out of range; there are 2"),

@@ -176,7 +176,15 @@ def test_units():
         (lambda: star("C", "A2", SPRING), "at least 3 arms"),
         (lambda: branched("B3", {3: "A"}, SPRING), "beads 0 to 2"),
         (lambda: branched("B3", ["A"], SPRING), "must map"),
+        (lambda: star("C", 5, SPRING), "at least 3 arms"),
         (lambda: lipid("H3", "T4", SPRING), "list with one entry"),
+        (lambda: lipid("H3", 2, SPRING), "list with one entry"),
+        (lambda: lipid("H3", ["T4"], SPRING, tails_at=1), "as many"),
+        (lambda: linear("A3", SPRING, charges=1.0), "3 beads"),
+        (lambda: linear("A(A1000)1000000", SPRING), "more than 10000000 beads"),
+        (lambda: join("A3", None, SPRING), "pairs of bead numbers"),
+        (lambda: join("A3", [(0, 1, 2)], SPRING), "joins two beads"),
+        (lambda: join("A3", [(0, 1), (1.5, 2)], SPRING), "whole number"),
         (lambda: lipid("H3", ["T4"], SPRING, tails_at=[0, 1]), "as many"),
         (lambda: Molecule(("A", "A")), "falls into parts"),
         (lambda: Molecule(("A", "A"), ((0, 2, SPRING),)), "different beads of 0 to 1"),
@@ -187,6 +195,8 @@ def test_units():
         (lambda: join("A3", [(0, 1), (1, 3)], SPRING), "names no bead"),
         (lambda: grafmueller_2009(0), "at least 1"),
         (lambda: unlike_repulsion(1.0, density=4.0), "densities 3 and 5"),
+        (lambda: unlike_repulsion(1.0, density="x"), "densities 3 and 5"),
+        (lambda: unlike_repulsion(float("nan")), "chi holds nan"),
     ],
 )
 def test_bad_molecules(make, message):
@@ -385,6 +395,18 @@ def test_scene_has_it_all():
         mixture.scene(pairs=PAIRS, kT=1.0, presure=1.0)
     heavy = mixture.scene(pairs=PAIRS, kT=1.0, masses={name: 2.0 for name in scene.masses})
     assert heavy.bead_masses.min() == 2.0
+
+
+def test_names_and_masses_that_are_not_clear():
+    short, long = linear("A2", SPRING, name="chain"), linear("A4", SPRING, name="chain")
+    mixture = pack({short: 2, long: 3}, box=[4, 4, 4], seed=1)
+    assert mixture.beads(long).shape == (3, 4)
+    with pytest.raises(ParameterError, match="2 kinds of molecules are called 'chain'"):
+        mixture.beads("chain")
+    # the same molecule as solvent: all of them
+    assert pack({short: 2}, solvent=short, box=[2, 2, 2], seed=1).count(short) == 12
+    with pytest.raises(ParameterError, match="no mass of the bead type 'W'"):
+        mixture.write_psf("never_written.psf", masses={"A": 1.0})
 
 
 def test_relax_makes_it_quiet():

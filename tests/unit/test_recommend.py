@@ -8,7 +8,7 @@ import pytest
 import openmm_dpd as dpd
 from openmm_dpd.errors import ParameterError
 from openmm_dpd.plan import SCHEMES
-from openmm_dpd.recommend import advice, bond_frequency, groups, predicted_error, recommend
+from openmm_dpd.recommend import advice, bond_frequency, charge_frequency, groups, predicted_error, recommend
 from openmm_dpd.stability_table import LEVELS, Groups, StabilityTable, shipped_table
 
 BASE = {"gamma": 4.5, "a": 25.0, "rho": 3.0, "mass": 1.0, "s": 1.0, "cv": None}
@@ -169,6 +169,54 @@ def test_stiff_bonds_limit_the_step(table):
     assert {c.limit for c in found.choices} == {"bonds"}
 
 
+def test_charges_are_named_with_their_frequency(table):
+    """Slater clouds at r = 0: -U'' = 4/3 l_B kT/lamda^3, and omega^2 = U''(1/m + 1/m); the answer is that of the fluid alone."""
+    q = np.zeros(81)
+    q[:2] = 1.0, -1.0
+    charged = scene(charges=q, electrostatics=dpd.SlaterCharges(lamda=0.2, bjerrum_length=0.5, cutoff=1.4))
+    omega = (4 / 3 * 0.5 / 0.2**3 * 2) ** 0.5
+    assert charge_frequency(charged) == pytest.approx(omega, rel=1e-3)
+    found = recommend(charged, table=table)
+    assert found.dt == recommend(scene(), table=table).dt
+    (note,) = found.notes
+    assert "charges are not in the table" in note and f"{omega:.2g} rad/ps" in note and f"{0.2 / omega:.2g} ps" in note
+    assert note in str(found) and advice(charged, "mvv", 0.02, table=table).endswith(note)
+    assert charge_frequency(scene()) == 0.0
+
+
+def test_heavier_ions_of_more_charges_vibrate_with_their_own_frequency():
+    q = np.zeros(81)
+    q[:4] = 2.0, -1.0, -1.0, 0.0
+    mass = np.ones(81)
+    mass[:2] = 4.0
+    charged = scene(charges=q, electrostatics=dpd.SlaterCharges(lamda=0.2, bjerrum_length=0.5, cutoff=1.4), bead_masses=mass)
+    assert charge_frequency(charged) == pytest.approx((2 * 4 / 3 * 0.5 / 0.2**3 * (1 / 4 + 1)) ** 0.5, rel=1e-3)
+
+
+def test_angles_and_segments_are_named(table):
+    bonds = [dpd.HarmonicBonds([[0, 1], [1, 2]], 1.0, 0.5)]
+    bent = scene(bonds=bonds, angles=[dpd.HarmonicAngles([[0, 1, 2]], 5000.0, 2.0)])
+    assert any("angles are not in the table" in note for note in recommend(bent, table=table).notes)
+    crossing = scene(bonds=bonds, segments=dpd.SegmentalRepulsion(100.0, 0.8))
+    assert any("segmental repulsion is not in the table" in note for note in recommend(crossing, table=table).notes)
+
+
+def test_stiff_bonds_are_in_the_sentence(table):
+    """(omega dt)^2/4 = 0.04 at omega = 200 and dt = 0.002, far below what the fluid could do; three times that is over 10 %."""
+    bonded = scene(bonds=[dpd.HarmonicBonds([[0, 1]], 1e4, 0.5)])
+    assert predicted_error(bonded, "mvv", 0.002, table=table) == (pytest.approx(0.04), "bond")
+    assert "4 % hot (bond temperature)" in advice(bonded, "mvv", 0.002, table=table)
+    assert "more than 10 % off (bond temperature)" in advice(bonded, "mvv", 0.006, table=table)
+    assert predicted_error(scene(), "mvv", 0.002, table=table)[1] == "configurational"
+
+
+def test_atoms_beside_beads_are_refused():
+    """Also with a table: the step is that of the atoms."""
+    whole = dpd.Embedded(*[None] * 7)
+    with pytest.raises(ParameterError, match="step and scheme of the atoms"):
+        recommend(whole)
+
+
 @pytest.mark.parametrize(
     ("other", "words"),
     [
@@ -272,3 +320,11 @@ def test_nothing_is_changed_by_a_recommendation():
     before = fluid.positions.copy()
     recommend(fluid)
     assert np.array_equal(before, fluid.positions)
+
+
+def test_frozen_beads_alone_need_no_step():
+    positions = np.random.default_rng(1).random((81, 3)) * 3
+    frozen = {"mobile": np.zeros(81, bool), "kT": 1.0, "box": [3.0] * 3}
+    scene = dpd.Scene({"W": 1.0}, ["W"] * 81, positions, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, **frozen)
+    assert groups(scene) == ([], ["no bead moves"])
+    assert "no bead moves" in advice(scene, "middle", 0.01)

@@ -82,7 +82,14 @@ REFUSED = {
     "no box": (beads(box=None), "no periodic box"),
     "transverse": (beads(table={("W", "W"): dpd.DPD(A=25, gamma_perp=1)}), "asymmetric"),
     "frozen": (beads(mobile=np.arange(81) > 0, velocities=np.zeros((81, 3))), "walls take up momentum"),
-    "lj": (fluid(n=40, table=[{("*", "*"): dpd.DPD(gamma=1)}, {("*", "*"): dpd.LennardJones(0.1, 0.3, cutoff=1)}]), "other pair terms"),
+    "temperatures": (
+        beads(
+            table={("W", "W"): dpd.EDPD(A=18.75, gamma=4.5, kappa=1e-3)},
+            internal=dpd.BeadTemperatures(np.ones(81), 100.0),
+            velocities=np.zeros((81, 3)),
+        ),
+        "energies, temperatures",
+    ),
 }
 
 
@@ -90,7 +97,7 @@ REFUSED = {
 def test_refused_scenes(name):
     scene, message = REFUSED[name]
     with pytest.raises(dpd.ParameterError, match=message):
-        StressReporter(1, dpd.build(scene, dt=0.01, platform="Reference"))
+        StressReporter(1, dpd.build(scene, dt=0.01, scheme="mvv", platform="Reference"))
 
 
 # -- Green-Kubo ----------------------------------------------------------------------------------------------------------------
