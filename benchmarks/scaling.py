@@ -144,7 +144,7 @@ def draw(data: dict, file: Path) -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, (left, right) = plt.subplots(1, 2, figsize=(9.5, 4), layout="constrained")
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9.5, 4.4), layout="constrained")
     rows, beads = data["rows"], [row["beads"] for row in data["rows"]]
     for number, scheme in enumerate(SCHEMES):
         for count, style in (("1", "-"), ("2", "--")):
@@ -162,10 +162,10 @@ def draw(data: dict, file: Path) -> None:
             )
     left.set(xscale="log", xlabel="beads", ylabel="nanoseconds per bead and step", title="time")
     left.set_ylim(bottom=0)
-    left.legend(fontsize="small")
     right.axhline(1000, color="gray", linewidth=0.8)
-    right.set(xscale="log", yscale="log", xlabel="beads", ylabel="bytes per bead beside OpenMM's own", title="memory")
-    right.legend(fontsize="small")
+    right.set(xscale="log", xlabel="beads", ylabel="bytes per bead beside OpenMM's own", title="memory")
+    right.set_ylim(bottom=0)
+    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize="small")
     figure.savefig(file, dpi=130)
     plt.close(figure)
 

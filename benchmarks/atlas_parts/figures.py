@@ -9,6 +9,7 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter  # noqa: E402
 
 from .summary import BOUND, DRIFT  # noqa: E402
 
@@ -124,6 +125,10 @@ def _bars(atlas: dict, file: Path) -> None:
                     )
         axes.set_yticks(range(len(rows)), [m for m, _ in rows], fontsize=8)
         axes.set(xscale="log", xlabel="wall seconds for one unit of simulated time, 1 core")
+        # a span of less than a decade or so gets names for its minor ticks, which run into each other
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         words = ("drift below 1e-7 per ps", "temperatures agree within 1 %") if name == "energy" else ("configurational temperature within 1 %", "potential energy within 1 %")  # fmt: skip
         axes.set_title(f"{fluid['title']}\nblue: {words[0]}\norange: {words[1]}", fontsize=9)
         axes.grid(alpha=0.25, axis="x")

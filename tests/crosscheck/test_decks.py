@@ -71,7 +71,8 @@ def test_averages(deck, tmp_path):
         theirs = reference["quantities"][word]
         z[word] = (thermo[word]["mean"] - theirs["mean"]) / np.hypot(thermo[word]["sem"], theirs["sem"])
     print(deck, {word: (thermo[word]["mean"], thermo[word]["sem"], round(z[word], 2)) for word in z})
-    precision = 1 if deck in LONG else 5
+    # a standard error from some thirty blocks is itself uncertain by an eighth
+    precision = 1.5 if deck in LONG else 5
     assert thermo["temp"]["sem"] < precision * 0.003 * thermo["temp"]["mean"]
     assert thermo["pe"]["sem"] < precision * 0.002 * abs(thermo["pe"]["mean"])
     assert max(map(abs, z.values())) < 4, z

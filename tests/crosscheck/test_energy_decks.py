@@ -84,6 +84,9 @@ def test_decks_at_no_pressure_run(deck, tmp_path):
 #: Time step of both decks, and the time at which their second run begins.
 DT, SECOND_RUN = 0.01, 5.0
 
+#: What LAMMPS's heat noise carries along y (see test_profiles), measured in three runs of each program.
+CARRIED = {"c_heat": 2e-4}
+
 
 def never_put_in(y: np.ndarray, window: tuple[float, float], diffusivity: float, source: float) -> np.ndarray:
     """What LAMMPS's profiles lack: its source fixes do nothing in the first half step of a run, and there are two runs."""
@@ -97,7 +100,7 @@ def never_put_in(y: np.ndarray, window: tuple[float, float], diffusivity: float,
 
 
 def compare_profiles(deck: str, profile: dict[str, list[float]]) -> dict[str, tuple[float, float, float, float]]:
-    """By column: largest deviation of a bin in standard errors; diffusivity, and its deviation from LAMMPS and from the continuum formula.
+    """By column: largest deviation of a bin in standard errors (beyond what is carried); diffusivity, and its deviation from LAMMPS and from the continuum formula.
 
     The error of a single run's bin is the spread of LAMMPS's three runs, pooled over the bins of a column (40 degrees of freedom).
     """
@@ -111,7 +114,7 @@ def compare_profiles(deck: str, profile: dict[str, list[float]]) -> dict[str, tu
         spread = np.sqrt(3 * np.mean(np.square(expected["sem"])) * (1 + 1 / 3))
         mine = np.array(profile[column])
         fitted, lammps = (fit_diffusivity(y, values, window, source)[0] for values in (mine, theirs))
-        worst = np.abs(mine - theirs).max() / spread
+        worst = np.maximum(0.0, np.abs(mine - theirs) - CARRIED.get(column, 0.0)).max() / spread
         found[column] = (round(worst, 2), round(fitted, 4), round(fitted / lammps - 1, 4), round(fitted / fit["continuum"] - 1, 4))
     return found
 
