@@ -59,14 +59,7 @@ class Built:
 
     def simulation(self, platform: openmm.Platform | str | None = None, properties: dict[str, str] | None = None) -> app.Simulation:
         """A Simulation with positions and velocities set, on the plan's platform by default."""
-        name = platform if platform is not None else self.plan.platform
-        try:
-            chosen = openmm.Platform.getPlatformByName(name) if isinstance(name, str) else name
-            simulation = app.Simulation(self.topology, self.system, self.integrator, chosen, properties)
-        except openmm.OpenMMException as error:
-            if "already bound" in str(error):
-                raise PlanError("this scene has a Simulation already; build it again for another one") from None
-            raise ParameterError(f"no Simulation on platform {name!r} with properties {properties!r}: {error}") from None
+        simulation = new_simulation(self, platform, properties, again="this scene has a Simulation already; build it again for another one")
         simulation.context.setPositions(self.positions)
         simulation.context.setVelocities(self.velocities)
         return simulation
@@ -75,6 +68,26 @@ class Built:
         """The plan and the listing of the program."""
         listing = self.program.describe() if self.program else "integrator: openmm.DPDIntegrator"
         return f"{self.plan.explain()}\n{listing}"
+
+
+def new_simulation(made, platform: openmm.Platform | str | None, properties: dict[str, str] | None, *, again: str) -> app.Simulation:
+    """A Simulation of what has a topology, a system, an integrator and a plan, on the plan's platform by default.
+
+    Raises
+    ------
+    PlanError
+        With the words ``again``, if the integrator belongs to another one already.
+    ParameterError
+        If there is no such platform, or it does not know a property.
+    """
+    name = platform if platform is not None else made.plan.platform
+    try:
+        chosen = openmm.Platform.getPlatformByName(name) if isinstance(name, str) else name
+        return app.Simulation(made.topology, made.system, made.integrator, chosen, properties)
+    except openmm.OpenMMException as error:
+        if "already bound" in str(error):
+            raise PlanError(again) from None
+        raise ParameterError(f"no Simulation on platform {name!r} with properties {properties!r}: {error}") from None
 
 
 @lru_cache(maxsize=1)

@@ -21,7 +21,7 @@ import numpy as np
 import openmm
 from openmm import app, unit
 
-from .build import build_plan, fastest_platform
+from .build import build_plan, fastest_platform, new_simulation
 from .errors import ParameterError, PlanError, RunError
 from .forces.merging import merged_systems
 from .model.pairs import DPD, NONE, LennardJones, TabulatedPair
@@ -74,14 +74,8 @@ class Embedded:
 
     def simulation(self, platform: openmm.Platform | str | None = None, properties: dict[str, str] | None = None) -> app.Simulation:
         """A Simulation with positions and velocities set, such as constraints allow them, on the plan's platform by default."""
-        name = platform if platform is not None else self.plan.platform
-        try:
-            chosen = openmm.Platform.getPlatformByName(name) if isinstance(name, str) else name
-            simulation = app.Simulation(self.topology, self.system, self.integrator, chosen, properties)
-        except openmm.OpenMMException as error:
-            if "already bound" in str(error):
-                raise PlanError("these atoms and beads have a Simulation already; embed them again for another one") from None
-            raise ParameterError(f"no Simulation on platform {name!r} with properties {properties!r}: {error}") from None
+        again = "these atoms and beads have a Simulation already; embed them again for another one"
+        simulation = new_simulation(self, platform, properties, again=again)
         context = simulation.context
         context.setPositions(self.positions)
         context.applyConstraints(1e-6)

@@ -99,24 +99,7 @@ class DPDLayer:
 
     def sweep(self, call: Call, v: np.ndarray, flow: np.ndarray | None) -> None:
         """Update the velocities (N, 3) pair by pair, in place."""
-        pairs = self.pairs
-        motion.gather(v, pairs.order, self._v)
-        run(
-            sweeps.sweep,
-            sweeps.sweep_parallel,
-            self.update,
-            call.kT,
-            call.dt,
-            call.key(self.number),
-            pairs.order,
-            pairs.types,
-            pairs.ntypes,
-            self._at(call.kT),
-            pairs.inv_mass,
-            *pairs.geometry_arguments,
-            self._v,
-        )
-        motion.scatter(self._v, pairs.order, v)
+        sweep_velocities(self.pairs, self.update, call, self.number, self._at(call.kT), v, self._v)
 
     def friction_moment(self, kT: float) -> float:
         """Sum over pairs of f gamma w^(2s) r^2 (radial friction)."""
@@ -129,3 +112,26 @@ class DPDLayer:
         pairs = self.pairs
         pi, pj, geometry, factors, columns, _, _, start, found = pairs.geometry_arguments
         return forces.laplacian(pairs.types, pairs.ntypes, self._at(0.0), pairs.inv_mass, pi, pj, geometry, factors, columns, start, found)
+
+
+def sweep_velocities(
+    pairs: PairList, update: int, call: Call, number: int, coefficients: np.ndarray, v: np.ndarray, scratch: np.ndarray
+) -> None:
+    """Update velocities (N, 3) pair by pair, in place; the scratch (M, 3) holds them in the order of the list."""
+    motion.gather(v, pairs.order, scratch)
+    run(
+        sweeps.sweep,
+        sweeps.sweep_parallel,
+        update,
+        call.kT,
+        call.dt,
+        call.key(number),
+        pairs.order,
+        pairs.types,
+        pairs.ntypes,
+        coefficients,
+        pairs.inv_mass,
+        *pairs.geometry_arguments,
+        scratch,
+    )
+    motion.scatter(scratch, pairs.order, v)

@@ -26,8 +26,8 @@ import numpy as np
 from numba import njit, prange
 
 from ..errors import ParameterError
-from . import sweeps
 from .compiled import compiled, serial_and_parallel
+from .dpd import sweep_velocities
 from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, GAMMA, SIGMA, A
 from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Forces
 from .noise import normal, pair_key
@@ -188,24 +188,8 @@ class ManyBodyLayer:
 
     def sweep(self, call: Call, v: np.ndarray, flow: np.ndarray | None) -> None:
         """Update the velocities (N, 3) pair by pair, in place."""
-        pairs = self.pairs
-        sorted_v = np.take(v, pairs.order, axis=0)
-        run(
-            sweeps.sweep,
-            sweeps.sweep_parallel,
-            self.update,
-            call.kT,
-            call.dt,
-            call.key(self.number),
-            pairs.order,
-            pairs.types,
-            pairs.ntypes,
-            self._at(call.kT),
-            pairs.inv_mass,
-            *pairs.geometry_arguments,
-            sorted_v,
-        )
-        v[pairs.order] = sorted_v
+        scratch = np.empty((len(self.pairs.order), 3))
+        sweep_velocities(self.pairs, self.update, call, self.number, self._at(call.kT), v, scratch)
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy; NaN with the Lucy kernel, whose force has no potential."""

@@ -137,6 +137,16 @@ class Formula:
         raise ParameterError(f"cannot evaluate the formula '{self.text}': {why}")
 
     @staticmethod
+    def number(token: str):
+        """What a number in the text stands for."""
+        return float(token)
+
+    @staticmethod
+    def negative(value):
+        """What a leading minus makes of a value."""
+        return -value
+
+    @staticmethod
     def negated(value):
         """What ``!`` makes of a value."""
         return float(value == 0)
@@ -187,7 +197,7 @@ class Formula:
     def unary(self) -> float:
         kind, token = self.take()
         if token == "-":
-            return -self.unary()
+            return self.negative(self.unary())
         if token == "+":
             return self.unary()
         if token == "!":
@@ -197,7 +207,7 @@ class Formula:
             self.expect(")")
             return inside
         if kind == "number":
-            return float(token)
+            return self.number(token)
         if kind == "name":
             return self.name(token)
         self.fail(f"unexpected {token!r}")

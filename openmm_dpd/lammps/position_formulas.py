@@ -138,24 +138,13 @@ class _PositionFormula(Formula):
     def negated(value):
         return f"delta({value})"
 
-    def unary(self):
-        kind, token = self.take()
-        if token == "-":
-            return f"(-{self.unary()})"
-        if token == "+":
-            return self.unary()
-        if token == "!":
-            return self.negated(self.unary())
-        if token == "(":
-            inside = self.binary(0)
-            self.expect(")")
-            return inside
-        if kind == "number":
-            return repr(float(token))
-        if kind == "name":
-            return self.name(token)
-        self.fail(f"unexpected {token!r}")
-        raise AssertionError
+    @staticmethod
+    def negative(value):
+        return f"(-{value})"
+
+    @staticmethod
+    def number(token: str):
+        return repr(float(token))
 
     def name(self, token: str):
         if self.peek()[1] == "[":
