@@ -30,7 +30,7 @@ from openmm_dpd.lammps.main import deck_scene  # noqa: E402
 from openmm_dpd.stats import block_average, ratio_average  # noqa: E402
 
 DECK = Path(__file__).parents[1] / "examples" / "decks" / "in.dpde-shardlow"
-SCHEMES = ("mvv", "shardlow", "middle", "aboba")
+SCHEMES = ("mvv", "shardlow", "middle", "aboba", "bababo")
 
 
 def measure(scheme: str, dt: float, length: float, discard: float, seed: int, kinetic: float | None = None) -> dict:

@@ -67,7 +67,7 @@ def main() -> None:
         job = {"fluid": FLUID.name, "beads": options.beads, "seed": options.seed, "kT": 1.0, "equilibrate": 10.0}
         scene = started(job, Path(folder))
     jobs = {"LAMMPS pair dpd + fix nve": lambda: lammps(scene, options.dt, options.steps, options.threads)}
-    for scheme in ("mvv", "shardlow", "middle", "aboba"):
+    for scheme in ("mvv", "shardlow", "middle", "aboba", "bababo"):
         for where in ("auto", "openmm"):
             jobs[f"{scheme}, conservative={where}"] = lambda s=scheme, w=where: ours(
                 scene, s, w, options.dt, options.steps, options.threads

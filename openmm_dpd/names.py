@@ -24,9 +24,14 @@ class Phase(IntEnum):
     SWEEP_KICK_KEPT = 9  # a sweep, then half a kick at the kept positions, as impulses/dt
     CLOSE = 10  # what SWEEP_KICK_KEPT gave, and half a kick at the present positions
     KEEP = 11  # keep the positions; nothing else
+    TWO_KICKS = 12  # keep the positions; an outer one of KICKS times the force of CONSERVE, and the inner one times that here
+    KICK_SWEEP_OUTER = 13  # what TWO_KICKS gave; at the seen positions an outer kick, then a sweep, as impulses/dt
     READ = 100  # (+ block) take three values per bead from seen - kept: what beads carry beside position and velocity
     CHANGES = 200  # (+ block) what the last evaluation did to these values: rates, or after a sweep increments
 
+
+#: Parts of the conservative kick of a step of ``bababo``: at its beginning and at its end, and in its middle.
+KICKS = (0.2, 0.6)
 
 PHASE, TAU, DT, KT, COUNTER, SEED = "dpd_phase", "dpd_tau", "dpd_dt", "dpd_kT", "dpd_counter", "dpd_seed"
 

@@ -31,6 +31,7 @@ SCHEMES = {
     "shardlow": "one sweep of Shardlow's pair updates, then velocity Verlet (LAMMPS: fix shardlow)",
     "middle": "kick, half drift, sweep of exact pair updates, half drift",
     "aboba": "half drift, half kick, sweep of exact pair updates, half kick, half drift",
+    "bababo": "kick, half drift, kick, half drift, kick, sweep of exact pair updates: two forces per step, for steps twice as long",
     "native": "OpenMM's own DPDIntegrator",
 }
 

@@ -327,6 +327,17 @@ def aboba_step(x, v, inv_m, dt, conservative_force, sweep_at):
     return x, v
 
 
+def bababo_step(x, v, inv_m, dt, conservative_force, sweep_at):
+    """B/5, A/2, 3B/5, A/2, B/5, sweep: the sweep at the positions of the last force."""
+    inv_m = np.asarray(inv_m)[:, None]
+    v = v + 0.2 * dt * inv_m * conservative_force(x)
+    x = x + 0.5 * dt * v
+    v = v + 0.6 * dt * inv_m * conservative_force(x)
+    x = x + 0.5 * dt * v
+    v = v + 0.2 * dt * inv_m * conservative_force(x)
+    return x, sweep_at(x, v)
+
+
 # --------------------------------------------------------------------------------------------- measurements
 
 

@@ -21,7 +21,7 @@ HOW = ("checkpoint", "xml")
 
 def cases(platform: str) -> dict[str, dict]:
     """Choices for every run on a platform."""
-    schemes = {"mvv": {}, "mvv-0.65": {"lam": 0.65}, "shardlow": {}, "middle": {}, "aboba": {}}
+    schemes = {"mvv": {}, "mvv-0.65": {"lam": 0.65}, "shardlow": {}, "middle": {}, "aboba": {}, "bababo": {}}
     placements = ("kernel", "openmm") if platform == "Reference" else ("kernel",)
     return {
         f"{name}-{conservative}-{kind}": {"scheme": name.split("-")[0], "conservative": conservative, "kind": kind, **options}

@@ -16,11 +16,12 @@ from .summary import BOUND, DRIFT  # noqa: E402
 #: Colour and marker of each method: ours filled, peers open.
 COLOURS = {
     "mvv": "tab:gray", "mvv, lambda 0.65": "tab:olive", "shardlow": "tab:purple", "middle": "tab:blue", "aboba": "tab:green",
+    "bababo": "tab:cyan",
     "LAMMPS dpd + nve": "tab:red", "LAMMPS dpd/ext + nve": "tab:red", "LAMMPS dpd + charges + nve": "tab:red",
     "LAMMPS dpd/fdt + shardlow": "tab:orange", "LAMMPS dpd/fdt/energy + shardlow": "tab:orange",
     "OpenMM DPDIntegrator, CPU": "black", "OpenMM DPDIntegrator, OpenCL": "tab:brown",
 }  # fmt: skip
-SPARE = ("tab:cyan", "tab:pink", "gold", "teal", "navy")
+SPARE = ("tab:pink", "gold", "teal", "navy")
 
 LABELS = {
     "T_conf": "error of the configurational temperature / %",

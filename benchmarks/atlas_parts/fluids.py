@@ -15,11 +15,23 @@ from openmm_dpd.plan import SCHEMES
 
 DECKS = Path(__file__).resolve().parents[2] / "examples" / "decks"
 
-#: Step sizes of schemes whose friction is a force, and of those that sweep; as fractions or multiples of a fluid's own.
+#: Step sizes of schemes whose friction is a force, of those that sweep, and of the one with two forces per step.
 DTS = {
-    "weak": {"force": (0.01, 0.015, 0.02, 0.03, 0.04, 0.06, 0.08), "sweep": (0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.10)},
-    "strong": {"force": (0.005, 0.01, 0.015, 0.02, 0.03, 0.04, 0.06), "sweep": (0.02, 0.03, 0.04, 0.05, 0.06, 0.08, 0.10)},
-    "energy": {"force": (0.0005, 0.001, 0.003, 0.01), "sweep": (0.01, 0.02, 0.03, 0.06, 0.10, 0.15, 0.20, 0.30, 0.40)},
+    "weak": {
+        "force": (0.01, 0.015, 0.02, 0.03, 0.04, 0.06, 0.08),
+        "sweep": (0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.10),
+        "long": (0.04, 0.06, 0.08, 0.10, 0.11, 0.12, 0.13, 0.14, 0.16),
+    },
+    "strong": {
+        "force": (0.005, 0.01, 0.015, 0.02, 0.03, 0.04, 0.06),
+        "sweep": (0.02, 0.03, 0.04, 0.05, 0.06, 0.08, 0.10),
+        "long": (0.04, 0.06, 0.08, 0.10, 0.11, 0.12, 0.13, 0.14, 0.16),
+    },
+    "energy": {
+        "force": (0.0005, 0.001, 0.003, 0.01),
+        "sweep": (0.01, 0.02, 0.03, 0.06, 0.10, 0.15, 0.20, 0.30, 0.40),
+        "long": (0.02, 0.06, 0.10, 0.15, 0.20, 0.30, 0.40, 0.50, 0.60),
+    },
 }
 
 
@@ -31,7 +43,7 @@ class Method:
     ----------
     name : key in the results, and label in figures
     kind : "ours", "native" (OpenMM's DPDIntegrator) or "lammps"
-    steps : "force" or "sweep", the list of step sizes
+    steps : "force", "sweep" or "long", the list of step sizes
     scheme, lam, platform : for kinds that run in OpenMM
     style : LAMMPS pair style (fluids without a deck)
     slow : fewer and shorter runs (DPDIntegrator on the CPU platform takes ten times as long as anything else)
@@ -136,7 +148,8 @@ def available(fluid: Fluid) -> bool:
 def methods(name: str) -> tuple[Method, ...]:
     """Every scheme here and every peer that can run a fluid."""
     fluid = FLUIDS[name]
-    ours = [Method(s, "ours", "force" if s == "mvv" or s == "shardlow" and not fluid.conserves else "sweep", s) for s in SCHEMES if s != "native"]  # fmt: skip
+    kinds = {"mvv": "force", "shardlow": "sweep" if fluid.conserves else "force", "bababo": "long"}
+    ours = [Method(s, "ours", kinds.get(s, "sweep"), s) for s in SCHEMES if s != "native"]
     if not fluid.conserves:
         ours.insert(1, Method("mvv, lambda 0.65", "ours", "force", "mvv", 0.65))
     peers = [Method(f"LAMMPS {style} + {fix_of(style)}", "lammps", "sweep" if fluid.conserves else "force", style=style) for style in fluid.styles]  # fmt: skip

@@ -14,7 +14,7 @@ from .page import table as markdown  # noqa: E402
 
 NAMES = {"rho": "density", "mass": "mass ratio", "s": "exponent of the noise weight", "cv": "heat capacity of a bead / k_B"}
 KINDS = {"conf": "configurational temperature", "kin": "kinetic temperature"}
-COLOURS = {"mvv": "tab:gray", "shardlow": "tab:purple", "middle": "tab:blue", "aboba": "tab:green"}
+COLOURS = {"mvv": "tab:gray", "shardlow": "tab:purple", "middle": "tab:blue", "aboba": "tab:green", "bababo": "tab:cyan"}
 
 
 def draw(table: dict, folder: Path) -> None:

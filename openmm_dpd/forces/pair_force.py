@@ -16,6 +16,7 @@ from ..kernels.fields import ENERGY, FieldSpec
 from ..names import (
     COUNTER,
     DT,
+    KICKS,
     KT,
     PAIR_GROUP,
     PHASE,
@@ -30,13 +31,18 @@ from ..names import (
 from .runaway import runaway
 
 #: Phases that keep the positions.
-KEEPING = (Phase.NOTE, Phase.CONSERVE, Phase.KEEP)
+KEEPING = (Phase.NOTE, Phase.CONSERVE, Phase.KEEP, Phase.TWO_KICKS)
 
 #: Phases that look at the kept positions.
 AT_KEPT = (Phase.FORCE_KEPT, Phase.SWEEP_KEPT, Phase.SWEEP_KICK_KEPT)
 
-#: How much of the conservative force comes with a sweep.
-KICKS: dict[int, float] = {Phase.KICK_SWEEP_SEEN: 1.0, Phase.SWEEP_SEEN_CONSERVED: 1.0, Phase.SWEEP_KICK_KEPT: 0.5}
+#: How much of the conservative force comes with a sweep, and how much of it acts before the sweep.
+SHARES: dict[int, tuple[float, float]] = {
+    Phase.KICK_SWEEP_SEEN: (1.0, 0.5),
+    Phase.SWEEP_SEEN_CONSERVED: (1.0, 0.0),
+    Phase.SWEEP_KICK_KEPT: (0.5, 0.0),
+    Phase.KICK_SWEEP_OUTER: (KICKS[0], KICKS[0]),
+}
 
 #: In the place of box vectors where there are none.
 NO_BOX = np.zeros((3, 3))
@@ -151,6 +157,7 @@ class PairForceFunction:
             # written again and again: OpenMM copies what it is given
             local.v, local.result, local.conserved = np.zeros((3, len(self.spec.types), 3))
             local.conserved_energy = None
+            local.kicks = None
         here = (phase, parameters[COUNTER])
         if phase != Phase.IDLE and here == local.failed:
             # a step died and left its phase behind: what is asked for from outside is what IDLE answers; but a new step may begin so too
@@ -177,6 +184,9 @@ class PairForceFunction:
             return (self._note(local, x, box, parameters) if phase == Phase.NOTE else 0.0), self._zero
         if phase == Phase.IDLE and not self.conservative:
             return 0.0, self._zero
+        if phase == Phase.TWO_KICKS and local.failed is None:
+            return 0.0, self._two_kicks(local, x, box)
+        local.kicks = None if phase == Phase.CONSERVE else local.kicks
         if phase == Phase.IDLE or phase in KEEPING:
             return self._conserve(local, x, box)
         if phase == Phase.CLOSE:
@@ -249,18 +259,30 @@ class PairForceFunction:
     def _sweep(self, local, phase: int, conditions: tuple) -> np.ndarray:
         """Impulses/dt of a sweep at the prepared positions, and of the kicks that go with it."""
         engine, v, dt = local.engine, local.v, conditions[1]
-        share = KICKS.get(phase, 0.0)
-        if phase in (Phase.KICK_SWEEP_SEEN, Phase.SWEEP_KICK_KEPT):
+        share, before = SHARES.get(phase, (0.0, 0.0))
+        if share and phase != Phase.SWEEP_SEEN_CONSERVED:  # that one wants the force of the kept positions, which is there
             self._conserve_prepared(local)
-        if phase == Phase.KICK_SWEEP_SEEN:
-            motion.kick(v, local.conserved, self.spec.inv_mass, 0.5 * dt)
+        if before:
+            motion.kick(v, local.conserved, self.spec.inv_mass, before * dt)
         change = engine.sweep(v, *conditions, local.result)
         if local.fields is not None:
             local.fields.last = engine.flow
             if self.balanced:
                 local.fields.balance(v, change, self.spec.inv_mass)
         motion.as_force(change, self.spec.inv_mass, dt, share, local.conserved)
+        if phase == Phase.KICK_SWEEP_OUTER:
+            change += local.kicks
         return change
+
+    def _two_kicks(self, local, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
+        """Parts of the force of the last CONSERVE and of the force here; the same when asked for twice."""
+        if local.kicks is None:
+            outer, inner = KICKS
+            kicks = outer * local.conserved
+            self._conserve(local, x, box)
+            kicks += inner * local.conserved
+            local.kicks = kicks
+        return local.kicks
 
     def _close(self, local, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
         """What the last sweep and half kick gave, and the next half kick."""

@@ -54,12 +54,12 @@ def choose_mover(scene: Scene, scheme: str, lam: float, units: UnitSystem, skin:
         if kind in kinds:
             return Mover(fix, lam)
     energy = EnergyDPD in kinds
-    wanted = scheme == "shardlow" or (energy and scheme in ("middle", "aboba"))
+    wanted = scheme == "shardlow" or (energy and scheme in ("middle", "aboba", "bababo"))
     why = _no_shardlow(scene, kinds, skin) if wanted else None
     swept = wanted and why is None
     if scheme == "shardlow" and why is not None:
         differences.add(f"fix shardlow is not possible, since {why}; the deck uses velocity Verlet (fix nve), where friction is a force")
-    elif scheme in ("middle", "aboba", "native"):
+    elif scheme in ("middle", "aboba", "bababo", "native"):
         instead = "Shardlow's splitting (fix shardlow, then fix nve)" if swept else "velocity Verlet (fix nve), where friction is a force"
         names = {"native": "OpenMM's DPDIntegrator"}
         differences.add(

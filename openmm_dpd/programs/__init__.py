@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..errors import PlanError
 from ..plan import ProgramOptions
-from . import aboba, middle, mvv, shardlow
+from . import aboba, bababo, middle, mvv, shardlow
 from .program import Program
 
 #: Scheme -> function that writes its program.
@@ -13,6 +13,7 @@ PROGRAMS = {
     "shardlow": shardlow.program,
     "middle": middle.program,
     "aboba": aboba.program,
+    "bababo": bababo.program,
 }
 
 #: Schemes that keep constraints and virtual sites right: the others evaluate forces at positions that are not constrained yet.

@@ -126,7 +126,7 @@ def test_a_run_prints_what_lammps_prints(tmp_path):
     assert rows["v_e"] == pytest.approx(expected["emol"], rel=1e-8)
 
 
-SCHEMES = pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba"])
+SCHEMES = pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba", "bababo"])
 
 
 @SCHEMES

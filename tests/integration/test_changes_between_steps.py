@@ -20,9 +20,12 @@ SCHEMES = {
     "shardlow": {"scheme": "shardlow"},
     "middle": {"scheme": "middle"},
     "aboba": {"scheme": "aboba"},
+    "bababo": {"scheme": "bababo"},
 }
 SCHEME = pytest.mark.parametrize("choices", SCHEMES.values(), ids=SCHEMES.keys())
-HISTORY = pytest.mark.parametrize("choices", [SCHEMES[k] for k in ("mvv", "mvv-0.65", "shardlow")], ids=["mvv", "mvv-0.65", "shardlow"])
+HISTORY = pytest.mark.parametrize(
+    "choices", [SCHEMES[k] for k in ("mvv", "mvv-0.65", "shardlow", "bababo")], ids=["mvv", "mvv-0.65", "shardlow", "bababo"]
+)
 DT = 0.03
 REFERENCE, CPU = DEVICES[:2]
 

@@ -77,7 +77,7 @@ def test_a_few_steps(device, conservative, distance, scheme):
 
 
 @CONSERVATIVE
-@pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba"])
+@pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba", "bababo"])
 def test_steps_follow_the_scene_without_coincidence(conservative, scheme):
     """A pair that starts at r = 0 moves as one that starts at r = 2e-10 does until the force between them counts: same noise, same neighbours."""
 

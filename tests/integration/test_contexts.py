@@ -19,6 +19,7 @@ SCHEMES = {
     "shardlow": {"scheme": "shardlow"},
     "middle": {"scheme": "middle"},
     "aboba": {"scheme": "aboba"},
+    "bababo": {"scheme": "bababo"},
 }
 SCHEME = pytest.mark.parametrize("choices", SCHEMES.values(), ids=SCHEMES.keys())
 REFERENCE, CPU = DEVICES[:2]

@@ -24,7 +24,7 @@ from openmm_dpd.names import COUNTER
 from openmm_dpd.plan import make_plan
 from openmm_dpd.stats import block_average
 
-SCHEMES = ("mvv", "shardlow", "middle", "aboba")
+SCHEMES = ("mvv", "shardlow", "middle", "aboba", "bababo")
 SCHEME = pytest.mark.parametrize("scheme", SCHEMES)
 DT, SEED = 0.02, 11
 TABLE = {
@@ -64,7 +64,7 @@ def total_energy(simulation) -> float:
 
 # -- steps ---------------------------------------------------------------------------------------------------------------------------------
 class Steps:
-    """The four schemes in numpy, with the kernel's force form and sweep (which have tests of their own) as building blocks."""
+    """The schemes in numpy, with the kernel's force form and sweep (which have tests of their own) as building blocks."""
 
     def __init__(self, scene, scheme: str, dt: float):
         self.spec = make_plan(scene, dt=dt, scheme=scheme, seed=SEED).spec
@@ -109,6 +109,12 @@ class Steps:
             self.x = self.x + 0.5 * dt * self.v
             self.sweep()
             self.x = self.x + 0.5 * dt * self.v
+        elif self.scheme == "bababo":
+            for kick in (0.2, 0.6):
+                self.v = self.v + kick * dt * self.conservative()
+                self.x = self.x + 0.5 * dt * self.v
+            self.v = self.v + 0.2 * dt * self.conservative()
+            self.sweep()
         else:
             self.x = self.x + 0.5 * dt * self.v
             kick = 0.5 * dt * self.conservative()
@@ -149,7 +155,7 @@ def test_steps_on_every_device(device, scheme, conservative):
 
 
 # -- conservation --------------------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("scheme", ["shardlow", "middle", "aboba"])
+@pytest.mark.parametrize("scheme", ["shardlow", "middle", "aboba", "bababo"])
 @pytest.mark.parametrize("dt", [0.001, 0.05, 0.3])
 def test_friction_and_noise_conserve_energy_at_any_step(device, scheme, dt):
     """Without a conservative force nothing but pair updates acts: K + sum u to rounding, and the conductive sum apart.
@@ -183,7 +189,7 @@ def test_the_sum_of_conducted_energy_stays_zero(scheme):
     assert np.abs(u[:, 0]).max() > 0.1
 
 
-@pytest.mark.parametrize("scheme", ["shardlow", "middle", "aboba"])
+@pytest.mark.parametrize("scheme", ["shardlow", "middle", "aboba", "bababo"])
 def test_drift_of_the_total_energy_is_that_of_the_conservative_part(scheme):
     """Half the step, far less drift: what is left is the error of the Verlet part, of second order."""
     scatter = []

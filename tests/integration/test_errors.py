@@ -222,7 +222,7 @@ def test_bead_that_became_nan_is_named(device):
 
 
 @pytest.mark.parametrize("conservative", ["kernel", "openmm"])
-@pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba"])
+@pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba", "bababo"])
 def test_a_failed_step_leaves_no_nonsense_behind(scheme, conservative):
     """After an error within a step a script may want to write the last state: energies are energies, and the run can go on."""
     simulation = run_of(scene(), DEVICES[0], dt=0.02, scheme=scheme, conservative=conservative)
@@ -265,7 +265,7 @@ def test_observer_says_when_a_run_has_blown_up():
         dpd.Observer(built).sample(simulation.context)
 
 
-@pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba"])
+@pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba", "bababo"])
 def test_energy_after_a_failed_step(scheme):
     """A step that dies half way leaves a Context whose energy is that of its positions, not of a phase in between."""
     simulation = run_of(beads(), DEVICES[1], dt=0.02, scheme=scheme, conservative="kernel")

@@ -231,7 +231,7 @@ def test_local_density_is_a_measured_quantity(device):
 
 
 @pytest.mark.parametrize("kernel", ["quadratic", "lucy"])
-@pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba"])
+@pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba", "bababo"])
 def test_many_body_scenes_on_every_device(device, kernel, scheme):
     """One step of every scheme on every platform, against Reference."""
     results = []

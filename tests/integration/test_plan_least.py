@@ -13,7 +13,7 @@ from openmm_dpd.kernels import forces
 from openmm_dpd.names import PAIR_GROUP, PARAMETERS
 from openmm_dpd.plan import make_plan
 
-SCHEMES = pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba"])
+SCHEMES = pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba", "bababo"])
 PLACEMENTS = pytest.mark.parametrize("conservative", ["kernel", "openmm"])
 SOFT, FRICTION = {("W", "W"): D(A=25)}, {("W", "W"): D(gamma=4.5)}
 
@@ -205,6 +205,7 @@ def test_evaluations_per_step(scheme, conservative, monkeypatch):
         "shardlow": (10, 10 if kernel else 0, 10),
         "middle": (20 if kernel else 10, 10 if kernel else 0, 10),
         "aboba": (10, 10 if kernel else 0, 10),
+        "bababo": (20 if kernel else 10, 20 if kernel else 0, 10),
     }[scheme]
     assert tuple(counts.values()) == expected
 

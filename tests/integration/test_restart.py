@@ -50,7 +50,7 @@ def test_restart_in_a_fresh_process_is_bit_exact(continued, how):
     assert not differing
 
 
-SCHEMES = pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba"])
+SCHEMES = pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba", "bababo"])
 
 
 @SCHEMES

@@ -21,6 +21,7 @@ SCHEMES = {
     "shardlow": ("shardlow", 0.5),
     "middle": ("middle", 0.5),
     "aboba": ("aboba", 0.5),
+    "bababo": ("bababo", 0.5),
 }
 
 
@@ -50,7 +51,7 @@ class Oracle:
         elif self.scheme == "shardlow":
             self.x, self.v, self.f = oracle.shardlow_step(self.x, self.v, self.f, *common, self._conservative, self._sweep)
         else:
-            step = {"middle": oracle.middle_step, "aboba": oracle.aboba_step}[self.scheme]
+            step = {"middle": oracle.middle_step, "aboba": oracle.aboba_step, "bababo": oracle.bababo_step}[self.scheme]
             self.x, self.v = step(self.x, self.v, *common, self._conservative, self._sweep)
 
     def _noise(self):
@@ -130,7 +131,7 @@ def test_steps_on_cpu(scene, name):
 
 def floats():
     """Every scheme and both ways of the conservative force in single and mixed precision; a few of each in the others."""
-    chosen = {"kernel": ("mvv", "mvv-0.65", "shardlow", "middle", "aboba"), "openmm": ("mvv", "aboba")}
+    chosen = {"kernel": ("mvv", "mvv-0.65", "shardlow", "middle", "aboba", "bababo"), "openmm": ("mvv", "aboba", "bababo")}
     few = {"kernel": ("mvv", "middle"), "openmm": ("mvv-0.65", "shardlow")}
     for device in DEVICES[1:]:
         names = {"openmm": chosen["kernel"]} if device.exact else few if device.precision == "double" else chosen

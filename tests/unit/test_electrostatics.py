@@ -218,7 +218,7 @@ def test_opposite_charges_at_the_same_point(device):
     assert np.isfinite(dpd.Observer(built).sample(simulation.context).potential)
 
 
-@pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba", "native"])
+@pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba", "bababo", "native"])
 def test_every_scheme_runs_with_charges(scheme, device):
     x, q = electrolyte(81, 3.0, 10)
     pairs = {("W", "W"): dpd.DPD(A=25.0, gamma=4.5)}

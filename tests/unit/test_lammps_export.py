@@ -168,7 +168,7 @@ def test_seeds_are_those_that_lammps_takes():
 
 
 # -- differences --------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("scheme", ["middle", "aboba", "native"])
+@pytest.mark.parametrize("scheme", ["middle", "aboba", "bababo", "native"])
 def test_schemes_that_lammps_lacks_are_replaced_and_said(scheme, tmp_path):
     with pytest.warns(ExportWarning, match="velocity Verlet"):
         written = export_lammps(fluid(), tmp_path, "x", dt=0.01, steps=1, scheme=scheme)
