@@ -1,0 +1,214 @@
+"""Other orders of drifts (A), kicks (B) and sweeps (O), to find what beats the schemes of the package: errors at equal steps per force.
+
+Runs on the package's kernels without OpenMM, so that an order is one line of text.  "3B/5" is a kick over three fifths of a step, a prime marks
+kicks by the gradient-corrected force F - c h^2 (Hessian of U) F/m, h being the step over the number of forces.  Prints a Markdown table and
+puts it into docs/atlas.md.
+
+    python benchmarks/orders.py                # half an hour on one core
+    python benchmarks/orders.py --time 50      # a look
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import sys
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(Path(__file__).parent))
+
+from atlas_parts import page  # noqa: E402
+from atlas_parts.store import Store, carry_out, key  # noqa: E402
+from atlas_parts.summary import short  # noqa: E402
+
+import openmm_dpd as dpd  # noqa: E402
+from openmm_dpd.kernels.engine import CONSERVATIVE, PairEngine  # noqa: E402
+from openmm_dpd.plan import make_plan  # noqa: E402
+from openmm_dpd.stats import block_average, ratio_average  # noqa: E402
+
+
+@dataclass(frozen=True)
+class Order:
+    """A step as text, how many new forces it needs, the constant of the gradient correction, and a word about it."""
+
+    text: str
+    forces: int = 1
+    c: float = 0.0
+    what: str = ""
+
+
+ORDERS = {
+    "middle": Order("B A/2 O A/2"),
+    "aboba": Order("A/2 B/2 O B/2 A/2"),
+    "bababo": Order("B/5 A/2 3B/5 A/2 B/5 O", 2),
+    "velocity Verlet between half sweeps": Order("O/2 B/2 A B/2 O/2"),
+    "half a sweep before and after the kick": Order("A/2 O/2 B O/2 A/2"),
+    "aboba, gradient-corrected, c = 1/48": Order("A/2 B'/2 O B'/2 A/2", c=1 / 48),
+    "aboba, gradient-corrected, c = -1/48": Order("A/2 B'/2 O B'/2 A/2", c=-1 / 48),
+    "middle, gradient-corrected, c = -1/24": Order("B' A/2 O A/2", c=-1 / 24),
+    "two leapfrog steps, read as aboba": Order("A/4 B/2 A/2 B/4 O B/4 A/4", 2),
+    "four leapfrog steps, read as aboba": Order("A/8 B/4 A/4 B/4 A/4 B/4 A/4 B/8 O B/8 A/8", 4),
+    "two leapfrog steps, read after the sweep": Order("B/4 A/2 B/2 A/2 B/4 O", 2),
+    "bababo with the weight 191/1000": Order("191B/1000 A/2 618B/1000 A/2 191B/1000 O", 2),
+    "bababo with the weight 212/1000": Order("212B/1000 A/2 576B/1000 A/2 212B/1000 O", 2),
+    "bababo with half sweeps at both ends": Order("O/2 B/5 A/2 3B/5 A/2 B/5 O/2", 2),
+    "three forces, weights for hybrid Monte Carlo": Order(
+        "118880B/1000000 296195A/1000000 381120B/1000000 407610A/1000000 381120B/1000000 296195A/1000000 118880B/1000000 O", 3
+    ),
+    "sweep in the middle of a drift, two kicks": Order("211A/1000 B/2 289A/1000 O 289A/1000 B/2 211A/1000", 2),
+}
+
+#: Frictions, and steps per force.
+FRICTIONS, STEPS = (4.5, 40.5), (0.05, 0.06, 0.07)
+
+TOKEN = re.compile(r"(\d*)([ABO])('?)(?:/(\d+))?")
+
+
+def parsed(order: Order) -> list[tuple[str, float, float]]:
+    """(letter, part of the step, constant of the gradient correction) of each substep."""
+    steps = []
+    for word in order.text.split():
+        number, letter, prime, divisor = TOKEN.fullmatch(word).groups()
+        steps.append((letter, float(Fraction(int(number or 1), int(divisor or 1))), order.c if prime else 0.0))
+    return steps
+
+
+@njit
+def hessian_times(pi, pj, geometry, columns, start, found, A, g, out):
+    """Hessian of the repulsion (cutoff 1) times a vector."""
+    for column in columns:
+        for n in range(start[column], start[column] + found[column]):
+            i, j = pi[n], pj[n]
+            e, r = geometry[n, :3], geometry[n, 3]
+            d = g[i] - g[j]
+            across = -A * (1 - r) / r
+            h = across * d + (A - across) * np.dot(e, d) * e
+            out[i] += h
+            out[j] -= h
+
+
+class Fluid:
+    """The standard fluid, stepped by any order."""
+
+    def __init__(self, gamma: float, beads: int, seed: int):
+        edge = (beads / 3.0) ** (1 / 3)
+        rng = np.random.default_rng(seed)
+        self.x, self.v, self.box = rng.random((beads, 3)) * edge, rng.normal(size=(beads, 3)), np.diag([edge] * 3)
+        self.v -= self.v.mean(axis=0)
+        scene = dpd.Scene({"W": 1.0}, ["W"] * beads, self.x, {("W", "W"): dpd.DPD(A=25, gamma=gamma)}, kT=1.0, box=[edge] * 3)
+        self.engine, self.seed, self.counter = PairEngine(make_plan(scene, dt=0.01, seed=1).spec), seed, 0
+
+    def force(self) -> tuple[float, np.ndarray]:
+        """Energy and conservative force."""
+        self.engine.prepare(self.x, self.box)
+        return self.engine.forces(CONSERVATIVE, None, 0.0, 1.0, 0, 0)[:2]
+
+    def _corrected(self, scale: float) -> np.ndarray:
+        force, pairs = self.force()[1], self.engine.lists[0]
+        if not scale:
+            return force
+        pi, pj, geometry, _, columns, _, _, start, found = pairs.geometry_arguments
+        bent = np.zeros_like(force)
+        hessian_times(pi, pj, geometry, columns, start, found, 25.0, force[pairs.order], bent)
+        result = force.copy()
+        result[pairs.order] -= scale * bent
+        return result
+
+    def run(self, order: Order, dt: float, steps: int) -> None:
+        """Some steps; a force serves all kicks at the same positions."""
+        substeps, h, force = parsed(order), dt / order.forces, None
+        for _ in range(steps):
+            for letter, part, c in substeps:
+                if letter == "A":
+                    self.x += part * dt * self.v
+                    force = None
+                elif letter == "B":
+                    force = self._corrected(c * h * h) if force is None else force
+                    self.v += part * dt * force
+                else:
+                    self.engine.prepare(self.x, self.box)
+                    self.counter += 1
+                    self.v += self.engine.sweep(self.v, 1.0, part * dt, self.seed, self.counter)
+
+    def sample(self) -> tuple[float, ...]:
+        """Energy per bead, |force|^2, Laplacian, kinetic temperature."""
+        energy, force = self.force()
+        n = len(self.x)
+        return energy / n, float((force**2).sum()), self.engine.laplacian(), float((self.v**2).sum() / (3 * n - 3))
+
+
+def work(job: dict) -> dict:
+    """Averages of one order at one step."""
+    dpd.set_threads(1)
+    order, dt, fluid = ORDERS[job["method"]], job["dt"], Fluid(job["gamma"], job["beads"], 1)
+    fluid.run(ORDERS["aboba"], 0.02, 600)
+    fluid.run(order, dt, round(10 / dt))
+    every, rows = max(1, round(0.2 / dt)), []
+    for _ in range(round(job["time"] / dt / every)):
+        fluid.run(order, dt, every)
+        rows.append(fluid.sample())
+    energy, above, below, kinetic = np.array(rows).T
+    averages = {"T_kin": block_average(kinetic), "T_conf": ratio_average(above, below), "U": block_average(energy)}
+    return job | {name: [a.mean, a.sem] for name, a in averages.items()}
+
+
+def short_of(result: dict) -> dict:
+    """A result with numbers of a few digits."""
+    return {name: [short(v, 5) for v in value] if isinstance(value, list) else value for name, value in result.items() if name != "part"}
+
+
+def table(results: list[dict], gamma: float, atlas: dict) -> str:
+    """Errors of all orders at one friction in per cent, the energy's as that of a temperature."""
+    capacity, reference = atlas["fluids"]["weak"]["dU_dkT"][0], atlas["fluids"]["weak"]["reference"]["U"][0]
+    rows = []
+    for name, order in ORDERS.items():
+        cells = []
+        for h in STEPS:
+            found = next(
+                (r for r in results if r["method"] == name and r["gamma"] == gamma and np.isclose(r["dt"], h * order.forces)), None
+            )
+            if found is None:
+                cells.append("-")
+                continue
+            errors = (found["T_conf"][0] - 1, (found["U"][0] - reference) / capacity, found["T_kin"][0] - 1)
+            cells.append(", ".join(f"{100 * error:+.1f}" for error in errors))
+        rows.append([name, order.text if len(order.text) < 60 else "see the script", str(order.forces), *cells])
+    return page.table([f"friction {gamma:g}", "order", "forces", *(f"step per force {h:g}" for h in STEPS)], rows)
+
+
+def main() -> None:
+    """Run what is missing, write the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--beads", type=int, default=1500)
+    parser.add_argument("--time", type=float, default=600.0, help="simulated time of each entry")
+    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--only", choices=("runs", "table"))
+    options = parser.parse_args()
+    store = Store(ROOT / "out" / "orders" / "results.jsonl")
+    same = {"part": "orders", "beads": options.beads, "time": options.time}
+    jobs = [
+        same | {"method": name, "gamma": gamma, "dt": round(h * order.forces, 6)}
+        for name, order in ORDERS.items()
+        for gamma in FRICTIONS
+        for h in STEPS
+    ]
+    if options.only != "table":
+        carry_out([job for job in jobs if job not in store], work, store, options.processes, lambda text: print(text, flush=True))
+    if options.only != "runs":
+        results = [short_of(store.results[key(job)]) for job in jobs if job in store]
+        (ROOT / "docs" / "orders.json").write_text("[\n" + ",\n".join(json.dumps(r) for r in results) + "\n]\n")
+        atlas = json.loads((ROOT / "docs" / "atlas.json").read_text())
+        text = "\n\n".join(table(results, gamma, atlas) for gamma in FRICTIONS)
+        print(text)
+        page.update(ROOT / "docs" / "atlas.md", texts={"orders": text})
+
+
+if __name__ == "__main__":
+    main()
