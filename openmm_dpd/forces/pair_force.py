@@ -11,7 +11,7 @@ from openmm import unit
 from ..errors import RunError
 from ..kernels import motion
 from ..kernels.compiled import compiled
-from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, PairSpec
+from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, PairSpec, warm_up
 from ..kernels.fields import ENERGY, FieldSpec
 from ..names import (
     COUNTER,
@@ -151,6 +151,7 @@ class PairForceFunction:
             return 0.0, self._zero
         local = self._local
         if not hasattr(local, "engine"):
+            warm_up(self.spec)
             local.engine, local.kept, local.noted = PairEngine(self.spec), None, None
             local.fields = None if self.spec.fields is None else Fields(self.spec.fields)
             local.failed = None

@@ -6,7 +6,8 @@
 
 from __future__ import annotations
 
-import time
+import logging
+import threading
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -290,7 +291,11 @@ class PairEngine:
 _WARM: set = set()
 
 
-def warm_up(spec: PairSpec, log=lambda _: None) -> None:
+#: Where a script learns that it waits for the compiler; logging.getLogger("openmm_dpd").setLevel("ERROR") silences it.
+_LOGGER = logging.getLogger("openmm_dpd")
+
+
+def warm_up(spec: PairSpec, log=_LOGGER.warning) -> None:
     """Compile all the kernels a run of ``spec`` can need (or load them from the cache), saying so if it takes a while.
 
     Compiled code is kept in the user's cache folder.
@@ -299,7 +304,18 @@ def warm_up(spec: PairSpec, log=lambda _: None) -> None:
     if not spec.terms or kinds in _WARM:
         return
     _WARM.add(kinds)
-    begun = time.perf_counter()
+    # loading from the cache takes less than that
+    notice = threading.Timer(3.0, log, ["compiling the pair kernel, which takes some ten seconds; the next run finds it in the cache"])
+    notice.daemon = True
+    notice.start()
+    try:
+        _use_all(spec)
+    finally:
+        notice.cancel()
+
+
+def _use_all(spec: PairSpec) -> None:
+    """Call every kernel of a spec once."""
     # few enough beads to be quick, in a box with three cells along each edge
     few = np.arange(30) % len(spec.types)
     fields = None if spec.fields is None else spec.fields.of(few)
@@ -313,9 +329,6 @@ def warm_up(spec: PairSpec, log=lambda _: None) -> None:
     if spec.sweeps:
         engine.sweep(np.zeros((len(few), 3)), 1.0, 1e-6, 0, 0, scalars)
     engine.laplacian()
-    seconds = time.perf_counter() - begun
-    if seconds > 2.0:
-        log(f"compiled the pair kernel in {seconds:.0f} s (first run only; it is cached)")
 
 
 __all__ = [

@@ -76,7 +76,21 @@ def test_weak_friction_at_a_long_step():
     assert abs(good - 1) < 0.03 + 4 * sem
 
 
-@pytest.mark.parametrize(("scheme", "dt"), [("mvv", 0.06), ("mvv", 0.3), ("shardlow", 0.3), ("middle", 0.4), ("aboba", 0.4)])
+@pytest.mark.parametrize("gamma", [4.5, 40.5])
+def test_two_forces_to_a_sweep_at_a_step_where_all_others_fail(gamma):
+    """dt 0.12: one force per step flies apart or is off by more than a tenth; bababo has both temperatures within 1 % and the noise."""
+    scene = fluid(gamma)
+    with pytest.raises(openmm.OpenMMException, match=TOO_FAST):
+        simulation(scene, "mvv", 0.12)[0].step(500)
+    kinetic, hot, sem = temperatures(scene, "aboba", 0.12, 40.0)
+    assert kinetic > 1.2
+    kinetic, good, sem = temperatures(scene, "bababo", 0.12, 80.0)
+    assert sem < 0.01
+    assert abs(kinetic - 1) < 0.01 + 4 * 0.003  # the standard error of 80 units of time
+    assert abs(good - 1) < 0.01 + 4 * sem
+
+
+@pytest.mark.parametrize(("scheme", "dt"), [("mvv", 0.06), ("mvv", 0.3), ("shardlow", 0.3), ("middle", 0.4), ("aboba", 0.4), ("bababo", 0.4)])
 def test_every_scheme_that_blows_up_says_so(scheme, dt):
     """Soft beads never become NaN: without a check this would run on at a million times the temperature."""
     made, _ = simulation(fluid(40.5), scheme, dt)
