@@ -33,7 +33,7 @@ from numba import njit, prange
 from ..errors import RunError
 from . import forces
 from .compiled import serial_and_parallel
-from .eos import CONSTANT, RESERVOIR, EOSTable, curvature, entropy_change, in_range, inverse_temperature
+from .eos import CONSTANT, RESERVOIR, EOSTable, curvature, entropy_change, exp_below, in_range, inverse_temperature, log_ratio
 from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Forces
 from .noise import normal, pair_key, uniform
 from .sweeps import EXACT, decay
@@ -272,8 +272,75 @@ def _balance(total, ci, cj, ki, kj, start, nodes, pieces):
 
 @njit(inline="always")
 def _passes(log_ratio, key, stream):
-    """Metropolis test."""
-    return log_ratio >= 0.0 or uniform(key, stream) < np.exp(log_ratio)
+    """Metropolis test; exp(x) >= 1 + x decides nearly always, and is easier to foresee than the sign of x."""
+    drawn = uniform(key, stream)
+    return drawn < 1.0 + log_ratio or (log_ratio < 0.0 and drawn < exp_below(log_ratio))
+
+
+# Beads of constant heat capacity are the usual case. What follows is the same as for any other, with short chains of divisions: each pair
+# waits for the energies that the pair before it left.
+
+
+@njit(inline="always")
+def _motion_of_constants(ev, im, ui, uj, ci, cj, strength, dt, key):
+    """(Relative velocity after an exact update, energy that each bead gets); the old velocity and 0 if the move is rejected."""
+    quarter = 0.25 / im
+    bi, bj = ui + quarter * ev * ev, uj + quarter * ev * ev
+    rest = 0.5 * bi * bj / (ci * bj + cj * bi)
+    si, sj = bi - rest, bj - rest
+    if not (si > 0.0 and sj > 0.0):
+        si, sj = bi, bj
+    above, below = 2.0 * si * sj, ci * sj + cj * si
+    theta, inverse = above / below, below / above
+    lost = decay(EXACT, 0.5 * strength * im * dt * inverse)
+    new = ev * (1.0 - lost) + np.sqrt(lost * (2.0 - lost) * (theta * im)) * normal(key, MOTION)
+    gain = quarter * (ev - new) * (ev + new)
+    if not (ui + gain > 0.0 and uj + gain > 0.0):
+        return ev, 0.0
+    entropy = _entropy_of_constants(ui, uj, ui + gain, uj + gain, ci, cj)
+    return (new, gain) if _passes(entropy - 2.0 * gain * inverse, key, MOTION_TEST) else (ev, 0.0)
+
+
+@njit(inline="always")
+def _conduction_of_constants(ui, uj, exchange, key, flip, ci, cj):
+    """Energy that goes to bead i in one exact update of the heat."""
+    scale = 1.0 / (ci + cj)
+    share = (ui + uj) * (ci * scale)
+    variance = share * (ui + uj - share) * scale
+    precision = 1.0 / variance
+    lost = decay(EXACT, exchange * precision)
+    drawn = np.sqrt(lost * (2.0 - lost) * variance) * normal(key, HEAT)
+    old = ui - share
+    new = old * (1.0 - lost) + (-drawn if flip else drawn)
+    change = new - old
+    if not (ui + change > 0.0 and uj - change > 0.0):
+        return 0.0
+    entropy = _entropy_of_constants(ui, uj, ui + change, uj - change, ci, cj)
+    return change if _passes(entropy + 0.5 * change * (new + old) * precision, key, HEAT_TEST) else 0.0
+
+
+@njit(inline="always")
+def _entropy_of_constants(ui, uj, new_i, new_j, ci, cj):
+    """Change of the entropy of two beads; one logarithm if they are alike."""
+    return ci * log_ratio(new_i * new_j, ui * uj) if ci == cj else ci * log_ratio(new_i, ui) + cj * log_ratio(new_j, uj)
+
+
+@njit
+def _exact_motion(ev, im, ui, uj, strength, dt, key, ci, cj, ki, kj, start, nodes, pieces):
+    """(Relative velocity after an exact update, energy that each bead gets); the old velocity and 0 if the move is rejected."""
+    kinetic = 0.5 * ev * ev / im
+    theta = _shared_temperature(ui + 0.5 * kinetic, uj + 0.5 * kinetic, ci, cj, ki, kj, start, nodes, pieces)
+    lost = decay(EXACT, 0.5 * strength / theta * im * dt)
+    new = ev * (1.0 - lost) + np.sqrt(lost * (2.0 - lost) * theta * im) * normal(key, MOTION)
+    gain = 0.25 * (ev - new) * (ev + new) / im
+    if not (in_range(ui + gain, ci, ki, start, nodes) and in_range(uj + gain, cj, kj, start, nodes)):
+        return ev, 0.0
+    exponent = (
+        entropy_change(ui, ui + gain, ci, ki, start, nodes, pieces)
+        + entropy_change(uj, uj + gain, cj, kj, start, nodes, pieces)
+        - 2.0 * gain / theta
+    )
+    return (new, gain) if _passes(exponent, key, MOTION_TEST) else (ev, 0.0)
 
 
 @njit
@@ -285,19 +352,19 @@ def _exact_conduction(ui, uj, exchange, key, flip, ci, cj, ki, kj, start, nodes,
     # a flat piece of a table has no curvature; any positive number that depends on the total alone is legal
     slope = inverse_temperature(share, ci, ki, start, nodes, pieces)
     variance = 1.0 / max(bent, 1e-6 * slope * slope)
-    lost = -np.expm1(-exchange / variance)
+    lost = decay(EXACT, exchange / variance)
     drawn = np.sqrt(lost * (2.0 - lost) * variance) * normal(key, HEAT)
     old = ui - share
     new = old * (1.0 - lost) + (-drawn if flip else drawn)
     change = new - old
     if not (in_range(ui + change, ci, ki, start, nodes) and in_range(uj - change, cj, kj, start, nodes)):
         return 0.0
-    log_ratio = (
+    exponent = (
         entropy_change(ui, ui + change, ci, ki, start, nodes, pieces)
         + entropy_change(uj, uj - change, cj, kj, start, nodes, pieces)
         + 0.5 * (new * new - old * old) / variance
     )
-    return change if _passes(log_ratio, key, HEAT_TEST) else 0.0
+    return change if _passes(exponent, key, HEAT_TEST) else 0.0
 
 
 def _energy_sweep(
@@ -341,45 +408,38 @@ def _energy_sweep(
                     w = 1.0 - geometry[n, 3] / coefficients[row, CUTOFF]
                     pair = pair_key(key, min(order[i], order[j]), max(order[i], order[j]))
                     ci, cj, ki, kj = capacity[i], capacity[j], curve[i], curve[j]
+                    constants = update == EXACT and ki == CONSTANT and kj == CONSTANT
                     strength = factor * (coefficients[row, SIGMA] * w) ** 2
                     if strength > 0.0:
                         ex, ey, ez = geometry[n, 0], geometry[n, 1], geometry[n, 2]
                         ev = ex * (v[i, 0] - v[j, 0]) + ey * (v[i, 1] - v[j, 1]) + ez * (v[i, 2] - v[j, 2])
-                        kinetic = 0.5 * ev * ev / im
-                        if update == EXACT:
-                            theta = _shared_temperature(u[i] + 0.5 * kinetic, u[j] + 0.5 * kinetic, ci, cj, ki, kj, first, nodes, pieces)
+                        if constants:
+                            new, gain = _motion_of_constants(ev, im, u[i], u[j], ci, cj, strength, dt, pair)
+                        elif update == EXACT:
+                            new, gain = _exact_motion(ev, im, u[i], u[j], strength, dt, pair, ci, cj, ki, kj, first, nodes, pieces)
                         else:
                             theta = 2.0 / (frozen[i] + frozen[j])
-                        lost = decay(update, 0.5 * strength / theta * im * dt)
-                        new = ev * (1.0 - lost) + np.sqrt(lost * (2.0 - lost) * theta * im) * normal(pair, MOTION)
-                        # what each bead gets: half of what the motion loses
-                        gain = 0.25 * (ev - new) * (ev + new) / im
-                        accepted = True
-                        if update == EXACT:
-                            accepted = in_range(u[i] + gain, ci, ki, first, nodes) and in_range(u[j] + gain, cj, kj, first, nodes)
-                            if accepted:
-                                log_ratio = (
-                                    entropy_change(u[i], u[i] + gain, ci, ki, first, nodes, pieces)
-                                    + entropy_change(u[j], u[j] + gain, cj, kj, first, nodes, pieces)
-                                    - 2.0 * gain / theta
-                                )
-                                accepted = _passes(log_ratio, pair, MOTION_TEST)
-                        if accepted:
-                            wi, wj = (new - ev) * inv_mass[i] / im, (new - ev) * inv_mass[j] / im
-                            v[i, 0] += wi * ex
-                            v[i, 1] += wi * ey
-                            v[i, 2] += wi * ez
-                            v[j, 0] -= wj * ex
-                            v[j, 1] -= wj * ey
-                            v[j, 2] -= wj * ez
-                            u[i] += gain
-                            u[j] += gain
-                            changes[i, 1] += gain
-                            changes[j, 1] += gain
+                            lost = decay(update, 0.5 * strength / theta * im * dt)
+                            new = ev * (1.0 - lost) + np.sqrt(lost * (2.0 - lost) * theta * im) * normal(pair, MOTION)
+                            gain = 0.25 * (ev - new) * (ev + new) / im
+                        wi, wj = (new - ev) * inv_mass[i] / im, (new - ev) * inv_mass[j] / im
+                        v[i, 0] += wi * ex
+                        v[i, 1] += wi * ey
+                        v[i, 2] += wi * ez
+                        v[j, 0] -= wj * ex
+                        v[j, 1] -= wj * ey
+                        v[j, 2] -= wj * ez
+                        # each bead gets half of what the motion loses
+                        u[i] += gain
+                        u[j] += gain
+                        changes[i, 1] += gain
+                        changes[j, 1] += gain
                     exchange = coefficients[row, KAPPA] * w * w * dt
                     if exchange > 0.0:
                         flip = order[i] > order[j]
-                        if update == EXACT:
+                        if constants:
+                            change = _conduction_of_constants(u[i], u[j], exchange, pair, flip, ci, cj)
+                        elif update == EXACT:
                             change = _exact_conduction(u[i], u[j], exchange, pair, flip, ci, cj, ki, kj, first, nodes, pieces)
                         else:
                             change = np.sqrt(2.0 * exchange) * normal(pair, HEAT)
