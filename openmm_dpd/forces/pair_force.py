@@ -12,7 +12,7 @@ from ..errors import RunError
 from ..kernels import motion
 from ..kernels.compiled import compiled
 from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, PairSpec, warm_up
-from ..kernels.fields import ENERGY, FieldSpec
+from ..kernels.fields import ENERGY, TEMPERATURE, FieldSpec
 from ..names import (
     COUNTER,
     DT,
@@ -34,7 +34,7 @@ from .runaway import runaway
 KEEPING = (Phase.NOTE, Phase.CONSERVE, Phase.KEEP, Phase.TWO_KICKS)
 
 #: Phases that look at the kept positions.
-AT_KEPT = (Phase.FORCE_KEPT, Phase.SWEEP_KEPT, Phase.SWEEP_KICK_KEPT)
+AT_KEPT = (Phase.FORCE_KEPT, Phase.SWEEP_KEPT, Phase.SWEEP_KICK_KEPT, Phase.KICK_SWEEP_OUTER_KEPT)
 
 #: How much of the conservative force comes with a sweep, and how much of it acts before the sweep.
 SHARES: dict[int, tuple[float, float]] = {
@@ -42,6 +42,7 @@ SHARES: dict[int, tuple[float, float]] = {
     Phase.SWEEP_SEEN_CONSERVED: (1.0, 0.0),
     Phase.SWEEP_KICK_KEPT: (0.5, 0.0),
     Phase.KICK_SWEEP_OUTER: (KICKS[0], KICKS[0]),
+    Phase.KICK_SWEEP_OUTER_KEPT: (KICKS[0], KICKS[0]),
 }
 
 #: In the place of box vectors where there are none.
@@ -216,7 +217,7 @@ class PairForceFunction:
 
     def _conserve_prepared(self, local) -> float:
         """Conservative force in ``local.conserved``, unless it is there already; its energy."""
-        if local.conserved_energy is None or local.fields is not None:
+        if local.conserved_energy is None or (local.fields is not None and local.fields.spec.kind == TEMPERATURE):
             scalars = None if local.fields is None else local.fields.values
             local.conserved_energy = local.engine.forces(CONSERVATIVE, None, 0.0, 1.0, 0, 0, scalars, local.conserved)[0]
         return local.conserved_energy
@@ -238,11 +239,16 @@ class PairForceFunction:
         key = (int(parameters[SEED]), int(parameters[COUNTER]))
         if not kT >= 0.0:
             raise RunError(f"the context parameter {KT} must be >= 0, but is {kT}")
-        v = local.v
-        motion.seen_velocities(x, kept, NO_BOX if box is None else box, box is not None, tau, v)
-        wrong = runaway(v, self.spec.inv_mass, kT, dt, self._cutoff)
-        if wrong is not None:
-            raise RunError(f"{wrong}; the step size is too large for this scheme, or the start is too far from equilibrium")
+        if phase == Phase.KICK_SWEEP_OUTER_KEPT:
+            local.v[...] = local.seen  # that was checked; the sweep writes to v
+        else:
+            motion.seen_velocities(x, kept, NO_BOX if box is None else box, box is not None, tau, local.v)
+            wrong = runaway(local.v, self.spec.inv_mass, kT, dt, self._cutoff)
+            if wrong is not None:
+                raise RunError(f"{wrong}; the step size is too large for this scheme, or the start is too far from equilibrium")
+        if phase == Phase.SEE:
+            local.kept, local.seen = x, local.v.copy()
+            return self._zero
         if local.engine.prepare(kept if phase in AT_KEPT else x, box):
             local.conserved_energy = None
         return (self._force if phase in (Phase.FORCE_SEEN, Phase.FORCE_KEPT) else self._sweep)(local, phase, (kT, dt, *key, scalars))
@@ -271,7 +277,7 @@ class PairForceFunction:
             if self.balanced:
                 local.fields.balance(v, change, self.spec.inv_mass)
         motion.as_force(change, self.spec.inv_mass, dt, share, local.conserved)
-        if phase == Phase.KICK_SWEEP_OUTER:
+        if phase in (Phase.KICK_SWEEP_OUTER, Phase.KICK_SWEEP_OUTER_KEPT):
             change += local.kicks
         return change
 

@@ -20,7 +20,7 @@ OUTER, INNER = KICKS
 def program(options: ProgramOptions) -> Program:
     """Program for the options given; without friction and noise it is the splitting alone."""
     p = Program("bababo", "McLachlan 1995 with weights for sampling, and exact pair updates", options)
-    if options.thermostat and options.sole_force and not options.walls and not options.field_blocks:
+    if options.thermostat and options.sole_force and not options.walls and not options.compensated:
         _one_update(p)
     elif options.thermostat:
         _beside_others(p)
@@ -38,8 +38,16 @@ def _one_update(p: Program) -> None:
     p.each("x", "x+0.5*dt*(v+dt*f/m)", "both kicks, half drift")
     p.next_temperature()
     p.next_noise("0.5*dt")
-    p.phase(Phase.KICK_SWEEP_OUTER)
+    fields = p.fields()
+    if fields:
+        p.see()
+        p.keep_positions()
+        p.read(fields)
+    p.phase(Phase.KICK_SWEEP_OUTER_KEPT if fields else Phase.KICK_SWEEP_OUTER)
     p.each("v", f"v+dt*{PAIR_FORCE}/m", "three kicks, sweep: the half drift showed the velocities")
+    if fields:
+        p.after_sweep(fields)
+        p.each("x", "xs", "back")
     p.phase(Phase.IDLE)
 
 

@@ -128,6 +128,12 @@ class Program:
         self.phase(Phase.KEEP)
         self.set("heard", PAIR_ENERGY, "the pair force keeps x")
 
+    def see(self) -> None:
+        """Let the pair force keep the present positions and the velocity that the drift since the last kept ones shows."""
+        self.declare("heard", 0.0, "takes the energy of evaluations made for their side effect")
+        self.phase(Phase.SEE)
+        self.set("heard", PAIR_ENERGY, "the pair force sees the velocities")
+
     def trial_drift(self, velocity: str) -> None:
         """Drift by tau*velocity from xs, for the pair force to see that velocity; x has to be put back afterwards."""
         self.keep_positions()

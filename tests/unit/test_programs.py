@@ -34,6 +34,9 @@ CASES["mvv_lambda_kernel"] = replace(BASE, lam=0.65, kernel_conservative=True, s
 CASES["mvv_lambda_openmm"] = replace(BASE, lam=0.65)
 CASES["middle_constraints"] = replace(BASE, scheme="middle", constraints=True)
 CASES["middle_constraints_no_thermostat"] = replace(BASE, scheme="middle", constraints=True, thermostat=False)
+CASES["bababo_energies"] = replace(
+    BASE, scheme="bababo", kernel_conservative=True, sole_force=True, field_blocks=1, field_names="internal energy", trial=0.0078125
+)
 CASES["mvv_single_precision_drift"] = replace(BASE, tau_ratio=0.25)
 CASE = pytest.mark.parametrize("options", CASES.values(), ids=CASES.keys())
 
