@@ -66,9 +66,7 @@ def _two_evaluations(p: Program) -> None:
     p.phase(Phase.SWEEP_KEPT)
     if fields:
         p.each("v", "v+0.5*dt*acc", "half kick")
-        p.before_sweep()
-        p.each("v", f"v+dt*{PAIR_FORCE}/m", "sweep")
-        p.after_sweep(fields)
+        p.sweep(fields)
         p.each("v", "v+0.5*dt*acc", "half kick")
     else:
         p.each("v", f"v+dt*acc+dt*{PAIR_FORCE}/m", "half kick, sweep, half kick")

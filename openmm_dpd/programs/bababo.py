@@ -54,14 +54,7 @@ def _one_update(p: Program) -> None:
 def _beside_others(p: Program) -> None:
     """With forces of OpenMM's, the one at the end of a step is kept for the next: a trial drift shows the velocities to the sweep."""
     options = p.options
-    p.declare_per_dof("acc", "conservative acceleration at x")
-    p.begin()
-    p.note()
-    p.if_changed()
-    if options.kernel_conservative:
-        p.phase(Phase.CONSERVE)
-    p.each("acc", "f/m", "conservative acceleration")
-    p.end()
+    p.keep_acceleration()
     _two_drifts(p, "acc")
     if options.kernel_conservative:
         p.phase(Phase.CONSERVE)
@@ -77,9 +70,7 @@ def _beside_others(p: Program) -> None:
     p.phase(Phase.SWEEP_KEPT)
     if fields:
         p.each("v", f"v+{OUTER!r}*dt*acc", "outer kick")
-        p.before_sweep()
-        p.each("v", f"v+dt*{PAIR_FORCE}/m", "sweep")
-        p.after_sweep(fields)
+        p.sweep(fields)
     else:
         p.each("v", f"v+{OUTER!r}*dt*acc+dt*{PAIR_FORCE}/m", "outer kick, sweep")
     p.each("x", "xs", "back")

@@ -38,9 +38,7 @@ def program(options: ProgramOptions) -> Program:
         p.next_temperature()
         p.next_noise("0.5*dt")
         p.phase(Phase.SWEEP_SEEN)
-        p.before_sweep()
-        p.each("v", f"v+dt*{PAIR_FORCE}/m", "sweep: the half drift showed the velocities")
-        p.after_sweep(fields)
+        p.sweep(fields, "sweep: the half drift showed the velocities")
         p.constrain_velocities()
     p.each("x", "x+0.5*dt*v", "half drift")
     if options.constraints:
@@ -78,9 +76,7 @@ def _beside_walls(p: Program) -> None:
         p.next_noise(options.trial_time)
         p.show("v")
         p.phase(Phase.SWEEP_KEPT)
-        p.before_sweep()
-        p.each("v", f"v+dt*{PAIR_FORCE}/m", "sweep")
-        p.after_sweep(fields)
+        p.sweep(fields)
     p.each("x", "xs+0.5*dt*v" if options.thermostat else "x+0.5*dt*v", "half drift")
     reflect(p)
     if options.kernel:

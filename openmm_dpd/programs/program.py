@@ -169,6 +169,23 @@ class Program:
         self.declare_per_dof("xs", "positions before the trial drift")
         self.each("xs", "x")
 
+    def keep_acceleration(self) -> None:
+        """Begin a step with the conservative acceleration that the last one left, or a new one if something has changed since."""
+        self.declare_per_dof("acc", "conservative acceleration at x")
+        self.begin()
+        self.note()
+        self.if_changed()
+        if self.options.kernel_conservative:
+            self.phase(Phase.CONSERVE)
+        self.each("acc", "f/m", "conservative acceleration")
+        self.end()
+
+    def sweep(self, fields: list[str], why: str = "sweep") -> None:
+        """Take over the impulses of a sweep, and what it did to internal energies."""
+        self.before_sweep()
+        self.each("v", f"v+dt*{PAIR_FORCE}/m", why)
+        self.after_sweep(fields)
+
     def after_sweep(self, fields: list[str]) -> None:
         """Take over what a sweep did to internal energies; where velocities are not double precision, by what they really changed.
 

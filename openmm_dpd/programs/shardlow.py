@@ -22,14 +22,7 @@ def program(options: ProgramOptions) -> Program:
     if options.sole_force and not options.walls and not options.field_blocks:
         _one_update(p)
         return p
-    p.declare_per_dof("acc", "conservative acceleration at x")
-    p.begin()
-    p.note()
-    p.if_changed()
-    if options.kernel_conservative:
-        p.phase(Phase.CONSERVE)
-    p.each("acc", "f/m", "conservative acceleration")
-    p.end()
+    p.keep_acceleration()
     p.next_temperature()
     fields = p.fields()
     p.keep_positions()
@@ -38,9 +31,7 @@ def program(options: ProgramOptions) -> Program:
     p.show("v")
     p.phase(Phase.SWEEP_KEPT)
     if fields:
-        p.before_sweep()
-        p.each("v", f"v+dt*{PAIR_FORCE}/m", "sweep")
-        p.after_sweep(fields)
+        p.sweep(fields)
         p.each("v", "v+0.5*dt*acc", "half kick")
     else:
         p.each("v", f"v+dt*{PAIR_FORCE}/m+0.5*dt*acc", "sweep, half kick")
