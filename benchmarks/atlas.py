@@ -28,6 +28,9 @@ from atlas_parts.store import Store, carry_out  # noqa: E402
 FULL = {"beads": 1500, "time": 300.0, "discard": 20.0, "equilibrate": 20.0, "clock": (10125, 100, 3)}
 QUICK = {"beads": 500, "time": 10.0, "discard": 2.0, "equilibrate": 5.0, "clock": (2000, 30, 1)}
 
+#: Where energy is conserved: further seeds, and the steps at which the drift is near its bound.
+SEEDS, NEAR = (2, 3, 4, 5), (0.05, 0.25)
+
 #: Step, scheme and length (in times of the others) of the reference runs.
 REFERENCE = {"dt": 0.01, "methods": ("aboba", "middle"), "longer": 2.0}
 
@@ -36,7 +39,7 @@ def say(text: str) -> None:
     print(text, flush=True)
 
 
-def job(fluid, method, dt: float, settings: dict, part: str = "accuracy", kT: float = 1.0, longer: float = 1.0) -> dict:
+def job(fluid, method, dt: float, settings: dict, part: str = "accuracy", kT: float = 1.0, longer: float = 1.0, seed: int = 1) -> dict:
     """One run as plain data."""
     length = settings["time"] * fluid.share * longer / (4 if method.slow else 1)
     discard, settle = settings["discard"], settings["equilibrate"]
@@ -46,7 +49,7 @@ def job(fluid, method, dt: float, settings: dict, part: str = "accuracy", kT: fl
         settle *= 3
     return {
         "part": part, "fluid": fluid.name, "method": method.name, "dt": dt, "time": length, "discard": discard, "kT": kT,
-        "beads": 0 if fluid.deck else settings["beads"], "equilibrate": settle, "seed": 1,
+        "beads": 0 if fluid.deck else settings["beads"], "equilibrate": settle, "seed": seed,
     }  # fmt: skip
 
 
@@ -63,7 +66,10 @@ def accuracy_jobs(names: list[str], settings: dict, quick: bool, lammps: bool) -
                 jobs += [job(fluid, known["aboba"], 0.02, settings, "calibration", kT, 2.0) for kT in (0.98, 1.02)]
         for method in known.values():
             if method.kind != "lammps" or lammps:
-                jobs += [job(fluid, method, dt, settings) for dt in fluid.dts(method, quick)]
+                steps = fluid.dts(method, quick)
+                jobs += [job(fluid, method, dt, settings) for dt in steps]
+                if fluid.conserves and not quick:
+                    jobs += [job(fluid, method, dt, settings, seed=s) for s in SEEDS for dt in steps if NEAR[0] < dt < NEAR[1]]
     return jobs
 
 

@@ -100,7 +100,8 @@ def prepare(lmp: Any, fluid: Fluid, style: str, scene: dpd.Scene, job: dict) -> 
         before = Path.cwd()
         os.chdir(DECKS)
         try:
-            lmp.commands_list(deck_lines(fluid.deck))
+            # set before, an index variable of the deck keeps this value
+            lmp.commands_list([f"variable seed index {640192 + job['seed']}", *deck_lines(fluid.deck)])
         finally:
             os.chdir(before)
         lmp.commands_list(thermo_lines(fluid))

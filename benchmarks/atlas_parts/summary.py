@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from . import timing
-from .errors import crossing, errors, heat_capacity, reference
+from .errors import crossing, errors, heat_capacity, pooled, reference
 from .fluids import FLUIDS, methods
 from .store import Store
 
@@ -78,7 +78,7 @@ def _fluid(name: str, mine: list[dict], runs: list[dict], times: dict) -> dict:
     ref = {key: value for key, value in ref.items() if value is not None}
     found = {}
     for method in methods(name):
-        rows = sorted((r for r in mine if r["method"] == method.name), key=lambda r: r["dt"])
+        rows = merged([r for r in mine if r["method"] == method.name])
         if not rows:
             continue
         table = [_row(r, errors(r, ref, capacity, fluid.conserves)) for r in rows]
@@ -93,6 +93,28 @@ def _fluid(name: str, mine: list[dict], runs: list[dict], times: dict) -> dict:
         found[method.name] = entry
     shown = {key: [short(v) for v in ref[key]] for key in ("U", "P", "D") if key in ref}
     return {"title": fluid.title, "reference": shown, "dU_dkT": [short(v) for v in capacity] if capacity else None, "methods": found}
+
+
+def merged(runs: list[dict]) -> list[dict]:
+    """One result for each step, in order; of runs with several seeds the averages, with the spread of their drifts as its error.
+
+    A step at which one of the runs failed is one that fails.
+    """
+    found = []
+    for dt in sorted({r["dt"] for r in runs}):
+        same = [r for r in runs if r["dt"] == dt]
+        failed = [r for r in same if "failed" in r]
+        one = failed[0] if failed else same[0]
+        if len(same) > 1 and failed:
+            one = one | {"failed": f"{len(failed)} of {len(same)} runs: {one['failed']}"}
+        elif len(same) > 1:
+            one = one | {
+                name: list(pooled(same, name) or one[name]) for name in ("T_kin", "T_conf", "theta", "U", "P", "D") if one.get(name)
+            }
+            drifts = np.array([r["drift"][0] for r in same])
+            one["drift"] = [float(drifts.mean()), float(drifts.std(ddof=1) / len(drifts) ** 0.5)]
+        found.append(one)
+    return found
 
 
 def _row(result: dict, found: dict) -> dict:
