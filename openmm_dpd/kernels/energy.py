@@ -79,7 +79,7 @@ class EnergyLayer:
         if len(bad):
             raise RunError(
                 f"the internal energy {energies[bad[0]]:g} kJ/mol of bead {bad[0]} {when} is outside its equation of state; "
-                "the step size may be too large for this scheme (middle and aboba never leave the range)"
+                "the step size may be too large for this scheme (middle, aboba and bababo never leave the range)"
             )
         return theta
 

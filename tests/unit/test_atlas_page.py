@@ -19,7 +19,7 @@ from atlas_parts.errors import crossing, errors, norm, reference  # noqa: E402
 from atlas_parts.fluids import FLUIDS, methods  # noqa: E402
 from atlas_parts.sampling import BINS, Series, histogram, slope  # noqa: E402
 from atlas_parts.store import Store, key  # noqa: E402
-from atlas_parts.summary import short  # noqa: E402
+from atlas_parts.summary import merged, short  # noqa: E402
 
 PAGE = (ROOT / "docs" / "atlas.md").read_text()
 ATLAS = ROOT / "docs" / "atlas.json"
@@ -147,6 +147,16 @@ def test_slope_of_a_line():
 
 
 # -- jobs ------------------------------------------------------------------------------------------------------------------------
+def test_runs_with_several_seeds_count_once():
+    """Drifts with their spread, temperatures weighted by their errors; a step at which one run fails fails."""
+    run = {"method": "middle", "dt": 0.1, "T_kin": [2.0, 0.1], "theta": [2.0, 0.1], "drift": [1e-7, 1e-9]}
+    other = run | {"drift": [3e-7, 1e-9], "T_kin": [2.3, 0.2]}
+    (one,) = merged([run, other])
+    assert one["drift"] == pytest.approx([2e-7, 1e-7]) and one["T_kin"][0] == pytest.approx((2.0 * 4 + 2.3) / 5)
+    first, second = merged([run, other | {"failed": "too long"}, run | {"dt": 0.05}])
+    assert first == run | {"dt": 0.05} and second["failed"] == "1 of 2 runs: too long"
+
+
 def test_a_store_goes_on_where_it_stopped(tmp_path):
     """Also after a line that was cut off, and whatever a report added."""
     job = {"fluid": "weak", "dt": 0.02}
