@@ -29,7 +29,7 @@ FULL = {"beads": 1500, "time": 300.0, "discard": 20.0, "equilibrate": 20.0, "clo
 QUICK = {"beads": 500, "time": 10.0, "discard": 2.0, "equilibrate": 5.0, "clock": (2000, 30, 1)}
 
 #: Where energy is conserved: further seeds, and the steps at which the drift is near its bound.
-SEEDS, NEAR = (2, 3, 4, 5), (0.05, 0.25)
+SEEDS, NEAR = (2, 3, 4, 5), (0.04, 0.25)
 
 #: Step, scheme and length (in times of the others) of the reference runs.
 REFERENCE = {"dt": 0.01, "methods": ("aboba", "middle"), "longer": 2.0}

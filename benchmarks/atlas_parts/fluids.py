@@ -15,7 +15,8 @@ from openmm_dpd.plan import SCHEMES
 
 DECKS = Path(__file__).resolve().parents[2] / "examples" / "decks"
 
-#: Step sizes of schemes whose friction is a force, of those that sweep, and of the one with two forces per step.
+#: Step sizes of schemes whose friction is a force, of those that sweep, of those that freeze temperatures in a sweep, and of the one with two
+#: forces per step.
 DTS = {
     "weak": {
         "force": (0.01, 0.015, 0.02, 0.03, 0.04, 0.06, 0.08),
@@ -30,6 +31,7 @@ DTS = {
     "energy": {
         "force": (0.0005, 0.001, 0.003, 0.01),
         "sweep": (0.01, 0.02, 0.03, 0.06, 0.10, 0.15, 0.20, 0.30, 0.40),
+        "frozen": (0.01, 0.02, 0.03, 0.045, 0.06, 0.10),
         "long": (0.02, 0.06, 0.10, 0.15, 0.20, 0.30, 0.40, 0.50, 0.60),
     },
 }
@@ -43,7 +45,7 @@ class Method:
     ----------
     name : key in the results, and label in figures
     kind : "ours", "native" (OpenMM's DPDIntegrator) or "lammps"
-    steps : "force", "sweep" or "long", the list of step sizes
+    steps : "force", "sweep", "frozen" or "long", the list of step sizes
     scheme, lam, platform : for kinds that run in OpenMM
     style : LAMMPS pair style (fluids without a deck)
     slow : fewer and shorter runs (DPDIntegrator on the CPU platform takes ten times as long as anything else)
@@ -148,11 +150,11 @@ def available(fluid: Fluid) -> bool:
 def methods(name: str) -> tuple[Method, ...]:
     """Every scheme here and every peer that can run a fluid."""
     fluid = FLUIDS[name]
-    kinds = {"mvv": "force", "shardlow": "sweep" if fluid.conserves else "force", "bababo": "long"}
+    kinds = {"mvv": "force", "shardlow": "frozen" if fluid.conserves else "force", "bababo": "long"}
     ours = [Method(s, "ours", kinds.get(s, "sweep"), s) for s in SCHEMES if s != "native"]
     if not fluid.conserves:
         ours.insert(1, Method("mvv, lambda 0.65", "ours", "force", "mvv", 0.65))
-    peers = [Method(f"LAMMPS {style} + {fix_of(style)}", "lammps", "sweep" if fluid.conserves else "force", style=style) for style in fluid.styles]  # fmt: skip
+    peers = [Method(f"LAMMPS {style} + {fix_of(style)}", "lammps", "frozen" if fluid.conserves else "force", style=style) for style in fluid.styles]  # fmt: skip
     if fluid.gamma_perp == 0 and not fluid.deck:
         peers.append(Method("OpenMM DPDIntegrator, CPU", "native", "sweep", "native", slow=True))
         if has_opencl():
