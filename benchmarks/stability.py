@@ -165,10 +165,21 @@ class Point:
             dt /= self.factor
         self._bisect_blow()
         for name in ("conf", "kin"):
-            guess = self.level(name, LEVELS[0])
-            if guess is not None and not guess[2]:
-                self.measure(guess[0], LEVELS[0])
+            self._refine(name)
         return self.levels()
+
+    def _refine(self, name: str) -> None:
+        """Measure well near the step of 1 % and below: the way up was measured roughly, and an error can come and go."""
+        for _ in range(2):
+            guess = self.level(name, LEVELS[0])
+            if guess is None or guess[2]:
+                return
+            for dt in sorted(dt for dt in self.tried if 0.4 * guess[0] < dt < guess[0]):
+                self.measure(dt, LEVELS[0])
+            again = self.level(name, LEVELS[0])
+            if again is None or again[2]:
+                return
+            self.measure(again[0], LEVELS[0])
 
     def _bisect_blow(self) -> None:
         """Halve the interval (of log dt) in which the run blows up, twice."""

@@ -146,7 +146,7 @@ def _limit(table: list[dict], take, bound: float) -> dict | None:
         if pair is not None:
             dts.append(row["dt"])
             values.append(pair)
-    if not dts or all("failed" in row for row in table):
+    if all("failed" in row or take(row["errors"]) is None for row in table):
         return None
     return {key: short(value) for key, value in crossing(dts, values, bound).items()}
 
