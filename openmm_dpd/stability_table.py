@@ -185,12 +185,12 @@ class StabilityTable:
 
 
 def _log(entry: Mapping[str, Any], path: tuple[str, ...]) -> float:
-    """log of a step; without a configurational temperature (no repulsion) the kinetic one stands in."""
+    """log of a step; without a configurational temperature (no repulsion) the kinetic one stands in, without either the blow-up."""
     found: Any = entry
     for word in path:
         found = found[word]
     if found is None:
-        return _log(entry, ("kin", path[1]))
+        return _log(entry, ("kin", path[1]) if path[0] == "conf" else ("blow",))
     return float(np.log(found[0]))
 
 

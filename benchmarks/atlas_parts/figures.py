@@ -68,6 +68,15 @@ def series(entry: dict, measure: str, against: str) -> tuple[np.ndarray, np.ndar
     return np.array(x), scale * np.array(y), scale * np.array(e)
 
 
+def _apart(steps: list[float]) -> list[float]:
+    """Those far enough from each other for their labels to be read."""
+    kept = steps[:1]
+    for step in steps[1:]:
+        if step > 1.12 * kept[-1]:
+            kept.append(step)
+    return kept
+
+
 def _chart(fluid: dict, measures: tuple[str, ...], against: str, file: Path, title: str, label: str) -> None:
     columns = 2
     figure, grid = plt.subplots(
@@ -92,7 +101,7 @@ def _chart(fluid: dict, measures: tuple[str, ...], against: str, file: Path, tit
         axes.set(xscale="log", yscale="log", xlabel=label, ylabel=LABELS[measure])
         axes.set_ylim(bottom=floor)
         if against == "step":
-            steps = sorted({run["dt"] for entry in fluid["methods"].values() for run in entry["runs"]})
+            steps = _apart(sorted({run["dt"] for entry in fluid["methods"].values() for run in entry["runs"]}))
             axes.set_xticks(steps, [f"{dt:g}" for dt in steps], rotation=60, fontsize=8)
             axes.set_xticks([], minor=True)
         axes.grid(alpha=0.25, which="both")
@@ -113,8 +122,12 @@ def _bars(atlas: dict, file: Path) -> None:
     timed = {name: f for name, f in atlas["fluids"].items() if any(entry["wall"].get("1") for entry in f["methods"].values())}
     if not timed:
         return
-    figure, grid = plt.subplots(1, len(timed), figsize=(1 + 5.2 * len(timed), 5.2), layout="constrained", squeeze=False)
-    for axes, (name, fluid) in zip(grid[0], timed.items(), strict=True):
+    columns = min(2, len(timed))
+    lines = -(-len(timed) // columns)
+    figure, grid = plt.subplots(lines, columns, figsize=(6.5 * columns, 4.2 * lines), layout="constrained", squeeze=False)
+    for axes in grid.ravel()[len(timed) :]:
+        axes.remove()
+    for axes, (name, fluid) in zip(grid.ravel(), timed.items(), strict=False):
         measures = ("drift", "agree") if name == "energy" else ("T_conf", "U")
         rows = [(m, entry) for m, entry in fluid["methods"].items() if entry["wall"].get("1")][::-1]
         for k, (_, entry) in enumerate(rows):

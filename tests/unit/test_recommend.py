@@ -294,7 +294,8 @@ def test_shipped_table_is_complete_and_in_order():
         for scheme, entry in p["schemes"].items():
             for kind in ("conf", "kin"):
                 if entry[kind]["1"] is None:
-                    assert p["a"] == 0 and kind == "conf"
+                    # no repulsion, or a scheme that runs at no step (small heat capacities)
+                    assert (p["a"] == 0 and kind == "conf") or entry["blow"][2] == "<"
                     continue
                 steps = [entry[kind][f"{100 * level:g}"][0] for level in LEVELS]
                 assert steps == sorted(steps), (p, scheme, kind)
