@@ -3,7 +3,8 @@
 Runs what is missing in ``out/atlas``, then writes docs/atlas.json, the pictures in docs/figures and the tables of docs/atlas.md.  It can be
 interrupted at any time; the same command goes on where it stopped.
 
-    python benchmarks/atlas.py                      # about 80 minutes on 2 cores
+    python benchmarks/atlas.py                      # about two hours on 2 cores
+    python benchmarks/atlas.py --time-scale 0.5     # one; errors are larger by the root of two
     python benchmarks/atlas.py --quick              # five minutes; files go to out/atlas-quick
     python benchmarks/atlas.py --only accuracy      # the runs that may share the machine with other work
     python benchmarks/atlas.py --only time          # the clock: on a quiet machine
