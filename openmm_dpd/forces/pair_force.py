@@ -157,9 +157,8 @@ class PairForceFunction:
             local.fields = None if self.spec.fields is None else Fields(self.spec.fields)
             local.failed = None
             # written again and again: OpenMM copies what it is given
-            local.v, local.result, local.conserved = np.zeros((3, len(self.spec.types), 3))
-            local.conserved_energy = None
-            local.kicks = None
+            local.v, local.result, local.conserved, local.kicks, local.seen = np.zeros((5, len(self.spec.types), 3))
+            local.conserved_energy, local.kicked = None, False
         here = (phase, parameters[COUNTER])
         if phase != Phase.IDLE and here == local.failed:
             # a step died and left its phase behind: what is asked for from outside is what IDLE answers; but a new step may begin so too
@@ -188,7 +187,8 @@ class PairForceFunction:
             return 0.0, self._zero
         if phase == Phase.TWO_KICKS and local.failed is None:
             return 0.0, self._two_kicks(local, x, box)
-        local.kicks = None if phase == Phase.CONSERVE else local.kicks
+        if phase == Phase.CONSERVE:
+            local.kicked = False
         if phase == Phase.IDLE or phase in KEEPING:
             return self._conserve(local, x, box)
         if phase == Phase.CLOSE:
@@ -247,7 +247,8 @@ class PairForceFunction:
             if wrong is not None:
                 raise RunError(f"{wrong}; the step size is too large for this scheme, or the start is too far from equilibrium")
         if phase == Phase.SEE:
-            local.kept, local.seen = x, local.v.copy()
+            local.kept = x
+            local.seen[...] = local.v
             return self._zero
         if local.engine.prepare(kept if phase in AT_KEPT else x, box):
             local.conserved_energy = None
@@ -283,12 +284,13 @@ class PairForceFunction:
 
     def _two_kicks(self, local, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
         """Parts of the force of the last CONSERVE and of the force here; the same when asked for twice."""
-        if local.kicks is None:
+        if not local.kicked:
             outer, inner = KICKS
-            kicks = outer * local.conserved
+            np.multiply(local.conserved, outer, out=local.kicks)
             self._conserve(local, x, box)
-            kicks += inner * local.conserved
-            local.kicks = kicks
+            np.multiply(local.conserved, inner, out=local.v)
+            local.kicks += local.v
+            local.kicked = True
         return local.kicks
 
     def _close(self, local, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
