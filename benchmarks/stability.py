@@ -234,13 +234,57 @@ def work(job: dict) -> dict:
     return job | {"levels": levels, "ladder": ladder, "seconds": round(time.perf_counter() - begun, 1)}
 
 
+def fitted(ladder: list[list], column: int, bound: float, draws: int = 100) -> list | None:
+    """The step at which an error first reaches a bound, as [dt, standard error, kind of bound]; None if the error has no meaning.
+
+    All runs together make one curve, c2 dt^2 + c4 dt^4 + c6 dt^6: single errors near the bound are lost in their noise, and the first
+    that happens to be large would be taken for the bound.  Errors over a quarter are left out.
+    """
+    good = [(row[0], *row[column]) for row in ladder if row[column] is not None and row[column][1] > 0]
+    use = [point for point in good if abs(point[1]) < 0.25]
+    if not use:
+        return [short(good[0][0]), 0.0, "<"] if good else None
+    dt, value, sem = np.array(use).T
+    # a tenth of an error is left to what the curve cannot follow
+    sem = np.hypot(np.maximum(sem, 0.003), 0.1 * value)
+    powers = 2 * np.arange(1, min(3, len(use)) + 1)
+    terms = (dt[:, None] / dt.max()) ** powers
+    grid = np.geomspace(0.2 * dt.min(), dt.max(), 400)
+
+    def first(values: np.ndarray) -> float | None:
+        # no coefficient is much larger than 1, so that few points do not make a wild curve
+        matrix, right = np.vstack([terms / sem[:, None], np.eye(len(powers))]), np.append(values / sem, np.zeros(len(powers)))
+        curve = (grid[:, None] / dt.max()) ** powers @ np.linalg.lstsq(matrix, right, rcond=None)[0]
+        over = np.flatnonzero(np.abs(curve) > bound)
+        return float(grid[over[0]]) if len(over) else None
+
+    best = first(value)
+    above = [row[0] for row in ladder if row[0] > dt.max()]
+    if best is None:
+        return (
+            [short((dt.max() * min(above)) ** 0.5), short(0.5 * (min(above) - dt.max()), 2), ""] if above else [short(dt.max()), 0.0, ">"]
+        )
+    if best < 0.5 * dt.min():
+        return [short(dt.min()), 0.0, "<"]
+    rng = np.random.default_rng(0)
+    spread = np.std([first(rng.normal(value, sem)) or dt.max() for _ in range(draws)])
+    return [short(best), short(float(spread), 2), ""]
+
+
 def tabulate(store: Store, costs: dict[str, float]) -> dict:
-    """The table of the package, from everything in the store; where a point was run twice, the run with the smaller errors counts."""
+    """The table of the package, from everything in the store: all runs at a point together give its steps, the last the blow-up."""
     found: dict[str, dict] = {}
+    ladders: dict[int, dict[str, list]] = {}
     loosest = 1.0
     for result in sorted(store.results.values(), key=lambda r: -r["loose"]):
         entry = found.setdefault(json.dumps(result["point"], sort_keys=True), result["point"] | {"schemes": {}})
-        entry["schemes"][result["scheme"]] = result["levels"]
+        ladders.setdefault(id(entry), {}).setdefault(result["scheme"], []).extend(result["ladder"])
+        entry["schemes"][result["scheme"]] = {name: result["levels"][name] for name in ("blow", "sign")}
+    for entry in found.values():
+        for scheme, levels in entry["schemes"].items():
+            rows = sorted(ladders[id(entry)][scheme], key=lambda row: row[0])
+            for column, name in ((1, "conf"), (2, "kin")):
+                levels[name] = {f"{100 * b:g}": fitted(rows, column, b) for b in LEVELS}
     for result in store.results.values():
         loosest = max(loosest, result["loose"])
     return {
