@@ -265,7 +265,7 @@ def fitted(ladder: list[list], column: int, bound: float, draws: int = 100) -> l
             [short((dt.max() * min(above)) ** 0.5), short(0.5 * (min(above) - dt.max()), 2), ""] if above else [short(dt.max()), 0.0, ">"]
         )
     if best < 0.5 * dt.min():
-        return [short(dt.min()), 0.0, "<"]
+        return [short(0.5 * dt.min()), 0.0, "<"]
     rng = np.random.default_rng(0)
     spread = np.std([first(rng.normal(value, sem)) or dt.max() for _ in range(draws)])
     return [short(best), short(float(spread), 2), ""]
