@@ -249,13 +249,15 @@ def fitted(ladder: list[list], column: int, bound: float, draws: int = 100) -> l
     sem = np.hypot(np.maximum(sem, 0.003), 0.1 * value)
     powers = 2 * np.arange(1, min(3, len(use)) + 1)
     terms = (dt[:, None] / dt.max()) ** powers
-    grid = np.geomspace(0.2 * dt.min(), dt.max(), 400)
+    grid = np.geomspace(dt.min(), dt.max(), 300)
 
     def first(values: np.ndarray) -> float | None:
         # no coefficient is much larger than 1, so that few points do not make a wild curve
         matrix, right = np.vstack([terms / sem[:, None], np.eye(len(powers))]), np.append(values / sem, np.zeros(len(powers)))
-        curve = (grid[:, None] / dt.max()) ** powers @ np.linalg.lstsq(matrix, right, rcond=None)[0]
-        over = np.flatnonzero(np.abs(curve) > bound)
+        curve = np.abs((grid[:, None] / dt.max()) ** powers @ np.linalg.lstsq(matrix, right, rcond=None)[0])
+        if curve[0] > bound:  # below the shortest step nothing but the order is known
+            return float(dt.min() * (bound / curve[0]) ** 0.5)
+        over = np.flatnonzero(curve > bound)
         return float(grid[over[0]]) if len(over) else None
 
     best = first(value)
