@@ -271,10 +271,10 @@ def _balance(total, ci, cj, ki, kj, start, nodes, pieces):
 
 
 @njit(inline="always")
-def _passes(log_ratio, key, stream):
+def _passes(exponent, key, stream):
     """Metropolis test; exp(x) >= 1 + x decides nearly always, and is easier to foresee than the sign of x."""
     drawn = uniform(key, stream)
-    return drawn < 1.0 + log_ratio or (log_ratio < 0.0 and drawn < exp_below(log_ratio))
+    return drawn < 1.0 + exponent or (exponent < 0.0 and drawn < exp_below(exponent))
 
 
 # Beads of constant heat capacity are the usual case. What follows is the same as for any other, with short chains of divisions: each pair

@@ -46,10 +46,7 @@ def _two_evaluations(p: Program) -> None:
     options = p.options
     p.each("x", "x+0.5*dt*v", "half drift")
     reflect(p)
-    if options.kernel_conservative:
-        p.phase(Phase.CONSERVE)
-    elif options.thermostat:
-        p.keep()
+    p.conserve_or_keep()
     if not options.thermostat:
         p.each("v", "v+dt*f/m", "kick")
         p.each("x", "x+0.5*dt*v", "half drift")
@@ -57,13 +54,7 @@ def _two_evaluations(p: Program) -> None:
         return
     p.declare_per_dof("acc", "conservative acceleration at the middle of the step")
     p.each("acc", "f/m")
-    p.next_temperature()
-    fields = p.fields()
-    p.keep_positions()
-    p.read(fields)
-    p.next_noise(options.trial_time)
-    p.show("(v+0.5*dt*acc)")
-    p.phase(Phase.SWEEP_KEPT)
+    fields = p.show_to_sweep("(v+0.5*dt*acc)")
     if fields:
         p.each("v", "v+0.5*dt*acc", "half kick")
         p.sweep(fields)

@@ -53,30 +53,18 @@ def _one_update(p: Program) -> None:
 
 def _beside_others(p: Program) -> None:
     """With forces of OpenMM's, the one at the end of a step is kept for the next: a trial drift shows the velocities to the sweep."""
-    options = p.options
     p.keep_acceleration()
     _two_drifts(p, "acc")
-    if options.kernel_conservative:
-        p.phase(Phase.CONSERVE)
-    else:
-        p.keep()
+    p.conserve_or_keep()
     p.each("acc", "f/m")
-    p.next_temperature()
-    fields = p.fields()
-    p.keep_positions()
-    p.read(fields)
-    p.next_noise(options.trial_time)
-    p.show(f"(v+{OUTER!r}*dt*acc)")
-    p.phase(Phase.SWEEP_KEPT)
+    fields = p.show_to_sweep(f"(v+{OUTER!r}*dt*acc)")
     if fields:
         p.each("v", f"v+{OUTER!r}*dt*acc", "outer kick")
         p.sweep(fields)
     else:
         p.each("v", f"v+{OUTER!r}*dt*acc+dt*{PAIR_FORCE}/m", "outer kick, sweep")
     p.each("x", "xs", "back")
-    p.note()
-    p.set("last", "here", "acc is valid for this")
-    p.phase(Phase.IDLE)
+    p.acceleration_is_kept()
 
 
 def _plain(p: Program) -> None:

@@ -17,10 +17,7 @@ def program(options: ProgramOptions) -> Program:
     """Program for the options given; without friction and noise it is the leapfrog scheme."""
     p = Program("middle", "Zhang et al. 2019, with exact pair updates", options)
     p.begin()
-    if options.kernel_conservative:
-        p.phase(Phase.CONSERVE)
-    elif options.thermostat:
-        p.keep()
+    p.conserve_or_keep()
     if options.thermostat and options.sole_force and not options.walls and not options.field_blocks:
         _one_update(p)
         return p
@@ -68,15 +65,8 @@ def _beside_walls(p: Program) -> None:
     p.each("x", "x+0.5*dt*v", "half drift")
     reflect(p)
     if options.thermostat:
-        p.next_temperature()
         p.keep()
-        fields = p.fields()
-        p.keep_positions()
-        p.read(fields)
-        p.next_noise(options.trial_time)
-        p.show("v")
-        p.phase(Phase.SWEEP_KEPT)
-        p.sweep(fields)
+        p.sweep(p.show_to_sweep("v"))
     p.each("x", "xs+0.5*dt*v" if options.thermostat else "x+0.5*dt*v", "half drift")
     reflect(p)
     if options.kernel:

@@ -70,7 +70,7 @@ def program(options: ProgramOptions) -> Program:
     p.each("v", "v+0.5*dt*acc", "half kick")
     for name, rate in zip(fields, rates, strict=True):
         p.each(name, f"{name}+0.5*dt*{rate}", "second half")
-    _finish(p)
+    p.acceleration_is_kept()
     return p
 
 
@@ -82,13 +82,7 @@ def _one_update(p: Program) -> None:
     p.phase(Phase.FORCE_SEEN)
     p.each("v", "v+0.5*dt*(acc+f/m)", "both half kicks: the drift showed the half-step velocity")
     p.each("acc", "f/m")
-    _finish(p)
-
-
-def _finish(p: Program) -> None:
-    p.note()
-    p.set("last", "here", "acc is valid for this")
-    p.phase(Phase.IDLE)
+    p.acceleration_is_kept()
 
 
 def _recompute(p: Program, fields: list[str], rates: list[str]) -> None:

@@ -122,17 +122,26 @@ class Program:
         self.phase(Phase.NOTE)
         self.set("here", PAIR_ENERGY, "the pair force keeps x")
 
+    def hear(self, phase: Phase, why: str, block: int = 0) -> None:
+        """Evaluate the pair force for what it keeps, not for what it answers."""
+        self.declare("heard", 0.0, "takes the energy of evaluations made for their side effect")
+        self.phase(phase, block)
+        self.set("heard", PAIR_ENERGY, why)
+
     def keep(self) -> None:
         """Let the pair force keep the present positions, without a fingerprint."""
-        self.declare("heard", 0.0, "takes the energy of evaluations made for their side effect")
-        self.phase(Phase.KEEP)
-        self.set("heard", PAIR_ENERGY, "the pair force keeps x")
+        self.hear(Phase.KEEP, "the pair force keeps x")
+
+    def conserve_or_keep(self) -> None:
+        """Let the pair force keep the present positions, and give the conservative force there if it is the kernel's."""
+        if self.options.kernel_conservative:
+            self.phase(Phase.CONSERVE)
+        elif self.options.thermostat:
+            self.keep()
 
     def see(self) -> None:
         """Let the pair force keep the present positions and the velocity that the drift since the last kept ones shows."""
-        self.declare("heard", 0.0, "takes the energy of evaluations made for their side effect")
-        self.phase(Phase.SEE)
-        self.set("heard", PAIR_ENERGY, "the pair force sees the velocities")
+        self.hear(Phase.SEE, "the pair force sees the velocities")
 
     def trial_drift(self, velocity: str) -> None:
         """Drift by tau*velocity from xs, for the pair force to see that velocity; x has to be put back afterwards."""
@@ -156,13 +165,11 @@ class Program:
         The displacement is scaled so that the largest one stays below ``options.field_reach``.
         """
         for block, variable in enumerate(variables):
-            self.declare("heard", 0.0, "takes the energy of evaluations made for their side effect")
             self.declare("size", 0.0, "sum of squares of what the pair force reads next")
             self.total("size", f"{variable}*{variable}")
             self.set(TAU, f"{self.options.field_reach!r}/sqrt(size+1e-280)", "scale of the displacement")
             self.each("x", f"xs+{TAU}*{variable}", "shows these values")
-            self.phase(Phase.READ, block)
-            self.set("heard", PAIR_ENERGY, "the pair force reads them")
+            self.hear(Phase.READ, "the pair force reads them", block)
 
     def keep_positions(self) -> None:
         """Remember x as xs."""
@@ -179,6 +186,26 @@ class Program:
             self.phase(Phase.CONSERVE)
         self.each("acc", "f/m", "conservative acceleration")
         self.end()
+
+    def acceleration_is_kept(self) -> None:
+        """End a step whose last acceleration serves the next one."""
+        self.note()
+        self.set("last", "here", "acc is valid for this")
+        self.phase(Phase.IDLE)
+
+    def show_to_sweep(self, velocity: str) -> list[str]:
+        """Let a sweep at the kept positions see all it needs: new temperature and noise, what beads carry, this velocity.
+
+        Returns the names of what beads carry; x has to be put back to xs afterwards.
+        """
+        self.next_temperature()
+        fields = self.fields()
+        self.keep_positions()
+        self.read(fields)
+        self.next_noise(self.options.trial_time)
+        self.show(velocity)
+        self.phase(Phase.SWEEP_KEPT)
+        return fields
 
     def sweep(self, fields: list[str], why: str = "sweep") -> None:
         """Take over the impulses of a sweep, and what it did to internal energies."""

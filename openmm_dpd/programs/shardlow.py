@@ -23,13 +23,7 @@ def program(options: ProgramOptions) -> Program:
         _one_update(p)
         return p
     p.keep_acceleration()
-    p.next_temperature()
-    fields = p.fields()
-    p.keep_positions()
-    p.read(fields)
-    p.next_noise(options.trial_time)
-    p.show("v")
-    p.phase(Phase.SWEEP_KEPT)
+    fields = p.show_to_sweep("v")
     if fields:
         p.sweep(fields)
         p.each("v", "v+0.5*dt*acc", "half kick")
@@ -40,9 +34,7 @@ def program(options: ProgramOptions) -> Program:
     p.phase(Phase.CONSERVE if options.kernel_conservative else Phase.IDLE)
     p.each("acc", "f/m")
     p.each("v", "v+0.5*dt*acc", "half kick")
-    p.note()
-    p.set("last", "here", "acc is valid for this")
-    p.phase(Phase.IDLE)
+    p.acceleration_is_kept()
     return p
 
 
