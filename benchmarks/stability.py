@@ -166,7 +166,7 @@ class Point:
         self._bisect_blow()
         for name in ("conf", "kin"):
             self._refine(name)
-        return self.levels()
+        return {"blow": self.blow()}
 
     def _refine(self, name: str) -> None:
         """Measure well near the step of 1 % and below: the way up was measured roughly, and an error can come and go."""
@@ -188,10 +188,6 @@ class Point:
             good = [dt for dt in self.tried if bad and dt < min(bad)]
             if good:
                 self.measure((max(good) * min(bad)) ** 0.5, LEVELS[-1])
-
-    def levels(self) -> dict:
-        """The steps at the bounds, as [dt, standard error, kind of bound]."""
-        return {"blow": self.blow()} | {name: {f"{100 * b:g}": self.level(name, b) for b in LEVELS} for name in ("conf", "kin")}
 
     def blow(self) -> list:
         """The step that blows up, half a bisection interval as its error."""
