@@ -26,8 +26,7 @@ class Phase(IntEnum):
     KEEP = 11  # keep the positions; nothing else
     TWO_KICKS = 12  # keep the positions; an outer one of KICKS times the force of CONSERVE, and the inner one times that here
     KICK_SWEEP_OUTER = 13  # what TWO_KICKS gave; at the seen positions an outer kick, then a sweep, as impulses/dt
-    SEE = 14  # keep the positions, and the velocity seen on the way from those kept before
-    KICK_SWEEP_OUTER_KEPT = 15  # KICK_SWEEP_OUTER at the kept positions and with the kept velocity
+    READ_TWO_KICKS = 14  # READ of the first block, and TWO_KICKS at the kept positions
     READ = 100  # (+ block) take three values per bead from seen - kept: what beads carry beside position and velocity
     CHANGES = 200  # (+ block) what the last evaluation did to these values: rates, or after a sweep increments
 

@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 import numba
 import openmm
 import pytest
-from devices import DEVICES, Device
+from devices import DEVICES, MARKS, Device
 
 from openmm_dpd.kernels.engine import set_threads
 
@@ -33,6 +33,14 @@ def why_missing(device: Device) -> str | None:
     except openmm.OpenMMException as error:
         return f"no Context on {device}: {error}"
     return None
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Leave the further precisions of GPU platforms to the slow tests."""
+    for item in items:
+        device = item.callspec.params.get("device") if hasattr(item, "callspec") else None
+        for mark in MARKS.get(device.precision, ()) if isinstance(device, Device) else ():
+            item.add_marker(mark)
 
 
 def _available(device: Device) -> Device:

@@ -37,6 +37,9 @@ class Device:
 _PRESENT = {openmm.Platform.getPlatform(k).getName() for k in range(openmm.Platform.getNumPlatforms())}
 PRECISIONS = ("single", "mixed", "double")
 
+#: Marks of the tests on GPU platforms: compiling their kernels takes most of the time, and single precision asks the most of a program.
+MARKS = {"mixed": ("slow",), "double": ("slow", "long")}
+
 #: CUDA and HIP are tested where they are; OpenCL runs on any machine that has PoCL, and is skipped with a reason where it is not.
 DEVICES = [Device("Reference"), Device("CPU")] + [
     Device(platform, precision)

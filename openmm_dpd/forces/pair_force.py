@@ -34,7 +34,7 @@ from .runaway import runaway
 KEEPING = (Phase.NOTE, Phase.CONSERVE, Phase.KEEP, Phase.TWO_KICKS)
 
 #: Phases that look at the kept positions.
-AT_KEPT = (Phase.FORCE_KEPT, Phase.SWEEP_KEPT, Phase.SWEEP_KICK_KEPT, Phase.KICK_SWEEP_OUTER_KEPT)
+AT_KEPT = (Phase.FORCE_KEPT, Phase.SWEEP_KEPT, Phase.SWEEP_KICK_KEPT)
 
 #: How much of the conservative force comes with a sweep, and how much of it acts before the sweep.
 SHARES: dict[int, tuple[float, float]] = {
@@ -42,7 +42,6 @@ SHARES: dict[int, tuple[float, float]] = {
     Phase.SWEEP_SEEN_CONSERVED: (1.0, 0.0),
     Phase.SWEEP_KICK_KEPT: (0.5, 0.0),
     Phase.KICK_SWEEP_OUTER: (KICKS[0], KICKS[0]),
-    Phase.KICK_SWEEP_OUTER_KEPT: (KICKS[0], KICKS[0]),
 }
 
 #: In the place of box vectors where there are none.
@@ -157,7 +156,7 @@ class PairForceFunction:
             local.fields = None if self.spec.fields is None else Fields(self.spec.fields)
             local.failed = None
             # written again and again: OpenMM copies what it is given
-            local.v, local.result, local.conserved, local.kicks, local.seen = np.zeros((5, len(self.spec.types), 3))
+            local.v, local.result, local.conserved, local.kicks = np.zeros((4, len(self.spec.types), 3))
             local.conserved_energy, local.kicked = None, False
         here = (phase, parameters[COUNTER])
         if phase != Phase.IDLE and here == local.failed:
@@ -230,26 +229,19 @@ class PairForceFunction:
         if phase >= Phase.CHANGES:
             assert fields is not None
             return fields.changes(phase - Phase.CHANGES) / self.scale
-        if phase >= Phase.READ:
+        if phase >= Phase.READ or phase == Phase.READ_TWO_KICKS:
             assert fields is not None
-            fields.read(phase - Phase.READ, relative_to(x, kept, box) / parameters[TAU])
-            return self._zero
+            fields.read(max(0, phase - Phase.READ), relative_to(x, kept, box) / parameters[TAU])
+            return self._two_kicks(local, kept, box) if phase == Phase.READ_TWO_KICKS else self._zero
         scalars = None if fields is None else fields.values
         dt, tau, kT = parameters[DT], parameters[TAU], parameters[KT]
         key = (int(parameters[SEED]), int(parameters[COUNTER]))
         if not kT >= 0.0:
             raise RunError(f"the context parameter {KT} must be >= 0, but is {kT}")
-        if phase == Phase.KICK_SWEEP_OUTER_KEPT:
-            local.v[...] = local.seen  # that was checked; the sweep writes to v
-        else:
-            motion.seen_velocities(x, kept, NO_BOX if box is None else box, box is not None, tau, local.v)
-            wrong = runaway(local.v, self.spec.inv_mass, kT, dt, self._cutoff)
-            if wrong is not None:
-                raise RunError(f"{wrong}; the step size is too large for this scheme, or the start is too far from equilibrium")
-        if phase == Phase.SEE:
-            local.kept = x
-            local.seen[...] = local.v
-            return self._zero
+        motion.seen_velocities(x, kept, NO_BOX if box is None else box, box is not None, tau, local.v)
+        wrong = runaway(local.v, self.spec.inv_mass, kT, dt, self._cutoff)
+        if wrong is not None:
+            raise RunError(f"{wrong}; the step size is too large for this scheme, or the start is too far from equilibrium")
         if local.engine.prepare(kept if phase in AT_KEPT else x, box):
             local.conserved_energy = None
         return (self._force if phase in (Phase.FORCE_SEEN, Phase.FORCE_KEPT) else self._sweep)(local, phase, (kT, dt, *key, scalars))
@@ -278,7 +270,7 @@ class PairForceFunction:
             if self.balanced:
                 local.fields.balance(v, change, self.spec.inv_mass)
         motion.as_force(change, self.spec.inv_mass, dt, share, local.conserved)
-        if phase in (Phase.KICK_SWEEP_OUTER, Phase.KICK_SWEEP_OUTER_KEPT):
+        if phase == Phase.KICK_SWEEP_OUTER:
             change += local.kicks
         return change
 

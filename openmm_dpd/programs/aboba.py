@@ -30,10 +30,10 @@ def _one_evaluation(p: Program) -> None:
     """The kernel holds every force: it can kick, sweep and kick at once."""
     p.keep()
     fields = p.fields()
+    positions = p.show_on_the_way(fields)
     if fields:
-        p.keep_positions()
-        p.read(fields)
-    p.each("x", "xs+0.5*dt*v" if fields else "x+0.5*dt*v", "half drift")
+        p.hear(Phase.READ, "the pair force reads them")
+    p.each("x", f"{positions}+0.5*dt*v", "half drift")
     p.next_temperature()
     p.next_noise("0.5*dt")
     p.phase(Phase.KICK_SWEEP_SEEN)

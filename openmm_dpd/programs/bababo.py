@@ -34,20 +34,17 @@ def _one_update(p: Program) -> None:
     p.begin()
     p.phase(Phase.CONSERVE)
     p.each("x", f"x+0.5*dt*(v+{OUTER!r}*dt*f/m)", "outer kick, half drift")
-    p.phase(Phase.TWO_KICKS)
-    p.each("x", "x+0.5*dt*(v+dt*f/m)", "both kicks, half drift")
-    p.next_temperature()
-    p.next_noise("0.5*dt")
     fields = p.fields()
     if fields:
-        p.see()
-        p.keep_positions()
-        p.read(fields)
-    p.phase(Phase.KICK_SWEEP_OUTER_KEPT if fields else Phase.KICK_SWEEP_OUTER)
+        p.keep()
+    positions = p.show_on_the_way(fields)
+    p.phase(Phase.READ_TWO_KICKS if fields else Phase.TWO_KICKS)
+    p.each("x", f"{positions}+0.5*dt*(v+dt*f/m)", "both kicks, half drift")
+    p.next_temperature()
+    p.next_noise("0.5*dt")
+    p.phase(Phase.KICK_SWEEP_OUTER)
     p.each("v", f"v+dt*{PAIR_FORCE}/m", "three kicks, sweep: the half drift showed the velocities")
-    if fields:
-        p.after_sweep(fields)
-        p.each("x", "xs", "back")
+    p.after_sweep(fields)
     p.phase(Phase.IDLE)
 
 

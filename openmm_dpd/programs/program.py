@@ -139,10 +139,6 @@ class Program:
         elif self.options.thermostat:
             self.keep()
 
-    def see(self) -> None:
-        """Let the pair force keep the present positions and the velocity that the drift since the last kept ones shows."""
-        self.hear(Phase.SEE, "the pair force sees the velocities")
-
     def trial_drift(self, velocity: str) -> None:
         """Drift by tau*velocity from xs, for the pair force to see that velocity; x has to be put back afterwards."""
         self.keep_positions()
@@ -165,11 +161,25 @@ class Program:
         The displacement is scaled so that the largest one stays below ``options.field_reach``.
         """
         for block, variable in enumerate(variables):
-            self.declare("size", 0.0, "sum of squares of what the pair force reads next")
-            self.total("size", f"{variable}*{variable}")
-            self.set(TAU, f"{self.options.field_reach!r}/sqrt(size+1e-280)", "scale of the displacement")
-            self.each("x", f"xs+{TAU}*{variable}", "shows these values")
+            self._show_values(variable, "xs")
             self.hear(Phase.READ, "the pair force reads them", block)
+
+    def show_on_the_way(self, variables: list[str]) -> str:
+        """Show what beads carry on top of the positions, which the pair force must have kept; returns the positions without it.
+
+        The drift that follows takes it off again, to rounding; nothing has to be remembered and put back.
+        """
+        if not variables:
+            return "x"
+        (variable,) = variables
+        self._show_values(variable, "x")
+        return f"x-{TAU}*{variable}"
+
+    def _show_values(self, variable: str, start: str) -> None:
+        self.declare("size", 0.0, "sum of squares of what the pair force reads next")
+        self.total("size", f"{variable}*{variable}")
+        self.set(TAU, f"{self.options.field_reach!r}/sqrt(size+1e-280)", "scale of the displacement")
+        self.each("x", f"{start}+{TAU}*{variable}", "shows these values")
 
     def keep_positions(self) -> None:
         """Remember x as xs."""

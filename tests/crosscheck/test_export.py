@@ -162,6 +162,7 @@ def test_averages_of_a_long_run(name, tmp_path):
     _compare(name, 20000, tmp_path)
 
 
+@pytest.mark.slow
 def test_shardlow_heats_and_conserves_as_here(tmp_path):
     """Energy-conserving beads under fix shardlow: the total energy of LAMMPS stays what it is here at the start."""
     scene = _warm("energy")

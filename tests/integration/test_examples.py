@@ -104,6 +104,7 @@ def test_polymers(tmp_path, monkeypatch):
     assert is_picture(tmp_path / "chains.png")
 
 
+@pytest.mark.slow
 def test_heat_conduction(tmp_path, monkeypatch):
     """The fitted diffusivity beside the continuum formula."""
     shorter = {"EQUILIBRATION": 100, "STEPS": 500, "RUNS": 2}
@@ -132,20 +133,21 @@ def test_electrolyte(tmp_path, monkeypatch):
     """Unlike ions gather, like ions keep apart, and far away both distributions are close to 1."""
     module = example("08_electrolyte", monkeypatch, STEPS=3000)
     found = module.main(tmp_path)
-    # mean and standard deviation of runs of this length with seeds 1 to 5
+    # mean and standard deviation of runs of this length with seeds 1 to 40 (PME's own threads make every run another one)
     measured = {
-        "unlike_at_contact": (1.763, 0.041),
-        "like_at_contact": (0.623, 0.020),
-        "unlike_far": (0.989, 0.0030),
-        "like_far": (1.010, 0.0042),
-        "energy_per_ion": (-1.485, 0.0060),
+        "unlike_at_contact": (1.755, 0.031),
+        "like_at_contact": (0.615, 0.023),
+        "unlike_far": (0.985, 0.0044),
+        "like_far": (1.009, 0.0040),
+        "energy_per_ion": (-1.479, 0.0124),
     }
     for name, (mean, deviation) in measured.items():
-        assert found[name] == pytest.approx(mean, abs=4 * deviation * np.sqrt(1 + 1 / 5)), name
+        assert found[name] == pytest.approx(mean, abs=4 * deviation * np.sqrt(1 + 1 / 40)), name
     assert "Slater charges" in (tmp_path / "plan.txt").read_text()
     assert is_picture(tmp_path / "rdf.png")
 
 
+@pytest.mark.slow
 def test_lipids_assemble(tmp_path, monkeypatch):
     """A smaller box: a bilayer without water inside, as thick as one put together by hand, and as thick as the tensionless one."""
     shorter = {"BOX": (6.0, 6.0, 10.0), "LIPIDS": 51, "STEPS": 4000, "EVERY": 20, "PROFILE_FROM": 0.7, "SEED": 1}
