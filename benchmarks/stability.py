@@ -34,7 +34,10 @@ import openmm_dpd as dpd  # noqa: E402
 from openmm_dpd.errors import DPDError  # noqa: E402
 from openmm_dpd.stats import block_average, ratio_average  # noqa: E402
 
-SCHEMES = ("mvv", "shardlow", "middle", "aboba", "bababo")
+SCHEMES = ("mvv", "shardlow", "middle", "aboba", "bababo", "native")
+#: Name of the native scheme in the atlas.
+NATIVE = "OpenMM DPDIntegrator, CPU"
+
 BASE = {"gamma": 4.5, "a": 25.0, "rho": 3.0, "mass": 1.0, "s": 1.0, "cv": None}
 LEVELS = (0.01, 0.05, 0.10)
 
@@ -63,6 +66,11 @@ def points(grid: dict[str, tuple[float, ...]]) -> list[dict]:
     plane = [BASE | {"gamma": g, "a": a} for g in grid["gamma"] for a in grid["a"]]
     lines = [BASE | {"gamma": g, name: value} for name in ("rho", "mass", "s") for g in (4.5, 40.5) for value in grid[name]]
     return [*plane, *lines, *(BASE | {"cv": value} for value in grid["cv"])]
+
+
+def possible(point: dict, scheme: str) -> bool:
+    """Whether a scheme can run the fluid of a point."""
+    return scheme != "native" or (point["s"] == 1.0 and point["cv"] is None)
 
 
 def scene_of(point: dict, beads: int) -> dpd.Scene:
@@ -299,12 +307,13 @@ def tabulate(store: Store, costs: dict[str, float]) -> dict:
 
 def costs(file: Path) -> dict[str, float]:
     """Time of a step of each scheme beside that of mvv, from the atlas, or from docs/validation.md where there is none yet."""
-    usual = {"mvv": 1.0, "shardlow": 1.33, "middle": 1.18, "aboba": 1.0, "bababo": 1.4}
+    usual = {"mvv": 1.0, "shardlow": 1.33, "middle": 1.18, "aboba": 1.0, "bababo": 1.4, "native": 20.0}
     atlas = json.loads(file.read_text()) if file.exists() else {"quick": True}
     if atlas["quick"]:
         return usual
     entries = atlas["fluids"].get("weak", {}).get("methods", {})
     ms = {name: float(np.mean(list(entry["ms"]["1"].values()))) for name, entry in entries.items() if entry["ms"].get("1")}
+    ms |= {"native": ms[NATIVE]} if NATIVE in ms else {}
     return {name: short(ms[name] / ms["mvv"], 3) if name in ms and "mvv" in ms else value for name, value in usual.items()}
 
 
@@ -328,6 +337,7 @@ def main() -> None:
         {"part": "stability", "scheme": s, "point": p, **length}
         for p in points(COARSE if options.coarse else FULL)
         for s in options.schemes
+        if possible(p, s)
     ]
     if options.only != "table":
         left = [job for job in jobs if job not in store][: options.limit]

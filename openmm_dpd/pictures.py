@@ -68,6 +68,8 @@ def thermo_picture(
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
+    if not isinstance(columns, Mapping):
+        raise ParameterError(f"expected a mapping of words to rows, not {reprlib.repr(columns)}")
     data = {word: _numbers(values, f"the column {word!r}") for word, values in columns.items()}
     _check(data, x)
     panels = _panels(data)

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from .embed import Embedded
-from .errors import ParameterError
+from .errors import ParameterError, PlanError
 from .model.bonds import HarmonicBonds
 from .model.energy_dpd import EnergyDPD
 from .model.internal import InternalEnergy
 from .model.pairs import DPD, NONE
 from .model.scene import Scene
-from .plan import SCHEMES
+from .plan import SCHEMES, make_plan
+from .programs.native import why_not
 from .stability_table import LEVELS, SAFE, Groups, StabilityTable, shipped_table
 from .units import to_md
 
@@ -110,8 +111,10 @@ def recommend(
     -----
     The table is about soft repulsion with friction, in a box.  Harmonic bonds limit the step by their frequency.  What else a scene has
     is named in ``notes``, and the answer leaves it out: other bonds, angles, segmental repulsion, and charges, whose note has the
-    frequency of two opposite ones on top of each other.  Without friction, or with an attraction or another potential between beads, there
-    is no recommendation.  Beads beside atoms (:func:`openmm_dpd.embed`) take the step of the atoms and are refused.
+    frequency of two opposite ones on top of each other.  What it says of ``native`` was measured on the CPU platform; on GPU platforms
+    OpenMM's DPDIntegrator updates all pairs at once, and gets too hot at shorter steps.  Without friction, or with an attraction or another
+    potential between beads, there is no recommendation.  Beads beside atoms (:func:`openmm_dpd.embed`) take the step of the atoms and are
+    refused.
     """
     if isinstance(scene, Embedded):
         raise ParameterError(
@@ -127,12 +130,23 @@ def recommend(
     outside = list(dict.fromkeys(text for at in pairs for text in table.outside(at)))
     if not pairs or outside:
         return Recommendation(None, None, None, error, notes=(*notes, *(f"outside of the table: {text}" for text in outside)))
-    steps = {scheme: _step(table, scheme, scene, pairs, error, configurations_only) for scheme in table.schemes}
+    able = [scheme for scheme in table.schemes if _runs(scene, scheme)]
+    steps = {scheme: _step(table, scheme, scene, pairs, error, configurations_only) for scheme in able}
     costs = {scheme: table.cost[scheme] / dt for scheme, (dt, _) in steps.items()}
     usual = costs.get("mvv", min(costs.values()))
     choices = [Choice(s, steps[s][0], costs[s] / usual, steps[s][1]) for s in sorted(costs, key=lambda s: costs[s])]
     best = choices[0]
     return Recommendation(best.scheme, best.dt, best.relative_cost, error, tuple(choices), tuple(notes))
+
+
+def _runs(scene: Scene, scheme: str) -> bool:
+    """Whether a scheme of the table can run a scene: all of this package can."""
+    if scheme != "native":
+        return True
+    try:
+        return why_not(make_plan(scene, dt=0.01, scheme=scheme, platform="CPU", seed=1)) is None
+    except PlanError:
+        return False
 
 
 def _step(

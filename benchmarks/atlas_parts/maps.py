@@ -14,7 +14,14 @@ from .page import table as markdown  # noqa: E402
 
 NAMES = {"rho": "density", "mass": "mass ratio", "s": "exponent of the noise weight", "cv": "heat capacity of a bead / k_B"}
 KINDS = {"conf": "configurational temperature", "kin": "kinetic temperature"}
-COLOURS = {"mvv": "tab:gray", "shardlow": "tab:purple", "middle": "tab:blue", "aboba": "tab:green", "bababo": "tab:cyan"}
+COLOURS = {
+    "mvv": "tab:gray",
+    "shardlow": "tab:purple",
+    "middle": "tab:blue",
+    "aboba": "tab:green",
+    "bababo": "tab:cyan",
+    "native": "tab:orange",
+}
 
 
 def draw(table: dict, folder: Path) -> None:

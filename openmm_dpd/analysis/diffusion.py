@@ -233,7 +233,7 @@ def velocity_autocorrelation(
     Raises
     ------
     ParameterError
-        If there are fewer than 2 frames, or a lag is out of range.
+        If there are fewer than 2 frames, a lag or an index is out of range, or an index stands there twice.
     """
     interval = positive_number(interval, "interval")
     kept: list[np.ndarray] = []
@@ -242,8 +242,8 @@ def velocity_autocorrelation(
         if group is not None and not kept:
             mask = group.dtype == bool and group.shape == (len(v),)
             indices = group.dtype.kind in "iu" and group.ndim == 1 and group.size and 0 <= group.min() and group.max() < len(v)
-            if not (mask or indices):
-                raise ParameterError(f"beads must be indices from 0 to {len(v) - 1}, or a mask of {len(v)}")
+            if not (mask or (indices and len(np.unique(group)) == len(group))):
+                raise ParameterError(f"beads must be indices from 0 to {len(v) - 1}, none of them twice, or a mask of {len(v)}")
         kept.append(v if group is None else v[group])
     rows = _lagged(np.array(kept), lags, "a velocity autocorrelation", lambda a, b: np.einsum("fik,fik->f", a, b) / a.shape[1])
     return _average_lags(rows, interval)

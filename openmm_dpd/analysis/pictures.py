@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import reprlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -77,6 +78,8 @@ def displacement_picture(
     title: str = "",
 ) -> None:
     """Draw a mean squared displacement on logarithmic axes; with ``fit`` the line of :func:`diffusion_coefficient` and its D."""
+    if not isinstance(displacement, MeanSquaredDisplacement):
+        raise ParameterError(f"expected what mean_squared_displacement returns, not {reprlib.repr(displacement)}")
     figure, axis = _axes()
     later = displacement.x > 0
     shown = Curve(displacement.x[later], displacement.y[later], displacement.sem[later], displacement.n_frames)
@@ -105,6 +108,8 @@ def displacement_picture(
 
 def cluster_picture(path: str | os.PathLike, clusters: Clusters, *, title: str = "") -> None:
     """Draw the distribution of cluster sizes: how many clusters of each size a frame has, and how many of all units are in them."""
+    if not isinstance(clusters, Clusters):
+        raise ParameterError(f"expected what cluster_sizes returns, not {reprlib.repr(clusters)}")
     figure, axis = _axes()
     size, count = clusters.distribution
     shares = size * count / np.sum(size * count)
@@ -128,9 +133,9 @@ def _axes() -> tuple[Any, Any]:
 
 
 def _lines(axis: Any, curves: Curve | Mapping[str, Curve], marker: str | None = None) -> None:
-    named = {"": curves} if isinstance(curves, Curve) else dict(curves)
-    if not named or not all(isinstance(curve, Curve) for curve in named.values()):
-        raise ParameterError("there is nothing to draw: a Curve is wanted, or a mapping of names to Curves")
+    named = {"": curves} if isinstance(curves, Curve) else curves
+    if not isinstance(named, Mapping) or not named or not all(isinstance(curve, Curve) for curve in named.values()):
+        raise ParameterError(f"there is nothing to draw: a Curve is wanted, or a mapping of names to Curves, not {reprlib.repr(curves)}")
     for number, (name, curve) in enumerate(named.items()):
         colour = LINES[number % len(LINES)]
         dots = {"marker": marker, "markersize": 3} if marker and len(curve.x) <= 200 else {}

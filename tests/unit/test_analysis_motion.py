@@ -234,8 +234,8 @@ def test_velocities_and_frames_must_match():
             velocity_profile(trajectory, velocities)
     with pytest.raises(ParameterError, match="at least 2 frames"):
         velocity_autocorrelation(np.zeros((1, 5, 3)), interval=1)
-    for beads in ([7], [-1], ["A"], np.ones(4, dtype=bool)):
-        with pytest.raises(ParameterError, match="indices from 0 to 4, or a mask of 5"):
+    for beads in ([7], [1, 1], [-1], ["A"], np.ones(4, dtype=bool)):
+        with pytest.raises(ParameterError, match="indices from 0 to 4, none of them twice, or a mask of 5"):
             velocity_autocorrelation(np.zeros((4, 5, 3)), beads, interval=1)
     assert velocity_autocorrelation(np.ones((4, 5, 3)), np.arange(5) < 2, interval=1, lags=[1]).y == [3]
 
@@ -381,6 +381,9 @@ def test_every_result_has_a_picture(tmp_path):
     assert isinstance(g["A"], Curve)
     with pytest.raises(ParameterError, match="nothing to draw"):
         draw.profile_picture(tmp_path / "x.png", {"A": [1, 2]})
+    for picture in (draw.profile_picture, draw.displacement_picture, draw.cluster_picture):
+        with pytest.raises(ParameterError, match="not None"):
+            picture(tmp_path / "x.png", None)
 
 
 @pytest.mark.parametrize("name", ["text.npz", "missing.npz"])

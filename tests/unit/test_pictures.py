@@ -100,6 +100,7 @@ def test_sliding_mean():
     ("columns", "options", "message"),
     [
         ({"temp": [1.0]}, {}, "no column 'time' to draw against; there are temp"),
+        (None, {}, "a mapping of words to rows, not None"),
         ({"time": [0.0], "vol": [1.0]}, {}, "nothing to draw: none of temp, "),
         ({"time": [], "temp": []}, {}, "no rows to draw"),
         ({"time": [0.0, 1.0], "temp": [1.0]}, {}, r"'temp' has the shape \(1,\)"),
