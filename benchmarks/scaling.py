@@ -36,7 +36,7 @@ import openmm_dpd as dpd  # noqa: E402
 
 FLUID, DT, DENSITY = FLUIDS["weak"], 0.05, 3.0
 SIZES = (1000, 3000, 10_000, 30_000, 100_000, 300_000, 1_000_000)
-SCHEMES = ("mvv", "middle", "aboba")
+SCHEMES = ("mvv", "middle", "aboba", "bababo")
 
 
 def scene_of(beads: int) -> dpd.Scene:

@@ -111,8 +111,8 @@ class PairList:
         self.start = np.zeros(ny * nz + 1, np.uint64)
 
     def _make_room(self) -> None:
-        """Give every column a quarter more room than it needed, and never less than it had: columns fluctuate."""
-        self.start[1:] = np.cumsum(np.maximum(np.diff(self.start), self.found + self.found // 4 + 48))
+        """Give every column an eighth more room than it needed, and never less than it had: columns fluctuate."""
+        self.start[1:] = np.cumsum(np.maximum(np.diff(self.start), self.found + self.found // 8 + 48))
         room = int(self.start[-1])
         self.pi, self.pj = np.empty(room, np.uint32), np.empty(room, np.uint32)
         self.geometry = np.empty((room, 4))
