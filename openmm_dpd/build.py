@@ -29,7 +29,7 @@ from .model.scene import Scene
 from .names import COULOMB_GROUP, DENSITY_GROUP, EXTERNAL_GROUP, LATTICE_GROUP, PAIR_GROUP, SEGMENT_GROUP, VIRIAL_GROUP
 from .plan import Plan, make_plan
 from .programs import make_program, walls
-from .programs.native import native_integrator
+from .programs.native import native_integrator, periodic_marker
 from .programs.program import Program
 from .trajectory import openmm_topology
 
@@ -245,6 +245,8 @@ def _system(plan: Plan) -> tuple[openmm.System, set[int]]:
         )
         if options.kernel_conservative:
             groups.add(PAIR_GROUP)
+    if options.scheme == "native" and periodic and not system.usesPeriodicBoundaryConditions():
+        system.addForce(periodic_marker())
     return system, groups
 
 

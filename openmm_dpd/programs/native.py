@@ -49,6 +49,14 @@ def why_not(plan: Plan) -> str | None:
     return None
 
 
+def periodic_marker() -> openmm.Force:
+    """An empty force that makes a System periodic: without any that does, the DPDIntegrator ignores the box, and so friction across it."""
+    force = openmm.CustomBondForce("0")
+    force.setUsesPeriodicBoundaryConditions(True)
+    force.setName("periodic box")
+    return force
+
+
 def native_integrator(plan: Plan) -> openmm.DPDIntegrator:
     """DPDIntegrator for a plan.
 

@@ -158,6 +158,19 @@ def test_native_builds_no_python_force():
     assert built.program is None and "DPDIntegrator" in built.explain()
 
 
+@pytest.mark.parametrize("platform", ["Reference", "CPU"])
+def test_native_friction_acts_across_the_faces_of_a_box(platform):
+    """Without repulsion no force makes the System periodic, and OpenMM's integrator would leave out the pair."""
+    coefficient = {("W", "W"): dpd.DPD(A=0, gamma=20)}
+    x, v = np.array([[0.1, 2, 2], [3.9, 2, 2]]), np.array([[0.1, 0, 0], [-0.1, 0, 0]])
+    scene = dpd.Scene({"W": 1}, ["W"] * 2, x, coefficient, kT=0, box=[4, 4, 4], velocities=v)
+    simulation = build(scene, scheme="native", platform=platform).simulation()
+    simulation.step(10)
+    # gamma w^2 (1/m + 1/m) = 25 per ps at the distance 0.2
+    after = simulation.context.getState(velocities=True).getVelocities(asNumpy=True)._value
+    assert 0 < after[0, 0] < 0.1 * np.exp(-25 * 0.2 * 0.5) and after[0, 0] == pytest.approx(-after[1, 0])
+
+
 def test_native_has_the_friction_of_lammps():
     """Gamma in Da/ps becomes a rate: gamma (1/m_i + 1/m_j)/2 for w^2 twice over; and the temperature is kT over the gas constant."""
     table = {("A", "A"): D(A=25, gamma=4.5), ("A", "B"): D(A=25, gamma=3.0, cutoff=1.2), ("B", "B"): D(A=25, gamma=9.0)}
