@@ -289,6 +289,9 @@ def tabulate(store: Store, costs: dict[str, float]) -> dict:
     for entry in found.values():
         for scheme, levels in entry["schemes"].items():
             rows = sorted(ladders[id(entry)][scheme], key=lambda row: row[0])
+            # where one run has blown up, another that was luckier says nothing about errors
+            shortest = min((row[0] for row in rows if row[1] is None and row[2] is None), default=np.inf)
+            rows = [row for row in rows if row[0] <= shortest]
             for column, name in ((1, "conf"), (2, "kin")):
                 levels[name] = {f"{100 * b:g}": fitted(rows, column, b) for b in LEVELS}
     for result in store.results.values():

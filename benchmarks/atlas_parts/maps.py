@@ -78,13 +78,22 @@ def _lines(table: dict, file: Path) -> None:
     for column, (name, words) in enumerate(NAMES.items()):
         for row, gamma in enumerate((4.5, 40.5)):
             axes = grid[row, column]
+            ticks: set[float] = set()
             for scheme, colour in COLOURS.items():
                 rows = line(table, scheme, name, gamma)
                 if rows:
+                    ticks |= {value for value, _ in rows}
                     x, y, e = np.array([(v, entry["conf"]["1"][0], entry["conf"]["1"][1]) for v, entry in rows]).T
                     axes.errorbar(x, y, yerr=e, marker="o", markersize=4, capsize=2, color=colour, label=scheme)
                     axes.plot(x, [entry["blow"][0] for _, entry in rows], linestyle=":", color=colour)
+            if not ticks:
+                axes.set_axis_off()
+                continue
             axes.set(xscale="log", yscale="log", xlabel=words, title=f"friction {gamma:g}")
+            axes.set_xticks(sorted(ticks), [f"{value:g}" for value in sorted(ticks)])
+            axes.yaxis.set_major_formatter("{x:g}")
+            axes.minorticks_off()
+            axes.set_yticks([dt for dt in (0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0) if axes.get_ylim()[0] < dt < axes.get_ylim()[1]])
             axes.grid(alpha=0.25)
         grid[0, column].set_ylabel("step" if column == 0 else "")
     handles, labels = grid[0, 0].get_legend_handles_labels()
