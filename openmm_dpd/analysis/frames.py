@@ -143,12 +143,16 @@ def selected(topology: mdtraj.Topology, beads: Beads, what: str = "beads") -> np
                     f"{what}: no bead is of type {str(name)!r}; there are {', '.join(map(repr, dict.fromkeys(names.tolist())))}"
                 )
         return np.flatnonzero(np.isin(names, array))
+    return indices(array, count, what, "a type, several types, ")
+
+
+def indices(beads: Sequence[int] | np.ndarray, count: int, what: str = "beads", besides: str = "") -> np.ndarray:
+    """Indices or a mask of ``count`` beads as indices; ParameterError (``besides``: what else could be given) for anything else."""
+    array = np.asarray(beads)
     if array.shape == (count,) and array.dtype == bool:
         array = np.flatnonzero(array)
     if array.ndim != 1 or (array.size and array.dtype.kind not in "iu"):
-        raise ParameterError(
-            f"{what} must be a type, several types, indices or a mask of {count}, not {array.dtype} of shape {array.shape}"
-        )
+        raise ParameterError(f"{what} must be {besides}indices or a mask of {count}, not {array.dtype} of shape {array.shape}")
     if not array.size:
         raise ParameterError(f"{what}: no beads are selected")
     if array.min() < 0 or array.max() >= count:

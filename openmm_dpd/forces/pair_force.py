@@ -229,10 +229,11 @@ class PairForceFunction:
         if phase >= Phase.CHANGES:
             assert fields is not None
             return fields.changes(phase - Phase.CHANGES) / self.scale
-        if phase >= Phase.READ or phase == Phase.READ_TWO_KICKS:
+        both = phase == Phase.READ_TWO_KICKS
+        if both or phase >= Phase.READ:
             assert fields is not None
-            fields.read(max(0, phase - Phase.READ), relative_to(x, kept, box) / parameters[TAU])
-            return self._two_kicks(local, kept, box) if phase == Phase.READ_TWO_KICKS else self._zero
+            fields.read(0 if both else phase - Phase.READ, relative_to(x, kept, box) / parameters[TAU])
+            return self._two_kicks(local, kept, box) if both else self._zero
         scalars = None if fields is None else fields.values
         dt, tau, kT = parameters[DT], parameters[TAU], parameters[KT]
         key = (int(parameters[SEED]), int(parameters[COUNTER]))

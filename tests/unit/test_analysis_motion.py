@@ -234,8 +234,15 @@ def test_velocities_and_frames_must_match():
             velocity_profile(trajectory, velocities)
     with pytest.raises(ParameterError, match="at least 2 frames"):
         velocity_autocorrelation(np.zeros((1, 5, 3)), interval=1)
-    for beads in ([7], [1, 1], [-1], ["A"], np.ones(4, dtype=bool)):
-        with pytest.raises(ParameterError, match="indices from 0 to 4, none of them twice, or a mask of 5"):
+    for beads, message in (
+        ([7], "indices must be from 0 to 4; there is 7"),
+        ([1, 1], "an index stands there twice"),
+        ([-1], "indices must be from 0 to 4; there is -1"),
+        (["A"], "indices or a mask of 5, not <U1"),
+        (np.ones(4, dtype=bool), "indices or a mask of 5, not bool"),
+        ([], "no beads are selected"),
+    ):
+        with pytest.raises(ParameterError, match=message):
             velocity_autocorrelation(np.zeros((4, 5, 3)), beads, interval=1)
     assert velocity_autocorrelation(np.ones((4, 5, 3)), np.arange(5) < 2, interval=1, lags=[1]).y == [3]
 

@@ -329,3 +329,16 @@ def test_frozen_beads_alone_need_no_step():
     scene = dpd.Scene({"W": 1.0}, ["W"] * 81, positions, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, **frozen)
     assert groups(scene) == ([], ["no bead moves"])
     assert "no bead moves" in advice(scene, "middle", 0.01)
+
+
+def test_native_is_left_out_where_it_cannot_run():
+    """Transverse friction and other exponents are beyond OpenMM's integrator."""
+    x = np.random.default_rng(1).random((375, 3)) * 5
+
+    def schemes(coefficient):
+        scene = dpd.Scene({"W": 1.0}, ["W"] * 375, x, {("W", "W"): coefficient}, kT=1.0, box=[5.0] * 3)
+        return {choice.scheme for choice in recommend(scene).choices}
+
+    assert schemes(dpd.DPD(A=25, gamma=4.5)) == set(SCHEMES)
+    assert schemes(dpd.DPD(A=25, gamma=4.5, gamma_perp=4.5)) == set(SCHEMES) - {"native"}
+    assert schemes(dpd.DPD(A=25, gamma=4.5, exponent=0.5)) == set(SCHEMES) - {"native"}
