@@ -66,12 +66,13 @@ def _check(built: Built, interval: int, axes: tuple[bool, bool, bool]) -> None:
 
 
 def add_barostat(
-    built: Built, pressure, *, interval: int = 25, axes: tuple[bool, bool, bool] = (True, True, True), coupled: bool = True, seed: int = 0
+    built: Built, pressure, *, interval: int = 25, axes: tuple[bool, bool, bool] = (True, True, True), coupled: bool = True
 ) -> openmm.Force:
     """Add OpenMM's Monte Carlo barostat to an isothermal scene, before its Context is made.
 
     OpenMM's conventions for temperature (kelvin) and pressure (bar) are taken care of.  The counters and the random numbers of OpenMM's
-    barostats are not part of checkpoints, so a restart continues a correct run, but not the same one.
+    barostats are not part of checkpoints, so a restart continues a correct run, but not the same one.  They draw from a generator that all
+    Contexts of a process share and that a new Context seeds: with the seed of the plan a run repeats, if no other Context runs beside it.
 
     Parameters
     ----------
@@ -85,9 +86,6 @@ def add_barostat(
         Axes that may change.
     coupled : bool, default True
         True: all axes change by one factor (MonteCarloBarostat); False: each by itself (MonteCarloAnisotropicBarostat).
-    seed : int
-        Seed of OpenMM's generator; 0 takes one from the operating system.
-
     Returns
     -------
     openmm.Force
@@ -114,7 +112,7 @@ def add_barostat(
         raise PlanError("axes that change by one factor while another stays are not supported; use coupled=False")
     else:
         barostat = openmm.MonteCarloAnisotropicBarostat(openmm.Vec3(bar, bar, bar), kelvin, *map(bool, axes), interval)
-    barostat.setRandomNumberSeed(seed)
+    barostat.setRandomNumberSeed(plan.options.openmm_seed)
     built.system.addForce(barostat)
     return barostat
 

@@ -108,6 +108,11 @@ class ProgramOptions:
     compensated: bool = False
 
     @property
+    def openmm_seed(self) -> int:
+        """The seed for OpenMM's own random numbers, where 0 would mean any."""
+        return self.seed or 2**31 - 1
+
+    @property
     def trial_time(self) -> str:
         """Length of trial drifts, as an expression."""
         return f"dt*{self.tau_ratio!r}" if self.trial is None else repr(self.trial)

@@ -370,7 +370,7 @@ def connect_barostat(request: RunRequest, built: Built) -> EnthalpyBarostat | No
             raise ParameterError("fix nph: volume moves have one pressure, the same along all axes and during the whole run")
         choices: dict[str, Any] = {"interval": VOLUME_INTERVAL, "axes": control.axes, "coupled": control.coupled}
         if control.isothermal:
-            add_barostat(built, pressures.pop(), seed=built.plan.options.seed or 1, **choices)
+            add_barostat(built, pressures.pop(), **choices)
             return None
         return EnthalpyBarostat(built, pressures.pop(), **choices)
     except DPDError as error:

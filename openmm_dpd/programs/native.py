@@ -74,7 +74,7 @@ def native_integrator(plan: Plan) -> openmm.DPDIntegrator:
     integrator = openmm.DPDIntegrator(
         options.kT / BOLTZMANN * unit.kelvin, 0.0, max((c.cutoff for *_, c in pairs), default=1.0), options.dt * unit.picosecond
     )
-    integrator.setRandomNumberSeed(options.seed)
+    integrator.setRandomNumberSeed(options.openmm_seed)
     for index, kind in enumerate(scene.type_ids.tolist()):
         integrator.setParticleType(index, kind)
     for a, b, c in pairs:

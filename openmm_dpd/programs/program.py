@@ -301,6 +301,8 @@ class Program:
     def lower(self) -> openmm.CustomIntegrator:
         """The OpenMM integrator."""
         integrator = openmm.CustomIntegrator(self.options.dt)
+        # barostats draw from a generator of the whole process, which a new Context seeds with this number last
+        integrator.setRandomNumberSeed(self.options.openmm_seed)
         for name, (value, _) in self.globals_.items():
             integrator.addGlobalVariable(name, value)
         for name in self.per_dof:

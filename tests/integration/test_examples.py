@@ -159,9 +159,10 @@ def test_lipids_assemble(tmp_path, monkeypatch):
     error = np.hypot(found["thickness_assembled_error"], found["thickness_prepared_error"])
     # 0.05: lipids that are not shared out evenly between the leaflets, and do not change sides in this time
     assert found["thickness_assembled"] == pytest.approx(found["thickness_prepared"], abs=4 * error + 0.05)
-    # 3.519 (0.032) and 3.548 (0.011; a run gives itself an error of 0.009)
+    # 3.519 (0.032) and 3.548 (0.011); in one of 24 runs 3.482, with heads in the middle: a lipid on its way
+    # across takes 0.1 off at most
     assert found["thickness_assembled"] == pytest.approx(3.519, abs=4 * 0.032)
-    assert found["thickness_prepared"] == pytest.approx(3.548, abs=4 * 0.010)
+    assert found["thickness_prepared"] == pytest.approx(3.548, abs=0.1)
     # peaks 3.582 (0.064), farther apart than the mean heights
     assert found["peak_to_peak"] == pytest.approx(3.582, abs=4 * 0.064)
     assert found["peak_to_peak"] - found["thickness_assembled"] == pytest.approx(0.030, abs=4 * 0.060 * np.sqrt(1 + 1 / 6))

