@@ -197,9 +197,12 @@ def test_barostat_moves(choices, conservative):
     assert np.array_equal(drawn, np.arange(1, 61))
 
 
-@pytest.mark.parametrize("scheme", ["middle", "native"])
+@pytest.mark.parametrize(("scheme", "device"), [("middle", REFERENCE), ("middle", CPU), ("native", REFERENCE)], ids=str)
 def test_a_seeded_run_with_a_barostat_repeats(scheme, device):
-    """The moves are those of the plan's seed, 0 too, which for OpenMM would be any."""
+    """The moves are those of the plan's seed, 0 too, which for OpenMM would be any.
+
+    Where sums are not the same bit for bit (GPU platforms, OpenMM's own integrator on CPU) a move may be accepted in one run alone.
+    """
 
     def volume(seed: int) -> float:
         built = dpd.build(beads(150, edge=4.0, seed=4), dt=0.02, scheme=scheme, platform=device.platform, seed=seed)
@@ -209,8 +212,7 @@ def test_a_seeded_run_with_a_barostat_repeats(scheme, device):
         return simulation.context.getState().getPeriodicBoxVolume()._value
 
     first, second, other = volume(0), volume(0), volume(5)
-    # OpenMM's own integrator adds forces up in any order on GPU platforms
-    assert second == pytest.approx(first, rel=1e-6 if scheme == "native" else 0)
+    assert first == second
     assert abs(other / first - 1) > 1e-3
 
 
