@@ -86,6 +86,7 @@ def add_barostat(
         Axes that may change.
     coupled : bool, default True
         True: all axes change by one factor (MonteCarloBarostat); False: each by itself (MonteCarloAnisotropicBarostat).
+
     Returns
     -------
     openmm.Force

@@ -354,7 +354,6 @@ def test_barostat():
     """Volume moves scale beads and molecules; the box of the run changes and the constraints hold."""
     topology, system, x = atoms()
     barostat = openmm.MonteCarloBarostat(200 * unit.bar, 300 * unit.kelvin, 5)
-    barostat.setRandomNumberSeed(2)
     system.addForce(barostat)
     whole = dpd.embed(beads(x), topology, system, x, atoms=classes(topology), cross=REPULSION, dt=0.002, platform="CPU", seed=3)
     simulation = whole.simulation(properties={"Threads": "1"})

@@ -45,7 +45,6 @@ def solvated(model: str):
         modeller.topology, nonbondedMethod=app.PME, nonbondedCutoff=0.8 * unit.nanometer, constraints=app.HBonds, removeCMMotion=False
     )
     barostat = openmm.MonteCarloBarostat(1 * unit.bar, 300 * unit.kelvin, 10)
-    barostat.setRandomNumberSeed(3)
     system.addForce(barostat)
     return modeller.topology, modeller.positions, openmm.XmlSerializer.serialize(system)
 
