@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -15,21 +16,22 @@ from .fields import field_variables
 from .forces.bonded import angle_forces, bond_forces
 from .forces.conservative import dpd_expression
 from .forces.electrostatics import electrostatic_forces, needs_list
-from .forces.expressions import PairExpression, exception_force, nonbonded_force
+from .forces.expressions import VIRIAL, PairExpression, exception_force, nonbonded_force
 from .forces.external import external_force
 from .forces.manybody import attraction_expression, density_force
 from .forces.pair_force import pair_force
 from .forces.partners import EXPRESSIONS
 from .forces.segments import segment_force, segment_spec
+from .integrators import Made, NativeIntegrator, PairIntegrator
 from .kernels.cells import coincident_pairs
 from .model.bonds import FENEBonds
 from .model.flow import gaps
 from .model.mdpd import MDPD
 from .model.scene import Scene
-from .names import COULOMB_GROUP, DENSITY_GROUP, EXTERNAL_GROUP, LATTICE_GROUP, PAIR_GROUP, SEGMENT_GROUP, VIRIAL_GROUP
-from .plan import Plan, make_plan
+from .names import BONDED_GROUP, LAST_POTENTIAL_GROUP, POTENTIAL_GROUP, VIRIAL_GROUP
+from .plan import Plan, ProgramOptions, make_plan
 from .programs import make_program, walls
-from .programs.native import native_integrator, periodic_marker
+from .programs.native import native_integrator, native_marker
 from .programs.program import Program
 from .trajectory import openmm_topology
 
@@ -41,7 +43,7 @@ class Built:
     Attributes
     ----------
     system : openmm.System
-    integrator : openmm.CustomIntegrator (openmm.DPDIntegrator for the native scheme)
+    integrator : PairIntegrator, an openmm.CustomIntegrator (NativeIntegrator, an openmm.DPDIntegrator, for the native scheme)
     topology : openmm.app.Topology
     positions, velocities : (N, 3) Quantity
     plan : Plan
@@ -50,7 +52,7 @@ class Built:
     """
 
     system: openmm.System
-    integrator: openmm.Integrator
+    integrator: PairIntegrator | NativeIntegrator
     topology: app.Topology
     positions: unit.Quantity
     velocities: unit.Quantity
@@ -155,9 +157,10 @@ def build_plan(plan: Plan) -> Built:
     """What :func:`build` makes, from a plan."""
     scene, options = plan.scene, plan.options
     program = None if options.scheme == "native" else make_program(options)
-    system, groups = _system(plan)
+    system = _system(plan)
     integrator = native_integrator(plan) if program is None else program.lower()
-    integrator.setIntegrationForceGroups(groups)
+    integrator.setIntegrationForceGroups(integration_groups(system.getForces(), options))
+    integrator.made = Made.of("build()", system, system.getForces(), options)
     if plan.spec.fields is not None:
         for name, values in field_variables(plan.spec.fields.initial).items():
             integrator.setPerDofVariableByName(name, values)
@@ -192,8 +195,17 @@ def initial_velocities(scene: Scene, seed: int) -> np.ndarray:
     return v
 
 
-def _system(plan: Plan) -> tuple[openmm.System, set[int]]:
-    """The System and the force groups its integrator uses."""
+def integration_groups(forces: Sequence[openmm.Force], options: ProgramOptions) -> set[int]:
+    """The force groups that an integrator uses: all but those of the forces that are there for measuring, and of impulses.
+
+    Users put forces of their own into any group, before the Context is made, and all of them have to act.
+    """
+    measuring = {force.getForceGroup() for force in forces if force.getName().endswith(VIRIAL)}
+    return set(range(32)) - measuring - (set() if options.kernel_conservative else {options.pair_group})
+
+
+def _system(plan: Plan) -> openmm.System:
+    """The System."""
     scene, options = plan.scene, plan.options
     periodic = scene.box is not None
     system = openmm.System()
@@ -202,7 +214,6 @@ def _system(plan: Plan) -> tuple[openmm.System, set[int]]:
         system.addParticle(mass)
     if scene.box is not None:
         system.setDefaultPeriodicBoxVectors(*(openmm.Vec3(*row) for row in scene.box.tolist()))
-    groups = {0}
     expressions, densities = [], []
     for layer in plan.layers if plan.conservative == "openmm" else ():
         if isinstance(_some(layer), MDPD):
@@ -212,42 +223,37 @@ def _system(plan: Plan) -> tuple[openmm.System, set[int]]:
             expressions.append(dpd_expression(layer, scene.type_names))
     partners = [EXPRESSIONS[type(_some(table))](table, scene.type_names) for table in plan.partners]
     factors = _excluded_pairs(plan, [*expressions, *partners])
-    groups |= _add_pair_expressions(system, plan, [*expressions, *partners], factors, with_virial=partners)
-    groups |= _add_charges(system, plan, factors)
+    free = _add_pair_expressions(system, plan, [*expressions, *partners], factors, with_virial=partners)
+    _add_charges(system, plan, factors)
+    if free - len(densities) + 1 < LAST_POTENTIAL_GROUP:
+        raise PlanError(f"the pair potentials and densities need more than {POTENTIAL_GROUP - LAST_POTENTIAL_GROUP + 1} force groups")
     for k, layer in enumerate(densities):
         excluded = sorted(pair for pair, factor in plan.exceptions.items() if factor == 0.0)
         force = density_force(layer, scene.type_names, scene.type_ids, excluded, periodic)
-        force.setForceGroup(DENSITY_GROUP - k)
-        groups.add(DENSITY_GROUP - k)
+        force.setForceGroup(free - k)
         system.addForce(force)
     for force in (*bond_forces(scene.bonds, periodic), *angle_forces(scene.angles, periodic)):
+        force.setForceGroup(BONDED_GROUP)
         system.addForce(force)
     segments = segment_spec(scene)
     if segments is not None:
         system.addForce(segment_force(segments, periodic))
-        groups.add(SEGMENT_GROUP)
     for term in scene.body_forces:
         system.addForce(external_force(term, scene.type_ids, scene.type_names, scene.box))
-        groups.add(EXTERNAL_GROUP)
     if options.kernel and options.scheme != "native":
         system.addForce(
             pair_force(
                 plan.spec,
                 conservative=options.kernel_conservative,
                 periodic=periodic,
-                kT=options.kT,
-                dt=options.dt,
-                seed=options.seed,
-                scale=options.field_scale,
+                options=options,
                 balanced=options.compensated and plan.spec.sweeps,
                 guarded=tuple(bonds for bonds in scene.bonds if isinstance(bonds, FENEBonds)),
             )
         )
-        if options.kernel_conservative:
-            groups.add(PAIR_GROUP)
-    if options.scheme == "native" and periodic and not system.usesPeriodicBoundaryConditions():
-        system.addForce(periodic_marker())
-    return system, groups
+    if options.scheme == "native":
+        system.addForce(native_marker(options, periodic))
+    return system
 
 
 def _some(table: dict):
@@ -270,38 +276,41 @@ def _excluded_pairs(plan: Plan, expressions: list[PairExpression]) -> dict[tuple
     return factors
 
 
-def _add_charges(system: openmm.System, plan: Plan, factors: dict[tuple[int, int], float]) -> set[int]:
+def _add_charges(system: openmm.System, plan: Plan, factors: dict[tuple[int, int], float]) -> None:
     """Add the forces of smeared charges."""
     scene = plan.scene
     if scene.electrostatics is None:
-        return set()
+        return
     assert scene.charges is not None
     listed = needs_list(scene.charges, plan.ewald, scene.box)
     constant = scene.electrostatics.coulomb(scene.initial_kT)
     factors = {pair: plan.charge_exceptions.get(pair, 1.0) for pair in factors}
     for force in electrostatic_forces(scene.electrostatics, scene.charges, constant, plan.ewald, factors, listed=listed):
         system.addForce(force)
-    return {COULOMB_GROUP} if plan.ewald is None else {COULOMB_GROUP, LATTICE_GROUP}
 
 
 def _add_pair_expressions(
     system: openmm.System, plan: Plan, expressions: list[PairExpression], factors: dict[tuple[int, int], float], with_virial
-) -> set[int]:
-    """Add the forces of radial pair potentials; GPU platforms want one cutoff per group and the same exclusions everywhere."""
+) -> int:
+    """Add the forces of radial pair potentials, and return the next group downwards.
+
+    GPU platforms want one cutoff per group and the same exclusions everywhere.
+    """
     scene = plan.scene
     periodic = scene.box is not None
     exclusions = sorted(factors)
     restored = {pair: factor for pair, factor in sorted(factors.items()) if factor > 0}
     groups: dict[float, int] = {}
+    cutoffs = {expression.cutoff for expression in expressions}
+    if len(cutoffs) > 10:
+        raise PlanError(f"the pair potentials have {len(cutoffs)} different cutoffs; at most 10 can be built")
     for expression in expressions:
-        group = groups.setdefault(expression.cutoff, len(groups) + 1)
+        number = groups.setdefault(expression.cutoff, len(groups))
         for virial in (False, True) if expression in with_virial else (False,):
             made = [nonbonded_force(expression, scene.type_ids, exclusions, periodic, virial=virial)]
             if restored:
                 made.append(exception_force(expression, scene.type_ids, restored, periodic, virial=virial))
             for force in made:
-                force.setForceGroup(VIRIAL_GROUP - list(groups.values()).index(group) if virial else group)
+                force.setForceGroup((VIRIAL_GROUP if virial else POTENTIAL_GROUP) - number)
                 system.addForce(force)
-    if len(groups) > 10:
-        raise PlanError(f"the pair potentials have {len(groups)} different cutoffs; at most 10 can be built")
-    return set(groups.values())
+    return POTENTIAL_GROUP - len(groups)

@@ -21,16 +21,17 @@ import numpy as np
 import openmm
 from openmm import app, unit
 
-from .build import build_plan, fastest_platform, new_simulation
+from .build import build_plan, fastest_platform, integration_groups, new_simulation
 from .errors import ParameterError, PlanError, RunError
 from .forces.merging import merged_systems
+from .integrators import Made, PairIntegrator
 from .model.pairs import DPD, NONE, LennardJones, TabulatedPair
 from .model.scene import Scene
 from .model.table import PairTable
 from .names import KT
 from .plan import Plan, make_plan
 from .sample import Sample
-from .thermostat import PLATFORMS, check_system, degrees_of_freedom
+from .thermostat import PLATFORMS, check_system, degrees_of_freedom, free_group
 from .trajectory import openmm_topology
 from .units import BOLTZMANN, to_md
 
@@ -55,7 +56,7 @@ class Embedded:
     Attributes
     ----------
     system : openmm.System
-    integrator : openmm.CustomIntegrator
+    integrator : PairIntegrator, an openmm.CustomIntegrator
     topology : openmm.app.Topology
     positions, velocities : (N, 3) Quantity
     n_atoms : int
@@ -65,7 +66,7 @@ class Embedded:
     """
 
     system: openmm.System
-    integrator: openmm.CustomIntegrator
+    integrator: PairIntegrator
     topology: app.Topology
     positions: unit.Quantity
     velocities: unit.Quantity
@@ -200,7 +201,8 @@ def embed(
     if scheme == "native":
         raise PlanError("OpenMM's DPDIntegrator has no conservative forces of its own; use scheme='middle'")
     whole = _whole(scene, system, x, classes, tables)
-    plan = make_plan(whole, dt=dt, scheme=scheme, conservative="openmm", platform=platform or fastest_platform(), seed=seed)
+    choices: dict[str, Any] = {"platform": platform or fastest_platform(), "seed": seed, "pair_group": free_group(system)}
+    plan = make_plan(whole, dt=dt, scheme=scheme, conservative="openmm", **choices)
     virtual = np.array([system.isVirtualSite(k) for k in range(len(x))], dtype=bool)
     kernel_types = plan.spec.types.copy()
     kernel_types[: len(x)][virtual | np.array([name is None for name in classes])] = -1
@@ -210,15 +212,16 @@ def embed(
         options=replace(plan.options, constraints=bool(system.getNumConstraints() or virtual.any()), sole_force=False),
     )
     built = build_plan(plan)
-    merged, groups = merged_systems(system, built.system, built.integrator.getIntegrationForceGroups())
-    built.integrator.setIntegrationForceGroups(groups)
+    merged, own = merged_systems(system, built.system, plan.options.pair_group)
+    built.integrator.setIntegrationForceGroups(integration_groups(own, plan.options))
+    built.integrator.made = Made.of("embed()", merged, own, plan.options)
     beads = openmm_topology(list(scene.types), scene.molecules, scene.bond_pairs, scene.box, scene.residues)
     modeller = app.Modeller(topology, x * unit.nanometer)
     modeller.add(beads, scene.positions * unit.nanometer)
     modeller.topology.setPeriodicBoxVectors(None if scene.box is None else scene.box * unit.nanometer)
     return Embedded(
         system=merged,
-        integrator=built.integrator,
+        integrator=built.integrator,  # type: ignore[arg-type]  # the native scheme is refused above
         topology=modeller.topology,
         positions=built.positions,
         velocities=built.velocities,

@@ -22,6 +22,7 @@ from .errors import ParameterError, RunError
 from .fields import per_dof, raw_fields
 from .forces.expressions import VIRIAL_SWITCH
 from .forces.segments import segment_spec
+from .integrators import RAMPED, groups_of
 from .kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
 from .kernels.fields import ENERGY, TEMPERATURE
 from .kernels.segments import SegmentEngine
@@ -29,13 +30,14 @@ from .model.bonds import FENEBonds
 from .model.mdpd import MDPD
 from .model.scene import TemperatureRamp, thermal_energy
 from .names import (
+    BONDED_GROUP,
     COULOMB_GROUP,
     COULOMB_VIRIAL_GROUP,
     COUNTER,
     EXTERNAL_GROUP,
     KT,
     LATTICE_GROUP,
-    PAIR_GROUP,
+    RAMP_STEP,
     SEED,
     VIRIAL_GROUP,
     VOLUME_MOVES,
@@ -43,9 +45,6 @@ from .names import (
 from .plan import Plan
 from .sample import Sample
 from .units import BOLTZMANN, to_md, whole_number
-
-#: Variable of an integrator that follows a temperature ramp.
-RAMP_STEP = "ramp_step"
 
 _NM, _KJ, _V = unit.nanometer, unit.kilojoule_per_mole, unit.nanometer / unit.picosecond
 
@@ -80,6 +79,9 @@ class Observer:
         """Why there is no configurational temperature, or None."""
         if isinstance(self.built, Embedded):
             return "the forces of atoms have no Laplacian here"
+        others = self._others(self.built.system)
+        if others:
+            return f"the System has forces that are not the scene's ({_names(others)}), whose Laplacian is not known"
         if self.plan.partners:
             return "a conservative term (Lennard-Jones or tabulated) has no Laplacian here"
         if self._segments is not None:
@@ -93,6 +95,21 @@ class Observer:
         if not self.plan.layers or (self.plan.conservative == "none" and not self.plan.scene.bonds and not self.plan.scene.angles):
             return "there is no conservative force"
         return None
+
+    @property
+    def no_pressure(self) -> str | None:
+        """Why there is no pressure, or None."""
+        if isinstance(self.built, Embedded):
+            return "the pressure of atoms and beads in one System is not measured"
+        if self.plan.scene.box is None:
+            return "there is no box"
+        others = self._others(self.built.system)
+        return f"the System has forces that are not the scene's ({_names(others)}), whose virial is not known" if others else None
+
+    def _others(self, system: openmm.System) -> list[openmm.Force]:
+        """Forces that somebody else added to the System of a scene."""
+        made = self.built.integrator.made
+        return [] if made is None or isinstance(self.built, Embedded) else made.others(system)
 
     def sample(self, context: openmm.Context) -> Sample:
         """Measure the present state of a Context."""
@@ -128,6 +145,12 @@ class Observer:
         if plan.options.scheme == "mvv" and plan.options.thermostat:
             every = every + parts[1].force + parts[2].force
         shown = every[mobile]
+        others = self._others(context.getSystem())
+        other = 0.0
+        if others:
+            theirs = set().union(*map(groups_of, others))
+            other = context.getState(energy=True, groups=theirs).getPotentialEnergy().value_in_unit(_KJ)
+            parts[0] = parts[0]._replace(virial=float("nan"))
         gradient2 = float(np.sum(force**2))
         return Sample(
             step=state.getStepCount(),
@@ -135,7 +158,8 @@ class Observer:
             n_mobile=int(mobile.sum()),
             dof=max(0, 3 * int(mobile.sum()) - 3),
             kinetic=0.5 * float(np.sum(mass * v[mobile] ** 2)),
-            pair=potential - bond - angle,
+            pair=potential - bond - angle - other,
+            other=other,
             bond=bond,
             angle=angle,
             short=short,
@@ -148,7 +172,9 @@ class Observer:
             gradient2=gradient2,
             force_norm=float(np.sum(shown**2)) ** 0.5,
             force_max=float(np.abs(shown).max(initial=0.0)),
-            laplacian=None if self.no_laplacian or self._engine is None else self._engine.laplacian() + bond_laplacian + angle_laplacian,
+            laplacian=None
+            if others or self.no_laplacian or self._engine is None
+            else self._engine.laplacian() + bond_laplacian + angle_laplacian,
             momentum=np.sum(mass * v[mobile], axis=0),
             target_kT=noise_state(context, plan)[0],
             kinetic_on_step=0.5 * float(np.sum(mass * on_step[mobile] ** 2)),
@@ -189,7 +215,7 @@ class Observer:
 
     def _with_others(self, context: openmm.Context, part: Part) -> tuple[float, np.ndarray]:
         """Energy and forces of a pair term, and of everything that is not in the pair force."""
-        state = context.getState(forces=True, energy=True, groups=self._groups & ((1 << PAIR_GROUP) - 1))
+        state = context.getState(forces=True, energy=True, groups=self._groups & ~(1 << self.plan.options.pair_group))
         energy = state.getPotentialEnergy().value_in_unit(_KJ)
         return part.energy + energy, part.force + state.getForces(asNumpy=True).value_in_unit(_KJ / _NM)
 
@@ -228,6 +254,10 @@ def charge_energies(context: openmm.Context) -> tuple[float, float]:
     return short, lattice
 
 
+def _names(forces: list[openmm.Force]) -> str:
+    return ", ".join(dict.fromkeys(force.getName() for force in forces))
+
+
 class Part(NamedTuple):
     """Energy, forces (N, 3) and virial of one kind of pair term."""
 
@@ -263,9 +293,8 @@ def force_terms(
     -------
     dict of (N, 3) arrays, kJ/mol/nm
         ``conservative`` (all pair potentials but charges, from the plan's platform), ``electrostatic`` if there are charges,
-        ``bond`` if there are bonds or angles, ``external`` if
-        there are body forces, ``dissipative`` and
-        ``random``.  They add up to the total force.  If beads carry internal energies, temperatures or concentrations,
+        ``bond`` if there are bonds or angles, ``external`` if there are body forces, ``other`` if somebody else added forces to the System,
+        ``dissipative`` and ``random``.  They add up to the total force.  If beads carry internal energies, temperatures or concentrations,
         ``rates_dissipative`` and ``rates_random`` (N, K) are their changes per time at the scene's initial values.
 
     Raises
@@ -285,20 +314,17 @@ def force_terms(
     integrator = openmm.VerletIntegrator(plan.options.dt)
     context = openmm.Context(built.system, integrator, openmm.Platform.getPlatformByName(plan.platform), properties or {})
     context.setPositions(x)
-    groups = built.integrator.getIntegrationForceGroups()
-    terms = {}
-    if scene.bonds or scene.angles:
-        terms["bond"] = _forces(context, {0})
-        groups = {g for g in range(32) if groups & (1 << g)} - {0} if isinstance(groups, int) else set(groups) - {0}
-    if scene.body_forces:
-        terms["external"] = _forces(context, {EXTERNAL_GROUP})
-        groups = {g for g in range(32) if groups & (1 << g)} if isinstance(groups, int) else set(groups)
-        groups -= {EXTERNAL_GROUP}
-    if scene.electrostatics is not None:
-        terms["electrostatic"] = _forces(context, {COULOMB_GROUP, LATTICE_GROUP})
-        kept = {g for g in range(32) if groups & (1 << g)} if isinstance(groups, int) else set(groups)
-        groups = kept - {COULOMB_GROUP, LATTICE_GROUP}
-    terms["conservative"] = _forces(context, groups)
+    used = built.integrator.getIntegrationForceGroups()
+    groups = {g for g in range(32) if used & (1 << g)}
+    others = [] if built.integrator.made is None else built.integrator.made.others(built.system)
+    apart = {
+        "bond": {BONDED_GROUP} if scene.bonds or scene.angles else set(),
+        "external": {EXTERNAL_GROUP} if scene.body_forces else set(),
+        "electrostatic": {COULOMB_GROUP, LATTICE_GROUP} if scene.electrostatics is not None else set(),
+        "other": set().union(*map(groups_of, others)),
+    }
+    terms = {name: _forces(context, found) for name, found in apart.items() if found}
+    terms["conservative"] = _forces(context, groups.difference(*apart.values()))
     engine = PairEngine(spec)
     engine.prepare(x, scene.box)
     values = None if spec.fields is None else spec.fields.initial
@@ -351,7 +377,7 @@ def set_temperature(context: openmm.Context, temperature) -> None:
     if isinstance(integrator, openmm.CustomIntegrator):
         names = map(integrator.getGlobalVariableName, range(integrator.getNumGlobalVariables()))
         if RAMP_STEP in names:
-            raise ParameterError("the temperature of this Context follows a ramp, which would overwrite it at the next step")
+            raise ParameterError(RAMPED)
     if VOLUME_MOVES in context.getParameters():
         raise ParameterError("the beads of this Context have internal temperatures, which follow their energies; see write_fields")
     context.setParameter(KT, kT)

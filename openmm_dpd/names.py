@@ -36,8 +36,21 @@ KICKS = (0.2, 0.6)
 
 PHASE, TAU, DT, KT, COUNTER, SEED = "dpd_phase", "dpd_tau", "dpd_dt", "dpd_kT", "dpd_counter", "dpd_seed"
 
+#: What the script that made the integrator asked for, so that a state says who wrote it: scheme (a number), thermal energy and seed.
+BY_SCHEME, BY_KT, BY_SEED = "dpd_by_scheme", "dpd_by_kT", "dpd_by_seed"
+
 #: Context parameters the pair force defines.
-PARAMETERS = (PHASE, TAU, DT, KT, COUNTER, SEED)
+PARAMETERS = (PHASE, TAU, DT, KT, COUNTER, SEED, BY_SCHEME, BY_KT, BY_SEED)
+
+#: Global variable of an integrator that holds the temperature in kelvin, as OpenMM's samplers want it; and what dpd_kT and it were
+#: when they last agreed.
+TEMPERATURE, SEEN_TEMPERATURE, SEEN_KT = "temperature", "seen_temperature", "seen_kT"
+
+#: Global variable of an integrator that follows a temperature ramp: steps done.
+RAMP_STEP = "ramp_step"
+
+#: Global variable of an integrator that is 1 while the pair force is known to be the only one that acts, else 0.
+ALONE = "alone"
 
 #: Further ones where beads carry internal energies: volume moves tried, their length (in ln V), and how many were accepted of late.
 VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED = "dpd_volume_moves", "dpd_volume_step", "dpd_volume_accepted"
@@ -46,20 +59,25 @@ VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED = "dpd_volume_moves", "dpd_volume_ste
 FIELD = "field"
 
 #: Parameters that change within a step and say nothing about the state.
-VOLATILE = frozenset((PHASE, TAU, COUNTER, VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED))
+VOLATILE = frozenset((PHASE, TAU, COUNTER, BY_SCHEME, BY_KT, BY_SEED, VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED))
 
-#: Force group of the pair terms, outside the integration groups unless the kernel holds the conservative force.
+# Force groups: the package's own forces keep out of the low ones, where users and OpenMM put theirs.
+
+#: Usual force group of the pair terms, outside the integration groups unless the kernel holds the conservative force.
 PAIR_GROUP = 31
 
 #: Groups of forces that are evaluated only when a pressure is asked for, downwards from here.
 VIRIAL_GROUP = 30
 
+#: Groups of pair potentials, one for each cutoff, and then of the densities of many-body terms: the first one downwards to the last.
+POTENTIAL_GROUP, LAST_POTENTIAL_GROUP = 15, 4
+
+#: Group of bonds and angles.
+BONDED_GROUP = 3
+
 #: Group of forces on single beads, and the context parameter that scales them (0 switches them off).
 EXTERNAL_GROUP = 20
 BODY_FORCE = "dpd_body_force"
-
-#: Groups of the densities of many-body terms, downwards from here.
-DENSITY_GROUP = 15
 
 #: Group of the segmental repulsion.
 SEGMENT_GROUP = 16

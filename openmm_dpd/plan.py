@@ -22,6 +22,7 @@ from .model.mdpd import MDPD, why_no_openmm_force
 from .model.pairs import NONE, describe
 from .model.scene import Scene, TemperatureRamp
 from .model.tdpd import TDPD
+from .names import PAIR_GROUP
 from .tables import FIELD_NAMES, TABLES, field_spec
 from .units import to_md
 
@@ -63,7 +64,13 @@ class ProgramOptions:
     kernel_conservative : bool
         Whether the pair kernel holds a conservative force.
     sole_force : bool
-        Whether there is no force but the kernel's.
+        Whether there is no force but the kernel's, as long as nobody adds one to the System.
+    settable : bool
+        Whether the temperature is one number that may be set: there is friction or noise, no ramp, and no internal temperature.
+    pair_group : int
+        Force group of the pair force.
+    seeded : bool
+        Whether the caller chose the seed.
     constraints : bool
         Whether the System has constraints.
     ramp : TemperatureRamp or None
@@ -95,6 +102,9 @@ class ProgramOptions:
     thermostat: bool = True
     kernel_conservative: bool = False
     sole_force: bool = False
+    settable: bool = False
+    pair_group: int = PAIR_GROUP
+    seeded: bool = False
     constraints: bool = False
     ramp: TemperatureRamp | None = None
     tau_ratio: float = 1.0 / 32.0
@@ -255,6 +265,7 @@ def make_plan(
     conservative: str = "auto",
     platform: str | None = None,
     seed: int | None = None,
+    pair_group: int = PAIR_GROUP,
 ) -> Plan:
     """Decide what to build.
 
@@ -274,6 +285,8 @@ def make_plan(
         Name of the platform that will be used; the fastest one by default.
     seed : int, optional
         Seed of the noise, 0 <= seed < 2^31; drawn from the operating system and recorded in the plan by default.
+    pair_group : int, default 31
+        Force group of the pair terms.
 
     Raises
     ------
@@ -312,6 +325,9 @@ def make_plan(
         sole_force=where == "kernel"
         and not partners
         and not (scene.bonds or scene.angles or scene.segments or scene.body_forces or scene.electrostatics),
+        settable=thermostat and not isinstance(scene.kT, TemperatureRamp) and (fields is None or fields.kind != ENERGY),
+        pair_group=pair_group,
+        seeded=seed is not None,
         ramp=scene.kT if isinstance(scene.kT, TemperatureRamp) else None,
         tau_ratio=tau_ratio(platform),
         walls=kind_of(gaps(scene.walls, scene.box)),

@@ -31,6 +31,7 @@ class Sample:
     conductive : the conductive part of it (EnergyDPD)
     theta : harmonic mean of the internal temperatures, N/sum(1/theta), as an energy
     forces : (N, 3) all forces, of frozen beads as well (with friction and noise where they are forces, in ``mvv``)
+    other : potential energy of forces that somebody else added to the System; where there are any, virials and pressures are NaN
     whole : potential energy of atoms and beads in one System (:func:`openmm_dpd.embed`), or None
     kT_atoms, kT_beads : kinetic temperatures of the parts of such a System, each for its own degrees of freedom, or None
 
@@ -65,6 +66,7 @@ class Sample:
     angle: float = 0.0
     short: float = 0.0
     lattice: float = 0.0
+    other: float = 0.0
     whole: float | None = None
     kT_atoms: float | None = None
     kT_beads: float | None = None
@@ -76,10 +78,10 @@ class Sample:
 
     @property
     def potential(self) -> float:
-        """Potential energy: pairs, bonds and angles (and everything else of atoms beside beads)."""
+        """Potential energy: pairs, bonds, angles, and what somebody else added (everything of atoms beside beads)."""
         if self.whole is not None:
             return self.whole
-        return self.pair + self.bond + self.angle
+        return self.pair + self.bond + self.angle + self.other
 
     @property
     def kT(self) -> float:

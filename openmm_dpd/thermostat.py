@@ -13,12 +13,12 @@ from openmm import unit
 
 from .errors import ParameterError, PlanError
 from .forces.pair_force import pair_force
+from .integrators import Made, PairIntegrator, groups_of
 from .kernels.engine import PairSpec
 from .kernels.sweeps import EXACT, SHARDLOW
 from .model.pairs import DPD, NONE, checked
 from .model.scene import TemperatureRamp, thermal_energy
 from .model.table import PairTable, require_complete
-from .names import PAIR_GROUP
 from .plan import SCHEMES, ProgramOptions, check_cutoffs, checked_seed, tau_ratio
 from .programs import make_program
 from .tables import dpd_table
@@ -39,10 +39,11 @@ def add_thermostat(
     lam: float = 0.5,
     platform: str | None = None,
     seed: int | None = None,
-) -> openmm.CustomIntegrator:
+) -> PairIntegrator:
     """Add pairwise friction and noise to a System, and make the integrator that runs it.
 
-    The System gets one PythonForce, in force group 31 and outside the integration groups; all its other forces act as before.
+    The System gets one PythonForce, in the highest free force group and outside the integration groups; all its other forces act, and so do
+    those that are added until a Context is made.
 
     With constraints the pair updates are exact only to first order in dt times the friction rate of a particle (the sum over its
     neighbours of gamma w^2/m): part of the noise pushes along constraints, which take it away.  Rigid TIP3P water at 2 fs with friction on
@@ -68,12 +69,13 @@ def add_thermostat(
 
     Returns
     -------
-    openmm.CustomIntegrator
+    PairIntegrator
+        A CustomIntegrator with ``getTemperature`` and ``setTemperature``.
 
     Raises
     ------
     ParameterError, PlanError
-        If a value is out of bounds, a type pair is unset, A is not 0, the cutoff is over half the box, force group 31 is taken, the
+        If a value is out of bounds, a type pair is unset, A is not 0, the cutoff is over half the box, no force group is free, the
         System has a thermostat or a CMMotionRemover already, or the scheme cannot keep its constraints.
 
     Examples
@@ -124,18 +126,37 @@ def add_thermostat(
         lam=lam,
         constraints=system.getNumConstraints() > 0 or any(system.isVirtualSite(k) for k in range(len(masses))),
         ramp=ramp,
+        settable=ramp is None,
+        pair_group=free_group(system),
+        seeded=seed is not None,
         tau_ratio=tau_ratio(platform),
     )
     integrator = make_program(options).lower()
-    integrator.setIntegrationForceGroups({force.getForceGroup() for force in system.getForces()} or {0})
+    integrator.setIntegrationForceGroups(set(range(32)) - {options.pair_group})
     spec = PairSpec(
         types=numbers,
         inv_mass=np.divide(1.0, masses, out=np.zeros_like(masses), where=masses > 0),
         terms=(dpd_table(table, names),),
         update=SHARDLOW if scheme == "shardlow" else EXACT,
     )
-    system.addForce(pair_force(spec, conservative=False, periodic=periodic, kT=kT, dt=step, seed=options.seed))
+    force = pair_force(spec, conservative=False, periodic=periodic, options=options)
+    system.addForce(force)
+    integrator.made = Made.of("add_thermostat()", system, [force], options)
     return integrator
+
+
+def free_group(system: openmm.System) -> int:
+    """The highest force group that no force of a System is in.
+
+    Raises
+    ------
+    PlanError
+        If there is none.
+    """
+    free = set(range(32)).difference(*map(groups_of, system.getForces()))
+    if not free:
+        raise PlanError("the forces of the System are in all 32 force groups, and the pair terms need one for themselves")
+    return max(free)
 
 
 def _temperature(temperature) -> tuple[TemperatureRamp | None, float]:
@@ -204,7 +225,6 @@ def check_system(system: openmm.System) -> None:
     if not isinstance(system, openmm.System):
         raise ParameterError(f"the thermostat is added to an openmm.System, not to a {type(system).__name__}")
     for force in system.getForces():
-        name = type(force).__name__
         if isinstance(force, openmm.AndersenThermostat):
             raise PlanError("the System already has an AndersenThermostat; remove it before adding a DPD thermostat")
         if isinstance(force, openmm.CMMotionRemover):
@@ -212,8 +232,6 @@ def check_system(system: openmm.System) -> None:
                 "the System has a CMMotionRemover, which DPD does not need (it conserves momentum) and which takes energy out of the flow; "
                 "make the System with removeCMMotion=False"
             )
-        if force.getForceGroup() == PAIR_GROUP:
-            raise PlanError(f"the {name} is in force group {PAIR_GROUP}, which the pair terms need for themselves")
 
 
 __all__ = ["add_thermostat", "check_system", "degrees_of_freedom"]

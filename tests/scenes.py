@@ -126,10 +126,10 @@ def _fill(key, table):
                 table[i, j, k] = hashed.normal(pair, k)
 
 
-def noise_of(n: int, seed: int, counter: int, layer: int = 0):
+def noise_of(n: int, seed: int, counter: int, kT: float, layer: int = 0):
     """The kernel's numbers as the oracle's callable noise(i, j, k), i < j."""
     table = np.full((n, n, 4), np.nan)
-    _fill(hashed.call_key(seed, counter, layer), table)
+    _fill(hashed.noise_key(seed, counter, layer, kT), table)
     return lambda i, j, k: table[i, j, k]
 
 

@@ -24,7 +24,7 @@ import openmm
 from ..model.electrostatics import EwaldSum, SlaterCharges, SmearedCharges, erf_series
 from ..names import COULOMB_GROUP, COULOMB_VIRIAL_GROUP, LATTICE_GROUP
 from ..units import COULOMB
-from .expressions import VIRIAL_SWITCH
+from .expressions import VIRIAL, VIRIAL_SWITCH
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def electrostatic_forces(
         if bonds:
             virials.append(_bond_force(f"{VIRIAL_SWITCH}*{constant!r}*qq*factor*{slope}", q, bonds, ewald))
         for force in virials:
-            force.setName(force.getName() + " (virial)")
+            force.setName(f"{force.getName()} {VIRIAL}")
             force.addGlobalParameter(VIRIAL_SWITCH, 0.0)
             force.setForceGroup(COULOMB_VIRIAL_GROUP)
         made += virials

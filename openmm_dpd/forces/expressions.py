@@ -15,6 +15,9 @@ import openmm
 #: Context parameter that switches the virial forces on: their "energy" is no energy, and must not enter anyone's sums.
 VIRIAL_SWITCH = "dpd_virial"
 
+#: End of the names of forces that are evaluated only when a pressure is asked for.
+VIRIAL = "(virial)"
+
 
 @dataclass(frozen=True)
 class PairExpression:
@@ -78,7 +81,7 @@ def nonbonded_force(
 ) -> openmm.CustomNonbondedForce:
     """CustomNonbondedForce of an expression (or of its virial, behind :data:`VIRIAL_SWITCH`)."""
     force = openmm.CustomNonbondedForce(_switched(expression.virial) if virial else expression.energy)
-    force.setName(expression.name + (" (virial)" if virial else ""))
+    force.setName(expression.name + (f" {VIRIAL}" if virial else ""))
     if virial:
         force.addGlobalParameter(VIRIAL_SWITCH, 0.0)
     for name, make in expression.functions.items():
@@ -107,7 +110,7 @@ def exception_force(
     # OpenMM wants what a definition uses behind it
     text = ";".join([f"factor*({head})", *definitions, " r=max(distance(p1, p2), 1e-10)"])
     force = openmm.CustomCompoundBondForce(2, _switched(text) if virial else text)
-    force.setName(expression.name + " (exceptions)" + (" (virial)" if virial else ""))
+    force.setName(expression.name + " (exceptions)" + (f" {VIRIAL}" if virial else ""))
     if virial:
         force.addGlobalParameter(VIRIAL_SWITCH, 0.0)
     for name, make in expression.functions.items():

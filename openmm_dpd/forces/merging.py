@@ -7,7 +7,8 @@ import copy
 import openmm
 
 from ..errors import PlanError
-from ..names import PAIR_GROUP
+from ..integrators import groups_of
+from .expressions import VIRIAL
 
 #: Per-particle parameter that says whether a particle of a CustomNonbondedForce is an atom.
 _ATOM = "dpd_atom"
@@ -33,18 +34,18 @@ _LISTED = (
 )
 
 
-def merged_systems(atoms: openmm.System, beads: openmm.System, active: int) -> tuple[openmm.System, set[int]]:
-    """The atoms' System with the beads added, and the force groups that its integrator uses.
+def merged_systems(atoms: openmm.System, beads: openmm.System, pair_group: int) -> tuple[openmm.System, list[openmm.Force]]:
+    """The atoms' System with the beads added, and the forces among its own that are the beads'.
 
-    ``beads`` is the System that was built for all particles, without the forces of the atoms; ``active`` are the groups (a bit mask)
-    that its integrator uses.
+    ``beads`` is the System that was built for all particles, without the forces of the atoms; its pair force stays in ``pair_group``,
+    where the atoms have none, and its other forces go to groups that are free.
     """
     n, total = atoms.getNumParticles(), beads.getNumParticles()
     merged = copy.deepcopy(atoms)
     for k in range(n, total):
         merged.addParticle(beads.getParticleMass(k))
     merged.setDefaultPeriodicBoxVectors(*beads.getDefaultPeriodicBoxVectors())
-    own = [copy.deepcopy(force) for force in beads.getForces() if not force.getName().endswith("(virial)")]
+    own = [copy.deepcopy(force) for force in beads.getForces() if not force.getName().endswith(VIRIAL)]
     pairs = [force for force in own if isinstance(force, openmm.CustomNonbondedForce)]
     excluded = sorted({pair for force in pairs for pair in _exclusions(force) if max(pair) >= n})
     theirs: set[tuple[int, int]] = set()
@@ -53,18 +54,18 @@ def merged_systems(atoms: openmm.System, beads: openmm.System, active: int) -> t
     for force in pairs:
         for i, j in sorted(theirs - _exclusions(force)):
             force.addExclusion(i, j)
-    taken = {force.getForceGroup() for force in merged.getForces()}
-    groups, free = set(taken) or {0}, iter(sorted(set(range(PAIR_GROUP)) - taken - {0}))
-    moved: dict[int, int] = {PAIR_GROUP: PAIR_GROUP}
+    taken = set().union({0, pair_group}, *map(groups_of, merged.getForces()))
+    free = iter(sorted(set(range(32)) - taken))
+    moved: dict[int, int] = {pair_group: pair_group}
     for force in own:
         group = force.getForceGroup()
         if group not in moved:
-            moved[group] = next(free)
+            moved[group] = next(free, -1)
+            if moved[group] < 0:
+                raise PlanError("the forces of atoms and beads need more than 32 force groups")
         force.setForceGroup(moved[group])
-        if active >> group & 1:
-            groups.add(moved[group])
         merged.addForce(force)
-    return merged, groups
+    return merged, merged.getForces()[atoms.getNumForces() :]
 
 
 def _take_beads(force: openmm.Force, n: int, total: int, excluded: list[tuple[int, int]]) -> set[tuple[int, int]]:
@@ -82,6 +83,10 @@ def _take_beads(force: openmm.Force, n: int, total: int, excluded: list[tuple[in
         for i, j in excluded:
             force.addExclusion(i, j)
         return theirs
+    if isinstance(force, openmm.CustomCVForce):
+        for k in range(force.getNumCollectiveVariables()):
+            _take_beads(force.getCollectiveVariable(k), n, total, excluded)
+        return set()
     if not isinstance(force, _LISTED):
         raise PlanError(
             f"the System has a {type(force).__name__}, which needs parameters for every particle, "

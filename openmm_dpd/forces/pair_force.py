@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import threading
+from typing import TYPE_CHECKING
 
 import numpy as np
 import openmm
 from openmm import unit
 
 from ..errors import RunError
+from ..integrators import origin
 from ..kernels import motion
 from ..kernels.compiled import compiled
 from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, PairSpec, warm_up
@@ -18,7 +20,6 @@ from ..names import (
     DT,
     KICKS,
     KT,
-    PAIR_GROUP,
     PHASE,
     SEED,
     TAU,
@@ -29,6 +30,9 @@ from ..names import (
     Phase,
 )
 from .runaway import runaway
+
+if TYPE_CHECKING:
+    from ..plan import ProgramOptions
 
 #: Phases that keep the positions.
 KEEPING = (Phase.NOTE, Phase.CONSERVE, Phase.KEEP, Phase.TWO_KICKS)
@@ -173,6 +177,8 @@ class PairForceFunction:
     def _evaluate(self, local, phase: int, state, parameters: dict):
         """Energy and forces for a phase."""
         x = state.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+        if len(x) != len(self.spec.types):
+            raise RunError(f"the System has {len(x)} particles, but its DPD pair terms were made for {len(self.spec.types)}")
         box = self._box(state) if self.periodic else None
         if phase in KEEPING:
             for bonds in self.guarded:
@@ -306,20 +312,18 @@ def pair_force(
     *,
     conservative: bool,
     periodic: bool,
-    kT: float,
-    dt: float,
-    seed: int,
-    scale: float = 1.0,
+    options: ProgramOptions,
     balanced: bool = False,
     guarded: tuple = (),
 ) -> openmm.PythonForce:
     """PythonForce that evaluates the pair terms, with its context parameters (see :mod:`openmm_dpd.names`)."""
-    parameters = {PHASE: float(Phase.IDLE), TAU: dt, DT: dt, KT: kT, COUNTER: 0.0, SEED: float(seed)}
+    dt, kT, seed = options.dt, options.kT, options.seed
+    parameters = {PHASE: float(Phase.IDLE), TAU: dt, DT: dt, KT: kT, COUNTER: 0.0, SEED: float(seed), **origin(options.scheme, kT, seed)}
     if spec.fields is not None and spec.fields.kind == ENERGY:
         parameters |= {VOLUME_MOVES: 0.0, VOLUME_STEP: 0.01, VOLUME_ACCEPTED: 0.0}
-    force = openmm.PythonForce(PairForceFunction(spec, conservative, periodic, scale, balanced, guarded), parameters)
+    force = openmm.PythonForce(PairForceFunction(spec, conservative, periodic, options.field_scale, balanced, guarded), parameters)
     force.setName("DPD pair terms")
-    force.setForceGroup(PAIR_GROUP)
+    force.setForceGroup(options.pair_group)
     # true exactly when the scene is periodic: only then are the positions handed over meaningful on GPU platforms
     force.setUsesPeriodicBoundaryConditions(periodic)
     return force

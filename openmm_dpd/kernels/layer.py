@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from .noise import call_key
+from .noise import noise_key
 
 if TYPE_CHECKING:
     from .engine import PairList, PairSpec
@@ -46,7 +46,7 @@ class Call:
 
     def key(self, number: int) -> np.uint64:
         """Key of the noise of layer number ``number``."""
-        return call_key(self.seed, self.counter, number)
+        return noise_key(self.seed, self.counter, number, self.kT)
 
     @property
     def rsqrt_dt(self) -> float:

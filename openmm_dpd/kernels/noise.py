@@ -1,7 +1,8 @@
-"""Random numbers as a pure function of (seed, counter, pair, stream).
+"""Random numbers as a pure function of (seed, counter, layer of terms, thermal energy, pair, stream).
 
 The same pair gets the same number whatever the order of pairs, the number of threads or the platform, and a restart draws what an
-uninterrupted run would have drawn.  The hash is two rounds of the 64-bit finaliser "mix13" (Stafford; the one of SplitMix64,
+uninterrupted run would have drawn.  The thermal energy is in the key so that replicas of one run at different temperatures, which share
+seed and counter, do not share their noise.  The hash is two rounds of the 64-bit finaliser "mix13" (Stafford; the one of SplitMix64,
 Steele, Lea and Flood, OOPSLA 2014, doi:10.1145/2660193.2660195); its bits are turned into a standard normal number by the inverse
 distribution function: Gaussian to 1e-6.
 """
@@ -44,8 +45,8 @@ def _mix(z):
     return z ^ (z >> _S31)
 
 
-def call_key(seed: int, counter: int, layer: int = 0) -> np.uint64:
-    """Key of one evaluation: differs for every seed, every count of the program's own noise counter and every layer of terms."""
+def call_key(*words: int) -> np.uint64:
+    """Key of one evaluation from numbers between 0 and 2^64: seed, count of the program's own noise counter, and whatever else tells it."""
     mask = (1 << 64) - 1
 
     def mix(z: int) -> int:
@@ -55,9 +56,14 @@ def call_key(seed: int, counter: int, layer: int = 0) -> np.uint64:
 
     key = 0
     # one after the other, each through the finaliser, so that no sum of two of them can stand for another
-    for word in (seed, counter, layer):
+    for word in words:
         key = mix((key + word + int(_GOLDEN)) & mask)
     return np.uint64(key)
+
+
+def noise_key(seed: int, counter: int, layer: int, kT: float) -> np.uint64:
+    """Key of the noise of one layer of terms in one evaluation."""
+    return call_key(seed, counter, layer, int(np.float64(kT).view(np.uint64)))
 
 
 @njit(inline="always")

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from ..names import Phase
 from ..plan import ProgramOptions
-from .program import PAIR_FORCE, Program
+from .program import Program
 from .walls import reflect
 
 
@@ -18,7 +18,11 @@ def program(options: ProgramOptions) -> Program:
     p = Program("aboba", "Shang 2021, ABOBA, with exact pair updates", options)
     p.begin()
     if options.thermostat and options.sole_force and not options.walls and not (options.field_blocks and options.compensated):
+        p.when_alone()
         _one_evaluation(p)
+        p.otherwise()
+        _two_evaluations(p)
+        p.end()
     else:
         _two_evaluations(p)
     if options.kernel:
@@ -37,7 +41,7 @@ def _one_evaluation(p: Program) -> None:
     p.next_temperature()
     p.next_noise("0.5*dt")
     p.phase(Phase.KICK_SWEEP_SEEN)
-    p.each("v", f"v+dt*{PAIR_FORCE}/m", "half kick, sweep, half kick: the half drift showed the velocities")
+    p.each("v", f"v+dt*{p.pair_force}/m", "half kick, sweep, half kick: the half drift showed the velocities")
     p.after_sweep(fields)
     p.each("x", "x+0.5*dt*v", "half drift")
 
@@ -60,6 +64,6 @@ def _two_evaluations(p: Program) -> None:
         p.sweep(fields)
         p.each("v", "v+0.5*dt*acc", "half kick")
     else:
-        p.each("v", f"v+dt*acc+dt*{PAIR_FORCE}/m", "half kick, sweep, half kick")
+        p.each("v", f"v+dt*acc+dt*{p.pair_force}/m", "half kick, sweep, half kick")
     p.each("x", "xs+0.5*dt*v", "half drift")
     reflect(p)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from ..names import KICKS, Phase
 from ..plan import ProgramOptions
-from .program import PAIR_FORCE, Program
+from .program import Program
 from .walls import reflect
 
 OUTER, INNER = KICKS
@@ -20,8 +20,13 @@ OUTER, INNER = KICKS
 def program(options: ProgramOptions) -> Program:
     """Program for the options given; without friction and noise it is the splitting alone."""
     p = Program("bababo", "McLachlan 1995 with weights for sampling, and exact pair updates", options)
+    p.begin()
     if options.thermostat and options.sole_force and not options.walls and not options.compensated:
+        p.when_alone()
         _one_update(p)
+        p.otherwise()
+        _beside_others(p)
+        p.end()
     elif options.thermostat:
         _beside_others(p)
     else:
@@ -31,7 +36,6 @@ def program(options: ProgramOptions) -> Program:
 
 def _one_update(p: Program) -> None:
     """The kernel holds every force: it adds the kicks up, and v is written once."""
-    p.begin()
     p.phase(Phase.CONSERVE)
     p.each("x", f"x+0.5*dt*(v+{OUTER!r}*dt*f/m)", "outer kick, half drift")
     fields = p.fields()
@@ -43,7 +47,7 @@ def _one_update(p: Program) -> None:
     p.next_temperature()
     p.next_noise("0.5*dt")
     p.phase(Phase.KICK_SWEEP_OUTER)
-    p.each("v", f"v+dt*{PAIR_FORCE}/m", "three kicks, sweep: the half drift showed the velocities")
+    p.each("v", f"v+dt*{p.pair_force}/m", "three kicks, sweep: the half drift showed the velocities")
     p.after_sweep(fields)
     p.phase(Phase.IDLE)
 
@@ -59,13 +63,12 @@ def _beside_others(p: Program) -> None:
         p.each("v", f"v+{OUTER!r}*dt*acc", "outer kick")
         p.sweep(fields)
     else:
-        p.each("v", f"v+{OUTER!r}*dt*acc+dt*{PAIR_FORCE}/m", "outer kick, sweep")
+        p.each("v", f"v+{OUTER!r}*dt*acc+dt*{p.pair_force}/m", "outer kick, sweep")
     p.each("x", "xs", "back")
     p.acceleration_is_kept()
 
 
 def _plain(p: Program) -> None:
-    p.begin()
     _conserve(p)
     _two_drifts(p, "f/m")
     _conserve(p)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from ..names import Phase
 from ..plan import ProgramOptions
-from .program import PAIR_FORCE, Program
+from .program import Program
 from .walls import reflect
 
 
@@ -19,13 +19,26 @@ def program(options: ProgramOptions) -> Program:
     p.begin()
     p.conserve_or_keep()
     if options.thermostat and options.sole_force and not options.walls and not options.field_blocks:
+        p.when_alone()
         _one_update(p)
-        return p
+        p.otherwise()
+        _kick_by_kick(p)
+        p.end()
+    else:
+        _kick_by_kick(p)
+    if options.kernel:
+        p.phase(Phase.IDLE)
+    return p
+
+
+def _kick_by_kick(p: Program) -> None:
+    """The rest of a step beside any force."""
+    options = p.options
     p.each("v", "v+dt*f/m", "kick")
     p.constrain_velocities()
     if options.walls:
         _beside_walls(p)
-        return p
+        return
     fields = p.fields()
     if fields:
         p.keep_positions()
@@ -43,9 +56,6 @@ def program(options: ProgramOptions) -> Program:
         p.each("xu", "x")
         p.constrain_positions()
         p.each("v", "v+(x-xu)/dt", "the constraints' impulse")
-    if options.kernel:
-        p.phase(Phase.IDLE)
-    return p
 
 
 def _one_update(p: Program) -> None:
@@ -54,9 +64,8 @@ def _one_update(p: Program) -> None:
     p.next_temperature()
     p.next_noise("0.5*dt")
     p.phase(Phase.SWEEP_SEEN_CONSERVED)
-    p.each("v", f"v+dt*{PAIR_FORCE}/m", "kick, sweep: the half drift showed the velocities")
+    p.each("v", f"v+dt*{p.pair_force}/m", "kick, sweep: the half drift showed the velocities")
     p.each("x", "x+0.5*dt*v", "half drift")
-    p.phase(Phase.IDLE)
 
 
 def _beside_walls(p: Program) -> None:
@@ -69,5 +78,3 @@ def _beside_walls(p: Program) -> None:
         p.sweep(p.show_to_sweep("v"))
     p.each("x", "xs+0.5*dt*v" if options.thermostat else "x+0.5*dt*v", "half drift")
     reflect(p)
-    if options.kernel:
-        p.phase(Phase.IDLE)

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from ..names import Phase
 from ..plan import ProgramOptions
-from .program import PAIR_FORCE, Program
+from .program import Program
 from .walls import reflect
 
 
@@ -65,7 +65,7 @@ def program(options: ProgramOptions) -> Program:
         p.phase(Phase.FORCE_SEEN)
         p.each("acc", "f/m", "the drift showed the half-step velocity")
         if not options.kernel_conservative:
-            p.each("acc", f"acc+{PAIR_FORCE}/m", "friction and noise")
+            p.each("acc", f"acc+{p.pair_force}/m", "friction and noise")
     _take_rates(p, rates)
     p.each("v", "v+0.5*dt*acc", "half kick")
     for name, rate in zip(fields, rates, strict=True):
@@ -117,14 +117,14 @@ def _take_rates(p: Program, rates: list[str]) -> None:
     scale = p.options.field_scale
     for block, rate in enumerate(rates):
         p.phase(Phase.CHANGES, block)
-        p.each(rate, f"{scale!r}*{PAIR_FORCE}" if scale != 1.0 else PAIR_FORCE)
+        p.each(rate, f"{scale!r}*{p.pair_force}" if scale != 1.0 else p.pair_force)
 
 
 def _add_friction_and_noise(p: Program, velocity: str, rates: list[str] | tuple = ()) -> None:
     """Acc gains friction and noise at the kept positions."""
     p.trial_drift(velocity)
     p.phase(Phase.FORCE_KEPT)
-    p.each("acc", f"acc+{PAIR_FORCE}/m", "friction and noise")
+    p.each("acc", f"acc+{p.pair_force}/m", "friction and noise")
     _take_rates(p, list(rates))
     p.each("x", "xs", "back")
 

@@ -12,8 +12,9 @@ import openmm
 from openmm import unit
 
 from ..errors import PlanError
+from ..integrators import NativeIntegrator, origin
 from ..model.pairs import NONE
-from ..plan import Plan
+from ..plan import Plan, ProgramOptions
 from ..units import BOLTZMANN
 
 
@@ -49,16 +50,23 @@ def why_not(plan: Plan) -> str | None:
     return None
 
 
-def periodic_marker() -> openmm.Force:
-    """An empty force that makes a System periodic: without any that does, the DPDIntegrator ignores the box, and so friction across it."""
+def native_marker(options: ProgramOptions, periodic: bool) -> openmm.Force:
+    """An empty force.
+
+    It makes a System periodic: without a force that does, the DPDIntegrator ignores the box, and so friction across it.  And its
+    parameters say in every state that this scheme wrote it.
+    """
     force = openmm.CustomBondForce("0")
-    force.setUsesPeriodicBoundaryConditions(True)
-    force.setName("periodic box")
+    force.setUsesPeriodicBoundaryConditions(periodic)
+    force.setName("native scheme")
+    force.setForceGroup(options.pair_group)
+    for name, value in origin(options.scheme, options.kT, options.seed).items():
+        force.addGlobalParameter(name, value)
     return force
 
 
-def native_integrator(plan: Plan) -> openmm.DPDIntegrator:
-    """DPDIntegrator for a plan.
+def native_integrator(plan: Plan) -> NativeIntegrator:
+    """The integrator for a plan.
 
     Raises
     ------
@@ -71,7 +79,7 @@ def native_integrator(plan: Plan) -> openmm.DPDIntegrator:
     scene, options = plan.scene, plan.options
     pairs = [(a, b, c) for (a, b), c in plan.layers[0].items() if c is not NONE]
     # pairs without a coefficient have no friction; the default only has to have a legal cutoff
-    integrator = openmm.DPDIntegrator(
+    integrator = NativeIntegrator(
         options.kT / BOLTZMANN * unit.kelvin, 0.0, max((c.cutoff for *_, c in pairs), default=1.0), options.dt * unit.picosecond
     )
     integrator.setRandomNumberSeed(options.openmm_seed)

@@ -12,8 +12,10 @@ from dataclasses import dataclass, field
 import openmm
 
 from ..errors import ProgramError
-from ..names import COUNTER, DT, FIELD, KT, PAIR_GROUP, PARAMETERS, PHASE, TAU, Phase
+from ..integrators import PairIntegrator
+from ..names import ALONE, COUNTER, DT, FIELD, KT, PARAMETERS, PHASE, RAMP_STEP, SEEN_KT, SEEN_TEMPERATURE, TAU, TEMPERATURE, Phase
 from ..plan import ProgramOptions
+from ..units import BOLTZMANN
 
 _ENERGIES = frozenset({"energy"} | {f"energy{g}" for g in range(32)})
 _PER_DOF = frozenset({"x", "v", "f", "m"} | {f"f{g}" for g in range(32)})
@@ -24,9 +26,6 @@ _FUNCTIONS = frozenset(
     + "dot cross vector _x _y _z".split()
 )
 _NAME = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
-
-#: Force and energy of the pair force alone.
-PAIR_FORCE, PAIR_ENERGY = f"f{PAIR_GROUP}", f"energy{PAIR_GROUP}"
 
 
 @dataclass(frozen=True)
@@ -63,6 +62,16 @@ class Program:
     per_dof: dict[str, str] = field(default_factory=dict)
     steps: list[Step] = field(default_factory=list)
 
+    @property
+    def pair_force(self) -> str:
+        """Force of the pair force alone."""
+        return f"f{self.options.pair_group}"
+
+    @property
+    def pair_energy(self) -> str:
+        """Energy of the pair force alone."""
+        return f"energy{self.options.pair_group}"
+
     # -- writing ---------------------------------------------------------------------------------------------------------------
     def declare(self, name: str, value: float, why: str) -> None:
         """Declare a global variable."""
@@ -96,6 +105,42 @@ class Program:
         self.steps.append(Step("update", why="barostats and other updates of the Context's state"))
         if self.options.kernel:
             self.set(DT, "dt", "so that setStepSize works")
+        if self.options.settable:
+            self._hear_temperature()
+
+    def _hear_temperature(self) -> None:
+        """Let the temperature in kelvin drive the thermal energy if it is the one that was set, and follow it if not.
+
+        OpenMM's samplers set a global variable called ``temperature``.  A thermal energy that nobody changes stays as it is, bit for bit.
+        """
+        kelvin = self.options.kT / BOLTZMANN
+        self.declare(TEMPERATURE, kelvin, "temperature, K: set it here or by dpd_kT, the later one holds")
+        self.declare(SEEN_TEMPERATURE, kelvin, "what it was when it last agreed with dpd_kT")
+        self.declare(SEEN_KT, self.options.kT, "what dpd_kT was then")
+        self.when(f"{TEMPERATURE} != {SEEN_TEMPERATURE}", "was the temperature set?")
+        self.set(KT, f"{BOLTZMANN!r}*{TEMPERATURE}")
+        self.set(SEEN_KT, KT)
+        self.set(SEEN_TEMPERATURE, TEMPERATURE)
+        self.end()
+        self.when(f"{KT} != {SEEN_KT}", "was the thermal energy set?")
+        self.set(SEEN_KT, KT)
+        self.set(TEMPERATURE, f"{KT}/{BOLTZMANN!r}")
+        self.set(SEEN_TEMPERATURE, TEMPERATURE)
+        self.end()
+
+    def when_alone(self) -> None:
+        """Open a block for steps in which no force acts but the pair force: it may then keep the kicks to itself.
+
+        The variable is 0 unless :class:`openmm_dpd.integrators.PairIntegrator` has looked at the System, so that a program that knows
+        nothing of it is right beside any force.
+        """
+        self.declare(ALONE, 0.0, "1 while the pair force is known to be the only one that acts")
+        self.when(f"{ALONE} > 0", "no other force acts")
+
+    def otherwise(self) -> None:
+        """Close the block of :meth:`when_alone` and open the one for all other steps."""
+        self.end()
+        self.when(f"{ALONE} < 1", "other forces may act")
 
     def show_by(self, tau: str) -> None:
         """Say which drift shows the velocities."""
@@ -111,22 +156,22 @@ class Program:
         ramp = self.options.ramp
         if ramp is None or not self.options.kernel:
             return
-        self.declare("ramp_step", 0.0, "steps done, for the temperature ramp")
-        self.set("ramp_step", "ramp_step+1")
-        fraction = f"min(1, max(0, (ramp_step-({ramp.begin}))/{ramp.end - ramp.begin}))"
+        self.declare(RAMP_STEP, 0.0, "steps done, for the temperature ramp")
+        self.set(RAMP_STEP, f"{RAMP_STEP}+1")
+        fraction = f"min(1, max(0, ({RAMP_STEP}-({ramp.begin}))/{ramp.end - ramp.begin}))"
         self.set(KT, f"{ramp.start!r}+({ramp.stop - ramp.start!r})*{fraction}", "kT of this step")
 
     def note(self) -> None:
         """Let the pair force keep the present positions."""
         self.declare("here", 0.0, "fingerprint of the present positions and parameters")
         self.phase(Phase.NOTE)
-        self.set("here", PAIR_ENERGY, "the pair force keeps x")
+        self.set("here", self.pair_energy, "the pair force keeps x")
 
     def hear(self, phase: Phase, why: str, block: int = 0) -> None:
         """Evaluate the pair force for what it keeps, not for what it answers."""
         self.declare("heard", 0.0, "takes the energy of evaluations made for their side effect")
         self.phase(phase, block)
-        self.set("heard", PAIR_ENERGY, why)
+        self.set("heard", self.pair_energy, why)
 
     def keep(self) -> None:
         """Let the pair force keep the present positions, without a fingerprint."""
@@ -187,9 +232,8 @@ class Program:
         self.each("xs", "x")
 
     def keep_acceleration(self) -> None:
-        """Begin a step with the conservative acceleration that the last one left, or a new one if something has changed since."""
+        """Have the conservative acceleration that the last step left, or a new one if something has changed since."""
         self.declare_per_dof("acc", "conservative acceleration at x")
-        self.begin()
         self.note()
         self.if_changed()
         if self.options.kernel_conservative:
@@ -220,7 +264,7 @@ class Program:
     def sweep(self, fields: list[str], why: str = "sweep") -> None:
         """Take over the impulses of a sweep, and what it did to internal energies."""
         self.before_sweep()
-        self.each("v", f"v+dt*{PAIR_FORCE}/m", why)
+        self.each("v", f"v+dt*{self.pair_force}/m", why)
         self.after_sweep(fields)
 
     def after_sweep(self, fields: list[str]) -> None:
@@ -235,11 +279,13 @@ class Program:
         scale = self.options.field_scale
         self.phase(Phase.CHANGES)
         if not self.options.compensated:
-            self.each(u, f"{u}+{scale!r}*{PAIR_FORCE}" if scale != 1.0 else f"{u}+{PAIR_FORCE}", "energies the beads got")
+            self.each(u, f"{u}+{scale!r}*{self.pair_force}" if scale != 1.0 else f"{u}+{self.pair_force}", "energies the beads got")
             return
         for name, why in (("du", "change of the energies"), ("un", "energies before rounding is made good")):
             self.declare_per_dof(name, why)
-        self.each("du", f"{scale!r}*{PAIR_FORCE}-vector(0, 0.5*m*dot(v-vi, v+vi), 0)", "energy a bead got, less what went into its motion")
+        self.each(
+            "du", f"{scale!r}*{self.pair_force}-vector(0, 0.5*m*dot(v-vi, v+vi), 0)", "energy a bead got, less what went into its motion"
+        )
         self.each("un", f"{u}+du")
         self.each("du", f"du-(un-{u})", "what rounding lost")
         self.each(u, "un+vector(0, 0, _x(du)+_y(du))", "is kept in the third component")
@@ -253,7 +299,11 @@ class Program:
     def if_changed(self) -> None:
         """Open a block that runs on the first step, and whenever x, the box or a parameter is not what the last step left behind."""
         self.declare("last", -1.0, "fingerprint at which the stored acceleration is valid")
-        self.steps.append(Step("if", expression="here != last", why="is the stored acceleration still valid?"))
+        self.when("here != last", "is the stored acceleration still valid?")
+
+    def when(self, condition: str, why: str) -> None:
+        """Open a block that runs where a condition on global variables holds."""
+        self.steps.append(Step("if", expression=condition, why=why))
 
     def end(self) -> None:
         """Close a block."""
@@ -298,11 +348,11 @@ class Program:
         if sum(step.kind == "update" for step in self.steps) != 1:
             raise ProgramError(f"{self.name}: a step must update the Context's state exactly once")
 
-    def lower(self) -> openmm.CustomIntegrator:
+    def lower(self) -> PairIntegrator:
         """The OpenMM integrator."""
-        integrator = openmm.CustomIntegrator(self.options.dt)
+        integrator = PairIntegrator(self.options.dt)
         # barostats draw from a generator of the whole process, which a new Context seeds with this number last
-        integrator.setRandomNumberSeed(self.options.openmm_seed)
+        openmm.CustomIntegrator.setRandomNumberSeed(integrator, self.options.openmm_seed)
         for name, (value, _) in self.globals_.items():
             integrator.addGlobalVariable(name, value)
         for name in self.per_dof:

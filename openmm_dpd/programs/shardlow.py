@@ -10,7 +10,7 @@ from __future__ import annotations
 from ..names import Phase
 from ..plan import ProgramOptions
 from .mvv import program as velocity_verlet
-from .program import PAIR_FORCE, Program
+from .program import Program
 from .walls import reflect
 
 
@@ -19,34 +19,44 @@ def program(options: ProgramOptions) -> Program:
     if not options.thermostat:
         return velocity_verlet(options)
     p = Program("shardlow", "Shardlow 2003, S1", options)
+    p.begin()
     if options.sole_force and not options.walls and not options.field_blocks:
+        p.when_alone()
         _one_update(p)
-        return p
+        p.otherwise()
+        _update_by_update(p)
+        p.end()
+    else:
+        _update_by_update(p)
+    return p
+
+
+def _update_by_update(p: Program) -> None:
+    """A step beside any force."""
+    options = p.options
     p.keep_acceleration()
     fields = p.show_to_sweep("v")
     if fields:
         p.sweep(fields)
         p.each("v", "v+0.5*dt*acc", "half kick")
     else:
-        p.each("v", f"v+dt*{PAIR_FORCE}/m+0.5*dt*acc", "sweep, half kick")
+        p.each("v", f"v+dt*{p.pair_force}/m+0.5*dt*acc", "sweep, half kick")
     p.each("x", "xs+dt*v", "drift")
     reflect(p)
     p.phase(Phase.CONSERVE if options.kernel_conservative else Phase.IDLE)
     p.each("acc", "f/m")
     p.each("v", "v+0.5*dt*acc", "half kick")
     p.acceleration_is_kept()
-    return p
 
 
 def _one_update(p: Program) -> None:
     """The kernel holds every force: it remembers the first half kick, and v is written once."""
-    p.begin()
     p.next_temperature()
     p.keep()
     p.each("x", "x+dt*v", "drift: shows the velocities")
     p.next_noise("dt")
     p.phase(Phase.SWEEP_KICK_KEPT)
-    p.each("x", f"x+dt*(dt*{PAIR_FORCE}/m)", "what sweep and half kick add to the drift")
+    p.each("x", f"x+dt*(dt*{p.pair_force}/m)", "what sweep and half kick add to the drift")
     p.phase(Phase.CLOSE)
-    p.each("v", f"v+dt*{PAIR_FORCE}/m", "sweep and both half kicks")
+    p.each("v", f"v+dt*{p.pair_force}/m", "sweep and both half kicks")
     p.phase(Phase.IDLE)

@@ -50,7 +50,7 @@ def test_forces_equal_the_oracle(device, box, conservative):
     assert relative_rms(terms["conservative"], expected.forces) < tolerance(device, conservative)
     drag = oracle.dissipative(x, v, types, params, scene.box, factor)
     assert relative_rms(terms["dissipative"], drag.forces) < EXACT
-    random = oracle.random(x, types, params, scene.box, KT, DT, noise_of(n, 9, 4), factor)
+    random = oracle.random(x, types, params, scene.box, KT, DT, noise_of(n, 9, 4, KT), factor)
     assert relative_rms(terms["random"], random.forces) < EXACT
     assert not terms["bond"].any()  # k = 0
 

@@ -56,7 +56,7 @@ class Oracle:
 
     def _noise(self):
         self.counter += 1
-        return noise_of(self.scene.n_beads, SEED, self.counter)
+        return noise_of(self.scene.n_beads, SEED, self.counter, KT)
 
     def _conservative(self, x):
         return oracle.conservative(x, self.scene.type_ids, self.params, self.scene.box, self.factor).forces

@@ -40,7 +40,7 @@ def prepared(scene, scheme="middle", dt=DT) -> PairEngine:
 
 def noise_matrices(n: int):
     """The kernel's numbers: symmetric for the motion, antisymmetric (the lower index gets +) for the heat."""
-    draw = noise_of(n, SEED, COUNTER)
+    draw = noise_of(n, SEED, COUNTER, 1.0)
     motion, heat = np.zeros((n, n)), np.zeros((n, n))
     for i in range(n):
         for j in range(i + 1, n):

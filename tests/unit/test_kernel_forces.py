@@ -31,7 +31,7 @@ def close(got, expected, rtol=1e-12):
 def compare(scene, layer=0):
     params, factor, engine = oracle_params(scene, layer), factor_of(scene), prepared(scene)
     x, v, types, box, n = scene.positions, scene.velocities, scene.type_ids, scene.box, scene.n_beads
-    noise = noise_of(n, SEED, COUNTER)
+    noise = noise_of(n, SEED, COUNTER, KT)
     conservative = oracle.conservative(x, types, params, box, factor)
     energy, force, virial = engine.forces(CONSERVATIVE, None, KT, DT, SEED, COUNTER)
     close(force, conservative.forces)
@@ -94,7 +94,7 @@ def test_overlaid_tables_add_up_and_draw_noise_of_their_own():
     )
     force = prepared(both).forces(RANDOM, None, KT, DT, SEED, COUNTER)[1]
     x, types, box, n = both.positions, both.type_ids, both.box, both.n_beads
-    expected = sum(oracle.random(x, types, oracle_params(both, k), box, KT, DT, noise_of(n, SEED, COUNTER, k)).forces for k in (0, 1))
+    expected = sum(oracle.random(x, types, oracle_params(both, k), box, KT, DT, noise_of(n, SEED, COUNTER, KT, k)).forces for k in (0, 1))
     close(force, expected)
     drag = sum(oracle.dissipative(x, both.velocities, types, oracle_params(both, k), box).forces for k in (0, 1))
     close(prepared(both).forces(DISSIPATIVE, both.velocities, KT, DT, SEED, COUNTER)[1], drag)
@@ -127,11 +127,14 @@ def test_sigma_fixed_and_gamma_fixed():
     by_gamma, by_sigma = D(gamma=4.5), D(sigma=3.0)
     np.testing.assert_allclose(forces(by_gamma, 1.0), forces(by_sigma, 1.0), rtol=1e-14)
     drag, noise = forces(by_sigma, 1.0)
-    np.testing.assert_allclose(forces(by_sigma, 4.0), [drag / 4, noise], rtol=1e-14)
-    np.testing.assert_allclose(forces(by_gamma, 4.0), [drag, 2 * noise], rtol=1e-14)
+    # another temperature draws other numbers
+    cold, hot = (noise_of(2, SEED, COUNTER, kT)(0, 1, 0) for kT in (1.0, 4.0))
+    assert cold != hot
+    np.testing.assert_allclose(forces(by_sigma, 4.0), [drag / 4, noise * hot / cold], rtol=1e-14)
+    np.testing.assert_allclose(forces(by_gamma, 4.0), [drag, 2 * noise * hot / cold], rtol=1e-14)
     assert drag == pytest.approx(-4.5 * 0.75**2)
     # e points from bead 1 to bead 0, along -x
-    assert noise == pytest.approx(-3.0 * 0.75 / np.sqrt(DT) * noise_of(2, SEED, COUNTER)(0, 1, 0))
+    assert noise == pytest.approx(-3.0 * 0.75 / np.sqrt(DT) * cold)
 
 
 def test_no_noise_at_zero_temperature():

@@ -89,7 +89,7 @@ class Fluid:
         kernel, h = od.LUCY if lucy else od.WARREN, matrix(table, "cutoff_density")
         rho = od.local_density(self.x, self.types, h, self.box, kernel, self.mass if lucy else None)
         xi = np.zeros((self.n, self.n))
-        noise = noise_of(self.n, SEED, COUNTER)
+        noise = noise_of(self.n, SEED, COUNTER, KT)
         for i, j in combinations(range(self.n), 2):
             xi[i, j] = xi[j, i] = noise(i, j, 0)
         arrays = [matrix(table, key) for key in ("A", "B", "gamma", "cutoff", "cutoff_B")]
@@ -176,7 +176,7 @@ def test_factors_of_bonded_neighbours_lucy(box):
     fluid = bonded(TABLES["lucy"], box)
     scaled, full = fluid.engine(factors=FACTORS), fluid.engine()
     assert np.array_equal(scaled.layers[0].densities, full.layers[0].densities)
-    rho, noise = full.layers[0].densities, noise_of(fluid.n, SEED, COUNTER)
+    rho, noise = full.layers[0].densities, noise_of(fluid.n, SEED, COUNTER, KT)
     arguments = (fluid.v, KT, DT, SEED, COUNTER)
     expected = {which: full.forces(which, *arguments)[1] for which in (CONSERVATIVE, DISSIPATIVE, RANDOM)}
     energy = full.forces(CONSERVATIVE, *arguments)[0]

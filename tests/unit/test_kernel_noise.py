@@ -173,16 +173,16 @@ def test_noise_has_not_changed():
 
     golden, seed, counter, i, j = 0x9E3779B97F4A7C15, 7, 19, 3, 41
     key = 0
-    for word in (seed, counter, 0):
+    for word in (seed, counter, 0, 0x3FF8000000000000):  # the last one is 1.5 as a double
         key = mix((key + word + golden) & mask)
-    assert int(noise.call_key(seed, counter)) == key
+    assert int(noise.noise_key(seed, counter, 0, 1.5)) == key
     pair = mix((mix((((i << 32) | j) * golden + key) & mask) + key) & mask)
 
     @compiled
     def numbers(key, i, j):
         return [noise.normal(noise.pair_key(key, i, j), k) for k in range(4)]
 
-    drawn = numbers(noise.call_key(seed, counter), i, j)
+    drawn = numbers(noise.noise_key(seed, counter, 0, 1.5), i, j)
     for k in range(4):
         bits = pair if k == 0 else mix((pair + k * 0xD1342543DE82EF95) & mask)
         tail = (256 - ((bits >> 55) % 256) - (((bits >> 3) % 2**52) + 0.5) * 2.0**-52) / 512

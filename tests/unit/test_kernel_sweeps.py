@@ -27,7 +27,7 @@ def expected_of(scene, scheme, engine, dt, kT=KT, inv_mass=None, v=None, counter
     inv_mass = 1 / scene.bead_masses if inv_mass is None else inv_mass
     update = {"middle": oracle.ou_update, "shardlow": oracle.shardlow_update}[scheme]
     for layer in range(len(scene.tables)):
-        noise = noise_of(scene.n_beads, SEED, counter, layer) if kT else None
+        noise = noise_of(scene.n_beads, SEED, counter, kT, layer) if kT else None
         order = listed_pairs(engine, layer)
         common = (inv_mass, scene.type_ids, oracle_params(scene, layer), scene.box, kT, dt, noise, update, factor_of(scene))
         v = oracle.sweep(scene.positions, v, order, *common)

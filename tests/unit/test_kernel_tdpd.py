@@ -63,10 +63,10 @@ def _fill(key, table):
                 table[k, i, j] = hashed.normal(pair, k)
 
 
-def noise_matrices(n: int, n_species: int, counter: int = COUNTER):
+def noise_matrices(n: int, n_species: int, counter: int = COUNTER, kT: float = KT):
     """The kernel's numbers: symmetric for the motion, antisymmetric (the lower index gets +) for each species."""
     upper = np.zeros((1 + n_species, n, n))
-    _fill(hashed.call_key(SEED, counter, 0), upper)
+    _fill(hashed.noise_key(SEED, counter, 0, kT), upper)
     return upper[0] + upper[0].T, upper[1:] - np.swapaxes(upper[1:], 1, 2)
 
 
@@ -80,7 +80,7 @@ def coefficient(scene, key):
 def oracle_rates(scene, kT=KT) -> oracle.TdpdRates:
     get = lambda key: coefficient(scene, key)  # noqa: E731
     per_species = lambda key: list(np.moveaxis(get(key), -1, 0))  # noqa: E731
-    xi, xi_C = noise_matrices(scene.n_beads, scene.internal.n_species)
+    xi, xi_C = noise_matrices(scene.n_beads, scene.internal.n_species, kT=kT)
     return oracle.tdpd_pair(
         scene.positions, scene.velocities, scene.internal.values, scene.type_ids, get("A"), get("gamma"), get("exponent"), get("cutoff"),
         get("cutoff_c"), per_species("kappa"), per_species("epsilon"), per_species("exponent_c"), kT, scene.box, DT, xi=xi, xi_C=xi_C,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,10 +11,10 @@ import openmm
 import pytest
 
 from openmm_dpd import PlanError, ProgramError, TemperatureRamp
-from openmm_dpd.names import COUNTER, DT, KT, PARAMETERS, PHASE, Phase
+from openmm_dpd.names import ALONE, COUNTER, DT, KT, PARAMETERS, PHASE, Phase
 from openmm_dpd.plan import ProgramOptions
 from openmm_dpd.programs import PROGRAMS, make_program, walls
-from openmm_dpd.programs.program import Program
+from openmm_dpd.programs.program import Program, Step
 
 GOLDEN = Path(__file__).parent / "golden"
 BASE = ProgramOptions(scheme="mvv", dt=0.02, kT=1.0, seed=1)
@@ -21,7 +22,7 @@ RAMP = TemperatureRamp(1.0, 2.0, 10, 110)
 
 #: Name of a variant -> what differs from BASE.
 VARIANTS = {
-    "kernel": dict(kernel_conservative=True, sole_force=True),
+    "kernel": dict(kernel_conservative=True, sole_force=True, settable=True),
     "kernel_and_others": dict(kernel_conservative=True),
     "openmm": dict(),
     "ramp": dict(kernel_conservative=True, sole_force=True, ramp=RAMP),
@@ -38,6 +39,28 @@ CASES["bababo_energies"] = replace(
     BASE, scheme="bababo", kernel_conservative=True, sole_force=True, field_blocks=1, field_names="internal energy", trial=0.0078125
 )
 CASES["mvv_single_precision_drift"] = replace(BASE, tau_ratio=0.25)
+#: Variables that are set from outside.
+SET_FROM_OUTSIDE = {ALONE}
+
+
+def ways(program: Program) -> list[list[Step]]:
+    """Steps that may run one after the other: where no other force acts, and where some may; one list if that makes no difference."""
+    found: dict[str, list[Step]] = {f"{ALONE} > 0": [], f"{ALONE} < 1": []}
+    inside = None
+    depth = 0
+    for step in program.steps:
+        depth += (step.kind == "if") - (step.kind == "end")
+        if step.kind == "if" and step.expression in found:
+            inside = step.expression
+        elif inside is not None and depth == 0:
+            inside = None
+        else:
+            for condition in found:
+                if inside in (None, condition):
+                    found[condition].append(step)
+    return [*found.values()] if ALONE in program.globals_ else [program.steps]
+
+
 CASE = pytest.mark.parametrize("options", CASES.values(), ids=CASES.keys())
 
 
@@ -86,7 +109,7 @@ def test_every_variable_is_used(options):
     for name in (*program.globals_, *program.per_dof):
         assert name in text.replace("(", " ").replace(")", " ").replace("+", " ").replace("-", " ").replace("*", " ").split(), name
         # where the walls are never changes
-        assert any(step.target == name for step in program.steps) or name in walls.CONSTANTS, name
+        assert any(step.target == name for step in program.steps) or name in walls.CONSTANTS or name in SET_FROM_OUTSIDE, name
 
 
 @CASE
@@ -106,14 +129,15 @@ def test_phase_is_idle_again_at_the_end(options):
 def test_noise_is_drawn_once_per_step(options):
     """Also where the history is invalid: its noise is that of the last half kick."""
     program = make_program(options)
-    depth, drawn, inside = 0, 0, 0
-    for step in program.steps:
-        depth += (step.kind == "if") - (step.kind == "end")
-        if step.target == COUNTER:
-            assert step.expression == f"{COUNTER}+1"
-            drawn, inside = drawn + (depth == 0), inside + (depth > 0)
-    assert drawn == int(options.thermostat)
-    assert inside == 0
+    for steps in ways(program):
+        depth, drawn, inside = 0, 0, 0
+        for step in steps:
+            depth += (step.kind == "if") - (step.kind == "end")
+            if step.target == COUNTER:
+                assert step.expression == f"{COUNTER}+1"
+                drawn, inside = drawn + (depth == 0), inside + (depth > 0)
+        assert drawn == int(options.thermostat)
+        assert inside == 0
 
 
 @CASE
@@ -128,7 +152,9 @@ def test_nothing_that_is_not_needed(options):
     program = make_program(options)
     targets = {step.target for step in program.steps}
     names = set(program.globals_) | set(program.per_dof) | targets
-    assert ("ramp_step" in names) == (KT in targets) == (options.ramp is not None and options.thermostat)
+    assert ("ramp_step" in names) == (options.ramp is not None and options.thermostat)
+    assert (KT in targets) == ((options.ramp is not None or options.settable) and options.thermostat)
+    assert ("temperature" in names) == options.settable
     if not options.kernel:
         assert not names & set(PARAMETERS) and not program.globals_
         assert all(step.kind in ("per_dof", "update", "constrain_positions", "constrain_velocities") for step in program.steps)
@@ -137,7 +163,8 @@ def test_nothing_that_is_not_needed(options):
     if options.scheme in ("middle", "aboba") or not options.kernel:
         assert "last" not in names
     if options.sole_force and options.thermostat and options.scheme in ("aboba", "bababo") and not (options.walls or options.field_blocks):
-        assert not program.per_dof  # one evaluation does it all
+        alone = {name for step in ways(program)[0] for name in (step.target, *re.findall(r"\w+", step.expression))}
+        assert not alone & set(program.per_dof)  # one evaluation does it all
     if options.scheme == "mvv" and options.lam == 0.5:
         assert "vp" not in names
 

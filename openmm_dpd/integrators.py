@@ -1,0 +1,410 @@
+"""OpenMM's integrators, with an eye on the Context they run: which forces act in it, who wrote its state, and what a failed step left.
+
+OpenMM integrates whatever is in the System when the Context is made.  The programs of this package have to know a little more: which
+forces are theirs, and whether there are others.  So :meth:`step` looks at the System that the Context really has, whoever made it and
+whenever a force came in, before it steps.
+
+An integrator that was read from XML is a plain ``openmm.CustomIntegrator``: its steps are right beside any force, but nobody checks the
+System, compares the temperature of a state with that of the script, or takes a failed step back.
+"""
+
+from __future__ import annotations
+
+import gc
+import logging
+import secrets
+import weakref
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+from zlib import crc32
+
+import numpy as np
+import openmm
+from openmm import unit
+
+from .errors import ParameterError, PlanError
+from .names import ALONE, BY_KT, BY_SCHEME, BY_SEED, KT, RAMP_STEP, SEED, SEEN_KT, SEEN_TEMPERATURE, TEMPERATURE
+from .units import BOLTZMANN, to_md
+
+if TYPE_CHECKING:
+    from .plan import ProgramOptions
+
+_LOGGER = logging.getLogger("openmm_dpd")
+
+#: Steps after which what has been reached is remembered.  Simulation.step() asks for no more than that at once.
+PIECE = 10
+
+#: Forces that change the box now and then, and exert no force.
+_BAROSTATS = (
+    openmm.MonteCarloBarostat,
+    openmm.MonteCarloAnisotropicBarostat,
+    openmm.MonteCarloFlexibleBarostat,
+    openmm.MonteCarloMembraneBarostat,
+)
+
+
+def scheme_number(scheme: str) -> float:
+    """What stands for a scheme in a context parameter."""
+    return float(crc32(scheme.encode()))
+
+
+def origin(scheme: str, kT: float, seed: int) -> dict[str, float]:
+    """Context parameters by which a state says who wrote it."""
+    return {BY_SCHEME: scheme_number(scheme), BY_KT: kT, BY_SEED: float(seed)}
+
+
+def groups_of(force: openmm.Force) -> set[int]:
+    """Force groups in which a force acts."""
+    groups = {force.getForceGroup()}
+    if isinstance(force, openmm.NonbondedForce) and force.getReciprocalSpaceForceGroup() >= 0:
+        groups.add(force.getReciprocalSpaceForceGroup())
+    return groups
+
+
+def acting(forces: list[openmm.Force]) -> list[openmm.Force]:
+    """Those that have an energy, whatever it may be at present."""
+    return [force for force in forces if not isinstance(force, (*_BAROSTATS, openmm.CMMotionRemover, openmm.AndersenThermostat))]
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """What an integrator was made for.
+
+    Attributes
+    ----------
+    maker : str
+        Function of this package that made the System, or added to it.
+    masses : (N,) array
+        Masses of the particles, Da.
+    constraints : int
+        Number of constraints.
+    virtual : (N,) bool array
+        Which particles are virtual sites.
+    own : tuple of (str, int)
+        Names and force groups of the forces that the package made.
+    scheme : str
+    kT : float
+        Thermal energy the script asked for, kJ/mol.
+    seed : int or None
+        The seed the script chose; None if it left the choice to the package.
+    """
+
+    maker: str
+    masses: np.ndarray
+    constraints: int
+    virtual: np.ndarray
+    own: tuple[tuple[str, int], ...]
+    scheme: str
+    kT: float
+    seed: int | None
+
+    @classmethod
+    def of(cls, maker: str, system: openmm.System, own: Sequence[openmm.Force], options: ProgramOptions) -> Made:
+        """What stands in a System now, and what was asked for."""
+        forces = tuple((force.getName(), force.getForceGroup()) for force in own)
+        seed = options.seed if options.seeded else None
+        return cls(maker, _masses(system), system.getNumConstraints(), _virtual(system), forces, options.scheme, options.kT, seed)
+
+    def check(self, system: openmm.System) -> list[openmm.Force]:
+        """The forces in a System that the package did not make.
+
+        Raises
+        ------
+        PlanError
+            If the System is not the one that the integrator was made for, or has something that would not act, or twice.
+        """
+        count, maker = len(self.masses), self.maker
+        if system.getNumParticles() != count:
+            raise PlanError(f"the System has {system.getNumParticles()} particles, but {maker} made the integrator for {count}")
+        if system.getNumConstraints() != self.constraints:
+            raise PlanError(
+                f"the System has {system.getNumConstraints()} constraints, and it had {self.constraints} when {maker} made the integrator, "
+                f"which would ignore the others; {self._remedy('hold distances by stiff bonds of the scene', 'add them')}"
+            )
+        changed = np.flatnonzero(_virtual(system) != self.virtual)
+        if len(changed):
+            raise PlanError(
+                f"particle {changed[0]} has become a virtual site, or is none any more, since {maker} made the integrator; "
+                f"{self._remedy('a scene has none', 'do that')}"
+            )
+        changed = np.flatnonzero(_masses(system) != self.masses)
+        if len(changed):
+            raise PlanError(
+                f"the mass of particle {changed[0]} is not what it was when {maker} made the integrator; "
+                f"{self._remedy('give the scene its masses', 'change it')}"
+            )
+        return self._foreign(system)
+
+    def others(self, system: openmm.System) -> list[openmm.Force]:
+        """Forces in a System that have an energy and that the package did not make."""
+        return acting(self._told_apart(system)[1])
+
+    def _told_apart(self, system: openmm.System) -> tuple[Counter, list[openmm.Force]]:
+        """Own forces that are not there (or not in their group), and forces of others."""
+        missing, foreign = Counter(self.own), []
+        for force in system.getForces():
+            place = (force.getName(), force.getForceGroup())
+            if missing[place]:
+                missing[place] -= 1
+            else:
+                foreign.append(force)
+        return missing, foreign
+
+    def _remedy(self, scene: str, before: str) -> str:
+        return scene if self.maker == "build()" else f"{before} before {self.maker}"
+
+    def _foreign(self, system: openmm.System) -> list[openmm.Force]:
+        missing, foreign = self._told_apart(system)
+        lost = next(missing.elements(), None)
+        if lost is not None:
+            name, group = lost
+            now = [force.getForceGroup() for force in foreign if force.getName() == name]
+            what = f"is in group {now[0]} now" if now else "is gone"
+            raise PlanError(
+                f"the force {name!r}, which {self.maker} put into force group {group}, {what}; leave the package's own forces as they are, "
+                "and give other forces any groups that are free"
+            )
+        taken = {group: name for name, group in self.own}
+        for force in foreign:
+            for group in groups_of(force) & set(taken):
+                free = ", ".join(str(g) for g in range(32) if g not in taken)
+                raise PlanError(
+                    f"the {force.getName()} is in force group {group}, which {taken[group]!r} of this package needs for itself; "
+                    f"free groups are {free}"
+                )
+            if isinstance(force, openmm.AndersenThermostat):
+                raise PlanError("the System has an AndersenThermostat beside the DPD thermostat; remove it")
+        return foreign
+
+
+def _masses(system: openmm.System) -> np.ndarray:
+    return np.array([m.value_in_unit(unit.dalton) for m in map(system.getParticleMass, range(system.getNumParticles()))])
+
+
+def _virtual(system: openmm.System) -> np.ndarray:
+    return np.array([system.isVirtualSite(k) for k in range(system.getNumParticles())], dtype=bool)
+
+
+class Watching:
+    """What both integrators do around OpenMM's own ``step``; instances read from XML or a pickle have ``made`` None and only step."""
+
+    made: Made | None = None
+    _known: weakref.ref | None = None
+    _looked_at: tuple = ()
+    _alone = False
+
+    def context(self) -> openmm.Context | None:
+        """The Context that this integrator belongs to, None before there is one.
+
+        OpenMM has no way from an integrator to its Context, but the Context refers to its integrator, and Python knows who does.
+        """
+        found = None if self._known is None else self._known()
+        if found is None or found.getIntegrator() is not self:
+            holders = gc.get_referrers(self)
+            owners = [*holders, *(owner for holder in holders if isinstance(holder, dict) for owner in gc.get_referrers(holder))]
+            found = next((owner for owner in owners if isinstance(owner, openmm.Context) and owner.getIntegrator() is self), None)
+            self._known, self._looked_at = None if found is None else weakref.ref(found), ()
+        return found
+
+    def step(self, steps: int) -> None:
+        """Take steps; one that fails leaves everything as it was after the last :data:`PIECE` steps that did not.
+
+        Raises
+        ------
+        PlanError
+            If something in the Context's System would not act, or its state was written by another scheme.
+        openmm.OpenMMException
+            If a step fails, with the reason.
+        """
+        context = None if self.made is None else self.context()
+        if context is None:
+            super().step(steps)  # type: ignore[misc]
+            return
+        self._look(context)
+        while steps > 0:
+            piece = min(steps, PIECE)
+            with self._or_back(context):
+                super().step(piece)  # type: ignore[misc]
+            steps -= piece
+
+    @contextmanager
+    def _or_back(self, context: openmm.Context) -> Iterator[None]:
+        before = context.createCheckpoint()
+        try:
+            yield
+        except BaseException:
+            context.loadCheckpoint(before)
+            raise
+
+    def _look(self, context: openmm.Context) -> None:
+        """See whether the System has changed, and where the state comes from."""
+        system = context.getSystem()
+        forces = tuple((type(force), force.getName(), force.getForceGroup()) for force in system.getForces())
+        now = (system.getNumParticles(), system.getNumConstraints(), forces)
+        if now != self._looked_at:
+            assert self.made is not None
+            foreign = self.made.check(system)
+            self._alone = not acting(foreign)
+            self._forget()
+            self._looked_at = now
+        self._check_origin(context)
+
+    def _forget(self) -> None:
+        """What a scheme kept from its last step is not valid any more."""
+
+    def _check_origin(self, context: openmm.Context) -> None:
+        """Let what this script asked for hold where another one wrote the state.
+
+        Raises
+        ------
+        PlanError
+            If it was written by another scheme.
+        """
+        made, parameters = self.made, context.getParameters()
+        assert made is not None
+        if BY_SCHEME not in parameters:
+            return
+        if parameters[BY_SCHEME] != scheme_number(made.scheme):
+            raise PlanError(
+                f"the state in this Context was written by another scheme than {made.scheme!r}, and they keep velocities at other times; "
+                "take positions, velocities and box vectors from it (context.setPositions(state.getPositions()), ...) into a new Context"
+            )
+        if parameters[BY_KT] != made.kT:
+            _LOGGER.warning(
+                "the state was written by a run that asked for kT = %g kJ/mol; it goes on at the %g of this script",
+                parameters[BY_KT],
+                made.kT,
+            )
+            self._take_kT(context, made.kT)
+            context.setParameter(BY_KT, made.kT)
+            for force in context.getSystem().getForces():
+                if isinstance(force, _BAROSTATS):
+                    context.setParameter(force.Temperature(), force.getDefaultTemperature())
+        if made.seed is not None and parameters[BY_SEED] != made.seed:
+            if SEED in parameters:
+                context.setParameter(SEED, made.seed)
+            context.setParameter(BY_SEED, made.seed)
+
+    def _take_kT(self, context: openmm.Context, kT: float) -> None:
+        """Go on at another thermal energy."""
+
+
+class PairIntegrator(Watching, openmm.CustomIntegrator):
+    """A scheme of this package: a CustomIntegrator with a temperature and a seed, as OpenMM's own integrators have them.
+
+    Where a CustomIntegrator has them, ``temperature`` (kelvin), :meth:`setTemperature`, :func:`openmm_dpd.set_temperature` and the
+    context parameter ``dpd_kT`` (kJ/mol) all set the thermostat, and whichever was set last holds.
+    """
+
+    _variables: frozenset[str] = frozenset()
+
+    def step(self, steps: int) -> None:
+        """Take steps; see :meth:`Watching.step`."""
+        try:
+            super().step(steps)
+        finally:
+            if self._alone and ALONE in self._names():
+                # never part of a state: the next one who loads it may have other forces
+                openmm.CustomIntegrator.setGlobalVariableByName(self, ALONE, 0.0)
+
+    def _look(self, context: openmm.Context) -> None:
+        super()._look(context)
+        if self._alone and ALONE in self._names():
+            openmm.CustomIntegrator.setGlobalVariableByName(self, ALONE, 1.0)
+
+    def _names(self) -> frozenset[str]:
+        if len(self._variables) != self.getNumGlobalVariables():
+            self._variables = frozenset(map(self.getGlobalVariableName, range(self.getNumGlobalVariables())))
+        return self._variables
+
+    def _forget(self) -> None:
+        if "last" in self._names():
+            openmm.CustomIntegrator.setGlobalVariableByName(self, "last", -1.0)
+
+    def _take_kT(self, context: openmm.Context, kT: float) -> None:
+        if KT in context.getParameters() and RAMP_STEP not in self._names():
+            context.setParameter(KT, kT)
+
+    def getTemperature(self) -> unit.Quantity:
+        """The temperature of the thermostat, kelvin (that of this step, where it follows a ramp).
+
+        Raises
+        ------
+        ParameterError
+            If nothing has a temperature to be held.
+        """
+        names, context = self._names(), self.context()
+        if not names & {TEMPERATURE, RAMP_STEP}:
+            raise ParameterError(_NOT_SETTABLE)
+        if context is None:
+            value = self.getGlobalVariableByName(TEMPERATURE) if TEMPERATURE in names else self.made.kT / BOLTZMANN  # type: ignore[union-attr]
+            return value * unit.kelvin
+        kT = context.getParameter(KT)
+        if TEMPERATURE in names and kT == self.getGlobalVariableByName(SEEN_KT):
+            return self.getGlobalVariableByName(TEMPERATURE) * unit.kelvin
+        return kT / BOLTZMANN * unit.kelvin
+
+    def setTemperature(self, temperature) -> None:
+        """Set the temperature of the thermostat.
+
+        Parameters
+        ----------
+        temperature : temperature
+            Bare numbers: kelvin, as for OpenMM's integrators.
+
+        Raises
+        ------
+        ParameterError
+            If it is no temperature, or none can be set: it follows a ramp, nothing has friction or noise, or beads have temperatures of
+            their own.
+        """
+        names = self._names()
+        if TEMPERATURE not in names:
+            raise ParameterError(RAMPED if RAMP_STEP in names else _NOT_SETTABLE)
+        kelvin = to_md(temperature, "temperature", "the temperature")
+        if not isinstance(kelvin, float) or not 0.0 <= kelvin < np.inf:
+            raise ParameterError(f"the temperature must be a single number of kelvin >= 0, not {temperature!r}")
+        if kelvin == self.getTemperature().value_in_unit(unit.kelvin):
+            return
+        context, put = self.context(), openmm.CustomIntegrator.setGlobalVariableByName
+        put(self, TEMPERATURE, kelvin)
+        if context is not None:  # at once, so that whatever is set next is known to be later
+            context.setParameter(KT, BOLTZMANN * kelvin)
+            put(self, SEEN_TEMPERATURE, kelvin)
+            put(self, SEEN_KT, BOLTZMANN * kelvin)
+
+    def setGlobalVariableByName(self, name: str, value) -> None:
+        """Set a global variable; ``temperature`` is :meth:`setTemperature`."""
+        if name == TEMPERATURE and TEMPERATURE in self._names():
+            self.setTemperature(value)
+        else:
+            super().setGlobalVariableByName(name, value)
+
+    def setGlobalVariable(self, index: int, value) -> None:
+        """Set a global variable by its number; ``temperature`` is :meth:`setTemperature`."""
+        self.setGlobalVariableByName(self.getGlobalVariableName(index), value)
+
+    def setRandomNumberSeed(self, seed: int) -> None:
+        """Set the seed of the noise, and of the random numbers of OpenMM's barostats (these when a Context is made next).
+
+        The noise takes it over at the next step, whatever the seed of a state that was loaded; 0 draws a seed, as in OpenMM.
+        """
+        super().setRandomNumberSeed(seed)
+        if self.made is not None:
+            chosen = int(seed) % 2**31 or secrets.randbelow(2**31 - 1) + 1
+            self.made = replace(self.made, seed=chosen)
+
+
+class NativeIntegrator(Watching, openmm.DPDIntegrator):
+    """OpenMM's own DPDIntegrator."""
+
+
+#: Why a temperature cannot be set.
+RAMPED = "the temperature of this Context follows a ramp, which would overwrite it at the next step"
+_NOT_SETTABLE = "there is no temperature to set: nothing has friction or noise, or the beads have temperatures of their own (write_fields)"
+
+
+__all__ = ["Made", "NativeIntegrator", "PairIntegrator", "origin"]
