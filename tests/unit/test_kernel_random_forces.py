@@ -116,8 +116,8 @@ def test_no_correlation_between_components_steps_and_pairs(samples):
     for name, (a, b) in couples.items():
         assert abs(correlation_in_errors(a, b)) < 4, name
         assert abs(correlation_in_errors(a**2 - 1, b**2 - 1)) < 4 * 2, name
-    # the check sees a correlation of 1 %
-    assert abs(correlation_in_errors(radial, first + 0.01 * radial)) > 4
+    # the check sees a correlation of 2 %: it is nine standard errors
+    assert abs(correlation_in_errors(radial, first + 0.02 * radial)) > 4
 
 
 def test_no_correlation_between_seeds(samples):
