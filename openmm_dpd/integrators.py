@@ -26,7 +26,7 @@ import openmm
 from openmm import unit
 
 from .errors import ParameterError, PlanError
-from .names import ALONE, BY_KT, BY_SCHEME, BY_SEED, KT, RAMP_STEP, SEED, SEEN_KT, SEEN_TEMPERATURE, TEMPERATURE
+from .names import ALONE, BESIDE, BY_KT, BY_SCHEME, BY_SEED, KT, RAMP_STEP, SEED, SEEN_KT, SEEN_TEMPERATURE, TEMPERATURE
 from .units import BOLTZMANN, to_md
 
 if TYPE_CHECKING:
@@ -46,14 +46,14 @@ _BAROSTATS = (
 )
 
 
-def scheme_number(scheme: str) -> float:
-    """What stands for a scheme in a context parameter."""
-    return float(crc32(scheme.encode()))
+def _number(text: str) -> float:
+    """What stands for a text in a context parameter; 0 for an empty one."""
+    return float(crc32(text.encode()))
 
 
 def origin(scheme: str, kT: float, seed: int) -> dict[str, float]:
     """Context parameters by which a state says who wrote it."""
-    return {BY_SCHEME: scheme_number(scheme), BY_KT: kT, BY_SEED: float(seed)}
+    return {BY_SCHEME: _number(scheme), BY_KT: kT, BY_SEED: float(seed), BESIDE: 0.0}
 
 
 def groups_of(force: openmm.Force) -> set[int]:
@@ -194,7 +194,7 @@ class Watching:
     made: Made | None = None
     _known: weakref.ref | None = None
     _looked_at: tuple = ()
-    _alone = False
+    _beside = 0.0
 
     def context(self) -> openmm.Context | None:
         """The Context that this integrator belongs to, None before there is one.
@@ -246,14 +246,10 @@ class Watching:
         now = (system.getNumParticles(), system.getNumConstraints(), forces)
         if now != self._looked_at:
             assert self.made is not None
-            foreign = self.made.check(system)
-            self._alone = not acting(foreign)
-            self._forget()
+            others = acting(self.made.check(system))
+            self._beside = _number(" ".join(f"{type(force).__name__} {force.getName()} {force.getForceGroup()}" for force in others))
             self._looked_at = now
         self._check_origin(context)
-
-    def _forget(self) -> None:
-        """What a scheme kept from its last step is not valid any more."""
 
     def _check_origin(self, context: openmm.Context) -> None:
         """Let what this script asked for hold where another one wrote the state.
@@ -267,7 +263,9 @@ class Watching:
         assert made is not None
         if BY_SCHEME not in parameters:
             return
-        if parameters[BY_SCHEME] != scheme_number(made.scheme):
+        if parameters[BESIDE] != self._beside:
+            context.setParameter(BESIDE, self._beside)
+        if parameters[BY_SCHEME] != _number(made.scheme):
             raise PlanError(
                 f"the state in this Context was written by another scheme than {made.scheme!r}, and they keep velocities at other times; "
                 "take positions, velocities and box vectors from it (context.setPositions(state.getPositions()), ...) into a new Context"
@@ -306,23 +304,19 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
         try:
             super().step(steps)
         finally:
-            if self._alone and ALONE in self._names():
+            if not self._beside and ALONE in self._names():
                 # never part of a state: the next one who loads it may have other forces
                 openmm.CustomIntegrator.setGlobalVariableByName(self, ALONE, 0.0)
 
     def _look(self, context: openmm.Context) -> None:
         super()._look(context)
-        if self._alone and ALONE in self._names():
+        if not self._beside and ALONE in self._names():
             openmm.CustomIntegrator.setGlobalVariableByName(self, ALONE, 1.0)
 
     def _names(self) -> frozenset[str]:
         if len(self._variables) != self.getNumGlobalVariables():
             self._variables = frozenset(map(self.getGlobalVariableName, range(self.getNumGlobalVariables())))
         return self._variables
-
-    def _forget(self) -> None:
-        if "last" in self._names():
-            openmm.CustomIntegrator.setGlobalVariableByName(self, "last", -1.0)
 
     def _take_kT(self, context: openmm.Context, kT: float) -> None:
         if KT in context.getParameters() and RAMP_STEP not in self._names():

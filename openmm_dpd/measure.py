@@ -215,7 +215,7 @@ class Observer:
 
     def _with_others(self, context: openmm.Context, part: Part) -> tuple[float, np.ndarray]:
         """Energy and forces of a pair term, and of everything that is not in the pair force."""
-        state = context.getState(forces=True, energy=True, groups=self._groups & ~(1 << self.plan.options.pair_group))
+        state = context.getState(forces=True, energy=True, groups=self._groups & ~(1 << self.plan.options.pair_group) & 0xFFFFFFFF)
         energy = state.getPotentialEnergy().value_in_unit(_KJ)
         return part.energy + energy, part.force + state.getForces(asNumpy=True).value_in_unit(_KJ / _NM)
 

@@ -39,8 +39,11 @@ PHASE, TAU, DT, KT, COUNTER, SEED = "dpd_phase", "dpd_tau", "dpd_dt", "dpd_kT", 
 #: What the script that made the integrator asked for, so that a state says who wrote it: scheme (a number), thermal energy and seed.
 BY_SCHEME, BY_KT, BY_SEED = "dpd_by_scheme", "dpd_by_kT", "dpd_by_seed"
 
+#: A number for the forces of others that acted in the last step, 0 where there were none: what a scheme kept is not valid for others.
+BESIDE = "dpd_beside"
+
 #: Context parameters the pair force defines.
-PARAMETERS = (PHASE, TAU, DT, KT, COUNTER, SEED, BY_SCHEME, BY_KT, BY_SEED)
+PARAMETERS = (PHASE, TAU, DT, KT, COUNTER, SEED, BY_SCHEME, BY_KT, BY_SEED, BESIDE)
 
 #: Global variable of an integrator that holds the temperature in kelvin, as OpenMM's samplers want it; and what dpd_kT and it were
 #: when they last agreed.
@@ -62,6 +65,9 @@ FIELD = "field"
 VOLATILE = frozenset((PHASE, TAU, COUNTER, BY_SCHEME, BY_KT, BY_SEED, VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED))
 
 # Force groups: the package's own forces keep out of the low ones, where users and OpenMM put theirs.
+
+#: Name of the force of the pair terms.
+PAIR_FORCE = "DPD pair terms"
 
 #: Usual force group of the pair terms, outside the integration groups unless the kernel holds the conservative force.
 PAIR_GROUP = 31

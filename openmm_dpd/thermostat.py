@@ -19,6 +19,7 @@ from .kernels.sweeps import EXACT, SHARDLOW
 from .model.pairs import DPD, NONE, checked
 from .model.scene import TemperatureRamp, thermal_energy
 from .model.table import PairTable, require_complete
+from .names import PAIR_FORCE
 from .plan import SCHEMES, ProgramOptions, check_cutoffs, checked_seed, tau_ratio
 from .programs import make_program
 from .tables import dpd_table
@@ -225,6 +226,8 @@ def check_system(system: openmm.System) -> None:
     if not isinstance(system, openmm.System):
         raise ParameterError(f"the thermostat is added to an openmm.System, not to a {type(system).__name__}")
     for force in system.getForces():
+        if force.getName() == PAIR_FORCE:
+            raise PlanError("the System has DPD pair terms already; a table by type names holds several coefficients at once")
         if isinstance(force, openmm.AndersenThermostat):
             raise PlanError("the System already has an AndersenThermostat; remove it before adding a DPD thermostat")
         if isinstance(force, openmm.CMMotionRemover):

@@ -20,6 +20,7 @@ from ..names import (
     DT,
     KICKS,
     KT,
+    PAIR_FORCE,
     PHASE,
     SEED,
     TAU,
@@ -322,7 +323,7 @@ def pair_force(
     if spec.fields is not None and spec.fields.kind == ENERGY:
         parameters |= {VOLUME_MOVES: 0.0, VOLUME_STEP: 0.01, VOLUME_ACCEPTED: 0.0}
     force = openmm.PythonForce(PairForceFunction(spec, conservative, periodic, options.field_scale, balanced, guarded), parameters)
-    force.setName("DPD pair terms")
+    force.setName(PAIR_FORCE)
     force.setForceGroup(options.pair_group)
     # true exactly when the scene is periodic: only then are the positions handed over meaningful on GPU platforms
     force.setUsesPeriodicBoundaryConditions(periodic)

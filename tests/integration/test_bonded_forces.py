@@ -13,6 +13,7 @@ from scenes import beads
 import openmm_dpd as dpd
 from openmm_dpd.lammps.deck import read_deck
 from openmm_dpd.lammps.main import RunOptions, run_deck
+from openmm_dpd.names import BONDED_GROUP
 
 NO_LAMMPS = lammps_peer.why_missing()
 BOX = np.array([[6.2, 0, 0], [1.3, 5.9, 0], [-1.1, 1.7, 6.4]])
@@ -61,7 +62,7 @@ def test_forces_and_energy_on_every_platform(device):
             expected = -(energy_of(x + step, bonds, angles) - energy_of(x - step, bonds, angles)) / (2 * h)
             assert force[bead, axis] == pytest.approx(expected, abs=device.choose(3e-6, 3e-4, 3e-4) * np.abs(force).max())
     simulation = built.simulation(properties=device.properties)
-    energy = simulation.context.getState(energy=True, groups={0}).getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)
+    energy = simulation.context.getState(energy=True, groups={BONDED_GROUP}).getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)
     assert energy == pytest.approx(energy_of(x, bonds, angles), rel=device.choose(1e-10, 1e-5, 1e-5))
     sample = dpd.Observer(built).sample(simulation.context)
     assert sample.bond + sample.angle == pytest.approx(energy_of(x, bonds, angles), rel=device.choose(1e-12, 1e-5, 1e-5))

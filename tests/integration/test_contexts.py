@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import threading
 
 import numpy as np
@@ -62,7 +63,7 @@ def test_two_contexts_of_one_system_in_turn(choices, conservative):
     platform = openmm.Platform.getPlatformByName("Reference")
     contexts, integrators = [], []
     for shift in (0.0, 0.4):
-        integrators.append(openmm.XmlSerializer.clone(built.integrator))
+        integrators.append(copy.copy(built.integrator))
         contexts.append(openmm.Context(built.system, integrators[-1], platform))
         contexts[-1].setPositions(scene.positions + shift * scene.velocities)
         contexts[-1].setVelocities(scene.velocities)

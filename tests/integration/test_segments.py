@@ -16,7 +16,7 @@ import openmm_dpd as dpd
 from openmm_dpd.lammps.deck import read_deck
 from openmm_dpd.lammps.main import RunOptions, run_deck
 from openmm_dpd.lammps.srp import srp_settings
-from openmm_dpd.names import SEGMENT_GROUP
+from openmm_dpd.names import BONDED_GROUP, SEGMENT_GROUP
 
 NO_LAMMPS = lammps_peer.why_missing()
 LAMMPS = pytest.mark.skipif(NO_LAMMPS is not None, reason=str(NO_LAMMPS))
@@ -170,7 +170,7 @@ def test_beside_a_repulsion_that_depends_on_temperatures():
         contexts.append(built.simulation().context)
         samples.append(dpd.Observer(built).sample(contexts[-1]))
     energy, force = segment_state(contexts[1])
-    bonded = contexts[1].getState(forces=True, groups={0}).getForces(asNumpy=True)._value
+    bonded = contexts[1].getState(forces=True, groups={BONDED_GROUP}).getForces(asNumpy=True)._value
     assert samples[1].pair - samples[0].pair == pytest.approx(energy, rel=1e-10)
     np.testing.assert_allclose(samples[1].forces - samples[0].forces, force + bonded, atol=1e-9)
 

@@ -189,5 +189,5 @@ def test_what_cannot_go_together():
         dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002, scheme="mvv")
     system = system_of()
     dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002)
-    with pytest.raises(dpd.PlanError, match="force group 31"):
+    with pytest.raises(dpd.PlanError, match="has DPD pair terms already"):
         dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002)
