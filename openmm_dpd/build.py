@@ -168,7 +168,7 @@ def build_plan(plan: Plan) -> Built:
         system=system,
         integrator=integrator,
         topology=openmm_topology(list(scene.types), scene.molecules, scene.bond_pairs, scene.box, scene.residues),
-        positions=scene.positions * unit.nanometer,
+        positions=scene.positions.copy() * unit.nanometer,
         velocities=initial_velocities(scene, options.seed) * (unit.nanometer / unit.picosecond),
         plan=plan,
         program=program,
@@ -178,7 +178,7 @@ def build_plan(plan: Plan) -> Built:
 def initial_velocities(scene: Scene, seed: int) -> np.ndarray:
     """The scene's velocities, or Maxwell's with no total momentum and exactly the scene's temperature; immobile beads at rest."""
     if scene.velocities is not None:
-        return scene.velocities
+        return scene.velocities.copy()
     mobile = np.ones(scene.n_beads, bool) if scene.mobile is None else scene.mobile
     mass = scene.bead_masses[mobile]
     v = np.zeros((scene.n_beads, 3))

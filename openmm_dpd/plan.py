@@ -494,7 +494,8 @@ def _pair_spec(scene: Scene, kinds, layers, exceptions, scheme: str, fields: Fie
     if scene.velocities is not None and np.any(scene.velocities[~mobile] != 0):
         wall_velocity = np.where(mobile[:, None], 0.0, scene.velocities)
     return PairSpec(
-        types=scene.type_ids,
+        # numba would compile kernels of their own for the scene's read-only arrays
+        types=scene.type_ids.copy(),
         inv_mass=np.where(mobile, 1.0 / scene.bead_masses, 0.0),
         terms=tuple(TABLES[kind](table, scene) for kind, table in zip(kinds, layers, strict=True)),
         update=SHARDLOW if scheme == "shardlow" else EXACT,

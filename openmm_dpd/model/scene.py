@@ -14,6 +14,7 @@ from .bonds import BOND_KINDS, Bonds, FENEBonds
 from .electrostatics import GaussianCharges, SlaterCharges, check_electrostatics
 from .flow import BodyForce, PositionForce, Wall, check_inside, gaps
 from .internal import Internal, check_internal
+from .owned import keep
 from .pairs import DPD
 from .segments import SegmentalRepulsion, check_segments
 from .sources import Source
@@ -41,10 +42,10 @@ class TemperatureRamp:
     end: int
 
     def __post_init__(self):
-        object.__setattr__(self, "start", thermal_energy(self.start, "the ramp's start"))
-        object.__setattr__(self, "stop", thermal_energy(self.stop, "the ramp's stop"))
+        keep(self, start=thermal_energy(self.start, "the ramp's start"))
+        keep(self, stop=thermal_energy(self.stop, "the ramp's stop"))
         for name in ("begin", "end"):
-            object.__setattr__(self, name, whole_number(getattr(self, name), f"the ramp's {name} (a step)"))
+            keep(self, **{name: whole_number(getattr(self, name), f"the ramp's {name} (a step)")})
         if self.end <= self.begin:
             raise ParameterError(f"a temperature ramp must end after it begins; got begin = {self.begin}, end = {self.end}")
 
@@ -187,7 +188,7 @@ class Scene:
 
     def __post_init__(self):
         def put(name, value):
-            object.__setattr__(self, name, value)
+            keep(self, **{name: value})
 
         put("masses", self._checked_masses())
         put("types", self._checked_types())
@@ -211,6 +212,7 @@ class Scene:
         self._check_segments()
         put("special", self._checked_special())
         put("tables", self._checked_pairs())
+        put("pairs", self.tables)
         if not isinstance(self.sources, Sequence):
             raise ParameterError(f"sources must be a sequence of sources, not {self.sources!r}")
         put("sources", tuple(self.sources))
@@ -334,7 +336,7 @@ class Scene:
         given, names = getattr(self, name), " or ".join(kind.__name__ for kind in kinds)
         if isinstance(given, kinds) or not isinstance(given, Sequence) or isinstance(given, str):
             raise ParameterError(f"{name} must be a sequence of {names}, such as [{kinds[0].__name__}(...)], not {given!r}")
-        object.__setattr__(self, name, tuple(given))
+        keep(self, **{name: tuple(given)})
         for entry in given:
             if not isinstance(entry, kinds):
                 raise ParameterError(f"{name} must be a sequence of {names}, not of {type(entry).__name__}")
@@ -360,7 +362,7 @@ class Scene:
         if self.walls:
             mobile = np.ones(self.n_beads, bool) if self.mobile is None else self.mobile
             check_inside(gaps(self.walls, self.box), self.positions, mobile)
-        object.__setattr__(self, "walls", tuple(self.walls))
+        keep(self, walls=tuple(self.walls))
 
     def _checked_special(self) -> tuple[float, float, float]:
         try:
