@@ -276,7 +276,7 @@ def _add_charges(system: openmm.System, plan: Plan, factors: dict[tuple[int, int
     if scene.electrostatics is None:
         return set()
     assert scene.charges is not None
-    listed = needs_list(scene.charges, plan.ewald, scene.box)
+    listed = plan.ewald is not None and needs_list(scene.charges, plan.ewald, scene.box) and plan.listed(plan.ewald.cutoff)
     constant = scene.electrostatics.coulomb(scene.initial_kT)
     factors = {pair: plan.charge_exceptions.get(pair, 1.0) for pair in factors}
     for force in electrostatic_forces(scene.electrostatics, scene.charges, constant, plan.ewald, factors, listed=listed):
@@ -296,7 +296,8 @@ def _add_pair_expressions(
     for expression in expressions:
         group = groups.setdefault(expression.cutoff, len(groups) + 1)
         for virial in (False, True) if expression in with_virial else (False,):
-            made = [nonbonded_force(expression, scene.type_ids, exclusions, periodic, virial=virial)]
+            listed = plan.listed(expression.cutoff)
+            made = [nonbonded_force(expression, scene.type_ids, exclusions, periodic, virial=virial, listed=listed)]
             if restored:
                 made.append(exception_force(expression, scene.type_ids, restored, periodic, virial=virial))
             for force in made:

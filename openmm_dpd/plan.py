@@ -22,6 +22,7 @@ from .model.mdpd import MDPD, why_no_openmm_force
 from .model.pairs import NONE, describe
 from .model.scene import Scene, TemperatureRamp
 from .model.tdpd import TDPD
+from .neighbour_list import may_miss_pairs
 from .tables import FIELD_NAMES, TABLES, field_spec
 from .units import to_md
 
@@ -139,6 +140,10 @@ class Plan:
     ewald: EwaldSum | None = None
     charge_exceptions: dict[tuple[int, int], float] = field(default_factory=dict)
 
+    def listed(self, cutoff: float) -> bool:
+        """Whether OpenMM's pair forces with this cutoff can take the pairs from a neighbour list; they go through all pairs otherwise."""
+        return self.platform != "Reference" or not may_miss_pairs(self.scene.box, cutoff)
+
     def explain(self) -> str:
         """Half a page: what will be built, and why."""
         scene, options = self.scene, self.options
@@ -233,9 +238,10 @@ class Plan:
         return f"kT from {ramp.start:g} to {ramp.stop:g} kJ/mol between steps {ramp.begin} and {ramp.end}"
 
     def _conservative_text(self) -> str:
+        unlisted = "" if self.listed(_longest(self.layers)) else ", over all pairs (a list could miss some: the box is small and tilted)"
         return {
             "kernel": f"in the pair kernel, which passes over the same pairs anyway (platform {self.platform})",
-            "openmm": "CustomNonbondedForce with " + ("constants" if len(self.scene.masses) == 1 else "tables of type pairs"),
+            "openmm": "CustomNonbondedForce with " + ("constants" if len(self.scene.masses) == 1 else "tables of type pairs") + unlisted,
             "none": "none",
         }[self.conservative]
 
@@ -298,7 +304,7 @@ def make_plan(
     exceptions = _exceptions(scene, scene.special)
     repulsive = any(c is not NONE and c.has_conservative for table in layers for c in table.values())
     thermostat = any(c is not NONE and c.has_thermostat for table in layers for c in table.values())
-    only = _why_kernel_only(scene, kinds, layers, exceptions)
+    only = _why_kernel_only(scene, kinds, layers, exceptions, platform)
     where = _conservative_place(conservative, repulsive, thermostat, only, platform, scheme)
     fields = field_spec(scene)
     options = ProgramOptions(
@@ -401,7 +407,7 @@ def _conservative_place(conservative: str, repulsive: bool, thermostat: bool, on
     return where
 
 
-def _why_kernel_only(scene: Scene, kinds: list[type], layers, exceptions) -> str | None:
+def _why_kernel_only(scene: Scene, kinds: list[type], layers, exceptions, platform: str | None) -> str | None:
     """Why no OpenMM force can compute the conservative force, or None."""
     for kind, table in zip(kinds, layers, strict=True):
         if kind is EDPD:
@@ -411,6 +417,10 @@ def _why_kernel_only(scene: Scene, kinds: list[type], layers, exceptions) -> str
             reason = why_no_openmm_force(table, exceptions, close)
             if reason is not None:
                 return reason
+            # the only force here that cannot do without a neighbour list
+            reach = max(c.cutoff_B for c in table.values() if c is not NONE)
+            if platform == "Reference" and may_miss_pairs(scene.box, reach):
+                return "in this box, small and tilted, the Reference platform can miss pairs of densities; use the kernel or the CPU"
     return None
 
 
