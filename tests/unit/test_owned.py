@@ -140,4 +140,3 @@ def test_what_is_built_is_the_users_own():
         spoil(quantity)
     assert np.array_equal(scene.positions, arguments["positions"])
     assert np.array_equal(scene.velocities, arguments["velocities"])
-
