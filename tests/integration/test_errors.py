@@ -192,6 +192,27 @@ def test_what_the_native_scheme_cannot_express(name):
         build(scene(pairs={("W", "W"): coefficient}), scheme="native")
 
 
+SMALL_TILTED = [[3.0, 0, 0], [1.4, 3.0, 0], [0, 0, 3.0]]
+NATIVE_SCENES = {
+    "immobile beads": (dict(mobile=np.arange(N) != 3), "bead 3 is immobile"),
+    "beads that only say that they move": (dict(mobile=np.ones(N, bool)), None),
+    "moving wall": (dict(mobile=np.arange(N) != 3, velocities=np.ones((N, 3))), "bead 3 is immobile"),
+    "beads at one point": (dict(positions=np.concatenate([X[:1], X[:-1]])), "beads 0 and 1 are at the same point"),
+    "small tilted box": (dict(box=SMALL_TILTED), "small and tilted.*friction.*Reference"),
+    "masses of beads": (dict(bead_masses=np.arange(1.0, N + 1)), "same mass"),
+}
+
+
+@pytest.mark.parametrize("name", NATIVE_SCENES)
+def test_scenes_that_the_native_scheme_cannot_run(name):
+    changes, message = NATIVE_SCENES[name]
+    if message is None:
+        build(scene(**changes), scheme="native").simulation().step(2)
+    else:
+        with pytest.raises(PlanError, match=message):
+            build(scene(**changes), scheme="native")
+
+
 def test_native_needs_openmms_force_and_no_ramp():
     with pytest.raises(PlanError, match="openmm"):
         build(scheme="native", conservative="kernel")
