@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .errors import ParameterError, PlanError
+from .errors import ParameterError, PlanError, what_is
 from .kernels.cells import coincident_pairs
 from .kernels.engine import PairSpec
 from .kernels.fields import ENERGY, TEMPERATURE, FieldSpec
@@ -287,7 +287,7 @@ def make_plan(
         If a choice is out of bounds or cannot be combined with the scene.
     """
     if not isinstance(scene, Scene):
-        raise ParameterError(f"expected a Scene, not {scene!r}")
+        raise ParameterError(f"expected a Scene, not {what_is(scene)}")
     step = _checked_step(dt)
     if not isinstance(scheme, str) or scheme not in SCHEMES:
         raise ParameterError(f"unknown scheme {scheme!r}; it must be one of {', '.join(SCHEMES)}")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import ParameterError
+from ..errors import ParameterError, what_is
 from ..units import COULOMB, to_md, whole_number
 from .owned import keep
 
@@ -316,7 +316,7 @@ def check_electrostatics(charges: SmearedCharges | None, q: np.ndarray | None, b
         return
     name = type(charges).__name__
     if not isinstance(charges, (SlaterCharges, GaussianCharges)):
-        raise ParameterError(f"electrostatics must be SlaterCharges(...) or GaussianCharges(...), not {charges!r}")
+        raise ParameterError(f"electrostatics must be SlaterCharges(...) or GaussianCharges(...), not {what_is(charges)}")
     if q is None:
         raise ParameterError(f"electrostatics needs the charges of the beads; give one per bead in `charges` ({name})")
     if not np.any(q):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import ParameterError
+from ..errors import ParameterError, what_is
 from ..units import to_md
 from .formulas import read_formula, values
 from .owned import keep
@@ -53,7 +53,7 @@ def _members(types, beads, what: str) -> Members:
     if types is not None:
         types = (types,) if isinstance(types, str) else tuple(types) if isinstance(types, Iterable) else types
         if not isinstance(types, tuple) or not types or not all(isinstance(name, str) for name in types):
-            raise ParameterError(f"{what}: types must be the name of a bead type or several, not {types!r}")
+            raise ParameterError(f"{what}: types must be the name of a bead type or several, not {what_is(types)}")
     if beads is not None:
         beads = np.asarray(beads)
         if beads.dtype != np.bool_ or beads.ndim != 1:
@@ -175,7 +175,7 @@ class PositionForce:
             or len(formulas) != 3
             or not all(isinstance(text, str) and text.strip() for text in formulas)
         ):
-            raise ParameterError(f"a position force needs three formulas, one per component, not {formulas!r}")
+            raise ParameterError(f"a position force needs three formulas, one per component, not {what_is(formulas)}")
         for text in formulas:
             read_formula(text, AXES, "a position force")
         keep(self, formulas=tuple(formulas))
@@ -280,7 +280,7 @@ def gaps(walls: Sequence[Wall], box: np.ndarray | None) -> dict[int, Gap]:
         left between the images.
     """
     if isinstance(walls, Wall) or not all(isinstance(wall, Wall) for wall in walls):
-        raise ParameterError(f"walls must be a sequence of Wall, such as [Wall('z', 0.0, 'above'), ...], not {walls!r}")
+        raise ParameterError(f"walls must be a sequence of Wall, such as [Wall('z', 0.0, 'above'), ...], not {what_is(walls)}")
     found: dict[int, Gap] = {}
     for name in dict.fromkeys(wall.axis for wall in walls):
         mine = [wall for wall in walls if wall.axis == name]

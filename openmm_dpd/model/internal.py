@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import ParameterError
+from ..errors import ParameterError, what_is
 from ..units import to_md
 from .edpd import EDPD
 from .energy_dpd import EnergyDPD
@@ -75,7 +75,7 @@ class InternalEnergy:
         if isinstance(self.eos, (ConstantHeatCapacity, TabulatedEOS)):
             return [self.eos] * len(names)
         if not isinstance(self.eos, Mapping):
-            raise ParameterError(f"eos must be an equation of state or a mapping of bead types to them, not {self.eos!r}")
+            raise ParameterError(f"eos must be an equation of state or a mapping of bead types to them, not {what_is(self.eos)}")
         for name in names:
             if not isinstance(self.eos.get(name), (ConstantHeatCapacity, TabulatedEOS)):
                 raise ParameterError(f"no equation of state for bead type {name}")
@@ -183,7 +183,7 @@ def check_internal(
         return
     kind = kinds.pop()
     if not isinstance(internal, NEEDED[kind]):
-        raise ParameterError(f"pair terms of kind {kind.__name__} need internal={NEEDED[kind].__name__}(...), not {internal!r}")
+        raise ParameterError(f"pair terms of kind {kind.__name__} need internal={NEEDED[kind].__name__}(...), not {what_is(internal)}")
     n = len(type_ids)
     n_values = 0
     if isinstance(internal, InternalEnergy):

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..errors import ParameterError
+from ..errors import ParameterError, what_is
 from ..units import BOLTZMANN, to_md, whole_number
 from .angles import ANGLE_KINDS, Angles, check_angles
 from .bonds import BOND_KINDS, Bonds, FENEBonds
@@ -214,7 +214,7 @@ class Scene:
         put("tables", self._checked_pairs())
         put("pairs", self.tables)
         if not isinstance(self.sources, Sequence):
-            raise ParameterError(f"sources must be a sequence of sources, not {self.sources!r}")
+            raise ParameterError(f"sources must be a sequence of sources, not {what_is(self.sources)}")
         put("sources", tuple(self.sources))
         check_internal(self.internal, self.sources, self.tables, self.type_ids, self.type_names, self.box)
         self._check_flow()
@@ -268,10 +268,11 @@ class Scene:
         try:
             types = tuple(self.types)
         except TypeError:
-            raise ParameterError(f"types must name the type of each bead, as ['W', 'W', ...]; they are {self.types!r}") from None
+            raise ParameterError(f"types must name the type of each bead, as ['W', 'W', ...]; they are {what_is(self.types)}") from None
         if not types:
             raise ParameterError("a scene needs at least one bead")
-        unknown = sorted({name if isinstance(name, str) else repr(name) for name in types if name not in self.masses})
+        unknown = sorted({name for name in types if isinstance(name, str)} - set(self.masses))
+        unknown += [what_is(name) for name in types if not isinstance(name, str)][:1]
         if unknown:
             raise ParameterError(f"unknown bead types {', '.join(unknown)}; `masses` defines {', '.join(self.masses)}")
         return types
@@ -335,7 +336,7 @@ class Scene:
     def _check_kinds(self, name: str, kinds: tuple[type, ...]) -> None:
         given, names = getattr(self, name), " or ".join(kind.__name__ for kind in kinds)
         if isinstance(given, kinds) or not isinstance(given, Sequence) or isinstance(given, str):
-            raise ParameterError(f"{name} must be a sequence of {names}, such as [{kinds[0].__name__}(...)], not {given!r}")
+            raise ParameterError(f"{name} must be a sequence of {names}, such as [{kinds[0].__name__}(...)], not {what_is(given)}")
         keep(self, **{name: tuple(given)})
         for entry in given:
             if not isinstance(entry, kinds):
@@ -349,7 +350,7 @@ class Scene:
         if self.segments is None:
             return
         if not isinstance(self.segments, SegmentalRepulsion):
-            raise ParameterError(f"segments must be a SegmentalRepulsion, not {self.segments!r}")
+            raise ParameterError(f"segments must be a SegmentalRepulsion, not {what_is(self.segments)}")
         check_segments(self.segments, self.segment_pairs, self.positions, self.box)
 
     def _check_flow(self) -> None:
@@ -376,7 +377,7 @@ class Scene:
     def _checked_pairs(self) -> tuple[PairTable, ...]:
         tables = self.pairs
         if not isinstance(tables, (PairTable, Mapping, Sequence)):
-            raise ParameterError(f"pairs must be a PairTable, a mapping that makes one, or a sequence of them, not {tables!r}")
+            raise ParameterError(f"pairs must be a PairTable, a mapping that makes one, or a sequence of them, not {what_is(tables)}")
         if isinstance(tables, Mapping):
             tables = PairTable(tables)
         if isinstance(tables, PairTable):

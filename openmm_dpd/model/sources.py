@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import ParameterError
+from ..errors import ParameterError, what_is
 from ..units import to_md
 from .owned import keep
 
@@ -113,7 +113,7 @@ class Source:
 
     def __post_init__(self):
         if not isinstance(self.region, (Block, Sphere)):
-            raise ParameterError(f"the region of a source must be a Block or a Sphere, not {self.region!r}")
+            raise ParameterError(f"the region of a source must be a Block or a Sphere, not {what_is(self.region)}")
         keep(self, rate=to_md(self.rate, "dimensionless", "the rate of a source"), corner=_point(self.corner, "corner"))
         if isinstance(self.species, bool) or not isinstance(self.species, (int, np.integer)) or self.species < 0:
             raise ParameterError(f"the species of a source must be a number counted from 0, not {self.species!r}")
