@@ -57,6 +57,9 @@ class Built:
     plan: Plan
     program: Program | None
 
+    def __repr__(self) -> str:
+        return f"<Built from {self.plan!r}>"
+
     def simulation(self, platform: openmm.Platform | str | None = None, properties: dict[str, str] | None = None) -> app.Simulation:
         """A Simulation with positions and velocities set, on the plan's platform by default."""
         simulation = new_simulation(self, platform, properties, again="this scene has a Simulation already; build it again for another one")

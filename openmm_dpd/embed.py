@@ -72,6 +72,9 @@ class Embedded:
     n_atoms: int
     plan: Plan
 
+    def __repr__(self) -> str:
+        return f"<Embedded: {self.n_atoms} atoms and {self.plan.scene.n_beads - self.n_atoms} beads, {self.plan!r}>"
+
     def simulation(self, platform: openmm.Platform | str | None = None, properties: dict[str, str] | None = None) -> app.Simulation:
         """A Simulation with positions and velocities set, such as constraints allow them, on the plan's platform by default."""
         again = "these atoms and beads have a Simulation already; embed them again for another one"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import reprlib
 
 _SHORT = reprlib.Repr()
-_SHORT.maxstring = _SHORT.maxother = 60
+_SHORT.maxstring, _SHORT.maxother, _SHORT.maxlist = 60, 40, 4
 
 
 class DPDError(ValueError):
@@ -58,7 +58,9 @@ def what_is(value) -> str:
     if value is None or isinstance(value, (bool, int, float, str, bytes, list, tuple, dict, set)):
         return _SHORT.repr(value)
     name = getattr(value, "__name__", None)
-    if callable(value) and name is not None and not isinstance(value, type):
+    if isinstance(value, type):
+        return f"the class {name}"
+    if callable(value) and name is not None:
         return f"the function {name}; call it: {name}()"
     kind = type(value).__name__
     return f"{'an' if kind[:1] in 'AEIOUaeiou' else 'a'} {kind}"

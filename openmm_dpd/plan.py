@@ -140,6 +140,9 @@ class Plan:
     ewald: EwaldSum | None = None
     charge_exceptions: dict[tuple[int, int], float] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        return f"<Plan for {self.platform}: {self.options.scheme}, dt = {self.options.dt:g} ps, {self.scene!r}>"
+
     def listed(self, cutoff: float) -> bool:
         """Whether OpenMM's pair forces with this cutoff can take the pairs from a neighbour list; they go through all pairs otherwise."""
         return self.platform != "Reference" or not may_miss_pairs(self.scene.box, cutoff)

@@ -222,6 +222,11 @@ class Scene:
         if self.compat not in ("consistent", "lammps"):
             raise ParameterError(f"compat must be 'consistent' or 'lammps', not {self.compat!r}")
 
+    def __repr__(self) -> str:
+        types = list(self.masses) if len(self.masses) <= 5 else f"{len(self.masses)} types"
+        box = "no box" if self.box is None else "box " + " x ".join(f"{edge:g}" for edge in np.diag(self.box)) + " nm"
+        return f"<Scene of {self.n_beads} beads, {types}, {box}, {len(self.bond_pairs)} bonds, kT = {self.initial_kT:g}>"
+
     # -- derived ---------------------------------------------------------------------------------------------------------------
     @property
     def n_beads(self) -> int:

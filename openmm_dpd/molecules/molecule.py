@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, groupby
@@ -69,6 +70,9 @@ class Molecule:
         lost = sorted(set(range(self.n_beads)) - {bead for bead, _ in self.tree()})
         if lost:
             raise ParameterError(f"{name} falls into parts: no chain of bonds leads from bead 0 to bead {lost[0]}")
+
+    def __repr__(self) -> str:
+        return f"<Molecule {reprlib.repr(self.name)}: {self.n_beads} beads, {len(self.bonds)} bonds, {len(self.angles)} angles>"
 
     @property
     def n_beads(self) -> int:
