@@ -22,7 +22,8 @@ import openmm
 from openmm import unit
 
 from .build import Built
-from .errors import ParameterError, PlanError
+from .embed import Embedded
+from .errors import ParameterError, PlanError, what_is
 from .fields import per_dof, raw_fields
 from .kernels.compiled import compiled
 from .kernels.eos import EOSTable, entropy_change, in_range
@@ -53,7 +54,18 @@ def md_pressure(value) -> float:
     return number
 
 
-def _check(built: Built, interval: int, axes: tuple[bool, bool, bool]) -> None:
+#: OpenMM's barostats.
+_BAROSTATS = (
+    openmm.MonteCarloBarostat,
+    openmm.MonteCarloAnisotropicBarostat,
+    openmm.MonteCarloMembraneBarostat,
+    openmm.MonteCarloFlexibleBarostat,
+)
+
+
+def _check(built: Built | Embedded, interval: int, axes: tuple[bool, bool, bool]) -> None:
+    if not isinstance(built, (Built, Embedded)):
+        raise ParameterError(f"a barostat wants what openmm_dpd.build() or embed() returned, not {what_is(built)}")
     scene = built.plan.scene
     if scene.box is None:
         raise PlanError("a scene without a box has no pressure to hold constant")
@@ -65,8 +77,16 @@ def _check(built: Built, interval: int, axes: tuple[bool, bool, bool]) -> None:
         raise ParameterError(f"axes must be three of True or False, at least one True, not {axes!r}")
 
 
+def _has_context(integrator: openmm.Integrator) -> bool:
+    try:
+        integrator.step(0)  # the only question about it that every integrator answers
+    except openmm.OpenMMException:
+        return False
+    return True
+
+
 def add_barostat(
-    built: Built, pressure, *, interval: int = 25, axes: tuple[bool, bool, bool] = (True, True, True), coupled: bool = True
+    built: Built | Embedded, pressure, *, interval: int = 25, axes: tuple[bool, bool, bool] = (True, True, True), coupled: bool = True
 ) -> openmm.Force:
     """Add OpenMM's Monte Carlo barostat to an isothermal scene, before its Context is made.
 
@@ -76,7 +96,7 @@ def add_barostat(
 
     Parameters
     ----------
-    built : Built
+    built : Built or Embedded
         An isothermal scene (no internal energies) in a box, all of whose beads move.
     pressure : pressure
         Bare numbers: kJ/mol/nm^3 (the reduced pressure of a reduced scene).
@@ -95,17 +115,24 @@ def add_barostat(
     Raises
     ------
     ParameterError, PlanError
-        If the scene has internal energies (use :class:`EnthalpyBarostat`), a temperature ramp, no box or immobile beads, or a value is
-        wrong.
+        If the scene has internal energies (use :class:`EnthalpyBarostat`), a temperature ramp or one of 0, no box, immobile beads, a
+        barostat or a Context already, or a value is wrong.
     """
     _check(built, interval, axes)
     plan = built.plan
+    present = next((force for force in built.system.getForces() if isinstance(force, _BAROSTATS)), None)
+    if present is not None:
+        raise PlanError(f"the System has a {type(present).__name__} already; two barostats would make the volume follow neither")
+    if _has_context(built.integrator):
+        raise PlanError("there is a Context of this scene already, which would not know the barostat; add it before the Simulation is made")
     if plan.spec.fields is not None:
         if plan.spec.fields.kind == ENERGY:
             raise PlanError("the beads carry internal energies: use EnthalpyBarostat")
         raise PlanError("there is no barostat for beads with temperatures or concentrations (EDPD, TDPD)")
     if plan.options.ramp is not None:
         raise PlanError("OpenMM's barostats have one temperature; a temperature ramp cannot be combined with them")
+    if plan.options.kT == 0:
+        raise PlanError("OpenMM's barostats sample volumes at a temperature, and that of the scene is 0")
     bar, kelvin = md_pressure(pressure) * BAR_PER_MD_PRESSURE, plan.options.kT / BOLTZMANN
     if coupled and all(axes):
         barostat = openmm.MonteCarloBarostat(bar, kelvin, interval)

@@ -59,6 +59,9 @@ class Built:
     plan: Plan
     program: Program | None
 
+    def __repr__(self) -> str:
+        return f"<Built from {self.plan!r}>"
+
     def simulation(self, platform: openmm.Platform | str | None = None, properties: dict[str, str] | None = None) -> app.Simulation:
         """A Simulation with positions and velocities set, on the plan's platform by default."""
         simulation = new_simulation(self, platform, properties, again="this scene has a Simulation already; build it again for another one")
@@ -171,7 +174,7 @@ def build_plan(plan: Plan) -> Built:
         system=system,
         integrator=integrator,
         topology=openmm_topology(list(scene.types), scene.molecules, scene.bond_pairs, scene.box, scene.residues),
-        positions=scene.positions * unit.nanometer,
+        positions=scene.positions.copy() * unit.nanometer,
         velocities=initial_velocities(scene, options.seed) * (unit.nanometer / unit.picosecond),
         plan=plan,
         program=program,
@@ -181,7 +184,7 @@ def build_plan(plan: Plan) -> Built:
 def initial_velocities(scene: Scene, seed: int) -> np.ndarray:
     """The scene's velocities, or Maxwell's with no total momentum and exactly the scene's temperature; immobile beads at rest."""
     if scene.velocities is not None:
-        return scene.velocities
+        return scene.velocities.copy()
     mobile = np.ones(scene.n_beads, bool) if scene.mobile is None else scene.mobile
     mass = scene.bead_masses[mobile]
     v = np.zeros((scene.n_beads, 3))
@@ -282,7 +285,7 @@ def _add_charges(system: openmm.System, plan: Plan, factors: dict[tuple[int, int
     if scene.electrostatics is None:
         return
     assert scene.charges is not None
-    listed = needs_list(scene.charges, plan.ewald, scene.box)
+    listed = plan.ewald is not None and needs_list(scene.charges, plan.ewald, scene.box) and plan.listed(plan.ewald.cutoff)
     constant = scene.electrostatics.coulomb(scene.initial_kT)
     factors = {pair: plan.charge_exceptions.get(pair, 1.0) for pair in factors}
     for force in electrostatic_forces(scene.electrostatics, scene.charges, constant, plan.ewald, factors, listed=listed):
@@ -307,7 +310,8 @@ def _add_pair_expressions(
     for expression in expressions:
         number = groups.setdefault(expression.cutoff, len(groups))
         for virial in (False, True) if expression in with_virial else (False,):
-            made = [nonbonded_force(expression, scene.type_ids, exclusions, periodic, virial=virial)]
+            listed = plan.listed(expression.cutoff)
+            made = [nonbonded_force(expression, scene.type_ids, exclusions, periodic, virial=virial, listed=listed)]
             if restored:
                 made.append(exception_force(expression, scene.type_ids, restored, periodic, virial=virial))
             for force in made:

@@ -22,7 +22,7 @@ import openmm
 from openmm import app, unit
 
 from .build import build_plan, fastest_platform, integration_groups, new_simulation
-from .errors import ParameterError, PlanError, RunError
+from .errors import ParameterError, PlanError, RunError, what_is
 from .forces.merging import merged_systems
 from .integrators import Made, PairIntegrator
 from .model.pairs import DPD, NONE, LennardJones, TabulatedPair
@@ -72,6 +72,9 @@ class Embedded:
     velocities: unit.Quantity
     n_atoms: int
     plan: Plan
+
+    def __repr__(self) -> str:
+        return f"<Embedded: {self.n_atoms} atoms and {self.plan.scene.n_beads - self.n_atoms} beads, {self.plan!r}>"
 
     def simulation(self, platform: openmm.Platform | str | None = None, properties: dict[str, str] | None = None) -> app.Simulation:
         """A Simulation with positions and velocities set, such as constraints allow them, on the plan's platform by default."""
@@ -187,7 +190,7 @@ def embed(
     solvent of beads it means little and is better switched off.
     """
     if not isinstance(scene, Scene):
-        raise ParameterError(f"expected a Scene, not {scene!r}")
+        raise ParameterError(f"expected a Scene, not {what_is(scene)}")
     _check_scene(scene)
     check_system(system)
     x = _checked_positions(topology, system, positions)
@@ -279,7 +282,7 @@ def _check_box(scene: Scene, system: openmm.System) -> None:
 
 def _checked_classes(atoms, n: int, types: list[str]) -> list[str | None]:
     if isinstance(atoms, str) or not isinstance(atoms, Sequence):
-        raise ParameterError(f"atoms must name the class of each particle of the System (or None), not {atoms!r}")
+        raise ParameterError(f"atoms must name the class of each particle of the System (or None), not {what_is(atoms)}")
     if len(atoms) != n:
         raise ParameterError(f"atoms names the classes of {len(atoms)} particles, but the System has {n}")
     for name in atoms:
@@ -298,7 +301,7 @@ def _tables(scene: Scene, classes: list[str | None], cross) -> list[PairTable]:
     names = sorted({name for name in classes if name is not None})
     given = [cross] if isinstance(cross, (PairTable, Mapping)) else cross
     if not isinstance(given, Sequence) or isinstance(given, str):
-        raise ParameterError(f"cross must be a table {{(class, bead type): coefficient}}, or a sequence of them, not {cross!r}")
+        raise ParameterError(f"cross must be a table {{(class, bead type): coefficient}}, or a sequence of them, not {what_is(cross)}")
     extra = [table if isinstance(table, PairTable) else PairTable(table) for table in given]
     entries = [(table.kind, _cross_entries(table, names, scene.type_names)) for table in extra]
     covered = {frozenset(pair) for _, found in entries for pair in found}

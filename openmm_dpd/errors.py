@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import reprlib
+
+_SHORT = reprlib.Repr()
+_SHORT.maxstring, _SHORT.maxother, _SHORT.maxlist = 60, 40, 4
+
 
 class DPDError(ValueError):
     """Base class of every error that openmm_dpd raises on purpose."""
@@ -43,3 +48,19 @@ class DeckError(DPDError):
 
     def __reduce__(self):
         return type(self), (self.message, self.file, self.line)
+
+
+def what_is(value) -> str:
+    """What a wrong argument is, in a few words: numbers, text and short collections themselves, of everything else the type.
+
+    A whole scene or system in a message would be thousands of lines.
+    """
+    if value is None or isinstance(value, (bool, int, float, str, bytes, list, tuple, dict, set)):
+        return _SHORT.repr(value)
+    name = getattr(value, "__name__", None)
+    if isinstance(value, type):
+        return f"the class {name}"
+    if callable(value) and name is not None:
+        return f"the function {name}; call it: {name}()"
+    kind = type(value).__name__
+    return f"{'an' if kind[:1] in 'AEIOUaeiou' else 'a'} {kind}"

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .errors import ParameterError, PlanError
+from .errors import ParameterError, PlanError, what_is
 from .kernels.cells import coincident_pairs
 from .kernels.engine import PairSpec
 from .kernels.fields import ENERGY, TEMPERATURE, FieldSpec
@@ -23,6 +23,7 @@ from .model.pairs import NONE, describe
 from .model.scene import Scene, TemperatureRamp
 from .model.tdpd import TDPD
 from .names import PAIR_GROUP
+from .neighbour_list import may_miss_pairs
 from .tables import FIELD_NAMES, TABLES, field_spec
 from .units import to_md
 
@@ -149,6 +150,13 @@ class Plan:
     ewald: EwaldSum | None = None
     charge_exceptions: dict[tuple[int, int], float] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        return f"<Plan for {self.platform}: {self.options.scheme}, dt = {self.options.dt:g} ps, {self.scene!r}>"
+
+    def listed(self, cutoff: float) -> bool:
+        """Whether OpenMM's pair forces with this cutoff can take the pairs from a neighbour list; they go through all pairs otherwise."""
+        return self.platform != "Reference" or not may_miss_pairs(self.scene.box, cutoff)
+
     def explain(self) -> str:
         """Half a page: what will be built, and why."""
         scene, options = self.scene, self.options
@@ -243,9 +251,10 @@ class Plan:
         return f"kT from {ramp.start:g} to {ramp.stop:g} kJ/mol between steps {ramp.begin} and {ramp.end}"
 
     def _conservative_text(self) -> str:
+        unlisted = "" if self.listed(_longest(self.layers)) else ", over all pairs (a list could miss some: the box is small and tilted)"
         return {
             "kernel": f"in the pair kernel, which passes over the same pairs anyway (platform {self.platform})",
-            "openmm": "CustomNonbondedForce with " + ("constants" if len(self.scene.masses) == 1 else "tables of type pairs"),
+            "openmm": "CustomNonbondedForce with " + ("constants" if len(self.scene.masses) == 1 else "tables of type pairs") + unlisted,
             "none": "none",
         }[self.conservative]
 
@@ -294,7 +303,7 @@ def make_plan(
         If a choice is out of bounds or cannot be combined with the scene.
     """
     if not isinstance(scene, Scene):
-        raise ParameterError(f"expected a Scene, not {scene!r}")
+        raise ParameterError(f"expected a Scene, not {what_is(scene)}")
     step = _checked_step(dt)
     if not isinstance(scheme, str) or scheme not in SCHEMES:
         raise ParameterError(f"unknown scheme {scheme!r}; it must be one of {', '.join(SCHEMES)}")
@@ -311,7 +320,7 @@ def make_plan(
     exceptions = _exceptions(scene, scene.special)
     repulsive = any(c is not NONE and c.has_conservative for table in layers for c in table.values())
     thermostat = any(c is not NONE and c.has_thermostat for table in layers for c in table.values())
-    only = _why_kernel_only(scene, kinds, layers, exceptions)
+    only = _why_kernel_only(scene, kinds, layers, exceptions, platform)
     where = _conservative_place(conservative, repulsive, thermostat, only, platform, scheme)
     fields = field_spec(scene)
     options = ProgramOptions(
@@ -417,7 +426,7 @@ def _conservative_place(conservative: str, repulsive: bool, thermostat: bool, on
     return where
 
 
-def _why_kernel_only(scene: Scene, kinds: list[type], layers, exceptions) -> str | None:
+def _why_kernel_only(scene: Scene, kinds: list[type], layers, exceptions, platform: str | None) -> str | None:
     """Why no OpenMM force can compute the conservative force, or None."""
     for kind, table in zip(kinds, layers, strict=True):
         if kind is EDPD:
@@ -427,6 +436,10 @@ def _why_kernel_only(scene: Scene, kinds: list[type], layers, exceptions) -> str
             reason = why_no_openmm_force(table, exceptions, close)
             if reason is not None:
                 return reason
+            # the only force here that cannot do without a neighbour list
+            reach = max(c.cutoff_B for c in table.values() if c is not NONE)
+            if platform == "Reference" and may_miss_pairs(scene.box, reach):
+                return "in this box, small and tilted, the Reference platform can miss pairs of densities; use the kernel or the CPU"
     return None
 
 
@@ -510,7 +523,8 @@ def _pair_spec(scene: Scene, kinds, layers, exceptions, scheme: str, fields: Fie
     if scene.velocities is not None and np.any(scene.velocities[~mobile] != 0):
         wall_velocity = np.where(mobile[:, None], 0.0, scene.velocities)
     return PairSpec(
-        types=scene.type_ids,
+        # numba would compile kernels of their own for the scene's read-only arrays
+        types=scene.type_ids.copy(),
         inv_mass=np.where(mobile, 1.0 / scene.bead_masses, 0.0),
         terms=tuple(TABLES[kind](table, scene) for kind, table in zip(kinds, layers, strict=True)),
         update=SHARDLOW if scheme == "shardlow" else EXACT,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .embed import Embedded
-from .errors import DPDError, ParameterError
+from .errors import DPDError, ParameterError, what_is
 from .model.bonds import HarmonicBonds
 from .model.energy_dpd import EnergyDPD
 from .model.internal import InternalEnergy
@@ -121,7 +121,7 @@ def recommend(
             "atoms and beads in one System take the step and scheme of the atoms (docs/howto/mixed.md), not one of the table"
         )
     if not isinstance(scene, Scene):
-        raise ParameterError(f"expected a Scene, not {scene!r}")
+        raise ParameterError(f"expected a Scene, not {what_is(scene)}")
     error = to_md(error, "dimensionless", "error")
     if not isinstance(error, float) or not SMALLEST <= error <= LEVELS[-1]:
         raise ParameterError(f"error, a relative one of the temperature, must be between {SMALLEST:g} and {LEVELS[-1]:g}, but is {error!r}")

@@ -71,6 +71,9 @@ class Sample:
     kT_atoms: float | None = None
     kT_beads: float | None = None
 
+    def __repr__(self) -> str:
+        return f"<Sample of step {self.step}: {self.n_mobile} beads that move, kT = {self.kT:.6g}, potential = {self.potential:.8g}>"
+
     @property
     def total(self) -> float:
         """Potential, kinetic and internal energy of one moment: what energy-conserving DPD conserves."""

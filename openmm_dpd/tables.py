@@ -111,7 +111,7 @@ def _many_body_table(table: dict, scene: Scene) -> ManyBodyTable:
         }
 
     lucy = check_many_body(table).kernel == "lucy"
-    return ManyBodyTable(**_arrays(table, scene.type_names, values), lucy=lucy, mass=scene.bead_masses)
+    return ManyBodyTable(**_arrays(table, scene.type_names, values), lucy=lucy, mass=scene.bead_masses.copy())
 
 
 #: Kind of pair term -> its kernel's arrays.
@@ -138,7 +138,7 @@ def field_spec(scene: Scene) -> FieldSpec | None:
     if isinstance(internal, BeadTemperatures):
         capacity = internal.heat_capacities(scene.n_beads)
         return FieldSpec(TEMPERATURE, internal.values(scene.n_beads), immobile, capacity=capacity, sources=sources)
-    return FieldSpec(SPECIES, internal.values, immobile, sources=sources)
+    return FieldSpec(SPECIES, internal.values.copy(), immobile, sources=sources)
 
 
 #: What the per-DOF variables hold, by kind of field.

@@ -11,7 +11,7 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from .errors import ParameterError, PlanError
+from .errors import ParameterError, PlanError, what_is
 from .forces.pair_force import pair_force
 from .integrators import Made, PairIntegrator, groups_of
 from .kernels.engine import PairSpec
@@ -113,6 +113,8 @@ def add_thermostat(
             )
         for energy in (kT,) if ramp is None else (ramp.start, ramp.stop):
             coefficient.check_temperature(energy)
+    if not any(coefficient.has_thermostat for coefficient in table.values() if coefficient is not NONE):
+        raise ParameterError("no pair of types has any friction or noise; give the DPD a gamma, gamma_perp or sigma > 0")
     periodic = system.usesPeriodicBoundaryConditions()
     if periodic:
         vectors = system.getDefaultPeriodicBoxVectors()
@@ -176,7 +178,7 @@ def _types(friction, types, masses: np.ndarray):
             raise ParameterError("types are given, but friction is the same for all particles; give a PairTable by type names, or no types")
         friction, types = PairTable({("*", "*"): friction}), ["particle"] * len(masses)
     if not isinstance(friction, (PairTable, Mapping)):
-        raise ParameterError(f"friction must be a DPD, or a table of them by type names, not {friction!r}")
+        raise ParameterError(f"friction must be a DPD, or a table of them by type names, not {what_is(friction)}")
     table = friction if isinstance(friction, PairTable) else PairTable(friction)
     if table.kind is not DPD:
         raise ParameterError("friction must be a DPD, or a table of them by type names")

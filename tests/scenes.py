@@ -73,7 +73,7 @@ def chains(box=BOXES["ortho"], *, n=100, special=(0.0, 0.5, 0.25), k=0.0, **opti
     """The random fluid with chains of four beads, a ring and a star in it, bonded beads 0.4 apart."""
     bonds = [(4 * c + a, 4 * c + a + 1) for c in range(10) for a in range(3)]
     bonds += [(40, 41), (41, 42), (42, 43), (40, 43), (50, 51), (50, 52), (50, 53)]
-    x = fluid(box=box, n=n, seed=12).positions
+    x = fluid(box=box, n=n, seed=12).positions.copy()
     for (i, j), step in zip(bonds, np.random.default_rng(13).normal(size=(len(bonds), 3)), strict=True):
         x[j] = x[i] + 0.4 * step / np.linalg.norm(step)
     return fluid(box=box, n=n, seed=12, positions=x, bonds=[dpd.HarmonicBonds(np.array(bonds), k, 0.5)], special=special, **options)

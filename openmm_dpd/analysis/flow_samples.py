@@ -186,6 +186,9 @@ class VelocityProfile:
     rows: np.ndarray
     length: float
 
+    def __repr__(self) -> str:
+        return f"<VelocityProfile of {len(self.rows)} samples in {len(self.centres)} slabs of {self.width:g} nm>"
+
 
 class ProfileReporter(_Reporter):
     """Records velocities in slabs, for ``simulation.reporters``; beads that do not move are left out.

@@ -19,4 +19,5 @@ def dpd_expression(table: dict, names: list[str]) -> PairExpression:
         virial=f"step(rc-r)*A*r*(1-r/rc){text}",
         cutoff=max(c.cutoff for c in table.values()),
         functions=functions,
+        skips_coincident=True,
     )

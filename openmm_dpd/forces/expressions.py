@@ -18,6 +18,9 @@ VIRIAL_SWITCH = "dpd_virial"
 #: End of the names of forces that are evaluated only when a pressure is asked for.
 VIRIAL = "(virial)"
 
+#: Distance (nm) below which two beads are at the same point.
+COINCIDENT = 1e-10
+
 
 @dataclass(frozen=True)
 class PairExpression:
@@ -34,6 +37,8 @@ class PairExpression:
     functions : mapping of str to a function that makes a TabulatedFunction
     cutoff : float
         Largest cutoff, nm.
+    skips_coincident : bool
+        Whether beads at the same point have no energy; else they have that at :data:`COINCIDENT`.
     """
 
     name: str
@@ -41,6 +46,7 @@ class PairExpression:
     virial: str
     cutoff: float
     functions: dict[str, Callable[[], openmm.TabulatedFunction]] = field(default_factory=dict)
+    skips_coincident: bool = False
 
     @property
     def typed(self) -> bool:
@@ -77,9 +83,18 @@ def parameters(arrays: dict[str, np.ndarray]) -> tuple[str, dict]:
 
 
 def nonbonded_force(
-    expression: PairExpression, types: np.ndarray, exclusions: list[tuple[int, int]], periodic: bool, *, virial: bool = False
+    expression: PairExpression,
+    types: np.ndarray,
+    exclusions: list[tuple[int, int]],
+    periodic: bool,
+    *,
+    virial: bool = False,
+    listed: bool = True,
 ) -> openmm.CustomNonbondedForce:
-    """CustomNonbondedForce of an expression (or of its virial, behind :data:`VIRIAL_SWITCH`)."""
+    """CustomNonbondedForce of an expression (or of its virial, behind :data:`VIRIAL_SWITCH`).
+
+    Without a neighbour list (``listed`` False) it goes through all pairs: a platform makes no list for an interaction group.
+    """
     force = openmm.CustomNonbondedForce(_switched(expression.virial) if virial else expression.energy)
     force.setName(expression.name + (f" {VIRIAL}" if virial else ""))
     if virial:
@@ -94,6 +109,9 @@ def nonbonded_force(
     force.setCutoffDistance(expression.cutoff)
     for i, j in exclusions:
         force.addExclusion(i, j)
+    if not listed:
+        every = range(len(types))
+        force.addInteractionGroup(every, every)
     return force
 
 
@@ -108,7 +126,8 @@ def exception_force(
     text = expression.virial if virial else expression.energy
     head, *definitions = text.split(";")
     # OpenMM wants what a definition uses behind it
-    text = ";".join([f"factor*({head})", *definitions, " r=max(distance(p1, p2), 1e-10)"])
+    gate = f"step(apart-{COINCIDENT!r})*" if expression.skips_coincident else ""
+    text = ";".join([f"{gate}factor*({head})", *definitions, f" r=max(apart, {COINCIDENT!r})", " apart=distance(p1, p2)"])
     force = openmm.CustomCompoundBondForce(2, _switched(text) if virial else text)
     force.setName(expression.name + " (exceptions)" + (f" {VIRIAL}" if virial else ""))
     if virial:

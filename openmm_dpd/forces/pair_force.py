@@ -232,6 +232,8 @@ class PairForceFunction:
         kept = local.kept
         if kept is None:
             raise RunError(f"the pair force was asked for phase {phase} before it saw any positions; is this one of our programs?")
+        if not parameters[DT] > 0.0:
+            raise RunError(f"the step size must be > 0, but the integrator's is {parameters[DT]:g} ps")
         fields: Fields | None = local.fields
         if phase >= Phase.CHANGES:
             assert fields is not None

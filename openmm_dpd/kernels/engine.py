@@ -185,6 +185,7 @@ class PairEngine:
         same_box = self._box is None if box is None else self._box is not None and np.array_equal(box, self._box)
         if same_box and np.array_equal(x, self._x):
             return False
+        x = np.require(x, requirements="W")  # numba would compile another version for a scene's read-only positions
         parallel = get_threads() > 1
         self._x[0, 0] = np.nan  # not valid until the lists are complete
         for pairs in self.lists:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import ParameterError
 from .bonds import bead_indices, minimum_image, term_values
+from .owned import keep
 
 
 class _Angles:
@@ -18,9 +19,8 @@ class _Angles:
     _DIMENSIONS: dict[str, tuple[str, str]] = {}
 
     def __post_init__(self):
-        object.__setattr__(self, "triples", bead_indices(self.triples, 3, "angle triples"))
-        for name, values in term_values(self, len(self.triples), self._DIMENSIONS, "angle").items():
-            object.__setattr__(self, name, values)
+        keep(self, triples=bead_indices(self.triples, 3, "angle triples"))
+        keep(self, **term_values(self, len(self.triples), self._DIMENSIONS, "angle"))
 
     def arms(self, x: np.ndarray, box: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Angles (radians) at positions x (N, 3), and the lengths (nm) of their arms; (K,) each, by minimum image."""

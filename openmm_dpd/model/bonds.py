@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import ParameterError
 from ..units import to_md
+from .owned import keep
 
 #: r/sigma where the repulsion of a FENE bond ends, the minimum of Lennard-Jones.
 WCA_END = 2.0 ** (1.0 / 6.0)
@@ -84,9 +85,8 @@ class _Bonds:
     _DIMENSIONS: dict[str, tuple[str, str]] = {}
 
     def __post_init__(self):
-        object.__setattr__(self, "pairs", bead_indices(self.pairs, 2, "bond pairs"))
-        for name, values in term_values(self, len(self.pairs), self._DIMENSIONS, "bond").items():
-            object.__setattr__(self, name, values)
+        keep(self, pairs=bead_indices(self.pairs, 2, "bond pairs"))
+        keep(self, **term_values(self, len(self.pairs), self._DIMENSIONS, "bond"))
 
     def lengths(self, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
         """(B,) lengths (nm) at positions x (N, 3), by minimum image."""

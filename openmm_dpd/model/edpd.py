@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from ..errors import ParameterError
 from ..units import to_md
+from .owned import keep
 from .pairs import checked, checked_amplitude
 
 
@@ -81,8 +82,7 @@ class EDPD:
             "exponent_polynomial": polynomial(self.exponent_polynomial, "exponent_polynomial"),
             "kappa_polynomial": polynomial(self.kappa_polynomial, "kappa_polynomial"),
         }
-        for key, value in values.items():
-            object.__setattr__(self, key, value)
+        keep(self, **values)
 
     has_conservative = True
     has_thermostat = True

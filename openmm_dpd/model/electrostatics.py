@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import ParameterError
+from ..errors import ParameterError, what_is
 from ..units import COULOMB, to_md, whole_number
+from .owned import keep
 
 #: A larger PME grid is a mistake: 512^3 points, 2 GB on the Reference platform.
 MOST_GRID_POINTS = 512**3
@@ -54,17 +55,17 @@ class SmearedCharges:
         dimensions = {"permittivity": "dimensionless", "bjerrum_length": "length", "cutoff": "length", "alpha": "inverse_length"}
         for name, dimension in dimensions.items():
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, _positive(getattr(self, name), dimension, f"{name} {what}"))
+                keep(self, **{name: _positive(getattr(self, name), dimension, f"{name} {what}")})
         tolerance = _positive(self.tolerance, "dimensionless", f"tolerance {what}")
         if not 1e-10 <= tolerance <= 0.1:
             raise ParameterError(f"tolerance {what} must be between 1e-10 and 0.1, not {self.tolerance!r}")
-        object.__setattr__(self, "tolerance", tolerance)
+        keep(self, tolerance=tolerance)
         if self.special is not None:
-            object.__setattr__(self, "special", special_factors(self.special, f"special {what}"))
+            keep(self, special=special_factors(self.special, f"special {what}"))
         if self.grid is not None:
             if not isinstance(self.grid, (tuple, list, np.ndarray)) or len(self.grid) != 3:
                 raise ParameterError(f"grid {what} must be three numbers of points, not {self.grid!r}")
-            object.__setattr__(self, "grid", tuple(whole_number(n, f"a number of grid points {what}", 6) for n in self.grid))
+            keep(self, grid=tuple(whole_number(n, f"a number of grid points {what}", 6) for n in self.grid))
 
     # -- of each kind ----------------------------------------------------------------------------------------------------------
     @property
@@ -163,7 +164,7 @@ class SlaterCharges(SmearedCharges):
     lamda: float
 
     def __post_init__(self):
-        object.__setattr__(self, "lamda", _positive(self.lamda, "length", "lamda of SlaterCharges"))
+        keep(self, lamda=_positive(self.lamda, "length", "lamda of SlaterCharges"))
         super().__post_init__()
 
     @property
@@ -212,7 +213,7 @@ class GaussianCharges(SmearedCharges):
     width: float
 
     def __post_init__(self):
-        object.__setattr__(self, "width", _positive(self.width, "length", "width of GaussianCharges"))
+        keep(self, width=_positive(self.width, "length", "width of GaussianCharges"))
         super().__post_init__()
 
     @property
@@ -315,7 +316,7 @@ def check_electrostatics(charges: SmearedCharges | None, q: np.ndarray | None, b
         return
     name = type(charges).__name__
     if not isinstance(charges, (SlaterCharges, GaussianCharges)):
-        raise ParameterError(f"electrostatics must be SlaterCharges(...) or GaussianCharges(...), not {charges!r}")
+        raise ParameterError(f"electrostatics must be SlaterCharges(...) or GaussianCharges(...), not {what_is(charges)}")
     if q is None:
         raise ParameterError(f"electrostatics needs the charges of the beads; give one per bead in `charges` ({name})")
     if not np.any(q):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from .owned import keep
 from .pairs import checked, checked_amplitude
 
 
@@ -50,8 +51,7 @@ class EnergyDPD:
             "kappa": checked(self.kappa, "conduction", "kappa"),
             "cutoff": checked(self.cutoff, "length", "cutoff", positive=True),
         }
-        for key, value in values.items():
-            object.__setattr__(self, key, value)
+        keep(self, **values)
 
     @property
     def has_conservative(self) -> bool:

@@ -15,6 +15,7 @@ from scipy.interpolate import PchipInterpolator
 
 from ..errors import ParameterError
 from ..units import BOLTZMANN, to_md
+from .owned import keep
 
 
 def thermal_energies(value, name: str):
@@ -59,7 +60,7 @@ class ConstantHeatCapacity:
         capacity = heat_capacity(self.capacity, "capacity")
         if not isinstance(capacity, float) or capacity <= 0:
             raise ParameterError(f"the heat capacity of a bead must be a single number > 0, but is {self.capacity!r}")
-        object.__setattr__(self, "capacity", capacity)
+        keep(self, capacity=capacity)
 
     def energy(self, theta):
         """Internal energy at the temperature theta."""
@@ -119,8 +120,7 @@ class TabulatedEOS:
                     f"the {name} of an equation of state must increase; entry {k + 2} ({column[k + 1]:g}) "
                     f"is not above entry {k + 1} ({column[k]:g})"
                 )
-        object.__setattr__(self, "temperatures", theta)
-        object.__setattr__(self, "energies", u)
+        keep(self, temperatures=theta, energies=u)
 
     @classmethod
     def from_functions(

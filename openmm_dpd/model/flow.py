@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import ParameterError
+from ..errors import ParameterError, what_is
 from ..units import to_md
 from .formulas import read_formula, values
+from .owned import keep
 
 AXES = ("x", "y", "z")
 
@@ -52,7 +53,7 @@ def _members(types, beads, what: str) -> Members:
     if types is not None:
         types = (types,) if isinstance(types, str) else tuple(types) if isinstance(types, Iterable) else types
         if not isinstance(types, tuple) or not types or not all(isinstance(name, str) for name in types):
-            raise ParameterError(f"{what}: types must be the name of a bead type or several, not {types!r}")
+            raise ParameterError(f"{what}: types must be the name of a bead type or several, not {what_is(types)}")
     if beads is not None:
         beads = np.asarray(beads)
         if beads.dtype != np.bool_ or beads.ndim != 1:
@@ -115,10 +116,9 @@ class BodyForce:
         force = np.asarray(to_md(self.force, "force", "a body force"))
         if force.shape != (3,) and not (force.ndim == 2 and force.shape[1] == 3):
             raise ParameterError(f"a body force must be three components, or three for each bead, not an array of shape {force.shape}")
-        object.__setattr__(self, "force", force)
+        keep(self, force=force)
         members = _members(self.types, self.beads, "a body force")
-        object.__setattr__(self, "types", members.types)
-        object.__setattr__(self, "beads", members.beads)
+        keep(self, types=members.types, beads=members.beads)
         if self.pattern not in PATTERNS:
             raise ParameterError(f"the pattern of a body force must be one of {', '.join(PATTERNS)}, not {self.pattern!r}")
         if self.pattern == "uniform" and self.axis is not None:
@@ -128,7 +128,7 @@ class BodyForce:
         origin = to_md(self.origin, "length", "the origin of a body force")
         if not isinstance(origin, float):
             raise ParameterError(f"the origin of a body force must be one length, not {self.origin!r}")
-        object.__setattr__(self, "origin", origin)
+        keep(self, origin=origin)
 
     def vectors(self, type_ids: np.ndarray, type_names: list[str], box: np.ndarray | None) -> np.ndarray:
         """(N, 3) force of each bead before the pattern; ParameterError if it does not fit the scene."""
@@ -175,17 +175,16 @@ class PositionForce:
             or len(formulas) != 3
             or not all(isinstance(text, str) and text.strip() for text in formulas)
         ):
-            raise ParameterError(f"a position force needs three formulas, one per component, not {formulas!r}")
+            raise ParameterError(f"a position force needs three formulas, one per component, not {what_is(formulas)}")
         for text in formulas:
             read_formula(text, AXES, "a position force")
-        object.__setattr__(self, "formulas", tuple(formulas))
+        keep(self, formulas=tuple(formulas))
         members = _members(self.types, self.beads, "a position force")
-        object.__setattr__(self, "types", members.types)
-        object.__setattr__(self, "beads", members.beads)
+        keep(self, types=members.types, beads=members.beads)
         corner = np.asarray(to_md(self.corner, "length", "the corner of a position force"))
         if corner.shape != (3,):
             raise ParameterError("the corner of a position force must be three lengths")
-        object.__setattr__(self, "corner", corner)
+        keep(self, corner=corner)
 
     def check_values(self, x: np.ndarray, members: np.ndarray, box: np.ndarray | None) -> None:
         """Raise ParameterError if the force on one of these beads is not finite at its place."""
@@ -248,7 +247,7 @@ class Wall:
         position = to_md(self.position, "length", "the position of a wall")
         if not isinstance(position, float):
             raise ParameterError(f"the position of a wall must be one length, not {self.position!r}")
-        object.__setattr__(self, "position", position)
+        keep(self, position=position)
         if self.side not in ("above", "below"):
             raise ParameterError(f"the side of a wall is where the beads are, 'above' or 'below', not {self.side!r}")
         if self.kind not in KINDS:
@@ -281,7 +280,7 @@ def gaps(walls: Sequence[Wall], box: np.ndarray | None) -> dict[int, Gap]:
         left between the images.
     """
     if isinstance(walls, Wall) or not all(isinstance(wall, Wall) for wall in walls):
-        raise ParameterError(f"walls must be a sequence of Wall, such as [Wall('z', 0.0, 'above'), ...], not {walls!r}")
+        raise ParameterError(f"walls must be a sequence of Wall, such as [Wall('z', 0.0, 'above'), ...], not {what_is(walls)}")
     found: dict[int, Gap] = {}
     for name in dict.fromkeys(wall.axis for wall in walls):
         mine = [wall for wall in walls if wall.axis == name]

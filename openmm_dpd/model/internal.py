@@ -11,11 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import ParameterError
+from ..errors import ParameterError, what_is
 from ..units import to_md
 from .edpd import EDPD
 from .energy_dpd import EnergyDPD
 from .eos import ConstantHeatCapacity, EquationOfState, TabulatedEOS, heat_capacity, thermal_energies
+from .owned import keep
 from .pairs import NONE
 from .sources import Source
 from .tdpd import TDPD
@@ -62,12 +63,19 @@ class InternalEnergy:
     temperatures: float | np.ndarray
     conductive: np.ndarray | None = None
 
+    def __post_init__(self):
+        keep(self, temperatures=thermal_energies(self.temperatures, "temperatures"))
+        if isinstance(self.eos, Mapping):
+            keep(self, eos=dict(self.eos))
+        if self.conductive is not None:
+            keep(self, conductive=to_md(self.conductive, "energy", "conductive"))
+
     def by_type(self, names: list[str]) -> list[EquationOfState]:
         """Equation of state of each bead type."""
         if isinstance(self.eos, (ConstantHeatCapacity, TabulatedEOS)):
             return [self.eos] * len(names)
         if not isinstance(self.eos, Mapping):
-            raise ParameterError(f"eos must be an equation of state or a mapping of bead types to them, not {self.eos!r}")
+            raise ParameterError(f"eos must be an equation of state or a mapping of bead types to them, not {what_is(self.eos)}")
         for name in names:
             if not isinstance(self.eos.get(name), (ConstantHeatCapacity, TabulatedEOS)):
                 raise ParameterError(f"no equation of state for bead type {name}")
@@ -76,7 +84,7 @@ class InternalEnergy:
     def energies(self, type_ids: np.ndarray, names: list[str]) -> np.ndarray:
         """(N, 2) conductive and mechanical energies at the start, kJ/mol."""
         n = len(type_ids)
-        theta = _positive(_per_bead(thermal_energies(self.temperatures, "temperatures"), n, "temperatures"), "the internal temperature")
+        theta = _positive(_per_bead(self.temperatures, n, "temperatures"), "the internal temperature")
         eos = self.by_type(names)
         total = np.empty(n)
         for k in range(len(names)):
@@ -88,7 +96,7 @@ class InternalEnergy:
                 f"the internal temperature {theta[bad[0]]:g} of bead {bad[0]} is outside its equation of state "
                 f"({eos[int(type_ids[bad[0]])]})"
             )
-        conductive = 0.0 if self.conductive is None else _per_bead(to_md(self.conductive, "energy", "conductive"), n, "conductive")
+        conductive = 0.0 if self.conductive is None else _per_bead(self.conductive, n, "conductive")
         return np.column_stack([np.broadcast_to(conductive, (n,)), total - conductive])
 
 
@@ -107,13 +115,20 @@ class BeadTemperatures:
     temperatures: float | np.ndarray
     capacities: float | np.ndarray
 
+    def __post_init__(self):
+        keep(
+            self,
+            temperatures=thermal_energies(self.temperatures, "temperatures"),
+            capacities=heat_capacity(self.capacities, "capacities"),
+        )
+
     def values(self, n: int) -> np.ndarray:
         """(N, 1) temperatures, kJ/mol."""
-        return _positive(_per_bead(thermal_energies(self.temperatures, "temperatures"), n, "temperatures"), "the temperature")[:, None]
+        return _positive(_per_bead(self.temperatures, n, "temperatures"), "the temperature")[:, None]
 
     def heat_capacities(self, n: int) -> np.ndarray:
         """(N,) heat capacities."""
-        return _positive(_per_bead(heat_capacity(self.capacities, "capacities"), n, "capacities"), "the heat capacity")
+        return _positive(_per_bead(self.capacities, n, "capacities"), "the heat capacity")
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +149,7 @@ class Concentrations:
             array = array[:, None]
         if array.ndim != 2 or array.shape[1] < 1:
             raise ParameterError(f"concentrations must have the shape (beads, species), not {array.shape}")
-        object.__setattr__(self, "values", array.copy())
+        keep(self, values=array)
 
     @property
     def n_species(self) -> int:
@@ -168,7 +183,7 @@ def check_internal(
         return
     kind = kinds.pop()
     if not isinstance(internal, NEEDED[kind]):
-        raise ParameterError(f"pair terms of kind {kind.__name__} need internal={NEEDED[kind].__name__}(...), not {internal!r}")
+        raise ParameterError(f"pair terms of kind {kind.__name__} need internal={NEEDED[kind].__name__}(...), not {what_is(internal)}")
     n = len(type_ids)
     n_values = 0
     if isinstance(internal, InternalEnergy):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..errors import ParameterError
+from .owned import keep
 from .pairs import NONE, checked, checked_amplitude
 
 #: Weight functions of the local density, normalised in three dimensions; h is the cutoff of the density.
@@ -68,8 +69,7 @@ class MDPD:
             if self.cutoff_density is None
             else checked(self.cutoff_density, "length", "cutoff_density", positive=True),
         }
-        for key, value in values.items():
-            object.__setattr__(self, key, value)
+        keep(self, **values)
         if self.kernel not in DENSITY_KERNELS:
             raise ParameterError(f"kernel must be one of {', '.join(DENSITY_KERNELS)}, not {self.kernel!r}")
         if self.cutoff_B > self.cutoff:

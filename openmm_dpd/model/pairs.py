@@ -16,6 +16,7 @@ from scipy.interpolate import CubicSpline
 
 from ..errors import ParameterError
 from ..units import to_md
+from .owned import keep
 
 
 class _NoInteraction:
@@ -119,8 +120,7 @@ class DPD:
             "exponent_perp": checked(self.exponent_perp, "dimensionless", "exponent_perp"),
             "cutoff": checked(self.cutoff, "length", "cutoff", positive=True),
         }
-        for key, value in values.items():
-            object.__setattr__(self, key, value)
+        keep(self, **values)
 
     @property
     def has_conservative(self) -> bool:
@@ -169,9 +169,12 @@ class LennardJones:
     def __post_init__(self):
         if not isinstance(self.shift, (bool, np.bool_)):
             raise ParameterError(f"shift must be True or False, not {self.shift!r}")
-        object.__setattr__(self, "epsilon", checked(self.epsilon, "energy", "epsilon"))
-        object.__setattr__(self, "sigma", checked(self.sigma, "length", "sigma", positive=True))
-        object.__setattr__(self, "cutoff", checked(self.cutoff, "length", "cutoff", positive=True))
+        keep(
+            self,
+            epsilon=checked(self.epsilon, "energy", "epsilon"),
+            sigma=checked(self.sigma, "length", "sigma", positive=True),
+            cutoff=checked(self.cutoff, "length", "cutoff", positive=True),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,8 +225,7 @@ class TabulatedPair:
         values = {"distances": distances, "energies": energies, "cutoff": float(cutoff)}
         if self.forces is not None:
             values["forces"] = self._checked_forces(distances, energies)
-        for key, value in values.items():
-            object.__setattr__(self, key, value)
+        keep(self, **values)
 
     def _checked_forces(self, distances: np.ndarray, energies: np.ndarray) -> np.ndarray:
         forces = np.atleast_1d(to_md(self.forces, "force", "forces"))

@@ -7,13 +7,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..errors import ParameterError
+from ..errors import ParameterError, what_is
 from ..units import BOLTZMANN, to_md, whole_number
 from .angles import ANGLE_KINDS, Angles, check_angles
 from .bonds import BOND_KINDS, Bonds, FENEBonds
 from .electrostatics import GaussianCharges, SlaterCharges, check_electrostatics
 from .flow import BodyForce, PositionForce, Wall, check_inside, gaps
 from .internal import Internal, check_internal
+from .owned import keep
 from .pairs import DPD
 from .segments import SegmentalRepulsion, check_segments
 from .sources import Source
@@ -41,10 +42,10 @@ class TemperatureRamp:
     end: int
 
     def __post_init__(self):
-        object.__setattr__(self, "start", thermal_energy(self.start, "the ramp's start"))
-        object.__setattr__(self, "stop", thermal_energy(self.stop, "the ramp's stop"))
+        keep(self, start=thermal_energy(self.start, "the ramp's start"))
+        keep(self, stop=thermal_energy(self.stop, "the ramp's stop"))
         for name in ("begin", "end"):
-            object.__setattr__(self, name, whole_number(getattr(self, name), f"the ramp's {name} (a step)"))
+            keep(self, **{name: whole_number(getattr(self, name), f"the ramp's {name} (a step)")})
         if self.end <= self.begin:
             raise ParameterError(f"a temperature ramp must end after it begins; got begin = {self.begin}, end = {self.end}")
 
@@ -187,7 +188,7 @@ class Scene:
 
     def __post_init__(self):
         def put(name, value):
-            object.__setattr__(self, name, value)
+            keep(self, **{name: value})
 
         put("masses", self._checked_masses())
         put("types", self._checked_types())
@@ -211,14 +212,20 @@ class Scene:
         self._check_segments()
         put("special", self._checked_special())
         put("tables", self._checked_pairs())
+        put("pairs", self.tables)
         if not isinstance(self.sources, Sequence):
-            raise ParameterError(f"sources must be a sequence of sources, not {self.sources!r}")
+            raise ParameterError(f"sources must be a sequence of sources, not {what_is(self.sources)}")
         put("sources", tuple(self.sources))
         check_internal(self.internal, self.sources, self.tables, self.type_ids, self.type_names, self.box)
         self._check_flow()
         check_electrostatics(self.electrostatics, self.charges, self.box, self.initial_kT)
         if self.compat not in ("consistent", "lammps"):
             raise ParameterError(f"compat must be 'consistent' or 'lammps', not {self.compat!r}")
+
+    def __repr__(self) -> str:
+        types = list(self.masses) if len(self.masses) <= 5 else f"{len(self.masses)} types"
+        box = "no box" if self.box is None else "box " + " x ".join(f"{edge:g}" for edge in np.diag(self.box)) + " nm"
+        return f"<Scene of {self.n_beads} beads, {types}, {box}, {len(self.bond_pairs)} bonds, kT = {self.initial_kT:g}>"
 
     # -- derived ---------------------------------------------------------------------------------------------------------------
     @property
@@ -266,10 +273,11 @@ class Scene:
         try:
             types = tuple(self.types)
         except TypeError:
-            raise ParameterError(f"types must name the type of each bead, as ['W', 'W', ...]; they are {self.types!r}") from None
+            raise ParameterError(f"types must name the type of each bead, as ['W', 'W', ...]; they are {what_is(self.types)}") from None
         if not types:
             raise ParameterError("a scene needs at least one bead")
-        unknown = sorted({name if isinstance(name, str) else repr(name) for name in types if name not in self.masses})
+        unknown = sorted({name for name in types if isinstance(name, str)} - set(self.masses))
+        unknown += [what_is(name) for name in types if not isinstance(name, str)][:1]
         if unknown:
             raise ParameterError(f"unknown bead types {', '.join(unknown)}; `masses` defines {', '.join(self.masses)}")
         return types
@@ -333,8 +341,8 @@ class Scene:
     def _check_kinds(self, name: str, kinds: tuple[type, ...]) -> None:
         given, names = getattr(self, name), " or ".join(kind.__name__ for kind in kinds)
         if isinstance(given, kinds) or not isinstance(given, Sequence) or isinstance(given, str):
-            raise ParameterError(f"{name} must be a sequence of {names}, such as [{kinds[0].__name__}(...)], not {given!r}")
-        object.__setattr__(self, name, tuple(given))
+            raise ParameterError(f"{name} must be a sequence of {names}, such as [{kinds[0].__name__}(...)], not {what_is(given)}")
+        keep(self, **{name: tuple(given)})
         for entry in given:
             if not isinstance(entry, kinds):
                 raise ParameterError(f"{name} must be a sequence of {names}, not of {type(entry).__name__}")
@@ -347,7 +355,7 @@ class Scene:
         if self.segments is None:
             return
         if not isinstance(self.segments, SegmentalRepulsion):
-            raise ParameterError(f"segments must be a SegmentalRepulsion, not {self.segments!r}")
+            raise ParameterError(f"segments must be a SegmentalRepulsion, not {what_is(self.segments)}")
         check_segments(self.segments, self.segment_pairs, self.positions, self.box)
 
     def _check_flow(self) -> None:
@@ -360,7 +368,7 @@ class Scene:
         if self.walls:
             mobile = np.ones(self.n_beads, bool) if self.mobile is None else self.mobile
             check_inside(gaps(self.walls, self.box), self.positions, mobile)
-        object.__setattr__(self, "walls", tuple(self.walls))
+        keep(self, walls=tuple(self.walls))
 
     def _checked_special(self) -> tuple[float, float, float]:
         try:
@@ -374,7 +382,7 @@ class Scene:
     def _checked_pairs(self) -> tuple[PairTable, ...]:
         tables = self.pairs
         if not isinstance(tables, (PairTable, Mapping, Sequence)):
-            raise ParameterError(f"pairs must be a PairTable, a mapping that makes one, or a sequence of them, not {tables!r}")
+            raise ParameterError(f"pairs must be a PairTable, a mapping that makes one, or a sequence of them, not {what_is(tables)}")
         if isinstance(tables, Mapping):
             tables = PairTable(tables)
         if isinstance(tables, PairTable):

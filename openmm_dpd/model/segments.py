@@ -9,6 +9,7 @@ import numpy as np
 from ..errors import ParameterError
 from ..units import to_md
 from .bonds import bead_indices, minimum_image
+from .owned import keep
 
 #: What the distance of two segments is.
 DISTANCES = ("mid", "min")
@@ -53,7 +54,7 @@ class SegmentalRepulsion:
             if not isinstance(value, float) or (value <= 0 if least is None else value < least):
                 bound = "> 0" if least is None else ">= 0"
                 raise ParameterError(f"{name} of the segmental repulsion must be one number {bound}, not {getattr(self, name)!r}")
-            object.__setattr__(self, name, value)
+            keep(self, **{name: value})
         if self.distance not in DISTANCES:
             raise ParameterError(f"distance of the segmental repulsion must be 'mid' or 'min', not {self.distance!r}")
         if not isinstance(self.exclude_adjoining, (bool, np.bool_)):
@@ -65,7 +66,7 @@ class SegmentalRepulsion:
             different, counts = np.unique(np.sort(pairs, axis=1), axis=0, return_counts=True)
             if np.any(counts > 1):
                 raise ParameterError("the segment between beads {} and {} is listed twice".format(*different[counts > 1][0]))
-            object.__setattr__(self, "bonds", pairs)
+            keep(self, bonds=pairs)
 
     def reach(self, longest: float) -> float:
         """Distance of midpoints (nm) up to which two bonds of at most this length can meet."""

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import ParameterError
+from ..errors import ParameterError, what_is
 from ..units import to_md
+from .owned import keep
 
 
 def _point(value, name: str) -> np.ndarray:
@@ -38,7 +39,7 @@ class Block:
             )
             if values.shape != (3,):
                 raise ParameterError(f"{name} of a block must be three lengths")
-            object.__setattr__(self, name, values)
+            keep(self, **{name: values})
         if np.any(self.low >= self.high):
             raise ParameterError(f"a block needs low < high, but has {self.low.tolist()} and {self.high.tolist()}")
 
@@ -71,8 +72,7 @@ class Sphere:
     radius: float
 
     def __post_init__(self):
-        object.__setattr__(self, "centre", _point(self.centre, "centre"))
-        object.__setattr__(self, "radius", to_md(self.radius, "length", "radius"))
+        keep(self, centre=_point(self.centre, "centre"), radius=to_md(self.radius, "length", "radius"))
         if not isinstance(self.radius, float) or self.radius <= 0:
             raise ParameterError(f"the radius of a sphere must be > 0, but is {self.radius!r}")
 
@@ -113,13 +113,12 @@ class Source:
 
     def __post_init__(self):
         if not isinstance(self.region, (Block, Sphere)):
-            raise ParameterError(f"the region of a source must be a Block or a Sphere, not {self.region!r}")
-        object.__setattr__(self, "rate", to_md(self.rate, "dimensionless", "the rate of a source"))
-        object.__setattr__(self, "corner", _point(self.corner, "corner"))
+            raise ParameterError(f"the region of a source must be a Block or a Sphere, not {what_is(self.region)}")
+        keep(self, rate=to_md(self.rate, "dimensionless", "the rate of a source"), corner=_point(self.corner, "corner"))
         if isinstance(self.species, bool) or not isinstance(self.species, (int, np.integer)) or self.species < 0:
             raise ParameterError(f"the species of a source must be a number counted from 0, not {self.species!r}")
         if self.beads is not None:
-            object.__setattr__(self, "beads", np.asarray(self.beads, dtype=bool))
+            keep(self, beads=np.asarray(self.beads, dtype=bool))
 
     def check(self, box: np.ndarray | None, n_beads: int, n_values: int) -> None:
         """Raise ParameterError if the source does not fit a scene."""

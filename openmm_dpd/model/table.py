@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from itertools import combinations_with_replacement
 
-from ..errors import ParameterError
+from ..errors import ParameterError, what_is
 from .edpd import EDPD
 from .energy_dpd import EnergyDPD
 from .mdpd import MDPD
@@ -23,12 +23,13 @@ class PairTable:
     ----------
     entries : mapping of (str, str) to a pair coefficient
         Keys name two bead types in any order; ``"*"`` stands for every type.  Later entries overwrite earlier ones, as in LAMMPS, so put
-        wildcards first.  The value :data:`~openmm_dpd.model.pairs.NONE` says that a pair does not interact.
+        wildcards first; but two keys that differ in the order of their types only must agree.  The value
+        :data:`~openmm_dpd.model.pairs.NONE` says that a pair does not interact.
 
     Raises
     ------
     ParameterError
-        If it is no mapping, a key is not a pair of names, or the values are not all of one kind.
+        If it is no mapping, a key is not a pair of names, a key and its reverse contradict each other, or the values are of several kinds.
 
     Examples
     --------
@@ -40,7 +41,7 @@ class PairTable:
 
     def __init__(self, entries: Mapping):
         if not isinstance(entries, Mapping):
-            raise ParameterError(f"a PairTable is made from a mapping such as {{('A', 'B'): DPD(...)}}, not from {entries!r}")
+            raise ParameterError(f"a PairTable is made from a mapping such as {{('A', 'B'): DPD(...)}}, not from {what_is(entries)}")
         self.entries = dict(entries)
         if not self.entries:
             raise ParameterError("a PairTable needs at least one entry")
@@ -49,7 +50,12 @@ class PairTable:
                 raise ParameterError(f"the keys of a PairTable are pairs of type names such as ('A', 'B'), not {key!r}")
             if value is not NONE and not isinstance(value, KINDS):
                 kinds = ", ".join(kind.__name__ for kind in KINDS)
-                raise ParameterError(f"for types {key}: expected one of {kinds} or NONE, not {value!r}")
+                raise ParameterError(f"for types {key}: expected one of {kinds} or NONE, not {what_is(value)}")
+            reverse = self.entries.get(key[::-1], value)
+            if value is not reverse and value != reverse:
+                raise ParameterError(
+                    f"the coefficients for types {key} and {key[::-1]} differ, but the order of two types has no meaning; give one of them"
+                )
         found = {type(value) for value in self.entries.values() if value is not NONE}
         if len(found) > 1:
             names = " and ".join(sorted(kind.__name__ for kind in found))

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import ParameterError
 from ..units import to_md
+from .owned import keep
 from .pairs import checked, checked_amplitude
 
 
@@ -74,8 +75,7 @@ class TDPD:
             if len(given) != len(kappa):
                 raise ParameterError(f"{name} names {len(given)} species, but kappa names {len(kappa)}")
             values[name] = given
-        for key, value in values.items():
-            object.__setattr__(self, key, value)
+        keep(self, **values)
 
     @property
     def n_species(self) -> int:

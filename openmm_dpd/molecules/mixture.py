@@ -37,6 +37,10 @@ class Mixture:
     box: np.ndarray
     seed: int
 
+    def __repr__(self) -> str:
+        molecules = sum(count for _, count in self.kinds)
+        return f"<Mixture of {molecules} molecules of {len(self.kinds)} kinds, {self.n_beads} beads, seed {self.seed}>"
+
     @classmethod
     def of(cls, groups: Sequence[tuple[Molecule, np.ndarray]], box: np.ndarray, seed: int) -> Mixture:
         """From the beads of each kind, (count, n, 3)."""

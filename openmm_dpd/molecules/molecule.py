@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, groupby
 
 import numpy as np
 
-from ..errors import ParameterError
+from ..errors import ParameterError, what_is
 from ..units import to_md, whole_number
 from .terms import BENDS, SPRINGS
 
@@ -70,6 +71,9 @@ class Molecule:
         if lost:
             raise ParameterError(f"{name} falls into parts: no chain of bonds leads from bead 0 to bead {lost[0]}")
 
+    def __repr__(self) -> str:
+        return f"<Molecule {reprlib.repr(self.name)}: {self.n_beads} beads, {len(self.bonds)} bonds, {len(self.angles)} angles>"
+
     @property
     def n_beads(self) -> int:
         """Number of beads."""
@@ -106,7 +110,7 @@ class Molecule:
         for term in getattr(self, what):
             if not isinstance(term, Sequence) or len(term) != beads + 1 or not isinstance(term[-1], kinds):
                 allowed = ", ".join(kind.__name__ for kind in kinds)
-                raise ParameterError(f"{what} of a molecule are {beads} bead indices and one of {allowed}; one is {term!r}")
+                raise ParameterError(f"{what} of a molecule are {beads} bead indices and one of {allowed}; one is {what_is(term)}")
             indices = tuple(whole_number(index, f"a bead index in {what}") for index in term[:-1])
             if len(set(indices)) < beads or not all(0 <= index < self.n_beads for index in indices):
                 raise ParameterError(f"{what} of a molecule must join different beads of 0 to {self.n_beads - 1}, not {indices}")
@@ -138,7 +142,7 @@ def bead_types(types: Sequence[str] | str) -> tuple[str, ...]:
         names = ()
     bad = [name for name in names if not isinstance(name, str) or name in ("", "*")]
     if not names or bad:
-        raise ParameterError(f"a molecule needs the type of each bead, as ['A', 'A', 'B'] or 'A2B', not {types!r}")
+        raise ParameterError(f"a molecule needs the type of each bead, as ['A', 'A', 'B'] or 'A2B', not {what_is(types)}")
     return names
 
 
@@ -234,7 +238,7 @@ def _checked_pairs(pairs) -> list[tuple[int, int]]:
     try:
         rows = [tuple(row) for row in pairs]
     except TypeError:
-        raise ParameterError(f"the bonds of a molecule are pairs of bead numbers, such as [(0, 1), (1, 2)], not {pairs!r}") from None
+        raise ParameterError(f"the bonds of a molecule are pairs of bead numbers, such as [(0, 1), (1, 2)], not {what_is(pairs)}") from None
     wrong = [row for row in rows if len(row) != 2]
     if wrong:
         raise ParameterError(f"a bond joins two beads, as (0, 1); one of the bonds is {wrong[0]!r}")
@@ -247,11 +251,12 @@ def _by_types(given, types: tuple[str, ...], kinds: tuple[type, ...], what: str)
         return given
     if not isinstance(given, Mapping):
         allowed = ", ".join(kind.__name__ for kind in kinds)
-        raise ParameterError(f"{what} must be one of {allowed}, or a mapping from {len(types)} types to one, not {given!r}")
+        raise ParameterError(f"{what} must be one of {allowed}, or a mapping from {len(types)} types to one, not {what_is(given)}")
     found = None
     for key, value in given.items():
         if not isinstance(key, tuple) or len(key) != len(types) or not isinstance(value, kinds):
-            raise ParameterError(f"a mapping of {what}s needs keys of {len(types)} types and {what}s as values; it has {key!r}: {value!r}")
+            found_instead = f"{key!r}: {what_is(value)}"
+            raise ParameterError(f"a mapping of {what}s needs keys of {len(types)} types and {what}s as values; it has {found_instead}")
         if any(all(k in ("*", t) for k, t in zip(key, order, strict=True)) for order in (types, types[::-1])):
             found = value
     return found

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from openmm import unit
 
-from ..errors import ParameterError
+from ..errors import ParameterError, what_is
 from ..model.scene import box_vectors, thermal_energy
 from ..model.sources import Block, Sphere
 from ..units import to_md, whole_number
@@ -40,7 +40,7 @@ class Scattered:
     def __post_init__(self):
         object.__setattr__(self, "count", whole_number(self.count, "the number of molecules", least=0))
         if self.region is not None and not isinstance(self.region, (Block, Sphere)):
-            raise ParameterError(f"the region of molecules must be a Block or a Sphere, not {self.region!r}")
+            raise ParameterError(f"the region of molecules must be a Block or a Sphere, not {what_is(self.region)}")
 
 
 @dataclass(frozen=True)
@@ -149,11 +149,11 @@ def pack(
 
 def _arrangements(molecules) -> list[tuple[Molecule, Scattered | Bilayer]]:
     if not isinstance(molecules, Mapping):
-        raise ParameterError(f"molecules must map each kind of molecule to its number, as {{chain: 20}}, not {molecules!r}")
+        raise ParameterError(f"molecules must map each kind of molecule to its number, as {{chain: 20}}, not {what_is(molecules)}")
     wanted = []
     for molecule, given in molecules.items():
         if not isinstance(molecule, Molecule):
-            raise ParameterError(f"molecules must map Molecules to their numbers; one key is {molecule!r} (a single bead: `bead('W')`)")
+            raise ParameterError(f"molecules must map Molecules to numbers; one key is {what_is(molecule)} (a single bead: `bead('W')`)")
         wanted.append((molecule, given if isinstance(given, (Scattered, Bilayer)) else Scattered(given)))
     return wanted
 
@@ -185,7 +185,7 @@ def _filling(vectors: np.ndarray, rho: float, beads: int, filler: Molecule | Non
     if filler is None:
         return 0
     if not isinstance(filler, Molecule):
-        raise ParameterError(f"solvent must be a bead type, a Molecule or None, not {filler!r}")
+        raise ParameterError(f"solvent must be a bead type, a Molecule or None, not {what_is(filler)}")
     volume = float(np.prod(np.diag(vectors)))
     total = round(rho * volume)
     if beads > total:

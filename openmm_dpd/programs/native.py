@@ -13,8 +13,10 @@ from openmm import unit
 
 from ..errors import PlanError
 from ..integrators import NativeIntegrator, origin
+from ..kernels.cells import coincident_pairs
 from ..model.pairs import NONE
-from ..plan import Plan, ProgramOptions
+from ..neighbour_list import may_miss_pairs
+from ..plan import DOUBLE_PLATFORMS, Plan, ProgramOptions
 from ..units import BOLTZMANN
 
 
@@ -32,8 +34,13 @@ def why_not(plan: Plan) -> str | None:
         return "its temperature cannot follow a ramp within a run"
     if plan.exceptions:
         return "it cannot scale the friction of bonded neighbours"
-    if plan.spec.wall_velocity is not None:
-        return "it cannot give immobile beads a velocity"
+    if scene.mobile is not None and not scene.mobile.all():
+        return f"bead {int(np.argmin(scene.mobile))} is immobile, and near beads of mass 0 its velocities become NaN"
+    together = coincident_pairs(scene.positions, scene.box, 1e-10)
+    if together:
+        return "beads {} and {} are at the same point, where its friction is NaN unless their velocities differ".format(*together[0])
+    if plan.platform in DOUBLE_PLATFORMS and may_miss_pairs(scene.box, max((c.cutoff for c in plan.layers[0].values()), default=0.0)):
+        return f"in this box, small and tilted, it misses the friction of some pairs on the {plan.platform} platform"
     for (a, b), c in plan.layers[0].items():
         if c is NONE:
             continue

@@ -50,6 +50,15 @@ WRONG = {
     "unset type pair": (lambda: scene(**TWO, pairs={("A", "A"): D(A=1)}), r"\(A, B\), \(B, B\)"),
     "unknown type in a table": (lambda: scene(pairs={("W", "X"): D(A=1)}), r"\('W', 'X'\).*'X'"),
     "unknown type of a bead": (lambda: scene(types=["V"] * N), "V.*W"),
+    "types that are lists": (lambda: scene(types=[["W"]] * N), r"unknown bead types \['W'\]"),
+    "a pair in both orders": (
+        lambda: scene(**TWO, pairs={("*", "*"): D(A=1), ("A", "B"): D(A=25), ("B", "A"): D(A=30)}),
+        r"\('B', 'A'\) and \('A', 'B'\) differ|\('A', 'B'\) and \('B', 'A'\) differ",
+    ),
+    "a Built for a Scene": (lambda: build(build()), "expected a Scene, not a Built$"),
+    "a method for a Scene": (lambda: build(dpd.Plan.explain), "expected a Scene, not the function explain; call it: explain\\(\\)$"),
+    "advice about a Built": (lambda: dpd.recommend(build()), "expected a Scene, not a Built$"),
+    "barostat of a Scene": (lambda: dpd.add_barostat(scene(), 20.0), r"build\(\) or embed\(\) returned, not a Scene$"),
     "no pairs": (lambda: scene(pairs={}), "at least one"),
     "pairs is None": (lambda: scene(pairs=None), "pairs"),
     "negative gamma": (lambda: D(gamma=-1), "gamma.*-1"),
@@ -117,7 +126,7 @@ WRONG = {
     "mobile is text": (lambda: scene(mobile=["no"] * N), "mobile.*True or False"),
     "molecules not whole": (lambda: scene(molecules=np.arange(N) + 0.5), "molecules.*whole number"),
     "sources is None": (lambda: scene(sources=None), "sources.*None"),
-    "pairs is a list of coefficients": (lambda: scene(pairs=[D(A=25)]), r"PairTable.*DPD\(A=25"),
+    "pairs is a list of coefficients": (lambda: scene(pairs=[D(A=25)]), "PairTable.*not from a DPD"),
     "shift is text": (lambda: dpd.LennardJones(1, 1, 1, "no"), "shift.*'no'"),
     "negative distance in a table": (lambda: dpd.TabulatedPair([-0.1, 0, 0.1, 0.2], [3, 2, 1, 0]), r"distances.*-0\.1"),
     "ragged bonds": (lambda: dpd.HarmonicBonds([(0, 1), (2,)], 1, 1), "bond pairs.*length"),
@@ -192,11 +201,47 @@ def test_what_the_native_scheme_cannot_express(name):
         build(scene(pairs={("W", "W"): coefficient}), scheme="native")
 
 
+SMALL_TILTED = [[3.0, 0, 0], [1.4, 3.0, 0], [0, 0, 3.0]]
+NATIVE_SCENES = {
+    "immobile beads": (dict(mobile=np.arange(N) != 3), "bead 3 is immobile"),
+    "beads that only say that they move": (dict(mobile=np.ones(N, bool)), None),
+    "moving wall": (dict(mobile=np.arange(N) != 3, velocities=np.ones((N, 3))), "bead 3 is immobile"),
+    "beads at one point": (dict(positions=np.concatenate([X[:1], X[:-1]])), "beads 0 and 1 are at the same point"),
+    "small tilted box": (dict(box=SMALL_TILTED), "small and tilted.*friction.*Reference"),
+    "masses of beads": (dict(bead_masses=np.arange(1.0, N + 1)), "same mass"),
+}
+
+
+@pytest.mark.parametrize("name", NATIVE_SCENES)
+def test_scenes_that_the_native_scheme_cannot_run(name):
+    changes, message = NATIVE_SCENES[name]
+    if message is None:
+        build(scene(**changes), scheme="native").simulation().step(2)
+    else:
+        with pytest.raises(PlanError, match=message):
+            build(scene(**changes), scheme="native")
+
+
 def test_native_needs_openmms_force_and_no_ramp():
     with pytest.raises(PlanError, match="openmm"):
         build(scheme="native", conservative="kernel")
     with pytest.raises(PlanError, match="ramp"):
         build(scene(kT=dpd.TemperatureRamp(1, 2, 0, 5)), scheme="native")
+
+
+def test_one_barostat_before_the_context_is_made():
+    built = build()
+    dpd.add_barostat(built, 20.0)
+    with pytest.raises(PlanError, match="has a MonteCarloBarostat already"):
+        dpd.add_barostat(built, 20.0, coupled=False)
+    for scheme in ("middle", "native"):
+        built = build(scheme=scheme)
+        simulation = built.simulation()
+        with pytest.raises(PlanError, match="before the Simulation is made"):
+            dpd.add_barostat(built, 20.0)
+        assert simulation.context.getStepCount() == 0
+    with pytest.raises(PlanError, match="temperature.*is 0"):
+        dpd.add_barostat(build(scene(kT=0.0)), 20.0)
 
 
 # -- while stepping --------------------------------------------------------------------------------------------------------------------
@@ -252,6 +297,14 @@ def test_negative_temperature_while_stepping():
     simulation = run_of(beads(), DEVICES[0], dt=0.02, scheme="middle")
     simulation.context.setParameter(KT, -1.0)
     with pytest.raises(openmm.OpenMMException, match="dpd_kT.*-1"):
+        simulation.step(1)
+
+
+@pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba", "bababo"])
+def test_step_size_of_zero(scheme):
+    simulation = run_of(beads(), DEVICES[0], dt=0.02, scheme=scheme)
+    simulation.integrator.setStepSize(0.0)
+    with pytest.raises(openmm.OpenMMException, match="step size must be > 0.*is 0 ps"):
         simulation.step(1)
 
 

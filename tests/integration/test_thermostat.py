@@ -136,6 +136,7 @@ def system_of(n: int = 4, edge: float = 3.0) -> openmm.System:
         ({"friction": {("A", "A"): dpd.DPD(gamma=1)}}, dpd.ParameterError, "`types` must name the type"),
         ({"friction": {("A", "A"): dpd.DPD(gamma=1)}, "types": ["A"]}, dpd.ParameterError, "types names 1 particles, but the System has 4"),
         ({"friction": {("A", "A"): dpd.DPD(gamma=1)}, "types": ["A", 1, "A", "A"]}, dpd.ParameterError, "types must hold the name.*1"),
+        ({"friction": dpd.DPD(cutoff=1.0)}, dpd.ParameterError, "no pair of types has any friction"),
         ({"friction": 5}, dpd.ParameterError, "friction must be a DPD.*5"),
         ({"friction": dpd.LennardJones(1, 1, 1)}, dpd.ParameterError, "friction must be a DPD"),
         ({"temperature": -3}, dpd.ParameterError, r"temperature must be a single number >= 0, but is -3\.0 K"),

@@ -1,0 +1,142 @@
+"""What a caller hands over is copied: frozen classes stay what they were, whatever happens to the arrays they were made from."""
+
+from __future__ import annotations
+
+import importlib
+import pickle
+import pkgutil
+from dataclasses import fields, is_dataclass
+
+import numpy as np
+import pytest
+from openmm import unit
+
+import openmm_dpd as dpd
+import openmm_dpd.model
+from openmm_dpd.molecules import Molecule, Spring
+
+MASK = [True, False, True]
+PAIRS = [[0, 1], [1, 2]]
+X = [[0.1, 0.2, 0.3], [1.0, 1.0, 1.0], [2.0, 2.0, 2.0]]
+DISTANCES = np.linspace(0.1, 1.0, 12)
+
+
+def scene_arguments() -> dict:
+    return {
+        "masses": {"A": 1.0},
+        "types": ["A", "A", "A"],
+        "positions": np.array(X),
+        "pairs": {("A", "A"): dpd.DPD(A=25.0, gamma=4.5)},
+        "kT": 1.0,
+        "box": np.array([5.0, 5.0, 5.0]),
+        "velocities": np.array(X),
+        "bead_masses": np.array([1.0, 2.0, 3.0]),
+        "charges": np.array([1.0, -1.0, 0.0]),
+        "bonds": [dpd.HarmonicBonds(PAIRS, 1.0, 1.0)],
+        "mobile": np.array(MASK),
+        "molecules": np.array([1, 1, 2]),
+        "angles": [dpd.CosineAngles([[0, 1, 2]], 1.0)],
+        "body_forces": [dpd.BodyForce([1.0, 0, 0])],
+        "walls": [dpd.Wall("z", 0.0, "above"), dpd.Wall("z", 4.0, "below")],
+        "residues": ["R", "R", "S"],
+    }
+
+
+def bonds(**coefficients: float) -> dict:
+    return {"pairs": np.array(PAIRS), **{name: np.array([value, value]) for name, value in coefficients.items()}}
+
+
+#: For each class that takes arrays, sequences or mappings, arguments made anew.
+EXAMPLES = {
+    dpd.Scene: scene_arguments,
+    dpd.HarmonicBonds: lambda: bonds(k=1.0, r0=1.0),
+    dpd.FENEBonds: lambda: bonds(k=1.0, R0=1.0, epsilon=1.0, sigma=1.0),
+    dpd.MorseBonds: lambda: bonds(D=1.0, alpha=1.0, r0=1.0),
+    dpd.HarmonicAngles: lambda: {"triples": np.array([[0, 1, 2]]), "k": np.array([1.0]), "theta0": np.array([1.0])},
+    dpd.CosineAngles: lambda: {"triples": np.array([[0, 1, 2]]), "k": np.array([1.0])},
+    dpd.TabulatedPair: lambda: {"distances": DISTANCES.copy(), "energies": 1 - DISTANCES, "forces": np.ones(12)},
+    dpd.TabulatedEOS: lambda: {"temperatures": np.array([1.0, 2.0]), "energies": np.array([1.0, 3.0])},
+    dpd.SegmentalRepulsion: lambda: {"A": 1.0, "bonds": np.array(PAIRS)},
+    dpd.BodyForce: lambda: {"force": np.array(X), "types": ["A"], "beads": np.array(MASK)},
+    dpd.PositionForce: lambda: {"formulas": ["x", "0", "0"], "types": ["A"], "beads": np.array(MASK), "corner": np.zeros(3)},
+    dpd.Block: lambda: {"low": np.zeros(3), "high": np.ones(3)},
+    dpd.Sphere: lambda: {"centre": np.zeros(3), "radius": 1.0},
+    dpd.Source: lambda: {"region": dpd.Sphere([0, 0, 0], 1.0), "rate": 1.0, "beads": np.array(MASK), "corner": np.zeros(3)},
+    dpd.InternalEnergy: lambda: {
+        "eos": {"A": dpd.ConstantHeatCapacity(10.0)},
+        "temperatures": np.ones(3) * unit.kilojoule_per_mole,
+        "conductive": np.ones(3),
+    },
+    dpd.BeadTemperatures: lambda: {"temperatures": np.ones(3), "capacities": np.ones(3)},
+    dpd.Concentrations: lambda: {"values": np.ones((3, 2))},
+    dpd.TDPD: lambda: {"A": 1.0, "gamma": 1.0, "kappa": np.ones(2), "epsilon": np.ones(2), "exponent_c": [2.0, 2.0]},
+    dpd.EDPD: lambda: {"A": 1.0, "gamma": 1.0, "kappa": 1.0, "kappa_polynomial": [1.0, 0.0, 0.0, 0.0]},
+    dpd.SlaterCharges: lambda: {"permittivity": 1.0, "lamda": 0.5, "special": [0.0, 0.0, 1.0], "grid": [8, 8, 8]},
+    dpd.GaussianCharges: lambda: {"permittivity": 1.0, "width": 0.5, "special": [0.0, 0.0, 1.0], "grid": [8, 8, 8]},
+}
+
+#: Only numbers, text and other frozen classes in them.
+SCALARS = {"ConstantHeatCapacity", "DPD", "EnergyDPD", "EwaldSum", "LennardJones", "MDPD", "SmearedCharges", "TemperatureRamp", "Wall"}
+
+
+def model_classes() -> set[type]:
+    """All dataclasses of the model."""
+    modules = [importlib.import_module(f"openmm_dpd.model.{m.name}") for m in pkgutil.iter_modules(openmm_dpd.model.__path__)]
+    return {v for m in modules for v in vars(m).values() if isinstance(v, type) and is_dataclass(v) and v.__module__ == m.__name__}
+
+
+def spoil(value) -> None:
+    """Change an array, sequence or mapping in place."""
+    value = value._value if unit.is_quantity(value) else value
+    if isinstance(value, np.ndarray):
+        value[...] = ~value if value.dtype == bool else value + 1
+    elif isinstance(value, (list, dict)):
+        value.clear()
+
+
+def test_every_class_of_the_model_is_looked_at():
+    assert {kind.__name__ for kind in model_classes()} == {kind.__name__ for kind in EXAMPLES} | SCALARS
+
+
+@pytest.mark.parametrize("kind", EXAMPLES, ids=lambda kind: kind.__name__)
+def test_a_caller_may_go_on_with_what_it_handed_over(kind):
+    arguments = EXAMPLES[kind]()
+    made = kind(**arguments)
+    before = pickle.dumps(made)
+    for value in arguments.values():
+        spoil(value)
+    assert pickle.dumps(made) == before
+    for field in fields(made):
+        value = getattr(made, field.name)
+        assert not isinstance(value, np.ndarray) or not value.flags.writeable, field.name
+
+
+def test_one_mask_used_for_two_forces():
+    mask = np.arange(81) < 10
+    first = dpd.BodyForce([1.0, 0, 0], beads=mask)
+    mask[:] = np.arange(81) >= 71
+    second = dpd.BodyForce([0, 1.0, 0], beads=mask)
+    assert np.flatnonzero(first.beads).tolist() == list(range(10))
+    assert np.flatnonzero(second.beads).tolist() == list(range(71, 81))
+
+
+def test_tables_and_molecules_keep_copies():
+    entries = {("A", "A"): dpd.DPD(A=25.0, gamma=4.5)}
+    table = dpd.PairTable(entries)
+    entries.clear()
+    assert list(table.entries) == [("A", "A")]
+    bonds, types, charges = [(0, 1, Spring(k=1.0, r0=1.0))], ["A", "B"], np.array([1.0, -1.0])
+    molecule = Molecule(types, bonds, charges=charges)
+    for value in (bonds, types, charges):
+        spoil(value)
+    assert (molecule.types, len(molecule.bonds), molecule.charges) == (("A", "B"), 1, (1.0, -1.0))
+
+
+def test_what_is_built_is_the_users_own():
+    arguments = scene_arguments()
+    scene = dpd.Scene(**arguments)
+    built = dpd.build(scene, dt=0.01, platform="Reference", seed=1)
+    for quantity in (built.positions, built.velocities):
+        spoil(quantity)
+    assert np.array_equal(scene.positions, arguments["positions"])
+    assert np.array_equal(scene.velocities, arguments["velocities"])
