@@ -39,8 +39,8 @@ def has_set_temperature(plan: Plan) -> bool:
 def temperature_warning(kT: Sequence[float], target: float, dof: int, unit: str = "") -> str | None:
     """What is wrong with the mean kinetic temperature of the second half of some rows, or None.
 
-    The standard error comes from blocks.  It is taken no smaller than that of independent rows, and where the blocks are too short to tell,
-    than that of a single row: in equilibrium the kinetic energy of ``dof`` degrees of freedom varies by sqrt(2/dof) of its mean.
+    The standard error comes from blocks, and from what is known beforehand: in equilibrium the kinetic energy of ``dof`` degrees of
+    freedom varies by sqrt(2/dof) of its mean, and whatever part of that variance rows close in time do not show, their mean has.
 
     Parameters
     ----------
@@ -58,13 +58,14 @@ def temperature_warning(kT: Sequence[float], target: float, dof: int, unit: str 
         return None
     average = block_average(rows)
     assert average.mean is not None
-    alone = target * (2.0 / dof) ** 0.5
-    error = max(average.sem or 0.0, alone / len(rows) ** 0.5 if average.converged else alone)
+    # of one row; what the rows do not show of its variance their mean still has
+    variance = average.mean**2 * 2.0 / dof
+    error = max(average.sem or 0.0, max(variance - rows.var(), variance / len(rows)) ** 0.5)
     off = average.mean - target
     if abs(off) <= max(TOLERANCE * target, ERRORS * error):
         return None
     earlier, later = (abs(half.mean() - target) for half in np.array_split(rows, 2))
-    if earlier - later > max(alone, 0.1 * earlier):
+    if earlier - later > max(variance**0.5, 0.1 * earlier):
         return None  # on its way there, as after a quench
     return (
         f"the kinetic temperature of the last {len(rows)} rows is {average.mean:.4g}{unit}, {100 * abs(off) / target:.3g} % "
