@@ -25,21 +25,49 @@ class FieldWriter:
     ----------
     file : str or path
         Written anew.
+    append : bool, default False
+        Go on with the frames of a file that is there; one that is not there is begun.
+
+    Raises
+    ------
+    ParameterError
+        If a file to go on with is none of these; from :meth:`write`, if its frames have other names or shapes.
     """
 
-    def __init__(self, file: str | os.PathLike):
+    def __init__(self, file: str | os.PathLike, append: bool = False):
         self.file, self.frames = os.fspath(file), 0
-        with zipfile.ZipFile(self.file, "w"):
-            pass
+        self._shapes: dict[str, tuple[int, ...]] = {}
+        if append and os.path.exists(self.file):
+            self._continue()
+        else:
+            with zipfile.ZipFile(self.file, "w"):
+                pass
+
+    def _continue(self) -> None:
+        """Count the frames that are there and look at the last one."""
+        if not zipfile.is_zipfile(self.file):
+            raise ParameterError(f"cannot append to {self.file}: it is no archive of frames, or its writing was cut short")
+        with np.load(self.file) as archive:
+            last = {member.split("/")[0]: member for member in sorted(archive.files)}
+            self._shapes = {name: archive[member].shape for name, member in last.items()}
+            self.frames = sum(member.startswith("time/") for member in archive.files)
 
     def write(self, time: float, step: int, fields: dict[str, np.ndarray]) -> None:
         """Append one frame."""
+        frame = {name: np.asarray(values) for name, values in {"time": np.float64(time), "step": np.int64(step), **fields}.items()}
+        shapes = {name: values.shape for name, values in frame.items()}
+        if self._shapes and shapes != self._shapes:
+            raise ParameterError(f"cannot append to {self.file}: its frames hold {_listed(self._shapes)}, and this one {_listed(shapes)}")
         with zipfile.ZipFile(self.file, "a", zipfile.ZIP_DEFLATED) as archive:
-            for name, values in {"time": np.float64(time), "step": np.int64(step), **fields}.items():
+            for name, values in frame.items():
                 buffer = io.BytesIO()
-                np.save(buffer, np.asarray(values))
+                np.save(buffer, values)
                 archive.writestr(f"{name}/{self.frames:08d}.npy", buffer.getvalue())
-        self.frames += 1
+        self.frames, self._shapes = self.frames + 1, shapes
+
+
+def _listed(shapes: dict[str, tuple[int, ...]]) -> str:
+    return ", ".join(f"{name} {list(shape)}" if shape else name for name, shape in sorted(shapes.items()))
 
 
 def load_fields(file: str | os.PathLike) -> dict[str, np.ndarray]:
@@ -67,11 +95,13 @@ class FieldReporter:
         Steps between frames.
     built : Built
         A scene whose beads carry internal energies, temperatures, concentrations or local densities.
+    append : bool, default False
+        Go on with the frames of a file that is there; one that is not there is begun.
 
     Raises
     ------
     ParameterError
-        If the interval is below 1, or the beads carry nothing.
+        If the interval is below 1, the beads carry nothing, or a file to go on with holds something else.
 
     Examples
     --------
@@ -79,11 +109,11 @@ class FieldReporter:
     >>> load_fields("fields.npz")["theta"].mean(axis=0)  # doctest: +SKIP
     """
 
-    def __init__(self, file: str | os.PathLike, interval: int, built: Built):
+    def __init__(self, file: str | os.PathLike, interval: int, built: Built, append: bool = False):
         interval = whole_number(interval, "the interval between reports, in steps,", least=1)
         if not carries_fields(built):
             raise ParameterError("the beads of this scene carry no internal energies, temperatures, concentrations or local densities")
-        self._writer, self._interval, self._built = FieldWriter(file), interval, built
+        self._writer, self._interval, self._built = FieldWriter(file, append), interval, built
 
     def describeNextReport(self, simulation):
         """Steps until the next frame; nothing is wanted in the State that OpenMM hands over."""

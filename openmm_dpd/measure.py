@@ -270,7 +270,9 @@ def noise_state(context: openmm.Context, plan: Plan) -> tuple[float, int, int, f
     """Thermal energy, seed, noise counter and step size of a Context."""
     dt = context.getIntegrator().getStepSize().value_in_unit(unit.picosecond)
     if KT not in context.getParameters():
-        return plan.options.kT, plan.options.seed, context.getStepCount(), dt
+        native = isinstance(context.getIntegrator(), openmm.DPDIntegrator)
+        kT = BOLTZMANN * context.getIntegrator().getTemperature().value_in_unit(unit.kelvin) if native else plan.options.kT
+        return kT, plan.options.seed, context.getStepCount(), dt
     return context.getParameter(KT), int(context.getParameter(SEED)), int(context.getParameter(COUNTER)), dt
 
 

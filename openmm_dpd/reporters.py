@@ -5,6 +5,7 @@ OpenMM's StateDataReporter works as always; it prints kelvin, divides by 3N, and
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Callable, Sequence
 from typing import TextIO
@@ -15,8 +16,12 @@ from .build import Built
 from .embed import Embedded
 from .errors import ParameterError
 from .measure import Observer, kelvin
+from .model.internal import BeadTemperatures, InternalEnergy
 from .sample import Sample
 from .units import BAR_PER_MD_PRESSURE, whole_number
+from .watch import TemperatureWatch
+
+_LOGGER = logging.getLogger("openmm_dpd")
 
 
 def _optional(value: float | None, factor: float = 1.0) -> float:
@@ -55,8 +60,26 @@ EMBEDDED_COLUMNS = (
 DEFAULT_COLUMNS = ("step", "time", "kT", "kT_conf", "potential_energy", "kinetic_energy", "pressure", "pressure_conservative", "momentum")
 
 
+def _reasons(observer: Observer, columns: Sequence[str]) -> dict[str, list[str]]:
+    """Columns that can only be NaN, by the reason why."""
+    scene, reasons = observer.plan.scene, dict[str, list[str]]()
+    no_box = None if scene.box is not None else "there is no box"
+    known = {"kT_conf": observer.no_laplacian} | dict.fromkeys(("pressure", "pressure_conservative", "pressure_bar", "volume"), no_box)
+    no_energy = None if isinstance(scene.internal, (InternalEnergy, BeadTemperatures)) else "the beads have no internal energies"
+    known |= {"internal_energy": no_energy, "theta": no_energy}
+    known["conductive_energy"] = None if isinstance(scene.internal, InternalEnergy) else "the beads have no conductive energies"
+    for name in columns:
+        reason = known.get(name)
+        if reason is not None:
+            reasons.setdefault(reason, []).append(name)
+    return reasons
+
+
 class DPDReporter:
     """Writes measured quantities to a CSV file, for ``simulation.reporters``.
+
+    After 20 rows, 40, 80, ..., it compares the kinetic temperature of their second half with the set one, and says once, through
+    ``logging.getLogger("openmm_dpd")``, if it is off (:mod:`openmm_dpd.watch`).
 
     Parameters
     ----------
@@ -76,16 +99,29 @@ class DPDReporter:
         is this configuration's ratio: average numerator and denominator apart for a precise value (:class:`openmm_dpd.measure.Observer`).
         For atoms and beads in one System there are :data:`EMBEDDED_COLUMNS`: ``kT_atoms`` and ``kT_beads`` are the temperatures of the
         parts, ``kT`` and ``temperature`` that of everything; pressures and configurational temperature are not measured.
+    append : bool, default False
+        Go on with a file that is there, whose header has to be that of these columns; one that is not there or empty is begun.  A file
+        that was opened to append is treated so anyway.
 
     Raises
     ------
     ParameterError
-        For an unknown column, one that atoms and beads do not have, an interval that is no whole number of at least 1, or if ``built``
-        is something else.
+        For an unknown column, one that atoms and beads do not have, an interval that is no whole number of at least 1, if ``built``
+        is something else, or if a file to go on with has another header.
     """
 
-    def __init__(self, file: str | os.PathLike | TextIO, interval: int, built: Built | Embedded, columns: Sequence[str] | None = None):
-        self._owned = False
+    _owned = False  # also if __init__ did not get far
+
+    def __init__(
+        self,
+        file: str | os.PathLike | TextIO,
+        interval: int,
+        built: Built | Embedded,
+        columns: Sequence[str] | None = None,
+        append: bool = False,
+    ):
+        if not isinstance(built, (Built, Embedded)):
+            raise ParameterError(f"DPDReporter wants as built what openmm_dpd.build() or embed() returned, not a {type(built).__name__}")
         if columns is None:
             columns = [name for name in EMBEDDED_COLUMNS if name != "temperature"] if isinstance(built, Embedded) else DEFAULT_COLUMNS
         if isinstance(columns, str) or not isinstance(columns, Sequence) or not columns:
@@ -103,13 +139,35 @@ class DPDReporter:
         elif isinstance(built, Built) and {"kT_atoms", "kT_beads"} & set(columns):
             raise ParameterError("columns kT_atoms and kT_beads are for what openmm_dpd.embed() returned; a scene alone has kT")
         self._interval = whole_number(interval, "the interval between reports, in steps,", least=1)
-        self._columns, self._observer = tuple(columns), Observer(built)
+        self._columns, self._observer, self._watch = tuple(columns), Observer(built), TemperatureWatch(built.plan)
         if not isinstance(file, (str, os.PathLike)) and not hasattr(file, "write"):
             raise ParameterError(f"file must be a path or a text file open for writing, not {file!r}")
         # opened last, so that an error above leaves an existing file as it is
-        self._out: TextIO = open(file, "w") if isinstance(file, (str, os.PathLike)) else file
+        begun = self._has_header(file, append)
+        self._out: TextIO = open(file, "a" if append else "w") if isinstance(file, (str, os.PathLike)) else file
         self._owned = isinstance(file, (str, os.PathLike))
-        self._write(self._columns)
+        if not begun:
+            self._write(self._columns)
+        for reason, names in _reasons(self._observer, self._columns).items():
+            _LOGGER.warning("columns of DPDReporter that will be nan: %s (%s)", ", ".join(names), reason)
+
+    def _has_header(self, file: str | os.PathLike | TextIO, append: bool) -> bool:
+        """Whether a file to go on with has rows already, and so a header."""
+        if isinstance(file, (str, os.PathLike)):
+            path: str | os.PathLike = file
+            begun = append and os.path.exists(path) and os.path.getsize(path) > 0
+        else:
+            path = getattr(file, "name", "")
+            append = append or "a" in getattr(file, "mode", "")
+            begun = append and file.seekable() and file.tell() > 0
+        if begun and isinstance(path, (str, os.PathLike)) and os.path.isfile(path):
+            with open(path) as there:
+                header = there.readline().rstrip("\n")
+            if header != ",".join(self._columns):
+                raise ParameterError(
+                    f"cannot append to {os.fspath(path)}: its header is {header!r}, the columns are {','.join(self._columns)!r}"
+                )
+        return begun
 
     def describeNextReport(self, simulation):
         """Steps until the next row; nothing is wanted in the State that OpenMM hands over."""
@@ -121,6 +179,9 @@ class DPDReporter:
         sample = self._observer.sample(simulation.context)
         row = (COLUMNS[name](sample) for name in self._columns)
         self._write(str(value) if isinstance(value, int) else f"{value:.10g}" for value in row)
+        wrong = self._watch.add(sample)
+        if wrong is not None:
+            _LOGGER.warning("step %d: %s", sample.step, wrong)
 
     def _write(self, fields) -> None:
         self._out.write(",".join(fields) + "\n")

@@ -49,9 +49,6 @@ SHARES: dict[int, tuple[float, float]] = {
     Phase.KICK_SWEEP_OUTER: (KICKS[0], KICKS[0]),
 }
 
-#: In the place of box vectors where there are none.
-NO_BOX = np.zeros((3, 3))
-
 
 @compiled
 def fingerprint(x, parameters):
@@ -64,18 +61,14 @@ def fingerprint(x, parameters):
     return np.float64(total >> np.uint64(11)) * 2.0**-960
 
 
-def relative_to(x: np.ndarray, kept: np.ndarray, box: np.ndarray | None) -> np.ndarray:
-    """Displacement x - kept by minimum image: a GPU platform may have wrapped either of them."""
-    d = np.empty_like(x)
-    motion.seen_velocities(x, kept, NO_BOX if box is None else box, box is not None, 1.0, d)
-    return d
-
-
 def folded(x: np.ndarray, before: np.ndarray, box: np.ndarray) -> bool:
     """Whether x differs from the positions before by box vectors only, to float32 rounding: GPU platforms fold beads back now and then."""
     if not motion.jumped(x, before, 0.5 * np.diag(box).min()):
         return False
-    return bool(np.abs(relative_to(x, before, box)).max() < 4e-7 * (np.abs(before).max() + np.diag(box).max()))
+    d = x - before
+    for axis in (2, 1, 0):
+        d -= np.round(d[:, axis] / box[axis, axis])[:, None] * box[axis]
+    return bool(np.abs(d).max() < 4e-7 * (np.abs(before).max() + np.diag(box).max()))
 
 
 class Fields:
@@ -241,14 +234,14 @@ class PairForceFunction:
         both = phase == Phase.READ_TWO_KICKS
         if both or phase >= Phase.READ:
             assert fields is not None
-            fields.read(0 if both else phase - Phase.READ, relative_to(x, kept, box) / parameters[TAU])
+            fields.read(0 if both else phase - Phase.READ, (x - kept) / parameters[TAU])
             return self._two_kicks(local, kept, box) if both else self._zero
         scalars = None if fields is None else fields.values
         dt, tau, kT = parameters[DT], parameters[TAU], parameters[KT]
         key = (int(parameters[SEED]), int(parameters[COUNTER]))
         if not kT >= 0.0:
             raise RunError(f"the context parameter {KT} must be >= 0, but is {kT}")
-        motion.seen_velocities(x, kept, NO_BOX if box is None else box, box is not None, tau, local.v)
+        motion.seen_velocities(x, kept, tau, local.v)
         wrong = runaway(local.v, self.spec.inv_mass, kT, dt, self._cutoff)
         if wrong is not None:
             raise RunError(f"{wrong}; the step size is too large for this scheme, or the start is too far from equilibrium")

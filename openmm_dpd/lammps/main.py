@@ -57,8 +57,9 @@ def run_deck(
     -------
     dict
         ``natoms``, ``units``, ``scheme``, ``platform``, ``precision``, ``threads``, ``momentum``, ``runs``: one object per run with
-        ``steps``, ``dt``, ``seconds_per_step``, ``thermo`` ({word: {mean, sem, first, last}}), ``profiles`` ({fix: {coord, ncount, ...}})
-        and ``averages`` ({fix: {step, word: value}}), and the last run's entries at top level.
+        ``steps``, ``dt``, ``seconds_per_step``, ``thermo`` ({word: {mean, sem, first, last}}), ``profiles`` ({fix: {coord, ncount, ...}}),
+        ``averages`` ({fix: {step, word: value}}) and ``temperature_warning`` (None, or what is wrong with the mean temperature, which the
+        logger "openmm_dpd" says too), and the last run's entries at top level.
 
     Raises
     ------

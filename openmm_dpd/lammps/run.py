@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -23,6 +24,7 @@ from ..model.edpd import EDPD
 from ..model.scene import Scene
 from ..names import COUNTER
 from ..stats import block_average, ratio_average
+from ..watch import has_set_temperature, temperature_warning
 from .chunk_average import ChunkAverage
 from .context import Context
 from .request import RunRequest
@@ -32,6 +34,8 @@ from .time_average import TimeAverage
 from .trajectory import RunTrajectory
 
 _NM, _V = unit.nanometer, unit.nanometer / unit.picosecond
+
+_LOGGER = logging.getLogger("openmm_dpd")
 
 
 @dataclass(frozen=True)
@@ -114,12 +118,16 @@ class RunResult:
         Why there is no configurational temperature.
     target_kT : list of float
         Thermal energy (kJ/mol) that the thermostat is set to at each row.
+    kinetic_kT : list of float
+        That of the motion of all mobile beads, whatever compute ``temp`` stands for.
     momentum : float
         Largest component of the total momentum at the end, in the deck's units.
     profiles : dict
         The last block of every fix ave/chunk: {id: {"coord": [...], "ncount": [...], value: [...]}}.
     time_averages : dict
         The last average of every fix ave/time: {id: {"step": ..., value: ...}}.
+    temperature_warning : str or None
+        What is wrong with the mean temperature, see :func:`openmm_dpd.watch.temperature_warning`.
     """
 
     request: RunRequest
@@ -133,9 +141,11 @@ class RunResult:
     conf: list[tuple[float, float]] = field(default_factory=list)
     no_laplacian: str | None = None
     target_kT: list[float] = field(default_factory=list)
+    kinetic_kT: list[float] = field(default_factory=list)
     momentum: float = 0.0
     profiles: dict[str, dict[str, list[float]]] = field(default_factory=dict)
     time_averages: dict[str, dict[str, Any]] = field(default_factory=dict)
+    temperature_warning: str | None = None
 
     def add(self, step: int, values: dict[str, float], measured: Measurement) -> None:
         """Append a row."""
@@ -143,12 +153,13 @@ class RunResult:
         for word, value in values.items():
             self.rows.setdefault(word, []).append(value)
         self.target_kT.append(measured.target_kT)
+        self.kinetic_kT.append(measured.kT)
         if measured.laplacian is not None:
             self.conf.append((measured.gradient2, measured.laplacian))
 
     def averages(self) -> dict[str, dict[str, float | None] | None]:
         """{word: {mean, sem, first, last}}; ``temp_conf`` is None if there is no configurational temperature."""
-        kept = np.array(self.steps_done) - self.request.first_step >= self.discard
+        kept = self._kept()
         result: dict[str, dict[str, float | None] | None] = {}
         for word in self.words:
             if word == "temp_conf":
@@ -158,6 +169,15 @@ class RunResult:
             average = block_average(values[kept])
             result[word] = {"mean": average.mean, "sem": average.sem, "first": float(values[0]), "last": float(values[-1])}
         return result
+
+    def _kept(self) -> np.ndarray:
+        """Which rows averages are taken over."""
+        return np.array(self.steps_done) - self.request.first_step >= self.discard
+
+    def check_temperature(self, target_kT: float, dof: int) -> None:
+        """Compare the temperature with the one that was set."""
+        kelvin = self.request.state.units.thermal_energy
+        self.temperature_warning = temperature_warning(np.array(self.kinetic_kT)[self._kept()] / kelvin, target_kT / kelvin, dof)
 
     def _configurational(self, kept: np.ndarray) -> dict[str, float | None] | None:
         if self.no_laplacian is not None:
@@ -186,6 +206,7 @@ class RunResult:
             "thermo": self.averages(),
             "profiles": self.profiles,
             "averages": self.time_averages,
+            "temperature_warning": self.temperature_warning,
         }
         if self.no_laplacian is not None:
             summary["temp_conf_reason"] = self.no_laplacian
@@ -248,6 +269,8 @@ class DeckRunner:
             if bar is not None:
                 bar.close()
         self.results.append(result)
+        if result.temperature_warning is not None:
+            _LOGGER.warning("%s%s", _where(request), result.temperature_warning)
         if COUNTER in simulation.context.getParameters():
             self.counter = simulation.context.getParameter(COUNTER)
         if self.trajectory is not None:
@@ -302,6 +325,8 @@ class DeckRunner:
                 bar.update(stop - step)
             step = stop
         assert measured is not None
+        if has_set_temperature(built.plan):
+            result.check_temperature(measured.target_kT, measured.dof)
         result.momentum = float(np.abs(measured.momentum).max()) / request.state.units.mass / request.state.units.velocity
         result.profiles = {average.name: average.profile for average in averages if isinstance(average, ChunkAverage) and average.profile}
         result.time_averages = {average.name: average.report for average in averages if isinstance(average, TimeAverage) and average.report}

@@ -226,6 +226,29 @@ def test_ctrl_c_ends_a_run(deck, scheme):
     assert error.rstrip().endswith("openmm-dpd: interrupted") and "Traceback" not in error
 
 
+def test_a_step_that_is_too_long_never_passes_without_a_word(deck, tmp_path, capsys, caplog):
+    """Far too long: an error.  Too long: a warning and an entry for each run.  A flow has no one temperature to compare with."""
+    target = tmp_path / "report.json"
+    once = FLUID.replace("run 50\nrun 30", "run 200")
+    arguments = ["run", str(deck), "--platform", "CPU", "--threads", "1", "--json", str(target), "--out", str(tmp_path / "out"), "--quiet"]
+
+    def found(text: str, timestep: str) -> list[str | None]:
+        deck.write_text(text.replace("timestep 0.01", f"timestep {timestep}"))
+        assert main(arguments) == 0
+        return [run["temperature_warning"] for run in json.loads(target.read_text())["runs"]]
+
+    for timestep in ("0.5", "2.0"):
+        deck.write_text(once.replace("timestep 0.01", f"timestep {timestep}"))
+        assert main(arguments) == 1
+        assert "in.fluid:21: the run stopped" in capsys.readouterr().err
+    (text,) = found(once, "0.12")
+    assert text.startswith("the kinetic temperature of the last 11 rows is 1.") and "above the set 1;" in text
+    assert [record.getMessage() for record in caplog.records if record.name == "openmm_dpd"] == [f"{deck}:21: {text}"]
+    assert found(FLUID, "0.02") == [None, None]
+    assert found(once.replace("all nve\n", "all nve\nfix push all addforce 2.0 0 0\n"), "0.02") == [None]
+    assert capsys.readouterr().err == ""
+
+
 def test_impossible_scheme_names_the_reason(deck, capsys):
     deck.write_text(FLUID.replace("pair_style dpd 1.0 1.0", "pair_style dpd/ext 1.0 1.0").replace(" 4.5\n", " 4.5 2.0 1.0 1.0\n"))
     assert main(["run", str(deck), "--platform", "Reference", "--scheme", "native", "--quiet"]) == 1

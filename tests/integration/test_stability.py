@@ -100,13 +100,40 @@ def test_every_scheme_that_blows_up_says_so(scheme, dt):
         made.step(500)
 
 
-@pytest.mark.parametrize("device", [device for device in DEVICES if device.precision in ("", "single")], ids=str)
+@pytest.mark.parametrize("device", [device for device in DEVICES if device.precision in ("", "single")], ids=str, indirect=True)
 def test_blow_up_is_an_error_on_every_platform(device):
     scene = fluid(40.5)
     built = dpd.build(scene, dt=0.06, scheme="mvv", platform=device.platform, seed=4)
     made = built.simulation(properties=device.properties)
     with pytest.raises(openmm.OpenMMException, match=TOO_FAST):
         made.step(500)
+
+
+@pytest.mark.parametrize("conservative", ["kernel", "openmm"])
+@pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba", "bababo"])
+def test_a_step_in_which_beads_cross_the_box_is_an_error(scheme, conservative):
+    """At these steps the box is crossed before ten thermal speeds are reached, so velocities folded into it would look harmless."""
+    for edge, dt in ((5.0, 0.5), (3.0, 0.5), (3.0, 2.0)):
+        x = np.random.default_rng(1).random((round(3 * edge**3), 3)) * edge
+        scene = dpd.Scene({"W": 1.0}, ["W"] * len(x), x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1.0, box=[edge] * 3)
+        made = dpd.build(scene, dt=dt, scheme=scheme, conservative=conservative, platform="CPU", seed=4).simulation(None, {"Threads": "1"})
+        with pytest.raises(openmm.OpenMMException, match=TOO_FAST):
+            made.step(200)
+
+
+@pytest.mark.parametrize("device", [device for device in DEVICES if device.precision in ("", "single")], ids=str, indirect=True)
+@pytest.mark.parametrize("box", [[5.0] * 3, [[5.0, 0, 0], [1.5, 5.0, 0], [-1.0, 2.0, 5.0]]], ids=["ortho", "tilted"])
+def test_such_a_step_is_an_error_on_every_platform(device, box):
+    """Also in a tilted box, with beads that start far outside of it, and where OpenMM's own list of neighbours folds beads back."""
+    edges = np.diag([5.0] * 3) if np.ndim(box) == 1 else np.array(box)
+    rng = np.random.default_rng(1)
+    x = (rng.random((N, 3)) + rng.integers(-3, 4, (N, 3))) @ edges
+    scene = dpd.Scene({"W": 1.0}, ["W"] * N, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1.0, box=box)
+    made = dpd.build(scene, dt=0.5, scheme="mvv", conservative="openmm", platform=device.platform, seed=4).simulation(
+        None, device.properties
+    )
+    with pytest.raises(openmm.OpenMMException, match=TOO_FAST):
+        made.step(200)
 
 
 def test_a_context_goes_on_after_the_error():

@@ -11,7 +11,8 @@ from openmm import unit
 from scenes import BOXES, EXTENDED, fluid
 
 from openmm_dpd import RunError
-from openmm_dpd.forces.pair_force import PairForceFunction, fingerprint, relative_to
+from openmm_dpd.forces.pair_force import PairForceFunction, fingerprint, folded
+from openmm_dpd.kernels import motion
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
 from openmm_dpd.names import COUNTER, DT, KT, PHASE, SEED, TAU, Phase
 from openmm_dpd.plan import make_plan
@@ -32,15 +33,24 @@ def state(x, phase, box=SCENE.box, **parameters):
 
 
 @pytest.mark.parametrize("name", ["ortho", "tilted", "tilted_narrow"])
-def test_displacements_do_not_mind_beads_that_were_wrapped_meanwhile(name):
-    """A GPU platform may have moved some of the beads by whole boxes between the two positions."""
+def test_beads_that_were_folded_back_are_where_they_were(name):
+    """A GPU platform moves beads by whole boxes between two steps; any other change of a position is one."""
     rng, box = np.random.default_rng(1), BOXES[name]
-    kept = rng.random((200, 3)) @ box
-    d = rng.normal(size=(200, 3)) * 0.02
-    images = rng.integers(-2, 3, (200, 3))
-    np.testing.assert_allclose(relative_to(kept + d + images @ box, kept, box), d, atol=1e-13)
-    np.testing.assert_allclose(relative_to(kept + d, kept, box), d, atol=1e-14)
-    np.testing.assert_allclose(relative_to(kept + d, kept, None), d, atol=1e-14)
+    before = rng.random((200, 3)) @ box
+    after = before + rng.integers(-2, 3, (200, 3)) @ box
+    assert folded(after, before, box) and folded(after.astype(np.float32).astype(float), before, box)
+    after[7, 1] += 0.001
+    assert not folded(after, before, box)
+    assert not folded(before, before, box)  # nothing was
+
+
+def test_velocities_are_not_folded_into_the_box():
+    """A bead that crosses several boxes within the drift is shown as fast as it is."""
+    x = SCENE.positions
+    v = np.random.default_rng(3).normal(size=x.shape) * 20 * SCENE.box[0, 0]
+    seen = np.empty_like(v)
+    motion.seen_velocities(x + 0.5 * v, x, 0.5, seen)
+    np.testing.assert_allclose(seen, v, rtol=0, atol=1e-12)
 
 
 def test_fingerprint_depends_on_every_bit():

@@ -1,0 +1,106 @@
+"""Whether a run has the temperature that was set: what a step that is too long spoils first.
+
+Beads that run away stop a run (``forces/runaway.py``); between these steps and those that are right a fluid is steadily too hot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .kernels.fields import ENERGY, TEMPERATURE
+from .plan import Plan
+from .sample import Sample
+from .stats import block_average
+
+#: What a mean temperature may be off: this fraction of the set one, and so many standard errors.
+TOLERANCE, ERRORS = 0.05, 4.0
+
+#: Rows after which a running simulation is looked at first; then after twice as many, and so on.
+FIRST_LOOK = 20
+
+#: With fewer rows nothing is said: their second half cannot tell whether the temperature still changes.
+LEAST_ROWS = 6
+
+
+def has_set_temperature(plan: Plan) -> bool:
+    """Whether the kinetic temperature of a run ought to be the set one all the time.
+
+    Not without friction, with a ramp, for beads with temperatures of their own, or where a body force or a moving wall drives a flow, whose
+    energy the kinetic temperature counts.
+    """
+    scene, options, fields = plan.scene, plan.options, plan.spec.fields
+    moving_wall = scene.mobile is not None and scene.velocities is not None and bool(np.any(scene.velocities[~scene.mobile]))
+    own = fields is not None and fields.kind in (ENERGY, TEMPERATURE)
+    return options.thermostat and options.ramp is None and not (own or scene.body_forces or moving_wall)
+
+
+def temperature_warning(kT: Sequence[float], target: float, dof: int, unit: str = "") -> str | None:
+    """What is wrong with the mean kinetic temperature of the second half of some rows, or None.
+
+    The standard error comes from blocks, and from what is known beforehand: in equilibrium the kinetic energy of ``dof`` degrees of
+    freedom varies by sqrt(2/dof) of its mean, and whatever part of that variance rows close in time do not show, their mean has.
+
+    Parameters
+    ----------
+    kT : sequence of float
+        Kinetic temperatures, row by row, at one set temperature.
+    target : float
+        The set one, in the same unit; nothing can be said if it is 0.
+    dof : int
+        Degrees of freedom of a row.
+    unit : str
+        The unit, for the sentence.
+    """
+    rows = np.asarray(kT, dtype=float)[len(kT) // 2 :]
+    if len(kT) < LEAST_ROWS or target <= 0 or dof <= 0:
+        return None
+    average = block_average(rows)
+    assert average.mean is not None
+    # of one row; what the rows do not show of its variance their mean still has
+    variance = average.mean**2 * 2.0 / dof
+    error = max(average.sem or 0.0, max(variance - rows.var(), variance / len(rows)) ** 0.5)
+    off = average.mean - target
+    if abs(off) <= max(TOLERANCE * target, ERRORS * error):
+        return None
+    earlier, later = (abs(half.mean() - target) for half in np.array_split(rows, 2))
+    if earlier - later > max(variance**0.5, 0.1 * earlier):
+        return None  # on its way there, as after a quench
+    return (
+        f"the kinetic temperature of the last {len(rows)} rows is {average.mean:.4g}{unit}, {100 * abs(off) / target:.3g} % "
+        f"{'above' if off > 0 else 'below'} the set {target:.4g}{unit}; "
+        "the step size may be too long, or the beads flow or have not settled"
+    )
+
+
+class TemperatureWatch:
+    """Compares the temperature of a running simulation with the set one: after 20 rows, 40, 80, ..., until there is something to say.
+
+    Rows count from the last change of the set temperature on.
+
+    Parameters
+    ----------
+    plan : Plan
+    """
+
+    def __init__(self, plan: Plan):
+        self._quiet = not has_set_temperature(plan)
+        self._target, self._rows, self._look = 0.0, list[float](), FIRST_LOOK
+
+    def add(self, sample: Sample) -> str | None:
+        """Take a row; what is wrong, once, or None."""
+        if self._quiet:
+            return None
+        if sample.target_kT != self._target:
+            self._target, self._rows, self._look = sample.target_kT, [], FIRST_LOOK
+        self._rows.append(sample.kT)
+        if len(self._rows) < self._look:
+            return None
+        self._look *= 2
+        wrong = temperature_warning(self._rows, self._target, sample.dof, " kJ/mol")
+        self._quiet = wrong is not None
+        return wrong
+
+
+__all__ = ["TemperatureWatch", "has_set_temperature", "temperature_warning"]

@@ -1,0 +1,170 @@
+"""Reporters that go on with a file, that say why a column is nan, and that notice a temperature that is not the set one."""
+
+from __future__ import annotations
+
+import gc
+import io
+import logging
+
+import numpy as np
+import pytest
+
+import openmm_dpd as dpd
+from openmm_dpd.errors import ParameterError
+
+N, EDGE = 375, 5.0
+
+
+def scene(kT=1.0, box=(EDGE, EDGE, EDGE), **options) -> dpd.Scene:
+    x = np.random.default_rng(1).random((N, 3)) * EDGE
+    return dpd.Scene({"W": 1.0}, ["W"] * N, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=kT, box=box, **options)
+
+
+def build(dt=0.02, scheme="middle", **options):
+    return dpd.build(scene(**options), dt=dt, scheme=scheme, platform="CPU", seed=1)
+
+
+def start(built):
+    return built.simulation(properties={"Threads": "1"})
+
+
+def said(caplog) -> list[str]:
+    return [record.getMessage() for record in caplog.records if "compiling" not in record.getMessage()]
+
+
+# -- the temperature -------------------------------------------------------------------------------------------------------------
+def test_a_temperature_that_is_off_is_said_once(caplog):
+    """Velocity Verlet at 0.1 goes on, a third too hot."""
+    built = build(dt=0.1, scheme="mvv")
+    simulation = start(built)
+    simulation.reporters.append(dpd.DPDReporter(io.StringIO(), 10, built))
+    simulation.step(190)
+    assert not said(caplog)
+    simulation.step(700)
+    (text,) = said(caplog)
+    assert text.startswith("step 200: the kinetic temperature of the last 10 rows is 1.3") and "above the set 1 kJ/mol" in text
+    assert caplog.records[0].name == "openmm_dpd" and caplog.records[0].levelno == logging.WARNING
+
+
+def test_a_changed_temperature_is_compared_with_the_rows_since(caplog):
+    built = build(dt=0.04)
+    simulation = start(built)
+    simulation.reporters.append(dpd.DPDReporter(io.StringIO(), 10, built))
+    simulation.step(300)
+    dpd.set_temperature(simulation.context, 1.5)
+    simulation.step(200)
+    assert not said(caplog)
+
+
+def test_a_run_in_equilibrium_and_a_quench_say_nothing(caplog):
+    """Also with a row for every step, and from a start ten times too hot."""
+    hot = np.random.default_rng(3).normal(size=(N, 3)) * 10**0.5
+    for options, every in (({}, 1), ({}, 20), ({"velocities": hot}, 5)):
+        built = build(dt=0.04, **options)
+        simulation = start(built)
+        simulation.reporters.append(dpd.DPDReporter(io.StringIO(), every, built))
+        simulation.step(41 * every)
+    assert not said(caplog)
+
+
+# -- columns that are nan --------------------------------------------------------------------------------------------------------
+def test_columns_that_will_be_nan_are_named_with_the_reason(caplog):
+    charged = scene(charges=[1.0, -1.0] + [0.0] * (N - 2), electrostatics=dpd.SlaterCharges(lamda=0.2, bjerrum_length=1.0, cutoff=2.0))
+    built = dpd.build(charged, dt=0.02, platform="CPU", seed=1)
+    dpd.DPDReporter(io.StringIO(), 10, built)
+    assert said(caplog) == ["columns of DPDReporter that will be nan: kT_conf (the interaction of charges has no Laplacian here)"]
+    caplog.clear()
+    dpd.DPDReporter(io.StringIO(), 10, built, ["kT", "pressure"])
+    dpd.DPDReporter(io.StringIO(), 10, build())
+    assert not said(caplog)
+    dpd.DPDReporter(io.StringIO(), 10, build(box=None), ["pressure", "volume", "theta", "conductive_energy"])
+    assert [text.partition("nan: ")[2] for text in said(caplog)] == [
+        "pressure, volume (there is no box)",
+        "theta (the beads have no internal energies)",
+        "conductive_energy (the beads have no conductive energies)",
+    ]
+
+
+# -- what is refused -------------------------------------------------------------------------------------------------------------
+def test_a_wrong_argument_is_named_and_nothing_follows(tmp_path):
+    """An exception in __del__, which Python only prints, is an error under pytest."""
+    with pytest.raises(ParameterError, match=r"^DPDReporter wants as built what openmm_dpd.build\(\) or embed\(\) returned, not a Scene$"):
+        dpd.DPDReporter(tmp_path / "x", 10, scene())
+    with pytest.raises(TypeError):
+        dpd.DPDReporter(tmp_path / "x", 10)
+    gc.collect()
+
+
+# -- going on with a file --------------------------------------------------------------------------------------------------------
+def test_rows_go_on_after_those_that_are_there(tmp_path):
+    path, columns = tmp_path / "rows.csv", ("step", "kT")
+    built = build()
+    simulation = start(built)
+
+    def steps(file, **options):
+        simulation.reporters[:] = [dpd.DPDReporter(file, 2, built, columns, **options)]
+        simulation.step(4)
+        simulation.reporters.clear()
+        return [line.split(",")[0] for line in path.read_text().splitlines()]
+
+    assert steps(path, append=True) == ["step", "2", "4"]  # not there yet
+    assert steps(str(path), append=True) == ["step", "2", "4", "6", "8"]
+    with open(path, "a") as file:
+        assert steps(file)[-3:] == ["8", "10", "12"]
+    with open(path, "r+") as file:
+        file.seek(0, io.SEEK_END)
+        assert steps(file, append=True)[-3:] == ["12", "14", "16"]
+    before = path.read_text()
+    with open(path, "a") as opened:
+        for file in (path, opened):
+            with pytest.raises(ParameterError, match=r"cannot append to .*rows.csv: its header is 'step,kT', the columns are 'step,time'"):
+                dpd.DPDReporter(file, 2, built, ("step", "time"), append=True)
+    assert path.read_text() == before
+    assert steps(path) == ["step", "18", "20"]  # without append as ever
+    path.write_text("")
+    with open(path, "a") as file:
+        assert steps(file) == ["step", "22", "24"]
+
+
+def test_frames_go_on_after_those_that_are_there(tmp_path):
+    path = tmp_path / "fields.npz"
+    x = np.random.default_rng(1).random((81, 3)) * 3
+
+    def energies(n=81):
+        internal = dpd.InternalEnergy({"W": dpd.ConstantHeatCapacity(10.0)}, 1.0)
+        pairs = {("W", "W"): dpd.EnergyDPD(A=25, sigma=3.0, kappa=1.0)}
+        made = dpd.Scene({"W": 1.0}, ["W"] * n, x[:n], pairs, kT=1.0, box=[3.0] * 3, internal=internal)
+        return dpd.build(made, dt=0.01, platform="CPU", seed=1)
+
+    built = energies()
+    simulation = start(built)
+    for _ in range(2):
+        simulation.reporters[:] = [dpd.FieldReporter(path, 2, built, append=True)]
+        simulation.step(6)
+    found = dpd.load_fields(path)
+    assert found["step"].tolist() == [2, 4, 6, 8, 10, 12] and found["theta"].shape == (6, 81)
+    np.testing.assert_array_equal(found["u_mech"][-1], dpd.read_fields(simulation.context, built.plan)["u_mech"])
+
+    other = energies(80)
+    fewer = start(other)
+    fewer.reporters.append(dpd.FieldReporter(path, 2, other, append=True))
+    with pytest.raises(
+        ParameterError, match=r"cannot append to .*fields.npz: its frames hold .*theta \[81\].*, and this one .*theta \[80\]"
+    ):
+        fewer.step(2)
+    drops = dpd.build(
+        dpd.Scene({"W": 1.0}, ["W"] * 81, x, {("W", "W"): dpd.MDPD(A=-40, B=25, gamma=4.5)}, kT=1.0, box=[3.0] * 3),
+        dt=0.01, platform="CPU", seed=1,
+    )  # fmt: skip
+    drop = start(drops)
+    drop.reporters.append(dpd.FieldReporter(path, 2, drops, append=True))
+    with pytest.raises(ParameterError, match=r"its frames hold step, theta \[81\], .*, and this one density \[81\], step, time"):
+        drop.step(2)
+    assert len(dpd.load_fields(path)["step"]) == 6
+
+    path.write_bytes(path.read_bytes()[:-50])
+    with pytest.raises(ParameterError, match="cannot append to .*fields.npz: it is no archive of frames, or its writing was cut short"):
+        dpd.FieldReporter(path, 2, built, append=True)
+    simulation.reporters[:] = [dpd.FieldReporter(path, 2, built)]
+    simulation.step(2)
+    assert dpd.load_fields(path)["step"].tolist() == [14]
