@@ -1,0 +1,294 @@
+"""A state that one script wrote, loaded by another: whose temperature, seed, noise counter and step size hold.
+
+The script's temperature, with a warning; the state's seed and counter, unless the script names a seed; the script's step size.
+"""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+import openmm
+import pytest
+from openmm import unit
+from scenes import beads, state_of
+
+import openmm_dpd as dpd
+
+SCHEMES = ("mvv", "shardlow", "middle", "aboba", "bababo")
+SCHEME = pytest.mark.parametrize("scheme", SCHEMES)
+HOW = pytest.mark.parametrize("how", ["State", "Checkpoint"])
+PLATFORM = pytest.mark.parametrize("platform", ["Reference", "CPU"])
+REFUSED = (dpd.DPDError, openmm.OpenMMException)
+DT, BEFORE, AFTER = 0.02, 7, 10
+
+
+def script(platform, scheme, *, kT=1.0, dt=DT, **choices):
+    """The Simulation that a script with these choices makes."""
+    v = np.random.default_rng(2).normal(size=(81, 3))
+    scene = beads(kT=kT, velocities=v - v.mean(axis=0))
+    return dpd.build(scene, dt=dt, scheme=scheme, platform=platform, **choices).simulation(properties=one_thread(platform))
+
+
+def one_thread(platform) -> dict[str, str]:
+    return {"Threads": "1"} if platform == "CPU" else {}
+
+
+def hand_over(first, second, how, tmp_path):
+    """Save the state of one Simulation and load it into another."""
+    path = str(tmp_path / "saved")
+    getattr(first, f"save{how}")(path)
+    getattr(second, f"load{how}")(path)
+
+
+def same(first, second) -> None:
+    """Both are in the same state, to rounding in ten steps (an acceleration may be taken anew)."""
+    for found, expected in zip(state_of(first.context), state_of(second.context), strict=True):
+        assert np.abs(found - expected).max() < 1e-9
+
+
+def parameter(simulation, name: str) -> float:
+    return simulation.context.getParameter(name)
+
+
+def warnings_of(caplog) -> list[str]:
+    return [r.getMessage() for r in caplog.records if r.name.split(".")[0] == "openmm_dpd" and r.levelno >= logging.WARNING]
+
+
+# -- temperature -----------------------------------------------------------------------------------------------------------------------
+@SCHEME
+@HOW
+@PLATFORM
+def test_the_temperature_of_the_script_wins(platform, how, scheme, tmp_path, caplog):
+    """Equilibrate hot, go on cold: as if the temperature had been set by hand, and said once."""
+    caplog.set_level(logging.WARNING, "openmm_dpd")
+    first, second = script(platform, scheme, seed=3), script(platform, scheme, kT=2.0)
+    first.step(BEFORE)
+    hand_over(first, second, how, tmp_path)
+    dpd.set_temperature(first.context, 2.0)
+    for simulation in (first, second):
+        simulation.step(AFTER)
+        assert parameter(simulation, "dpd_kT") == 2.0
+    same(first, second)
+    said = warnings_of(caplog)
+    assert len(said) == 1 and "\n" not in said[0], said
+    assert "temperature" in said[0] or "kT" in said[0]
+
+
+@SCHEME
+@HOW
+@PLATFORM
+def test_the_same_script_goes_on_without_a_word(platform, how, scheme, tmp_path, caplog):
+    """Nothing differs: nothing is said, and the trajectory is that of the uninterrupted run."""
+    caplog.set_level(logging.WARNING, "openmm_dpd")
+    first, second = script(platform, scheme, seed=3), script(platform, scheme, seed=3)
+    first.step(BEFORE)
+    hand_over(first, second, how, tmp_path)
+    for simulation in (first, second):
+        simulation.step(AFTER)
+    same(first, second)
+    assert parameter(second, "dpd_kT") == 1.0
+    assert not warnings_of(caplog)
+
+
+@SCHEME
+@HOW
+@PLATFORM
+@pytest.mark.parametrize("by", ["set_temperature", "parameter", "setTemperature"])
+def test_a_temperature_changed_during_the_run_stays(platform, how, scheme, by, tmp_path, caplog):
+    """Restored by the script that wrote it, a run stays as hot as it was."""
+    caplog.set_level(logging.WARNING, "openmm_dpd")
+    first, second = script(platform, scheme, seed=3), script(platform, scheme, seed=3)
+    first.step(3)
+    if by == "set_temperature":
+        dpd.set_temperature(first.context, 1.5)
+    elif by == "parameter":
+        first.context.setParameter("dpd_kT", 1.5)
+    else:
+        first.integrator.setTemperature(1.5 / dpd.units.BOLTZMANN * unit.kelvin)
+    first.step(BEFORE)
+    kT = parameter(first, "dpd_kT")
+    assert kT == pytest.approx(1.5, rel=1e-12)
+    hand_over(first, second, how, tmp_path)
+    for simulation in (first, second):
+        simulation.step(AFTER)
+        assert parameter(simulation, "dpd_kT") == kT
+    same(first, second)
+    assert not warnings_of(caplog)
+
+
+@SCHEME
+@HOW
+def test_a_change_after_loading_holds(how, scheme, tmp_path):
+    """The script's temperature comes back once, when the state is loaded, and not over what is set afterwards."""
+    first, second = script("Reference", scheme, seed=3), script("Reference", scheme, kT=2.0)
+    first.step(BEFORE)
+    hand_over(first, second, how, tmp_path)
+    second.step(2)
+    dpd.set_temperature(second.context, 1.0)
+    second.step(2)
+    assert parameter(second, "dpd_kT") == 1.0
+
+
+@SCHEME
+@HOW
+def test_the_new_temperature_is_what_the_next_script_finds(how, scheme, tmp_path, caplog):
+    """Three scripts: 1.0 wrote, 2.0 went on and wrote, 2.0 goes on once more, without a word."""
+    first, second, third = script("Reference", scheme, seed=3), script("Reference", scheme, kT=2.0), script("Reference", scheme, kT=2.0)
+    first.step(BEFORE)
+    hand_over(first, second, how, tmp_path)
+    second.step(3)
+    caplog.clear()
+    caplog.set_level(logging.WARNING, "openmm_dpd")
+    hand_over(second, third, how, tmp_path)
+    for simulation in (second, third):
+        simulation.step(AFTER)
+        assert parameter(simulation, "dpd_kT") == 2.0
+    same(second, third)
+    assert not warnings_of(caplog)
+
+
+@SCHEME
+@HOW
+def test_the_thermostat_of_another_system_does_the_same(how, scheme, tmp_path, caplog):
+    """... with add_thermostat."""
+    caplog.set_level(logging.WARNING, "openmm_dpd")
+
+    def made(kelvin):
+        system = openmm.System()
+        for _ in range(64):
+            system.addParticle(39.9)
+        integrator = dpd.add_thermostat(
+            system, dpd.DPD(gamma=50, cutoff=0.6), kelvin * unit.kelvin, 0.002, scheme=scheme, platform="Reference", seed=4
+        )
+        context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName("Reference"))
+        context.setPositions(np.random.default_rng(1).random((64, 3)))
+        context.setVelocities(np.random.default_rng(2).normal(size=(64, 3)) * 0.2)
+        return context
+
+    first, second = made(120), made(240)
+    first.getIntegrator().step(BEFORE)
+    if how == "State":
+        second.setState(first.getState(positions=True, velocities=True, parameters=True, integratorParameters=True))
+    else:
+        second.loadCheckpoint(first.createCheckpoint())
+    dpd.set_temperature(first, 240 * unit.kelvin)
+    for context in (first, second):
+        context.getIntegrator().step(AFTER)
+    assert second.getParameter("dpd_kT") == pytest.approx(240 * dpd.units.BOLTZMANN, rel=1e-12)
+    for found, expected in zip(state_of(first), state_of(second), strict=True):
+        assert np.abs(found - expected).max() < 1e-9
+    assert len(warnings_of(caplog)) == 1
+
+
+# -- seed and counter ------------------------------------------------------------------------------------------------------------------
+@SCHEME
+@HOW
+@PLATFORM
+@pytest.mark.parametrize("kT", [1.0, 2.0])
+def test_seed_and_counter_are_those_of_the_state(platform, how, scheme, kT, tmp_path):
+    """The script names no seed; its temperature does not matter for that."""
+    first, second = script(platform, scheme, seed=12345), script(platform, scheme, kT=kT)
+    first.step(BEFORE)
+    hand_over(first, second, how, tmp_path)
+    second.step(AFTER)
+    assert parameter(second, "dpd_seed") == 12345
+    assert parameter(second, "dpd_counter") == parameter(first, "dpd_counter") + AFTER * parameter(first, "dpd_counter") / BEFORE
+
+
+@SCHEME
+@HOW
+@PLATFORM
+@pytest.mark.parametrize("seed", [0, 1, 99])
+def test_a_seed_that_the_script_names_holds(platform, how, scheme, seed, tmp_path):
+    """A branch: as if the seed had been set by hand after loading; the counter goes on."""
+    first, second = script(platform, scheme, seed=12345), script(platform, scheme, seed=seed)
+    first.step(BEFORE)
+    hand_over(first, second, how, tmp_path)
+    first.context.setParameter("dpd_seed", seed)
+    for simulation in (first, second):
+        simulation.step(AFTER)
+    assert parameter(second, "dpd_seed") == seed
+    assert parameter(second, "dpd_counter") == parameter(first, "dpd_counter")
+    same(first, second)
+
+
+@SCHEME
+@HOW
+def test_a_seed_set_after_loading_holds(how, scheme, tmp_path):
+    """docs/howto/restart.md: a new seed for a branch, by the parameter."""
+    first, second = script("Reference", scheme, seed=5), script("Reference", scheme, seed=5)
+    first.step(BEFORE)
+    hand_over(first, second, how, tmp_path)
+    second.context.setParameter("dpd_seed", 77)
+    for simulation in (first, second):
+        simulation.step(AFTER)
+    assert parameter(second, "dpd_seed") == 77
+    assert np.abs(state_of(first.context)[1] - state_of(second.context)[1]).max() > 0.01
+
+
+# -- step size and ramps ---------------------------------------------------------------------------------------------------------------
+@SCHEME
+@HOW
+@PLATFORM
+def test_the_step_size_is_that_of_the_script(platform, how, scheme, tmp_path):
+    """As if it had been set by hand."""
+    first, second = script(platform, scheme, seed=3), script(platform, scheme, dt=0.01)
+    first.step(BEFORE)
+    time = first.context.getTime().value_in_unit(unit.picosecond)
+    hand_over(first, second, how, tmp_path)
+    first.integrator.setStepSize(0.01)
+    for simulation in (first, second):
+        simulation.step(AFTER)
+    assert second.integrator.getStepSize().value_in_unit(unit.picosecond) == 0.01
+    assert second.context.getTime().value_in_unit(unit.picosecond) == pytest.approx(time + AFTER * 0.01, abs=1e-12)
+    same(first, second)
+
+
+@SCHEME
+@HOW
+@PLATFORM
+def test_a_ramp_goes_on_where_it_was(platform, how, scheme, tmp_path, caplog):
+    """Written in the middle of the ramp; nothing is said, and nothing refused."""
+    caplog.set_level(logging.WARNING, "openmm_dpd")
+    ramp = dpd.TemperatureRamp(start=1.0, stop=2.0, begin=4, end=20)
+    first, second = script(platform, scheme, kT=ramp, seed=3), script(platform, scheme, kT=ramp, seed=3)
+    first.step(BEFORE)
+    hand_over(first, second, how, tmp_path)
+    for n in (5, 20):
+        for simulation in (first, second):
+            simulation.step(n)
+        assert parameter(second, "dpd_kT") == parameter(first, "dpd_kT")
+    assert parameter(second, "dpd_kT") == 2.0
+    same(first, second)
+    assert not warnings_of(caplog)
+
+
+# -- another scheme --------------------------------------------------------------------------------------------------------------------
+@HOW
+@PLATFORM
+@pytest.mark.parametrize("written, loaded", [(a, b) for a in (*SCHEMES, "native") for b in SCHEMES if a != b])
+def test_a_state_of_another_scheme_is_refused(platform, how, written, loaded, tmp_path):
+    """When it is loaded or at the first step, in words that say what is the matter."""
+    first, second = script(platform, written, seed=3), script(platform, loaded, seed=3)
+    first.step(3)
+    with pytest.raises(REFUSED) as caught:
+        hand_over(first, second, how, tmp_path)
+        second.step(1)
+    text = str(caught.value)
+    assert "scheme" in text and "\n" not in text.strip(), text
+
+
+@HOW
+def test_after_a_refusal_the_script_can_go_on(how, tmp_path):
+    """A state of the right scheme is taken afterwards, and runs on as it would have."""
+    wrong, right, second = (script("Reference", scheme, seed=3) for scheme in ("mvv", "middle", "middle"))
+    for simulation in (wrong, right):
+        simulation.step(BEFORE)
+    with pytest.raises(REFUSED):
+        hand_over(wrong, second, how, tmp_path)
+        second.step(1)
+    hand_over(right, second, how, tmp_path)
+    for simulation in (right, second):
+        simulation.step(AFTER)
+    same(right, second)
