@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from .embed import Embedded
 from .errors import DPDError, ParameterError, what_is
-from .model.bonds import HarmonicBonds
-from .model.energy_dpd import EnergyDPD
-from .model.internal import InternalEnergy
-from .model.pairs import DPD, NONE
 from .model.scene import Scene
 from .plan import SCHEMES, make_plan
 from .programs.native import why_not
+from .scene_groups import bond_frequency, groups
 from .stability_table import LEVELS, SAFE, Groups, StabilityTable, shipped_table
 from .units import to_md
 
@@ -109,10 +105,11 @@ def recommend(
 
     Notes
     -----
-    The table is about soft repulsion with friction, in a box.  Harmonic bonds limit the step by their frequency.  What else a scene has
-    is named in ``notes``, and the answer leaves it out: other bonds, angles, segmental repulsion, and charges, whose note has the
-    frequency of two opposite ones on top of each other.  What it says of ``native`` was measured on the CPU platform; on GPU platforms
-    OpenMM's DPDIntegrator updates all pairs at once, and gets too hot at shorter steps.  Without friction, or with an attraction or another
+    The table is about soft repulsion with friction, in a box; :func:`openmm_dpd.scene_groups.groups` says how layers and pairs of types are
+    put together.  Harmonic bonds limit the step by their frequency.  What else a scene has is named in ``notes``, and the answer leaves it
+    out: other bonds, angles, segmental repulsion, beads without friction among themselves, and charges, whose note has the frequency of two
+    opposite ones on top of each other.  What it says of ``native`` was measured on the CPU platform; on GPU platforms OpenMM's
+    DPDIntegrator updates all pairs at once, and gets too hot at shorter steps.  Without friction, or with an attraction or another
     potential between beads, there is no recommendation.  Beads beside atoms (:func:`openmm_dpd.embed`) take the step of the atoms and are
     refused.
     """
@@ -165,103 +162,6 @@ def _step(
         # a harmonic bond under velocity Verlet is (omega dt)^2/4 too hot
         limits.append((2.0 * error**0.5 / frequency, "bonds"))
     return min(limits)
-
-
-def bond_frequency(scene: Scene) -> float:
-    """Largest frequency of the harmonic bonds, (2 k/mu)^(1/2) with U = k (r - r0)^2, rad/ps; 0 without such bonds."""
-    inverse = 1.0 / scene.bead_masses
-    found = [0.0]
-    for bonds in scene.bonds:
-        if isinstance(bonds, HarmonicBonds) and len(bonds.pairs):
-            found.append(float(np.max(2.0 * np.broadcast_to(bonds.k, len(bonds.pairs)) * inverse[bonds.pairs].sum(axis=1))))
-    return max(found) ** 0.5
-
-
-def groups(scene: Scene) -> tuple[list[Groups], list[str]]:
-    """Dimensionless groups of every pair of types that interacts, and what the table does not cover.
-
-    A mixture is taken for the worst of the fluids that its pairs of types would make at its density; no groups are returned where the table
-    says nothing, and the notes say why.
-    """
-    kT = scene.initial_kT
-    notes: list[str] = []
-    if kT <= 0:
-        return [], ["there is no temperature"]
-    if scene.box is None:
-        return [], ["there is no box, hence no density"]
-    masses = scene.bead_masses if scene.mobile is None else scene.bead_masses[scene.mobile]
-    if not len(masses):
-        return [], ["no bead moves"]
-    light, ratio = float(masses.min()), float(masses.max() / masses.min())
-    density = scene.n_beads / float(np.prod(np.diag(scene.box)))
-    capacity = _heat_capacity(scene)
-    found = []
-    for table in scene.tables:
-        if table.kind not in (DPD, EnergyDPD):
-            if table.kind is not None:
-                return [], [f"the table of steps is about soft repulsion; {table.kind.__name__} is not in it"]
-            continue
-        coefficients: list[Any] = list(dict.fromkeys(table.resolve(scene.type_names).values()))
-        for value in coefficients:
-            if value is NONE:
-                continue
-            if value.A < 0:
-                return [], ["an attraction (A < 0) is not in the table of steps"]
-            unit = value.cutoff * (light / kT) ** 0.5
-            gamma = _friction(value, kT) * value.cutoff / (light * kT) ** 0.5
-            exponent = 1.0 if isinstance(value, EnergyDPD) else value.exponent
-            if gamma > 0:
-                found.append(Groups(gamma, value.A * value.cutoff / kT, density * value.cutoff**3, ratio, exponent, capacity, unit))
-    if not found:
-        return [], ["there is no friction"]
-    if any(not isinstance(bonds, HarmonicBonds) for bonds in scene.bonds):
-        notes.append("FENE and Morse bonds are not in the table of steps; they may need shorter ones")
-    if scene.angles:
-        notes.append("angles are not in the table of steps; stiff ones may need shorter ones")
-    if scene.segments is not None:
-        notes.append("segmental repulsion is not in the table of steps")
-    if scene.electrostatics is not None:
-        text = "charges are not in the table of steps"
-        frequency = charge_frequency(scene)
-        if frequency > 0:
-            text += (
-                f"; opposite ones on top of each other vibrate with {frequency:.2g} rad/ps, which is 1 % hot at a step of "
-                f"{0.2 / frequency:.2g} ps if it is taken for a bond"
-            )
-        notes.append(text)
-    return found, notes
-
-
-def charge_frequency(scene: Scene) -> float:
-    """Largest frequency of two opposite charges on top of each other, from the curvature at r = 0, rad/ps; 0 without any."""
-    if scene.electrostatics is None or scene.charges is None:
-        return 0.0
-    q, inverse = scene.charges, 1.0 / scene.bead_masses
-    ions = {sign: np.unique(np.stack([q, inverse], axis=1)[sign * q > 0], axis=0) for sign in (1, -1)}
-    if not len(ions[1]) or not len(ions[-1]):
-        return 0.0
-    ends = [-a[0] * b[0] * (a[1] + b[1]) for a in ions[1] for b in ions[-1]]
-    h = 1e-3 / scene.electrostatics.steepness
-    centre, beside = scene.electrostatics.potential(np.array([0.0, h]))
-    curvature = 2.0 * float(centre - beside) / h**2 * scene.electrostatics.coulomb(scene.initial_kT)
-    return float(curvature * max(ends)) ** 0.5
-
-
-def _friction(value: DPD | EnergyDPD, kT: float) -> float:
-    """Friction along the line of centres, and across with its two directions (as if of the same exponent)."""
-    gamma = getattr(value, "gamma", None)
-    if gamma is None:
-        gamma = (value.sigma or 0.0) ** 2 / (2 * kT)
-    return float(gamma + 2.0 * getattr(value, "gamma_perp", 0.0))
-
-
-def _heat_capacity(scene: Scene) -> float | None:
-    """Smallest heat capacity of a bead over k_B near its temperature, or None."""
-    if not isinstance(scene.internal, InternalEnergy):
-        return None
-    kT = scene.initial_kT
-    states = scene.internal.by_type(scene.type_names)
-    return min(float((state.energy(1.01 * kT) - state.energy(0.99 * kT)) / (0.02 * kT)) for state in states)
 
 
 def predicted_error(scene: Scene, scheme: str, dt: float, *, table: StabilityTable | None = None) -> tuple[float, str] | None:

@@ -52,12 +52,17 @@ class Groups:
 
     @property
     def friction(self) -> float:
-        """Friction of a bead in its surroundings, as the gamma that gives it at density 3 and exponent 1.
+        """Friction of a bead in its surroundings, as the gamma that gives it at density 3 and exponent 1."""
+        return drag(self.gamma, self.rho, self.s)
 
-        The drag on a bead is gamma rho times the integral of w^(2s): B(3, 2s + 1) = 2/((2s + 1)(2s + 2)(2s + 3)), 1/30 at s = 1.
-        """
-        s2 = 2 * self.s
-        return self.gamma * self.rho / 3.0 * 60.0 / ((s2 + 1) * (s2 + 2) * (s2 + 3))
+
+def drag(gamma: float, rho: float, s: float) -> float:
+    r"""Friction of a bead in its surroundings of reduced density rho, as the gamma that gives it at density 3 and exponent 1.
+
+    It is gamma rho times the integral of w^(2s): B(3, 2s + 1) = 2/((2s + 1)(2s + 2)(2s + 3)), 1/30 at s = 1.
+    """
+    s2 = 2 * s
+    return gamma * rho / 3.0 * 60.0 / ((s2 + 1) * (s2 + 2) * (s2 + 3))
 
 
 class StabilityTable:
@@ -77,11 +82,11 @@ class StabilityTable:
 
     def __init__(self, data: Mapping[str, Any]):
         self.data, self.base, self.cost = data, data["base"], dict(data["cost"])
-        self._plane = [p for p in data["points"] if all(p[name] == self.base[name] for name in _LINES)]
-        self._frictions, self._repulsions = (np.array(sorted({float(p[name]) for p in self._plane})) for name in ("gamma", "a"))
+        self.plane = [p for p in data["points"] if all(p[name] == self.base[name] for name in _LINES)]
+        self._frictions, self._repulsions = (np.array(sorted({float(p[name]) for p in self.plane})) for name in ("gamma", "a"))
         if len(self._frictions) < 2 or len(self._repulsions) < 2:
             raise ParameterError("a table of steps needs a plane of at least two frictions and two repulsions")
-        self.schemes = tuple(s for s in self.cost if any(s in p["schemes"] for p in self._plane))
+        self.schemes = tuple(s for s in self.cost if any(s in p["schemes"] for p in self.plane))
         self._logs: dict[tuple, np.ndarray] = {}
 
     def outside(self, at: Groups) -> list[str]:
@@ -127,7 +132,7 @@ class StabilityTable:
     def sign(self, scheme: str, at: Groups, kind: str) -> int:
         """+1 if the fluid gets too hot, -1 if too cold, at the nearest point of the plane."""
         near = min(
-            (p for p in self._plane if scheme in p["schemes"]),
+            (p for p in self.plane if scheme in p["schemes"]),
             key=lambda p: abs(np.log(p["gamma"] / at.friction)) + abs(p["a"] ** 0.5 - at.a**0.5),
         )
         return int(near["schemes"][scheme]["sign"][kind])
@@ -152,7 +157,7 @@ class StabilityTable:
         """log(step) by friction and repulsion; a missing point takes the value of its neighbour in friction."""
         key = (scheme, *path)
         if key not in self._logs:
-            known = {(p["gamma"], p["a"]): _log(p["schemes"][scheme], path) for p in self._plane if scheme in p["schemes"]}
+            known = {(p["gamma"], p["a"]): _log(p["schemes"][scheme], path) for p in self.plane if scheme in p["schemes"]}
             grid = np.array([[known.get((g, a), np.nan) for a in self._repulsions] for g in self._frictions])
             for column in grid.T:
                 have = np.isfinite(column)

@@ -8,7 +8,8 @@ import pytest
 import openmm_dpd as dpd
 from openmm_dpd.errors import ParameterError
 from openmm_dpd.plan import SCHEMES
-from openmm_dpd.recommend import advice, bond_frequency, charge_frequency, groups, predicted_error, recommend
+from openmm_dpd.recommend import advice, predicted_error, recommend
+from openmm_dpd.scene_groups import bond_frequency, charge_frequency, groups
 from openmm_dpd.stability_table import LEVELS, Groups, StabilityTable, shipped_table
 
 BASE = {"gamma": 4.5, "a": 25.0, "rho": 3.0, "mass": 1.0, "s": 1.0, "cv": None}
@@ -233,6 +234,113 @@ def test_no_recommendation_outside_of_the_table(table, other, words):
     assert found.scheme is None and found.dt is None and any(words in note for note in found.notes)
     assert "no recommendation" in str(found)
     assert advice(other, "mvv", 0.01, table=table).startswith("no advice")
+
+
+# -- layers and mixtures: the sum ------------------------------------------------------------------------------------------------
+def one(**values) -> dict:
+    return {("W", "W"): dpd.DPD(**values)}
+
+
+def mixture(aa, ab, bb, types=("A", "B"), **more) -> dpd.Scene:
+    """A fluid of 80 beads, its types by turns."""
+    pairs = {("A", "A"): aa, ("A", "B"): ab, ("B", "B"): bb}
+    x = np.random.default_rng(1).random((80, 3)) * 3
+    return dpd.Scene({"A": 1.0, "B": 1.0}, list(types) * (80 // len(types)), x, pairs, kT=1.0, box=[3.0] * 3, **more)
+
+
+@pytest.mark.parametrize(
+    "layers",
+    [
+        [one(A=20), one(gamma=9)],
+        [one(gamma=9), one(A=20)],
+        [one(A=10, gamma=4.5)] * 2,
+        [one(A=20, gamma=3), one(sigma=12**0.5)],
+        [one(A=25, gamma=4.5), one(A=-5, gamma=4.5)],
+    ],
+)
+def test_layers_are_one_entry_with_the_sum(table, layers):
+    """Groups, recommendation and prediction are those of A = 20, gamma = 9, however these are spread."""
+    whole = scene(pairs=one(A=20, gamma=9))
+    split = scene(pairs=layers)
+    (at,), notes = groups(split)
+    assert (at.gamma, at.a, notes) == (pytest.approx(9), pytest.approx(20), [])
+    assert recommend(split, table=table).dt == pytest.approx(recommend(whole, table=table).dt)
+    assert predicted_error(split, "mvv", 0.01, table=table)[0] == pytest.approx(predicted_error(whole, "mvv", 0.01, table=table)[0])
+    assert advice(split, "mvv", 0.02, table=table) == advice(whole, "mvv", 0.02, table=table)
+
+
+def test_friction_of_another_cutoff_counts_by_its_drag():
+    """Drag on a bead: the integral of gamma w^(2s) r^2 over the range of each layer, here in units of the repulsion's cutoff."""
+    r = 2.0 * (np.arange(200000) + 0.5) / 200000
+    weight = np.sum(3 * np.clip(1 - r / 2, 0, 1) ** 2 * r**2) + np.sum(1.5 * np.clip(1 - r, 0, 1) ** 1 * r**2)
+    unit = np.sum(np.clip(1 - r, 0, 1) ** 2 * r**2)
+    found, _ = groups(scene(n=300, pairs=[one(A=25), one(gamma=3, cutoff=2), one(gamma=1.5, exponent=0.5)]))
+    assert {(at.a, at.s) for at in found} == {(25.0, 1.0), (25.0, 0.5)}
+    assert [at.friction for at in found] == pytest.approx([weight / unit] * 2, rel=1e-5)
+
+
+def test_repulsion_of_two_cutoffs_adds_up_in_curvature():
+    """U'' = 25 + 10/1.3 at overlap, seen from either cutoff; never weaker than either layer alone."""
+    found, _ = groups(scene(n=300, pairs=[one(A=25, gamma=4.5), one(A=10, cutoff=1.3)]))
+    curvature = 25 + 10 / 1.3
+    expected = {1.0: curvature, 1.3: curvature * 1.3**2}
+    assert {at.unit_time: at.a for at in found} == pytest.approx(expected)
+    assert {at.unit_time: at.rho for at in found} == pytest.approx({1.0: 3.0, 1.3: 3.0 * 1.3**3})
+    # one friction, 4.5 of cutoff 1, in units of sqrt(m kT)/cutoff
+    assert {at.unit_time: at.friction for at in found} == pytest.approx({1.0: 4.5, 1.3: 4.5 * 1.3})
+
+
+def test_stiff_pairs_without_friction_count(table):
+    """With the mean of all beads: half of the beads feel 4.5 from half of their neighbours."""
+    stiff = mixture(dpd.DPD(A=5, gamma=4.5), dpd.DPD(A=10), dpd.DPD(A=20))
+    found, notes = groups(stiff)
+    density = 80 / 27 / 3
+    assert max(at.a for at in found) == 20
+    assert {round(at.gamma, 9) for at in found if at.a > 5} == {4.5 / 4}
+    assert {round(at.gamma, 9) for at in found if at.a == 5} == {4.5, 4.5 / 4}
+    assert found[0].friction == pytest.approx(found[0].gamma * density)
+    assert len(notes) == 1 and "type B have no friction" in notes[0]
+    steps = StabilityTable(made_up(lambda scheme, p: 0.1 / (1 + p["a"])))
+    soft = scene(pairs=one(A=5, gamma=4.5))
+    assert recommend(stiff, table=steps).dt < 0.5 * recommend(soft, table=steps).dt
+    assert notes[0] in advice(stiff, "mvv", 0.01, table=table)
+
+
+def test_pairs_keep_their_own_friction_beside_the_mean():
+    """They may demix."""
+    found, notes = groups(mixture(dpd.DPD(A=5, gamma=2), dpd.DPD(A=5, gamma=4), dpd.DPD(A=5, gamma=10)))
+    assert sorted(at.gamma for at in found) == pytest.approx([2, 4, 5, 10])
+    assert not notes
+
+
+def test_only_beads_that_are_there_and_move_count():
+    common, other = dpd.DPD(A=5, gamma=2), dpd.DPD(A=20, gamma=8)
+    (at,), _ = groups(mixture(common, other, other, types=("A",)))
+    assert (at.gamma, at.a) == (pytest.approx(2), 5)
+    walls = mixture(common, common, other, mobile=np.arange(80) % 2 == 0)
+    (at,), _ = groups(walls)
+    assert (at.gamma, at.a) == (pytest.approx(2), 5)
+
+
+def test_friction_alone_has_no_repulsion():
+    (at,), _ = groups(scene(pairs=[one(gamma=3), one(gamma=1.5)]))
+    assert (at.gamma, at.a) == (pytest.approx(4.5), 0)
+
+
+def test_bonds_of_a_bead_add_up():
+    """mean omega^2 = tr(H M^-1 H)/tr(H) of a long straight chain, 1.5 times that of a single bond."""
+    n, k, masses = 60, 50.0, np.tile([1.0, 3.0], 30)
+    ends = np.stack([np.arange(n - 1), np.arange(1, n)], axis=1)
+    hessian = np.zeros((n, n))
+    for i, j in ends:
+        hessian[np.ix_([i, j], [i, j])] += 2 * k * np.array([[1, -1], [-1, 1]])
+    exact = np.trace(hessian @ np.diag(1 / masses) @ hessian) / np.trace(hessian)
+    chain = scene(n=n, bonds=[dpd.HarmonicBonds(ends, k, 0.5)], bead_masses=masses)
+    assert exact <= bond_frequency(chain) ** 2 == pytest.approx(1.5 * 2 * k * (1 + 1 / 3))
+    assert exact == pytest.approx(bond_frequency(chain) ** 2, rel=0.02)  # the ends
+    assert bond_frequency(scene(bonds=[dpd.HarmonicBonds([[0, 1]], k, 0.5), dpd.HarmonicBonds([[1, 2]], 0.0, 0.5)])) == pytest.approx(
+        200**0.5
+    )
 
 
 def test_transverse_friction_counts_twice():

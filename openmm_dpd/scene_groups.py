@@ -1,0 +1,178 @@
+"""A scene in the dimensionless groups of the table of steps: friction and repulsion of all its layers together, bonds, charges."""
+
+from __future__ import annotations
+
+from itertools import combinations_with_replacement
+
+import numpy as np
+
+from .model.bonds import HarmonicBonds
+from .model.energy_dpd import EnergyDPD
+from .model.internal import InternalEnergy
+from .model.pairs import DPD, NONE
+from .model.scene import Scene
+from .stability_table import Groups, drag
+
+
+def groups(scene: Scene) -> tuple[list[Groups], list[str]]:
+    """Dimensionless groups of every pair of types that repels, and what the table does not cover.
+
+    Layers add up.  The repulsion of a pair is a = cutoff^2/kT times the sum of its curvatures A/cutoff, which for layers of one cutoff is
+    that of the sum of their A.  Layers of different cutoffs are taken for a single one with all of the curvature, at each of their cutoffs,
+    and the worst counts.  Friction adds up as the drag on a bead, whatever the cutoffs of its layers.
+
+    A mixture is taken for the worst of the fluids that its pairs of types would make at its density, each with its own friction, if it has
+    any, and with the mean of all beads, well mixed, through which the heat of a long step leaves.
+
+    Returns
+    -------
+    groups : list of Groups
+        Empty where the table says nothing.
+    notes : list of str
+        Why, and what else is left out.
+    """
+    kT = scene.initial_kT
+    if kT <= 0:
+        return [], ["there is no temperature"]
+    if scene.box is None:
+        return [], ["there is no box, hence no density"]
+    moves = np.ones(scene.n_beads, bool) if scene.mobile is None else scene.mobile
+    if not moves.any():
+        return [], ["no bead moves"]
+    for table in scene.tables:
+        if table.kind not in (DPD, EnergyDPD, None):
+            return [], [f"the table of steps is about soft repulsion; {table.kind.__name__} is not in it"]
+    terms = _terms(scene, moves)
+    curvatures = {pair: _curvatures(layers) for pair, layers in terms.items()}
+    if any(value < 0 for found in curvatures.values() for value in found.values()):
+        return [], ["an attraction (A < 0) is not in the table of steps"]
+    density, masses = scene.n_beads / float(np.prod(np.diag(scene.box))), scene.bead_masses[moves]
+    drags = {pair: sum(drag(g, density * t.cutoff**3, s) for t in layers for g, s in _frictions(t, kT)) for pair, layers in terms.items()}
+    if not any(drags.values()):
+        return [], ["there is no friction"]
+    mean = _mean(scene, moves, drags)
+    fluids = {
+        (cutoff, sum(found.values()), friction)
+        for pair, found in curvatures.items()
+        for cutoff in found
+        for friction in {drags[pair] or mean, mean}
+    }
+    if not fluids:
+        fluids = {(term.cutoff, 0.0, drags[pair] or mean) for pair, layers in terms.items() for term in layers}
+    exponents = {s for layers in terms.values() for term in layers for gamma, s in _frictions(term, kT) if gamma > 0}
+
+    light, ratio, capacity = float(masses.min()), float(masses.max() / masses.min()), _heat_capacity(scene)
+    found = []
+    for cutoff, curvature, friction in sorted(fluids):
+        a, rho, unit = curvature * cutoff**2 / kT, density * cutoff**3, cutoff * (light / kT) ** 0.5
+        reduced = friction * cutoff / (light * kT) ** 0.5
+        found += [Groups(reduced / drag(1.0, rho, s), a, rho, ratio, s, capacity, unit) for s in sorted(exponents)]
+    return found, _notes(scene, drags)
+
+
+def _terms(scene: Scene, moves: np.ndarray) -> dict[tuple[str, str], list[DPD | EnergyDPD]]:
+    """The terms of all layers between types that have beads, one of which moves."""
+    names = np.array(scene.type_names)
+    present, moving = (set(names[np.unique(ids)].tolist()) for ids in (scene.type_ids, scene.type_ids[moves]))
+    layers = [table.resolve(scene.type_names) for table in scene.tables]
+    pairs = [pair for pair in combinations_with_replacement(scene.type_names, 2) if present.issuperset(pair) and moving.intersection(pair)]
+    return {pair: [layer[pair] for layer in layers if layer.get(pair, NONE) is not NONE] for pair in pairs}  # type: ignore[misc]
+
+
+def _curvatures(layers: list[DPD | EnergyDPD]) -> dict[float, float]:
+    """Curvature A/cutoff of the repulsion by cutoff, kJ/mol/nm^2."""
+    found: dict[float, float] = {}
+    for layer in layers:
+        found[layer.cutoff] = found.get(layer.cutoff, 0.0) + layer.A / layer.cutoff
+    return {cutoff: curvature for cutoff, curvature in found.items() if curvature}
+
+
+def _frictions(layer: DPD | EnergyDPD, kT: float) -> list[tuple[float, float]]:
+    """Friction (Da/ps) with the exponent of its noise: along the line of centres, and in the two directions across."""
+    gamma = getattr(layer, "gamma", None)
+    if gamma is None:
+        gamma = (layer.sigma or 0.0) ** 2 / (2 * kT)
+    if isinstance(layer, EnergyDPD):
+        return [(gamma, 1.0)]
+    return [(gamma, layer.exponent), (2.0 * layer.gamma_perp, layer.exponent_perp)]
+
+
+def _mean(scene: Scene, moves: np.ndarray, drags: dict[tuple[str, str], float]) -> float:
+    """Drag on the mean moving bead if all beads are well mixed, Da/ps; exactly that of the pairs if they are all the same."""
+    if len(set(drags.values())) == 1:
+        return next(iter(drags.values()))
+    names = scene.type_names
+    around, moving = (np.bincount(ids, minlength=len(names)) / len(ids) for ids in (scene.type_ids, scene.type_ids[moves]))
+    number = {name: k for k, name in enumerate(names)}
+    matrix = np.zeros((len(names), len(names)))
+    for (first, second), value in drags.items():
+        matrix[number[first], number[second]] = matrix[number[second], number[first]] = value
+    return float(moving @ matrix @ around)
+
+
+def _notes(scene: Scene, drags: dict[tuple[str, str], float]) -> list[str]:
+    """What a scene has that the table does not cover."""
+    alone = [first for (first, second), value in drags.items() if first == second and not value]
+    notes = [f"beads of type {name} have no friction among themselves; the step is for a mixture where others are near" for name in alone]
+    if any(not isinstance(bonds, HarmonicBonds) for bonds in scene.bonds):
+        notes.append("FENE and Morse bonds are not in the table of steps; they may need shorter ones")
+    if scene.angles:
+        notes.append("angles are not in the table of steps; stiff ones may need shorter ones")
+    if scene.segments is not None:
+        notes.append("segmental repulsion is not in the table of steps")
+    if scene.electrostatics is not None:
+        text = "charges are not in the table of steps"
+        frequency = charge_frequency(scene)
+        if frequency > 0:
+            text += (
+                f"; opposite ones on top of each other vibrate with {frequency:.2g} rad/ps, which is 1 % hot at a step of "
+                f"{0.2 / frequency:.2g} ps if it is taken for a bond"
+            )
+        notes.append(text)
+    return notes
+
+
+def bond_frequency(scene: Scene) -> float:
+    r"""Frequency of the harmonic bond that vibrates fastest among its neighbours, rad/ps; 0 without such bonds.
+
+    Velocity Verlet makes the configurations of a mode (omega dt)^2/4 too hot.  In the configurational temperature of a chain modes of all
+    frequencies have their share of the Laplacian: mean omega^2 = tr(H M^-1 H)/tr(H), with the matrix H of second derivatives.  A bond with
+    U = k (r - r0)^2 adds to it::
+
+        omega^2 = sum over its two beads of [2 k + (sum of the 2 k of the other bonds there)/2]/m
+
+    which is 2 k/mu for a bond alone.  The other bonds count with cos^2 of the angle between, taken for 1, as in a straight chain or (in
+    all three directions) for a rest length of 0; in a freely jointed chain it is 1/3.
+    """
+    harmonic = [bonds for bonds in scene.bonds if isinstance(bonds, HarmonicBonds) and len(bonds.pairs)]
+    if not harmonic:
+        return 0.0
+    pairs = np.concatenate([bonds.pairs for bonds in harmonic])
+    curvature = np.concatenate([np.broadcast_to(2.0 * np.asarray(bonds.k), len(bonds.pairs)) for bonds in harmonic])
+    at_bead = np.bincount(pairs.ravel(), np.repeat(curvature, 2), minlength=scene.n_beads)
+    squares = (0.5 * (curvature[:, None] + at_bead[pairs]) / scene.bead_masses[pairs]).sum(axis=1)
+    return float(squares[curvature > 0].max(initial=0.0)) ** 0.5
+
+
+def charge_frequency(scene: Scene) -> float:
+    """Largest frequency of two opposite charges on top of each other, from the curvature at r = 0, rad/ps; 0 without any."""
+    if scene.electrostatics is None or scene.charges is None:
+        return 0.0
+    q, inverse = scene.charges, 1.0 / scene.bead_masses
+    ions = {sign: np.unique(np.stack([q, inverse], axis=1)[sign * q > 0], axis=0) for sign in (1, -1)}
+    if not len(ions[1]) or not len(ions[-1]):
+        return 0.0
+    ends = [-a[0] * b[0] * (a[1] + b[1]) for a in ions[1] for b in ions[-1]]
+    h = 1e-3 / scene.electrostatics.steepness
+    centre, beside = scene.electrostatics.potential(np.array([0.0, h]))
+    curvature = 2.0 * float(centre - beside) / h**2 * scene.electrostatics.coulomb(scene.initial_kT)
+    return float(curvature * max(ends)) ** 0.5
+
+
+def _heat_capacity(scene: Scene) -> float | None:
+    """Smallest heat capacity of a bead over k_B near its temperature, or None."""
+    if not isinstance(scene.internal, InternalEnergy):
+        return None
+    kT = scene.initial_kT
+    states = scene.internal.by_type(scene.type_names)
+    return min(float((state.energy(1.01 * kT) - state.energy(0.99 * kT)) / (0.02 * kT)) for state in states)
