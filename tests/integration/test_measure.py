@@ -165,3 +165,13 @@ def test_reporter_refuses_unknown_columns():
         dpd.DPDReporter(io.StringIO(), 2, built, columns=("kt",))
     with pytest.raises(dpd.ParameterError, match="interval.*at least 1, not 0"):
         dpd.DPDReporter(io.StringIO(), 0, built)
+
+
+def test_the_set_temperature_of_openmms_integrator():
+    """DPDIntegrator holds it itself, and it may be changed there."""
+    scene = dpd.Scene({"A": 1.0}, ["A"] * 120, fluid().positions, {("A", "A"): dpd.DPD(A=25, gamma=4.5)}, kT=1.2, box=[3.4] * 3)
+    built = dpd.build(scene, dt=0.01, scheme="native", platform="Reference", seed=3)
+    simulation = built.simulation()
+    assert dpd.Observer(built).sample(simulation.context).target_kT == pytest.approx(1.2)
+    built.integrator.setTemperature(2.0 / dpd.units.BOLTZMANN)
+    assert dpd.Observer(built).sample(simulation.context).target_kT == pytest.approx(2.0)

@@ -174,6 +174,21 @@ def test_an_ideal_gas_with_a_long_step_is_no_failure():
     assert abs(np.mean(rows) - 1) < 4 * 0.042 / 200**0.5
 
 
+@pytest.mark.parametrize("device", [device for device in DEVICES if device.precision in ("", "single")], ids=str, indirect=True)
+def test_an_ideal_gas_whose_beads_cross_the_box_in_a_step_keeps_its_temperature(device):
+    """The friction sees the velocities, not what is left of them in the box."""
+    x = np.random.default_rng(1).random((81, 3)) * 3
+    scene = dpd.Scene({"W": 1.0}, ["W"] * 81, x, {("W", "W"): dpd.DPD(gamma=4.5)}, kT=1.0, box=[3.0] * 3)
+    built = dpd.build(scene, dt=2.0, scheme="middle", platform=device.platform, seed=4)
+    made, observer = built.simulation(properties=device.properties), dpd.Observer(built)
+    rows = []
+    for _ in range(150):
+        made.step(2)
+        rows.append(observer.sample(made.context).kT)
+    # 240 degrees of freedom: 9.1 % for one sample
+    assert abs(np.mean(rows) - 1) < 4 * 0.091 / 150**0.5
+
+
 def test_a_start_from_overlapping_points_is_no_failure():
     """Random points heat up to a few times the temperature; the friction takes it out again."""
     built = dpd.build(fluid(4.5, A=100.0), dt=0.01, scheme="middle", platform="CPU", seed=4)
