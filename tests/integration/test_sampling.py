@@ -8,6 +8,7 @@ import random
 import re
 from pathlib import Path
 
+import foreign_forces
 import numpy as np
 import openmm
 import pytest
@@ -99,6 +100,27 @@ def test_what_was_set_last_holds_without_a_step_between(way, first, second):
         SET[second](simulation.context, last)
         simulation.step(1)
         everyone_says(simulation, last)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("platform", ["Reference", "CPU", "OpenCL"])
+def test_beads_among_atoms_take_temperatures_as_well(scheme, platform):
+    """With embed; everything at 300 K at the start."""
+    if foreign_forces.lacking(platform):
+        pytest.skip(foreign_forces.lacking(platform))
+    cell = foreign_forces.Cell("external", 0, scheme, platform, "auto", "embed", "after", "own")
+    case = foreign_forces.atoms()
+    foreign_forces.among_beads(case, cell)
+    simulation = case.simulation(platform, True)
+    simulation.step(1)
+    everyone_says(simulation, 300 * BOLTZMANN)
+    for way in SET:
+        SET[way](simulation.context, 2.0)
+        simulation.step(1)
+        everyone_says(simulation, 2.0)
+        SET[way](simulation.context, 3.0)
+        simulation.step(1)
+        everyone_says(simulation, 3.0)
 
 
 @SCHEME
