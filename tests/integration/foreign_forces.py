@@ -4,7 +4,8 @@ Every cell has an answer that needs no other run: pair terms conserve momentum, 
 exactly its impulse; a bond with a linear potential drives two particles, to which nothing else happens, apart by exactly its impulse; a
 constrained distance stays; a volume moves.
 
-python foreign_forces.py [WAY ...] runs every cell of the ways named, all by default, and prints those that are wrong.
+python foreign_forces.py [LEVEL ...] runs every cell that has one of the levels named of each factor of which one is named (embed CPU Reference,
+say; all by default), and prints those that are wrong.
 """
 
 from __future__ import annotations
@@ -507,12 +508,13 @@ def outcome(cell: Cell) -> str:
     return found if found == "acts" else f"refused: {found}"
 
 
-def main(ways: list[str]) -> int:
-    """Run every cell of the ways named and say which are wrong."""
+def main(named: list[str]) -> int:
+    """Run every cell with the levels named and say which are wrong."""
     counts: Counter[str] = Counter()
     dpd.set_threads(1)
+    wanted = {factor: chosen for factor, levels in LEVELS.items() if (chosen := {str(level) for level in levels} & set(named))}
     for cell in cells():
-        if ways and cell.way not in ways or lacking(cell.platform):
+        if lacking(cell.platform) or any(str(getattr(cell, factor)) not in chosen for factor, chosen in wanted.items()):
             continue
         found = outcome(cell)
         counts[found.partition(":")[0]] += 1

@@ -27,7 +27,7 @@ ELSEWHERE = {
 }
 
 #: Pages that take longer than a few seconds.
-LONG = ("flow",)
+LONG = ("flow", "sampling")
 
 
 @dataclass

@@ -1,0 +1,476 @@
+"""OpenMM's own sampling with this package's thermostat: umbrellas, metadynamics, tempering, replica exchange, expanded ensembles."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import random
+import re
+from pathlib import Path
+
+import foreign_forces
+import numpy as np
+import openmm
+import pytest
+from openmm import app, unit
+from scenes import beads, state_of
+
+import openmm_dpd as dpd
+from openmm_dpd.stats import block_average
+from openmm_dpd.units import BOLTZMANN
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "howto" / "sampling.md"
+SCHEMES = ("mvv", "shardlow", "middle", "aboba", "bababo")
+SCHEME = pytest.mark.parametrize("scheme", SCHEMES)
+HOST = pytest.mark.parametrize("platform", ["Reference", "CPU"])
+WAY = pytest.mark.parametrize("way", ["build", "add_thermostat"])
+KELVIN = unit.kelvin
+UNIT = 1.0 / BOLTZMANN  # kelvin of kT = 1 kJ/mol
+FRICTION = {("W", "W"): dpd.DPD(gamma=4.5)}
+
+
+def fluid(way="build", *, scheme="middle", platform="CPU", kT=1.0, n=81, edge=3.0, seed=4, dt=0.02, table=None) -> app.Simulation:
+    """A fluid by either way; friction alone, unless there is a table (for build)."""
+    v = np.random.default_rng(2).normal(size=(n, 3))
+    v -= v.mean(axis=0)
+    properties = {"Threads": "1"} if platform == "CPU" else {}
+    x = np.random.default_rng(1).random((n, 3)) * edge
+    if way == "build":
+        scene = beads(n, edge=edge, positions=x, kT=kT, table=table or FRICTION, velocities=v)
+        return dpd.build(scene, dt=dt, scheme=scheme, platform=platform, seed=seed).simulation(properties=properties)
+    system, topology = openmm.System(), app.Topology()
+    system.setDefaultPeriodicBoxVectors(*(openmm.Vec3(*row) for row in np.eye(3) * edge))
+    chain = topology.addChain()
+    force = openmm.CustomNonbondedForce("0")  # makes the System periodic
+    force.setNonbondedMethod(openmm.CustomNonbondedForce.CutoffPeriodic)
+    force.setCutoffDistance(1.0)
+    for _ in range(n):
+        system.addParticle(1.0)
+        force.addParticle([])
+        topology.addAtom("AR", app.Element.getBySymbol("Ar"), topology.addResidue("AR", chain))
+    system.addForce(force)
+    temperature = kT if isinstance(kT, dpd.TemperatureRamp) else kT * UNIT * KELVIN
+    integrator = dpd.add_thermostat(system, dpd.DPD(gamma=4.5, cutoff=1.0), temperature, dt, scheme=scheme, platform=platform, seed=seed)
+    simulation = app.Simulation(topology, system, integrator, openmm.Platform.getPlatformByName(platform), properties)
+    simulation.context.setPositions(x)
+    simulation.context.setVelocities(v)
+    return simulation
+
+
+# -- who sets the temperature -----------------------------------------------------------------------------------------------------------
+SET = {
+    "global": lambda context, kT: context.getIntegrator().setGlobalVariableByName("temperature", kT / BOLTZMANN),
+    "setTemperature": lambda context, kT: context.getIntegrator().setTemperature(kT / BOLTZMANN * KELVIN),
+    "set_temperature": lambda context, kT: dpd.set_temperature(context, kT),
+    "parameter": lambda context, kT: context.setParameter("dpd_kT", kT),
+}
+
+
+def everyone_says(simulation, kT: float) -> None:
+    """All four ways to ask give the same answer."""
+    integrator = simulation.integrator
+    assert simulation.context.getParameter("dpd_kT") == pytest.approx(kT, rel=1e-12)
+    assert integrator.getTemperature().value_in_unit(KELVIN) == pytest.approx(kT / BOLTZMANN, rel=1e-12)
+    assert integrator.getGlobalVariableByName("temperature") == pytest.approx(kT / BOLTZMANN, rel=1e-12)
+
+
+@WAY
+@pytest.mark.parametrize("first, second", itertools.product(SET, SET))
+def test_what_was_set_last_holds(way, first, second):
+    """With steps between; also when a way is given the very value that it was given before."""
+    simulation = fluid(way, platform="Reference")
+    context = simulation.context
+    for setter, kT in ((first, 2.0), (second, 1.0), (first, 1.5), (second, 1.0), (first, 1.5), (first, 1.25), (second, 3.0)):
+        SET[setter](context, kT)
+        simulation.step(1)
+        everyone_says(simulation, kT)
+        simulation.step(2)
+        everyone_says(simulation, kT)
+
+
+@WAY
+@pytest.mark.parametrize(
+    "first, second", [(a, b) for a, b in itertools.product(SET, SET) if not (a in ("global", "setTemperature") and b == "parameter")]
+)
+def test_what_was_set_last_holds_without_a_step_between(way, first, second):
+    """Samplers restore parameters and set a temperature right after.  (The reverse order leaves no trace for anyone to see.)"""
+    simulation = fluid(way, platform="Reference")
+    for kT, last in ((2.0, 1.0), (1.5, 1.0), (1.0, 2.0)):
+        SET[first](simulation.context, kT)
+        SET[second](simulation.context, last)
+        simulation.step(1)
+        everyone_says(simulation, last)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("platform", ["Reference", "CPU", "OpenCL"])
+def test_beads_among_atoms_take_temperatures_as_well(scheme, platform):
+    """With embed; everything at 300 K at the start."""
+    if foreign_forces.lacking(platform):
+        pytest.skip(foreign_forces.lacking(platform))
+    cell = foreign_forces.Cell("external", 0, scheme, platform, "auto", "embed", "after", "own")
+    case = foreign_forces.atoms()
+    foreign_forces.among_beads(case, cell)
+    simulation = case.simulation(platform, True)
+    simulation.step(1)
+    everyone_says(simulation, 300 * BOLTZMANN)
+    for way in SET:
+        SET[way](simulation.context, 2.0)
+        simulation.step(1)
+        everyone_says(simulation, 2.0)
+        SET[way](simulation.context, 3.0)
+        simulation.step(1)
+        everyone_says(simulation, 3.0)
+
+
+@SCHEME
+@HOST
+@pytest.mark.parametrize("how", ["global", "setTemperature"])
+def test_a_temperature_in_kelvin_is_the_same_run(scheme, platform, how):
+    """Set in kelvin or as kT: the same trajectory."""
+    table = {("W", "W"): dpd.DPD(A=25, gamma=4.5)}
+    first, second = (fluid(scheme=scheme, platform=platform, table=table) for _ in range(2))
+    for simulation in (first, second):
+        simulation.step(2)
+    SET[how](first.context, 2.0)
+    first.step(1)
+    # the noise depends on every bit of kT
+    kT = first.context.getParameter("dpd_kT")
+    assert kT == pytest.approx(2.0, rel=1e-12)
+    second.context.setParameter("dpd_kT", kT)
+    second.step(1)
+    for simulation in (first, second):
+        simulation.step(5)
+    for one, other in zip(state_of(first.context), state_of(second.context), strict=True):
+        assert np.abs(one - other).max() < 1e-9
+
+
+@WAY
+def test_temperature_can_be_set_before_the_context_is_made(way):
+    """As with OpenMM's integrators."""
+    made = fluid(way, platform="Reference")
+    system, integrator = made.system, openmm.XmlSerializer.clone(made.integrator)
+    integrator.setGlobalVariableByName("temperature", 2.0 / BOLTZMANN)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName("Reference"))
+    context.setPositions(made.context.getState(positions=True).getPositions())
+    integrator.step(1)
+    assert context.getParameter("dpd_kT") == pytest.approx(2.0, rel=1e-12)
+
+
+@WAY
+@SCHEME
+@HOST
+def test_a_kT_of_one_stays_one_to_the_last_bit(way, scheme, platform):
+    """Not 0.9999999999999999 by way of kelvin."""
+    kT = {"build": 1.0, "add_thermostat": UNIT * BOLTZMANN}[way]
+    simulation = fluid(way, scheme=scheme, platform=platform)
+    start = simulation.context.getParameter("dpd_kT")
+    assert start == pytest.approx(kT, rel=1e-15) and (way != "build" or start == 1.0)
+    simulation.step(3)
+    assert simulation.context.getParameter("dpd_kT") == start
+    simulation.integrator.setTemperature(simulation.integrator.getTemperature())
+    simulation.step(3)
+    assert simulation.context.getParameter("dpd_kT") == start
+    simulation.integrator.setTemperature(2 * UNIT * KELVIN)
+    simulation.step(1)
+    dpd.set_temperature(simulation.context, 1.0)
+    simulation.step(3)
+    assert simulation.context.getParameter("dpd_kT") == 1.0
+
+
+@WAY
+def test_setting_is_refused_with_a_ramp(way):
+    """The ramp would overwrite it."""
+    simulation = fluid(way, kT=dpd.TemperatureRamp(1.0, 2.0, 0, 100), platform="Reference")
+    for _ in range(2):
+        with pytest.raises(dpd.ParameterError, match="ramp|Ramp"):
+            simulation.integrator.setTemperature(200 * KELVIN)
+        simulation.step(1)
+    assert simulation.context.getParameter("dpd_kT") == pytest.approx(1.02, abs=0.011)
+
+
+@pytest.mark.parametrize("value", [-1.0, float("nan"), float("inf"), "warm", 3 * unit.nanometer])
+def test_senseless_temperatures_are_refused(value):
+    """Whatever was set before holds."""
+    simulation = fluid(platform="Reference")
+    with pytest.raises((dpd.DPDError, openmm.OpenMMException, TypeError)):
+        simulation.integrator.setTemperature(value)
+    simulation.step(1)
+    assert simulation.context.getParameter("dpd_kT") == 1.0
+
+
+# -- noise ---------------------------------------------------------------------------------------------------------------------------
+def kick(way, scheme, platform, kT, seed=4, counter=0) -> np.ndarray:
+    """What one step of friction and noise does to beads at rest."""
+    simulation = fluid(way, scheme=scheme, platform=platform, seed=seed)
+    simulation.context.setVelocities(np.zeros((81, 3)))
+    simulation.context.setParameter("dpd_kT", kT)
+    simulation.context.setParameter("dpd_counter", counter)
+    simulation.step(1)
+    return state_of(simulation.context)[1].ravel()
+
+
+@WAY
+@SCHEME
+@HOST
+def test_noise_is_a_function_of_seed_counter_and_temperature(way, scheme, platform):
+    """Alike in all: the same; unlike in one of them: no likeness beyond that of two random vectors."""
+    one = kick(way, scheme, platform, 1.0)
+    assert np.abs(one).max() > 0.01
+    assert np.array_equal(one, kick(way, scheme, platform, 1.0))
+    others = {
+        "kT": kick(way, scheme, platform, 2.0),
+        "slightly": kick(way, scheme, platform, 1.0 + 1e-12),
+        "seed": kick(way, scheme, platform, 1.0, seed=5),
+        "counter": kick(way, scheme, platform, 1.0, counter=7),
+    }
+    # momentum is zero in each direction
+    limit = 4 / math.sqrt(len(one) - 3)
+    found = {name: float(np.corrcoef(one, other)[0, 1]) for name, other in others.items()}
+    assert all(abs(value) < limit for value in found.values()), found
+
+
+def replicas(states, simulation, steps, iterations) -> app.ReplicaExchangeSampler:
+    random.seed(3)
+    sampler = app.ReplicaExchangeSampler(states, simulation, steps)
+    sampler.simulate(iterations)
+    return sampler
+
+
+def velocities(sampler) -> list[np.ndarray]:
+    return [state.getVelocities(asNumpy=True)._value.ravel() for state in sampler.replicaConformation]
+
+
+@WAY
+def test_equal_replicas_with_seeds_of_their_own_part(way):
+    """One start, one temperature, two seeds."""
+    states = [{"temperature": UNIT * KELVIN, "dpd_seed": seed} for seed in (1, 2)]
+    one, two = velocities(replicas(states, fluid(way), 100, 2))
+    assert abs(np.corrcoef(one, two)[0, 1]) < 4 / math.sqrt(len(one) - 3)
+
+
+@WAY
+def test_equal_replicas_without_seeds_of_their_own_do_not_part(way):
+    """docs/howto/sampling.md says why states need a seed."""
+    states = [{"temperature": UNIT * KELVIN} for _ in range(2)]
+    one, two = velocities(replicas(states, fluid(way), 50, 2))
+    assert np.abs(one - two).max() < 1e-9
+
+
+@WAY
+def test_replicas_at_different_temperatures_part(way):
+    """... although they start alike and share seed and counter."""
+    states = [{"temperature": factor * UNIT * KELVIN} for factor in (1.0, 1.02)]
+    one, two = velocities(replicas(states, fluid(way), 100, 2))
+    assert abs(np.corrcoef(one, two)[0, 1]) < 4 / math.sqrt(len(one) - 3)
+
+
+# -- temperatures of states ------------------------------------------------------------------------------------------------------------
+def kinetic(v: np.ndarray) -> float:
+    """kT of particles of mass 1 without total momentum."""
+    return float(np.sum(v**2) / (3 * (len(v) - 1)))
+
+
+def holds(samples: list[float], kT: float) -> None:
+    """The mean is the temperature asked for, within 1 % and four standard errors; and the errors are small enough to tell."""
+    average = block_average(samples)
+    assert average.sem is not None and average.sem < 0.015 * kT
+    assert abs(average.mean - kT) < 0.01 * kT + 4 * average.sem, (average, kT)
+
+
+@pytest.mark.parametrize(
+    "method, way, keys",
+    [
+        ("SimulatedTempering", "build", "temperature"),
+        ("SimulatedTempering", "add_thermostat", "temperature"),
+        ("ExpandedEnsembleSampler", "build", "with dpd_kT"),
+        ("ExpandedEnsembleSampler", "add_thermostat", "temperature"),
+        ("ReplicaExchangeSampler", "build", "with dpd_seed"),
+        ("ReplicaExchangeSampler", "add_thermostat", "temperature"),
+    ],
+)
+def test_states_have_their_temperatures(method, way, keys):
+    """Particles with friction alone have no energy to be compared: all changes are accepted, however far apart the temperatures are."""
+    factors, length = (1.0, 1.5, 2.0), 40
+    states = [{"temperature": factor * UNIT * KELVIN} for factor in factors]
+    for k, (state, factor) in enumerate(zip(states, factors, strict=True)):
+        state.update({"with dpd_seed": {"dpd_seed": 10 + k}, "with dpd_kT": {"dpd_kT": factor}}.get(keys, {}))
+    simulation = fluid(way, n=162, edge=3.8, dt=0.05)
+    found: list[list[float]] = [[] for _ in factors]
+    random.seed(5)
+    if method == "ReplicaExchangeSampler":
+        sampler = app.ReplicaExchangeSampler(states, simulation, length)
+
+        def watch(sampler):
+            for replica, state in enumerate(sampler.replicaStateIndex):
+                found[state].append(kinetic(sampler.replicaConformation[replica].getVelocities(asNumpy=True)._value))
+
+        sampler.reporters.append(watch)
+        sampler.simulate(60)
+    else:
+        if method == "SimulatedTempering":
+            sampler = app.SimulatedTempering(
+                simulation, [s["temperature"] for s in states], weights=[0.0] * 3, tempChangeInterval=length, reportFile=None
+            )
+        else:
+            sampler = app.ExpandedEnsembleSampler(states, simulation, length, weights=[0.0] * 3)
+        for _ in range(180):
+            index = sampler.currentTemperature if method == "SimulatedTempering" else sampler.currentStateIndex
+            simulation.step(length - 1)
+            found[index].append(kinetic(state_of(simulation.context)[1]))
+            simulation.step(1)
+    for samples, factor in zip(found, factors, strict=True):
+        assert len(samples) > 30
+        holds(samples, factor)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["middle", "bababo"])
+def test_replicas_of_a_dpd_fluid_have_their_temperatures(scheme):
+    """With repulsion, and temperatures near enough for exchanges; energies of neighbours differ as their heat capacity says."""
+    factors = (1.0, 1.05, 1.1)
+    states = [{"temperature": factor * UNIT * KELVIN} for factor in factors]
+    simulation = fluid(scheme=scheme, n=192, edge=4.0, dt=0.04, table={("W", "W"): dpd.DPD(A=25, gamma=4.5)})
+    simulation.step(300)
+    random.seed(5)
+    sampler = app.ReplicaExchangeSampler(states, simulation, 25)
+    found: list[list[float]] = [[] for _ in factors]
+    exchanges = [0]
+
+    def watch(sampler):
+        for replica, state in enumerate(sampler.replicaStateIndex):
+            found[state].append(kinetic(sampler.replicaConformation[replica].getVelocities(asNumpy=True)._value))
+        exchanges[0] += watch.last != list(sampler.replicaStateIndex)
+        watch.last = list(sampler.replicaStateIndex)
+
+    watch.last = [0, 1, 2]
+    sampler.reporters.append(watch)
+    sampler.simulate(200)
+    assert exchanges[0] > 20
+    for samples, factor in zip(found, factors, strict=True):
+        holds(samples[10:], factor)
+
+
+# -- free energies -----------------------------------------------------------------------------------------------------------------------
+def ghosts(pairs: int, soft: int, edge: float) -> dpd.Scene:
+    """Pairs of beads with friction only, one apart, among soft ones."""
+    rng = np.random.default_rng(1)
+    first, step = rng.random((pairs, 3)) * edge, rng.normal(size=(pairs, 3))
+    second = first + step / np.linalg.norm(step, axis=1)[:, None]
+    x = np.concatenate([np.stack([first, second], axis=1).reshape(-1, 3), rng.random((soft, 3)) * edge])
+    table = {("W", "W"): dpd.DPD(A=25, gamma=4.5), ("G", "*"): dpd.DPD(gamma=4.5)}
+    return dpd.Scene({"W": 1.0, "G": 1.0}, ["G"] * (2 * pairs) + ["W"] * soft, x, table, kT=1.0, box=[edge] * 3)
+
+
+def umbrella(pairs: int, stiffness: float, centre: float, kind: str) -> openmm.Force:
+    """A harmonic bias on the distance of each pair."""
+    force = openmm.CustomBondForce(f"0.5*{stiffness}*(r-{centre})^2")
+    for k in range(pairs):
+        force.addBond(2 * k, 2 * k + 1, [])
+    force.setUsesPeriodicBoundaryConditions(True)
+    if kind == "bond":
+        return force
+    whole = openmm.CustomCVForce("u")
+    whole.addCollectiveVariable("u", force)
+    return whole
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "way, scheme, kind, group",
+    [
+        ("build", "middle", "bond", 0),
+        ("build", "aboba", "cv", 30),
+        ("build", "bababo", "bond", 7),
+        ("add_thermostat", "middle", "cv", 31),
+    ],
+)
+def test_umbrellas_give_back_the_free_energy(way, scheme, kind, group):
+    """Reweighted distances of free pairs: -2 kT ln r, within 0.1 kT and not worse than four standard errors over the pairs."""
+    pairs, stiffness, centre, dt = 100, 10.0, 1.0, 0.03
+    force = umbrella(pairs, stiffness, centre, kind)
+    force.setForceGroup(group)
+    scene = ghosts(pairs, 175, 5.0)
+    if way == "build":
+        built = dpd.build(scene, dt=dt, scheme=scheme, platform="CPU", seed=9)
+        built.system.addForce(force)
+        simulation = app.Simulation(
+            built.topology, built.system, built.integrator, openmm.Platform.getPlatformByName("CPU"), {"Threads": "1"}
+        )
+    else:
+        plain = dpd.build(ghosts(pairs, 175, 5.0), dt=dt, platform="CPU", conservative="openmm", seed=9)
+        system = openmm.System()
+        system.setDefaultPeriodicBoxVectors(*plain.system.getDefaultPeriodicBoxVectors())
+        for _ in range(scene.n_beads):
+            system.addParticle(1.0)
+        system.addForce(force)
+        integrator = dpd.add_thermostat(system, dpd.DPD(gamma=4.5, cutoff=1.0), UNIT * KELVIN, dt, scheme=scheme, platform="CPU", seed=9)
+        simulation = app.Simulation(plain.topology, system, integrator, openmm.Platform.getPlatformByName("CPU"), {"Threads": "1"})
+    simulation.context.setPositions(scene.positions)
+    simulation.context.setVelocitiesToTemperature(UNIT * KELVIN, 3)
+    simulation.step(200)
+    distances = []
+    for _ in range(600):
+        simulation.step(10)
+        x = state_of(simulation.context)[0]
+        distances.append(np.linalg.norm(x[1 : 2 * pairs : 2] - x[0 : 2 * pairs : 2], axis=1))
+    r = np.array(distances)
+    edges = np.arange(0.6, 1.45, 0.2)
+    weight = np.exp(0.5 * stiffness * (r - centre) ** 2)
+    mass = np.array([np.where((r > a) & (r < b), weight, 0).mean(axis=0) for a, b in itertools.pairwise(edges)])  # of every bin and pair
+    mean, sem = mass.mean(axis=1), mass.std(axis=1, ddof=1) / math.sqrt(pairs)
+    free = -np.log(mean) + np.log(np.diff(edges**3))
+    error = sem / mean
+    off = free[1:] - free[0]
+    error = np.hypot(error[1:], error[0])
+    assert error.max() < 0.06, "too short to tell"
+    assert np.abs(off).max() < 0.1 and np.all(np.abs(off) < 4 * error), (off, error)
+
+
+# -- the page ----------------------------------------------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    """Names that the scripts of docs/howto/sampling.md leave behind."""
+    names: dict = {"__name__": "page"}
+    folder = tmp_path_factory.mktemp("page")
+    blocks = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), flags=re.MULTILINE | re.DOTALL)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for block in blocks:
+            exec(compile(block, str(PAGE), "exec"), names)
+    return names
+
+
+#: Standard errors of the numbers of the page, as six runs of each script with other seeds scatter.
+UMBRELLA_ERROR, METADYNAMICS_ERROR = 0.02, 0.21
+
+
+def test_the_umbrella_of_the_page(page):
+    """Volumes of two shells."""
+    assert page["exact"] == pytest.approx(-math.log((1.4**3 - 1.2**3) / (0.8**3 - 0.6**3)))
+    assert abs(page["difference"] - page["exact"]) < 4 * UMBRELLA_ERROR
+
+
+def test_the_metadynamics_of_the_page(page):
+    """-2 kT ln r."""
+    assert page["exact_rise"] == pytest.approx(-2 * math.log(1.3 / 0.7))
+    assert abs(page["rise"] - page["exact_rise"]) < 4 * METADYNAMICS_ERROR
+
+
+def test_the_temperatures_of_the_page(page):
+    """Of tempering and of replica exchange."""
+    for factor, samples in zip((1.0, 1.05), page["kinetic"].values(), strict=True):
+        holds(samples, factor)
+    for factor, samples in zip((1.0, 1.05, 1.1), page["reached"].values(), strict=True):
+        holds(samples, factor)
+
+
+def test_the_twins_of_the_page(page):
+    """Seeds of their own part them."""
+    assert abs(page["likeness"]) < 4 / math.sqrt(3 * 192 - 3)
+
+
+def test_lines_of_the_page_are_short():
+    """Of code."""
+    blocks = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), flags=re.MULTILINE | re.DOTALL)
+    assert max(len(line) for block in blocks for line in block.splitlines()) <= 100
