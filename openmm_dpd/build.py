@@ -33,7 +33,7 @@ from .plan import Plan, ProgramOptions, make_plan
 from .programs import make_program, walls
 from .programs.native import native_integrator, native_marker
 from .programs.program import Program
-from .simulation import PoclSimulation
+from .simulation import DPDSimulation, PoclSimulation
 from .trajectory import openmm_topology
 
 
@@ -79,7 +79,7 @@ class Built:
 def new_simulation(made, platform: openmm.Platform | str | None, properties: dict[str, str] | None, *, again: str) -> app.Simulation:
     """A Simulation of what has a topology, a system, an integrator and a plan, on the plan's platform by default.
 
-    On OpenCL through PoCL it is one that can minimise (:mod:`openmm_dpd.simulation`), elsewhere OpenMM's own.
+    It is one that refuses states of other schemes, and that can minimise on OpenCL through PoCL (:mod:`openmm_dpd.simulation`).
 
     Raises
     ------
@@ -92,7 +92,7 @@ def new_simulation(made, platform: openmm.Platform | str | None, properties: dic
     try:
         chosen = openmm.Platform.getPlatformByName(name) if isinstance(name, str) else name
         pocl = chosen is not None and chosen.getName() == "OpenCL" and not _opencl_is_a_gpu(chosen)
-        return (PoclSimulation if pocl else app.Simulation)(made.topology, made.system, made.integrator, chosen, properties)
+        return (PoclSimulation if pocl else DPDSimulation)(made.topology, made.system, made.integrator, chosen, properties)
     except openmm.OpenMMException as error:
         if "already bound" in str(error):
             raise PlanError(again) from None

@@ -15,7 +15,7 @@ import logging
 import secrets
 import weakref
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -137,6 +137,14 @@ class Made:
                 f"{self._remedy('give the scene its masses', 'change it')}"
             )
         return self._foreign(system)
+
+    def check_writer(self, parameters: Mapping[str, float]) -> None:
+        """Raise PlanError if the parameters of a state say that another scheme wrote it."""
+        if BY_SCHEME in parameters and parameters[BY_SCHEME] != _number(self.scheme):
+            raise PlanError(
+                f"the state was written by another scheme than {self.scheme!r}, and schemes keep velocities at different times; take "
+                "positions, velocities and box vectors from it (context.setPositions(state.getPositions()), ...) into a new Context"
+            )
 
     def others(self, system: openmm.System) -> list[openmm.Force]:
         """Forces in a System that have an energy and that the package did not make."""
@@ -265,11 +273,7 @@ class Watching:
             return
         if parameters[BESIDE] != self._beside:
             context.setParameter(BESIDE, self._beside)
-        if parameters[BY_SCHEME] != _number(made.scheme):
-            raise PlanError(
-                f"the state in this Context was written by another scheme than {made.scheme!r}, and they keep velocities at other times; "
-                "take positions, velocities and box vectors from it (context.setPositions(state.getPositions()), ...) into a new Context"
-            )
+        made.check_writer(parameters)
         if parameters[BY_KT] != made.kT:
             _LOGGER.warning(
                 "the state was written by a run that asked for kT = %g kJ/mol; it goes on at the %g of this script",

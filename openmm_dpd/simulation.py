@@ -1,8 +1,10 @@
-"""An app.Simulation for OpenCL through PoCL, where OpenMM's energy minimiser dies of a segmentation fault."""
+"""app.Simulation with what OpenMM leaves out: states of other schemes are refused in plain words, and minimising works through PoCL."""
 
 from __future__ import annotations
 
 import logging
+import os
+from pathlib import Path
 
 import openmm
 from openmm import app, unit
@@ -10,8 +12,31 @@ from openmm import app, unit
 _LOGGER = logging.getLogger("openmm_dpd")
 
 
-class PoclSimulation(app.Simulation):
-    """A Simulation that minimises on the CPU platform; all else is as always."""
+class DPDSimulation(app.Simulation):
+    """A Simulation that looks at a state before it takes it over; all else is as always."""
+
+    def loadState(self, file):
+        """Load a state in XML, from a file's name or an open file.
+
+        Raises
+        ------
+        PlanError
+            If it was written by another scheme; nothing is changed then.
+        """
+        if isinstance(file, (str, os.PathLike)):
+            text = Path(file).read_text()
+        else:
+            text = file.read()
+        state = openmm.XmlSerializer.deserialize(text)
+        made = self.integrator.made
+        parameters = state.getParameters() if state.getDataTypes() & state.Parameters else {}
+        if made is not None:
+            made.check_writer(parameters)
+        self.context.setState(state)
+
+
+class PoclSimulation(DPDSimulation):
+    """One that minimises on the CPU platform, since OpenMM's minimiser dies of a segmentation fault on OpenCL through PoCL."""
 
     def minimizeEnergy(self, tolerance=10 * unit.kilojoules_per_mole / unit.nanometer, maxIterations=0, reporter=None):
         """As in OpenMM, in a Context of its own that hands the positions back; velocities stay what they are."""
@@ -28,4 +53,4 @@ class PoclSimulation(app.Simulation):
         self.context.setPositions(here.getState(positions=True).getPositions(asNumpy=True))
 
 
-__all__ = ["PoclSimulation"]
+__all__ = ["DPDSimulation", "PoclSimulation"]

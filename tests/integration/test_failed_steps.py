@@ -109,6 +109,7 @@ def fails_at_every_call(kind, device, scheme, conservative, calls, limit) -> Non
         except Exception as error:  # which class is OpenMM's affair
             assert "too tired" in str(error)
             failed += 1
+        tired.left = 0  # some of these calls come in no step
         found = run.now()
         assert 2 <= found["steps"] <= 6
         assert run.simulation.currentStep == found["steps"]
