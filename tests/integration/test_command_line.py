@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import signal
@@ -224,6 +225,17 @@ def test_ctrl_c_ends_a_run(deck, scheme):
         _, error = process.communicate()
     assert process.returncode == 130
     assert error.rstrip().endswith("openmm-dpd: interrupted") and "Traceback" not in error
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_a_progress_bar_needs_a_terminal(deck, tmp_path, monkeypatch, capsys, terminal):
+    """In a batch job standard error is a file, and a bar would be one line of many kilobytes in it."""
+    errors = io.StringIO()
+    errors.isatty = lambda: terminal
+    monkeypatch.setattr(sys, "stderr", errors)
+    assert main(["run", str(deck), "--platform", "Reference", "--steps", "2", "--out", str(tmp_path / "out")]) == 0
+    assert bool(errors.getvalue()) == terminal
+    assert "files are in" in capsys.readouterr().out
 
 
 def test_impossible_scheme_names_the_reason(deck, capsys):
