@@ -155,7 +155,7 @@ class Plan:
 
     def listed(self, cutoff: float) -> bool:
         """Whether OpenMM's pair forces with this cutoff can take the pairs from a neighbour list; they go through all pairs otherwise."""
-        return self.platform != "Reference" or not may_miss_pairs(self.scene.box, cutoff)
+        return _listed(self.platform, self.scene, cutoff)
 
     def explain(self) -> str:
         """Half a page: what will be built, and why."""
@@ -289,7 +289,8 @@ def make_plan(
         Weight of the velocity prediction of ``mvv``, between 0 and 1; 0.5 is plain velocity Verlet.
     conservative : {"auto", "openmm", "kernel"}
         Where the conservative DPD force is computed: a CustomNonbondedForce, or the pair kernel.  ``auto`` takes the kernel on the CPU
-        platform, where it is faster, and OpenMM elsewhere.
+        platform, where it is faster, and OpenMM elsewhere (but on the Reference platform in small tilted boxes, where OpenMM would go
+        through all pairs, the kernel).
     platform : str, optional
         Name of the platform that will be used; the fastest one by default.
     seed : int, optional
@@ -321,7 +322,8 @@ def make_plan(
     repulsive = any(c is not NONE and c.has_conservative for table in layers for c in table.values())
     thermostat = any(c is not NONE and c.has_thermostat for table in layers for c in table.values())
     only = _why_kernel_only(scene, kinds, layers, exceptions, platform)
-    where = _conservative_place(conservative, repulsive, thermostat, only, platform, scheme)
+    faster = platform in KERNEL_PLATFORMS or not _listed(platform, scene, _longest(layers))
+    where = _conservative_place(conservative, repulsive, thermostat, only, faster, scheme)
     fields = field_spec(scene)
     options = ProgramOptions(
         scheme=scheme,
@@ -407,8 +409,16 @@ def _check_scheme(scheme: str, kinds: list[type]) -> None:
             raise PlanError(f"{kind.__name__} has no pair-by-pair update; only scheme='mvv' runs it, not {scheme!r}")
 
 
-def _conservative_place(conservative: str, repulsive: bool, thermostat: bool, only: str | None, platform, scheme: str) -> str:
-    """Where the conservative force is computed: "kernel", "openmm" or "none"; ``only`` is the reason why it must be the kernel."""
+def _listed(platform: str | None, scene: Scene, cutoff: float) -> bool:
+    """Whether OpenMM's pair forces with this cutoff can take their pairs from a neighbour list."""
+    return platform != "Reference" or not may_miss_pairs(scene.box, cutoff)
+
+
+def _conservative_place(conservative: str, repulsive: bool, thermostat: bool, only: str | None, faster: bool, scheme: str) -> str:
+    """Where the conservative force is computed: "kernel", "openmm" or "none".
+
+    ``only`` is the reason why it must be the kernel, ``faster`` whether that passes over the pairs faster than OpenMM does.
+    """
     if not repulsive:
         return "none"
     if only is not None:
@@ -420,7 +430,7 @@ def _conservative_place(conservative: str, repulsive: bool, thermostat: bool, on
         where = conservative
     else:
         # without friction there is no kernel, and OpenMM's own force needs no company
-        where = "kernel" if platform in KERNEL_PLATFORMS and thermostat and scheme != "native" else "openmm"
+        where = "kernel" if faster and thermostat and scheme != "native" else "openmm"
     if scheme == "native" and where == "kernel":
         raise PlanError("the native scheme has no pair kernel; use conservative='openmm'")
     return where
@@ -438,7 +448,7 @@ def _why_kernel_only(scene: Scene, kinds: list[type], layers, exceptions, platfo
                 return reason
             # the only force here that cannot do without a neighbour list
             reach = max(c.cutoff_B for c in table.values() if c is not NONE)
-            if platform == "Reference" and may_miss_pairs(scene.box, reach):
+            if not _listed(platform, scene, reach):
                 return "in this box, small and tilted, the Reference platform can miss pairs of densities; use the kernel or the CPU"
     return None
 

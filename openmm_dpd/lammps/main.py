@@ -51,7 +51,7 @@ def run_deck(
     variables : mapping, optional
         Index variables of the deck (LAMMPS: ``-var``).
     progress : bool
-        Show a progress bar on standard error.
+        Show a progress bar on standard error, if that is a terminal.
 
     Returns
     -------
@@ -84,7 +84,8 @@ def run_deck(
 def _bar(total: int):
     from tqdm import tqdm
 
-    return tqdm(total=total, unit="step", file=sys.stderr, leave=False, dynamic_ncols=True)
+    # disable=None: not into the file that standard error is in a batch job
+    return tqdm(total=total, unit="step", file=sys.stderr, leave=False, dynamic_ncols=True, disable=None)
 
 
 def _first_request(path: str | Path, options: RunOptions, variables: Mapping[str, str] | None) -> RunRequest:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import signal
@@ -247,6 +248,17 @@ def test_a_step_that_is_too_long_never_passes_without_a_word(deck, tmp_path, cap
     assert found(FLUID, "0.02") == [None, None]
     assert found(once.replace("all nve\n", "all nve\nfix push all addforce 2.0 0 0\n"), "0.02") == [None]
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_a_progress_bar_needs_a_terminal(deck, tmp_path, monkeypatch, capsys, terminal):
+    """In a batch job standard error is a file, and a bar would be one line of many kilobytes in it."""
+    errors = io.StringIO()
+    errors.isatty = lambda: terminal
+    monkeypatch.setattr(sys, "stderr", errors)
+    assert main(["run", str(deck), "--platform", "Reference", "--steps", "2", "--out", str(tmp_path / "out")]) == 0
+    assert bool(errors.getvalue()) == terminal
+    assert "files are in" in capsys.readouterr().out
 
 
 def test_impossible_scheme_names_the_reason(deck, capsys):

@@ -100,6 +100,19 @@ def test_densities_are_left_to_the_kernel():
 
 
 def test_the_plan_says_so():
-    text = dpd.build(scene(TABLES["DPD"]), dt=0.01, platform="Reference", seed=1).explain()
-    assert "over all pairs" in text
+    auto, openmm_force = (
+        dpd.build(scene(TABLES["DPD"]), dt=0.01, platform="Reference", conservative=choice, seed=1) for choice in ("auto", "openmm")
+    )
+    assert auto.plan.conservative == "kernel"
+    assert "over all pairs" in openmm_force.explain()
     assert "over all pairs" not in dpd.build(scene(TABLES["DPD"]), dt=0.01, platform="CPU", conservative="openmm", seed=1).explain()
+
+
+@pytest.mark.parametrize(("platform", "groups"), [("Reference", 1), ("CPU", 0)])
+def test_charges_do_without_a_list_too(platform, groups):
+    x = np.random.default_rng(7).random((60, 3)) @ BOX
+    options = {"charges": np.tile([1.0, -1.0], 30), "electrostatics": dpd.SlaterCharges(bjerrum_length=1.0, lamda=0.4, cutoff=1.5)}
+    charged = dpd.Scene({"A": 1.0}, ["A"] * 60, x, {("A", "A"): dpd.DPD(A=25, gamma=4.5)}, 1.0, box=BOX, **options)
+    built = dpd.build(charged, dt=0.01, platform=platform, seed=1)
+    forces = [force for force in built.system.getForces() if force.getName() == "smeared charges"]
+    assert [force.getNumInteractionGroups() for force in forces] == [groups]
