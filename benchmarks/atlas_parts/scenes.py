@@ -1,0 +1,136 @@
+"""Scenes that are no point of the table of steps, and the temperatures of a run of one: for recommended steps.
+
+Reduced units: cutoff 1 (where there is one only), mass of the lightest bead 1, kT 1, density 3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import openmm
+
+import openmm_dpd as dpd
+from openmm_dpd import DPD
+from openmm_dpd.stats import block_average, ratio_average
+
+#: Longest step of the run that brings random positions to equilibrium, and its time; stiff bonds take a shorter one.
+FIRST, SETTLE = 0.004, 8.0
+
+
+def fluid(beads: int, pairs, *, rho: float = 3.0, masses: Mapping[str, float] | None = None, **more) -> dpd.Scene:
+    """Beads of one type A, or of all types of ``masses`` by turns, on random positions."""
+    masses = masses or {"A": 1.0}
+    edge = (beads / rho) ** (1 / 3)
+    x = np.random.default_rng(1).random((beads, 3)) * edge
+    return dpd.Scene(masses, [list(masses)[k % len(masses)] for k in range(beads)], x, pairs, 1.0, box=[edge] * 3, **more)
+
+
+def chains(beads: int, k: float, length: int, rest: float) -> dpd.Scene:
+    """Chains of beads in a row, random walks with bonds k (r - rest)^2."""
+    rng = np.random.default_rng(2)
+    n = beads - beads % length
+    edge = (n / 3.0) ** (1 / 3)
+    steps = rng.normal(size=(n // length, length, 3))
+    steps *= rest / np.linalg.norm(steps, axis=2, keepdims=True)
+    steps[:, 0] = rng.random((n // length, 3)) * edge
+    first = np.arange(n).reshape(-1, length)
+    bonds = np.stack([first[:, :-1].ravel(), first[:, 1:].ravel()], axis=1)
+    pairs = {("A", "A"): DPD(A=25, gamma=4.5)}
+    x = steps.cumsum(axis=1).reshape(-1, 3)
+    return dpd.Scene({"A": 1.0}, ["A"] * n, x, pairs, 1.0, box=[edge] * 3, bonds=[dpd.HarmonicBonds(bonds, k, rest)])
+
+
+def conserving(beads: int, capacity: float) -> dpd.Scene:
+    """Beads with internal energies."""
+    inside = dpd.InternalEnergy(dpd.ConstantHeatCapacity(capacity), 1.0)
+    return fluid(beads, {("A", "A"): dpd.EnergyDPD(A=25, sigma=3, kappa=1)}, internal=inside)
+
+
+def _one(**values) -> dict:
+    return {("A", "A"): DPD(**values)}
+
+
+def _two(aa: DPD, ab: DPD, bb: DPD) -> dict:
+    return {("A", "A"): aa, ("A", "B"): ab, ("B", "B"): bb}
+
+
+_EQUAL = {"A": 1.0, "B": 1.0}
+_COMMON = DPD(A=25, gamma=4.5)
+
+#: Name and scene of a number of beads.
+SCENES: dict[str, Callable[[int], dpd.Scene]] = {
+    "one entry": lambda n: fluid(n, _one(A=25, gamma=4.5)),
+    "one entry, A 50, friction 9": lambda n: fluid(n, _one(A=50, gamma=9)),
+    "repulsion and friction in two layers": lambda n: fluid(n, [_one(A=25), _one(gamma=4.5)]),
+    "two layers, A 25 and friction 4.5 each": lambda n: fluid(n, [_one(A=25, gamma=4.5)] * 2),
+    "layers of cutoff 1 and 1.3": lambda n: fluid(n, [_one(A=25, gamma=4.5), _one(A=10, gamma=1, cutoff=1.3)]),
+    "repulsion of cutoff 1, friction of 1.5": lambda n: fluid(n, [_one(A=25), _one(gamma=1, cutoff=1.5)]),
+    "repulsion of cutoff 1, friction of 2": lambda n: fluid(n, [_one(A=40), _one(gamma=3, cutoff=2.0)]),
+    "two components, A 25, 35, 60, masses 1:2": lambda n: fluid(
+        n, _two(_COMMON, DPD(A=35, gamma=4.5), DPD(A=60, gamma=4.5)), masses={"A": 1.0, "B": 2.0}
+    ),
+    "stiff pairs without friction": lambda n: fluid(n, _two(_COMMON, DPD(A=60, gamma=0), DPD(A=100, gamma=0)), masses=_EQUAL),
+    "friction between unlike beads only": lambda n: fluid(n, _two(DPD(A=50, gamma=0), DPD(A=25, gamma=4.5), DPD(A=50, gamma=0)), masses=_EQUAL),
+    "friction 4.5 and 80": lambda n: fluid(n, _two(_COMMON, DPD(A=25, gamma=9), DPD(A=25, gamma=80)), masses=_EQUAL),
+    "chains, k 100": lambda n: chains(n, 100.0, 10, 0.5),
+    "chains, k 1000": lambda n: chains(n, 1000.0, 10, 0.5),
+    "chains, k 100, rest length 0.01": lambda n: chains(n, 100.0, 10, 0.01),
+    "masses 1:100": lambda n: fluid(n, {("*", "*"): _COMMON}, masses={"A": 1.0, "B": 100.0}),
+    "masses 1:10": lambda n: fluid(n, {("*", "*"): _COMMON}, masses={"A": 1.0, "B": 10.0}),
+    "friction 100, exponent 0.5": lambda n: fluid(n, _one(A=25, gamma=100, exponent=0.5)),
+    "friction 200, exponent 0.25": lambda n: fluid(n, _one(A=25, gamma=200, exponent=0.25)),
+    "density 5, A 40, friction 10": lambda n: fluid(n, _one(A=40, gamma=10), rho=5.0),
+    "friction 1, across 20": lambda n: fluid(n, _one(A=25, gamma=1, gamma_perp=20)),
+    "heat capacity 60": lambda n: conserving(n, 60.0),
+    "heat capacity 10": lambda n: conserving(n, 10.0),
+}  # fmt: skip
+
+
+def deviations(
+    scene: dpd.Scene, scheme: str, dt: float, *, longest: float, enough: float = 0.0, seed: int = 4
+) -> dict[str, tuple[float, float]] | None:
+    """Relative deviation of the temperatures with its standard error; None if the run stops.
+
+    Parameters
+    ----------
+    scene : Scene
+    scheme : str
+    dt : float
+        Step, ps.
+    longest : float
+        Longest simulated time, ps.
+    enough : float
+        Standard error of both at which the run may end before.
+    seed : int
+
+    Returns
+    -------
+    dict
+        ``kin`` and ``conf``: (deviation, standard error), beside internal temperatures where there are any.
+    """
+    short = min(FIRST, dt / 2)
+    first = dpd.build(scene, dt=short, scheme="middle", platform="CPU", seed=3).simulation(properties={"Threads": "1"})
+    first.step(round(SETTLE / short))
+    state = first.context.getState(positions=True, velocities=True)
+    built = dpd.build(scene, dt=dt, scheme=scheme, platform="CPU", seed=seed)
+    simulation, observer = built.simulation(properties={"Threads": "1"}), dpd.Observer(built)
+    simulation.context.setPositions(state.getPositions())
+    simulation.context.setVelocities(state.getVelocities())
+    every = max(1, round(0.12 / dt))
+    rows: list[tuple[float, float, float]] = []
+    try:
+        simulation.step(round(8.0 / dt))
+        while len(rows) * every * dt < longest:
+            for _ in range(200):
+                simulation.step(every)
+                s = observer.sample(simulation.context)
+                target = s.theta if scene.internal is not None else 1.0
+                rows.append((s.kT / target, s.gradient2, s.laplacian * target))
+            kinetic, above, below = np.array(rows).T
+            kin, conf = block_average(kinetic), ratio_average(above, below)
+            if max(kin.sem, conf.sem) < enough and len(rows) > 2000:
+                break
+    except (openmm.OpenMMException, dpd.DPDError):
+        return None
+    return {"kin": (kin.mean - 1, kin.sem), "conf": (conf.mean - 1, conf.sem)}
