@@ -352,9 +352,6 @@ ADD: dict[str, Callable] = {
 #: Steps t in which a constant force moves a particle by a dt^2 (t^2/2 + what stands here t): kicks stand before drifts, or around them.
 AHEAD = {"middle": 0.5, "native": 0.5}
 
-#: Part of a kick by which a force that comes with reinitialize may be late: these schemes begin a step with the acceleration of the last.
-LATE = {"mvv": 0.5, "shardlow": 0.5, "bababo": 0.2}
-
 
 def refusable(cell: Cell) -> str | None:
     """A word that the reason must have where a refusal is as good as an effect: a copy of a CustomCVForce is out of its maker's reach."""
@@ -437,14 +434,8 @@ def _check_impulse(case: Case, simulation: app.Simulation, cell: Cell, expected:
     tolerance = rounding(case, simulation.context, cell)
     simulation.step(STEPS)
     x, v = state(simulation.context)
-    if cell.when == "reinitialized" and cell.scheme in LATE:
-        # in full, or but for the kick that the step before had made ready; nothing between
-        gained = np.sum(expected * m * (v - v0)) / np.sum(expected**2) if expected.any() else 0.0
-        late = LATE[cell.scheme] if gained < (STEPS - LATE[cell.scheme] / 2) * case.dt else 0.0
-    else:
-        late = 0.0
     t = STEPS * case.dt
-    given = expected * (STEPS - late) * case.dt
+    given = expected * t
     impulse = (m * (v - v0) - given).sum(axis=0)
     if np.abs(impulse).max() > tolerance:
         raise Wrong(f"total momentum is off by {impulse} where {given.sum(axis=0)} was to be added (rounding: {tolerance:.1e})")
@@ -452,7 +443,7 @@ def _check_impulse(case: Case, simulation: app.Simulation, cell: Cell, expected:
     off = (m * (v - v0) - given)[free]
     if np.abs(off).max() > tolerance:
         raise Wrong(f"the momenta of the two free particles are off by {off.tolist()} where {given[free].tolist()} was to be added")
-    path = v0 * t + expected / m * case.dt**2 * STEPS * (STEPS / 2 + AHEAD.get(cell.scheme, 0.0) - late)
+    path = v0 * t + expected / m * case.dt**2 * STEPS * (STEPS / 2 + AHEAD.get(cell.scheme, 0.0))
     moved = (m * (x - x0 - path)).sum(axis=0)
     lost = tolerance * t + 4 * STEPS * (2.0**-24 if cell.platform == "OpenCL" else 2.0**-48) * (m * np.abs(x0)).sum()
     if np.abs(moved).max() > lost:
