@@ -4,8 +4,9 @@ OpenMM integrates whatever is in the System when the Context is made.  The progr
 forces are theirs, and whether there are others.  So :meth:`step` looks at the System that the Context really has, whoever made it and
 whenever a force came in, before it steps.
 
-An integrator that was read from XML is a plain ``openmm.CustomIntegrator``: its steps are right beside any force, but nobody checks the
-System, compares the temperature of a state with that of the script, or takes a failed step back.
+An integrator that was read from XML is a plain ``openmm.CustomIntegrator``, and one inside an ``openmm.CompoundIntegrator`` is not asked
+to look: their steps are right beside any force, but nobody checks the System, compares the temperature of a state with that of the
+script, or takes a failed step back.
 """
 
 from __future__ import annotations
