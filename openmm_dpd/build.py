@@ -164,8 +164,8 @@ def build_plan(plan: Plan) -> Built:
     """What :func:`build` makes, from a plan."""
     scene, options = plan.scene, plan.options
     program = None if options.scheme == "native" else make_program(options)
-    system = _system(plan)
     integrator = native_integrator(plan) if program is None else program.lower()
+    system = _system(plan, integrator)
     integrator.setIntegrationForceGroups(integration_groups(system.getForces(), options))
     integrator.made = Made.of("build()", system, system.getForces(), options)
     if plan.spec.fields is not None:
@@ -211,8 +211,8 @@ def integration_groups(forces: Sequence[openmm.Force], options: ProgramOptions) 
     return set(range(32)) - measuring - (set() if options.kernel_conservative else {options.pair_group})
 
 
-def _system(plan: Plan) -> openmm.System:
-    """The System."""
+def _system(plan: Plan, integrator: PairIntegrator | NativeIntegrator) -> openmm.System:
+    """The System, whose parameters tell of the integrator."""
     scene, options = plan.scene, plan.options
     periodic = scene.box is not None
     system = openmm.System()
@@ -254,12 +254,13 @@ def _system(plan: Plan) -> openmm.System:
                 conservative=options.kernel_conservative,
                 periodic=periodic,
                 options=options,
+                integrator=integrator,
                 balanced=options.compensated and plan.spec.sweeps,
                 guarded=tuple(bonds for bonds in scene.bonds if isinstance(bonds, FENEBonds)),
             )
         )
     if options.scheme == "native":
-        system.addForce(native_marker(options, periodic))
+        system.addForce(native_marker(options, integrator, periodic))
     return system
 
 

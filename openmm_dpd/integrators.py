@@ -27,7 +27,7 @@ import openmm
 from openmm import unit
 
 from .errors import ParameterError, PlanError
-from .names import ALONE, BESIDE, BY_KT, BY_SCHEME, BY_SEED, KT, RAMP_STEP, SEED, SEEN_KT, SEEN_TEMPERATURE, TEMPERATURE
+from .names import ALONE, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, KT, RAMP_STEP, SEED, SEEN_KT, SEEN_TEMPERATURE, TEMPERATURE
 from .units import BOLTZMANN, to_md
 
 if TYPE_CHECKING:
@@ -52,9 +52,29 @@ def _number(text: str) -> float:
     return float(crc32(text.encode()))
 
 
-def origin(scheme: str, kT: float, seed: int) -> dict[str, float]:
+def origin(options: ProgramOptions, integrator: openmm.Integrator) -> dict[str, float]:
     """Context parameters by which a state says who wrote it."""
-    return {BY_SCHEME: _number(scheme), BY_KT: kT, BY_SEED: float(seed), BESIDE: 0.0}
+    return {
+        BY_SCHEME: _number(options.scheme),
+        BY_KT: _asked(options),
+        BY_SEED: float(options.seed),
+        BY_VARIABLES: variables_number(integrator),
+        BESIDE: 0.0,
+    }
+
+
+def variables_number(integrator: openmm.Integrator) -> float:
+    """A number for the names of an integrator's variables, 0 if it has none."""
+    if not isinstance(integrator, openmm.CustomIntegrator):
+        return 0.0
+    single = map(integrator.getGlobalVariableName, range(integrator.getNumGlobalVariables()))
+    per_dof = map(integrator.getPerDofVariableName, range(integrator.getNumPerDofVariables()))
+    return _number(" ".join([*single, "each", *per_dof]))
+
+
+def _asked(options: ProgramOptions) -> float:
+    """A number for the temperature that a script asked for: the thermal energy, or a negative one for a ramp."""
+    return options.kT if options.ramp is None else -1.0 - _number(repr(options.ramp))
 
 
 def groups_of(force: openmm.Force) -> set[int]:
@@ -88,7 +108,9 @@ class Made:
         Names and force groups of the forces that the package made.
     scheme : str
     kT : float
-        Thermal energy the script asked for, kJ/mol.
+        Thermal energy the script asked for, kJ/mol (that at the beginning of a ramp).
+    asked : float
+        The same as it stands in states.
     seed : int or None
         The seed the script chose; None if it left the choice to the package.
     """
@@ -100,6 +122,7 @@ class Made:
     own: tuple[tuple[str, int], ...]
     scheme: str
     kT: float
+    asked: float
     seed: int | None
 
     @classmethod
@@ -107,7 +130,8 @@ class Made:
         """What stands in a System now, and what was asked for."""
         forces = tuple((force.getName(), force.getForceGroup()) for force in own)
         seed = options.seed if options.seeded else None
-        return cls(maker, _masses(system), system.getNumConstraints(), _virtual(system), forces, options.scheme, options.kT, seed)
+        asked = options.scheme, options.kT, _asked(options), seed
+        return cls(maker, _masses(system), system.getNumConstraints(), _virtual(system), forces, *asked)
 
     def check(self, system: openmm.System) -> list[openmm.Force]:
         """The forces in a System that the package did not make.
@@ -204,6 +228,7 @@ class Watching:
     _known: weakref.ref | None = None
     _looked_at: tuple = ()
     _beside = 0.0
+    _numbered: float | None = None
 
     def context(self) -> openmm.Context | None:
         """The Context that this integrator belongs to, None before there is one.
@@ -275,14 +300,17 @@ class Watching:
         if parameters[BESIDE] != self._beside:
             context.setParameter(BESIDE, self._beside)
         made.check_writer(parameters)
-        if parameters[BY_KT] != made.kT:
-            _LOGGER.warning(
-                "the state was written by a run that asked for kT = %g kJ/mol; it goes on at the %g of this script",
-                parameters[BY_KT],
-                made.kT,
+        if parameters[BY_VARIABLES] != self._variables_number():
+            raise PlanError(
+                "the state was written by an integrator of this scheme with other variables (on another platform, or with a temperature "
+                "ramp, say), and a checkpoint cannot go from one to the other; save and load an XML state instead, by "
+                "loadState of what simulation() of this package returned"
             )
+        if parameters[BY_KT] != made.asked:
+            now = f"the {made.kT:g} kJ/mol" if made.asked >= 0 else "the ramp"
+            _LOGGER.warning("the state was written by a run that asked for another temperature; it goes on with %s of this script", now)
             self._take_kT(context, made.kT)
-            context.setParameter(BY_KT, made.kT)
+            context.setParameter(BY_KT, made.asked)
             for force in context.getSystem().getForces():
                 if isinstance(force, _BAROSTATS):
                     context.setParameter(force.Temperature(), force.getDefaultTemperature())
@@ -290,6 +318,11 @@ class Watching:
             if SEED in parameters:
                 context.setParameter(SEED, made.seed)
             context.setParameter(BY_SEED, made.seed)
+
+    def _variables_number(self) -> float:
+        if self._numbered is None:
+            self._numbered = variables_number(self)  # type: ignore[arg-type]
+        return self._numbered
 
     def _take_kT(self, context: openmm.Context, kT: float) -> None:
         """Go on at another thermal energy."""

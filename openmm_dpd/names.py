@@ -39,11 +39,14 @@ PHASE, TAU, DT, KT, COUNTER, SEED = "dpd_phase", "dpd_tau", "dpd_dt", "dpd_kT", 
 #: What the script that made the integrator asked for, so that a state says who wrote it: scheme (a number), thermal energy and seed.
 BY_SCHEME, BY_KT, BY_SEED = "dpd_by_scheme", "dpd_by_kT", "dpd_by_seed"
 
+#: A number for the variables of the integrator that wrote a state: a checkpoint has their values without their names.
+BY_VARIABLES = "dpd_by_variables"
+
 #: A number for the forces of others that acted in the last step, 0 where there were none: what a scheme kept is not valid for others.
 BESIDE = "dpd_beside"
 
 #: Context parameters the pair force defines.
-PARAMETERS = (PHASE, TAU, DT, KT, COUNTER, SEED, BY_SCHEME, BY_KT, BY_SEED, BESIDE)
+PARAMETERS = (PHASE, TAU, DT, KT, COUNTER, SEED, BY_SCHEME, BY_KT, BY_SEED, BY_VARIABLES, BESIDE)
 
 #: Global variable of an integrator that holds the temperature in kelvin, as OpenMM's samplers want it; and what dpd_kT and it were
 #: when they last agreed.
@@ -51,6 +54,10 @@ TEMPERATURE, SEEN_TEMPERATURE, SEEN_KT = "temperature", "seen_temperature", "see
 
 #: Global variable of an integrator that follows a temperature ramp: steps done.
 RAMP_STEP = "ramp_step"
+
+#: Global variables that every integrator with a pair force has, used or not, so that states go from one platform to another, where
+#: another program may run the same scheme.
+PORTABLE = ("heard", "here", "last", "alone")
 
 #: Global variable of an integrator that is 1 while the pair force is known to be the only one that acts, else 0.
 ALONE = "alone"
@@ -62,7 +69,7 @@ VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED = "dpd_volume_moves", "dpd_volume_ste
 FIELD = "field"
 
 #: Parameters that change within a step and say nothing about the state.
-VOLATILE = frozenset((PHASE, TAU, COUNTER, BY_SCHEME, BY_KT, BY_SEED, VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED))
+VOLATILE = frozenset((PHASE, TAU, COUNTER, BY_SCHEME, BY_KT, BY_SEED, BY_VARIABLES, VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED))
 
 # Force groups: the package's own forces keep out of the low ones, where users and OpenMM put theirs.
 

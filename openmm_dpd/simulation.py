@@ -5,9 +5,13 @@ from __future__ import annotations
 import logging
 import os
 from pathlib import Path
+from xml.etree import ElementTree
 
 import openmm
 from openmm import app, unit
+
+from .integrators import variables_number
+from .names import BY_VARIABLES
 
 _LOGGER = logging.getLogger("openmm_dpd")
 
@@ -17,6 +21,8 @@ class DPDSimulation(app.Simulation):
 
     def loadState(self, file):
         """Load a state in XML, from a file's name or an open file.
+
+        Variables that this integrator does not have, such as the steps of a temperature ramp that another script followed, are left out.
 
         Raises
         ------
@@ -32,7 +38,29 @@ class DPDSimulation(app.Simulation):
         parameters = state.getParameters() if state.getDataTypes() & state.Parameters else {}
         if made is not None:
             made.check_writer(parameters)
+            state = _without_unknown(text, self.integrator) or state
         self.context.setState(state)
+        if BY_VARIABLES in parameters:  # they came by name
+            self.context.setParameter(BY_VARIABLES, variables_number(self.integrator))
+
+
+def _without_unknown(text: str, integrator: openmm.Integrator) -> openmm.State | None:
+    """The state without variables that a CustomIntegrator does not know; None if there are none."""
+    if not isinstance(integrator, openmm.CustomIntegrator):
+        return None
+    root = ElementTree.fromstring(text)
+    known = {integrator.getGlobalVariableName(k) for k in range(integrator.getNumGlobalVariables())}
+    known_per_dof = {integrator.getPerDofVariableName(k) for k in range(integrator.getNumPerDofVariables())}
+    found = False
+    for node in root.iterfind("IntegratorParameters/GlobalVariables"):
+        for name in set(node.attrib) - known:
+            del node.attrib[name]
+            found = True
+    for node in root.iterfind("IntegratorParameters/PerDofVariables"):
+        for child in [child for child in node if child.tag not in known_per_dof]:
+            node.remove(child)
+            found = True
+    return openmm.XmlSerializer.deserialize(ElementTree.tostring(root, encoding="unicode")) if found else None
 
 
 class PoclSimulation(DPDSimulation):

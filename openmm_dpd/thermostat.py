@@ -142,7 +142,7 @@ def add_thermostat(
         terms=(dpd_table(table, names),),
         update=SHARDLOW if scheme == "shardlow" else EXACT,
     )
-    force = pair_force(spec, conservative=False, periodic=periodic, options=options)
+    force = pair_force(spec, conservative=False, periodic=periodic, options=options, integrator=integrator)
     system.addForce(force)
     integrator.made = Made.of("add_thermostat()", system, [force], options)
     return integrator

@@ -309,12 +309,13 @@ def pair_force(
     conservative: bool,
     periodic: bool,
     options: ProgramOptions,
+    integrator: openmm.Integrator,
     balanced: bool = False,
     guarded: tuple = (),
 ) -> openmm.PythonForce:
     """PythonForce that evaluates the pair terms, with its context parameters (see :mod:`openmm_dpd.names`)."""
-    dt, kT, seed = options.dt, options.kT, options.seed
-    parameters = {PHASE: float(Phase.IDLE), TAU: dt, DT: dt, KT: kT, COUNTER: 0.0, SEED: float(seed), **origin(options.scheme, kT, seed)}
+    parameters = {PHASE: float(Phase.IDLE), TAU: options.dt, DT: options.dt, KT: options.kT, COUNTER: 0.0, SEED: float(options.seed)}
+    parameters |= origin(options, integrator)
     if spec.fields is not None and spec.fields.kind == ENERGY:
         parameters |= {VOLUME_MOVES: 0.0, VOLUME_STEP: 0.01, VOLUME_ACCEPTED: 0.0}
     force = openmm.PythonForce(PairForceFunction(spec, conservative, periodic, options.field_scale, balanced, guarded), parameters)

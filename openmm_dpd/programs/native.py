@@ -57,7 +57,7 @@ def why_not(plan: Plan) -> str | None:
     return None
 
 
-def native_marker(options: ProgramOptions, periodic: bool) -> openmm.Force:
+def native_marker(options: ProgramOptions, integrator: openmm.Integrator, periodic: bool) -> openmm.Force:
     """An empty force.
 
     It makes a System periodic: without a force that does, the DPDIntegrator ignores the box, and so friction across it.  And its
@@ -67,7 +67,7 @@ def native_marker(options: ProgramOptions, periodic: bool) -> openmm.Force:
     force.setUsesPeriodicBoundaryConditions(periodic)
     force.setName("native scheme")
     force.setForceGroup(options.pair_group)
-    for name, value in origin(options.scheme, options.kT, options.seed).items():
+    for name, value in origin(options, integrator).items():
         force.addGlobalParameter(name, value)
     return force
 

@@ -13,7 +13,22 @@ import openmm
 
 from ..errors import ProgramError
 from ..integrators import PairIntegrator
-from ..names import ALONE, COUNTER, DT, FIELD, KT, PARAMETERS, PHASE, RAMP_STEP, SEEN_KT, SEEN_TEMPERATURE, TAU, TEMPERATURE, Phase
+from ..names import (
+    ALONE,
+    COUNTER,
+    DT,
+    FIELD,
+    KT,
+    PARAMETERS,
+    PHASE,
+    PORTABLE,
+    RAMP_STEP,
+    SEEN_KT,
+    SEEN_TEMPERATURE,
+    TAU,
+    TEMPERATURE,
+    Phase,
+)
 from ..plan import ProgramOptions
 from ..units import BOLTZMANN
 
@@ -353,9 +368,11 @@ class Program:
         integrator = PairIntegrator(self.options.dt)
         # barostats draw from a generator of the whole process, which a new Context seeds with this number last
         openmm.CustomIntegrator.setRandomNumberSeed(integrator, self.options.openmm_seed)
-        for name, (value, _) in self.globals_.items():
+        portable = dict.fromkeys(PORTABLE if self.options.kernel else (), (0.0, ""))
+        # in an order that does not depend on the way of a step: a checkpoint has no names
+        for name, (value, _) in sorted((portable | self.globals_).items()):
             integrator.addGlobalVariable(name, value)
-        for name in self.per_dof:
+        for name in sorted(self.per_dof):
             integrator.addPerDofVariable(name, 0.0)
         add = {
             "global": lambda s: integrator.addComputeGlobal(s.target, s.expression),

@@ -292,3 +292,51 @@ def test_after_a_refusal_the_script_can_go_on(how, tmp_path):
     for simulation in (right, second):
         simulation.step(AFTER)
     same(right, second)
+
+
+# -- other variables ---------------------------------------------------------------------------------------------------------------------
+RAMP = dpd.TemperatureRamp(2.0, 1.0, 0, 100)
+
+
+@SCHEME
+@pytest.mark.parametrize(("written", "loaded"), [("CPU", "Reference"), ("Reference", "CPU")])
+def test_a_state_goes_from_one_platform_to_another(scheme, written, loaded, tmp_path):
+    """Another program runs the scheme there, with other variables; positions, velocities and noise go on."""
+    first, second = script(written, scheme, seed=3), script(loaded, scheme, seed=4)
+    first.step(BEFORE)
+    first.saveState(str(tmp_path / "saved"))
+    second.loadState(str(tmp_path / "saved"))
+    for found, expected in zip(state_of(second.context), state_of(first.context), strict=True):
+        assert np.array_equal(found, expected)
+    assert parameter(second, "dpd_counter") == BEFORE
+    second.step(1)
+    assert parameter(second, "dpd_counter") == BEFORE + 1
+
+
+@SCHEME
+@pytest.mark.parametrize(("written", "loaded"), [(RAMP, 1.0), (1.0, RAMP), (RAMP, dpd.TemperatureRamp(2.0, 1.5, 0, 100))])
+def test_a_ramp_in_one_of_two_scripts(scheme, written, loaded, tmp_path, caplog):
+    """XML has the names of variables: the script's temperature holds, said once.  A checkpoint without names is refused where they differ."""
+    caplog.set_level(logging.WARNING, "openmm_dpd")
+    first = script("CPU", scheme, kT=written, seed=3)
+    first.step(BEFORE)
+    first.saveState(str(tmp_path / "saved"))
+    first.saveCheckpoint(str(tmp_path / "checkpoint"))
+    second = script("CPU", scheme, kT=loaded, seed=3)
+    second.loadState(str(tmp_path / "saved"))
+    second.step(5)
+    if isinstance(loaded, dpd.TemperatureRamp):
+        done = 5 + (BEFORE if isinstance(written, dpd.TemperatureRamp) else 0)
+        expected = 2.0 + (loaded.stop - 2.0) * done / 100
+    else:
+        expected = loaded
+    assert parameter(second, "dpd_kT") == pytest.approx(expected, rel=1e-12)
+    assert len(warnings_of(caplog)) == 1
+    third = script("CPU", scheme, kT=loaded, seed=3)
+    third.loadCheckpoint(str(tmp_path / "checkpoint"))
+    if isinstance(written, dpd.TemperatureRamp) and isinstance(loaded, dpd.TemperatureRamp):
+        third.step(5)
+        assert parameter(third, "dpd_kT") == pytest.approx(expected, rel=1e-12)
+    else:
+        with pytest.raises(dpd.PlanError, match="checkpoint"):
+            third.step(1)

@@ -89,11 +89,9 @@ def test_what_was_set_last_holds(way, first, second):
 
 
 @WAY
-@pytest.mark.parametrize(
-    "first, second", [(a, b) for a, b in itertools.product(SET, SET) if not (a in ("global", "setTemperature") and b == "parameter")]
-)
+@pytest.mark.parametrize("first, second", itertools.product(SET, SET))
 def test_what_was_set_last_holds_without_a_step_between(way, first, second):
-    """Samplers restore parameters and set a temperature right after.  (The reverse order leaves no trace for anyone to see.)"""
+    """Samplers restore parameters and set a temperature right after."""
     simulation = fluid(way, platform="Reference")
     for kT, last in ((2.0, 1.0), (1.5, 1.0), (1.0, 2.0)):
         SET[first](simulation.context, kT)
@@ -200,6 +198,26 @@ def test_senseless_temperatures_are_refused(value):
 
 
 # -- noise ---------------------------------------------------------------------------------------------------------------------------
+@WAY
+def test_the_seed_of_the_integrator_is_that_of_the_noise(way):
+    """Whatever the seed of a state that is loaded, from the next step on; 0 draws one, as in OpenMM."""
+
+    def after(*seeds):
+        simulation = fluid(way, platform="Reference", seed=4)
+        state = simulation.context.getState(positions=True, velocities=True, parameters=True, integratorParameters=True)
+        for seed in seeds:
+            simulation.integrator.setRandomNumberSeed(seed)
+        simulation.context.setState(state)
+        simulation.step(2)
+        return simulation.context.getParameter("dpd_seed"), simulation.context.getState(velocities=True).getVelocities(asNumpy=True)._value
+
+    (own, plain), (one, first), (again, repeated), (other, second) = after(), after(7), after(9, 7), after(8)
+    assert (own, one, again, other) == (4, 7, 7, 8)
+    assert np.array_equal(first, repeated)
+    assert not np.array_equal(first, second) and not np.array_equal(first, plain)
+    assert after(0)[0] not in (0, 4) and after(0)[0] != after(0)[0]
+
+
 def kick(way, scheme, platform, kT, seed=4, counter=0) -> np.ndarray:
     """What one step of friction and noise does to beads at rest."""
     simulation = fluid(way, scheme=scheme, platform=platform, seed=seed)
