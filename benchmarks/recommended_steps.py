@@ -4,7 +4,7 @@ Every scene of atlas_parts/scenes.py takes the scheme and the step that ``recomm
 temperatures are known to 0.25 %.  They are to be within 1.5 % and two standard errors (steps of the table are known to a tenth or two,
 and errors go with their square).  Results are kept in ``out/recommended``, under scheme and step, so that what is not changed is not run again.
 
-    python benchmarks/recommended_steps.py                  # about 20 minutes of one core
+    python benchmarks/recommended_steps.py                  # about ten minutes of one core
     python benchmarks/recommended_steps.py --only layers    # scenes with this in their name
     python benchmarks/recommended_steps.py --scheme middle  # the step of this scheme, not of the cheapest
 """
