@@ -97,14 +97,9 @@ class Observer:
         return None
 
     @property
-    def no_pressure(self) -> str | None:
-        """Why there is no pressure, or None."""
-        if isinstance(self.built, Embedded):
-            return "the pressure of atoms and beads in one System is not measured"
-        if self.plan.scene.box is None:
-            return "there is no box"
-        others = self._others(self.built.system)
-        return f"the System has forces that are not the scene's ({_names(others)}), whose virial is not known" if others else None
+    def uncounted(self) -> str | None:
+        """Names of forces that do not count in virials and pressures, because somebody else added them to the System; None without any."""
+        return _names(self._others(self.built.system)) or None
 
     def _others(self, system: openmm.System) -> list[openmm.Force]:
         """Forces that somebody else added to the System of a scene."""
@@ -150,7 +145,6 @@ class Observer:
         if others:
             theirs = set().union(*map(groups_of, others))
             other = context.getState(energy=True, groups=theirs).getPotentialEnergy().value_in_unit(_KJ)
-            parts[0] = parts[0]._replace(virial=float("nan"))
         gradient2 = float(np.sum(force**2))
         return Sample(
             step=state.getStepCount(),

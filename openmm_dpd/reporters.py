@@ -150,6 +150,8 @@ class DPDReporter:
             self._write(self._columns)
         for reason, names in _reasons(self._observer, self._columns).items():
             _LOGGER.warning("columns of DPDReporter that will be nan: %s (%s)", ", ".join(names), reason)
+        if self._observer.uncounted and any(name.startswith("pressure") for name in self._columns):
+            _LOGGER.warning("the pressure of DPDReporter does not count what the scene did not make: %s", self._observer.uncounted)
 
     def _has_header(self, file: str | os.PathLike | TextIO, append: bool) -> bool:
         """Whether a file to go on with has rows already, and so a header."""

@@ -31,7 +31,7 @@ class Sample:
     conductive : the conductive part of it (EnergyDPD)
     theta : harmonic mean of the internal temperatures, N/sum(1/theta), as an energy
     forces : (N, 3) all forces, of frozen beads as well (with friction and noise where they are forces, in ``mvv``)
-    other : potential energy of forces that somebody else added to the System; where there are any, virials and pressures are NaN
+    other : potential energy of forces that somebody else added to the System; these do not count in virials and pressures
     whole : potential energy of atoms and beads in one System (:func:`openmm_dpd.embed`), or None
     kT_atoms, kT_beads : kinetic temperatures of the parts of such a System, each for its own degrees of freedom, or None
 

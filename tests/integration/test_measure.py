@@ -175,3 +175,38 @@ def test_the_set_temperature_of_openmms_integrator():
     assert dpd.Observer(built).sample(simulation.context).target_kT == pytest.approx(1.2)
     built.integrator.setTemperature(2.0 / dpd.units.BOLTZMANN)
     assert dpd.Observer(built).sample(simulation.context).target_kT == pytest.approx(2.0)
+
+
+# -- forces of others ----------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("conservative", ["openmm", "kernel"])
+@pytest.mark.parametrize("scheme", ["mvv", "middle", "native"])
+def test_forces_that_somebody_adds_are_told_apart(scheme, conservative, tmp_path, caplog):
+    """They count in the potential energy and in no other number of the scene; what is not known with them is said."""
+    if (scheme, conservative) == ("native", "kernel"):
+        pytest.skip("native has no kernel")
+    n, edge = 81, 3.0
+    x = np.random.default_rng(3).random((n, 3)) * edge
+    bonds = [dpd.HarmonicBonds([[0, 1], [2, 3]], k=5.0, r0=0.5)]
+    scene = dpd.Scene({"W": 1.0}, ["W"] * n, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1.0, box=[edge] * 3, bonds=bonds)
+    plain, pulled = (dpd.build(scene, dt=0.01, scheme=scheme, platform="Reference", conservative=conservative, seed=1) for _ in range(2))
+    pull = openmm.CustomExternalForce("-3*x+7*y")
+    for bead in range(10):
+        pull.addParticle(bead)
+    pulled.system.addForce(pull)
+    one, other = (dpd.Observer(built).sample(built.simulation().context) for built in (plain, pulled))
+    energy = float(np.sum(-3 * x[:10, 0] + 7 * x[:10, 1]))
+    assert other.other == pytest.approx(energy, rel=1e-12) and one.other == 0.0
+    assert other.potential == pytest.approx(one.potential + energy, rel=1e-12)
+    assert (other.pair, other.bond) == (pytest.approx(one.pair, rel=1e-12), one.bond)
+    assert other.pressure() == pytest.approx(one.pressure(), rel=1e-12)
+    assert one.configurational_kT is not None and other.configurational_kT is None
+    terms, with_pull = dpd.force_terms(plain), dpd.force_terms(pulled)
+    expected = np.zeros((n, 3))
+    expected[:10, :2] = [3.0, -7.0]
+    np.testing.assert_allclose(with_pull.pop("other"), expected, atol=1e-12)
+    for name in terms:
+        np.testing.assert_allclose(with_pull[name], terms[name], atol=1e-12)
+    dpd.DPDReporter(str(tmp_path / "plain.csv"), 10, plain)
+    assert not caplog.records
+    dpd.DPDReporter(str(tmp_path / "pulled.csv"), 10, pulled)
+    assert [("kT_conf" in r.getMessage(), "CustomExternalForce" in r.getMessage()) for r in caplog.records] == [(True, True), (False, True)]
