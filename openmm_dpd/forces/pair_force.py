@@ -61,6 +61,11 @@ def fingerprint(x, parameters):
     return np.float64(total >> np.uint64(11)) * 2.0**-960
 
 
+def _plain(length: unit.Quantity) -> np.ndarray:
+    """Value of a length of a State, which is in nanometers always: to look for a conversion takes longer than some steps' arithmetic."""
+    return length._value
+
+
 def folded(x: np.ndarray, before: np.ndarray, box: np.ndarray) -> bool:
     """Whether x differs from the positions before by box vectors only, to float32 rounding: GPU platforms fold beads back now and then."""
     if not motion.jumped(x, before, 0.5 * np.diag(box).min()):
@@ -170,7 +175,7 @@ class PairForceFunction:
 
     def _evaluate(self, local, phase: int, state, parameters: dict):
         """Energy and forces for a phase."""
-        x = state.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+        x = _plain(state.getPositions(asNumpy=True))
         if len(x) != len(self.spec.types):
             raise RunError(f"the System has {len(x)} particles, but its DPD pair terms were made for {len(self.spec.types)}")
         box = self._box(state) if self.periodic else None
@@ -297,7 +302,7 @@ class PairForceFunction:
         return local.v
 
     def _box(self, state) -> np.ndarray:
-        box = state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer)
+        box = _plain(state.getPeriodicBoxVectors(asNumpy=True))
         if self._cutoff > 0.5 * box.diagonal().min() * (1 + 1e-9):
             raise RunError(f"the box has shrunk to {box.diagonal().tolist()} nm, less than twice the cutoff of {self._cutoff:g} nm")
         return box

@@ -61,14 +61,17 @@ class DPDLayer:
 
     def __init__(self, table: TermTable, spec: PairSpec, pairs: PairList, number: int):
         self.table, self.update, self.pairs, self.number = table, spec.update, pairs, number
-        self._coefficients: tuple[float, np.ndarray] = (np.nan, np.zeros((0, 8)))
+        # of the last two temperatures: a step asks for conservative forces, at 0, and for friction
+        self._coefficients: dict[float, np.ndarray] = {}
         # scratch, in the order of the pair list
         self._v, self._force = np.zeros((len(pairs.order), 3)), np.zeros((len(pairs.order), 3))
 
     def _at(self, kT: float) -> np.ndarray:
-        if self._coefficients[0] != kT:
-            self._coefficients = (kT, self.table.coefficients(kT))
-        return self._coefficients[1]
+        if kT not in self._coefficients:
+            if len(self._coefficients) > 1:
+                self._coefficients.clear()
+            self._coefficients[kT] = self.table.coefficients(kT)
+        return self._coefficients[kT]
 
     def forces(self, call: Call) -> Forces:
         """Force form at the listed positions."""

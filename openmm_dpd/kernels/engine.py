@@ -183,9 +183,10 @@ class PairEngine:
     def prepare(self, x: np.ndarray, box: np.ndarray | None) -> bool:
         """List the pairs at positions x; does nothing and returns False if they are those of the last call."""
         same_box = self._box is None if box is None else self._box is not None and np.array_equal(box, self._box)
-        if same_box and np.array_equal(x, self._x):
+        if not x.flags.writeable:
+            x = x.copy()  # numba would compile another version for a scene's read-only positions
+        if same_box and motion.same(x, self._x):
             return False
-        x = np.require(x, requirements="W")  # numba would compile another version for a scene's read-only positions
         parallel = get_threads() > 1
         self._x[0, 0] = np.nan  # not valid until the lists are complete
         for pairs in self.lists:

@@ -127,12 +127,15 @@ class ManyBodyLayer:
         self._n_beads = len(spec.types)
         # the kernels are compiled on a handful of beads, which take the masses of the first ones
         self._mass = np.resize(table.mass, self._n_beads).astype(np.float64)
-        self._coefficients: tuple[float, np.ndarray] = (np.nan, np.zeros((0, _COLUMNS)))
+        # of the last two temperatures, as in the layer of DPD
+        self._coefficients: dict[float, np.ndarray] = {}
 
     def _at(self, kT: float) -> np.ndarray:
-        if self._coefficients[0] != kT:
-            self._coefficients = (kT, self.table.coefficients(kT))
-        return self._coefficients[1]
+        if kT not in self._coefficients:
+            if len(self._coefficients) > 1:
+                self._coefficients.clear()
+            self._coefficients[kT] = self.table.coefficients(kT)
+        return self._coefficients[kT]
 
     def _sorted_densities(self, coefficients: np.ndarray) -> np.ndarray:
         """Densities in the order of the pair list."""

@@ -23,6 +23,15 @@ def seen_velocities(x, kept, tau, v):
 
 
 @compiled
+def same(x, y):
+    """Whether two arrays (N, 3) are the same, bit for bit (zeros of both signs are)."""
+    for i in range(len(x)):
+        if x[i, 0] != y[i, 0] or x[i, 1] != y[i, 1] or x[i, 2] != y[i, 2]:
+            return False
+    return True
+
+
+@compiled
 def jumped(x, before, distance):
     """Whether any coordinate differs by more than a distance."""
     for i in range(len(x)):
