@@ -403,6 +403,10 @@ class Program:
                 "sum": f"{step.target} <- sum of {step.expression}",
                 "if": f"if {step.expression}:",
             }.get(step.kind, step.kind.replace("_", " "))
-            lines.append(f"  {number:3d}  {'  ' * indent}{text:<{52 - 2 * indent}}{'# ' + step.why if step.why else ''}".rstrip())
+            lines.append(f"  {number:3d}  {'  ' * indent}{text:<{52 - 2 * indent}}{_comment(text, 52 - 2 * indent, step.why)}".rstrip())
             indent += step.kind == "if"
         return "\n".join(lines)
+
+
+def _comment(text: str, width: int, why: str) -> str:
+    return f"{'' if len(text) < width else '  '}# {why}" if why else ""
