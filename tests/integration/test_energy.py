@@ -381,14 +381,14 @@ def test_volume_moves_conserve_enthalpy_and_hold_the_pressure():
     pressure, observer = 25.0, dpd.Observer(simulation.built)
     barostat = EnthalpyBarostat(simulation.built, pressure, interval=5)
     accepted = 0
-    for _ in range(40):
+    for _ in range(120):  # of 40 all are accepted with one seed in twelve
         before = observer.sample(simulation.context)
         accepted += barostat.move(simulation.context)
         after = observer.sample(simulation.context)
         enthalpy = before.total + pressure * before.volume
         assert abs(after.total + pressure * after.volume - enthalpy) < 1e-13 * enthalpy
         assert after.conductive == before.conductive
-    assert 5 < accepted < 40
+    assert 15 < accepted < 120
     simulation.reporters.append(barostat)
     simulation.step(1500)
     rows = []
