@@ -26,9 +26,6 @@ ELSEWHERE = {
     "flow": {0: "the body force of reverse Poiseuille flow depends on where beads are", 1: "walls take up momentum"},
 }
 
-#: Pages that take longer than a few seconds.
-LONG = ("flow", "sampling")
-
 
 @dataclass
 class Gain:
@@ -111,7 +108,8 @@ def run_page(page: Path, monkeypatch, push: bool) -> list[Gain]:
     return gains
 
 
-@pytest.mark.parametrize("page", [pytest.param(p, id=p.stem, marks=[pytest.mark.slow] if p.stem in LONG else []) for p in PAGES])
+@pytest.mark.slow
+@pytest.mark.parametrize("page", PAGES, ids=[page.stem for page in PAGES])
 def test_a_force_acts_in_the_scripts_of_a_page(page, tmp_path, monkeypatch):
     """Momentum of every Context that steps, beside the same page without the force."""
     found = []
@@ -137,4 +135,4 @@ def test_a_force_acts_in_the_scripts_of_a_page(page, tmp_path, monkeypatch):
 
 
 def test_every_page_that_is_named_exists():
-    assert set(ELSEWHERE) | set(LONG) <= {page.stem for page in PAGES}
+    assert set(ELSEWHERE) <= {page.stem for page in PAGES}

@@ -296,6 +296,7 @@ def holds(samples: list[float], kT: float) -> None:
     assert abs(average.mean - kT) < 0.01 * kT + 4 * average.sem, (average, kT)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "method, way, keys",
     [
@@ -463,18 +464,21 @@ def page(tmp_path_factory):
 UMBRELLA_ERROR, METADYNAMICS_ERROR = 0.02, 0.21
 
 
+@pytest.mark.slow
 def test_the_umbrella_of_the_page(page):
     """Volumes of two shells."""
     assert page["exact"] == pytest.approx(-math.log((1.4**3 - 1.2**3) / (0.8**3 - 0.6**3)))
     assert abs(page["difference"] - page["exact"]) < 4 * UMBRELLA_ERROR
 
 
+@pytest.mark.slow
 def test_the_metadynamics_of_the_page(page):
     """-2 kT ln r."""
     assert page["exact_rise"] == pytest.approx(-2 * math.log(1.3 / 0.7))
     assert abs(page["rise"] - page["exact_rise"]) < 4 * METADYNAMICS_ERROR
 
 
+@pytest.mark.slow
 def test_the_temperatures_of_the_page(page):
     """Of tempering and of replica exchange."""
     for factor, samples in zip((1.0, 1.05), page["kinetic"].values(), strict=True):
@@ -483,6 +487,7 @@ def test_the_temperatures_of_the_page(page):
         holds(samples, factor)
 
 
+@pytest.mark.slow
 def test_the_twins_of_the_page(page):
     """Seeds of their own part them."""
     assert abs(page["likeness"]) < 4 / math.sqrt(3 * 192 - 3)
