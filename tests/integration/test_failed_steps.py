@@ -135,6 +135,7 @@ def test_energies_are_put_back_as_well(host, scheme):
     fails_at_every_call("energies", host, scheme, "auto", range(1, 10), 1e-8 if host.platform == "Reference" else 1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["mvv", "middle", "bababo"])
 def test_on_every_device(device, scheme):
     """... in single precision as well."""

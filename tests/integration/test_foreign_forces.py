@@ -266,6 +266,7 @@ def test_a_force_in_the_group_of_the_pair_terms_is_refused_or_right(scheme, plat
         assert "group" in str(error)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", OWN)
 @HOST
 @pytest.mark.parametrize("way", ["build-openmm", "build-kernel", "add_thermostat", "embed"])
