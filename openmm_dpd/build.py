@@ -92,8 +92,13 @@ def new_simulation(made, platform: openmm.Platform | str | None, properties: dic
     try:
         chosen = openmm.Platform.getPlatformByName(name) if isinstance(name, str) else name
         pocl = chosen is not None and chosen.getName() == "OpenCL" and not _opencl_is_a_gpu(chosen)
-        return (PoclSimulation if pocl else DPDSimulation)(made.topology, made.system, made.integrator, chosen, properties)
+        simulation = (PoclSimulation if pocl else DPDSimulation)(made.topology, made.system, made.integrator, chosen, properties)
+        made.integrator.bind(simulation.context)
+        return simulation
     except openmm.OpenMMException as error:
+        if "same name as a Context parameter" in str(error):
+            name = str(error).rpartition(":")[2].strip()
+            raise PlanError(f"a force has a global parameter called {name}, which is a variable of the integrator; rename it") from None
         if "already bound" in str(error):
             raise PlanError(again) from None
         raise ParameterError(f"no Simulation on platform {name!r} with properties {properties!r}: {error}") from None

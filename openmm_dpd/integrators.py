@@ -14,6 +14,7 @@ from __future__ import annotations
 import gc
 import logging
 import secrets
+import threading
 import weakref
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -27,7 +28,21 @@ import openmm
 from openmm import unit
 
 from .errors import ParameterError, PlanError
-from .names import ALONE, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, KT, RAMP_STEP, SEED, SEEN_KT, SEEN_TEMPERATURE, TEMPERATURE
+from .names import (
+    ALONE,
+    BEGUN,
+    BESIDE,
+    BY_KT,
+    BY_SCHEME,
+    BY_SEED,
+    BY_VARIABLES,
+    KT,
+    RAMP_STEP,
+    SEED,
+    SEEN_KT,
+    SEEN_TEMPERATURE,
+    TEMPERATURE,
+)
 from .units import BOLTZMANN, to_md
 
 if TYPE_CHECKING:
@@ -37,6 +52,9 @@ _LOGGER = logging.getLogger("openmm_dpd")
 
 #: Steps after which what has been reached is remembered.  Simulation.step() asks for no more than that at once.
 PIECE = 10
+
+#: What a Ctrl-C leaves behind that comes inside a force of this package: OpenMM makes an error without a text of it.
+interrupts = threading.local()
 
 #: Forces that change the box now and then, and exert no force.
 _BAROSTATS = (
@@ -60,6 +78,7 @@ def origin(options: ProgramOptions, integrator: openmm.Integrator) -> dict[str, 
         BY_SEED: float(options.seed),
         BY_VARIABLES: variables_number(integrator),
         BESIDE: 0.0,
+        BEGUN: 0.0,
     }
 
 
@@ -210,6 +229,8 @@ class Made:
                 )
             if isinstance(force, openmm.AndersenThermostat):
                 raise PlanError("the System has an AndersenThermostat beside the DPD thermostat; remove it")
+            if isinstance(force, openmm.CMMotionRemover):
+                raise PlanError("the System has a CMMotionRemover, which takes energy out of the flow; DPD conserves momentum without it")
         return foreign
 
 
@@ -221,6 +242,10 @@ def _virtual(system: openmm.System) -> np.ndarray:
     return np.array([system.isVirtualSite(k) for k in range(system.getNumParticles())], dtype=bool)
 
 
+def _drawn_seed() -> int:
+    return secrets.randbelow(2**31 - 1) + 1
+
+
 class Watching:
     """What both integrators do around OpenMM's own ``step``; instances read from XML or a pickle have ``made`` None and only step."""
 
@@ -228,6 +253,8 @@ class Watching:
     _known: weakref.ref | None = None
     _looked_at: tuple = ()
     _beside = 0.0
+    _mixed = False
+    _begun = False
     _numbered: float | None = None
 
     def context(self) -> openmm.Context | None:
@@ -240,8 +267,12 @@ class Watching:
             holders = gc.get_referrers(self)
             owners = [*holders, *(owner for holder in holders if isinstance(holder, dict) for owner in gc.get_referrers(holder))]
             found = next((owner for owner in owners if isinstance(owner, openmm.Context) and owner.getIntegrator() is self), None)
-            self._known, self._looked_at = None if found is None else weakref.ref(found), ()
+            self._known, self._looked_at, self._mixed = None if found is None else weakref.ref(found), (), False
         return found
+
+    def bind(self, context: openmm.Context) -> None:
+        """Say which Context this integrator belongs to, for those who know."""
+        self._known, self._looked_at, self._mixed = weakref.ref(context), (), False
 
     def step(self, steps: int) -> None:
         """Take steps; one that fails leaves everything as it was after the last :data:`PIECE` steps that did not.
@@ -267,10 +298,13 @@ class Watching:
     @contextmanager
     def _or_back(self, context: openmm.Context) -> Iterator[None]:
         before = context.createCheckpoint()
+        interrupts.seen = False
         try:
             yield
-        except BaseException:
+        except BaseException as error:
             context.loadCheckpoint(before)
+            if interrupts.seen and isinstance(error, openmm.OpenMMException):
+                raise KeyboardInterrupt from None
             raise
 
     def _look(self, context: openmm.Context) -> None:
@@ -282,23 +316,30 @@ class Watching:
             assert self.made is not None
             others = acting(self.made.check(system))
             self._beside = _number(" ".join(f"{type(force).__name__} {force.getName()} {force.getForceGroup()}" for force in others))
+            if "dt" in context.getParameters():
+                raise PlanError("a force has a global parameter called dt, which is the step size in a CustomIntegrator; rename it")
+            # a force taken from the System acts in this Context still
+            self._mixed = self._mixed or bool(others)
             self._looked_at = now
-        self._check_origin(context)
+        self.settle(context)
+        if BESIDE in context.getParameters() and context.getParameter(BESIDE) != self._beside:
+            context.setParameter(BESIDE, self._beside)
 
-    def _check_origin(self, context: openmm.Context) -> None:
-        """Let what this script asked for hold where another one wrote the state.
+    def settle(self, context: openmm.Context) -> None:
+        """Begin a new Context, and let what this script asked for hold where another one wrote the state.
 
         Raises
         ------
         PlanError
-            If it was written by another scheme.
+            If it was written by another scheme, or by an integrator with other variables.
         """
         made, parameters = self.made, context.getParameters()
-        assert made is not None
-        if BY_SCHEME not in parameters:
+        if made is None or BY_SCHEME not in parameters:
             return
-        if parameters[BESIDE] != self._beside:
-            context.setParameter(BESIDE, self._beside)
+        if parameters[BEGUN] == 0.0:
+            context.setParameter(BEGUN, 1.0)
+            self._begin(context)
+            self._begun = True
         made.check_writer(parameters)
         if parameters[BY_VARIABLES] != self._variables_number():
             raise PlanError(
@@ -315,9 +356,16 @@ class Watching:
                 if isinstance(force, _BAROSTATS):
                     context.setParameter(force.Temperature(), force.getDefaultTemperature())
         if made.seed is not None and parameters[BY_SEED] != made.seed:
-            if SEED in parameters:
-                context.setParameter(SEED, made.seed)
-            context.setParameter(BY_SEED, made.seed)
+            self._take_seed(context, made.seed)
+
+    def _begin(self, context: openmm.Context) -> None:
+        """What has to be so before the first step of a Context."""
+        self._mixed = bool(self._beside)
+
+    def _take_seed(self, context: openmm.Context, seed: int) -> None:
+        if SEED in context.getParameters():
+            context.setParameter(SEED, seed)
+        context.setParameter(BY_SEED, seed)
 
     def _variables_number(self) -> float:
         if self._numbered is None:
@@ -342,23 +390,50 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
         try:
             super().step(steps)
         finally:
-            if not self._beside and ALONE in self._names():
+            if not self._mixed and ALONE in self.variables():
                 # never part of a state: the next one who loads it may have other forces
                 openmm.CustomIntegrator.setGlobalVariableByName(self, ALONE, 0.0)
 
     def _look(self, context: openmm.Context) -> None:
         super()._look(context)
-        if not self._beside and ALONE in self._names():
+        if not self._mixed and ALONE in self.variables():
             openmm.CustomIntegrator.setGlobalVariableByName(self, ALONE, 1.0)
 
-    def _names(self) -> frozenset[str]:
+    def variables(self) -> frozenset[str]:
+        """Names of the global variables."""
         if len(self._variables) != self.getNumGlobalVariables():
             self._variables = frozenset(map(self.getGlobalVariableName, range(self.getNumGlobalVariables())))
         return self._variables
 
     def _take_kT(self, context: openmm.Context, kT: float) -> None:
-        if KT in context.getParameters() and RAMP_STEP not in self._names():
+        if TEMPERATURE in self.variables():
+            self.agree(context, kT, kT / BOLTZMANN)
+        elif KT in context.getParameters() and RAMP_STEP not in self.variables():
             context.setParameter(KT, kT)
+
+    def _begin(self, context: openmm.Context) -> None:
+        super()._begin(context)
+        names, parameters, put = self.variables(), context.getParameters(), openmm.CustomIntegrator.setGlobalVariableByName
+        assert self.made is not None
+        if "last" in names:
+            put(self, "last", -1.0)  # a Context that was reinitialized has lost the acceleration that belonged to it
+        if TEMPERATURE in names:
+            kT, kelvin = parameters[KT], self.getGlobalVariableByName(TEMPERATURE)
+            if kT != self.made.kT:  # set in this Context, so later than what the integrator had before
+                kelvin = kT / BOLTZMANN
+            elif kelvin != kT / BOLTZMANN:
+                kT = BOLTZMANN * kelvin
+            self.agree(context, kT, kelvin)
+        if self._begun and self.made.seed is None and SEED in parameters and parameters[SEED] == parameters[BY_SEED]:
+            context.setParameter(SEED, _drawn_seed())  # nobody asked for the same noise in every Context
+
+    def agree(self, context: openmm.Context, kT: float, kelvin: float) -> None:
+        """Set thermal energy (kJ/mol) and temperature, which have to fit, at once: whatever is set next is then known to be later."""
+        put = openmm.CustomIntegrator.setGlobalVariableByName
+        context.setParameter(KT, kT)
+        put(self, TEMPERATURE, kelvin)
+        put(self, SEEN_TEMPERATURE, kelvin)
+        put(self, SEEN_KT, kT)
 
     def getTemperature(self) -> unit.Quantity:
         """The temperature of the thermostat, kelvin (that of this step, where it follows a ramp).
@@ -368,12 +443,13 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
         ParameterError
             If nothing has a temperature to be held.
         """
-        names, context = self._names(), self.context()
+        names, context = self.variables(), self.context()
         if not names & {TEMPERATURE, RAMP_STEP}:
             raise ParameterError(_NOT_SETTABLE)
         if context is None:
             value = self.getGlobalVariableByName(TEMPERATURE) if TEMPERATURE in names else self.made.kT / BOLTZMANN  # type: ignore[union-attr]
             return value * unit.kelvin
+        self.settle(context)
         kT = context.getParameter(KT)
         if TEMPERATURE in names and kT == self.getGlobalVariableByName(SEEN_KT):
             return self.getGlobalVariableByName(TEMPERATURE) * unit.kelvin
@@ -393,24 +469,22 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
             If it is no temperature, or none can be set: it follows a ramp, nothing has friction or noise, or beads have temperatures of
             their own.
         """
-        names = self._names()
+        names = self.variables()
         if TEMPERATURE not in names:
             raise ParameterError(RAMPED if RAMP_STEP in names else _NOT_SETTABLE)
         kelvin = to_md(temperature, "temperature", "the temperature")
         if not isinstance(kelvin, float) or not 0.0 <= kelvin < np.inf:
             raise ParameterError(f"the temperature must be a single number of kelvin >= 0, not {temperature!r}")
-        if kelvin == self.getTemperature().value_in_unit(unit.kelvin):
-            return
         context, put = self.context(), openmm.CustomIntegrator.setGlobalVariableByName
-        put(self, TEMPERATURE, kelvin)
-        if context is not None:  # at once, so that whatever is set next is known to be later
-            context.setParameter(KT, BOLTZMANN * kelvin)
-            put(self, SEEN_TEMPERATURE, kelvin)
-            put(self, SEEN_KT, BOLTZMANN * kelvin)
+        if context is None:  # for the next step to hear, whatever it heard before
+            put(self, TEMPERATURE, kelvin)
+            put(self, SEEN_TEMPERATURE, -1.0)
+        elif kelvin != self.getTemperature().value_in_unit(unit.kelvin):
+            self.agree(context, BOLTZMANN * kelvin, kelvin)
 
     def setGlobalVariableByName(self, name: str, value) -> None:
         """Set a global variable; ``temperature`` is :meth:`setTemperature`."""
-        if name == TEMPERATURE and TEMPERATURE in self._names():
+        if name == TEMPERATURE:
             self.setTemperature(value)
         else:
             super().setGlobalVariableByName(name, value)
@@ -426,8 +500,11 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
         """
         super().setRandomNumberSeed(seed)
         if self.made is not None:
-            chosen = int(seed) % 2**31 or secrets.randbelow(2**31 - 1) + 1
+            chosen, context = int(seed) % 2**31 or _drawn_seed(), self.context()
             self.made = replace(self.made, seed=chosen)
+            if context is not None:
+                self.settle(context)
+                self._take_seed(context, chosen)
 
 
 class NativeIntegrator(Watching, openmm.DPDIntegrator):

@@ -22,7 +22,7 @@ from .errors import ParameterError, RunError
 from .fields import per_dof, raw_fields
 from .forces.expressions import VIRIAL_SWITCH
 from .forces.segments import segment_spec
-from .integrators import RAMPED, groups_of
+from .integrators import RAMPED, PairIntegrator, groups_of
 from .kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
 from .kernels.fields import ENERGY, TEMPERATURE
 from .kernels.segments import SegmentEngine
@@ -41,6 +41,9 @@ from .names import (
     SEED,
     VIRIAL_GROUP,
     VOLUME_MOVES,
+)
+from .names import (
+    TEMPERATURE as TEMPERATURE_VARIABLE,
 )
 from .plan import Plan
 from .sample import Sample
@@ -376,7 +379,11 @@ def set_temperature(context: openmm.Context, temperature) -> None:
             raise ParameterError(RAMPED)
     if VOLUME_MOVES in context.getParameters():
         raise ParameterError("the beads of this Context have internal temperatures, which follow their energies; see write_fields")
-    context.setParameter(KT, kT)
+    if isinstance(integrator, PairIntegrator) and TEMPERATURE_VARIABLE in integrator.variables():
+        integrator.settle(context)
+        integrator.agree(context, kT, kelvin(kT))
+    else:
+        context.setParameter(KT, kT)
 
 
 def kelvin(kT: float) -> float:

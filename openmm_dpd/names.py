@@ -42,11 +42,14 @@ BY_SCHEME, BY_KT, BY_SEED = "dpd_by_scheme", "dpd_by_kT", "dpd_by_seed"
 #: A number for the variables of the integrator that wrote a state: a checkpoint has their values without their names.
 BY_VARIABLES = "dpd_by_variables"
 
+#: 0 until the first step of a Context: reinitialize() without preserving the state makes it a new one.
+BEGUN = "dpd_begun"
+
 #: A number for the forces of others that acted in the last step, 0 where there were none: what a scheme kept is not valid for others.
 BESIDE = "dpd_beside"
 
 #: Context parameters the pair force defines.
-PARAMETERS = (PHASE, TAU, DT, KT, COUNTER, SEED, BY_SCHEME, BY_KT, BY_SEED, BY_VARIABLES, BESIDE)
+PARAMETERS = (PHASE, TAU, DT, KT, COUNTER, SEED, BY_SCHEME, BY_KT, BY_SEED, BY_VARIABLES, BESIDE, BEGUN)
 
 #: Global variable of an integrator that holds the temperature in kelvin, as OpenMM's samplers want it; and what dpd_kT and it were
 #: when they last agreed.
@@ -69,7 +72,7 @@ VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED = "dpd_volume_moves", "dpd_volume_ste
 FIELD = "field"
 
 #: Parameters that change within a step and say nothing about the state.
-VOLATILE = frozenset((PHASE, TAU, COUNTER, BY_SCHEME, BY_KT, BY_SEED, BY_VARIABLES, VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED))
+VOLATILE = frozenset((PHASE, TAU, COUNTER, BY_SCHEME, BY_KT, BY_SEED, BY_VARIABLES, BEGUN, VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED))
 
 # Force groups: the package's own forces keep out of the low ones, where users and OpenMM put theirs.
 

@@ -42,6 +42,18 @@ class DPDSimulation(app.Simulation):
         self.context.setState(state)
         if BY_VARIABLES in parameters:  # they came by name
             self.context.setParameter(BY_VARIABLES, variables_number(self.integrator))
+        self.integrator.settle(self.context)
+
+    def loadCheckpoint(self, file):
+        """Load a checkpoint, from a file's name or an open file.
+
+        Raises
+        ------
+        PlanError
+            If it was written by another scheme, or an integrator with other variables; positions and velocities are in the Context then.
+        """
+        super().loadCheckpoint(file)
+        self.integrator.settle(self.context)
 
 
 def _without_unknown(text: str, integrator: openmm.Integrator) -> openmm.State | None:

@@ -10,7 +10,7 @@ import openmm
 from openmm import unit
 
 from ..errors import RunError
-from ..integrators import origin
+from ..integrators import interrupts, origin
 from ..kernels import motion
 from ..kernels.compiled import compiled
 from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, PairSpec, warm_up
@@ -169,8 +169,9 @@ class PairForceFunction:
             local.failed = None
         try:
             return self._evaluate(local, phase, state, parameters)
-        except BaseException:
+        except BaseException as error:
             local.failed = here
+            interrupts.seen = isinstance(error, KeyboardInterrupt)
             raise
 
     def _evaluate(self, local, phase: int, state, parameters: dict):
@@ -244,8 +245,8 @@ class PairForceFunction:
         scalars = None if fields is None else fields.values
         dt, tau, kT = parameters[DT], parameters[TAU], parameters[KT]
         key = (int(parameters[SEED]), int(parameters[COUNTER]))
-        if not kT >= 0.0:
-            raise RunError(f"the context parameter {KT} must be >= 0, but is {kT}")
+        if not 0.0 <= kT < np.inf:
+            raise RunError(f"the context parameter {KT} must be a finite number >= 0, but is {kT}")
         motion.seen_velocities(x, kept, tau, local.v)
         wrong = runaway(local.v, self.spec.inv_mass, kT, dt, self._cutoff)
         if wrong is not None:
