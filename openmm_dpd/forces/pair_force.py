@@ -246,7 +246,7 @@ class PairForceFunction:
         dt, tau, kT = parameters[DT], parameters[TAU], parameters[KT]
         key = (int(parameters[SEED]), int(parameters[COUNTER]))
         if not 0.0 <= kT < np.inf:
-            raise RunError(f"the context parameter {KT} must be a finite number >= 0, but is {kT}")
+            raise RunError(f"the context parameter {KT} must be >= 0 and finite, but is {kT}")
         motion.seen_velocities(x, kept, tau, local.v)
         wrong = runaway(local.v, self.spec.inv_mass, kT, dt, self._cutoff)
         if wrong is not None:

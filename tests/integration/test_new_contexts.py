@@ -194,5 +194,5 @@ def test_a_remover_of_motion_is_refused():
 def test_an_infinite_temperature_is_an_error():
     simulation = built().simulation()
     simulation.context.setParameter("dpd_kT", np.inf)
-    with pytest.raises(openmm.OpenMMException, match="finite"):
+    with pytest.raises(openmm.OpenMMException, match="must be >= 0 and finite"):
         simulation.step(1)
