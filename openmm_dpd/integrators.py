@@ -109,6 +109,17 @@ def acting(forces: list[openmm.Force]) -> list[openmm.Force]:
     return [force for force in forces if not isinstance(force, (*_BAROSTATS, openmm.CMMotionRemover, openmm.AndersenThermostat))]
 
 
+def refuse_thermostat(force: openmm.Force) -> None:
+    """Raise PlanError for a force that changes velocities, which pairwise friction does not stand beside."""
+    if isinstance(force, openmm.AndersenThermostat):
+        raise PlanError("the System has an AndersenThermostat beside the DPD thermostat; remove it")
+    if isinstance(force, openmm.CMMotionRemover):
+        raise PlanError(
+            "the System has a CMMotionRemover, which DPD does not need (it conserves momentum) and which takes energy out of the flow; "
+            "make the System with removeCMMotion=False"
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class Made:
     """What an integrator was made for.
@@ -227,10 +238,7 @@ class Made:
                     f"the {force.getName()} is in force group {group}, which {taken[group]!r} of this package needs for itself; "
                     f"free groups are {free}"
                 )
-            if isinstance(force, openmm.AndersenThermostat):
-                raise PlanError("the System has an AndersenThermostat beside the DPD thermostat; remove it")
-            if isinstance(force, openmm.CMMotionRemover):
-                raise PlanError("the System has a CMMotionRemover, which takes energy out of the flow; DPD conserves momentum without it")
+            refuse_thermostat(force)
         return foreign
 
 

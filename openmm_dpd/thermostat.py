@@ -13,7 +13,7 @@ from openmm import unit
 
 from .errors import ParameterError, PlanError, what_is
 from .forces.pair_force import pair_force
-from .integrators import Made, PairIntegrator, groups_of
+from .integrators import Made, PairIntegrator, groups_of, refuse_thermostat
 from .kernels.engine import PairSpec
 from .kernels.sweeps import EXACT, SHARDLOW
 from .model.pairs import DPD, NONE, checked
@@ -230,13 +230,7 @@ def check_system(system: openmm.System) -> None:
     for force in system.getForces():
         if force.getName() == PAIR_FORCE:
             raise PlanError("the System has DPD pair terms already; a table by type names holds several coefficients at once")
-        if isinstance(force, openmm.AndersenThermostat):
-            raise PlanError("the System already has an AndersenThermostat; remove it before adding a DPD thermostat")
-        if isinstance(force, openmm.CMMotionRemover):
-            raise PlanError(
-                "the System has a CMMotionRemover, which DPD does not need (it conserves momentum) and which takes energy out of the flow; "
-                "make the System with removeCMMotion=False"
-            )
+        refuse_thermostat(force)
 
 
 __all__ = ["add_thermostat", "check_system", "degrees_of_freedom"]
