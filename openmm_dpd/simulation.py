@@ -30,7 +30,7 @@ class DPDSimulation(app.Simulation):
             If it was written by another scheme; nothing is changed then.
         """
         if isinstance(file, (str, os.PathLike)):
-            text = Path(file).read_text()
+            text = Path(file).read_text(encoding="utf-8")
         else:
             text = file.read()
         state = openmm.XmlSerializer.deserialize(text)

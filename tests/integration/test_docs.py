@@ -23,8 +23,8 @@ from openmm_dpd.plan import SCHEMES
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXTS = [ROOT / "README.md", ROOT / "ARCHITECTURE.md", *sorted((ROOT / "docs").rglob("*.md"))]
-README = (ROOT / "README.md").read_text()
-DECKS = (ROOT / "docs" / "decks.md").read_text()
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+DECKS = (ROOT / "docs" / "decks.md").read_text(encoding="utf-8")
 
 
 def blocks(text: str, language: str) -> list[str]:
@@ -32,14 +32,14 @@ def blocks(text: str, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
 
 
-WITH_SCRIPTS = [path for path in TEXTS if path.name != "README.md" and blocks(path.read_text(), "python")]
+WITH_SCRIPTS = [path for path in TEXTS if path.name != "README.md" and blocks(path.read_text(encoding="utf-8"), "python")]
 
 
 # -- scripts ---------------------------------------------------------------------------------------------------------------------
 def test_readme_script_is_the_first_example():
     """... which test_examples.py runs; at most 15 lines of code."""
     (script,) = blocks(README, "python")
-    assert script == (ROOT / "examples" / "01_dpd_fluid.py").read_text()
+    assert script == (ROOT / "examples" / "01_dpd_fluid.py").read_text(encoding="utf-8")
     assert len([line for line in script.splitlines() if line.strip()]) <= 15
 
 
@@ -48,7 +48,7 @@ def test_scripts_of_a_page_run(path, tmp_path, monkeypatch):
     """All Python blocks of a page, in their order, as one script."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "examples").symlink_to(ROOT / "examples")
-    code = "\n".join(blocks(path.read_text(), "python"))
+    code = "\n".join(blocks(path.read_text(encoding="utf-8"), "python"))
     try:
         exec(compile(code, str(path), "exec"), {"__name__": "page"})
     finally:
@@ -68,7 +68,7 @@ def test_readme_has_two_command_blocks():
     assert "pip install -e" in test and "pytest" in test
 
 
-LINES = {line for path in TEXTS for block in blocks(path.read_text(), "bash") for line in block.splitlines()}
+LINES = {line for path in TEXTS for block in blocks(path.read_text(encoding="utf-8"), "bash") for line in block.splitlines()}
 COMMAND_LINES = sorted(line for line in LINES if line.startswith("openmm-dpd"))
 
 
@@ -80,7 +80,7 @@ def test_command_lines_are_accepted(line):
 
 
 def test_every_option_of_run_is_described():
-    page = (ROOT / "docs" / "howto" / "run_deck.md").read_text()
+    page = (ROOT / "docs" / "howto" / "run_deck.md").read_text(encoding="utf-8")
     with pytest.raises(SystemExit):
         cli._parser().parse_args(["run", "--no-such-option"])
     helped = subprocess.run([sys.executable, "-m", "openmm_dpd.cli", "run", "--help"], capture_output=True, text=True, check=True).stdout
@@ -107,7 +107,7 @@ def test_listed_commands_exist():
 
 
 def test_every_scheme_and_phase_is_described():
-    schemes, architecture = (ROOT / "docs" / "schemes.md").read_text(), (ROOT / "ARCHITECTURE.md").read_text()
+    schemes, architecture = (ROOT / "docs" / "schemes.md").read_text(encoding="utf-8"), (ROOT / "ARCHITECTURE.md").read_text()
     assert not [name for name in SCHEMES if f"| `{name}` |" not in schemes]
     assert not [phase.name for phase in Phase if phase.name not in architecture]
 
@@ -115,7 +115,7 @@ def test_every_scheme_and_phase_is_described():
 def test_listings_in_the_architecture_are_what_explain_prints():
     positions = np.random.default_rng(1).random((81, 3)) * 3
     scene = dpd.Scene({"W": 1}, ["W"] * 81, positions, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1, box=[3, 3, 3])
-    text = (ROOT / "ARCHITECTURE.md").read_text()
+    text = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
     for scheme, conservative in (("middle", "openmm"), ("mvv", "kernel")):
         built = dpd.build(scene, dt=0.04, scheme=scheme, conservative=conservative, platform="CPU", seed=7)
         assert built.program is not None and built.program.describe() in built.explain()
@@ -126,7 +126,7 @@ def test_units_are_the_ones_in_the_code():
     """Numbers of docs/units.md."""
     from openmm_dpd.units import BAR_PER_MD_PRESSURE, BOLTZMANN, COULOMB, UNIT_SYSTEMS
 
-    page = (ROOT / "docs" / "units.md").read_text()
+    page = (ROOT / "docs" / "units.md").read_text(encoding="utf-8")
     for text, value in (("120.27 K", 1 / BOLTZMANN), ("16.605 bar", BAR_PER_MD_PRESSURE), ("138.935 kJ/mol", COULOMB)):
         assert text in page
         assert float(text.split()[0]) == pytest.approx(value, abs=5e-3)
@@ -191,7 +191,7 @@ def test_what_constraints_take_away():
 # -- files -----------------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("path", TEXTS, ids=lambda path: str(path.relative_to(ROOT)))
 def test_files_named_in_a_text_exist(path):
-    named = re.findall(r"(?<![\w/])((?:tests|examples|benchmarks|docs|openmm_dpd)/[\w./-]*\w)", path.read_text())
+    named = re.findall(r"(?<![\w/])((?:tests|examples|benchmarks|docs|openmm_dpd)/[\w./-]*\w)", path.read_text(encoding="utf-8"))
     missing = [name for name in named if not (ROOT / name).exists() and not name.startswith("docs/_build")]
     assert not missing
 

@@ -38,7 +38,7 @@ class Gain:
 
 def scripts(page: Path) -> str:
     """All Python blocks of a page, in their order."""
-    return "\n".join(re.findall(r"^```python\n(.*?)^```$", page.read_text(), flags=re.MULTILINE | re.DOTALL))
+    return "\n".join(re.findall(r"^```python\n(.*?)^```$", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL))
 
 
 PAGES = [page for page in sorted((ROOT / "docs" / "howto").glob("*.md")) if scripts(page)]

@@ -452,7 +452,7 @@ def page(tmp_path_factory):
     """Names that the scripts of docs/howto/sampling.md leave behind."""
     names: dict = {"__name__": "page"}
     folder = tmp_path_factory.mktemp("page")
-    blocks = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), flags=re.MULTILINE | re.DOTALL)
+    blocks = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         for block in blocks:
@@ -495,5 +495,5 @@ def test_the_twins_of_the_page(page):
 
 def test_lines_of_the_page_are_short():
     """Of code."""
-    blocks = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), flags=re.MULTILINE | re.DOTALL)
+    blocks = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
     assert max(len(line) for block in blocks for line in block.splitlines()) <= 100
