@@ -36,4 +36,5 @@ def milliseconds(thermostat: str) -> tuple[int, float]:
 
 if __name__ == "__main__":
     for name in ("Langevin", "pairwise friction"):
-        print(name, "%d atoms, %.2f ms per step" % milliseconds(name))
+        atoms, cost = milliseconds(name)
+        print(f"{name}: {atoms} atoms, {cost:.2f} ms per step")
