@@ -25,6 +25,7 @@ from .build import Built
 from .embed import Embedded
 from .errors import ParameterError, PlanError, what_is
 from .fields import per_dof, raw_fields
+from .integrators import BAROSTATS
 from .kernels.compiled import compiled
 from .kernels.eos import EOSTable, entropy_change, in_range
 from .kernels.fields import ENERGY
@@ -54,15 +55,6 @@ def md_pressure(value) -> float:
     return number
 
 
-#: OpenMM's barostats.
-_BAROSTATS = (
-    openmm.MonteCarloBarostat,
-    openmm.MonteCarloAnisotropicBarostat,
-    openmm.MonteCarloMembraneBarostat,
-    openmm.MonteCarloFlexibleBarostat,
-)
-
-
 def _check(built: Built | Embedded, interval: int, axes: tuple[bool, bool, bool]) -> None:
     if not isinstance(built, (Built, Embedded)):
         raise ParameterError(f"a barostat wants what openmm_dpd.build() or embed() returned, not {what_is(built)}")
@@ -75,14 +67,6 @@ def _check(built: Built | Embedded, interval: int, axes: tuple[bool, bool, bool]
         raise ParameterError(f"the interval of volume moves must be a number of steps >= 1, not {interval!r}")
     if len(axes) != 3 or not any(axes):
         raise ParameterError(f"axes must be three of True or False, at least one True, not {axes!r}")
-
-
-def _has_context(integrator: openmm.Integrator) -> bool:
-    try:
-        integrator.step(0)  # the only question about it that every integrator answers
-    except openmm.OpenMMException:
-        return False
-    return True
 
 
 def add_barostat(
@@ -120,10 +104,10 @@ def add_barostat(
     """
     _check(built, interval, axes)
     plan = built.plan
-    present = next((force for force in built.system.getForces() if isinstance(force, _BAROSTATS)), None)
+    present = next((force for force in built.system.getForces() if isinstance(force, BAROSTATS)), None)
     if present is not None:
         raise PlanError(f"the System has a {type(present).__name__} already; two barostats would make the volume follow neither")
-    if _has_context(built.integrator):
+    if built.integrator.context() is not None:
         raise PlanError("there is a Context of this scene already, which would not know the barostat; add it before the Simulation is made")
     if plan.spec.fields is not None:
         if plan.spec.fields.kind == ENERGY:

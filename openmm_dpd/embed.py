@@ -24,7 +24,7 @@ from openmm import app, unit
 from .build import build_plan, fastest_platform, integration_groups, new_simulation
 from .errors import ParameterError, PlanError, RunError, what_is
 from .forces.merging import merged_systems
-from .integrators import Made, PairIntegrator
+from .integrators import Made, PairIntegrator, masses_of
 from .model.pairs import DPD, NONE, LennardJones, TabulatedPair
 from .model.scene import Scene
 from .model.table import PairTable
@@ -93,12 +93,14 @@ class Embedded:
 
         The three that the conserved momentum takes are shared between atoms and beads in proportion to the degrees of freedom.
         """
-        return {name: kT / BOLTZMANN for name, kT in self._kT(self._masses(), _velocities(context.getState(velocities=True))).items()}
+        return {
+            name: kT / BOLTZMANN for name, kT in self._kT(masses_of(self.system), _velocities(context.getState(velocities=True))).items()
+        }
 
     def sample(self, context: openmm.Context) -> Sample:
         """What an :class:`openmm_dpd.Observer` gives: temperatures, energies and momentum of the whole."""
         state = context.getState(velocities=True, energy=True, groups=self.integrator.getIntegrationForceGroups())
-        mass, v = self._masses(), _velocities(state)
+        mass, v = masses_of(self.system), _velocities(state)
         potential = state.getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)
         if not (np.isfinite(potential) and np.all(np.isfinite(v))):
             raise RunError(f"the energy or a velocity is not finite at step {state.getStepCount()}; the step size may be too large")
@@ -121,9 +123,6 @@ class Embedded:
             laplacian=None,
             **_ABSENT,
         )
-
-    def _masses(self) -> np.ndarray:
-        return np.array([m.value_in_unit(unit.dalton) for m in map(self.system.getParticleMass, range(self.system.getNumParticles()))])
 
     def _kT(self, mass: np.ndarray, v: np.ndarray) -> dict[str, float]:
         """Kinetic temperatures as energies."""
@@ -360,7 +359,7 @@ def _cross_entries(table: PairTable, names: list[str], types: list[str]) -> dict
 def _whole(scene: Scene, system: openmm.System, x: np.ndarray, classes: list[str | None], tables: list[PairTable]) -> Scene:
     """Scene of all particles: the classes of atoms are further types."""
     n = len(x)
-    mass = np.array([m.value_in_unit(unit.dalton) for m in map(system.getParticleMass, range(n))])
+    mass = masses_of(system)
     names = [_UNSEEN if name is None else name for name in classes]
     mobile = np.ones(scene.n_beads, bool) if scene.mobile is None else scene.mobile
     mobile = np.concatenate([mass > 0, mobile])

@@ -57,7 +57,7 @@ PIECE = 10
 interrupts = threading.local()
 
 #: Forces that change the box now and then, and exert no force.
-_BAROSTATS = (
+BAROSTATS = (
     openmm.MonteCarloBarostat,
     openmm.MonteCarloAnisotropicBarostat,
     openmm.MonteCarloFlexibleBarostat,
@@ -106,7 +106,7 @@ def groups_of(force: openmm.Force) -> set[int]:
 
 def acting(forces: list[openmm.Force]) -> list[openmm.Force]:
     """Those that have an energy, whatever it may be at present."""
-    return [force for force in forces if not isinstance(force, (*_BAROSTATS, openmm.CMMotionRemover, openmm.AndersenThermostat))]
+    return [force for force in forces if not isinstance(force, (*BAROSTATS, openmm.CMMotionRemover, openmm.AndersenThermostat))]
 
 
 def refuse_thermostat(force: openmm.Force) -> None:
@@ -161,7 +161,7 @@ class Made:
         forces = tuple((force.getName(), force.getForceGroup()) for force in own)
         seed = options.seed if options.seeded else None
         asked = options.scheme, options.kT, _asked(options), seed
-        return cls(maker, _masses(system), system.getNumConstraints(), _virtual(system), forces, *asked)
+        return cls(maker, masses_of(system), system.getNumConstraints(), _virtual(system), forces, *asked)
 
     def check(self, system: openmm.System) -> list[openmm.Force]:
         """The forces in a System that the package did not make.
@@ -185,7 +185,7 @@ class Made:
                 f"particle {changed[0]} has become a virtual site, or is none any more, since {maker} made the integrator; "
                 f"{self._remedy('a scene has none', 'do that')}"
             )
-        changed = np.flatnonzero(_masses(system) != self.masses)
+        changed = np.flatnonzero(masses_of(system) != self.masses)
         if len(changed):
             raise PlanError(
                 f"the mass of particle {changed[0]} is not what it was when {maker} made the integrator; "
@@ -242,7 +242,8 @@ class Made:
         return foreign
 
 
-def _masses(system: openmm.System) -> np.ndarray:
+def masses_of(system: openmm.System) -> np.ndarray:
+    """Masses of all particles, Da."""
     return np.array([m.value_in_unit(unit.dalton) for m in map(system.getParticleMass, range(system.getNumParticles()))])
 
 
@@ -361,7 +362,7 @@ class Watching:
             self._take_kT(context, made.kT)
             context.setParameter(BY_KT, made.asked)
             for force in context.getSystem().getForces():
-                if isinstance(force, _BAROSTATS):
+                if isinstance(force, BAROSTATS):
                     context.setParameter(force.Temperature(), force.getDefaultTemperature())
         if made.seed is not None and parameters[BY_SEED] != made.seed:
             self._take_seed(context, made.seed)

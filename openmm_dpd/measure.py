@@ -22,7 +22,7 @@ from .errors import ParameterError, RunError
 from .fields import per_dof, raw_fields
 from .forces.expressions import VIRIAL_SWITCH
 from .forces.segments import segment_spec
-from .integrators import RAMPED, PairIntegrator, groups_of
+from .integrators import RAMPED, PairIntegrator, groups_of, masses_of
 from .kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
 from .kernels.fields import ENERGY, TEMPERATURE
 from .kernels.segments import SegmentEngine
@@ -75,7 +75,7 @@ class Observer:
         segments = segment_spec(self.plan.scene)
         self._segments = None if segments is None else SegmentEngine(segments)
         self._groups = built.integrator.getIntegrationForceGroups()
-        self._mass = np.array([m.value_in_unit(unit.dalton) for m in map(built.system.getParticleMass, range(self.plan.scene.n_beads))])
+        self._mass = masses_of(built.system)
 
     @property
     def no_laplacian(self) -> str | None:

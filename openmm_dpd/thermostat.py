@@ -13,7 +13,7 @@ from openmm import unit
 
 from .errors import ParameterError, PlanError, what_is
 from .forces.pair_force import pair_force
-from .integrators import Made, PairIntegrator, groups_of, refuse_thermostat
+from .integrators import Made, PairIntegrator, groups_of, masses_of, refuse_thermostat
 from .kernels.engine import PairSpec
 from .kernels.sweeps import EXACT, SHARDLOW
 from .model.pairs import DPD, NONE, checked
@@ -102,7 +102,7 @@ def add_thermostat(
         raise ParameterError(f"platform must be the name of one of OpenMM's platforms ({', '.join(PLATFORMS)}), not {platform!r}")
     check_system(system)
     ramp, kT = _temperature(temperature)
-    masses = np.array([m.value_in_unit(unit.dalton) for m in map(system.getParticleMass, range(system.getNumParticles()))])
+    masses = masses_of(system)
     names, table, numbers = _types(friction, types, masses)
     for key, coefficient in table.items():
         if coefficient is NONE:

@@ -7,7 +7,7 @@ import copy
 import openmm
 
 from ..errors import PlanError
-from ..integrators import groups_of
+from ..integrators import BAROSTATS, groups_of
 from .expressions import VIRIAL
 
 #: Per-particle parameter that says whether a particle of a CustomNonbondedForce is an atom.
@@ -27,10 +27,7 @@ _LISTED = (
     openmm.CustomCentroidBondForce,
     openmm.CustomExternalForce,
     openmm.CustomHbondForce,
-    openmm.MonteCarloBarostat,
-    openmm.MonteCarloAnisotropicBarostat,
-    openmm.MonteCarloMembraneBarostat,
-    openmm.MonteCarloFlexibleBarostat,
+    *BAROSTATS,
 )
 
 
