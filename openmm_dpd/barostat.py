@@ -195,7 +195,7 @@ class EnthalpyBarostat:
         number = context.getParameter(VOLUME_MOVES)
         key = call_key(int(context.getParameter(SEED)), int(number), _NOISE_LAYER)
         context.setParameter(VOLUME_MOVES, number + 1)
-        late = self.built.plan.options.scheme == "middle"
+        late = self.built.plan.options.scheme.lag != 0.0
         state = context.getState(positions=True, energy=True, velocities=late, forces=late, groups=self._groups)
         box = state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer)
         x = state.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
@@ -223,7 +223,8 @@ class EnthalpyBarostat:
         """Go to the new volume; pay for it if the move is accepted."""
         context.setPeriodicBoxVectors(*box)
         context.setPositions(x)
-        late = self.built.plan.options.scheme == "middle"
+        scheme = self.built.plan.options.scheme
+        late = scheme.lag != 0.0
         new = context.getState(energy=True, forces=late, groups=self._groups)
         energies = [s.getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole) for s in (state, new)]
         share = -(energies[1] - energies[0] + self.pressure * volume * (factor - 1)) / len(x)
@@ -235,11 +236,11 @@ class EnthalpyBarostat:
         values[:, 1] += share
         integrator.setPerDofVariableByName(f"{FIELD}0", values)
         if late:
-            # middle keeps velocities half a kick behind: what stays in a move are those of the same moment as the positions
+            # what stays in a move are velocities of the same moment as the positions
             dt = integrator.getStepSize().value_in_unit(unit.picosecond)
-            kick = [s.getForces(asNumpy=True).value_in_unit(unit.kilojoule_per_mole / unit.nanometer) for s in (state, new)]
+            before, after = (s.getForces(asNumpy=True).value_in_unit(unit.kilojoule_per_mole / unit.nanometer) for s in (state, new))
             v = state.getVelocities(asNumpy=True).value_in_unit(unit.nanometer / unit.picosecond)
-            context.setVelocities(v + 0.5 * dt * self.built.plan.spec.inv_mass[:, None] * (kick[0] - kick[1]))
+            context.setVelocities(scheme.on_step(v, before - after, self.built.plan.spec.inv_mass, dt))
         return True
 
     def _adjust(self, context: openmm.Context) -> None:

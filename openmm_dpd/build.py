@@ -19,22 +19,24 @@ from .forces.electrostatics import electrostatic_forces, needs_list
 from .forces.expressions import VIRIAL, PairExpression, exception_force, nonbonded_force
 from .forces.external import external_force
 from .forces.manybody import attraction_expression, density_force
-from .forces.pair_force import pair_force
+from .forces.pair_force import PairForceFunction, pair_force
 from .forces.partners import EXPRESSIONS
 from .forces.segments import segment_force, segment_spec
 from .integrators import Made, NativeIntegrator, PairIntegrator
 from .kernels.cells import coincident_pairs
+from .kernels.steps import Ramp, StepSpec, Walls
 from .model.bonds import FENEBonds
-from .model.flow import gaps
+from .model.flow import BOUNCE_BACK, gaps
 from .model.mdpd import MDPD
 from .model.scene import Scene
 from .names import BONDED_GROUP, LAST_POTENTIAL_GROUP, POTENTIAL_GROUP, VIRIAL_GROUP
-from .plan import Plan, ProgramOptions, make_plan
-from .programs import make_program, walls
+from .plan import Plan, make_plan
+from .programs import ProgramOptions, make_program, walls
 from .programs.native import native_integrator, native_marker
 from .programs.program import Program
 from .simulation import DPDSimulation, PoclSimulation
 from .trajectory import openmm_topology
+from .whole_steps import WholeSteps
 
 
 @dataclass(eq=False)
@@ -136,6 +138,7 @@ def build(
     conservative: str = "auto",
     platform: str | None = None,
     seed: int | None = None,
+    loop: bool = True,
 ) -> Built:
     """System, Topology, positions, velocities and integrator of a scene.
 
@@ -162,17 +165,20 @@ def build(
     known = [openmm.Platform.getPlatform(k).getName() for k in range(openmm.Platform.getNumPlatforms())]
     if platform not in known:
         raise ParameterError(f"there is no platform {platform!r} here; it must be one of {', '.join(known)}")
-    return build_plan(make_plan(scene, dt=dt, scheme=scheme, lam=lam, conservative=conservative, platform=platform, seed=seed))
+    return build_plan(make_plan(scene, dt=dt, scheme=scheme, lam=lam, conservative=conservative, platform=platform, seed=seed, loop=loop))
 
 
 def build_plan(plan: Plan) -> Built:
     """What :func:`build` makes, from a plan."""
     scene, options = plan.scene, plan.options
-    program = None if options.scheme == "native" else make_program(options)
+    program = None if options.scheme.native else make_program(options)
     integrator = native_integrator(plan) if program is None else program.lower()
-    system = _system(plan, integrator)
+    function = _pair_function(plan) if options.kernel and program is not None else None
+    system = _system(plan, integrator, function)
     integrator.setIntegrationForceGroups(integration_groups(system.getForces(), options))
     integrator.made = Made.of("build()", system, system.getForces(), options)
+    if isinstance(integrator, PairIntegrator) and function is not None and function.steps is not None:
+        integrator.whole = WholeSteps(function, options.pair_group, options.tau_ratio, options.trial)
     if plan.spec.fields is not None:
         for name, values in field_variables(plan.spec.fields.initial).items():
             integrator.setPerDofVariableByName(name, values)
@@ -216,7 +222,45 @@ def integration_groups(forces: Sequence[openmm.Force], options: ProgramOptions) 
     return set(range(32)) - measuring - (set() if options.kernel_conservative else {options.pair_group})
 
 
-def _system(plan: Plan, integrator: PairIntegrator | NativeIntegrator) -> openmm.System:
+def _pair_function(plan: Plan) -> PairForceFunction:
+    """What evaluates the pair terms."""
+    scene, options = plan.scene, plan.options
+    return PairForceFunction(
+        plan.spec,
+        conservative=options.kernel_conservative,
+        periodic=scene.box is not None,
+        scale=options.field_scale,
+        balanced=options.compensated and plan.spec.sweeps,
+        guarded=tuple(bonds for bonds in scene.bonds if isinstance(bonds, FENEBonds)),
+        steps=None if plan.unlooped else _step_spec(plan),
+    )
+
+
+def _step_spec(plan: Plan) -> StepSpec:
+    """What a whole step is."""
+    scene, options = plan.scene, plan.options
+    scheme, ramp = options.scheme, options.ramp
+    predicts = options.predicting
+    mobile = plan.spec.inv_mass > 0
+    found = walls.variables(gaps(scene.walls, scene.box), 1) if scene.walls else {}
+    planes = [found[name][0] for name in (walls.LOW, walls.HIGH, walls.START, walls.PERIOD)] if found else []
+    back = np.array([0.0 if gap is None else float(gap.kind == BOUNCE_BACK) for gap in map(gaps(scene.walls, scene.box).get, range(3))])
+    return StepSpec(
+        letters=() if predicts else tuple((letter, float(part)) for letter, part in scheme.steps(options.thermostat)),
+        mass=np.where(mobile, scene.bead_masses, 0.0),
+        slow_kicks=(0.5 + scheme.lag, 0.5 - scheme.lag),
+        thermostat=options.thermostat,
+        lam=options.lam,
+        field_lam=options.field_lam,
+        walls=Walls(*planes, back) if planes else None,
+        ramp=None if ramp is None else Ramp(ramp.start, ramp.stop, ramp.begin, ramp.end),
+        field_shown=options.field_shown,
+        rate_shown=options.rate_shown,
+        acceleration_shown=options.acceleration_shown,
+    )
+
+
+def _system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, function: PairForceFunction | None) -> openmm.System:
     """The System, whose parameters tell of the integrator."""
     scene, options = plan.scene, plan.options
     periodic = scene.box is not None
@@ -252,19 +296,9 @@ def _system(plan: Plan, integrator: PairIntegrator | NativeIntegrator) -> openmm
         system.addForce(segment_force(segments, periodic))
     for term in scene.body_forces:
         system.addForce(external_force(term, scene.type_ids, scene.type_names, scene.box))
-    if options.kernel and options.scheme != "native":
-        system.addForce(
-            pair_force(
-                plan.spec,
-                conservative=options.kernel_conservative,
-                periodic=periodic,
-                options=options,
-                integrator=integrator,
-                balanced=options.compensated and plan.spec.sweeps,
-                guarded=tuple(bonds for bonds in scene.bonds if isinstance(bonds, FENEBonds)),
-            )
-        )
-    if options.scheme == "native":
+    if function is not None:
+        system.addForce(pair_force(function, options=options, integrator=integrator))
+    if options.scheme.native:
         system.addForce(native_marker(options, integrator, periodic))
     return system
 

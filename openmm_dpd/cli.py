@@ -13,14 +13,16 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from .errors import DPDError, ParameterError
-from .plan import SCHEMES
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="openmm-dpd", description="Dissipative particle dynamics with OpenMM, from LAMMPS decks.")
     commands = parser.add_subparsers(dest="command", required=True)
     run = commands.add_parser("run", help="run a deck", description="Run a LAMMPS deck.")
-    run.add_argument("--scheme", choices=SCHEMES, help="integration scheme of every run (default: what the deck's fixes say)")
+    run.add_argument(
+        "--scheme",
+        help="integration scheme of every run, a name or a word such as 'B/2 A/2 O A/2 B/2' (default: what the deck's fixes say)",
+    )
     run.add_argument("--dt", type=float, metavar="DT", help="time step of every run, in the deck's units")
     run.add_argument("--steps", type=int, metavar="N", help="number of steps of every run")
     run.add_argument("--discard", type=int, default=0, metavar="N", help="leave the first N steps of each run out of averages")
@@ -29,7 +31,7 @@ def _parser() -> argparse.ArgumentParser:
     forces = commands.add_parser("forces", help="forces term by term at the first configuration of a deck")
     export = commands.add_parser("export", help="write the first run of a deck as in.NAME and data.NAME, for LAMMPS on a cluster")
     explain = commands.add_parser("explain", help="print what would be built for the first run of a deck")
-    explain.add_argument("--scheme", choices=SCHEMES, help="integration scheme (default: what the deck's fixes say)")
+    explain.add_argument("--scheme", help="integration scheme, a name or a word (default: what the deck's fixes say)")
     explain.add_argument("--dt", type=float, metavar="DT", help="time step, in the deck's units")
     for command in (run, forces, explain):
         command.add_argument("deck", type=Path, metavar="DECK", help="LAMMPS input file")
@@ -62,7 +64,7 @@ def _add_export_options(export: argparse.ArgumentParser) -> None:
     export.add_argument("deck", type=Path, metavar="DECK", help="LAMMPS input file")
     export.add_argument("directory", type=Path, metavar="DIR", help="folder to write to")
     export.add_argument("--name", metavar="NAME", help="files are in.NAME and data.NAME (default: the deck's name without 'in.')")
-    export.add_argument("--scheme", choices=SCHEMES, help="integration scheme; what LAMMPS does not have is replaced by what is nearest")
+    export.add_argument("--scheme", help="integration scheme, a name or a word; what LAMMPS does not have is replaced by what is nearest")
     export.add_argument("--dt", type=float, metavar="DT", help="time step, in the deck's units")
     export.add_argument("--steps", type=int, metavar="N", help="number of steps")
     export.add_argument("--every", type=int, metavar="N", help="steps between two frames (default: a hundredth of the steps)")

@@ -30,6 +30,7 @@ from .model.scene import Scene
 from .model.table import PairTable
 from .names import KT
 from .plan import Plan, make_plan
+from .programs.schemes import scheme_of
 from .sample import Sample
 from .thermostat import PLATFORMS, check_system, degrees_of_freedom, free_group
 from .trajectory import openmm_topology
@@ -200,18 +201,18 @@ def embed(
         platform = platform.getName()
     if platform not in (None, *PLATFORMS):
         raise ParameterError(f"platform must be the name of one of OpenMM's platforms ({', '.join(PLATFORMS)}), not {platform!r}")
-    if scheme == "native":
+    if scheme_of(scheme).native:
         raise PlanError("OpenMM's DPDIntegrator has no conservative forces of its own; use scheme='middle'")
     whole = _whole(scene, system, x, classes, tables)
     choices: dict[str, Any] = {"platform": platform or fastest_platform(), "seed": seed, "pair_group": free_group(system)}
-    plan = make_plan(whole, dt=dt, scheme=scheme, conservative="openmm", **choices)
+    plan = make_plan(whole, dt=dt, scheme=scheme, conservative="openmm", loop=False, **choices)
     virtual = np.array([system.isVirtualSite(k) for k in range(len(x))], dtype=bool)
     kernel_types = plan.spec.types.copy()
     kernel_types[: len(x)][virtual | np.array([name is None for name in classes])] = -1
     plan = replace(
         plan,
         spec=replace(plan.spec, types=kernel_types),
-        options=replace(plan.options, constraints=bool(system.getNumConstraints() or virtual.any()), sole_force=False),
+        options=replace(plan.options, constraints=bool(system.getNumConstraints() or virtual.any())),
     )
     built = build_plan(plan)
     merged, own = merged_systems(system, built.system, plan.options.pair_group)

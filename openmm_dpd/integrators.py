@@ -27,9 +27,8 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from .errors import ParameterError, PlanError
+from .errors import ParameterError, PlanError, RunError
 from .names import (
-    ALONE,
     BEGUN,
     BESIDE,
     BY_KT,
@@ -37,16 +36,19 @@ from .names import (
     BY_SEED,
     BY_VARIABLES,
     KT,
+    PAIR_FORCE,
     RAMP_STEP,
     SEED,
     SEEN_KT,
     SEEN_TEMPERATURE,
+    STAMP,
     TEMPERATURE,
 )
 from .units import BOLTZMANN, to_md
 
 if TYPE_CHECKING:
-    from .plan import ProgramOptions
+    from .programs.options import ProgramOptions
+    from .whole_steps import WholeSteps
 
 _LOGGER = logging.getLogger("openmm_dpd")
 
@@ -73,7 +75,7 @@ def _number(text: str) -> float:
 def origin(options: ProgramOptions, integrator: openmm.Integrator) -> dict[str, float]:
     """Context parameters by which a state says who wrote it."""
     return {
-        BY_SCHEME: _number(options.scheme),
+        BY_SCHEME: _number(options.scheme.name),
         BY_KT: _asked(options),
         BY_SEED: float(options.seed),
         BY_VARIABLES: variables_number(integrator),
@@ -160,7 +162,7 @@ class Made:
         """What stands in a System now, and what was asked for."""
         forces = tuple((force.getName(), force.getForceGroup()) for force in own)
         seed = options.seed if options.seeded else None
-        asked = options.scheme, options.kT, _asked(options), seed
+        asked = options.scheme.name, options.kT, _asked(options), seed
         return cls(maker, masses_of(system), system.getNumConstraints(), _virtual(system), forces, *asked)
 
     def check(self, system: openmm.System) -> list[openmm.Force]:
@@ -255,6 +257,15 @@ def _drawn_seed() -> int:
     return secrets.randbelow(2**31 - 1) + 1
 
 
+@contextmanager
+def _reported() -> Iterator[None]:
+    """Make the error of a step what it is if OpenMM reports it."""
+    try:
+        yield
+    except RunError as error:
+        raise openmm.OpenMMException(str(error)) from error
+
+
 class Watching:
     """What both integrators do around OpenMM's own ``step``; instances read from XML or a pickle have ``made`` None and only step."""
 
@@ -263,6 +274,9 @@ class Watching:
     _looked_at: tuple = ()
     _beside = 0.0
     _mixed = False
+    _slow = True
+    _hears = True
+    _piece = PIECE
     _begun = False
     _numbered: float | None = None
 
@@ -299,17 +313,22 @@ class Watching:
             return
         self._look(context)
         while steps > 0:
-            piece = min(steps, PIECE)
-            with self._or_back(context):
-                super().step(piece)  # type: ignore[misc]
+            piece = min(steps, self._piece)
+            self._take(context, piece)
             steps -= piece
+
+    def _take(self, context: openmm.Context, steps: int) -> None:
+        """Take a few steps, or none of them if one fails."""
+        with self._or_back(context):
+            super().step(steps)  # type: ignore[misc]
 
     @contextmanager
     def _or_back(self, context: openmm.Context) -> Iterator[None]:
         before = context.createCheckpoint()
         interrupts.seen = False
         try:
-            yield
+            with _reported():
+                yield
         except BaseException as error:
             context.loadCheckpoint(before)
             if interrupts.seen and isinstance(error, openmm.OpenMMException):
@@ -329,10 +348,20 @@ class Watching:
                 raise PlanError("a force has a global parameter called dt, which is the step size in a CustomIntegrator; rename it")
             # a force taken from the System acts in this Context still
             self._mixed = self._mixed or bool(others)
+            self._slow = self._mixed or self._slow_own()
+            often = [force.getFrequency() for force in system.getForces() if isinstance(force, BAROSTATS)]
+            self._hears = self._mixed or any(often)
+            self._piece = min([PIECE, *(frequency for frequency in often if frequency > 0)])
             self._looked_at = now
         self.settle(context)
         if BESIDE in context.getParameters() and context.getParameter(BESIDE) != self._beside:
             context.setParameter(BESIDE, self._beside)
+
+    def _slow_own(self) -> bool:
+        """Whether forces of the package itself act beside the pair force."""
+        assert self.made is not None
+        groups = self.getIntegrationForceGroups()  # type: ignore[attr-defined]
+        return any(name != PAIR_FORCE and groups >> group & 1 for name, group in self.made.own)
 
     def settle(self, context: openmm.Context) -> None:
         """Begin a new Context, and let what this script asked for hold where another one wrote the state.
@@ -394,19 +423,18 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
 
     _variables: frozenset[str] = frozenset()
 
-    def step(self, steps: int) -> None:
-        """Take steps; see :meth:`Watching.step`."""
-        try:
-            super().step(steps)
-        finally:
-            if not self._mixed and ALONE in self.variables():
-                # never part of a state: the next one who loads it may have other forces
-                openmm.CustomIntegrator.setGlobalVariableByName(self, ALONE, 0.0)
+    #: What carries out many steps at once; None where the program does them one by one.
+    whole: WholeSteps | None = None
 
-    def _look(self, context: openmm.Context) -> None:
-        super()._look(context)
-        if not self._mixed and ALONE in self.variables():
-            openmm.CustomIntegrator.setGlobalVariableByName(self, ALONE, 1.0)
+    def _take(self, context: openmm.Context, steps: int) -> None:
+        if self.whole is None:
+            super()._take(context, steps)
+        elif self._slow or self._hears:
+            with self._or_back(context):
+                self.whole.run(self, context, steps, slow=self._slow, barostats=self._hears)
+        else:  # the Context is not touched before all steps are done
+            with _reported():
+                self.whole.run(self, context, steps, slow=False, barostats=False)
 
     def variables(self) -> frozenset[str]:
         """Names of the global variables."""
@@ -501,6 +529,21 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
     def setGlobalVariable(self, index: int, value) -> None:
         """Set a global variable by its number; ``temperature`` is :meth:`setTemperature`."""
         self.setGlobalVariableByName(self.getGlobalVariableName(index), value)
+
+    def setPerDofVariableByName(self, name: str, values) -> None:
+        """Set a per-DOF variable; as in OpenMM."""
+        super().setPerDofVariableByName(name, values)
+        self._forget()
+
+    def setPerDofVariable(self, index: int, values) -> None:
+        """Set a per-DOF variable; as in OpenMM."""
+        super().setPerDofVariable(index, values)
+        self._forget()
+
+    def _forget(self) -> None:
+        """Per-DOF variables are not what a loop of steps has left."""
+        if STAMP in self.variables():
+            openmm.CustomIntegrator.setGlobalVariableByName(self, STAMP, 0.0)
 
     def setRandomNumberSeed(self, seed: int) -> None:
         """Set the seed of the noise, and of the random numbers of OpenMM's barostats (these when a Context is made next).

@@ -140,7 +140,7 @@ class Observer:
             # outside a step the pair force does not know the temperatures its repulsion depends on
             potential, every = self._with_others(context, parts[0])
             force = every[mobile]
-        if plan.options.scheme == "mvv" and plan.options.thermostat:
+        if plan.options.predicting:
             every = every + parts[1].force + parts[2].force
         shown = every[mobile]
         others = self._others(context.getSystem())
@@ -196,13 +196,11 @@ class Observer:
         """Velocities the friction saw last, and those of the same moment as the positions."""
         options, integrator = self.plan.options, context.getIntegrator()
         dt = integrator.getStepSize().value_in_unit(unit.picosecond)
-        if options.scheme == "middle":
-            # its velocities are half a kick behind the positions, which would show as a spurious drag of pairs that repel
+        if not options.predicting:
+            # velocities behind the positions would show as a spurious drag of pairs that repel
             on_step = v.copy()
-            on_step[mobile] += 0.5 * dt * force / mass
+            on_step[mobile] = options.scheme.on_step(v[mobile], force, 1.0 / mass[:, 0], dt)
             return on_step, on_step
-        if options.scheme != "mvv" or not options.thermostat:
-            return v, v
         # the friction in the force saw half-step or predicted velocities; LAMMPS's pressure counts it so (no history yet: acc is 0)
         acc = per_dof(integrator, "acc")
         if options.lam == 0.5:
@@ -222,7 +220,7 @@ class Observer:
         if self._engine is not None:
             self._engine.prepare(x, box)
             kT, seed, counter, dt = noise_state(context, self.plan)
-            if self.plan.options.scheme != "mvv":
+            if not self.plan.options.scheme.predicts:
                 # the last sweep's noise has already moved the beads; as a force it would be correlated with their positions
                 counter += 1
             parts = [Part(*self._engine.forces(which, v, kT, dt, seed, counter, values)) for which in (CONSERVATIVE, DISSIPATIVE, RANDOM)]

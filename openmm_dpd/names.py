@@ -6,33 +6,29 @@ from enum import IntEnum
 
 
 class Phase(IntEnum):
-    """What the pair force is asked for; the program sets it in the context parameter ``dpd_phase``.
+    """What the pair force is asked to do; the program sets it in the context parameter ``dpd_phase``.
 
-    *kept* are the positions of the last NOTE or CONSERVE, *seen* the present ones; the velocity the pair terms see is
-    (seen - kept)/tau, with tau in the context parameter ``dpd_tau``.
+    *kept* are the positions of the last KEEP, NOTE or CONSERVE, *seen* the present ones; the velocity the pair terms see is
+    (seen - kept)/tau, with tau in the context parameter ``dpd_tau``.  Those from 100 on have a number added, below 100.
     """
 
     IDLE = 0  # outside a step: conservative force and energy if the kernel holds them, else nothing
-    NOTE = 1  # keep the positions; the energy is their fingerprint
-    CONSERVE = 2  # keep the positions; conservative force
-    FORCE_SEEN = 3  # all forces the kernel holds, at the seen positions
-    FORCE_KEPT = 4  # dissipative and random force at the kept positions
-    SWEEP_SEEN = 5  # impulses/dt of a sweep at the seen positions
-    SWEEP_KEPT = 6  # impulses/dt of a sweep at the kept positions
-    KICK_SWEEP_SEEN = 7  # half a kick, a sweep, half a kick at the seen positions, as impulses/dt
-    SWEEP_SEEN_CONSERVED = 8  # SWEEP_SEEN, and the conservative force at the kept positions
-    SWEEP_KICK_KEPT = 9  # a sweep, then half a kick at the kept positions, as impulses/dt
-    CLOSE = 10  # what SWEEP_KICK_KEPT gave, and half a kick at the present positions
-    KEEP = 11  # keep the positions; nothing else
-    TWO_KICKS = 12  # keep the positions; an outer one of KICKS times the force of CONSERVE, and the inner one times that here
-    KICK_SWEEP_OUTER = 13  # what TWO_KICKS gave; at the seen positions an outer kick, then a sweep, as impulses/dt
-    READ_TWO_KICKS = 14  # READ of the first block, and TWO_KICKS at the kept positions
-    READ = 100  # (+ block) take three values per bead from seen - kept: what beads carry beside position and velocity
-    CHANGES = 200  # (+ block) what the last evaluation did to these values: rates, or after a sweep increments
+    KEEP = 1  # keep the positions; nothing else
+    NOTE = 2  # keep the positions; the energy is their fingerprint
+    CONSERVE = 3  # keep the positions; conservative force
+    FORCE_SEEN = 4  # all forces the kernel holds, at the seen positions
+    FORCE_KEPT = 5  # dissipative and random force at the kept positions
+    RUN = 6  # carry out a step from the kept positions with the velocities that are seen; answers the new positions
+    SWEEP_SEEN = 100  # (+ pair update) impulses/dt of a sweep at the seen positions
+    SWEEP_KEPT = 200  # (+ pair update) impulses/dt of a sweep at the kept positions
+    READ = 300  # (+ block) take three values per bead from seen - kept: what beads carry beside position and velocity
+    CHANGE = 400  # (+ block) what the last evaluation did to these values: rates, or after a sweep increments
+    TELL = 500  # (+ block) three values per bead as RUN left them
 
 
-#: Parts of the conservative kick of a step of ``bababo``: at its beginning and at its end, and in its middle.
-KICKS = (0.2, 0.6)
+#: Blocks of three values per bead: those of the fields from 0 on, their rates from here on, accelerations, the velocities that friction saw
+#: in a step that predicts them, velocities.
+RATES, ACCELERATION, PREDICTED, VELOCITY = 30, 60, 61, 90
 
 PHASE, TAU, DT, KT, COUNTER, SEED = "dpd_phase", "dpd_tau", "dpd_dt", "dpd_kT", "dpd_counter", "dpd_seed"
 
@@ -60,10 +56,13 @@ RAMP_STEP = "ramp_step"
 
 #: Global variables that every integrator with a pair force has, used or not, so that states go from one platform to another, where
 #: another program may run the same scheme.
-PORTABLE = ("heard", "here", "last", "alone")
+PORTABLE = ("ahead", "heard", "here", "last", "stamp")
 
-#: Global variable of an integrator that is 1 while the pair force is known to be the only one that acts, else 0.
-ALONE = "alone"
+#: Global variable of an integrator: steps that are done already, of which only barostats have to hear.
+AHEAD = "ahead"
+
+#: Global variable of an integrator: fingerprint of the per-DOF variables that a loop of steps left, 0 where something else wrote them.
+STAMP = "stamp"
 
 #: Further ones where beads carry internal energies: volume moves tried, their length (in ln V), and how many were accepted of late.
 VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED = "dpd_volume_moves", "dpd_volume_step", "dpd_volume_accepted"

@@ -17,121 +17,20 @@ from .model.angles import HarmonicAngles
 from .model.bonds import FENEBonds, HarmonicBonds, bonded_neighbours
 from .model.edpd import EDPD
 from .model.electrostatics import EwaldSum, ewald_sum
-from .model.flow import gaps, kind_of
+from .model.flow import BodyForce, gaps, kind_of
 from .model.mdpd import MDPD, why_no_openmm_force
 from .model.pairs import NONE, describe
 from .model.scene import Scene, TemperatureRamp
 from .model.tdpd import TDPD
 from .names import PAIR_GROUP
 from .neighbour_list import may_miss_pairs
+from .programs.options import ProgramOptions
+from .programs.schemes import SCHEMES, Scheme, scheme_of
 from .tables import FIELD_NAMES, TABLES, field_spec
 from .units import to_md
 
-#: Schemes and what each one is.
-SCHEMES = {
-    "mvv": "modified velocity Verlet: friction and noise are forces (LAMMPS: fix nve, fix mvv/dpd)",
-    "shardlow": "one sweep of Shardlow's pair updates, then velocity Verlet (LAMMPS: fix shardlow)",
-    "middle": "kick, half drift, sweep of exact pair updates, half drift",
-    "aboba": "half drift, half kick, sweep of exact pair updates, half kick, half drift",
-    "bababo": "kick, half drift, kick, half drift, kick, sweep of exact pair updates: two forces per step, for steps twice as long",
-    "native": "OpenMM's own DPDIntegrator",
-}
-
 #: Coefficients by pair of types, all of one kind.
 ResolvedTable = dict[tuple[str, str], Any]
-
-#: Platforms on which the kernel passes over the pairs faster than a CustomNonbondedForce does.
-KERNEL_PLATFORMS = ("CPU",)
-
-
-@dataclass(frozen=True)
-class ProgramOptions:
-    """All that a program has to know.
-
-    Attributes
-    ----------
-    scheme : str
-        A key of :data:`SCHEMES`.
-    dt : float
-        Step size, ps.
-    kT : float
-        Thermal energy at the start, kJ/mol.
-    seed : int
-        Seed of the noise.
-    lam : float
-        Weight of the velocity prediction of ``mvv``.
-    thermostat : bool
-        Whether there is friction or noise at all.
-    kernel_conservative : bool
-        Whether the pair kernel holds a conservative force.
-    sole_force : bool
-        Whether there is no force but the kernel's, as long as nobody adds one to the System.
-    settable : bool
-        Whether the temperature is one number that may be set: there is friction or noise, no ramp, and no internal temperature.
-    pair_group : int
-        Force group of the pair force.
-    seeded : bool
-        Whether the caller chose the seed.
-    constraints : bool
-        Whether the System has constraints.
-    ramp : TemperatureRamp or None
-    tau_ratio : float
-        Trial drift in units of the step size.
-    trial : float or None
-        Trial drift, ps, instead.
-    walls : str
-        Kind of the walls, "specular", "bounce-back" or "mixed"; empty if there are none.
-    field_blocks : int
-        Number of per-DOF variables that hold internal energies, temperatures or concentrations.
-    field_names : str
-        What they hold, for the listing.
-    field_lam : float
-        Weight of the prediction of the fields in ``mvv``.
-    field_reach : float
-        Largest displacement that shows them to the pair force, nm.
-    field_scale : float
-        Their changes come back in units of this.
-    compensated : bool
-        Whether velocities or forces are less than double precision, so that energies have to be balanced by the program.
-    """
-
-    scheme: str
-    dt: float
-    kT: float
-    seed: int
-    lam: float = 0.5
-    thermostat: bool = True
-    kernel_conservative: bool = False
-    sole_force: bool = False
-    settable: bool = False
-    pair_group: int = PAIR_GROUP
-    seeded: bool = False
-    constraints: bool = False
-    ramp: TemperatureRamp | None = None
-    tau_ratio: float = 1.0 / 32.0
-    trial: float | None = None
-    walls: str = ""
-    field_blocks: int = 0
-    field_names: str = ""
-    field_lam: float = 0.5
-    field_reach: float = 0.1
-    field_scale: float = 1.0
-    compensated: bool = False
-
-    @property
-    def openmm_seed(self) -> int:
-        """The seed for OpenMM's own random numbers, where 0 would mean any."""
-        return self.seed or 2**31 - 1
-
-    @property
-    def trial_time(self) -> str:
-        """Length of trial drifts, as an expression."""
-        return f"dt*{self.tau_ratio!r}" if self.trial is None else repr(self.trial)
-
-    @property
-    def kernel(self) -> bool:
-        """Whether a pair kernel takes part at all."""
-        return self.thermostat or self.kernel_conservative
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,6 +48,7 @@ class Plan:
     notes: tuple[str, ...] = field(default=())
     ewald: EwaldSum | None = None
     charge_exceptions: dict[tuple[int, int], float] = field(default_factory=dict)
+    unlooped: str | None = None
 
     def __repr__(self) -> str:
         return f"<Plan for {self.platform}: {self.options.scheme}, dt = {self.options.dt:g} ps, {self.scene!r}>"
@@ -164,7 +64,7 @@ class Plan:
         lines = [
             f"{scene.n_beads} beads of {len(scene.masses)} type(s): " + ", ".join(f"{n} (mass {m:g})" for n, m in scene.masses.items()),
             "box: none" if scene.box is None else "box: " + _describe_box(scene.box),
-            f"scheme: {options.scheme} ({SCHEMES[options.scheme]}), dt = {options.dt:g} ps" + self._lambda_text(),
+            f"scheme: {options.scheme} ({options.scheme.what}), dt = {options.dt:g} ps" + self._lambda_text(),
             self._temperature_text(),
             f"seed of the noise: {options.seed}",
             "pair terms:",
@@ -179,6 +79,7 @@ class Plan:
             lines.append(
                 "friction and noise: compiled pair kernel behind a PythonForce" + (", with transverse terms" if transverse else "")
             )
+            lines.append(f"steps: one by one, by the program ({self.unlooped})" if self.unlooped else _LOOPED)
         if self.spec.fields is not None:
             lines.append(self._field_text())
         if len(scene.bond_pairs):
@@ -242,7 +143,7 @@ class Plan:
         return text + (f"; {len(fields.sources)} source(s)" if fields.sources else "")
 
     def _lambda_text(self) -> str:
-        return f", lambda = {self.options.lam:g}" if self.options.scheme == "mvv" else ""
+        return f", lambda = {self.options.lam:g}" if self.options.scheme.predicts else ""
 
     def _temperature_text(self) -> str:
         ramp = self.options.ramp
@@ -257,6 +158,12 @@ class Plan:
             "openmm": "CustomNonbondedForce with " + ("constants" if len(self.scene.masses) == 1 else "tables of type pairs") + unlisted,
             "none": "none",
         }[self.conservative]
+
+
+_LOOPED = (
+    "steps: up to ten at once in compiled loops; forces that stay OpenMM's kick before and after each step, a barostat acts at the end "
+    "of such a piece, which is no longer than its interval"
+)
 
 
 def _describe_box(box: np.ndarray) -> str:
@@ -274,6 +181,7 @@ def make_plan(
     conservative: str = "auto",
     platform: str | None = None,
     seed: int | None = None,
+    loop: bool = True,
     pair_group: int = PAIR_GROUP,
 ) -> Plan:
     """Decide what to build.
@@ -284,7 +192,8 @@ def make_plan(
     dt : time
         Step size (bare numbers: ps).
     scheme : str, default "middle"
-        One of :data:`SCHEMES`.
+        Name of one of :data:`openmm_dpd.programs.schemes.SCHEMES`, or a word of drifts ``A``, kicks ``B`` and sweeps of pair updates, exact
+        ones ``O`` or Shardlow's ``S``, each with its part of the step: ``"B/2 A/2 O A/2 B/2"``.
     lam : float, default 0.5
         Weight of the velocity prediction of ``mvv``, between 0 and 1; 0.5 is plain velocity Verlet.
     conservative : {"auto", "openmm", "kernel"}
@@ -295,6 +204,11 @@ def make_plan(
         Name of the platform that will be used; the fastest one by default.
     seed : int, optional
         Seed of the noise, 0 <= seed < 2^31; drawn from the operating system and recorded in the plan by default.
+    loop : bool, default True
+        Whether the kernel carries out many whole steps at once where it can: where it holds every fast force of the scene, on the CPU and
+        Reference platforms, and on others if it holds the conservative force.  Forces that stay OpenMM's (lattice sums, formulas of the
+        position, whatever is added to the System) then kick before and after each step, and a barostat acts at the end of up to ten steps.
+        Otherwise the program does one step at a time.
     pair_group : int, default 31
         Force group of the pair terms.
 
@@ -306,52 +220,52 @@ def make_plan(
     if not isinstance(scene, Scene):
         raise ParameterError(f"expected a Scene, not {what_is(scene)}")
     step = _checked_step(dt)
-    if not isinstance(scheme, str) or scheme not in SCHEMES:
-        raise ParameterError(f"unknown scheme {scheme!r}; it must be one of {', '.join(SCHEMES)}")
+    chosen = scheme_of(scheme)
     lam = to_md(lam, "dimensionless", "lam")
     if not isinstance(lam, float) or not 0.0 <= lam <= 1.0:
         raise ParameterError(f"lam (lambda of the modified velocity Verlet scheme) must be between 0 and 1, but is {lam!r}")
-    if lam != 0.5 and scheme != "mvv":
-        raise ParameterError(f"lam is the weight of the prediction of the scheme 'mvv'; the scheme {scheme!r} has none")
+    check_lam(lam, chosen)
     if conservative not in ("auto", "openmm", "kernel"):
         raise ParameterError(f"conservative must be 'auto', 'openmm' or 'kernel', not {conservative!r}")
     kinds, layers, partners = _split_tables(scene)
     check_cutoffs(scene.box, [*layers, *partners])
-    _check_scheme(scheme, kinds)
+    _check_scheme(chosen, kinds)
     exceptions = _exceptions(scene, scene.special)
     repulsive = any(c is not NONE and c.has_conservative for table in layers for c in table.values())
     thermostat = any(c is not NONE and c.has_thermostat for table in layers for c in table.values())
     only = _why_kernel_only(scene, kinds, layers, exceptions, platform)
-    faster = platform in KERNEL_PLATFORMS or not _listed(platform, scene, _longest(layers))
-    where = _conservative_place(conservative, repulsive, thermostat, only, faster, scheme)
+    faster = platform in DOUBLE_PLATFORMS or not _listed(platform, scene, _longest(layers))
+    where = _conservative_place(conservative, repulsive, thermostat, only, faster, chosen)
     fields = field_spec(scene)
+    choices = _field_options(scene, fields, _longest(layers), platform, lam)
+    unlooped = _why_no_loop(scene, partners, where, thermostat, chosen, platform, loop, choices.get("compensated", False))
+    whole = unlooped is None and platform in DOUBLE_PLATFORMS
     options = ProgramOptions(
-        scheme=scheme,
+        scheme=chosen,
         dt=step,
         kT=scene.initial_kT,
         seed=checked_seed(seed),
         lam=float(lam),
         thermostat=thermostat,
-        kernel_conservative=where == "kernel",
-        sole_force=where == "kernel"
-        and not partners
-        and not (scene.bonds or scene.angles or scene.segments or scene.body_forces or scene.electrostatics),
+        kernel_conservative=where == "kernel" or whole,
+        whole_steps=whole,
         settable=thermostat and not isinstance(scene.kT, TemperatureRamp) and (fields is None or fields.kind != ENERGY),
         pair_group=pair_group,
         seeded=seed is not None,
         ramp=scene.kT if isinstance(scene.kT, TemperatureRamp) else None,
         tau_ratio=tau_ratio(platform),
         walls=kind_of(gaps(scene.walls, scene.box)),
-        **_field_options(scene, fields, _longest(layers), platform, lam),
+        **choices,
     )
     return Plan(
         scene=scene,
-        spec=_pair_spec(scene, kinds, layers, exceptions, scheme, fields),
+        spec=_pair_spec(scene, kinds, layers, exceptions, chosen, fields),
         options=options,
         layers=tuple(layers),
         partners=tuple(partners),
         exceptions=exceptions,
         conservative=where,
+        unlooped=unlooped,
         platform=platform,
         ewald=_ewald(scene),
         charge_exceptions=_charge_exceptions(scene),
@@ -397,16 +311,25 @@ def _field_options(scene: Scene, fields: FieldSpec | None, cutoff: float, platfo
         "field_lam": lam if fields.kind == TEMPERATURE else 0.5,
         "field_reach": float(reach),
         # forces are fixed-point numbers with 32 bits behind the point on GPU platforms
+        "field_shown": float(2.0 ** np.round(np.log2(reach / typical))),
         "field_scale": 1.0 if double else float(2.0 ** (np.floor(np.log2(typical)) - 10)),
         "compensated": not double and fields.kind == ENERGY,
     }
 
 
-def _check_scheme(scheme: str, kinds: list[type]) -> None:
+def check_lam(lam: float, scheme: Scheme) -> None:
+    """Raise ParameterError if a weight of the prediction is given to a scheme that has none."""
+    if lam != 0.5 and not scheme.predicts:
+        able = " or ".join(repr(name) for name, known in SCHEMES.items() if known.predicts)
+        raise ParameterError(f"lam is the weight of the prediction of the scheme {able}; the scheme {scheme.name!r} has none")
+
+
+def _check_scheme(scheme: Scheme, kinds: list[type]) -> None:
     """Raise PlanError if a scheme cannot run these pair terms."""
     for kind in (EDPD, TDPD):
-        if kind in kinds and scheme != "mvv":
-            raise PlanError(f"{kind.__name__} has no pair-by-pair update; only scheme='mvv' runs it, not {scheme!r}")
+        if kind in kinds and not scheme.predicts:
+            able = " or ".join(repr(name) for name, known in SCHEMES.items() if known.predicts)
+            raise PlanError(f"{kind.__name__} has no pair-by-pair update; only scheme={able} runs it, not {scheme.name!r}")
 
 
 def _listed(platform: str | None, scene: Scene, cutoff: float) -> bool:
@@ -414,7 +337,26 @@ def _listed(platform: str | None, scene: Scene, cutoff: float) -> bool:
     return platform != "Reference" or not may_miss_pairs(scene.box, cutoff)
 
 
-def _conservative_place(conservative: str, repulsive: bool, thermostat: bool, only: str | None, faster: bool, scheme: str) -> str:
+def _why_no_loop(
+    scene: Scene, partners, where: str, thermostat: bool, scheme: Scheme, platform, loop: bool, compensated: bool
+) -> str | None:
+    """Why the pair kernel cannot carry out whole steps by itself, or None."""
+    if not loop:
+        return "switched off"
+    if scheme.native:
+        return "OpenMM's own integrator steps"
+    if where == "openmm":
+        return "the conservative force is a CustomNonbondedForce"
+    if where == "none" and not (thermostat and platform in DOUBLE_PLATFORMS):
+        return "the pair kernel holds no conservative force"
+    if compensated:
+        return f"velocities on the platform {platform} are less than double precision, so that the program balances the energies"
+    if partners or scene.bonds or scene.angles or scene.segments or any(isinstance(term, BodyForce) for term in scene.body_forces):
+        return "other forces of the scene act within the step"
+    return None
+
+
+def _conservative_place(conservative: str, repulsive: bool, thermostat: bool, only: str | None, faster: bool, scheme: Scheme) -> str:
     """Where the conservative force is computed: "kernel", "openmm" or "none".
 
     ``only`` is the reason why it must be the kernel, ``faster`` whether that passes over the pairs faster than OpenMM does.
@@ -422,16 +364,16 @@ def _conservative_place(conservative: str, repulsive: bool, thermostat: bool, on
     if not repulsive:
         return "none"
     if only is not None:
-        if scheme == "native" or conservative == "openmm":
-            what = "the native scheme" if scheme == "native" else "conservative='openmm'"
+        if scheme.native or conservative == "openmm":
+            what = "the native scheme" if scheme.native else "conservative='openmm'"
             raise PlanError(f"{what} is not possible: {only}")
         return "kernel"
     if conservative != "auto":
         where = conservative
     else:
         # without friction there is no kernel, and OpenMM's own force needs no company
-        where = "kernel" if faster and thermostat and scheme != "native" else "openmm"
-    if scheme == "native" and where == "kernel":
+        where = "kernel" if faster and thermostat and not scheme.native else "openmm"
+    if scheme.native and where == "kernel":
         raise PlanError("the native scheme has no pair kernel; use conservative='openmm'")
     return where
 
@@ -527,7 +469,7 @@ def compressed_exceptions(exceptions: dict[tuple[int, int], float], n_beads: int
     return start.astype(np.int64), np.array([row[1] for row in rows], np.int64), np.array([row[2] for row in rows])
 
 
-def _pair_spec(scene: Scene, kinds, layers, exceptions, scheme: str, fields: FieldSpec | None) -> PairSpec:
+def _pair_spec(scene: Scene, kinds, layers, exceptions, scheme: Scheme, fields: FieldSpec | None) -> PairSpec:
     mobile = np.ones(scene.n_beads, bool) if scene.mobile is None else scene.mobile
     wall_velocity = None
     if scene.velocities is not None and np.any(scene.velocities[~mobile] != 0):
@@ -537,9 +479,9 @@ def _pair_spec(scene: Scene, kinds, layers, exceptions, scheme: str, fields: Fie
         types=scene.type_ids.copy(),
         inv_mass=np.where(mobile, 1.0 / scene.bead_masses, 0.0),
         terms=tuple(TABLES[kind](table, scene) for kind, table in zip(kinds, layers, strict=True)),
-        update=SHARDLOW if scheme == "shardlow" else EXACT,
+        update=SHARDLOW if scheme.shardlow else EXACT,
         exceptions=compressed_exceptions(exceptions, scene.n_beads),
         wall_velocity=wall_velocity,
         fields=fields,
-        sweeps=scheme != "mvv",
+        sweeps=scheme.sweeps,
     )

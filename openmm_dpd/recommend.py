@@ -9,8 +9,9 @@ import numpy as np
 from .embed import Embedded
 from .errors import DPDError, ParameterError, what_is
 from .model.scene import Scene
-from .plan import SCHEMES, make_plan
+from .plan import make_plan
 from .programs.native import why_not
+from .programs.schemes import SCHEMES, scheme_of
 from .scene_groups import bond_frequency, groups
 from .stability_table import LEVELS, SAFE, Groups, StabilityTable, shipped_table
 from .units import to_md
@@ -138,7 +139,7 @@ def recommend(
 
 def _runs(scene: Scene, scheme: str) -> bool:
     """Whether a scheme of the table can run a scene: all of this package can."""
-    if scheme != "native":
+    if not SCHEMES[scheme].native:
         return True
     try:
         return why_not(make_plan(scene, dt=0.01, scheme=scheme, platform="CPU", seed=1)) is None
@@ -169,8 +170,7 @@ def predicted_error(scene: Scene, scheme: str, dt: float, *, table: StabilityTab
 
     Harmonic bonds count as under velocity Verlet: (omega dt)^2/4 too hot.
     """
-    if scheme not in SCHEMES:
-        raise ParameterError(f"unknown scheme {scheme!r}; it must be one of {', '.join(SCHEMES)}")
+    scheme = scheme_of(scheme).name
     table = table or shipped_table()
     pairs, _ = groups(scene)
     if scheme not in table.schemes or not pairs or any(table.outside(at) for at in pairs):
@@ -189,6 +189,8 @@ def advice(scene: Scene, scheme: str, dt: float, *, unit: float = 1.0, table: St
     table = table or shipped_table()
     found = predicted_error(scene, scheme, dt, table=table)
     if found is None:
+        if not scheme_of(scheme).measured:
+            return f"nothing was measured for the scheme {scheme!r}; benchmarks/orders.py measures what a word does to the temperatures"
         notes = recommend(scene, table=table).notes or (f"the table of steps has no scheme {scheme!r}",)
         return "no advice about the step: " + "; ".join(notes)
     return "; ".join([_sentence(scene, scheme, dt, unit, table, found), *groups(scene)[1]])

@@ -12,7 +12,7 @@ import openmm
 from openmm import unit
 
 from .errors import ParameterError, PlanError, what_is
-from .forces.pair_force import pair_force
+from .forces.pair_force import PairForceFunction, pair_force
 from .integrators import Made, PairIntegrator, groups_of, masses_of, refuse_thermostat
 from .kernels.engine import PairSpec
 from .kernels.sweeps import EXACT, SHARDLOW
@@ -20,8 +20,9 @@ from .model.pairs import DPD, NONE, checked
 from .model.scene import TemperatureRamp, thermal_energy
 from .model.table import PairTable, require_complete
 from .names import PAIR_FORCE
-from .plan import SCHEMES, ProgramOptions, check_cutoffs, checked_seed, tau_ratio
-from .programs import make_program
+from .plan import check_cutoffs, check_lam, checked_seed, tau_ratio
+from .programs import ProgramOptions, make_program
+from .programs.schemes import scheme_of
 from .tables import dpd_table
 from .units import to_md
 
@@ -89,15 +90,16 @@ def add_thermostat(
     >>> friction = dpd.DPD(gamma=50, cutoff=0.6 * unit.nanometer)
     >>> integrator = dpd.add_thermostat(system, friction, 300 * unit.kelvin, 2 * unit.femtosecond, seed=1)
     """
-    if scheme not in SCHEMES or scheme == "native":
-        allowed = ", ".join(name for name in SCHEMES if name != "native")
-        raise ParameterError(f"scheme must be one of {allowed} for a System made elsewhere, not {scheme!r}")
+    chosen = scheme_of(scheme)
+    if chosen.native:
+        raise ParameterError(f"the scheme {chosen.name!r} is OpenMM's own thermostat; make a DPDIntegrator for a System made elsewhere")
     step = to_md(dt, "time", "dt")
     if not isinstance(step, float) or step <= 0:
         raise ParameterError(f"dt must be a single time > 0, not {dt!r}")
     lam = checked(lam, "dimensionless", "lam")
     if lam > 1:
         raise ParameterError(f"lam (lambda of the modified velocity Verlet scheme) must be between 0 and 1, but is {lam:g}")
+    check_lam(lam, chosen)
     if platform not in (None, *PLATFORMS):
         raise ParameterError(f"platform must be the name of one of OpenMM's platforms ({', '.join(PLATFORMS)}), not {platform!r}")
     check_system(system)
@@ -122,7 +124,7 @@ def add_thermostat(
             np.array([[getattr(row, axis) for axis in "xyz"] for row in (v.value_in_unit(unit.nanometer) for v in vectors)]), [table]
         )
     options = ProgramOptions(
-        scheme=scheme,
+        scheme=chosen,
         dt=step,
         kT=kT,
         seed=checked_seed(seed),
@@ -140,9 +142,9 @@ def add_thermostat(
         types=numbers,
         inv_mass=np.divide(1.0, masses, out=np.zeros_like(masses), where=masses > 0),
         terms=(dpd_table(table, names),),
-        update=SHARDLOW if scheme == "shardlow" else EXACT,
+        update=SHARDLOW if chosen.shardlow else EXACT,
     )
-    force = pair_force(spec, conservative=False, periodic=periodic, options=options, integrator=integrator)
+    force = pair_force(PairForceFunction(spec, conservative=False, periodic=periodic), options=options, integrator=integrator)
     system.addForce(force)
     integrator.made = Made.of("add_thermostat()", system, [force], options)
     return integrator

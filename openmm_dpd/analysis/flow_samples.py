@@ -26,14 +26,12 @@ COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
 def on_step_velocities(built: Built, state) -> np.ndarray:
-    """Velocities of the same moment as the positions: those of ``middle`` are half a kick behind."""
-    v = state.getVelocities(asNumpy=True).value_in_unit(_V)
-    if built.plan.options.scheme != "middle":
+    """Velocities of the same moment as the positions: those of some schemes are a part of a kick behind."""
+    v, scheme = state.getVelocities(asNumpy=True).value_in_unit(_V), built.plan.options.scheme
+    if not scheme.lag:
         return v
     dt = built.integrator.getStepSize().value_in_unit(unit.picosecond)
-    mass = built.plan.scene.bead_masses[:, None]
-    mobile = built.plan.spec.inv_mass[:, None] > 0
-    return np.where(mobile, v + 0.5 * dt * state.getForces(asNumpy=True).value_in_unit(_F) / mass, v)
+    return scheme.on_step(v, state.getForces(asNumpy=True).value_in_unit(_F), built.plan.spec.inv_mass, dt)
 
 
 class _Reporter:
@@ -50,8 +48,8 @@ class _Reporter:
         return {"steps": self.interval - simulation.currentStep % self.interval, "periodic": None, "include": []}
 
     def _state(self, context):
-        middle = self.built.plan.options.scheme == "middle"
-        return context.getState(positions=True, velocities=True, forces=middle, groups=self._groups)
+        lags = self.built.plan.options.scheme.lag != 0.0
+        return context.getState(positions=True, velocities=True, forces=lags, groups=self._groups)
 
 
 class StressReporter(_Reporter):

@@ -15,15 +15,19 @@ from ..kernels import motion
 from ..kernels.compiled import compiled
 from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, PairSpec, warm_up
 from ..kernels.fields import ENERGY, TEMPERATURE, FieldSpec
+from ..kernels.steps import Moment, StepLoop, StepSpec
 from ..names import (
+    ACCELERATION,
     COUNTER,
     DT,
-    KICKS,
     KT,
     PAIR_FORCE,
     PHASE,
+    PREDICTED,
+    RATES,
     SEED,
     TAU,
+    VELOCITY,
     VOLATILE,
     VOLUME_ACCEPTED,
     VOLUME_MOVES,
@@ -33,21 +37,13 @@ from ..names import (
 from .runaway import runaway
 
 if TYPE_CHECKING:
-    from ..plan import ProgramOptions
+    from ..programs.options import ProgramOptions
 
 #: Phases that keep the positions.
-KEEPING = (Phase.NOTE, Phase.CONSERVE, Phase.KEEP, Phase.TWO_KICKS)
+KEEPING = (Phase.KEEP, Phase.NOTE, Phase.CONSERVE)
 
 #: Phases that look at the kept positions.
-AT_KEPT = (Phase.FORCE_KEPT, Phase.SWEEP_KEPT, Phase.SWEEP_KICK_KEPT)
-
-#: How much of the conservative force comes with a sweep, and how much of it acts before the sweep.
-SHARES: dict[int, tuple[float, float]] = {
-    Phase.KICK_SWEEP_SEEN: (1.0, 0.5),
-    Phase.SWEEP_SEEN_CONSERVED: (1.0, 0.0),
-    Phase.SWEEP_KICK_KEPT: (0.5, 0.0),
-    Phase.KICK_SWEEP_OUTER: (KICKS[0], KICKS[0]),
-}
+AT_KEPT = (Phase.FORCE_KEPT, Phase.SWEEP_KEPT)
 
 
 @compiled
@@ -135,23 +131,31 @@ class PairForceFunction:
         Whether, for internal energies, the change of a bead's kinetic energy counts in (the program takes it off again).
     guarded : sequence of FENEBonds
         Bonds whose lengths are looked at once in every step: a bond that is too long would make the positions NaN.
+    steps : StepSpec or None
+        What a whole step is, if this force can carry it out.
     """
 
-    def __init__(self, spec: PairSpec, conservative: bool, periodic: bool, scale: float = 1.0, balanced: bool = False, guarded: tuple = ()):
+    def __init__(
+        self,
+        spec: PairSpec,
+        conservative: bool,
+        periodic: bool,
+        scale: float = 1.0,
+        balanced: bool = False,
+        guarded: tuple = (),
+        steps: StepSpec | None = None,
+    ):
         self.spec, self.conservative, self.periodic = spec, conservative, periodic
-        self.scale, self.balanced, self.guarded = scale, balanced, guarded
+        self.scale, self.balanced, self.guarded, self.steps = scale, balanced, guarded, steps
         self._cutoff = max(float(term.cutoff.max()) for term in spec.terms)
         self._zero = np.zeros((len(spec.types), 3))
         self._local = threading.local()
 
     def __reduce__(self):
-        return type(self), (self.spec, self.conservative, self.periodic, self.scale, self.balanced, self.guarded)
+        return type(self), (self.spec, self.conservative, self.periodic, self.scale, self.balanced, self.guarded, self.steps)
 
-    def __call__(self, state):
-        parameters = state.getParameters()
-        phase = int(parameters[PHASE])
-        if phase == Phase.IDLE and not self.conservative:
-            return 0.0, self._zero
+    def here(self):
+        """What belongs to the calling thread."""
         local = self._local
         if not hasattr(local, "engine"):
             warm_up(self.spec)
@@ -159,8 +163,18 @@ class PairForceFunction:
             local.fields = None if self.spec.fields is None else Fields(self.spec.fields)
             local.failed = None
             # written again and again: OpenMM copies what it is given
-            local.v, local.result, local.conserved, local.kicks = np.zeros((4, len(self.spec.types), 3))
-            local.conserved_energy, local.kicked = None, False
+            local.v, local.result, local.conserved = np.zeros((3, len(self.spec.types), 3))
+            local.conserved_energy = None
+            local.loop = None if self.steps is None else StepLoop(self.steps, local.engine, self._watch)
+            local.moment, local.read = None, {}
+        return local
+
+    def __call__(self, state):
+        parameters = state.getParameters()
+        phase = int(parameters[PHASE])
+        if phase == Phase.IDLE and not self.conservative:
+            return 0.0, self._zero
+        local = self.here()
         here = (phase, parameters[COUNTER])
         if phase != Phase.IDLE and here == local.failed:
             # a step died and left its phase behind: what is asked for from outside is what IDLE answers; but a new step may begin so too
@@ -172,35 +186,29 @@ class PairForceFunction:
         except BaseException as error:
             local.failed = here
             interrupts.seen = isinstance(error, KeyboardInterrupt)
+            if isinstance(error, RunError) and phase != Phase.IDLE:
+                raise RunError(f"step {state.getStepCount() + 1}: {error}") from error
             raise
 
     def _evaluate(self, local, phase: int, state, parameters: dict):
         """Energy and forces for a phase."""
-        x = _plain(state.getPositions(asNumpy=True))
-        if len(x) != len(self.spec.types):
-            raise RunError(f"the System has {len(x)} particles, but its DPD pair terms were made for {len(self.spec.types)}")
-        box = self._box(state) if self.periodic else None
+        x = self.positions(state)
+        box = self.box(state)
         if phase in KEEPING:
             for bonds in self.guarded:
                 wrong = bonds.overstretched(x, box)
                 if wrong is not None:
                     raise RunError(f"{wrong}; the step size may be too large")
-            local.kept = x
+            local.kept, local.read = x, {}
         if phase in (Phase.NOTE, Phase.KEEP) and local.failed is None:
-            return (self._note(local, x, box, parameters) if phase == Phase.NOTE else 0.0), self._zero
+            return (self.note(local, x, box, parameters) if phase == Phase.NOTE else 0.0), self._zero
         if phase == Phase.IDLE and not self.conservative:
             return 0.0, self._zero
-        if phase == Phase.TWO_KICKS and local.failed is None:
-            return 0.0, self._two_kicks(local, x, box)
-        if phase == Phase.CONSERVE:
-            local.kicked = False
         if phase == Phase.IDLE or phase in KEEPING:
             return self._conserve(local, x, box)
-        if phase == Phase.CLOSE:
-            return 0.0, self._close(local, x, box)
         return 0.0, self._in_step(local, phase, x, box, parameters)
 
-    def _note(self, local, x: np.ndarray, box: np.ndarray | None, parameters: dict) -> float:
+    def note(self, local, x: np.ndarray, box: np.ndarray | None, parameters: dict) -> float:
         """Fingerprint of positions, parameters and box; that of the last call if the only change is that beads were folded back."""
         stable = np.array([value for name, value in sorted(parameters.items()) if name not in VOLATILE])
         if box is not None:
@@ -214,46 +222,81 @@ class PairForceFunction:
         return value
 
     def _conserve(self, local, x: np.ndarray, box: np.ndarray | None):
+        """Conservative force in ``local.conserved``, unless it is there already, and its energy."""
         if not self.conservative:
             return 0.0, self._zero
-        if local.engine.prepare(x, box):
-            local.conserved_energy = None
-        return self._conserve_prepared(local), local.conserved
-
-    def _conserve_prepared(self, local) -> float:
-        """Conservative force in ``local.conserved``, unless it is there already; its energy."""
-        if local.conserved_energy is None or (local.fields is not None and local.fields.spec.kind == TEMPERATURE):
+        if local.engine.prepare(x, box) or local.conserved_energy is None or self._warm_repulsion:
             scalars = None if local.fields is None else local.fields.values
             local.conserved_energy = local.engine.forces(CONSERVATIVE, None, 0.0, 1.0, 0, 0, scalars, local.conserved)[0]
-        return local.conserved_energy
+        return local.conserved_energy, local.conserved
+
+    @property
+    def _warm_repulsion(self) -> bool:
+        """Whether the conservative force depends on the temperatures of the beads."""
+        return self.spec.fields is not None and self.spec.fields.kind == TEMPERATURE
 
     def _in_step(self, local, phase: int, x: np.ndarray, box: np.ndarray | None, parameters: dict) -> np.ndarray:
-        kept = local.kept
+        kept, block = local.kept, phase % 100
+        phase -= block if phase >= Phase.SWEEP_SEEN else 0
         if kept is None:
             raise RunError(f"the pair force was asked for phase {phase} before it saw any positions; is this one of our programs?")
         if not parameters[DT] > 0.0:
             raise RunError(f"the step size must be > 0, but the integrator's is {parameters[DT]:g} ps")
         fields: Fields | None = local.fields
-        if phase >= Phase.CHANGES:
+        if phase == Phase.TELL:
+            return told(local.moment, block)
+        if phase == Phase.CHANGE:
             assert fields is not None
-            return fields.changes(phase - Phase.CHANGES) / self.scale
-        both = phase == Phase.READ_TWO_KICKS
-        if both or phase >= Phase.READ:
-            assert fields is not None
-            fields.read(0 if both else phase - Phase.READ, (x - kept) / parameters[TAU])
-            return self._two_kicks(local, kept, box) if both else self._zero
-        scalars = None if fields is None else fields.values
-        dt, tau, kT = parameters[DT], parameters[TAU], parameters[KT]
+            return fields.changes(block) / self.scale
+        if phase == Phase.READ:
+            shown = (x - kept) / parameters[TAU]
+            local.read[block] = shown
+            if block < RATES:
+                assert fields is not None
+                fields.read(block, shown)
+            return self._zero
+        dt, tau, kT = parameters[DT], parameters[TAU], self.thermal_energy(parameters)
         key = (int(parameters[SEED]), int(parameters[COUNTER]))
-        if not 0.0 <= kT < np.inf:
-            raise RunError(f"the context parameter {KT} must be >= 0 and finite, but is {kT}")
         motion.seen_velocities(x, kept, tau, local.v)
-        wrong = runaway(local.v, self.spec.inv_mass, kT, dt, self._cutoff)
-        if wrong is not None:
-            raise RunError(f"{wrong}; the step size is too large for this scheme, or the start is too far from equilibrium")
+        if phase == Phase.RUN:
+            local.conserved_energy = None
+            return self._run(local, Moment(kept.copy(), local.v.copy(), box, dt, tau, kT, *key))
+        self._check(local.v, kT, dt)
         if local.engine.prepare(kept if phase in AT_KEPT else x, box):
             local.conserved_energy = None
-        return (self._force if phase in (Phase.FORCE_SEEN, Phase.FORCE_KEPT) else self._sweep)(local, phase, (kT, dt, *key, scalars))
+        conditions = (kT, dt, *key, None if fields is None else fields.values)
+        return self._sweep(local, block, conditions) if phase >= Phase.SWEEP_SEEN else self._force(local, phase, conditions)
+
+    def thermal_energy(self, parameters) -> float:
+        """kT of the Context; RunError if it is none."""
+        kT = parameters[KT]
+        if not 0.0 <= kT < np.inf:
+            raise RunError(f"the context parameter {KT} must be >= 0 and finite, but is {kT}")
+        return kT
+
+    def _run(self, local, moment: Moment) -> np.ndarray:
+        """Positions after a whole step."""
+        n = len(self.spec.types)
+        if local.fields is not None:
+            moment.values = local.fields.values.copy()
+            if RATES in local.read:
+                moment.rates = unfolded([local.read[RATES + k] for k in range(self.spec.fields.n_blocks)], self.spec.fields)
+        moment.acc = local.read.get(ACCELERATION)
+        assert self.steps is not None
+        if self.steps.predicts and moment.values is not None and moment.rates is None:
+            moment.rates = np.zeros((n, self.spec.fields.n_values))
+        local.moment = moment
+        local.loop.run(moment, 1, shown=True)
+        return moment.x
+
+    def _watch(self, v: np.ndarray, moment: Moment) -> None:
+        self._check(v, moment.kT, moment.dt)
+
+    def _check(self, v: np.ndarray, kT: float, dt: float) -> None:
+        """RunError if beads run away."""
+        wrong = runaway(v, self.spec.inv_mass, kT, dt, self._cutoff)
+        if wrong is not None:
+            raise RunError(f"{wrong}; the step size is too large for this scheme, or the start is too far from equilibrium")
 
     def _force(self, local, phase: int, conditions: tuple) -> np.ndarray:
         """Force form at the prepared positions."""
@@ -265,68 +308,69 @@ class PairForceFunction:
             local.fields.last = local.engine.rates
         return force
 
-    def _sweep(self, local, phase: int, conditions: tuple) -> np.ndarray:
-        """Impulses/dt of a sweep at the prepared positions, and of the kicks that go with it."""
+    def _sweep(self, local, update: int, conditions: tuple) -> np.ndarray:
+        """Impulses/dt of a sweep at the prepared positions."""
         engine, v, dt = local.engine, local.v, conditions[1]
-        share, before = SHARES.get(phase, (0.0, 0.0))
-        if share and phase != Phase.SWEEP_SEEN_CONSERVED:  # that one wants the force of the kept positions, which is there
-            self._conserve_prepared(local)
-        if before:
-            motion.kick(v, local.conserved, self.spec.inv_mass, before * dt)
-        change = engine.sweep(v, *conditions, local.result)
+        change = local.result
+        engine.swept(v, *conditions, change, update)
+        change -= engine.seen(v)
         if local.fields is not None:
             local.fields.last = engine.flow
             if self.balanced:
                 local.fields.balance(v, change, self.spec.inv_mass)
-        motion.as_force(change, self.spec.inv_mass, dt, share, local.conserved)
-        if phase == Phase.KICK_SWEEP_OUTER:
-            change += local.kicks
+        motion.as_force(change, self.spec.inv_mass, dt)
         return change
 
-    def _two_kicks(self, local, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
-        """Parts of the force of the last CONSERVE and of the force here; the same when asked for twice."""
-        if not local.kicked:
-            outer, inner = KICKS
-            np.multiply(local.conserved, outer, out=local.kicks)
-            self._conserve(local, x, box)
-            np.multiply(local.conserved, inner, out=local.v)
-            local.kicks += local.v
-            local.kicked = True
-        return local.kicks
+    def positions(self, state) -> np.ndarray:
+        """Positions of a State, nm."""
+        x = _plain(state.getPositions(asNumpy=True))
+        if len(x) != len(self.spec.types):
+            raise RunError(f"the System has {len(x)} particles, but its DPD pair terms were made for {len(self.spec.types)}")
+        return x
 
-    def _close(self, local, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
-        """What the last sweep and half kick gave, and the next half kick."""
-        self._conserve(local, x, box)
-        # a sum that can be asked for twice
-        np.multiply(local.conserved, 0.5, out=local.v)
-        local.v += local.result
-        return local.v
-
-    def _box(self, state) -> np.ndarray:
+    def box(self, state) -> np.ndarray | None:
+        """Box vectors of a State, nm, None if the scene has none; RunError if they are too short for the pair terms."""
+        if not self.periodic:
+            return None
         box = _plain(state.getPeriodicBoxVectors(asNumpy=True))
         if self._cutoff > 0.5 * box.diagonal().min() * (1 + 1e-9):
             raise RunError(f"the box has shrunk to {box.diagonal().tolist()} nm, less than twice the cutoff of {self._cutoff:g} nm")
         return box
 
 
-def pair_force(
-    spec: PairSpec,
-    *,
-    conservative: bool,
-    periodic: bool,
-    options: ProgramOptions,
-    integrator: openmm.Integrator,
-    balanced: bool = False,
-    guarded: tuple = (),
-) -> openmm.PythonForce:
+def unfolded(blocks: list[np.ndarray], spec: FieldSpec) -> np.ndarray:
+    """(N, K) values from blocks of three."""
+    return np.concatenate(blocks, axis=1)[:, : spec.n_values].copy()
+
+
+def in_block(values: np.ndarray, block: int) -> np.ndarray:
+    """(N, 3) values of a block, from (N, K) of all; 0 for those that there are not."""
+    part = values[:, 3 * block : 3 * block + 3]
+    result = np.zeros((len(part), 3))
+    result[:, : part.shape[1]] = part
+    return result
+
+
+def told(moment: Moment, block: int) -> np.ndarray:
+    """What a step left in a block."""
+    if block == VELOCITY:
+        return moment.v
+    if block == ACCELERATION:
+        return moment.acc
+    if block == PREDICTED:
+        return moment.predicted
+    return in_block(moment.rates, block - RATES) if block >= RATES else in_block(moment.values, block)
+
+
+def pair_force(function: PairForceFunction, *, options: ProgramOptions, integrator: openmm.Integrator) -> openmm.PythonForce:
     """PythonForce that evaluates the pair terms, with its context parameters (see :mod:`openmm_dpd.names`)."""
     parameters = {PHASE: float(Phase.IDLE), TAU: options.dt, DT: options.dt, KT: options.kT, COUNTER: 0.0, SEED: float(options.seed)}
     parameters |= origin(options, integrator)
-    if spec.fields is not None and spec.fields.kind == ENERGY:
+    if function.spec.fields is not None and function.spec.fields.kind == ENERGY:
         parameters |= {VOLUME_MOVES: 0.0, VOLUME_STEP: 0.01, VOLUME_ACCEPTED: 0.0}
-    force = openmm.PythonForce(PairForceFunction(spec, conservative, periodic, options.field_scale, balanced, guarded), parameters)
+    force = openmm.PythonForce(function, parameters)
     force.setName(PAIR_FORCE)
     force.setForceGroup(options.pair_group)
     # true exactly when the scene is periodic: only then are the positions handed over meaningful on GPU platforms
-    force.setUsesPeriodicBoundaryConditions(periodic)
+    force.setUsesPeriodicBoundaryConditions(function.periodic)
     return force

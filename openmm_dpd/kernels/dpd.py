@@ -102,7 +102,7 @@ class DPDLayer:
 
     def sweep(self, call: Call, v: np.ndarray, flow: np.ndarray | None) -> None:
         """Update the velocities (N, 3) pair by pair, in place."""
-        sweep_velocities(self.pairs, self.update, call, self.number, self._at(call.kT), v, self._v)
+        sweep_velocities(self.pairs, call.update, call, self.number, self._at(call.kT), v, self._v)
 
     def friction_moment(self, kT: float) -> float:
         """Sum over pairs of f gamma w^(2s) r^2 (radial friction)."""

@@ -124,7 +124,7 @@ class EnergyLayer:
         run(
             energy_sweep,
             energy_sweep_parallel,
-            self.update,
+            call.update,
             call.dt,
             call.key(self.number),
             order,
@@ -144,7 +144,7 @@ class EnergyLayer:
         v[order] = sorted_v
         flow[order] += changes
         flow[self.fields.immobile] = 0.0
-        if self.update != EXACT:
+        if call.update != EXACT:
             self._temperatures(call.scalars.sum(axis=1) + flow.sum(axis=1), "after the sweep")
 
     def laplacian(self) -> float:

@@ -236,7 +236,7 @@ class PairEngine:
         energy = virial = 0.0
         if which & RANDOM and kT == 0.0 and self.spec.fields is None:
             which &= ~RANDOM
-        call = Call(which, None if v is None else self._seen(v), kT, dt, seed, counter, scalars)
+        call = Call(which, None if v is None else self.seen(v), kT, dt, seed, counter, scalars)
         self.rates[...] = 0.0
         self.stress[...] = 0.0
         for number, layer in enumerate(self.layers):
@@ -269,21 +269,37 @@ class PairEngine:
         out: np.ndarray | None = None,
     ) -> np.ndarray:
         """Change of the velocities (N, 3) by one sweep of pair updates at the prepared positions, written to ``out`` if that is given."""
-        before = self._seen(v)
+        before = self.seen(v)
         swept = np.empty_like(before) if out is None else out
-        swept[...] = before
-        self.flow[...] = 0.0
-        call = Call(DISSIPATIVE | RANDOM, None, kT, dt, seed, counter, scalars)
-        for layer in self.layers:
-            layer.sweep(call, swept, self.flow)
+        self.swept(v, kT, dt, seed, counter, scalars, swept)
         swept -= before
         return swept
+
+    def swept(
+        self,
+        v: np.ndarray,
+        kT: float,
+        dt: float,
+        seed: int,
+        counter: int,
+        scalars: np.ndarray | None,
+        out: np.ndarray,
+        update: int | None = None,
+    ) -> None:
+        """Velocities after such a sweep, written to ``out``, which may be v; ``update`` is the pair update if not that of the spec."""
+        before = self.seen(v)
+        if out is not before:
+            out[...] = before
+        self.flow[...] = 0.0
+        call = Call(DISSIPATIVE | RANDOM, None, kT, dt, seed, counter, scalars, self.spec.update if update is None else update)
+        for layer in self.layers:
+            layer.sweep(call, out, self.flow)
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy at the prepared positions."""
         return sum(layer.laplacian() for layer in self.layers)
 
-    def _seen(self, v: np.ndarray) -> np.ndarray:
+    def seen(self, v: np.ndarray) -> np.ndarray:
         """Velocities with those of immobile beads replaced by their prescribed ones."""
         if self.spec.wall_velocity is None:
             return v

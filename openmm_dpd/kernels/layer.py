@@ -34,6 +34,8 @@ class Call:
         Key of the noise.
     scalars : (N, K) array or None
         What beads carry beside position and velocity (see :mod:`.fields`).
+    update : int
+        Pair update of a sweep, ``sweeps.EXACT`` or ``sweeps.SHARDLOW``.
     """
 
     which: int
@@ -43,6 +45,7 @@ class Call:
     seed: int
     counter: int
     scalars: np.ndarray | None = None
+    update: int = 0
 
     def key(self, number: int) -> np.uint64:
         """Key of the noise of layer number ``number``."""

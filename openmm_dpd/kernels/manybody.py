@@ -192,7 +192,7 @@ class ManyBodyLayer:
     def sweep(self, call: Call, v: np.ndarray, flow: np.ndarray | None) -> None:
         """Update the velocities (N, 3) pair by pair, in place."""
         scratch = np.empty((len(self.pairs.order), 3))
-        sweep_velocities(self.pairs, self.update, call, self.number, self._at(call.kT), v, scratch)
+        sweep_velocities(self.pairs, call.update, call, self.number, self._at(call.kT), v, scratch)
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy; NaN with the Lucy kernel, whose force has no potential."""

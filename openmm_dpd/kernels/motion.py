@@ -6,6 +6,8 @@ its memory comes from the operating system page by page.
 
 from __future__ import annotations
 
+import numpy as np
+
 from .compiled import compiled
 
 
@@ -51,16 +53,13 @@ def kick(v, force, inv_mass, time):
 
 
 @compiled
-def as_force(change, inv_mass, dt, share, force):
-    """Turn changes of velocities (N, 3) in place into the forces that make them in dt (0 for beads that do not move).
-
-    A share of another force is added.
-    """
+def as_force(change, inv_mass, dt):
+    """Turn changes of velocities (N, 3) in place into the forces that make them in dt (0 for beads that do not move)."""
     for i in range(len(change)):
         scale = 1.0 / (dt * inv_mass[i]) if inv_mass[i] > 0.0 else 0.0
-        change[i, 0] = change[i, 0] * scale + share * force[i, 0]
-        change[i, 1] = change[i, 1] * scale + share * force[i, 1]
-        change[i, 2] = change[i, 2] * scale + share * force[i, 2]
+        change[i, 0] *= scale
+        change[i, 1] *= scale
+        change[i, 2] *= scale
 
 
 @compiled
@@ -81,3 +80,85 @@ def scatter(values, order, out):
         out[i, 0] = values[k, 0]
         out[i, 1] = values[k, 1]
         out[i, 2] = values[k, 2]
+
+
+@compiled
+def as_shown(x, values, scale, inv_mass):
+    """Round values (N, 3) in place to what is left of them after x + scale*values; 0 for beads that do not move."""
+    for i in range(len(x)):
+        if inv_mass[i] > 0.0:
+            for k in range(3):
+                values[i, k] = ((x[i, k] + scale * values[i, k]) - x[i, k]) / scale
+        else:
+            values[i, 0] = values[i, 1] = values[i, 2] = 0.0
+
+
+@compiled
+def column_as_shown(x, values, scale, inv_mass):
+    """The same for one value (N,) of each bead, shown along one axis; beads that do not move keep theirs."""
+    for i in range(len(x)):
+        if inv_mass[i] > 0.0:
+            values[i] = ((x[i] + scale * values[i]) - x[i]) / scale
+
+
+@compiled
+def drift(x, v, inv_mass, time):
+    """Add time*v to the positions of beads that move."""
+    for i in range(len(x)):
+        if inv_mass[i] > 0.0:
+            x[i, 0] += time * v[i, 0]
+            x[i, 1] += time * v[i, 1]
+            x[i, 2] += time * v[i, 2]
+
+
+@compiled
+def move(v, acceleration, time):
+    """Add time*acceleration to v (N, 3)."""
+    for i in range(len(v)):
+        v[i, 0] += time * acceleration[i, 0]
+        v[i, 1] += time * acceleration[i, 1]
+        v[i, 2] += time * acceleration[i, 2]
+
+
+@compiled
+def largest(v):
+    """Largest absolute component, or NaN if there is one that is none."""
+    most = 0.0
+    for i in range(len(v)):
+        for k in range(3):
+            size = abs(v[i, k])
+            if not size <= most:
+                most = size
+                if size != size:
+                    return size
+    return most
+
+
+@compiled
+def reflect(x, v, inv_mass, low, high, start, period, back, last):
+    """Turn the velocities of beads beyond the walls round, and put positions back if this is the ``last`` of the velocities."""
+    for i in range(len(x)):
+        if inv_mass[i] == 0.0:
+            continue
+        whole = False
+        for k in range(3):
+            folded = x[i, k] - period[k] * np.floor((x[i, k] - start[k]) / period[k])
+            if back[k] != 0.0 and (folded < low[k] or folded > high[k]):
+                whole = True
+        for k in range(3):
+            folded = x[i, k] - period[k] * np.floor((x[i, k] - start[k]) / period[k])
+            put = x[i, k] + 2.0 * max(0.0, low[k] - folded) - 2.0 * max(0.0, folded - high[k])
+            if whole or put != x[i, k]:
+                v[i, k] = -v[i, k]
+            if last:
+                x[i, k] = put
+
+
+@compiled
+def push(v, force, mass, time):
+    """Add time*force/mass to the velocities (N, 3) of beads that move; in the order in which OpenMM evaluates that."""
+    for i in range(len(v)):
+        if mass[i] > 0.0:
+            v[i, 0] += time * force[i, 0] / mass[i]
+            v[i, 1] += time * force[i, 1] / mass[i]
+            v[i, 2] += time * force[i, 2] / mass[i]

@@ -13,6 +13,7 @@ from ..build import Built
 from ..errors import ParameterError
 from ..model.scene import Scene
 from ..plan import Plan
+from ..programs.schemes import scheme_of
 from .export_job import Job, make_job, refuse_unknown
 from .export_text import DUMP, FINAL, export_texts
 from .export_words import Differences
@@ -74,7 +75,7 @@ def export_lammps(
     steps : int
         Number of steps of the run.
     scheme : str, optional
-        One of :data:`openmm_dpd.plan.SCHEMES`; ``mvv`` for a Scene by default, which is LAMMPS's own.  What LAMMPS does not have is
+        One of :data:`openmm_dpd.programs.schemes.SCHEMES`; ``mvv`` for a Scene by default, which is LAMMPS's own.  What LAMMPS does not have is
         replaced by what is nearest, with a warning.
     lam : float, optional
         Lambda of ``mvv``.
@@ -105,8 +106,8 @@ def export_lammps(
         source = source.plan
     if isinstance(source, Plan):
         options = source.options
-        dt, scheme = (options.dt if dt is None else dt), scheme or options.scheme
-        lam, seed = (options.lam if lam is None and scheme == "mvv" else lam), (options.seed if seed is None else seed)
+        dt, scheme = (options.dt if dt is None else dt), scheme or options.scheme.name
+        lam, seed = (options.lam if lam is None and scheme_of(scheme).predicts else lam), (options.seed if seed is None else seed)
         source = source.scene
     if not isinstance(source, Scene):
         raise ParameterError(f"expected a Scene, a Plan or what build() made, not {source!r}")
@@ -167,7 +168,7 @@ def export_deck(
         request.dt,
         request.steps,
         request.scheme,
-        request.lambda_ if request.scheme == "mvv" else 0.5,
+        request.lambda_ if scheme_of(request.scheme).predicts else 0.5,
         seed if seed is not None else request.seed,
         every,
         request.state.units.name,

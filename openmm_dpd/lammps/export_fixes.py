@@ -19,6 +19,7 @@ from ..model.pairs import DPD
 from ..model.scene import Scene, TemperatureRamp
 from ..model.sources import Block
 from ..model.tdpd import TDPD
+from ..programs.schemes import scheme_of
 from ..units import UnitSystem
 from .export_beads import BeadTypes
 from .export_words import Differences, group_lines, number, numbers
@@ -54,16 +55,17 @@ def choose_mover(scene: Scene, scheme: str, lam: float, units: UnitSystem, skin:
         if kind in kinds:
             return Mover(fix, lam)
     energy = EnergyDPD in kinds
-    wanted = scheme == "shardlow" or (energy and scheme in ("middle", "aboba", "bababo"))
+    chosen = scheme_of(scheme)
+    wanted = chosen.shardlow or (energy and chosen.sweeps)
     why = _no_shardlow(scene, kinds, skin) if wanted else None
     swept = wanted and why is None
-    if scheme == "shardlow" and why is not None:
+    if chosen.shardlow and why is not None:
         differences.add(f"fix shardlow is not possible, since {why}; the deck uses velocity Verlet (fix nve), where friction is a force")
-    elif scheme in ("middle", "aboba", "bababo", "native"):
+    elif not chosen.predicts and not chosen.shardlow:
         instead = "Shardlow's splitting (fix shardlow, then fix nve)" if swept else "velocity Verlet (fix nve), where friction is a force"
-        names = {"native": "OpenMM's DPDIntegrator"}
+        name = "OpenMM's DPDIntegrator" if chosen.native else repr(chosen.name)
         differences.add(
-            f"LAMMPS has no scheme {names.get(scheme, repr(scheme))}: the deck uses {instead}; at the same step the temperatures differ by "
+            f"LAMMPS has no scheme {name}: the deck uses {instead}; at the same step the temperatures differ by "
             "the errors of the schemes, so a shorter step may be needed"
         )
     if swept:

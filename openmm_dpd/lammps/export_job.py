@@ -11,7 +11,8 @@ from ..errors import ParameterError
 from ..model.flow import PositionForce, gaps
 from ..model.internal import InternalEnergy
 from ..model.scene import Scene
-from ..plan import SCHEMES, checked_seed
+from ..plan import checked_seed
+from ..programs.schemes import scheme_of
 from ..units import UNIT_SYSTEMS, UnitSystem, to_md, whole_number
 from .export_beads import BeadTypes, Bonded, atom_style, bead_types
 from .export_bonded import angle_types, bond_types, longest_bond
@@ -67,8 +68,7 @@ def make_job(scene: Scene, name, dt, steps, scheme, lam, seed, every, units, cor
     step = to_md(dt, "time", "dt")
     if not isinstance(step, float) or step <= 0:
         raise ParameterError(f"dt must be one time > 0, not {dt!r}")
-    if scheme not in SCHEMES:
-        raise ParameterError(f"unknown scheme {scheme!r}; it must be one of {', '.join(SCHEMES)}")
+    scheme = scheme_of(scheme).name
     if units not in UNIT_SYSTEMS:
         raise ParameterError(f"unknown units {units!r}; they must be one of {', '.join(UNIT_SYSTEMS)}")
     weight = to_md(lam, "dimensionless", "lam")

@@ -23,6 +23,7 @@ from ..measure import Sample as Measurement
 from ..model.edpd import EDPD
 from ..model.scene import Scene
 from ..names import COUNTER
+from ..programs.schemes import scheme_of
 from ..stats import block_average, ratio_average
 from ..watch import has_set_temperature, temperature_warning
 from .chunk_average import ChunkAverage
@@ -362,7 +363,7 @@ def build_request(request: RunRequest, scene: Scene, options: RunOptions) -> Bui
             scene,
             dt=request.dt,
             scheme=request.scheme,
-            lam=request.lambda_ if request.scheme == "mvv" else 0.5,
+            lam=request.lambda_ if scheme_of(request.scheme).predicts else 0.5,
             conservative=options.conservative,
             platform=options.platform,
             seed=options.seed if options.seed is not None else request.seed,

@@ -9,6 +9,7 @@ from ..build import Built
 from ..fields import read_fields
 from ..measure import Observer
 from ..measure import Sample as Measurement
+from ..programs.schemes import scheme_of
 from .request import RunRequest
 from .sample import Sample
 
@@ -55,7 +56,7 @@ class Sampler:
             lattice_energy=measured.lattice,
             bond_energy=measured.bond,
             angle_energy=measured.angle,
-            virial=full if self.request.scheme == "mvv" else measured.virial_conservative,
+            virial=full if scheme_of(self.request.scheme).predicts else measured.virial_conservative,
             virial_full=full,
             force_norm=measured.force_norm,
             force_max=measured.force_max,

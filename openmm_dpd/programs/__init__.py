@@ -1,36 +1,31 @@
-"""Integrator programs.  To add a scheme: one file here with a function options -> Program, one entry in PROGRAMS and in plan.SCHEMES."""
+"""Integrator programs.  A new scheme is a word: one entry of :data:`.schemes.SCHEMES`."""
 
 from __future__ import annotations
 
 from ..errors import PlanError
-from ..plan import ProgramOptions
-from . import aboba, bababo, middle, mvv, shardlow
+from . import mvv, splitting, whole
+from .options import ProgramOptions
 from .program import Program
-
-#: Scheme -> function that writes its program.
-PROGRAMS = {
-    "mvv": mvv.program,
-    "shardlow": shardlow.program,
-    "middle": middle.program,
-    "aboba": aboba.program,
-    "bababo": bababo.program,
-}
-
-#: Schemes that keep constraints and virtual sites right: the others evaluate forces at positions that are not constrained yet.
-CONSTRAINED = ("middle",)
+from .schemes import SCHEMES
 
 
 def make_program(options: ProgramOptions) -> Program:
     """The program of a scheme, checked."""
-    if options.constraints and options.scheme not in CONSTRAINED:
+    scheme = options.scheme
+    if options.constraints and not scheme.constraints:
+        able = " or ".join(repr(name) for name, known in SCHEMES.items() if known.constraints)
         raise PlanError(
-            f"the scheme {options.scheme!r} evaluates forces within the step, at positions where constraints and virtual sites "
-            "do not hold; "
-            f"use scheme={' or '.join(map(repr, CONSTRAINED))} for this System"
+            f"the scheme {scheme.name!r} evaluates forces within the step, at positions where constraints and virtual sites do not hold; "
+            f"use scheme={able} for this System"
         )
-    program = PROGRAMS[options.scheme](options)
+    if options.whole_steps:
+        program = whole.program(options)
+    elif options.predicting:
+        program = mvv.program(options)
+    else:
+        program = splitting.program(options)
     program.check()
     return program
 
 
-__all__ = ["CONSTRAINED", "PROGRAMS", "Program", "make_program"]
+__all__ = ["Program", "ProgramOptions", "make_program"]

@@ -18,7 +18,7 @@ the box now and then (when they reorder atoms), which counts as a change.  The n
 from __future__ import annotations
 
 from ..names import Phase
-from ..plan import ProgramOptions
+from .options import ProgramOptions
 from .program import Program
 from .walls import reflect
 
@@ -28,9 +28,6 @@ def program(options: ProgramOptions) -> Program:
     p = Program("mvv", "Groot and Warren 1997", options)
     p.declare_per_dof("acc", "acceleration at x, friction and noise included")
     p.begin()
-    if not options.kernel:
-        _plain(p)
-        return p
     fields = p.fields()
     rates = [f"rate{k}" for k in range(len(fields))]
     for name in rates:
@@ -43,9 +40,6 @@ def program(options: ProgramOptions) -> Program:
     if predicted:
         p.declare_per_dof("vp", "predicted velocity")
         p.each("vp", f"v+{options.lam!r}*dt*acc", "what the friction will see")
-    if options.thermostat and options.kernel_conservative and not (predicted or options.walls or fields):
-        _one_update(p)
-        return p
     seen = _advance_fields(p, fields, rates)
     p.each("v", "v+0.5*dt*acc", "half kick")
     if fields:
@@ -72,17 +66,6 @@ def program(options: ProgramOptions) -> Program:
         p.each(name, f"{name}+0.5*dt*{rate}", "second half")
     p.acceleration_is_kept()
     return p
-
-
-def _one_update(p: Program) -> None:
-    """The rest of a step where one evaluation gives all forces: v is written once."""
-    p.each("x", "x+dt*(v+0.5*dt*acc)", "half kick, drift")
-    p.next_temperature()
-    p.next_noise("dt")
-    p.phase(Phase.FORCE_SEEN)
-    p.each("v", "v+0.5*dt*(acc+f/m)", "both half kicks: the drift showed the half-step velocity")
-    p.each("acc", "f/m")
-    p.acceleration_is_kept()
 
 
 def _recompute(p: Program, fields: list[str], rates: list[str]) -> None:
@@ -116,7 +99,7 @@ def _advance_fields(p: Program, fields: list[str], rates: list[str]) -> list[str
 def _take_rates(p: Program, rates: list[str]) -> None:
     scale = p.options.field_scale
     for block, rate in enumerate(rates):
-        p.phase(Phase.CHANGES, block)
+        p.phase(Phase.CHANGE, block)
         p.each(rate, f"{scale!r}*{p.pair_force}" if scale != 1.0 else p.pair_force)
 
 
@@ -127,11 +110,3 @@ def _add_friction_and_noise(p: Program, velocity: str, rates: list[str] | tuple 
     p.each("acc", f"acc+{p.pair_force}/m", "friction and noise")
     _take_rates(p, list(rates))
     p.each("x", "xs", "back")
-
-
-def _plain(p: Program) -> None:
-    p.each("v", "v+0.5*dt*f/m", "half kick")
-    p.each("x", "x+dt*v", "drift")
-    reflect(p)
-    p.each("v", "v+0.5*dt*f/m", "half kick")
-    del p.per_dof["acc"]

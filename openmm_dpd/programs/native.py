@@ -16,8 +16,9 @@ from ..integrators import NativeIntegrator, origin
 from ..kernels.cells import coincident_pairs
 from ..model.pairs import NONE
 from ..neighbour_list import may_miss_pairs
-from ..plan import DOUBLE_PLATFORMS, Plan, ProgramOptions
+from ..plan import DOUBLE_PLATFORMS, Plan
 from ..units import BOLTZMANN
+from .options import ProgramOptions
 
 
 def why_not(plan: Plan) -> str | None:

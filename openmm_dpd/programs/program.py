@@ -14,7 +14,6 @@ import openmm
 from ..errors import ProgramError
 from ..integrators import PairIntegrator
 from ..names import (
-    ALONE,
     COUNTER,
     DT,
     FIELD,
@@ -29,8 +28,8 @@ from ..names import (
     TEMPERATURE,
     Phase,
 )
-from ..plan import ProgramOptions
 from ..units import BOLTZMANN
+from .options import ProgramOptions
 
 _ENERGIES = frozenset({"energy"} | {f"energy{g}" for g in range(32)})
 _PER_DOF = frozenset({"x", "v", "f", "m"} | {f"f{g}" for g in range(32)})
@@ -110,14 +109,22 @@ class Program:
 
     def phase(self, phase: Phase, block: int = 0) -> None:
         """Tell the pair force what the next evaluation asks for."""
-        self.set(PHASE, str(int(phase) + block), phase.name + (f" {block}" if phase >= Phase.READ else ""))
+        self.set(PHASE, str(int(phase) + block), phase.name + (f" {block}" if phase >= Phase.SWEEP_SEEN else ""))
 
     def begin(self) -> None:
         """What every step starts with: barostats, then the present dt for the kernel."""
+        self.update()
+        self.conditions()
+
+    def update(self) -> None:
+        """Let barostats act."""
         if self.options.kernel:
             # an error within a step leaves another phase behind, and barostats ask for energies
             self.phase(Phase.IDLE)
         self.steps.append(Step("update", why="barostats and other updates of the Context's state"))
+
+    def conditions(self) -> None:
+        """Tell the kernel of the step size, and settle which temperature holds."""
         if self.options.kernel:
             self.set(DT, "dt", "so that setStepSize works")
         if self.options.settable:
@@ -144,20 +151,6 @@ class Program:
         self.set(SEEN_TEMPERATURE, TEMPERATURE)
         self.end()
 
-    def when_alone(self) -> None:
-        """Open a block for steps in which no force acts but the pair force: it may then keep the kicks to itself.
-
-        The variable is 0 unless :class:`openmm_dpd.integrators.PairIntegrator` has looked at the System, so that a program that knows
-        nothing of it is right beside any force.
-        """
-        self.declare(ALONE, 0.0, "1 while the pair force is known to be the only one that acts")
-        self.when(f"{ALONE} > 0", "no other force acts")
-
-    def otherwise(self) -> None:
-        """Close the block of :meth:`when_alone` and open the one for all other steps."""
-        self.end()
-        self.when(f"{ALONE} < 1", "other forces may act")
-
     def show_by(self, tau: str) -> None:
         """Say which drift shows the velocities."""
         self.set(TAU, tau, "the drift that shows the velocities")
@@ -174,8 +167,7 @@ class Program:
             return
         self.declare(RAMP_STEP, 0.0, "steps done, for the temperature ramp")
         self.set(RAMP_STEP, f"{RAMP_STEP}+1")
-        fraction = f"min(1, max(0, ({RAMP_STEP}-({ramp.begin}))/{ramp.end - ramp.begin}))"
-        self.set(KT, f"{ramp.start!r}+({ramp.stop - ramp.start!r})*{fraction}", "kT of this step")
+        self.set(KT, ramp_expression(ramp, RAMP_STEP), "kT of this step")
 
     def note(self) -> None:
         """Let the pair force keep the present positions."""
@@ -192,13 +184,6 @@ class Program:
     def keep(self) -> None:
         """Let the pair force keep the present positions, without a fingerprint."""
         self.hear(Phase.KEEP, "the pair force keeps x")
-
-    def conserve_or_keep(self) -> None:
-        """Let the pair force keep the present positions, and give the conservative force there if it is the kernel's."""
-        if self.options.kernel_conservative:
-            self.phase(Phase.CONSERVE)
-        elif self.options.thermostat:
-            self.keep()
 
     def trial_drift(self, velocity: str) -> None:
         """Drift by tau*velocity from xs, for the pair force to see that velocity; x has to be put back afterwards."""
@@ -224,17 +209,6 @@ class Program:
         for block, variable in enumerate(variables):
             self._show_values(variable, "xs")
             self.hear(Phase.READ, "the pair force reads them", block)
-
-    def show_on_the_way(self, variables: list[str]) -> str:
-        """Show what beads carry on top of the positions, which the pair force must have kept; returns the positions without it.
-
-        The drift that follows takes it off again, to rounding; nothing has to be remembered and put back.
-        """
-        if not variables:
-            return "x"
-        (variable,) = variables
-        self._show_values(variable, "x")
-        return f"x-{TAU}*{variable}"
 
     def _show_values(self, variable: str, start: str) -> None:
         self.declare("size", 0.0, "sum of squares of what the pair force reads next")
@@ -263,26 +237,6 @@ class Program:
         self.set("last", "here", "acc is valid for this")
         self.phase(Phase.IDLE)
 
-    def show_to_sweep(self, velocity: str) -> list[str]:
-        """Let a sweep at the kept positions see all it needs: new temperature and noise, what beads carry, this velocity.
-
-        Returns the names of what beads carry; x has to be put back to xs afterwards.
-        """
-        self.next_temperature()
-        fields = self.fields()
-        self.keep_positions()
-        self.read(fields)
-        self.next_noise(self.options.trial_time)
-        self.show(velocity)
-        self.phase(Phase.SWEEP_KEPT)
-        return fields
-
-    def sweep(self, fields: list[str], why: str = "sweep") -> None:
-        """Take over the impulses of a sweep, and what it did to internal energies."""
-        self.before_sweep()
-        self.each("v", f"v+dt*{self.pair_force}/m", why)
-        self.after_sweep(fields)
-
     def after_sweep(self, fields: list[str]) -> None:
         """Take over what a sweep did to internal energies; where velocities are not double precision, by what they really changed.
 
@@ -293,7 +247,7 @@ class Program:
             return
         (u,) = fields
         scale = self.options.field_scale
-        self.phase(Phase.CHANGES)
+        self.phase(Phase.CHANGE)
         if not self.options.compensated:
             self.each(u, f"{u}+{scale!r}*{self.pair_force}" if scale != 1.0 else f"{u}+{self.pair_force}", "energies the beads got")
             return
@@ -406,6 +360,11 @@ class Program:
             lines.append(f"  {number:3d}  {'  ' * indent}{text:<{52 - 2 * indent}}{_comment(text, 52 - 2 * indent, step.why)}".rstrip())
             indent += step.kind == "if"
         return "\n".join(lines)
+
+
+def ramp_expression(ramp, steps: str) -> str:
+    """Thermal energy on a temperature ramp after some steps; by the reciprocal of its length, since OpenMM divides by constants so."""
+    return f"{ramp.start!r}+({ramp.stop - ramp.start!r})*min(1, max(0, ({steps}-({ramp.begin}))*{1.0 / (ramp.end - ramp.begin)!r}))"
 
 
 def _comment(text: str, width: int, why: str) -> str:

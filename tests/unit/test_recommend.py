@@ -7,7 +7,7 @@ import pytest
 
 import openmm_dpd as dpd
 from openmm_dpd.errors import ParameterError
-from openmm_dpd.plan import SCHEMES
+from openmm_dpd.programs.schemes import SCHEMES
 from openmm_dpd.recommend import advice, predicted_error, recommend
 from openmm_dpd.scene_groups import bond_frequency, charge_frequency, groups
 from openmm_dpd.stability_table import LEVELS, Groups, StabilityTable, shipped_table

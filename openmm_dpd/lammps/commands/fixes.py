@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ...errors import ParameterError
+from ...programs.schemes import scheme_of
 from .. import arguments as read
 from ..averages import Average
 from ..chunk_average import parse_ave_chunk
@@ -132,7 +133,7 @@ def run(state: DeckState, args: list[str]) -> None:
     if state.stop_before_first_run:
         state.finished = True
         return
-    if request.scheme == "mvv" and request.seed is not None and any(dump.needs_forces for dump in request.dumps):
+    if scheme_of(request.scheme).predicts and request.seed is not None and any(dump.needs_forces for dump in request.dumps):
         state.note("the dump columns fx, fy, fz hold the conservative forces; LAMMPS counts friction and noise as well")
     request.scene()  # everything that is missing or wrong is reported before anything is computed
     if state.run_callback is not None:

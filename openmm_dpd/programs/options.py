@@ -1,0 +1,132 @@
+"""What a program is written for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..model.scene import TemperatureRamp
+from ..names import PAIR_GROUP
+from .schemes import SWEEPS, Scheme
+
+
+@dataclass(frozen=True)
+class ProgramOptions:
+    """All that a program has to know.
+
+    Attributes
+    ----------
+    scheme : Scheme
+    dt : float
+        Step size, ps.
+    kT : float
+        Thermal energy at the start, kJ/mol.
+    seed : int
+        Seed of the noise.
+    lam : float
+        Weight of the velocity prediction of ``mvv``.
+    thermostat : bool
+        Whether there is friction or noise at all.
+    kernel_conservative : bool
+        Whether the pair kernel holds a conservative force.
+    whole_steps : bool
+        Whether the pair force carries out whole steps: it holds all fast forces, and positions are double precision.
+    settable : bool
+        Whether the temperature is one number that may be set: there is friction or noise, no ramp, and no internal temperature.
+    pair_group : int
+        Force group of the pair force.
+    seeded : bool
+        Whether the caller chose the seed.
+    constraints : bool
+        Whether the System has constraints.
+    ramp : TemperatureRamp or None
+    tau_ratio : float
+        Trial drift in units of the step size.
+    trial : float or None
+        Trial drift, ps, instead.
+    walls : str
+        Kind of the walls, "specular", "bounce-back" or "mixed"; empty if there are none.
+    field_blocks : int
+        Number of per-DOF variables that hold internal energies, temperatures or concentrations.
+    field_names : str
+        What they hold, for the listing.
+    field_lam : float
+        Weight of the prediction of the fields in ``mvv``.
+    field_reach : float
+        Largest displacement that shows them to the pair force, nm.
+    field_scale : float
+        Their changes come back in units of this.
+    field_shown : float
+        Displacement by which a whole step is shown a value of 1 of them, nm; that of a rate, and of an acceleration, below.
+    compensated : bool
+        Whether velocities or forces are less than double precision, so that energies have to be balanced by the program.
+    """
+
+    scheme: Scheme
+    dt: float
+    kT: float
+    seed: int
+    lam: float = 0.5
+    thermostat: bool = True
+    kernel_conservative: bool = False
+    whole_steps: bool = False
+    settable: bool = False
+    pair_group: int = PAIR_GROUP
+    seeded: bool = False
+    constraints: bool = False
+    ramp: TemperatureRamp | None = None
+    tau_ratio: float = 1.0 / 32.0
+    trial: float | None = None
+    walls: str = ""
+    field_blocks: int = 0
+    field_names: str = ""
+    field_lam: float = 0.5
+    field_reach: float = 0.1
+    field_scale: float = 1.0
+    field_shown: float = 1.0
+    compensated: bool = False
+
+    @property
+    def openmm_seed(self) -> int:
+        """The seed for OpenMM's own random numbers, where 0 would mean any."""
+        return self.seed or 2**31 - 1
+
+    @property
+    def trial_time(self) -> str:
+        """Length of trial drifts, as an expression."""
+        return f"dt*{self.tau_ratio!r}" if self.trial is None else repr(self.trial)
+
+    @property
+    def rate_shown(self) -> float:
+        """Displacement by which a whole step is shown a rate of 1, nm."""
+        return self.dt * self.field_shown
+
+    @property
+    def acceleration_shown(self) -> float:
+        """Displacement by which a whole step is shown an acceleration of 1, nm."""
+        return self.dt * self.dt * self.tau_ratio
+
+    @property
+    def slow_kicks(self) -> tuple[str, str]:
+        """How long forces that stay OpenMM's kick before and after a whole step: velocities lag behind them as behind all others."""
+        before, after = 0.5 + self.scheme.lag, 0.5 - self.scheme.lag
+        return f"{before!r}*dt", f"{after!r}*dt" if after else "0"
+
+    @property
+    def noises(self) -> int:
+        """How often a step draws new noise."""
+        if not self.thermostat:
+            return 0
+        return 1 if self.predicting else sum(letter in SWEEPS for letter, _ in self.scheme.letters)
+
+    @property
+    def predicting(self) -> bool:
+        """Whether friction is a force of a predicted velocity; without friction, and fields that change, there is nothing to predict."""
+        return self.scheme.predicts and (self.thermostat or self.field_blocks > 0)
+
+    @property
+    def kernel(self) -> bool:
+        """Whether a pair kernel takes part at all."""
+        return self.thermostat or self.kernel_conservative
+
+
+__all__ = ["ProgramOptions"]

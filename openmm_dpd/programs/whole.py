@@ -1,0 +1,88 @@
+"""A step that the pair force carries out by itself, where it holds all fast forces and positions are double precision.
+
+The program shows it positions, velocities and whatever else a step begins with, each by a displacement, and takes over what it answers.
+:class:`openmm_dpd.integrators.PairIntegrator` has many such steps done at once, without these lines, and then only lets barostats hear
+of them (``ahead``); both give the same bits.  Forces that stay OpenMM's kick before and after.
+"""
+
+from __future__ import annotations
+
+from ..names import ACCELERATION, AHEAD, PREDICTED, RATES, STAMP, VELOCITY, Phase
+from .options import ProgramOptions
+from .program import Program
+
+
+def program(options: ProgramOptions) -> Program:
+    """Program for the options given."""
+    scheme = options.scheme
+    p = Program(scheme.name, scheme.reference, options)
+    p.declare(AHEAD, 0.0, "steps that are done already, of which only barostats hear")
+    p.declare(STAMP, 0.0, "fingerprint of the per-DOF variables that a loop of steps left, or 0")
+    p.update()
+    p.when(f"{AHEAD} < 1", "is this step still to be done?")
+    p.conditions()
+    _step(p)
+    p.set(AHEAD, "1")
+    p.end()
+    p.set(AHEAD, f"{AHEAD}-1")
+    return p
+
+
+def _step(p: Program) -> None:
+    options = p.options
+    fields = p.fields()
+    shown = [(k, name, options.field_shown) for k, name in enumerate(fields)]
+    if options.predicting:
+        rates = [f"rate{k}" for k in range(len(fields))]
+        p.declare_per_dof("acc", "acceleration at x by all the pair force holds, friction and noise included")
+        for name in rates:
+            p.declare_per_dof(name, "change of the field per time, at x")
+        p.note()
+        shown += [(RATES + k, name, options.rate_shown) for k, name in enumerate(rates)]
+        shown.append((ACCELERATION, "acc", options.acceleration_shown))
+    before, after = options.slow_kicks
+    p.phase(Phase.KEEP)
+    p.each("v", f"v+{before}*f/m", "kick by forces that stay OpenMM's; the pair force keeps x")
+    p.next_temperature()
+    if shown:
+        p.keep_positions()
+    for entry in shown:
+        if entry[0] < RATES:
+            _show(p, *entry)
+    history = [entry for entry in shown if entry[0] >= RATES]
+    if history:
+        p.declare("last", -1.0, "fingerprint at which the acceleration is valid")
+        p.when("here = last", "is the acceleration still valid? If not the pair force computes it")
+        for entry in history:
+            _show(p, *entry)
+        p.end()
+    p.show_by(options.trial_time)
+    p.each("x", f"{'xs' if shown else 'x'}+dpd_tau*v", "trial drift: shows the velocities")
+    p.phase(Phase.RUN)
+    p.each("x", p.pair_force, "positions after the step")
+    told = [(VELOCITY, "v"), *((block, name) for block, name, _ in shown)]
+    if options.predicting and options.lam != 0.5:
+        p.declare_per_dof("vp", "velocities that friction saw")
+        told.append((PREDICTED, "vp"))
+    for block, name in told:
+        p.phase(Phase.TELL, block)
+        p.each(name, p.pair_force)
+    if options.noises:
+        p.set("dpd_counter", f"dpd_counter+{options.noises}", "noise that was used")
+    if history:
+        p.note()
+        p.set("last", "here", "acc is valid for this")
+        p.set(STAMP, "0")
+    if after != "0":
+        p.phase(Phase.KEEP)
+        p.each("v", f"v+{after}*f/m", "kick by forces that stay OpenMM's")
+    p.phase(Phase.IDLE)
+
+
+def _show(p: Program, block: int, name: str, scale: float) -> None:
+    p.set("dpd_tau", repr(scale), "scale of the displacement")
+    p.each("x", f"xs+{scale!r}*{name}", "shows these values")
+    p.hear(Phase.READ, "the pair force reads them", block)
+
+
+__all__ = ["program"]
