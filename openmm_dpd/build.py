@@ -26,7 +26,7 @@ from .integrators import Made, NativeIntegrator, PairIntegrator
 from .kernels.cells import coincident_pairs
 from .kernels.steps import Ramp, StepSpec, Walls
 from .model.bonds import FENEBonds
-from .model.flow import BOUNCE_BACK, gaps
+from .model.flow import gaps
 from .model.mdpd import MDPD
 from .model.scene import Scene
 from .names import BONDED_GROUP, LAST_POTENTIAL_GROUP, POTENTIAL_GROUP, VIRIAL_GROUP
@@ -178,11 +178,11 @@ def build_plan(plan: Plan) -> Built:
     integrator.setIntegrationForceGroups(integration_groups(system.getForces(), options))
     integrator.made = Made.of("build()", system, system.getForces(), options)
     if isinstance(integrator, PairIntegrator) and function is not None and function.steps is not None:
-        integrator.whole = WholeSteps(function, options.pair_group, options.tau_ratio, options.trial)
+        integrator.whole = WholeSteps(function, options.pair_group)
     if plan.spec.fields is not None:
         for name, values in field_variables(plan.spec.fields.initial).items():
             integrator.setPerDofVariableByName(name, values)
-    if scene.walls:
+    if scene.walls and not options.whole_steps:
         for name, values in walls.variables(gaps(scene.walls, scene.box), scene.n_beads).items():
             integrator.setPerDofVariableByName(name, values)
     return Built(
@@ -242,9 +242,7 @@ def _step_spec(plan: Plan) -> StepSpec:
     scheme, ramp = options.scheme, options.ramp
     predicts = options.predicting
     mobile = plan.spec.inv_mass > 0
-    found = walls.variables(gaps(scene.walls, scene.box), 1) if scene.walls else {}
-    planes = [found[name][0] for name in (walls.LOW, walls.HIGH, walls.START, walls.PERIOD)] if found else []
-    back = np.array([0.0 if gap is None else float(gap.kind == BOUNCE_BACK) for gap in map(gaps(scene.walls, scene.box).get, range(3))])
+    found = walls.planes(gaps(scene.walls, scene.box)) if scene.walls else {}
     return StepSpec(
         letters=() if predicts else tuple((letter, float(part)) for letter, part in scheme.steps(options.thermostat)),
         mass=np.where(mobile, scene.bead_masses, 0.0),
@@ -252,7 +250,7 @@ def _step_spec(plan: Plan) -> StepSpec:
         thermostat=options.thermostat,
         lam=options.lam,
         field_lam=options.field_lam,
-        walls=Walls(*planes, back) if planes else None,
+        walls=Walls(*(found[name] for name in walls.CONSTANTS)) if found else None,
         ramp=None if ramp is None else Ramp(ramp.start, ramp.stop, ramp.begin, ramp.end),
         field_shown=options.field_shown,
         rate_shown=options.rate_shown,

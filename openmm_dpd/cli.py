@@ -21,7 +21,7 @@ def _parser() -> argparse.ArgumentParser:
     run = commands.add_parser("run", help="run a deck", description="Run a LAMMPS deck.")
     run.add_argument(
         "--scheme",
-        help="integration scheme of every run, a name or a word such as 'B/2 A/2 O A/2 B/2' (default: what the deck's fixes say)",
+        help="integration scheme of every run, a name or a word (default: what the deck's fixes say)",
     )
     run.add_argument("--dt", type=float, metavar="DT", help="time step of every run, in the deck's units")
     run.add_argument("--steps", type=int, metavar="N", help="number of steps of every run")

@@ -13,11 +13,10 @@ import openmm
 
 from .errors import RunError
 from .fields import per_dof
-from .forces.pair_force import PairForceFunction, fingerprint, in_block, unfolded
+from .forces.pair_force import Fields, PairForceFunction, fingerprint, unfolded
 from .kernels import motion
-from .kernels.fields import ENERGY
 from .kernels.steps import Moment, StepSpec
-from .names import AHEAD, COUNTER, DT, FIELD, KT, RAMP_STEP, SEED, SEEN_KT, SEEN_TEMPERATURE, STAMP, TAU, TEMPERATURE
+from .names import ACCELERATION, AHEAD, COUNTER, DT, FIELD, KT, RAMP_STEP, RATES, SEED, SEEN_KT, SEEN_TEMPERATURE, STAMP, TAU, TEMPERATURE
 from .units import BOLTZMANN
 
 if TYPE_CHECKING:
@@ -33,12 +32,10 @@ class WholeSteps:
         The callable of the pair force, which holds the terms and the arrays.
     pair_group : int
         Force group of that force.
-    tau_ratio, trial : float, float or None
-        Trial drift with which a program shows velocities, in units of the step size, or (if not None) in ps.
     """
 
-    def __init__(self, function: PairForceFunction, pair_group: int, tau_ratio: float, trial: float | None):
-        self.function, self.pair_group, self.tau_ratio, self.trial = function, pair_group, tau_ratio, trial
+    def __init__(self, function: PairForceFunction, pair_group: int):
+        self.function, self.pair_group = function, pair_group
         self._held: tuple[float, dict[str, np.ndarray]] = (0.0, {})
 
     @property
@@ -62,7 +59,7 @@ class WholeSteps:
         RunError
             If a step fails, with its number.
         """
-        function, here = self.function, self.function.here()
+        here = self.function.here()
         self._settle_temperature(integrator, context)
         state = context.getState(positions=True, velocities=True, parameters=True)
         count, time, parameters = state.getStepCount(), state.getTime()._value, state.getParameters()
@@ -131,17 +128,15 @@ class WholeSteps:
         x, box = function.positions(state), function.box(state)
         v = state.getVelocities(asNumpy=True)._value.copy()
         v[function.spec.inv_mass == 0.0] = 0.0
-        tau = dt * self.tau_ratio if self.trial is None else self.trial
         kT = function.thermal_energy(parameters)
-        moment = Moment(x.copy(), v, box, dt, tau, kT, int(parameters[SEED]), int(parameters[COUNTER]))
+        moment = Moment(x.copy(), v, box, dt, kT, int(parameters[SEED]), int(parameters[COUNTER]))
         if spec.ramp is not None:
             moment.ramped = integrator.getGlobalVariableByName(RAMP_STEP)
-        names = self._variables()
-        values = self._values(integrator, names)
+        values = self._values(integrator, list(self._variables()))
         fields = function.spec.fields
         if fields is not None:
             blocks = [values[f"{FIELD}{k}"].copy() for k in range(fields.n_blocks)]
-            moment.values = self._shown_blocks(x, blocks, here)
+            moment.values = self._shown_blocks(x, blocks, here.fields)
         if spec.predicts:
             valid = function.note(here, x, box, parameters) == integrator.getGlobalVariableByName("last")
             if fields is not None:
@@ -150,15 +145,12 @@ class WholeSteps:
                 moment.acc = values["acc"].copy()
         return moment
 
-    def _shown_blocks(self, x: np.ndarray, blocks: list[np.ndarray], here) -> np.ndarray:
-        """Fields as a program would show them first: three values at a time, of which energies add two up."""
-        spec = self.function.spec.fields
-        for block in blocks:
+    def _shown_blocks(self, x: np.ndarray, blocks: list[np.ndarray], fields: Fields) -> np.ndarray:
+        """Values as a program would show them first: three at a time."""
+        for k, block in enumerate(blocks):
             motion.as_shown(x, block, self.spec.field_shown, self.function.spec.inv_mass)
-            if spec.kind == ENERGY:
-                block[:, 1] += block[:, 2]
-        values = unfolded(blocks, spec)
-        return np.where(spec.immobile[:, None], here.fields.values, values)
+            fields.read(k, block)
+        return fields.values.copy()
 
     def _give_back(self, integrator: PairIntegrator, context: openmm.Context, state, moment: Moment, begun: int, here) -> None:
         """Put what the last step left into the Context."""
@@ -170,38 +162,34 @@ class WholeSteps:
         context.setPositions(moment.x)
         context.setVelocities(moment.v)
         context.setParameter(COUNTER, float(moment.counter))
-        context.setParameter(TAU, moment.tau)
+        context.setParameter(TAU, moment.dt)
         context.setParameter(DT, moment.dt)
         if spec.ramp is not None:
             context.setParameter(KT, moment.kT)
             put(integrator, RAMP_STEP, moment.ramped)
-        held: dict[str, np.ndarray] = {}
         if moment.values is not None:
             here.fields.values = moment.values
-            for k in range(function.spec.fields.n_blocks):
-                held[f"{FIELD}{k}"] = in_block(moment.values, k)
-                if spec.predicts:
-                    held[f"rate{k}"] = in_block(moment.rates, k)
+        held = {name: moment.block(block) for name, block in self._variables().items()}
         if spec.predicts:
-            held["acc"] = moment.acc
             if moment.predicted is not None:
                 held["vp"] = moment.predicted
             after = context.getState(positions=True, parameters=True)
-            put(integrator, "last", function.note(here, function.positions(after), function.box(after), after.getParameters()))
-            put(integrator, "here", integrator.getGlobalVariableByName("last"))
+            last = function.note(here, function.positions(after), function.box(after), after.getParameters())
+            put(integrator, "last", last)
+            put(integrator, "here", last)
         for name, values in held.items():
             openmm.CustomIntegrator.setPerDofVariableByName(integrator, name, values)
         if held:
-            stamp = fingerprint(np.concatenate([held[name] for name in self._variables()]), np.zeros(0))
+            stamp = fingerprint(np.concatenate(list(held.values())), np.zeros(0))
             put(integrator, STAMP, stamp)
             self._held = stamp, held
 
-    def _variables(self) -> list[str]:
-        """Per-DOF variables with which a step begins."""
-        fields = self.function.spec.fields
-        blocks = 0 if fields is None else fields.n_blocks
-        names = [f"{FIELD}{k}" for k in range(blocks)]
-        return [*names, *(f"rate{k}" for k in range(blocks)), "acc"] if self.spec.predicts else names
+    def _variables(self) -> dict[str, int]:
+        """Per-DOF variables with which a step begins, and the numbers of their blocks."""
+        fields, predicts = self.function.spec.fields, self.spec.predicts
+        blocks = range(0 if fields is None else fields.n_blocks)
+        names = {f"{FIELD}{k}": k for k in blocks}
+        return names | {f"rate{k}": RATES + k for k in blocks} | {"acc": ACCELERATION} if predicts else names
 
     def _values(self, integrator: PairIntegrator, names: list[str]) -> dict[str, np.ndarray]:
         """Their values; asking OpenMM takes longer than some steps, so those that were set here last are remembered with a fingerprint."""

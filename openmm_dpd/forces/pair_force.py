@@ -23,11 +23,9 @@ from ..names import (
     KT,
     PAIR_FORCE,
     PHASE,
-    PREDICTED,
     RATES,
     SEED,
     TAU,
-    VELOCITY,
     VOLATILE,
     VOLUME_ACCEPTED,
     VOLUME_MOVES,
@@ -244,7 +242,7 @@ class PairForceFunction:
             raise RunError(f"the step size must be > 0, but the integrator's is {parameters[DT]:g} ps")
         fields: Fields | None = local.fields
         if phase == Phase.TELL:
-            return told(local.moment, block)
+            return local.moment.block(block)
         if phase == Phase.CHANGE:
             assert fields is not None
             return fields.changes(block) / self.scale
@@ -260,7 +258,7 @@ class PairForceFunction:
         motion.seen_velocities(x, kept, tau, local.v)
         if phase == Phase.RUN:
             local.conserved_energy = None
-            return self._run(local, Moment(kept.copy(), local.v.copy(), box, dt, tau, kT, *key))
+            return self._run(local, Moment(kept.copy(), local.v.copy(), box, dt, kT, *key))
         self._check(local.v, kT, dt)
         if local.engine.prepare(kept if phase in AT_KEPT else x, box):
             local.conserved_energy = None
@@ -276,15 +274,12 @@ class PairForceFunction:
 
     def _run(self, local, moment: Moment) -> np.ndarray:
         """Positions after a whole step."""
-        n = len(self.spec.types)
-        if local.fields is not None:
+        fields, read = self.spec.fields, local.read
+        if fields is not None:
             moment.values = local.fields.values.copy()
-            if RATES in local.read:
-                moment.rates = unfolded([local.read[RATES + k] for k in range(self.spec.fields.n_blocks)], self.spec.fields)
-        moment.acc = local.read.get(ACCELERATION)
-        assert self.steps is not None
-        if self.steps.predicts and moment.values is not None and moment.rates is None:
-            moment.rates = np.zeros((n, self.spec.fields.n_values))
+            if RATES in read:
+                moment.rates = unfolded([read[RATES + k] for k in range(fields.n_blocks)], fields)
+        moment.acc = read.get(ACCELERATION)
         local.moment = moment
         local.loop.run(moment, 1, shown=True)
         return moment.x
@@ -341,25 +336,6 @@ class PairForceFunction:
 def unfolded(blocks: list[np.ndarray], spec: FieldSpec) -> np.ndarray:
     """(N, K) values from blocks of three."""
     return np.concatenate(blocks, axis=1)[:, : spec.n_values].copy()
-
-
-def in_block(values: np.ndarray, block: int) -> np.ndarray:
-    """(N, 3) values of a block, from (N, K) of all; 0 for those that there are not."""
-    part = values[:, 3 * block : 3 * block + 3]
-    result = np.zeros((len(part), 3))
-    result[:, : part.shape[1]] = part
-    return result
-
-
-def told(moment: Moment, block: int) -> np.ndarray:
-    """What a step left in a block."""
-    if block == VELOCITY:
-        return moment.v
-    if block == ACCELERATION:
-        return moment.acc
-    if block == PREDICTED:
-        return moment.predicted
-    return in_block(moment.rates, block - RATES) if block >= RATES else in_block(moment.values, block)
 
 
 def pair_force(function: PairForceFunction, *, options: ProgramOptions, integrator: openmm.Integrator) -> openmm.PythonForce:

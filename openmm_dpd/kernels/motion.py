@@ -7,6 +7,7 @@ its memory comes from the operating system page by page.
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from .compiled import compiled
 
@@ -134,6 +135,13 @@ def largest(v):
     return most
 
 
+@njit(inline="always")
+def _put_back(x, low, high, start, period):
+    """Coordinate after a reflection at two walls; see :mod:`openmm_dpd.programs.walls`."""
+    folded = x - period * np.floor((x - start) / period)
+    return x + 2.0 * max(0.0, low - folded) - 2.0 * max(0.0, folded - high)
+
+
 @compiled
 def reflect(x, v, inv_mass, low, high, start, period, back, last):
     """Turn the velocities of beads beyond the walls round, and put positions back if this is the ``last`` of the velocities."""
@@ -142,12 +150,10 @@ def reflect(x, v, inv_mass, low, high, start, period, back, last):
             continue
         whole = False
         for k in range(3):
-            folded = x[i, k] - period[k] * np.floor((x[i, k] - start[k]) / period[k])
-            if back[k] != 0.0 and (folded < low[k] or folded > high[k]):
+            if back[k] != 0.0 and _put_back(x[i, k], low[k], high[k], start[k], period[k]) != x[i, k]:
                 whole = True
         for k in range(3):
-            folded = x[i, k] - period[k] * np.floor((x[i, k] - start[k]) / period[k])
-            put = x[i, k] + 2.0 * max(0.0, low[k] - folded) - 2.0 * max(0.0, folded - high[k])
+            put = _put_back(x[i, k], low[k], high[k], start[k], period[k])
             if whole or put != x[i, k]:
                 v[i, k] = -v[i, k]
             if last:

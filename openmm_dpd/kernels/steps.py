@@ -1,8 +1,8 @@
 """Whole steps on the kernel's own arrays: n of them in a loop, without a way back to OpenMM in between.
 
-A step is a word of drifts, kicks and sweeps (see :mod:`openmm_dpd.programs.schemes`), or the modified velocity Verlet scheme, whose friction
-is a force.  What a step begins with has passed through OpenMM's positions if a program made it, as ((x + s a) - x)/s; here it is rounded
-so before every step but the first, for which the caller has done it, so that a run gives the same bits however it is cut.
+A step is a word of drifts, kicks and sweeps (see :mod:`openmm_dpd.programs.schemes`), or the modified velocity Verlet scheme, whose
+friction is a force.  What a step begins with has passed through OpenMM's positions if a program made it, as ((x + s a) - x)/s; here it
+is rounded so before each step, so that a run gives the same bits however it is cut.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import RunError
+from ..names import ACCELERATION, PREDICTED, RATES, VELOCITY
 from . import motion
 from .engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
 from .sweeps import EXACT, SHARDLOW
@@ -95,8 +96,8 @@ class Moment:
     x, v : (N, 3) arrays
         Positions and velocities; beads that do not move have the velocity 0.
     box : (3, 3) array or None
-    dt, tau : float
-        Step size, and the trial drift that shows velocities to the kernel.
+    dt : float
+        Step size; by a drift over it a program shows velocities.
     kT : float
         Thermal energy.
     seed, counter : int
@@ -115,7 +116,6 @@ class Moment:
     v: np.ndarray
     box: np.ndarray | None
     dt: float
-    tau: float
     kT: float
     seed: int
     counter: int
@@ -124,6 +124,21 @@ class Moment:
     rates: np.ndarray | None = None
     acc: np.ndarray | None = None
     predicted: np.ndarray | None = None
+
+    def block(self, block: int) -> np.ndarray:
+        """(N, 3) values of a block, as a program numbers them (see :mod:`openmm_dpd.names`)."""
+        arrays = {VELOCITY: self.v, ACCELERATION: self.acc, PREDICTED: self.predicted}
+        if block in arrays:
+            found = arrays[block]
+            assert found is not None
+            return found
+        values = self.values if block < RATES else self.rates
+        assert values is not None
+        first = 3 * (block if block < RATES else block - RATES)
+        part = values[:, first : first + 3]
+        result = np.zeros((len(part), 3))
+        result[:, : part.shape[1]] = part
+        return result
 
 
 @dataclass(eq=False)
@@ -187,7 +202,7 @@ class StepLoop:
     def show(self, moment: Moment) -> None:
         """Round what a step begins with as if a program had shown it."""
         spec, x = self.spec, moment.x
-        motion.as_shown(x, moment.v, moment.tau, self.inv_mass)
+        motion.as_shown(x, moment.v, moment.dt, self.inv_mass)
         if moment.values is not None:
             self.show_columns(x, moment.values, spec.field_shown)
         if spec.predicts:

@@ -75,8 +75,8 @@ def export_lammps(
     steps : int
         Number of steps of the run.
     scheme : str, optional
-        One of :data:`openmm_dpd.programs.schemes.SCHEMES`; ``mvv`` for a Scene by default, which is LAMMPS's own.  What LAMMPS does not have is
-        replaced by what is nearest, with a warning.
+        A name or a word; ``mvv`` for a Scene by default, which is LAMMPS's own.  What LAMMPS does not have is replaced by what is nearest,
+        with a warning.
     lam : float, optional
         Lambda of ``mvv``.
     seed : int, optional

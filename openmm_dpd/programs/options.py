@@ -103,7 +103,7 @@ class ProgramOptions:
     @property
     def acceleration_shown(self) -> float:
         """Displacement by which a whole step is shown an acceleration of 1, nm."""
-        return self.dt * self.dt * self.tau_ratio
+        return self.dt * self.dt
 
     @property
     def slow_kicks(self) -> tuple[str, str]:

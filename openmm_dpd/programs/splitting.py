@@ -1,8 +1,8 @@
 """From a word to its program: letter by letter, right beside any force, on every platform.
 
-Two things are looked ahead for, since each line of a program costs as much as a good part of a pass over the pairs.  A drift right before
-a sweep shows the velocities to it; where there is none (or walls turn beads round) the beads are shown by a trial drift and put back.  And a
-force that serves several kicks at the same positions is kept as an acceleration: across the end of a step with a fingerprint of
+Two things are looked ahead for, since each line of a program costs as much as a good part of a pass over the pairs.  A drift right
+before a sweep shows the velocities to it; where there is none (or walls turn beads round) a trial drift shows them, and is taken back.  And
+a force that serves several kicks at the same positions is kept as an acceleration: across the end of a step with a fingerprint of
 what it was computed from, and kicks by it are put together with the sweep that stands between them.
 """
 

@@ -21,8 +21,8 @@ CONSTANTS = LOW, HIGH, START, PERIOD, BACK = "wall_low", "wall_high", "wall_star
 PUT_BACK = "wall_x"
 
 
-def variables(gaps: dict[int, Gap], n_beads: int) -> dict[str, np.ndarray]:
-    """Values of the per-DOF variables, (N, 3) each."""
+def planes(gaps: dict[int, Gap]) -> dict[str, np.ndarray]:
+    """Values of the constants along the three axes."""
     low, high = np.full(3, -NOWHERE), np.full(3, NOWHERE)
     start, period = np.full(3, -1e9), np.full(3, 4e9)  # nothing is ever folded
     back = np.zeros(3)
@@ -30,9 +30,14 @@ def variables(gaps: dict[int, Gap], n_beads: int) -> dict[str, np.ndarray]:
         low[axis], high[axis], back[axis] = gap.low, gap.high, gap.kind == BOUNCE_BACK
         if gap.period is not None:
             start[axis], period[axis] = 0.5 * (gap.low + gap.high - gap.period), gap.period
-    values = {LOW: low, HIGH: high, START: start, PERIOD: period}
-    if kind_of(gaps) == MIXED:
-        values[BACK] = back
+    return {LOW: low, HIGH: high, START: start, PERIOD: period, BACK: back}
+
+
+def variables(gaps: dict[int, Gap], n_beads: int) -> dict[str, np.ndarray]:
+    """Values of the per-DOF variables, (N, 3) each."""
+    values = planes(gaps)
+    if kind_of(gaps) != MIXED:
+        del values[BACK]
     return {name: np.tile(value, (n_beads, 1)) for name, value in values.items()}
 
 

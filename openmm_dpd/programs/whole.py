@@ -17,7 +17,6 @@ def program(options: ProgramOptions) -> Program:
     scheme = options.scheme
     p = Program(scheme.name, scheme.reference, options)
     p.declare(AHEAD, 0.0, "steps that are done already, of which only barostats hear")
-    p.declare(STAMP, 0.0, "fingerprint of the per-DOF variables that a loop of steps left, or 0")
     p.update()
     p.when(f"{AHEAD} < 1", "is this step still to be done?")
     p.conditions()
@@ -56,7 +55,7 @@ def _step(p: Program) -> None:
         for entry in history:
             _show(p, *entry)
         p.end()
-    p.show_by(options.trial_time)
+    p.show_by("dt")
     p.each("x", f"{'xs' if shown else 'x'}+dpd_tau*v", "trial drift: shows the velocities")
     p.phase(Phase.RUN)
     p.each("x", p.pair_force, "positions after the step")
@@ -72,6 +71,8 @@ def _step(p: Program) -> None:
     if history:
         p.note()
         p.set("last", "here", "acc is valid for this")
+    if shown:
+        p.declare(STAMP, 0.0, "fingerprint of the per-DOF variables that a loop of steps left, or 0")
         p.set(STAMP, "0")
     if after != "0":
         p.phase(Phase.KEEP)

@@ -11,55 +11,45 @@ import openmm
 import pytest
 
 from openmm_dpd import PlanError, ProgramError, TemperatureRamp
-from openmm_dpd.names import ALONE, COUNTER, DT, KT, PARAMETERS, PHASE, PORTABLE, Phase
-from openmm_dpd.plan import ProgramOptions
-from openmm_dpd.programs import PROGRAMS, make_program, walls
-from openmm_dpd.programs.program import Program, Step
+from openmm_dpd.names import AHEAD, COUNTER, DT, KT, PARAMETERS, PHASE, PORTABLE, Phase
+from openmm_dpd.programs import ProgramOptions, make_program, walls
+from openmm_dpd.programs.program import Program
+from openmm_dpd.programs.schemes import SCHEMES, scheme_of
 
 GOLDEN = Path(__file__).parent / "golden"
-BASE = ProgramOptions(scheme="mvv", dt=0.02, kT=1.0, seed=1)
+BASE = ProgramOptions(scheme=SCHEMES["mvv"], dt=0.02, kT=1.0, seed=1)
 RAMP = TemperatureRamp(1.0, 2.0, 10, 110)
 
 #: Name of a variant -> what differs from BASE.
 VARIANTS = {
-    "kernel": dict(kernel_conservative=True, sole_force=True, settable=True),
-    "kernel_and_others": dict(kernel_conservative=True),
+    "whole": dict(kernel_conservative=True, whole_steps=True, settable=True),
+    "kernel": dict(kernel_conservative=True, settable=True),
     "openmm": dict(),
-    "ramp": dict(kernel_conservative=True, sole_force=True, ramp=RAMP),
-    "walls": dict(kernel_conservative=True, sole_force=True, walls="bounce-back"),
+    "ramp": dict(kernel_conservative=True, ramp=RAMP),
+    "walls": dict(kernel_conservative=True, walls="bounce-back"),
     "no_thermostat": dict(thermostat=False),
-    "no_thermostat_kernel": dict(thermostat=False, kernel_conservative=True, sole_force=True),
+    "no_thermostat_kernel": dict(thermostat=False, kernel_conservative=True),
 }
-CASES = {f"{scheme}_{name}": replace(BASE, scheme=scheme, **options) for scheme in PROGRAMS for name, options in VARIANTS.items()}
-CASES["mvv_lambda_kernel"] = replace(BASE, lam=0.65, kernel_conservative=True, sole_force=True)
+#: Named schemes with a program, and words: a sweep at the end of a step that is kept, two sweeps, Shardlow's in the middle of a drift.
+WORDS = {
+    **{name: scheme for name, scheme in SCHEMES.items() if not scheme.native},
+    "baoab": scheme_of("B/2 A/2 O A/2 B/2"),
+    "obabo": scheme_of("O/2 B/2 A B/2 O/2"),
+    "asab": scheme_of("A/4 S A/4 B A/2"),
+}
+CASES = {f"{name}_{variant}": replace(BASE, scheme=scheme, **VARIANTS[variant]) for name, scheme in WORDS.items() for variant in VARIANTS}
+CASES["mvv_lambda_whole"] = replace(BASE, lam=0.65, kernel_conservative=True, whole_steps=True)
+CASES["mvv_lambda_kernel"] = replace(BASE, lam=0.65, kernel_conservative=True)
 CASES["mvv_lambda_openmm"] = replace(BASE, lam=0.65)
-CASES["middle_constraints"] = replace(BASE, scheme="middle", constraints=True)
-CASES["middle_constraints_no_thermostat"] = replace(BASE, scheme="middle", constraints=True, thermostat=False)
-CASES["bababo_energies"] = replace(
-    BASE, scheme="bababo", kernel_conservative=True, sole_force=True, field_blocks=1, field_names="internal energy", trial=0.0078125
-)
+CASES["mvv_fields_whole"] = replace(BASE, kernel_conservative=True, whole_steps=True, field_blocks=2, field_names="concentrations")
+CASES["middle_constraints"] = replace(BASE, scheme=SCHEMES["middle"], constraints=True)
+CASES["middle_constraints_no_thermostat"] = replace(BASE, scheme=SCHEMES["middle"], constraints=True, thermostat=False)
+ENERGIES = dict(scheme=SCHEMES["bababo"], kernel_conservative=True, field_blocks=1, field_names="internal energy", trial=0.0078125)
+CASES["bababo_energies"] = replace(BASE, **ENERGIES)
+CASES["bababo_energies_whole"] = replace(BASE, whole_steps=True, **ENERGIES)
+CASES["bababo_energies_compensated"] = replace(BASE, compensated=True, **ENERGIES)
+CASES["middle_energies"] = replace(BASE, **ENERGIES | dict(scheme=SCHEMES["middle"]))
 CASES["mvv_single_precision_drift"] = replace(BASE, tau_ratio=0.25)
-#: Variables that are set from outside.
-SET_FROM_OUTSIDE = {ALONE}
-
-
-def ways(program: Program) -> list[list[Step]]:
-    """Steps that may run one after the other: where no other force acts, and where some may; one list if that makes no difference."""
-    found: dict[str, list[Step]] = {f"{ALONE} > 0": [], f"{ALONE} < 1": []}
-    inside = None
-    depth = 0
-    for step in program.steps:
-        depth += (step.kind == "if") - (step.kind == "end")
-        if step.kind == "if" and step.expression in found:
-            inside = step.expression
-        elif inside is not None and depth == 0:
-            inside = None
-        else:
-            for condition in found:
-                if inside in (None, condition):
-                    found[condition].append(step)
-    return [*found.values()] if ALONE in program.globals_ else [program.steps]
-
 
 CASE = pytest.mark.parametrize("options", CASES.values(), ids=CASES.keys())
 
@@ -109,9 +99,9 @@ def test_every_variable_is_used(options):
     program = make_program(options)
     text = " ".join(f"{step.target} {step.expression}" for step in program.steps)
     for name in (*program.globals_, *program.per_dof):
-        assert name in text.replace("(", " ").replace(")", " ").replace("+", " ").replace("-", " ").replace("*", " ").split(), name
+        assert name in re.findall(r"[A-Za-z_]\w*", text), name
         # where the walls are never changes
-        assert any(step.target == name for step in program.steps) or name in walls.CONSTANTS or name in SET_FROM_OUTSIDE, name
+        assert any(step.target == name for step in program.steps) or name in walls.CONSTANTS, name
 
 
 @CASE
@@ -128,24 +118,28 @@ def test_phase_is_idle_again_at_the_end(options):
 
 
 @CASE
-def test_noise_is_drawn_once_per_step(options):
-    """Also where the history is invalid: its noise is that of the last half kick."""
+def test_each_sweep_draws_new_noise(options):
+    """Not where the history is invalid: its noise is that of the last half kick."""
     program = make_program(options)
-    for steps in ways(program):
-        depth, drawn, inside = 0, 0, 0
-        for step in steps:
-            depth += (step.kind == "if") - (step.kind == "end")
-            if step.target == COUNTER:
-                assert step.expression == f"{COUNTER}+1"
-                drawn, inside = drawn + (depth == 0), inside + (depth > 0)
-        assert drawn == int(options.thermostat)
-        assert inside == 0
+    depth, drawn, inside = 0, 0, 0
+    for step in program.steps:
+        depth += (step.kind == "if") - (step.kind == "end")
+        if step.target == COUNTER:
+            found = re.fullmatch(rf"{COUNTER}\+(\d)", step.expression)
+            drawn, inside = drawn + int(found[1]), inside + (depth > options.whole_steps)
+    sweeps = sum(letter in "OS" for letter, _ in options.scheme.letters) or 1
+    assert drawn == options.noises == (sweeps if options.thermostat else 0)
+    assert inside == 0
 
 
 @CASE
 def test_kernel_learns_the_step_size_of_every_step(options):
     program = make_program(options)
-    assert [step.expression for step in program.steps if step.target == DT] == (["dt"] if options.kernel else [])
+    told = [step.expression for step in program.steps if step.target == DT]
+    if not options.whole_steps and "O/2" in options.scheme.word and options.thermostat:  # half a sweep lasts half a step
+        assert told == ["dt", "0.5*dt", "dt", "0.5*dt", "dt"]
+    else:
+        assert told == (["dt"] if options.kernel else [])
 
 
 @CASE
@@ -155,6 +149,7 @@ def test_nothing_that_is_not_needed(options):
     targets = {step.target for step in program.steps}
     names = set(program.globals_) | set(program.per_dof) | targets
     assert ("ramp_step" in names) == (options.ramp is not None and options.thermostat)
+    assert (AHEAD in names) == options.whole_steps
     assert (KT in targets) == ((options.ramp is not None or options.settable) and options.thermostat)
     assert ("temperature" in names) == options.settable
     if not options.kernel:
@@ -162,13 +157,35 @@ def test_nothing_that_is_not_needed(options):
         assert all(step.kind in ("per_dof", "update", "constrain_positions", "constrain_velocities") for step in program.steps)
     if not options.constraints:
         assert not any(step.kind.startswith("constrain") for step in program.steps)
-    if options.scheme in ("middle", "aboba") or not options.kernel:
-        assert "last" not in names
-    if options.sole_force and options.thermostat and options.scheme in ("aboba", "bababo") and not (options.walls or options.field_blocks):
-        alone = {name for step in ways(program)[0] for name in (step.target, *re.findall(r"\w+", step.expression))}
-        assert not alone & set(program.per_dof)  # one evaluation does it all
-    if options.scheme == "mvv" and options.lam == 0.5:
+    starts_and_ends_with_kicks = options.scheme.name in ("shardlow", "bababo", "baoab", "O/2 B/2 A B/2 O/2", "B/2 A/2 O A/2 B/2", "mvv")
+    kept = options.kernel and (options.predicting if options.whole_steps else starts_and_ends_with_kicks)
+    assert ("last" in names) == kept
+    assert ("xs" in names) == (options.thermostat and _displaced(options))
+    if options.predicting and options.lam == 0.5:
         assert "vp" not in names
+
+
+def _displaced(options) -> bool:
+    """Whether x has to be put back: where no drift shows the velocities to a sweep, and where more than velocities is shown."""
+    if options.whole_steps:
+        return bool(options.predicting or options.field_blocks)
+    return options.predicting or not re.search(r"A\S* [OS]", options.scheme.word) or bool(options.walls or options.field_blocks)
+
+
+def test_phases_are_few_verbs():
+    assert len(Phase) <= 12
+
+
+@pytest.mark.parametrize("variant", ["kernel", "openmm"])
+@pytest.mark.parametrize(("scheme", "most"), [("middle", 4), ("aboba", 6), ("shardlow", 6), ("bababo", 9)])
+def test_lines_of_a_step(scheme, most, variant):
+    """Each costs as much as a good part of a pass over the pairs on the CPU platform: no more than a hand would write."""
+    steps = make_program(CASES[f"{scheme}_{variant}"]).steps
+    inside, count = 0, 0
+    for step in steps:
+        inside += (step.kind == "if") - (step.kind == "end")
+        count += step.kind == "per_dof" and not inside
+    assert count <= most
 
 
 # -- the checks ------------------------------------------------------------------------------------------------------------------
@@ -246,7 +263,7 @@ def test_blocks_and_updates_are_counted():
         Program("test", "nowhere", BASE).check()
 
 
-@pytest.mark.parametrize("scheme", [scheme for scheme in PROGRAMS if scheme != "middle"])
-def test_constraints_need_a_scheme_that_keeps_them(scheme):
-    with pytest.raises(PlanError, match=f"{scheme}.*middle"):
-        make_program(replace(BASE, scheme=scheme, constraints=True))
+@pytest.mark.parametrize("name", [name for name in WORDS if name != "middle"])
+def test_constraints_need_a_scheme_that_keeps_them(name):
+    with pytest.raises(PlanError, match=f"{re.escape(WORDS[name].name)}.*middle"):
+        make_program(replace(BASE, scheme=WORDS[name], constraints=True))
