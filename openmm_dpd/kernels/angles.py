@@ -6,7 +6,8 @@ With a = x_i - x_j, b = x_k - x_j and p = a x b, the angle of the beads i, j, k 
     HARMONIC    k, theta0    U = k (theta - theta0)^2
     COSINE      k            U = k (1 + cos theta)
 
-Threads share the work as they do for :mod:`bonds <.bonded>`.
+Threads share the work as they do for bonds (:mod:`.bonded`).  Angles are taken a chunk at a time: their arms are collected, the arithmetic
+is one vectorised loop over the chunk, and then the forces are handed out.
 """
 
 from __future__ import annotations
@@ -29,67 +30,76 @@ LEAST_CROSS = 1e-6
 
 @njit(inline="always")
 def _angle(s, c):
-    """atan2(s, c) for s >= 0, to the last bit or two: the rational function of Cephes' atan, several times as fast as the library's.
+    """atan2(s, c) for s >= 0, to the last bit or two, by the rational function of Cephes' atan; both 0 give 0.
 
-    Both numbers 0 give 0.
+    It has no branches, so that the loop around it is vectorised, which the library's function is not.
     """
     size = abs(c)
-    small, large = min(s, size), max(s, size)
+    small, large = (s, size) if s < size else (size, s)
     # atan(t) = pi/4 + atan((t - 1)/(t + 1)) keeps the argument below 0.66
     wide = small > 0.66 * large
-    t = (small - large) / (small + large) if wide else small / large if large > 0.0 else 0.0
+    top, bottom = (small - large, small + large) if wide else (small, large)
+    t = top / bottom if bottom > 0.0 else 0.0
     z = t * t
     p = -8.750608600031904122785e-1 * z - 1.615753718733365076637e1
     p = ((p * z - 7.500855792314704667340e1) * z - 1.228866684490136173410e2) * z - 6.485021904942025371773e1
     q = (z + 2.485846490142306297962e1) * z + 1.650270098316988542046e2
     q = ((q * z + 4.328810604912902668951e2) * z + 4.853903996359136964868e2) * z + 1.945506571482613964425e2
     t += t * (z * p / q)
-    if wide:
-        t += 0.25 * np.pi
-    if s > size:
-        t = 0.5 * np.pi - t
+    t = t + 0.25 * np.pi if wide else t
+    t = 0.5 * np.pi - t if s > size else t
     return np.pi - t if c < 0.0 else t
 
 
 @njit(inline="always")
-def _angle_force(x, box, inverse, i, j, k, kind, stiffness, rest):
-    """Energy of the angle i, j, k, and the forces on i and k."""
-    ax, ay, az = minimum_image(x[i, 0] - x[j, 0], x[i, 1] - x[j, 1], x[i, 2] - x[j, 2], box, inverse)
-    bx, by, bz = minimum_image(x[k, 0] - x[j, 0], x[k, 1] - x[j, 1], x[k, 2] - x[j, 2], box, inverse)
-    px, py, pz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-    aa, bb, ab = ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz, ax * bx + ay * by + az * bz
-    cross = np.sqrt(px * px + py * py + pz * pz)
-    # an arm without a length has no direction
-    aa, bb = 1.0 / aa if aa > 0.0 else 0.0, 1.0 / bb if bb > 0.0 else 0.0
-    if kind == COSINE:
-        inverse_arms = np.sqrt(aa * bb)
-        energy, slope = stiffness * (1.0 + ab * inverse_arms), -stiffness * cross * inverse_arms
-    else:
-        bend = _angle(cross, ab) - rest
-        energy, slope = stiffness * bend * bend, 2.0 * stiffness * bend
-    slope /= max(cross, LEAST_CROSS)
-    one, other = -slope * aa, slope * bb
-    return (
-        energy,
-        one * (ay * pz - az * py),
-        one * (az * px - ax * pz),
-        one * (ax * py - ay * px),
-        other * (by * pz - bz * py),
-        other * (bz * px - bx * pz),
-        other * (bx * py - by * px),
-    )
+def _arms(x, box, inverse, triples, p, first, count, work):
+    """Write the arms a and b and the coefficients of the angles from the first on to columns of ``work``."""
+    for q in range(count):
+        n = first + q
+        i, j, k = triples[n, 0], triples[n, 1], triples[n, 2]
+        work[0, q], work[1, q], work[2, q] = minimum_image(x[i, 0] - x[j, 0], x[i, 1] - x[j, 1], x[i, 2] - x[j, 2], box, inverse)
+        work[3, q], work[4, q], work[5, q] = minimum_image(x[k, 0] - x[j, 0], x[k, 1] - x[j, 1], x[k, 2] - x[j, 2], box, inverse)
+        work[6, q], work[7, q] = p[n, 0], p[n, 1]
+
+
+@njit(error_model="numpy")  # a division that could raise an error is not vectorised
+def _forces_on_ends(kinds, first, count, work):
+    """Turn the arms and coefficients in ``work`` into the forces on both ends and the energies of the angles."""
+    for q in range(count):
+        ax, ay, az, bx, by, bz = work[0, q], work[1, q], work[2, q], work[3, q], work[4, q], work[5, q]
+        px, py, pz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        aa, bb, ab = ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz, ax * bx + ay * by + az * bz
+        cross = np.sqrt(px * px + py * py + pz * pz)
+        # an arm without a length has no direction
+        aa, bb = 1.0 / aa if aa > 0.0 else 0.0, 1.0 / bb if bb > 0.0 else 0.0
+        arms = np.sqrt(aa * bb)
+        cosine = kinds[first + q] == COSINE
+        stiffness, bend = work[6, q], _angle(cross, ab) - work[7, q]
+        slope = -stiffness * cross * arms if cosine else 2.0 * stiffness * bend
+        slope /= cross if cross > LEAST_CROSS else LEAST_CROSS
+        one, other = -slope * aa, slope * bb
+        work[0, q] = one * (ay * pz - az * py)
+        work[1, q] = one * (az * px - ax * pz)
+        work[2, q] = one * (ax * py - ay * px)
+        work[3, q] = other * (by * pz - bz * py)
+        work[4, q] = other * (bz * px - bx * pz)
+        work[5, q] = other * (bx * py - by * px)
+        work[6, q] = stiffness * (1.0 + ab * arms) if cosine else stiffness * bend * bend
 
 
 @compiled
 def _angles(x, box, triples, kinds, p, rows, start, slots, parts, energies, force):
     """Add the forces of all angles, one after the other; returns the energy."""
-    inverse, total = inverse_edges(box), 0.0
+    inverse, total, work = inverse_edges(box), 0.0, np.empty((8, CHUNK))
     for chunk in range(len(energies)):
-        energy = 0.0
-        for n in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(triples))):
-            i, j, k = triples[n, 0], triples[n, 1], triples[n, 2]
-            u, fx, fy, fz, gx, gy, gz = _angle_force(x, box, inverse, i, j, k, kinds[n], p[n, 0], p[n, 1])
-            energy += u
+        energy, first = 0.0, chunk * CHUNK
+        count = min(CHUNK, len(triples) - first)
+        _arms(x, box, inverse, triples, p, first, count, work)
+        _forces_on_ends(kinds, first, count, work)
+        for q in range(count):
+            i, j, k = triples[first + q, 0], triples[first + q, 1], triples[first + q, 2]
+            fx, fy, fz, gx, gy, gz = work[0, q], work[1, q], work[2, q], work[3, q], work[4, q], work[5, q]
+            energy += work[6, q]
             force[i, 0] += fx
             force[i, 1] += fy
             force[i, 2] += fz
@@ -107,14 +117,18 @@ def _angles_by_rows(x, box, triples, kinds, p, rows, start, slots, parts, energi
     """The same by several threads."""
     inverse, total = inverse_edges(box), 0.0
     for chunk in prange(len(energies)):
-        energy = 0.0
-        for n in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(triples))):
-            i, j, k = triples[n, 0], triples[n, 1], triples[n, 2]
-            u, fx, fy, fz, gx, gy, gz = _angle_force(x, box, inverse, i, j, k, kinds[n], p[n, 0], p[n, 1])
-            energy += u
-            parts[3 * n, 0], parts[3 * n, 1], parts[3 * n, 2] = fx, fy, fz
-            parts[3 * n + 1, 0], parts[3 * n + 1, 1], parts[3 * n + 1, 2] = -(fx + gx), -(fy + gy), -(fz + gz)
-            parts[3 * n + 2, 0], parts[3 * n + 2, 1], parts[3 * n + 2, 2] = gx, gy, gz
+        work = np.empty((8, CHUNK))
+        energy, first = 0.0, chunk * CHUNK
+        count = min(CHUNK, len(triples) - first)
+        _arms(x, box, inverse, triples, p, first, count, work)
+        _forces_on_ends(kinds, first, count, work)
+        for q in range(count):
+            n = 3 * (first + q)
+            fx, fy, fz, gx, gy, gz = work[0, q], work[1, q], work[2, q], work[3, q], work[4, q], work[5, q]
+            energy += work[6, q]
+            parts[n, 0], parts[n, 1], parts[n, 2] = fx, fy, fz
+            parts[n + 1, 0], parts[n + 1, 1], parts[n + 1, 2] = -(fx + gx), -(fy + gy), -(fz + gz)
+            parts[n + 2, 0], parts[n + 2, 1], parts[n + 2, 2] = gx, gy, gz
         energies[chunk] = energy
     for row in prange(len(rows)):
         add_row(force, rows[row], start[row], start[row + 1], slots, parts)

@@ -78,7 +78,7 @@ def _bond_force(x, box, inverse, i, j, kind, p, n):
 
 @compiled
 def _bonds(x, box, pairs, kinds, p, rows, start, slots, parts, energies, force):
-    """Add the forces of all bonds, one after the other; returns the energy."""
+    """Add the forces of all bonds, one after the other; returns the energy.  (Rows, slots and parts are for several threads.)"""
     inverse, total = inverse_edges(box), 0.0
     for chunk in range(len(energies)):
         energy = 0.0
