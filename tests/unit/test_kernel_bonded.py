@@ -74,7 +74,7 @@ def test_forces_are_the_gradient_and_sum_up_to_nothing(kind, box):
 
 @EVERY_KIND
 def test_the_same_bits_for_any_number_of_threads(kind, two_threads):
-    scene, x, vectors = chain_scene(kind, "tilted", number=400)
+    scene, x, vectors = chain_scene(kind, "tilted", number=700)
     check.check_threads(terms_of(scene), x, vectors)
     check.check_pickle(terms_of(scene), x, vectors)
 
@@ -175,7 +175,7 @@ def test_warming_up_compiles_everything(threads, two_threads):
     from openmm_dpd.kernels import angles, bonded
 
     set_threads(threads)
-    scene, x, _ = chain_scene("all", "none", number=400)
+    scene, x, _ = chain_scene("all", "none", number=1000)
     warm_up_extras(terms_of(scene))
     kernels = (bonded._bonds, bonded._bonds_parallel, angles._angles, angles._angles_parallel)
     before = [len(kernel.signatures) for kernel in kernels]

@@ -87,7 +87,7 @@ def test_patterns(name):
 def test_the_same_bits_for_any_number_of_threads(name, two_threads):
     for box in ("tilted", "none"):
         if box == "tilted" or "halves" not in name and "sine" not in name:
-            scene, x = grid_scene(name, box, n=2600)
+            scene, x = grid_scene(name, box, n=4100)
             check.check_threads(extras(scene, (), {}), x, scene.box)
             check.check_pickle(extras(scene, (), {}), x, scene.box)
 
