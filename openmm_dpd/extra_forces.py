@@ -1,0 +1,132 @@
+"""Scene -> the kernels of all conservative forces but the pair terms themselves.
+
+They are the same forces as those that :mod:`openmm_dpd.forces` makes of OpenMM's own, for a loop over time steps that evaluates everything
+itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .forces.expressions import type_pairs
+from .forces.partners import energy_spline
+from .forces.segments import segment_spec
+from .kernels import angles as angle_kernel
+from .kernels import bonded as bond_kernel
+from .kernels import external
+from .kernels.angles import AngleTerms
+from .kernels.bonded import BondTerms
+from .kernels.external import BodyTerms
+from .kernels.extras import Extra
+from .kernels.radial import RadialTerms, Tables
+from .kernels.segment_terms import SegmentTerms
+from .kernels.threads import get_threads
+from .model.angles import CosineAngles, HarmonicAngles
+from .model.bonds import FENEBonds, HarmonicBonds, MorseBonds
+from .model.flow import AXES, BodyForce
+from .model.pairs import LennardJones
+from .model.scene import Scene
+from .plan import compressed_exceptions
+
+#: Kind of bonds or angles -> its number in the kernel and the names of its coefficients, in the kernel's order.
+_BONDS: dict[type, tuple[int, tuple[str, ...]]] = {
+    HarmonicBonds: (bond_kernel.HARMONIC, ("k", "r0")),
+    FENEBonds: (bond_kernel.FENE, ("k", "R0", "epsilon", "sigma")),
+    MorseBonds: (bond_kernel.MORSE, ("D", "alpha", "r0")),
+}
+_ANGLES: dict[type, tuple[int, tuple[str, ...]]] = {
+    HarmonicAngles: (angle_kernel.HARMONIC, ("k", "theta0")),
+    CosineAngles: (angle_kernel.COSINE, ("k",)),
+}
+
+_PATTERNS = {"uniform": external.UNIFORM, "halves": external.HALVES, "sine": external.SINE}
+
+
+def extras(scene: Scene, partners: Sequence[dict], exceptions: dict[tuple[int, int], float]) -> tuple[Extra, ...]:
+    """What acts in a scene beside its pair terms.
+
+    Parameters
+    ----------
+    scene : Scene
+    partners : sequence of dict
+        Radial overlays, {pair of type names: coefficient}, one kind in each (``Plan.partners``).
+    exceptions : dict
+        Factors of bonded neighbours (``Plan.exceptions``).
+    """
+    # Smeared charges (the lattice sum) and PositionForce (formulas given as text) have no kernel: OpenMM evaluates them.
+    found: list[Extra] = []
+    if sum(len(group.pairs) for group in scene.bonds):
+        found.append(BondTerms(*_rows(scene.bonds, _BONDS, "pairs", 2, 4)))
+    if sum(len(group.triples) for group in scene.angles):
+        found.append(AngleTerms(*_rows(scene.angles, _ANGLES, "triples", 3, 2)))
+    found += [radial_terms(table, scene.type_ids, scene.type_names, exceptions) for table in partners]
+    segments = segment_spec(scene)
+    if segments is not None and len(segments.pairs):
+        found.append(SegmentTerms(segments))
+    found += [body_terms(term, scene) for term in scene.body_forces if isinstance(term, BodyForce)]
+    return tuple(found)
+
+
+def _rows(groups, kinds: dict[type, tuple[int, tuple[str, ...]]], beads: str, width: int, most: int):
+    """Beads, kind and coefficients of all terms of several groups."""
+    members, numbers, values = [np.zeros((0, width), np.uint32)], [np.zeros(0, np.uint8)], [np.zeros((0, most))]
+    for group in groups:
+        number, names = kinds[type(group)]
+        rows = getattr(group, beads)
+        members.append(rows.astype(np.uint32))
+        numbers.append(np.full(len(rows), number, np.uint8))
+        coefficients = np.zeros((len(rows), most))
+        for column, name in enumerate(names):
+            coefficients[:, column] = getattr(group, name)
+        values.append(coefficients)
+    return np.concatenate(members), np.concatenate(numbers), np.concatenate(values)
+
+
+def radial_terms(table: dict, type_ids: np.ndarray, names: list[str], exceptions: dict[tuple[int, int], float]) -> RadialTerms:
+    """The kernel's form of one table of Lennard-Jones or tabulated coefficients."""
+    some = [c for c in table.values() if c.cutoff > 0]
+    cutoff = type_pairs(table, names, lambda c: c.cutoff, 0.0)
+    which = np.full(cutoff.shape, -1, np.int64)
+    lennard_jones = np.zeros((*cutoff.shape, 3))
+    pieces = []
+    if isinstance(some[0], LennardJones):
+        columns = (lambda c: c.epsilon, lambda c: c.sigma, _at_cutoff)
+        lennard_jones = np.stack([type_pairs(table, names, column, 0.0) for column in columns], axis=-1)
+    else:
+        different = list({id(c): c for c in some}.values())
+        numbers = {id(c): k for k, c in enumerate(different)}
+        which = type_pairs(table, names, lambda c: numbers[id(c)], -1).astype(np.int64)
+        splines = [energy_spline(c) for c in different]
+        pieces = [(spline.x, spline.c) for spline in splines]
+    # beads without any partner are not even sorted
+    types = np.where(np.any(cutoff > 0, axis=1)[type_ids], type_ids, -1).astype(np.int32)
+    rows = compressed_exceptions(exceptions, len(type_ids))
+    return RadialTerms(types, cutoff, which, np.ascontiguousarray(lennard_jones), Tables.of(pieces), rows)
+
+
+def _at_cutoff(c: LennardJones) -> float:
+    """What is taken off the energy."""
+    s6 = (c.sigma / c.cutoff) ** 6
+    return 4 * c.epsilon * (s6 * s6 - s6) if c.shift else 0.0
+
+
+def body_terms(term: BodyForce, scene: Scene) -> BodyTerms:
+    """The kernel's form of one force on single beads."""
+    vectors = term.vectors(scene.type_ids, scene.type_names, scene.box)
+    beads = np.flatnonzero(np.any(vectors != 0, axis=1))
+    axis = 0 if term.axis is None else AXES.index(term.axis)
+    period = 1.0 if scene.box is None else float(scene.box[axis, axis])
+    return BodyTerms(beads.astype(np.uint32), vectors[beads], _PATTERNS[term.pattern], axis, term.origin, period)
+
+
+def warm_up_extras(extras: Sequence[Extra]) -> None:
+    """Compile what these need (or load it from the cache), for one thread, and for several if there are."""
+    for extra in extras:
+        small, x, box = extra.few()
+        evaluator = small.evaluator()
+        evaluator.add_to(x, box, np.zeros_like(x), 1.0)
+        if get_threads() > 1 and hasattr(evaluator, "fewest"):
+            evaluator.fewest = 0
+            evaluator.add_to(x, box, np.zeros_like(x), 1.0)

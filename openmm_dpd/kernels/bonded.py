@@ -1,0 +1,197 @@
+"""Bonds: compiled energies and forces.
+
+With r the length of a bond and d = x_i - x_j, the force on its first bead is -U'(r) d/r; at r = 0 it has no direction and is 0, as with
+OpenMM.  The kinds::
+
+    HARMONIC    k, r0                  U = k (r - r0)^2
+    FENE        k, R0, epsilon, sigma  U = -1/2 k R0^2 ln(1 - (r/R0)^2), + 4 epsilon [(sigma/r)^12 - (sigma/r)^6] + epsilon
+                                       for r < 2^(1/6) sigma
+    MORSE       D, alpha, r0           U = D (1 - exp(-alpha (r - r0)))^2
+
+One thread adds each term to the forces on its beads as it goes.  Several first write down what each term does; then each takes a bead and
+adds up its row of terms, in the same order.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit, prange
+
+from ..errors import RunError
+from .compiled import compiled
+from .extras import CHUNK, FEW, add_row, bead_rows, box_array, energy_chunks, inverse_edges, minimum_image, run_terms
+
+HARMONIC, FENE, MORSE = range(3)
+
+#: r/sigma where the repulsion of a FENE bond ends, the minimum of Lennard-Jones.
+WCA_END = 2.0 ** (1.0 / 6.0)
+
+# inlined by numba itself: a call that LLVM does not inline takes longer than a bond
+
+
+@njit(inline="always")
+def _morse(r, depth, alpha, rest):
+    """Energy and U' of a Morse bond."""
+    e = np.exp(-alpha * (r - rest))
+    return depth * (1.0 - e) * (1.0 - e), 2.0 * depth * alpha * e * (1.0 - e)
+
+
+@njit(inline="always")
+def _fene(r, r2, k, longest, epsilon, sigma):
+    """Energy and -U'/r of a FENE bond; an infinite energy where there is none."""
+    if not r < longest:
+        return np.inf, 0.0
+    rest = 1.0 - (r / longest) * (r / longest)
+    if rest <= 0.0:  # shorter than R0 by less than rounding
+        return np.inf, 0.0
+    energy, pull = -0.5 * k * longest * longest * np.log(rest), -k / rest
+    if epsilon > 0.0 and r < WCA_END * sigma:
+        if r2 == 0.0:
+            return np.inf, 0.0
+        s2 = sigma * sigma / r2
+        s6 = s2 * s2 * s2
+        energy += epsilon * (4.0 * s6 * (s6 - 1.0) + 1.0)
+        pull += 24.0 * epsilon * s6 * (2.0 * s6 - 1.0) / r2
+    return energy, pull
+
+
+@njit(inline="always")
+def _bond_force(x, box, inverse, i, j, kind, p, n):
+    """Energy of bond n between the beads i and j, and the force on i."""
+    dx, dy, dz = minimum_image(x[i, 0] - x[j, 0], x[i, 1] - x[j, 1], x[i, 2] - x[j, 2], box, inverse)
+    r2 = dx * dx + dy * dy + dz * dz
+    r = np.sqrt(r2)
+    if kind == FENE:
+        energy, pull = _fene(r, r2, p[n, 0], p[n, 1], p[n, 2], p[n, 3])
+    else:
+        if kind == HARMONIC:
+            stretch = r - p[n, 1]
+            energy, slope = p[n, 0] * stretch * stretch, 2.0 * p[n, 0] * stretch
+        else:
+            energy, slope = _morse(r, p[n, 0], p[n, 1], p[n, 2])
+        pull = -slope / r if r > 0.0 else 0.0
+    return energy, pull * dx, pull * dy, pull * dz
+
+
+@compiled
+def _bonds(x, box, pairs, kinds, p, rows, start, slots, parts, energies, force):
+    """Add the forces of all bonds, one after the other; returns the energy.  (Rows, slots and parts are for several threads.)"""
+    inverse, total = inverse_edges(box), 0.0
+    for chunk in range(len(energies)):
+        energy = 0.0
+        for n in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(pairs))):
+            i, j = pairs[n, 0], pairs[n, 1]
+            u, fx, fy, fz = _bond_force(x, box, inverse, i, j, kinds[n], p, n)
+            energy += u
+            force[i, 0] += fx
+            force[i, 1] += fy
+            force[i, 2] += fz
+            force[j, 0] -= fx
+            force[j, 1] -= fy
+            force[j, 2] -= fz
+        total += energy
+    return total
+
+
+def _bonds_by_rows(x, box, pairs, kinds, p, rows, start, slots, parts, energies, force):
+    """The same by several threads."""
+    inverse, total = inverse_edges(box), 0.0
+    for chunk in prange(len(energies)):
+        energy = 0.0
+        for n in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(pairs))):
+            u, fx, fy, fz = _bond_force(x, box, inverse, pairs[n, 0], pairs[n, 1], kinds[n], p, n)
+            energy += u
+            parts[2 * n, 0], parts[2 * n, 1], parts[2 * n, 2] = fx, fy, fz
+            parts[2 * n + 1, 0], parts[2 * n + 1, 1], parts[2 * n + 1, 2] = -fx, -fy, -fz
+        energies[chunk] = energy
+    for row in prange(len(rows)):
+        add_row(force, rows[row], start[row], start[row + 1], slots, parts)
+    for chunk in range(len(energies)):
+        total += energies[chunk]
+    return total
+
+
+_bonds_parallel = compiled(_bonds_by_rows, parallel=True)
+
+
+@dataclass(frozen=True, eq=False)
+class BondTerms:
+    """All bonds.
+
+    Attributes
+    ----------
+    pairs : (B, 2) uint32
+        Beads of each bond.
+    kinds : (B,) uint8
+        ``HARMONIC``, ``FENE`` or ``MORSE``.
+    parameters : (B, 4) float64
+        Coefficients of each bond, in the order in which they are named above.
+    """
+
+    pairs: np.ndarray
+    kinds: np.ndarray
+    parameters: np.ndarray
+
+    def evaluator(self) -> BondEvaluator:
+        """What computes it."""
+        return BondEvaluator(self)
+
+    def few(self) -> tuple[BondTerms, np.ndarray, np.ndarray]:
+        """One bond of two beads."""
+        one = BondTerms(np.array([[0, 1]], np.uint32), np.array([HARMONIC], np.uint8), np.ones((1, 4)))
+        return one, np.array([[0.0, 0, 0], [1.0, 0, 0]]), np.diag([4.0] * 3)
+
+
+class BondEvaluator:
+    """Computes :class:`BondTerms`.
+
+    Attributes
+    ----------
+    fewest : int
+        Terms from which on several threads share the work.
+    """
+
+    def __init__(self, terms: BondTerms):
+        self.terms, self.fewest = terms, FEW
+        scratch = np.zeros((terms.pairs.size, 3)), energy_chunks(len(terms.pairs))
+        self._arguments = terms.pairs, terms.kinds, terms.parameters, *bead_rows(terms.pairs), *scratch
+
+    def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
+        """See :class:`.extras.Evaluator`.
+
+        Raises
+        ------
+        RunError
+            If a bond has no finite energy: its length is not finite, it is as long as R0 or longer, or so short that there is no number
+            for its repulsion.
+        """
+        many = len(self.terms.pairs) >= self.fewest
+        energy = run_terms(_bonds, _bonds_parallel, many, x, box_array(box), *self._arguments, force)
+        if not math.isfinite(energy):
+            raise RunError(what_is_wrong(self.terms, x, box))
+        return energy
+
+
+def what_is_wrong(terms: BondTerms, x: np.ndarray, box: np.ndarray | None) -> str:
+    """Which bond has no finite energy at the positions x, in the words in which a scene with such a bond is refused."""
+    d = x[terms.pairs[:, 0]] - x[terms.pairs[:, 1]]
+    if box is not None:
+        for k in (2, 1, 0):
+            d -= np.outer(np.rint(d[:, k] / box[k, k]), box[k])
+    r = np.linalg.norm(d, axis=1)
+    fene, (_, longest, epsilon, _) = terms.kinds == FENE, terms.parameters.T
+    bad = np.flatnonzero(fene & ~(r < longest))
+    if len(bad):
+        (i, j), limit = terms.pairs[bad[0]], f"its R0 of {longest[bad[0]]:g} nm"
+        return f"the FENE bond between beads {i} and {j} (counted from 0) is {r[bad[0]]:g} nm long, which is not less than {limit}"
+    bad = np.flatnonzero(fene & (r == 0) & (epsilon > 0))
+    if len(bad):
+        i, j = terms.pairs[bad[0]]
+        return f"beads {i} and {j} are at the same point, where the repulsion of their FENE bond is infinite"
+    bad = np.flatnonzero(~np.isfinite(r))
+    n = int(bad[0]) if len(bad) else int(np.argmin(r))
+    i, j = terms.pairs[n]
+    return f"the bond between beads {i} and {j} (counted from 0) is {r[n]:g} nm long, where it has no finite energy"

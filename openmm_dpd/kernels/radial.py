@@ -1,0 +1,189 @@
+"""Radial pair potentials that lie over the pair terms: Lennard-Jones and tables, between all beads of some types.
+
+Lennard-Jones is U = 4 epsilon ((sigma/r)^12 - (sigma/r)^6) - shift.  A table is a piecewise cubic in r, with a constant force below its
+first distance.  Both are 0 from the cutoff of the two types on.  Bonded neighbours have a factor for energy and force, 0 leaves them out;
+two beads at the same point leave each other alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from numba import njit, prange
+
+from .compiled import serial_and_parallel
+from .engine import PairList, PairSpec
+from .threads import get_threads, run
+
+#: No exceptions, in compressed rows.
+NO_EXCEPTIONS = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
+
+
+@dataclass(frozen=True, eq=False)
+class Tables:
+    """Piecewise cubics, U = ((c0 t + c1) t + c2) t + c3 with t = r - knot, one after the other.
+
+    Attributes
+    ----------
+    start : (K + 1,) int64
+        First knot of each table, and the end of the last one.
+    knots : (M,) float64
+        Increasing within each table, evenly to a good approximation.
+    cubics : (M, 4) float64
+        Coefficients from each knot on; those of a table's last knot are not used.
+    """
+
+    start: np.ndarray
+    knots: np.ndarray
+    cubics: np.ndarray
+
+    @staticmethod
+    def of(pieces: list[tuple[np.ndarray, np.ndarray]]) -> Tables:
+        """From knots (m,) and coefficients (4, m - 1) of each table, as scipy's piecewise polynomials have them."""
+        start = np.cumsum([0] + [len(knots) for knots, _ in pieces]).astype(np.int64)
+        knots = np.concatenate([np.zeros(0)] + [knots for knots, _ in pieces])
+        cubics = np.zeros((len(knots), 4))
+        for first, (_, coefficients) in zip(start, pieces, strict=False):
+            cubics[first : first + coefficients.shape[1]] = coefficients.T
+        return Tables(start, knots, cubics)
+
+
+@dataclass(frozen=True, eq=False)
+class RadialTerms:
+    """A potential between the beads of T types.
+
+    Attributes
+    ----------
+    types : (N,) int32
+        Type of each bead, -1 for one that takes no part.
+    cutoff : (T, T) float64
+        nm; 0 where two types do not interact.
+    which : (T, T) int64
+        Number of the table of two types, -1 for Lennard-Jones.
+    lennard_jones : (T, T, 3) float64
+        epsilon, sigma and shift of two types.
+    tables : Tables
+    exceptions : three arrays
+        Bonded neighbours in compressed rows: start (N + 1,), bead (E,), factor (E,); start is empty if there are none.
+    """
+
+    types: np.ndarray
+    cutoff: np.ndarray
+    which: np.ndarray
+    lennard_jones: np.ndarray
+    tables: Tables
+    exceptions: tuple[np.ndarray, np.ndarray, np.ndarray] = NO_EXCEPTIONS
+
+    def evaluator(self) -> RadialEvaluator:
+        """What computes it."""
+        return RadialEvaluator(self)
+
+    def few(self) -> tuple[RadialTerms, np.ndarray, np.ndarray]:
+        """A few beads, too far from each other for any force, in a box with three cells along each edge."""
+        reach = float(self.cutoff.max())
+        x = np.array([[0.0, 0, 0], [2.0, 0, 0], [0, 2.0, 0], [2.0, 2.0, 2.0]]) * reach
+        types = np.zeros(len(x), np.int32)
+        return RadialTerms(types, self.cutoff, self.which, self.lennard_jones, self.tables), x, np.diag([4.0 * reach] * 3)
+
+
+def pair_list(types: np.ndarray, cutoff: np.ndarray, exceptions: tuple[np.ndarray, np.ndarray, np.ndarray]) -> PairList:
+    """The pairs of beads within the cutoff (T, T) of their types."""
+    reach: Any = SimpleNamespace(cutoff=cutoff)  # all of a table that a pair list reads
+    return PairList(PairSpec(types, np.ones(len(types)), (), exceptions=exceptions), reach)
+
+
+@njit(inline="always")
+def _lennard_jones(r, epsilon, sigma, shift):
+    """Energy and force at the distance r."""
+    s2 = sigma * sigma / (r * r)
+    s6 = s2 * s2 * s2
+    return 4.0 * epsilon * s6 * (s6 - 1.0) - shift, 24.0 * epsilon * s6 * (2.0 * s6 - 1.0) / r
+
+
+@njit(inline="always")
+def _cubic(r, first, last, knots, cubics):
+    """Energy and force at the distance r of the table with the knots first to last."""
+    inside = max(r, knots[first])
+    k = first + int((inside - knots[first]) * (last - first) / (knots[last] - knots[first]))
+    # the knots are even to some digits only
+    k = min(max(k, first), last - 1)
+    while k > first and inside < knots[k]:
+        k -= 1
+    while k < last - 1 and inside >= knots[k + 1]:
+        k += 1
+    t = inside - knots[k]
+    c0, c1, c2, c3 = cubics[k, 0], cubics[k, 1], cubics[k, 2], cubics[k, 3]
+    force = -((3.0 * c0 * t + 2.0 * c1) * t + c2)
+    return ((c0 * t + c1) * t + c2) * t + c3 + force * (inside - r), force
+
+
+def _radial_forces(which, lj, table_start, knots, cubics, types, order, pairs, f, energies, force):
+    """Add the forces of all pairs, gathered in f (M, 3) bead by sorted bead; energies of the columns; returns the energy."""
+    pi, pj, geometry, factors, columns, block_start, colour_start, start, found = pairs
+    for i in prange(len(f)):
+        f[i, 0], f[i, 1], f[i, 2] = 0.0, 0.0, 0.0
+    for colour in range(len(colour_start) - 1):
+        for block in prange(colour_start[colour], colour_start[colour + 1]):
+            for task in range(block_start[block], block_start[block + 1]):
+                column = columns[task]
+                energy = 0.0
+                for n in range(start[column], start[column] + found[column]):
+                    i, j, r = pi[n], pj[n], geometry[n, 3]
+                    a, b = types[i], types[j]
+                    table = which[a, b]
+                    if table < 0:
+                        u, size = _lennard_jones(r, lj[a, b, 0], lj[a, b, 1], lj[a, b, 2])
+                    else:
+                        u, size = _cubic(r, table_start[table], table_start[table + 1] - 1, knots, cubics)
+                    if len(factors):
+                        u *= factors[n]
+                        size *= factors[n]
+                    energy += u
+                    fx, fy, fz = size * geometry[n, 0], size * geometry[n, 1], size * geometry[n, 2]
+                    f[i, 0] += fx
+                    f[i, 1] += fy
+                    f[i, 2] += fz
+                    f[j, 0] -= fx
+                    f[j, 1] -= fy
+                    f[j, 2] -= fz
+                energies[column] = energy
+    for i in prange(len(f)):
+        bead = order[i]
+        force[bead, 0] += f[i, 0]
+        force[bead, 1] += f[i, 1]
+        force[bead, 2] += f[i, 2]
+    total = 0.0
+    for column in range(len(found)):
+        total += energies[column]
+    return total
+
+
+radial_forces, radial_forces_parallel = serial_and_parallel(_radial_forces)
+
+
+class RadialEvaluator:
+    """Computes :class:`RadialTerms`, with a pair list of its own, made anew at each call."""
+
+    def __init__(self, terms: RadialTerms):
+        self.terms = terms
+        self._pairs = pair_list(terms.types, terms.cutoff, terms.exceptions)
+        self._f = np.zeros((len(self._pairs.beads), 3))
+        self._potential = terms.which, terms.lennard_jones, terms.tables.start, terms.tables.knots, terms.tables.cubics
+
+    def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
+        """See :class:`.extras.Evaluator`.
+
+        Raises
+        ------
+        RunError
+            If a position is not finite.
+        """
+        if not len(self._f):
+            return 0.0
+        pairs = self._pairs
+        run(pairs.build, None, x, box, get_threads() > 1)
+        rest = pairs.types, pairs.order, pairs.geometry_arguments, self._f, pairs.energy, force
+        return run(radial_forces, radial_forces_parallel, *self._potential, *rest)

@@ -1,0 +1,97 @@
+"""Kernels of further forces beside OpenMM's own on the Reference platform, and what every one of them has to keep to."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+
+import numpy as np
+import openmm
+import pytest
+from openmm import unit
+
+from openmm_dpd.kernels.threads import set_threads
+
+#: Boxes by name; positions are strewn over several images of each.
+BOXES = {
+    "none": None,
+    "cubic": np.diag([4.5, 4.5, 4.5]),
+    "tilted": np.array([[5.2, 0, 0], [1.9, 4.9, 0], [-2.0, 1.8, 4.4]]),
+}
+
+
+def reference(forces, x, box, **parameters) -> tuple[float, np.ndarray]:
+    """Energy and forces that OpenMM gives for some of its forces."""
+    system = openmm.System()
+    for _ in x:
+        system.addParticle(1.0)
+    if box is not None:
+        system.setDefaultPeriodicBoxVectors(*(openmm.Vec3(*row) for row in box.tolist()))
+    for force in forces:
+        system.addForce(copy.deepcopy(force))
+    context = openmm.Context(system, openmm.VerletIntegrator(0.001), openmm.Platform.getPlatformByName("Reference"))
+    context.setPositions(x)
+    for name, value in parameters.items():
+        context.setParameter(name, value)
+    state = context.getState(energy=True, forces=True)
+    force = state.getForces(asNumpy=True).value_in_unit(unit.kilojoule_per_mole / unit.nanometer)
+    return state.getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole), np.array(force)
+
+
+def evaluate(extras, x, box, scale=1.0, fewest=None) -> tuple[float, np.ndarray]:
+    """Energy and forces of kernels, on top of a force that is there already."""
+    before = np.random.default_rng(5).normal(size=x.shape)
+    force, energy = before.copy(), 0.0
+    for extra in extras:
+        evaluator = extra.evaluator()
+        if fewest is not None and hasattr(evaluator, "fewest"):
+            evaluator.fewest = fewest
+        energy += evaluator.add_to(x, box, force, scale)
+    return energy, force - before
+
+
+def check_agreement(extras, forces, x, box, rtol=1e-9, force_rtol=None) -> None:
+    """Energy and every force agree with OpenMM's."""
+    energy, force = evaluate(extras, x, box)
+    expected, expected_force = reference(forces, x, box)
+    assert np.abs(expected_force).max() > 1.0
+    assert energy == pytest.approx(expected, rel=rtol)
+    np.testing.assert_allclose(force, expected_force, rtol=0, atol=(force_rtol or rtol) * np.abs(expected_force).max())
+
+
+def check_gradient(extras, x, box, every=7) -> None:
+    """The forces are minus the slope of the energy."""
+    _, force = evaluate(extras, x, box)
+    evaluators, scratch, h = [extra.evaluator() for extra in extras], np.zeros_like(x), 1e-6
+
+    def energy(bead, axis, step):
+        moved = x.copy()
+        moved[bead, axis] += step
+        return sum(evaluator.add_to(moved, box, scratch, 1.0) for evaluator in evaluators)
+
+    for bead in range(0, len(x), every):
+        for axis in range(3):
+            slope = (energy(bead, axis, h) - energy(bead, axis, -h)) / (2 * h)
+            assert force[bead, axis] == pytest.approx(-slope, abs=1e-6 * np.abs(force).max())
+
+
+def check_total_force(extras, x, box) -> None:
+    """No net force."""
+    _, force = evaluate(extras, x, box)
+    assert np.abs(force.sum(axis=0)).max() < 1e-13 * np.abs(force).sum()
+
+
+def check_threads(extras, x, box) -> None:
+    """The same bits for one thread and two, and whether or not there are enough terms for several."""
+    results = []
+    for threads, fewest in ((1, None), (2, 0), (2, None), (1, 0)):
+        set_threads(threads)
+        results.append(evaluate(extras, x, box, fewest=fewest))
+    for energy, force in results[1:]:
+        assert energy == results[0][0] and np.array_equal(force, results[0][1])
+
+
+def check_pickle(extras, x, box) -> None:
+    """What was pickled gives the same bits."""
+    first, second = evaluate(extras, x, box), evaluate(pickle.loads(pickle.dumps(extras)), x, box)
+    assert first[0] == second[0] and np.array_equal(first[1], second[1])

@@ -1,0 +1,213 @@
+"""Kernels of radial overlays and of segments: OpenMM's own forces on the Reference platform, splines, derivatives, threads."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import chains_of_beads as chains
+import numpy as np
+import pytest
+import reference_forces as check
+from reference_forces import BOXES
+from scenes import BOXES as MORE_BOXES
+from scenes import MASSES, beads
+
+import openmm_dpd as dpd
+from openmm_dpd.errors import RunError
+from openmm_dpd.extra_forces import extras, radial_terms, warm_up_extras
+from openmm_dpd.forces.expressions import exception_force, nonbonded_force
+from openmm_dpd.forces.partners import EXPRESSIONS, energy_spline
+from openmm_dpd.forces.segments import segment_force, segment_spec
+from openmm_dpd.kernels.threads import set_threads
+
+NAMES = list(MASSES)
+LJ = dpd.LennardJones
+
+
+def smooth_table(depth, end, count=60, forces=True, cutoff=None):
+    """A table of a soft well, from 0.15 on."""
+    r = np.linspace(0.15, end, count)
+    u = depth * np.exp(-3 * r) * np.cos(5 * r)
+    slope = -depth * np.exp(-3 * r) * (3 * np.cos(5 * r) + 5 * np.sin(5 * r))
+    return dpd.TabulatedPair(r, u, -slope if forces else None, cutoff)
+
+
+WELL = smooth_table(300.0, 1.1)
+TABLES = {
+    "one lennard-jones": {("*", "*"): LJ(1.2, 0.45, 1.1)},
+    "lennard-jones": {("A", "A"): LJ(1.2, 0.45, 1.1, shift=True), ("A", "B"): LJ(0.7, 0.5, 0.9), ("B", "B"): LJ(1.5, 0.4, 1.2, shift=True)},
+    "some lennard-jones": {("A", "A"): dpd.NONE, ("A", "B"): dpd.NONE, ("B", "B"): LJ(1.2, 0.45, 1.1)},
+    "one table": {("*", "*"): WELL},
+    "tables": {("A", "A"): WELL, ("A", "B"): smooth_table(200.0, 1.0, 45, forces=False), ("B", "B"): smooth_table(400.0, 1.2, cutoff=0.8)},
+    "some tables": {("A", "A"): WELL, ("A", "B"): WELL, ("B", "B"): dpd.NONE},
+}
+EVERY_TABLE = pytest.mark.parametrize("name", TABLES)
+EVERY_BOX = pytest.mark.parametrize("box", BOXES)
+
+
+def lattice(vectors, seed=1, spread=2):
+    """Beads of both types near the points of a lattice, strewn over images of the box, and factors of some pairs nearby."""
+    rng = np.random.default_rng(seed)
+    edges = np.diag([4.5] * 3) if vectors is None else vectors
+    counts = (np.diag(edges) / 0.7).astype(int)
+    points = np.stack(np.meshgrid(*(np.arange(n) / n for n in counts), indexing="ij"), axis=-1).reshape(-1, 3)
+    x = points @ edges + rng.uniform(-0.1, 0.1, points.shape)
+    factors = {(k, k + 1): (0.0, 0.5, 0.25)[k % 3] for k in range(0, len(x) - 1, 2)}
+    if vectors is not None:
+        x += rng.integers(-spread, spread + 1, x.shape) @ vectors
+    return np.ascontiguousarray(x), rng.integers(0, 2, len(x)).astype(np.int32), factors
+
+
+def resolved(name):
+    return dpd.PairTable(TABLES[name]).resolve(NAMES)
+
+
+def openmm_forces(name, types, factors, periodic):
+    table = resolved(name)
+    expression = EXPRESSIONS[type(next(c for c in table.values() if c.cutoff > 0))](table, NAMES)
+    kept = {pair: factor for pair, factor in factors.items() if factor}
+    return [
+        nonbonded_force(expression, types, sorted(factors), periodic, listed=False),
+        exception_force(expression, types, kept, periodic),
+    ]
+
+
+@EVERY_TABLE
+@EVERY_BOX
+def test_openmm_gives_the_same(name, box):
+    """Tables as far as OpenMM's, sampled anew, follow them: its forces smooth out where the second derivative jumps."""
+    x, types, factors = lattice(BOXES[box])
+    terms = radial_terms(resolved(name), types, NAMES, factors)
+    rtol, force_rtol = (1e-6, 1e-4) if "table" in name else (1e-9, 1e-9)
+    check.check_agreement([terms], openmm_forces(name, types, factors, box != "none"), x, BOXES[box], rtol, force_rtol)
+
+
+@EVERY_TABLE
+@pytest.mark.parametrize("box", ["none", "narrow", "slab", "tilted_narrow"])
+def test_the_sum_over_all_pairs(name, box):
+    """Energies of all pairs in plain numpy, with the spline itself; boxes of fewer than three cells among them."""
+    vectors = MORE_BOXES[box]
+    x, types, factors = lattice(vectors, seed=3)
+    table, expected, expected_force = resolved(name), 0.0, np.zeros_like(x)
+    for i, j in combinations(range(len(x)), 2):
+        c = table[tuple(sorted((NAMES[types[i]], NAMES[types[j]])))]
+        d = chains.nearest_image(x[i] - x[j], vectors)
+        r, factor = np.linalg.norm(d), factors.get((i, j), 1.0)
+        if not 0 < r < c.cutoff:
+            continue
+        if isinstance(c, LJ):
+            u, end = (4 * c.epsilon * ((c.sigma / s) ** 12 - (c.sigma / s) ** 6) for s in (r, c.cutoff))
+            u -= end if c.shift else 0.0
+            f = 24 * c.epsilon * (2 * (c.sigma / r) ** 12 - (c.sigma / r) ** 6) / r
+        else:
+            spline, low = energy_spline(c), c.distances[0]
+            u = spline(r) if r > low else spline(low) + spline(low, 1) * (r - low)
+            f = -spline(max(r, low), 1)
+        expected += factor * u
+        expected_force[i] += factor * f * d / r
+        expected_force[j] -= factor * f * d / r
+    energy, force = check.evaluate([radial_terms(table, types, NAMES, factors)], x, vectors)
+    assert abs(expected) > 1 and energy == pytest.approx(expected, rel=1e-11)
+    np.testing.assert_allclose(force, expected_force, rtol=0, atol=1e-11 * np.abs(expected_force).max())
+
+
+@EVERY_TABLE
+@EVERY_BOX
+def test_forces_are_the_gradient_and_sum_up_to_nothing(name, box):
+    x, types, factors = lattice(BOXES[box], seed=5)
+    terms = [radial_terms(resolved(name), types, NAMES, factors)]
+    check.check_gradient(terms, x, BOXES[box], every=31)
+    check.check_total_force(terms, x, BOXES[box])
+
+
+@EVERY_TABLE
+def test_the_same_bits_for_any_number_of_threads(name, two_threads):
+    x, types, factors = lattice(BOXES["tilted"])
+    terms = [radial_terms(resolved(name), types, NAMES, factors)]
+    check.check_threads(terms, x, BOXES["tilted"])
+    check.check_pickle(terms, x, BOXES["tilted"])
+
+
+def two(name, distance):
+    x = np.array([[1.0, 1, 1], [1.0 + distance, 1, 1]])
+    energy, force = check.evaluate([radial_terms(resolved(name), np.zeros(2, np.int32), NAMES, {})], x, None)
+    assert force[0, 0] == pytest.approx(-force[1, 0], abs=1e-12) and not force[:, 1:].any()
+    return energy, force[1, 0]
+
+
+def test_a_table_at_its_ends_and_at_its_points():
+    spline = energy_spline(WELL)
+    first, steepest = float(spline(0.15)), -float(spline(0.15, 1))
+    energy, force = two("one table", 0.05)
+    assert force == pytest.approx(steepest) and energy == pytest.approx(first + 0.1 * steepest)
+    for r, u, f in zip(WELL.distances[1:-1], WELL.energies[1:-1], WELL.forces[1:-1], strict=True):
+        energy, force = two("one table", r)
+        assert energy == pytest.approx(u, abs=1e-10) and force == pytest.approx(f, abs=1e-8)
+    assert two("one table", WELL.distances[-1] * (1 - 1e-12))[0] == pytest.approx(WELL.energies[-1])
+    assert two("one table", WELL.distances[-1] * (1 + 1e-12)) == (0.0, 0.0)
+
+
+def test_uneven_points_of_a_table():
+    """Even to four digits is even enough, and every piece is the right one."""
+    r = np.linspace(0.1, 1.1, 400)
+    r[1:-1] += np.random.default_rng(1).uniform(-4e-5, 4e-5, 398) * (r[1] - r[0])
+    table = {("A", "A"): dpd.TabulatedPair(r, np.cos(9 * r))}
+    spline = energy_spline(table["A", "A"])
+    for distance in np.concatenate([r[1:-1:9], np.nextafter(r[1:-1:9], 0)]):
+        x = np.array([[0.0, 0, 0], [distance, 0, 0]])
+        energy, force = check.evaluate([radial_terms(table, np.zeros(2, np.int32), ["A"], {})], x, None)
+        assert energy == pytest.approx(float(spline(distance)), rel=1e-12, abs=1e-12)
+        assert force[1, 0] == pytest.approx(-float(spline(distance, 1)), rel=1e-9, abs=1e-9)
+
+
+@EVERY_TABLE
+def test_beads_at_the_same_point(name):
+    """They exert nothing on each other."""
+    types = np.ones(3, np.int32) if name == "some lennard-jones" else np.zeros(3, np.int32)
+    x = np.array([[1.0, 1, 1], [1.0, 1, 1], [1.5, 1, 1]])
+    energy, force = check.evaluate([radial_terms(resolved(name), types, NAMES, {})], x, np.diag([4.0] * 3))
+    assert np.isfinite(energy) and force[0].any()
+    np.testing.assert_allclose(force[0], force[1], rtol=1e-12)
+    assert two(name, 0.0) == (0.0, 0.0)
+
+
+def test_beads_that_take_no_part():
+    """No bead at all of the types that interact, and positions that are not numbers."""
+    terms = radial_terms(resolved("some lennard-jones"), np.zeros(5, np.int32), NAMES, {})
+    energy, force = check.evaluate([terms], np.random.default_rng(1).random((5, 3)), None)
+    assert energy == 0.0 and not force.any()
+    terms = radial_terms(resolved("lennard-jones"), np.zeros(5, np.int32), NAMES, {})
+    with pytest.raises(RunError, match="position of bead 0 is not finite"):
+        check.evaluate([terms], np.full((5, 3), np.nan), np.diag([4.0] * 3))
+
+
+@pytest.mark.parametrize("distance", ["mid", "min"])
+@EVERY_BOX
+def test_segments(distance, box, two_threads):
+    """What the PythonForce gives."""
+    vectors = BOXES[box]
+    x, bonds, _ = chains.walks(30, 5, np.diag([4.5] * 3) if vectors is None else vectors, 2, step=0.5, spread=0 if vectors is None else 2)
+    repulsion = dpd.SegmentalRepulsion(50.0, 0.7, distance)
+    scene = beads(len(x), positions=x, box=vectors, bonds=[dpd.HarmonicBonds(bonds, 0.0, 0.5)], segments=repulsion)
+    terms = extras(scene, (), {})[1:]
+    check.check_agreement(terms, [segment_force(segment_spec(scene), vectors is not None)], x, vectors, 1e-13)
+    check.check_threads(terms, x, vectors)
+    check.check_pickle(terms, x, vectors)
+    check.check_total_force(terms, x, vectors)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_warming_up_compiles_everything(threads, two_threads):
+    """Nothing is left to compile at the first call."""
+    from openmm_dpd.kernels import radial
+
+    set_threads(threads)
+    x, types, factors = lattice(BOXES["cubic"])
+    terms = [radial_terms(resolved(name), types, NAMES, factors) for name in TABLES]
+    warm_up_extras(terms)
+    kernel = (radial.radial_forces, radial.radial_forces_parallel)[threads - 1]
+    before = len(kernel.signatures)
+    assert before == 1
+    check.evaluate(terms, x, BOXES["cubic"])
+    check.evaluate(terms, x, None)
+    assert len(kernel.signatures) == before
