@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -12,8 +12,9 @@ import openmm
 from openmm import app, unit
 
 from .errors import ParameterError, PlanError
+from .extra_forces import extras
 from .fields import field_variables
-from .forces.bonded import angle_forces, bond_forces
+from .forces.bonded import MOLECULES, angle_forces, bond_forces, molecules
 from .forces.conservative import dpd_expression
 from .forces.electrostatics import electrostatic_forces, needs_list
 from .forces.expressions import VIRIAL, PairExpression, exception_force, nonbonded_force
@@ -26,7 +27,7 @@ from .integrators import Made, NativeIntegrator, PairIntegrator
 from .kernels.cells import coincident_pairs
 from .kernels.steps import Ramp, StepSpec, Walls
 from .model.bonds import FENEBonds
-from .model.flow import gaps
+from .model.flow import PositionForce, gaps
 from .model.mdpd import MDPD
 from .model.scene import Scene
 from .names import BONDED_GROUP, LAST_POTENTIAL_GROUP, POTENTIAL_GROUP, VIRIAL_GROUP
@@ -214,24 +215,25 @@ def initial_velocities(scene: Scene, seed: int) -> np.ndarray:
 
 
 def integration_groups(forces: Sequence[openmm.Force], options: ProgramOptions) -> set[int]:
-    """The force groups that an integrator uses: all but those of the forces that are there for measuring, and of impulses.
+    """The force groups that an integrator uses: all but those of the forces that only measure or tell of bonds, and of impulses.
 
     Users put forces of their own into any group, before the Context is made, and all of them have to act.
     """
-    measuring = {force.getForceGroup() for force in forces if force.getName().endswith(VIRIAL)}
-    return set(range(32)) - measuring - (set() if options.kernel_conservative else {options.pair_group})
+    silent = {force.getForceGroup() for force in forces if force.getName().endswith(VIRIAL) or force.getName() == MOLECULES}
+    return set(range(32)) - silent - (set() if options.kernel_conservative else {options.pair_group})
 
 
 def _pair_function(plan: Plan) -> PairForceFunction:
     """What evaluates the pair terms."""
     scene, options = plan.scene, plan.options
+    held = () if plan.unlooped else extras(scene, plan.partners, plan.exceptions)
     return PairForceFunction(
-        plan.spec,
+        replace(plan.spec, extras=held),
         conservative=options.kernel_conservative,
         periodic=scene.box is not None,
         scale=options.field_scale,
         balanced=options.compensated and plan.spec.sweeps,
-        guarded=tuple(bonds for bonds in scene.bonds if isinstance(bonds, FENEBonds)),
+        guarded=() if held else tuple(bonds for bonds in scene.bonds if isinstance(bonds, FENEBonds)),
         steps=None if plan.unlooped else _step_spec(plan),
     )
 
@@ -286,14 +288,19 @@ def _system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, function:
         force = density_force(layer, scene.type_names, scene.type_ids, excluded, periodic)
         force.setForceGroup(free - k)
         system.addForce(force)
-    for force in (*bond_forces(scene.bonds, periodic), *angle_forces(scene.angles, periodic)):
-        force.setForceGroup(BONDED_GROUP)
-        system.addForce(force)
-    segments = segment_spec(scene)
-    if segments is not None:
-        system.addForce(segment_force(segments, periodic))
+    if plan.unlooped is None:
+        if len(scene.bond_pairs):
+            system.addForce(molecules(scene.bond_pairs))
+    else:
+        for force in (*bond_forces(scene.bonds, periodic), *angle_forces(scene.angles, periodic)):
+            force.setForceGroup(BONDED_GROUP)
+            system.addForce(force)
+        segments = segment_spec(scene)
+        if segments is not None:
+            system.addForce(segment_force(segments, periodic))
     for term in scene.body_forces:
-        system.addForce(external_force(term, scene.type_ids, scene.type_names, scene.box))
+        if plan.unlooped is not None or isinstance(term, PositionForce):
+            system.addForce(external_force(term, scene.type_ids, scene.type_names, scene.box))
     if function is not None:
         system.addForce(pair_force(function, options=options, integrator=integrator))
     if options.scheme.native:
@@ -351,7 +358,9 @@ def _add_pair_expressions(
         raise PlanError(f"the pair potentials have {len(cutoffs)} different cutoffs; at most 10 can be built")
     for expression in expressions:
         number = groups.setdefault(expression.cutoff, len(groups))
-        for virial in (False, True) if expression in with_virial else (False,):
+        # where the kernel holds the potentials only their virials are OpenMM's
+        energies = (False,) if plan.unlooped else ()
+        for virial in (*energies, True) if expression in with_virial else (False,):
             listed = plan.listed(expression.cutoff)
             made = [nonbonded_force(expression, scene.type_ids, exclusions, periodic, virial=virial, listed=listed)]
             if restored:

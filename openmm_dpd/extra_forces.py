@@ -22,7 +22,6 @@ from .kernels.external import BodyTerms
 from .kernels.extras import Extra
 from .kernels.radial import RadialTerms, Tables
 from .kernels.segment_terms import SegmentTerms
-from .kernels.threads import get_threads
 from .model.angles import CosineAngles, HarmonicAngles
 from .model.bonds import FENEBonds, HarmonicBonds, MorseBonds
 from .model.flow import AXES, BodyForce
@@ -119,14 +118,3 @@ def body_terms(term: BodyForce, scene: Scene) -> BodyTerms:
     axis = 0 if term.axis is None else AXES.index(term.axis)
     period = 1.0 if scene.box is None else float(scene.box[axis, axis])
     return BodyTerms(beads.astype(np.uint32), vectors[beads], _PATTERNS[term.pattern], axis, term.origin, period)
-
-
-def warm_up_extras(extras: Sequence[Extra]) -> None:
-    """Compile what these need (or load it from the cache), for one thread, and for several if there are."""
-    for extra in extras:
-        small, x, box = extra.few()
-        evaluator = small.evaluator()
-        evaluator.add_to(x, box, np.zeros_like(x), 1.0)
-        if get_threads() > 1 and hasattr(evaluator, "fewest"):
-            evaluator.fewest = 0
-            evaluator.add_to(x, box, np.zeros_like(x), 1.0)

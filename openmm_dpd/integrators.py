@@ -562,6 +562,8 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
 class NativeIntegrator(Watching, openmm.DPDIntegrator):
     """OpenMM's own DPDIntegrator."""
 
+    whole = None
+
 
 #: Why a temperature cannot be set.
 RAMPED = "the temperature of this Context follows a ramp, which would overwrite it at the next step"

@@ -322,6 +322,13 @@ def force_terms(
     }
     terms = {name: _forces(context, found) for name, found in apart.items() if found}
     terms["conservative"] = _forces(context, groups.difference(*apart.values()))
+    for extra in () if built.integrator.whole is None else built.integrator.whole.function.spec.extras:
+        if extra.term != "conservative":
+            # the pair force holds it
+            part = np.zeros_like(x)
+            extra.evaluator().add_to(x, scene.box, part, 1.0)
+            terms[extra.term] = terms.get(extra.term, 0.0) + part
+            terms["conservative"] -= part
     engine = PairEngine(spec)
     engine.prepare(x, scene.box)
     values = None if spec.fields is None else spec.fields.initial

@@ -94,6 +94,9 @@ BONDED_GROUP = 3
 EXTERNAL_GROUP = 20
 BODY_FORCE = "dpd_body_force"
 
+#: Group of a force without an energy that says which beads are bonded, where the kernel holds the bonds: barostats move molecules.
+MOLECULE_GROUP = 21
+
 #: Group of the segmental repulsion.
 SEGMENT_GROUP = 16
 

@@ -17,7 +17,7 @@ from .model.angles import HarmonicAngles
 from .model.bonds import FENEBonds, HarmonicBonds, bonded_neighbours
 from .model.edpd import EDPD
 from .model.electrostatics import EwaldSum, ewald_sum
-from .model.flow import BodyForce, gaps, kind_of
+from .model.flow import gaps, kind_of
 from .model.mdpd import MDPD, why_no_openmm_force
 from .model.pairs import NONE, describe
 from .model.scene import Scene, TemperatureRamp
@@ -238,7 +238,7 @@ def make_plan(
     where = _conservative_place(conservative, repulsive, thermostat, only, faster, chosen)
     fields = field_spec(scene)
     choices = _field_options(scene, fields, _longest(layers), platform, lam)
-    unlooped = _why_no_loop(scene, partners, where, thermostat, chosen, platform, loop, choices.get("compensated", False))
+    unlooped = _why_no_loop(where, thermostat, chosen, platform, loop, choices.get("compensated", False))
     whole = unlooped is None and platform in DOUBLE_PLATFORMS
     options = ProgramOptions(
         scheme=chosen,
@@ -337,9 +337,7 @@ def _listed(platform: str | None, scene: Scene, cutoff: float) -> bool:
     return platform != "Reference" or not may_miss_pairs(scene.box, cutoff)
 
 
-def _why_no_loop(
-    scene: Scene, partners, where: str, thermostat: bool, scheme: Scheme, platform, loop: bool, compensated: bool
-) -> str | None:
+def _why_no_loop(where: str, thermostat: bool, scheme: Scheme, platform: str | None, loop: bool, compensated: bool) -> str | None:
     """Why the pair kernel cannot carry out whole steps by itself, or None."""
     if not loop:
         return "switched off"
@@ -351,8 +349,6 @@ def _why_no_loop(
         return "the pair kernel holds no conservative force"
     if compensated:
         return f"velocities on the platform {platform} are less than double precision, so that the program balances the energies"
-    if partners or scene.bonds or scene.angles or scene.segments or any(isinstance(term, BodyForce) for term in scene.body_forces):
-        return "other forces of the scene act within the step"
     return None
 
 

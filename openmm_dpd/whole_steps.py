@@ -69,7 +69,8 @@ class WholeSteps:
             loop, begun = here.loop, moment.counter
             done = time
             if slow:
-                groups = integrator.getIntegrationForceGroups() & ~(1 << self.pair_group)
+                used = integrator.getIntegrationForceGroups()
+                groups = {group for group in range(32) if used >> group & 1} - {self.pair_group}
                 times = iter(range(count, count + n + 1))
 
                 def forces(m: Moment) -> np.ndarray:
@@ -126,6 +127,7 @@ class WholeSteps:
         if not dt > 0.0:
             raise RunError(f"the step size must be > 0, but the integrator's is {dt:g} ps")
         x, box = function.positions(state), function.box(state)
+        function.scale_body_forces(here, parameters)
         v = state.getVelocities(asNumpy=True)._value.copy()
         v[function.spec.inv_mass == 0.0] = 0.0
         kT = function.thermal_energy(parameters)

@@ -8,6 +8,7 @@ import openmm
 
 from ..model.angles import Angles, CosineAngles, HarmonicAngles
 from ..model.bonds import WCA_END, Bonds, FENEBonds, HarmonicBonds, MorseBonds
+from ..names import MOLECULE_GROUP
 
 
 def bond_forces(bonds: Sequence[Bonds], periodic: bool) -> list[openmm.Force]:
@@ -30,6 +31,20 @@ def _forces(groups, makers, size, periodic: bool) -> list[openmm.Force]:
     for force in made:
         force.setUsesPeriodicBoundaryConditions(periodic)
     return made
+
+
+#: Name of the force that only says which beads are bonded.
+MOLECULES = "molecules"
+
+
+def molecules(pairs) -> openmm.CustomBondForce:
+    """A force without an energy between bonded beads (B, 2), by which OpenMM knows molecules: barostats move each as a whole."""
+    force = openmm.CustomBondForce("0")
+    force.setName(MOLECULES)
+    force.setForceGroup(MOLECULE_GROUP)
+    for i, j in pairs.tolist():
+        force.addBond(i, j, [])
+    return force
 
 
 def _harmonic_bonds(groups: Sequence[HarmonicBonds]) -> list[openmm.Force]:

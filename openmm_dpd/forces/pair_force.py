@@ -14,10 +14,12 @@ from ..integrators import interrupts, origin
 from ..kernels import motion
 from ..kernels.compiled import compiled
 from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, PairSpec, warm_up
+from ..kernels.extras import warm_up_extras
 from ..kernels.fields import ENERGY, TEMPERATURE, FieldSpec
 from ..kernels.steps import Moment, StepLoop, StepSpec
 from ..names import (
     ACCELERATION,
+    BODY_FORCE,
     COUNTER,
     DT,
     KT,
@@ -157,6 +159,7 @@ class PairForceFunction:
         local = self._local
         if not hasattr(local, "engine"):
             warm_up(self.spec)
+            warm_up_extras(self.spec.extras)
             local.engine, local.kept, local.noted = PairEngine(self.spec), None, None
             local.fields = None if self.spec.fields is None else Fields(self.spec.fields)
             local.failed = None
@@ -192,6 +195,7 @@ class PairForceFunction:
         """Energy and forces for a phase."""
         x = self.positions(state)
         box = self.box(state)
+        self.scale_body_forces(local, parameters)
         if phase in KEEPING:
             for bonds in self.guarded:
                 wrong = bonds.overstretched(x, box)
@@ -264,6 +268,14 @@ class PairForceFunction:
             local.conserved_energy = None
         conditions = (kT, dt, *key, None if fields is None else fields.values)
         return self._sweep(local, block, conditions) if phase >= Phase.SWEEP_SEEN else self._force(local, phase, conditions)
+
+    def scale_body_forces(self, local, parameters) -> None:
+        """Take the factor of body forces over from the Context."""
+        scale = parameters[BODY_FORCE] if BODY_FORCE in parameters else 1.0
+        if scale != local.engine.body_scale:
+            local.engine.body_scale, local.conserved_energy = scale, None
+            if local.loop is not None:
+                local.loop.forced = False
 
     def thermal_energy(self, parameters) -> float:
         """kT of the Context; RunError if it is none."""
@@ -344,6 +356,8 @@ def pair_force(function: PairForceFunction, *, options: ProgramOptions, integrat
     parameters |= origin(options, integrator)
     if function.spec.fields is not None and function.spec.fields.kind == ENERGY:
         parameters |= {VOLUME_MOVES: 0.0, VOLUME_STEP: 0.01, VOLUME_ACCEPTED: 0.0}
+    if any(extra.term == "external" for extra in function.spec.extras):
+        parameters[BODY_FORCE] = 1.0
     force = openmm.PythonForce(function, parameters)
     force.setName(PAIR_FORCE)
     force.setForceGroup(options.pair_group)

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numba import njit, prange
@@ -153,6 +154,8 @@ class AngleTerms:
     parameters : (K, 2) float64
         Coefficients of each angle, in the order in which they are named above.
     """
+
+    term: ClassVar[str] = "bond"
 
     triples: np.ndarray
     kinds: np.ndarray

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numba import njit, prange
@@ -130,6 +131,8 @@ class BondTerms:
     parameters : (B, 4) float64
         Coefficients of each bond, in the order in which they are named above.
     """
+
+    term: ClassVar[str] = "bond"
 
     pairs: np.ndarray
     kinds: np.ndarray

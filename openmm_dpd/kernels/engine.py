@@ -15,6 +15,7 @@ import numpy as np
 from ..errors import RunError
 from . import cells, motion, sweeps
 from .dpd import TermTable
+from .extras import Extra
 from .fields import FieldSpec
 from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, Call, Layer, Table
 from .threads import get_threads, run, set_threads
@@ -42,6 +43,8 @@ class PairSpec:
         What beads carry beside position and velocity.
     sweeps : bool
         Whether the scheme sweeps over pairs at all.
+    extras : tuple of Extra
+        Conservative forces beside the pair terms (see :mod:`.extras`).
     """
 
     types: np.ndarray
@@ -54,6 +57,7 @@ class PairSpec:
     wall_velocity: np.ndarray | None = None
     fields: FieldSpec | None = None
     sweeps: bool = True
+    extras: tuple[Extra, ...] = ()
 
 
 class PairList:
@@ -166,6 +170,8 @@ class PairEngine:
         What the last call of :meth:`forces` and :meth:`sweep` gave for the fields of the spec (per time, and in all).
     stress : (6,) array
         Sum over pairs of r_ij F_ij (xx, yy, zz, xy, xz, yz) of the last call of :meth:`forces` with STRESS.
+    body_scale : float
+        Factor of forces on single beads.
     """
 
     def __init__(self, spec: PairSpec):
@@ -177,6 +183,7 @@ class PairEngine:
         columns = 0 if spec.fields is None else spec.fields.n_values
         self.rates, self.flow = np.zeros((len(spec.types), columns)), np.zeros((len(spec.types), columns))
         self.stress = np.zeros(6)
+        self.extras, self.body_scale = [extra.evaluator() for extra in spec.extras], 1.0
         self._x = np.full((len(spec.types), 3), np.nan)
         self._box: np.ndarray | None = None
 
@@ -229,7 +236,7 @@ class PairEngine:
             Conservative energy.
         force : (N, 3) array
         virial : float
-            Sum over pairs of r_ij . F_ij.
+            Sum over pairs of r_ij . F_ij, of pair terms alone.
         """
         force = np.empty((len(self.spec.types), 3)) if out is None else out
         force[...] = 0.0
@@ -253,6 +260,9 @@ class PairEngine:
                 self.stress += result.stress
             energy += result.energy
             virial += result.virial
+        if which & CONSERVATIVE:
+            for extra in self.extras:
+                energy += extra.add_to(self._x, self._box, force, self.body_scale)
         if self.spec.fields is not None and which & DISSIPATIVE:
             for source in self.spec.fields.sources:
                 source.add_to(self.rates, self._x, self._box)

@@ -7,6 +7,7 @@ s = sin(2 pi u) (``SINE``).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numba import njit, prange
@@ -36,6 +37,8 @@ class BodyTerms:
     origin, period : float
         Where it begins and how long it is, nm.
     """
+
+    term: ClassVar[str] = "external"
 
     beads: np.ndarray
     vectors: np.ndarray

@@ -5,12 +5,13 @@ An :class:`Extra` describes one kind of force, an :class:`Evaluator` computes it
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Sequence
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numba import njit
 
-from .threads import run
+from .threads import get_threads, run
 
 #: Fewer terms than this are not worth waking a second thread for: one takes about 10 ns, waking some 10 us where it goes well.
 FEW = 4000
@@ -54,7 +55,15 @@ class Evaluator(Protocol):
 
 
 class Extra(Protocol):
-    """Description of one kind of force: immutable, can be pickled, made of contiguous writeable arrays."""
+    """Description of one kind of force: immutable, can be pickled, made of contiguous writeable arrays.
+
+    Attributes
+    ----------
+    term : {"bond", "external", "conservative"}
+        Under which name :func:`openmm_dpd.force_terms` counts it.
+    """
+
+    term: ClassVar[str]
 
     def evaluator(self) -> Evaluator:
         """What computes it, with scratch arrays of its own."""
@@ -124,3 +133,14 @@ def add_row(force, bead, begin, end, slots, parts):
         fy += parts[slot, 1]
         fz += parts[slot, 2]
     force[bead, 0], force[bead, 1], force[bead, 2] = fx, fy, fz
+
+
+def warm_up_extras(extras: Sequence[Extra]) -> None:
+    """Compile what these need (or load it from the cache), for one thread, and for several if there are."""
+    for extra in extras:
+        small, x, box = extra.few()
+        evaluator = small.evaluator()
+        evaluator.add_to(x, box, np.zeros_like(x), 1.0)
+        if get_threads() > 1 and hasattr(evaluator, "fewest"):
+            evaluator.fewest = 0
+            evaluator.add_to(x, box, np.zeros_like(x), 1.0)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numba import njit, prange
@@ -69,6 +69,8 @@ class RadialTerms:
     exceptions : three arrays
         Bonded neighbours in compressed rows: start (N + 1,), bead (E,), factor (E,); start is empty if there are none.
     """
+
+    term: ClassVar[str] = "conservative"
 
     types: np.ndarray
     cutoff: np.ndarray

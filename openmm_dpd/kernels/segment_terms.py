@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -17,6 +18,8 @@ class SegmentTerms:
     ----------
     spec : SegmentSpec
     """
+
+    term: ClassVar[str] = "conservative"
 
     spec: SegmentSpec
 
