@@ -140,6 +140,7 @@ def build(
     platform: str | None = None,
     seed: int | None = None,
     loop: bool = True,
+    slow_every: int = 1,
 ) -> Built:
     """System, Topology, positions, velocities and integrator of a scene.
 
@@ -166,7 +167,8 @@ def build(
     known = [openmm.Platform.getPlatform(k).getName() for k in range(openmm.Platform.getNumPlatforms())]
     if platform not in known:
         raise ParameterError(f"there is no platform {platform!r} here; it must be one of {', '.join(known)}")
-    return build_plan(make_plan(scene, dt=dt, scheme=scheme, lam=lam, conservative=conservative, platform=platform, seed=seed, loop=loop))
+    choices = {"scheme": scheme, "lam": lam, "conservative": conservative, "seed": seed, "loop": loop, "slow_every": slow_every}
+    return build_plan(make_plan(scene, dt=dt, platform=platform, **choices))  # type: ignore[arg-type]
 
 
 def build_plan(plan: Plan) -> Built:
@@ -248,7 +250,8 @@ def _step_spec(plan: Plan) -> StepSpec:
     return StepSpec(
         letters=() if predicts else tuple((letter, float(part)) for letter, part in scheme.steps(options.thermostat)),
         mass=np.where(mobile, scene.bead_masses, 0.0),
-        slow_kicks=(0.5 + scheme.lag, 0.5 - scheme.lag),
+        slow_kicks=options.slow_kicks,
+        slow_every=options.slow_every,
         thermostat=options.thermostat,
         lam=options.lam,
         field_lam=options.field_lam,

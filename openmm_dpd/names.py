@@ -61,6 +61,9 @@ PORTABLE = ("ahead", "heard", "here", "last", "stamp")
 #: Global variable of an integrator: steps that are done already, of which only barostats have to hear.
 AHEAD = "ahead"
 
+#: Global variable of an integrator whose slow forces do not kick in every step: steps done since they last did.
+SLOW_STEP = "slow_step"
+
 #: Global variable of an integrator: fingerprint of the per-DOF variables that a loop of steps left, 0 where something else wrote them.
 STAMP = "stamp"
 

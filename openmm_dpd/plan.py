@@ -27,7 +27,7 @@ from .neighbour_list import may_miss_pairs
 from .programs.options import ProgramOptions
 from .programs.schemes import SCHEMES, Scheme, scheme_of
 from .tables import FIELD_NAMES, TABLES, field_spec
-from .units import to_md
+from .units import to_md, whole_number
 
 #: Coefficients by pair of types, all of one kind.
 ResolvedTable = dict[tuple[str, str], Any]
@@ -79,7 +79,7 @@ class Plan:
             lines.append(
                 "friction and noise: compiled pair kernel behind a PythonForce" + (", with transverse terms" if transverse else "")
             )
-            lines.append(f"steps: one by one, by the program ({self.unlooped})" if self.unlooped else _LOOPED)
+            lines.append(f"steps: one by one, by the program ({self.unlooped})" if self.unlooped else _looped(options.slow_every))
         if self.spec.fields is not None:
             lines.append(self._field_text())
         if len(scene.bond_pairs):
@@ -160,10 +160,12 @@ class Plan:
         }[self.conservative]
 
 
-_LOOPED = (
-    "steps: up to ten at once in compiled loops; forces that stay OpenMM's kick before and after each step, a barostat acts at the end "
-    "of such a piece, which is no longer than its interval"
-)
+def _looped(slow_every: int) -> str:
+    often = "each step" if slow_every == 1 else f"every {slow_every} steps"
+    return (
+        f"steps: up to ten at once in compiled loops; forces that stay OpenMM's kick before and after {often}, a barostat acts at the end "
+        "of such a piece, which is no longer than its interval"
+    )
 
 
 def _describe_box(box: np.ndarray) -> str:
@@ -182,6 +184,7 @@ def make_plan(
     platform: str | None = None,
     seed: int | None = None,
     loop: bool = True,
+    slow_every: int = 1,
     pair_group: int = PAIR_GROUP,
 ) -> Plan:
     """Decide what to build.
@@ -209,6 +212,9 @@ def make_plan(
         Reference platforms, and on others if it holds the conservative force.  Forces that stay OpenMM's (lattice sums, formulas of the
         position, whatever is added to the System) then kick before and after each step, and a barostat acts at the end of up to ten steps.
         Otherwise the program does one step at a time.
+    slow_every : int, default 1
+        In such loops: after how many steps of the Context forces that stay OpenMM's kick (multiple time steps, impulses as in r-RESPA:
+        Tuckerman, Berne and Martyna, J. Chem. Phys. 97, 1990 (1992)).
     pair_group : int, default 31
         Force group of the pair terms.
 
@@ -249,6 +255,7 @@ def make_plan(
         thermostat=thermostat,
         kernel_conservative=where == "kernel" or whole,
         whole_steps=whole,
+        slow_every=_checked_interval(slow_every, unlooped),
         settable=thermostat and not isinstance(scene.kT, TemperatureRamp) and (fields is None or fields.kind != ENERGY),
         pair_group=pair_group,
         seeded=seed is not None,
@@ -389,6 +396,13 @@ def _why_kernel_only(scene: Scene, kinds: list[type], layers, exceptions, platfo
             if not _listed(platform, scene, reach):
                 return "in this box, small and tilted, the Reference platform can miss pairs of densities; use the kernel or the CPU"
     return None
+
+
+def _checked_interval(slow_every, unlooped: str | None) -> int:
+    interval = whole_number(slow_every, "slow_every", least=1)
+    if interval > 1 and unlooped:
+        raise PlanError(f"slow_every = {interval} needs the loop of whole steps, which is not used here: {unlooped}")
+    return interval
 
 
 def _checked_step(dt) -> float:

@@ -16,7 +16,23 @@ from .fields import per_dof
 from .forces.pair_force import Fields, PairForceFunction, fingerprint, unfolded
 from .kernels import motion
 from .kernels.steps import Moment, StepSpec
-from .names import ACCELERATION, AHEAD, COUNTER, DT, FIELD, KT, RAMP_STEP, RATES, SEED, SEEN_KT, SEEN_TEMPERATURE, STAMP, TAU, TEMPERATURE
+from .names import (
+    ACCELERATION,
+    AHEAD,
+    COUNTER,
+    DT,
+    FIELD,
+    KT,
+    RAMP_STEP,
+    RATES,
+    SEED,
+    SEEN_KT,
+    SEEN_TEMPERATURE,
+    SLOW_STEP,
+    STAMP,
+    TAU,
+    TEMPERATURE,
+)
 from .units import BOLTZMANN
 
 if TYPE_CHECKING:
@@ -62,25 +78,23 @@ class WholeSteps:
         here = self.function.here()
         self._settle_temperature(integrator, context)
         state = context.getState(positions=True, velocities=True, parameters=True)
-        count, time, parameters = state.getStepCount(), state.getTime()._value, state.getParameters()
+        count, parameters = state.getStepCount(), state.getParameters()
         dt = integrator.getStepSize()._value
+        clock = [state.getTime()._value]
+        for _ in range(n):  # as OpenMM adds it up
+            clock.append(clock[-1] + dt)
         try:
             moment = self._moment(integrator, state, parameters, dt, here)
             loop, begun = here.loop, moment.counter
-            done = time
             if slow:
                 used = integrator.getIntegrationForceGroups()
                 groups = {group for group in range(32) if used >> group & 1} - {self.pair_group}
-                times = iter(range(count, count + n + 1))
 
-                def forces(m: Moment) -> np.ndarray:
-                    nonlocal done
-                    number = next(times)
-                    if number > count:
-                        done += dt
+                def forces(m: Moment, done: int) -> np.ndarray:
+                    if done:
                         context.setPositions(m.x)
-                        context.setStepCount(number)
-                        context.setTime(done)
+                        context.setStepCount(count + done)
+                        context.setTime(clock[done])
                     return context.getState(forces=True, groups=groups).getForces(asNumpy=True)._value
 
                 loop.run(moment, n, forces)
@@ -88,13 +102,11 @@ class WholeSteps:
                 loop.run(moment, n)
         except RunError as error:
             raise RunError(f"step {count + getattr(error, 'steps_done', 0) + 1}: {error}") from error
-        for _ in range(n):  # as OpenMM adds it up
-            time += dt
         here.conserved_energy = None
         self._give_back(integrator, context, state, moment, begun, here)
         if barostats:
             context.setStepCount(count)
-            context.setTime(state.getTime())
+            context.setTime(clock[0])
             openmm.CustomIntegrator.setGlobalVariableByName(integrator, AHEAD, float(n))
             try:
                 openmm.CustomIntegrator.step(integrator, n)
@@ -102,7 +114,7 @@ class WholeSteps:
                 openmm.CustomIntegrator.setGlobalVariableByName(integrator, AHEAD, 0.0)
         else:
             context.setStepCount(count + n)
-            context.setTime(time)
+            context.setTime(clock[-1])
 
     def _settle_temperature(self, integrator: PairIntegrator, context: openmm.Context) -> None:
         """Which of the temperature in kelvin and the thermal energy was set since the last step holds, as the program has it."""
@@ -132,6 +144,8 @@ class WholeSteps:
         v[function.spec.inv_mass == 0.0] = 0.0
         kT = function.thermal_energy(parameters)
         moment = Moment(x.copy(), v, box, dt, kT, int(parameters[SEED]), int(parameters[COUNTER]))
+        if spec.slow_every > 1:
+            moment.slow_step = int(integrator.getGlobalVariableByName(SLOW_STEP))
         if spec.ramp is not None:
             moment.ramped = integrator.getGlobalVariableByName(RAMP_STEP)
         values = self._values(integrator, list(self._variables()))
@@ -166,6 +180,8 @@ class WholeSteps:
         context.setParameter(COUNTER, float(moment.counter))
         context.setParameter(TAU, moment.dt)
         context.setParameter(DT, moment.dt)
+        if spec.slow_every > 1:
+            put(integrator, SLOW_STEP, float(moment.slow_step))
         if spec.ramp is not None:
             context.setParameter(KT, moment.kT)
             put(integrator, RAMP_STEP, moment.ramped)

@@ -58,7 +58,9 @@ class StepSpec:
     mass : (N,) array
         0 for beads that do not move.
     slow_kicks : (float, float)
-        Parts of the step over which forces that are not the kernel's kick before and after it.
+        Over how many steps forces that are not the kernel's kick before and after.
+    slow_every : int
+        How many steps lie between the two.
     thermostat : bool
         Whether there is friction or noise.
     lam, field_lam : float
@@ -72,6 +74,7 @@ class StepSpec:
     letters: tuple[tuple[str, float], ...]
     mass: np.ndarray
     slow_kicks: tuple[float, float] = (0.5, 0.5)
+    slow_every: int = 1
     thermostat: bool = True
     lam: float = 0.5
     field_lam: float = 0.5
@@ -104,6 +107,8 @@ class Moment:
         Key of the noise.
     ramped : float
         Steps done, for a temperature ramp.
+    slow_step : int
+        Steps done since forces that are not the kernel's kicked.
     values, rates : (N, K) arrays or None
         Fields and, if friction is a force, their changes per time.
     acc : (N, 3) array or None
@@ -120,6 +125,7 @@ class Moment:
     seed: int
     counter: int
     ramped: float = 0.0
+    slow_step: int = 0
     values: np.ndarray | None = None
     rates: np.ndarray | None = None
     acc: np.ndarray | None = None
@@ -163,7 +169,7 @@ class StepLoop:
         self.force = np.zeros((len(pairs.types), 3))
         self.forced = False
 
-    def run(self, moment: Moment, n: int, slow: Callable[[Moment], np.ndarray] | None = None, *, shown: bool = False) -> None:
+    def run(self, moment: Moment, n: int, slow: Callable[[Moment, int], np.ndarray] | None = None, *, shown: bool = False) -> None:
         """Carry out n steps.
 
         Parameters
@@ -171,9 +177,9 @@ class StepLoop:
         moment : Moment
         n : int
         slow : callable, optional
-            Forces (N, 3) at the positions of the moment that kick before and after each step.
+            Forces (N, 3) at the positions of the moment, after so many of these steps, that kick before and after.
         shown : bool
-            Whether a program has shown the moment (and made it kick).
+            Whether a program has shown the moment and makes it kick.
 
         Raises
         ------
@@ -184,15 +190,19 @@ class StepLoop:
         before, after = self.spec.slow_kicks
         done = 0
         try:
-            force = None if slow is None else slow(moment)
+            force = None
             for done in range(n):
-                if force is not None:
+                if slow is not None and moment.slow_step == 0:
+                    force = slow(moment, done) if force is None else force
                     motion.push(moment.v, force, self.spec.mass, before * moment.dt)
                 if done or not shown:
                     self.show(moment)
                 step(moment)
-                if slow is not None:
-                    force = slow(moment)
+                if shown:
+                    continue
+                moment.slow_step = (moment.slow_step + 1) % self.spec.slow_every
+                if slow is not None and moment.slow_step == 0:
+                    force = slow(moment, done + 1) if after or done + 1 < n else None
                     if after:
                         motion.push(moment.v, force, self.spec.mass, after * moment.dt)
         except RunError as error:

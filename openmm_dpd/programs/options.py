@@ -32,6 +32,8 @@ class ProgramOptions:
         Whether the pair force carries out whole steps: it holds all fast forces, and positions are double precision.
     settable : bool
         Whether the temperature is one number that may be set: there is friction or noise, no ramp, and no internal temperature.
+    slow_every : int
+        In whole steps: after how many of them forces that stay OpenMM's kick.
     pair_group : int
         Force group of the pair force.
     seeded : bool
@@ -70,6 +72,7 @@ class ProgramOptions:
     kernel_conservative: bool = False
     whole_steps: bool = False
     settable: bool = False
+    slow_every: int = 1
     pair_group: int = PAIR_GROUP
     seeded: bool = False
     constraints: bool = False
@@ -106,10 +109,9 @@ class ProgramOptions:
         return self.dt * self.dt
 
     @property
-    def slow_kicks(self) -> tuple[str, str]:
-        """How long forces that stay OpenMM's kick before and after a whole step: velocities lag behind them as behind all others."""
-        before, after = 0.5 + self.scheme.lag, 0.5 - self.scheme.lag
-        return f"{before!r}*dt", f"{after!r}*dt" if after else "0"
+    def slow_kicks(self) -> tuple[float, float]:
+        """Over how many steps forces that stay OpenMM's kick, before and after: velocities lag behind them as behind all others."""
+        return self.slow_every * (0.5 + self.scheme.lag), self.slow_every * (0.5 - self.scheme.lag)
 
     @property
     def noises(self) -> int:

@@ -7,7 +7,7 @@ of them (``ahead``); both give the same bits.  Forces that stay OpenMM's kick be
 
 from __future__ import annotations
 
-from ..names import ACCELERATION, AHEAD, PREDICTED, RATES, STAMP, VELOCITY, Phase
+from ..names import ACCELERATION, AHEAD, PREDICTED, RATES, SLOW_STEP, STAMP, VELOCITY, Phase
 from .options import ProgramOptions
 from .program import Program
 
@@ -40,8 +40,14 @@ def _step(p: Program) -> None:
         shown += [(RATES + k, name, options.rate_shown) for k, name in enumerate(rates)]
         shown.append((ACCELERATION, "acc", options.acceleration_shown))
     before, after = options.slow_kicks
+    if options.slow_every > 1:
+        p.declare(SLOW_STEP, 0.0, "steps done since forces that stay OpenMM's kicked")
+        p.keep()
+        p.when(f"{SLOW_STEP} < 1", "do they kick before this step?")
     p.phase(Phase.KEEP)
-    p.each("v", f"v+{before}*f/m", "kick by forces that stay OpenMM's; the pair force keeps x")
+    p.each("v", f"v+{before!r}*dt*f/m", "kick by forces that stay OpenMM's; the pair force keeps x")
+    if options.slow_every > 1:
+        p.end()
     p.next_temperature()
     if shown:
         p.keep_positions()
@@ -74,9 +80,15 @@ def _step(p: Program) -> None:
     if shown:
         p.declare(STAMP, 0.0, "fingerprint of the per-DOF variables that a loop of steps left, or 0")
         p.set(STAMP, "0")
-    if after != "0":
+    if options.slow_every > 1:
+        p.set(SLOW_STEP, f"{SLOW_STEP}+1")
+        p.when(f"{SLOW_STEP} > {options.slow_every - 1}", "do they kick after this step?")
+        p.set(SLOW_STEP, "0")
+    if after:
         p.phase(Phase.KEEP)
-        p.each("v", f"v+{after}*f/m", "kick by forces that stay OpenMM's")
+        p.each("v", f"v+{after!r}*dt*f/m", "kick by forces that stay OpenMM's")
+    if options.slow_every > 1:
+        p.end()
     p.phase(Phase.IDLE)
 
 
