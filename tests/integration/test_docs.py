@@ -116,7 +116,7 @@ def test_listings_in_the_architecture_are_what_explain_prints():
     positions = np.random.default_rng(1).random((81, 3)) * 3
     scene = dpd.Scene({"W": 1}, ["W"] * 81, positions, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1, box=[3, 3, 3])
     text = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
-    for scheme, conservative in (("middle", "openmm"), ("mvv", "kernel")):
+    for scheme, conservative in (("middle", "openmm"), ("bababo", "kernel")):
         built = dpd.build(scene, dt=0.04, scheme=scheme, conservative=conservative, platform="CPU", seed=7)
         assert built.program is not None and built.program.describe() in built.explain()
         assert built.program.describe() in text, scheme

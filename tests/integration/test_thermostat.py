@@ -151,7 +151,8 @@ def system_of(n: int = 4, edge: float = 3.0) -> openmm.System:
         ({"scheme": "mvv", "lam": float("nan")}, dpd.ParameterError, "lam.*nan"),
         ({"platform": "cpu"}, dpd.ParameterError, "platform.*'cpu'"),
         ({"dt": 0}, dpd.ParameterError, "dt must be a single time > 0"),
-        ({"scheme": "native"}, dpd.ParameterError, "scheme must be one of"),
+        ({"scheme": "native"}, dpd.ParameterError, "OpenMM's own thermostat; make a DPDIntegrator"),
+        ({"scheme": "verlet"}, dpd.ParameterError, "unknown scheme 'verlet'.*or a word"),
     ],
 )
 def test_bad_input(arguments, error, message):

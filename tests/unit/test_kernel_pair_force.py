@@ -14,7 +14,8 @@ from openmm_dpd import RunError
 from openmm_dpd.forces.pair_force import PairForceFunction, fingerprint, folded
 from openmm_dpd.kernels import motion
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
-from openmm_dpd.names import COUNTER, DT, KT, PHASE, SEED, TAU, Phase
+from openmm_dpd.kernels.steps import StepSpec
+from openmm_dpd.names import COUNTER, DT, KT, PHASE, SEED, TAU, VELOCITY, Phase
 from openmm_dpd.plan import make_plan
 
 SCENE = fluid(EXTENDED, BOXES["tilted"], n=60)
@@ -27,6 +28,7 @@ def state(x, phase, box=SCENE.box, **parameters):
     values = {**PARAMETERS, PHASE: float(phase), **parameters}
     return SimpleNamespace(
         getParameters=lambda: values,
+        getStepCount=lambda: 0,
         getPositions=lambda asNumpy: np.array(x) * unit.nanometer,
         getPeriodicBoxVectors=lambda asNumpy: box * unit.nanometer,
     )
@@ -95,37 +97,29 @@ def test_phases():
         energy, force = function(state(seen, phase))
         assert energy == 0.0
         np.testing.assert_allclose(force, result(), rtol=0, atol=1e-9)
-    kick = at(seen).forces(CONSERVATIVE, None, *common)[1]
-    kicked = v + 0.5 * PARAMETERS[DT] * kick / SCENE.bead_masses[:, None]
-    swept = at(seen).sweep(kicked, *common) * SCENE.bead_masses[:, None] / PARAMETERS[DT]
-    np.testing.assert_allclose(function(state(seen, Phase.KICK_SWEEP_SEEN))[1], kick + swept, rtol=0, atol=1e-9)
 
 
-def test_phases_that_remember_the_conservative_force():
-    """Kicks that come with a sweep are those of the positions they should be of, however often a platform asks."""
-    function, engine = PairForceFunction(SPEC, True, True), PairEngine(SPEC)
+def test_a_whole_step_is_told_block_by_block():
+    """RUN from the kept positions with the velocities that were shown; positions, then velocities."""
+    steps = StepSpec((("A", 0.5), ("O", 1.0), ("A", 0.5)), np.array(SCENE.bead_masses))
+    function, engine = PairForceFunction(SPEC, True, True, steps=steps), PairEngine(SPEC)
     x, v = SCENE.positions, SCENE.velocities
-    seen, later = x + PARAMETERS[TAU] * v, x - 0.01 * v
-    common = (PARAMETERS[KT], PARAMETERS[DT], 9, 4)
-    kicks = {}
-    for name, positions in (("x", x), ("seen", seen), ("later", later)):
-        engine.prepare(positions, SCENE.box)
-        kicks[name] = engine.forces(CONSERVATIVE, None, *common)[1], engine.sweep(v, *common) * SCENE.bead_masses[:, None] / PARAMETERS[DT]
+    function(state(x, Phase.KEEP))
+    moved = function(state(x + PARAMETERS[TAU] * v, Phase.RUN))[1]
+    half = x + 0.5 * PARAMETERS[DT] * v
+    engine.prepare(half, SCENE.box)
+    swept = v + engine.sweep(v, PARAMETERS[KT], PARAMETERS[DT], 9, 5)  # new noise
+    np.testing.assert_allclose(moved, half + 0.5 * PARAMETERS[DT] * swept, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(function(state(x, Phase.TELL + VELOCITY))[1], swept, rtol=0, atol=1e-11)
 
-    function(state(x, Phase.CONSERVE))
-    for _ in range(2):
-        result = function(state(seen, Phase.SWEEP_SEEN_CONSERVED))[1]
-        np.testing.assert_allclose(result, kicks["x"][0] + kicks["seen"][1], rtol=0, atol=1e-9)
-    for phase in (Phase.KEEP, Phase.CONSERVE):
-        function(state(x, phase))
-        for _ in range(2):
-            result = function(state(seen, Phase.SWEEP_KICK_KEPT))[1]
-            np.testing.assert_allclose(result, 0.5 * kicks["x"][0] + kicks["x"][1], rtol=0, atol=1e-9)
-        for _ in range(2):
-            result = function(state(later, Phase.CLOSE))[1]
-            np.testing.assert_allclose(result, 0.5 * kicks["x"][0] + kicks["x"][1] + 0.5 * kicks["later"][0], rtol=0, atol=1e-9)
-        # what is asked for outside of a step does not disturb the next one
-        assert np.array_equal(function(state(later, Phase.IDLE))[1], function(state(later, Phase.CONSERVE))[1])
+
+def test_what_is_asked_outside_of_a_step_does_not_disturb_the_next_one():
+    function, engine = PairForceFunction(SPEC, True, True), PairEngine(SPEC)
+    later = SCENE.positions - 0.01 * SCENE.velocities
+    function(state(SCENE.positions, Phase.CONSERVE))
+    assert np.array_equal(function(state(later, Phase.IDLE))[1], function(state(later, Phase.CONSERVE))[1])
+    engine.prepare(later, SCENE.box)
+    assert np.array_equal(function(state(later, Phase.IDLE))[1], engine.forces(CONSERVATIVE, None, 0.0, 1.0, 0, 0)[1])
 
 
 def test_outside_a_step_there_is_nothing_to_see_unless_it_holds_the_conservative_force():
