@@ -258,8 +258,6 @@ def _step_spec(plan: Plan) -> StepSpec:
         walls=Walls(*(found[name] for name in walls.CONSTANTS)) if found else None,
         ramp=None if ramp is None else Ramp(ramp.start, ramp.stop, ramp.begin, ramp.end),
         field_shown=options.field_shown,
-        rate_shown=options.rate_shown,
-        acceleration_shown=options.acceleration_shown,
     )
 
 

@@ -58,6 +58,10 @@ RAMP_STEP = "ramp_step"
 #: another program may run the same scheme.
 PORTABLE = ("ahead", "heard", "here", "last", "stamp")
 
+#: Scale of the displacement that shows velocities (and accelerations) to a whole step: so long that what is left of them after x has been
+#: added and taken off is as exact as they are.  A power of two.
+SHOWN = 1024.0
+
 #: Global variable of an integrator: steps that are done already, of which only barostats have to hear.
 AHEAD = "ahead"
 

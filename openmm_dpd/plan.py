@@ -22,7 +22,7 @@ from .model.mdpd import MDPD, why_no_openmm_force
 from .model.pairs import NONE, describe
 from .model.scene import Scene, TemperatureRamp
 from .model.tdpd import TDPD
-from .names import PAIR_GROUP
+from .names import PAIR_GROUP, SHOWN
 from .neighbour_list import may_miss_pairs
 from .programs.options import ProgramOptions
 from .programs.schemes import SCHEMES, Scheme, scheme_of
@@ -254,6 +254,7 @@ def make_plan(
         lam=float(lam),
         thermostat=thermostat,
         kernel_conservative=where == "kernel" or whole,
+        loop=unlooped is None,
         whole_steps=whole,
         slow_every=_checked_interval(slow_every, unlooped),
         settable=thermostat and not isinstance(scene.kT, TemperatureRamp) and (fields is None or fields.kind != ENERGY),
@@ -318,7 +319,7 @@ def _field_options(scene: Scene, fields: FieldSpec | None, cutoff: float, platfo
         "field_lam": lam if fields.kind == TEMPERATURE else 0.5,
         "field_reach": float(reach),
         # forces are fixed-point numbers with 32 bits behind the point on GPU platforms
-        "field_shown": float(2.0 ** np.round(np.log2(reach / typical))),
+        "field_shown": float(2.0 ** np.round(np.log2(SHOWN / typical))),
         "field_scale": 1.0 if double else float(2.0 ** (np.floor(np.log2(typical)) - 10)),
         "compensated": not double and fields.kind == ENERGY,
     }

@@ -28,6 +28,7 @@ from .names import (
     SEED,
     SEEN_KT,
     SEEN_TEMPERATURE,
+    SHOWN,
     SLOW_STEP,
     STAMP,
     TAU,
@@ -77,9 +78,11 @@ class WholeSteps:
         """
         here = self.function.here()
         self._settle_temperature(integrator, context)
+        dt = integrator.getStepSize()._value
+        if context.getParameter(DT) != dt:
+            context.setParameter(DT, dt)
         state = context.getState(positions=True, velocities=True, parameters=True)
         count, parameters = state.getStepCount(), state.getParameters()
-        dt = integrator.getStepSize()._value
         clock = [state.getTime()._value]
         for _ in range(n):  # as OpenMM adds it up
             clock.append(clock[-1] + dt)
@@ -102,7 +105,6 @@ class WholeSteps:
                 loop.run(moment, n)
         except RunError as error:
             raise RunError(f"step {count + getattr(error, 'steps_done', 0) + 1}: {error}") from error
-        here.conserved_energy = None
         self._give_back(integrator, context, state, moment, begun, here)
         if barostats:
             context.setStepCount(count)
@@ -178,8 +180,7 @@ class WholeSteps:
         context.setPositions(moment.x)
         context.setVelocities(moment.v)
         context.setParameter(COUNTER, float(moment.counter))
-        context.setParameter(TAU, moment.dt)
-        context.setParameter(DT, moment.dt)
+        context.setParameter(TAU, SHOWN)
         if spec.slow_every > 1:
             put(integrator, SLOW_STEP, float(moment.slow_step))
         if spec.ramp is not None:

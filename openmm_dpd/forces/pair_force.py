@@ -165,7 +165,7 @@ class PairForceFunction:
             local.failed = None
             # written again and again: OpenMM copies what it is given
             local.v, local.result, local.conserved = np.zeros((3, len(self.spec.types), 3))
-            local.conserved_energy = None
+            local.conserved_energy, local.conserved_at = 0.0, -1
             local.loop = None if self.steps is None else StepLoop(self.steps, local.engine, self._watch)
             local.moment, local.read = None, {}
         return local
@@ -227,9 +227,11 @@ class PairForceFunction:
         """Conservative force in ``local.conserved``, unless it is there already, and its energy."""
         if not self.conservative:
             return 0.0, self._zero
-        if local.engine.prepare(x, box) or local.conserved_energy is None or self._warm_repulsion:
+        local.engine.prepare(x, box)
+        if local.conserved_at != local.engine.number or self._warm_repulsion:
             scalars = None if local.fields is None else local.fields.values
             local.conserved_energy = local.engine.forces(CONSERVATIVE, None, 0.0, 1.0, 0, 0, scalars, local.conserved)[0]
+            local.conserved_at = local.engine.number
         return local.conserved_energy, local.conserved
 
     @property
@@ -261,11 +263,9 @@ class PairForceFunction:
         key = (int(parameters[SEED]), int(parameters[COUNTER]))
         motion.seen_velocities(x, kept, tau, local.v)
         if phase == Phase.RUN:
-            local.conserved_energy = None
             return self._run(local, Moment(kept.copy(), local.v.copy(), box, dt, kT, *key))
         self._check(local.v, kT, dt)
-        if local.engine.prepare(kept if phase in AT_KEPT else x, box):
-            local.conserved_energy = None
+        local.engine.prepare(kept if phase in AT_KEPT else x, box)
         conditions = (kT, dt, *key, None if fields is None else fields.values)
         return self._sweep(local, block, conditions) if phase >= Phase.SWEEP_SEEN else self._force(local, phase, conditions)
 
@@ -273,9 +273,8 @@ class PairForceFunction:
         """Take the factor of body forces over from the Context."""
         scale = parameters[BODY_FORCE] if BODY_FORCE in parameters else 1.0
         if scale != local.engine.body_scale:
-            local.engine.body_scale, local.conserved_energy = scale, None
-            if local.loop is not None:
-                local.loop.forced = False
+            local.engine.body_scale = scale
+            local.engine.number += 1
 
     def thermal_energy(self, parameters) -> float:
         """kT of the Context; RunError if it is none."""

@@ -172,6 +172,8 @@ class PairEngine:
         Sum over pairs of r_ij F_ij (xx, yy, zz, xy, xz, yz) of the last call of :meth:`forces` with STRESS.
     body_scale : float
         Factor of forces on single beads.
+    number : int
+        Of the positions that were prepared last: what was computed there is valid while it stays.
     """
 
     def __init__(self, spec: PairSpec):
@@ -183,6 +185,7 @@ class PairEngine:
         columns = 0 if spec.fields is None else spec.fields.n_values
         self.rates, self.flow = np.zeros((len(spec.types), columns)), np.zeros((len(spec.types), columns))
         self.stress = np.zeros(6)
+        self.number = 0
         self.extras, self.body_scale = [extra.evaluator() for extra in spec.extras], 1.0
         self._x = np.full((len(spec.types), 3), np.nan)
         self._box: np.ndarray | None = None
@@ -198,6 +201,7 @@ class PairEngine:
         self._x[0, 0] = np.nan  # not valid until the lists are complete
         for pairs in self.lists:
             run(pairs.build, None, x, box, parallel)
+        self.number += 1
         self._x[...] = x
         self._box = None if box is None else box.copy()
         return True

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import RunError
-from ..names import ACCELERATION, PREDICTED, RATES, VELOCITY
+from ..names import ACCELERATION, PREDICTED, RATES, SHOWN, VELOCITY
 from . import motion
 from .engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
 from .sweeps import EXACT, SHARDLOW
@@ -67,8 +67,8 @@ class StepSpec:
         Weights of the prediction of velocities and of fields in that scheme.
     walls : Walls or None
     ramp : Ramp or None
-    field_shown, rate_shown, acceleration_shown : float
-        Displacements by which a program shows a value of 1.
+    field_shown : float
+        Displacement by which a program shows a field, or a rate, of 1.
     """
 
     letters: tuple[tuple[str, float], ...]
@@ -81,8 +81,6 @@ class StepSpec:
     walls: Walls | None = None
     ramp: Ramp | None = None
     field_shown: float = 1.0
-    rate_shown: float = 1.0
-    acceleration_shown: float = 1.0
 
     @property
     def predicts(self) -> bool:
@@ -100,7 +98,7 @@ class Moment:
         Positions and velocities; beads that do not move have the velocity 0.
     box : (3, 3) array or None
     dt : float
-        Step size; by a drift over it a program shows velocities.
+        Step size.
     kT : float
         Thermal energy.
     seed, counter : int
@@ -167,7 +165,8 @@ class StepLoop:
         self.inv_mass = pairs.inv_mass
         self.still = np.flatnonzero(self.inv_mass == 0.0)
         self.force = np.zeros((len(pairs.types), 3))
-        self.forced = False
+        #: which list of the engine the force belongs to
+        self.forced = -1
 
     def run(self, moment: Moment, n: int, slow: Callable[[Moment, int], np.ndarray] | None = None, *, shown: bool = False) -> None:
         """Carry out n steps.
@@ -212,14 +211,14 @@ class StepLoop:
     def show(self, moment: Moment) -> None:
         """Round what a step begins with as if a program had shown it."""
         spec, x = self.spec, moment.x
-        motion.as_shown(x, moment.v, moment.dt, self.inv_mass)
+        motion.as_shown(x, moment.v, SHOWN, self.inv_mass)
         if moment.values is not None:
             self.show_columns(x, moment.values, spec.field_shown)
         if spec.predicts:
             if moment.acc is not None:
-                motion.as_shown(x, moment.acc, spec.acceleration_shown, self.inv_mass)
+                motion.as_shown(x, moment.acc, SHOWN, self.inv_mass)
             if moment.rates is not None:
-                self.show_columns(x, moment.rates, spec.rate_shown)
+                self.show_columns(x, moment.rates, spec.field_shown)
 
     def show_columns(self, x: np.ndarray, values: np.ndarray, scale: float) -> None:
         """The same for values of beads; those of immobile ones are not shown."""
@@ -246,7 +245,6 @@ class StepLoop:
 
     def _drift(self, m: Moment, time: float) -> None:
         motion.drift(m.x, m.v, self.inv_mass, time)
-        self.forced = False
         self._reflect(m, m.v)
 
     def _reflect(self, m: Moment, *velocities: np.ndarray) -> None:
@@ -260,13 +258,13 @@ class StepLoop:
 
     def _conserve(self, m: Moment) -> None:
         """Conservative force at x, unless it is there already."""
-        if self.engine.prepare(m.x, m.box) or not self.forced:
+        self.engine.prepare(m.x, m.box)
+        if self.forced != self.engine.number:
             self.engine.forces(CONSERVATIVE, None, 0.0, 1.0, 0, 0, m.values, self.force)
-            self.forced = True
+            self.forced = self.engine.number
 
     def _sweep(self, m: Moment, part: float, update: int) -> None:
-        if self.engine.prepare(m.x, m.box):
-            self.forced = False
+        self.engine.prepare(m.x, m.box)
         m.counter += 1
         self.engine.swept(m.v, m.kT, part * m.dt, m.seed, m.counter, m.values, m.v, update)
         if len(self.still):

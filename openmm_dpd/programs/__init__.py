@@ -24,6 +24,7 @@ def make_program(options: ProgramOptions) -> Program:
         program = mvv.program(options)
     else:
         program = splitting.program(options)
+    program.finish()
     program.check()
     return program
 

@@ -28,6 +28,8 @@ class ProgramOptions:
         Whether there is friction or noise at all.
     kernel_conservative : bool
         Whether the pair kernel holds a conservative force.
+    loop : bool
+        Whether many steps may be carried out at once, so that the program only counts them.
     whole_steps : bool
         Whether the pair force carries out whole steps: it holds all fast forces, and positions are double precision.
     settable : bool
@@ -58,7 +60,7 @@ class ProgramOptions:
     field_scale : float
         Their changes come back in units of this.
     field_shown : float
-        Displacement by which a whole step is shown a value of 1 of them, nm; that of a rate, and of an acceleration, below.
+        Displacement by which a whole step is shown a value of 1 of them, or a rate of 1, nm.
     compensated : bool
         Whether velocities or forces are less than double precision, so that energies have to be balanced by the program.
     """
@@ -70,6 +72,7 @@ class ProgramOptions:
     lam: float = 0.5
     thermostat: bool = True
     kernel_conservative: bool = False
+    loop: bool = False
     whole_steps: bool = False
     settable: bool = False
     slow_every: int = 1
@@ -97,16 +100,6 @@ class ProgramOptions:
     def trial_time(self) -> str:
         """Length of trial drifts, as an expression."""
         return f"dt*{self.tau_ratio!r}" if self.trial is None else repr(self.trial)
-
-    @property
-    def rate_shown(self) -> float:
-        """Displacement by which a whole step is shown a rate of 1, nm."""
-        return self.dt * self.field_shown
-
-    @property
-    def acceleration_shown(self) -> float:
-        """Displacement by which a whole step is shown an acceleration of 1, nm."""
-        return self.dt * self.dt
 
     @property
     def slow_kicks(self) -> tuple[float, float]:

@@ -14,6 +14,7 @@ import openmm
 from ..errors import ProgramError
 from ..integrators import PairIntegrator
 from ..names import (
+    AHEAD,
     COUNTER,
     DT,
     FIELD,
@@ -112,23 +113,25 @@ class Program:
         self.set(PHASE, str(int(phase) + block), phase.name + (f" {block}" if phase >= Phase.SWEEP_SEEN else ""))
 
     def begin(self) -> None:
-        """What every step starts with: barostats, then the present dt for the kernel."""
-        self.update()
-        self.conditions()
-
-    def update(self) -> None:
-        """Let barostats act."""
+        """What every step starts with: barostats, then the present dt for the kernel, and which temperature holds."""
         if self.options.kernel:
             # an error within a step leaves another phase behind, and barostats ask for energies
             self.phase(Phase.IDLE)
         self.steps.append(Step("update", why="barostats and other updates of the Context's state"))
-
-    def conditions(self) -> None:
-        """Tell the kernel of the step size, and settle which temperature holds."""
+        if self.options.loop:
+            self.declare(AHEAD, 0.0, "steps that are done already, of which only barostats hear")
+            self.when(f"{AHEAD} < 1", "is this step still to be done?")
         if self.options.kernel:
             self.set(DT, "dt", "so that setStepSize works")
         if self.options.settable:
             self._hear_temperature()
+
+    def finish(self) -> None:
+        """Close what :meth:`begin` has opened."""
+        if self.options.loop:
+            self.set(AHEAD, "1")
+            self.end()
+            self.set(AHEAD, f"{AHEAD}-1")
 
     def _hear_temperature(self) -> None:
         """Let the temperature in kelvin drive the thermal energy if it is the one that was set, and follow it if not.

@@ -7,7 +7,7 @@ of them (``ahead``); both give the same bits.  Forces that stay OpenMM's kick be
 
 from __future__ import annotations
 
-from ..names import ACCELERATION, AHEAD, PREDICTED, RATES, SLOW_STEP, STAMP, VELOCITY, Phase
+from ..names import ACCELERATION, PREDICTED, RATES, SHOWN, SLOW_STEP, STAMP, VELOCITY, Phase
 from .options import ProgramOptions
 from .program import Program
 
@@ -16,14 +16,8 @@ def program(options: ProgramOptions) -> Program:
     """Program for the options given."""
     scheme = options.scheme
     p = Program(scheme.name, scheme.reference, options)
-    p.declare(AHEAD, 0.0, "steps that are done already, of which only barostats hear")
-    p.update()
-    p.when(f"{AHEAD} < 1", "is this step still to be done?")
-    p.conditions()
+    p.begin()
     _step(p)
-    p.set(AHEAD, "1")
-    p.end()
-    p.set(AHEAD, f"{AHEAD}-1")
     return p
 
 
@@ -37,8 +31,8 @@ def _step(p: Program) -> None:
         for name in rates:
             p.declare_per_dof(name, "change of the field per time, at x")
         p.note()
-        shown += [(RATES + k, name, options.rate_shown) for k, name in enumerate(rates)]
-        shown.append((ACCELERATION, "acc", options.acceleration_shown))
+        shown += [(RATES + k, name, options.field_shown) for k, name in enumerate(rates)]
+        shown.append((ACCELERATION, "acc", SHOWN))
     before, after = options.slow_kicks
     if options.slow_every > 1:
         p.declare(SLOW_STEP, 0.0, "steps done since forces that stay OpenMM's kicked")
@@ -61,7 +55,7 @@ def _step(p: Program) -> None:
         for entry in history:
             _show(p, *entry)
         p.end()
-    p.show_by("dt")
+    p.show_by(repr(SHOWN))
     p.each("x", f"{'xs' if shown else 'x'}+dpd_tau*v", "trial drift: shows the velocities")
     p.phase(Phase.RUN)
     p.each("x", p.pair_force, "positions after the step")

@@ -254,7 +254,7 @@ def test_box_smaller_than_twice_the_cutoff(device, scheme, conservative):
     simulation = run_of(scene(), device, dt=0.02, scheme=scheme, conservative=conservative)
     simulation.step(1)
     simulation.context.setPeriodicBoxVectors([1.9, 0, 0], [0, 3, 0], [0, 0, 3])
-    with pytest.raises(openmm.OpenMMException, match=r"box has (shrunk|decreased).*less than twice the.*cutoff"):
+    with pytest.raises(openmm.OpenMMException, match=r"box (size )?has (shrunk|decreased).*less than twice the.*cutoff"):
         simulation.step(1)
 
 

@@ -159,13 +159,13 @@ def test_ctrl_c_is_a_keyboard_interrupt(monkeypatch):
     made = built("middle")
     simulation = made.simulation()
     simulation.step(10)
-    before, sweep = state_of(simulation.context), engine.PairEngine.sweep
+    before, sweep = state_of(simulation.context), engine.PairEngine.swept
 
     def interrupted(*arguments, **named):
         signal.raise_signal(signal.SIGINT)
         return sweep(*arguments, **named)
 
-    monkeypatch.setattr(engine.PairEngine, "sweep", interrupted)
+    monkeypatch.setattr(engine.PairEngine, "swept", interrupted)
     with pytest.raises(KeyboardInterrupt):
         simulation.step(5)
     assert simulation.currentStep == 10

@@ -11,9 +11,10 @@ from scenes import beads
 
 import openmm_dpd as dpd
 from openmm_dpd.errors import RunError
-from openmm_dpd.extra_forces import extras, warm_up_extras
+from openmm_dpd.extra_forces import extras
 from openmm_dpd.forces.bonded import angle_forces, bond_forces
 from openmm_dpd.kernels.angles import _angle
+from openmm_dpd.kernels.extras import warm_up_extras
 from openmm_dpd.kernels.threads import set_threads
 
 EVERY_BOX = pytest.mark.parametrize("box", BOXES)

@@ -10,11 +10,12 @@ from reference_forces import BOXES
 from scenes import MASSES, beads, fluid
 
 import openmm_dpd as dpd
-from openmm_dpd.extra_forces import extras, warm_up_extras
+from openmm_dpd.extra_forces import extras
 from openmm_dpd.forces.external import external_force
 from openmm_dpd.kernels.angles import AngleTerms
 from openmm_dpd.kernels.bonded import BondTerms
 from openmm_dpd.kernels.external import BodyTerms
+from openmm_dpd.kernels.extras import warm_up_extras
 from openmm_dpd.kernels.radial import RadialTerms
 from openmm_dpd.kernels.segment_terms import SegmentTerms
 from openmm_dpd.names import BODY_FORCE, PAIR_FORCE

@@ -14,10 +14,11 @@ from scenes import MASSES, beads
 
 import openmm_dpd as dpd
 from openmm_dpd.errors import RunError
-from openmm_dpd.extra_forces import extras, radial_terms, warm_up_extras
+from openmm_dpd.extra_forces import extras, radial_terms
 from openmm_dpd.forces.expressions import exception_force, nonbonded_force
 from openmm_dpd.forces.partners import EXPRESSIONS, energy_spline
 from openmm_dpd.forces.segments import segment_force, segment_spec
+from openmm_dpd.kernels.extras import warm_up_extras
 from openmm_dpd.kernels.threads import set_threads
 
 NAMES = list(MASSES)

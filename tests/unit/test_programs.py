@@ -22,8 +22,9 @@ RAMP = TemperatureRamp(1.0, 2.0, 10, 110)
 
 #: Name of a variant -> what differs from BASE.
 VARIANTS = {
-    "whole": dict(kernel_conservative=True, whole_steps=True, settable=True),
+    "whole": dict(kernel_conservative=True, loop=True, whole_steps=True, settable=True),
     "kernel": dict(kernel_conservative=True, settable=True),
+    "looped": dict(kernel_conservative=True, loop=True),
     "openmm": dict(),
     "ramp": dict(kernel_conservative=True, ramp=RAMP),
     "walls": dict(kernel_conservative=True, walls="bounce-back"),
@@ -38,15 +39,17 @@ WORDS = {
     "asab": scheme_of("A/4 S A/4 B A/2"),
 }
 CASES = {f"{name}_{variant}": replace(BASE, scheme=scheme, **VARIANTS[variant]) for name, scheme in WORDS.items() for variant in VARIANTS}
-CASES["mvv_lambda_whole"] = replace(BASE, lam=0.65, kernel_conservative=True, whole_steps=True)
+CASES["mvv_lambda_whole"] = replace(BASE, lam=0.65, kernel_conservative=True, loop=True, whole_steps=True)
 CASES["mvv_lambda_kernel"] = replace(BASE, lam=0.65, kernel_conservative=True)
 CASES["mvv_lambda_openmm"] = replace(BASE, lam=0.65)
-CASES["mvv_fields_whole"] = replace(BASE, kernel_conservative=True, whole_steps=True, field_blocks=2, field_names="concentrations")
+CASES["mvv_fields_whole"] = replace(
+    BASE, kernel_conservative=True, loop=True, whole_steps=True, field_blocks=2, field_names="concentrations"
+)
 CASES["middle_constraints"] = replace(BASE, scheme=SCHEMES["middle"], constraints=True)
 CASES["middle_constraints_no_thermostat"] = replace(BASE, scheme=SCHEMES["middle"], constraints=True, thermostat=False)
 ENERGIES = dict(scheme=SCHEMES["bababo"], kernel_conservative=True, field_blocks=1, field_names="internal energy", trial=0.0078125)
 CASES["bababo_energies"] = replace(BASE, **ENERGIES)
-CASES["bababo_energies_whole"] = replace(BASE, whole_steps=True, **ENERGIES)
+CASES["bababo_energies_whole"] = replace(BASE, loop=True, whole_steps=True, **ENERGIES)
 CASES["bababo_energies_compensated"] = replace(BASE, compensated=True, **ENERGIES)
 CASES["middle_energies"] = replace(BASE, **ENERGIES | dict(scheme=SCHEMES["middle"]))
 CASES["mvv_single_precision_drift"] = replace(BASE, tau_ratio=0.25)
@@ -126,7 +129,7 @@ def test_each_sweep_draws_new_noise(options):
         depth += (step.kind == "if") - (step.kind == "end")
         if step.target == COUNTER:
             found = re.fullmatch(rf"{COUNTER}\+(\d)", step.expression)
-            drawn, inside = drawn + int(found[1]), inside + (depth > options.whole_steps)
+            drawn, inside = drawn + int(found[1]), inside + (depth > options.loop)
     sweeps = sum(letter in "OS" for letter, _ in options.scheme.letters) or 1
     assert drawn == options.noises == (sweeps if options.thermostat else 0)
     assert inside == 0
@@ -149,7 +152,7 @@ def test_nothing_that_is_not_needed(options):
     targets = {step.target for step in program.steps}
     names = set(program.globals_) | set(program.per_dof) | targets
     assert ("ramp_step" in names) == (options.ramp is not None and options.thermostat)
-    assert (AHEAD in names) == options.whole_steps
+    assert (AHEAD in names) == options.loop
     assert (KT in targets) == ((options.ramp is not None or options.settable) and options.thermostat)
     assert ("temperature" in names) == options.settable
     if not options.kernel:
