@@ -174,7 +174,7 @@ class BondEvaluator:
         many = len(self.terms.pairs) >= self.fewest
         energy = run_terms(_bonds, _bonds_parallel, many, x, box_array(box), *self._arguments, force)
         if not math.isfinite(energy):
-            raise RunError(what_is_wrong(self.terms, x, box))
+            raise RunError(f"{what_is_wrong(self.terms, x, box)}; the step size may be too large")
         return energy
 
 

@@ -50,11 +50,11 @@ def segment_state(context):
 def test_energy_and_forces_on_every_platform(device, distance):
     """Beads in other images of a tilted box; the force of the same kernel on Reference is checked against finite differences elsewhere."""
     scene = melt(distance)
-    simulation = dpd.build(scene, dt=0.01, platform=device.platform, seed=1).simulation(properties=device.properties)
+    simulation = dpd.build(scene, dt=0.01, platform=device.platform, seed=1, loop=False).simulation(properties=device.properties)
     energy, force = segment_state(simulation.context)
     expected = chains.segment_energy(scene.positions, scene.segment_pairs, BOX, 80.0, 0.9, distance)
     assert energy == pytest.approx(expected, rel=device.choose(1e-11, 1e-5, 1e-5))
-    reference = dpd.build(scene, dt=0.01, platform="Reference", seed=1).simulation()
+    reference = dpd.build(scene, dt=0.01, platform="Reference", seed=1, loop=False).simulation()
     np.testing.assert_allclose(force, segment_state(reference.context)[1], atol=device.choose(1e-11, 1e-4, 1e-4) * np.abs(force).max())
     simulation.step(30)  # beads leave the box, GPU platforms fold them back
     x = simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
@@ -166,7 +166,7 @@ def test_beside_a_repulsion_that_depends_on_temperatures():
     empty = beads(n, positions=plain.positions, table=table, box=BOX, internal=inside, velocities=np.zeros((n, 3)))
     samples, contexts = [], []
     for scene in (empty, plain):
-        built = dpd.build(scene, dt=0.01, scheme="mvv", platform="CPU", seed=3)
+        built = dpd.build(scene, dt=0.01, scheme="mvv", platform="CPU", seed=3, loop=False)
         contexts.append(built.simulation().context)
         samples.append(dpd.Observer(built).sample(contexts[-1]))
     energy, force = segment_state(contexts[1])

@@ -27,7 +27,7 @@ PLATFORM = pytest.mark.parametrize("platform", ["Reference", "CPU"])
 
 def forces(scene: dpd.Scene, platform: str = "Reference", positions=None, **parameters):
     """(N, 3) forces on single beads, and their energy."""
-    built = dpd.build(scene, dt=0.01, seed=1, platform=platform)
+    built = dpd.build(scene, dt=0.01, seed=1, platform=platform, loop=False)
     context = openmm.Context(built.system, openmm.VerletIntegrator(0.01), openmm.Platform.getPlatformByName(platform))
     context.setPositions(scene.positions if positions is None else positions)
     for name, value in parameters.items():

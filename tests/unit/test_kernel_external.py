@@ -123,7 +123,7 @@ def everything(box):
 def test_everything_of_a_scene(box, two_threads):
     """Together they are all forces of the System but the pair terms, and the one force that has no kernel."""
     scene = everything(box)
-    built = dpd.build(scene, dt=0.01, platform="Reference", conservative="kernel", seed=1)
+    built = dpd.build(scene, dt=0.01, platform="Reference", conservative="kernel", seed=1, loop=False)
     terms = extras(scene, built.plan.partners, built.plan.exceptions)
     assert [type(term) for term in terms] == [BondTerms, AngleTerms, RadialTerms, RadialTerms, SegmentTerms, BodyTerms, BodyTerms]
     forces = [force for force in built.system.getForces() if force.getName() not in (PAIR_FORCE, "position force")]
