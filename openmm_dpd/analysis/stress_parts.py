@@ -23,7 +23,6 @@ from ..kernels.engine import PairEngine, PairSpec
 from ..kernels.manybody import ManyBodyLayer, ManyBodyTable
 from ..kernels.pairs import PairList
 from ..kernels.segments import SegmentEngine
-from ..kernels.threads import run
 from ..model.bonds import minimum_image
 from ..model.electrostatics import GaussianCharges, SlaterCharges, SmearedCharges
 from ..model.pairs import LennardJones, TabulatedPair
@@ -111,7 +110,7 @@ class _PairSum:
 
     def __call__(self, x: np.ndarray, box: np.ndarray, virial: Callable) -> np.ndarray:
         """The sum of f r F e e with r F = virial(i, j, r)."""
-        run(self._pairs.build, None, x, box)
+        self._pairs.build(x, box)
         i, j, e, r, factor = _listed(self._pairs)
         return symmetric_products((factor * virial(i, j, r))[:, None] * e, e)
 

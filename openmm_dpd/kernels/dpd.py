@@ -8,8 +8,10 @@ import numpy as np
 
 from . import forces, motion, sweeps
 from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, GAMMA, GAMMA_PERP, SIGMA, SIGMA_PERP, A
-from .layer import STRESS, Call, Forces, PairSpec
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, Call, Forces, PairSpec
 from .pairs import PairList
+
+_TERMS = CONSERVATIVE | DISSIPATIVE | RANDOM
 
 #: Each doubling that makes up for a halving rounds once.
 _MOST_HALVINGS = 8
@@ -81,11 +83,13 @@ class DPDLayer:
         pairs, force, v = self.pairs, self._force, self._v
         force[...] = 0.0
         stress = np.zeros((len(pairs.found) if call.which & STRESS else 0, 6))
-        if call.velocities is not None:
+        if call.velocities is not None and call.which & DISSIPATIVE:
             motion.gather(call.velocities, pairs.order, v)
+        elif call.which != CONSERVATIVE:
+            v[...] = 0.0
         noise = call.key(self.number), call.rsqrt_dt
-        terms = forces.Terms(call.which, self._plain, self._transverse, *noise, self._at(call.kT), v, force, stress)
-        energy, virial = forces.pair_forces(pairs, terms)
+        terms = forces.Terms(call.which & _TERMS, self._plain, *noise, self._at(call.kT), v, force, stress)
+        energy, virial = forces.pair_forces(pairs, terms, self._transverse)
         return Forces(energy, virial, force, stress=stress.sum(axis=0) if len(stress) else None)
 
     def sweep(self, call: Call, v: np.ndarray, flow: np.ndarray | None) -> None:
@@ -102,7 +106,7 @@ class DPDLayer:
 
 
 class Sweeper:
-    """Sweeps over a list of pairs; ``plain`` and ``transverse`` as in :class:`.forces.Terms`."""
+    """Sweeps over a list of pairs; ``plain`` as in :class:`.forces.Terms`; ``transverse``: whether there are transverse terms."""
 
     def __init__(self, pairs: PairList, plain: bool, transverse: bool):
         self.pairs, self.transverse = pairs, transverse
@@ -117,5 +121,5 @@ class Sweeper:
         plain = inv_mass is not None and halvings <= _MOST_HALVINGS
         motion.gather(v, pairs.order, self.v)
         noise = call.kT, call.dt, call.key(number)
-        sweeps.sweep(pairs, sweeps.Sweep(call.update, plain, halvings, self.transverse, *noise, coefficients, self.v))
+        sweeps.sweep(pairs, sweeps.Sweep(call.update, plain, halvings, *noise, coefficients, self.v), self.transverse)
         motion.scatter(self.v, pairs.order, v)

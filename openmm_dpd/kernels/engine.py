@@ -15,7 +15,7 @@ from ..errors import RunError
 from . import motion
 from .dpd import TermTable
 from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, Call, Layer, PairSpec
-from .threads import get_threads, run, set_threads
+from .threads import get_threads, set_threads
 
 
 class PairEngine:
@@ -50,7 +50,7 @@ class PairEngine:
             return False
         self._x[0, 0] = np.nan  # not valid until the lists are complete
         for pairs in self.lists:
-            run(pairs.build, None, x, box)
+            pairs.build(x, box)
         self._x[...] = x
         self._box = None if box is None else box.copy()
         return True
@@ -166,7 +166,8 @@ def warm_up(spec: PairSpec, log=_LOGGER.warning) -> None:
 
     Compiled code is kept in the user's cache folder.
     """
-    kinds = (tuple(type(table) for table in spec.terms), spec.update, spec.fields and spec.fields.kind, get_threads() > 1)
+    tables = tuple((type(table), bool(np.any(getattr(table, "gamma_perp", 0.0)))) for table in spec.terms)
+    kinds = (tables, spec.update, spec.fields and spec.fields.kind, get_threads() > 1)
     if not spec.terms or kinds in _WARM:
         return
     _WARM.add(kinds)
@@ -191,7 +192,8 @@ def _use_all(spec: PairSpec) -> None:
     engine.prepare(np.random.default_rng(0).random((len(few), 3)) * edge, np.diag([edge] * 3))
     # everywhere the same, so that no two beads meet that never would
     scalars = None if fields is None else np.tile(fields.initial[:1], (len(few), 1))
-    engine.forces(CONSERVATIVE | DISSIPATIVE | RANDOM, np.zeros((len(few), 3)), 1.0, 1e-6, 0, 0, scalars)
+    for which in (CONSERVATIVE, CONSERVATIVE | DISSIPATIVE | RANDOM):
+        engine.forces(which, np.zeros((len(few), 3)), 1.0, 1e-6, 0, 0, scalars)
     if spec.sweeps:
         engine.sweep(np.zeros((len(few), 3)), 1.0, 1e-6, 0, 0, scalars)
     engine.laplacian()

@@ -19,6 +19,7 @@ from .columns import approach, factor_of, over_pairs, push, push_apart, row_of, 
 from .compiled import helper, inlined
 from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM
 from .noise import draw, normal, pair_key
+from .pairs import PairList
 
 #: Columns of the coefficient table, one row per pair of types.
 A, CUTOFF, GAMMA, SIGMA, GAMMA_PERP, SIGMA_PERP, EXPONENT, EXPONENT_PERP = range(8)
@@ -36,20 +37,17 @@ class Terms(NamedTuple):
         Sum of CONSERVATIVE, DISSIPATIVE, RANDOM.
     plain : bool
         Whether all pairs have the same coefficients, the factor 1 and the exponent 1.
-    transverse : bool
-        Whether there are transverse terms.
     key, rsqrt_dt
         Of the noise.
     coefficients : (T*T, 8) array
     v, f : (M, 3) arrays
-        Velocities (with friction only), and forces.
+        Velocities (0 without friction), and forces.
     stress : (columns or 0, 6) array
         Sums of r F, if they are wanted.
     """
 
     which: int
     plain: bool
-    transverse: bool
     key: np.uint64
     rsqrt_dt: float
     coefficients: np.ndarray
@@ -101,6 +99,8 @@ def _transverse_force(pairs, data, n, i, j):
     """Transverse friction and noise on bead i."""
     c, g, order = data.coefficients, pairs.geometry, pairs.order
     row, factor = row_of(pairs, i, j), factor_of(pairs, n)
+    if c[row, GAMMA_PERP] == 0.0:
+        return 0.0, 0.0, 0.0
     ex, ey, ez = g[0, n], g[1, n], g[2, n]
     w = power(1.0 - g[3, n] / c[row, CUTOFF], c[row, EXPONENT_PERP])
     fx, fy, fz = 0.0, 0.0, 0.0
@@ -135,25 +135,45 @@ def _add_stress(stress, column, rx, ry, rz, fx, fy, fz):
 
 
 @inlined
-def _pair_force(pairs, data, scratch, n, k, column):
+def _conservative(pairs, data, scratch, n, k, column):
+    i, j = pairs.pi[n], pairs.pj[n]
+    row = row_of(pairs, i, j)
+    radial, energy = soft(factor_of(pairs, n) * data.coefficients[row, A], data.coefficients[row, CUTOFF], pairs.geometry[3, n])
+    return energy, push_apart(pairs, data.f, n, i, j, radial)
+
+
+@inlined
+def _central(pairs, data, scratch, n, k, column):
+    i, j, values = pairs.pi[n], pairs.pj[n], scratch.values
+    radial = values[_PUSH, k] - values[_DRAG, k] * approach(pairs, data.v, n, i, j)
+    return values[_ENERGY, k], push_apart(pairs, data.f, n, i, j, radial)
+
+
+@inlined
+def _any(pairs, data, scratch, n, k, column):
     i, j, g, values = pairs.pi[n], pairs.pj[n], pairs.geometry, scratch.values
-    radial = values[_PUSH, k]
-    if data.which & DISSIPATIVE:
-        radial -= values[_DRAG, k] * approach(pairs, data.v, n, i, j)
+    radial = values[_PUSH, k] - values[_DRAG, k] * approach(pairs, data.v, n, i, j)
     virial = push_apart(pairs, data.f, n, i, j, radial)
-    fx, fy, fz = radial * g[0, n], radial * g[1, n], radial * g[2, n]
-    if data.transverse:
-        # perpendicular to e: these add nothing to r.F
-        tx, ty, tz = _transverse_force(pairs, data, n, i, j)
-        push(data.f, i, j, tx, ty, tz)
-        fx, fy, fz = fx + tx, fy + ty, fz + tz
+    # perpendicular to e: these add nothing to r.F
+    tx, ty, tz = _transverse_force(pairs, data, n, i, j)
+    push(data.f, i, j, tx, ty, tz)
     if len(data.stress):
-        r = g[3, n]
+        r, fx, fy, fz = g[3, n], radial * g[0, n] + tx, radial * g[1, n] + ty, radial * g[2, n] + tz
         _add_stress(data.stress, column, r * g[0, n], r * g[1, n], r * g[2, n], fx, fy, fz)
     return values[_ENERGY, k], virial
 
 
-pair_forces = over_pairs("pair_forces", _pair_force, _radial_terms)
+# the usual cases apart: what need not be asked for each pair is a third of the time
+_conservative_forces = over_pairs("conservative_forces", _conservative)
+_central_forces = over_pairs("central_forces", _central, _radial_terms)
+_any_forces = over_pairs("any_forces", _any, _radial_terms)
+
+
+def pair_forces(pairs: PairList, terms: Terms, transverse: bool) -> tuple[float, float]:
+    """Add up the forces; returns energy and virial.  ``transverse`` says whether there are transverse terms."""
+    if transverse or len(terms.stress):
+        return _any_forces(pairs, terms)
+    return (_conservative_forces if terms.which == CONSERVATIVE else _central_forces)(pairs, terms)
 
 
 class Table(NamedTuple):
@@ -176,7 +196,7 @@ def _pair_laplacian(pairs, data, scratch, n, k, column):
 _laplacian = over_pairs("laplacian", _pair_laplacian, parallel=False)
 
 
-def laplacian(pairs, coefficients: np.ndarray) -> float:
+def laplacian(pairs: PairList, coefficients: np.ndarray) -> float:
     """Sum over the mobile beads of the Laplacian of the conservative energy, from a table that begins with A and CUTOFF.
 
     For U = A rc w^2/2 it is U'' + 2U'/r = A/rc - 2 A w/r per pair and mobile bead.
@@ -194,6 +214,6 @@ def _pair_moment(pairs, data, scratch, n, k, column):
 _friction_moment = over_pairs("friction_moment", _pair_moment, parallel=False)
 
 
-def friction_moment(pairs, coefficients: np.ndarray) -> float:
+def friction_moment(pairs: PairList, coefficients: np.ndarray) -> float:
     """Sum over pairs of f gamma w^(2s) r^2: a fifteenth of it is the mean stress of an affine shear at rate 1."""
     return _friction_moment(pairs, Table(coefficients))[0]

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import RunError
 from . import cells, listing
-from .threads import get_threads
+from .threads import get_threads, run
 
 #: Exceptions of a list without any: bonded neighbours in compressed rows, start (N + 1,), bead (E,), factor (E,).
 Exceptions = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -166,9 +166,8 @@ class PairList:
         """Sort the beads into cells; the threads share them in so many chunks, whose counts are summed by one thread."""
         if self._place.shape != (chunks, len(self.count) - 1):
             self._place, self._bad = np.zeros((chunks, len(self.count) - 1), np.int64), np.zeros(chunks, np.int64)
-        function = cells.bin_beads if get_threads() == 1 else cells.bin_beads_parallel
-        scratch = self._cell, self._place, self._bad
-        bad = function(x, self.beads, *self._of_beads, grid, scratch, self.count, self.order, self.xs, self.types, self.inv_mass)
+        scratch, out = (self._cell, self._place, self._bad), (self.count, self.order, self.xs, self.types, self.inv_mass)
+        bad = run(cells.bin_beads, cells.bin_beads_parallel, x, self.beads, *self._of_beads, grid, scratch, *out)
         if bad >= 0:
             raise RunError(f"the position of bead {bad} is not finite: {x[bad].tolist()}")
 
@@ -176,7 +175,6 @@ class PairList:
         """List the pairs of the sorted beads; the threads share the columns in so many parts."""
         rule = listing.Rule(self._cut2, self.cutoff**2, self.ntypes, *self.exceptions)
         beads = self.xs, self.order, self.types
-        function = listing.list_pairs if get_threads() == 1 else listing.list_pairs_parallel
         most = listing.beads_near(self.count, grid)
         if self._space is None or self._space.own.shape != (parts, grid.nx + 3) or self._space.bead.shape[1] < most + 64:
             self._space = listing.space_for(parts, grid.nx, most + most // 4)
@@ -185,13 +183,13 @@ class PairList:
             if grid.periodic and (grid.nx, grid.ny, grid.nz) == (1, 1, 1):
                 enough = listing.list_pairs_small_box(*beads, grid.box, rule, out)
             else:
-                enough = function(*beads, self.count, grid, rule, self._space, out)
+                enough = run(listing.list_pairs, listing.list_pairs_parallel, *beads, self.count, grid, rule, self._space, out)
             if enough:
                 return
             self._make_room()
 
     def build(self, x: np.ndarray, box: np.ndarray | None) -> None:
-        """List the pairs at the positions x (N, 3); call it by :func:`.threads.run`."""
+        """List the pairs at the positions x (N, 3)."""
         grid = self.grid(x, box)
         self._resize((grid.nx, grid.ny, grid.nz))
         self.bin(x, grid, min(get_threads(), 8))

@@ -23,7 +23,6 @@ from ..errors import RunError
 from .columns import over_pairs
 from .compiled import helper, inlined
 from .pairs import PairList, no_exceptions
-from .threads import run
 
 MID, NEAREST, CLAMPED = range(3)
 
@@ -226,7 +225,7 @@ class SegmentEngine:
             i, j = spec.pairs[int(np.argmin(np.isfinite(length2)))]
             raise RunError(f"the position of bead {i} or {j} is not finite")
         self._set_reach(float(np.sqrt(length2.max(initial=0.0))), box)
-        run(pairs.build, None, first + 0.5 * arm, box)
+        pairs.build(first + 0.5 * arm, box)
         sorted_arm = np.take(arm, pairs.order, axis=0)
         f, stress = np.zeros((len(arm), 6)), np.zeros((len(pairs.found), 6))
         energy, _ = segment_forces(pairs, Contacts(spec.rule, spec.A, spec.cutoff, sorted_arm, f, stress))

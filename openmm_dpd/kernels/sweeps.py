@@ -22,6 +22,7 @@ from .compiled import helper, inlined
 from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, GAMMA, GAMMA_PERP, power
 from .layer import EXACT, SHARDLOW
 from .noise import draw, normal, pair_key
+from .pairs import PairList
 
 #: Rows of the scratch of a column.
 _LOST, _KICK, _UNUSED, _NOISE = range(4)
@@ -38,8 +39,6 @@ class Sweep(NamedTuple):
         Whether all pairs have the same coefficients and masses, the factor 1 and the exponent 1.
     halvings : int
         For plain pairs: after so many halvings their x is 0.5 at most.
-    transverse : bool
-        Whether there are transverse terms.
     kT, dt : float
     key : uint64
         Of the noise.
@@ -50,7 +49,6 @@ class Sweep(NamedTuple):
     update: int
     plain: bool
     halvings: int
-    transverse: bool
     kT: float
     dt: float
     key: np.uint64
@@ -89,7 +87,7 @@ def _plain_updates(pairs, data, begin, m, values):
     c, r = data.coefficients, pairs.geometry[3]
     im = 2.0 * pairs.inv_mass[0]
     cutoff, rate, heat = c[0, CUTOFF], c[0, GAMMA] * im * data.dt, data.kT * im
-    part = 0.5**data.halvings
+    part, share = 0.5**data.halvings, 1.0 / im
     if data.update == EXACT:
         for k in range(m):
             w = 1.0 - r[begin + k] / cutoff
@@ -103,8 +101,8 @@ def _plain_updates(pairs, data, begin, m, values):
             values[_LOST, k] = decay(SHARDLOW, rate * w * w)
     for k in range(m):
         lost = values[_LOST, k]
-        values[_KICK, k] = np.sqrt(lost * (2.0 - lost) * heat) * values[_NOISE, k] / im
-        values[_LOST, k] = lost / im
+        values[_KICK, k] = np.sqrt(lost * (2.0 - lost) * heat) * values[_NOISE, k] * share
+        values[_LOST, k] = lost * share
 
 
 @helper
@@ -153,23 +151,46 @@ def _transverse_impulse(pairs, data, n, i, j):
 
 
 @inlined
-def _update(pairs, data, scratch, n, k, column):
-    i, j, g, v, inv_mass = pairs.pi[n], pairs.pj[n], pairs.geometry, data.v, pairs.inv_mass
-    impulse = scratch.values[_KICK, k] - scratch.values[_LOST, k] * approach(pairs, v, n, i, j)
-    dx, dy, dz = impulse * g[0, n], impulse * g[1, n], impulse * g[2, n]
-    if data.transverse:
-        tx, ty, tz = _transverse_impulse(pairs, data, n, i, j)
-        dx, dy, dz = dx + tx, dy + ty, dz + tz
-    wi, wj = inv_mass[i], inv_mass[j]
+def _change(pairs, v, n, i, j, dx, dy, dz):
+    """Give an impulse to bead i, and the opposite one to bead j."""
+    wi, wj = pairs.inv_mass[i], pairs.inv_mass[j]
     v[i, 0] += wi * dx
     v[i, 1] += wi * dy
     v[i, 2] += wi * dz
     v[j, 0] -= wj * dx
     v[j, 1] -= wj * dy
     v[j, 2] -= wj * dz
+
+
+@inlined
+def _central(pairs, data, scratch, n, k, column):
+    i, j, g, v = pairs.pi[n], pairs.pj[n], pairs.geometry, data.v
+    ex, ey, ez = g[0, n], g[1, n], g[2, n]
+    # every number is read once: the processor could not know that they are still the same
+    xi, yi, zi, xj, yj, zj = v[i, 0], v[i, 1], v[i, 2], v[j, 0], v[j, 1], v[j, 2]
+    impulse = scratch.values[_KICK, k] - scratch.values[_LOST, k] * (ex * (xi - xj) + ey * (yi - yj) + ez * (zi - zj))
+    di, dj = impulse * pairs.inv_mass[i], impulse * pairs.inv_mass[j]
+    v[i, 0], v[i, 1], v[i, 2] = xi + di * ex, yi + di * ey, zi + di * ez
+    v[j, 0], v[j, 1], v[j, 2] = xj - dj * ex, yj - dj * ey, zj - dj * ez
     return 0.0, 0.0
 
 
-sweep = over_pairs("sweep", _update, _updates, ways=SWEEP_WAYS)
+@inlined
+def _any(pairs, data, scratch, n, k, column):
+    i, j, g, v = pairs.pi[n], pairs.pj[n], pairs.geometry, data.v
+    impulse = scratch.values[_KICK, k] - scratch.values[_LOST, k] * approach(pairs, v, n, i, j)
+    tx, ty, tz = _transverse_impulse(pairs, data, n, i, j)
+    _change(pairs, v, n, i, j, impulse * g[0, n] + tx, impulse * g[1, n] + ty, impulse * g[2, n] + tz)
+    return 0.0, 0.0
+
+
+_central_sweep = over_pairs("central_sweep", _central, _updates, ways=SWEEP_WAYS)
+_any_sweep = over_pairs("any_sweep", _any, _updates, ways=SWEEP_WAYS)
+
+
+def sweep(pairs: PairList, terms: Sweep, transverse: bool) -> None:
+    """Update the velocities; ``transverse`` says whether there are transverse terms."""
+    (_any_sweep if transverse else _central_sweep)(pairs, terms)
+
 
 __all__ = ["EXACT", "SHARDLOW", "Sweep", "decay", "halvings", "sweep"]
