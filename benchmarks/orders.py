@@ -17,9 +17,9 @@ import sys
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(Path(__file__).parent))
@@ -29,6 +29,8 @@ from atlas_parts.store import Store, carry_out, key  # noqa: E402
 from atlas_parts.summary import short  # noqa: E402
 
 import openmm_dpd as dpd  # noqa: E402
+from openmm_dpd.kernels.columns import approach, over_pairs  # noqa: E402
+from openmm_dpd.kernels.compiled import inlined  # noqa: E402
 from openmm_dpd.kernels.engine import CONSERVATIVE, PairEngine  # noqa: E402
 from openmm_dpd.plan import make_plan  # noqa: E402
 from openmm_dpd.stats import block_average, ratio_average  # noqa: E402
@@ -80,18 +82,27 @@ def parsed(order: Order) -> list[tuple[str, float, float]]:
     return steps
 
 
-@njit
-def hessian_times(pi, pj, geometry, columns, start, found, A, g, out):
-    """Hessian of the repulsion (cutoff 1) times a vector."""
-    for column in columns:
-        for n in range(start[column], start[column] + found[column]):
-            i, j = pi[n], pj[n]
-            e, r = geometry[n, :3], geometry[n, 3]
-            d = g[i] - g[j]
-            across = -A * (1 - r) / r
-            h = across * d + (A - across) * np.dot(e, d) * e
-            out[i] += h
-            out[j] -= h
+class Hessian(NamedTuple):
+    """A repulsion of strength A and cutoff 1, a vector of each bead, and where the product goes."""
+
+    A: float
+    g: np.ndarray
+    out: np.ndarray
+
+
+@inlined
+def _hessian_times(pairs, data, scratch, n, k, column):
+    i, j, r = pairs.pi[n], pairs.pj[n], pairs.geometry[3, n]
+    across = -data.A * (1 - r) / r
+    along = (data.A - across) * approach(pairs, data.g, n, i, j)
+    for a in range(3):
+        h = across * (data.g[i, a] - data.g[j, a]) + along * pairs.geometry[a, n]
+        data.out[i, a] += h
+        data.out[j, a] -= h
+    return 0.0, 0.0
+
+
+hessian_times = over_pairs("hessian_times", _hessian_times, parallel=False)
 
 
 class Fluid:
@@ -114,9 +125,8 @@ class Fluid:
         force, pairs = self.force()[1], self.engine.lists[0]
         if not scale:
             return force
-        pi, pj, geometry, _, columns, _, _, start, found = pairs.geometry_arguments
         bent = np.zeros_like(force)
-        hessian_times(pi, pj, geometry, columns, start, found, 25.0, force[pairs.order], bent)
+        hessian_times(pairs, Hessian(25.0, force[pairs.order], bent))
         result = force.copy()
         result[pairs.order] -= scale * bent
         return result

@@ -10,6 +10,7 @@ from openmm import unit
 
 import openmm_dpd as dpd
 from openmm_dpd.kernels import noise as hashed
+from openmm_dpd.kernels.columns import SWEEP_WAYS
 from openmm_dpd.kernels.compiled import compiled
 from openmm_dpd.kernels.engine import PairEngine
 
@@ -136,11 +137,8 @@ def noise_of(n: int, seed: int, counter: int, kT: float, layer: int = 0):
 def listed_pairs(engine: PairEngine, layer: int = 0) -> list[tuple[int, int]]:
     """Pairs of the prepared positions, in the order in which a sweep takes them."""
     pairs = engine.lists[layer]
-    return [
-        (int(pairs.order[pairs.pi[k]]), int(pairs.order[pairs.pj[k]]))
-        for column in pairs.columns
-        for k in range(pairs.start[column], pairs.start[column] + pairs.found[column])
-    ]
+    rows = pairs.rows(SWEEP_WAYS)
+    return list(zip(pairs.order[pairs.pi[rows]].tolist(), pairs.order[pairs.pj[rows]].tolist(), strict=True))
 
 
 # -- running -------------------------------------------------------------------------------------------------------------------

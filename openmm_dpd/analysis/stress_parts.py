@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import openmm
@@ -20,10 +19,10 @@ from ..forces.electrostatics import lattice_force
 from ..forces.partners import energy_spline
 from ..forces.segments import segment_spec
 from ..kernels.dpd import TermTable
-from ..kernels.engine import PairEngine, PairList, PairSpec
+from ..kernels.engine import PairEngine, PairSpec
 from ..kernels.manybody import ManyBodyLayer, ManyBodyTable
+from ..kernels.pairs import PairList
 from ..kernels.segments import SegmentEngine
-from ..kernels.threads import get_threads, run
 from ..model.bonds import minimum_image
 from ..model.electrostatics import GaussianCharges, SlaterCharges, SmearedCharges
 from ..model.pairs import LennardJones, TabulatedPair
@@ -77,10 +76,10 @@ class _SegmentStress:
 
 def _listed(pairs: PairList) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | float]:
     """Beads i and j, directions e (P, 3), distances and factors of all pairs of a list."""
-    first, second, geometry, factors, columns, _, _, start, found = pairs.geometry_arguments
-    rows = np.concatenate([np.arange(start[k], start[k] + found[k], dtype=np.int64) for k in columns])
-    e, r = geometry[rows, :3], geometry[rows, 3]
-    return pairs.order[first[rows]], pairs.order[second[rows]], e, r, factors[rows] if len(factors) else 1.0
+    rows = pairs.rows()
+    e, r = pairs.geometry[:3, rows].T, pairs.geometry[3, rows]
+    factors = pairs.factors[rows] if len(pairs.factors) else 1.0
+    return pairs.order[pairs.pi[rows]], pairs.order[pairs.pj[rows]], e, r, factors
 
 
 class _DensityStress:
@@ -103,24 +102,15 @@ class _DensityStress:
         return stress
 
 
-@dataclass(frozen=True)
-class _Reach:
-    """The part of a table of coefficients that a pair list reads."""
-
-    cutoff: np.ndarray
-
-
 class _PairSum:
     """Sums over pairs of beads within reach."""
 
     def __init__(self, types: np.ndarray, cutoff: np.ndarray, exceptions: dict[tuple[int, int], float]):
-        reach: Any = _Reach(cutoff)
-        rows = compressed_exceptions(exceptions, len(types))
-        self._pairs, self._types = PairList(PairSpec(types, np.ones(len(types)), (), exceptions=rows), reach), types
+        self._pairs = PairList(types, np.ones(len(types)), cutoff, compressed_exceptions(exceptions, len(types)))
 
     def __call__(self, x: np.ndarray, box: np.ndarray, virial: Callable) -> np.ndarray:
         """The sum of f r F e e with r F = virial(i, j, r)."""
-        run(self._pairs.build, None, x, box, get_threads() > 1)
+        self._pairs.build(x, box)
         i, j, e, r, factor = _listed(self._pairs)
         return symmetric_products((factor * virial(i, j, r))[:, None] * e, e)
 

@@ -45,22 +45,44 @@ def _user_cache() -> Iterator[None]:
         config.CACHE_DIR = given
 
 
-def compiled(function: Callable, *, parallel: bool = False) -> Any:
-    """Compile a kernel; without the interpreter's lock, and cached on disk.
+#: Division by zero gives inf or nan, as in numpy: a loop with an exception in it is never vectorised.
+_SEMANTICS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
+
+#: The same for code that allocates nothing.  Numba would count the references to every array of a tuple that is handed on, atomically, and
+#: for each pair that takes longer than all the rest.
+_BARE = _SEMANTICS | {"_nrt": False}
+
+#: Decorators of functions that kernels call: compiled on their own, or put in where they are called.
+helper = numba.njit(**_BARE)
+inlined = numba.njit(inline="always", **_BARE)
+
+
+def renamed(function: Callable, name: str, names: dict[str, Any] | None = None) -> FunctionType:
+    """The same Python function under another name; ``names`` replaces global names that it uses.
+
+    So a loop is written once for all that is done inside it.
+    """
+    known = {**function.__globals__, **names} if names else function.__globals__
+    copy = FunctionType(function.__code__, known, name, function.__defaults__)
+    copy.__qualname__, copy.__module__, copy.__doc__ = name, function.__module__, function.__doc__
+    return copy
+
+
+def compiled(function: Callable, *, parallel: bool = False, bare: bool = False) -> Any:
+    """Compile a kernel; without the interpreter's lock, and cached on disk.  One that allocates nothing may be ``bare``.
 
     Numba keys its cache on a function's name and file alone: it would load a serial version in place of a parallel one, and old code where
     only a function in another file, inlined here, has changed.  So the function is compiled under a name that says both.  No fastmath, so
     that both versions round alike and give the same bits.
     """
     name = f"{function.__name__}_{'parallel' if parallel else 'serial'}_{_DIGEST}"
-    copy = FunctionType(function.__code__, function.__globals__, name, function.__defaults__)
-    copy.__qualname__ = name
-    copy.__module__ = function.__module__
-    copy.__doc__ = function.__doc__
     with _user_cache():
-        return numba.njit(nogil=True, cache=True, parallel=parallel)(copy)
+        return numba.njit(cache=True, parallel=parallel, **(_BARE if bare else _SEMANTICS))(renamed(function, name))
 
 
 def serial_and_parallel(function: Callable) -> tuple[Any, Any]:
-    """Compile a function that loops with prange twice."""
-    return compiled(function), compiled(function, parallel=True)
+    """Compile a function that loops with prange, and allocates nothing, twice.
+
+    What is inside the loop had better be the call of a helper: numba tries its own ideas of parallel arrays on all that it sees there.
+    """
+    return compiled(function, bare=True), compiled(function, bare=True, parallel=True)

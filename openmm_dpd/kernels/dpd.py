@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from . import forces, motion, sweeps
 from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, GAMMA, GAMMA_PERP, SIGMA, SIGMA_PERP, A
-from .layer import STRESS, Call, Forces
-from .threads import run
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, Call, Forces, PairSpec
+from .pairs import PairList
 
-if TYPE_CHECKING:
-    from .engine import PairList, PairSpec
+_TERMS = CONSERVATIVE | DISSIPATIVE | RANDOM
+
+#: Each doubling that makes up for a halving rounds once.
+_MOST_HALVINGS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,20 +52,24 @@ class TermTable:
             table[:, column] = values.ravel()
         return table
 
-    def layer(self, spec: PairSpec, pairs: PairList, number: int) -> DPDLayer:
+    def layer(self, spec: PairSpec, number: int) -> DPDLayer:
         """The layer that evaluates these coefficients."""
-        return DPDLayer(self, spec, pairs, number)
+        return DPDLayer(self, spec, number)
 
 
 class DPDLayer:
     """Evaluates a :class:`TermTable` (see :mod:`.forces` and :mod:`.sweeps` for the formulas)."""
 
-    def __init__(self, table: TermTable, spec: PairSpec, pairs: PairList, number: int):
-        self.table, self.update, self.pairs, self.number = table, spec.update, pairs, number
+    def __init__(self, table: TermTable, spec: PairSpec, number: int):
+        self.table, self.number = table, number
+        self.pairs = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions)
+        self._plain = bool(self.pairs.alike and table.exponent.flat[0] == 1.0)
+        self._transverse = bool(np.any(table.gamma_perp != 0.0))
         # of the last two temperatures: a step asks for conservative forces, at 0, and for friction
         self._coefficients: dict[float, np.ndarray] = {}
+        self._sweeper = Sweeper(self.pairs, self._plain, self._transverse)
         # scratch, in the order of the pair list
-        self._v, self._force = np.zeros((len(pairs.order), 3)), np.zeros((len(pairs.order), 3))
+        self._v, self._force = self._sweeper.v, np.zeros((len(self.pairs.order), 3))
 
     def _at(self, kT: float) -> np.ndarray:
         if kT not in self._coefficients:
@@ -75,66 +80,46 @@ class DPDLayer:
 
     def forces(self, call: Call) -> Forces:
         """Force form at the listed positions."""
-        pairs = self.pairs
-        force, v = self._force, self._v
+        pairs, force, v = self.pairs, self._force, self._v
         force[...] = 0.0
-        stress = np.zeros((len(pairs.energy) if call.which & STRESS else 0, 6))
-        if call.velocities is not None:
+        stress = np.zeros((len(pairs.found) if call.which & STRESS else 0, 6))
+        if call.velocities is not None and call.which & DISSIPATIVE:
             motion.gather(call.velocities, pairs.order, v)
-        run(
-            forces.pair_forces,
-            forces.pair_forces_parallel,
-            call.which,
-            call.key(self.number),
-            call.rsqrt_dt,
-            pairs.order,
-            pairs.types,
-            pairs.ntypes,
-            self._at(call.kT),
-            *pairs.geometry_arguments,
-            v,
-            force,
-            pairs.energy,
-            pairs.virial,
-            stress,
-        )
-        return Forces(pairs.energy.sum(), pairs.virial.sum(), force, stress=stress.sum(axis=0) if len(stress) else None)
+        elif call.which != CONSERVATIVE:
+            v[...] = 0.0
+        noise = call.key(self.number), call.rsqrt_dt
+        terms = forces.Terms(call.which & _TERMS, self._plain, *noise, self._at(call.kT), v, force, stress)
+        energy, virial = forces.pair_forces(pairs, terms, self._transverse)
+        return Forces(energy, virial, force, stress=stress.sum(axis=0) if len(stress) else None)
 
     def sweep(self, call: Call, v: np.ndarray, flow: np.ndarray | None) -> None:
         """Update the velocities (N, 3) pair by pair, in place."""
-        sweep_velocities(self.pairs, call.update, call, self.number, self._at(call.kT), v, self._v)
+        self._sweeper(call, self.number, self._at(call.kT), v)
 
     def friction_moment(self, kT: float) -> float:
         """Sum over pairs of f gamma w^(2s) r^2 (radial friction)."""
-        pairs = self.pairs
-        pi, pj, geometry, factors, columns, _, _, start, found = pairs.geometry_arguments
-        return forces.friction_moment(pairs.types, pairs.ntypes, self._at(kT), pi, pj, geometry, factors, columns, start, found)
+        return forces.friction_moment(self.pairs, self._at(kT))
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy."""
-        pairs = self.pairs
-        pi, pj, geometry, factors, columns, _, _, start, found = pairs.geometry_arguments
-        return forces.laplacian(pairs.types, pairs.ntypes, self._at(0.0), pairs.inv_mass, pi, pj, geometry, factors, columns, start, found)
+        return forces.laplacian(self.pairs, self._at(0.0))
 
 
-def sweep_velocities(
-    pairs: PairList, update: int, call: Call, number: int, coefficients: np.ndarray, v: np.ndarray, scratch: np.ndarray
-) -> None:
-    """Update velocities (N, 3) pair by pair, in place; the scratch (M, 3) holds them in the order of the list."""
-    motion.gather(v, pairs.order, scratch)
-    run(
-        sweeps.sweep,
-        sweeps.sweep_parallel,
-        update,
-        call.kT,
-        call.dt,
-        call.key(number),
-        pairs.order,
-        pairs.types,
-        pairs.ntypes,
-        coefficients,
-        pairs.inv_mass,
-        *pairs.geometry_arguments,
-        scratch,
-    )
-    motion.scatter(scratch, pairs.order, v)
+class Sweeper:
+    """Sweeps over a list of pairs; ``plain`` as in :class:`.forces.Terms`; ``transverse``: whether there are transverse terms."""
+
+    def __init__(self, pairs: PairList, plain: bool, transverse: bool):
+        self.pairs, self.transverse = pairs, transverse
+        self.v = np.zeros((len(pairs.order), 3))  # scratch, in the order of the list
+        self._inv_mass = pairs.common_inv_mass if plain else None
+
+    def __call__(self, call: Call, number: int, coefficients: np.ndarray, v: np.ndarray) -> None:
+        """Update velocities (N, 3) pair by pair, in place."""
+        pairs, inv_mass, halvings = self.pairs, self._inv_mass, 0
+        if inv_mass is not None:
+            halvings = sweeps.halvings(call.update, coefficients[0, GAMMA] * 2.0 * inv_mass * call.dt)
+        plain = inv_mass is not None and halvings <= _MOST_HALVINGS
+        motion.gather(v, pairs.order, self.v)
+        noise = call.kT, call.dt, call.key(number)
+        sweeps.sweep(pairs, sweeps.Sweep(call.update, plain, halvings, *noise, coefficients, self.v), self.transverse)
+        motion.scatter(self.v, pairs.order, v)

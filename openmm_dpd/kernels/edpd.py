@@ -16,20 +16,17 @@ noise of the force has f, not sqrt(f); and no heat of either kind flows at r >= 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
 
 from ..errors import RunError
-from .compiled import serial_and_parallel
+from .columns import approach, factor_of, over_pairs, push_apart, row_of, soft
+from .compiled import inlined
 from .forces import power
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Forces
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Forces, PairSpec
 from .noise import normal, pair_key
-from .threads import run
-
-if TYPE_CHECKING:
-    from .engine import PairList, PairSpec
+from .pairs import PairList
 
 #: Columns of the coefficient table; the last two are where four coefficients of a polynomial begin.
 A, CUTOFF, GAMMA, EXPONENT, KAPPA, EXPONENT_T, CUTOFF_T, EXPONENT_POLYNOMIAL = range(8)
@@ -67,9 +64,9 @@ class ThermalTable:
         four = (self.exponent_polynomial.reshape(-1, 4), self.kappa_polynomial.reshape(-1, 4))
         return np.ascontiguousarray(np.column_stack([*(array.ravel() for array in single), *four]))
 
-    def layer(self, spec: PairSpec, pairs: PairList, number: int) -> ThermalLayer:
+    def layer(self, spec: PairSpec, number: int) -> ThermalLayer:
         """The layer that evaluates these coefficients."""
-        return ThermalLayer(self, spec, pairs, number)
+        return ThermalLayer(self, spec, number)
 
 
 class ThermalLayer:
@@ -78,9 +75,10 @@ class ThermalLayer:
     #: The conservative force depends on temperatures, so there is no configurational temperature.
     has_laplacian = False
 
-    def __init__(self, table: ThermalTable, spec: PairSpec, pairs: PairList, number: int):
+    def __init__(self, table: ThermalTable, spec: PairSpec, number: int):
         assert spec.fields is not None and spec.fields.capacity is not None
-        self.pairs, self.number, self.lammps, self.capacity = pairs, number, table.lammps, spec.fields.capacity
+        self.pairs = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions)
+        self.number, self.lammps, self.capacity = number, table.lammps, spec.fields.capacity
         self.coefficients = table.coefficients()
 
     def forces(self, call: Call) -> Forces:
@@ -93,32 +91,13 @@ class ThermalLayer:
             assert call.velocities is not None  # the heat of the noise depends on them too
             v = np.take(call.velocities, pairs.order, axis=0)
         capacity = np.take(self.capacity, pairs.order)
-        force, heat, failed = np.zeros((m, 3)), np.zeros(m), np.full(len(pairs.energy), -1)
-        run(
-            thermal_forces,
-            thermal_forces_parallel,
-            call.which,
-            self.lammps,
-            call.key(self.number),
-            call.rsqrt_dt,
-            pairs.order,
-            pairs.types,
-            pairs.ntypes,
-            self.coefficients,
-            pairs.inv_mass,
-            capacity,
-            temperature,
-            *pairs.geometry_arguments,
-            v,
-            force,
-            heat,
-            pairs.energy,
-            pairs.virial,
-            failed,
-        )
+        force, heat, failed = np.zeros((m, 3)), np.zeros(m), np.full(len(pairs.found), -1)
+        noise = call.key(self.number), call.rsqrt_dt
+        of_beads = self.coefficients, capacity, temperature
+        energy, virial = thermal_forces(pairs, Heat(call.which, self.lammps, *noise, *of_beads, v, force, heat, failed))
         if failed.max(initial=-1) >= 0:
             self._raise_conduction(int(failed[failed >= 0][0]), temperature)
-        return Forces(pairs.energy.sum(), pairs.virial.sum(), force, (heat / capacity)[:, None])
+        return Forces(energy, virial, force, (heat / capacity)[:, None])
 
     def _temperatures(self, scalars: np.ndarray) -> np.ndarray:
         """(M,) temperatures in the order of the list; RunError if one is not > 0."""
@@ -153,20 +132,20 @@ class ThermalLayer:
         return np.nan
 
 
-@njit(inline="always")
+@inlined
 def clamped(xi):
     """Noise of a flux, limited as in LAMMPS."""
     return min(LARGEST_NOISE, max(-LARGEST_NOISE, xi))
 
 
-@njit(inline="always")
+@inlined
 def polynomial(coefficients, row, first, y):
     """1 + c1 y + c2 y^2 + c3 y^3 + c4 y^4."""
     c = coefficients
     return 1.0 + y * (c[row, first] + y * (c[row, first + 1] + y * (c[row, first + 2] + y * c[row, first + 3])))
 
 
-@njit(inline="always")
+@inlined
 def _friction(which, lammps, coefficients, row, factor, r, ti, tj, ev, rsqrt_dt, xi, inverse_mass, capacities):
     """Friction and noise of a pair within the cutoff, and its viscous heat for each of the two.
 
@@ -190,7 +169,7 @@ def _friction(which, lammps, coefficients, row, factor, r, ti, tj, ev, rsqrt_dt,
     return radial, heat
 
 
-@njit(inline="always")
+@inlined
 def _conduction(which, coefficients, row, r, ti, tj, kappa, rsqrt_dt, xi):
     """Heat that flows to i from j; ``kappa`` is C_i C_j k, ``xi`` as bead i sees it."""
     weight = power(1.0 - r / coefficients[row, CUTOFF_T], 0.5 * coefficients[row, EXPONENT_T])
@@ -203,62 +182,57 @@ def _conduction(which, coefficients, row, r, ti, tj, kappa, rsqrt_dt, xi):
     return flux
 
 
-def _thermal_forces(
-    which, lammps, key, rsqrt_dt, order, types, ntypes, coefficients, inv_mass, capacity, temperature,
-    pi, pj, geometry, factors, columns, block_start, colour_start, start, found, v, f, heat, energy, virial, failed,
-):  # fmt: skip
-    for colour in range(len(colour_start) - 1):
-        for block in prange(colour_start[colour], colour_start[colour + 1]):
-            for task in range(block_start[block], block_start[block + 1]):
-                column = columns[task]
-                column_energy, column_virial = 0.0, 0.0
-                for n in range(start[column], start[column] + found[column]):
-                    i, j = pi[n], pj[n]
-                    row = 0 if ntypes == 1 else types[i] * ntypes + types[j]
-                    ex, ey, ez, r = geometry[n, 0], geometry[n, 1], geometry[n, 2], geometry[n, 3]
-                    factor = factors[n] if len(factors) else 1.0
-                    ti, tj = temperature[i], temperature[j]
-                    inside, near = r < coefficients[row, CUTOFF], r < coefficients[row, CUTOFF_T]
-                    lower = order[i] < order[j]
-                    radial, gain = 0.0, 0.0
-                    pair, xi = key, 0.0
-                    if which & RANDOM:
-                        pair = pair_key(key, min(order[i], order[j]), max(order[i], order[j]))
-                        xi = normal(pair, MOTION) if inside else 0.0
-                    if inside and which & CONSERVATIVE:
-                        w = 1.0 - r / coefficients[row, CUTOFF]
-                        radial = factor * coefficients[row, A] * 0.5 * (ti + tj) * w
-                        column_energy += 0.5 * radial * w * coefficients[row, CUTOFF]
-                    if inside and which & (DISSIPATIVE | RANDOM):
-                        ev = ex * (v[i, 0] - v[j, 0]) + ey * (v[i, 1] - v[j, 1]) + ez * (v[i, 2] - v[j, 2])
-                        im = inv_mass[i] + inv_mass[j]
-                        if lammps:
-                            im = inv_mass[i] if lower else inv_mass[j]
-                        capacities = capacity[i] + capacity[j]
-                        rubbed, gain = _friction(which, lammps, coefficients, row, factor, r, ti, tj, ev, rsqrt_dt, xi, im, capacities)
-                        radial += rubbed
-                        gain = 0.0 if lammps and not near else gain
-                    if near and (inside or not lammps) and which & (DISSIPATIVE | RANDOM):
-                        kappa = coefficients[row, KAPPA] * polynomial(coefficients, row, KAPPA_POLYNOMIAL, 0.5 * (ti + tj) - 1.0)
-                        if kappa < 0.0 and failed[column] < 0:
-                            failed[column] = n
-                        drawn = xi if lammps or not which & RANDOM else normal(pair, HEAT)
-                        flux = _conduction(
-                            which, coefficients, row, r, ti, tj, kappa * capacity[i] * capacity[j], rsqrt_dt, drawn if lower else -drawn
-                        )
-                        heat[i] += flux
-                        heat[j] -= flux
-                    heat[i] += gain
-                    heat[j] += gain
-                    column_virial += radial * r
-                    f[i, 0] += radial * ex
-                    f[i, 1] += radial * ey
-                    f[i, 2] += radial * ez
-                    f[j, 0] -= radial * ex
-                    f[j, 1] -= radial * ey
-                    f[j, 2] -= radial * ez
-                energy[column] = column_energy
-                virial[column] = column_virial
+class Heat(NamedTuple):
+    """What the force form reads and writes beside the pairs; ``failed``: a pair of each column whose conduction is negative, or -1."""
+
+    which: int
+    lammps: bool
+    key: np.uint64
+    rsqrt_dt: float
+    coefficients: np.ndarray
+    capacity: np.ndarray
+    temperature: np.ndarray
+    v: np.ndarray
+    f: np.ndarray
+    heat: np.ndarray
+    failed: np.ndarray
 
 
-thermal_forces, thermal_forces_parallel = serial_and_parallel(_thermal_forces)
+@inlined
+def _pair_heat(pairs, data, scratch, n, k, column):
+    i, j, order, c, which, lammps, heat = pairs.pi[n], pairs.pj[n], pairs.order, data.coefficients, data.which, data.lammps, data.heat
+    row, factor, r = row_of(pairs, i, j), factor_of(pairs, n), pairs.geometry[3, n]
+    ti, tj = data.temperature[i], data.temperature[j]
+    inside, near = r < c[row, CUTOFF], r < c[row, CUTOFF_T]
+    lower = order[i] < order[j]
+    radial, energy, gain = 0.0, 0.0, 0.0
+    pair, xi = data.key, 0.0
+    if which & RANDOM:
+        pair = pair_key(data.key, min(order[i], order[j]), max(order[i], order[j]))
+        xi = normal(pair, MOTION) if inside else 0.0
+    if inside and which & CONSERVATIVE:
+        radial, energy = soft(factor * c[row, A] * 0.5 * (ti + tj), c[row, CUTOFF], r)
+    if inside and which & (DISSIPATIVE | RANDOM):
+        ev = approach(pairs, data.v, n, i, j)
+        im = pairs.inv_mass[i] + pairs.inv_mass[j]
+        if lammps:
+            im = pairs.inv_mass[i] if lower else pairs.inv_mass[j]
+        capacities = data.capacity[i] + data.capacity[j]
+        rubbed, gain = _friction(which, lammps, c, row, factor, r, ti, tj, ev, data.rsqrt_dt, xi, im, capacities)
+        radial += rubbed
+        gain = 0.0 if lammps and not near else gain
+    if near and (inside or not lammps) and which & (DISSIPATIVE | RANDOM):
+        kappa = c[row, KAPPA] * polynomial(c, row, KAPPA_POLYNOMIAL, 0.5 * (ti + tj) - 1.0)
+        if kappa < 0.0 and data.failed[column] < 0:
+            data.failed[column] = n
+        drawn = xi if lammps or not which & RANDOM else normal(pair, HEAT)
+        kappa *= data.capacity[i] * data.capacity[j]
+        flux = _conduction(which, c, row, r, ti, tj, kappa, data.rsqrt_dt, drawn if lower else -drawn)
+        heat[i] += flux
+        heat[j] -= flux
+    heat[i] += gain
+    heat[j] += gain
+    return energy, push_apart(pairs, data.f, n, i, j, radial)
+
+
+thermal_forces = over_pairs("thermal_forces", _pair_heat)

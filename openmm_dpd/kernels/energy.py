@@ -25,22 +25,19 @@ For bonded neighbours with a factor f the forces have f A, f sigma^2 (so that fr
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
 
 from ..errors import RunError
 from . import forces
-from .compiled import serial_and_parallel
+from .columns import SWEEP_WAYS, approach, factor_of, over_pairs, push_apart, row_of, soft
+from .compiled import helper, inlined
 from .eos import CONSTANT, RESERVOIR, EOSTable, curvature, entropy_change, exp_below, in_range, inverse_temperature, log_ratio
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Forces
+from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Forces, PairSpec
 from .noise import normal, pair_key, uniform
-from .sweeps import EXACT, decay
-from .threads import run
-
-if TYPE_CHECKING:
-    from .engine import PairList, PairSpec
+from .pairs import PairList
+from .sweeps import decay
 
 #: Columns of the coefficient table; the first two are those of :mod:`.forces`.
 A, CUTOFF, SIGMA, KAPPA = range(4)
@@ -58,18 +55,18 @@ class EnergyTable:
     kappa: np.ndarray
     cutoff: np.ndarray
 
-    def layer(self, spec: PairSpec, pairs: PairList, number: int) -> EnergyLayer:
+    def layer(self, spec: PairSpec, number: int) -> EnergyLayer:
         """The layer that evaluates these coefficients."""
-        return EnergyLayer(self, spec, pairs, number)
+        return EnergyLayer(self, spec, number)
 
 
 class EnergyLayer:
     """Evaluates an :class:`EnergyTable`.  The first two columns of the fields are the conductive and the mechanical energy."""
 
-    def __init__(self, table: EnergyTable, spec: PairSpec, pairs: PairList, number: int):
+    def __init__(self, table: EnergyTable, spec: PairSpec, number: int):
         assert spec.fields is not None and isinstance(spec.fields.eos, EOSTable)
-        self.fields, self.eos, self.update = spec.fields, spec.fields.eos, spec.update
-        self.pairs, self.number = pairs, number
+        self.fields, self.eos, self.number = spec.fields, spec.fields.eos, number
+        self.pairs = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions)
         self.coefficients = np.column_stack([table.A.ravel(), table.cutoff.ravel(), table.sigma.ravel(), table.kappa.ravel()])
 
     def _temperatures(self, energies: np.ndarray, when: str) -> np.ndarray:
@@ -93,26 +90,9 @@ class EnergyLayer:
             inverse = 1.0 / np.take(self._temperatures(call.scalars.sum(axis=1), "within the step"), pairs.order)
             if call.velocities is not None:
                 v = np.take(call.velocities, pairs.order, axis=0)
-        run(
-            energy_forces,
-            energy_forces_parallel,
-            call.which,
-            call.key(self.number),
-            call.rsqrt_dt,
-            pairs.order,
-            pairs.types,
-            pairs.ntypes,
-            self.coefficients,
-            pairs.inv_mass,
-            *pairs.geometry_arguments,
-            v,
-            inverse,
-            force,
-            rates,
-            pairs.energy,
-            pairs.virial,
-        )
-        return Forces(pairs.energy.sum(), pairs.virial.sum(), force, rates)
+        noise = call.key(self.number), call.rsqrt_dt
+        energy, virial = energy_forces(pairs, Rates(call.which, *noise, self.coefficients, v, inverse, force, rates))
+        return Forces(energy, virial, force, rates)
 
     def sweep(self, call: Call, v: np.ndarray, flow: np.ndarray | None) -> None:
         """Update velocities pair by pair in place, and add to ``flow`` the conductive and mechanical energy each bead got."""
@@ -121,26 +101,9 @@ class EnergyLayer:
         before = call.scalars.sum(axis=1) + flow.sum(axis=1)
         theta = self._temperatures(before, "before the sweep")
         sorted_v, u, changes = np.take(v, order, axis=0), np.take(before, order), np.zeros((len(order), 2))
-        run(
-            energy_sweep,
-            energy_sweep_parallel,
-            call.update,
-            call.dt,
-            call.key(self.number),
-            order,
-            pairs.types,
-            pairs.ntypes,
-            self.coefficients,
-            pairs.inv_mass,
-            *pairs.geometry_arguments,
-            1.0 / np.take(theta, order),
-            np.take(self.eos.capacity, order),
-            np.take(self.eos.curve, order),
-            self.eos.curves,
-            sorted_v,
-            u,
-            changes,
-        )
+        of_beads = 1.0 / np.take(theta, order), np.take(self.eos.capacity, order), np.take(self.eos.curve, order)
+        noise = call.dt, call.key(self.number)
+        energy_sweep(pairs, Exchange(call.update, *noise, self.coefficients, *of_beads, *self.eos.curves, sorted_v, u, changes))
         v[order] = sorted_v
         flow[order] += changes
         flow[self.fields.immobile] = 0.0
@@ -149,89 +112,58 @@ class EnergyLayer:
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy."""
-        pairs = self.pairs
-        pi, pj, geometry, factors, columns, _, _, start, found = pairs.geometry_arguments
-        return forces.laplacian(
-            pairs.types, pairs.ntypes, self.coefficients, pairs.inv_mass, pi, pj, geometry, factors, columns, start, found
-        )
+        return forces.laplacian(self.pairs, self.coefficients)
 
 
-def _energy_forces(
-    which,
-    key,
-    rsqrt_dt,
-    order,
-    types,
-    ntypes,
-    coefficients,
-    inv_mass,
-    pi,
-    pj,
-    geometry,
-    factors,
-    columns,
-    block_start,
-    colour_start,
-    start,
-    found,
-    v,
-    inverse,
-    f,
-    rates,
-    energy,
-    virial,
-):
-    for colour in range(len(colour_start) - 1):
-        for block in prange(colour_start[colour], colour_start[colour + 1]):
-            for task in range(block_start[block], block_start[block + 1]):
-                column = columns[task]
-                column_energy, column_virial = 0.0, 0.0
-                for n in range(start[column], start[column] + found[column]):
-                    i, j = pi[n], pj[n]
-                    row = 0 if ntypes == 1 else types[i] * ntypes + types[j]
-                    ex, ey, ez, r = geometry[n, 0], geometry[n, 1], geometry[n, 2], geometry[n, 3]
-                    factor = factors[n] if len(factors) else 1.0
-                    w = 1.0 - r / coefficients[row, CUTOFF]
-                    radial, heat, conducted = 0.0, 0.0, 0.0
-                    if which & CONSERVATIVE:
-                        radial = factor * coefficients[row, A] * w
-                        column_energy += 0.5 * radial * w * coefficients[row, CUTOFF]
-                    strength = factor * (coefficients[row, SIGMA] * w) ** 2
-                    kappa = coefficients[row, KAPPA] * w * w
-                    ev = ex * (v[i, 0] - v[j, 0]) + ey * (v[i, 1] - v[j, 1]) + ez * (v[i, 2] - v[j, 2])
-                    if which & DISSIPATIVE:
-                        # gamma w^2 = sigma^2 w^2 (1/theta_i + 1/theta_j)/4
-                        drag = 0.25 * strength * (inverse[i] + inverse[j]) * ev
-                        radial -= drag
-                        heat += 0.5 * (drag * ev - 0.5 * strength * (inv_mass[i] + inv_mass[j]))
-                        conducted += kappa * (inverse[i] - inverse[j])
-                    if which & RANDOM:
-                        low, high = min(order[i], order[j]), max(order[i], order[j])
-                        pair = pair_key(key, low, high)
-                        kick = np.sqrt(strength) * rsqrt_dt * normal(pair, MOTION)
-                        radial += kick
-                        heat -= 0.5 * ev * kick
-                        drawn = np.sqrt(2.0 * kappa) * rsqrt_dt * normal(pair, HEAT)
-                        conducted += drawn if order[i] < order[j] else -drawn
-                    column_virial += radial * r
-                    f[i, 0] += radial * ex
-                    f[i, 1] += radial * ey
-                    f[i, 2] += radial * ez
-                    f[j, 0] -= radial * ex
-                    f[j, 1] -= radial * ey
-                    f[j, 2] -= radial * ez
-                    rates[i, 0] += conducted
-                    rates[j, 0] -= conducted
-                    rates[i, 1] += heat
-                    rates[j, 1] += heat
-                energy[column] = column_energy
-                virial[column] = column_virial
+class Rates(NamedTuple):
+    """What the force form reads (``inverse``: (M,) 1/temperatures) and writes beside the pairs."""
+
+    which: int
+    key: np.uint64
+    rsqrt_dt: float
+    coefficients: np.ndarray
+    v: np.ndarray
+    inverse: np.ndarray
+    f: np.ndarray
+    rates: np.ndarray
 
 
-energy_forces, energy_forces_parallel = serial_and_parallel(_energy_forces)
+@inlined
+def _pair_rates(pairs, data, scratch, n, k, column):
+    i, j, order, c, which, inverse, rates = pairs.pi[n], pairs.pj[n], pairs.order, data.coefficients, data.which, data.inverse, data.rates
+    row, factor, r = row_of(pairs, i, j), factor_of(pairs, n), pairs.geometry[3, n]
+    w = 1.0 - r / c[row, CUTOFF]
+    radial, energy, heat, conducted = 0.0, 0.0, 0.0, 0.0
+    if which & CONSERVATIVE:
+        radial, energy = soft(factor * c[row, A], c[row, CUTOFF], r)
+    if which & (DISSIPATIVE | RANDOM):
+        strength = factor * (c[row, SIGMA] * w) ** 2
+        kappa = c[row, KAPPA] * w * w
+        ev = approach(pairs, data.v, n, i, j)
+        if which & DISSIPATIVE:
+            # gamma w^2 = sigma^2 w^2 (1/theta_i + 1/theta_j)/4
+            drag = 0.25 * strength * (inverse[i] + inverse[j]) * ev
+            radial -= drag
+            heat += 0.5 * (drag * ev - 0.5 * strength * (pairs.inv_mass[i] + pairs.inv_mass[j]))
+            conducted += kappa * (inverse[i] - inverse[j])
+        if which & RANDOM:
+            pair = pair_key(data.key, min(order[i], order[j]), max(order[i], order[j]))
+            kick = np.sqrt(strength) * data.rsqrt_dt * normal(pair, MOTION)
+            radial += kick
+            heat -= 0.5 * ev * kick
+            drawn = np.sqrt(2.0 * kappa) * data.rsqrt_dt * normal(pair, HEAT)
+            conducted += drawn if order[i] < order[j] else -drawn
+        rates[i, 0] += conducted
+        rates[j, 0] -= conducted
+        rates[i, 1] += heat
+        rates[j, 1] += heat
+    return energy, push_apart(pairs, data.f, n, i, j, radial)
 
 
-@njit
+energy_forces = over_pairs("energy_forces", _pair_rates)
+
+
+@helper
 def _shared_temperature(bi, bj, ci, cj, ki, kj, start, nodes, pieces):
     """Theta of a pair from bi = u_i + K/2 and bj = u_j + K/2, which motion and friction conserve: near K = Theta/2, its mean."""
     rest = 2.0 / (inverse_temperature(bi, ci, ki, start, nodes, pieces) + inverse_temperature(bj, cj, kj, start, nodes, pieces))
@@ -241,7 +173,7 @@ def _shared_temperature(bi, bj, ci, cj, ki, kj, start, nodes, pieces):
     return rest
 
 
-@njit
+@helper
 def _balance(total, ci, cj, ki, kj, start, nodes, pieces):
     """The share of bead i at which two beads that hold ``total`` have one temperature (40 bisections; any function of total would do)."""
     if ki == CONSTANT and kj == CONSTANT:
@@ -270,7 +202,7 @@ def _balance(total, ci, cj, ki, kj, start, nodes, pieces):
     return 0.5 * (low + high)
 
 
-@njit(inline="always")
+@inlined
 def _passes(exponent, key, stream):
     """Metropolis test; exp(x) >= 1 + x decides nearly always, and is easier to foresee than the sign of x."""
     drawn = uniform(key, stream)
@@ -281,7 +213,7 @@ def _passes(exponent, key, stream):
 # waits for the energies that the pair before it left.
 
 
-@njit(inline="always")
+@inlined
 def _motion_of_constants(ev, im, ui, uj, ci, cj, strength, dt, key):
     """(Relative velocity after an exact update, energy that each bead gets); the old velocity and 0 if the move is rejected."""
     quarter = 0.25 / im
@@ -301,7 +233,7 @@ def _motion_of_constants(ev, im, ui, uj, ci, cj, strength, dt, key):
     return (new, gain) if _passes(entropy - 2.0 * gain * inverse, key, MOTION_TEST) else (ev, 0.0)
 
 
-@njit(inline="always")
+@inlined
 def _conduction_of_constants(ui, uj, exchange, key, flip, ci, cj):
     """Energy that goes to bead i in one exact update of the heat."""
     scale = 1.0 / (ci + cj)
@@ -319,15 +251,16 @@ def _conduction_of_constants(ui, uj, exchange, key, flip, ci, cj):
     return change if _passes(entropy + 0.5 * change * (new + old) * precision, key, HEAT_TEST) else 0.0
 
 
-@njit(inline="always")
+@inlined
 def _entropy_of_constants(ui, uj, new_i, new_j, ci, cj):
     """Change of the entropy of two beads; one logarithm if they are alike."""
     return ci * log_ratio(new_i * new_j, ui * uj) if ci == cj else ci * log_ratio(new_i, ui) + cj * log_ratio(new_j, uj)
 
 
-@njit
-def _exact_motion(ev, im, ui, uj, strength, dt, key, ci, cj, ki, kj, start, nodes, pieces):
+@helper
+def _exact_motion(ev, im, ui, uj, strength, dt, key, states, start, nodes, pieces):
     """(Relative velocity after an exact update, energy that each bead gets); the old velocity and 0 if the move is rejected."""
+    ci, cj, ki, kj = states
     kinetic = 0.5 * ev * ev / im
     theta = _shared_temperature(ui + 0.5 * kinetic, uj + 0.5 * kinetic, ci, cj, ki, kj, start, nodes, pieces)
     lost = decay(EXACT, 0.5 * strength / theta * im * dt)
@@ -343,9 +276,10 @@ def _exact_motion(ev, im, ui, uj, strength, dt, key, ci, cj, ki, kj, start, node
     return (new, gain) if _passes(exponent, key, MOTION_TEST) else (ev, 0.0)
 
 
-@njit
-def _exact_conduction(ui, uj, exchange, key, flip, ci, cj, ki, kj, start, nodes, pieces):
+@helper
+def _exact_conduction(ui, uj, exchange, key, flip, states, start, nodes, pieces):
     """Energy that goes to bead i in one exact update of the heat, with exchange = kappa w^2 dt."""
+    ci, cj, ki, kj = states
     total = ui + uj
     share = _balance(total, ci, cj, ki, kj, start, nodes, pieces)
     bent = curvature(share, ci, ki, start, nodes, pieces) + curvature(total - share, cj, kj, start, nodes, pieces)
@@ -367,87 +301,80 @@ def _exact_conduction(ui, uj, exchange, key, flip, ci, cj, ki, kj, start, nodes,
     return change if _passes(exponent, key, HEAT_TEST) else 0.0
 
 
-def _energy_sweep(
-    update,
-    dt,
-    key,
-    order,
-    types,
-    ntypes,
-    coefficients,
-    inv_mass,
-    pi,
-    pj,
-    geometry,
-    factors,
-    columns,
-    block_start,
-    colour_start,
-    start,
-    found,
-    frozen,
-    capacity,
-    curve,
-    curves,
-    v,
-    u,
-    changes,
-):
-    first, nodes, pieces = curves
-    for colour in range(len(colour_start) - 1):
-        for block in prange(colour_start[colour], colour_start[colour + 1]):
-            for task in range(block_start[block], block_start[block + 1]):
-                column = columns[task]
-                for n in range(start[column], start[column] + found[column]):
-                    i, j = pi[n], pj[n]
-                    im = inv_mass[i] + inv_mass[j]
-                    if im == 0.0:
-                        continue
-                    row = 0 if ntypes == 1 else types[i] * ntypes + types[j]
-                    factor = factors[n] if len(factors) else 1.0
-                    w = 1.0 - geometry[n, 3] / coefficients[row, CUTOFF]
-                    pair = pair_key(key, min(order[i], order[j]), max(order[i], order[j]))
-                    ci, cj, ki, kj = capacity[i], capacity[j], curve[i], curve[j]
-                    constants = update == EXACT and ki == CONSTANT and kj == CONSTANT
-                    strength = factor * (coefficients[row, SIGMA] * w) ** 2
-                    if strength > 0.0:
-                        ex, ey, ez = geometry[n, 0], geometry[n, 1], geometry[n, 2]
-                        ev = ex * (v[i, 0] - v[j, 0]) + ey * (v[i, 1] - v[j, 1]) + ez * (v[i, 2] - v[j, 2])
-                        if constants:
-                            new, gain = _motion_of_constants(ev, im, u[i], u[j], ci, cj, strength, dt, pair)
-                        elif update == EXACT:
-                            new, gain = _exact_motion(ev, im, u[i], u[j], strength, dt, pair, ci, cj, ki, kj, first, nodes, pieces)
-                        else:
-                            theta = 2.0 / (frozen[i] + frozen[j])
-                            lost = decay(update, 0.5 * strength / theta * im * dt)
-                            new = ev * (1.0 - lost) + np.sqrt(lost * (2.0 - lost) * theta * im) * normal(pair, MOTION)
-                            gain = 0.25 * (ev - new) * (ev + new) / im
-                        wi, wj = (new - ev) * inv_mass[i] / im, (new - ev) * inv_mass[j] / im
-                        v[i, 0] += wi * ex
-                        v[i, 1] += wi * ey
-                        v[i, 2] += wi * ez
-                        v[j, 0] -= wj * ex
-                        v[j, 1] -= wj * ey
-                        v[j, 2] -= wj * ez
-                        # each bead gets half of what the motion loses
-                        u[i] += gain
-                        u[j] += gain
-                        changes[i, 1] += gain
-                        changes[j, 1] += gain
-                    exchange = coefficients[row, KAPPA] * w * w * dt
-                    if exchange > 0.0:
-                        flip = order[i] > order[j]
-                        if constants:
-                            change = _conduction_of_constants(u[i], u[j], exchange, pair, flip, ci, cj)
-                        elif update == EXACT:
-                            change = _exact_conduction(u[i], u[j], exchange, pair, flip, ci, cj, ki, kj, first, nodes, pieces)
-                        else:
-                            change = np.sqrt(2.0 * exchange) * normal(pair, HEAT)
-                            change = (-change if flip else change) + exchange * (frozen[i] - frozen[j])
-                        u[i] += change
-                        u[j] -= change
-                        changes[i, 0] += change
-                        changes[j, 0] -= change
+class Exchange(NamedTuple):
+    """What the sweep form reads and writes beside the pairs.
+
+    ``frozen``: (M,) 1/temperatures before the sweep; ``capacity``, ``curve``: (M,) equations of state, with the curves ``first``,
+    ``nodes``, ``pieces``; ``u``: (M,) energies; ``changes``: (M, 2) what the beads got.
+    """
+
+    update: int
+    dt: float
+    key: np.uint64
+    coefficients: np.ndarray
+    frozen: np.ndarray
+    capacity: np.ndarray
+    curve: np.ndarray
+    first: np.ndarray
+    nodes: np.ndarray
+    pieces: np.ndarray
+    v: np.ndarray
+    u: np.ndarray
+    changes: np.ndarray
 
 
-energy_sweep, energy_sweep_parallel = serial_and_parallel(_energy_sweep)
+@inlined
+def _pair_exchange(pairs, data, scratch, n, k, column):
+    i, j, order, g, c, inv_mass = pairs.pi[n], pairs.pj[n], pairs.order, pairs.geometry, data.coefficients, pairs.inv_mass
+    update, dt, frozen, u, v, changes = data.update, data.dt, data.frozen, data.u, data.v, data.changes
+    first, nodes, pieces = data.first, data.nodes, data.pieces
+    im = inv_mass[i] + inv_mass[j]
+    if im == 0.0:
+        return 0.0, 0.0
+    row = row_of(pairs, i, j)
+    w = 1.0 - g[3, n] / c[row, CUTOFF]
+    pair = pair_key(data.key, min(order[i], order[j]), max(order[i], order[j]))
+    ci, cj, ki, kj = data.capacity[i], data.capacity[j], data.curve[i], data.curve[j]
+    constants = update == EXACT and ki == CONSTANT and kj == CONSTANT
+    strength = factor_of(pairs, n) * (c[row, SIGMA] * w) ** 2
+    if strength > 0.0:
+        ev = approach(pairs, v, n, i, j)
+        if constants:
+            new, gain = _motion_of_constants(ev, im, u[i], u[j], ci, cj, strength, dt, pair)
+        elif update == EXACT:
+            new, gain = _exact_motion(ev, im, u[i], u[j], strength, dt, pair, (ci, cj, ki, kj), first, nodes, pieces)
+        else:
+            theta = 2.0 / (frozen[i] + frozen[j])
+            lost = decay(update, 0.5 * strength / theta * im * dt)
+            new = ev * (1.0 - lost) + np.sqrt(lost * (2.0 - lost) * theta * im) * normal(pair, MOTION)
+            gain = 0.25 * (ev - new) * (ev + new) / im
+        wi, wj = (new - ev) * inv_mass[i] / im, (new - ev) * inv_mass[j] / im
+        v[i, 0] += wi * g[0, n]
+        v[i, 1] += wi * g[1, n]
+        v[i, 2] += wi * g[2, n]
+        v[j, 0] -= wj * g[0, n]
+        v[j, 1] -= wj * g[1, n]
+        v[j, 2] -= wj * g[2, n]
+        # each bead gets half of what the motion loses
+        u[i] += gain
+        u[j] += gain
+        changes[i, 1] += gain
+        changes[j, 1] += gain
+    exchange = c[row, KAPPA] * w * w * dt
+    if exchange > 0.0:
+        flip = order[i] > order[j]
+        if constants:
+            change = _conduction_of_constants(u[i], u[j], exchange, pair, flip, ci, cj)
+        elif update == EXACT:
+            change = _exact_conduction(u[i], u[j], exchange, pair, flip, (ci, cj, ki, kj), first, nodes, pieces)
+        else:
+            change = np.sqrt(2.0 * exchange) * normal(pair, HEAT)
+            change = (-change if flip else change) + exchange * (frozen[i] - frozen[j])
+        u[i] += change
+        u[j] -= change
+        changes[i, 0] += change
+        changes[j, 0] -= change
+    return 0.0, 0.0
+
+
+energy_sweep = over_pairs("energy_sweep", _pair_exchange, ways=SWEEP_WAYS)

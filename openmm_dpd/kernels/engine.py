@@ -1,6 +1,6 @@
 """The pair engine: positions, velocities and parameters in; forces, impulses and sums out.
 
-:class:`PairSpec` is the immutable description of the pair terms (it is what travels inside a serialized System);
+:class:`.layer.PairSpec` is the immutable description of the pair terms (it is what travels inside a serialized System);
 :class:`PairEngine` holds scratch arrays and the pair lists of the last positions it saw, nothing that could not be recomputed.
 """
 
@@ -8,155 +8,14 @@ from __future__ import annotations
 
 import logging
 import threading
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..errors import RunError
-from . import cells, motion, sweeps
+from . import motion
 from .dpd import TermTable
-from .extras import Extra
-from .fields import FieldSpec
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, Call, Layer, Table
-from .threads import get_threads, run, set_threads
-
-
-@dataclass(frozen=True, eq=False)
-class PairSpec:
-    """Everything the kernel has to know that never changes.
-
-    Attributes
-    ----------
-    types : (N,) int32
-        Type of each particle; -1 for one that takes no part in any pair term.
-    inv_mass : (N,) float64
-        1/mass; 0 for a particle that does not move.
-    terms : tuple of tables
-        Coefficients of the layers, evaluated one after the other.
-    update : int
-        Pair update of the sweep: ``sweeps.EXACT`` or ``sweeps.SHARDLOW``.
-    exceptions : three arrays
-        Bonded neighbours in compressed rows: start (N + 1,), bead (E,), factor (E,); start is empty if there are none.
-    wall_velocity : (N, 3) float64, or None
-        Velocity with which immobile particles take part in the friction.
-    fields : FieldSpec or None
-        What beads carry beside position and velocity.
-    sweeps : bool
-        Whether the scheme sweeps over pairs at all.
-    extras : tuple of Extra
-        Conservative forces beside the pair terms (see :mod:`.extras`).
-    """
-
-    types: np.ndarray
-    inv_mass: np.ndarray
-    terms: tuple[Table, ...]
-    update: int = sweeps.EXACT
-    exceptions: tuple[np.ndarray, np.ndarray, np.ndarray] = field(
-        default_factory=lambda: (np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
-    )
-    wall_velocity: np.ndarray | None = None
-    fields: FieldSpec | None = None
-    sweeps: bool = True
-    extras: tuple[Extra, ...] = ()
-
-
-class PairList:
-    """Pairs of one layer of terms at one set of positions, in coloured columns (see :mod:`.cells`)."""
-
-    def __init__(self, spec: PairSpec, table: Table):
-        self.beads = np.flatnonzero(spec.types >= 0)
-        self.cut2 = np.ascontiguousarray(table.cutoff.ravel() ** 2)
-        self.ntypes = len(table.cutoff)
-        self.cutoff = float(table.cutoff.max())
-        self.spec = spec
-        m = len(self.beads)
-        self.cell, self.order, self.xs = np.zeros(m, np.int64), np.zeros(m, np.int64), np.zeros((m, 3))
-        self.types, self.inv_mass = np.zeros(m, np.int32), np.zeros(m)
-        self.shape: tuple[int, int, int] | None = None
-        self.grid: tuple[np.ndarray, np.ndarray, tuple[int, int, int]]
-        self.grid_box: np.ndarray | None = None
-        self.place = np.zeros((0, 0), np.int64)
-        # unsigned (like start and found): numba looks out for negative indices otherwise, in every loop over pairs
-        self.pi = self.pj = np.zeros(0, np.uint32)
-        self.geometry, self.factors = np.zeros((0, 4)), np.zeros(0)
-
-    def _grid(self, x: np.ndarray, box: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, tuple[int, int, int]]:
-        """Lower corner, extent and number of cells; no more cells than twice the beads.  That of a box is kept for the next call."""
-        if box is not None and self.grid_box is not None and np.array_equal(box, self.grid_box):
-            return self.grid
-        if box is None:
-            used = x[self.beads]
-            bad = np.flatnonzero(~np.isfinite(used).all(axis=1))
-            if len(bad):
-                raise RunError(f"the position of bead {self.beads[bad[0]]} is not finite: {used[bad[0]].tolist()}")
-            origin = used.min(axis=0)
-            widths = np.maximum(used.max(axis=0) - origin, self.cutoff) * (1 + 1e-9)
-            extent = np.diag(widths)
-        else:
-            origin, extent = np.zeros(3), box.copy()
-            widths = 1.0 / np.linalg.norm(np.linalg.inv(box), axis=0)
-        ncell = np.maximum((widths / self.cutoff).astype(np.int64), 1)
-        while np.prod(ncell, dtype=float) > max(64, 2 * len(self.beads)) and ncell.max() > 3:
-            ncell[ncell.argmax()] = max(3, int(ncell.max() * 0.8))
-        if box is not None and ncell.min() < 3:
-            ncell[:] = 1  # too narrow for cells
-        self.grid_box = None if box is None else extent
-        self.grid = origin, extent, (int(ncell[0]), int(ncell[1]), int(ncell[2]))
-        return self.grid
-
-    def _resize(self, shape: tuple[int, int, int]) -> None:
-        if shape == self.shape:
-            return
-        nx, ny, nz = self.shape = shape
-        self.count = np.zeros(nx * ny * nz + 1, np.uint64)
-        self.columns, self.block_start, self.colour_start = cells.colours(ny, nz)
-        self.found = np.zeros(ny * nz, np.uint64)
-        self.energy, self.virial = np.zeros(ny * nz), np.zeros(ny * nz)
-        self.start = np.zeros(ny * nz + 1, np.uint64)
-
-    def _make_room(self) -> None:
-        """Give every column an eighth more room than it needed, and never less than it had: columns fluctuate."""
-        self.start[1:] = np.cumsum(np.maximum(np.diff(self.start), self.found + self.found // 8 + 48))
-        room = int(self.start[-1])
-        self.pi, self.pj = np.empty(room, np.uint32), np.empty(room, np.uint32)
-        self.geometry = np.empty((room, 4))
-        self.factors = np.empty(room if len(self.spec.exceptions[0]) else 0)
-
-    def _bin(self, x: np.ndarray, extent: np.ndarray, origin: np.ndarray, periodic: bool, parallel: bool) -> None:
-        """Sort the beads into cells."""
-        chunks = min(get_threads(), 8) if parallel else 1  # counts of all chunks are summed by one thread
-        if self.place.shape != (chunks, len(self.count) - 1):
-            self.place, self.bad = np.zeros((chunks, len(self.count) - 1), np.int64), np.zeros(chunks, np.int64)
-        scratch = (self.cell, self.place, self.bad)
-        out = (self.count, self.order, self.xs, self.types, self.inv_mass)
-        function = cells.bin_beads_parallel if parallel else cells.bin_beads
-        bad = function(x, self.beads, self.spec.types, self.spec.inv_mass, extent, origin, periodic, self.shape, *scratch, *out)
-        if bad >= 0:
-            raise RunError(f"the position of bead {bad} is not finite: {x[bad].tolist()}")
-
-    def build(self, x: np.ndarray, box: np.ndarray | None, parallel: bool) -> None:
-        """List the pairs at the positions x (N, 3)."""
-        periodic = box is not None
-        origin, extent, shape = self._grid(x, box)
-        self._resize(shape)
-        self._bin(x, extent, origin, periodic, parallel)
-        pairs = (self.xs, self.order, self.types, self.ntypes, self.cut2, self.cutoff**2, self.spec.exceptions, extent)
-        tasks = min(8 * get_threads(), len(self.found)) if parallel else 1
-        while True:
-            out = (self.start, self.found, self.pi, self.pj, self.geometry, self.factors)
-            if periodic and shape == (1, 1, 1):
-                enough = cells.list_pairs_small_box(*pairs, *out)
-            else:
-                function = cells.list_pairs_parallel if parallel else cells.list_pairs
-                enough = function(*pairs, periodic, self.shape, self.count, tasks, *out)
-            if enough:
-                return
-            self._make_room()
-
-    @property
-    def geometry_arguments(self) -> tuple:
-        """What the loops over pairs read."""
-        return self.pi, self.pj, self.geometry, self.factors, self.columns, self.block_start, self.colour_start, self.start, self.found
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, Call, Layer, PairSpec
+from .threads import get_threads, set_threads
 
 
 class PairEngine:
@@ -178,10 +37,8 @@ class PairEngine:
 
     def __init__(self, spec: PairSpec):
         self.spec = spec
-        self.lists = [PairList(spec, table) for table in spec.terms]
-        self.layers: list[Layer] = [
-            table.layer(spec, pairs, k) for k, (table, pairs) in enumerate(zip(spec.terms, self.lists, strict=True))
-        ]
+        self.layers: list[Layer] = [table.layer(spec, number) for number, table in enumerate(spec.terms)]
+        self.lists = [layer.pairs for layer in self.layers]
         columns = 0 if spec.fields is None else spec.fields.n_values
         self.rates, self.flow = np.zeros((len(spec.types), columns)), np.zeros((len(spec.types), columns))
         self.stress = np.zeros(6)
@@ -197,10 +54,9 @@ class PairEngine:
             x = x.copy()  # numba would compile another version for a scene's read-only positions
         if same_box and motion.same(x, self._x):
             return False
-        parallel = get_threads() > 1
         self._x[0, 0] = np.nan  # not valid until the lists are complete
         for pairs in self.lists:
-            run(pairs.build, None, x, box, parallel)
+            pairs.build(x, box)
         self.number += 1
         self._x[...] = x
         self._box = None if box is None else box.copy()
@@ -281,12 +137,15 @@ class PairEngine:
         counter: int,
         scalars: np.ndarray | None = None,
         out: np.ndarray | None = None,
+        update: int | None = None,
     ) -> np.ndarray:
-        """Change of the velocities (N, 3) by one sweep of pair updates at the prepared positions, written to ``out`` if that is given."""
-        before = self.seen(v)
-        swept = np.empty_like(before) if out is None else out
-        self.swept(v, kT, dt, seed, counter, scalars, swept)
-        swept -= before
+        """Change of the velocities (N, 3) by one sweep of pair updates at the prepared positions, written to ``out`` if that is given.
+
+        ``update`` is EXACT or SHARDLOW, None for that of the spec.
+        """
+        swept = np.empty_like(v) if out is None else out
+        self.swept(v, kT, dt, seed, counter, scalars, swept, update)
+        swept -= self.seen(v)
         return swept
 
     def swept(
@@ -300,7 +159,7 @@ class PairEngine:
         out: np.ndarray,
         update: int | None = None,
     ) -> None:
-        """Velocities after such a sweep, written to ``out``, which may be v; ``update`` is the pair update if not that of the spec."""
+        """Velocities after such a sweep, written to ``out``, which may be v."""
         before = self.seen(v)
         if out is not before:
             out[...] = before
@@ -332,7 +191,8 @@ def warm_up(spec: PairSpec, log=_LOGGER.warning) -> None:
 
     Compiled code is kept in the user's cache folder.
     """
-    kinds = (tuple(type(table) for table in spec.terms), spec.update, spec.fields and spec.fields.kind, get_threads() > 1)
+    tables = tuple((type(table), bool(np.any(getattr(table, "gamma_perp", 0.0)))) for table in spec.terms)
+    kinds = (tables, spec.update, spec.fields and spec.fields.kind, get_threads() > 1)
     if not spec.terms or kinds in _WARM:
         return
     _WARM.add(kinds)
@@ -357,7 +217,8 @@ def _use_all(spec: PairSpec) -> None:
     engine.prepare(np.random.default_rng(0).random((len(few), 3)) * edge, np.diag([edge] * 3))
     # everywhere the same, so that no two beads meet that never would
     scalars = None if fields is None else np.tile(fields.initial[:1], (len(few), 1))
-    engine.forces(CONSERVATIVE | DISSIPATIVE | RANDOM, np.zeros((len(few), 3)), 1.0, 1e-6, 0, 0, scalars)
+    for which in (CONSERVATIVE, CONSERVATIVE | DISSIPATIVE | RANDOM):
+        engine.forces(which, np.zeros((len(few), 3)), 1.0, 1e-6, 0, 0, scalars)
     if spec.sweeps:
         engine.sweep(np.zeros((len(few), 3)), 1.0, 1e-6, 0, 0, scalars)
     engine.laplacian()

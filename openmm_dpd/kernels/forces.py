@@ -11,143 +11,210 @@ The transverse noise vector is the force on the bead with the lower index.
 
 from __future__ import annotations
 
-import numpy as np
-from numba import njit, prange
+from typing import NamedTuple
 
-from .compiled import compiled, serial_and_parallel
+import numpy as np
+
+from .columns import approach, factor_of, over_pairs, push, push_apart, row_of, soft
+from .compiled import helper, inlined
 from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM
-from .noise import normal, pair_key
+from .noise import draw, normal, pair_key
+from .pairs import PairList
 
 #: Columns of the coefficient table, one row per pair of types.
 A, CUTOFF, GAMMA, SIGMA, GAMMA_PERP, SIGMA_PERP, EXPONENT, EXPONENT_PERP = range(8)
 
+#: Rows of the scratch of a column.
+_DRAG, _PUSH, _ENERGY, _NOISE = range(4)
 
-@njit(inline="always")
+
+class Terms(NamedTuple):
+    """What the force form reads and writes beside the pairs.
+
+    Attributes
+    ----------
+    which : int
+        Sum of CONSERVATIVE, DISSIPATIVE, RANDOM.
+    plain : bool
+        Whether all pairs have the same coefficients, the factor 1 and the exponent 1.
+    key, rsqrt_dt
+        Of the noise.
+    coefficients : (T*T, 8) array
+    v, f : (M, 3) arrays
+        Velocities (0 without friction), and forces.
+    stress : (columns or 0, 6) array
+        Sums of r F, if they are wanted.
+    """
+
+    which: int
+    plain: bool
+    key: np.uint64
+    rsqrt_dt: float
+    coefficients: np.ndarray
+    v: np.ndarray
+    f: np.ndarray
+    stress: np.ndarray
+
+
+@inlined
 def power(w, s):
     """w^s, cheap for the common exponent 1."""
     return w if s == 1.0 else w**s
 
 
-def _pair_forces(
-    which,
-    key,
-    rsqrt_dt,
-    order,
-    types,
-    ntypes,
-    coefficients,
-    pi,
-    pj,
-    geometry,
-    factors,
-    columns,
-    block_start,
-    colour_start,
-    start,
-    found,
-    v,
-    f,
-    energy,
-    virial,
-    stress,
-):
-    for colour in range(len(colour_start) - 1):
-        for block in prange(colour_start[colour], colour_start[colour + 1]):
-            for task in range(block_start[block], block_start[block + 1]):
-                column = columns[task]
-                column_energy, column_virial = 0.0, 0.0
-                xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-                for n in range(start[column], start[column] + found[column]):
-                    i, j = pi[n], pj[n]
-                    row = 0 if ntypes == 1 else types[i] * ntypes + types[j]
-                    ex, ey, ez, r = geometry[n, 0], geometry[n, 1], geometry[n, 2], geometry[n, 3]
-                    factor = factors[n] if len(factors) else 1.0
-                    w = 1.0 - r / coefficients[row, CUTOFF]
-                    radial = 0.0
-                    fx, fy, fz = 0.0, 0.0, 0.0
-                    if which & CONSERVATIVE:
-                        radial = factor * coefficients[row, A] * w
-                        column_energy += 0.5 * radial * w * coefficients[row, CUTOFF]
-                    if which & DISSIPATIVE:
-                        vx, vy, vz = v[i, 0] - v[j, 0], v[i, 1] - v[j, 1], v[i, 2] - v[j, 2]
-                        ev = ex * vx + ey * vy + ez * vz
-                        wr = power(w, coefficients[row, EXPONENT])
-                        radial -= factor * coefficients[row, GAMMA] * wr * wr * ev
-                        if coefficients[row, GAMMA_PERP] != 0.0:
-                            wp = power(w, coefficients[row, EXPONENT_PERP])
-                            drag = factor * coefficients[row, GAMMA_PERP] * wp * wp
-                            fx -= drag * (vx - ev * ex)
-                            fy -= drag * (vy - ev * ey)
-                            fz -= drag * (vz - ev * ez)
-                    if which & RANDOM:
-                        low, high = min(order[i], order[j]), max(order[i], order[j])
-                        pair = pair_key(key, low, high)
-                        scale = np.sqrt(factor) * rsqrt_dt
-                        radial += scale * coefficients[row, SIGMA] * power(w, coefficients[row, EXPONENT]) * normal(pair, 0)
-                        if coefficients[row, SIGMA_PERP] != 0.0:
-                            scale *= coefficients[row, SIGMA_PERP] * power(w, coefficients[row, EXPONENT_PERP])
-                            if order[i] > order[j]:
-                                scale = -scale
-                            zx, zy, zz = normal(pair, 1), normal(pair, 2), normal(pair, 3)
-                            ez_dot = ex * zx + ey * zy + ez * zz
-                            fx += scale * (zx - ez_dot * ex)
-                            fy += scale * (zy - ez_dot * ey)
-                            fz += scale * (zz - ez_dot * ez)
-                    # the transverse parts are perpendicular to e and add nothing to r.F
-                    column_virial += radial * r
-                    fx += radial * ex
-                    fy += radial * ey
-                    fz += radial * ez
-                    if len(stress):
-                        xx += r * ex * fx
-                        yy += r * ey * fy
-                        zz += r * ez * fz
-                        # central forces make these symmetric; transverse ones on average only
-                        xy += 0.5 * r * (ex * fy + ey * fx)
-                        xz += 0.5 * r * (ex * fz + ez * fx)
-                        yz += 0.5 * r * (ey * fz + ez * fy)
-                    f[i, 0] += fx
-                    f[i, 1] += fy
-                    f[i, 2] += fz
-                    f[j, 0] -= fx
-                    f[j, 1] -= fy
-                    f[j, 2] -= fz
-                energy[column] = column_energy
-                virial[column] = column_virial
-                if len(stress):
-                    stress[column, 0], stress[column, 1], stress[column, 2] = xx, yy, zz
-                    stress[column, 3], stress[column, 4], stress[column, 5] = xy, xz, yz
+@inlined
+def _radial(values, k, A, cutoff, gamma, sigma, s, factor, r):
+    """Radial terms of the k-th pair of a column: what e.v is multiplied with, the rest, and the energy."""
+    force, energy = soft(A, cutoff, r)
+    w = power(1.0 - r / cutoff, s)
+    values[_DRAG, k] = factor * gamma * w * w
+    values[_PUSH, k] = factor * force + np.sqrt(factor) * sigma * w * values[_NOISE, k]
+    values[_ENERGY, k] = factor * energy
 
 
-pair_forces, pair_forces_parallel = serial_and_parallel(_pair_forces)
+@helper
+def _radial_terms(pairs, data, begin, m, scratch):
+    values, g, c = scratch.values, pairs.geometry, data.coefficients
+    if data.which & RANDOM:
+        draw(data.key, pairs, begin, m, scratch)
+    else:
+        values[_NOISE, :m] = 0.0
+    # what is not wanted has the coefficient 0; friction is infinite where sigma is fixed and kT is 0
+    conservative = 1.0 if data.which & CONSERVATIVE else 0.0
+    dissipative = (data.which & DISSIPATIVE) != 0
+    if data.plain:
+        a, cutoff, sigma = conservative * c[0, A], c[0, CUTOFF], data.rsqrt_dt * c[0, SIGMA]
+        gamma = c[0, GAMMA] if dissipative else 0.0
+        for k in range(m):
+            _radial(values, k, a, cutoff, gamma, sigma, 1.0, 1.0, g[3, begin + k])
+        return
+    for k in range(m):
+        n = begin + k
+        row = row_of(pairs, pairs.pi[n], pairs.pj[n])
+        a, gamma, sigma = conservative * c[row, A], c[row, GAMMA] if dissipative else 0.0, data.rsqrt_dt * c[row, SIGMA]
+        _radial(values, k, a, c[row, CUTOFF], gamma, sigma, c[row, EXPONENT], factor_of(pairs, n), g[3, n])
 
 
-@compiled
-def laplacian(types, ntypes, coefficients, inv_mass, pi, pj, geometry, factors, columns, start, found):
-    """Sum over the mobile beads of the Laplacian of the conservative energy.
+@helper
+def _transverse_force(pairs, data, n, i, j):
+    """Transverse friction and noise on bead i."""
+    c, g, order = data.coefficients, pairs.geometry, pairs.order
+    row, factor = row_of(pairs, i, j), factor_of(pairs, n)
+    if c[row, GAMMA_PERP] == 0.0:
+        return 0.0, 0.0, 0.0
+    ex, ey, ez = g[0, n], g[1, n], g[2, n]
+    w = power(1.0 - g[3, n] / c[row, CUTOFF], c[row, EXPONENT_PERP])
+    fx, fy, fz = 0.0, 0.0, 0.0
+    if data.which & DISSIPATIVE:
+        v, ev = data.v, approach(pairs, data.v, n, i, j)
+        drag = factor * c[row, GAMMA_PERP] * w * w
+        fx -= drag * (v[i, 0] - v[j, 0] - ev * ex)
+        fy -= drag * (v[i, 1] - v[j, 1] - ev * ey)
+        fz -= drag * (v[i, 2] - v[j, 2] - ev * ez)
+    if data.which & RANDOM:
+        scale = np.sqrt(factor) * data.rsqrt_dt * c[row, SIGMA_PERP] * w
+        if order[i] > order[j]:
+            scale = -scale
+        key = pair_key(data.key, min(order[i], order[j]), max(order[i], order[j]))
+        zx, zy, zz = normal(key, 1), normal(key, 2), normal(key, 3)
+        along = ex * zx + ey * zy + ez * zz
+        fx += scale * (zx - along * ex)
+        fy += scale * (zy - along * ey)
+        fz += scale * (zz - along * ez)
+    return fx, fy, fz
+
+
+@inlined
+def _add_stress(stress, column, rx, ry, rz, fx, fy, fz):
+    stress[column, 0] += rx * fx
+    stress[column, 1] += ry * fy
+    stress[column, 2] += rz * fz
+    # central forces make these symmetric; transverse ones on average only
+    stress[column, 3] += 0.5 * (rx * fy + ry * fx)
+    stress[column, 4] += 0.5 * (rx * fz + rz * fx)
+    stress[column, 5] += 0.5 * (ry * fz + rz * fy)
+
+
+@inlined
+def _conservative(pairs, data, scratch, n, k, column):
+    i, j = pairs.pi[n], pairs.pj[n]
+    row = row_of(pairs, i, j)
+    radial, energy = soft(factor_of(pairs, n) * data.coefficients[row, A], data.coefficients[row, CUTOFF], pairs.geometry[3, n])
+    return energy, push_apart(pairs, data.f, n, i, j, radial)
+
+
+@inlined
+def _central(pairs, data, scratch, n, k, column):
+    i, j, values = pairs.pi[n], pairs.pj[n], scratch.values
+    radial = values[_PUSH, k] - values[_DRAG, k] * approach(pairs, data.v, n, i, j)
+    return values[_ENERGY, k], push_apart(pairs, data.f, n, i, j, radial)
+
+
+@inlined
+def _any(pairs, data, scratch, n, k, column):
+    i, j, g, values = pairs.pi[n], pairs.pj[n], pairs.geometry, scratch.values
+    radial = values[_PUSH, k] - values[_DRAG, k] * approach(pairs, data.v, n, i, j)
+    virial = push_apart(pairs, data.f, n, i, j, radial)
+    # perpendicular to e: these add nothing to r.F
+    tx, ty, tz = _transverse_force(pairs, data, n, i, j)
+    push(data.f, i, j, tx, ty, tz)
+    if len(data.stress):
+        r, fx, fy, fz = g[3, n], radial * g[0, n] + tx, radial * g[1, n] + ty, radial * g[2, n] + tz
+        _add_stress(data.stress, column, r * g[0, n], r * g[1, n], r * g[2, n], fx, fy, fz)
+    return values[_ENERGY, k], virial
+
+
+# the usual cases apart: what need not be asked for each pair is a third of the time
+_conservative_forces = over_pairs("conservative_forces", _conservative)
+_central_forces = over_pairs("central_forces", _central, _radial_terms)
+_any_forces = over_pairs("any_forces", _any, _radial_terms)
+
+
+def pair_forces(pairs: PairList, terms: Terms, transverse: bool) -> tuple[float, float]:
+    """Add up the forces; returns energy and virial.  ``transverse`` says whether there are transverse terms."""
+    if len(terms.stress) or (transverse and terms.which != CONSERVATIVE):
+        return _any_forces(pairs, terms)
+    return (_conservative_forces if terms.which == CONSERVATIVE else _central_forces)(pairs, terms)
+
+
+class Table(NamedTuple):
+    """A table of coefficients alone."""
+
+    coefficients: np.ndarray
+
+
+@inlined
+def _pair_laplacian(pairs, data, scratch, n, k, column):
+    i, j, r = pairs.pi[n], pairs.pj[n], pairs.geometry[3, n]
+    row = row_of(pairs, i, j)
+    rc = data.coefficients[row, CUTOFF]
+    if r >= rc:  # a list may reach further
+        return 0.0, 0.0
+    mobile = (pairs.inv_mass[i] > 0.0) + (pairs.inv_mass[j] > 0.0)
+    return mobile * factor_of(pairs, n) * data.coefficients[row, A] * (1.0 / rc - 2.0 * (1.0 - r / rc) / r), 0.0
+
+
+_laplacian = over_pairs("laplacian", _pair_laplacian, parallel=False)
+
+
+def laplacian(pairs: PairList, coefficients: np.ndarray) -> float:
+    """Sum over the mobile beads of the Laplacian of the conservative energy, from a table that begins with A and CUTOFF.
 
     For U = A rc w^2/2 it is U'' + 2U'/r = A/rc - 2 A w/r per pair and mobile bead.
     """
-    total = 0.0
-    for column in columns:
-        for n in range(start[column], start[column] + found[column]):
-            i, j = pi[n], pj[n]
-            row = 0 if ntypes == 1 else types[i] * ntypes + types[j]
-            factor = factors[n] if len(factors) else 1.0
-            rc, r = coefficients[row, CUTOFF], geometry[n, 3]
-            mobile = (inv_mass[i] > 0.0) + (inv_mass[j] > 0.0)
-            total += mobile * factor * coefficients[row, A] * (1.0 / rc - 2.0 * (1.0 - r / rc) / r)
-    return total
+    return _laplacian(pairs, Table(coefficients))[0]
 
 
-@compiled
-def friction_moment(types, ntypes, coefficients, pi, pj, geometry, factors, columns, start, found):
+@inlined
+def _pair_moment(pairs, data, scratch, n, k, column):
+    c, row, r = data.coefficients, row_of(pairs, pairs.pi[n], pairs.pj[n]), pairs.geometry[3, n]
+    w = power(1.0 - r / c[row, CUTOFF], c[row, EXPONENT])
+    return factor_of(pairs, n) * c[row, GAMMA] * w * w * r * r, 0.0
+
+
+_friction_moment = over_pairs("friction_moment", _pair_moment, parallel=False)
+
+
+def friction_moment(pairs: PairList, coefficients: np.ndarray) -> float:
     """Sum over pairs of f gamma w^(2s) r^2: a fifteenth of it is the mean stress of an affine shear at rate 1."""
-    total = 0.0
-    for column in columns:
-        for n in range(start[column], start[column] + found[column]):
-            row = 0 if ntypes == 1 else types[pi[n]] * ntypes + types[pj[n]]
-            r = geometry[n, 3]
-            wr = power(1.0 - r / coefficients[row, CUTOFF], coefficients[row, EXPONENT])
-            total += (factors[n] if len(factors) else 1.0) * coefficients[row, GAMMA] * wr * wr * r * r
-    return total
+    return _friction_moment(pairs, Table(coefficients))[0]

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
+from .extras import Extra
+from .fields import FieldSpec
 from .noise import noise_key
-
-if TYPE_CHECKING:
-    from .engine import PairList, PairSpec
+from .pairs import Exceptions, PairList, no_exceptions
 
 #: Which terms an evaluation adds up.
 CONSERVATIVE, DISSIPATIVE, RANDOM = 1, 2, 4
 
 #: Added to them: the sum of r_ij F_ij as a tensor is wanted too.
 STRESS = 8
+
+#: The two pair updates of :mod:`.sweeps`.
+EXACT, SHARDLOW = 0, 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +38,7 @@ class Call:
     scalars : (N, K) array or None
         What beads carry beside position and velocity (see :mod:`.fields`).
     update : int
-        Pair update of a sweep, ``sweeps.EXACT`` or ``sweeps.SHARDLOW``.
+        Pair update of a sweep: EXACT or SHARDLOW.
     """
 
     which: int
@@ -45,7 +48,7 @@ class Call:
     seed: int
     counter: int
     scalars: np.ndarray | None = None
-    update: int = 0
+    update: int = EXACT
 
     def key(self, number: int) -> np.uint64:
         """Key of the noise of layer number ``number``."""
@@ -103,5 +106,42 @@ class Table(Protocol):
     def cutoff(self) -> np.ndarray:
         """(T, T): range of the pair list; 0 means no interaction."""
 
-    def layer(self, spec: PairSpec, pairs: PairList, number: int) -> Layer:
-        """The layer that evaluates these coefficients."""
+    def layer(self, spec: PairSpec, number: int) -> Layer:
+        """The layer that evaluates these coefficients, with a list of its pairs."""
+
+
+@dataclass(frozen=True, eq=False)
+class PairSpec:
+    """Everything the kernel has to know that never changes.
+
+    Attributes
+    ----------
+    types : (N,) int32
+        Type of each particle; -1 for one that takes no part in any pair term.
+    inv_mass : (N,) float64
+        1/mass; 0 for a particle that does not move.
+    terms : tuple of tables
+        Coefficients of the layers, evaluated one after the other.
+    update : int
+        Pair update of the sweep: EXACT or SHARDLOW.
+    exceptions : three arrays
+        Bonded neighbours in compressed rows: start (N + 1,), bead (E,), factor (E,); start is empty if there are none.
+    wall_velocity : (N, 3) float64, or None
+        Velocity with which immobile particles take part in the friction.
+    fields : FieldSpec or None
+        What beads carry beside position and velocity.
+    sweeps : bool
+        Whether the scheme sweeps over pairs at all.
+    extras : tuple of Extra
+        Conservative forces beside the pair terms (see :mod:`.extras`).
+    """
+
+    types: np.ndarray
+    inv_mass: np.ndarray
+    terms: tuple[Table, ...]
+    update: int = EXACT
+    exceptions: Exceptions = field(default_factory=no_exceptions)
+    wall_velocity: np.ndarray | None = None
+    fields: FieldSpec | None = None
+    sweeps: bool = True
+    extras: tuple[Extra, ...] = ()

@@ -19,22 +19,19 @@ Friction and noise are those of DPD, so a sweep is that of :mod:`.sweeps`.  A pa
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
 
 from ..errors import ParameterError
-from .compiled import compiled, serial_and_parallel
-from .dpd import sweep_velocities
+from .columns import approach, factor_of, over_pairs, push_apart, row_of, soft
+from .compiled import helper, inlined
+from .dpd import Sweeper
 from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, GAMMA, SIGMA, A
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Forces
-from .noise import normal, pair_key
-from .threads import run
-
-if TYPE_CHECKING:
-    from .engine import PairList, PairSpec
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Forces, PairSpec
+from .noise import draw
+from .pairs import PairList
 
 #: Columns of the coefficient table after the eight of :mod:`.forces`, which the sweep reads.
 B, CUTOFF_B, CUTOFF_DENSITY = 8, 9, 10
@@ -104,12 +101,9 @@ class ManyBodyTable:
             table[:, column] = values.ravel()
         return table
 
-    def layer(self, spec: PairSpec, pairs: PairList, number: int) -> ManyBodyLayer:
+    def layer(self, spec: PairSpec, number: int) -> ManyBodyLayer:
         """The layer that evaluates these coefficients."""
-        if self.lucy:
-            start, bead, factor = spec.exceptions
-            pairs.spec = replace(spec, exceptions=(start, bead, np.maximum(factor, _NO_FORCE)))
-        return ManyBodyLayer(self, spec, pairs, number)
+        return ManyBodyLayer(self, spec, number)
 
 
 class ManyBodyLayer:
@@ -121,8 +115,12 @@ class ManyBodyLayer:
         Whether the conservative force has a potential.
     """
 
-    def __init__(self, table: ManyBodyTable, spec: PairSpec, pairs: PairList, number: int):
-        self.table, self.update, self.pairs, self.number = table, spec.update, pairs, number
+    def __init__(self, table: ManyBodyTable, spec: PairSpec, number: int):
+        self.table, self.number = table, number
+        start, bead, factor = spec.exceptions
+        factor = np.maximum(factor, _NO_FORCE) if table.lucy else factor
+        self.pairs = PairList(spec.types, spec.inv_mass, table.cutoff, (start, bead, factor))
+        self._sweeper = Sweeper(self.pairs, self.pairs.alike, transverse=False)
         self.has_laplacian = not table.lucy
         self._n_beads = len(spec.types)
         # the kernels are compiled on a handful of beads, which take the masses of the first ones
@@ -141,17 +139,7 @@ class ManyBodyLayer:
         """Densities in the order of the pair list."""
         pairs = self.pairs
         rho = np.zeros(len(pairs.order))
-        run(
-            densities,
-            densities_parallel,
-            self.table.lucy,
-            pairs.types,
-            pairs.ntypes,
-            coefficients,
-            np.take(self._mass, pairs.order),
-            *pairs.geometry_arguments,
-            rho,
-        )
+        density_sums(pairs, Density(self.table.lucy, coefficients, np.take(self._mass, pairs.order), rho))
         return rho
 
     @property
@@ -169,30 +157,14 @@ class ManyBodyLayer:
         force = np.zeros((len(pairs.order), 3))
         rho = self._sorted_densities(coefficients) if which & CONSERVATIVE else np.zeros(0)
         v = np.zeros((0, 3)) if call.velocities is None else np.take(call.velocities, pairs.order, axis=0)
-        run(
-            many_body_forces,
-            many_body_forces_parallel,
-            which,
-            call.key(self.number),
-            call.rsqrt_dt,
-            0.5 if self.table.lucy else 0.25,
-            pairs.order,
-            pairs.types,
-            pairs.ntypes,
-            coefficients,
-            *pairs.geometry_arguments,
-            v,
-            rho,
-            force,
-            pairs.energy,
-            pairs.virial,
-        )
-        return Forces(pairs.energy.sum(), pairs.virial.sum(), force)
+        noise = call.key(self.number), call.rsqrt_dt
+        share = 0.5 if self.table.lucy else 0.25
+        energy, virial = many_body_forces(pairs, ManyBody(which, *noise, share, coefficients, v, rho, force))
+        return Forces(energy, virial, force)
 
     def sweep(self, call: Call, v: np.ndarray, flow: np.ndarray | None) -> None:
         """Update the velocities (N, 3) pair by pair, in place."""
-        scratch = np.empty((len(self.pairs.order), 3))
-        sweep_velocities(self.pairs, call.update, call, self.number, self._at(call.kT), v, scratch)
+        self._sweeper(call, self.number, self._at(call.kT), v)
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy; NaN with the Lucy kernel, whose force has no potential."""
@@ -200,146 +172,137 @@ class ManyBodyLayer:
             return float("nan")
         if not self.table.conservative:
             return 0.0
-        pairs, coefficients = self.pairs, self._at(0.0)
-        rho = self._sorted_densities(coefficients)
-        pi, pj, geometry, factors, columns, _, _, start, found = pairs.geometry_arguments
-        return laplacian(pairs.types, pairs.ntypes, coefficients, pairs.inv_mass, rho, pi, pj, geometry, factors, columns, start, found)
+        coefficients = self._at(0.0)
+        return laplacian(self.pairs, coefficients, self._sorted_densities(coefficients))
 
 
-@njit(inline="always")
+@inlined
 def lucy_weight(r, h):
     """Lucy's kernel, normalised in three dimensions, for r < h."""
     w = 1.0 - r / h
     return 105.0 / (16.0 * np.pi * h**3) * (1.0 + 3.0 * r / h) * w * w * w
 
 
-@njit(inline="always")
+@inlined
 def quadratic_weight(r, h):
     """Warren's kernel, normalised in three dimensions, for r < h."""
     w = 1.0 - r / h
     return 7.5 / (np.pi * h**3) * w * w
 
 
-def _densities(lucy, types, ntypes, coefficients, mass, pi, pj, geometry, factors, columns, block_start, colour_start, start, found, rho):
-    for colour in range(len(colour_start) - 1):
-        for block in prange(colour_start[colour], colour_start[colour + 1]):
-            for task in range(block_start[block], block_start[block + 1]):
-                column = columns[task]
-                for n in range(start[column], start[column] + found[column]):
-                    i, j, r = pi[n], pj[n], geometry[n, 3]
-                    row = 0 if ntypes == 1 else types[i] * ntypes + types[j]
-                    h = coefficients[row, CUTOFF_DENSITY]
-                    if r >= h:
-                        continue
-                    if lucy:
-                        weight = lucy_weight(r, h)
-                        rho[i] += mass[j] * weight
-                        rho[j] += mass[i] * weight
-                    else:
-                        weight = quadratic_weight(r, h)
-                        if len(factors):
-                            weight *= factors[n]
-                        rho[i] += weight
-                        rho[j] += weight
+class Density(NamedTuple):
+    """What the sums of densities read and write beside the pairs."""
+
+    lucy: bool
+    coefficients: np.ndarray
+    mass: np.ndarray
+    rho: np.ndarray
 
 
-densities, densities_parallel = serial_and_parallel(_densities)
+@inlined
+def _pair_density(pairs, data, scratch, n, k, column):
+    i, j, r, rho = pairs.pi[n], pairs.pj[n], pairs.geometry[3, n], data.rho
+    h = data.coefficients[row_of(pairs, i, j), CUTOFF_DENSITY]
+    if r < h:
+        if data.lucy:
+            weight = lucy_weight(r, h)
+            rho[i] += data.mass[j] * weight
+            rho[j] += data.mass[i] * weight
+        else:
+            weight = quadratic_weight(r, h) * factor_of(pairs, n)
+            rho[i] += weight
+            rho[j] += weight
+    return 0.0, 0.0
 
 
-def _many_body_forces(
-    which,
-    key,
-    rsqrt_dt,
-    share,
-    order,
-    types,
-    ntypes,
-    coefficients,
-    pi,
-    pj,
-    geometry,
-    factors,
-    columns,
-    block_start,
-    colour_start,
-    start,
-    found,
-    v,
-    rho,
-    f,
-    energy,
-    virial,
-):
-    """``share`` of B cutoff_B (rho_i + rho_j) w_d^2 is the pair's energy: 1/2 with fixed densities, 1/4 for sum pi B h^4 rho_i^2/30."""
-    for colour in range(len(colour_start) - 1):
-        for block in prange(colour_start[colour], colour_start[colour + 1]):
-            for task in range(block_start[block], block_start[block + 1]):
-                column = columns[task]
-                column_energy, column_virial = 0.0, 0.0
-                for n in range(start[column], start[column] + found[column]):
-                    i, j = pi[n], pj[n]
-                    row = 0 if ntypes == 1 else types[i] * ntypes + types[j]
-                    ex, ey, ez, r = geometry[n, 0], geometry[n, 1], geometry[n, 2], geometry[n, 3]
-                    factor = factors[n] if len(factors) else 1.0
-                    w = 1.0 - r / coefficients[row, CUTOFF]
-                    radial = 0.0
-                    if which & CONSERVATIVE:
-                        radial = factor * coefficients[row, A] * w
-                        column_energy += 0.5 * radial * w * coefficients[row, CUTOFF]
-                        cutoff_B = coefficients[row, CUTOFF_B]
-                        if r < cutoff_B:
-                            wd = 1.0 - r / cutoff_B
-                            many = factor * coefficients[row, B] * (rho[i] + rho[j]) * wd
-                            column_energy += share * many * wd * cutoff_B
-                            radial += many
-                    if which & DISSIPATIVE:
-                        ev = ex * (v[i, 0] - v[j, 0]) + ey * (v[i, 1] - v[j, 1]) + ez * (v[i, 2] - v[j, 2])
-                        radial -= factor * coefficients[row, GAMMA] * w * w * ev
-                    if which & RANDOM:
-                        low, high = min(order[i], order[j]), max(order[i], order[j])
-                        radial += np.sqrt(factor) * rsqrt_dt * coefficients[row, SIGMA] * w * normal(pair_key(key, low, high), 0)
-                    column_virial += radial * r
-                    fx, fy, fz = radial * ex, radial * ey, radial * ez
-                    f[i, 0] += fx
-                    f[i, 1] += fy
-                    f[i, 2] += fz
-                    f[j, 0] -= fx
-                    f[j, 1] -= fy
-                    f[j, 2] -= fz
-                energy[column] = column_energy
-                virial[column] = column_virial
+density_sums = over_pairs("density_sums", _pair_density)
 
 
-many_body_forces, many_body_forces_parallel = serial_and_parallel(_many_body_forces)
+class ManyBody(NamedTuple):
+    """What the force form reads and writes beside the pairs; ``share``: part of the repulsion's force times w_d that is energy."""
+
+    which: int
+    key: np.uint64
+    rsqrt_dt: float
+    share: float
+    coefficients: np.ndarray
+    v: np.ndarray
+    rho: np.ndarray
+    f: np.ndarray
 
 
-@compiled
-def laplacian(types, ntypes, coefficients, inv_mass, rho, pi, pj, geometry, factors, columns, start, found):
+@helper
+def _noise(pairs, data, begin, m, scratch):
+    if data.which & RANDOM:
+        draw(data.key, pairs, begin, m, scratch)
+
+
+@inlined
+def _pair_force(pairs, data, scratch, n, k, column):
+    i, j, c, which = pairs.pi[n], pairs.pj[n], data.coefficients, data.which
+    row, factor, r = row_of(pairs, i, j), factor_of(pairs, n), pairs.geometry[3, n]
+    w = 1.0 - r / c[row, CUTOFF]
+    radial, energy = 0.0, 0.0
+    if which & CONSERVATIVE:
+        radial, energy = soft(factor * c[row, A], c[row, CUTOFF], r)
+        cutoff_B = c[row, CUTOFF_B]
+        if r < cutoff_B:
+            wd = 1.0 - r / cutoff_B
+            many = factor * c[row, B] * (data.rho[i] + data.rho[j]) * wd
+            energy += data.share * many * wd * cutoff_B
+            radial += many
+    if which & DISSIPATIVE:
+        radial -= factor * c[row, GAMMA] * w * w * approach(pairs, data.v, n, i, j)
+    if which & RANDOM:
+        radial += np.sqrt(factor) * data.rsqrt_dt * c[row, SIGMA] * w * scratch.values[3, k]
+    return energy, push_apart(pairs, data.f, n, i, j, radial)
+
+
+many_body_forces = over_pairs("many_body_forces", _pair_force, _noise)
+
+
+class Curvature(NamedTuple):
+    """What the Laplacian reads and writes beside the pairs; ``slope``: (M, 3) gradients of the densities in units of theirs."""
+
+    coefficients: np.ndarray
+    rho: np.ndarray
+    slope: np.ndarray
+
+
+@inlined
+def _pair_laplacian(pairs, data, scratch, n, k, column):
+    i, j, c, g, rho = pairs.pi[n], pairs.pj[n], data.coefficients, pairs.geometry, data.rho
+    row, factor = row_of(pairs, i, j), factor_of(pairs, n)
+    rc, h, r = c[row, CUTOFF], c[row, CUTOFF_B], g[3, n]
+    second = factor * c[row, A] * (1.0 / rc - 2.0 * (1.0 - r / rc) / r)
+    if r < h:
+        wd = 1.0 - r / h
+        scale = _gradient_scale(c, row)
+        second += scale * (factor * wd) ** 2 + factor * c[row, B] * (rho[i] + rho[j]) * (1.0 / h - 2.0 * wd / r)
+        # the same scale for all pairs that have one
+        scale = np.sqrt(scale) * factor * wd
+        for a in range(3):
+            data.slope[i, a] += scale * g[a, n]
+            data.slope[j, a] -= scale * g[a, n]
+    return ((pairs.inv_mass[i] > 0.0) + (pairs.inv_mass[j] > 0.0)) * second, 0.0
+
+
+@inlined
+def _gradient_scale(c, row):
+    """2c (15/(pi h^4))^2, see :func:`laplacian`."""
+    return 15.0 * c[row, B] / (np.pi * c[row, CUTOFF_B] ** 4)
+
+
+_laplacian_of_pairs = over_pairs("many_body_laplacian", _pair_laplacian, parallel=False)
+
+
+def laplacian(pairs: PairList, coefficients: np.ndarray, rho: np.ndarray) -> float:
     """Sum over the mobile beads of the Laplacian of the conservative energy, quadratic kernel.
 
     A pair's attraction gives A/rc - 2 A w/r per mobile bead, as in DPD.  For the sum of c rho^2 with c = pi B h^4/30, a mobile bead i has
     2c [ |grad_i rho_i|^2 + sum over j of (f W')^2 + (rho_i + rho_j) f (W'' + 2 W'/r) ] with W' = -15 w_d/(pi h^4), W'' = 15/(pi h^5); so
     2c W' = -B w_d.
     """
-    total, scale = 0.0, 0.0
-    # grad_i rho_i = -15/(pi h^4) slope, and scale = 2c (15/(pi h^4))^2
-    slope = np.zeros((len(rho), 3))
-    for column in columns:
-        for n in range(start[column], start[column] + found[column]):
-            i, j = pi[n], pj[n]
-            row = 0 if ntypes == 1 else types[i] * ntypes + types[j]
-            factor = factors[n] if len(factors) else 1.0
-            rc, h, r = coefficients[row, CUTOFF], coefficients[row, CUTOFF_B], geometry[n, 3]
-            second = factor * coefficients[row, A] * (1.0 / rc - 2.0 * (1.0 - r / rc) / r)
-            if r < h:
-                wd = 1.0 - r / h
-                scale = 15.0 * coefficients[row, B] / (np.pi * h**4)  # the same for all pairs
-                second += scale * (factor * wd) ** 2 + factor * coefficients[row, B] * (rho[i] + rho[j]) * (1.0 / h - 2.0 * wd / r)
-                for k in range(3):
-                    slope[i, k] += factor * wd * geometry[n, k]
-                    slope[j, k] -= factor * wd * geometry[n, k]
-            total += ((inv_mass[i] > 0.0) + (inv_mass[j] > 0.0)) * second
-    for i in range(len(rho)):
-        if inv_mass[i] > 0.0:
-            total += scale * (slope[i, 0] ** 2 + slope[i, 1] ** 2 + slope[i, 2] ** 2)
-    return total
+    slope = np.zeros((len(rho), 3))  # sqrt(2c) grad_i rho_i
+    total = _laplacian_of_pairs(pairs, Curvature(coefficients, rho, slope))[0]
+    return total + float(np.sum(slope[pairs.inv_mass > 0.0] ** 2))

@@ -168,3 +168,13 @@ def push(v, force, mass, time):
             v[i, 0] += time * force[i, 0] / mass[i]
             v[i, 1] += time * force[i, 1] / mass[i]
             v[i, 2] += time * force[i, 2] / mass[i]
+
+
+@compiled
+def scatter_add(values, order, out):
+    """Add values to out[order], (M, 3) each."""
+    for k in range(len(order)):
+        i = order[k]
+        out[i, 0] += values[k, 0]
+        out[i, 1] += values[k, 1]
+        out[i, 2] += values[k, 2]

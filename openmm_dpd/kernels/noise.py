@@ -10,8 +10,9 @@ distribution function: Gaussian to 1e-6.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from scipy.special import ndtri
+
+from .compiled import helper, inlined
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _M1 = np.uint64(0xBF58476D1CE4E5B9)
@@ -38,7 +39,7 @@ def _cubics() -> np.ndarray:
 _CUBICS = _cubics()
 
 
-@njit(inline="always")
+@inlined
 def _mix(z):
     z = (z ^ (z >> _S30)) * _M1
     z = (z ^ (z >> _S27)) * _M2
@@ -66,33 +67,83 @@ def noise_key(seed: int, counter: int, layer: int, kT: float) -> np.uint64:
     return call_key(seed, counter, layer, int(np.float64(kT).view(np.uint64)))
 
 
-@njit(inline="always")
+@inlined
 def pair_key(key, low, high):
     """64-bit hash of the pair (low < high, indices of the beads) under the key of this evaluation."""
     pair = (np.uint64(low) << _S32) | np.uint64(high)
     return _mix(_mix(pair * _GOLDEN + key) + key)
 
 
-@njit(inline="always")
+# The bits of a number: a sign, a cell, and the place in it: the middle of the k-th of 2^52 pieces, never on an edge.
+
+
+@inlined
+def _cell(bits):
+    return (bits >> _S55) & _BYTE
+
+
+@inlined
+def _place(bits):
+    return (np.float64(np.int64((bits & _LOW55) >> _S3)) + 0.5) * _SCALE
+
+
+@inlined
+def _signed(bits, z):
+    return z * np.float64(1 - 2 * np.int64(bits >> _S63))
+
+
+@inlined
+def _from_cubic(bits):
+    """The number of these bits, if its cell has a cubic; something else otherwise."""
+    cell, place = np.uint64(min(int(_cell(bits)), _SMOOTH - 1)), _place(bits)
+    z = _CUBICS[cell, 0] + place * (_CUBICS[cell, 1] + place * (_CUBICS[cell, 2] + place * _CUBICS[cell, 3]))
+    return _signed(bits, z)
+
+
+@inlined
+def _from_tail(bits):
+    """The number of these bits, if its cell has no cubic."""
+    p = (_CELLS - 1.0 - np.float64(np.int64(_cell(bits))) + (1.0 - _place(bits))) * (0.5 / _CELLS)  # never rounded to 0
+    return _signed(bits, _tail(p))
+
+
+@inlined
 def normal(key, stream):
     """Standard normal number number ``stream`` (0, 1, ...) of a pair."""
     bits = key if stream == 0 else _mix(key + np.uint64(stream) * _STREAM)
-    # a sign, a cell, and the place in it: the middle of the k-th of 2^52 pieces, never on an edge
-    cell, place = (bits >> _S55) & _BYTE, (np.float64((bits & _LOW55) >> _S3) + 0.5) * _SCALE
-    if cell < _SMOOTH:
-        z = _CUBICS[cell, 0] + place * (_CUBICS[cell, 1] + place * (_CUBICS[cell, 2] + place * _CUBICS[cell, 3]))
-    else:
-        z = _tail((_CELLS - 1.0 - np.float64(cell) + (1.0 - place)) * (0.5 / _CELLS))  # never rounded to 0
-    return -z if bits >> _S63 else z
+    return _from_cubic(bits) if np.int64(_cell(bits)) < _SMOOTH else _from_tail(bits)
 
 
-@njit(inline="always")
+@helper
+def draw(key, pairs, begin, m, scratch):
+    """Standard normal numbers, stream 0, of the pairs begin:begin + m of a list, to the last row of the values.
+
+    They are what :func:`normal` gives; one pass for each kind of work is three times as fast, since most of them can do several at once.
+    """
+    order, pi, pj, bits, late, xi = pairs.order, pairs.pi, pairs.pj, scratch.bits, scratch.late, scratch.values[3]
+    for k in range(m):
+        i, j = order[pi[begin + k]], order[pj[begin + k]]
+        bits[k] = (np.uint64(min(i, j)) << _S32) | np.uint64(max(i, j))
+    for k in range(m):
+        bits[k] = _mix(_mix(bits[k] * _GOLDEN + key) + key)
+    for k in range(m):
+        xi[k] = _from_cubic(bits[k])
+    # those without a cubic are one in thirty
+    n = np.uint64(0)
+    for k in range(m):
+        late[n] = k
+        n += np.uint64(np.int64(_cell(bits[k])) >= _SMOOTH)
+    for q in range(n):
+        xi[late[q]] = _from_tail(bits[late[q]])
+
+
+@inlined
 def uniform(key, stream):
     """Uniform number between 0 and 1 (neither of them) number ``stream`` of a pair; do not use a stream for two kinds of number."""
     return (np.float64(_mix(key + np.uint64(stream) * _STREAM) >> _S12) + 0.5) * _SCALE
 
 
-@njit
+@helper
 def _tail(p):
     """Normal number that is exceeded with the (small) probability p: Wichura, algorithm AS 241, PPND7, Appl. Stat. 37, 477 (1988)."""
     r = np.sqrt(-np.log(p))

@@ -8,15 +8,14 @@ two beads at the same point leave each other alone.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
-from numba import njit, prange
 
-from .compiled import serial_and_parallel
-from .engine import PairList, PairSpec
-from .threads import get_threads, run
+from . import motion
+from .columns import factor_of, over_pairs, push_apart
+from .compiled import helper, inlined
+from .pairs import PairList
 
 #: No exceptions, in compressed rows.
 NO_EXCEPTIONS = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
@@ -93,11 +92,10 @@ class RadialTerms:
 
 def pair_list(types: np.ndarray, cutoff: np.ndarray, exceptions: tuple[np.ndarray, np.ndarray, np.ndarray]) -> PairList:
     """The pairs of beads within the cutoff (T, T) of their types."""
-    reach: Any = SimpleNamespace(cutoff=cutoff)  # all of a table that a pair list reads
-    return PairList(PairSpec(types, np.ones(len(types)), (), exceptions=exceptions), reach)
+    return PairList(types, np.ones(len(types)), cutoff, exceptions)
 
 
-@njit(inline="always")
+@inlined
 def _lennard_jones(r, epsilon, sigma, shift):
     """Energy and force at the distance r."""
     s2 = sigma * sigma / (r * r)
@@ -105,7 +103,7 @@ def _lennard_jones(r, epsilon, sigma, shift):
     return 4.0 * epsilon * s6 * (s6 - 1.0) - shift, 24.0 * epsilon * s6 * (2.0 * s6 - 1.0) / r
 
 
-@njit(inline="always")
+@inlined
 def _cubic(r, first, last, knots, cubics):
     """Energy and force at the distance r of the table with the knots first to last."""
     inside = max(r, knots[first])
@@ -122,48 +120,31 @@ def _cubic(r, first, last, knots, cubics):
     return ((c0 * t + c1) * t + c2) * t + c3 + force * (inside - r), force
 
 
-def _radial_forces(which, lj, table_start, knots, cubics, types, order, pairs, f, energies, force):
-    """Add the forces of all pairs, gathered in f (M, 3) bead by sorted bead; energies of the columns; returns the energy."""
-    pi, pj, geometry, factors, columns, block_start, colour_start, start, found = pairs
-    for i in prange(len(f)):
-        f[i, 0], f[i, 1], f[i, 2] = 0.0, 0.0, 0.0
-    for colour in range(len(colour_start) - 1):
-        for block in prange(colour_start[colour], colour_start[colour + 1]):
-            for task in range(block_start[block], block_start[block + 1]):
-                column = columns[task]
-                energy = 0.0
-                for n in range(start[column], start[column] + found[column]):
-                    i, j, r = pi[n], pj[n], geometry[n, 3]
-                    a, b = types[i], types[j]
-                    table = which[a, b]
-                    if table < 0:
-                        u, size = _lennard_jones(r, lj[a, b, 0], lj[a, b, 1], lj[a, b, 2])
-                    else:
-                        u, size = _cubic(r, table_start[table], table_start[table + 1] - 1, knots, cubics)
-                    if len(factors):
-                        u *= factors[n]
-                        size *= factors[n]
-                    energy += u
-                    fx, fy, fz = size * geometry[n, 0], size * geometry[n, 1], size * geometry[n, 2]
-                    f[i, 0] += fx
-                    f[i, 1] += fy
-                    f[i, 2] += fz
-                    f[j, 0] -= fx
-                    f[j, 1] -= fy
-                    f[j, 2] -= fz
-                energies[column] = energy
-    for i in prange(len(f)):
-        bead = order[i]
-        force[bead, 0] += f[i, 0]
-        force[bead, 1] += f[i, 1]
-        force[bead, 2] += f[i, 2]
-    total = 0.0
-    for column in range(len(found)):
-        total += energies[column]
-    return total
+class Potential(NamedTuple):
+    """What the loop reads and writes beside the pairs; ``f``: (M, 3) forces on the sorted beads."""
+
+    which: np.ndarray
+    lennard_jones: np.ndarray
+    start: np.ndarray
+    knots: np.ndarray
+    cubics: np.ndarray
+    f: np.ndarray
 
 
-radial_forces, radial_forces_parallel = serial_and_parallel(_radial_forces)
+@helper
+def _radial_pair(pairs, data, scratch, n, k, column):
+    i, j, r = pairs.pi[n], pairs.pj[n], pairs.geometry[3, n]
+    a, b = pairs.types[i], pairs.types[j]
+    table = data.which[a, b]
+    if table < 0:
+        energy, size = _lennard_jones(r, data.lennard_jones[a, b, 0], data.lennard_jones[a, b, 1], data.lennard_jones[a, b, 2])
+    else:
+        energy, size = _cubic(r, data.start[table], data.start[table + 1] - 1, data.knots, data.cubics)
+    factor = factor_of(pairs, n)
+    return factor * energy, push_apart(pairs, data.f, n, i, j, factor * size)
+
+
+radial_forces = over_pairs("radial_forces", _radial_pair)
 
 
 class RadialEvaluator:
@@ -173,7 +154,8 @@ class RadialEvaluator:
         self.terms = terms
         self._pairs = pair_list(terms.types, terms.cutoff, terms.exceptions)
         self._f = np.zeros((len(self._pairs.beads), 3))
-        self._potential = terms.which, terms.lennard_jones, terms.tables.start, terms.tables.knots, terms.tables.cubics
+        tables = terms.tables
+        self._potential = Potential(terms.which, terms.lennard_jones, tables.start, tables.knots, tables.cubics, self._f)
 
     def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
         """See :class:`.extras.Evaluator`.
@@ -185,7 +167,8 @@ class RadialEvaluator:
         """
         if not len(self._f):
             return 0.0
-        pairs = self._pairs
-        run(pairs.build, None, x, box, get_threads() > 1)
-        rest = pairs.types, pairs.order, pairs.geometry_arguments, self._f, pairs.energy, force
-        return run(radial_forces, radial_forces_parallel, *self._potential, *rest)
+        self._pairs.build(x, box)
+        self._f[...] = 0.0
+        energy, _ = radial_forces(self._pairs, self._potential)
+        motion.scatter_add(self._f, self._pairs.order, force)
+        return energy

@@ -15,15 +15,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
 
 from ..errors import RunError
-from .compiled import serial_and_parallel
-from .engine import PairList, PairSpec
-from .threads import get_threads, run
+from .columns import over_pairs
+from .compiled import helper, inlined
+from .pairs import PairList, no_exceptions
 
 MID, NEAREST, CLAMPED = range(3)
 
@@ -56,33 +55,26 @@ class SegmentSpec:
     exclude_adjoining: bool = True
 
 
-@dataclass(frozen=True)
-class _Reach:
-    """The table of one cutoff that a pair list reads."""
-
-    cutoff: np.ndarray
-
-
 def adjoining(pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Segments that share a bead, as exceptions of factor 0 in compressed rows (see :class:`.engine.PairSpec`)."""
+    """Segments that share a bead, as exceptions of factor 0 in compressed rows (see :class:`.pairs.PairList`)."""
     at: dict[int, list[int]] = {}
     for segment, ends in enumerate(pairs.tolist()):
         for bead in ends:
             at.setdefault(bead, []).append(segment)
     both = {pair for segments in at.values() for pair in combinations(segments, 2)}
     if not both:
-        return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
+        return no_exceptions()
     rows = np.array(sorted(both | {(j, i) for i, j in both}), dtype=np.int64)
     start = np.concatenate([[0], np.cumsum(np.bincount(rows[:, 0], minlength=len(pairs)))]).astype(np.int64)
     return start, rows[:, 1].copy(), np.zeros(len(rows))
 
 
-@njit(inline="always")
+@inlined
 def _clamp(t):
     return min(0.5, max(-0.5, t))
 
 
-@njit
+@helper
 def _nearest(px, py, pz, a, b, i, j):
     """Places (s, t) of the nearest points m_i + s a and m_j + t b of two segments with p = m_i - m_j.
 
@@ -110,7 +102,7 @@ def _nearest(px, py, pz, a, b, i, j):
     return s, t
 
 
-@njit
+@helper
 def _clamped(px, py, pz, a, b, i, j):
     """Places of the contact points as LAMMPS's srp has them: each moved to the end of its segment by itself; midpoints where parallel."""
     aa = a[i, 0] * a[i, 0] + a[i, 1] * a[i, 1] + a[i, 2] * a[i, 2]
@@ -124,61 +116,65 @@ def _clamped(px, py, pz, a, b, i, j):
     return _clamp((ab * bp - bb * ap) / det), _clamp((aa * bp - ab * ap) / det)
 
 
-def _segment_forces(rule, A, cutoff, arm, pi, pj, geometry, factors, columns, block_start, colour_start, start, found, f, energy, stress):
-    """Forces f (S, 6) on the first and second bead of each sorted segment; energy and stress (6) of each column."""
-    for colour in range(len(colour_start) - 1):
-        for block in prange(colour_start[colour], colour_start[colour + 1]):
-            for task in range(block_start[block], block_start[block + 1]):
-                column = columns[task]
-                column_energy = 0.0
-                xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-                for n in range(start[column], start[column] + found[column]):
-                    i, j, r = pi[n], pj[n], geometry[n, 3]
-                    dx, dy, dz = r * geometry[n, 0], r * geometry[n, 1], r * geometry[n, 2]
-                    s, t = 0.0, 0.0
-                    if rule == NEAREST:
-                        s, t = _nearest(dx, dy, dz, arm, arm, i, j)
-                    elif rule == CLAMPED:
-                        s, t = _clamped(dx, dy, dz, arm, arm, i, j)
-                    dx += s * arm[i, 0] - t * arm[j, 0]
-                    dy += s * arm[i, 1] - t * arm[j, 1]
-                    dz += s * arm[i, 2] - t * arm[j, 2]
-                    d = np.sqrt(dx * dx + dy * dy + dz * dz)
-                    if d >= cutoff:
-                        continue
-                    w = 1.0 - d / cutoff
-                    if d < D_MIN:
-                        if rule == NEAREST:
-                            column_energy += 0.5 * A * cutoff * w * w
-                        continue
-                    column_energy += 0.5 * A * cutoff * w * w
-                    radial = A * w / d
-                    fx, fy, fz = radial * dx, radial * dy, radial * dz
-                    # the shares of F at both ends of a segment have the contact point as their centre
-                    xx += dx * fx
-                    yy += dy * fy
-                    zz += dz * fz
-                    xy += dx * fy
-                    xz += dx * fz
-                    yz += dy * fz
-                    f[i, 0] += (0.5 - s) * fx
-                    f[i, 1] += (0.5 - s) * fy
-                    f[i, 2] += (0.5 - s) * fz
-                    f[i, 3] += (0.5 + s) * fx
-                    f[i, 4] += (0.5 + s) * fy
-                    f[i, 5] += (0.5 + s) * fz
-                    f[j, 0] -= (0.5 - t) * fx
-                    f[j, 1] -= (0.5 - t) * fy
-                    f[j, 2] -= (0.5 - t) * fz
-                    f[j, 3] -= (0.5 + t) * fx
-                    f[j, 4] -= (0.5 + t) * fy
-                    f[j, 5] -= (0.5 + t) * fz
-                energy[column] = column_energy
-                stress[column, 0], stress[column, 1], stress[column, 2] = xx, yy, zz
-                stress[column, 3], stress[column, 4], stress[column, 5] = xy, xz, yz
+class Contacts(NamedTuple):
+    """What the loop reads and writes beside the pairs.
+
+    ``arm``: (S, 3) of the sorted segments; ``f``: (S, 6) forces on the first and second bead of each; ``stress``: (columns, 6).
+    """
+
+    rule: int
+    A: float
+    cutoff: float
+    arm: np.ndarray
+    f: np.ndarray
+    stress: np.ndarray
 
 
-segment_forces, segment_forces_parallel = serial_and_parallel(_segment_forces)
+@inlined
+def _share(f, i, s, fx, fy, fz):
+    """Add a force at the place s of segment i."""
+    f[i, 0] += (0.5 - s) * fx
+    f[i, 1] += (0.5 - s) * fy
+    f[i, 2] += (0.5 - s) * fz
+    f[i, 3] += (0.5 + s) * fx
+    f[i, 4] += (0.5 + s) * fy
+    f[i, 5] += (0.5 + s) * fz
+
+
+@inlined
+def _contact(pairs, data, scratch, n, k, column):
+    i, j, g, arm, stress = pairs.pi[n], pairs.pj[n], pairs.geometry, data.arm, data.stress
+    dx, dy, dz = g[3, n] * g[0, n], g[3, n] * g[1, n], g[3, n] * g[2, n]
+    s, t = 0.0, 0.0
+    if data.rule == NEAREST:
+        s, t = _nearest(dx, dy, dz, arm, arm, i, j)
+    elif data.rule == CLAMPED:
+        s, t = _clamped(dx, dy, dz, arm, arm, i, j)
+    dx += s * arm[i, 0] - t * arm[j, 0]
+    dy += s * arm[i, 1] - t * arm[j, 1]
+    dz += s * arm[i, 2] - t * arm[j, 2]
+    d = np.sqrt(dx * dx + dy * dy + dz * dz)
+    if d >= data.cutoff:
+        return 0.0, 0.0
+    w = 1.0 - d / data.cutoff
+    energy = 0.5 * data.A * data.cutoff * w * w
+    if d < D_MIN:
+        return energy if data.rule == NEAREST else 0.0, 0.0
+    radial = data.A * w / d
+    fx, fy, fz = radial * dx, radial * dy, radial * dz
+    # the shares of F at both ends of a segment have the contact point as their centre
+    stress[column, 0] += dx * fx
+    stress[column, 1] += dy * fy
+    stress[column, 2] += dz * fz
+    stress[column, 3] += dx * fy
+    stress[column, 4] += dx * fz
+    stress[column, 5] += dy * fz
+    _share(data.f, i, s, fx, fy, fz)
+    _share(data.f, j, t, -fx, -fy, -fz)
+    return energy, radial * d * d
+
+
+segment_forces = over_pairs("segment_forces", _contact)
 
 
 class SegmentEngine:
@@ -196,9 +192,8 @@ class SegmentEngine:
     def __init__(self, spec: SegmentSpec):
         self.spec = spec
         n = len(spec.pairs)
-        exceptions = adjoining(spec.pairs) if spec.exclude_adjoining else adjoining(spec.pairs[:0])
-        reach: Any = _Reach(np.array([[spec.cutoff]]))  # all of a table that a pair list reads
-        self._list = PairList(PairSpec(np.zeros(n, np.int32), np.ones(n), (), exceptions=exceptions), reach)
+        exceptions = adjoining(spec.pairs) if spec.exclude_adjoining else no_exceptions()
+        self._list = PairList(np.zeros(n, np.int32), np.ones(n), np.array([[spec.cutoff]]), exceptions)
         self.stress = np.zeros(6)
         self._last: tuple[np.ndarray, np.ndarray | None, tuple[float, np.ndarray, float]] | None = None
 
@@ -230,18 +225,17 @@ class SegmentEngine:
             i, j = spec.pairs[int(np.argmin(np.isfinite(length2)))]
             raise RunError(f"the position of bead {i} or {j} is not finite")
         self._set_reach(float(np.sqrt(length2.max(initial=0.0))), box)
-        run(pairs.build, None, first + 0.5 * arm, box, get_threads() > 1)
+        pairs.build(first + 0.5 * arm, box)
         sorted_arm = np.take(arm, pairs.order, axis=0)
-        f, stress = np.zeros((len(arm), 6)), np.zeros((len(pairs.energy), 6))
-        arguments = (spec.rule, spec.A, spec.cutoff, sorted_arm, *pairs.geometry_arguments, f, pairs.energy, stress)
-        run(segment_forces, segment_forces_parallel, *arguments)
+        f, stress = np.zeros((len(arm), 6)), np.zeros((len(pairs.found), 6))
+        energy, _ = segment_forces(pairs, Contacts(spec.rule, spec.A, spec.cutoff, sorted_arm, f, stress))
         on_beads = np.empty_like(f)
         on_beads[pairs.order] = f
         force = np.empty((spec.n_beads, 3))
         for k in range(3):
             force[:, k] = np.bincount(spec.pairs.ravel(), on_beads[:, [k, k + 3]].ravel(), spec.n_beads)
         self.stress = stress.sum(axis=0)
-        return float(pairs.energy.sum()), force, float(self.stress[:3].sum())
+        return energy, force, float(self.stress[:3].sum())
 
     def _set_reach(self, longest: float, box: np.ndarray | None) -> None:
         """Distance of midpoints up to which two segments can meet; it depends on the longest of them where ends can meet."""
@@ -256,4 +250,4 @@ class SegmentEngine:
         # in steps of 1/8: the cells of the list are made anew whenever this changes
         reach = spec.cutoff * (1.0 if spec.rule == MID else 1.0 + np.ceil(8.0 * longest / spec.cutoff + 1e-9) / 8.0)
         if reach != pairs.cutoff:
-            pairs.cutoff, pairs.cut2, pairs.grid_box = reach, np.array([reach**2]), None
+            pairs.set_cutoff(np.array([[reach]]))

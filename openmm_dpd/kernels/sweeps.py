@@ -13,92 +13,184 @@ equals the first with q = (1 - x/2)/(1 + x/2).
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from numba import njit, prange
 
-from .compiled import serial_and_parallel
+from .columns import SWEEP_WAYS, approach, factor_of, over_pairs, row_of
+from .compiled import helper, inlined
 from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, GAMMA, GAMMA_PERP, power
-from .noise import normal, pair_key
+from .layer import EXACT, SHARDLOW
+from .noise import draw, normal, pair_key
+from .pairs import PairList
 
-#: The two pair updates.
-EXACT, SHARDLOW = 0, 1
+#: Rows of the scratch of a column.
+_LOST, _KICK, _UNUSED, _NOISE = range(4)
 
 
-@njit(inline="always")
-def decay(update, x):
-    """1 - q: the part of a relative velocity that one update with x = g im dt takes away."""
-    if update != EXACT:
-        return x / (1.0 + 0.5 * x)
-    if x > 0.5:
-        return -np.expm1(-x)
-    # 1 - exp(-x) = 2 t/(1 + t) with t = tanh(x/2), whose continued fraction gives all digits here for a third of the time
+class Sweep(NamedTuple):
+    """What the sweep form reads and writes beside the pairs.
+
+    Attributes
+    ----------
+    update : int
+        EXACT or SHARDLOW.
+    plain : bool
+        Whether all pairs have the same coefficients and masses, the factor 1 and the exponent 1.
+    halvings : int
+        For plain pairs: after so many halvings their x is 0.5 at most.
+    kT, dt : float
+    key : uint64
+        Of the noise.
+    coefficients : (T*T, 8) array
+    v : (M, 3) array
+    """
+
+    update: int
+    plain: bool
+    halvings: int
+    kT: float
+    dt: float
+    key: np.uint64
+    coefficients: np.ndarray
+    v: np.ndarray
+
+
+@inlined
+def _decay_below_half(x):
+    """1 - exp(-x) for x up to 0.5.
+
+    It is 2 t/(1 + t) with t = tanh(x/2), whose continued fraction gives all digits here for a third of the time.
+    """
     y = 0.5 * x
     y2 = y * y
     above = y * (10395.0 + y2 * (1260.0 + y2 * 21.0))
     return 2.0 * above / (above + 10395.0 + y2 * (4725.0 + y2 * (210.0 + y2)))
 
 
-def _sweep(
-    update,
-    kT,
-    dt,
-    key,
-    order,
-    types,
-    ntypes,
-    coefficients,
-    inv_mass,
-    pi,
-    pj,
-    geometry,
-    factors,
-    columns,
-    block_start,
-    colour_start,
-    start,
-    found,
-    v,
-):
-    for colour in range(len(colour_start) - 1):
-        for block in prange(colour_start[colour], colour_start[colour + 1]):
-            for task in range(block_start[block], block_start[block + 1]):
-                column = columns[task]
-                for n in range(start[column], start[column] + found[column]):
-                    i, j = pi[n], pj[n]
-                    im = inv_mass[i] + inv_mass[j]
-                    if im == 0.0:
-                        continue
-                    row = 0 if ntypes == 1 else types[i] * ntypes + types[j]
-                    ex, ey, ez = geometry[n, 0], geometry[n, 1], geometry[n, 2]
-                    factor = factors[n] if len(factors) else 1.0
-                    w = 1.0 - geometry[n, 3] / coefficients[row, CUTOFF]
-                    vx, vy, vz = v[i, 0] - v[j, 0], v[i, 1] - v[j, 1], v[i, 2] - v[j, 2]
-                    ev = ex * vx + ey * vy + ez * vz
-                    low, high = min(order[i], order[j]), max(order[i], order[j])
-                    pair = pair_key(key, low, high)
-                    wr = power(w, coefficients[row, EXPONENT])
-                    lost = decay(update, factor * coefficients[row, GAMMA] * wr * wr * im * dt)
-                    # dv is the change of the relative velocity; 1 - q^2 = lost (2 - lost)
-                    radial = -lost * ev + np.sqrt(lost * (2.0 - lost) * kT * im) * normal(pair, 0)
-                    dx, dy, dz = radial * ex, radial * ey, radial * ez
-                    if coefficients[row, GAMMA_PERP] != 0.0:
-                        wp = power(w, coefficients[row, EXPONENT_PERP])
-                        lost = decay(update, factor * coefficients[row, GAMMA_PERP] * wp * wp * im * dt)
-                        scale = np.sqrt(lost * (2.0 - lost) * kT * im)
-                        if order[i] > order[j]:
-                            scale = -scale
-                        zx, zy, zz = normal(pair, 1), normal(pair, 2), normal(pair, 3)
-                        along = ex * zx + ey * zy + ez * zz
-                        dx += -lost * (vx - ev * ex) + scale * (zx - along * ex)
-                        dy += -lost * (vy - ev * ey) + scale * (zy - along * ey)
-                        dz += -lost * (vz - ev * ez) + scale * (zz - along * ez)
-                    wi, wj = inv_mass[i] / im, inv_mass[j] / im
-                    v[i, 0] += wi * dx
-                    v[i, 1] += wi * dy
-                    v[i, 2] += wi * dz
-                    v[j, 0] -= wj * dx
-                    v[j, 1] -= wj * dy
-                    v[j, 2] -= wj * dz
+@inlined
+def decay(update, x):
+    """1 - q: the part of a relative velocity that one update with x = g im dt takes away."""
+    if update != EXACT:
+        return x / (1.0 + 0.5 * x)
+    return -np.expm1(-x) if x > 0.5 else _decay_below_half(x)
 
 
-sweep, sweep_parallel = serial_and_parallel(_sweep)
+def halvings(update: int, x: float) -> int:
+    """How often x has to be halved to be 0.5 at most, if the update has to know."""
+    return int(np.ceil(np.log2(2.0 * min(x, 1e9)))) if update == EXACT and x > 0.5 else 0
+
+
+@helper
+def _plain_updates(pairs, data, begin, m, values):
+    """As in :func:`_updates`, where all pairs are alike: nothing here keeps the processor from doing several at once."""
+    c, r = data.coefficients, pairs.geometry[3]
+    im = 2.0 * pairs.inv_mass[0]
+    cutoff, rate, heat = c[0, CUTOFF], c[0, GAMMA] * im * data.dt, data.kT * im
+    part, share = 0.5**data.halvings, 1.0 / im
+    if data.update == EXACT:
+        for k in range(m):
+            w = 1.0 - r[begin + k] / cutoff
+            values[_LOST, k] = _decay_below_half(part * (rate * w * w))
+        for _ in range(data.halvings):
+            for k in range(m):
+                values[_LOST, k] *= 2.0 - values[_LOST, k]  # of twice x
+    else:
+        for k in range(m):
+            w = 1.0 - r[begin + k] / cutoff
+            values[_LOST, k] = decay(SHARDLOW, rate * w * w)
+    for k in range(m):
+        lost = values[_LOST, k]
+        values[_KICK, k] = np.sqrt(lost * (2.0 - lost) * heat) * values[_NOISE, k] * share
+        values[_LOST, k] = lost * share
+
+
+@helper
+def _updates(pairs, data, begin, m, scratch):
+    """The impulse of a radial update is KICK - LOST (e.v); 1 - q^2 = lost (2 - lost)."""
+    values, c, inv_mass = scratch.values, data.coefficients, pairs.inv_mass
+    draw(data.key, pairs, begin, m, scratch)
+    if data.plain:
+        _plain_updates(pairs, data, begin, m, values)
+        return
+    for k in range(m):
+        n = begin + k
+        i, j = pairs.pi[n], pairs.pj[n]
+        im = inv_mass[i] + inv_mass[j]
+        if im == 0.0:
+            values[_LOST, k] = values[_KICK, k] = 0.0
+            continue
+        row = row_of(pairs, i, j)
+        w = power(1.0 - pairs.geometry[3, n] / c[row, CUTOFF], c[row, EXPONENT])
+        lost = decay(data.update, factor_of(pairs, n) * c[row, GAMMA] * w * w * im * data.dt)
+        values[_KICK, k] = np.sqrt(lost * (2.0 - lost) * data.kT * im) * values[_NOISE, k] / im
+        values[_LOST, k] = lost / im
+
+
+@helper
+def _transverse_impulse(pairs, data, n, i, j):
+    """Impulse of the transverse update on bead i, with its own g and two noise components."""
+    c, g, v, order, inv_mass = data.coefficients, pairs.geometry, data.v, pairs.order, pairs.inv_mass
+    im, row = inv_mass[i] + inv_mass[j], row_of(pairs, i, j)
+    if im == 0.0 or c[row, GAMMA_PERP] == 0.0:
+        return 0.0, 0.0, 0.0
+    ex, ey, ez = g[0, n], g[1, n], g[2, n]
+    w = power(1.0 - g[3, n] / c[row, CUTOFF], c[row, EXPONENT_PERP])
+    lost = decay(data.update, factor_of(pairs, n) * c[row, GAMMA_PERP] * w * w * im * data.dt)
+    scale = np.sqrt(lost * (2.0 - lost) * data.kT * im) / im
+    if order[i] > order[j]:
+        scale = -scale
+    lost /= im
+    key = pair_key(data.key, min(order[i], order[j]), max(order[i], order[j]))
+    zx, zy, zz = normal(key, 1), normal(key, 2), normal(key, 3)
+    along, ev = ex * zx + ey * zy + ez * zz, approach(pairs, v, n, i, j)
+    dx = -lost * (v[i, 0] - v[j, 0] - ev * ex) + scale * (zx - along * ex)
+    dy = -lost * (v[i, 1] - v[j, 1] - ev * ey) + scale * (zy - along * ey)
+    dz = -lost * (v[i, 2] - v[j, 2] - ev * ez) + scale * (zz - along * ez)
+    return dx, dy, dz
+
+
+@inlined
+def _change(pairs, v, n, i, j, dx, dy, dz):
+    """Give an impulse to bead i, and the opposite one to bead j."""
+    wi, wj = pairs.inv_mass[i], pairs.inv_mass[j]
+    v[i, 0] += wi * dx
+    v[i, 1] += wi * dy
+    v[i, 2] += wi * dz
+    v[j, 0] -= wj * dx
+    v[j, 1] -= wj * dy
+    v[j, 2] -= wj * dz
+
+
+@inlined
+def _central(pairs, data, scratch, n, k, column):
+    i, j, g, v = pairs.pi[n], pairs.pj[n], pairs.geometry, data.v
+    ex, ey, ez = g[0, n], g[1, n], g[2, n]
+    # every number is read once: the processor could not know that they are still the same
+    xi, yi, zi, xj, yj, zj = v[i, 0], v[i, 1], v[i, 2], v[j, 0], v[j, 1], v[j, 2]
+    impulse = scratch.values[_KICK, k] - scratch.values[_LOST, k] * (ex * (xi - xj) + ey * (yi - yj) + ez * (zi - zj))
+    di, dj = impulse * pairs.inv_mass[i], impulse * pairs.inv_mass[j]
+    v[i, 0], v[i, 1], v[i, 2] = xi + di * ex, yi + di * ey, zi + di * ez
+    v[j, 0], v[j, 1], v[j, 2] = xj - dj * ex, yj - dj * ey, zj - dj * ez
+    return 0.0, 0.0
+
+
+@inlined
+def _any(pairs, data, scratch, n, k, column):
+    i, j, g, v = pairs.pi[n], pairs.pj[n], pairs.geometry, data.v
+    impulse = scratch.values[_KICK, k] - scratch.values[_LOST, k] * approach(pairs, v, n, i, j)
+    tx, ty, tz = _transverse_impulse(pairs, data, n, i, j)
+    _change(pairs, v, n, i, j, impulse * g[0, n] + tx, impulse * g[1, n] + ty, impulse * g[2, n] + tz)
+    return 0.0, 0.0
+
+
+_central_sweep = over_pairs("central_sweep", _central, _updates, ways=SWEEP_WAYS)
+_any_sweep = over_pairs("any_sweep", _any, _updates, ways=SWEEP_WAYS)
+
+
+def sweep(pairs: PairList, terms: Sweep, transverse: bool) -> None:
+    """Update the velocities; ``transverse`` says whether there are transverse terms."""
+    (_any_sweep if transverse else _central_sweep)(pairs, terms)
+
+
+__all__ = ["EXACT", "SHARDLOW", "Sweep", "decay", "halvings", "sweep"]

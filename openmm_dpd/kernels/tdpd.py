@@ -11,23 +11,21 @@ xi_k is clamped to [-5, 5] and belongs to the bead with the lower index.  Fluxes
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
-from numba import prange
 
 from ..errors import RunError
-from .compiled import compiled, serial_and_parallel
+from . import forces
+from .columns import approach, factor_of, over_pairs, push_apart, row_of, soft
+from .compiled import inlined
 from .edpd import clamped
 from .forces import power
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Forces
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Forces, PairSpec
 from .noise import normal, pair_key
-from .threads import run
+from .pairs import PairList
 
-if TYPE_CHECKING:
-    from .engine import PairList, PairSpec
-
-#: Columns of the coefficient table.
+#: Columns of the coefficient table; the first two are those of :mod:`.forces`.
 A, CUTOFF, GAMMA, EXPONENT, CUTOFF_C = range(5)
 
 #: Streams of the pair's random numbers: that of the motion, and that of the first species.
@@ -51,9 +49,9 @@ class SpeciesTable:
     epsilon: np.ndarray
     exponent_c: np.ndarray
 
-    def layer(self, spec: PairSpec, pairs: PairList, number: int) -> SpeciesLayer:
+    def layer(self, spec: PairSpec, number: int) -> SpeciesLayer:
         """The layer that evaluates these coefficients."""
-        return SpeciesLayer(self, spec, pairs, number)
+        return SpeciesLayer(self, spec, number)
 
 
 class SpeciesLayer:
@@ -61,9 +59,9 @@ class SpeciesLayer:
 
     has_laplacian = True
 
-    def __init__(self, table: SpeciesTable, spec: PairSpec, pairs: PairList, number: int):
+    def __init__(self, table: SpeciesTable, spec: PairSpec, number: int):
         assert spec.fields is not None and spec.fields.n_values == table.kappa.shape[-1]
-        self.pairs, self.number = pairs, number
+        self.pairs, self.number = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions), number
         columns = (table.A, table.cutoff_F, table.gamma, table.exponent, table.cutoff_c)
         self.coefficients = np.column_stack([array.ravel() for array in columns])
         per_species = (table.kappa, table.epsilon, table.exponent_c)
@@ -81,27 +79,10 @@ class SpeciesLayer:
         if call.velocities is not None:
             v = np.take(call.velocities, pairs.order, axis=0)
         force, rates = np.zeros((m, 3)), np.zeros(concentrations.shape)
-        run(
-            species_forces,
-            species_forces_parallel,
-            call.which,
-            call.kT,
-            call.key(self.number),
-            call.rsqrt_dt,
-            pairs.order,
-            pairs.types,
-            pairs.ntypes,
-            self.coefficients,
-            self.exchange,
-            *pairs.geometry_arguments,
-            v,
-            concentrations,
-            force,
-            rates,
-            pairs.energy,
-            pairs.virial,
-        )
-        return Forces(pairs.energy.sum(), pairs.virial.sum(), force, rates)
+        noise = call.key(self.number), call.rsqrt_dt
+        of_beads = v, concentrations, force, rates
+        energy, virial = species_forces(pairs, Diffusion(call.which, call.kT, *noise, self.coefficients, self.exchange, *of_beads))
+        return Forces(energy, virial, force, rates)
 
     def sweep(self, call: Call, v: np.ndarray, flow: np.ndarray | None) -> None:
         """There is no sweep form."""
@@ -109,82 +90,58 @@ class SpeciesLayer:
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy."""
-        pairs = self.pairs
-        pi, pj, geometry, factors, columns, _, _, start, found = pairs.geometry_arguments
-        return species_laplacian(
-            pairs.types, pairs.ntypes, self.coefficients, pairs.inv_mass, pi, pj, geometry, factors, columns, start, found
-        )
+        return forces.laplacian(self.pairs, self.coefficients)
 
 
-def _species_forces(
-    which, kT, key, rsqrt_dt, order, types, ntypes, coefficients, exchange,
-    pi, pj, geometry, factors, columns, block_start, colour_start, start, found, v, c, f, rates, energy, virial,
-):  # fmt: skip
-    n_species = c.shape[1]
-    for colour in range(len(colour_start) - 1):
-        for block in prange(colour_start[colour], colour_start[colour + 1]):
-            for task in range(block_start[block], block_start[block + 1]):
-                column = columns[task]
-                column_energy, column_virial = 0.0, 0.0
-                for n in range(start[column], start[column] + found[column]):
-                    i, j = pi[n], pj[n]
-                    row = 0 if ntypes == 1 else types[i] * ntypes + types[j]
-                    r = geometry[n, 3]
-                    pair = key
-                    if which & RANDOM:
-                        pair = pair_key(key, min(order[i], order[j]), max(order[i], order[j]))
-                    if r < coefficients[row, CUTOFF]:
-                        ex, ey, ez = geometry[n, 0], geometry[n, 1], geometry[n, 2]
-                        factor = factors[n] if len(factors) else 1.0
-                        w = 1.0 - r / coefficients[row, CUTOFF]
-                        weight = power(w, 0.5 * coefficients[row, EXPONENT])
-                        friction = factor * coefficients[row, GAMMA] * weight * weight
-                        radial = 0.0
-                        if which & CONSERVATIVE:
-                            radial = factor * coefficients[row, A] * w
-                            column_energy += 0.5 * radial * w * coefficients[row, CUTOFF]
-                        if which & DISSIPATIVE:
-                            radial -= friction * (ex * (v[i, 0] - v[j, 0]) + ey * (v[i, 1] - v[j, 1]) + ez * (v[i, 2] - v[j, 2]))
-                        if which & RANDOM:
-                            radial += np.sqrt(2.0 * kT * friction) * rsqrt_dt * normal(pair, MOTION)
-                        column_virial += radial * r
-                        f[i, 0] += radial * ex
-                        f[i, 1] += radial * ey
-                        f[i, 2] += radial * ez
-                        f[j, 0] -= radial * ex
-                        f[j, 1] -= radial * ey
-                        f[j, 2] -= radial * ez
-                    if r < coefficients[row, CUTOFF_C] and which & (DISSIPATIVE | RANDOM):
-                        w = 1.0 - r / coefficients[row, CUTOFF_C]
-                        scale = rsqrt_dt if order[i] < order[j] else -rsqrt_dt
-                        for k in range(n_species):
-                            weight = power(w, exchange[row, k, 2])
-                            flux = 0.0
-                            if which & DISSIPATIVE:
-                                flux -= exchange[row, k, 0] * weight * weight * (c[i, k] - c[j, k])
-                            if which & RANDOM and exchange[row, k, 1] != 0.0:
-                                xi = clamped(normal(pair, FIRST_SPECIES + k))
-                                flux += exchange[row, k, 1] * weight * (c[i, k] + c[j, k]) * scale * xi
-                            rates[i, k] += flux
-                            rates[j, k] -= flux
-                energy[column] = column_energy
-                virial[column] = column_virial
+class Diffusion(NamedTuple):
+    """What the force form reads and writes beside the pairs; ``c``: (M, K) concentrations."""
+
+    which: int
+    kT: float
+    key: np.uint64
+    rsqrt_dt: float
+    coefficients: np.ndarray
+    exchange: np.ndarray
+    v: np.ndarray
+    c: np.ndarray
+    f: np.ndarray
+    rates: np.ndarray
 
 
-species_forces, species_forces_parallel = serial_and_parallel(_species_forces)
+@inlined
+def _pair_diffusion(pairs, data, scratch, n, k, column):
+    i, j, order, c, which, rates = pairs.pi[n], pairs.pj[n], pairs.order, data.c, data.which, data.rates
+    coefficients, exchange = data.coefficients, data.exchange
+    row, r = row_of(pairs, i, j), pairs.geometry[3, n]
+    pair, energy, virial = data.key, 0.0, 0.0
+    if which & RANDOM:
+        pair = pair_key(data.key, min(order[i], order[j]), max(order[i], order[j]))
+    if r < coefficients[row, CUTOFF]:
+        factor = factor_of(pairs, n)
+        weight = power(1.0 - r / coefficients[row, CUTOFF], 0.5 * coefficients[row, EXPONENT])
+        friction = factor * coefficients[row, GAMMA] * weight * weight
+        radial = 0.0
+        if which & CONSERVATIVE:
+            radial, energy = soft(factor * coefficients[row, A], coefficients[row, CUTOFF], r)
+        if which & DISSIPATIVE:
+            radial -= friction * approach(pairs, data.v, n, i, j)
+        if which & RANDOM:
+            radial += np.sqrt(2.0 * data.kT * friction) * data.rsqrt_dt * normal(pair, MOTION)
+        virial = push_apart(pairs, data.f, n, i, j, radial)
+    if r < coefficients[row, CUTOFF_C] and which & (DISSIPATIVE | RANDOM):
+        w = 1.0 - r / coefficients[row, CUTOFF_C]
+        scale = data.rsqrt_dt if order[i] < order[j] else -data.rsqrt_dt
+        for s in range(c.shape[1]):
+            weight = power(w, exchange[row, s, 2])
+            flux = 0.0
+            if which & DISSIPATIVE:
+                flux -= exchange[row, s, 0] * weight * weight * (c[i, s] - c[j, s])
+            if which & RANDOM and exchange[row, s, 1] != 0.0:
+                xi = clamped(normal(pair, FIRST_SPECIES + s))
+                flux += exchange[row, s, 1] * weight * (c[i, s] + c[j, s]) * scale * xi
+            rates[i, s] += flux
+            rates[j, s] -= flux
+    return energy, virial
 
 
-@compiled
-def species_laplacian(types, ntypes, coefficients, inv_mass, pi, pj, geometry, factors, columns, start, found):
-    """As :func:`.forces.laplacian`, of pairs within the range of the forces: the list may reach further."""
-    total = 0.0
-    for column in columns:
-        for n in range(start[column], start[column] + found[column]):
-            i, j = pi[n], pj[n]
-            row = 0 if ntypes == 1 else types[i] * ntypes + types[j]
-            factor = factors[n] if len(factors) else 1.0
-            rc, r = coefficients[row, CUTOFF], geometry[n, 3]
-            if r < rc:
-                mobile = (inv_mass[i] > 0.0) + (inv_mass[j] > 0.0)
-                total += mobile * factor * coefficients[row, A] * (1.0 / rc - 2.0 * (1.0 - r / rc) / r)
-    return total
+species_forces = over_pairs("species_forces", _pair_diffusion)

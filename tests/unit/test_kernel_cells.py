@@ -12,6 +12,7 @@ from scenes import BOXES, EXTENDED, TABLES, chains, factor_of, fluid, listed_pai
 
 from openmm_dpd import RunError
 from openmm_dpd.kernels import cells
+from openmm_dpd.kernels.columns import SWEEP_WAYS
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, PairSpec, TermTable, set_threads
 from openmm_dpd.plan import make_plan
 
@@ -64,9 +65,9 @@ def test_geometry_of_the_listed_pairs(box):
     found = oracle.pair_list(scene.positions, scene.type_ids, oracle_params(scene), box)
     expected = {(i, j): (*e, r) for i, j, r, e in zip(*found, strict=True)}
     pairs = engine.lists[0]
-    rows = [k for c in pairs.columns for k in range(pairs.start[c], pairs.start[c] + pairs.found[c])]
+    rows = pairs.rows(SWEEP_WAYS)
     for (i, j), row in zip(listed_pairs(engine), rows, strict=True):
-        got = np.array(pairs.geometry[row])
+        got = np.array(pairs.geometry[:, row])
         if i > j:
             i, j, got[:3] = j, i, -got[:3]
         np.testing.assert_allclose(got, expected[i, j], rtol=0, atol=1e-13 * (1 + np.abs(scene.positions).max()))
@@ -146,22 +147,16 @@ def test_parts_the_work_is_cut_into_do_not_change_the_order(box):
     engine = engine_of(scene)
     engine.prepare(scene.positions, box)
     pairs, expected = engine.lists[0], listed_pairs(engine)
-    order, geometry = pairs.order.copy(), pairs.geometry.copy()
-    origin, extent, shape = pairs._grid(scene.positions, box)
+    order, geometry, rows = pairs.order.copy(), pairs.geometry.copy(), pairs.rows()
+    grid = pairs.grid(scene.positions, box)
     for parts in (2, 3, 7, 300):
-        scratch = pairs.cell, np.zeros((parts, len(pairs.count) - 1), np.int64), np.zeros(parts, np.int64)
-        out = pairs.count, pairs.order, pairs.xs, pairs.types, pairs.inv_mass
-        pairs.order[:], pairs.geometry[:] = -1, np.nan
-        of_beads = engine.spec.types, engine.spec.inv_mass
-        assert cells.bin_beads(scene.positions, pairs.beads, *of_beads, extent, origin, box is not None, shape, *scratch, *out) == -1
+        pairs.order[:], pairs.geometry[:] = 0, np.nan
+        pairs.bin(scene.positions, grid, parts)
         assert np.array_equal(pairs.order, order)
         pairs.found[:] = 0
-        beads = pairs.xs, pairs.order, pairs.types, pairs.ntypes, pairs.cut2, pairs.cutoff**2, engine.spec.exceptions
-        out = pairs.start, pairs.found, pairs.pi, pairs.pj, pairs.geometry, pairs.factors
-        assert cells.list_pairs(*beads, extent, box is not None, shape, pairs.count, parts, *out)
+        pairs.list(grid, parts)
         assert listed_pairs(engine) == expected
-        listed = np.concatenate([np.arange(s, s + f) for s, f in zip(pairs.start[:-1].tolist(), pairs.found.tolist(), strict=True)])
-        assert np.array_equal(pairs.geometry[listed], geometry[listed])
+        assert np.array_equal(pairs.geometry[:, rows], geometry[:, rows])
 
 
 @pytest.mark.parametrize("seed", range(12))

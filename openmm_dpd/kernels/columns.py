@@ -1,0 +1,124 @@
+"""The loop over all pairs: colours, blocks of columns, columns, pairs.
+
+It stands here once.  What is done with a column and with a pair is put in when it is compiled::
+
+    before(pairs, data, begin, m, scratch)      once for each column, the pairs begin:begin + m: whatever can be done for many pairs at once
+    pair(pairs, data, scratch, n, k, column)    for each pair number n, the k-th of its column: returns energy and virial
+
+``pairs`` is a :class:`.pairs.Pairs`, ``data`` a NamedTuple of the caller's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import prange
+
+from .compiled import compiled, helper, inlined, renamed, serial_and_parallel
+from .pairs import PairList, Scratch
+from .threads import run
+
+#: A sweep goes through so many parts of a column in turn, a pair of each: two pairs that follow each other seldom share a bead, and the
+#: processor need not wait for one to begin the next.
+SWEEP_WAYS = 4
+
+
+@helper
+def nothing(pairs, data, begin, m, scratch):
+    """There is nothing that can be done for many pairs at once."""
+
+
+def _share(pairs, data, scratch, colour, part):
+    """The columns of a colour that one thread takes."""
+    space, parts = Scratch(scratch.values[part], scratch.bits[part], scratch.late[part]), len(scratch.values)
+    first, blocks = pairs.colour_start[colour], pairs.colour_start[colour + 1] - pairs.colour_start[colour]
+    begun, ended = first + blocks * part // parts, first + blocks * (part + 1) // parts
+    for task in range(pairs.block_start[begun], pairs.block_start[ended]):
+        column = pairs.columns[task]
+        begin, m = pairs.start[column], pairs.found[column]
+        _before(pairs, data, begin, m, space)
+        energy, virial = 0.0, 0.0
+        each = m // _WAYS
+        for q in range(m):
+            k = (q % _WAYS) * each + q // _WAYS if q < _WAYS * each else q
+            more = _pair(pairs, data, space, begin + k, k, column)
+            energy += more[0]
+            virial += more[1]
+        pairs.energy[column] = energy
+        pairs.virial[column] = virial
+
+
+def _over_pairs(pairs, data, scratch):
+    for colour in range(len(pairs.colour_start) - 1):
+        for part in prange(len(scratch.values)):
+            _share(pairs, data, scratch, colour, np.int64(part))
+    energy, virial = 0.0, 0.0
+    for column in range(len(pairs.found)):
+        energy += pairs.energy[column]
+        virial += pairs.virial[column]
+    return energy, virial
+
+
+# what over_pairs() puts in
+_before: Any = nothing
+_pair: Any = None
+_WAYS = np.uint64(1)
+
+
+def over_pairs(name: str, pair: Callable, before: Callable = nothing, ways: int = 1, parallel: bool = True) -> Callable:
+    """Function (list of pairs, data) -> sums of energy and virial, which goes through all pairs; compiled under a name of its own."""
+    share = helper(renamed(_share, f"{name}_share", {"_pair": pair, "_before": before, "_WAYS": np.uint64(ways)}))
+    loop = renamed(_over_pairs, name, {"_share": share})
+    kernels = serial_and_parallel(loop) if parallel else (compiled(loop, bare=True), None)
+
+    def call(pairs: PairList, data: NamedTuple) -> tuple[float, float]:
+        return run(*kernels, pairs.arrays, data, pairs.scratch)
+
+    return call
+
+
+@inlined
+def row_of(pairs, i, j):
+    """Row of two beads in a table of coefficients."""
+    return 0 if pairs.ntypes == 1 else pairs.types[i] * pairs.ntypes + pairs.types[j]
+
+
+@inlined
+def factor_of(pairs, n):
+    """Factor of bonded neighbours."""
+    return pairs.factors[n] if len(pairs.factors) else 1.0
+
+
+@inlined
+def approach(pairs, v, n, i, j):
+    """Relative velocity along the line between the beads of a pair."""
+    g = pairs.geometry
+    return g[0, n] * (v[i, 0] - v[j, 0]) + g[1, n] * (v[i, 1] - v[j, 1]) + g[2, n] * (v[i, 2] - v[j, 2])
+
+
+@inlined
+def push(f, i, j, fx, fy, fz):
+    """Add a force to bead i, and the opposite one to bead j."""
+    f[i, 0] += fx
+    f[i, 1] += fy
+    f[i, 2] += fz
+    f[j, 0] -= fx
+    f[j, 1] -= fy
+    f[j, 2] -= fz
+
+
+@inlined
+def push_apart(pairs, f, n, i, j, radial):
+    """Add a force along the line between two beads; returns its virial."""
+    g = pairs.geometry
+    push(f, i, j, radial * g[0, n], radial * g[1, n], radial * g[2, n])
+    return radial * g[3, n]
+
+
+@inlined
+def soft(A, cutoff, r):
+    """The conservative term A w with w = 1 - r/cutoff, and its energy."""
+    w = 1.0 - r / cutoff
+    return A * w, 0.5 * A * w * w * cutoff

@@ -1,0 +1,324 @@
+"""Pairs within the cutoff, column by column.
+
+The order of pairs is a function of the present positions alone.  A column first copies all beads that its own beads can meet, shifted to
+where they meet them, in the order of x, so that what a bead is compared with is one range.  The comparison gives one bit for each; the
+bits give the indices of the hits, a fixed number at a time; the hits of many beads are looked at together.  None of these loops has a
+branch that the processor could not foresee, and that is what makes them fast.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import prange
+
+from .compiled import compiled, helper, inlined, serial_and_parallel
+from .vectors import LANES, bits_set, copy_shifted, count_up, lowest_bit
+
+#: Square of the distance (nm^2) below which a pair exerts no force.
+R_MIN2 = 1e-20
+
+# The loops below run over unsigned indices: with signed ones numba looks out for indices below zero, and nothing is vectorised.
+_WORD, _ONE, _STEP = np.uint64(64), np.uint64(1), np.uint64(LANES)
+
+#: So many hits of a bead are written down without a question; few beads have more.
+_USUAL = np.uint64(8)
+
+#: So many hits are collected before they are looked at together.
+_BATCH = 2048
+
+
+class Found(NamedTuple):
+    """Where pairs are written.  Column c has the room start[c]:start[c + 1], and uses found[c] of it."""
+
+    start: np.ndarray
+    found: np.ndarray
+    pi: np.ndarray
+    pj: np.ndarray
+    geometry: np.ndarray
+    factors: np.ndarray
+
+
+class Space(NamedTuple):
+    """What each thread writes on, see :func:`space_for`."""
+
+    near: np.ndarray
+    bead: np.ndarray
+    who: np.ndarray
+    whom: np.ndarray
+    factor: np.ndarray
+    own: np.ndarray
+    others: np.ndarray
+    row: np.ndarray
+    width: np.ndarray
+    shift: np.ndarray
+
+
+def space_for(parts: int, nx: int, most: int) -> Space:
+    """Space of so many threads for so many beads near a column, and nx cells along it."""
+    # a whole word of bits is read beyond the last bead, and a whole vector written
+    beads, hits = (parts, most + 64), (parts, most + 64 + _BATCH)
+    copied = np.zeros((parts, 3, most + 64)), np.zeros(beads, np.uint32)
+    found = np.empty(hits, np.uint32), np.empty(hits, np.uint32), np.empty(hits)
+    ends = np.empty((parts, nx + 3), np.uint64), np.empty((parts, nx + 3), np.uint64)
+    return Space(*copied, *found, *ends, np.empty((parts, 5), np.int64), np.empty((parts, 5), np.int64), np.empty((parts, 5, 3)))
+
+
+class Rule(NamedTuple):
+    """Which beads are pairs: the squares of the cutoffs of all types, exceptions in compressed rows (of length 0 if there are none)."""
+
+    cut2: np.ndarray
+    longest2: float
+    ntypes: int
+    exc_start: np.ndarray
+    exc_bead: np.ndarray
+    exc_factor: np.ndarray
+
+
+@inlined
+def _factor(rule, i, j):
+    """Factor of the bonded neighbours i, j; 1 if they are none."""
+    for k in range(rule.exc_start[i], rule.exc_start[i + 1]):
+        if rule.exc_bead[k] == j:
+            return rule.exc_factor[k]
+    return 1.0
+
+
+@compiled
+def beads_near(count, grid):
+    """How many beads can be near a column: they lie in two layers of cells, and none is copied more than twice (across a face along x)."""
+    most, layer = 0, grid.nx * grid.ny
+    for z in range(grid.nz):
+        most = max(most, 4 * int(count[(z + 1) * layer] - count[z * layer]))
+    return most
+
+
+@helper
+def _neighbour_rows(cy, cz, grid, row, width, shift):
+    """The column (cy, cz) and the four whose beads it meets, as rows of cells that follow each other in the order of cells.
+
+    Writes for each row its first cell at x = 0, how many cells it takes there, and the lattice vector to add; returns how many rows.
+    """
+    nx, ny, nz = grid.nx, grid.ny, grid.nz
+    box = grid.box
+    n = 0
+    for side in range(5):
+        # the column itself, then (y+1, z), (y-1, z+1), (y, z+1), (y+1, z+1)
+        y = cy + (0 if side == 0 else 1 if side == 1 else side - 3)
+        z = cz + (0 if side < 2 else 1)
+        sx, sy, sz = 0.0, 0.0, 0.0
+        if y < 0 or y >= ny or z >= nz:
+            if not grid.periodic:
+                continue
+            if z >= nz:
+                z = 0
+                sx, sy, sz = box[2, 0], box[2, 1], box[2, 2]
+            if y < 0:
+                y = ny - 1
+                sx -= box[1, 0]
+                sy -= box[1, 1]
+            elif y >= ny:
+                y = 0
+                sx += box[1, 0]
+                sy += box[1, 1]
+        cell = z * nx * ny + y
+        if n > 1 and cell == row[n - 1] + width[n - 1]:
+            width[n - 1] += 1
+            continue
+        row[n], width[n] = cell, 1
+        shift[n, 0], shift[n, 1], shift[n, 2] = sx, sy, sz
+        n += 1
+    return n
+
+
+@helper
+def _gather(xs, cy, cz, grid, count, rows, own, others, near, bead):
+    """Copy all beads near the column (cy, cz) one after the other: for each x from -1 to nx its own beads, then those of its neighbours.
+
+    The own beads of cell x are own[x + 1]:others[x + 1], the others are others[x + 1]:own[x + 2].  What is copied beyond the end of a cell
+    is written over by the next one.
+    """
+    nx, ny = grid.nx, grid.ny
+    row, width, shift = rows
+    x, y, z = xs[0], xs[1], xs[2]
+    bx, by, bz = near[0], near[1], near[2]
+    n_rows = _neighbour_rows(cy, cz, grid, row, width, shift)
+    n = np.uint64(0)
+    for cx in range(-1, nx + 1):
+        own[cx + 1] = others[cx + 1] = n
+        turn = 0.0
+        at = cx
+        if cx < 0 or cx == nx:
+            if not grid.periodic:
+                continue
+            turn, at = (-grid.box[0, 0], nx - 1) if cx < 0 else (grid.box[0, 0], 0)
+        for k in range(n_rows):
+            if k == 0 and cx < 0:
+                continue  # these pairs are found from the other end
+            cell = row[k] + at * ny
+            begin, end = count[cell], count[cell + width[k]]
+            to = n
+            for j in range(begin, end, _STEP):
+                copy_shifted(x, j, shift[k, 0] + turn, bx, to)
+                copy_shifted(y, j, shift[k, 1], by, to)
+                copy_shifted(z, j, shift[k, 2], bz, to)
+                count_up(j, bead, to)
+                to += _STEP
+            n += end - begin
+            if k == 0:
+                others[cx + 1] = n
+    own[nx + 2] = n
+
+
+@inlined
+def _below(n):
+    """The lowest n bits of a word (n may be beyond both of its ends)."""
+    return (_ONE << np.uint64(max(n, 0))) - _ONE if n < 64 else ~np.uint64(0)
+
+
+@inlined
+def _hits(x, y, z, first, cut2, near):
+    """Which of the 64 beads from the first one on are closer than the cutoff, and not in the same place, as bits."""
+    bits = np.uint64(0)
+    for k in range(np.uint64(0), _WORD):
+        dx, dy, dz = x - near[0, first + k], y - near[1, first + k], z - near[2, first + k]
+        r2 = dx * dx + dy * dy + dz * dz
+        bits |= np.uint64((r2 < cut2) & (r2 >= R_MIN2)) << k
+    return bits
+
+
+@inlined
+def _collect(bits, s, first, who, whom, n):
+    """Write down the hits of bead s; returns how many there are then."""
+    hits = bits_set(bits)
+    for q in range(_USUAL):
+        whom[n + q] = first + lowest_bit(bits)
+        bits &= bits - _ONE
+    for q in range(_USUAL):
+        who[n + q] = s
+    for q in range(_USUAL, max(hits, _USUAL)):
+        who[n + q], whom[n + q] = s, first + lowest_bit(bits)
+        bits &= bits - _ONE
+    return n + hits
+
+
+@inlined
+def _keep(rule, order, types, near, bead, who, whom, factor, m):
+    """Leave out what the cutoffs of the types and the exceptions leave out; returns how many are left, with their factors."""
+    n = np.uint64(0)
+    for q in range(m):
+        s, k = who[q], whom[q]
+        i, j = bead[s], bead[k]
+        kept = True
+        if rule.ntypes > 1:
+            dx, dy, dz = near[0, s] - near[0, k], near[1, s] - near[1, k], near[2, s] - near[2, k]
+            kept = dx * dx + dy * dy + dz * dz < rule.cut2[types[i] * rule.ntypes + types[j]]
+        if len(rule.exc_start) and kept:
+            factor[n] = _factor(rule, order[i], order[j])
+            kept = factor[n] != 0.0
+        who[n], whom[n] = s, k
+        n += np.uint64(kept)
+    return n
+
+
+@inlined
+def _write(near, bead, who, whom, factor, m, n, room, out):
+    """Write hits as pairs number n and following, as far as there is room."""
+    g = out.geometry
+    end = min(n + m, max(n, room))
+    for q in range(end - n):
+        s, k = who[q], whom[q]
+        out.pi[n + q], out.pj[n + q] = bead[s], bead[k]
+        g[0, n + q], g[1, n + q], g[2, n + q] = near[0, s] - near[0, k], near[1, s] - near[1, k], near[2, s] - near[2, k]
+    for p in range(n, end):
+        dx, dy, dz = g[0, p], g[1, p], g[2, p]
+        r = np.sqrt(dx * dx + dy * dy + dz * dz)
+        inverse = 1.0 / r
+        g[0, p], g[1, p], g[2, p], g[3, p] = dx * inverse, dy * inverse, dz * inverse, r
+    if len(out.factors):
+        for q in range(end - n):
+            out.factors[n + q] = factor[q]
+
+
+@helper
+def _flush(rule, order, types, near, bead, hits, m, n, room, out):
+    """Turn the m hits into pairs number n and following; returns the number of the next one, also where there was no room for all."""
+    who, whom, factor = hits
+    if rule.ntypes > 1 or len(rule.exc_start):
+        m = _keep(rule, order, types, near, bead, who, whom, factor, m)
+    _write(near, bead, who, whom, factor, m, n, room, out)
+    return n + m
+
+
+@helper
+def _list_part(xs, order, types, count, grid, rule, space, out, part):
+    """List the pairs of the columns that one thread takes."""
+    columns, parts = grid.ny * grid.nz, len(space.bead)
+    near, bead, own, others = space.near[part], space.bead[part], space.own[part], space.others[part]
+    hits = space.who[part], space.whom[part], space.factor[part]
+    rows = space.row[part], space.width[part], space.shift[part]
+    for column in range(columns * part // parts, columns * (part + 1) // parts):
+        _gather(xs, column % grid.ny, column // grid.ny, grid, count, rows, own, others, near, bead)
+        n, room, m = out.start[column], out.start[column + 1], np.uint64(0)
+        for cx in range(grid.nx):
+            begin, stop, mine = others[cx], own[cx + 3], own[cx + 1]
+            for s in range(mine, others[cx + 1]):
+                x, y, z = near[0, s], near[1, s], near[2, s]
+                for first in range(begin, stop, _WORD):
+                    bits = _hits(x, y, z, first, rule.longest2, near)
+                    # not itself and the own beads before it, which have met it, nor what lies beyond the range
+                    met = _below(np.int64(s + _ONE - first)) & ~_below(np.int64(mine - first))
+                    m = _collect(bits & ~met & _below(np.int64(stop - first)), s, first, hits[0], hits[1], m)
+                if m > _BATCH:
+                    n = _flush(rule, order, types, near, bead, hits, m, n, room, out)
+                    m = np.uint64(0)
+        out.found[column] = _flush(rule, order, types, near, bead, hits, m, n, room, out) - out.start[column]
+
+
+def _list_pairs(xs, order, types, count, grid, rule, space, out):
+    """List all pairs; returns whether there was room for all of them.  The threads share the columns in as many parts as there is space."""
+    for part in prange(len(space.bead)):
+        _list_part(xs, order, types, count, grid, rule, space, out, np.int64(part))
+    enough = True
+    for column in range(grid.ny * grid.nz):
+        enough = enough and out.found[column] <= out.start[column + 1] - out.start[column]
+    return enough
+
+
+list_pairs, list_pairs_parallel = serial_and_parallel(_list_pairs)
+
+
+@compiled
+def list_pairs_small_box(xs, order, types, box, rule, out):
+    """All pairs by minimum image, for boxes too narrow for three cells; one column holds them all.  Returns whether there was room."""
+    n, end = out.start[0], out.start[1]
+    for i in range(len(order)):
+        for j in range(i + 1, len(order)):
+            dx, dy, dz = xs[0, i] - xs[0, j], xs[1, i] - xs[1, j], xs[2, i] - xs[2, j]
+            turns = np.floor(dz / box[2, 2] + 0.5)
+            dx -= turns * box[2, 0]
+            dy -= turns * box[2, 1]
+            dz -= turns * box[2, 2]
+            turns = np.floor(dy / box[1, 1] + 0.5)
+            dx -= turns * box[1, 0]
+            dy -= turns * box[1, 1]
+            dx -= np.floor(dx / box[0, 0] + 0.5) * box[0, 0]
+            r2 = dx * dx + dy * dy + dz * dz
+            if r2 < rule.longest2 and r2 >= R_MIN2:
+                if rule.ntypes > 1 and r2 >= rule.cut2[types[i] * rule.ntypes + types[j]]:
+                    continue
+                factor = 1.0
+                if len(rule.exc_start):
+                    factor = _factor(rule, order[i], order[j])
+                    if factor == 0.0:
+                        continue
+                if n < end:
+                    r = np.sqrt(r2)
+                    out.pi[n], out.pj[n] = i, j
+                    out.geometry[0, n], out.geometry[1, n], out.geometry[2, n], out.geometry[3, n] = dx / r, dy / r, dz / r, r
+                    if len(out.factors):
+                        out.factors[n] = factor
+                n += _ONE
+    out.found[0] = n - out.start[0]
+    return n <= end
