@@ -10,7 +10,6 @@ from openmm import unit
 
 import openmm_dpd as dpd
 from openmm_dpd.kernels import noise as hashed
-from openmm_dpd.kernels.columns import SWEEP_WAYS
 from openmm_dpd.kernels.compiled import compiled
 from openmm_dpd.kernels.engine import PairEngine
 
@@ -137,7 +136,7 @@ def noise_of(n: int, seed: int, counter: int, kT: float, layer: int = 0):
 def listed_pairs(engine: PairEngine, layer: int = 0) -> list[tuple[int, int]]:
     """Pairs of the prepared positions, in the order in which a sweep takes them."""
     pairs = engine.lists[layer]
-    rows = pairs.rows(SWEEP_WAYS)
+    rows = pairs.rows
     return list(zip(pairs.order[pairs.pi[rows]].tolist(), pairs.order[pairs.pj[rows]].tolist(), strict=True))
 
 

@@ -76,7 +76,7 @@ class _SegmentStress:
 
 def _listed(pairs: PairList) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | float]:
     """Beads i and j, directions e (P, 3), distances and factors of all pairs of a list."""
-    rows = pairs.rows()
+    rows = pairs.rows
     e, r = pairs.geometry[:3, rows].T, pairs.geometry[3, rows]
     factors = pairs.factors[rows] if len(pairs.factors) else 1.0
     return pairs.order[pairs.pi[rows]], pairs.order[pairs.pj[rows]], e, r, factors

@@ -20,10 +20,6 @@ from .compiled import compiled, helper, inlined, renamed, serial_and_parallel
 from .pairs import PairList, Scratch
 from .threads import run
 
-#: A sweep goes through so many parts of a column in turn, a pair of each: two pairs that follow each other seldom share a bead, and the
-#: processor need not wait for one to begin the next.
-SWEEP_WAYS = 4
-
 
 @helper
 def nothing(pairs, data, begin, m, scratch):
@@ -40,9 +36,7 @@ def _share(pairs, data, scratch, colour, part):
         begin, m = pairs.start[column], pairs.found[column]
         _before(pairs, data, begin, m, space)
         energy, virial = 0.0, 0.0
-        each = m // _WAYS
-        for q in range(m):
-            k = (q % _WAYS) * each + q // _WAYS if q < _WAYS * each else q
+        for k in range(m):
             more = _pair(pairs, data, space, begin + k, k, column)
             energy += more[0]
             virial += more[1]
@@ -64,12 +58,11 @@ def _over_pairs(pairs, data, scratch):
 # what over_pairs() puts in
 _before: Any = nothing
 _pair: Any = None
-_WAYS = np.uint64(1)
 
 
-def over_pairs(name: str, pair: Callable, before: Callable = nothing, ways: int = 1, parallel: bool = True) -> Callable:
+def over_pairs(name: str, pair: Callable, before: Callable = nothing, parallel: bool = True) -> Callable:
     """Function (list of pairs, data) -> sums of energy and virial, which goes through all pairs; compiled under a name of its own."""
-    share = helper(renamed(_share, f"{name}_share", {"_pair": pair, "_before": before, "_WAYS": np.uint64(ways)}))
+    share = helper(renamed(_share, f"{name}_share", {"_pair": pair, "_before": before}))
     loop = renamed(_over_pairs, name, {"_share": share})
     kernels = serial_and_parallel(loop) if parallel else (compiled(loop, bare=True), None)
 

@@ -31,7 +31,7 @@ import numpy as np
 
 from ..errors import RunError
 from . import forces
-from .columns import SWEEP_WAYS, approach, factor_of, over_pairs, push_apart, row_of, soft
+from .columns import approach, factor_of, over_pairs, push_apart, row_of, soft
 from .compiled import helper, inlined
 from .eos import CONSTANT, RESERVOIR, EOSTable, curvature, entropy_change, exp_below, in_range, inverse_temperature, log_ratio
 from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Forces, PairSpec
@@ -377,4 +377,4 @@ def _pair_exchange(pairs, data, scratch, n, k, column):
     return 0.0, 0.0
 
 
-energy_sweep = over_pairs("energy_sweep", _pair_exchange, ways=SWEEP_WAYS)
+energy_sweep = over_pairs("energy_sweep", _pair_exchange)

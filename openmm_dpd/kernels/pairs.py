@@ -214,11 +214,8 @@ class PairList:
             self._scratch = Scratch(*numbers, np.empty((threads, longest), np.uint32))
         return self._scratch
 
-    def rows(self, ways: int = 1) -> np.ndarray:
-        """Numbers of all pairs, in the order in which a loop with so many ways meets them (see :mod:`.columns`)."""
-        found = []
-        for column in self.columns:
-            n = int(self.found[column])
-            along = np.arange(n // ways * ways).reshape(ways, -1).T.ravel()
-            found.append(int(self.start[column]) + np.concatenate([along, np.arange(n // ways * ways, n)]))
-        return np.concatenate(found)
+    @property
+    def rows(self) -> np.ndarray:
+        """Numbers of all pairs, in the order in which a loop meets them (see :mod:`.columns`)."""
+        ranges = zip(self.start[self.columns].tolist(), self.found[self.columns].tolist(), strict=True)
+        return np.concatenate([np.arange(begin, begin + count) for begin, count in ranges])

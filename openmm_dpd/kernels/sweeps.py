@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .columns import SWEEP_WAYS, approach, factor_of, over_pairs, row_of
+from .columns import approach, factor_of, over_pairs, row_of
 from .compiled import helper, inlined
 from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, GAMMA, GAMMA_PERP, power
 from .layer import EXACT, SHARDLOW
@@ -184,8 +184,8 @@ def _any(pairs, data, scratch, n, k, column):
     return 0.0, 0.0
 
 
-_central_sweep = over_pairs("central_sweep", _central, _updates, ways=SWEEP_WAYS)
-_any_sweep = over_pairs("any_sweep", _any, _updates, ways=SWEEP_WAYS)
+_central_sweep = over_pairs("central_sweep", _central, _updates)
+_any_sweep = over_pairs("any_sweep", _any, _updates)
 
 
 def sweep(pairs: PairList, terms: Sweep, transverse: bool) -> None:

@@ -12,7 +12,6 @@ from scenes import BOXES, EXTENDED, TABLES, chains, factor_of, fluid, listed_pai
 
 from openmm_dpd import RunError
 from openmm_dpd.kernels import cells
-from openmm_dpd.kernels.columns import SWEEP_WAYS
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, PairSpec, TermTable, set_threads
 from openmm_dpd.plan import make_plan
 
@@ -65,7 +64,7 @@ def test_geometry_of_the_listed_pairs(box):
     found = oracle.pair_list(scene.positions, scene.type_ids, oracle_params(scene), box)
     expected = {(i, j): (*e, r) for i, j, r, e in zip(*found, strict=True)}
     pairs = engine.lists[0]
-    rows = pairs.rows(SWEEP_WAYS)
+    rows = pairs.rows
     for (i, j), row in zip(listed_pairs(engine), rows, strict=True):
         got = np.array(pairs.geometry[:, row])
         if i > j:
@@ -147,7 +146,7 @@ def test_parts_the_work_is_cut_into_do_not_change_the_order(box):
     engine = engine_of(scene)
     engine.prepare(scene.positions, box)
     pairs, expected = engine.lists[0], listed_pairs(engine)
-    order, geometry, rows = pairs.order.copy(), pairs.geometry.copy(), pairs.rows()
+    order, geometry, rows = pairs.order.copy(), pairs.geometry.copy(), pairs.rows
     grid = pairs.grid(scene.positions, box)
     for parts in (2, 3, 7, 300):
         pairs.order[:], pairs.geometry[:] = 0, np.nan
