@@ -13,7 +13,7 @@ import numpy as np
 from numba import prange
 from scipy.spatial import cKDTree
 
-from .compiled import inlined, serial_and_parallel
+from .compiled import helper, inlined, serial_and_parallel
 
 
 class Grid(NamedTuple):
@@ -39,23 +39,103 @@ class Grid(NamedTuple):
 
 
 @inlined
-def _fractions(px, py, pz, box, inverse, origin):
-    """Position in units of the (lower-triangular) box vectors; inverse holds one over the diagonal of the box."""
-    sz = (pz - origin[2]) * inverse[2]
-    sy = (py - origin[1] - sz * box[2, 1]) * inverse[1]
-    sx = (px - origin[0] - sz * box[2, 0] - sy * box[1, 0]) * inverse[0]
+def _fractions(px, py, pz, grid):
+    """Position in units of the (lower-triangular) box vectors."""
+    box, origin = grid.box, grid.origin
+    sz = (pz - origin[2]) * (1.0 / box[2, 2])
+    sy = (py - origin[1] - sz * box[2, 1]) * (1.0 / box[1, 1])
+    sx = (px - origin[0] - sz * box[2, 0] - sy * box[1, 0]) * (1.0 / box[0, 0])
     return sx, sy, sz
 
 
-def _bin_beads(x, beads, types, inv_mass, grid, scratch, count, order, xs, sorted_types, sorted_inv_mass):
+@inlined
+def _usable(sx, sy, sz):
+    return abs(sx) < 1e15 and abs(sy) < 1e15 and abs(sz) < 1e15
+
+
+@helper
+def _find_cells(x, beads, grid, begin, end, cell, wrapped):
+    """Cells of the beads begin:end, and their positions wrapped into the grid; returns whether all positions are usable.
+
+    Without a branch, so that several beads are treated at once.
+    """
+    box, nx, ny, nz = grid.box, grid.nx, grid.ny, grid.nz
+    usable = True
+    for k in range(np.uint64(begin), np.uint64(end)):
+        i = beads[k]
+        px, py, pz = x[i, 0], x[i, 1], x[i, 2]
+        sx, sy, sz = _fractions(px, py, pz, grid)
+        usable &= _usable(sx, sy, sz)
+        if grid.periodic:
+            tx, ty, tz = np.floor(sx), np.floor(sy), np.floor(sz)
+            sx, sy, sz = sx - tx, sy - ty, sz - tz
+            # the same turns: a bead on a face must get the position of the cell it was put into
+            px -= tz * box[2, 0] + ty * box[1, 0] + tx * box[0, 0]
+            py -= tz * box[2, 1] + ty * box[1, 1]
+            pz -= tz * box[2, 2]
+        wrapped[0, k], wrapped[1, k], wrapped[2, k] = px, py, pz
+        cell[k] = (min(int(sz * nz), nz - 1) * nx + min(int(sx * nx), nx - 1)) * ny + min(int(sy * ny), ny - 1)
+    return usable
+
+
+@helper
+def _count_chunk(x, beads, grid, scratch, chunk):
+    """Cells of one chunk of the beads, and how many of them are in each; returns whether all positions are usable."""
+    cell, wrapped, place = scratch.cell, scratch.wrapped, scratch.place[chunk]
+    m, chunks = len(beads), len(scratch.place)
+    begin, end = m * chunk // chunks, m * (chunk + 1) // chunks
+    usable = _find_cells(x, beads, grid, begin, end, cell, wrapped)
+    place[:] = 0
+    if usable:
+        for k in range(np.uint64(begin), np.uint64(end)):
+            place[cell[k]] += np.uint32(1)
+    return usable
+
+
+@helper
+def _place_chunk(beads, scratch, chunk, order, xs, of_beads, sorted_types, sorted_inv_mass):
+    """Put the beads of one chunk where they belong."""
+    cell, wrapped, place = scratch.cell, scratch.wrapped, scratch.place[chunk]
+    m, chunks = len(beads), len(scratch.place)
+    for k in range(np.uint64(m * chunk // chunks), np.uint64(m * (chunk + 1) // chunks)):
+        n, i = place[cell[k]], beads[k]
+        place[cell[k]] = n + np.uint32(1)
+        xs[0, n], xs[1, n], xs[2, n] = wrapped[0, k], wrapped[1, k], wrapped[2, k]
+        order[n] = i
+        if len(of_beads.types):
+            sorted_types[n] = of_beads.types[i]
+        if len(of_beads.inv_mass):
+            sorted_inv_mass[n] = of_beads.inv_mass[i]
+
+
+class OfBeads(NamedTuple):
+    """What is sorted with the positions: (N,) arrays, of length 0 where all beads have the same."""
+
+    types: np.ndarray
+    inv_mass: np.ndarray
+
+
+class Scratch(NamedTuple):
+    """For M beads in as many chunks as the threads share them in: cell (M,), wrapped (3, M), place (chunks, ncells), usable (chunks,)."""
+
+    cell: np.ndarray
+    wrapped: np.ndarray
+    place: np.ndarray
+    usable: np.ndarray
+
+
+def scratch_for(beads: int, chunks: int, cells: int) -> Scratch:
+    """Scratch of its sizes."""
+    return Scratch(np.zeros(beads, np.uint32), np.zeros((3, beads)), np.zeros((chunks, cells), np.uint32), np.zeros(chunks, np.bool_))
+
+
+def _bin_beads(x, beads, of_beads, grid, scratch, count, order, xs, sorted_types, sorted_inv_mass):
     """Counting sort of the beads by cell (y fastest, then x), stable in the bead's index.
 
     Parameters
     ----------
     x : (N, 3) positions; beads : (M,) indices of the beads that take part
-    types, inv_mass : (N,) what is sorted with the positions
-    grid : :class:`Grid`
-    scratch : cell (M,), place (chunks, ncells) and bad (chunks,): the threads share the beads in as many chunks
+    of_beads : :class:`OfBeads`; grid : :class:`Grid`; scratch : :class:`Scratch`
     count : (ncells + 1,) out: first sorted bead of each cell
     order : (M,) out: index of each sorted bead; xs : (3, M or more) out: its position, wrapped into the grid
     sorted_types, sorted_inv_mass : (M,) out
@@ -65,60 +145,26 @@ def _bin_beads(x, beads, types, inv_mass, grid, scratch, count, order, xs, sorte
     int
         -1, or the index of the first bead whose position is not finite.
     """
-    box, origin, periodic = grid.box, grid.origin, grid.periodic
-    nx, ny, nz = grid.nx, grid.ny, grid.nz
-    cell, place, bad = scratch
-    m, chunks = len(beads), len(bad)
-    inverse = (1.0 / box[0, 0], 1.0 / box[1, 1], 1.0 / box[2, 2])
-    for chunk in prange(chunks):
-        bad[chunk] = -1
-        for k in range(nx * ny * nz):
-            place[chunk, k] = 0
-        for k in range(m * chunk // chunks, m * (chunk + 1) // chunks):
-            i = beads[k]
-            sx, sy, sz = _fractions(x[i, 0], x[i, 1], x[i, 2], box, inverse, origin)
-            if not (abs(sx) < 1e15 and abs(sy) < 1e15 and abs(sz) < 1e15):
-                bad[chunk] = i
-                break
-            if periodic:
-                sx -= np.floor(sx)
-                sy -= np.floor(sy)
-                sz -= np.floor(sz)
-            cx = min(int(sx * nx), nx - 1)
-            cy = min(int(sy * ny), ny - 1)
-            cz = min(int(sz * nz), nz - 1)
-            cell[k] = (cz * nx + cx) * ny + cy
-            place[chunk, cell[k]] += 1
-    for chunk in range(chunks):
-        if bad[chunk] >= 0:
-            return bad[chunk]
+    place, usable = scratch.place, scratch.usable
+    for chunk in prange(len(usable)):
+        usable[chunk] = _count_chunk(x, beads, grid, scratch, np.int64(chunk))
+    for chunk in range(len(usable)):
+        if not usable[chunk]:
+            for i in beads:
+                sx, sy, sz = _fractions(x[i, 0], x[i, 1], x[i, 2], grid)
+                if not _usable(sx, sy, sz):
+                    return i
     # from the number of beads of each chunk in each cell to the place of the first of them
-    total = 0
-    for k in range(nx * ny * nz):
+    total = np.uint32(0)
+    for k in range(np.uint64(place.shape[1])):
         count[k] = total
-        for chunk in range(chunks):
+        for chunk in range(np.uint64(len(usable))):
             here = place[chunk, k]
             place[chunk, k] = total
             total += here
-    count[nx * ny * nz] = total
-    for chunk in prange(chunks):
-        for k in range(m * chunk // chunks, m * (chunk + 1) // chunks):
-            i, n = beads[k], place[chunk, cell[k]]
-            place[chunk, cell[k]] += 1
-            px, py, pz = x[i, 0], x[i, 1], x[i, 2]
-            if periodic:
-                # the same turns as above: a bead on a face must get the position of the cell it was put into
-                sx, sy, sz = _fractions(px, py, pz, box, inverse, origin)
-                tx, ty, tz = np.floor(sx), np.floor(sy), np.floor(sz)
-                px -= tz * box[2, 0] + ty * box[1, 0] + tx * box[0, 0]
-                py -= tz * box[2, 1] + ty * box[1, 1]
-                pz -= tz * box[2, 2]
-            xs[0, n] = px
-            xs[1, n] = py
-            xs[2, n] = pz
-            order[n] = i
-            sorted_types[n] = types[i]
-            sorted_inv_mass[n] = inv_mass[i]
+    count[place.shape[1]] = total
+    for chunk in prange(len(usable)):
+        _place_chunk(beads, scratch, np.int64(chunk), order, xs, of_beads, sorted_types, sorted_inv_mass)
     return -1
 
 

@@ -111,7 +111,7 @@ class Sweeper:
     def __init__(self, pairs: PairList, plain: bool, transverse: bool):
         self.pairs, self.transverse = pairs, transverse
         self.v = np.zeros((len(pairs.order), 3))  # scratch, in the order of the list
-        self._inv_mass = pairs.common_inv_mass if plain else None
+        self._inv_mass = (pairs.common_inv_mass or None) if plain else None
 
     def __call__(self, call: Call, number: int, coefficients: np.ndarray, v: np.ndarray) -> None:
         """Update velocities (N, 3) pair by pair, in place."""

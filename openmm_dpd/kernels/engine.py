@@ -39,6 +39,8 @@ class PairEngine:
         self.spec = spec
         self.layers: list[Layer] = [table.layer(spec, number) for number, table in enumerate(spec.terms)]
         self.lists = [layer.pairs for layer in self.layers]
+        #: Whether the first layer gives every bead a force.
+        self._covered = bool(self.lists) and len(self.lists[0].order) == len(spec.types)
         columns = 0 if spec.fields is None else spec.fields.n_values
         self.rates, self.flow = np.zeros((len(spec.types), columns)), np.zeros((len(spec.types), columns))
         self.stress = np.zeros(6)
@@ -99,7 +101,8 @@ class PairEngine:
             Sum over pairs of r_ij . F_ij, of pair terms alone.
         """
         force = np.empty((len(self.spec.types), 3)) if out is None else out
-        force[...] = 0.0
+        if not self._covered:
+            force[...] = 0.0
         energy = virial = 0.0
         if which & RANDOM and kT == 0.0 and self.spec.fields is None:
             which &= ~RANDOM

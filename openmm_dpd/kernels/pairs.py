@@ -86,14 +86,19 @@ class PairList:
         self.beads = np.flatnonzero(types >= 0)
         self.ntypes = len(cutoff)
         self.exceptions = no_exceptions() if exceptions is None else exceptions
-        self._of_beads = types, inv_mass
         self._shape: tuple[int, int, int] | None = None
         self._grid: cells.Grid
         self.set_cutoff(cutoff)
         m = len(self.beads)
         self.order, self.xs = np.zeros(m, np.uint32), np.zeros((3, m + listing.LANES))
         self.types, self.inv_mass = np.zeros(m, np.int32), np.zeros(m)
-        self._cell, self._place = np.zeros(m, np.int64), np.zeros((0, 0), np.int64)
+        mine = inv_mass[self.beads]
+        #: 1/mass of all the beads if it is the same, otherwise None.
+        self.common_inv_mass: float | None = None
+        if m and np.all(mine == mine[0]):
+            self.common_inv_mass, self.inv_mass[:] = float(mine[0]), mine[0]
+        self._of_beads = cells.OfBeads(types[: 0 if self.ntypes == 1 else None], inv_mass[: None if self.common_inv_mass is None else 0])
+        self._sorting: cells.Scratch | None = None
         # unsigned (like start and found): numba looks out for negative indices otherwise, in every loop over pairs
         self.pi = self.pj = np.zeros(0, np.uint32)
         self.geometry, self.factors = np.zeros((4, 0)), np.zeros(0)
@@ -111,12 +116,6 @@ class PairList:
     def alike(self) -> bool:
         """Whether all pairs have the same types and the factor 1."""
         return self.ntypes == 1 and not len(self.exceptions[0])
-
-    @property
-    def common_inv_mass(self) -> float | None:
-        """1/mass of all the beads if it is the same, and not 0."""
-        inv_mass = self._of_beads[1][self.beads]
-        return float(inv_mass[0]) if len(inv_mass) and inv_mass[0] > 0 and np.all(inv_mass == inv_mass[0]) else None
 
     def grid(self, x: np.ndarray, box: np.ndarray | None) -> cells.Grid:
         """Cells, no more than twice the beads.  Those of a box are kept for the next call."""
@@ -164,10 +163,11 @@ class PairList:
 
     def bin(self, x: np.ndarray, grid: cells.Grid, chunks: int) -> None:
         """Sort the beads into cells; the threads share them in so many chunks, whose counts are summed by one thread."""
-        if self._place.shape != (chunks, len(self.count) - 1):
-            self._place, self._bad = np.zeros((chunks, len(self.count) - 1), np.int64), np.zeros(chunks, np.int64)
-        scratch, out = (self._cell, self._place, self._bad), (self.count, self.order, self.xs, self.types, self.inv_mass)
-        bad = run(cells.bin_beads, cells.bin_beads_parallel, x, self.beads, *self._of_beads, grid, scratch, *out)
+        sizes = chunks, len(self.count) - 1
+        if self._sorting is None or self._sorting.place.shape != sizes:
+            self._sorting = cells.scratch_for(len(self.beads), *sizes)
+        out = self.count, self.order, self.xs, self.types, self.inv_mass
+        bad = run(cells.bin_beads, cells.bin_beads_parallel, x, self.beads, self._of_beads, grid, self._sorting, *out)
         if bad >= 0:
             raise RunError(f"the position of bead {bad} is not finite: {x[bad].tolist()}")
 

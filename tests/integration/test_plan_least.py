@@ -193,7 +193,8 @@ def test_native_has_the_friction_of_lammps():
 @PLACEMENTS
 def test_evaluations_per_step(scheme, conservative, monkeypatch):
     """How often the kernel lists pairs, and adds forces or sweeps, in a step: counted on a running scene."""
-    from openmm_dpd.kernels.engine import PairEngine, PairList
+    from openmm_dpd.kernels.engine import PairEngine
+    from openmm_dpd.kernels.pairs import PairList
 
     counts = {"lists": 0, "forces": 0, "sweeps": 0}
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import os
 
 import numpy as np
 import oracle
@@ -305,8 +304,3 @@ def test_coincident_pairs_across_faces(box):
         x[51] = x[50] - [1e-5, 0, 0] + frame[0]
         x[20] += 2 * frame[2]
     assert cells.coincident_pairs(x, box, 1e-4) == [(3, 10), (4, 20), (4, 30), (5, 40), (20, 30), (50, 51)]
-
-
-def test_waiting_threads_do_not_spin():
-    """Importing the package asks OpenMP for passive waiting, unless the user has chosen: otherwise a step takes ten times as long on a busy machine."""
-    assert "OMP_WAIT_POLICY" in os.environ

@@ -11,6 +11,7 @@ from scipy import special, stats
 
 from openmm_dpd.kernels import noise
 from openmm_dpd.kernels.compiled import compiled
+from openmm_dpd.kernels.pairs import PairList, Scratch
 
 M = 1_000_000
 
@@ -187,3 +188,27 @@ def test_noise_has_not_changed():
         bits = pair if k == 0 else mix((pair + k * 0xD1342543DE82EF95) & mask)
         tail = (256 - ((bits >> 55) % 256) - (((bits >> 3) % 2**52) + 0.5) * 2.0**-52) / 512
         assert drawn[k] == pytest.approx((2 * (bits >> 63) - 1) * special.ndtri(tail), abs=2e-6)
+
+
+def test_numbers_of_a_column_are_those_of_its_pairs():
+    """Drawn together, with tails (one in thirty) and in any order of the beads: the same bits."""
+    rng, n, m = np.random.default_rng(8), 2000, 5000
+    first, second = rng.integers(0, n // 2, m), rng.integers(n // 2, n, m)
+    types, inv_mass = np.zeros(n, np.int32), np.ones(n)
+    pairs = PairList(types, inv_mass, np.ones((1, 1)))
+    pairs.build(np.zeros((n, 3)) + np.arange(n)[:, None], None)
+    pairs.order[:] = rng.permutation(n)
+    arrays = pairs.arrays._replace(pi=first.astype(np.uint32), pj=second.astype(np.uint32))
+    scratch = Scratch(np.zeros((4, m + 1)), np.zeros(m + 1, np.uint64), np.zeros(m + 1, np.uint32))
+    key = noise.call_key(3, 4)
+    noise.draw(key, arrays, np.uint64(0), np.uint64(m), scratch)
+    one_by_one = np.empty(m)
+    _of_pairs(key, pairs.order[first], pairs.order[second], one_by_one)
+    assert np.array_equal(scratch.values[3, :m], one_by_one)
+    assert np.abs(one_by_one).max() > 3
+
+
+@compiled
+def _of_pairs(key, i, j, values):
+    for k in range(len(i)):
+        values[k] = noise.normal(noise.pair_key(key, min(i[k], j[k]), max(i[k], j[k])), 0)

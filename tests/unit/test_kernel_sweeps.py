@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import oracle
 import pytest
-from scenes import BOXES, EXTENDED, TABLES, D, chains, factor_of, fluid, listed_pairs, noise_of, oracle_params
+from scenes import BOXES, EXTENDED, TABLES, D, beads, chains, factor_of, fluid, listed_pairs, noise_of, oracle_params
 
 import openmm_dpd as dpd
 from openmm_dpd.kernels.engine import PairEngine, set_threads
+from openmm_dpd.kernels.layer import EXACT, SHARDLOW
 from openmm_dpd.plan import make_plan
 
 BOX = pytest.mark.parametrize("box", BOXES.values(), ids=BOXES.keys())
@@ -107,6 +108,23 @@ def test_the_input_is_left_alone_and_again_gives_the_same_bits(scheme, two_threa
     results.append(prepared(scene, scheme).sweep(v, KT, 0.05, SEED, COUNTER))
     assert np.array_equal(v, scene.velocities)
     assert all(np.array_equal(results[0], other) for other in results[1:])
+
+
+def test_the_update_may_be_chosen_for_each_call():
+    scene = fluid(EXTENDED, kT=KT)
+    middle, shardlow = prepared(scene, "middle"), prepared(scene, "shardlow")
+    arguments = (scene.velocities, KT, 0.05, SEED, COUNTER)
+    assert np.array_equal(middle.sweep(*arguments, update=SHARDLOW), shardlow.sweep(*arguments))
+    assert np.array_equal(shardlow.sweep(*arguments, update=EXACT), middle.sweep(*arguments))
+    assert not np.array_equal(middle.sweep(*arguments), shardlow.sweep(*arguments))
+
+
+@UPDATE
+@pytest.mark.parametrize("dt", [1e-4, 0.05, 0.2, 1.0, 7.0, 40.0])
+def test_beads_that_are_all_alike(scheme, dt):
+    """One type, one mass, exponent 1: the loops for that case, from weak damping to x = 900, where they leave it to the others."""
+    scene = beads(300, edge=4.5, table={("W", "W"): D(gamma=11.0)}, kT=KT, velocities=np.random.default_rng(2).normal(size=(300, 3)))
+    check(scene, scheme, dt)
 
 
 @UPDATE
