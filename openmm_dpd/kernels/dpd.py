@@ -84,7 +84,7 @@ class DPDLayer:
         force[...] = 0.0
         stress = np.zeros((len(pairs.found) if call.which & STRESS else 0, 6))
         if call.velocities is not None and call.which & DISSIPATIVE:
-            motion.gather(call.velocities, pairs.order, v)
+            motion.gather(v, call.velocities, pairs.order)
         elif call.which != CONSERVATIVE:
             v[...] = 0.0
         noise = call.key(self.number), call.rsqrt_dt
@@ -119,7 +119,7 @@ class Sweeper:
         if inv_mass is not None:
             halvings = sweeps.halvings(call.update, coefficients[0, GAMMA] * 2.0 * inv_mass * call.dt)
         plain = inv_mass is not None and halvings <= _MOST_HALVINGS
-        motion.gather(v, pairs.order, self.v)
+        motion.gather(self.v, v, pairs.order)
         noise = call.kT, call.dt, call.key(number)
         sweeps.sweep(pairs, sweeps.Sweep(call.update, plain, halvings, *noise, coefficients, self.v), self.transverse)
         motion.scatter(self.v, pairs.order, v)

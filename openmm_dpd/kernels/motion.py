@@ -1,28 +1,196 @@
-"""Small loops over beads: velocities from displacements, kicks, impulses as forces, sorting.
+"""Loops over beads: velocities from displacements, drifts, kicks, walls, sorting.
 
-Each is one pass without temporary arrays: an array of numpy's that lives for a moment costs more than the arithmetic on it, since
-its memory comes from the operating system page by page.
+Each is one pass without temporary arrays: an array of numpy's that lives for a moment costs more than the arithmetic on it, since its
+memory comes from the operating system page by page.  Several threads share a pass where there are beads enough for them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
-from numba import njit
+from numba import prange
 
-from .compiled import compiled
+from .compiled import compiled, helper, inlined, renamed, serial_and_parallel
+from .threads import get_threads, run
+
+#: Fewer beads than this are not worth waking a second thread for.
+FEW = 4000
 
 
-@compiled
-def seen_velocities(x, kept, tau, v):
+def _over_beads(beads, parts, arguments):
+    for part in prange(parts):
+        _some(beads * part // parts, beads * (part + 1) // parts, *arguments)
+
+
+# what over_beads() puts in
+_some: Any = None
+
+
+def over_beads(function: Callable) -> Callable:
+    """Make a pass over all beads, the rows of the first argument, of one over the rows ``begin`` to ``end``."""
+    kernels = serial_and_parallel(renamed(_over_beads, function.__name__, {"_some": helper(function)}))
+
+    def call(first, *others) -> None:
+        n = len(first)
+        if n < FEW:
+            kernels[0](n, 1, (first, *others))
+        else:
+            run(*kernels, n, get_threads(), (first, *others))
+
+    call.__doc__ = function.__doc__
+    return call
+
+
+@over_beads
+def seen_velocities(begin, end, x, kept, tau, v):
     """Write (x - kept)/tau to v (N, 3).
 
     The displacement is taken as it is, not by minimum image, which would hide a speed that crosses half a box in tau.  Nothing folds beads
     back between two positions of one step: GPU platforms do so when a step is complete, the others never.
     """
-    for i in range(len(x)):
+    for i in range(begin, end):
         v[i, 0] = (x[i, 0] - kept[i, 0]) / tau
         v[i, 1] = (x[i, 1] - kept[i, 1]) / tau
         v[i, 2] = (x[i, 2] - kept[i, 2]) / tau
+
+
+@over_beads
+def as_shown(begin, end, x, values, scale, inv_mass):
+    """Round values (N, 3) in place to what is left of them after x + scale*values; 0 for beads that do not move.
+
+    The scale is a power of two, so that to divide by it and to multiply with its inverse is the same.
+    """
+    inverse = 1.0 / scale
+    for i in range(begin, end):
+        moves = 1.0 if inv_mass[i] > 0.0 else 0.0
+        for k in range(3):
+            shown = x[i, k] + scale * values[i, k]
+            values[i, k] = moves * ((shown - x[i, k]) * inverse)
+
+
+@over_beads
+def column_as_shown(begin, end, x, values, axis, column, scale, inv_mass):
+    """The same for one column of values (N, K), shown along one axis; beads that do not move keep theirs."""
+    inverse = 1.0 / scale
+    for i in range(begin, end):
+        if inv_mass[i] > 0.0:
+            shown = x[i, axis] + scale * values[i, column]
+            values[i, column] = (shown - x[i, axis]) * inverse
+
+
+@over_beads
+def drift(begin, end, x, v, inv_mass, time):
+    """Add time*v to the positions of beads that move."""
+    for i in range(begin, end):
+        step = time if inv_mass[i] > 0.0 else 0.0
+        x[i, 0] += step * v[i, 0]
+        x[i, 1] += step * v[i, 1]
+        x[i, 2] += step * v[i, 2]
+
+
+@over_beads
+def kick(begin, end, v, force, inv_mass, time):
+    """Add time*force/mass to v (N, 3)."""
+    for i in range(begin, end):
+        scale = time * inv_mass[i]
+        v[i, 0] += scale * force[i, 0]
+        v[i, 1] += scale * force[i, 1]
+        v[i, 2] += scale * force[i, 2]
+
+
+@over_beads
+def push(begin, end, v, force, mass, time):
+    """Add time*force/mass to the velocities (N, 3) of beads that move; in the order in which OpenMM evaluates that."""
+    for i in range(begin, end):
+        if mass[i] > 0.0:
+            v[i, 0] += time * force[i, 0] / mass[i]
+            v[i, 1] += time * force[i, 1] / mass[i]
+            v[i, 2] += time * force[i, 2] / mass[i]
+
+
+@over_beads
+def half_kick(begin, end, v, acceleration, time):
+    """Add time*acceleration to v (N, 3)."""
+    for i in range(begin, end):
+        v[i, 0] += time * acceleration[i, 0]
+        v[i, 1] += time * acceleration[i, 1]
+        v[i, 2] += time * acceleration[i, 2]
+
+
+@over_beads
+def accelerate(begin, end, acceleration, force, inv_mass):
+    """Write force/mass to the accelerations (N, 3)."""
+    for i in range(begin, end):
+        acceleration[i, 0] = force[i, 0] * inv_mass[i]
+        acceleration[i, 1] = force[i, 1] * inv_mass[i]
+        acceleration[i, 2] = force[i, 2] * inv_mass[i]
+
+
+@over_beads
+def as_force(begin, end, change, inv_mass, dt):
+    """Turn changes of velocities (N, 3) in place into the forces that make them in dt (0 for beads that do not move)."""
+    for i in range(begin, end):
+        scale = 1.0 / (dt * inv_mass[i]) if inv_mass[i] > 0.0 else 0.0
+        change[i, 0] *= scale
+        change[i, 1] *= scale
+        change[i, 2] *= scale
+
+
+@over_beads
+def gather(begin, end, out, values, order):
+    """Write values[order] to out, (M, 3) each."""
+    for k in range(begin, end):
+        i = order[k]
+        out[k, 0] = values[i, 0]
+        out[k, 1] = values[i, 1]
+        out[k, 2] = values[i, 2]
+
+
+@over_beads
+def scatter(begin, end, values, order, out):
+    """Write values to out[order], (M, 3) each."""
+    for k in range(begin, end):
+        i = order[k]
+        out[i, 0] = values[k, 0]
+        out[i, 1] = values[k, 1]
+        out[i, 2] = values[k, 2]
+
+
+@over_beads
+def scatter_add(begin, end, values, order, out):
+    """Add values to out[order], (M, 3) each."""
+    for k in range(begin, end):
+        i = order[k]
+        out[i, 0] += values[k, 0]
+        out[i, 1] += values[k, 1]
+        out[i, 2] += values[k, 2]
+
+
+@inlined
+def _put_back(x, low, high, start, period):
+    """Coordinate after a reflection at two walls; see :mod:`openmm_dpd.programs.walls`."""
+    folded = x - period * np.floor((x - start) / period)
+    return x + 2.0 * max(0.0, low - folded) - 2.0 * max(0.0, folded - high)
+
+
+@over_beads
+def reflect(begin, end, x, v, inv_mass, low, high, start, period, back, last):
+    """Turn the velocities of beads beyond the walls round, and put positions back if this is the ``last`` of the velocities."""
+    for i in range(begin, end):
+        if inv_mass[i] == 0.0:
+            continue
+        whole = False
+        for k in range(3):
+            if back[k] != 0.0 and _put_back(x[i, k], low[k], high[k], start[k], period[k]) != x[i, k]:
+                whole = True
+        for k in range(3):
+            put = _put_back(x[i, k], low[k], high[k], start[k], period[k])
+            if whole or put != x[i, k]:
+                v[i, k] = -v[i, k]
+            if last:
+                x[i, k] = put
 
 
 @compiled
@@ -44,137 +212,13 @@ def jumped(x, before, distance):
 
 
 @compiled
-def kick(v, force, inv_mass, time):
-    """Add time*force/mass to v (N, 3)."""
-    for i in range(len(v)):
-        scale = time * inv_mass[i]
-        v[i, 0] += scale * force[i, 0]
-        v[i, 1] += scale * force[i, 1]
-        v[i, 2] += scale * force[i, 2]
-
-
-@compiled
-def as_force(change, inv_mass, dt):
-    """Turn changes of velocities (N, 3) in place into the forces that make them in dt (0 for beads that do not move)."""
-    for i in range(len(change)):
-        scale = 1.0 / (dt * inv_mass[i]) if inv_mass[i] > 0.0 else 0.0
-        change[i, 0] *= scale
-        change[i, 1] *= scale
-        change[i, 2] *= scale
-
-
-@compiled
-def gather(values, order, out):
-    """Write values[order] to out, (M, 3) each."""
-    for k in range(len(order)):
-        i = order[k]
-        out[k, 0] = values[i, 0]
-        out[k, 1] = values[i, 1]
-        out[k, 2] = values[i, 2]
-
-
-@compiled
-def scatter(values, order, out):
-    """Write values to out[order], (M, 3) each."""
-    for k in range(len(order)):
-        i = order[k]
-        out[i, 0] = values[k, 0]
-        out[i, 1] = values[k, 1]
-        out[i, 2] = values[k, 2]
-
-
-@compiled
-def as_shown(x, values, scale, inv_mass):
-    """Round values (N, 3) in place to what is left of them after x + scale*values; 0 for beads that do not move."""
-    for i in range(len(x)):
-        if inv_mass[i] > 0.0:
-            for k in range(3):
-                values[i, k] = ((x[i, k] + scale * values[i, k]) - x[i, k]) / scale
-        else:
-            values[i, 0] = values[i, 1] = values[i, 2] = 0.0
-
-
-@compiled
-def column_as_shown(x, values, scale, inv_mass):
-    """The same for one value (N,) of each bead, shown along one axis; beads that do not move keep theirs."""
-    for i in range(len(x)):
-        if inv_mass[i] > 0.0:
-            values[i] = ((x[i] + scale * values[i]) - x[i]) / scale
-
-
-@compiled
-def drift(x, v, inv_mass, time):
-    """Add time*v to the positions of beads that move."""
-    for i in range(len(x)):
-        if inv_mass[i] > 0.0:
-            x[i, 0] += time * v[i, 0]
-            x[i, 1] += time * v[i, 1]
-            x[i, 2] += time * v[i, 2]
-
-
-@compiled
-def move(v, acceleration, time):
-    """Add time*acceleration to v (N, 3)."""
-    for i in range(len(v)):
-        v[i, 0] += time * acceleration[i, 0]
-        v[i, 1] += time * acceleration[i, 1]
-        v[i, 2] += time * acceleration[i, 2]
-
-
-@compiled
 def largest(v):
     """Largest absolute component, or NaN if there is one that is none."""
     most = 0.0
     for i in range(len(v)):
-        for k in range(3):
-            size = abs(v[i, k])
-            if not size <= most:
-                most = size
-                if size != size:
-                    return size
+        size = max(abs(v[i, 0]), abs(v[i, 1]), abs(v[i, 2]))
+        # NaN is larger than nothing, and stays
+        most = size if not size <= most else most
+        if v[i, 0] + v[i, 1] + v[i, 2] != v[i, 0] + v[i, 1] + v[i, 2]:
+            return np.nan
     return most
-
-
-@njit(inline="always")
-def _put_back(x, low, high, start, period):
-    """Coordinate after a reflection at two walls; see :mod:`openmm_dpd.programs.walls`."""
-    folded = x - period * np.floor((x - start) / period)
-    return x + 2.0 * max(0.0, low - folded) - 2.0 * max(0.0, folded - high)
-
-
-@compiled
-def reflect(x, v, inv_mass, low, high, start, period, back, last):
-    """Turn the velocities of beads beyond the walls round, and put positions back if this is the ``last`` of the velocities."""
-    for i in range(len(x)):
-        if inv_mass[i] == 0.0:
-            continue
-        whole = False
-        for k in range(3):
-            if back[k] != 0.0 and _put_back(x[i, k], low[k], high[k], start[k], period[k]) != x[i, k]:
-                whole = True
-        for k in range(3):
-            put = _put_back(x[i, k], low[k], high[k], start[k], period[k])
-            if whole or put != x[i, k]:
-                v[i, k] = -v[i, k]
-            if last:
-                x[i, k] = put
-
-
-@compiled
-def push(v, force, mass, time):
-    """Add time*force/mass to the velocities (N, 3) of beads that move; in the order in which OpenMM evaluates that."""
-    for i in range(len(v)):
-        if mass[i] > 0.0:
-            v[i, 0] += time * force[i, 0] / mass[i]
-            v[i, 1] += time * force[i, 1] / mass[i]
-            v[i, 2] += time * force[i, 2] / mass[i]
-
-
-@compiled
-def scatter_add(values, order, out):
-    """Add values to out[order], (M, 3) each."""
-    for k in range(len(order)):
-        i = order[k]
-        out[i, 0] += values[k, 0]
-        out[i, 1] += values[k, 1]
-        out[i, 2] += values[k, 2]

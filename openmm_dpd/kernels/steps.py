@@ -223,7 +223,7 @@ class StepLoop:
     def show_columns(self, x: np.ndarray, values: np.ndarray, scale: float) -> None:
         """The same for values of beads; those of immobile ones are not shown."""
         for k in range(values.shape[1]):
-            motion.column_as_shown(x[:, k % 3], values[:, k], scale, self.inv_mass)
+            motion.column_as_shown(x, values, k % 3, k, scale, self.inv_mass)
 
     # -- words -------------------------------------------------------------------------------------------------------------------
     def _word(self, m: Moment) -> None:
@@ -292,7 +292,7 @@ class StepLoop:
             before = m.values
             m.values = before + 0.5 * dt * m.rates
             seen = m.values if self.spec.field_lam == 0.5 else before + self.spec.field_lam * dt * m.rates
-        motion.move(m.v, m.acc, 0.5 * dt)
+        motion.half_kick(m.v, m.acc, 0.5 * dt)
         motion.drift(m.x, m.v, self.inv_mass, dt)
         self._reflect(m, *((m.v,) if predicted is None else (predicted, m.v)))
         self._warm(m)
@@ -300,7 +300,7 @@ class StepLoop:
         v = m.v if predicted is None else predicted
         self.watch(v, m)
         self._accelerate(m, v, seen)
-        motion.move(m.v, m.acc, 0.5 * dt)
+        motion.half_kick(m.v, m.acc, 0.5 * dt)
         if m.values is not None:
             assert m.rates is not None
             m.values += 0.5 * dt * m.rates
@@ -311,7 +311,8 @@ class StepLoop:
         self.engine.prepare(m.x, m.box)
         which = CONSERVATIVE | DISSIPATIVE | RANDOM
         self.engine.forces(which, v, m.kT, m.dt, m.seed, m.counter, values, self.force)
-        m.acc = self.force * self.inv_mass[:, None] if m.acc is None else np.multiply(self.force, self.inv_mass[:, None], out=m.acc)
+        m.acc = np.empty_like(self.force) if m.acc is None else m.acc
+        motion.accelerate(m.acc, self.force, self.inv_mass)
         if values is not None:
             m.rates = np.where(self.inv_mass[:, None] > 0.0, self.engine.rates, 0.0)
 

@@ -18,8 +18,6 @@ from openmm_dpd.extra_forces import extras, radial_terms
 from openmm_dpd.forces.expressions import exception_force, nonbonded_force
 from openmm_dpd.forces.partners import EXPRESSIONS, energy_spline
 from openmm_dpd.forces.segments import segment_force, segment_spec
-from openmm_dpd.kernels.extras import warm_up_extras
-from openmm_dpd.kernels.threads import set_threads
 
 NAMES = list(MASSES)
 LJ = dpd.LennardJones
@@ -195,20 +193,3 @@ def test_segments(distance, box, two_threads):
     check.check_threads(terms, x, vectors)
     check.check_pickle(terms, x, vectors)
     check.check_total_force(terms, x, vectors)
-
-
-@pytest.mark.parametrize("threads", [1, 2])
-def test_warming_up_compiles_everything(threads, two_threads):
-    """Nothing is left to compile at the first call."""
-    from openmm_dpd.kernels import radial
-
-    set_threads(threads)
-    x, types, factors = lattice(BOXES["cubic"])
-    terms = [radial_terms(resolved(name), types, NAMES, factors) for name in TABLES]
-    warm_up_extras(terms)
-    kernel = (radial.radial_forces, radial.radial_forces_parallel)[threads - 1]
-    before = len(kernel.signatures)
-    assert before == 1
-    check.evaluate(terms, x, BOXES["cubic"])
-    check.evaluate(terms, x, None)
-    assert len(kernel.signatures) == before
