@@ -18,7 +18,7 @@ import numpy as np
 from .columns import approach, factor_of, over_pairs, push, push_apart, row_of, soft
 from .compiled import helper, inlined
 from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM
-from .noise import draw, normal, pair_key
+from .noise import draw, normal
 from .pairs import PairList
 
 #: Columns of the coefficient table, one row per pair of types.
@@ -95,9 +95,9 @@ def _radial_terms(pairs, data, begin, m, scratch):
         _radial(values, k, a, c[row, CUTOFF], gamma, sigma, c[row, EXPONENT], factor_of(pairs, n), g[3, n])
 
 
-@helper
-def _transverse_force(pairs, data, n, i, j):
-    """Transverse friction and noise on bead i."""
+@inlined
+def _transverse_force(pairs, data, key, n, i, j):
+    """Transverse friction and noise on bead i; ``key`` is that of the pair."""
     c, g, order = data.coefficients, pairs.geometry, pairs.order
     row, factor = row_of(pairs, i, j), factor_of(pairs, n)
     if c[row, GAMMA_PERP] == 0.0:
@@ -115,7 +115,6 @@ def _transverse_force(pairs, data, n, i, j):
         scale = np.sqrt(factor) * data.rsqrt_dt * c[row, SIGMA_PERP] * w
         if order[i] > order[j]:
             scale = -scale
-        key = pair_key(data.key, min(order[i], order[j]), max(order[i], order[j]))
         zx, zy, zz = normal(key, 1), normal(key, 2), normal(key, 3)
         along = ex * zx + ey * zy + ez * zz
         fx += scale * (zx - along * ex)
@@ -156,7 +155,7 @@ def _any(pairs, data, scratch, n, k, column):
     radial = values[_PUSH, k] - values[_DRAG, k] * approach(pairs, data.v, n, i, j)
     virial = push_apart(pairs, data.f, n, i, j, radial)
     # perpendicular to e: these add nothing to r.F
-    tx, ty, tz = _transverse_force(pairs, data, n, i, j)
+    tx, ty, tz = _transverse_force(pairs, data, scratch.bits[k], n, i, j)
     push(data.f, i, j, tx, ty, tz)
     if len(data.stress):
         r, fx, fy, fz = g[3, n], radial * g[0, n] + tx, radial * g[1, n] + ty, radial * g[2, n] + tz
@@ -172,9 +171,11 @@ _any_forces = over_pairs("any_forces", _any, _radial_terms)
 
 def pair_forces(pairs: PairList, terms: Terms, transverse: bool) -> tuple[float, float]:
     """Add up the forces; returns energy and virial.  ``transverse`` says whether there are transverse terms."""
-    if len(terms.stress) or (transverse and terms.which != CONSERVATIVE):
+    if len(terms.stress):
         return _any_forces(pairs, terms)
-    return (_conservative_forces if terms.which == CONSERVATIVE else _central_forces)(pairs, terms)
+    if terms.which == CONSERVATIVE:
+        return _conservative_forces(pairs, terms)
+    return (_any_forces if transverse else _central_forces)(pairs, terms)
 
 
 class Table(NamedTuple):

@@ -116,7 +116,7 @@ def normal(key, stream):
 
 @helper
 def draw(key, pairs, begin, m, scratch):
-    """Standard normal numbers, stream 0, of the pairs begin:begin + m of a list, to the last row of the values.
+    """Standard normal numbers, stream 0, of the pairs begin:begin + m of a list, to the last row of the values; their keys to the bits.
 
     They are what :func:`normal` gives; one pass for each kind of work is three times as fast, since most of them can do several at once.
     """

@@ -21,7 +21,7 @@ from .columns import approach, factor_of, over_pairs, row_of
 from .compiled import helper, inlined
 from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, GAMMA, GAMMA_PERP, power
 from .layer import EXACT, SHARDLOW
-from .noise import draw, normal, pair_key
+from .noise import draw, normal
 from .pairs import PairList
 
 #: Rows of the scratch of a column.
@@ -127,9 +127,9 @@ def _updates(pairs, data, begin, m, scratch):
         values[_LOST, k] = lost / im
 
 
-@helper
-def _transverse_impulse(pairs, data, n, i, j):
-    """Impulse of the transverse update on bead i, with its own g and two noise components."""
+@inlined
+def _transverse_impulse(pairs, data, key, n, i, j):
+    """Impulse of the transverse update on bead i, with its own g and two noise components; ``key`` is that of the pair."""
     c, g, v, order, inv_mass = data.coefficients, pairs.geometry, data.v, pairs.order, pairs.inv_mass
     im, row = inv_mass[i] + inv_mass[j], row_of(pairs, i, j)
     if im == 0.0 or c[row, GAMMA_PERP] == 0.0:
@@ -141,7 +141,6 @@ def _transverse_impulse(pairs, data, n, i, j):
     if order[i] > order[j]:
         scale = -scale
     lost /= im
-    key = pair_key(data.key, min(order[i], order[j]), max(order[i], order[j]))
     zx, zy, zz = normal(key, 1), normal(key, 2), normal(key, 3)
     along, ev = ex * zx + ey * zy + ez * zz, approach(pairs, v, n, i, j)
     dx = -lost * (v[i, 0] - v[j, 0] - ev * ex) + scale * (zx - along * ex)
@@ -179,7 +178,7 @@ def _central(pairs, data, scratch, n, k, column):
 def _any(pairs, data, scratch, n, k, column):
     i, j, g, v = pairs.pi[n], pairs.pj[n], pairs.geometry, data.v
     impulse = scratch.values[_KICK, k] - scratch.values[_LOST, k] * approach(pairs, v, n, i, j)
-    tx, ty, tz = _transverse_impulse(pairs, data, n, i, j)
+    tx, ty, tz = _transverse_impulse(pairs, data, scratch.bits[k], n, i, j)
     _change(pairs, v, n, i, j, impulse * g[0, n] + tx, impulse * g[1, n] + ty, impulse * g[2, n] + tz)
     return 0.0, 0.0
 
