@@ -116,11 +116,13 @@ def data_file(scene: dpd.Scene) -> str:
     return "\n".join(lines) + "\n"
 
 
-def timed(lines: list[str], folder: Path, cwd: Path, steps: int, threads: int) -> float:
-    """ms per step of the last run of a deck, on one MPI rank for each thread."""
+def timed(lines: list[str], folder: Path, cwd: Path, steps: int, threads: int, suffix: str = "") -> float:
+    """ms per step of the last run of a deck, on one MPI rank for each thread; with ``suffix`` "omp" by the styles of the OPENMP package."""
     deck = folder / "in.timed"
     deck.write_text("\n".join(lines) + "\n")
     command = [str(executable()), "-in", str(deck), "-log", "none"]
+    if suffix:
+        command += ["-sf", suffix, "-pk", suffix, "1"]
     if threads > 1:
         command = [str(executable().with_name("mpirun")), "-np", str(threads), *command]
     output = subprocess.run(command, capture_output=True, text=True, env=environment(), cwd=cwd, check=True).stdout
