@@ -32,7 +32,8 @@ from .model.mdpd import MDPD
 from .model.scene import Scene
 from .names import BONDED_GROUP, LAST_POTENTIAL_GROUP, POTENTIAL_GROUP, VIRIAL_GROUP
 from .plan import Plan, make_plan
-from .programs import ProgramOptions, make_program, walls
+from .program_options import ProgramOptions
+from .programs import make_program, walls
 from .programs.native import native_integrator, native_marker
 from .programs.program import Program
 from .simulation import DPDSimulation, PoclSimulation

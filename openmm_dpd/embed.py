@@ -30,8 +30,8 @@ from .model.scene import Scene
 from .model.table import PairTable
 from .names import KT
 from .plan import Plan, make_plan
-from .programs.schemes import scheme_of
 from .sample import Sample
+from .schemes import scheme_of
 from .thermostat import PLATFORMS, check_system, degrees_of_freedom, free_group
 from .trajectory import openmm_topology
 from .units import BOLTZMANN, to_md

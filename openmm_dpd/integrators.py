@@ -47,7 +47,7 @@ from .names import (
 from .units import BOLTZMANN, to_md
 
 if TYPE_CHECKING:
-    from .programs.options import ProgramOptions
+    from .program_options import ProgramOptions
     from .whole_steps import WholeSteps
 
 _LOGGER = logging.getLogger("openmm_dpd")

@@ -24,8 +24,8 @@ from .model.scene import Scene, TemperatureRamp
 from .model.tdpd import TDPD
 from .names import PAIR_GROUP, SHOWN
 from .neighbour_list import may_miss_pairs
-from .programs.options import ProgramOptions
-from .programs.schemes import SCHEMES, Scheme, scheme_of
+from .program_options import ProgramOptions
+from .schemes import SCHEMES, Scheme, scheme_of
 from .tables import FIELD_NAMES, TABLES, field_spec
 from .units import to_md, whole_number
 
@@ -195,7 +195,7 @@ def make_plan(
     dt : time
         Step size (bare numbers: ps).
     scheme : str, default "middle"
-        Name of one of :data:`openmm_dpd.programs.schemes.SCHEMES`, or a word of drifts ``A``, kicks ``B`` and sweeps of pair updates, exact
+        Name of one of :data:`openmm_dpd.schemes.SCHEMES`, or a word of drifts ``A``, kicks ``B`` and sweeps of pair updates, exact
         ones ``O`` or Shardlow's ``S``, each with its part of the step: ``"B/2 A/2 O A/2 B/2"``.
     lam : float, default 0.5
         Weight of the velocity prediction of ``mvv``, between 0 and 1; 0.5 is plain velocity Verlet.

@@ -11,8 +11,8 @@ from .errors import DPDError, ParameterError, what_is
 from .model.scene import Scene
 from .plan import make_plan
 from .programs.native import why_not
-from .programs.schemes import SCHEMES, scheme_of
 from .scene_groups import bond_frequency, groups
+from .schemes import SCHEMES, scheme_of
 from .stability_table import LEVELS, SAFE, Groups, StabilityTable, shipped_table
 from .units import to_md
 

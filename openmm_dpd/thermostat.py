@@ -21,8 +21,9 @@ from .model.scene import TemperatureRamp, thermal_energy
 from .model.table import PairTable, require_complete
 from .names import PAIR_FORCE
 from .plan import check_cutoffs, check_lam, checked_seed, tau_ratio
-from .programs import ProgramOptions, make_program
-from .programs.schemes import scheme_of
+from .program_options import ProgramOptions
+from .programs import make_program
+from .schemes import scheme_of
 from .tables import dpd_table
 from .units import to_md
 

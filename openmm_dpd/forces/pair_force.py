@@ -37,7 +37,7 @@ from ..names import (
 from .runaway import runaway
 
 if TYPE_CHECKING:
-    from ..programs.options import ProgramOptions
+    from ..program_options import ProgramOptions
 
 #: Phases that keep the positions.
 KEEPING = (Phase.KEEP, Phase.NOTE, Phase.CONSERVE)

@@ -1,6 +1,6 @@
 """Whole steps on the kernel's own arrays: n of them in a loop, without a way back to OpenMM in between.
 
-A step is a word of drifts, kicks and sweeps (see :mod:`openmm_dpd.programs.schemes`), or the modified velocity Verlet scheme, whose
+A step is a word of drifts, kicks and sweeps (see :mod:`openmm_dpd.schemes`), or the modified velocity Verlet scheme, whose
 friction is a force.  What a step begins with has passed through OpenMM's positions if a program made it, as ((x + s a) - x)/s; here it
 is rounded so before each step, so that a run gives the same bits however it is cut.
 """

@@ -13,7 +13,7 @@ from ..build import Built
 from ..errors import ParameterError
 from ..model.scene import Scene
 from ..plan import Plan
-from ..programs.schemes import scheme_of
+from ..schemes import scheme_of
 from .export_job import Job, make_job, refuse_unknown
 from .export_text import DUMP, FINAL, export_texts
 from .export_words import Differences

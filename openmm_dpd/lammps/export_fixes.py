@@ -19,7 +19,7 @@ from ..model.pairs import DPD
 from ..model.scene import Scene, TemperatureRamp
 from ..model.sources import Block
 from ..model.tdpd import TDPD
-from ..programs.schemes import scheme_of
+from ..schemes import scheme_of
 from ..units import UnitSystem
 from .export_beads import BeadTypes
 from .export_words import Differences, group_lines, number, numbers

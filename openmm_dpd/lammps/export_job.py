@@ -12,7 +12,7 @@ from ..model.flow import PositionForce, gaps
 from ..model.internal import InternalEnergy
 from ..model.scene import Scene
 from ..plan import checked_seed
-from ..programs.schemes import scheme_of
+from ..schemes import scheme_of
 from ..units import UNIT_SYSTEMS, UnitSystem, to_md, whole_number
 from .export_beads import BeadTypes, Bonded, atom_style, bead_types
 from .export_bonded import angle_types, bond_types, longest_bond

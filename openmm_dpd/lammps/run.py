@@ -23,7 +23,7 @@ from ..measure import Sample as Measurement
 from ..model.edpd import EDPD
 from ..model.scene import Scene
 from ..names import COUNTER
-from ..programs.schemes import scheme_of
+from ..schemes import scheme_of
 from ..stats import block_average, ratio_average
 from ..watch import has_set_temperature, temperature_warning
 from .chunk_average import ChunkAverage

@@ -9,7 +9,7 @@ from ..build import Built
 from ..fields import read_fields
 from ..measure import Observer
 from ..measure import Sample as Measurement
-from ..programs.schemes import scheme_of
+from ..schemes import scheme_of
 from .request import RunRequest
 from .sample import Sample
 

@@ -1,12 +1,12 @@
-"""Integrator programs.  A new scheme is a word: one entry of :data:`.schemes.SCHEMES`."""
+"""Integrator programs of schemes (:mod:`openmm_dpd.schemes`)."""
 
 from __future__ import annotations
 
 from ..errors import PlanError
+from ..program_options import ProgramOptions
+from ..schemes import SCHEMES
 from . import mvv, splitting, whole
-from .options import ProgramOptions
 from .program import Program
-from .schemes import SCHEMES
 
 
 def make_program(options: ProgramOptions) -> Program:
@@ -29,4 +29,4 @@ def make_program(options: ProgramOptions) -> Program:
     return program
 
 
-__all__ = ["Program", "ProgramOptions", "make_program"]
+__all__ = ["Program", "make_program"]

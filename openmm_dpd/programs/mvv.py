@@ -18,7 +18,7 @@ the box now and then (when they reorder atoms), which counts as a change.  The n
 from __future__ import annotations
 
 from ..names import Phase
-from .options import ProgramOptions
+from ..program_options import ProgramOptions
 from .program import Program
 from .walls import reflect
 
@@ -105,7 +105,8 @@ def _take_rates(p: Program, rates: list[str]) -> None:
 
 def _add_friction_and_noise(p: Program, velocity: str, rates: list[str] | tuple = ()) -> None:
     """Acc gains friction and noise at the kept positions."""
-    p.trial_drift(velocity)
+    p.keep_positions()
+    p.show(velocity)
     p.phase(Phase.FORCE_KEPT)
     p.each("acc", f"acc+{p.pair_force}/m", "friction and noise")
     _take_rates(p, list(rates))

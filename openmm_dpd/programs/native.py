@@ -17,8 +17,8 @@ from ..kernels.cells import coincident_pairs
 from ..model.pairs import NONE
 from ..neighbour_list import may_miss_pairs
 from ..plan import DOUBLE_PLATFORMS, Plan
+from ..program_options import ProgramOptions
 from ..units import BOLTZMANN
-from .options import ProgramOptions
 
 
 def why_not(plan: Plan) -> str | None:

@@ -29,8 +29,8 @@ from ..names import (
     TEMPERATURE,
     Phase,
 )
+from ..program_options import ProgramOptions
 from ..units import BOLTZMANN
-from .options import ProgramOptions
 
 _ENERGIES = frozenset({"energy"} | {f"energy{g}" for g in range(32)})
 _PER_DOF = frozenset({"x", "v", "f", "m"} | {f"f{g}" for g in range(32)})
@@ -188,13 +188,8 @@ class Program:
         """Let the pair force keep the present positions, without a fingerprint."""
         self.hear(Phase.KEEP, "the pair force keeps x")
 
-    def trial_drift(self, velocity: str) -> None:
-        """Drift by tau*velocity from xs, for the pair force to see that velocity; x has to be put back afterwards."""
-        self.keep_positions()
-        self.show(velocity)
-
     def show(self, velocity: str) -> None:
-        """Drift by tau*velocity from xs."""
+        """Drift by tau*velocity from xs, for the pair force to see that velocity; x has to be put back afterwards."""
         self.each("x", f"xs+{TAU}*{velocity}", "trial drift: shows this velocity")
 
     def fields(self) -> list[str]:
@@ -210,14 +205,11 @@ class Program:
         The displacement is scaled so that the largest one stays below ``options.field_reach``.
         """
         for block, variable in enumerate(variables):
-            self._show_values(variable, "xs")
+            self.declare("size", 0.0, "sum of squares of what the pair force reads next")
+            self.total("size", f"{variable}*{variable}")
+            self.set(TAU, f"{self.options.field_reach!r}/sqrt(size+1e-280)", "scale of the displacement")
+            self.each("x", f"xs+{TAU}*{variable}", "shows these values")
             self.hear(Phase.READ, "the pair force reads them", block)
-
-    def _show_values(self, variable: str, start: str) -> None:
-        self.declare("size", 0.0, "sum of squares of what the pair force reads next")
-        self.total("size", f"{variable}*{variable}")
-        self.set(TAU, f"{self.options.field_reach!r}/sqrt(size+1e-280)", "scale of the displacement")
-        self.each("x", f"{start}+{TAU}*{variable}", "shows these values")
 
     def keep_positions(self) -> None:
         """Remember x as xs."""

@@ -11,9 +11,9 @@ from __future__ import annotations
 from fractions import Fraction
 
 from ..names import Phase
-from .options import ProgramOptions
+from ..program_options import ProgramOptions
+from ..schemes import SWEEPS, Letter
 from .program import Program
-from .schemes import SWEEPS, Letter
 from .walls import reflect
 
 

@@ -8,7 +8,7 @@ of them (``ahead``); both give the same bits.  Forces that stay OpenMM's kick be
 from __future__ import annotations
 
 from ..names import ACCELERATION, PREDICTED, RATES, SHOWN, SLOW_STEP, STAMP, VELOCITY, Phase
-from .options import ProgramOptions
+from ..program_options import ProgramOptions
 from .program import Program
 
 
@@ -17,12 +17,6 @@ def program(options: ProgramOptions) -> Program:
     scheme = options.scheme
     p = Program(scheme.name, scheme.reference, options)
     p.begin()
-    _step(p)
-    return p
-
-
-def _step(p: Program) -> None:
-    options = p.options
     fields = p.fields()
     shown = [(k, name, options.field_shown) for k, name in enumerate(fields)]
     if options.predicting:
@@ -84,6 +78,7 @@ def _step(p: Program) -> None:
     if options.slow_every > 1:
         p.end()
     p.phase(Phase.IDLE)
+    return p
 
 
 def _show(p: Program, block: int, name: str, scale: float) -> None:

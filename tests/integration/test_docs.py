@@ -19,7 +19,7 @@ from openmm_dpd.lammps.deck import COMMANDS
 from openmm_dpd.lammps.pair_styles import PAIR_STYLES
 from openmm_dpd.lammps.words import WORDS
 from openmm_dpd.names import Phase
-from openmm_dpd.programs.schemes import SCHEMES
+from openmm_dpd.schemes import SCHEMES
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXTS = [ROOT / "README.md", ROOT / "ARCHITECTURE.md", *sorted((ROOT / "docs").rglob("*.md"))]

@@ -9,7 +9,7 @@ from openmm import unit
 
 import openmm_dpd as dpd
 from openmm_dpd.analysis import ProfileReporter, poiseuille_viscosity
-from openmm_dpd.programs.schemes import SCHEMES
+from openmm_dpd.schemes import SCHEMES
 from openmm_dpd.stats import block_average
 
 LOW, HIGH, EDGES = 1.5, 4.5, np.array([3.0, 3.0, 6.0])

@@ -18,8 +18,9 @@ from scenes import beads, fluid
 import openmm_dpd as dpd
 from openmm_dpd.model.flow import gaps
 from openmm_dpd.names import BODY_FORCE, EXTERNAL_GROUP
-from openmm_dpd.programs import ProgramOptions, make_program, walls
-from openmm_dpd.programs.schemes import SCHEMES
+from openmm_dpd.program_options import ProgramOptions
+from openmm_dpd.programs import make_program, walls
+from openmm_dpd.schemes import SCHEMES
 
 OWN = [name for name, scheme in SCHEMES.items() if not scheme.native]
 PLATFORM = pytest.mark.parametrize("platform", ["Reference", "CPU"])

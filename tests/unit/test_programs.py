@@ -12,9 +12,10 @@ import pytest
 
 from openmm_dpd import PlanError, ProgramError, TemperatureRamp
 from openmm_dpd.names import AHEAD, COUNTER, DT, KT, PARAMETERS, PHASE, PORTABLE, Phase
-from openmm_dpd.programs import ProgramOptions, make_program, walls
+from openmm_dpd.program_options import ProgramOptions
+from openmm_dpd.programs import make_program, walls
 from openmm_dpd.programs.program import Program
-from openmm_dpd.programs.schemes import SCHEMES, scheme_of
+from openmm_dpd.schemes import SCHEMES, scheme_of
 
 GOLDEN = Path(__file__).parent / "golden"
 BASE = ProgramOptions(scheme=SCHEMES["mvv"], dt=0.02, kT=1.0, seed=1)

@@ -7,9 +7,9 @@ import pytest
 
 import openmm_dpd as dpd
 from openmm_dpd.errors import ParameterError
-from openmm_dpd.programs.schemes import SCHEMES
 from openmm_dpd.recommend import advice, predicted_error, recommend
 from openmm_dpd.scene_groups import bond_frequency, charge_frequency, groups
+from openmm_dpd.schemes import SCHEMES
 from openmm_dpd.stability_table import LEVELS, Groups, StabilityTable, shipped_table
 
 BASE = {"gamma": 4.5, "a": 25.0, "rho": 3.0, "mass": 1.0, "s": 1.0, "cv": None}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ...errors import ParameterError
-from ...programs.schemes import scheme_of
+from ...schemes import scheme_of
 from .. import arguments as read
 from ..averages import Average
 from ..chunk_average import parse_ave_chunk

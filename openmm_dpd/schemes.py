@@ -10,7 +10,7 @@ import re
 from dataclasses import dataclass
 from fractions import Fraction
 
-from ..errors import ParameterError
+from .errors import ParameterError
 
 _TOKEN = re.compile(r"(\d*)([A-Z])(?:/(\d+))?")
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..model.scene import TemperatureRamp
-from ..names import PAIR_GROUP
+from .model.scene import TemperatureRamp
+from .names import PAIR_GROUP
 from .schemes import SWEEPS, Scheme
 
 
