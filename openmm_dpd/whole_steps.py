@@ -184,6 +184,7 @@ class WholeSteps:
         if spec.slow_every > 1:
             put(integrator, SLOW_STEP, float(moment.slow_step))
         if spec.ramp is not None:
+            assert moment.ramped is not None
             context.setParameter(KT, moment.kT)
             put(integrator, RAMP_STEP, moment.ramped)
         if moment.values is not None:

@@ -103,8 +103,8 @@ class Moment:
         Thermal energy.
     seed, counter : int
         Key of the noise.
-    ramped : float
-        Steps done, for a temperature ramp.
+    ramped : float or None
+        Steps done, for a temperature ramp that the loop follows; None where somebody else has seen to it.
     slow_step : int
         Steps done since forces that are not the kernel's kicked.
     values, rates : (N, K) arrays or None
@@ -122,7 +122,7 @@ class Moment:
     kT: float
     seed: int
     counter: int
-    ramped: float = 0.0
+    ramped: float | None = None
     slow_step: int = 0
     values: np.ndarray | None = None
     rates: np.ndarray | None = None
@@ -274,7 +274,7 @@ class StepLoop:
 
     def _warm(self, m: Moment) -> None:
         """The thermal energy of this step."""
-        if self.spec.ramp is not None and self.spec.thermostat:
+        if self.spec.ramp is not None and m.ramped is not None and self.spec.thermostat:
             m.ramped += 1.0
             m.kT = self.spec.ramp.at(m.ramped)
 

@@ -68,7 +68,7 @@ class _Writer:
     def drift(self, n: int, part: Fraction) -> int:
         """Drift; the last one before a sweep shows the velocities to it."""
         p, options = self.p, self.options
-        shows = options.thermostat and not options.walls and self.follows(n, SWEEPS)
+        shows = not options.walls and n + 1 < len(self.letters) and self.letters[n + 1][0] in SWEEPS
         if shows and not self.seen:
             p.keep()
         self.settle()
@@ -112,7 +112,7 @@ class _Writer:
             self.ramped = True
         if part != 1:
             p.set("dpd_dt", times(part), "how long this sweep lasts")
-        fields = p.fields()
+        fields, update = p.fields(), SWEEPS.index(self.letters[n][0])
         if self.shown is None:
             self.put_back()
             if not self.seen:
@@ -121,11 +121,11 @@ class _Writer:
             p.read(fields)
             p.next_noise(options.trial_time)
             p.show(f"(v+{times(self.owed)}*acc)" if self.owed else "v")
-            p.phase(Phase.SWEEP_KEPT, self.update(n))
+            p.phase(Phase.SWEEP_KEPT, update)
             self.away = True
         else:
             p.next_noise(times(self.shown))
-            p.phase(Phase.SWEEP_SEEN, self.update(n))
+            p.phase(Phase.SWEEP_SEEN, update)
         n += 1
         if fields:  # the energies want the velocities before and after the sweep alone
             self.settle()
@@ -142,14 +142,6 @@ class _Writer:
         if part != 1:
             p.set("dpd_dt", "dt")
         return n
-
-    def update(self, n: int) -> int:
-        """Number of the pair update of a sweep (see :mod:`openmm_dpd.kernels.sweeps`)."""
-        return SWEEPS.index(self.letters[n][0])
-
-    def follows(self, n: int, names: tuple[str, ...]) -> bool:
-        """Whether one of these letters comes right after the n-th one."""
-        return n + 1 < len(self.letters) and self.letters[n + 1][0] in names
 
     def settle(self) -> None:
         """Write the kicks that v still lacks."""
@@ -172,6 +164,3 @@ def times(part: Fraction) -> str:
 def spelling(what: str, part: Fraction) -> str:
     """A substep for the listing."""
     return what if part == 1 else f"{what} over {part} of the step"
-
-
-__all__ = ["program", "spelling", "times"]

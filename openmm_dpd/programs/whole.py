@@ -85,6 +85,3 @@ def _show(p: Program, block: int, name: str, scale: float) -> None:
     p.set("dpd_tau", repr(scale), "scale of the displacement")
     p.each("x", f"xs+{scale!r}*{name}", "shows these values")
     p.hear(Phase.READ, "the pair force reads them", block)
-
-
-__all__ = ["program"]
