@@ -95,6 +95,30 @@ def _fluid(name: str, mine: list[dict], runs: list[dict], times: dict) -> dict:
     return {"title": fluid.title, "reference": shown, "dU_dkT": [short(v) for v in capacity] if capacity else None, "methods": found}
 
 
+def retimed(before: dict, times: dict) -> dict:
+    """The object of an earlier run with new times: trajectories, and so steps and errors, are what they were."""
+    fluids = {}
+    for name, fluid in before["fluids"].items():
+        entries = {}
+        for method, entry in fluid["methods"].items():
+            new: dict[str, dict] = {}
+            for (f, m, threads, dt), ms in sorted(times.items()):
+                if (f, m) == (name, method):
+                    new.setdefault(str(threads), {})[f"{dt:g}"] = short(ms)
+            walls = {
+                threads: {measure: _wall(limit, times, name, method, int(threads)) for measure, limit in entry["limits"].items() if limit}
+                for threads in new
+            }
+            entries[method] = entry | {"ms": entry["ms"] | new, "wall": entry["wall"] | walls}
+        fluids[name] = fluid | {"methods": entries}
+    return before | {
+        "date": datetime.date.today().isoformat(),
+        "machine": machine(),
+        "fluids": fluids,
+        "targets": [t for fluid, peer, aims in TARGETS if fluid in fluids for t in _targets(fluids[fluid], fluid, peer, aims)],
+    }
+
+
 def merged(runs: list[dict]) -> list[dict]:
     """One result for each step, in order; of runs with several seeds the averages, with the spread of their drifts as its error.
 

@@ -1,4 +1,4 @@
-"""Where the time of a step goes on the CPU platform: lists of pairs, forces, sweeps, the rest of the pair force, OpenMM.
+"""Where the time of a step goes on the CPU platform: lists of pairs, forces, sweeps, the rest of the loop, OpenMM.
 
 The table of docs/atlas.md ("Where the time goes"), in ms per step; a quiet machine is needed.
 
@@ -16,15 +16,15 @@ from pathlib import Path
 import numpy as np
 
 import openmm_dpd as dpd
-from openmm_dpd.forces.pair_force import PairForceFunction
 from openmm_dpd.kernels.engine import PairEngine
+from openmm_dpd.kernels.steps import StepLoop
 from openmm_dpd.lammps.main import deck_scene
 
 DECK = Path(__file__).resolve().parents[2] / "examples" / "decks" / "in.dpde-shardlow"
 
 #: What is timed: (class, method, name in the table).
 PARTS = (
-    (PairForceFunction, "__call__", "pair force"), (PairEngine, "prepare", "lists"), (PairEngine, "forces", "forces"), (PairEngine, "sweep", "sweep"),
+    (StepLoop, "run", "loop"), (PairEngine, "prepare", "lists"), (PairEngine, "forces", "forces"), (PairEngine, "swept", "sweep"),
 )  # fmt: skip
 
 
@@ -72,7 +72,7 @@ def main() -> None:
         whole = time.perf_counter() - begun
         inside = sum(spent[name] for name in ("lists", "forces", "sweep"))
         rows = {name: spent[name] for name in ("lists", "forces", "sweep")}
-        rows |= {"rest of the pair force": spent["pair force"] - inside, "OpenMM": whole - spent["pair force"], "all": whole}
+        rows |= {"rest of the loop": spent["loop"] - inside, "from OpenMM and back": whole - spent["loop"], "all": whole}
         print(f"{scheme}: " + ", ".join(f"{name} {1e3 * seconds / options.steps:.2f}" for name, seconds in rows.items()))
 
 
