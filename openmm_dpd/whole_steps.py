@@ -88,7 +88,7 @@ class WholeSteps:
             clock.append(clock[-1] + dt)
         try:
             moment = self._moment(integrator, state, parameters, dt, here)
-            loop, begun = here.loop, moment.counter
+            loop = here.loop
             if slow:
                 used = integrator.getIntegrationForceGroups()
                 groups = {group for group in range(32) if used >> group & 1} - {self.pair_group}
@@ -105,7 +105,14 @@ class WholeSteps:
                 loop.run(moment, n)
         except RunError as error:
             raise RunError(f"step {count + getattr(error, 'steps_done', 0) + 1}: {error}") from error
-        self._give_back(integrator, context, state, moment, begun, here)
+        try:
+            self._give_back(integrator, context, state, moment, here)
+        except KeyboardInterrupt:
+            self._give_back(integrator, context, state, moment, here)  # all of it, wherever it was interrupted
+            raise
+        finally:
+            context.setStepCount(count + n)
+            context.setTime(clock[-1])
         if barostats:
             context.setStepCount(count)
             context.setTime(clock[0])
@@ -114,9 +121,6 @@ class WholeSteps:
                 openmm.CustomIntegrator.step(integrator, n)
             finally:
                 openmm.CustomIntegrator.setGlobalVariableByName(integrator, AHEAD, 0.0)
-        else:
-            context.setStepCount(count + n)
-            context.setTime(clock[-1])
 
     def _settle_temperature(self, integrator: PairIntegrator, context: openmm.Context) -> None:
         """Which of the temperature in kelvin and the thermal energy was set since the last step holds, as the program has it."""
@@ -170,7 +174,7 @@ class WholeSteps:
             fields.read(k, block)
         return fields.values.copy()
 
-    def _give_back(self, integrator: PairIntegrator, context: openmm.Context, state, moment: Moment, begun: int, here) -> None:
+    def _give_back(self, integrator: PairIntegrator, context: openmm.Context, state, moment: Moment, here) -> None:
         """Put what the last step left into the Context."""
         function, spec = self.function, self.spec
         put = openmm.CustomIntegrator.setGlobalVariableByName

@@ -174,6 +174,7 @@ class StepLoop:
         Parameters
         ----------
         moment : Moment
+            Its fields are as a program would have shown them.
         n : int
         slow : callable, optional
             Forces (N, 3) at the positions of the moment, after so many of these steps, that kick before and after.
@@ -195,7 +196,7 @@ class StepLoop:
                     force = slow(moment, done) if force is None else force
                     motion.push(moment.v, force, self.spec.mass, before * moment.dt)
                 if done or not shown:
-                    self.show(moment)
+                    self.show(moment, fields=done > 0)
                 step(moment)
                 if shown:
                     continue
@@ -208,11 +209,11 @@ class StepLoop:
             error.steps_done = done  # type: ignore[attr-defined]
             raise
 
-    def show(self, moment: Moment) -> None:
-        """Round what a step begins with as if a program had shown it."""
+    def show(self, moment: Moment, *, fields: bool) -> None:
+        """Round what a step begins with as if a program had shown it, with or without the fields."""
         spec, x = self.spec, moment.x
         motion.as_shown(x, moment.v, SHOWN, self.inv_mass)
-        if moment.values is not None:
+        if moment.values is not None and fields:
             self.show_columns(x, moment.values, spec.field_shown)
         if spec.predicts:
             if moment.acc is not None:
