@@ -529,8 +529,9 @@ def test_a_context_that_changes_threads():
 
 
 # -- reporters ---------------------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("kind", ["dpd", "energies", "bonded", "charged", "ramp"])
-@SCHEME
+@pytest.mark.parametrize(
+    ("kind", "scheme"), [("charged", "middle"), *((kind, scheme) for kind in ("dpd", "energies", "bonded", "ramp") for scheme in SCHEMES)]
+)
 def test_reporters_do_not_change_a_run(kind, scheme, tmp_path):
     """Every step, every ten, every seven and never."""
     ends, times = [], []
