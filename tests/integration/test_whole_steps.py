@@ -1,0 +1,461 @@
+"""Whole steps in the kernel's loop: the same as by the general program, to rounding, and the same bits however a run is cut."""
+
+from __future__ import annotations
+
+import io
+import itertools
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import openmm
+import oracle
+import pytest
+from kinds import BESIDE, KINDS, NAMED, WORDS, differences, everything, hand_over, made, plain_context, running, same, schemes_of
+from scenes import BOXES, EXTENDED, beads, factor_of, fluid, listed_pairs, noise_of, oracle_params, state_of
+
+import openmm_dpd as dpd
+from openmm_dpd.kernels.engine import PairEngine
+from openmm_dpd.names import BODY_FORCE, COUNTER
+from openmm_dpd.plan import make_plan
+from openmm_dpd.programs.schemes import read_word
+from openmm_dpd.stats import block_average, ratio_average
+
+PLATFORM = pytest.mark.parametrize("platform", ["Reference", "CPU"])
+EVERY = [(kind, scheme) for kind in KINDS for scheme in schemes_of(kind)]
+#: Every kind with three schemes, and every scheme with many kinds.
+SOME = [
+    (kind, scheme)
+    for number, kind in enumerate(KINDS)
+    for scheme in {schemes_of(kind)[(4 * number + 3 * k) % len(schemes_of(kind))]: None for k in range(3)}
+]
+#: One scheme for each kind, another one for the next.
+FEW = [(kind, schemes_of(kind)[(5 * number + 2) % len(schemes_of(kind))]) for number, kind in enumerate(KINDS)]
+RAMP = pytest.mark.xfail(strict=True, raises=AssertionError, reason="a step of the program has the temperature of the ramp's first step")
+
+
+def test_the_kinds_are_looped():
+    """Nothing of this file is about the general program alone."""
+    for kind in KINDS:
+        built = made(kind, "mvv")
+        assert built.plan.unlooped is None and built.integrator.whole is not None, kind
+        assert made(kind, "mvv", loop=False).integrator.whole is None
+    assert {scheme for _, scheme in SOME} == {scheme for _, scheme in FEW} == {*NAMED, *WORDS}
+
+
+#: On the CPU platform OpenMM's own forces for overlays and charges are single precision: these are compared on Reference.
+ROUNDED = ("bonded", "bonded, no box", "bonded, tilted", "charged", "formulas")
+
+
+# -- beside the general program ------------------------------------------------------------------------------------------------------
+def limit_of(kind: str, usual: float) -> float:
+    """OpenMM's expressions for body forces round positions that are folded."""
+    return 1e-6 if kind == "patterns" else usual
+
+
+def single_steps(kind: str, scheme: str, platform: str, steps: int) -> None:
+    """Every step of the loop from the state of the general program."""
+    if kind in ROUNDED:
+        platform = "Reference"
+    general, looped = made(kind, scheme, platform, loop=False), made(kind, scheme, platform)
+    first, second = running(general, platform), running(looped, platform)
+    for _ in range(steps):
+        hand_over(first, second)
+        first.step(1)
+        second.step(1)
+        found = differences(everything(second.context, looped), everything(first.context, general), 0.01)
+        off = {name: value for name, value in found.items() if not value <= limit_of(kind, 1e-12)}
+        assert not off, (first.currentStep, off)
+
+
+def comparable(pairs):
+    """Forces that stay OpenMM's act before and after a step of the loop, and in the middle of one of the program."""
+    return [(kind, scheme) for kind, scheme in pairs if kind not in BESIDE or scheme in ("middle", WORDS[0])]
+
+
+@pytest.mark.parametrize(("kind", "scheme"), comparable(SOME))
+def test_single_steps_are_those_of_the_program(kind, scheme):
+    single_steps(kind, scheme, "Reference", 4)
+
+
+@pytest.mark.slow
+@PLATFORM
+@pytest.mark.parametrize(("kind", "scheme"), comparable(EVERY))
+def test_each_of_many_single_steps_is_that_of_the_program(kind, scheme, platform):
+    single_steps(kind, scheme, platform, 100)
+
+
+def in_one_go(kind: str, scheme: str, platform: str, dt: float = 0.02) -> None:
+    if kind in ROUNDED:
+        platform = "Reference"
+    general, looped = made(kind, scheme, platform, loop=False, dt=dt), made(kind, scheme, platform, dt=dt)
+    first, second = running(general, platform), running(looped, platform)
+    before = everything(first.context, general)
+    first.step(20)
+    second.integrator.step(20)
+    expected = everything(first.context, general)
+    found = differences(everything(second.context, looped), expected, dt)
+    off = {name: value for name, value in found.items() if not value <= limit_of(kind, 1e-10)}
+    assert not off, off
+    assert np.abs(expected["v"] - before["v"]).max() > 0.1  # a lot happened
+
+
+@pytest.mark.parametrize(("kind", "scheme"), comparable(FEW))
+def test_twenty_steps_in_one_go(kind, scheme):
+    in_one_go(kind, scheme, "CPU")
+
+
+@pytest.mark.slow
+@PLATFORM
+@pytest.mark.parametrize(("kind", "scheme"), comparable(EVERY))
+def test_twenty_steps_in_one_go_of_every_kind(kind, scheme, platform):
+    in_one_go(kind, scheme, platform)
+
+
+@pytest.mark.parametrize("scheme", ["mvv", "aboba", WORDS[0]])
+@pytest.mark.parametrize("kind", ["bonded", "patterns"])
+def test_the_scale_of_body_forces(kind, scheme):
+    """Set between steps: nothing, half, reversed."""
+    general, looped = made(kind, scheme, loop=False), made(kind, scheme)
+    first, second = running(general), running(looped)
+    for scale in (0.0, 0.5, -1.0, -1.0, 1.0):
+        for one in (first, second):
+            one.context.setParameter(BODY_FORCE, scale)
+            one.step(3)
+        found = differences(everything(second.context, looped), everything(first.context, general), 0.01)
+        assert max(found.values()) < limit_of(kind, 1e-10)
+
+
+# -- beside the oracle ---------------------------------------------------------------------------------------------------------------
+class Lettered:
+    """A word carried out letter by letter with the oracle's forces and sweeps."""
+
+    def __init__(self, scene, word: str, dt: float, seed: int):
+        self.scene, self.letters, self.dt, self.seed, self.counter = scene, read_word(word), dt, seed, 0
+        self.x, self.v = scene.positions.copy(), scene.velocities.copy()
+        self.inv_mass, self.params, self.factor = 1 / scene.bead_masses, oracle_params(scene), factor_of(scene)
+        self.engine = PairEngine(make_plan(scene, dt=dt, scheme=word, seed=seed).spec)
+
+    def step(self) -> None:
+        scene = self.scene
+        for letter, part in self.letters:
+            time = float(part) * self.dt
+            if letter == "A":
+                self.x = self.x + time * self.v
+            elif letter == "B":
+                force = oracle.conservative(self.x, scene.type_ids, self.params, scene.box, self.factor).forces
+                self.v = self.v + time * self.inv_mass[:, None] * force
+            else:
+                self.counter += 1
+                self.engine.prepare(self.x, scene.box)
+                noise = noise_of(scene.n_beads, self.seed, self.counter, scene.initial_kT)
+                update = oracle.shardlow_update if letter == "S" else oracle.ou_update
+                common = (scene.type_ids, self.params, scene.box, scene.initial_kT, time, noise, update, self.factor)
+                self.v = oracle.sweep(self.x, self.v, listed_pairs(self.engine), self.inv_mass, *common)
+
+
+ODD = (*WORDS, "S/2 B/2 A B/2 S/2", "B/5 A O 4B/5", "A/3 B/2 A/3 O B/2 A/3", "B/2 A/4 O/2 A/2 O/2 A/4 B/2", "A B O", "O A B")
+
+
+@PLATFORM
+@pytest.mark.parametrize("loop", [True, False])
+@pytest.mark.parametrize("word", ODD)
+def test_words_step_as_their_letters_say(word, loop, platform):
+    """1e-12 after one step, 1e-11 after ten."""
+    scene = fluid(EXTENDED, BOXES["tilted"], n=50, density=1.0, kT=1.3, spread=0)
+    built = dpd.build(scene, dt=0.03, scheme=word, platform=platform, conservative="kernel", seed=11, loop=loop)
+    simulation, expected = running(built, platform), Lettered(scene, word, 0.03, 11)
+    for steps, limit in ((1, 1e-12), (9, 1e-11)):
+        simulation.step(steps)
+        for _ in range(steps):
+            expected.step()
+        x, v = state_of(simulation.context)
+        assert np.abs(x - expected.x).max() < limit and np.abs(v - expected.v).max() < limit
+    assert simulation.context.getParameter(COUNTER) == expected.counter
+    assert np.abs(expected.v - scene.velocities).max() > 0.5
+
+
+def random_words(count: int, seed: int) -> list[str]:
+    """Words of two to four drifts, one to four kicks and one to three sweeps, in any order (no two sweeps beside each other)."""
+    rng, found = np.random.default_rng(seed), []
+    while len(found) < count:
+        tokens = [
+            name
+            for letter, most in (("A", 4), ("B", 4), ("O", 3))
+            for name in (lambda n, letter=letter: [(f"{letter}/{n}" if n > 1 else letter)] * n)(int(rng.integers(1, most + 1)))
+        ]
+        tokens = [tokens[k].replace("O", "OS"[int(rng.integers(2))]) for k in rng.permutation(len(tokens))]
+        if not any(a[0] in "OS" and b[0] in "OS" for a, b in itertools.pairwise(tokens)):
+            found.append(" ".join(tokens))
+    return found
+
+
+def agrees_with_letters(word: str, *ways: tuple[bool, str]) -> None:
+    """Three steps of the loop (True) or the program (False), with the conservative force in the kernel or OpenMM's."""
+    scene = fluid(EXTENDED, BOXES["ortho"], n=40, kT=1.3, spread=0)
+    expected = Lettered(scene, word, 0.02, 11)
+    for _ in range(3):
+        expected.step()
+    for loop, conservative in ways:
+        built = dpd.build(scene, dt=0.02, scheme=word, platform="Reference", conservative=conservative, seed=11, loop=loop)
+        simulation = running(built)
+        simulation.step(3)
+        x, v = state_of(simulation.context)
+        assert np.abs(x - expected.x).max() < 1e-11 and np.abs(v - expected.v).max() < 1e-11, (loop, conservative)
+
+
+LOOP, PROGRAMS = (True, "kernel"), ((False, "kernel"), (False, "openmm"))
+
+
+def shows_after_a_trial(word: str) -> bool:
+    """Whether velocities are shown to one sweep by a trial drift, and to the next one by the drift in between."""
+    return re.search("(^|[BOS])[OS]B*A+[OS]", "".join(letter for letter, _ in read_word(word))) is not None
+
+
+@pytest.mark.parametrize("word", random_words(12, 1))
+def test_any_word(word):
+    """By the loop and by the program that is written for it."""
+    agrees_with_letters(word, LOOP, *(() if shows_after_a_trial(word) else PROGRAMS))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("word", random_words(300, 2))
+def test_very_many_words(word):
+    agrees_with_letters(word, LOOP, *(() if shows_after_a_trial(word) else PROGRAMS))
+
+
+@pytest.mark.xfail(strict=True, raises=AssertionError, reason="the program keeps the positions of the trial drift, not those it began at")
+@pytest.mark.parametrize(
+    ("word", "conservative"),
+    [
+        ("O/2 A/2 O/2 B A/2", "kernel"),
+        ("O/2 A/2 O/2 B A/2", "openmm"),
+        ("S/2 A/2 O/2 A/2 B", "kernel"),
+        ("B O/2 A/2 O/2 A/2", "openmm"),
+        ("B/2 O/2 B/2 A/2 O/2 A/2", "openmm"),
+    ],
+)
+def test_programs_with_a_drift_between_two_sweeps(word, conservative):
+    """... as loop=False, other platforms, add_thermostat and embed run them."""
+    agrees_with_letters(word, (False, conservative))
+
+
+# -- bits ----------------------------------------------------------------------------------------------------------------------------
+def ways_of_a_run(kind: str, scheme: str, platform: str):
+    """Name and end of 25 steps, cut in every way."""
+
+    def fresh():
+        return running(made(kind, scheme, platform), platform)
+
+    whole = fresh()
+    whole.integrator.step(25)
+    yield "whole", everything(whole.context, whole.built)
+    parts = fresh()
+    parts.integrator.step(12)
+    middle = parts.context.getState(positions=True, velocities=True, parameters=True, integratorParameters=True)
+    state, checkpoint = io.StringIO(), io.BytesIO()
+    parts.saveState(state)
+    parts.saveCheckpoint(checkpoint)
+    parts.integrator.step(13)
+    yield "12 + 13", everything(parts.context, parts.built)
+    singles = fresh()
+    for _ in range(25):
+        singles.integrator.step(1)
+    yield "singles", everything(singles.context, singles.built)
+    for file, load in ((state, "loadState"), (checkpoint, "loadCheckpoint")):
+        file.seek(0)
+        loaded = fresh()
+        loaded.step(3)
+        getattr(loaded, load)(file)
+        loaded.step(13)
+        yield load, everything(loaded.context, loaded.built)
+    built = made(kind, scheme, platform)
+    for name, cut in (("XML", 25), ("XML singles", 1), ("XML, State", 0)):
+        context = plain_context(built, platform)
+        if not cut:
+            context.setState(middle)
+            context.getIntegrator().step(13)
+        for _ in range(25 // cut if cut else 0):
+            context.getIntegrator().step(cut)
+        yield name, everything(context, built)
+
+
+def same_bits_in_every_way(kind: str, scheme: str, platform: str) -> None:
+    ways = ways_of_a_run(kind, scheme, platform)
+    _, expected = next(ways)
+    wrong = {name: found for name, end in ways if (found := same(end, expected))}
+    if kind == "ramp":  # see below
+        wrong = {name: found for name, found in wrong.items() if not name.startswith("XML")}
+    assert not wrong, wrong
+
+
+@RAMP
+@pytest.mark.parametrize("scheme", ["middle", "mvv", WORDS[0]])
+def test_a_ramp_from_xml_is_the_same(scheme):
+    ways = dict(ways_of_a_run("ramp", scheme, "Reference"))
+    assert not {name: found for name in ways if (found := same(ways[name], ways["whole"]))}
+
+
+@RAMP
+@pytest.mark.parametrize("how", ["XML", "compound"])
+def test_a_ramp_heats_without_the_subclass(how):
+    """From 1 to 4 within 40 steps and as many to settle: beads with friction alone follow at once."""
+    v = np.random.default_rng(2).normal(size=(375, 3))
+    scene = beads(
+        375, edge=5.0, kT=dpd.TemperatureRamp(1.0, 4.0, 0, 40), table={("W", "W"): dpd.DPD(gamma=20)}, velocities=v - v.mean(axis=0)
+    )
+    built = dpd.build(scene, dt=0.05, scheme="middle", platform="CPU", seed=1)
+    if how == "XML":
+        context = plain_context(built, "CPU")
+    else:
+        compound = openmm.CompoundIntegrator()
+        compound.addIntegrator(built.integrator)
+        context = openmm.Context(built.system, compound, openmm.Platform.getPlatformByName("CPU"), {"Threads": "1"})
+        context.setPositions(built.positions)
+        context.setVelocities(built.velocities)
+    context.getIntegrator().step(80)
+    assert context.getParameter("dpd_kT") == 4.0
+    assert np.mean(state_of(context)[1] ** 2) == pytest.approx(4.0, rel=0.2)
+
+
+@pytest.mark.parametrize(("number", "case"), list(enumerate(FEW)), ids=[f"{kind}-{scheme}" for kind, scheme in FEW])
+def test_a_run_is_the_same_however_it_is_cut(number, case):
+    same_bits_in_every_way(*case, ("CPU", "Reference")[number % 2])
+
+
+@pytest.mark.slow
+@PLATFORM
+@pytest.mark.parametrize(("kind", "scheme"), EVERY)
+def test_every_run_is_the_same_however_it_is_cut(kind, scheme, platform):
+    same_bits_in_every_way(kind, scheme, platform)
+
+
+@pytest.mark.parametrize("scheme", ["middle", WORDS[1]])
+@pytest.mark.parametrize("kind", ["dpd", "energies", "tabulated energies"])
+def test_beads_at_the_origin_are_shown_the_same(kind, scheme, monkeypatch):
+    """What passes through positions near 0 keeps other digits than far away."""
+    make = KINDS[kind]
+
+    def shifted():
+        scene = make()
+        x = scene.positions.copy()
+        x -= x[7]
+        x[7], x[11, 1], x[13, 2] = 0.0, 1e-9, -3e-7
+        options = {name: getattr(scene, name) for name in ("box", "velocities", "internal", "mobile")}
+        return dpd.Scene(scene.masses, scene.types, x, scene.tables, scene.kT, **options)
+
+    monkeypatch.setitem(KINDS, kind, shifted)
+    same_bits_in_every_way(kind, scheme, "Reference")
+
+
+@pytest.mark.parametrize(("kind", "scheme"), FEW)
+def test_threads_do_not_change_a_bit(two_threads, kind, scheme):
+    ends = []
+    for threads in (1, 2):
+        dpd.set_threads(threads)
+        simulation = running(made(kind, scheme, "CPU"), "CPU")
+        simulation.integrator.step(15)
+        ends.append(everything(simulation.context, simulation.built))
+    assert not same(*ends)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["mvv", "middle", WORDS[1]])
+def test_threads_do_not_change_a_bit_of_many_terms(two_threads, scheme):
+    """So many that all of them are shared between the threads."""
+    rng, n = np.random.default_rng(3), 9000
+    x = rng.random((n, 3)) * 14.0
+    x[1::2] = x[::2] + 0.5 * (rng.random((n // 2, 3)) - 0.5)
+    bonds = [dpd.HarmonicBonds(np.arange(n).reshape(-1, 2), 30.0, 0.4)]
+    v = rng.normal(size=(n, 3))
+    rows = {"bonds": bonds, "body_forces": [dpd.BodyForce((0.1, 0, 0))], "velocities": v}
+    scene = dpd.Scene({"W": 1.0}, ["W"] * n, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, 1.0, box=[14.0] * 3, **rows)
+    ends = []
+    for threads in (1, 2):
+        dpd.set_threads(threads)
+        simulation = running(dpd.build(scene, dt=0.01, scheme=scheme, platform="CPU", seed=2), "CPU")
+        simulation.step(12)
+        ends.append(state_of(simulation.context))
+    assert np.array_equal(ends[0][0], ends[1][0]) and np.array_equal(ends[0][1], ends[1][1])
+
+
+@pytest.mark.parametrize("scheme", ["middle", "mvv", WORDS[0]])
+def test_a_thousand_steps_of_time(scheme):
+    """Added up step by step, as OpenMM does it."""
+    ends = []
+    for cut in (1000, 1):
+        simulation = running(made("friction alone", scheme, "CPU"), "CPU")
+        for _ in range(1000 // cut):
+            simulation.step(cut)
+        assert simulation.currentStep == 1000
+        ends.append(everything(simulation.context, simulation.built))
+    assert not same(*ends)
+    time = 0.0
+    for _ in range(1000):
+        time += 0.01
+    assert ends[0]["time"] == time
+
+
+# -- what is left between a sweep and the counter --------------------------------------------------------------------------------------
+@pytest.mark.xfail(strict=True, reason="the program counts two sweeps where the two are carried out as one")
+@pytest.mark.parametrize("word", ["O/2 O/2 B/2 A B/2", "B/2 A/2 S/2 S/2 A/2 B/2"])
+def test_sweeps_that_follow_each_other_from_xml(word):
+    """The noise of the second step is that of the loop."""
+    built = made("dpd", word)
+    context, simulation = plain_context(built), running(made("dpd", word))
+    context.getIntegrator().step(3)
+    simulation.step(3)
+    assert not same(everything(context, built), everything(simulation.context, built))
+
+
+@pytest.mark.xfail(strict=True, raises=openmm.OpenMMException, reason="a kick over 0 dt is no evaluation, which the program counts on")
+@pytest.mark.parametrize("word", ["A B O", "A O B", "O A B"])
+def test_words_with_all_kicks_behind_all_drifts_from_xml(word):
+    built = made("dpd", word)
+    context, simulation = plain_context(built), running(made("dpd", word))
+    context.getIntegrator().step(3)
+    simulation.step(3)
+    assert not same(everything(context, built), everything(simulation.context, built))
+
+
+# -- averages ------------------------------------------------------------------------------------------------------------------------
+@pytest.fixture
+def orders(monkeypatch):
+    """benchmarks/orders.py, which steps words on the kernel by itself."""
+    monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[2] / "benchmarks"))
+    import orders
+
+    yield orders
+    for name in [name for name in sys.modules if name == "orders" or name.startswith("atlas_parts")]:
+        del sys.modules[name]
+
+
+@pytest.mark.slow
+def test_averages_of_a_word_are_those_of_an_independent_stepping(orders):
+    """Kinetic and configurational temperature, and energy, at dt = 0.05."""
+    word, dt, n = "B/2 A/2 O A/2 B/2", 0.05, 1500
+    job = {"method": "x", "gamma": 4.5, "beads": n, "dt": dt, "time": 300.0}
+    orders.ORDERS["x"] = orders.Order(word)
+    expected = orders.work(job)
+    dpd.set_threads(1)
+    edge = (n / 3.0) ** (1 / 3)
+    x = np.random.default_rng(2).random((n, 3)) * edge
+    scene = dpd.Scene({"W": 1.0}, ["W"] * n, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1.0, box=[edge] * 3)
+    start = dpd.build(scene, dt=0.02, scheme="aboba", platform="CPU", seed=4).simulation(properties={"Threads": "1"})
+    start.step(600)
+    built = dpd.build(scene, dt=dt, scheme=word, platform="CPU", seed=5)
+    simulation, observer, rows = built.simulation(properties={"Threads": "1"}), dpd.Observer(built), []
+    simulation.context.setPositions(state_of(start.context)[0])
+    simulation.step(200)
+    for _ in range(1500):
+        simulation.step(4)
+        sample = observer.sample(simulation.context)
+        v = state_of(simulation.context)[1]
+        rows.append((sample.potential / n, sample.gradient2, sample.laplacian, np.sum(v**2) / (3 * n - 3)))
+    energy, above, below, kinetic = np.array(rows).T
+    found = {"T_kin": block_average(kinetic), "T_conf": ratio_average(above, below), "U": block_average(energy)}
+    for name, average in found.items():
+        mean, sem = expected[name]
+        assert abs(average.mean - mean) < 3 * np.hypot(average.sem, sem), (name, average, mean, sem)
+        assert np.hypot(average.sem, sem) < 0.005 * mean

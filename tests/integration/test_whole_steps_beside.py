@@ -1,0 +1,738 @@
+"""Whole steps beside everything else: forces, barostats and parameters of the user's, other Contexts, changes between steps, reporters."""
+
+from __future__ import annotations
+
+import io
+import threading
+
+import numpy as np
+import openmm
+import pytest
+from devices import Device
+from kinds import N, differences, everything, hand_over, made, plain_context, running, same
+from openmm import app, unit
+from scenes import BOXES, EXTENDED, beads, fluid, state_of
+
+import openmm_dpd as dpd
+from openmm_dpd.fields import raw_fields, read_fields, write_fields
+from openmm_dpd.names import COUNTER, KT
+from openmm_dpd.stats import block_average
+from openmm_dpd.units import BOLTZMANN
+
+SCHEMES = ("mvv", "shardlow", "middle", "aboba", "bababo", "B/2 A/2 O A/2 B/2", "O/2 B/2 A B/2 O/2")
+SCHEME = pytest.mark.parametrize("scheme", SCHEMES)
+#: Those whose step ends with a kick: what they know of the force is used again in the next step.
+ENDING_WITH_KICKS = ("shardlow", "bababo", "B/2 A/2 O A/2 B/2", "O/2 B/2 A B/2 O/2")
+DT, FORCE = 0.01, 3.0
+
+STALE = pytest.mark.xfail(
+    strict=True, raises=AssertionError, reason="the force of other positions is taken once the pair list has been asked"
+)
+
+
+# -- forces of the user's --------------------------------------------------------------------------------------------------------------
+def external(n: int) -> openmm.Force:
+    force = openmm.CustomExternalForce(f"-{FORCE}*x")
+    for bead in range(n):
+        force.addParticle(bead)
+    return force
+
+
+def bonded(n: int) -> openmm.Force:
+    """Pushes even beads along x by way of a bond to a place that is far away: as a centroid force with one group each."""
+    force = openmm.CustomCompoundBondForce(1, f"-{FORCE}*x1")
+    for bead in range(n):
+        force.addBond([bead])
+    return force
+
+
+class Push:
+    """A constant force along x."""
+
+    def __init__(self, n: int):
+        self.force = np.zeros((n, 3))
+        self.force[:, 0] = FORCE
+
+    def __call__(self, state):
+        return 0.0 * unit.kilojoule_per_mole, self.force
+
+
+def python(n: int) -> openmm.Force:
+    return openmm.PythonForce(Push(n))
+
+
+def collective(n: int) -> openmm.Force:
+    force = openmm.CustomCVForce(f"-{FORCE}*s")
+    inner = openmm.CustomExternalForce("x")
+    for bead in range(n):
+        inner.addParticle(bead)
+    force.addCollectiveVariable("s", inner)
+    return force
+
+
+FORCES = {"external": external, "compound bond": bonded, "python": python, "collective variable": collective}
+
+
+def run_with(made_force, group: int, how: str, scheme: str, steps: int, kind: str = "dpd"):
+    """Momentum that a run gains, and its Context; ``how`` says where the force comes in and who steps."""
+    loop = how != "loop=False"
+    built = made(kind, scheme, "CPU", loop=loop)
+    force = made_force(N)
+    force.setForceGroup(group)
+    if how != "reinitialized":
+        built.system.addForce(force)
+    platform, properties = openmm.Platform.getPlatformByName("CPU"), Device("CPU").properties
+    if how == "XML":
+        context = plain_context(built, "CPU")
+    elif how == "compound":
+        compound = openmm.CompoundIntegrator()
+        compound.addIntegrator(built.integrator)
+        context = openmm.Context(built.system, compound, platform, properties)
+        context.setPositions(built.positions)
+        context.setVelocities(built.velocities)
+    elif how == "bare":
+        context = openmm.Context(built.system, built.integrator, platform, properties)
+        context.setPositions(built.positions)
+        context.setVelocities(built.velocities)
+    else:
+        context = running(built, "CPU").context
+    if how == "reinitialized":
+        context.getIntegrator().step(7)
+        built.system.addForce(force)
+        context.reinitialize(preserveState=True)
+    mass = built.plan.scene.bead_masses
+    before = mass @ state_of(context)[1]
+    context.getIntegrator().step(steps)
+    return mass @ state_of(context)[1] - before, context, built
+
+
+HOWS = ("loop", "bare", "XML", "loop=False", "compound", "reinitialized")
+
+
+@pytest.mark.parametrize("how", HOWS)
+@pytest.mark.parametrize(
+    ("name", "group", "scheme"),
+    [
+        (name, group, SCHEMES[(2 * number + shift) % len(SCHEMES)])
+        for number, name in enumerate(FORCES)
+        for shift, group in enumerate((0, 2, 12, 25))
+    ],
+)
+def test_a_force_of_the_users_acts_in_full(name, group, scheme, how):
+    """N f t of momentum in 23 steps, whatever it is and wherever it comes in."""
+    gained, _, _ = run_with(FORCES[name], group, how, scheme, 23)
+    expected = np.array([N * FORCE * 23 * DT, 0, 0])
+    assert np.abs(gained - expected).max() < 1e-4 * expected[0]
+
+
+@SCHEME
+@pytest.mark.parametrize("how", ["loop", "XML"])
+def test_positions_follow_a_force_as_the_schemes_say(scheme, how):
+    """The centre of mass moves as in a constant field, with velocities behind by the lag of the scheme."""
+    _, context, built = run_with(external, 0, how, scheme, 0)
+    mass = built.plan.scene.bead_masses
+    x0, v0 = state_of(context)
+    context.getIntegrator().step(30)
+    x, _ = state_of(context)
+    t, lag = 30 * DT, built.plan.options.scheme.lag
+    moved = mass @ (x - x0)
+    expected = (mass @ v0) * t + np.array([N * FORCE, 0, 0]) * (0.5 * t**2 + lag * DT * t)
+    assert np.abs(moved - expected).max() < 1e-6
+
+
+@SCHEME
+def test_a_force_of_the_users_from_xml_gives_the_same_bits(scheme):
+    ends = []
+    for how in ("loop", "XML"):
+        _, context, built = run_with(lambda n: _well(n), 3, how, scheme, 25)
+        ends.append(everything(context, built))
+    assert not same(*ends)
+
+
+@pytest.mark.parametrize(
+    "scheme",
+    [
+        "middle",
+        "B/2 A/2 O A/2 B/2",
+        pytest.param(
+            "mvv",
+            marks=pytest.mark.xfail(
+                strict=True, raises=AssertionError, reason="the friction of the first acceleration sees velocities after half a kick"
+            ),
+        ),
+    ],
+)
+def test_where_kicks_stand_at_the_ends_a_force_of_the_users_is_one_of_the_scene(scheme):
+    """These begin and end with kicks (or end before one), so that the loop is the program, to rounding."""
+    ends = []
+    for how in ("loop", "loop=False"):
+        _, context, built = run_with(_well, 3, how, scheme, 5)
+        ends.append(everything(context, built))
+    assert max(differences(*ends, DT).values()) < 1e-7  # OpenMM's forces on CPU are single precision
+
+
+def _well(n: int) -> openmm.Force:
+    force = openmm.CustomExternalForce("4*(x-1.3)^2+y^2*z")
+    for bead in range(n):
+        force.addParticle(bead)
+    return force
+
+
+class Clock:
+    """A force that depends on time, and remembers when it was asked."""
+
+    def __init__(self):
+        self.asked = []
+
+    def __call__(self, state):
+        time, step = state.getTime()._value, state.getStepCount()
+        self.asked.append((step, time))
+        force = np.zeros((N, 3))
+        force[:, 0] = np.cos(20 * time)
+        return 0.0 * unit.kilojoule_per_mole, force
+
+
+def clocked(scheme: str, how: str, cut: int = 25):
+    built, clock = made("dpd", scheme, "CPU", loop=how != "loop=False"), Clock()
+    built.system.addForce(openmm.PythonForce(clock))
+    if how == "compound":
+        compound = openmm.CompoundIntegrator()
+        compound.addIntegrator(built.integrator)
+        context = openmm.Context(built.system, compound, openmm.Platform.getPlatformByName("CPU"), Device("CPU").properties)
+        context.setPositions(built.positions)
+        context.setVelocities(built.velocities)
+    else:
+        context = running(built, "CPU").context
+    for _ in range(25 // cut):
+        context.getIntegrator().step(cut)
+    return built, clock, context
+
+
+@SCHEME
+def test_a_force_of_the_users_sees_the_right_time(scheme):
+    """Each step's end, and its time as OpenMM adds it up; the same bits in singles."""
+    built, clock, context = clocked(scheme, "loop")
+    times = np.concatenate([[0.0], np.cumsum(np.full(25, DT))])
+    assert {step for step, _ in clock.asked} >= set(range(25))
+    assert all(time == times[step] for step, time in clock.asked)
+    assert context.getStepCount() == 25 and context.getTime()._value == times[25]
+    _, _, other = clocked(scheme, "loop", 1)
+    assert not same(everything(context, built), everything(other, built))
+    mass = built.plan.scene.bead_masses
+    momentum = (mass @ (state_of(context)[1] - built.velocities._value))[0]
+    lag = built.plan.options.scheme.lag
+    impulse = N * DT * (np.cos(20 * times[:25]).sum() * (0.5 + lag) + np.cos(20 * times[1:]).sum() * (0.5 - lag))
+    assert momentum == pytest.approx(impulse, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "scheme",
+    [
+        pytest.param(
+            scheme,
+            marks=()
+            if scheme == "middle"
+            else pytest.mark.xfail(
+                strict=True, raises=AssertionError, reason="the second kick of the program comes before OpenMM sets the clock forward"
+            ),
+        )
+        for scheme in SCHEMES
+    ],
+)
+def test_a_force_of_the_users_sees_the_right_time_without_the_subclass(scheme):
+    ends = [clocked(scheme, how) for how in ("loop", "compound")]
+    assert not same(everything(ends[0][2], ends[0][0]), everything(ends[1][2], ends[1][0]))
+
+
+@pytest.mark.xfail(strict=True, raises=AssertionError, reason="the thermal energy of a ramp is in the Context after ten steps only")
+@pytest.mark.parametrize("scheme", ["middle", "aboba", "mvv"])
+def test_a_force_that_depends_on_the_thermal_energy_of_a_ramp(scheme):
+    ends = []
+    for cut in (15, 1):
+        built = made("ramp", scheme, "CPU")
+        force = openmm.CustomExternalForce("-dpd_kT*x")
+        force.addGlobalParameter(KT, 1.0)
+        for bead in range(N):
+            force.addParticle(bead)
+        built.system.addForce(force)
+        simulation = running(built, "CPU")
+        for _ in range(15 // cut):
+            simulation.integrator.step(cut)
+        ends.append(everything(simulation.context, built))
+    assert not same(*ends)
+
+
+# -- changes between steps ---------------------------------------------------------------------------------------------------------------
+def anew(simulation, kind: str, scheme: str, dt: float = DT, **choices):
+    """A fresh run of the general program with the state of another one, but no history."""
+    built = made(kind, scheme, "CPU", loop=False, dt=dt, **choices)
+    other = running(built, "CPU")
+    state = simulation.context.getState(positions=True, velocities=True)
+    other.context.setPositions(state.getPositions())
+    other.context.setVelocities(state.getVelocities())
+    other.context.setPeriodicBoxVectors(*state.getPeriodicBoxVectors())
+    other.context.setStepCount(state.getStepCount())
+    other.context.setTime(state.getTime())
+    for name in (COUNTER, KT):
+        other.context.setParameter(name, simulation.context.getParameter(name))
+    if built.plan.spec.fields is not None:
+        for k in range(built.plan.spec.fields.n_blocks):
+            values = np.array(simulation.integrator.getPerDofVariableByName(f"field{k}"))
+            other.integrator.setPerDofVariableByName(f"field{k}", values)
+    return other
+
+
+def follows(simulation, kind: str, scheme: str, dt: float = DT, limit: float = 1e-10) -> None:
+    """The next four steps are those of a fresh run."""
+    other = anew(simulation, kind, scheme, dt)
+    for one in (simulation, other):
+        one.step(4)
+    found = differences(everything(simulation.context, simulation.built), everything(other.context, other.built), dt)
+    off = {name: value for name, value in found.items() if not value < limit}
+    assert not off, off
+
+
+def started(kind: str, scheme: str, steps: int = 5, **choices):
+    simulation = running(made(kind, scheme, "CPU", **choices), "CPU")
+    simulation.step(steps)
+    return simulation
+
+
+def move(simulation):
+    x, _ = state_of(simulation.context)
+    simulation.context.setPositions(x + np.random.default_rng(1).normal(size=x.shape) * 0.05)
+
+
+def ask(simulation):
+    simulation.context.getState(energy=True, forces=True)
+
+
+def minimise(simulation):
+    simulation.minimizeEnergy(maxIterations=10)
+
+
+def set_box(simulation):
+    x, _ = state_of(simulation.context)
+    box = simulation.built.plan.scene.box * 1.03
+    simulation.context.setPeriodicBoxVectors(*box)
+    simulation.context.setPositions(x * 1.03)
+
+
+def fill(simulation):
+    per_bead = np.random.default_rng(3).uniform(0.8, 1.2, N)
+    write_fields(simulation.context, simulation.built.plan, theta=per_bead)
+
+
+def fill_by_hand(simulation):
+    values = raw_fields(simulation.context, simulation.built.plan.spec.fields)
+    block = np.zeros((N, 3))
+    block[:, :2] = 1.05 * values
+    simulation.integrator.setPerDofVariableByName("field0", block)
+
+
+def heat(simulation):
+    simulation.integrator.setTemperature(1.7 / BOLTZMANN)
+
+
+def heat_by_parameter(simulation):
+    simulation.context.setParameter(KT, 1.7)
+
+
+def heat_by_variable(simulation):
+    simulation.integrator.setGlobalVariableByName("temperature", 1.7 / BOLTZMANN)
+
+
+@pytest.mark.parametrize("change", [move, set_box, heat, heat_by_parameter, heat_by_variable], ids=lambda f: f.__name__)
+@SCHEME
+def test_after_a_change_the_run_is_as_a_fresh_one(scheme, change):
+    simulation = started("dpd", scheme)
+    change(simulation)
+    follows(simulation, "dpd", scheme)
+
+
+@pytest.mark.parametrize("change", [move, set_box], ids=lambda f: f.__name__)
+@pytest.mark.parametrize("scheme", [s if s not in ENDING_WITH_KICKS else pytest.param(s, marks=STALE) for s in SCHEMES])
+def test_after_a_change_that_was_looked_at(scheme, change):
+    """A reporter asks for the energy after positions were set."""
+    simulation = started("dpd", scheme)
+    change(simulation)
+    ask(simulation)
+    follows(simulation, "dpd", scheme)
+
+
+@pytest.mark.parametrize("scheme", [s if s not in ENDING_WITH_KICKS else pytest.param(s, marks=STALE) for s in SCHEMES])
+def test_after_minimising(scheme):
+    simulation = started("bonded", scheme)
+    minimise(simulation)
+    x, _ = state_of(simulation.context)
+    simulation.context.setPositions(x)
+    # a general program of bonds has forces of OpenMM's that round: another loop is the fresh one
+    other = running(made("bonded", scheme, "CPU"), "CPU")
+    for name in (COUNTER,):
+        other.context.setParameter(name, simulation.context.getParameter(name))
+    other.context.setPositions(x)
+    other.context.setVelocities(state_of(simulation.context)[1])
+    for one in (simulation, other):
+        one.step(3)
+    assert np.abs(state_of(simulation.context)[1] - state_of(other.context)[1]).max() < 1e-10
+
+
+@pytest.mark.parametrize("loop", [pytest.param(True, marks=STALE), False])
+def test_a_step_without_the_subclass_after_a_look(loop):
+    """A System and an integrator from XML do the same."""
+    ends = []
+    for look in (True, False):
+        built = made("dpd", "shardlow", "CPU", loop=loop)
+        context = plain_context(built, "CPU")
+        context.getIntegrator().step(3)
+        x, _ = state_of(context)
+        context.setPositions(x + 0.05 * np.sin(np.arange(3 * N)).reshape(-1, 3))
+        if look:
+            context.getState(energy=True)
+        context.getIntegrator().step(1)
+        ends.append(state_of(context)[1])
+    assert np.abs(ends[0] - ends[1]).max() < 1e-10
+
+
+@pytest.mark.parametrize("change", [fill, fill_by_hand], ids=lambda f: f.__name__)
+@pytest.mark.parametrize("scheme", ["mvv", "middle", "bababo", "O/2 B/2 A B/2 O/2"])
+def test_after_energies_were_set(scheme, change):
+    simulation = started("energies", scheme)
+    change(simulation)
+    if scheme == "mvv":  # what is set by hand leaves the rates of before; OpenMM does not tell
+        simulation.integrator.setGlobalVariableByName("last", -1.0)
+    follows(simulation, "energies", scheme)
+
+
+@pytest.mark.parametrize(
+    "scheme",
+    [
+        pytest.param(s, marks=pytest.mark.xfail(strict=True, raises=AssertionError, reason="noise of the old step is kept"))
+        if s == "mvv"
+        else s
+        for s in SCHEMES
+    ],
+)
+def test_after_another_step_size(scheme):
+    simulation = started("dpd", scheme)
+    simulation.integrator.setStepSize(0.5 * DT)
+    follows(simulation, "dpd", scheme, 0.5 * DT)
+
+
+@pytest.mark.parametrize("scheme", [s for s in SCHEMES if s != "mvv"])
+def test_after_other_velocities(scheme):
+    simulation = started("dpd", scheme)
+    simulation.context.setVelocities(np.random.default_rng(8).normal(size=(N, 3)))
+    follows(simulation, "dpd", scheme)
+
+
+def test_after_other_velocities_with_mvv():
+    """... whose acceleration stays what it was, in the loop as in the program."""
+    ends = []
+    for loop in (True, False):
+        simulation = started("dpd", "mvv", loop=loop)
+        simulation.context.setVelocities(np.random.default_rng(8).normal(size=(N, 3)))
+        simulation.step(3)
+        ends.append(everything(simulation.context, simulation.built))
+    assert max(differences(*ends, DT).values()) < 1e-10
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("preserve", [True, False])
+@pytest.mark.parametrize("kind", ["dpd", "energies", "ramp"])
+def test_after_reinitializing(kind, scheme, preserve, request):
+    if kind != "dpd" and not preserve:
+        reason = {"energies": "the loop goes on with the energies that the Context has lost", "ramp": "... and with the steps of the ramp"}[
+            kind
+        ]
+        request.applymarker(pytest.mark.xfail(strict=True, raises=AssertionError, reason=reason))
+    runs = [started(kind, scheme, loop=loop) for loop in (True, False)]
+    for simulation in runs:
+        x, v = state_of(simulation.context)
+        simulation.context.reinitialize(preserveState=preserve)
+        if not preserve:
+            simulation.context.setPositions(x)
+            simulation.context.setVelocities(v)
+        simulation.step(4)
+    found = differences(*(everything(one.context, one.built) for one in runs), DT)
+    assert max(found.values()) < 1e-10, found
+
+
+@pytest.mark.xfail(
+    strict=True, raises=AssertionError, reason="a program without a loop leaves the mark by which the loop knows its own energies"
+)
+def test_energies_that_another_way_of_stepping_left():
+    """A state goes from a loop to the program and back."""
+    looped, stepped = (started("energies", "bababo", loop=loop) for loop in (True, False))
+    hand_over(looped, stepped)
+    stepped.step(20)
+    hand_over(stepped, looped)
+    for one in (looped, stepped):
+        one.step(1)
+    first, second = (read_fields(one.context, one.built.plan)["theta"] for one in (looped, stepped))
+    assert np.abs(first - second).max() < 1e-9
+
+
+# -- several Contexts --------------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("kind", ["dpd", "energies"])
+def test_two_contexts_of_one_system_interleaved(kind, scheme):
+    """Each goes its own way, as if it were alone."""
+    ends = []
+    for order in ((0, 1, 0, 1, 1, 0), (0, 0, 0), (1, 1, 1)):
+        built = made(kind, scheme, "CPU")
+        contexts = _two(built, scheme, kind)
+        for k in order:
+            contexts[k].getIntegrator().step(4)
+        ends.append([state_of(context) for context in contexts])
+    for k in (0, 1):
+        assert np.array_equal(ends[0][k][0], ends[k + 1][k][0]) and np.array_equal(ends[0][k][1], ends[k + 1][k][1])
+
+
+def _two(built, scheme, kind):
+    """Two Contexts of one System with integrators of their own, from different positions."""
+    contexts = []
+    for k in (0, 1):
+        integrator = built.integrator if k == 0 else openmm.XmlSerializer.clone(built.integrator)
+        context = openmm.Context(built.system, integrator, openmm.Platform.getPlatformByName("CPU"), Device("CPU").properties)
+        context.setPositions(built.positions._value + 0.02 * k * np.cos(np.arange(3 * N)).reshape(-1, 3))
+        context.setVelocities(built.velocities)
+        contexts.append(context)
+    return contexts
+
+
+@pytest.mark.parametrize("scheme", [s if s not in ENDING_WITH_KICKS else pytest.param(s, marks=STALE) for s in SCHEMES])
+def test_two_contexts_that_are_looked_at(scheme):
+    """Energies are asked for between the steps of the other."""
+    ends = []
+    for look in (True, False):
+        built = made("dpd", scheme, "CPU")
+        contexts = _two(built, scheme, "dpd")
+        for _ in range(3):
+            for context in contexts:
+                if look:
+                    context.getState(energy=True)
+                context.getIntegrator().step(2)
+        ends.append([state_of(context) for context in contexts])
+    for k in (0, 1):
+        assert np.array_equal(ends[0][k][0], ends[1][k][0]) and np.array_equal(ends[0][k][1], ends[1][k][1])
+
+
+@pytest.mark.parametrize("scheme", ["middle", "mvv", "bababo"])
+def test_two_contexts_of_one_system_in_two_threads(scheme):
+    ends = []
+    for threads in (True, False):
+        built = made("bonded", scheme, "CPU")
+        contexts = _two(built, scheme, "bonded")
+        jobs = [threading.Thread(target=context.getIntegrator().step, args=(30,)) for context in contexts]
+        for job in jobs:
+            job.start() if threads else job.run()
+        for job in jobs if threads else ():
+            job.join()
+        ends.append([state_of(context) for context in contexts])
+    for first, second in zip(*ends, strict=True):
+        assert np.array_equal(first[0], second[0]) and np.array_equal(first[1], second[1])
+
+
+def test_a_context_that_changes_threads():
+    """Begun in one thread, continued in another, and back."""
+    ends = []
+    for threads in (True, False):
+        simulation = started("energies", "mvv", 3)
+        job = threading.Thread(target=simulation.step, args=(5,))
+        if threads:
+            job.start()
+            job.join()
+        else:
+            simulation.step(5)
+        simulation.step(4)
+        ends.append(everything(simulation.context, simulation.built))
+    assert not same(*ends)
+
+
+# -- reporters ---------------------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("kind", "scheme"), [("charged", "middle"), *((kind, scheme) for kind in ("dpd", "energies", "bonded", "ramp") for scheme in SCHEMES)]
+)
+def test_reporters_do_not_change_a_run(kind, scheme, tmp_path):
+    """Every step, every ten, every seven and never."""
+    ends, times = [], []
+    for every in (1, 10, 7, 0):
+        simulation, lines = running(made(kind, scheme, "CPU"), "CPU"), io.StringIO()
+        if every:
+            simulation.reporters.append(app.StateDataReporter(lines, every, step=True, time=True, potentialEnergy=True, kineticEnergy=True))
+            simulation.reporters.append(app.CheckpointReporter(str(tmp_path / "check"), every))
+        simulation.step(23)
+        assert simulation.currentStep == 23
+        ends.append(everything(simulation.context, simulation.built))
+        times.append([line.split(",")[0] for line in lines.getvalue().splitlines()[1:]])
+    assert all(not same(end, ends[-1]) for end in ends)
+    assert times[:3] == [[str(k) for k in range(1, 24)], ["10", "20"], ["7", "14", "21"]]
+
+
+def test_energies_at_every_step_are_those_of_the_positions():
+    simulation, lines = running(made("bonded", "bababo", "CPU"), "CPU"), io.StringIO()
+    simulation.reporters.append(app.StateDataReporter(lines, 1, potentialEnergy=True))
+    found = []
+    for _ in range(5):
+        simulation.step(1)
+        other = running(made("bonded", "bababo", "CPU"), "CPU")
+        other.context.setPositions(state_of(simulation.context)[0])
+        found.append(other.context.getState(energy=True).getPotentialEnergy()._value)
+    assert [float(line) for line in lines.getvalue().splitlines()[1:]] == pytest.approx(found, rel=1e-12)
+
+
+# -- barostats ---------------------------------------------------------------------------------------------------------------------------
+def pressed(scheme: str, frequency: int, *, loop: bool = True, scene=None, dt: float = 0.02, seed: int = 8, pressure: float = 20.0):
+    scene = scene or beads(150, edge=4.0, seed=4)
+    built = dpd.build(scene, dt=dt, platform="CPU", conservative="kernel", seed=seed, scheme=scheme, loop=loop)
+    dpd.add_barostat(built, pressure, interval=frequency)
+    simulation = built.simulation(properties=Device("CPU").properties)
+    simulation.built = built
+    return simulation
+
+
+@SCHEME
+@pytest.mark.parametrize("frequency", [1, 7, 25])
+def test_barostats_try_as_often_as_they_should(scheme, frequency):
+    """The volume can change in steps k frequency alone, and the noise is drawn once (twice) per step."""
+    simulation, volumes = pressed(scheme, frequency), []
+    for _ in range(150):
+        simulation.step(1)
+        volumes.append(simulation.context.getState().getPeriodicBoxVolume()._value)
+    changed = np.flatnonzero(np.diff([64.0, *volumes])) + 1
+    assert len(changed) > 1
+    assert np.all(changed % frequency == 0)
+    sweeps = 2 if scheme.startswith("O/2") else 1
+    assert simulation.context.getParameter(COUNTER) == 150 * sweeps
+    assert simulation.context.getStepCount() == 150 and simulation.context.getTime()._value == pytest.approx(3.0)
+
+
+@SCHEME
+def test_barostats_in_pieces_try_as_often(scheme):
+    """... in steps of any number at once."""
+    simulation, found = pressed(scheme, 7), []
+    for n in (5, 12, 7, 1, 25, 3, 17):
+        simulation.integrator.step(n)
+        found.append(simulation.context.getStepCount())
+    assert found == [5, 17, 24, 25, 50, 53, 70]
+    assert simulation.context.getTime()._value == pytest.approx(1.4, rel=1e-12)
+
+
+@pytest.mark.parametrize("scheme", [s if s not in ENDING_WITH_KICKS else pytest.param(s, marks=STALE) for s in SCHEMES])
+def test_after_an_accepted_volume_move_the_run_is_as_a_fresh_one(scheme):
+    """Positions and box have changed: the next step begins with the force there."""
+    simulation = pressed(scheme, 3)
+    accepted = 0
+    for _ in range(20):
+        before = simulation.context.getState().getPeriodicBoxVolume()._value
+        simulation.step(3)
+        if simulation.context.getState().getPeriodicBoxVolume()._value == before:
+            continue
+        accepted += 1
+        other = pressed(scheme, 1000)
+        state = simulation.context.getState(positions=True, velocities=True)
+        other.context.setPeriodicBoxVectors(*state.getPeriodicBoxVectors())
+        other.context.setPositions(state.getPositions())
+        other.context.setVelocities(state.getVelocities())
+        other.context.setParameter(COUNTER, simulation.context.getParameter(COUNTER))
+        other.step(1)
+        simulation.step(1)
+        difference = np.abs(state_of(other.context)[1] - state_of(simulation.context)[1]).max()
+        assert difference < 1e-9
+        simulation.step(2)
+    assert accepted > 2
+
+
+@pytest.mark.parametrize("scheme", ["middle", "aboba", "mvv"])
+def test_molecules_move_as_wholes(scheme):
+    """A volume move shifts the centres of chains and leaves the distances within them."""
+    moved = 0
+    built = made("bonded", scheme, "CPU")
+    dpd.add_barostat(built, 5.0, interval=1)
+    simulation = running(built, "CPU")
+    context, chain = simulation.context, np.arange(48).reshape(12, 4)
+    molecules = [sorted(molecule) for molecule in context.getMolecules()]
+    assert sorted(map(len, molecules)) == [1] * 12 + [4] * 12
+    barostat = next(force for force in built.system.getForces() if isinstance(force, openmm.MonteCarloBarostat))
+    assert barostat.getFrequency() == 1
+    for _ in range(40):
+        before = context.getState(positions=True)
+        x = state_of(context)[0]
+        volume = before.getPeriodicBoxVolume()._value
+        # as the loop lets barostats hear of a step that is done
+        openmm.CustomIntegrator.setGlobalVariableByName(simulation.integrator, "ahead", 1.0)
+        openmm.CustomIntegrator.step(simulation.integrator, 1)
+        openmm.CustomIntegrator.setGlobalVariableByName(simulation.integrator, "ahead", 0.0)
+        after = state_of(context)[0]
+        if context.getState().getPeriodicBoxVolume()._value == volume:
+            assert np.array_equal(x, after)
+            continue
+        moved += 1
+        steps = np.diff(x[chain], axis=1), np.diff(after[chain], axis=1)
+        assert np.abs(steps[1] - steps[0]).max() < 1e-9
+        assert np.abs(after - x).max() > 1e-6
+    assert moved > 2
+
+
+@pytest.mark.parametrize("barostat", ["anisotropic", "flexible", "membrane"])
+def test_other_barostats_hear_of_steps(barostat):
+    bar = 20.0 * 16.6054
+    kelvin = 1 / BOLTZMANN
+    made_barostat = {
+        "anisotropic": lambda: openmm.MonteCarloAnisotropicBarostat(openmm.Vec3(bar, bar, bar), kelvin, True, True, True, 4),
+        "flexible": lambda: openmm.MonteCarloFlexibleBarostat(bar, kelvin, 4),
+        "membrane": lambda: openmm.MonteCarloMembraneBarostat(bar, 0.0, kelvin, 0, 0, 4),
+    }[barostat]()
+    built = dpd.build(beads(150, edge=4.0, seed=4), dt=0.02, platform="CPU", conservative="kernel", seed=8)
+    built.system.addForce(made_barostat)
+    simulation = built.simulation(properties=Device("CPU").properties)
+    simulation.step(100)
+    assert simulation.context.getState().getPeriodicBoxVolume()._value != 64.0
+    assert simulation.currentStep == 100
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("scheme", "frequency"),
+    [("middle", 1), ("middle", 25), ("aboba", 7), ("mvv", 7)] + [("shardlow", 1), ("B/2 A/2 O A/2 B/2", 7)],
+)
+def test_averages_at_constant_pressure(scheme, frequency):
+    """Volume and kinetic temperature of the loop and of the program agree within errors."""
+    found = []
+    for loop in (True, False):
+        simulation = pressed(scheme, frequency, loop=loop, scene=beads(375, edge=5.0, seed=4), dt=0.03, pressure=23.0, seed=3)
+        simulation.step(1000)
+        rows = []
+        for _ in range(1500):
+            simulation.step(20)
+            state = simulation.context.getState(velocities=True)
+            rows.append((state.getPeriodicBoxVolume()._value, np.sum(state.getVelocities(asNumpy=True)._value ** 2) / (3 * 374)))
+        found.append([block_average(column) for column in np.array(rows).T])
+    for first, second in zip(*found, strict=True):
+        assert abs(first.mean - second.mean) < 4 * np.hypot(first.sem, second.sem), (first, second)
+        assert np.hypot(first.sem, second.sem) < 0.01 * second.mean
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["mvv", "middle", "B/2 A/2 O A/2 B/2"])
+def test_a_long_run_of_loops_keeps_its_temperature(scheme):
+    """... with a force of the user's beside it, which must not heat."""
+    scene = fluid(EXTENDED, BOXES["wide"], n=500, spread=0)
+    built = dpd.build(scene, dt=0.02, scheme=scheme, platform="CPU", seed=4)
+    built.system.addForce(_trap(500))
+    simulation = built.simulation(properties=Device("CPU").properties)
+    simulation.step(1000)
+    mass, kinetic = scene.bead_masses[:, None], []
+    for _ in range(1500):
+        simulation.step(10)
+        kinetic.append(np.sum(mass * state_of(simulation.context)[1] ** 2) / 1500)
+    average = block_average(kinetic)
+    assert abs(average.mean - 1.0) < 4 * average.sem + 0.01
+
+
+def _trap(n: int) -> openmm.Force:
+    force = openmm.CustomExternalForce("8*sin(x)^2")
+    for bead in range(n):
+        force.addParticle(bead)
+    return force

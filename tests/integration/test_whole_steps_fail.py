@@ -1,0 +1,380 @@
+"""A piece of whole steps that is interrupted anywhere leaves whole steps, and the run goes on as if nothing had been."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import openmm
+import pytest
+from kinds import N, everything, made, running, same
+from openmm import unit
+from scenes import beads
+
+import openmm_dpd as dpd
+from openmm_dpd.errors import RunError
+from openmm_dpd.kernels import motion
+from openmm_dpd.kernels.engine import PairEngine
+from openmm_dpd.names import PORTABLE
+
+PACKAGE = str(Path(dpd.__file__).parent)
+STEPS, BEFORE, AFTER = 3, 2, 4
+
+
+class Lines:
+    """Counts the lines of the package that are carried out, and raises an error before one of them."""
+
+    def __init__(self, at: int = 0, error: BaseException | None = None):
+        self.at, self.error, self.functions = at, error, []
+
+    def __enter__(self):
+        self.before = sys.gettrace()
+        sys.settrace(self._call)
+        return self
+
+    def __exit__(self, *_):
+        sys.settrace(self.before)
+
+    def _call(self, frame, event, argument):
+        return self._line if frame.f_code.co_filename.startswith(PACKAGE) else None
+
+    def _line(self, frame, event, argument):
+        if event == "line":
+            self.functions.append(frame.f_code.co_name)
+            if len(self.functions) == self.at:
+                raise self.error
+        return self._line
+
+
+def add_force(built) -> None:
+    force = openmm.CustomExternalForce("2*x^2")
+    for bead in range(N):
+        force.addParticle(bead)
+    built.system.addForce(force)
+
+
+#: Name -> kind, scheme, and what is added.  In the first ones nothing but the kernel acts, and nothing else hears of steps.
+ALONE = {
+    "middle": ("dpd", "middle", None),
+    "mvv": ("dpd", "mvv", None),
+    "ramp": ("ramp", "mvv-0.65", None),
+    "energies": ("energies", "bababo", None),
+    "bonded": ("bonded", "B/2 A/2 O A/2 B/2", None),
+}
+BESIDE = {
+    "force": ("dpd", "shardlow", add_force),
+    "ramp and force": ("ramp", "middle", add_force),
+    "charges": ("charged", "mvv", None),
+    "barostat": ("dpd", "aboba", lambda built: dpd.add_barostat(built, 20.0, interval=50)),
+}
+
+
+def started(kind, scheme, add):
+    built = made(kind, scheme)
+    if add is not None:
+        add(built)
+    simulation = running(built)
+    simulation.integrator.step(BEFORE)
+    return simulation
+
+
+def all_of(simulation) -> dict:
+    """State, globals and per-DOF variables; what programs hand from one platform to another says nothing by itself."""
+    integrator = simulation.integrator
+    found = everything(simulation.context, simulation.built)
+    for k in range(integrator.getNumGlobalVariables()):
+        name = integrator.getGlobalVariableName(k)
+        if name not in PORTABLE or name == "ahead":
+            found[f"global {name}"] = np.asarray(integrator.getGlobalVariable(k))
+    parameters = simulation.context.getParameters()
+    found |= {name: np.asarray(parameters[name]) for name in parameters if name not in ("dpd_phase", "dpd_tau", "dpd_begun")}
+    return found
+
+
+def interrupted(case, lines) -> dict[int, list[str]]:
+    """What is wrong after an interruption before some of the lines of a piece, which ``lines`` chooses from their functions' names."""
+    calm = started(*case)
+    before = all_of(calm)
+    with Lines() as trace:
+        calm.integrator.step(STEPS)
+    after = all_of(calm)
+    calm.integrator.step(AFTER)
+    end = all_of(calm)
+    wrong = {}
+    chosen = lines(trace.functions)
+    assert chosen
+    for at in chosen:
+        simulation = started(*case)
+        with pytest.raises(KeyboardInterrupt), Lines(at, KeyboardInterrupt()):
+            simulation.integrator.step(STEPS)
+        found = all_of(simulation)
+        differing = min(same(found, before), same(found, after), key=len)
+        if not differing:
+            simulation.integrator.step(BEFORE + STEPS + AFTER - simulation.currentStep)
+            differing = [f"{name} at the end" for name in same(all_of(simulation), end)]
+        if differing:
+            wrong[at] = differing
+    return wrong
+
+
+def until_given_back(functions: list[str]) -> int:
+    return functions.index("_give_back") if "_give_back" in functions else len(functions)
+
+
+@pytest.mark.parametrize("name", [name for name in (*ALONE, *BESIDE) if name != "charges"])
+def test_an_interruption_at_some_lines(name):
+    """Before the results go back to OpenMM; with forces or barostats, which have a way back, at any line."""
+    case = (ALONE | BESIDE)[name]
+
+    def lines(functions):
+        last = until_given_back(functions) if name in ALONE else len(functions)
+        return list(range(1, last, last // 8))
+
+    assert not interrupted(case, lines)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [*ALONE, *BESIDE])
+def test_an_interruption_at_any_line(name):
+    case = (ALONE | BESIDE)[name]
+    assert not interrupted(case, lambda functions: list(range(1, 1 + (until_given_back(functions) if name in ALONE else len(functions)))))
+
+
+@pytest.mark.parametrize("name", ALONE)
+@pytest.mark.xfail(
+    strict=True, raises=AssertionError, reason="nothing is taken back where only the kernel acts: positions are new, others old"
+)
+def test_an_interruption_while_the_results_go_back(name):
+    case = ALONE[name]
+    assert not interrupted(case, lambda functions: list(range(until_given_back(functions) + 1, len(functions) + 1, 5)))
+
+
+# -- errors of what a step calls -------------------------------------------------------------------------------------------------------
+CALLS = [(PairEngine, "prepare"), (PairEngine, "forces"), (PairEngine, "swept"), (motion, "drift"), (motion, "as_shown"), (motion, "push")]
+ERRORS = [RunError("too tired"), KeyboardInterrupt(), MemoryError("too tired")]
+
+
+@pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
+@pytest.mark.parametrize(("owner", "name"), CALLS, ids=lambda value: value if isinstance(value, str) else "")
+@pytest.mark.parametrize("case", ["middle", "mvv", "energies", "force"])
+def test_calls_that_fail(case, owner, name, error, monkeypatch):
+    """At the first, third, ... call of ten steps: nothing has happened, the step is named, and the run goes on as if it had not been."""
+    chosen = (ALONE | BESIDE)[case]
+    calm = started(*chosen)
+    expected = all_of(calm)
+    calm.integrator.step(12)
+    end = all_of(calm)
+    real, tried = getattr(owner, name), 0
+    for at in (1, 3, 8, 13, 18):
+        simulation, left = started(*chosen), [at]
+
+        def failing(*arguments, left=left, **named):
+            left[0] -= 1
+            if left[0] == 0:
+                raise error
+            return real(*arguments, **named)
+
+        monkeypatch.setattr(owner, name, failing)
+        try:
+            simulation.integrator.step(10)
+        except (openmm.OpenMMException, KeyboardInterrupt, MemoryError) as found:
+            tried += 1
+            assert not same(all_of(simulation), expected)
+            if isinstance(error, RunError):
+                assert isinstance(found, openmm.OpenMMException) and re.match(r"step \d+: too tired", str(found)), found
+                step = int(str(found).split(":")[0].split()[1])
+                assert BEFORE < step <= BEFORE + 10
+                if (name, case) == ("swept", "middle"):
+                    assert step == BEFORE + at  # one in each step
+            else:
+                assert isinstance(found, type(error))
+            left[0] = 0
+            simulation.integrator.step(12)
+            assert not same(all_of(simulation), end)
+        monkeypatch.setattr(owner, name, real)
+    assert tried or (name, case) in {("swept", "mvv"), ("push", "middle"), ("push", "mvv"), ("push", "energies")}
+
+
+CONTEXT_CALLS = ["setPositions", "setVelocities", "setParameter", "setStepCount", "setTime", "getState"]
+
+
+@pytest.mark.parametrize("name", CONTEXT_CALLS)
+@pytest.mark.parametrize("case", ["middle", "mvv", "energies", "ramp", "force", "ramp and force"])
+def test_calls_of_openmm_that_fail(case, name, request, monkeypatch):
+    """The first three calls of each kind in a piece, out of memory."""
+    asks_again = case in ("mvv", "ramp")  # when all is given back
+    if case in ALONE and name != "setPositions" and (name != "getState" or asks_again):
+        reason = "nothing is taken back where only the kernel acts"
+        request.applymarker(pytest.mark.xfail(strict=True, raises=AssertionError, reason=reason))
+    chosen = (ALONE | BESIDE)[case]
+    calm = started(*chosen)
+    expected = all_of(calm)
+    real, wrong, tried = getattr(openmm.Context, name), [], 0
+    for at in (1, 2, 3):
+        simulation, left = started(*chosen), [at]
+
+        def failing(*arguments, left=left, **named):
+            left[0] -= 1
+            if left[0] == 0:
+                raise MemoryError
+            return real(*arguments, **named)
+
+        monkeypatch.setattr(openmm.Context, name, failing)
+        try:
+            simulation.integrator.step(5)
+        except MemoryError:
+            tried += 1
+        monkeypatch.setattr(openmm.Context, name, real)
+        if left[0] <= 0:
+            wrong += same(all_of(simulation), expected)
+    assert tried
+    assert not wrong
+
+
+class Tired:
+    """A force of the user's that pushes a little, and raises at the k-th evaluation after it was armed."""
+
+    def __init__(self):
+        self.left = 0
+
+    def __call__(self, state):
+        if self.left:
+            self.left -= 1
+            if not self.left:
+                raise RuntimeError("too tired to go on")
+        force = np.zeros((N, 3))
+        force[:, 1] = 0.1
+        return 0.0 * unit.kilojoule_per_mole, force
+
+
+@pytest.mark.parametrize("scheme", ["middle", "mvv", "bababo", "O/2 B/2 A B/2 O/2"])
+@pytest.mark.parametrize("kind", ["dpd", "energies", "bonded", "ramp"])
+def test_a_force_of_the_users_that_raises(kind, scheme):
+    """At any of its evaluations in ten steps."""
+
+    def tired_run():
+        built, tired = made(kind, scheme, "CPU"), Tired()
+        built.system.addForce(openmm.PythonForce(tired))
+        simulation = running(built, "CPU")
+        simulation.integrator.step(BEFORE)
+        return simulation, tired
+
+    calm, _ = tired_run()
+    expected = all_of(calm)
+    calm.integrator.step(14)
+    end, failed = all_of(calm), 0
+    for k in range(1, 12):
+        simulation, tired = tired_run()
+        tired.left = k
+        try:
+            simulation.integrator.step(10)
+        except openmm.OpenMMException as error:
+            assert "too tired to go on" in str(error)
+            failed += 1
+            assert not same(all_of(simulation), expected)
+        tired.left = 0
+        simulation.integrator.step(BEFORE + 14 - simulation.currentStep)
+        assert not same(all_of(simulation), end)
+    assert failed >= 10
+
+
+# -- runs that break -------------------------------------------------------------------------------------------------------------------
+def torn(speed: float):
+    """Two beads that fly apart on a weak FENE bond, among others: it breaks in step 7 at speed 1."""
+    n, dt = 40, 0.02
+    rng = np.random.default_rng(2)
+    x = rng.random((n, 3)) * 4.0
+    x[0], x[1] = [1.0, 1.0, 1.0], [1.75, 1.0, 1.0]
+    v = np.zeros((n, 3))
+    v[0, 0], v[1, 0] = -speed, speed
+    table = {("W", "W"): dpd.DPD(A=25, gamma=4.5), ("F", "*"): dpd.DPD(gamma=1e-6)}
+    bonds = [dpd.FENEBonds(np.array([[0, 1]]), 1e-9, 1.01)]
+    types = ["F", "F"] + ["W"] * (n - 2)
+    return dpd.Scene({"W": 1.0, "F": 1.0}, types, x, table, 0.0, box=[4.0] * 3, velocities=v, bonds=bonds), dt
+
+
+@pytest.mark.parametrize("scheme", ["middle", "aboba", "mvv", "shardlow", "bababo", "B/2 A/2 O A/2 B/2"])
+def test_a_bond_that_breaks(scheme):
+    """The bond is too long in the seventh of ten steps: no step is left, six can be done, and the step is named."""
+    scene, dt = torn(1.0)
+    built = dpd.build(scene, dt=dt, scheme=scheme, platform="CPU", seed=3)
+    simulation = running(built, "CPU")
+    before = all_of(simulation)
+    with pytest.raises(openmm.OpenMMException, match=r"FENE.*0 and 1|bond.*0.*1") as found:
+        simulation.integrator.step(10)
+    step = int(re.match(r"step (\d+): ", str(found.value))[1])
+    assert step in (7, 8)  # by the kicks between the drifts
+    assert not same(all_of(simulation), before)
+    simulation.integrator.step(step - 1)
+    assert simulation.currentStep == step - 1
+    with pytest.raises(openmm.OpenMMException) as again:
+        simulation.integrator.step(1)
+    assert str(again.value) == str(found.value)
+    assert simulation.currentStep == step - 1
+
+
+@pytest.mark.parametrize("scheme", ["middle", "aboba", "mvv", "shardlow", "bababo", "B/2 A/2 O A/2 B/2"])
+@pytest.mark.parametrize("kind", ["plain", "beside a force"])
+def test_a_start_that_runs_away(scheme, kind):
+    """The message names the step and the bead, and positions are those of the last piece."""
+    v = np.random.default_rng(2).normal(size=(81, 3))
+    scene = beads(table={("W", "W"): dpd.DPD(A=25e5, gamma=4.5)}, velocities=v - v.mean(axis=0))
+    built = dpd.build(scene, dt=1e-6, scheme=scheme, platform="CPU", seed=6)
+    if kind != "plain":
+        force = openmm.CustomExternalForce("x^2")
+        for bead in range(81):
+            force.addParticle(bead)
+        built.system.addForce(force)
+    simulation = running(built, "CPU")
+    simulation.integrator.step(23)
+    before = all_of(simulation)
+    simulation.integrator.setStepSize(0.05)
+    with pytest.raises(openmm.OpenMMException, match=r"step 2[45]: bead \d+ moves .* step size is too large"):
+        simulation.integrator.step(10)
+    assert not same(all_of(simulation), before)
+
+
+# -- Ctrl-C ----------------------------------------------------------------------------------------------------------------------------
+@pytest.mark.skipif(threading.current_thread() is not threading.main_thread(), reason="signals go to the main thread")
+@pytest.mark.parametrize("case", ["middle", "mvv", "energies", "force"])
+def test_ctrl_c_in_a_long_run(case):
+    """It acts at once, and what is left is a whole step."""
+    chosen = (ALONE | BESIDE)[case]
+    simulation = started(*chosen)
+    sent = []
+
+    def interrupt():
+        time.sleep(0.3)
+        sent.append(time.monotonic())
+        os.kill(os.getpid(), signal.SIGINT)
+
+    thread = threading.Thread(target=interrupt)
+    thread.start()
+    with pytest.raises(KeyboardInterrupt):
+        simulation.integrator.step(100000)
+    late = time.monotonic() - sent[0]
+    thread.join()
+    assert late < 2.0
+    found = all_of(simulation)
+    assert 2 < found["steps"] < 100000
+    assert found["time"] == pytest.approx(0.01 * found["steps"], rel=1e-9)
+    calm = started(*chosen)
+    calm.integrator.step(int(found["steps"]) - BEFORE)
+    assert not same(found, all_of(calm))
+
+
+def test_steps_that_are_none():
+    """No steps, and numbers that are none."""
+    simulation = started(*ALONE["middle"])
+    before = all_of(simulation)
+    simulation.integrator.step(0)
+    for wrong in (2.5, "3", None):
+        with pytest.raises(TypeError):
+            simulation.integrator.step(wrong)
+    assert not same(all_of(simulation), before)

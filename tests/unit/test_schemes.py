@@ -1,0 +1,409 @@
+"""Schemes as words: what is read and what is refused, what a word says about itself, and where words stand in for names."""
+
+from __future__ import annotations
+
+import io
+import json
+import warnings
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import openmm
+import pytest
+from devices import Device
+from scenes import beads, run_of, state_of
+
+import openmm_dpd as dpd
+from openmm_dpd.cli import main
+from openmm_dpd.errors import ParameterError, PlanError
+from openmm_dpd.lammps.export import export_lammps
+from openmm_dpd.lammps.main import run_deck
+from openmm_dpd.lammps.run import RunOptions
+from openmm_dpd.model.eos import ConstantHeatCapacity
+from openmm_dpd.plan import make_plan
+from openmm_dpd.programs.schemes import SCHEMES, Scheme, read_word, scheme_of, spelt
+from openmm_dpd.recommend import advice, predicted_error
+
+HALF = Fraction(1, 2)
+NAMED = [scheme for scheme in SCHEMES.values() if scheme.letters]
+BAOAB = "B/2 A/2 O A/2 B/2"
+REFERENCE = Device("Reference")
+
+DECK = """units lj
+atom_style atomic
+comm_modify vel yes
+region box block 0 4 0 4 0 4 units box
+create_box 1 box
+create_atoms 1 random 192 4243 box
+mass 1 1.0
+pair_style dpd 1.0 1.0 34387
+pair_coeff 1 1 25.0 4.5
+velocity all create 1.0 87287
+fix move all nve
+timestep 0.01
+thermo 10
+run 20
+"""
+
+
+@pytest.fixture
+def deck(tmp_path: Path) -> Path:
+    path = tmp_path / "in.fluid"
+    path.write_text(DECK)
+    return path
+
+
+def still(n: int = 81, **options) -> dpd.Scene:
+    """The standard fluid with velocities, as dense as the table of steps has it."""
+    v = np.random.default_rng(2).normal(size=(n, 3))
+    return beads(n, velocities=v - v.mean(axis=0), **options)
+
+
+# -- reading and spelling ------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("text", "letters"),
+    [
+        ("A B O", [("A", 1), ("B", 1), ("O", 1)]),
+        ("B/2 A/2 O A/2 B/2", [("B", HALF), ("A", HALF), ("O", 1), ("A", HALF), ("B", HALF)]),
+        ("3B/5 A 2B/5 S", [("B", Fraction(3, 5)), ("A", 1), ("B", Fraction(2, 5)), ("S", 1)]),
+        ("1A/1 2B/2 O/2 S/2", [("A", 1), ("B", 1), ("O", HALF), ("S", HALF)]),
+        ("  B\t A/2\n O A/2  ", [("B", 1), ("A", HALF), ("O", 1), ("A", HALF)]),
+        ("118880B/1000000 A 881120B/1000000 O", [("B", Fraction(1486, 12500)), ("A", 1), ("B", Fraction(11014, 12500)), ("O", 1)]),
+    ],
+)
+def test_words_are_read(text, letters):
+    assert read_word(text) == tuple((name, Fraction(part)) for name, part in letters)
+    assert scheme_of(text).letters == read_word(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("B/2 A/2 X A/2 B/2", r"'X' is no part of a step .*A \(drift\), B \(kick\), O .*, S "),
+        ("b/2 A O B/2", "'b/2' is no part|unknown scheme 'b/2"),
+        ("B/2 a O B/2", "'a' is no part"),
+        ("B A/2 o A/2", "'o' is no part"),
+        ("B-A-O", "'B-A-O' is no part"),
+        ("BAOAB", "'BAOAB' is no part"),
+        ("B/2A/2 O A/2 B/2", "'B/2A/2' is no part"),
+        ("-A 2A B O", "'-A' is no part"),
+        ("0.5B A O B/2", "'0.5B' is no part"),
+        ("B/2/2 A O", "'B/2/2' is no part"),
+        ("B/ A O", "'B/' is no part"),
+        ("A/0 B O", "'A/0' .* a number in it is 0"),
+        ("A 0B B O", "'0B' .* a number in it is 0"),
+        ("A B 0O/3 O", "'0O/3' .* a number in it is 0"),
+        ("A/2 B O", "drifts A .* add up to 1/2 of a step, not to 1"),
+        ("A A B O", "drifts A .* add up to 2 of"),
+        ("A B/3 B/3 O", "kicks B .* add up to 2/3"),
+        ("A B", "sweeps O and S .* add up to 0"),
+        ("A B O S", "sweeps O and S .* add up to 2"),
+        ("A B O/2 S/3", "sweeps O and S .* add up to 5/6"),
+        ("B O", "drifts A .* add up to 0"),
+        ("O", "drifts A"),
+    ],
+)
+def test_words_are_refused_with_the_reason(text, reason):
+    with pytest.raises(ParameterError, match=reason):
+        scheme_of(text)
+    with pytest.raises(ParameterError, match=reason):
+        dpd.build(beads(), dt=0.02, scheme=text, platform="Reference")
+
+
+@pytest.mark.parametrize(
+    "text", ["", "  ", None, 3, 0.5, b"A B O", ["A", "B", "O"], ("middle",), True, "verlet", "Middle ", "MVV", "leap frog"]
+)
+def test_what_is_no_word_is_an_unknown_scheme(text):
+    with pytest.raises(ParameterError, match="unknown scheme .*mvv, shardlow, middle, aboba, bababo, native, or a word such as"):
+        scheme_of(text)
+    with pytest.raises(ParameterError, match="unknown scheme"):
+        make_plan(beads(), dt=0.02, scheme=text)
+
+
+@pytest.mark.parametrize("text", ["A B O", BAOAB, "3B/5 A 2B/5 S", "O/3 B A 2S/3", "A/4 S A/4 B A/2"])
+def test_spelling_is_the_word(text):
+    """A word is its own name, and read again it is the same."""
+    scheme = scheme_of(text)
+    assert scheme.name == scheme.word == str(scheme) == " ".join(map(spelt, scheme.letters)) == text
+    assert scheme_of(scheme.word) == scheme and scheme_of(scheme) is scheme
+    assert not scheme.measured and scheme.sweeps and not scheme.predicts and not scheme.native and not scheme.constraints
+
+
+def test_fractions_are_spelt_in_lowest_terms():
+    assert scheme_of("2B/4 3A/6 4O/4 2A/4 5B/10").name == BAOAB
+    assert scheme_of("10B/30 A 20B/30 O").name == "B/3 A 2B/3 O"
+
+
+@pytest.mark.parametrize("scheme", NAMED, ids=str)
+def test_the_word_of_a_named_scheme_is_that_scheme(scheme):
+    assert scheme_of(scheme.word) is scheme_of(scheme.name) is scheme
+    doubled = " ".join(f"{2 * part.numerator}{name}/{2 * part.denominator}" for name, part in scheme.letters)
+    assert scheme_of(doubled) is scheme
+    assert make_plan(beads(), dt=0.02, scheme=scheme.word, seed=1).options.scheme is scheme
+
+
+@pytest.mark.parametrize("scheme", NAMED, ids=str)
+def test_a_run_by_the_word_is_the_run_by_the_name(scheme):
+    ends = []
+    for text in (scheme.name, scheme.word):
+        simulation = run_of(still(), REFERENCE, dt=0.02, scheme=text)
+        simulation.step(3)
+        ends.append(state_of(simulation.context))
+    assert np.array_equal(ends[0][0], ends[1][0]) and np.array_equal(ends[0][1], ends[1][1])
+
+
+# -- what a word says about itself ---------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("text", "lag"),
+    [
+        ("middle", 0.5),
+        ("aboba", 0.0),
+        ("bababo", 0.0),
+        ("shardlow", 0.0),
+        ("mvv", 0.0),
+        ("native", None),
+        (BAOAB, 0.0),
+        ("B A O", 0.5),
+        ("A B O", -0.5),
+        ("B/5 A 4B/5 O", -0.3),
+        ("A/2 O/2 B O/2 A/2", 0.0),
+        ("B/4 A/2 B/4 A/2 B/2 O", -0.125),
+    ],
+)
+def test_lag_of_the_velocities(text, lag):
+    """By how much of a kick velocities are behind."""
+    if lag is not None:
+        assert scheme_of(text).lag == pytest.approx(lag, abs=1e-15)
+
+
+def moments(scheme: Scheme) -> Fraction:
+    """In a constant field x(1) = v(0) + (1/2 + lag) f: each kick acts during the drifts after it."""
+    parts = [(name, part) for name, part in scheme.steps(thermostat=False)]
+    acts = sum(part * sum(p for name, p in parts[n:] if name == "A") for n, (letter, part) in enumerate(parts) if letter == "B")
+    return acts - HALF
+
+
+@pytest.mark.parametrize(
+    "text", [*(scheme.name for scheme in NAMED), BAOAB, "A B O", "B/5 A 4B/5 O", "A/3 B/2 A/3 O B/2 A/3", "A/4 S A/4 B A/2"]
+)
+def test_lag_is_that_of_a_constant_field(text):
+    """With v + lag f dt/m for v the positions are x + v dt + f dt^2/2m."""
+    assert scheme_of(text).lag == pytest.approx(float(moments(scheme_of(text))), abs=1e-15)
+
+
+@pytest.mark.xfail(strict=True, reason="the lag counts kicks before the first and after the last drift only")
+@pytest.mark.parametrize("text", ["A/3 B 2A/3 O", "3A/4 B O A/4", "B/4 A/4 B/2 3A/4 B/4 O"])
+def test_lag_where_drifts_before_and_after_kicks_differ(text):
+    """A kick after a third of the drift leaves velocities a sixth of a step behind."""
+    assert scheme_of(text).lag == pytest.approx(float(moments(scheme_of(text))), abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("text", "left"),
+    [
+        ("middle", "B A"),
+        ("shardlow", "B/2 A B/2"),
+        ("aboba", "A/2 B A/2"),
+        ("bababo", "B/5 A/2 3B/5 A/2 B/5"),
+        ("mvv", "B/2 A B/2"),
+        (BAOAB, "B/2 A B/2"),
+        ("B/2 O/2 B/2 A/2 S/2 A/2", "B A"),
+    ],
+)
+def test_without_friction_sweeps_are_dropped(text, left):
+    """... and what follows each other is one."""
+    assert " ".join(map(spelt, scheme_of(text).steps(thermostat=False))) == left
+
+
+@pytest.mark.parametrize("conservative", ["kernel", "openmm"])
+@pytest.mark.parametrize("text", [BAOAB, "O/2 B/2 A B/2 O/2", "A/2 S/2 B S/2 A/2"])
+def test_a_frictionless_word_steps_as_its_kicks_and_drifts(text, conservative):
+    """The same trajectory as by the named scheme that has the same ones, and no noise is drawn."""
+    same = "aboba" if text.startswith("A") else "mvv"
+    scene = still(table={("W", "W"): dpd.DPD(A=25)})
+    runs = [run_of(scene, REFERENCE, dt=0.02, scheme=name, conservative=conservative) for name in (text, same)]
+    for simulation in runs:
+        simulation.step(20)
+    (x, v), (other_x, other_v) = (state_of(simulation.context) for simulation in runs)
+    assert np.abs(x - other_x).max() < 1e-12 and np.abs(v - other_v).max() < 1e-11
+    if conservative == "kernel":
+        assert runs[0].context.getParameter("dpd_counter") == 0
+
+
+@pytest.mark.xfail(strict=True, reason="sweeps of one kind that follow each other are put together")
+@pytest.mark.parametrize("text", ["O/2 O/2 A/2 B A/2", "A/2 B S/3 2S/3 A/2"])
+def test_two_sweeps_in_a_row_are_two(text):
+    """Two sweeps over half a step are not one over the whole: each pair meets the changes of the others in between."""
+    assert " ".join(map(spelt, scheme_of(text).steps())) == text
+
+
+# -- where words are taken -----------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("text", [BAOAB, "A/2 B/2 S B/2 A/2", "A B O"])
+def test_constraints_are_refused(text):
+    system = openmm.System()
+    for _ in range(4):
+        system.addParticle(39.9)
+    system.addConstraint(0, 1, 0.3)
+    with pytest.raises(PlanError, match="constrain.*middle"):
+        dpd.add_thermostat(system, dpd.DPD(gamma=5, cutoff=0.6), 300, 0.002, scheme=text, platform="Reference")
+
+
+def test_the_word_of_middle_keeps_constraints():
+    system = openmm.System()
+    for _ in range(4):
+        system.addParticle(39.9)
+    system.addConstraint(0, 1, 0.3)
+    made = dpd.add_thermostat(system, dpd.DPD(gamma=5, cutoff=0.6), 300, 0.002, scheme="B A/2 O A/2", platform="Reference")
+    assert any(made.getComputationStep(k)[0] == made.ConstrainPositions for k in range(made.getNumComputations()))
+
+
+def test_other_parameters_that_do_not_go_with_words():
+    with pytest.raises((ParameterError, PlanError), match="lam"):
+        dpd.build(beads(), dt=0.02, scheme=BAOAB, lam=0.65, platform="Reference")
+    heat = dpd.BeadTemperatures(1.0, 30.0)
+    scene = beads(table={("W", "W"): dpd.EDPD(A=25, gamma=4.5, kappa=1e-3)}, internal=heat)
+    with pytest.raises(PlanError, match="'mvv'.*B/2 A/2 O A/2 B/2"):
+        dpd.build(scene, dt=0.02, scheme=BAOAB, platform="Reference")
+
+
+def test_explanations_name_the_word():
+    built = dpd.build(beads(), dt=0.02, scheme=BAOAB, platform="Reference", seed=1)
+    assert BAOAB in built.plan.explain() and BAOAB in repr(built.plan) and BAOAB in built.explain()
+
+
+# -- advice --------------------------------------------------------------------------------------------------------------------------
+DENSE = beads(375, edge=5.0)
+
+
+@pytest.mark.parametrize("scheme", NAMED, ids=str)
+def test_predicted_errors_of_a_name_by_its_word(scheme):
+    assert predicted_error(DENSE, scheme.word, 0.04) == predicted_error(DENSE, scheme.name, 0.04) is not None
+
+
+@pytest.mark.xfail(
+    strict=True, raises=(KeyError, ValueError), reason="the table is asked for the word, not for the name that it stands for"
+)
+@pytest.mark.parametrize("scheme", NAMED, ids=str)
+def test_advice_about_a_name_by_its_word(scheme):
+    assert "your dt 0.04" in advice(DENSE, scheme.word, 0.04)
+
+
+def test_nothing_is_known_of_other_words():
+    assert predicted_error(DENSE, BAOAB, 0.04) is None
+    assert "nothing was measured" in advice(DENSE, BAOAB, 0.04) and BAOAB in advice(DENSE, BAOAB, 0.04)
+    for ask in (predicted_error, advice):
+        with pytest.raises(ParameterError, match="unknown scheme"):
+            ask(DENSE, "baoab", 0.04)
+
+
+def test_recommendations_are_named_schemes():
+    found = dpd.recommend(DENSE, 0.01)
+    assert found.scheme in SCHEMES and {choice.scheme for choice in found.choices} <= set(SCHEMES)
+
+
+# -- decks ---------------------------------------------------------------------------------------------------------------------------
+def test_the_command_line_takes_a_word(deck, tmp_path, capsys):
+    report = tmp_path / "report.json"
+    words = ["--scheme", "2B/4 A/2 O A/2 B/2", "--platform", "CPU", "--threads", "1", "--quiet"]
+    assert main(["run", str(deck), *words, "--json", str(report), "--out", str(tmp_path / "out")]) == 0
+    found = json.loads(report.read_text())
+    assert scheme_of(found["scheme"]).name == BAOAB
+    assert found["momentum"] is not None
+    capsys.readouterr()
+    assert main(["explain", str(deck), "--scheme", BAOAB, "--platform", "CPU"]) == 0
+    text = capsys.readouterr().out
+    assert BAOAB in text and "nothing was measured" in text
+
+
+@pytest.mark.xfail(
+    strict=True, raises=(KeyError, ValueError), reason="the table is asked for the word, not for the name that it stands for"
+)
+def test_the_command_line_takes_the_word_of_a_name(deck, capsys):
+    assert main(["explain", str(deck), "--scheme", "B A/2 O A/2", "--platform", "CPU"]) == 0
+
+
+@pytest.mark.parametrize(("word", "reason"), [("A B", "add up to 0"), ("baoab", "unknown scheme"), ("", "unknown scheme")])
+def test_the_command_line_refuses_what_is_no_step(deck, tmp_path, capsys, word, reason):
+    for command in (
+        ["run", str(deck), "--quiet", "--out", str(tmp_path / "out")],
+        ["explain", str(deck)],
+        ["export", str(deck), str(tmp_path / "to")],
+    ):
+        assert main([*command, "--scheme", word]) == 1
+        error = capsys.readouterr().err
+        assert reason in error and error.count("\n") == 1
+
+
+def test_a_deck_runs_as_the_scene_does(deck, tmp_path):
+    """A deck's run with a word is that of the name it stands for."""
+    runs = [
+        run_deck(deck, RunOptions(scheme=text, platform="CPU", threads=1), out=tmp_path / text[0])["runs"]
+        for text in ("middle", "B A/2 O A/2")
+    ]
+    assert runs[0][0]["thermo"]["temp"]["last"] > 0
+    assert [run["thermo"] for run in runs[0]] == [run["thermo"] for run in runs[1]]
+
+
+def exported(folder, scheme: str) -> tuple[str, ...]:
+    """What an export says that LAMMPS will do differently."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return export_lammps(DENSE, folder, "fluid", dt=0.02, steps=10, scheme=scheme).differences
+
+
+def test_export_has_nothing_to_note_of_shardlow(tmp_path):
+    assert exported(tmp_path, "S B/2 A B/2") == exported(tmp_path, "shardlow") == ()
+
+
+@pytest.mark.parametrize("text", [BAOAB, "A/2 B/2 O B/2 A/2"])
+def test_export_notes_that_lammps_has_no_such_scheme(text, tmp_path):
+    notes = " ".join(exported(tmp_path, text))
+    assert "LAMMPS has no scheme" in notes and scheme_of(text).name in notes
+
+
+@pytest.mark.xfail(strict=True, raises=AssertionError, reason="any word with a sweep of Shardlow's passes for LAMMPS's own scheme")
+@pytest.mark.parametrize("text", ["A/2 B/2 S B/2 A/2", "S/2 B/2 A B/2 S/2"])
+def test_export_notes_that_lammps_has_another_order_of_shardlows(text, tmp_path):
+    assert "LAMMPS has no scheme" in " ".join(exported(tmp_path, text))
+
+
+# -- states --------------------------------------------------------------------------------------------------------------------------
+def saved(scheme: str, how: str) -> tuple:
+    simulation = run_of(still(), REFERENCE, dt=0.02, scheme=scheme)
+    simulation.step(2)
+    file = io.StringIO() if how == "State" else io.BytesIO()
+    getattr(simulation, f"save{how}")(file)
+    file.seek(0)
+    return simulation, file
+
+
+@pytest.mark.parametrize("how", ["State", "Checkpoint"])
+def test_states_of_other_words_are_refused(how):
+    for writer, reader in ((BAOAB, "middle"), ("middle", BAOAB), (BAOAB, "B/2 A/2 S A/2 B/2"), ("O/2 B A O/2", "O/3 B A 2O/3")):
+        _, file = saved(writer, how)
+        other = run_of(still(), REFERENCE, dt=0.02, scheme=reader)
+        with pytest.raises(PlanError, match="written by another scheme|with other variables"):
+            getattr(other, f"load{how}")(file)
+
+
+@pytest.mark.parametrize("how", ["State", "Checkpoint"])
+def test_states_go_from_a_name_to_its_word(how):
+    simulation, file = saved("middle", how)
+    other = run_of(still(), REFERENCE, dt=0.02, scheme="B A/2 O A/2")
+    getattr(other, f"load{how}")(file)
+    for one in (simulation, other):
+        one.step(3)
+    assert np.array_equal(state_of(simulation.context)[1], state_of(other.context)[1])
+
+
+# -- energies ------------------------------------------------------------------------------------------------------------------------
+def test_a_word_conserves_energy_in_its_sweeps():
+    """Internal energies: what a sweep takes from the motion the beads get; kicks and drifts conserve as velocity Verlet does."""
+    internal = dpd.InternalEnergy(ConstantHeatCapacity(60.0), 1.0)
+    scene = still(table={("W", "W"): dpd.EnergyDPD(A=25, sigma=3, kappa=1.0)}, internal=internal)
+    built = dpd.build(scene, dt=0.005, scheme="O/2 B/2 A B/2 O/2", platform="Reference", seed=1)
+    simulation, observer = built.simulation(), dpd.Observer(built)
+    before = observer.sample(simulation.context).total
+    simulation.step(100)
+    assert observer.sample(simulation.context).total == pytest.approx(before, abs=2e-3 * 81)
