@@ -41,6 +41,7 @@ from .names import (
     SEED,
     SEEN_KT,
     SEEN_TEMPERATURE,
+    SLOW_STEP,
     STAMP,
     TEMPERATURE,
 )
@@ -454,6 +455,10 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
         assert self.made is not None
         if "last" in names:
             put(self, "last", -1.0)  # a Context that was reinitialized has lost the acceleration that belonged to it
+        self._forget()
+        for name in (RAMP_STEP, SLOW_STEP) if self._begun else ():
+            if name in names:
+                put(self, name, 0.0)
         if TEMPERATURE in names:
             kT, kelvin = parameters[KT], self.getGlobalVariableByName(TEMPERATURE)
             if kT != self.made.kT:  # set in this Context, so later than what the integrator had before

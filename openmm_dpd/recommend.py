@@ -187,6 +187,7 @@ def predicted_error(scene: Scene, scheme: str, dt: float, *, table: StabilityTab
 def advice(scene: Scene, scheme: str, dt: float, *, unit: float = 1.0, table: StabilityTable | None = None) -> str:
     """What the table says about a scheme and a step (ps), in a sentence with what it leaves out; steps are in units of ``unit``."""
     table = table or shipped_table()
+    scheme = scheme_of(scheme).name
     found = predicted_error(scene, scheme, dt, table=table)
     if found is None:
         if not scheme_of(scheme).measured:

@@ -42,6 +42,8 @@ class Scheme:
         Whether friction and noise are pair updates, forces of a predicted velocity, or those of OpenMM's own DPDIntegrator.
     constraints : bool
         Whether it keeps constraints and virtual sites right: other words evaluate forces at positions that are not constrained yet.
+    in_lammps : bool
+        Whether LAMMPS has it.
     measured : bool
         Whether the accuracy of its steps is in the table of :func:`openmm_dpd.recommend`.
     """
@@ -52,6 +54,7 @@ class Scheme:
     what: str
     friction: str = "sweep"
     constraints: bool = False
+    in_lammps: bool = False
     measured: bool = True
 
     def __str__(self) -> str:
@@ -86,21 +89,23 @@ class Scheme:
     def lag(self) -> float:
         """By how much of a step's kick velocities stay behind positions, read at whole steps.
 
-        Half of what the kick before the first drift has more than the one after the last drift.
+        Each kick counts with the drift that follows it, less half a step in all: where kicks stand evenly between the drifts that is half
+        of what the kick before the first drift has more than the one after the last.
         """
-        if not self.letters:
-            return 0.0
-        drifts = [n for n, (letter, _) in enumerate(self.letters) if letter == "A"]
-        first = sum(part for n, (letter, part) in enumerate(self.letters) if letter == "B" and n < drifts[0])
-        last = sum(part for n, (letter, part) in enumerate(self.letters) if letter == "B" and n > drifts[-1])
-        return float((first - last) / 2)
+        left, behind = Fraction(1), Fraction(0)
+        for letter, part in self.letters:
+            if letter == "A":
+                left -= part
+            elif letter == "B":
+                behind += part * left
+        return float(behind - Fraction(1, 2)) if self.letters else 0.0
 
     def on_step(self, v, force, inv_mass, dt: float):
         """Velocities (N, 3) of the same moment as the positions, from those at a whole step and the force there."""
         return v + self.lag * dt * inv_mass[:, None] * force if self.lag else v
 
     def steps(self, thermostat: bool = True) -> tuple[Letter, ...]:
-        """The letters; without friction and noise those of the sweeps are left out, and what follows each other is put together.
+        """The letters; drifts or kicks that follow each other are put together, and without friction and noise sweeps are left out.
 
         What is no word is velocity Verlet then.
         """
@@ -108,7 +113,7 @@ class Scheme:
         for letter, part in self.letters or _VERLET:
             if letter in SWEEPS and not thermostat:
                 continue
-            if kept and kept[-1][0] == letter:
+            if kept and kept[-1][0] == letter and letter not in SWEEPS:  # two sweeps are not one of their length
                 kept[-1] = (letter, kept[-1][1] + part)
             else:
                 kept.append((letter, part))
@@ -159,9 +164,14 @@ _ALL = (
         "Groot and Warren 1997",
         "modified velocity Verlet: friction and noise are forces (LAMMPS: fix nve, fix mvv/dpd)",
         friction="force",
+        in_lammps=True,
     ),
     _word(
-        "shardlow", "S B/2 A B/2", "Shardlow 2003, S1", "one sweep of Shardlow's pair updates, then velocity Verlet (LAMMPS: fix shardlow)"
+        "shardlow",
+        "S B/2 A B/2",
+        "Shardlow 2003, S1",
+        "one sweep of Shardlow's pair updates, then velocity Verlet (LAMMPS: fix shardlow)",
+        in_lammps=True,
     ),
     _word(
         "middle",

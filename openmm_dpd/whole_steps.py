@@ -79,10 +79,9 @@ class WholeSteps:
         here = self.function.here()
         self._settle_temperature(integrator, context)
         dt = integrator.getStepSize()._value
-        if context.getParameter(DT) != dt:
-            context.setParameter(DT, dt)
         state = context.getState(positions=True, velocities=True, parameters=True)
-        count, parameters = state.getStepCount(), state.getParameters()
+        # the step size as the program would set it first
+        count, parameters = state.getStepCount(), {**state.getParameters(), DT: dt}
         clock = [state.getTime()._value]
         for _ in range(n):  # as OpenMM adds it up
             clock.append(clock[-1] + dt)
@@ -98,6 +97,8 @@ class WholeSteps:
                         context.setPositions(m.x)
                         context.setStepCount(count + done)
                         context.setTime(clock[done])
+                        if self.spec.ramp is not None:
+                            context.setParameter(KT, m.kT)
                     return context.getState(forces=True, groups=groups).getForces(asNumpy=True)._value
 
                 loop.run(moment, n, forces)
@@ -105,17 +106,13 @@ class WholeSteps:
                 loop.run(moment, n)
         except RunError as error:
             raise RunError(f"step {count + getattr(error, 'steps_done', 0) + 1}: {error}") from error
+        reached = (count, clock[0]) if barostats else (count + n, clock[-1])
         try:
-            self._give_back(integrator, context, state, moment, here)
-        except KeyboardInterrupt:
-            self._give_back(integrator, context, state, moment, here)  # all of it, wherever it was interrupted
+            self._give_back(integrator, context, state, moment, here, reached)
+        except BaseException:
+            self._give_back(integrator, context, state, moment, here, reached)  # all of it, wherever that was interrupted
             raise
-        finally:
-            context.setStepCount(count + n)
-            context.setTime(clock[-1])
         if barostats:
-            context.setStepCount(count)
-            context.setTime(clock[0])
             openmm.CustomIntegrator.setGlobalVariableByName(integrator, AHEAD, float(n))
             try:
                 openmm.CustomIntegrator.step(integrator, n)
@@ -174,7 +171,9 @@ class WholeSteps:
             fields.read(k, block)
         return fields.values.copy()
 
-    def _give_back(self, integrator: PairIntegrator, context: openmm.Context, state, moment: Moment, here) -> None:
+    def _give_back(
+        self, integrator: PairIntegrator, context: openmm.Context, state, moment: Moment, here, reached: tuple[int, float]
+    ) -> None:
         """Put what the last step left into the Context."""
         function, spec = self.function, self.spec
         put = openmm.CustomIntegrator.setGlobalVariableByName
@@ -185,6 +184,7 @@ class WholeSteps:
         context.setVelocities(moment.v)
         context.setParameter(COUNTER, float(moment.counter))
         context.setParameter(TAU, SHOWN)
+        context.setParameter(DT, moment.dt)
         if spec.slow_every > 1:
             put(integrator, SLOW_STEP, float(moment.slow_step))
         if spec.ramp is not None:
@@ -207,6 +207,8 @@ class WholeSteps:
             stamp = fingerprint(np.concatenate(list(held.values())), np.zeros(0))
             put(integrator, STAMP, stamp)
             self._held = stamp, held
+        context.setStepCount(reached[0])
+        context.setTime(reached[1])
 
     def _variables(self) -> dict[str, int]:
         """Per-DOF variables with which a step begins, and the numbers of their blocks."""

@@ -192,7 +192,7 @@ class StepLoop:
         try:
             force = None
             for done in range(n):
-                if slow is not None and moment.slow_step == 0:
+                if slow is not None and moment.slow_step == 0 and before:
                     force = slow(moment, done) if force is None else force
                     motion.push(moment.v, force, self.spec.mass, before * moment.dt)
                 if done or not shown:

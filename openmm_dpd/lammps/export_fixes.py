@@ -61,7 +61,7 @@ def choose_mover(scene: Scene, scheme: str, lam: float, units: UnitSystem, skin:
     swept = wanted and why is None
     if chosen.shardlow and why is not None:
         differences.add(f"fix shardlow is not possible, since {why}; the deck uses velocity Verlet (fix nve), where friction is a force")
-    elif not chosen.predicts and not chosen.shardlow:
+    elif not chosen.in_lammps:
         instead = "Shardlow's splitting (fix shardlow, then fix nve)" if swept else "velocity Verlet (fix nve), where friction is a force"
         name = "OpenMM's DPDIntegrator" if chosen.native else repr(chosen.name)
         differences.add(

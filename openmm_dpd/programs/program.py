@@ -25,6 +25,7 @@ from ..names import (
     RAMP_STEP,
     SEEN_KT,
     SEEN_TEMPERATURE,
+    STAMP,
     TAU,
     TEMPERATURE,
     Phase,
@@ -127,7 +128,10 @@ class Program:
             self._hear_temperature()
 
     def finish(self) -> None:
-        """Close what :meth:`begin` has opened."""
+        """Close what :meth:`begin` has opened; what a loop of steps has left in per-DOF variables is not there any more."""
+        if self.options.kernel and (self.options.field_blocks or self.options.predicting):
+            self.declare(STAMP, 0.0, "fingerprint of the per-DOF variables that a loop of steps left, or 0")
+            self.set(STAMP, "0")
         if self.options.loop:
             self.set(AHEAD, "1")
             self.end()

@@ -70,6 +70,7 @@ class _Writer:
         p, options = self.p, self.options
         shows = not options.walls and n + 1 < len(self.letters) and self.letters[n + 1][0] in SWEEPS
         if shows and not self.seen:
+            self.put_back()
             p.keep()
         self.settle()
         start = "xs" if self.away else "x"
@@ -117,6 +118,7 @@ class _Writer:
             self.put_back()
             if not self.seen:
                 p.keep()
+                self.seen = True
             p.keep_positions()
             p.read(fields)
             p.next_noise(options.trial_time)

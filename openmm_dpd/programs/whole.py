@@ -7,7 +7,7 @@ of them (``ahead``); both give the same bits.  Forces that stay OpenMM's kick be
 
 from __future__ import annotations
 
-from ..names import ACCELERATION, PREDICTED, RATES, SHOWN, SLOW_STEP, STAMP, VELOCITY, Phase
+from ..names import ACCELERATION, PREDICTED, RATES, SHOWN, SLOW_STEP, VELOCITY, Phase
 from ..program_options import ProgramOptions
 from .program import Program
 
@@ -30,10 +30,13 @@ def program(options: ProgramOptions) -> Program:
     before, after = options.slow_kicks
     if options.slow_every > 1:
         p.declare(SLOW_STEP, 0.0, "steps done since forces that stay OpenMM's kicked")
+    if options.slow_every > 1 or not before:
         p.keep()
+    if options.slow_every > 1:
         p.when(f"{SLOW_STEP} < 1", "do they kick before this step?")
-    p.phase(Phase.KEEP)
-    p.each("v", f"v+{before!r}*dt*f/m", "kick by forces that stay OpenMM's; the pair force keeps x")
+    if before:
+        p.phase(Phase.KEEP)
+        p.each("v", f"v+{before!r}*dt*f/m", "kick by forces that stay OpenMM's; the pair force keeps x")
     if options.slow_every > 1:
         p.end()
     p.next_temperature()
@@ -65,9 +68,6 @@ def program(options: ProgramOptions) -> Program:
     if history:
         p.note()
         p.set("last", "here", "acc is valid for this")
-    if shown:
-        p.declare(STAMP, 0.0, "fingerprint of the per-DOF variables that a loop of steps left, or 0")
-        p.set(STAMP, "0")
     if options.slow_every > 1:
         p.set(SLOW_STEP, f"{SLOW_STEP}+1")
         p.when(f"{SLOW_STEP} > {options.slow_every - 1}", "do they kick after this step?")

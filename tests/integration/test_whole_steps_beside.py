@@ -25,10 +25,6 @@ SCHEME = pytest.mark.parametrize("scheme", SCHEMES)
 ENDING_WITH_KICKS = ("shardlow", "bababo", "B/2 A/2 O A/2 B/2", "O/2 B/2 A B/2 O/2")
 DT, FORCE = 0.01, 3.0
 
-STALE = pytest.mark.xfail(
-    strict=True, raises=AssertionError, reason="the force of other positions is taken once the pair list has been asked"
-)
-
 
 # -- forces of the user's --------------------------------------------------------------------------------------------------------------
 def external(n: int) -> openmm.Force:
@@ -244,7 +240,6 @@ def test_a_force_of_the_users_sees_the_right_time_without_the_subclass(scheme):
     assert not same(everything(ends[0][2], ends[0][0]), everything(ends[1][2], ends[1][0]))
 
 
-@pytest.mark.xfail(strict=True, raises=AssertionError, reason="the thermal energy of a ramp is in the Context after ten steps only")
 @pytest.mark.parametrize("scheme", ["middle", "aboba", "mvv"])
 def test_a_force_that_depends_on_the_thermal_energy_of_a_ramp(scheme):
     ends = []
@@ -351,7 +346,7 @@ def test_after_a_change_the_run_is_as_a_fresh_one(scheme, change):
 
 
 @pytest.mark.parametrize("change", [move, set_box], ids=lambda f: f.__name__)
-@pytest.mark.parametrize("scheme", [s if s not in ENDING_WITH_KICKS else pytest.param(s, marks=STALE) for s in SCHEMES])
+@pytest.mark.parametrize("scheme", SCHEMES)
 def test_after_a_change_that_was_looked_at(scheme, change):
     """A reporter asks for the energy after positions were set."""
     simulation = started("dpd", scheme)
@@ -360,7 +355,7 @@ def test_after_a_change_that_was_looked_at(scheme, change):
     follows(simulation, "dpd", scheme)
 
 
-@pytest.mark.parametrize("scheme", [s if s not in ENDING_WITH_KICKS else pytest.param(s, marks=STALE) for s in SCHEMES])
+@pytest.mark.parametrize("scheme", SCHEMES)
 def test_after_minimising(scheme):
     simulation = started("bonded", scheme)
     minimise(simulation)
@@ -377,7 +372,7 @@ def test_after_minimising(scheme):
     assert np.abs(state_of(simulation.context)[1] - state_of(other.context)[1]).max() < 1e-10
 
 
-@pytest.mark.parametrize("loop", [pytest.param(True, marks=STALE), False])
+@pytest.mark.parametrize("loop", [True, False])
 def test_a_step_without_the_subclass_after_a_look(loop):
     """A System and an integrator from XML do the same."""
     ends = []
@@ -406,12 +401,7 @@ def test_after_energies_were_set(scheme, change):
 
 @pytest.mark.parametrize(
     "scheme",
-    [
-        pytest.param(s, marks=pytest.mark.xfail(strict=True, raises=AssertionError, reason="noise of the old step is kept"))
-        if s == "mvv"
-        else s
-        for s in SCHEMES
-    ],
+    SCHEMES,
 )
 def test_after_another_step_size(scheme):
     simulation = started("dpd", scheme)
@@ -440,12 +430,7 @@ def test_after_other_velocities_with_mvv():
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize("preserve", [True, False])
 @pytest.mark.parametrize("kind", ["dpd", "energies", "ramp"])
-def test_after_reinitializing(kind, scheme, preserve, request):
-    if kind != "dpd" and not preserve:
-        reason = {"energies": "the loop goes on with the energies that the Context has lost", "ramp": "... and with the steps of the ramp"}[
-            kind
-        ]
-        request.applymarker(pytest.mark.xfail(strict=True, raises=AssertionError, reason=reason))
+def test_after_reinitializing(kind, scheme, preserve):
     runs = [started(kind, scheme, loop=loop) for loop in (True, False)]
     for simulation in runs:
         x, v = state_of(simulation.context)
@@ -458,9 +443,6 @@ def test_after_reinitializing(kind, scheme, preserve, request):
     assert max(found.values()) < 1e-10, found
 
 
-@pytest.mark.xfail(
-    strict=True, raises=AssertionError, reason="a program without a loop leaves the mark by which the loop knows its own energies"
-)
 def test_energies_that_another_way_of_stepping_left():
     """A state goes from a loop to the program and back."""
     looped, stepped = (started("energies", "bababo", loop=loop) for loop in (True, False))
@@ -501,7 +483,7 @@ def _two(built, scheme, kind):
     return contexts
 
 
-@pytest.mark.parametrize("scheme", [s if s not in ENDING_WITH_KICKS else pytest.param(s, marks=STALE) for s in SCHEMES])
+@pytest.mark.parametrize("scheme", SCHEMES)
 def test_two_contexts_that_are_looked_at(scheme):
     """Energies are asked for between the steps of the other."""
     ends = []
@@ -619,7 +601,7 @@ def test_barostats_in_pieces_try_as_often(scheme):
     assert simulation.context.getTime()._value == pytest.approx(1.4, rel=1e-12)
 
 
-@pytest.mark.parametrize("scheme", [s if s not in ENDING_WITH_KICKS else pytest.param(s, marks=STALE) for s in SCHEMES])
+@pytest.mark.parametrize("scheme", SCHEMES)
 def test_after_an_accepted_volume_move_the_run_is_as_a_fresh_one(scheme):
     """Positions and box have changed: the next step begins with the force there."""
     simulation = pressed(scheme, 3)

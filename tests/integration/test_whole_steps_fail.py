@@ -147,9 +147,6 @@ def test_an_interruption_at_any_line(name):
 
 
 @pytest.mark.parametrize("name", ALONE)
-@pytest.mark.xfail(
-    strict=True, raises=AssertionError, reason="nothing is taken back where only the kernel acts: positions are new, others old"
-)
 def test_an_interruption_while_the_results_go_back(name):
     case = ALONE[name]
     assert not interrupted(case, lambda functions: list(range(until_given_back(functions) + 1, len(functions) + 1, 5)))
@@ -206,15 +203,13 @@ CONTEXT_CALLS = ["setPositions", "setVelocities", "setParameter", "setStepCount"
 
 @pytest.mark.parametrize("name", CONTEXT_CALLS)
 @pytest.mark.parametrize("case", ["middle", "mvv", "energies", "ramp", "force", "ramp and force"])
-def test_calls_of_openmm_that_fail(case, name, request, monkeypatch):
-    """The first three calls of each kind in a piece, out of memory."""
-    asks_again = case in ("mvv", "ramp")  # when all is given back
-    if case in ALONE and name != "setPositions" and (name != "getState" or asks_again):
-        reason = "nothing is taken back where only the kernel acts"
-        request.applymarker(pytest.mark.xfail(strict=True, raises=AssertionError, reason=reason))
+def test_calls_of_openmm_that_fail(case, name, monkeypatch):
+    """The first three calls of each kind in a piece, out of memory: nothing has happened, or all of the piece."""
     chosen = (ALONE | BESIDE)[case]
     calm = started(*chosen)
-    expected = all_of(calm)
+    before = all_of(calm)
+    calm.integrator.step(5)
+    after = all_of(calm)
     real, wrong, tried = getattr(openmm.Context, name), [], 0
     for at in (1, 2, 3):
         simulation, left = started(*chosen), [at]
@@ -232,7 +227,8 @@ def test_calls_of_openmm_that_fail(case, name, request, monkeypatch):
             tried += 1
         monkeypatch.setattr(openmm.Context, name, real)
         if left[0] <= 0:
-            wrong += same(all_of(simulation), expected)
+            found = all_of(simulation)
+            wrong += min(same(found, before), same(found, after), key=len)
     assert tried
     assert not wrong
 

@@ -22,8 +22,8 @@ from openmm_dpd.lammps.main import run_deck
 from openmm_dpd.lammps.run import RunOptions
 from openmm_dpd.model.eos import ConstantHeatCapacity
 from openmm_dpd.plan import make_plan
-from openmm_dpd.programs.schemes import SCHEMES, Scheme, read_word, scheme_of, spelt
 from openmm_dpd.recommend import advice, predicted_error
+from openmm_dpd.schemes import SCHEMES, Scheme, read_word, scheme_of, spelt
 
 HALF = Fraction(1, 2)
 NAMED = [scheme for scheme in SCHEMES.values() if scheme.letters]
@@ -192,7 +192,6 @@ def test_lag_is_that_of_a_constant_field(text):
     assert scheme_of(text).lag == pytest.approx(float(moments(scheme_of(text))), abs=1e-15)
 
 
-@pytest.mark.xfail(strict=True, reason="the lag counts kicks before the first and after the last drift only")
 @pytest.mark.parametrize("text", ["A/3 B 2A/3 O", "3A/4 B O A/4", "B/4 A/4 B/2 3A/4 B/4 O"])
 def test_lag_where_drifts_before_and_after_kicks_differ(text):
     """A kick after a third of the drift leaves velocities a sixth of a step behind."""
@@ -231,7 +230,6 @@ def test_a_frictionless_word_steps_as_its_kicks_and_drifts(text, conservative):
         assert runs[0].context.getParameter("dpd_counter") == 0
 
 
-@pytest.mark.xfail(strict=True, reason="sweeps of one kind that follow each other are put together")
 @pytest.mark.parametrize("text", ["O/2 O/2 A/2 B A/2", "A/2 B S/3 2S/3 A/2"])
 def test_two_sweeps_in_a_row_are_two(text):
     """Two sweeps over half a step are not one over the whole: each pair meets the changes of the others in between."""
@@ -281,9 +279,6 @@ def test_predicted_errors_of_a_name_by_its_word(scheme):
     assert predicted_error(DENSE, scheme.word, 0.04) == predicted_error(DENSE, scheme.name, 0.04) is not None
 
 
-@pytest.mark.xfail(
-    strict=True, raises=(KeyError, ValueError), reason="the table is asked for the word, not for the name that it stands for"
-)
 @pytest.mark.parametrize("scheme", NAMED, ids=str)
 def test_advice_about_a_name_by_its_word(scheme):
     assert "your dt 0.04" in advice(DENSE, scheme.word, 0.04)
@@ -316,9 +311,6 @@ def test_the_command_line_takes_a_word(deck, tmp_path, capsys):
     assert BAOAB in text and "nothing was measured" in text
 
 
-@pytest.mark.xfail(
-    strict=True, raises=(KeyError, ValueError), reason="the table is asked for the word, not for the name that it stands for"
-)
 def test_the_command_line_takes_the_word_of_a_name(deck, capsys):
     assert main(["explain", str(deck), "--scheme", "B A/2 O A/2", "--platform", "CPU"]) == 0
 
@@ -362,7 +354,6 @@ def test_export_notes_that_lammps_has_no_such_scheme(text, tmp_path):
     assert "LAMMPS has no scheme" in notes and scheme_of(text).name in notes
 
 
-@pytest.mark.xfail(strict=True, raises=AssertionError, reason="any word with a sweep of Shardlow's passes for LAMMPS's own scheme")
 @pytest.mark.parametrize("text", ["A/2 B/2 S B/2 A/2", "S/2 B/2 A B/2 S/2"])
 def test_export_notes_that_lammps_has_another_order_of_shardlows(text, tmp_path):
     assert "LAMMPS has no scheme" in " ".join(exported(tmp_path, text))
