@@ -145,13 +145,12 @@ def _gather(x, beads, room, xs):
 
 
 @helper
-def _phases(waves, space, part, parts):
-    """The phases of some charges."""
+def _phases(waves, space):
+    """The phases of all charges."""
     room = len(space.q)
-    if len(waves.blocks):
-        for first in range(part * LANES, room, parts * LANES):
-            write_phases(space.xs, room, waves.recip, space.counts, space.tables, space.start, first)
-            copy_steps(space.tables, room, space.start[1] * room, space.steps, first)
+    for first in range(0, room, LANES):
+        write_phases(space.xs, room, waves.recip, space.counts, space.tables, space.start, first)
+        copy_steps(space.tables, room, space.start[1] * room, space.steps, first)
 
 
 @helper
@@ -227,8 +226,9 @@ def _charge_forces(x, box, beads, constant, pairs, factors, law, waves, space, f
     n, room, parts = len(beads), len(space.q), len(space.outer)
     if not _gather(x, beads, room, space.xs):
         return np.nan, np.nan, np.nan, np.nan
-    for part in prange(parts):
-        _phases(waves, space, np.int64(part), parts)
+    if len(waves.blocks):
+        # so short that it is not worth waking threads for it
+        _phases(waves, space)
     for part in prange(parts):
         _pairs_and_blocks(n, box, law, waves, space, np.int64(part), parts)
     for part in prange(parts):
@@ -271,6 +271,8 @@ class ChargeEvaluator:
         key = b"none" if box is None else box.tobytes()
         if key != self._key:
             terms = self.terms
+            if box is not None and not terms.cutoff <= 0.5 * float(np.diag(box).min()) * (1 + 1e-9):
+                raise RunError(f"the box is narrower than twice the cutoff of the charges, {terms.cutoff:g} nm")
             self._box, self._key, self._space = box_array(box), key, None
             self._waves = Waves.none() if box is None else Waves.of(self._box, terms.k_max, terms.alpha, terms.constant)
             self._work = len(terms.beads) * (len(terms.beads) + LANES * int(self._waves.blocks[:, 2].sum()))
@@ -303,7 +305,7 @@ class ChargeEvaluator:
         Raises
         ------
         RunError
-            If a position is not finite.
+            If a position is not finite, or the box narrower than twice the cutoff.
         """
         short, lattice, _ = self._run(x, box, force)
         return short + lattice
@@ -316,7 +318,7 @@ class ChargeEvaluator:
         Raises
         ------
         RunError
-            If a position is not finite.
+            If a position is not finite, or the box narrower than twice the cutoff.
         """
         return self._run(x, box, np.zeros_like(x))
 

@@ -234,6 +234,8 @@ def test_a_box_that_changes():
         wanted, forces, _ = exact("slater", x, q, box, {})
         assert energy == pytest.approx(wanted, abs=1e-7)
         np.testing.assert_allclose(force, forces, rtol=0, atol=1e-8 * np.abs(forces).max())
+    with pytest.raises(RunError, match="narrower than twice the cutoff of the charges, 2.3 nm"):
+        evaluator.add_to(x, np.diag([4.6, 4.6, 4.5]), force, 1.0)
 
 
 @EVERY_KIND
