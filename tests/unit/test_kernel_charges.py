@@ -24,7 +24,7 @@ from openmm_dpd.units import COULOMB
 
 BOXES = {
     "none": None,
-    "cubic": np.eye(3) * 4.6,
+    "cubic": np.eye(3) * 4.65,
     "orthorhombic": np.diag([4.7, 6.3, 5.2]),
     "tilted": np.array([[6.0, 0, 0], [1.9, 5.5, 0], [-2.8, 2.2, 4.9]]),
 }
