@@ -1,0 +1,385 @@
+"""Smeared charges with all their images: a short-ranged sum over pairs and a sum over waves (see :mod:`.charge_pairs`, :mod:`.waves`).
+
+A pair and its images have the energy sum over images of C q q s(R).  The waves hold the part erf(alpha R)/R of every pair, bonded or not,
+and of a charge with itself, which is taken off; pairs within the cutoff have s(r) - erf(alpha r)/r on top.  A uniform background makes up
+for a net charge.  Bonded neighbours with a factor f have f s(r) - erf(alpha r)/r at any distance.  Without a box all pairs have s(r).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numba import prange
+
+from ..errors import RunError
+from .charge_pairs import SHARES, Quintics, charge_row, exception
+from .compiled import helper, serial_and_parallel
+from .extras import box_array, inverse_edges, minimum_image, run_terms
+from .lanes import LANES, load, splat, store
+from .threads import get_threads
+from .waves import PULLS, STRIP, Waves, copy_steps, lattice_forces, structure_factors, write_phases
+
+#: Less work than this (pairs of charges, and of charges and waves) is not worth waking a second thread for.
+FEW = 400_000
+
+
+@dataclass(frozen=True, eq=False)
+class ChargeTerms:
+    """All charges.
+
+    Attributes
+    ----------
+    beads : (M,) int64
+        Beads that have a charge.
+    charges : (M,) float64
+        Theirs, in elementary charges.
+    constant : float
+        Coulomb constant, kJ/mol nm.
+    short : Quintics
+        s(r) - erf(alpha r)/r up to the cutoff; s(r), and 1/r from its end on, where there is no box.
+    cutoff : float
+        nm; infinite without a box.
+    alpha : float
+        Splitting parameter (1/nm); 0 without a box.
+    k_max : float
+        The longest wave vector, 1/nm; 0 without a box.
+    whole : Quintics
+        s(r), and 1/r from its end on; for bonded neighbours.
+    pairs : (E, 2) int64
+        Bonded neighbours, as numbers of charges (not of beads).
+    factors : (E,) float64
+        Theirs.
+    """
+
+    term: ClassVar[str] = "electrostatic"
+
+    beads: np.ndarray
+    charges: np.ndarray
+    constant: float
+    short: Quintics
+    cutoff: float
+    alpha: float
+    k_max: float
+    whole: Quintics
+    pairs: np.ndarray
+    factors: np.ndarray
+
+    def evaluator(self) -> ChargeEvaluator:
+        """What computes it."""
+        return ChargeEvaluator(self)
+
+    def few(self) -> tuple[ChargeTerms, np.ndarray, np.ndarray]:
+        """Two charges."""
+        line = Quintics(np.ones((1, 6)), 1.0)
+        bond = np.zeros((1, 2), np.int64), np.ones(1)
+        terms = ChargeTerms(np.arange(2), np.array([1.0, -1.0]), 1.0, line, 1.0, 1.0, 4.0, line, *bond)
+        return terms, np.array([[0.0, 0, 0], [0.5, 0.5, 0.5]]), np.diag([4.0] * 3)
+
+
+class Law(NamedTuple):
+    """How two charges act on each other, for the kernel."""
+
+    cutoff: float
+    alpha: float
+    end: float
+    per_length: float
+    short: np.ndarray
+    whole_end: float
+    whole_per_length: float
+    whole: np.ndarray
+
+
+class Space(NamedTuple):
+    """What the kernel writes on; ``room`` is the number of charges, and some without a charge that make up whole strips.
+
+    Attributes
+    ----------
+    xs : (3 room,) float64
+        Positions, x of all charges first.
+    q : (room,) float64
+        Charges; 0 at the end.
+    tables, start : arrays
+        Phases of all charges and where they begin for each axis, see :func:`.waves.write_phases`.
+    counts : (3,) int64
+        How many of them.
+    steps : (16 room,) float64
+        See :func:`.waves.copy_steps`.
+    pulls : float64
+        See :func:`.waves.structure_factors`.
+    forces : float64
+        Three components of the forces of the lattice, then those of each share of the pairs.
+    of_shares, of_blocks : (shares, 2) and (B, 2) float64
+        Energy and virial of shares of the pairs, of blocks of waves.
+    outer : (parts, 18 room) float64
+        Scratch of each thread.
+    hits : (parts, room) uint32
+        The same.
+    """
+
+    xs: np.ndarray
+    q: np.ndarray
+    tables: np.ndarray
+    start: np.ndarray
+    counts: np.ndarray
+    steps: np.ndarray
+    pulls: np.ndarray
+    forces: np.ndarray
+    of_shares: np.ndarray
+    of_blocks: np.ndarray
+    outer: np.ndarray
+    hits: np.ndarray
+
+
+@helper
+def _gather(x, beads, room, xs):
+    """Copy the positions of the charges; returns whether they are finite."""
+    odd = 0.0
+    for k in range(len(beads)):
+        i = beads[k]
+        xs[k], xs[room + k], xs[2 * room + k] = x[i, 0], x[i, 1], x[i, 2]
+        odd += 0.0 * (x[i, 0] + x[i, 1] + x[i, 2])
+    return odd == 0.0
+
+
+@helper
+def _phases(waves, space):
+    """The phases of all charges."""
+    room = len(space.q)
+    for first in range(0, room, LANES):
+        write_phases(space.xs, room, waves.recip, space.counts, space.tables, space.start, first)
+        copy_steps(space.tables, room, space.start[1] * room, space.steps, first)
+
+
+@helper
+def _pairs_and_blocks(n, box, law, waves, space, part, parts):
+    """Some of the pairs, and some blocks of waves."""
+    room = len(space.q)
+    outer, hits = space.outer[part], space.hits[part]
+    for block in range(part, len(waves.blocks), parts):
+        found = structure_factors(waves, block, space.q, n, space.tables, room, space.start, space.steps, outer, space.pulls)
+        space.of_blocks[block, 0], space.of_blocks[block, 1] = found
+    cut2, f = law.cutoff * law.cutoff, space.forces
+    for share in range(part, SHARES, parts):
+        to = 3 * room * (1 + share)
+        for k in range(to, to + 3 * room, LANES):
+            store(f, k, splat(0.0))
+        energy, virial = 0.0, 0.0
+        for i in range(share, n, SHARES):
+            found = charge_row(space.xs, space.q, n, room, i, box, cut2, law.end, law.per_length, law.short, outer, hits, f, to)
+            energy += found[0]
+            virial += found[1]
+        space.of_shares[share, 0], space.of_shares[share, 1] = energy, virial
+
+
+@helper
+def _strips(beads, constant, waves, space, force, part, parts):
+    """Forces on some charges."""
+    room, n, f = len(space.q), len(beads), space.forces
+    for first in range(part * STRIP, room, parts * STRIP):
+        if len(waves.blocks):
+            lattice_forces(waves, space.q, space.tables, room, space.start, space.pulls, f, first)
+        for axis in range(3):
+            for at in range(axis * room + first, axis * room + first + STRIP, LANES):
+                pairs = splat(0.0)
+                for share in range(1, SHARES + 1):
+                    pairs = pairs + load(f, 3 * room * share + at)
+                lattice = load(f, at) if len(waves.blocks) else splat(0.0)
+                store(f, at, lattice + splat(constant) * pairs)
+        for k in range(first, min(first + STRIP, n)):
+            i = beads[k]
+            force[i, 0] += f[k]
+            force[i, 1] += f[room + k]
+            force[i, 2] += f[2 * room + k]
+
+
+@helper
+def _exceptions(beads, q, constant, pairs, factors, box, law, xs, force):
+    """Add the forces of bonded neighbours; returns energy and virial."""
+    inverse, room = inverse_edges(box), len(q)
+    total_energy, total_virial = 0.0, 0.0
+    for n in range(len(pairs)):
+        i, j = pairs[n, 0], pairs[n, 1]
+        dx, dy, dz = minimum_image(xs[i] - xs[j], xs[room + i] - xs[room + j], xs[2 * room + i] - xs[2 * room + j], box, inverse)
+        r2 = dx * dx + dy * dy + dz * dz
+        r = np.sqrt(r2)
+        value, slope = exception(r, factors[n], law.cutoff, law.alpha, law.whole_end, law.whole_per_length, law.whole)
+        qq = constant * q[i] * q[j]
+        pull = -qq * slope / r if r > 0.0 else 0.0
+        total_energy += qq * value
+        total_virial += pull * r2
+        a, b = beads[i], beads[j]
+        fx, fy, fz = pull * dx, pull * dy, pull * dz
+        force[a, 0] += fx
+        force[a, 1] += fy
+        force[a, 2] += fz
+        force[b, 0] -= fx
+        force[b, 1] -= fy
+        force[b, 2] -= fz
+    return total_energy, total_virial
+
+
+def _charge_forces(x, box, beads, constant, pairs, factors, law, waves, space, force):
+    """Add the forces; returns the energies of pairs and of waves, and the virials; not numbers if a position is not finite."""
+    n, room, parts = len(beads), len(space.q), len(space.outer)
+    if not _gather(x, beads, room, space.xs):
+        return np.nan, np.nan, np.nan, np.nan
+    if len(waves.blocks):
+        # so short that it is not worth waking threads for it
+        _phases(waves, space)
+    for part in prange(parts):
+        _pairs_and_blocks(n, box, law, waves, space, np.int64(part), parts)
+    for part in prange(parts):
+        _strips(beads, constant, waves, space, force, np.int64(part), parts)
+    short, lattice, virial, lattice_virial = 0.0, 0.0, 0.0, 0.0
+    for share in range(SHARES):
+        short += space.of_shares[share, 0]
+        virial += space.of_shares[share, 1]
+    for block in range(len(waves.blocks)):
+        lattice += space.of_blocks[block, 0]
+        lattice_virial += space.of_blocks[block, 1]
+    bonded, bonded_virial = _exceptions(beads, space.q, constant, pairs, factors, box, law, space.xs, force)
+    return constant * short + bonded, lattice, constant * virial + bonded_virial, lattice_virial
+
+
+charge_forces, charge_forces_parallel = serial_and_parallel(_charge_forces)
+
+
+class ChargeEvaluator:
+    """Computes :class:`ChargeTerms`.
+
+    Attributes
+    ----------
+    fewest : int
+        Work from which on several threads share it.
+    """
+
+    def __init__(self, terms: ChargeTerms):
+        self.terms, self.fewest = terms, FEW
+        self._charge, self._alone = float(terms.charges.sum()), _alone(terms)
+        short, whole = terms.short, terms.whole
+        pieces = short.end, short.per_length, short.coefficients, whole.end, whole.per_length, whole.coefficients
+        self._law = Law(terms.cutoff, terms.alpha, *pieces)
+        self._box, self._key, self._waves = box_array(None), b"", Waves.none()
+        self._space: Space | None = None
+        self._work = 0
+
+    def _prepare(self, box: np.ndarray | None) -> Space:
+        """Waves of the present box, and room for them."""
+        key = b"none" if box is None else box.tobytes()
+        if key != self._key:
+            terms = self.terms
+            if box is not None and not terms.cutoff <= 0.5 * float(np.diag(box).min()) * (1 + 1e-9):
+                raise RunError(f"the box is narrower than twice the cutoff of the charges, {terms.cutoff:g} nm")
+            self._box, self._key, self._space = box_array(box), key, None
+            self._waves = Waves.none() if box is None else Waves.of(self._box, terms.k_max, terms.alpha, terms.constant)
+            self._work = len(terms.beads) * (len(terms.beads) + LANES * int(self._waves.blocks[:, 2].sum()))
+        threads = get_threads()
+        if self._space is None or len(self._space.outer) != threads:
+            self._space = _space_for(self.terms.charges, self._waves, threads)
+        return self._space
+
+    def _run(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray) -> tuple[float, float, float]:
+        """Energies of both parts and the virial; adds the forces."""
+        terms, space = self.terms, self._prepare(box)
+        many, given = self._work >= self.fewest, (terms.beads, terms.constant, terms.pairs, terms.factors)
+        rest = self._law, self._waves, space, force
+        found: Any = run_terms(charge_forces, charge_forces_parallel, many, x, self._box, *given, *rest)
+        short, lattice, virial, lattice_virial = found
+        if not math.isfinite(short + lattice):
+            bad = terms.beads[~np.isfinite(x[terms.beads]).all(axis=1)]
+            if len(bad):
+                raise RunError(f"the position of bead {bad[0]} is not finite: {x[bad[0]].tolist()}")
+            raise RunError("the energy of the charges is not finite")
+        if box is not None:
+            background = -math.pi * terms.constant * (self._charge / terms.alpha) ** 2 / (2 * float(np.prod(np.diag(box))))
+            lattice += self._alone[0] + background
+            lattice_virial += self._alone[1] + 3 * background
+        return short, lattice, virial + lattice_virial
+
+    def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
+        """See :class:`.extras.Evaluator`.
+
+        Raises
+        ------
+        RunError
+            If a position is not finite, or the box narrower than twice the cutoff.
+        """
+        short, lattice, _ = self._run(x, box, force)
+        return short + lattice
+
+    def parts(self, x: np.ndarray, box: np.ndarray | None) -> tuple[float, float, float]:
+        """Energies of the short-ranged part (with what is taken out for bonded neighbours) and of the lattice, and the virial of both.
+
+        All in kJ/mol; the virial is the sum of r.F, minus the derivative of the energy with respect to the logarithm of the box's edges.
+
+        Raises
+        ------
+        RunError
+            If a position is not finite, or the box narrower than twice the cutoff.
+        """
+        return self._run(x, box, np.zeros_like(x))
+
+
+def _alone(terms: ChargeTerms) -> tuple[float, float]:
+    """What all charges have for themselves in a box: energy and virial.
+
+    The waves hold the interaction of each charge with itself, C q^2 alpha/sqrt(pi) if there are all of them.  Those up to k_max hold the
+    part erf(k_max/(2 alpha)) of it, and a virial.
+    """
+    square, alpha, k = terms.constant * float(np.sum(terms.charges**2)), terms.alpha, terms.k_max
+    if alpha == 0.0:
+        return 0.0, 0.0
+    return -square * alpha / math.sqrt(math.pi) * math.erf(k / (2 * alpha)), -square * k / math.pi * math.exp(-((k / (2 * alpha)) ** 2))
+
+
+def _space_for(charges: np.ndarray, waves: Waves, threads: int) -> Space:
+    """Scratch for so many threads."""
+    n = len(charges)
+    room = max(1, -(-n // STRIP)) * STRIP
+    counts = waves.tables if len(waves.blocks) else (0, 0, 0)
+    start = np.concatenate([[0], 2 * np.cumsum(counts)]).astype(np.int64)
+    rows = int(waves.blocks[:, 2].sum())
+    return Space(
+        xs=np.zeros(3 * room),
+        q=np.concatenate([charges, np.zeros(room - n)]),
+        tables=np.zeros(int(start[3]) * room),
+        start=start[:3].copy(),
+        counts=np.array(counts, np.int64),
+        steps=np.zeros(STRIP * room),
+        pulls=np.zeros(PULLS * rows),
+        forces=np.zeros(3 * room * (1 + SHARES)),
+        of_shares=np.zeros((SHARES, 2)),
+        of_blocks=np.zeros((len(waves.blocks), 2)),
+        outer=np.zeros((threads, (STRIP + 2) * room)),
+        hits=np.zeros((threads, room), np.uint32),
+    )
+
+
+def cost(n_charges: int, box: np.ndarray | None, k_max: float, cutoff: float) -> float:
+    """Microseconds that one evaluation takes on one core, to a tenth or so on the one where this was measured.
+
+    Parameters
+    ----------
+    n_charges : int
+    box : (3, 3) array, or None
+    k_max : float
+        The longest wave vector, 1/nm; of no importance without a box.
+    cutoff : float
+        nm; of no importance without a box.
+    """
+    near, waves = 1.0, 0.0
+    if box is not None:
+        volume = float(np.prod(np.diag(box)))
+        near = min(1.0, 4 / 3 * math.pi * cutoff**3 / volume)
+        waves = 2 / 3 * math.pi * volume * (k_max / (2 * math.pi)) ** 3
+    # per charge; per pair that is looked at, and per one within the cutoff, counted twice; per wave, and per wave and charge
+    return 7.7 + 0.082 * n_charges + (4.7e-4 + 5.6e-3 * near) * n_charges**2 + (1.6e-3 + 1.74e-4 * n_charges) * waves
+
+
+def pme_cost(grid: tuple[int, int, int], n_beads: int) -> float:
+    """The same of the lattice part alone by OpenMM's PME on its CPU platform; beads without a charge count there."""
+    points = float(np.prod(np.array(grid, dtype=float)))
+    return 196.0 + 0.116 * n_beads + 2.9e-4 * points * math.log2(points)

@@ -1,0 +1,126 @@
+"""Eight numbers at once as values of compiled functions: they live in vector registers through a loop.
+
+Loops that add up many things at once are not vectorised without fastmath, and numba does not know which arrays overlap.  Here both are
+written down::
+
+    total = splat(0.0)
+    for k in range(n):
+        total = total + load(a, 8 * k) * splat(b[k])
+    store(c, 0, total)
+
+Each lane is plain arithmetic on float64, in the order in which it stands, on every processor.
+"""
+
+from __future__ import annotations
+
+import operator
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic, models, overload, register_model
+
+LANES = 8
+
+_VECTOR = ir.VectorType(ir.DoubleType(), LANES)
+
+#: Its arguments are values when it is called, and types when it is compiled.
+_instruction: Any = intrinsic
+
+
+class Lanes(types.Type):
+    """Type of eight float64."""
+
+    def __init__(self) -> None:
+        super().__init__(name="Lanes")
+
+
+lanes = Lanes()
+
+
+@register_model(Lanes)
+class _LanesModel(models.PrimitiveModel):
+    def __init__(self, manager, kind):
+        super().__init__(manager, kind, _VECTOR)
+
+
+def _pointer(context, builder, kind, array, index):
+    data = context.make_array(kind)(context, builder, array).data
+    return builder.bitcast(builder.gep(data, [index]), _VECTOR.as_pointer())
+
+
+@_instruction
+def load(typing, array, index):
+    """array[index:index + 8] of a contiguous array of float64."""
+
+    def code(context, builder, signature, arguments):
+        return builder.load(_pointer(context, builder, signature.args[0], *arguments), align=8)
+
+    return lanes(array, types.intp), code
+
+
+@_instruction
+def store(typing, array, index, value):
+    """array[index:index + 8] = value."""
+
+    def code(context, builder, signature, arguments):
+        builder.store(arguments[2], _pointer(context, builder, signature.args[0], *arguments[:2]), align=8)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, lanes), code
+
+
+@_instruction
+def splat(typing, value):
+    """Eight times the same number."""
+
+    def code(context, builder, signature, arguments):
+        one = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), arguments[0], ir.Constant(ir.IntType(32), 0))
+        return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
+
+    return lanes(types.float64), code
+
+
+@_instruction
+def floor(typing, value):
+    """The largest whole numbers that are not larger."""
+
+    def code(context, builder, signature, arguments):
+        function = builder.module.declare_intrinsic(f"llvm.floor.v{LANES}f64", (), ir.FunctionType(_VECTOR, [_VECTOR]))
+        return builder.call(function, arguments)
+
+    return lanes(lanes), code
+
+
+@_instruction
+def total(typing, value):
+    """The sum of the eight, one after the other."""
+
+    def code(context, builder, signature, arguments):
+        found = builder.extract_element(arguments[0], ir.Constant(ir.IntType(32), 0))
+        for lane in range(1, LANES):
+            found = builder.fadd(found, builder.extract_element(arguments[0], ir.Constant(ir.IntType(32), lane)))
+        return found
+
+    return types.float64(lanes), code
+
+
+def _arithmetic(word, build: str) -> None:
+    """Let an operator work on two Lanes."""
+
+    @_instruction
+    def instruction(typing, first, second):
+        def code(context, builder, signature, arguments):
+            return getattr(builder, build)(*arguments)
+
+        return lanes(lanes, lanes), code
+
+    @overload(word)
+    def _operator(first, second):
+        if isinstance(first, Lanes) and isinstance(second, Lanes):
+            return lambda first, second: instruction(first, second)
+
+
+_arithmetic(operator.add, "fadd")
+_arithmetic(operator.sub, "fsub")
+_arithmetic(operator.mul, "fmul")
