@@ -11,6 +11,7 @@ import numpy as np
 import openmm
 from openmm import app, unit
 
+from .charge_forces import charge_terms
 from .errors import ParameterError, PlanError
 from .extra_forces import extras
 from .fields import field_variables
@@ -230,6 +231,8 @@ def _pair_function(plan: Plan) -> PairForceFunction:
     """What evaluates the pair terms."""
     scene, options = plan.scene, plan.options
     held = () if plan.unlooped else extras(scene, plan.partners, plan.exceptions)
+    charges = charge_terms(scene, plan.ewald, plan.charge_exceptions) if plan.charges_held else None
+    held += () if charges is None else (charges,)
     return PairForceFunction(
         replace(plan.spec, extras=held),
         conservative=options.kernel_conservative,
@@ -333,7 +336,7 @@ def _excluded_pairs(plan: Plan, expressions: list[PairExpression]) -> dict[tuple
 def _add_charges(system: openmm.System, plan: Plan, factors: dict[tuple[int, int], float]) -> None:
     """Add the forces of smeared charges."""
     scene = plan.scene
-    if scene.electrostatics is None:
+    if scene.electrostatics is None or plan.charges_held:
         return
     assert scene.charges is not None
     listed = plan.ewald is not None and needs_list(scene.charges, plan.ewald, scene.box) and plan.listed(plan.ewald.cutoff)

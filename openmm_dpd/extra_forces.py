@@ -54,7 +54,7 @@ def extras(scene: Scene, partners: Sequence[dict], exceptions: dict[tuple[int, i
     exceptions : dict
         Factors of bonded neighbours (``Plan.exceptions``).
     """
-    # Smeared charges (the lattice sum) and PositionForce (formulas given as text) have no kernel: OpenMM evaluates them.
+    # PositionForce (formulas given as text) has no kernel: OpenMM evaluates it.  Charges are in charge_forces.py.
     found: list[Extra] = []
     if sum(len(group.pairs) for group in scene.bonds):
         found.append(BondTerms(*_rows(scene.bonds, _BONDS, "pairs", 2, 4)))

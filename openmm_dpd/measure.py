@@ -17,6 +17,7 @@ from openmm import unit
 
 from .bonded_sums import angle_sums, bond_sums
 from .build import Built
+from .charge_forces import charge_terms
 from .embed import Embedded
 from .errors import ParameterError, RunError
 from .fields import per_dof, raw_fields
@@ -74,6 +75,8 @@ class Observer:
         self._engine = PairEngine(self.plan.spec) if self.plan.layers else None
         segments = segment_spec(self.plan.scene)
         self._segments = None if segments is None else SegmentEngine(segments)
+        charges = charge_terms(self.plan.scene, self.plan.ewald, self.plan.charge_exceptions) if self.plan.charges_held else None
+        self._charges = None if charges is None else charges.evaluator()
         self._groups = built.integrator.getIntegrationForceGroups()
         self._mass = masses_of(built.system)
 
@@ -132,10 +135,8 @@ class Observer:
         values = None if plan.spec.fields is None else raw_fields(context, plan.spec.fields)
         seen, on_step = self._seen_velocities(context, v, force, mass, mobile)
         parts = self._pair_parts(context, x, seen, box, values)
-        short, lattice = (0.0, 0.0) if plan.scene.electrostatics is None else charge_energies(context)
-        if plan.ewald is not None:
-            virial = short + lattice + _switched_energy(context, COULOMB_VIRIAL_GROUP)
-            parts[0] = parts[0]._replace(virial=parts[0].virial + virial)
+        short, lattice, virial = self._charge_sums(context, x, box)
+        parts[0] = parts[0]._replace(virial=parts[0].virial + virial)
         if plan.spec.fields is not None and plan.spec.fields.kind == TEMPERATURE:
             # outside a step the pair force does not know the temperatures its repulsion depends on
             potential, every = self._with_others(context, parts[0])
@@ -178,6 +179,18 @@ class Observer:
             forces=every,
             **self._internal(values, mobile),
         )
+
+    def _charge_sums(self, context: openmm.Context, x: np.ndarray, box: np.ndarray | None) -> tuple[float, float, float]:
+        """Energies of the charges, short-ranged and lattice, and the virial of both."""
+        plan = self.plan
+        if plan.scene.electrostatics is None:
+            return 0.0, 0.0, 0.0
+        if self._charges is not None:
+            short, lattice, virial = self._charges.parts(x, box)
+        else:
+            short, lattice = charge_energies(context)
+            virial = 0.0 if plan.ewald is None else short + lattice + _switched_energy(context, COULOMB_VIRIAL_GROUP)
+        return short, lattice, virial if plan.ewald is not None else 0.0
 
     def _internal(self, values: np.ndarray | None, mobile: np.ndarray) -> dict[str, float]:
         """Sums over the internal energies of the mobile beads."""

@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from .charge_forces import LARGEST_ERROR, longest_wave
 from .errors import ParameterError, PlanError, what_is
 from .kernels.cells import coincident_pairs
+from .kernels.charges import cost, pme_cost
 from .kernels.engine import PairSpec
 from .kernels.fields import ENERGY, TEMPERATURE, FieldSpec
 from .kernels.sweeps import EXACT, SHARDLOW
@@ -49,6 +51,7 @@ class Plan:
     ewald: EwaldSum | None = None
     charge_exceptions: dict[tuple[int, int], float] = field(default_factory=dict)
     unlooped: str | None = None
+    charges_held: bool = False
 
     def __repr__(self) -> str:
         return f"<Plan for {self.platform}: {self.options.scheme}, dt = {self.options.dt:g} ps, {self.scene!r}>"
@@ -119,10 +122,12 @@ class Plan:
         ions = int(np.count_nonzero(q))
         text = f"{ions} charged beads, total charge {q.sum():g} e: {charges.describe()}, "
         text += f"Coulomb constant {charges.coulomb(self.scene.initial_kT):.6g} kJ/mol nm/e^2"
+        if self.charges_held:
+            text += "; in the pair kernel"
         if ewald is None:
             return [text + "; no box: every pair, no cutoff"]
-        grid = " x ".join(map(str, ewald.grid))
-        lines = [text, f"  real space to {ewald.cutoff:.4g} nm, PME with alpha = {ewald.alpha:.4g}/nm on a grid of {grid}"]
+        grid = "a direct sum over waves" if self.charges_held else "PME on a grid of " + " x ".join(map(str, ewald.grid))
+        lines = [text, f"  real space to {ewald.cutoff:.4g} nm, {grid}, alpha = {ewald.alpha:.4g}/nm"]
         error = charges.tail(ewald.cutoff)
         if error > 2 * charges.tolerance:
             lines.append(
@@ -209,9 +214,9 @@ def make_plan(
         Seed of the noise, 0 <= seed < 2^31; drawn from the operating system and recorded in the plan by default.
     loop : bool, default True
         Whether the kernel carries out many whole steps at once where it can: where it holds every fast force of the scene, on the CPU and
-        Reference platforms, and on others if it holds the conservative force.  Forces that stay OpenMM's (lattice sums, formulas of the
-        position, whatever is added to the System) then kick before and after each step, and a barostat acts at the end of up to ten steps.
-        Otherwise the program does one step at a time.
+        Reference platforms, and on others if it holds the conservative force.  Forces that stay OpenMM's (lattice sums of many charges,
+        formulas of the position, whatever is added to the System) then kick before and after each step, and a barostat acts at the end
+        of up to ten steps.  Otherwise the program does one step at a time.
     slow_every : int, default 1
         In such loops: after how many steps of the Context forces that stay OpenMM's kick (multiple time steps, impulses as in r-RESPA:
         Tuckerman, Berne and Martyna, J. Chem. Phys. 97, 1990 (1992)).
@@ -265,6 +270,7 @@ def make_plan(
         walls=kind_of(gaps(scene.walls, scene.box)),
         **choices,
     )
+    ewald = _ewald(scene)
     return Plan(
         scene=scene,
         spec=_pair_spec(scene, kinds, layers, exceptions, chosen, fields),
@@ -275,7 +281,8 @@ def make_plan(
         conservative=where,
         unlooped=unlooped,
         platform=platform,
-        ewald=_ewald(scene),
+        ewald=ewald,
+        charges_held=unlooped is None and platform in DOUBLE_PLATFORMS and _few_charges(scene, ewald),
         charge_exceptions=_charge_exceptions(scene),
     )
 
@@ -468,6 +475,17 @@ def _ewald(scene: Scene) -> EwaldSum | None:
     if scene.electrostatics is None or scene.charges is None or scene.box is None:
         return None
     return ewald_sum(scene.electrostatics, scene.box, int(np.count_nonzero(scene.charges)))
+
+
+def _few_charges(scene: Scene, ewald: EwaldSum | None) -> bool:
+    """Whether the kernel's direct sum over waves takes less time than OpenMM's PME."""
+    if scene.electrostatics is None or scene.charges is None:
+        return False
+    count = int(np.count_nonzero(scene.charges))
+    if ewald is None:
+        return count < 2000
+    k_max = longest_wave(ewald.alpha, min(scene.electrostatics.tolerance, LARGEST_ERROR))
+    return cost(count, scene.box, k_max, ewald.cutoff) < pme_cost(ewald.grid, scene.n_beads)
 
 
 def compressed_exceptions(exceptions: dict[tuple[int, int], float], n_beads: int):

@@ -13,7 +13,6 @@ from openmm import unit
 from oracle_charges import gaussian_tail, lattice_sum, slater_tail
 
 import openmm_dpd as dpd
-from openmm_dpd.measure import charge_energies
 from openmm_dpd.units import COULOMB
 
 mpmath = pytest.importorskip("mpmath")
@@ -58,7 +57,8 @@ def exact_pair(kind, width, r):
 @pytest.mark.parametrize("width", [0.25, 1.3])
 def test_pairs_against_mpmath(kind, width, device):
     """Two charges without a box at twenty distances from 1e-6 on, one after the other."""
-    built = dpd.build(scene(np.array([[0.0, 0, 0], [1, 0, 0]]), [1.0, -1.0], charges_of(kind, width)), dt=0.01, platform=device.platform)
+    pair = scene(np.array([[0.0, 0, 0], [1, 0, 0]]), [1.0, -1.0], charges_of(kind, width))
+    built = dpd.build(pair, dt=0.01, platform=device.platform, loop=False)  # OpenMM's forces
     context = built.simulation(properties=device.properties).context
     top = exact_pair(kind, width, width)[1]
     for r in np.geomspace(1e-6, 8 * width, 20):
@@ -139,15 +139,17 @@ def test_the_oracle_has_the_madelung_constant():
     assert virial == pytest.approx(energy, rel=1e-12)
 
 
-def test_virial_is_the_derivative_of_the_energy():
+@pytest.mark.parametrize("loop", [True, False])
+def test_virial_is_the_derivative_of_the_energy(loop):
     """-dE/dlnL by finite differences of the package's own energies, at a width that stays."""
     x, q = electrolyte(40, 5.0, 15)
     electrostatics = charges_of("slater", 0.3, tolerance=1e-7, cutoff=2.4, alpha=1.8, grid=(60, 60, 60))
 
     def at(s):
-        built = dpd.build(scene(x * s, q, electrostatics, [5.0 * s] * 3), dt=0.01, platform="Reference", seed=1)
+        built = dpd.build(scene(x * s, q, electrostatics, [5.0 * s] * 3), dt=0.01, platform="Reference", seed=1, loop=loop)
         context = built.simulation().context
-        return sum(charge_energies(context)), dpd.Observer(built).sample(context).virial_conservative
+        sample = dpd.Observer(built).sample(context)
+        return sample.short + sample.lattice, sample.virial_conservative
 
     h = 1e-4
     assert at(1.0)[1] == pytest.approx(-(at(1 + h)[0] - at(1 - h)[0]) / (2 * h), rel=2e-5)
@@ -251,7 +253,7 @@ def test_one_list_or_all_pairs():
     for listed in (True, False):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(sys.modules["openmm_dpd.build"], "needs_list", lambda *_, answer=listed: answer)
-            built = dpd.build(scene(x, q, charges_of("slater", 0.25), [5.0] * 3), dt=0.01, platform="Reference", seed=1)
+            built = dpd.build(scene(x, q, charges_of("slater", 0.25), [5.0] * 3), dt=0.01, platform="Reference", seed=1, loop=False)
         pair = next(f for f in built.system.getForces() if isinstance(f, openmm.CustomNonbondedForce))
         assert (pair.getNumInteractionGroups() == 0) == listed
         found.append(dpd.force_terms(built)["electrostatic"])
