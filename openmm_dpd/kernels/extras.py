@@ -59,7 +59,7 @@ class Extra(Protocol):
 
     Attributes
     ----------
-    term : {"bond", "external", "conservative"}
+    term : {"bond", "external", "electrostatic", "conservative"}
         Under which name :func:`openmm_dpd.force_terms` counts it.
     """
 

@@ -79,6 +79,7 @@ def test_single_steps_are_those_of_the_program(kind, scheme):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @PLATFORM
 @pytest.mark.parametrize(("kind", "scheme"), comparable(EVERY))
 def test_each_of_many_single_steps_is_that_of_the_program(kind, scheme, platform):
@@ -106,6 +107,7 @@ def test_twenty_steps_in_one_go(kind, scheme):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @PLATFORM
 @pytest.mark.parametrize(("kind", "scheme"), comparable(EVERY))
 def test_twenty_steps_in_one_go_of_every_kind(kind, scheme, platform):
@@ -219,6 +221,7 @@ def test_any_word(word):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("word", random_words(300, 2))
 def test_very_many_words(word):
     agrees_with_letters(word, LOOP, *(() if shows_after_a_trial(word) else PROGRAMS))
@@ -321,6 +324,7 @@ def test_a_run_is_the_same_however_it_is_cut(number, case):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @PLATFORM
 @pytest.mark.parametrize(("kind", "scheme"), EVERY)
 def test_every_run_is_the_same_however_it_is_cut(kind, scheme, platform):

@@ -140,6 +140,7 @@ def test_an_interruption_at_some_lines(name):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", [*ALONE, *BESIDE])
 def test_an_interruption_at_any_line(name):
     case = (ALONE | BESIDE)[name]
