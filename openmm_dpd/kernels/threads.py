@@ -15,9 +15,10 @@ from ..errors import ParameterError
 # choice is kept.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
-# Threads that go to sleep at once take longer to wake up than most loops take (10,000 beads on two free cores, lists, forces and sweep:
-# 1.1 ms with 0 as with one thread, 0.71 ms with 1000, 0.62 ms with 2000 and more).  2000 rounds are 60 microseconds.
-os.environ.setdefault("GOMP_SPINCOUNT", "2000")
+# Threads that go to sleep at once take longer to wake up than most loops take, and often wake up on the core of the one that woke them.
+# 100,000 rounds (3 ms) bridge the gaps of a run: mean steps of mvv, 10,000 beads, two free cores: 1.0 ms with 0 as with one thread,
+# 0.83 ms with 2000, 0.87 ms with 20,000, 0.71 ms with 100,000; beside another busy process 1.08, 1.12 and 1.16 ms, one thread 1.07 ms.
+os.environ.setdefault("GOMP_SPINCOUNT", "100000")
 
 #: Numba's default threading layer must not be entered from two threads at once.
 _PARALLEL_LOCK = threading.Lock()
