@@ -51,7 +51,7 @@ class _Watch:
     """
 
     #: Seconds of work that are judged together, of rest, and of a call that was not work (but the compiler's).
-    SPAN, REST, LONGEST = 0.01, 0.3, 0.1
+    SPAN, REST, LONGEST = 0.05, 1.0, 0.1
 
     #: Threads are as good as their number if they run for this part of the time.
     ENOUGH = 0.6
