@@ -123,18 +123,12 @@ class WholeSteps:
         """Which of the temperature in kelvin and the thermal energy was set since the last step holds, as the program has it."""
         if TEMPERATURE not in integrator.variables():
             return
-        get, put = integrator.getGlobalVariableByName, openmm.CustomIntegrator.setGlobalVariableByName
+        get = integrator.getGlobalVariableByName
         kelvin, kT = get(TEMPERATURE), context.getParameter(KT)
         if kelvin != get(SEEN_TEMPERATURE):
-            kT = BOLTZMANN * kelvin
-            context.setParameter(KT, kT)
+            integrator.agree(context, BOLTZMANN * kelvin, kelvin)
         elif kT != get(SEEN_KT):
-            kelvin = kT / BOLTZMANN
-            put(integrator, TEMPERATURE, kelvin)
-        else:
-            return
-        put(integrator, SEEN_KT, kT)
-        put(integrator, SEEN_TEMPERATURE, kelvin)
+            integrator.agree(context, kT, kT / BOLTZMANN)
 
     def _moment(self, integrator: PairIntegrator, state, parameters, dt: float, here) -> Moment:
         """What the first step begins with."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import openmm
@@ -10,8 +11,10 @@ from devices import Device
 from scenes import BOXES, EXTENDED, MASSES, PARTIAL, PLAIN, fluid, state_of
 
 import openmm_dpd as dpd
+from openmm_dpd.build import build_plan
 from openmm_dpd.fields import raw_fields
 from openmm_dpd.model.eos import ConstantHeatCapacity, TabulatedEOS
+from openmm_dpd.plan import make_plan
 
 N, SEED = 60, 11
 TILTED = BOXES["tilted"]
@@ -183,14 +186,10 @@ def made(kind: str, scheme: str, platform: str = "Reference", *, dt: float = 0.0
     name, _, lam = scheme.partition("-")
     conservative = "auto" if kind == "friction alone" else "kernel"
     options = {"lam": float(lam)} if lam else {}
-    return dpd.build(
-        KINDS[kind](),
-        dt=dt,
-        scheme=name,
-        platform=platform,
-        loop=loop,
-        **{"seed": SEED, "conservative": conservative, **options, **choices},
-    )
+    choices = {"seed": SEED, "conservative": conservative, **options, **choices}
+    plan = make_plan(KINDS[kind](), dt=dt, scheme=name, platform=platform, loop=loop, **choices)
+    # these charges are there as a force that stays OpenMM's
+    return build_plan(replace(plan, charges_held=False))
 
 
 def running(built: dpd.Built, platform: str = "Reference"):

@@ -50,9 +50,6 @@ ROUNDED = ("bonded", "bonded, no box", "bonded, tilted", "charged", "formulas")
 # -- beside the general program ------------------------------------------------------------------------------------------------------
 def limit_of(kind: str, usual: float) -> float:
     """OpenMM's expressions for body forces round positions that are folded."""
-    if kind == "charged":
-        # of PME on a grid, which the program has and the loop has not (its tolerance is 1e-4); twenty steps let it grow
-        return 5e-5
     return 1e-6 if kind == "patterns" else usual
 
 
