@@ -12,7 +12,7 @@ from openmm import unit
 from ..errors import RunError
 from ..integrators import interrupts, origin
 from ..kernels import motion
-from ..kernels.compiled import compiled
+from ..kernels.compiled import compiled, inlined
 from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, PairSpec, warm_up
 from ..kernels.extras import warm_up_extras
 from ..kernels.fields import ENERGY, TEMPERATURE, FieldSpec
@@ -34,7 +34,7 @@ from ..names import (
     VOLUME_STEP,
     Phase,
 )
-from .runaway import runaway
+from .runaway import NEAR, runaway
 
 if TYPE_CHECKING:
     from ..program_options import ProgramOptions
@@ -46,15 +46,27 @@ KEEPING = (Phase.KEEP, Phase.NOTE, Phase.CONSERVE)
 AT_KEPT = (Phase.FORCE_KEPT, Phase.SWEEP_KEPT)
 
 
+@inlined
+def _stir(total, bits):
+    total = (total ^ bits) * np.uint64(0xBF58476D1CE4E5B9)
+    return total ^ (total >> np.uint64(29))
+
+
 @compiled
 def fingerprint(x, parameters):
     """A number that depends on every bit of the positions and parameters, too small to show where it is taken for an energy."""
-    total = np.uint64(0x9E3779B97F4A7C15)
+    # four sums side by side: each multiplication waits for the one before it
+    a, b, c, d = np.uint64(0x9E3779B97F4A7C15), np.uint64(1), np.uint64(2), np.uint64(3)
     for values in (x.ravel(), parameters):
-        for bits in values.view(np.uint64):
-            total = (total ^ bits) * np.uint64(0xBF58476D1CE4E5B9)
-            total ^= total >> np.uint64(29)
-    return np.float64(total >> np.uint64(11)) * 2.0**-960
+        bits = values.view(np.uint64)
+        whole = len(bits) - len(bits) % 4
+        for k in range(0, whole, 4):
+            a, b, c, d = _stir(a, bits[k]), _stir(b, bits[k + 1]), _stir(c, bits[k + 2]), _stir(d, bits[k + 3])
+        for k in range(whole, len(bits)):
+            a = _stir(a, bits[k])
+    for other in (b, c, d):
+        a = _stir(a, other)
+    return np.float64(a >> np.uint64(11)) * 2.0**-960
 
 
 def _plain(length: unit.Quantity) -> np.ndarray:
@@ -166,7 +178,7 @@ class PairForceFunction:
             # written again and again: OpenMM copies what it is given
             local.v, local.result, local.conserved = np.zeros((3, len(self.spec.types), 3))
             local.conserved_energy, local.conserved_at = 0.0, -1
-            local.loop = None if self.steps is None else StepLoop(self.steps, local.engine, self._watch)
+            local.loop = None if self.steps is None else StepLoop(self.steps, local.engine, self._watch, NEAR * self._cutoff)
             local.moment, local.read = None, {}
         return local
 

@@ -10,6 +10,9 @@ import numpy as np
 
 from ..kernels import motion
 
+#: Nobody runs away whose velocity has no component with which it crosses more of a cutoff in a step.
+NEAR = 0.5
+
 #: Speeds in thermal velocities that no bead has in equilibrium: the Maxwell distribution gives one in 10^21 beads.
 FASTEST = 10.0
 
@@ -34,7 +37,7 @@ def runaway(v: np.ndarray, inv_mass: np.ndarray, kT: float, dt: float, cutoff: f
         A sentence, if a velocity is not finite, or if a bead is faster than ten thermal velocities *and* crosses more than a cutoff in one
         step.  Either alone may be meant: a quench from a hot start, or an ideal gas with a long step.
     """
-    if motion.largest(v) * dt <= 0.5 * cutoff:  # the usual case, in one pass; NaN falls through
+    if motion.largest(v) * dt <= NEAR * cutoff:  # the usual case, in one pass; NaN falls through
         return None
     moving = inv_mass > 0
     square = np.where(moving, np.einsum("ij,ij->i", v, v), 0.0)

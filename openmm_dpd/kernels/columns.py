@@ -2,8 +2,10 @@
 
 It stands here once.  What is done with a column and with a pair is put in when it is compiled::
 
+    first(pairs, data, begin, end)              for the sorted beads begin:end, before all else
     before(pairs, data, begin, m, scratch)      once for each column, the pairs begin:begin + m: whatever can be done for many pairs at once
     pair(pairs, data, scratch, n, k, column)    for each pair number n, the k-th of its column: returns energy and virial
+    last(pairs, data, begin, end)               for the sorted beads begin:end, after all else
 
 ``pairs`` is a :class:`.pairs.Pairs`, ``data`` a NamedTuple of the caller's.
 """
@@ -26,11 +28,36 @@ def nothing(pairs, data, begin, m, scratch):
     """There is nothing that can be done for many pairs at once."""
 
 
+@inlined
+def _pairs_in(pairs, block):
+    total = np.uint64(0)
+    for task in range(pairs.block_start[block], pairs.block_start[block + 1]):
+        total += pairs.found[pairs.columns[task]]
+    return np.int64(total)
+
+
+@helper
+def _border(pairs, colour, part, parts):
+    """First block of a colour that is not of the threads before ``part``: each gets about as many pairs."""
+    begin, end = pairs.colour_start[colour], pairs.colour_start[colour + 1]
+    if part == 0 or part == parts:
+        return end if part else begin
+    total = 0
+    for block in range(begin, end):
+        total += _pairs_in(pairs, block)
+    passed = 0
+    for block in range(begin, end):
+        here = _pairs_in(pairs, block)
+        if parts * (2 * passed + here) >= 2 * total * part:
+            return block
+        passed += here
+    return end
+
+
 def _share(pairs, data, scratch, colour, part):
     """The columns of a colour that one thread takes."""
     space, parts = Scratch(scratch.values[part], scratch.bits[part], scratch.late[part]), len(scratch.values)
-    first, blocks = pairs.colour_start[colour], pairs.colour_start[colour + 1] - pairs.colour_start[colour]
-    begun, ended = first + blocks * part // parts, first + blocks * (part + 1) // parts
+    begun, ended = _border(pairs, colour, part, parts), _border(pairs, colour, part + 1, parts)
     for task in range(pairs.block_start[begun], pairs.block_start[ended]):
         column = pairs.columns[task]
         begin, m = pairs.start[column], pairs.found[column]
@@ -45,9 +72,16 @@ def _share(pairs, data, scratch, colour, part):
 
 
 def _over_pairs(pairs, data, scratch):
+    beads, parts = len(pairs.order), len(scratch.values)
+    if _BEGINS:
+        for part in prange(parts):
+            _first(pairs, data, beads * part // parts, beads * (part + 1) // parts)
     for colour in range(len(pairs.colour_start) - 1):
-        for part in prange(len(scratch.values)):
+        for part in prange(parts):
             _share(pairs, data, scratch, colour, np.int64(part))
+    if _ENDS:
+        for part in prange(parts):
+            _last(pairs, data, beads * part // parts, beads * (part + 1) // parts)
     energy, virial = 0.0, 0.0
     for column in range(len(pairs.found)):
         energy += pairs.energy[column]
@@ -58,12 +92,24 @@ def _over_pairs(pairs, data, scratch):
 # what over_pairs() puts in
 _before: Any = nothing
 _pair: Any = None
+_first: Any = None
+_last: Any = None
+_BEGINS = _ENDS = False
 
 
-def over_pairs(name: str, pair: Callable, before: Callable = nothing, parallel: bool = True) -> Callable:
+def over_pairs(
+    name: str,
+    pair: Callable,
+    before: Callable = nothing,
+    *,
+    first: Callable | None = None,
+    last: Callable | None = None,
+    parallel: bool = True,
+) -> Callable:
     """Function (list of pairs, data) -> sums of energy and virial, which goes through all pairs; compiled under a name of its own."""
     share = helper(renamed(_share, f"{name}_share", {"_pair": pair, "_before": before}))
-    loop = renamed(_over_pairs, name, {"_share": share})
+    around = {"_first": first, "_BEGINS": first is not None, "_last": last, "_ENDS": last is not None}
+    loop = renamed(_over_pairs, name, {"_share": share} | around)
     kernels = serial_and_parallel(loop) if parallel else (compiled(loop, bare=True), None)
 
     def call(pairs: PairList, data: NamedTuple) -> tuple[float, float]:
@@ -100,6 +146,26 @@ def push(f, i, j, fx, fy, fz):
     f[j, 0] -= fx
     f[j, 1] -= fy
     f[j, 2] -= fz
+
+
+@helper
+def clear(pairs, data, begin, end):
+    """Begin with no force ``f`` (M, 3)."""
+    for k in range(begin, end):
+        data.f[k, 0] = data.f[k, 1] = data.f[k, 2] = 0.0
+
+
+@helper
+def gather_and_clear(pairs, data, begin, end):
+    """The same, and sort the velocities ``seen`` (N, 3), 0 if there are none, into ``v`` (M, 3)."""
+    clear(pairs, data, begin, end)
+    seen, v, order = data.seen, data.v, pairs.order
+    for k in range(begin, end):
+        if len(seen):
+            i = order[k]
+            v[k, 0], v[k, 1], v[k, 2] = seen[i, 0], seen[i, 1], seen[i, 2]
+        else:
+            v[k, 0] = v[k, 1] = v[k, 2] = 0.0
 
 
 @inlined

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import forces, motion, sweeps
+from . import forces, sweeps
 from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, GAMMA, GAMMA_PERP, SIGMA, SIGMA_PERP, A
 from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, Call, Forces, PairSpec
 from .pairs import PairList
@@ -80,15 +80,11 @@ class DPDLayer:
 
     def forces(self, call: Call) -> Forces:
         """Force form at the listed positions."""
-        pairs, force, v = self.pairs, self._force, self._v
-        force[...] = 0.0
+        pairs, force = self.pairs, self._force
         stress = np.zeros((len(pairs.found) if call.which & STRESS else 0, 6))
-        if call.velocities is not None and call.which & DISSIPATIVE:
-            motion.gather(v, call.velocities, pairs.order)
-        elif call.which != CONSERVATIVE:
-            v[...] = 0.0
+        seen = call.velocities if call.velocities is not None and call.which & DISSIPATIVE else forces.NO_VELOCITIES
         noise = call.key(self.number), call.rsqrt_dt
-        terms = forces.Terms(call.which & _TERMS, self._plain, *noise, self._at(call.kT), v, force, stress)
+        terms = forces.Terms(call.which & _TERMS, self._plain, *noise, self._at(call.kT), seen, self._v, force, stress)
         energy, virial = forces.pair_forces(pairs, terms, self._transverse)
         return Forces(energy, virial, force, stress=stress.sum(axis=0) if len(stress) else None)
 
@@ -119,7 +115,5 @@ class Sweeper:
         if inv_mass is not None:
             halvings = sweeps.halvings(call.update, coefficients[0, GAMMA] * 2.0 * inv_mass * call.dt)
         plain = inv_mass is not None and halvings <= _MOST_HALVINGS
-        motion.gather(self.v, v, pairs.order)
         noise = call.kT, call.dt, call.key(number)
-        sweeps.sweep(pairs, sweeps.Sweep(call.update, plain, halvings, *noise, coefficients, self.v), self.transverse)
-        motion.scatter(self.v, pairs.order, v)
+        sweeps.sweep(pairs, sweeps.Sweep(call.update, plain, halvings, *noise, coefficients, v, self.v), self.transverse)

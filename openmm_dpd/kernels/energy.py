@@ -31,8 +31,8 @@ import numpy as np
 
 from ..errors import RunError
 from . import forces
-from .columns import approach, factor_of, over_pairs, push_apart, row_of, soft
-from .compiled import helper, inlined
+from .columns import approach, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
+from .compiled import compiled, helper, inlined
 from .eos import CONSTANT, RESERVOIR, EOSTable, curvature, entropy_change, exp_below, in_range, inverse_temperature, log_ratio
 from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Forces, PairSpec
 from .noise import normal, pair_key, uniform
@@ -68,6 +68,10 @@ class EnergyLayer:
         self.fields, self.eos, self.number = spec.fields, spec.fields.eos, number
         self.pairs = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions)
         self.coefficients = np.column_stack([table.A.ravel(), table.cutoff.ravel(), table.sigma.ravel(), table.kappa.ravel()])
+        # scratch, in the order of the pair list
+        m = len(self.pairs.order)
+        self._v, self._force = np.zeros((m, 3)), np.zeros((m, 3))
+        self._sorted = self._v, *np.zeros((3, m)), np.zeros(m, np.int32), np.zeros((m, 2))
 
     def _temperatures(self, energies: np.ndarray, when: str) -> np.ndarray:
         """(N,) temperatures; RunError if an energy has none."""
@@ -82,46 +86,50 @@ class EnergyLayer:
 
     def forces(self, call: Call) -> Forces:
         """Force form at the listed positions."""
-        pairs, m = self.pairs, len(self.pairs.order)
-        force, rates = np.zeros((m, 3)), np.zeros((m, 2))
-        inverse, v = np.zeros(m), np.zeros((m, 3))
-        if call.which & (DISSIPATIVE | RANDOM):
-            assert call.scalars is not None and (call.velocities is not None or not call.which & DISSIPATIVE)
-            inverse = 1.0 / np.take(self._temperatures(call.scalars.sum(axis=1), "within the step"), pairs.order)
-            if call.velocities is not None:
-                v = np.take(call.velocities, pairs.order, axis=0)
+        pairs, m, force = self.pairs, len(self.pairs.order), self._force
+        if not call.which & (DISSIPATIVE | RANDOM):
+            energy, virial = forces.conservative_forces(pairs, forces.Repulsion(self.coefficients, force))
+            return Forces(energy, virial, force)
+        assert call.scalars is not None and (call.velocities is not None or not call.which & DISSIPATIVE)
+        inverse = 1.0 / np.take(self._temperatures(call.scalars.sum(axis=1), "within the step"), pairs.order)
+        seen, rates = forces.NO_VELOCITIES if call.velocities is None else call.velocities, np.zeros((m, 2))
         noise = call.key(self.number), call.rsqrt_dt
-        energy, virial = energy_forces(pairs, Rates(call.which, *noise, self.coefficients, v, inverse, force, rates))
+        energy, virial = energy_forces(pairs, Rates(call.which, *noise, self.coefficients, seen, self._v, inverse, force, rates))
         return Forces(energy, virial, force, rates)
 
     def sweep(self, call: Call, v: np.ndarray, flow: np.ndarray | None) -> None:
         """Update velocities pair by pair in place, and add to ``flow`` the conductive and mechanical energy each bead got."""
         assert call.scalars is not None and flow is not None
-        pairs, order = self.pairs, self.pairs.order
-        before = call.scalars.sum(axis=1) + flow.sum(axis=1)
+        before = totals(call.scalars, flow)
         theta = self._temperatures(before, "before the sweep")
-        sorted_v, u, changes = np.take(v, order, axis=0), np.take(before, order), np.zeros((len(order), 2))
-        of_beads = 1.0 / np.take(theta, order), np.take(self.eos.capacity, order), np.take(self.eos.curve, order)
-        noise = call.dt, call.key(self.number)
-        energy_sweep(pairs, Exchange(call.update, *noise, self.coefficients, *of_beads, *self.eos.curves, sorted_v, u, changes))
-        v[order] = sorted_v
-        flow[order] += changes
-        flow[self.fields.immobile] = 0.0
+        of_beads = v, flow, before, theta, self.eos.capacity, self.eos.curve, *self.eos.curves, self.fields.immobile
+        exchange = Exchange(call.update, call.dt, call.key(self.number), self.coefficients, *of_beads, *self._sorted)
+        energy_sweep(self.pairs, exchange)
         if call.update != EXACT:
-            self._temperatures(call.scalars.sum(axis=1) + flow.sum(axis=1), "after the sweep")
+            self._temperatures(totals(call.scalars, flow), "after the sweep")
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy."""
         return forces.laplacian(self.pairs, self.coefficients)
 
 
+@compiled
+def totals(energies, flow):
+    """(N,) internal energies, the conductive and the mechanical part of (N, 2) of two arrays added up."""
+    result = np.empty(len(energies))
+    for i in range(len(energies)):
+        result[i] = (energies[i, 0] + energies[i, 1]) + (flow[i, 0] + flow[i, 1])
+    return result
+
+
 class Rates(NamedTuple):
-    """What the force form reads (``inverse``: (M,) 1/temperatures) and writes beside the pairs."""
+    """What the force form reads (``seen``: (N, 3) velocities; ``inverse``: (M,) 1/temperatures) and writes beside the pairs."""
 
     which: int
     key: np.uint64
     rsqrt_dt: float
     coefficients: np.ndarray
+    seen: np.ndarray
     v: np.ndarray
     inverse: np.ndarray
     f: np.ndarray
@@ -160,7 +168,7 @@ def _pair_rates(pairs, data, scratch, n, k, column):
     return energy, push_apart(pairs, data.f, n, i, j, radial)
 
 
-energy_forces = over_pairs("energy_forces", _pair_rates)
+energy_forces = over_pairs("energy_forces", _pair_rates, first=gather_and_clear)
 
 
 @helper
@@ -203,9 +211,8 @@ def _balance(total, ci, cj, ki, kj, start, nodes, pieces):
 
 
 @inlined
-def _passes(exponent, key, stream):
+def _passes(exponent, drawn):
     """Metropolis test; exp(x) >= 1 + x decides nearly always, and is easier to foresee than the sign of x."""
-    drawn = uniform(key, stream)
     return drawn < 1.0 + exponent or (exponent < 0.0 and drawn < exp_below(exponent))
 
 
@@ -214,7 +221,7 @@ def _passes(exponent, key, stream):
 
 
 @inlined
-def _motion_of_constants(ev, im, ui, uj, ci, cj, strength, dt, key):
+def _motion_of_constants(ev, im, ui, uj, ci, cj, strength, dt, xi, drawn):
     """(Relative velocity after an exact update, energy that each bead gets); the old velocity and 0 if the move is rejected."""
     quarter = 0.25 / im
     bi, bj = ui + quarter * ev * ev, uj + quarter * ev * ev
@@ -225,30 +232,29 @@ def _motion_of_constants(ev, im, ui, uj, ci, cj, strength, dt, key):
     above, below = 2.0 * si * sj, ci * sj + cj * si
     theta, inverse = above / below, below / above
     lost = decay(EXACT, 0.5 * strength * im * dt * inverse)
-    new = ev * (1.0 - lost) + np.sqrt(lost * (2.0 - lost) * (theta * im)) * normal(key, MOTION)
+    new = ev * (1.0 - lost) + np.sqrt(lost * (2.0 - lost) * (theta * im)) * xi
     gain = quarter * (ev - new) * (ev + new)
     if not (ui + gain > 0.0 and uj + gain > 0.0):
         return ev, 0.0
     entropy = _entropy_of_constants(ui, uj, ui + gain, uj + gain, ci, cj)
-    return (new, gain) if _passes(entropy - 2.0 * gain * inverse, key, MOTION_TEST) else (ev, 0.0)
+    return (new, gain) if _passes(entropy - 2.0 * gain * inverse, drawn) else (ev, 0.0)
 
 
 @inlined
-def _conduction_of_constants(ui, uj, exchange, key, flip, ci, cj):
+def _conduction_of_constants(ui, uj, exchange, xi, drawn, ci, cj):
     """Energy that goes to bead i in one exact update of the heat."""
     scale = 1.0 / (ci + cj)
     share = (ui + uj) * (ci * scale)
     variance = share * (ui + uj - share) * scale
     precision = 1.0 / variance
     lost = decay(EXACT, exchange * precision)
-    drawn = np.sqrt(lost * (2.0 - lost) * variance) * normal(key, HEAT)
     old = ui - share
-    new = old * (1.0 - lost) + (-drawn if flip else drawn)
+    new = old * (1.0 - lost) + np.sqrt(lost * (2.0 - lost) * variance) * xi
     change = new - old
     if not (ui + change > 0.0 and uj - change > 0.0):
         return 0.0
     entropy = _entropy_of_constants(ui, uj, ui + change, uj - change, ci, cj)
-    return change if _passes(entropy + 0.5 * change * (new + old) * precision, key, HEAT_TEST) else 0.0
+    return change if _passes(entropy + 0.5 * change * (new + old) * precision, drawn) else 0.0
 
 
 @inlined
@@ -258,13 +264,14 @@ def _entropy_of_constants(ui, uj, new_i, new_j, ci, cj):
 
 
 @helper
-def _exact_motion(ev, im, ui, uj, strength, dt, key, states, start, nodes, pieces):
+def _exact_motion(ev, im, ui, uj, strength, dt, xi, drawn, states, curves):
     """(Relative velocity after an exact update, energy that each bead gets); the old velocity and 0 if the move is rejected."""
     ci, cj, ki, kj = states
+    start, nodes, pieces = curves
     kinetic = 0.5 * ev * ev / im
     theta = _shared_temperature(ui + 0.5 * kinetic, uj + 0.5 * kinetic, ci, cj, ki, kj, start, nodes, pieces)
     lost = decay(EXACT, 0.5 * strength / theta * im * dt)
-    new = ev * (1.0 - lost) + np.sqrt(lost * (2.0 - lost) * theta * im) * normal(key, MOTION)
+    new = ev * (1.0 - lost) + np.sqrt(lost * (2.0 - lost) * theta * im) * xi
     gain = 0.25 * (ev - new) * (ev + new) / im
     if not (in_range(ui + gain, ci, ki, start, nodes) and in_range(uj + gain, cj, kj, start, nodes)):
         return ev, 0.0
@@ -273,13 +280,14 @@ def _exact_motion(ev, im, ui, uj, strength, dt, key, states, start, nodes, piece
         + entropy_change(uj, uj + gain, cj, kj, start, nodes, pieces)
         - 2.0 * gain / theta
     )
-    return (new, gain) if _passes(exponent, key, MOTION_TEST) else (ev, 0.0)
+    return (new, gain) if _passes(exponent, drawn) else (ev, 0.0)
 
 
 @helper
-def _exact_conduction(ui, uj, exchange, key, flip, states, start, nodes, pieces):
+def _exact_conduction(ui, uj, exchange, xi, drawn, states, curves):
     """Energy that goes to bead i in one exact update of the heat, with exchange = kappa w^2 dt."""
     ci, cj, ki, kj = states
+    start, nodes, pieces = curves
     total = ui + uj
     share = _balance(total, ci, cj, ki, kj, start, nodes, pieces)
     bent = curvature(share, ci, ki, start, nodes, pieces) + curvature(total - share, cj, kj, start, nodes, pieces)
@@ -287,9 +295,8 @@ def _exact_conduction(ui, uj, exchange, key, flip, states, start, nodes, pieces)
     slope = inverse_temperature(share, ci, ki, start, nodes, pieces)
     variance = 1.0 / max(bent, 1e-6 * slope * slope)
     lost = decay(EXACT, exchange / variance)
-    drawn = np.sqrt(lost * (2.0 - lost) * variance) * normal(key, HEAT)
     old = ui - share
-    new = old * (1.0 - lost) + (-drawn if flip else drawn)
+    new = old * (1.0 - lost) + np.sqrt(lost * (2.0 - lost) * variance) * xi
     change = new - old
     if not (in_range(ui + change, ci, ki, start, nodes) and in_range(uj - change, cj, kj, start, nodes)):
         return 0.0
@@ -298,55 +305,87 @@ def _exact_conduction(ui, uj, exchange, key, flip, states, start, nodes, pieces)
         + entropy_change(uj, uj - change, cj, kj, start, nodes, pieces)
         + 0.5 * (new * new - old * old) / variance
     )
-    return change if _passes(exponent, key, HEAT_TEST) else 0.0
+    return change if _passes(exponent, drawn) else 0.0
 
 
 class Exchange(NamedTuple):
     """What the sweep form reads and writes beside the pairs.
 
-    ``frozen``: (M,) 1/temperatures before the sweep; ``capacity``, ``curve``: (M,) equations of state, with the curves ``first``,
-    ``nodes``, ``pieces``; ``u``: (M,) energies; ``changes``: (M, 2) what the beads got.
+    The beads in the order of their numbers, N: ``velocities`` (N, 3) and ``flow`` (N, 2) are changed; ``energies`` and ``theta``:
+    internal energies and temperatures before; ``capacities`` and ``numbers``: equations of state, with the curves ``start``, ``nodes``,
+    ``pieces``; ``immobile``: those whose energies stay.  Sorted, M: ``v``, ``u``, ``frozen`` (1/temperatures before), ``capacity``,
+    ``curve``, ``changes`` (M, 2).
     """
 
     update: int
     dt: float
     key: np.uint64
     coefficients: np.ndarray
+    velocities: np.ndarray
+    flow: np.ndarray
+    energies: np.ndarray
+    theta: np.ndarray
+    capacities: np.ndarray
+    numbers: np.ndarray
+    start: np.ndarray
+    nodes: np.ndarray
+    pieces: np.ndarray
+    immobile: np.ndarray
+    v: np.ndarray
+    u: np.ndarray
     frozen: np.ndarray
     capacity: np.ndarray
     curve: np.ndarray
-    first: np.ndarray
-    nodes: np.ndarray
-    pieces: np.ndarray
-    v: np.ndarray
-    u: np.ndarray
     changes: np.ndarray
+
+
+@helper
+def _gather(pairs, data, begin, end):
+    velocities, v, order, changes = data.velocities, data.v, pairs.order, data.changes
+    for k in range(begin, end):
+        i = order[k]
+        v[k, 0], v[k, 1], v[k, 2] = velocities[i, 0], velocities[i, 1], velocities[i, 2]
+        data.u[k], data.frozen[k] = data.energies[i], 1.0 / data.theta[i]
+        data.capacity[k], data.curve[k] = data.capacities[i], data.numbers[i]
+        changes[k, 0] = changes[k, 1] = 0.0
+
+
+@helper
+def _scatter(pairs, data, begin, end):
+    velocities, v, order, changes, flow = data.velocities, data.v, pairs.order, data.changes, data.flow
+    for k in range(begin, end):
+        i = order[k]
+        velocities[i, 0], velocities[i, 1], velocities[i, 2] = v[k, 0], v[k, 1], v[k, 2]
+        stays = data.immobile[i]
+        flow[i, 0] = 0.0 if stays else flow[i, 0] + changes[k, 0]
+        flow[i, 1] = 0.0 if stays else flow[i, 1] + changes[k, 1]
 
 
 @inlined
 def _pair_exchange(pairs, data, scratch, n, k, column):
     i, j, order, g, c, inv_mass = pairs.pi[n], pairs.pj[n], pairs.order, pairs.geometry, data.coefficients, pairs.inv_mass
     update, dt, frozen, u, v, changes = data.update, data.dt, data.frozen, data.u, data.v, data.changes
-    first, nodes, pieces = data.first, data.nodes, data.pieces
     im = inv_mass[i] + inv_mass[j]
     if im == 0.0:
         return 0.0, 0.0
     row = row_of(pairs, i, j)
     w = 1.0 - g[3, n] / c[row, CUTOFF]
-    pair = pair_key(data.key, min(order[i], order[j]), max(order[i], order[j]))
     ci, cj, ki, kj = data.capacity[i], data.capacity[j], data.curve[i], data.curve[j]
     constants = update == EXACT and ki == CONSTANT and kj == CONSTANT
+    states, curves = (ci, cj, ki, kj), (data.start, data.nodes, data.pieces)
+    # drawn here, since each pair waits for the energies that the pair before it left: these cost nothing beside that
+    pair = pair_key(data.key, min(order[i], order[j]), max(order[i], order[j]))
     strength = factor_of(pairs, n) * (c[row, SIGMA] * w) ** 2
     if strength > 0.0:
-        ev = approach(pairs, v, n, i, j)
+        ev, xi, drawn = approach(pairs, v, n, i, j), normal(pair, MOTION), uniform(pair, MOTION_TEST)
         if constants:
-            new, gain = _motion_of_constants(ev, im, u[i], u[j], ci, cj, strength, dt, pair)
+            new, gain = _motion_of_constants(ev, im, u[i], u[j], ci, cj, strength, dt, xi, drawn)
         elif update == EXACT:
-            new, gain = _exact_motion(ev, im, u[i], u[j], strength, dt, pair, (ci, cj, ki, kj), first, nodes, pieces)
+            new, gain = _exact_motion(ev, im, u[i], u[j], strength, dt, xi, drawn, states, curves)
         else:
             theta = 2.0 / (frozen[i] + frozen[j])
             lost = decay(update, 0.5 * strength / theta * im * dt)
-            new = ev * (1.0 - lost) + np.sqrt(lost * (2.0 - lost) * theta * im) * normal(pair, MOTION)
+            new = ev * (1.0 - lost) + np.sqrt(lost * (2.0 - lost) * theta * im) * xi
             gain = 0.25 * (ev - new) * (ev + new) / im
         wi, wj = (new - ev) * inv_mass[i] / im, (new - ev) * inv_mass[j] / im
         v[i, 0] += wi * g[0, n]
@@ -362,14 +401,14 @@ def _pair_exchange(pairs, data, scratch, n, k, column):
         changes[j, 1] += gain
     exchange = c[row, KAPPA] * w * w * dt
     if exchange > 0.0:
-        flip = order[i] > order[j]
+        xi, drawn = normal(pair, HEAT), uniform(pair, HEAT_TEST)
+        xi = -xi if order[i] > order[j] else xi
         if constants:
-            change = _conduction_of_constants(u[i], u[j], exchange, pair, flip, ci, cj)
+            change = _conduction_of_constants(u[i], u[j], exchange, xi, drawn, ci, cj)
         elif update == EXACT:
-            change = _exact_conduction(u[i], u[j], exchange, pair, flip, (ci, cj, ki, kj), first, nodes, pieces)
+            change = _exact_conduction(u[i], u[j], exchange, xi, drawn, states, curves)
         else:
-            change = np.sqrt(2.0 * exchange) * normal(pair, HEAT)
-            change = (-change if flip else change) + exchange * (frozen[i] - frozen[j])
+            change = np.sqrt(2.0 * exchange) * xi + exchange * (frozen[i] - frozen[j])
         u[i] += change
         u[j] -= change
         changes[i, 0] += change
@@ -377,4 +416,4 @@ def _pair_exchange(pairs, data, scratch, n, k, column):
     return 0.0, 0.0
 
 
-energy_sweep = over_pairs("energy_sweep", _pair_exchange)
+energy_sweep = over_pairs("energy_sweep", _pair_exchange, first=_gather, last=_scatter)

@@ -46,23 +46,37 @@ class PairEngine:
         self.stress = np.zeros(6)
         self.number = 0
         self.extras, self.body_scale = [extra.evaluator() for extra in spec.extras], 1.0
-        self._x = np.full((len(spec.types), 3), np.nan)
+        self._x = np.zeros((len(spec.types), 3))
         self._box: np.ndarray | None = None
+        #: Whether the lists belong to these positions, and nobody else can change them.
+        self._kept = False
+
+    def holds(self, x: np.ndarray, box: np.ndarray | None) -> bool:
+        """Whether the lists are those of the positions x."""
+        same_box = self._box is None if box is None else self._box is not None and np.array_equal(box, self._box)
+        return self._kept and same_box and motion.same(x, self._x)
 
     def prepare(self, x: np.ndarray, box: np.ndarray | None) -> bool:
         """List the pairs at positions x; does nothing and returns False if they are those of the last call."""
-        same_box = self._box is None if box is None else self._box is not None and np.array_equal(box, self._box)
         if not x.flags.writeable:
             x = x.copy()  # numba would compile another version for a scene's read-only positions
-        if same_box and motion.same(x, self._x):
+        if self.holds(x, box):
             return False
-        self._x[0, 0] = np.nan  # not valid until the lists are complete
+        self.place(x, box)
+        self.keep()
+        return True
+
+    def place(self, x: np.ndarray, box: np.ndarray | None) -> None:
+        """List the pairs at positions x without a look at those before; x stays the caller's, who says when it changes by another call."""
+        self._kept = False  # until the lists are complete
         for pairs in self.lists:
             pairs.build(x, box)
         self.number += 1
-        self._x[...] = x
-        self._box = None if box is None else box.copy()
-        return True
+        self._x, self._box = x, None if box is None else box.copy()
+
+    def keep(self) -> None:
+        """Remember the positions that were placed last, and have not changed since, for :meth:`prepare`."""
+        self._x, self._kept = self._x.copy(), True
 
     def forces(
         self,

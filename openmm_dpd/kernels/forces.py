@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .columns import approach, factor_of, over_pairs, push, push_apart, row_of, soft
+from .columns import approach, clear, factor_of, gather_and_clear, over_pairs, push, push_apart, row_of, soft
 from .compiled import helper, inlined
 from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM
 from .noise import draw, normal
@@ -26,6 +26,17 @@ A, CUTOFF, GAMMA, SIGMA, GAMMA_PERP, SIGMA_PERP, EXPONENT, EXPONENT_PERP = range
 
 #: Rows of the scratch of a column.
 _DRAG, _PUSH, _ENERGY, _NOISE = range(4)
+
+
+class Repulsion(NamedTuple):
+    """What the conservative force reads and writes beside the pairs: a table that begins with A and CUTOFF, and (M, 3) forces."""
+
+    coefficients: np.ndarray
+    f: np.ndarray
+
+
+#: Velocities where there is no friction.
+NO_VELOCITIES = np.zeros((0, 3))
 
 
 class Terms(NamedTuple):
@@ -40,8 +51,10 @@ class Terms(NamedTuple):
     key, rsqrt_dt
         Of the noise.
     coefficients : (T*T, 8) array
+    seen : (N or 0, 3) array
+        Velocities.
     v, f : (M, 3) arrays
-        Velocities (0 without friction), and forces.
+        Scratch for the sorted velocities, 0 without friction; forces.
     stress : (columns or 0, 6) array
         Sums of r F, if they are wanted.
     """
@@ -51,6 +64,7 @@ class Terms(NamedTuple):
     key: np.uint64
     rsqrt_dt: float
     coefficients: np.ndarray
+    seen: np.ndarray
     v: np.ndarray
     f: np.ndarray
     stress: np.ndarray
@@ -164,17 +178,17 @@ def _any(pairs, data, scratch, n, k, column):
 
 
 # the usual cases apart: what need not be asked for each pair is a third of the time
-_conservative_forces = over_pairs("conservative_forces", _conservative)
-_central_forces = over_pairs("central_forces", _central, _radial_terms)
-_any_forces = over_pairs("any_forces", _any, _radial_terms)
+conservative_forces = over_pairs("conservative_forces", _conservative, first=clear)
+_central_forces = over_pairs("central_forces", _central, _radial_terms, first=gather_and_clear)
+_any_forces = over_pairs("any_forces", _any, _radial_terms, first=gather_and_clear)
 
 
 def pair_forces(pairs: PairList, terms: Terms, transverse: bool) -> tuple[float, float]:
-    """Add up the forces; returns energy and virial.  ``transverse`` says whether there are transverse terms."""
+    """Compute the forces; returns energy and virial.  ``transverse`` says whether there are transverse terms."""
     if len(terms.stress):
         return _any_forces(pairs, terms)
     if terms.which == CONSERVATIVE:
-        return _conservative_forces(pairs, terms)
+        return conservative_forces(pairs, Repulsion(terms.coefficients, terms.f))
     return (_any_forces if transverse else _central_forces)(pairs, terms)
 
 

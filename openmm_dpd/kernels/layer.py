@@ -21,6 +21,8 @@ STRESS = 8
 #: The two pair updates of :mod:`.sweeps`.
 EXACT, SHARDLOW = 0, 1
 
+_NO_KEY = np.uint64(0)
+
 
 @dataclass(frozen=True, eq=False)
 class Call:
@@ -51,8 +53,8 @@ class Call:
     update: int = EXACT
 
     def key(self, number: int) -> np.uint64:
-        """Key of the noise of layer number ``number``."""
-        return noise_key(self.seed, self.counter, number, self.kT)
+        """Key of the noise of layer number ``number``; 0 where none is asked for."""
+        return noise_key(self.seed, self.counter, number, self.kT) if self.which & RANDOM else _NO_KEY
 
     @property
     def rsqrt_dt(self) -> float:

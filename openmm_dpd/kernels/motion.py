@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numba import prange
 
+from ..names import SHOWN
 from .compiled import compiled, helper, inlined, renamed, serial_and_parallel
 from .threads import get_threads, run
 
@@ -19,28 +20,43 @@ from .threads import get_threads, run
 FEW = 4000
 
 
-def _over_beads(beads, parts, arguments):
+def _over_beads(beads, counts, arguments):
+    parts = len(counts)
     for part in prange(parts):
-        _some(beads * part // parts, beads * (part + 1) // parts, *arguments)
+        if _COUNTS:
+            counts[part] = _some(beads * part // parts, beads * (part + 1) // parts, *arguments)
+        else:
+            _some(beads * part // parts, beads * (part + 1) // parts, *arguments)
 
 
 # what over_beads() puts in
 _some: Any = None
+_COUNTS = False
 
 
-def over_beads(function: Callable) -> Callable:
-    """Make a pass over all beads, the rows of the first argument, of one over the rows ``begin`` to ``end``."""
-    kernels = serial_and_parallel(renamed(_over_beads, function.__name__, {"_some": helper(function)}))
+def over_beads(function: Callable, counts: bool = False) -> Callable:
+    """Make a pass over all beads, the rows of the first argument, of one over the rows ``begin`` to ``end``.
 
-    def call(first, *others) -> None:
-        n = len(first)
-        if n < FEW:
-            kernels[0](n, 1, (first, *others))
+    One that ``counts`` returns a number for its rows, and the pass returns the sum.
+    """
+    kernels = serial_and_parallel(renamed(_over_beads, function.__name__, {"_some": helper(function), "_COUNTS": counts}))
+
+    def call(first, *others):
+        n, few = len(first), first.size < 3 * FEW
+        found = np.empty(1 if few else get_threads(), np.int64)
+        if few:
+            kernels[0](n, found, (first, *others))
         else:
-            run(*kernels, n, get_threads(), (first, *others))
+            run(*kernels, n, found, (first, *others))
+        return sum(found.tolist()) if counts else None
 
     call.__doc__ = function.__doc__
     return call
+
+
+def counting(function: Callable) -> Callable:
+    """The same for one that counts."""
+    return over_beads(function, counts=True)
 
 
 @over_beads
@@ -71,33 +87,82 @@ def as_shown(begin, end, x, values, scale, inv_mass):
 
 
 @over_beads
-def column_as_shown(begin, end, x, values, axis, column, scale, inv_mass):
-    """The same for one column of values (N, K), shown along one axis; beads that do not move keep theirs."""
+def fields_as_shown(begin, end, x, values, scale, inv_mass):
+    """The same for values of beads (N, K), shown three at a time along the axes; beads that do not move keep theirs."""
     inverse = 1.0 / scale
     for i in range(begin, end):
         if inv_mass[i] > 0.0:
-            shown = x[i, axis] + scale * values[i, column]
-            values[i, column] = (shown - x[i, axis]) * inverse
+            for k in range(values.shape[1]):
+                shown = x[i, k % 3] + scale * values[i, k]
+                values[i, k] = (shown - x[i, k % 3]) * inverse
 
 
 @over_beads
-def drift(begin, end, x, v, inv_mass, time):
-    """Add time*v to the positions of beads that move."""
+def add_to_moving(begin, end, values, changes, inv_mass):
+    """Add changes (N, K) to the values of beads that move."""
     for i in range(begin, end):
-        step = time if inv_mass[i] > 0.0 else 0.0
-        x[i, 0] += step * v[i, 0]
-        x[i, 1] += step * v[i, 1]
-        x[i, 2] += step * v[i, 2]
+        if inv_mass[i] > 0.0:
+            for k in range(values.shape[1]):
+                values[i, k] += changes[i, k]
+
+
+@inlined
+def _show(x, v, inv_mass):
+    """Component of v as it is after a program has shown it, see :func:`as_shown`."""
+    shown = ((x + SHOWN * v) - x) * (1.0 / SHOWN)
+    return shown if inv_mass > 0.0 else 0.0
+
+
+@counting
+def move(begin, end, x, v, force, inv_mass, shown, kick, time, limit):
+    """Round velocities as if they had been shown, kick and drift: whatever a step does between two looks at the pairs.
+
+    Parameters
+    ----------
+    x, v, force, inv_mass : (3N,) arrays
+        All components, one after the other: this way (and counted without a sign) several of them are treated at once.
+    shown : bool
+        Whether to round first.
+    kick, time : float
+        For how long the force acts, and beads that move then drift.
+    limit : float
+        Of the components of v, before the drift.
+
+    Returns
+    -------
+    int
+        How many components are larger, or not a number.
+    """
+    count = 0
+    for c in range(np.uint64(begin), np.uint64(end)):
+        speed = (_show(x[c], v[c], inv_mass[c]) if shown else v[c]) + (kick * inv_mass[c]) * force[c]
+        v[c] = speed
+        count += not abs(speed) <= limit
+        x[c] += (time if inv_mass[c] > 0.0 else 0.0) * speed
+    return count
+
+
+@counting
+def move_accelerated(begin, end, x, v, acc, inv_mass, shown, kick, time, limit):
+    """The same with accelerations in place of forces, which are rounded too."""
+    count = 0
+    for c in range(np.uint64(begin), np.uint64(end)):
+        speed, a = v[c], acc[c]
+        if shown:
+            speed, a = _show(x[c], speed, inv_mass[c]), _show(x[c], a, inv_mass[c])
+        speed += kick * a
+        v[c], acc[c] = speed, a
+        count += not abs(speed) <= limit
+        x[c] += (time if inv_mass[c] > 0.0 else 0.0) * speed
+    return count
 
 
 @over_beads
-def kick(begin, end, v, force, inv_mass, time):
-    """Add time*force/mass to v (N, 3)."""
-    for i in range(begin, end):
-        scale = time * inv_mass[i]
-        v[i, 0] += scale * force[i, 0]
-        v[i, 1] += scale * force[i, 1]
-        v[i, 2] += scale * force[i, 2]
+def accelerate(begin, end, acc, v, force, inv_mass, kick):
+    """Write force/mass to the accelerations, and add kick times that to v; (3N,) each."""
+    for c in range(np.uint64(begin), np.uint64(end)):
+        acc[c] = force[c] * inv_mass[c]
+        v[c] += kick * acc[c]
 
 
 @over_beads
@@ -111,24 +176,6 @@ def push(begin, end, v, force, mass, time):
 
 
 @over_beads
-def half_kick(begin, end, v, acceleration, time):
-    """Add time*acceleration to v (N, 3)."""
-    for i in range(begin, end):
-        v[i, 0] += time * acceleration[i, 0]
-        v[i, 1] += time * acceleration[i, 1]
-        v[i, 2] += time * acceleration[i, 2]
-
-
-@over_beads
-def accelerate(begin, end, acceleration, force, inv_mass):
-    """Write force/mass to the accelerations (N, 3)."""
-    for i in range(begin, end):
-        acceleration[i, 0] = force[i, 0] * inv_mass[i]
-        acceleration[i, 1] = force[i, 1] * inv_mass[i]
-        acceleration[i, 2] = force[i, 2] * inv_mass[i]
-
-
-@over_beads
 def as_force(begin, end, change, inv_mass, dt):
     """Turn changes of velocities (N, 3) in place into the forces that make them in dt (0 for beads that do not move)."""
     for i in range(begin, end):
@@ -136,16 +183,6 @@ def as_force(begin, end, change, inv_mass, dt):
         change[i, 0] *= scale
         change[i, 1] *= scale
         change[i, 2] *= scale
-
-
-@over_beads
-def gather(begin, end, out, values, order):
-    """Write values[order] to out, (M, 3) each."""
-    for k in range(begin, end):
-        i = order[k]
-        out[k, 0] = values[i, 0]
-        out[k, 1] = values[i, 1]
-        out[k, 2] = values[i, 2]
 
 
 @over_beads

@@ -119,7 +119,7 @@ class PairList:
 
     def grid(self, x: np.ndarray, box: np.ndarray | None) -> cells.Grid:
         """Cells, no more than twice the beads.  Those of a box are kept for the next call."""
-        if box is not None and self._grid_box is not None and np.array_equal(box, self._grid_box):
+        if box is not None and self._grid_box is not None and np.all(box == self._grid_box):
             return self._grid
         if box is None:
             used = x[self.beads]

@@ -153,20 +153,25 @@ class StepLoop:
     ----------
     watch : callable
         (velocities, moment) -> None; raises RunError if beads run away.
+    reach : float
+        It is asked where a bead has a component of the velocity with which it would go so far in a step.
     """
 
     spec: StepSpec
     engine: PairEngine
     watch: Callable[[np.ndarray, Moment], None]
+    reach: float
     force: np.ndarray = field(init=False)
 
     def __post_init__(self):
         pairs = self.engine.spec
-        self.inv_mass = pairs.inv_mass
+        self.inv_mass, self._inv_mass = pairs.inv_mass, np.repeat(pairs.inv_mass, 3)
         self.still = np.flatnonzero(self.inv_mass == 0.0)
         self.force = np.zeros((len(pairs.types), 3))
         #: which list of the engine the force belongs to
         self.forced = -1
+        #: whether the lists of the engine are those of the moment's positions
+        self.placed = False
 
     def run(self, moment: Moment, n: int, slow: Callable[[Moment, int], np.ndarray] | None = None, *, shown: bool = False) -> None:
         """Carry out n steps.
@@ -190,14 +195,15 @@ class StepLoop:
         before, after = self.spec.slow_kicks
         done = 0
         try:
+            self.placed = self.engine.holds(moment.x, moment.box)
             force = None
             for done in range(n):
                 if slow is not None and moment.slow_step == 0 and before:
                     force = slow(moment, done) if force is None else force
                     motion.push(moment.v, force, self.spec.mass, before * moment.dt)
-                if done or not shown:
-                    self.show(moment, fields=done > 0)
-                step(moment)
+                if done and moment.values is not None:
+                    motion.fields_as_shown(moment.x, moment.values, self.spec.field_shown, self.inv_mass)
+                step(moment, bool(done) or not shown)
                 if shown:
                     continue
                 moment.slow_step = (moment.slow_step + 1) % self.spec.slow_every
@@ -205,48 +211,53 @@ class StepLoop:
                     force = slow(moment, done + 1) if after or done + 1 < n else None
                     if after:
                         motion.push(moment.v, force, self.spec.mass, after * moment.dt)
+            if self.placed:
+                self.engine.keep()
         except RunError as error:
             error.steps_done = done  # type: ignore[attr-defined]
             raise
 
-    def show(self, moment: Moment, *, fields: bool) -> None:
-        """Round what a step begins with as if a program had shown it, with or without the fields."""
-        spec, x = self.spec, moment.x
-        motion.as_shown(x, moment.v, SHOWN, self.inv_mass)
-        if moment.values is not None and fields:
-            self.show_columns(x, moment.values, spec.field_shown)
-        if spec.predicts:
-            if moment.acc is not None:
-                motion.as_shown(x, moment.acc, SHOWN, self.inv_mass)
-            if moment.rates is not None:
-                self.show_columns(x, moment.rates, spec.field_shown)
-
-    def show_columns(self, x: np.ndarray, values: np.ndarray, scale: float) -> None:
-        """The same for values of beads; those of immobile ones are not shown."""
-        for k in range(values.shape[1]):
-            motion.column_as_shown(x, values, k % 3, k, scale, self.inv_mass)
+    def _place(self, m: Moment) -> None:
+        """List the pairs at x, unless they are listed."""
+        if not self.placed:
+            self.engine.place(m.x, m.box)
+            self.placed = True
 
     # -- words -------------------------------------------------------------------------------------------------------------------
-    def _word(self, m: Moment) -> None:
-        first = True
+    def _word(self, m: Moment, show: bool) -> None:
+        """What lies between two looks at the pairs is done in one pass: kicks and rounding wait until then."""
+        first, kick = True, 0.0
         for letter, part in self.spec.letters:
             if letter == "A":
-                self._drift(m, part * m.dt)
+                self._move(m, show, kick, part * m.dt)
+                self._reflect(m, m.v)
+                show, kick = False, 0.0
             elif letter == "B":
+                if kick:
+                    self._move(m, show, kick)
+                    show = False
                 self._conserve(m)
-                motion.kick(m.v, self.force, self.inv_mass, part * m.dt)
+                kick = part * m.dt
             else:
+                if first or show or kick:
+                    fast = self._move(m, show, kick)
+                    show, kick = False, 0.0
                 if first:
                     self._warm(m)
-                    self.watch(m.v, m)
+                    if fast:
+                        self.watch(m.v, m)
                     first = False
                 self._sweep(m, part, UPDATES[letter])
+        if kick:
+            self._move(m, show, kick)
         if first:
             self._warm(m)
 
-    def _drift(self, m: Moment, time: float) -> None:
-        motion.drift(m.x, m.v, self.inv_mass, time)
-        self._reflect(m, m.v)
+    def _move(self, m: Moment, show: bool, kick: float, time: float = 0.0) -> int:
+        """Round velocities, kick and drift; returns how many beads are to be watched."""
+        if time:
+            self.placed = False
+        return motion.move(m.x.ravel(), m.v.ravel(), self.force.ravel(), self._inv_mass, show, kick, time, self.reach / m.dt)
 
     def _reflect(self, m: Moment, *velocities: np.ndarray) -> None:
         walls = self.spec.walls
@@ -259,19 +270,19 @@ class StepLoop:
 
     def _conserve(self, m: Moment) -> None:
         """Conservative force at x, unless it is there already."""
-        self.engine.prepare(m.x, m.box)
+        self._place(m)
         if self.forced != self.engine.number:
             self.engine.forces(CONSERVATIVE, None, 0.0, 1.0, 0, 0, m.values, self.force)
             self.forced = self.engine.number
 
     def _sweep(self, m: Moment, part: float, update: int) -> None:
-        self.engine.prepare(m.x, m.box)
+        self._place(m)
         m.counter += 1
         self.engine.swept(m.v, m.kT, part * m.dt, m.seed, m.counter, m.values, m.v, update)
         if len(self.still):
             m.v[self.still] = 0.0
         if m.values is not None:
-            m.values += np.where(self.inv_mass[:, None] > 0.0, self.engine.flow, 0.0)
+            motion.add_to_moving(m.values, self.engine.flow, self.inv_mass)
 
     def _warm(self, m: Moment) -> None:
         """The thermal energy of this step."""
@@ -280,12 +291,17 @@ class StepLoop:
             m.kT = self.spec.ramp.at(m.ramped)
 
     # -- modified velocity Verlet ----------------------------------------------------------------------------------------------------
-    def _predicting(self, m: Moment) -> None:
+    def _predicting(self, m: Moment, show: bool) -> None:
         lam, dt = self.spec.lam, m.dt
+        if show and m.rates is not None:
+            motion.fields_as_shown(m.x, m.rates, self.spec.field_shown, self.inv_mass)
+        if show and (m.acc is None or lam != 0.5):
+            self._show(m)
+            show = False
         if m.acc is None:
             # with the noise of the last half kick: another one would halve its variance, as both halves of a step share it
-            self._accelerate(m, m.v, m.values)
-        assert m.acc is not None
+            m.acc = np.empty_like(self.force)
+            self._accelerate(m, m.v, m.values, 0.0)
         predicted = None if lam == 0.5 else m.v + lam * dt * m.acc
         seen = m.values
         if m.values is not None:
@@ -293,27 +309,34 @@ class StepLoop:
             before = m.values
             m.values = before + 0.5 * dt * m.rates
             seen = m.values if self.spec.field_lam == 0.5 else before + self.spec.field_lam * dt * m.rates
-        motion.half_kick(m.v, m.acc, 0.5 * dt)
-        motion.drift(m.x, m.v, self.inv_mass, dt)
+        self.placed = False
+        flat = m.x.ravel(), m.v.ravel(), m.acc.ravel(), self._inv_mass
+        fast = motion.move_accelerated(*flat, show, 0.5 * dt, dt, self.reach / dt)
         self._reflect(m, *((m.v,) if predicted is None else (predicted, m.v)))
         self._warm(m)
         m.counter += 1
         v = m.v if predicted is None else predicted
-        self.watch(v, m)
-        self._accelerate(m, v, seen)
-        motion.half_kick(m.v, m.acc, 0.5 * dt)
+        if fast or predicted is not None:
+            self.watch(v, m)
+        self._accelerate(m, v, seen, 0.5 * dt)
         if m.values is not None:
             assert m.rates is not None
             m.values += 0.5 * dt * m.rates
         m.predicted = predicted
 
-    def _accelerate(self, m: Moment, v: np.ndarray, values: np.ndarray | None) -> None:
-        """Acceleration and rates at x, friction and noise included."""
-        self.engine.prepare(m.x, m.box)
+    def _show(self, m: Moment) -> None:
+        """Round velocities and accelerations as if a program had shown them."""
+        motion.as_shown(m.x, m.v, SHOWN, self.inv_mass)
+        if m.acc is not None:
+            motion.as_shown(m.x, m.acc, SHOWN, self.inv_mass)
+
+    def _accelerate(self, m: Moment, v: np.ndarray, values: np.ndarray | None, kick: float) -> None:
+        """Acceleration and rates at x, friction and noise included, and a kick of that duration."""
+        assert m.acc is not None
+        self._place(m)
         which = CONSERVATIVE | DISSIPATIVE | RANDOM
         self.engine.forces(which, v, m.kT, m.dt, m.seed, m.counter, values, self.force)
-        m.acc = np.empty_like(self.force) if m.acc is None else m.acc
-        motion.accelerate(m.acc, self.force, self.inv_mass)
+        motion.accelerate(m.acc.ravel(), m.v.ravel(), self.force.ravel(), self._inv_mass, kick)
         if values is not None:
             m.rates = np.where(self.inv_mass[:, None] > 0.0, self.engine.rates, 0.0)
 

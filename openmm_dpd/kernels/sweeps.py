@@ -43,7 +43,10 @@ class Sweep(NamedTuple):
     key : uint64
         Of the noise.
     coefficients : (T*T, 8) array
+    velocities : (N, 3) array
+        Updated in place.
     v : (M, 3) array
+        Scratch for the sorted velocities.
     """
 
     update: int
@@ -53,6 +56,7 @@ class Sweep(NamedTuple):
     dt: float
     key: np.uint64
     coefficients: np.ndarray
+    velocities: np.ndarray
     v: np.ndarray
 
 
@@ -183,8 +187,24 @@ def _any(pairs, data, scratch, n, k, column):
     return 0.0, 0.0
 
 
-_central_sweep = over_pairs("central_sweep", _central, _updates)
-_any_sweep = over_pairs("any_sweep", _any, _updates)
+@helper
+def _gather(pairs, data, begin, end):
+    velocities, v, order = data.velocities, data.v, pairs.order
+    for k in range(begin, end):
+        i = order[k]
+        v[k, 0], v[k, 1], v[k, 2] = velocities[i, 0], velocities[i, 1], velocities[i, 2]
+
+
+@helper
+def _scatter(pairs, data, begin, end):
+    velocities, v, order = data.velocities, data.v, pairs.order
+    for k in range(begin, end):
+        i = order[k]
+        velocities[i, 0], velocities[i, 1], velocities[i, 2] = v[k, 0], v[k, 1], v[k, 2]
+
+
+_central_sweep = over_pairs("central_sweep", _central, _updates, first=_gather, last=_scatter)
+_any_sweep = over_pairs("any_sweep", _any, _updates, first=_gather, last=_scatter)
 
 
 def sweep(pairs: PairList, terms: Sweep, transverse: bool) -> None:
