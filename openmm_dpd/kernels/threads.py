@@ -77,11 +77,22 @@ class _Watch:
 _WATCH = _Watch()
 
 
+class _Chosen(threading.local):
+    """What numba was told last in this thread; to tell it takes a microsecond."""
+
+    threads = 0
+
+
+_CHOSEN = _Chosen()
+
+
 def run(serial, parallel, *arguments):
     """Call the parallel version under the lock, with the right number of threads, or the serial one (also if there is no parallel one)."""
     threads = get_threads()
     if threads == 1 or parallel is None or time.perf_counter() < _WATCH.until:
         return serial(*arguments)
     with _PARALLEL_LOCK:
-        numba.set_num_threads(threads)
+        if _CHOSEN.threads != threads:
+            numba.set_num_threads(threads)
+            _CHOSEN.threads = threads
         return _WATCH.call(threads, parallel, arguments)
