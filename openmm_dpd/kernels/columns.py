@@ -168,6 +168,20 @@ def gather_and_clear(pairs, data, begin, end):
             v[k, 0] = v[k, 1] = v[k, 2] = 0.0
 
 
+@helper
+def deliver(pairs, data, begin, end):
+    """Write the forces ``f`` to ``out`` (N, 3), or add them there."""
+    f, out, order = data.f, data.out, pairs.order
+    for k in range(begin, end):
+        i = order[k]
+        if data.add:
+            out[i, 0] += f[k, 0]
+            out[i, 1] += f[k, 1]
+            out[i, 2] += f[k, 2]
+        else:
+            out[i, 0], out[i, 1], out[i, 2] = f[k, 0], f[k, 1], f[k, 2]
+
+
 @inlined
 def push_apart(pairs, f, n, i, j, radial):
     """Add a force along the line between two beads; returns its virial."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from . import forces, sweeps
 from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, GAMMA, GAMMA_PERP, SIGMA, SIGMA_PERP, A
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, Call, Forces, PairSpec
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, Call, PairSpec, SortedMotion, Sums
 from .pairs import PairList
 
 _TERMS = CONSERVATIVE | DISSIPATIVE | RANDOM
@@ -68,8 +68,7 @@ class DPDLayer:
         # of the last two temperatures: a step asks for conservative forces, at 0, and for friction
         self._coefficients: dict[float, np.ndarray] = {}
         self._sweeper = Sweeper(self.pairs, self._plain, self._transverse)
-        # scratch, in the order of the pair list
-        self._v, self._force = self._sweeper.v, np.zeros((len(self.pairs.order), 3))
+        self._motion = SortedMotion(len(self.pairs.order))
 
     def _at(self, kT: float) -> np.ndarray:
         if kT not in self._coefficients:
@@ -78,15 +77,14 @@ class DPDLayer:
             self._coefficients[kT] = self.table.coefficients(kT)
         return self._coefficients[kT]
 
-    def forces(self, call: Call) -> Forces:
-        """Force form at the listed positions."""
-        pairs, force = self.pairs, self._force
+    def forces(self, call: Call, out: np.ndarray, add: bool) -> Sums:
+        """Force form at the listed positions, written or added to ``out``."""
+        pairs = self.pairs
         stress = np.zeros((len(pairs.found) if call.which & STRESS else 0, 6))
-        seen = call.velocities if call.velocities is not None and call.which & DISSIPATIVE else forces.NO_VELOCITIES
         noise = call.key(self.number), call.rsqrt_dt
-        terms = forces.Terms(call.which & _TERMS, self._plain, *noise, self._at(call.kT), seen, self._v, force, stress)
+        terms = forces.Terms(call.which & _TERMS, self._plain, *noise, self._at(call.kT), stress, *self._motion.arrays(call, out, add))
         energy, virial = forces.pair_forces(pairs, terms, self._transverse)
-        return Forces(energy, virial, force, stress=stress.sum(axis=0) if len(stress) else None)
+        return Sums(energy, virial, stress=stress.sum(axis=0) if len(stress) else None)
 
     def sweep(self, call: Call, v: np.ndarray, flow: np.ndarray | None) -> None:
         """Update the velocities (N, 3) pair by pair, in place."""

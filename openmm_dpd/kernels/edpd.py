@@ -21,10 +21,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import RunError
-from .columns import approach, factor_of, over_pairs, push_apart, row_of, soft
+from .columns import approach, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
 from .compiled import inlined
 from .forces import power
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Forces, PairSpec
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, PairSpec, SortedMotion, Sums
 from .noise import normal, pair_key
 from .pairs import PairList
 
@@ -79,25 +79,24 @@ class ThermalLayer:
         assert spec.fields is not None and spec.fields.capacity is not None
         self.pairs = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions)
         self.number, self.lammps, self.capacity = number, table.lammps, spec.fields.capacity
-        self.coefficients = table.coefficients()
+        self.coefficients, self._motion = table.coefficients(), SortedMotion(len(self.pairs.order))
 
-    def forces(self, call: Call) -> Forces:
-        """Force form at the listed positions; rates (M, 1) are dT/dt."""
+    def forces(self, call: Call, out: np.ndarray, add: bool) -> Sums:
+        """Force form at the listed positions, written or added to ``out``; rates (M, 1) are dT/dt."""
         assert call.scalars is not None
         pairs, m = self.pairs, len(self.pairs.order)
         temperature = self._temperatures(call.scalars)
-        v = np.zeros((m, 3))
-        if call.which & (DISSIPATIVE | RANDOM):
-            assert call.velocities is not None  # the heat of the noise depends on them too
-            v = np.take(call.velocities, pairs.order, axis=0)
+        # the heat of the noise depends on velocities too
+        assert call.velocities is not None or not call.which & (DISSIPATIVE | RANDOM)
         capacity = np.take(self.capacity, pairs.order)
-        force, heat, failed = np.zeros((m, 3)), np.zeros(m), np.full(len(pairs.found), -1)
+        heat, failed = np.zeros(m), np.full(len(pairs.found), -1)
         noise = call.key(self.number), call.rsqrt_dt
         of_beads = self.coefficients, capacity, temperature
-        energy, virial = thermal_forces(pairs, Heat(call.which, self.lammps, *noise, *of_beads, v, force, heat, failed))
+        motion = self._motion.arrays(call, out, add)
+        energy, virial = thermal_forces(pairs, Heat(call.which, self.lammps, *noise, *of_beads, heat, failed, *motion))
         if failed.max(initial=-1) >= 0:
             self._raise_conduction(int(failed[failed >= 0][0]), temperature)
-        return Forces(energy, virial, force, (heat / capacity)[:, None])
+        return Sums(energy, virial, (heat / capacity)[:, None])
 
     def _temperatures(self, scalars: np.ndarray) -> np.ndarray:
         """(M,) temperatures in the order of the list; RunError if one is not > 0."""
@@ -183,7 +182,10 @@ def _conduction(which, coefficients, row, r, ti, tj, kappa, rsqrt_dt, xi):
 
 
 class Heat(NamedTuple):
-    """What the force form reads and writes beside the pairs; ``failed``: a pair of each column whose conduction is negative, or -1."""
+    """What the force form reads and writes beside the pairs; ``failed``: a pair of each column whose conduction is negative, or -1.
+
+    See also :class:`.layer.SortedMotion`.
+    """
 
     which: int
     lammps: bool
@@ -192,10 +194,13 @@ class Heat(NamedTuple):
     coefficients: np.ndarray
     capacity: np.ndarray
     temperature: np.ndarray
-    v: np.ndarray
-    f: np.ndarray
     heat: np.ndarray
     failed: np.ndarray
+    seen: np.ndarray
+    v: np.ndarray
+    f: np.ndarray
+    out: np.ndarray
+    add: bool
 
 
 @inlined
@@ -235,4 +240,4 @@ def _pair_heat(pairs, data, scratch, n, k, column):
     return energy, push_apart(pairs, data.f, n, i, j, radial)
 
 
-thermal_forces = over_pairs("thermal_forces", _pair_heat)
+thermal_forces = over_pairs("thermal_forces", _pair_heat, first=gather_and_clear, last=deliver)

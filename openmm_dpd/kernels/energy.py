@@ -31,10 +31,10 @@ import numpy as np
 
 from ..errors import RunError
 from . import forces
-from .columns import approach, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
+from .columns import approach, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
 from .compiled import compiled, helper, inlined
 from .eos import CONSTANT, RESERVOIR, EOSTable, curvature, entropy_change, exp_below, in_range, inverse_temperature, log_ratio
-from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Forces, PairSpec
+from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, PairSpec, SortedMotion, Sums
 from .noise import normal, pair_key, uniform
 from .pairs import PairList
 from .sweeps import decay
@@ -70,8 +70,8 @@ class EnergyLayer:
         self.coefficients = np.column_stack([table.A.ravel(), table.cutoff.ravel(), table.sigma.ravel(), table.kappa.ravel()])
         # scratch, in the order of the pair list
         m = len(self.pairs.order)
-        self._v, self._force = np.zeros((m, 3)), np.zeros((m, 3))
-        self._sorted = self._v, *np.zeros((3, m)), np.zeros(m, np.int32), np.zeros((m, 2))
+        self._motion = SortedMotion(m)
+        self._sorted = self._motion.v, *np.zeros((3, m)), np.zeros(m, np.int32), np.zeros((m, 2))
 
     def _temperatures(self, energies: np.ndarray, when: str) -> np.ndarray:
         """(N,) temperatures; RunError if an energy has none."""
@@ -84,18 +84,18 @@ class EnergyLayer:
             )
         return theta
 
-    def forces(self, call: Call) -> Forces:
-        """Force form at the listed positions."""
-        pairs, m, force = self.pairs, len(self.pairs.order), self._force
+    def forces(self, call: Call, out: np.ndarray, add: bool) -> Sums:
+        """Force form at the listed positions, written or added to ``out``."""
+        pairs, motion = self.pairs, self._motion.arrays(call, out, add)
         if not call.which & (DISSIPATIVE | RANDOM):
-            energy, virial = forces.conservative_forces(pairs, forces.Repulsion(self.coefficients, force))
-            return Forces(energy, virial, force)
+            energy, virial = forces.conservative_forces(pairs, forces.Repulsion(self.coefficients, *motion))
+            return Sums(energy, virial)
         assert call.scalars is not None and (call.velocities is not None or not call.which & DISSIPATIVE)
         inverse = 1.0 / np.take(self._temperatures(call.scalars.sum(axis=1), "within the step"), pairs.order)
-        seen, rates = forces.NO_VELOCITIES if call.velocities is None else call.velocities, np.zeros((m, 2))
+        rates = np.zeros((len(inverse), 2))
         noise = call.key(self.number), call.rsqrt_dt
-        energy, virial = energy_forces(pairs, Rates(call.which, *noise, self.coefficients, seen, self._v, inverse, force, rates))
-        return Forces(energy, virial, force, rates)
+        energy, virial = energy_forces(pairs, Rates(call.which, *noise, self.coefficients, inverse, rates, *motion))
+        return Sums(energy, virial, rates)
 
     def sweep(self, call: Call, v: np.ndarray, flow: np.ndarray | None) -> None:
         """Update velocities pair by pair in place, and add to ``flow`` the conductive and mechanical energy each bead got."""
@@ -123,17 +123,19 @@ def totals(energies, flow):
 
 
 class Rates(NamedTuple):
-    """What the force form reads (``seen``: (N, 3) velocities; ``inverse``: (M,) 1/temperatures) and writes beside the pairs."""
+    """What the force form reads (``inverse``: (M,) 1/temperatures) and writes beside the pairs; see also :class:`.layer.SortedMotion`."""
 
     which: int
     key: np.uint64
     rsqrt_dt: float
     coefficients: np.ndarray
+    inverse: np.ndarray
+    rates: np.ndarray
     seen: np.ndarray
     v: np.ndarray
-    inverse: np.ndarray
     f: np.ndarray
-    rates: np.ndarray
+    out: np.ndarray
+    add: bool
 
 
 @inlined
@@ -168,7 +170,7 @@ def _pair_rates(pairs, data, scratch, n, k, column):
     return energy, push_apart(pairs, data.f, n, i, j, radial)
 
 
-energy_forces = over_pairs("energy_forces", _pair_rates, first=gather_and_clear)
+energy_forces = over_pairs("energy_forces", _pair_rates, first=gather_and_clear, last=deliver)
 
 
 @helper

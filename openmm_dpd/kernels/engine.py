@@ -124,13 +124,9 @@ class PairEngine:
         self.rates[...] = 0.0
         self.stress[...] = 0.0
         for number, layer in enumerate(self.layers):
-            result, order = layer.forces(call), layer.pairs.order
-            if number == 0:
-                motion.scatter(result.force, order, force)  # cheaper than adding
-            else:
-                force[order] += result.force
+            result = layer.forces(call, force, number > 0)
             if result.rates is not None:
-                self.rates[order] += result.rates
+                self.rates[layer.pairs.order] += result.rates
             if which & STRESS:
                 if result.stress is None:
                     raise RunError("the stress tensor is computed for isothermal DPD terms only")

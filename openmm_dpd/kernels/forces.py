@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .columns import approach, clear, factor_of, gather_and_clear, over_pairs, push, push_apart, row_of, soft
+from .columns import approach, clear, deliver, factor_of, gather_and_clear, over_pairs, push, push_apart, row_of, soft
 from .compiled import helper, inlined
 from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM
 from .noise import draw, normal
@@ -29,14 +29,14 @@ _DRAG, _PUSH, _ENERGY, _NOISE = range(4)
 
 
 class Repulsion(NamedTuple):
-    """What the conservative force reads and writes beside the pairs: a table that begins with A and CUTOFF, and (M, 3) forces."""
+    """What the conservative force reads and writes beside the pairs, from a table that begins with A and CUTOFF."""
 
     coefficients: np.ndarray
+    seen: np.ndarray
+    v: np.ndarray
     f: np.ndarray
-
-
-#: Velocities where there is no friction.
-NO_VELOCITIES = np.zeros((0, 3))
+    out: np.ndarray
+    add: bool
 
 
 class Terms(NamedTuple):
@@ -51,12 +51,10 @@ class Terms(NamedTuple):
     key, rsqrt_dt
         Of the noise.
     coefficients : (T*T, 8) array
-    seen : (N or 0, 3) array
-        Velocities.
-    v, f : (M, 3) arrays
-        Scratch for the sorted velocities, 0 without friction; forces.
     stress : (columns or 0, 6) array
         Sums of r F, if they are wanted.
+    seen, v, f, out, add
+        See :class:`.layer.SortedMotion`.
     """
 
     which: int
@@ -64,10 +62,12 @@ class Terms(NamedTuple):
     key: np.uint64
     rsqrt_dt: float
     coefficients: np.ndarray
+    stress: np.ndarray
     seen: np.ndarray
     v: np.ndarray
     f: np.ndarray
-    stress: np.ndarray
+    out: np.ndarray
+    add: bool
 
 
 @inlined
@@ -178,9 +178,9 @@ def _any(pairs, data, scratch, n, k, column):
 
 
 # the usual cases apart: what need not be asked for each pair is a third of the time
-conservative_forces = over_pairs("conservative_forces", _conservative, first=clear)
-_central_forces = over_pairs("central_forces", _central, _radial_terms, first=gather_and_clear)
-_any_forces = over_pairs("any_forces", _any, _radial_terms, first=gather_and_clear)
+conservative_forces = over_pairs("conservative_forces", _conservative, first=clear, last=deliver)
+_central_forces = over_pairs("central_forces", _central, _radial_terms, first=gather_and_clear, last=deliver)
+_any_forces = over_pairs("any_forces", _any, _radial_terms, first=gather_and_clear, last=deliver)
 
 
 def pair_forces(pairs: PairList, terms: Terms, transverse: bool) -> tuple[float, float]:
@@ -188,7 +188,7 @@ def pair_forces(pairs: PairList, terms: Terms, transverse: bool) -> tuple[float,
     if len(terms.stress):
         return _any_forces(pairs, terms)
     if terms.which == CONSERVATIVE:
-        return conservative_forces(pairs, Repulsion(terms.coefficients, terms.f))
+        return conservative_forces(pairs, Repulsion(terms.coefficients, *terms[-5:]))
     return (_any_forces if transverse else _central_forces)(pairs, terms)
 
 

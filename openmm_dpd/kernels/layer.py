@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -63,25 +63,42 @@ class Call:
 
 
 @dataclass(frozen=True, eq=False)
-class Forces:
-    """Result of the force form of one layer; arrays are in the order of the pair list, M = len(pairs.order).
+class Sums:
+    """What the force form of one layer gives beside the forces.
 
     Attributes
     ----------
     energy, virial : float
         Conservative energy, and the sum over pairs of r_ij . F_ij of the chosen terms.
-    force : (M, 3) array
     rates : (M, K) array or None
-        Change per time of what beads carry (for internal energies: conductive, mechanical).
+        Change per time of what beads carry (for internal energies: conductive, mechanical), in the order of the pair list.
     stress : (6,) array or None
         Sum over pairs of r_ij F_ij, components xx, yy, zz, xy, xz, yz; only if asked for, and only of layers that have it.
     """
 
     energy: float
     virial: float
-    force: np.ndarray
     rates: np.ndarray | None = None
     stress: np.ndarray | None = None
+
+
+#: Velocities where there is no friction.
+NO_VELOCITIES = np.zeros((0, 3))
+
+
+class SortedMotion:
+    """Velocities and forces of M beads in the order of a pair list, and where they come from and go to.
+
+    The loops over pairs fetch and deliver them, see :func:`.columns.gather_and_clear` and :func:`.columns.deliver`.
+    """
+
+    def __init__(self, beads: int):
+        self.v, self.f = np.zeros((beads, 3)), np.zeros((beads, 3))
+
+    def arrays(self, call: Call, out: np.ndarray, add: bool) -> tuple[Any, ...]:
+        """``seen``, ``v``, ``f``, ``out``, ``add``: the last items of what a loop over pairs reads and writes."""
+        seen = call.velocities if call.which & (DISSIPATIVE | RANDOM) else None
+        return NO_VELOCITIES if seen is None else seen, self.v, self.f, out, add
 
 
 class Layer(Protocol):
@@ -91,8 +108,8 @@ class Layer(Protocol):
     def pairs(self) -> PairList:
         """The list of pairs."""
 
-    def forces(self, call: Call) -> Forces:
-        """Force form at the listed positions."""
+    def forces(self, call: Call, out: np.ndarray, add: bool) -> Sums:
+        """Force form at the listed positions: the forces (N, 3) are written or added to ``out``."""
 
     def sweep(self, call: Call, v: np.ndarray, flow: np.ndarray | None) -> None:
         """Update velocities (N, 3) pair by pair, in place; add to ``flow`` (N, K) what each bead got."""

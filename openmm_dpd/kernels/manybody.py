@@ -25,11 +25,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import ParameterError
-from .columns import approach, factor_of, over_pairs, push_apart, row_of, soft
+from .columns import approach, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
 from .compiled import helper, inlined
 from .dpd import Sweeper
 from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, GAMMA, SIGMA, A
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Forces, PairSpec
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, PairSpec, SortedMotion, Sums
 from .noise import draw
 from .pairs import PairList
 
@@ -120,6 +120,7 @@ class ManyBodyLayer:
         start, bead, factor = spec.exceptions
         factor = np.maximum(factor, _NO_FORCE) if table.lucy else factor
         self.pairs = PairList(spec.types, spec.inv_mass, table.cutoff, (start, bead, factor))
+        self._motion = SortedMotion(len(self.pairs.order))
         self._sweeper = Sweeper(self.pairs, self.pairs.alike, transverse=False)
         self.has_laplacian = not table.lucy
         self._n_beads = len(spec.types)
@@ -149,18 +150,16 @@ class ManyBodyLayer:
         rho[self.pairs.order] = self._sorted_densities(self._at(0.0))
         return rho
 
-    def forces(self, call: Call) -> Forces:
-        """Force form at the listed positions."""
+    def forces(self, call: Call, out: np.ndarray, add: bool) -> Sums:
+        """Force form at the listed positions, written or added to ``out``."""
         pairs = self.pairs
         which = call.which if self.table.conservative else call.which & ~CONSERVATIVE
         coefficients = self._at(call.kT)
-        force = np.zeros((len(pairs.order), 3))
         rho = self._sorted_densities(coefficients) if which & CONSERVATIVE else np.zeros(0)
-        v = np.zeros((0, 3)) if call.velocities is None else np.take(call.velocities, pairs.order, axis=0)
         noise = call.key(self.number), call.rsqrt_dt
         share = 0.5 if self.table.lucy else 0.25
-        energy, virial = many_body_forces(pairs, ManyBody(which, *noise, share, coefficients, v, rho, force))
-        return Forces(energy, virial, force)
+        motion = self._motion.arrays(call, out, add)
+        return Sums(*many_body_forces(pairs, ManyBody(which, *noise, share, coefficients, rho, *motion)))
 
     def sweep(self, call: Call, v: np.ndarray, flow: np.ndarray | None) -> None:
         """Update the velocities (N, 3) pair by pair, in place."""
@@ -226,9 +225,12 @@ class ManyBody(NamedTuple):
     rsqrt_dt: float
     share: float
     coefficients: np.ndarray
-    v: np.ndarray
     rho: np.ndarray
+    seen: np.ndarray
+    v: np.ndarray
     f: np.ndarray
+    out: np.ndarray
+    add: bool
 
 
 @helper
@@ -258,7 +260,7 @@ def _pair_force(pairs, data, scratch, n, k, column):
     return energy, push_apart(pairs, data.f, n, i, j, radial)
 
 
-many_body_forces = over_pairs("many_body_forces", _pair_force, _noise)
+many_body_forces = over_pairs("many_body_forces", _pair_force, _noise, first=gather_and_clear, last=deliver)
 
 
 class Curvature(NamedTuple):

@@ -185,26 +185,6 @@ def as_force(begin, end, change, inv_mass, dt):
         change[i, 2] *= scale
 
 
-@over_beads
-def scatter(begin, end, values, order, out):
-    """Write values to out[order], (M, 3) each."""
-    for k in range(begin, end):
-        i = order[k]
-        out[i, 0] = values[k, 0]
-        out[i, 1] = values[k, 1]
-        out[i, 2] = values[k, 2]
-
-
-@over_beads
-def scatter_add(begin, end, values, order, out):
-    """Add values to out[order], (M, 3) each."""
-    for k in range(begin, end):
-        i = order[k]
-        out[i, 0] += values[k, 0]
-        out[i, 1] += values[k, 1]
-        out[i, 2] += values[k, 2]
-
-
 @inlined
 def _put_back(x, low, high, start, period):
     """Coordinate after a reflection at two walls; see :mod:`openmm_dpd.programs.walls`."""

@@ -8,12 +8,11 @@ two beads at the same point leave each other alone.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from . import motion
-from .columns import factor_of, over_pairs, push_apart
+from .columns import clear, deliver, factor_of, over_pairs, push_apart
 from .compiled import helper, inlined
 from .pairs import PairList
 
@@ -121,7 +120,7 @@ def _cubic(r, first, last, knots, cubics):
 
 
 class Potential(NamedTuple):
-    """What the loop reads and writes beside the pairs; ``f``: (M, 3) forces on the sorted beads."""
+    """What the loop reads and writes beside the pairs; ``f``: (M, 3) forces on the sorted beads, added to ``out`` (N, 3)."""
 
     which: np.ndarray
     lennard_jones: np.ndarray
@@ -129,6 +128,8 @@ class Potential(NamedTuple):
     knots: np.ndarray
     cubics: np.ndarray
     f: np.ndarray
+    out: np.ndarray
+    add: bool = True
 
 
 @helper
@@ -144,7 +145,7 @@ def _radial_pair(pairs, data, scratch, n, k, column):
     return factor * energy, push_apart(pairs, data.f, n, i, j, factor * size)
 
 
-radial_forces = over_pairs("radial_forces", _radial_pair)
+radial_forces = over_pairs("radial_forces", _radial_pair, first=clear, last=deliver)
 
 
 class RadialEvaluator:
@@ -153,9 +154,8 @@ class RadialEvaluator:
     def __init__(self, terms: RadialTerms):
         self.terms = terms
         self._pairs = pair_list(terms.types, terms.cutoff, terms.exceptions)
-        self._f = np.zeros((len(self._pairs.beads), 3))
-        tables = terms.tables
-        self._potential = Potential(terms.which, terms.lennard_jones, tables.start, tables.knots, tables.cubics, self._f)
+        tables, f = terms.tables, np.zeros((len(self._pairs.beads), 3))
+        self._potential: Any = terms.which, terms.lennard_jones, tables.start, tables.knots, tables.cubics, f
 
     def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
         """See :class:`.extras.Evaluator`.
@@ -165,10 +165,7 @@ class RadialEvaluator:
         RunError
             If a position is not finite.
         """
-        if not len(self._f):
+        if not len(self._pairs.beads):
             return 0.0
         self._pairs.build(x, box)
-        self._f[...] = 0.0
-        energy, _ = radial_forces(self._pairs, self._potential)
-        motion.scatter_add(self._f, self._pairs.order, force)
-        return energy
+        return radial_forces(self._pairs, Potential(*self._potential, force))[0]

@@ -17,11 +17,11 @@ import numpy as np
 
 from ..errors import RunError
 from . import forces
-from .columns import approach, factor_of, over_pairs, push_apart, row_of, soft
+from .columns import approach, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
 from .compiled import inlined
 from .edpd import clamped
 from .forces import power
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Forces, PairSpec
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, PairSpec, SortedMotion, Sums
 from .noise import normal, pair_key
 from .pairs import PairList
 
@@ -62,6 +62,7 @@ class SpeciesLayer:
     def __init__(self, table: SpeciesTable, spec: PairSpec, number: int):
         assert spec.fields is not None and spec.fields.n_values == table.kappa.shape[-1]
         self.pairs, self.number = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions), number
+        self._motion = SortedMotion(len(self.pairs.order))
         columns = (table.A, table.cutoff_F, table.gamma, table.exponent, table.cutoff_c)
         self.coefficients = np.column_stack([array.ravel() for array in columns])
         per_species = (table.kappa, table.epsilon, table.exponent_c)
@@ -69,20 +70,18 @@ class SpeciesLayer:
         self.exchange = np.stack([array.reshape(-1, array.shape[-1]) for array in per_species], axis=-1)
         self.exchange[..., 2] *= 0.5
 
-    def forces(self, call: Call) -> Forces:
-        """Force form at the listed positions; rates (M, K) are dC/dt."""
+    def forces(self, call: Call, out: np.ndarray, add: bool) -> Sums:
+        """Force form at the listed positions, written or added to ``out``; rates (M, K) are dC/dt."""
         pairs, m = self.pairs, len(self.pairs.order)
-        v, concentrations = np.zeros((m, 3)), np.zeros((m, self.exchange.shape[1]))
+        concentrations = np.zeros((m, self.exchange.shape[1]))
         if call.which & (DISSIPATIVE | RANDOM):
             assert call.scalars is not None and (call.velocities is not None or not call.which & DISSIPATIVE)
             concentrations = np.take(call.scalars, pairs.order, axis=0)
-        if call.velocities is not None:
-            v = np.take(call.velocities, pairs.order, axis=0)
-        force, rates = np.zeros((m, 3)), np.zeros(concentrations.shape)
+        rates = np.zeros(concentrations.shape)
         noise = call.key(self.number), call.rsqrt_dt
-        of_beads = v, concentrations, force, rates
+        of_beads = concentrations, rates, *self._motion.arrays(call, out, add)
         energy, virial = species_forces(pairs, Diffusion(call.which, call.kT, *noise, self.coefficients, self.exchange, *of_beads))
-        return Forces(energy, virial, force, rates)
+        return Sums(energy, virial, rates)
 
     def sweep(self, call: Call, v: np.ndarray, flow: np.ndarray | None) -> None:
         """There is no sweep form."""
@@ -94,7 +93,7 @@ class SpeciesLayer:
 
 
 class Diffusion(NamedTuple):
-    """What the force form reads and writes beside the pairs; ``c``: (M, K) concentrations."""
+    """What the force form reads and writes beside the pairs; ``c``: (M, K) concentrations; see also :class:`.layer.SortedMotion`."""
 
     which: int
     kT: float
@@ -102,10 +101,13 @@ class Diffusion(NamedTuple):
     rsqrt_dt: float
     coefficients: np.ndarray
     exchange: np.ndarray
-    v: np.ndarray
     c: np.ndarray
-    f: np.ndarray
     rates: np.ndarray
+    seen: np.ndarray
+    v: np.ndarray
+    f: np.ndarray
+    out: np.ndarray
+    add: bool
 
 
 @inlined
@@ -144,4 +146,4 @@ def _pair_diffusion(pairs, data, scratch, n, k, column):
     return energy, virial
 
 
-species_forces = over_pairs("species_forces", _pair_diffusion)
+species_forces = over_pairs("species_forces", _pair_diffusion, first=gather_and_clear, last=deliver)
