@@ -8,7 +8,7 @@ two beads at the same point leave each other alone.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -155,7 +155,7 @@ class RadialEvaluator:
         self.terms = terms
         self._pairs = pair_list(terms.types, terms.cutoff, terms.exceptions)
         tables, f = terms.tables, np.zeros((len(self._pairs.beads), 3))
-        self._potential: Any = terms.which, terms.lennard_jones, tables.start, tables.knots, tables.cubics, f
+        self._potential = Potential(terms.which, terms.lennard_jones, tables.start, tables.knots, tables.cubics, f, f)
 
     def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
         """See :class:`.extras.Evaluator`.
@@ -168,4 +168,4 @@ class RadialEvaluator:
         if not len(self._pairs.beads):
             return 0.0
         self._pairs.build(x, box)
-        return radial_forces(self._pairs, Potential(*self._potential, force))[0]
+        return radial_forces(self._pairs, self._potential._replace(out=force))[0]
