@@ -5,7 +5,7 @@ from __future__ import annotations
 from .barostat import EnthalpyBarostat, add_barostat
 from .build import Built, build, build_plan, fastest_platform
 from .embed import Embedded, embed
-from .errors import DeckError, DPDError, ParameterError, PlanError, ProgramError, RunError
+from .errors import DeckError, DPDError, OutputError, ParameterError, PlanError, ProgramError, RunError
 from .field_file import FieldReporter, load_fields
 from .fields import read_fields, write_fields
 from .kernels.threads import get_threads, set_threads
@@ -60,6 +60,7 @@ __all__ = [
     "MorseBonds",
     "NONE",
     "Observer",
+    "OutputError",
     "PairTable",
     "ParameterError",
     "Plan",

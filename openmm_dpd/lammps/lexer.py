@@ -34,8 +34,16 @@ class Line:
     number: int
 
 
-def read_text(path: Path) -> str:
+def read_text(path: Path, *, title: bool = False) -> str:
     """Text of a deck or data file, with or without a byte-order mark.
+
+    In comments characters of other encodings than UTF-8 are let through, as replacement characters.
+
+    Parameters
+    ----------
+    path : Path
+    title : bool, default False
+        Whether the first line is a comment, as in data files.
 
     Raises
     ------
@@ -43,13 +51,29 @@ def read_text(path: Path) -> str:
         If the file cannot be read or is no text.
     """
     try:
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = error.object.count(b"\n", 0, error.start) + 1
-        byte = error.object[error.start]
-        raise DeckError(f"the file is not UTF-8 text (byte 0x{byte:02x}); convert it, or take the character out", str(path), line) from None
+        content = path.read_bytes()
     except OSError as error:
         raise DeckError(f"cannot read the file: {error.strerror}", str(path)) from None
+    try:
+        return _newlines(content.decode("utf-8-sig"))
+    except UnicodeDecodeError:
+        text = _newlines(content.decode("utf-8-sig", "surrogateescape"))
+    for number, line in enumerate(text.split("\n"), start=1):
+        if title and number == 1:
+            continue
+        try:
+            meant = strip_comment(line)
+        except ParameterError:
+            meant = line  # of a quote over several lines
+        odd = next((character for character in meant if "\udc80" <= character <= "\udcff"), None)
+        if odd is not None:
+            message = f"the file is not UTF-8 text (byte 0x{ord(odd) - 0xDC00:02x}); convert it, or take the character out"
+            raise DeckError(message, str(path), number)
+    return _newlines(content.decode("utf-8-sig", "replace"))
+
+
+def _newlines(text: str) -> str:
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def logical_lines(text: str, file: str) -> Iterator[Line]:
