@@ -28,6 +28,7 @@ from .model.tdpd import TDPD
 from .plan import Plan, make_plan
 from .recommend import Choice, Recommendation, recommend
 from .reporters import DPDReporter
+from .serialized import load_xml
 from .thermostat import add_thermostat, degrees_of_freedom
 
 __version__ = "0.1.0"
@@ -90,6 +91,7 @@ __all__ = [
     "force_terms",
     "get_threads",
     "load_fields",
+    "load_xml",
     "make_plan",
     "read_fields",
     "recommend",

@@ -6,6 +6,7 @@ cut off, then ``$`` is substituted outside quotes, and the result is split into 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,9 @@ from pathlib import Path
 from ..errors import DeckError, ParameterError
 
 TRIPLE = '"""'
+
+#: Stands for characters of other encodings; no text of any language has it.
+UNKNOWN = "\uffff"
 
 
 @dataclass(frozen=True)
@@ -37,7 +41,7 @@ class Line:
 def read_text(path: Path, *, title: bool = False) -> str:
     """Text of a deck or data file, with or without a byte-order mark.
 
-    In comments characters of other encodings than UTF-8 are let through, as replacement characters.
+    In comments characters of other encodings than UTF-8 are let through, as :data:`UNKNOWN`.
 
     Parameters
     ----------
@@ -69,7 +73,7 @@ def read_text(path: Path, *, title: bool = False) -> str:
         if odd is not None:
             message = f"the file is not UTF-8 text (byte 0x{ord(odd) - 0xDC00:02x}); convert it, or take the character out"
             raise DeckError(message, str(path), number)
-    return _newlines(content.decode("utf-8-sig", "replace"))
+    return re.sub("[\udc80-\udcff]", UNKNOWN, text)
 
 
 def _newlines(text: str) -> str:
@@ -82,7 +86,7 @@ def logical_lines(text: str, file: str) -> Iterator[Line]:
     Raises
     ------
     DeckError
-        If a quote is not closed.
+        If a quote is not closed, or what is no comment has characters of other encodings.
     """
     # splitlines would also cut at form feeds and other separators, which are blanks to LAMMPS
     physical = text.replace("\r\n", "\n").split("\n")
@@ -106,6 +110,8 @@ def logical_lines(text: str, file: str) -> Iterator[Line]:
             content = strip_comment(joined).strip()
         except ParameterError as error:
             raise DeckError(str(error), file, number) from None
+        if UNKNOWN in content:
+            raise DeckError("the text of several lines that begins here is not UTF-8; convert it", file, number)
         if content:
             yield Line(content, file, number)
 
