@@ -127,9 +127,9 @@ def _run(options: argparse.Namespace, signals: Signals) -> None:
         if options.json:
             _write(options.json, report)
 
-    choices = {"variables": dict(options.var), "progress": not options.quiet}
+    chosen, variables, progress = _options(options), dict(options.var), not options.quiet
     try:
-        run_deck(options.deck, _options(options), out=out, log=log, keep=keep, signals=signals, **choices)
+        run_deck(options.deck, chosen, out=out, log=log, variables=variables, progress=progress, keep=keep, signals=signals)
     except KeyboardInterrupt as error:
         if error.args:  # a run had begun
             raise KeyboardInterrupt(f"{error}; what was computed until then is in {out}/") from None

@@ -18,7 +18,6 @@ from .files import writing
 from .kernels.manybody import ManyBodyTable
 from .units import whole_number
 
-
 _WHAT = "the file of fields"
 
 

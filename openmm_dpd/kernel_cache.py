@@ -152,7 +152,8 @@ class KernelCache(FunctionCache):
 
     def __init__(self, function) -> None:
         super().__init__(function)
-        self._cache_file = KernelFiles(self.cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
+        stamp = self._impl.locator.get_source_stamp()
+        self._cache_file = KernelFiles(self.cache_path, self._impl.filename_base, stamp)  # type: ignore[assignment]
 
     def load_overload(self, sig, target_context):
         """The compiled function, or None."""

@@ -15,7 +15,6 @@ from .request import RunRequest
 from .state import DeckState
 from .variables import Variables
 
-
 #: Files that may be read one inside the other.
 MOST_INCLUDES = 100
 

@@ -68,17 +68,18 @@ def run_deck(
     -------
     dict
         ``natoms``, ``units``, ``scheme``, ``platform``, ``precision``, ``threads``, ``momentum``, ``runs``: one object per run with
-        ``steps`` that were taken, ``stopped`` (None, or why these are not all), ``dt``, ``seconds_per_step``, ``thermo`` ({word: {mean, sem, first, last}}), ``profiles`` ({fix: {coord, ncount, ...}}),
-        ``averages`` ({fix: {step, word: value}}) and ``temperature_warning`` (None, or what is wrong with the mean temperature, which the
-        logger "openmm_dpd" says too), and the last run's entries at top level.
+        ``steps`` that were taken, ``stopped`` (None, or why these are not all), ``dt``, ``seconds_per_step``,
+        ``thermo`` ({word: {mean, sem, first, last}}), ``profiles`` ({fix: {coord, ncount, ...}}), ``averages``
+        ({fix: {step, word: value}}) and ``temperature_warning`` (None, or what is wrong with the mean temperature, which the logger
+        "openmm_dpd" says too), and the last run's entries at top level.
 
     Raises
     ------
     DeckError
         For anything in the deck that is unknown, unsupported or wrong, with file and line.
     RunError
-        If something goes wrong while stepping, or what the run writes cannot be written any more.  Trajectories, dumps and averages are whole
-        then, and the state of the last step is kept.
+        If something goes wrong while stepping, or what the run writes cannot be written any more.  Trajectories, dumps and averages are
+        whole then, and the state of the last step is kept.
     OutputError
         If the run is complete, but its picture cannot be written.
     """
@@ -105,7 +106,10 @@ def run_deck(
 def _hand_over(runner: DeckRunner, folder: Path | None, keep: Callable[[dict], None]) -> dict:
     """The report, after all that can be written is written; OutputError with what cannot."""
     report, failed = results_json(runner.results), list[str]()
-    for write in (lambda: keep(report), lambda: folder is not None and _picture(folder / "thermo.png", runner.results)):
+    outputs: list[Callable[[], None]] = [lambda: keep(report)]
+    if folder is not None:
+        outputs.append(lambda: _picture(folder / "thermo.png", runner.results))
+    for write in outputs:
         try:
             write()
         except OutputError as error:
