@@ -26,7 +26,9 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--dt", type=float, metavar="DT", help="time step of every run, in the deck's units")
     run.add_argument("--steps", type=int, metavar="N", help="number of steps of every run")
     run.add_argument("--discard", type=int, default=0, metavar="N", help="leave the first N steps of each run out of averages")
-    run.add_argument("--out", type=Path, metavar="DIR", help="folder for all files that are written (default: out/NAME)")
+    run.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for all files that are written but those with absolute names (default: out/NAME)"
+    )
     run.add_argument("--quiet", action="store_true", help="print nothing but errors")
     forces = commands.add_parser("forces", help="forces term by term at the first configuration of a deck")
     export = commands.add_parser("export", help="write the first run of a deck as in.NAME and data.NAME, for LAMMPS on a cluster")
