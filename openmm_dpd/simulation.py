@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import io
 import logging
+import os
 from xml.etree import ElementTree
 
 import openmm
 from openmm import app, unit
 
 from .errors import ParameterError
+from .files import write_whole
 from .integrators import variables_number
 from .names import BY_VARIABLES
 from .serialized import checked, deserialized, read_file
@@ -17,7 +20,31 @@ _LOGGER = logging.getLogger("openmm_dpd")
 
 
 class DPDSimulation(app.Simulation):
-    """A Simulation that looks at a state before it takes it over; all else is as always."""
+    """A Simulation that looks at a state before it takes it over, and writes one whole or not; all else is as always."""
+
+    def saveState(self, file):
+        """Save the state as XML, to a file by its name or to an open one.
+
+        Raises
+        ------
+        OutputError
+            If a file cannot be written; one that was there stays, and nothing is left behind.
+        """
+        if isinstance(file, (str, os.PathLike)):
+            text = io.StringIO()
+            super().saveState(text)
+            write_whole(file, text.getvalue(), "the state")
+        else:
+            super().saveState(file)
+
+    def saveCheckpoint(self, file):
+        """Save a checkpoint, to a file by its name or to an open one; OutputError as :meth:`saveState`."""
+        if isinstance(file, (str, os.PathLike)):
+            content = io.BytesIO()
+            super().saveCheckpoint(content)
+            write_whole(file, content.getvalue(), "the checkpoint")
+        else:
+            super().saveCheckpoint(file)
 
     def loadState(self, file):
         """Load a state in XML, from a file's name or an open file.

@@ -346,7 +346,7 @@ class DeckRunner:
                 result.stopped = f"interrupted by {self.signals.name} {done}"
             else:
                 result.stopped = f"{done}: {error}"
-            if self.trajectory is not None:
+            if self.trajectory is not None and result.steps_done:
                 self._rescue_state(simulation)
             if isinstance(error, KeyboardInterrupt):
                 raise KeyboardInterrupt(result.stopped) from None

@@ -12,7 +12,7 @@ from ..build import Built
 from ..dcd import DCDWriter
 from ..field_file import FieldWriter, carries_fields
 from ..fields import read_fields
-from ..files import write_whole, writing
+from ..files import writing
 from ..model.scene import Scene
 from ..trajectory import write_psf
 from .request import RunRequest
@@ -93,8 +93,7 @@ class RunTrajectory:
 
     def save_state(self, simulation: app.Simulation) -> None:
         """Write the final state, from which OpenMM can continue exactly."""
-        state = simulation.context.getState(positions=True, velocities=True, parameters=True, integratorParameters=True)
-        write_whole(self.folder / "final_state.xml", openmm.XmlSerializer.serialize(state), "the final state")
+        simulation.saveState(self.folder / "final_state.xml")
 
     def close(self) -> None:
         """Close the DCD file."""

@@ -53,7 +53,7 @@ def test_a_trajectory_that_finds_no_space_ends_the_run_and_costs_nothing(deck, c
     )
     assert error.count("\n") == 1
     assert [record.getMessage().split(" ", 2)[1] for record in caplog.records if "cannot be written" in record.getMessage()] == [
-        "final",
+        "state",
         "picture",
     ]
     report = json.loads((deck.parent / "report.json").read_text())
@@ -72,7 +72,7 @@ def test_a_trajectory_that_finds_no_space_ends_the_run_and_costs_nothing(deck, c
         ("data", 25, 20, "the data file {out}/data cannot be written (Is a directory)"),
         ("trajectory.dcd", 23, None, "the run stopped: the trajectory {out}/trajectory.dcd cannot be written (Is a directory)"),
         ("topology.psf", 23, None, "the run stopped: the topology {out}/topology.psf cannot be written (Is a directory)"),
-        ("final_state.xml", 23, 20, "the run stopped: the final state {out}/final_state.xml cannot be written (Is a directory)"),
+        ("final_state.xml", 23, 20, "the run stopped: the state {out}/final_state.xml cannot be written (Is a directory)"),
         ("thermo.png", None, 20, "the picture {out}/thermo.png cannot be written (Is a directory)"),
     ],
 )

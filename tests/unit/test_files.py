@@ -89,3 +89,18 @@ def test_frames_of_fields_before_a_failure_stay(tmp_path):
     np.testing.assert_array_equal(load_fields(tmp_path / "fields.npz")["theta"], values[:2])
     writer.write(0.2, 2, {"theta": values[2]})
     np.testing.assert_array_equal(load_fields(tmp_path / "fields.npz")["theta"], values)
+
+
+@pytest.mark.parametrize("kind", ["State", "Checkpoint"])
+def test_states_and_checkpoints_before_a_failure_stay(tmp_path, kind):
+    x = np.random.default_rng(5).random((100, 3)) * 4
+    scene = dpd.Scene({"W": 1.0}, ["W"] * 100, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1.0, box=[4.0] * 3)
+    simulation = dpd.build(scene, dt=0.02, platform="Reference", seed=1).simulation()
+    save, load = (getattr(simulation, f"{word}{kind}") for word in ("save", "load"))
+    save(str(tmp_path / "kept"))
+    simulation.step(3)
+    with file_limit(1000), pytest.raises(dpd.OutputError, match=f"the {kind.lower()} .*kept cannot be written"):
+        save(str(tmp_path / "kept"))
+    assert [path.name for path in tmp_path.iterdir()] == ["kept"]
+    load(str(tmp_path / "kept"))
+    assert simulation.context.getStepCount() == 0
