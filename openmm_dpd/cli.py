@@ -7,6 +7,7 @@ import json
 import math
 import os
 import sys
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -184,12 +185,16 @@ def _make_folder(folder: Path, option: str) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ParameterError(f"{option}: the folder {folder} cannot be made ({error.strerror}); give another one") from None
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise ParameterError(f"{option}: the folder {folder} is not writable; give another one")
+    try:
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        raise ParameterError(f"{option}: the folder {folder} is not writable ({error.strerror}); give another one") from None
 
 
 def _check_target(path: Path) -> None:
     """ParameterError unless the file of --json can be written."""
+    if path.exists() and not path.is_file() and not path.is_dir():
+        return  # a device or a pipe
     _make_folder(path.parent, "--json")
     if path.is_dir() or (path.exists() and not os.access(path, os.W_OK)):
         raise ParameterError(f"--json: {path} is {'a folder' if path.is_dir() else 'not writable'}; give the name of a file")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -52,7 +53,7 @@ def write_whole(path: str | os.PathLike, content: str | bytes, what: str) -> Non
             with open(target, "wb", buffering=0) as stream:  # a device or a pipe has nothing to keep
                 _write_all(stream, data)
             return
-        beside = target.with_name(f".{target.name[:100]}.{os.getpid()}.tmp")
+        beside = target.with_name(f".{target.name[:100]}.{os.getpid()}.{threading.get_ident()}.tmp")
         try:
             with open(beside, "wb", buffering=0) as stream:
                 _write_all(stream, data)

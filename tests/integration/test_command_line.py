@@ -149,6 +149,7 @@ def test_one_clear_line_for_bad_input(deck, capsys, edit, message):
     [
         ("run", "--json", "folder"),
         ("run", "--json", "file/x.json"),
+        ("run", "--json", "/proc/x.json"),
         ("run", "--out", "file"),
         ("run", "--out", "file/x"),
         ("forces", "--json", "folder"),
