@@ -5,7 +5,7 @@ from __future__ import annotations
 from .barostat import EnthalpyBarostat, add_barostat
 from .build import Built, build, build_plan, fastest_platform
 from .embed import Embedded, embed
-from .errors import DeckError, DPDError, ParameterError, PlanError, ProgramError, RunError
+from .errors import DeckError, DPDError, OutputError, ParameterError, PlanError, ProgramError, RunError
 from .field_file import FieldReporter, load_fields
 from .fields import read_fields, write_fields
 from .kernels.threads import get_threads, set_threads
@@ -28,6 +28,7 @@ from .model.tdpd import TDPD
 from .plan import Plan, make_plan
 from .recommend import Choice, Recommendation, recommend
 from .reporters import DPDReporter
+from .serialized import load_xml
 from .thermostat import add_thermostat, degrees_of_freedom
 
 __version__ = "0.1.0"
@@ -60,6 +61,7 @@ __all__ = [
     "MorseBonds",
     "NONE",
     "Observer",
+    "OutputError",
     "PairTable",
     "ParameterError",
     "Plan",
@@ -89,6 +91,7 @@ __all__ = [
     "force_terms",
     "get_threads",
     "load_fields",
+    "load_xml",
     "make_plan",
     "read_fields",
     "recommend",

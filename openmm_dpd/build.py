@@ -49,6 +49,8 @@ class Built:
     Attributes
     ----------
     system : openmm.System
+        Serialized, it holds the pair terms as a pickled Python object: read such a file with :func:`openmm_dpd.load_xml`, which runs no
+        other code.
     integrator : PairIntegrator, an openmm.CustomIntegrator (NativeIntegrator, an openmm.DPDIntegrator, for the native scheme)
     topology : openmm.app.Topology
     positions, velocities : (N, 3) Quantity

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
-import signal
 import sys
-import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
-from .errors import DPDError, ParameterError
+from .errors import DPDError, OutputError, ParameterError
+from .files import write_whole
+from .signals import Signals
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -26,7 +27,9 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--dt", type=float, metavar="DT", help="time step of every run, in the deck's units")
     run.add_argument("--steps", type=int, metavar="N", help="number of steps of every run")
     run.add_argument("--discard", type=int, default=0, metavar="N", help="leave the first N steps of each run out of averages")
-    run.add_argument("--out", type=Path, metavar="DIR", help="folder for all files that are written (default: out/NAME)")
+    run.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for all files that are written but those with absolute names (default: out/NAME)"
+    )
     run.add_argument("--quiet", action="store_true", help="print nothing but errors")
     forces = commands.add_parser("forces", help="forces term by term at the first configuration of a deck")
     export = commands.add_parser("export", help="write the first run of a deck as in.NAME and data.NAME, for LAMMPS on a cluster")
@@ -78,15 +81,20 @@ def _add_export_options(export: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status: 0, 1 after an error (one line on standard error), 2 for a bad option, 130 after Ctrl-C."""
+    """Entry point; returns the exit status.
+
+    0, 1 after an error (one line on standard error), 2 for a bad option, 130 after Ctrl-C, 143 after SIGTERM.
+    """
     options = _parser().parse_args(arguments)
-    with _interrupts() as interrupts:
+    signals = Signals()
+    with signals.caught():
         try:
-            {"run": _run, "forces": _forces, "explain": _explain, "export": _export}[options.command](options)
-        except (DPDError, KeyboardInterrupt) as error:
-            if interrupts or isinstance(error, KeyboardInterrupt):
-                print("openmm-dpd: interrupted", file=sys.stderr)
-                return 130
+            {"run": _run, "forces": _forces, "explain": _explain, "export": _export}[options.command](options, signals)
+        except KeyboardInterrupt as error:
+            return _interrupted(signals, str(error))
+        except DPDError as error:
+            if signals.seen:  # one that comes inside a force callback reaches us as an error of OpenMM without a text
+                return _interrupted(signals)
             print(f"openmm-dpd: error: {error}", file=sys.stderr)
             return 1
         except BrokenPipeError:
@@ -94,23 +102,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-@contextmanager
-def _interrupts() -> Iterator[list[int]]:
-    """List that gets an entry with each Ctrl-C; one that comes inside a force callback reaches us as an error of OpenMM without a text."""
-    seen: list[int] = []
-    if threading.current_thread() is not threading.main_thread():
-        yield seen  # signals go to the main thread
-        return
-
-    def interrupt(number: int, frame: object) -> None:
-        seen.append(number)
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGINT, interrupt)
-    try:
-        yield seen
-    finally:
-        signal.signal(signal.SIGINT, before)
+def _interrupted(signals: Signals, text: str = "") -> int:
+    print(f"openmm-dpd: {text or f'interrupted by {signals.name}'}", file=sys.stderr)
+    return signals.status
 
 
 def _options(options: argparse.Namespace):
@@ -120,7 +114,7 @@ def _options(options: argparse.Namespace):
     return RunOptions(**{name: value for name, value in vars(options).items() if name in names})
 
 
-def _run(options: argparse.Namespace) -> None:
+def _run(options: argparse.Namespace, signals: Signals) -> None:
     from tqdm import tqdm
 
     from .lammps.main import run_deck
@@ -131,13 +125,22 @@ def _run(options: argparse.Namespace) -> None:
     _make_folder(out, "--out")
     if options.json:
         _check_target(options.json)
-    report = run_deck(options.deck, _options(options), out=out, log=log, variables=dict(options.var), progress=not options.quiet)
-    if options.json:
-        _write(options.json, report)
+
+    def keep(report: dict) -> None:
+        if options.json:
+            _write(options.json, report)
+
+    chosen, variables, progress = _options(options), dict(options.var), not options.quiet
+    try:
+        run_deck(options.deck, chosen, out=out, log=log, variables=variables, progress=progress, keep=keep, signals=signals)
+    except KeyboardInterrupt as error:
+        if error.args:  # a run had begun
+            raise KeyboardInterrupt(f"{error}; what was computed until then is in {out}/") from None
+        raise
     log(f"files are in {out}/")
 
 
-def _forces(options: argparse.Namespace) -> None:
+def _forces(options: argparse.Namespace, signals: Signals) -> None:
     from .lammps.main import deck_forces
 
     _check_target(options.json)
@@ -145,13 +148,13 @@ def _forces(options: argparse.Namespace) -> None:
     _write(options.json, {"terms": {name: array.tolist() for name, array in terms.items()}})
 
 
-def _explain(options: argparse.Namespace) -> None:
+def _explain(options: argparse.Namespace, signals: Signals) -> None:
     from .lammps.main import explain_deck
 
     print(explain_deck(options.deck, _options(options), variables=dict(options.var)))
 
 
-def _export(options: argparse.Namespace) -> None:
+def _export(options: argparse.Namespace, signals: Signals) -> None:
     import warnings
 
     from .lammps.export import export_deck
@@ -182,19 +185,38 @@ def _make_folder(folder: Path, option: str) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ParameterError(f"{option}: the folder {folder} cannot be made ({error.strerror}); give another one") from None
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise ParameterError(f"{option}: the folder {folder} is not writable; give another one")
+    try:
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        raise ParameterError(f"{option}: the folder {folder} is not writable ({error.strerror}); give another one") from None
 
 
 def _check_target(path: Path) -> None:
     """ParameterError unless the file of --json can be written."""
+    if path.exists() and not path.is_file() and not path.is_dir():
+        return  # a device or a pipe
     _make_folder(path.parent, "--json")
     if path.is_dir() or (path.exists() and not os.access(path, os.W_OK)):
         raise ParameterError(f"--json: {path} is {'a folder' if path.is_dir() else 'not writable'}; give the name of a file")
 
 
 def _write(path: Path, content: dict) -> None:
-    path.write_text(json.dumps(content, indent=1) + "\n")
+    """Write results; where that fails after all, they go to standard output, so that they are not lost."""
+    text = json.dumps(_strict(content), indent=1, allow_nan=False) + "\n"
+    try:
+        write_whole(path, text, "--json:")
+    except OutputError as error:
+        sys.stdout.write(text)
+        raise OutputError(f"{error}; the results are on standard output instead") from None
+
+
+def _strict(value):
+    """The same without NaN and infinities, which JSON does not have: None."""
+    if isinstance(value, dict):
+        return {key: _strict(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_strict(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 if __name__ == "__main__":

@@ -28,6 +28,10 @@ class RunError(DPDError):
     """Something went wrong while stepping (a NaN, a bead that left the box, a temperature out of bounds)."""
 
 
+class OutputError(DPDError):
+    """A file of results cannot be written; what could be is kept."""
+
+
 class DeckError(DPDError):
     """A LAMMPS deck or data file cannot be read or asks for something that is not supported.
 

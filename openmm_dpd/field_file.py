@@ -5,15 +5,20 @@ from __future__ import annotations
 import io
 import os
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 from openmm import unit
 
 from .build import Built
-from .errors import ParameterError
+from .errors import ParameterError, what_is
 from .fields import read_fields
+from .files import writing
 from .kernels.manybody import ManyBodyTable
 from .units import whole_number
+
+_WHAT = "the file of fields"
 
 
 class FieldWriter:
@@ -32,6 +37,8 @@ class FieldWriter:
     ------
     ParameterError
         If a file to go on with is none of these; from :meth:`write`, if its frames have other names or shapes.
+    OutputError
+        If the file cannot be written; the frames before stay readable.
     """
 
     def __init__(self, file: str | os.PathLike, append: bool = False):
@@ -40,7 +47,7 @@ class FieldWriter:
         if append and os.path.exists(self.file):
             self._continue()
         else:
-            with zipfile.ZipFile(self.file, "w"):
+            with writing(self.file, _WHAT), zipfile.ZipFile(self.file, "w"):
                 pass
 
     def _continue(self) -> None:
@@ -58,12 +65,31 @@ class FieldWriter:
         shapes = {name: values.shape for name, values in frame.items()}
         if self._shapes and shapes != self._shapes:
             raise ParameterError(f"cannot append to {self.file}: its frames hold {_listed(self._shapes)}, and this one {_listed(shapes)}")
-        with zipfile.ZipFile(self.file, "a", zipfile.ZIP_DEFLATED) as archive:
-            for name, values in frame.items():
-                buffer = io.BytesIO()
-                np.save(buffer, values)
-                archive.writestr(f"{name}/{self.frames:08d}.npy", buffer.getvalue())
+        with writing(self.file, _WHAT), _or_as_before(self.file):
+            with zipfile.ZipFile(self.file, "a", zipfile.ZIP_DEFLATED) as archive:
+                for name, values in frame.items():
+                    buffer = io.BytesIO()
+                    np.save(buffer, values)
+                    archive.writestr(f"{name}/{self.frames:08d}.npy", buffer.getvalue())
         self.frames, self._shapes = self.frames + 1, shapes
+
+
+@contextmanager
+def _or_as_before(file: str) -> Iterator[None]:
+    """Put an archive back if something goes wrong: new members are written over its directory, which comes again after them."""
+    with zipfile.ZipFile(file) as archive:
+        end = archive.start_dir
+    with open(file, "rb") as stream:
+        stream.seek(end)
+        directory = stream.read()
+    try:
+        yield
+    except BaseException:
+        with open(file, "r+b") as stream:
+            stream.seek(end)
+            stream.write(directory)
+            stream.truncate()
+        raise
 
 
 def _listed(shapes: dict[str, tuple[int, ...]]) -> str:
@@ -111,6 +137,8 @@ class FieldReporter:
 
     def __init__(self, file: str | os.PathLike, interval: int, built: Built, append: bool = False):
         interval = whole_number(interval, "the interval between reports, in steps,", least=1)
+        if not isinstance(built, Built):
+            raise ParameterError(f"FieldReporter wants as built what openmm_dpd.build() returned, not {what_is(built)}")
         if not carries_fields(built):
             raise ParameterError("the beads of this scene carry no internal energies, temperatures, concentrations or local densities")
         self._writer, self._interval, self._built = FieldWriter(file, append), interval, built

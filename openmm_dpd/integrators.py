@@ -569,6 +569,13 @@ class NativeIntegrator(Watching, openmm.DPDIntegrator):
 
     whole = None
 
+    def step(self, steps: int) -> None:
+        """Take steps, as all integrators here; a step size of 0 is an error, of which OpenMM would make NaNs."""
+        dt = self.getStepSize().value_in_unit(unit.picosecond)
+        if not dt > 0:
+            raise openmm.OpenMMException(f"the step size must be > 0, but the integrator's is {dt:g} ps")
+        super().step(steps)
+
 
 #: Why a temperature cannot be set.
 RAMPED = "the temperature of this Context follows a ramp, which would overwrite it at the next step"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import reprlib
 from collections.abc import Mapping, Sequence
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from .errors import ParameterError
+from .files import write_whole
 
 #: Panels from top to bottom: what stands at the axis, and the columns drawn there with their labels, the first one in front.
 PANELS = (
@@ -64,6 +66,8 @@ def thermo_picture(
     ParameterError
         If there is nothing to draw, a column holds anything but numbers, the columns differ in length, or x goes back although there are
         several runs.
+    OutputError
+        If the file cannot be written.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -93,7 +97,14 @@ def thermo_picture(
     axes[-1].set_xlabel(_with_unit(x, labels), fontsize=11)
     if title:
         figure.suptitle(title, fontsize=12)
-    figure.savefig(path, format="png")
+    write_picture(path, figure)
+
+
+def write_picture(path: str | os.PathLike, figure: Any) -> None:
+    """Write a matplotlib figure as a PNG file; OutputError if that fails."""
+    picture = io.BytesIO()
+    figure.savefig(picture, format="png")
+    write_whole(path, picture.getvalue(), "the picture")
 
 
 def _numbers(values: Any, name: str) -> np.ndarray:

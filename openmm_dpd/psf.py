@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .errors import ParameterError
+from .files import write_whole
 from .units import to_md
 
 #: Residue and segment name of all beads.  No reader knows "MOL" as an amino acid, nucleotide, water or solvent.
@@ -68,6 +69,8 @@ def write_psf(
     ------
     ParameterError
         If the lengths differ, a name cannot be written, a mass is negative, a value is not finite, or a bond or angle names no bead.
+    OutputError
+        If the file cannot be written.
     """
     names = [str(name) for name in names]
     count = len(names)
@@ -98,11 +101,8 @@ def write_psf(
         ("NTHETA: angles", len(triples), _index_lines(triples, 3)),
         *((name, 0, []) for name in ("NPHI: dihedrals", "NIMPHI: impropers", "NDON: donors", "NACC: acceptors")),
     ]
-    with open(path, "w", encoding="ascii", newline="\n") as file:
-        file.write("PSF NAMD\n")
-        for name, entries, lines in sections:
-            file.writelines(f"{line}\n" for line in ("", f"{entries:10d} !{name}", *lines))
-        file.write("\n")
+    text = [line for name, entries, lines in sections for line in ("", f"{entries:10d} !{name}", *lines)]
+    write_whole(path, "\n".join(["PSF NAMD", *text, "", ""]), "the topology")
 
 
 def read_psf(path: str | os.PathLike) -> Beads:

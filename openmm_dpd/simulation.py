@@ -2,22 +2,49 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import os
-from pathlib import Path
 from xml.etree import ElementTree
 
 import openmm
 from openmm import app, unit
 
+from .errors import ParameterError
+from .files import write_whole
 from .integrators import variables_number
 from .names import BY_VARIABLES
+from .serialized import checked, deserialized, read_file
 
 _LOGGER = logging.getLogger("openmm_dpd")
 
 
 class DPDSimulation(app.Simulation):
-    """A Simulation that looks at a state before it takes it over; all else is as always."""
+    """A Simulation that looks at a state before it takes it over, and writes one whole or not; all else is as always."""
+
+    def saveState(self, file):
+        """Save the state as XML, to a file by its name or to an open one.
+
+        Raises
+        ------
+        OutputError
+            If a file cannot be written; one that was there stays, and nothing is left behind.
+        """
+        if isinstance(file, (str, os.PathLike)):
+            text = io.StringIO()
+            super().saveState(text)
+            write_whole(file, text.getvalue(), "the state")
+        else:
+            super().saveState(file)
+
+    def saveCheckpoint(self, file):
+        """Save a checkpoint, to a file by its name or to an open one; OutputError as :meth:`saveState`."""
+        if isinstance(file, (str, os.PathLike)):
+            content = io.BytesIO()
+            super().saveCheckpoint(content)
+            write_whole(file, content.getvalue(), "the checkpoint")
+        else:
+            super().saveCheckpoint(file)
 
     def loadState(self, file):
         """Load a state in XML, from a file's name or an open file.
@@ -28,17 +55,19 @@ class DPDSimulation(app.Simulation):
         ------
         PlanError
             If it was written by another scheme; nothing is changed then.
+        ParameterError
+            If it is no State.
         """
-        if isinstance(file, (str, os.PathLike)):
-            text = Path(file).read_text(encoding="utf-8")
-        else:
-            text = file.read()
-        state = openmm.XmlSerializer.deserialize(text)
+        root = checked(read_file(file))
+        if root.tag != "State":
+            raise ParameterError(f"this is no State: the file holds {root.tag!r}")
+        state = deserialized(root)
         made = self.integrator.made
         parameters = state.getParameters() if state.getDataTypes() & state.Parameters else {}
         if made is not None:
             made.check_writer(parameters)
-            state = _without_unknown(text, self.integrator) or state
+            if _take_unknown_out(root, self.integrator):
+                state = deserialized(root)
         self.context.setState(state)
         if BY_VARIABLES in parameters:  # they came by name
             self.context.setParameter(BY_VARIABLES, variables_number(self.integrator))
@@ -56,11 +85,10 @@ class DPDSimulation(app.Simulation):
         self.integrator.settle(self.context)
 
 
-def _without_unknown(text: str, integrator: openmm.Integrator) -> openmm.State | None:
-    """The state without variables that a CustomIntegrator does not know; None if there are none."""
+def _take_unknown_out(root: ElementTree.Element, integrator: openmm.Integrator) -> bool:
+    """Take variables out of a state that a CustomIntegrator does not know; whether there are any."""
     if not isinstance(integrator, openmm.CustomIntegrator):
-        return None
-    root = ElementTree.fromstring(text)
+        return False
     known = {integrator.getGlobalVariableName(k) for k in range(integrator.getNumGlobalVariables())}
     known_per_dof = {integrator.getPerDofVariableName(k) for k in range(integrator.getNumPerDofVariables())}
     found = False
@@ -72,7 +100,7 @@ def _without_unknown(text: str, integrator: openmm.Integrator) -> openmm.State |
         for child in [child for child in node if child.tag not in known_per_dof]:
             node.remove(child)
             found = True
-    return openmm.XmlSerializer.deserialize(ElementTree.tostring(root, encoding="unicode")) if found else None
+    return found
 
 
 class PoclSimulation(DPDSimulation):

@@ -113,7 +113,8 @@ def ratio_average(numerator, denominator, *, min_blocks: int = MIN_BLOCKS, name:
     Returns
     -------
     Average
-        ``mean`` is the ratio; all else as in :func:`block_average`.
+        ``mean`` is the ratio; all else as in :func:`block_average`.  ``sem`` is None also if the denominator is zero in all blocks but one:
+        the ratio is then not defined without that one.
 
     Raises
     ------
@@ -141,7 +142,7 @@ def ratio_average(numerator, denominator, *, min_blocks: int = MIN_BLOCKS, name:
     sums = np.array([_block_means(series, length) for series in (above, below)]) * length
     without = sums.sum(axis=1, keepdims=True) - sums
     if np.any(without[1] == 0):
-        raise ParameterError(f"the denominator of {name} has the mean 0 without one of its blocks; its error is not defined")
+        return Average(ratio, None, 0, None)
     left_out = without[0] / without[1]
     variance = (blocks - 1) / blocks * np.sum((left_out - left_out.mean()) ** 2)
     # the blocks hold length*blocks rows of the n that the ratio was taken from

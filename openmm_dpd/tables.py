@@ -6,7 +6,6 @@ To add a pair style: its coefficients in model/, its layer in kernels/, one func
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import combinations_with_replacement
 from typing import Any
 
 import numpy as np
@@ -30,14 +29,16 @@ from .model.tdpd import TDPD
 
 def _arrays(table: dict, names: list[str], values: Callable[[Any], dict]) -> dict[str, Any]:
     """(T, T, ...) symmetric arrays by name; zeros for pairs without a coefficient."""
+    place = {name: k for k, name in enumerate(names)}
+    found = [(place[a], place[b], values(c)) for (a, b), c in table.items() if c is not NONE]
     arrays: dict[str, np.ndarray] = {}
-    for a, b in combinations_with_replacement(range(len(names)), 2):
-        coefficient = table.get((names[a], names[b]), NONE)
-        if coefficient is NONE:
-            continue
-        for key, value in values(coefficient).items():
-            array = arrays.setdefault(key, np.zeros((len(names), len(names), *np.shape(value))))
-            array[a, b] = array[b, a] = value
+    if found:
+        first, second, rows = zip(*found, strict=True)
+        for key in rows[0]:
+            given = np.array([row[key] for row in rows], dtype=float)
+            array = np.zeros((len(names), len(names), *given.shape[1:]))
+            array[first, second] = array[second, first] = given
+            arrays[key] = array
     return arrays
 
 

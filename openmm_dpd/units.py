@@ -10,6 +10,7 @@ Two things live here, and nothing else converts:
 
 from __future__ import annotations
 
+import math
 import reprlib
 from dataclasses import dataclass
 
@@ -68,6 +69,8 @@ def to_md(value, dimension: str, name: str):
         If the unit does not fit, the value is no real number or array of them, Quantities and bare numbers are mixed, or a value is NaN
         or infinite.
     """
+    if type(value) is float and math.isfinite(value):
+        return value  # as most are, of half a million coefficients
     if unit.is_quantity(value):
         if not value.unit.is_compatible(DIMENSIONS[dimension]):
             raise ParameterError(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import ParameterError
-from ..pictures import finish_axis
+from ..pictures import finish_axis, write_picture
 from .clusters import Clusters
 from .curves import Curve
 from .diffusion import MeanSquaredDisplacement, diffusion_coefficient
@@ -148,7 +148,7 @@ def _write(figure: Any, axis: Any, path: str | os.PathLike, x_label: str, y_labe
     axis.set_xlabel(x_label, fontsize=11)
     if title:
         figure.suptitle(title, fontsize=12)
-    figure.savefig(path, format="png")
+    write_picture(path, figure)
 
 
 def _label(name: str, unit: str) -> str:

@@ -63,9 +63,10 @@ def type_table(values: np.ndarray) -> Callable[[], openmm.TabulatedFunction]:
 def type_pairs(table: dict, names: list[str], value: Callable, default: float) -> np.ndarray:
     """(T, T) symmetric array of value(coefficient); ``default`` where the table has no interaction."""
     array = np.full((len(names), len(names)), float(default))
+    place = {name: k for k, name in enumerate(names)}
     for (a, b), coefficient in table.items():
         if coefficient.cutoff > 0:
-            i, j = names.index(a), names.index(b)
+            i, j = place[a], place[b]
             array[i, j] = array[j, i] = value(coefficient)
     return array
 

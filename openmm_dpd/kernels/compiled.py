@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-import os
-import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from types import FunctionType
 from typing import Any
 
 import numba
+
+from ..kernel_cache import keep_on_disk
 
 
 def _digest() -> str:
@@ -21,28 +20,6 @@ def _digest() -> str:
 
 
 _DIGEST = _digest()
-
-
-@contextmanager
-def _user_cache() -> Iterator[None]:
-    """Keep compiled code in the user's cache folder, unless NUMBA_CACHE_DIR says otherwise.
-
-    Beside the package it would survive an uninstall and leave a folder that shadows the next installation.
-    """
-    config: Any = numba.config
-    given = config.CACHE_DIR
-    if not given:
-        folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "openmm_dpd"
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError:
-            folder = Path(tempfile.gettempdir()) / f"openmm_dpd-{os.getuid() if hasattr(os, 'getuid') else 'cache'}"
-            folder.mkdir(parents=True, exist_ok=True)
-        config.CACHE_DIR = str(folder)
-    try:
-        yield
-    finally:
-        config.CACHE_DIR = given
 
 
 #: Division by zero gives inf or nan, as in numpy: a loop with an exception in it is never vectorised.
@@ -76,8 +53,9 @@ def compiled(function: Callable, *, parallel: bool = False, bare: bool = False) 
     that both versions round alike and give the same bits.
     """
     name = f"{function.__name__}_{'parallel' if parallel else 'serial'}_{_DIGEST}"
-    with _user_cache():
-        return numba.njit(cache=True, parallel=parallel, **(_BARE if bare else _SEMANTICS))(renamed(function, name))
+    dispatcher = numba.njit(parallel=parallel, **(_BARE if bare else _SEMANTICS))(renamed(function, name))
+    keep_on_disk(dispatcher)
+    return dispatcher
 
 
 def serial_and_parallel(function: Callable) -> tuple[Any, Any]:

@@ -12,6 +12,7 @@ import threading
 import numpy as np
 
 from ..errors import RunError
+from ..kernel_cache import cache_folder
 from . import motion
 from .dpd import TermTable
 from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, Call, Layer, PairSpec
@@ -210,7 +211,8 @@ def warm_up(spec: PairSpec, log=_LOGGER.warning) -> None:
         return
     _WARM.add(kinds)
     # loading from the cache takes less than that
-    notice = threading.Timer(3.0, log, ["compiling the pair kernel, which takes some ten seconds; the next run finds it in the cache"])
+    again = "" if cache_folder() is None else "; the next run finds it in the cache"
+    notice = threading.Timer(3.0, log, [f"compiling the pair kernel, which takes some ten seconds{again}"])
     notice.daemon = True
     notice.start()
     try:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import ParameterError
+from ..files import append_block, write_whole
 from . import arguments as read
 from .context import Context
 from .thermo import check_format, fields_read
@@ -99,6 +100,9 @@ class Window:
         return np.mean(self._kept, axis=0)
 
 
+_WHAT = "the file of averages"
+
+
 class AverageFile:
     """Text file of a fix: its header, then one block after the other.  Nothing is opened before the first block or run."""
 
@@ -112,17 +116,22 @@ class AverageFile:
         if self.name is None or self._path is not None:
             return
         self._path = state.output_file(self.name)
-        with open(self._path, "a" if self._append else "w") as stream:
-            stream.writelines(f"{line}\n" for line in self.header)
+        append_block(self._path, _lines(self.header), _WHAT, anew=not self._append)
 
     def write(self, state: DeckState, lines: list[str]) -> None:
-        """Add a block."""
+        """Add a block, or put it in the place of the last one; OutputError if it cannot be written, and what is there stays."""
         if self.name is None:
             return
         self.start(state)
         assert self._path is not None
-        with open(self._path, "w" if self.overwrite else "a") as stream:
-            stream.writelines(f"{line}\n" for line in [*(self.header if self.overwrite else ()), *lines])
+        if self.overwrite:
+            write_whole(self._path, _lines([*self.header, *lines]), _WHAT)
+        else:
+            append_block(self._path, _lines(lines), _WHAT)
+
+
+def _lines(lines: Sequence[str]) -> str:
+    return "".join(f"{line}\n" for line in lines)
 
 
 class Average(ABC):
@@ -211,13 +220,15 @@ def split_values(
     return tuple(args[:n]), found
 
 
-def file_of(options: dict[str, list[str]], header: list[str]) -> AverageFile:
+def file_of(state: DeckState, options: dict[str, list[str]], header: list[str]) -> AverageFile:
     """The file that the options name, with its header or the given titles."""
     if "file" in options and "append" in options:
         raise ParameterError("the options file and append exclude each other")
     for k in range(len(header)):
         header[k] = options.get(f"title{k + 1}", [header[k]])[0]
     name = options.get("file", options.get("append", [None]))[0]
+    if name is not None:
+        state.output_path(name)  # what is wrong with it is the mistake of this line
     return AverageFile(name, "append" in options, "overwrite" in options, header)
 
 

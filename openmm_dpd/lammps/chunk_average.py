@@ -155,7 +155,7 @@ def parse_ave_chunk(state: DeckState, name: str, group: str, args: list[str]) ->
         "# Timestep Number-of-chunks Total-count",
         f"# Chunk {places} Ncount {' '.join(words)}",
     ]
-    file, window = file_of(options, header), Window(options.get("ave", ["one"]))
+    file, window = file_of(state, options, header), Window(options.get("ave", ["one"]))
     return ChunkAverage(
         group, compute, words, norm, dof, name, parse_schedule(state, "ave/chunk", args[:3]), window, file, form_of(options)
     )

@@ -122,7 +122,7 @@ class _Reader:
     def split(self) -> None:
         """Sort the lines into header values and sections."""
         body: list[Row] | None = None
-        for number, raw in enumerate(read_text(self.path).splitlines(), start=1):
+        for number, raw in enumerate(read_text(self.path, title=True).splitlines(), start=1):
             if number == 1:
                 continue  # the first line is always a title
             text, _, comment = raw.partition("#")

@@ -52,7 +52,7 @@ def read_lammps_data(path: str | Path, scene: Scene, *, units: str | None = None
         If it does not fit the scene.
     """
     path = Path(path)
-    lines = read_text(path).splitlines()
+    lines = read_text(path, title=True).splitlines()
     system = _units(path, lines, units)
     header, sections = _sections(path, lines)
     n = int(header.get("atoms", [0])[0])

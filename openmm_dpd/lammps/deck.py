@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from ..errors import DeckError, ParameterError
+from ..errors import DeckError, OutputError, ParameterError
 from . import arguments as read
 from .commands import beads, bonded, box, fixes, kspace, output, pairs, setup, velocity
 from .commands.setup import Handler
@@ -15,11 +15,16 @@ from .request import RunRequest
 from .state import DeckState
 from .variables import Variables
 
+#: Files that may be read one inside the other.
+MOST_INCLUDES = 100
+
 
 def include(state: DeckState, args: list[str]) -> None:
     """``include file``."""
     read.count(args, "include file", 1)
     path = state.find_file(args[0])
+    if len(state.reading) > MOST_INCLUDES:
+        raise ParameterError(f"include '{args[0]}': files include each other {MOST_INCLUDES} deep already, and no deeper is supported")
     if path.resolve() in state.reading:
         raise ParameterError(f"include '{args[0]}': this file is being read already, it would include itself without end")
     outer = state.here
@@ -70,7 +75,7 @@ def execute(state: DeckState, line: Line) -> None:
         if error.file is None:
             raise DeckError(error.message, line.file, line.number) from None
         raise
-    except (ParameterError, OSError) as error:
+    except (ParameterError, OutputError, OSError) as error:
         raise DeckError(str(error), line.file, line.number) from None
 
 

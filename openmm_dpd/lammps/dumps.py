@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..dcd import DCDWriter
 from ..errors import ParameterError
+from ..files import BlockFile, write_whole
 from .box import Box
 from .context import Context
 from .per_bead import bead_values
@@ -122,7 +123,7 @@ class Dump:
     unwrap: bool = False
     formats: dict[str, str] = field(default_factory=dict)
     last_step: int | None = None
-    _stream: Any = field(default=None, repr=False)
+    _file: BlockFile | DCDWriter | None = field(default=None, repr=False)
 
     @property
     def needs_forces(self) -> bool:
@@ -166,6 +167,11 @@ class Dump:
             Box vectors in nm, if they differ from the deck's.
         context : Context, optional
             With a sample of this step that has the fields of :meth:`needs`; the deck's state by default.
+
+        Raises
+        ------
+        OutputError
+            If it cannot be written; the configurations before it stay readable.
         """
         frame = _frame(state, self, positions, velocities, forces, box, context or Context(state))
         if self.style == "dcd":
@@ -176,54 +182,48 @@ class Dump:
 
     def close(self) -> None:
         """Close the file."""
-        if self._stream is not None:
-            self._stream.close()
-            self._stream = None
+        if self._file is not None:
+            self._file.close()
+            self._file = None
 
-    def _path(self, state: DeckState, step: int) -> Path:
-        path = state.output / self.file.replace("*", str(step))
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return path
+    @property
+    def _what(self) -> str:
+        return f"the file of dump {self.name},"
 
     def _write_text(self, state: DeckState, step: int, frame: Frame) -> None:
+        text = self._text(step, frame)
         if "*" in self.file:
-            with open(self._path(state, step), "w") as stream:
-                self._text(stream, step, frame)
+            write_whole(state.output_file(self.file, step), text, self._what)
             return
-        if self._stream is None:
-            self._stream = open(self._path(state, step), "a" if self.append else "w")
-        self._text(self._stream, step, frame)
-        self._stream.flush()
+        if self._file is None:
+            self._file = BlockFile(state.output_file(self.file, step), self._what, append=self.append)
+        assert isinstance(self._file, BlockFile)
+        self._file.write(text)
 
-    def _text(self, stream: IO[str], step: int, frame: Frame) -> None:
+    def _text(self, step: int, frame: Frame) -> str:
         box = frame.box
-        stream.write(f"ITEM: TIMESTEP\n{step}\nITEM: NUMBER OF ATOMS\n{len(frame.ids)}\n")
+        lines = [f"ITEM: TIMESTEP\n{step}\nITEM: NUMBER OF ATOMS\n{len(frame.ids)}\n"]
         if box.triclinic:
             low, high = box.bounds
-            stream.write("ITEM: BOX BOUNDS xy xz yz pp pp pp\n")
-            stream.writelines(f"{low[k]:.16e} {high[k]:.16e} {box.tilt[k]:.16e}\n" for k in range(3))
+            lines.append("ITEM: BOX BOUNDS xy xz yz pp pp pp\n")
+            lines += (f"{low[k]:.16e} {high[k]:.16e} {box.tilt[k]:.16e}\n" for k in range(3))
         else:
-            stream.write("ITEM: BOX BOUNDS " + " ".join("pp" if periodic else "ff" for periodic in frame.box.periodic) + "\n")
-            stream.writelines(f"{box.low[k]:.16e} {box.high[k]:.16e}\n" for k in range(3))
-        stream.write(f"ITEM: ATOMS {' '.join(self.columns)}\n")
+            lines.append("ITEM: BOX BOUNDS " + " ".join("pp" if periodic else "ff" for periodic in frame.box.periodic) + "\n")
+            lines += (f"{box.low[k]:.16e} {box.high[k]:.16e}\n" for k in range(3))
+        lines.append(f"ITEM: ATOMS {' '.join(self.columns)}\n")
         kinds = {True: self.formats.get("float"), False: self.formats.get("int")}
         columns = [_of_column(name) for name in self.columns]
         forms = [self.formats.get(name) or kinds[form == "%g"] or form for name, (_, form) in zip(self.columns, columns, strict=True)]
         values = [value(frame) for value, _ in columns]
         line = " ".join(forms) + " \n"
-        stream.writelines(line % row for row in zip(*values, strict=True))
+        lines += (line % row for row in zip(*values, strict=True))
+        return "".join(lines)
 
     def _write_dcd(self, state: DeckState, frame: Frame) -> None:
-        from mdtraj.formats import DCDTrajectoryFile
-
-        if self._stream is None:
-            self._stream = DCDTrajectoryFile(str(self._path(state, 0)), "w", force_overwrite=True)
-        vectors = frame.box.vectors
-        lengths = np.linalg.norm(vectors, axis=1)
-        cosines = [vectors[a] @ vectors[b] / lengths[a] / lengths[b] for a, b in ((1, 2), (0, 2), (0, 1))]
-        angles = np.degrees(np.arccos(cosines))
-        positions = frame.unwrapped if self.unwrap else frame.wrapped
-        self._stream.write(positions.astype(np.float32), lengths[None].astype(np.float32), angles[None].astype(np.float32))
+        if self._file is None:
+            self._file = DCDWriter(state.output_file(self.file, 0), len(frame.ids), self._what)
+        assert isinstance(self._file, DCDWriter)
+        self._file.write(frame.unwrapped if self.unwrap else frame.wrapped, frame.box.vectors)
 
 
 def _frame(state: DeckState, dump: Dump, positions, velocities, forces, vectors, context: Context) -> Frame:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..build import Built
 from ..errors import ParameterError
+from ..files import write_whole, writing
 from ..model.scene import Scene
 from ..plan import Plan
 from ..schemes import scheme_of
@@ -190,12 +191,10 @@ def _say_of_deck(request: RunRequest, differences: Differences) -> None:
 
 
 def _write(job: Job, directory: Path, texts: dict[str, str]) -> LammpsExport:
-    try:
+    with writing(directory, "the folder"):
         directory.mkdir(parents=True, exist_ok=True)
-        for name, text in texts.items():
-            (directory / name).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ParameterError(f"the export cannot be written to {directory} ({error.strerror}); give another folder") from None
+    for name, text in texts.items():
+        write_whole(directory / name, text, "the exported file")
     return LammpsExport(
         deck=directory / f"in.{job.name}",
         data=directory / f"data.{job.name}",

@@ -6,6 +6,7 @@ cut off, then ``$`` is substituted outside quotes, and the result is split into 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,9 @@ from pathlib import Path
 from ..errors import DeckError, ParameterError
 
 TRIPLE = '"""'
+
+#: Stands for characters of other encodings; no text of any language has it.
+UNKNOWN = "\uffff"
 
 
 @dataclass(frozen=True)
@@ -34,8 +38,16 @@ class Line:
     number: int
 
 
-def read_text(path: Path) -> str:
+def read_text(path: Path, *, title: bool = False) -> str:
     """Text of a deck or data file, with or without a byte-order mark.
+
+    In comments characters of other encodings than UTF-8 are let through, as :data:`UNKNOWN`.
+
+    Parameters
+    ----------
+    path : Path
+    title : bool, default False
+        Whether the first line is a comment, as in data files.
 
     Raises
     ------
@@ -43,13 +55,29 @@ def read_text(path: Path) -> str:
         If the file cannot be read or is no text.
     """
     try:
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = error.object.count(b"\n", 0, error.start) + 1
-        byte = error.object[error.start]
-        raise DeckError(f"the file is not UTF-8 text (byte 0x{byte:02x}); convert it, or take the character out", str(path), line) from None
+        content = path.read_bytes()
     except OSError as error:
         raise DeckError(f"cannot read the file: {error.strerror}", str(path)) from None
+    try:
+        return _newlines(content.decode("utf-8-sig"))
+    except UnicodeDecodeError:
+        text = _newlines(content.decode("utf-8-sig", "surrogateescape"))
+    for number, line in enumerate(text.split("\n"), start=1):
+        if title and number == 1:
+            continue
+        try:
+            meant = strip_comment(line)
+        except ParameterError:
+            meant = line  # of a quote over several lines
+        odd = next((character for character in meant if "\udc80" <= character <= "\udcff"), None)
+        if odd is not None:
+            message = f"the file is not UTF-8 text (byte 0x{ord(odd) - 0xDC00:02x}); convert it, or take the character out"
+            raise DeckError(message, str(path), number)
+    return re.sub("[\udc80-\udcff]", UNKNOWN, text)
+
+
+def _newlines(text: str) -> str:
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def logical_lines(text: str, file: str) -> Iterator[Line]:
@@ -58,7 +86,7 @@ def logical_lines(text: str, file: str) -> Iterator[Line]:
     Raises
     ------
     DeckError
-        If a quote is not closed.
+        If a quote is not closed, or what is no comment has characters of other encodings.
     """
     # splitlines would also cut at form feeds and other separators, which are blanks to LAMMPS
     physical = text.replace("\r\n", "\n").split("\n")
@@ -82,6 +110,8 @@ def logical_lines(text: str, file: str) -> Iterator[Line]:
             content = strip_comment(joined).strip()
         except ParameterError as error:
             raise DeckError(str(error), file, number) from None
+        if UNKNOWN in content:
+            raise DeckError("the text of several lines that begins here is not UTF-8; convert it", file, number)
         if content:
             yield Line(content, file, number)
 

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
 
+from ..errors import OutputError
 from ..kernels.engine import set_threads
 from ..measure import force_terms
 from ..model.internal import BeadTemperatures, InternalEnergy
 from ..model.scene import Scene
 from ..pictures import thermo_picture
 from ..recommend import advice
+from ..signals import Signals
 from .deck import read_deck
 from .request import RunRequest
 from .run import DeckRunner, RunOptions, RunResult, build_request, results_json
+
+_LOGGER = logging.getLogger("openmm_dpd")
 
 #: Units in the labels of the picture.
 PICTURE_UNITS = {
@@ -34,6 +39,8 @@ def run_deck(
     log: Callable[[str], None] = lambda _: None,
     variables: Mapping[str, str] | None = None,
     progress: bool = False,
+    keep: Callable[[dict], None] = lambda _: None,
+    signals: Signals | None = None,
 ) -> dict:
     """Run a LAMMPS deck.
 
@@ -52,32 +59,63 @@ def run_deck(
         Index variables of the deck (LAMMPS: ``-var``).
     progress : bool
         Show a progress bar on standard error, if that is a terminal.
+    keep : callable, optional
+        Takes what is returned; of a run that is cut short too, with what was computed until then.
+    signals : Signals, optional
+        Those that may cut a run short (:mod:`openmm_dpd.signals`).
 
     Returns
     -------
     dict
         ``natoms``, ``units``, ``scheme``, ``platform``, ``precision``, ``threads``, ``momentum``, ``runs``: one object per run with
-        ``steps``, ``dt``, ``seconds_per_step``, ``thermo`` ({word: {mean, sem, first, last}}), ``profiles`` ({fix: {coord, ncount, ...}}),
-        ``averages`` ({fix: {step, word: value}}) and ``temperature_warning`` (None, or what is wrong with the mean temperature, which the
-        logger "openmm_dpd" says too), and the last run's entries at top level.
+        ``steps`` that were taken, ``stopped`` (None, or why these are not all), ``dt``, ``seconds_per_step``,
+        ``thermo`` ({word: {mean, sem, first, last}}), ``profiles`` ({fix: {coord, ncount, ...}}), ``averages``
+        ({fix: {step, word: value}}) and ``temperature_warning`` (None, or what is wrong with the mean temperature, which the logger
+        "openmm_dpd" says too), and the last run's entries at top level.
 
     Raises
     ------
     DeckError
         For anything in the deck that is unknown, unsupported or wrong, with file and line.
     RunError
-        If something goes wrong while stepping.
+        If something goes wrong while stepping, or what the run writes cannot be written any more.  Trajectories, dumps and averages are
+        whole then, and the state of the last step is kept.
+    OutputError
+        If the run is complete, but its picture cannot be written.
     """
     folder = None if out is None else Path(out)
-    runner = DeckRunner(options or RunOptions(), log, folder, _bar if progress else None)
+    signals = signals or Signals()
+    runner = DeckRunner(options or RunOptions(), log, folder, _bar if progress else None, signals)
     try:
-        read_deck(path, run_callback=runner, variables=variables or {}, output=folder or Path("."), log=log)
+        state = read_deck(path, run_callback=runner, variables=variables or {}, output=folder or Path("."), log=log)
+        runner.say_notes(state)
+    except BaseException:
+        if any(result.steps_done for result in runner.results):
+            with signals.later():
+                try:
+                    _hand_over(runner, folder, keep)
+                except OutputError as error:
+                    _LOGGER.warning("%s", error)  # beside the error that comes first
+        raise
     finally:
-        if runner.trajectory is not None:
-            runner.trajectory.close()
-    report = results_json(runner.results)
+        runner.close()
+    with signals.later():
+        return _hand_over(runner, folder, keep)
+
+
+def _hand_over(runner: DeckRunner, folder: Path | None, keep: Callable[[dict], None]) -> dict:
+    """The report, after all that can be written is written; OutputError with what cannot."""
+    report, failed = results_json(runner.results), list[str]()
+    outputs: list[Callable[[], None]] = [lambda: keep(report)]
     if folder is not None:
-        _picture(folder / "thermo.png", runner.results)
+        outputs.append(lambda: _picture(folder / "thermo.png", runner.results))
+    for write in outputs:
+        try:
+            write()
+        except OutputError as error:
+            failed.append(str(error))
+    if failed:
+        raise OutputError("; ".join(failed))
     return report
 
 
@@ -147,7 +185,7 @@ def _picture(path: Path, results: list[RunResult]) -> None:
     columns: dict[str, list[float]] = {name: [] for name in ("time", *drawn)}
     boundaries, target = [], []
     elapsed = 0.0
-    for result in results:
+    for result in (result for result in results if result.steps_done):
         request = result.request
         dt = request.dt / state.units.time
         times = [elapsed + (step - request.first_step) * dt for step in result.steps_done]

@@ -15,21 +15,24 @@ from openmm import app, unit
 
 from ..barostat import EnthalpyBarostat, add_barostat
 from ..build import Built, build
-from ..errors import DeckError, DPDError, ParameterError, RunError
+from ..errors import DeckError, DPDError, OutputError, ParameterError, RunError
 from ..fields import read_fields
 from ..forces.segments import warm_up_segments
+from ..integrators import PIECE
 from ..kernels.engine import get_threads, set_threads, warm_up
 from ..measure import Sample as Measurement
 from ..model.edpd import EDPD
 from ..model.scene import Scene
 from ..names import COUNTER
 from ..schemes import scheme_of
-from ..stats import block_average, ratio_average
+from ..signals import Signals
+from ..stats import MIN_BLOCKS, block_average, ratio_average
 from ..watch import has_set_temperature, temperature_warning
 from .chunk_average import ChunkAverage
 from .context import Context
 from .request import RunRequest
 from .sampling import CHEAP, Sampler, arrays
+from .state import DeckState
 from .thermo import ALWAYS
 from .time_average import TimeAverage
 from .trajectory import RunTrajectory
@@ -123,6 +126,10 @@ class RunResult:
         That of the motion of all mobile beads, whatever compute ``temp`` stands for.
     momentum : float
         Largest component of the total momentum at the end, in the deck's units.
+    steps_taken : int
+        Steps that were carried out.
+    stopped : str or None
+        Why these are not all.
     profiles : dict
         The last block of every fix ave/chunk: {id: {"coord": [...], "ncount": [...], value: [...]}}.
     time_averages : dict
@@ -137,6 +144,8 @@ class RunResult:
     discard: int
     words: tuple[str, ...]
     seconds: float = 0.0
+    steps_taken: int = 0
+    stopped: str | None = None
     steps_done: list[int] = field(default_factory=list)
     rows: dict[str, list[float]] = field(default_factory=dict)
     conf: list[tuple[float, float]] = field(default_factory=list)
@@ -155,8 +164,16 @@ class RunResult:
             self.rows.setdefault(word, []).append(value)
         self.target_kT.append(measured.target_kT)
         self.kinetic_kT.append(measured.kT)
+        units = self.request.state.units
+        self.momentum = float(np.abs(measured.momentum).max()) / units.mass / units.velocity
         if measured.laplacian is not None:
             self.conf.append((measured.gradient2, measured.laplacian))
+
+    def take_averages(self) -> None:
+        """Take over what the averages of the deck have got so far."""
+        averages = self.request.averages
+        self.profiles = {average.name: average.profile for average in averages if isinstance(average, ChunkAverage) and average.profile}
+        self.time_averages = {average.name: average.report for average in averages if isinstance(average, TimeAverage) and average.report}
 
     def averages(self) -> dict[str, dict[str, float | None] | None]:
         """{word: {mean, sem, first, last}}; ``temp_conf`` is None if there is no configurational temperature."""
@@ -164,7 +181,7 @@ class RunResult:
         result: dict[str, dict[str, float | None] | None] = {}
         for word in self.words:
             if word == "temp_conf":
-                result[word] = self._configurational(kept)
+                result[word] = self._configurational(kept)[0]
                 continue
             values = np.array(self.rows[word], dtype=float)
             average = block_average(values[kept])
@@ -180,38 +197,63 @@ class RunResult:
         kelvin = self.request.state.units.thermal_energy
         self.temperature_warning = temperature_warning(np.array(self.kinetic_kT)[self._kept()] / kelvin, target_kT / kelvin, dof)
 
-    def _configurational(self, kept: np.ndarray) -> dict[str, float | None] | None:
+    def _configurational(self, kept: np.ndarray) -> tuple[dict[str, float | None] | None, str | None]:
+        """The average, and why there is none, or no error of it."""
         if self.no_laplacian is not None:
-            return None
+            return None, self.no_laplacian
         kelvin = self.request.state.units.thermal_energy
         gradient2, laplacian = np.array(self.conf).T
-        if not laplacian[kept].any():
-            self.no_laplacian = "no conservative force acts in the rows that are averaged, so the Laplacian is 0"
-            return None
-        average = ratio_average(gradient2[kept], laplacian[kept])
+        if kept.any() and not laplacian[kept].any():
+            return None, "no conservative force acts in the rows that are averaged, so the Laplacian is 0"
+        try:
+            average = ratio_average(gradient2[kept], laplacian[kept], name="the configurational temperature")
+        except ParameterError as error:
+            return None, str(error)
+        lacking = average.sem is None and np.count_nonzero(kept) >= MIN_BLOCKS
         first, last = (float(gradient2[k] / laplacian[k] / kelvin) if laplacian[k] else None for k in (0, -1))
         return {
             "mean": None if average.mean is None else average.mean / kelvin,
             "sem": None if average.sem is None else average.sem / kelvin,
             "first": first,
             "last": last,
-        }
+        }, "the Laplacian is 0 in all blocks of rows but one, so the standard error is not defined" if lacking else None
 
     def summary(self) -> dict[str, Any]:
         """One object of the JSON file."""
         request = self.request
         summary: dict[str, Any] = {
-            "steps": request.steps,
+            "steps": self.steps_taken,
+            "stopped": self.stopped,
             "dt": request.dt / request.state.units.time,
-            "seconds_per_step": self.seconds / request.steps if request.steps else None,
+            "seconds_per_step": self.seconds / self.steps_taken if self.steps_taken else None,
             "thermo": self.averages(),
             "profiles": self.profiles,
             "averages": self.time_averages,
             "temperature_warning": self.temperature_warning,
         }
-        if self.no_laplacian is not None:
-            summary["temp_conf_reason"] = self.no_laplacian
+        reason = self._configurational(self._kept())[1]
+        if reason is not None:
+            summary["temp_conf_reason"] = reason
         return summary
+
+
+class Pace:
+    """How many steps to take before signals are looked at: as many as take about half a second, and at most 640.
+
+    Whole pieces of those steps that an integrator takes back together, so that looking does not change what is computed together.
+    """
+
+    LEAST, MOST, SECONDS = PIECE, 64 * PIECE, 0.5
+
+    def __init__(self) -> None:
+        self.steps = self.LEAST
+
+    def took(self, steps: int, seconds: float) -> None:
+        """Learn from the time of some steps."""
+        if steps == self.steps and seconds < 0.5 * self.SECONDS:
+            self.steps = min(2 * self.steps, self.MOST)
+        elif seconds > 2 * self.SECONDS:
+            self.steps = max(self.steps // 2, self.LEAST)
 
 
 class DeckRunner:
@@ -226,10 +268,19 @@ class DeckRunner:
         Folder for trajectory, topology and final state; nothing is written without it.
     progress : callable, optional
         ``progress(total)`` returns an object with ``update(steps)`` and ``close()``, such as a tqdm bar.
+    signals : Signals, optional
+        Those that may end a run early.
     """
 
-    def __init__(self, options: RunOptions, log: Callable[[str], None] = lambda _: None, out: Path | None = None, progress=None):
-        self.options, self.log, self.progress = options, log, progress
+    def __init__(
+        self,
+        options: RunOptions,
+        log: Callable[[str], None] = lambda _: None,
+        out: Path | None = None,
+        progress=None,
+        signals: Signals | None = None,
+    ):
+        self.options, self.log, self.progress, self.signals = options, log, progress, signals or Signals()
         self.results: list[RunResult] = []
         self.counter = 0.0
         self.trajectory = None if out is None else RunTrajectory(out)
@@ -247,9 +298,7 @@ class DeckRunner:
         scene = request.scene()
         built = build_request(request, scene, options)
         barostat = connect_barostat(request, built)
-        for note in state.notes[self._notes :]:
-            self.log(f"note: {note}")
-        self._notes = len(state.notes)
+        self.say_notes(state)
         warm_up(built.plan.spec, self.log)
         warm_up_segments(scene)
         simulation = built.simulation(properties=options.properties(built.plan.platform or ""))
@@ -259,23 +308,62 @@ class DeckRunner:
             # every run draws new noise
             simulation.context.setParameter(COUNTER, self.counter)
         result = self._result(request, simulation, built)
-        bar = self.progress(request.steps) if self.progress else None
-        try:
-            self._step_through(request, scene, simulation, built, result, bar)
-        except openmm.OpenMMException as error:
-            raise RunError(f"{_where(request)}the run stopped: {error}") from None
-        except RunError as error:
-            raise RunError(f"{_where(request)}the run stopped: {error}") from None
-        finally:
-            if bar is not None:
-                bar.close()
         self.results.append(result)
+        with self.signals.later():
+            self._carry_out(request, scene, simulation, built, result)
+        self.signals.check()
         if result.temperature_warning is not None:
             _LOGGER.warning("%s%s", _where(request), result.temperature_warning)
         if COUNTER in simulation.context.getParameters():
             self.counter = simulation.context.getParameter(COUNTER)
+
+    def close(self) -> None:
+        """Close the trajectory."""
         if self.trajectory is not None:
+            self.trajectory.close()
+
+    def say_notes(self, state: DeckState) -> None:
+        """Log the remarks that are new."""
+        for note in state.notes[self._notes :]:
+            self.log(f"note: {note}")
+        self._notes = len(state.notes)
+
+    def _carry_out(self, request: RunRequest, scene: Scene, simulation: app.Simulation, built: Built, result: RunResult) -> None:
+        """Take the steps; whatever ends them early, the result and the state of the last step are kept."""
+        bar = self.progress(request.steps) if self.progress else None
+        begun = simulation.context.getStepCount()
+        try:
+            self._step_through(request, scene, simulation, built, result, bar)
+            result.steps_taken = request.steps
+            result.take_averages()
+            if self.trajectory is not None:
+                self.trajectory.save_state(simulation)
+        except BaseException as error:
+            result.steps_taken = simulation.context.getStepCount() - begun
+            result.take_averages()
+            done = f"after step {request.first_step + result.steps_taken} of {request.last_step}"
+            if isinstance(error, KeyboardInterrupt):
+                result.stopped = f"interrupted by {self.signals.name} {done}"
+            else:
+                result.stopped = f"{done}: {error}"
+            if self.trajectory is not None and result.steps_done:
+                self._rescue_state(simulation)
+            if isinstance(error, KeyboardInterrupt):
+                raise KeyboardInterrupt(result.stopped) from None
+            if isinstance(error, (openmm.OpenMMException, RunError, OutputError)):
+                raise RunError(f"{_where(request)}the run stopped: {error}") from None
+            raise
+        finally:
+            if bar is not None:
+                bar.close()
+
+    def _rescue_state(self, simulation: app.Simulation) -> None:
+        """Save the state of a run that ends early, which already has something to report: what goes wrong now comes beside it."""
+        assert self.trajectory is not None
+        try:
             self.trajectory.save_state(simulation)
+        except (OutputError, openmm.OpenMMException) as error:
+            _LOGGER.warning("%s", error)
 
     def _result(self, request: RunRequest, simulation: app.Simulation, built: Built) -> RunResult:
         platform = simulation.context.getPlatform()
@@ -295,7 +383,7 @@ class DeckRunner:
             self.log(thermo.header())
         if self.trajectory is not None:
             self.trajectory.start(scene, request, built)
-        step, started, measured = request.first_step, time.perf_counter(), None
+        step, started, measured, pace = request.first_step, time.perf_counter(), None, Pace()
         while True:
             begun = time.perf_counter()
             sample, rates = None, [average for average in averages if average.next_due == step]
@@ -315,22 +403,22 @@ class DeckRunner:
             self._write_frames(request, sampler, step)
             if step == request.last_step:
                 break
-            stop = min([thermo.next_due(step), request.last_step, step + 1000, *(dump.next_due(step) for dump in dumps)])
+            self.signals.check()
+            stop = min([thermo.next_due(step), request.last_step, step + pace.steps, *(dump.next_due(step) for dump in dumps)])
             if self.trajectory is not None:
                 stop = min(stop, self.trajectory.next_due(step))
             stop = min([stop, *(average.next_due for average in averages if average.next_due > step)])
             begun = time.perf_counter()
             simulation.step(stop - step)
-            result.seconds += time.perf_counter() - begun
+            spent = time.perf_counter() - begun
+            result.seconds += spent
+            pace.took(stop - step, spent)
             if bar is not None:
                 bar.update(stop - step)
             step = stop
         assert measured is not None
         if has_set_temperature(built.plan):
             result.check_temperature(measured.target_kT, measured.dof)
-        result.momentum = float(np.abs(measured.momentum).max()) / request.state.units.mass / request.state.units.velocity
-        result.profiles = {average.name: average.profile for average in averages if isinstance(average, ChunkAverage) and average.profile}
-        result.time_averages = {average.name: average.report for average in averages if isinstance(average, TimeAverage) and average.report}
         x, v, box = arrays(context)
         last = None if sample is None else replace(sample, forces=None)
         request.finish(x, v, box=box, sample=last, carried=read_fields(context, built.plan))
@@ -408,7 +496,8 @@ def _where(request: RunRequest) -> str:
 
 
 def results_json(results: list[RunResult]) -> dict:
-    """The object that ``--json`` writes."""
+    """The object that ``--json`` writes; runs that were cut short before their first row are left out."""
+    results = [result for result in results if result.steps_done]
     if not results:
         raise DeckError("the deck has no run")
     last = results[-1]

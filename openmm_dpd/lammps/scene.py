@@ -127,21 +127,30 @@ def pair_tables(state: DeckState) -> list[PairTable]:
             between_bonds |= set(table)
             continue
         entries: dict = {}
+        # one pair_coeff line with wildcards is one coefficient of many pairs
+        terms: dict[int, object] = {}
         for (i, j), coefficient in sorted(table.items()):
-            try:
-                term, remark = style.spec.build(style, coefficient, state.units)
-            except ParameterError as error:
-                message = f"pair style {style.name}, types {i} {j}: {error}"
-                raise _complain(coefficient.where or style.where, message) from None
-            if remark:
-                state.note(remark)
-            _check_cutoff(state, term, (i, j), coefficient.where or style.where)
-            entries[(type_name(i), type_name(j))] = term
+            if id(coefficient) not in terms:
+                terms[id(coefficient)] = _term(state, style, (i, j), coefficient)
+            entries[(type_name(i), type_name(j))] = terms[id(coefficient)]
         result.append(entries)
     result = result or [{}]
     for i, j in sorted(setup.excluded | between_bonds):
         result[0].setdefault((type_name(i), type_name(j)), NONE)
     return [PairTable(entries) for entries in result]
+
+
+def _term(state: DeckState, style: PairStyle, pair: tuple[int, int], coefficient: Coefficient) -> object:
+    """The pair term of a coefficient; DeckError if it is out of bounds or reaches too far."""
+    where = coefficient.where or style.where
+    try:
+        term, remark = style.spec.build(style, coefficient, state.units)
+    except ParameterError as error:
+        raise _complain(where, f"pair style {style.name}, types {pair[0]} {pair[1]}: {error}") from None
+    if remark:
+        state.note(remark)
+    _check_cutoff(state, term, pair, where)
+    return term
 
 
 def _with_densities(styles: list[PairStyle], tables: list[Table]) -> list[tuple[PairStyle, Table]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import ParameterError
+from ..files import writing
 from ..units import LJ, UnitSystem
 from .atoms import Atoms
 from .bonded_styles import BondedSetup
@@ -199,10 +201,30 @@ class DeckState:
                 return candidate
         raise ParameterError(f"there is no file '{name}' (looked in {self.path.parent} and in the working directory)")
 
-    def output_file(self, name: str) -> Path:
-        """Where a file that the deck writes goes: ``*`` becomes the step, relative names are put into the output folder."""
-        path = self.output / name.replace("*", str(self.step))
-        path.parent.mkdir(parents=True, exist_ok=True)
+    def output_path(self, name: str, step: int | None = None) -> Path:
+        """Where a file that the deck writes goes: ``*`` becomes the step, by default the present one.
+
+        Relative names are put into the output folder; absolute ones are taken as they are, and a note says so.
+
+        Raises
+        ------
+        ParameterError
+            If a relative name leads out of the output folder.
+        """
+        if Path(name).is_absolute():
+            self.note(f"{name} is an absolute name: it is written there, and not into the output folder {self.output}")
+        elif os.path.normpath(name).split(os.sep)[0] == os.pardir:
+            raise ParameterError(
+                f"the file '{name}' would lie outside of the output folder {self.output}; "
+                "leave the '..' out and choose the folder (--out), or give an absolute name"
+            )
+        return self.output / name.replace("*", str(self.step if step is None else step))
+
+    def output_file(self, name: str, step: int | None = None) -> Path:
+        """:meth:`output_path`, in a folder that is made; OutputError if it cannot be made."""
+        path = self.output_path(name, step)
+        with writing(path.parent, "the folder"):
+            path.parent.mkdir(parents=True, exist_ok=True)
         return path
 
     # -- changes -------------------------------------------------------------------------------------------------------------

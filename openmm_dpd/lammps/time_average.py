@@ -133,7 +133,7 @@ def parse_ave_time(state: DeckState, name: str, group: str, args: list[str]) -> 
     header = [f"# Time-averaged data for fix {name}", f"# TimeStep {' '.join(words)}"]
     if vector:
         header[1:] = ["# TimeStep Number-of-rows", f"# Row {' '.join(words)}"]
-    file = file_of(options, header)
+    file = file_of(state, options, header)
     window = Window(options.get("ave", ["one"]))
     return TimeAverage(words, rows.pop(), off, name, parse_schedule(state, "ave/time", args[:3], start), window, file, form_of(options))
 

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import openmm
 from openmm import app, unit
 
 from ..build import Built
+from ..dcd import DCDWriter
 from ..field_file import FieldWriter, carries_fields
 from ..fields import read_fields
+from ..files import writing
 from ..model.scene import Scene
 from ..trajectory import write_psf
 from .request import RunRequest
@@ -29,12 +30,18 @@ class RunTrajectory:
         Made if it does not exist.
     frames : int
         About how many frames a run gives.
+
+    Raises
+    ------
+    OutputError
+        From all methods, if a file cannot be written; frames that are there stay readable.
     """
 
     def __init__(self, folder: Path, frames: int = 100):
-        folder.mkdir(parents=True, exist_ok=True)
+        with writing(folder, "the folder"):
+            folder.mkdir(parents=True, exist_ok=True)
         self.folder, self.frames = folder, frames
-        self._file: Any = None
+        self._file: DCDWriter | None = None
         self._fields: FieldWriter | None = None
         self._beads, self._part = 0, 0
         self._offset: np.ndarray = np.zeros((0, 3))
@@ -56,8 +63,6 @@ class RunTrajectory:
             self._fields = FieldWriter(self.folder / f"fields{suffix}.npz")
 
     def _open(self, scene: Scene) -> None:
-        from mdtraj.formats import DCDTrajectoryFile
-
         suffix = "" if self._part == 1 else f"-{self._part}"
         write_psf(
             self.folder / f"topology{suffix}.psf",
@@ -67,7 +72,7 @@ class RunTrajectory:
             molecules=scene.molecules,
             bonds=scene.bond_pairs,
         )
-        self._file = DCDTrajectoryFile(str(self.folder / f"trajectory{suffix}.dcd"), "w", force_overwrite=True)
+        self._file = DCDWriter(self.folder / f"trajectory{suffix}.dcd", scene.n_beads, "the trajectory")
 
     def due(self, step: int) -> bool:
         """Whether a frame belongs to this step."""
@@ -82,15 +87,13 @@ class RunTrajectory:
         if self._fields is not None:
             time = context.getTime().value_in_unit(unit.picosecond)
             self._fields.write(time, step, read_fields(context, self._built.plan))
-        lengths = np.linalg.norm(box, axis=1)
-        cosines = [box[a] @ box[b] / lengths[a] / lengths[b] for a, b in ((1, 2), (0, 2), (0, 1))]
-        angles = np.degrees(np.arccos(cosines))
+        assert self._file is not None
         # DCD files are in Angstrom
-        self._file.write(*(np.asarray(a, dtype=np.float32) for a in (10 * (x + self._offset), 10 * lengths[None], angles[None])))
+        self._file.write(10 * (x + self._offset), 10 * box)
 
     def save_state(self, simulation: app.Simulation) -> None:
         """Write the final state, from which OpenMM can continue exactly."""
-        simulation.saveState(str(self.folder / "final_state.xml"))
+        simulation.saveState(self.folder / "final_state.xml")
 
     def close(self) -> None:
         """Close the DCD file."""

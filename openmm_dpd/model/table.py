@@ -73,17 +73,17 @@ class PairTable:
         ParameterError
             If an entry names a type that is not among ``names``.
         """
+        place = {name: k for k, name in enumerate(names)}
         for key in self.entries:
             for name in key:
-                if name != "*" and name not in names:
+                if name != "*" and name not in place:
                     raise ParameterError(f"for types {key}: there is no bead type {name!r}; the types are {', '.join(names)}")
         found = {}
         for key, value in self.entries.items():
             first, second = ([name] if name != "*" else names for name in key)
-            wanted = {frozenset((a, b)) for a in first for b in second}
-            for pair in combinations_with_replacement(names, 2):
-                if frozenset(pair) in wanted:
-                    found[pair] = value
+            for a in first:
+                for b in second:
+                    found[(a, b) if place[a] <= place[b] else (b, a)] = value
         return found
 
 

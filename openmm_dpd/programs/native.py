@@ -93,7 +93,8 @@ def native_integrator(plan: Plan) -> NativeIntegrator:
     integrator.setRandomNumberSeed(options.openmm_seed)
     for index, kind in enumerate(scene.type_ids.tolist()):
         integrator.setParticleType(index, kind)
+    number = {name: k for k, name in enumerate(scene.type_names)}
     for a, b, c in pairs:
         rate = (c.gamma or 0.0) * (1 / scene.masses[a] + 1 / scene.masses[b]) / 2
-        integrator.addTypePair(scene.type_names.index(a), scene.type_names.index(b), rate, c.cutoff)
+        integrator.addTypePair(number[a], number[b], rate, c.cutoff)
     return integrator

@@ -134,6 +134,7 @@ WRONG = {
     "forces at too few positions": (lambda: dpd.force_terms(build(), X[:5]), r"positions.*\(20, 3\).*\(5, 3\)"),
     "noise before the first": (lambda: dpd.force_terms(build(), counter=-1), "counter.*-1"),
     "observer of a Simulation": (lambda: dpd.Observer(build().simulation()), "Observer.*build.*Simulation"),
+    "reporter of fields of a Scene": (lambda: dpd.FieldReporter("fields.npz", 10, scene()), "FieldReporter.*build.*a Scene"),
     "sample of a Simulation": (lambda: dpd.Observer(build()).sample(build().simulation()), "Context.*Simulation"),
     "temperature of a Simulation": (lambda: dpd.set_temperature(build().simulation(), 1), "Context.*Simulation"),
     "temperature under a ramp": (
@@ -300,7 +301,7 @@ def test_negative_temperature_while_stepping():
         simulation.step(1)
 
 
-@pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba", "bababo"])
+@pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba", "bababo", "native"])
 def test_step_size_of_zero(scheme):
     simulation = run_of(beads(), DEVICES[0], dt=0.02, scheme=scheme)
     simulation.integrator.setStepSize(0.0)

@@ -236,7 +236,7 @@ def test_what_is_no_scene_and_what_is_no_folder(tmp_path):
     with pytest.raises(dpd.ParameterError, match="expected a Scene"):
         export_lammps("scene", tmp_path, "x", dt=0.01)
     (tmp_path / "file").write_text("")
-    with pytest.raises(dpd.ParameterError, match="cannot be written to .*file .*give another folder"):
+    with pytest.raises(dpd.OutputError, match="the folder .*file.* cannot be written .*write elsewhere"):
         export_lammps(fluid(), tmp_path / "file", "x", dt=0.01)
     if os.getuid():
         (tmp_path / "closed").mkdir(mode=0o500)

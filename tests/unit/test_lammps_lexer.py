@@ -45,10 +45,33 @@ def test_a_byte_order_mark_is_left_aside(tmp_path):
     assert lines(read_text(tmp_path / "deck")) == [(1, "units lj")]
 
 
-def test_other_encodings_are_named_with_their_line(tmp_path):
-    (tmp_path / "deck").write_bytes(b"units lj\n# 10 \xc5ngstrom\n")
-    with pytest.raises(DeckError, match=r"deck:2: the file is not UTF-8 text \(byte 0xc5\)"):
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        (b"units lj\nprint \xc5ngstrom\n", 2),
+        (b'units lj\n\nprint "# \xc5ngstrom"\n', 3),
+        (b"units lj \xc5 # \xc5ngstrom\n", 1),
+    ],
+)
+def test_other_encodings_are_named_with_their_line(tmp_path, text, line):
+    (tmp_path / "deck").write_bytes(text)
+    with pytest.raises(DeckError, match=rf"deck:{line}: the file is not UTF-8 text \(byte 0xc5\)"):
         read_text(tmp_path / "deck")
+
+
+def test_other_encodings_in_a_text_of_several_lines_are_an_error(tmp_path):
+    (tmp_path / "deck").write_bytes(b'units lj\nprint """one\n# \xc5ngstrom"""\n')
+    with pytest.raises(DeckError, match="deck:2: the text of several lines that begins here is not UTF-8"):
+        lines(read_text(tmp_path / "deck"))
+
+
+def test_other_encodings_are_read_in_comments(tmp_path):
+    (tmp_path / "deck").write_bytes(b"units lj # in \xc5ngstrom\r\n# \xb5m, it's small\nrun 10")
+    assert lines(read_text(tmp_path / "deck")) == [(1, "units lj"), (3, "run 10")]
+    (tmp_path / "data").write_bytes(b"M\xfcller's beads\n\n5 atoms\n")
+    assert read_text(tmp_path / "data", title=True).split("\n")[2] == "5 atoms"
+    with pytest.raises(DeckError, match="data:1: .*0xfc"):
+        read_text(tmp_path / "data")
 
 
 @pytest.mark.parametrize(

@@ -200,6 +200,13 @@ def test_an_error_in_an_included_file_is_located_there(tmp_path):
         requests_of(tmp_path, "include part\n")
 
 
+def test_includes_that_never_seem_to_end_are_an_error(tmp_path):
+    for k in range(2000):
+        (tmp_path / f"part{k}").write_text(f"thermo 5\ninclude part{k + 1}\n")
+    with pytest.raises(DeckError, match="part99:2: include 'part100': files include each other 100 deep already"):
+        requests_of(tmp_path, "include part0\n")
+
+
 def test_a_file_that_includes_itself_is_an_error(tmp_path):
     (tmp_path / "one").write_text("thermo 5\ninclude two\n")
     (tmp_path / "two").write_text("include one\n")

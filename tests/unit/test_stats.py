@@ -144,3 +144,9 @@ def test_ratio_over_a_constant_is_a_block_average():
     assert ratio.mean == pytest.approx(average.mean, rel=1e-12)
     assert ratio.sem == pytest.approx(average.sem, rel=1e-6)
     assert (ratio.n_blocks, ratio.converged) == (average.n_blocks, average.converged)
+
+
+def test_a_denominator_in_one_block_only_leaves_the_ratio_without_an_error():
+    numerator, denominator = np.linspace(1.0, 2.0, 20), np.zeros(20)
+    denominator[:3] = 0.5
+    assert ratio_average(numerator, denominator) == Average(pytest.approx(30 / 1.5), None, 0, None)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ...errors import ParameterError
+from ...files import append_block, write_whole
 from .. import arguments as read
 from ..computes import BUILT_IN, COMPUTES, Compute, temperature_compute
 from ..context import Context
@@ -173,6 +174,7 @@ def dump(state: DeckState, args: list[str]) -> None:
         read.count(words, f"dump ID group {style} N file", 0)
     if file.endswith((".gz", ".bz2", ".zst", ".bin")):
         raise ParameterError(f"dump file '{file}': compressed and binary files are not supported")
+    state.output_path(file)  # what is wrong with its name is the mistake of this line
     columns = {"atom": ("id", "type", "xs", "ys", "zs"), "custom": tuple(words), "dcd": ()}[style]
     state.dumps[name] = Dump(name, group, style, every, file, columns)
 
@@ -232,8 +234,7 @@ def write_data(state: DeckState, args: list[str]) -> None:
             pair = read.choice(values[0], "pair", ("ii", "ij"))
         elif keyword == "nocoeff":
             pair = None
-    path = state.output_file(args[0])
-    path.write_text("\n".join(data_file_lines(state, pair=pair)) + "\n")
+    write_whole(state.output_file(args[0]), "\n".join(data_file_lines(state, pair=pair)) + "\n", "the data file")
 
 
 # -- variables and text -----------------------------------------------------------------------------------------------------
@@ -249,8 +250,7 @@ def print_(state: DeckState, args: list[str]) -> None:
     text, show = expand(state, args[0]), True
     for keyword, values in read.options(args[1:], {"file": 1, "append": 1, "screen": 1, "universe": 1}, "print"):
         if keyword in ("file", "append"):
-            with open(state.output_file(values[0]), "w" if keyword == "file" else "a") as stream:
-                stream.write(text + "\n")
+            append_block(state.output_file(values[0]), text + "\n", "the file of print", anew=keyword == "file")
         elif keyword == "screen":
             show = read.switch(values[0], "screen")
     if show:

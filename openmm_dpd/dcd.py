@@ -1,0 +1,73 @@
+"""DCD trajectories: float32 angstrom, in a file that is whole after every frame."""
+
+from __future__ import annotations
+
+import os
+import struct
+
+import numpy as np
+
+from .files import BlockFile
+
+#: Where the header holds the number of frames.
+_COUNT_AT = 8
+
+
+class DCDWriter:
+    """Writes a DCD file in CHARMM's layout, which mdtraj, MDAnalysis and VMD read.
+
+    The file is whole after every frame, and stays so if the next one cannot be written.
+
+    Parameters
+    ----------
+    path : path-like
+        Written anew.
+    n_beads : int
+        Number of beads of every frame.
+    what : str
+        What it is, for errors.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+
+    def __init__(self, path: str | os.PathLike, n_beads: int, what: str):
+        self._file, self._frames, self._n_beads = BlockFile(path, what), 0, n_beads
+        # 20 numbers: frames, first step and interval among them; the last one is CHARMM's version, the eleventh says that there is a box
+        control = struct.pack("<9if10i", 0, 0, 1, 0, 0, 0, 0, 0, 0, 1.0, 1, *[0] * 8, 24)
+        title = struct.pack("<i80s80s", 2, b"openmm-dpd".ljust(80), b"".ljust(80))
+        self._file.write(_record(b"CORD" + control) + _record(title) + _record(struct.pack("<i", n_beads)))
+
+    def write(self, positions: np.ndarray, box: np.ndarray) -> None:
+        """Add a frame.
+
+        Parameters
+        ----------
+        positions : (N, 3) array
+            Angstrom.
+        box : (3, 3) array
+            Box vectors, angstrom.
+        """
+        assert len(positions) == self._n_beads
+        a, b, c = np.linalg.norm(box, axis=1)
+        alpha, beta, gamma = box[1] @ box[2] / (b * c), box[0] @ box[2] / (a * c), box[0] @ box[1] / (a * b)
+        frame = _record(struct.pack("<6d", a, gamma, b, beta, alpha, c))
+        frame += b"".join(_record(np.ascontiguousarray(column, dtype="<f4").tobytes()) for column in np.asarray(positions).T)
+        self._file.write(frame)
+        self._frames += 1
+        self._file.replace(_COUNT_AT, struct.pack("<i", self._frames))
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+def _record(content: bytes) -> bytes:
+    """A Fortran record: its length on both sides."""
+    length = struct.pack("<i", len(content))
+    return length + content + length
+
+
+__all__ = ["DCDWriter"]

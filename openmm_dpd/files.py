@@ -1,0 +1,132 @@
+"""Writing files so that a full disk costs nothing that was there: whole files, or whole blocks, or one clear error."""
+
+from __future__ import annotations
+
+import errno
+import os
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from .errors import OutputError
+
+#: What helps, by the kind of error; writing elsewhere helps against all others.
+_REMEDIES = {
+    errno.ENOSPC: "free some space there, or write elsewhere",
+    errno.EDQUOT: "free some of your quota there, or write elsewhere",
+    errno.EFBIG: "it would be longer than files of this process may be (ulimit -f)",
+}
+
+
+@contextmanager
+def writing(path: str | os.PathLike, what: str) -> Iterator[None]:
+    """Make an OSError inside an OutputError that says what could not be written, where, why, and what helps."""
+    try:
+        yield
+    except OSError as error:
+        remedy = _REMEDIES.get(error.errno or 0, "write elsewhere")
+        raise OutputError(f"{what} {os.fspath(path)} cannot be written ({error.strerror or error}); {remedy}") from None
+
+
+def write_whole(path: str | os.PathLike, content: str | bytes, what: str) -> None:
+    """Write a file, in the place of one that is there, or leave that one as it is.
+
+    Parameters
+    ----------
+    path : path-like
+    content : str or bytes
+        Text is written in UTF-8.
+    what : str
+        What it is, for the error: ``the report``, say.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written; nothing is left behind then.
+    """
+    data = content.encode() if isinstance(content, str) else content
+    # a link stays one
+    target = Path(os.path.realpath(path))
+    with writing(path, what):
+        if target.exists() and not target.is_file():
+            with open(target, "wb", buffering=0) as stream:  # a device or a pipe has nothing to keep
+                _write_all(stream, data)
+            return
+        beside = target.with_name(f".{target.name[:100]}.{os.getpid()}.{threading.get_ident()}.tmp")
+        try:
+            with open(beside, "wb", buffering=0) as stream:
+                _write_all(stream, data)
+            os.replace(beside, target)
+        except BaseException:
+            with suppress(OSError):
+                beside.unlink()
+            raise
+
+
+class BlockFile:
+    """A file that grows by whole blocks: one that cannot be written to its end leaves the file as it was before.
+
+    Parameters
+    ----------
+    path : path-like
+    what : str
+        What it is, for errors.
+    append : bool, default False
+        Go on with what is there.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be opened, and from all methods, if something cannot be written.
+    """
+
+    def __init__(self, path: str | os.PathLike, what: str, append: bool = False):
+        self.path, self._what = path, what
+        with writing(path, what):
+            self._stream = open(path, "ab" if append else "wb", buffering=0)
+
+    def __enter__(self) -> BlockFile:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def write(self, block: str | bytes) -> None:
+        """Add a block at the end."""
+        stream = self._stream
+        with writing(self.path, self._what):
+            end = stream.seek(0, os.SEEK_END) if stream.seekable() else None
+            try:
+                _write_all(stream, block.encode() if isinstance(block, str) else block)
+            except BaseException:
+                if end is not None:
+                    stream.truncate(end)
+                raise
+
+    def replace(self, start: int, part: bytes) -> None:
+        """Write over bytes that are there."""
+        with writing(self.path, self._what):
+            self._stream.seek(start)
+            _write_all(self._stream, part)
+
+    def close(self) -> None:
+        """Close the file."""
+        with writing(self.path, self._what):
+            self._stream.close()
+
+
+def append_block(path: str | os.PathLike, block: str, what: str, *, anew: bool = False) -> None:
+    """Open a file, add a block at its end (or begin it anew), and close it; OutputError if that fails."""
+    with BlockFile(path, what, append=not anew) as file:
+        file.write(block)
+
+
+def _write_all(stream, data: bytes) -> None:
+    """Write to an unbuffered file, which takes a part at a time where space is short."""
+    rest = memoryview(data)
+    while rest:
+        rest = rest[stream.write(rest) :]
+
+
+__all__ = ["BlockFile", "append_block", "write_whole", "writing"]

@@ -1,0 +1,110 @@
+"""Reading what OpenMM's XmlSerializer wrote, without running what others have put into it.
+
+A PythonForce is written as a pickled Python object, and to unpickle is to run: OpenMM's own ``XmlSerializer.deserialize`` carries out
+whatever a file of unknown origin says.
+"""
+
+from __future__ import annotations
+
+import importlib
+import io
+import os
+import pickle
+from pathlib import Path
+from typing import Any, TextIO
+from xml.etree import ElementTree
+
+import openmm
+
+from .errors import ParameterError
+
+#: Modules whose classes the forces of this package are made of.
+_OWN = ("openmm_dpd.forces.", "openmm_dpd.kernels.", "openmm_dpd.model.")
+
+#: What arrays are made of, in NumPy 1 and 2.
+_ARRAYS = {
+    ("numpy", "ndarray"),
+    ("numpy", "dtype"),
+    *((f"numpy.{core}.multiarray", name) for core in ("core", "_core") for name in ("_reconstruct", "scalar")),
+    *((f"numpy.{core}.numeric", "_frombuffer") for core in ("core", "_core")),
+}
+
+
+class _Unpickler(pickle.Unpickler):
+    """Lets in plain values, arrays, and classes (not functions) of this package's forces."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        if (module, name) in _ARRAYS:
+            return super().find_class(module, name)
+        if module.startswith(_OWN) and "." not in name:
+            try:
+                found = getattr(importlib.import_module(module), name, None)
+            except ImportError:
+                found = None
+            if isinstance(found, type) and found.__module__ == module:
+                return found
+        raise pickle.UnpicklingError(f"it asks for {module}.{name}")
+
+
+def checked(text: str) -> ElementTree.Element:
+    """The elements of an XML text, after a look at all Python objects in it.
+
+    Raises
+    ------
+    ParameterError
+        If it is no XML, or one of its PythonForces is not of this package; nothing of it has been run then.
+    """
+    try:
+        root = ElementTree.fromstring(text)
+    except ElementTree.ParseError as error:
+        raise ParameterError(f"this is no file that OpenMM's XmlSerializer wrote: {error}") from None
+    for node in root.iter():
+        if node.get("type") != "PythonForce":
+            continue
+        try:
+            _Unpickler(io.BytesIO(bytes.fromhex(node.get("function", "")))).load()
+        except Exception as error:  # what is pickled badly can fail in any way
+            raise ParameterError(
+                f"the file holds a Python object that is not a force of this package ({error}), and to read it would be to run it; "
+                "if you trust the file, use openmm.XmlSerializer.deserialize"
+            ) from None
+    return root
+
+
+def load_xml(file: str | os.PathLike | TextIO) -> Any:
+    """Read a System, integrator or State that ``openmm.XmlSerializer.serialize`` wrote, if it holds no Python code but this package's.
+
+    Parameters
+    ----------
+    file : path-like or text file
+
+    Returns
+    -------
+    openmm.System, openmm.Integrator or openmm.State
+
+    Raises
+    ------
+    ParameterError
+        If it is no such file, or a PythonForce in it is not one of this package; nothing of it has been run then.
+
+    Examples
+    --------
+    >>> system = load_xml("system.xml")  # doctest: +SKIP
+    """
+    return deserialized(checked(read_file(file)))
+
+
+def read_file(file: str | os.PathLike | TextIO) -> str:
+    """Text of a file by its name, or of an open one."""
+    return Path(file).read_text(encoding="utf-8") if isinstance(file, (str, os.PathLike)) else file.read()
+
+
+def deserialized(root: ElementTree.Element) -> Any:
+    """The object of elements that were looked at; they are written anew, so that OpenMM reads what was looked at."""
+    try:
+        return openmm.XmlSerializer.deserialize(ElementTree.tostring(root, encoding="unicode"))
+    except (openmm.OpenMMException, ValueError) as error:
+        raise ParameterError(f"OpenMM cannot read this file: {error}") from None
+
+
+__all__ = ["load_xml"]

@@ -1,0 +1,122 @@
+"""Systems from files: forces of this package are read, other Python code is not run."""
+
+from __future__ import annotations
+
+import os
+import pickle
+
+import numpy as np
+import openmm
+import pytest
+
+import openmm_dpd as dpd
+
+N = 30
+X = np.random.default_rng(6).random((N, 3)) * 3
+
+
+def build(platform: str = "CPU", **more) -> dpd.Built:
+    pairs = {("W", "W"): dpd.DPD(A=25, gamma=4.5)}
+    scene = dpd.Scene({"W": 1.0}, ["W"] * N, X, pairs, kT=1.0, box=[3.0] * 3, **more)
+    return dpd.build(scene, dt=0.02, platform=platform, seed=1)
+
+
+class Planted:
+    """What an attacker writes into a file in the place of a force."""
+
+    def __init__(self, call, *arguments):
+        self.call, self.arguments = call, arguments
+
+    def __reduce__(self):
+        return self.call, self.arguments
+
+    def __call__(self, state):
+        raise AssertionError("never evaluated")
+
+
+def opened(path) -> None:
+    """A function of some module that is not this package's."""
+    path.write_text("run")
+
+
+def system_with(computation) -> str:
+    system = openmm.System()
+    system.addParticle(1.0)
+    system.addForce(openmm.PythonForce(computation, {}))
+    return openmm.XmlSerializer.serialize(system)
+
+
+@pytest.mark.parametrize("platform", ["CPU", "Reference"])
+@pytest.mark.parametrize(
+    "more",
+    [
+        {},
+        {"bonds": [dpd.FENEBonds([[0, 1], [1, 2]], k=30.0, R0=6.0)], "segments": dpd.SegmentalRepulsion(A=100.0, cutoff=0.5)},
+        {"body_forces": [dpd.BodyForce([1.0, 0, 0])], "walls": None},
+    ],
+    ids=["plain", "bonded", "pushed"],
+)
+def test_forces_of_this_package_are_read(tmp_path, platform, more):
+    built = build(platform, **{key: value for key, value in more.items() if value is not None})
+    path = tmp_path / "system.xml"
+    path.write_text(openmm.XmlSerializer.serialize(built.system))
+    system = dpd.load_xml(path)
+    assert openmm.XmlSerializer.serialize(system) == path.read_text()
+    with open(path) as file:
+        assert dpd.load_xml(file).getNumParticles() == N
+
+
+@pytest.mark.parametrize("through", ["function", "method of a module", "class"])
+def test_planted_code_is_not_run(tmp_path, through):
+    target = tmp_path / "witness"
+    planted = {
+        "function": Planted(opened, target),
+        "method of a module": Planted(os.mkdir, str(target)),
+        "class": Planted(dpd.DPDReporter, str(target), 10, None),
+    }[through]
+    text = system_with(planted)
+    assert not target.exists()
+    (tmp_path / "system.xml").write_text(text)
+    with pytest.raises(dpd.ParameterError, match="holds a Python object that is not a force of this package .*it asks for"):
+        dpd.load_xml(tmp_path / "system.xml")
+    assert not target.exists()
+    if through == "function":  # which OpenMM itself does run
+        openmm.XmlSerializer.deserialize(text)
+        assert target.exists()
+
+
+def test_names_do_not_lead_out_of_the_package(tmp_path):
+    """Protocol 4 looks up names with dots, and every module has others among its names."""
+    for module, name in (
+        ("openmm_dpd.forces.pair_force", "np.save"),
+        ("openmm_dpd.forces.pair_force", "warm_up"),
+        ("openmm_dpd.cli", "Path"),
+    ):
+        payload = b"\x80\x04" + b"".join(b"\x8c" + bytes([len(word)]) + word.encode() for word in (module, name)) + b"\x93."
+        text = system_with(Planted(opened, tmp_path))
+        start = text.index('function="') + len('function="')
+        text = text[:start] + payload.hex() + text[text.index('"', start) :]
+        (tmp_path / "system.xml").write_text(text)
+        assert callable(pickle.loads(payload))
+        with pytest.raises(dpd.ParameterError, match=f"it asks for {module}.{name}"):
+            dpd.load_xml(tmp_path / "system.xml")
+
+
+def test_a_state_is_a_state(tmp_path):
+    simulation = build().simulation()
+    simulation.step(2)
+    simulation.saveState(str(tmp_path / "state.xml"))
+    assert dpd.load_xml(tmp_path / "state.xml").getStepCount() == 2
+    for name, text, message in (
+        ("planted.xml", system_with(Planted(opened, tmp_path / "witness")), "not a force of this package"),
+        ("system.xml", openmm.XmlSerializer.serialize(openmm.System()), "no State: the file holds 'System'"),
+        ("text.xml", "once upon a time", "no file that OpenMM's XmlSerializer wrote"),
+        ("short.xml", (tmp_path / "state.xml").read_text()[:900], "no file that OpenMM's XmlSerializer wrote"),
+        ("other.xml", "<State type='Stale'/>", "OpenMM cannot read this file"),
+    ):
+        (tmp_path / name).write_text(text)
+        with pytest.raises(dpd.ParameterError, match=message):
+            simulation.loadState(str(tmp_path / name))
+    assert not (tmp_path / "witness").exists()
+    assert simulation.context.getStepCount() == 2
+    simulation.loadState(str(tmp_path / "state.xml"))
