@@ -42,6 +42,7 @@ def tiled(scene: dpd.Scene, times: int) -> dpd.Scene:
         velocities=np.tile(scene.velocities, (n, 1)),
         box=scene.box * times,
         charges=np.tile(scene.charges, n),
+        bead_masses=None,
     )
 
 
