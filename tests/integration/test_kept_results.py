@@ -45,6 +45,9 @@ def no_traces(folder: Path) -> bool:
 def test_a_trajectory_that_finds_no_space_ends_the_run_and_costs_nothing(deck, capsys, caplog):
     """At 30 kB: topology and averages fit, two dumps and a dozen frames; the final state and the picture do not."""
     out = deck.parent / "out"
+    assert main(arguments(deck, deck.parent / "before", "--steps", "20")) == 0  # what has to be compiled is kept now
+    capsys.readouterr()
+    caplog.clear()
     with file_limit(30_000):
         assert main(arguments(deck, out)) == 1
     error = capsys.readouterr().err
