@@ -160,7 +160,7 @@ def parse_binning(state: DeckState, group: str, words: list[str]) -> Binning:
             axes[k] = replace(axes[k], bound=_bound(values, _scale(state, axes[k].axis, units)))
     discard = read.choice(options["discard"][0], "discard", ("yes", "no", "mixed"))
     binning = Binning(tuple(axes), discard, options["region"][0] if "region" in options else None)
-    binning.bins(box.scaled(1.0 / state.units.length))
+    binning.bins(box)
     return binning
 
 
