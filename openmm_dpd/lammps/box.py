@@ -123,17 +123,18 @@ class Box:
             return self.fractions(positions), np.zeros(3), np.ones(3)
         return np.array(positions, dtype=np.float64), self.low, self.high
 
-    def holds(self, positions: np.ndarray, gap: float = 0.0) -> np.ndarray:
+    def holds(self, positions: np.ndarray, lower: float = 0.0, upper: float = 0.0) -> np.ndarray:
         """Mask of the positions inside: on a lower face they are, on an upper one not.
 
         Parameters
         ----------
         positions : (N, 3) array
-        gap : float
-            Fraction of an edge that counts as outside below the upper faces of periodic axes.
+        lower, upper : float
+            By how much the faces of periodic axes are moved down, in edges.
         """
         coordinates, low, high = self._coordinates(positions)
-        return np.all((coordinates >= low) & (coordinates < high - np.where(self.periodic, gap * (high - low), 0.0)), axis=-1)
+        period = np.where(self.periodic, high - low, 0.0)
+        return np.all((coordinates >= low - lower * period) & (coordinates < high - upper * period), axis=-1)
 
     def settle(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions moved into the box, and by how many boxes each was moved back ((N, 3) integers to be added to the image flags).

@@ -72,8 +72,8 @@ class Lattice:
         cells = np.stack([i, j, k], axis=-1).reshape(-1, 1, 3)
         points = _placed((cells + self.basis).reshape(-1, 3), self.primitive, self.scale, self.rotation) + self.offset
         numbers = np.tile(np.arange(len(self.basis)), len(cells))
-        # LAMMPS leaves 1e-6 of the box free below the upper faces, twice, and nothing at the lower ones
-        inside = box.holds(points, gap=2e-6)
+        # LAMMPS's way to have each point once: one a rounding error outside a lower face is in, its image at the upper one is not
+        inside = box.holds(points, lower=1e-6, upper=2e-6)
         return points[inside], numbers[inside]
 
 
