@@ -197,7 +197,7 @@ def thermal_energy(state: DeckState, window: Window | None) -> float | Temperatu
     # without friction, along the line between two beads or across it, there is no noise, and so no temperature, unless no style has any
     frictions = ("gamma", "gamma_perp", "sigma")
     active = [any(found.values.get(name) for found in style.coefficients.values() for name in frictions) for style in styles]
-    styles = [style for style, has in zip(styles, active, strict=True) if has] or styles
+    styles = [style for style, has in zip(styles, active, strict=True) if has] or styles[:1]
     wanted = [(style.settings["start"], style.settings["stop"]) for style in styles]
     for style, pair in zip(styles, wanted, strict=True):
         if pair != wanted[0]:

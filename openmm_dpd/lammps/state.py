@@ -250,15 +250,18 @@ class DeckState:
         ParameterError
             If a bead is more than one box away, which LAMMPS loses.
         """
-        inside, shifts = self.require_box(command).settle(self.atoms.positions)
-        lost = np.any(np.abs(shifts) > 1, axis=1) | ~self.require_box(command).holds(inside)
+        box = self.require_box(command)
+        inside, shifts = box.settle(self.atoms.positions)
+        lost = np.any(np.abs(shifts) > 1, axis=1)
+        if not all(box.periodic):
+            lost |= ~box.holds(inside)
         if lost.any():
             bead = int(np.argmax(lost))
             place = " ".join(f"{value:g}" for value in self.atoms.positions[bead])
             raise ParameterError(f"{command}: bead {self.atoms.ids[bead]} lies at {place}, so far outside the box that LAMMPS loses it")
-        if command == "run" and self.sorts and self.require_box(command).triclinic:
+        if command == "run" and self.sorts and box.triclinic:
             # LAMMPS sorts by place in between, for which it goes to coordinates and back to fractions
-            inside = self.require_box(command).places(self.require_box(command).fractions(inside))
+            inside = box.places(box.fractions(inside))
         self._take_inside(inside, shifts)
 
     def _take_inside(self, positions: np.ndarray, shifts: np.ndarray) -> None:
@@ -287,7 +290,10 @@ class DeckState:
         """
         if box is not None:
             self.box = self.require_box("a run").following(np.asarray(box) / self.units.length)
-        self._take_inside(*self.require_box("a run").wrap(self.in_deck_units(positions)))
+        box = self.require_box("a run")
+        inside, shifts = box.wrap(self.in_deck_units(positions))
+        # walls keep beads inside to the rounding of the platform; the next run wants them inside to the last bit
+        self._take_inside(np.where(box.periodic, inside, np.clip(inside, box.low, np.nextafter(box.high, box.low))), shifts)
         self.atoms.velocities = np.asarray(velocities, dtype=np.float64) / self.units.velocity
         places = carried_places(self.units)
         for name, values in (carried or {}).items():

@@ -98,10 +98,13 @@ create_atoms 1 box
     + FINISH
     + "region r block 1 2.5 1 2.5 1 2.5\ngroup r region r\n",
     "tilted boxes that are not sorted": "atom_modify sort 0 0\nlattice sc 1\nregion b prism 0 4 0 4 0 4 0.9 0.3 -0.7\ncreate_box 2 b\ncreate_atoms 1 box\n",
-    "ids in storage order": ROW + "group d id 2 5 8\ndelete_atoms group d\ngroup three id 3\ncreate_atoms 1 single 7 7 7\ngroup f id 1 6\ndelete_atoms group f\ngroup last id 4\n",
-    "ids that are kept": ROW + "group d id 2 5\ndelete_atoms group d compress no\ncreate_atoms 1 single 7 7 7\ngroup e id 3\ndelete_atoms group e\n",
+    "ids in storage order": ROW
+    + "group d id 2 5 8\ndelete_atoms group d\ngroup three id 3\ncreate_atoms 1 single 7 7 7\ngroup f id 1 6\ndelete_atoms group f\ngroup last id 4\n",
+    "ids that are kept": ROW
+    + "group d id 2 5\ndelete_atoms group d compress no\ncreate_atoms 1 single 7 7 7\ngroup e id 3\ndelete_atoms group e\n",
     "ids of molecules": "atom_style bond\n" + ROW + "group d id 2 5\ndelete_atoms group d\ngroup three id 3\nset atom 3 vx 1.0\n",
-    "subtract": ROW + "group g id 1 2 3\ngroup h id 1 5\ngroup g subtract all h\ngroup k subtract all k\ngroup h subtract all g h\ngroup m union g h\ngroup m subtract all g\n",
+    "subtract": ROW
+    + "group g id 1 2 3\ngroup h id 1 5\ngroup g subtract all h\ngroup k subtract all k\ngroup h subtract all g h\ngroup m union g h\ngroup m subtract all g\n",
     "spacings": "lattice custom 1.7 a1 1 0.2 0 a2 0 1.5 0.1 a3 0.3 0 2 basis 0 0 0 basis 0.5 0.5 0.25 origin 0.1 0.7 0 orient x 1 1 0 orient y -1 1 0 orient z 0 0 1\n"
     "region b block -1 4 0 3 0 5\ncreate_box 2 b\ncreate_atoms 1 box basis 2 2\nregion s sphere 1 1 1 1.2\ngroup s region s\n",
 }
@@ -127,7 +130,11 @@ def test_random_regions_on_random_lattices(tmp_path, seed):
         centre, radius = rng.integers(-1, 6, 3) / 2, rng.integers(1, 5) / 2
         place = " ".join(f"{value:g}" for value in centre)
         pairs = " ".join(f"{x:g} {x + y:g}" for x, y in zip(a, b, strict=True))
-        text = (f"block {pairs}", f"sphere {place} {radius:g}", f"cylinder {'xyz'[k % 3]} {' '.join(place.split()[:2])} {radius:g} EDGE 1.5")
+        text = (
+            f"block {pairs}",
+            f"sphere {place} {radius:g}",
+            f"cylinder {'xyz'[k % 3]} {' '.join(place.split()[:2])} {radius:g} EDGE 1.5",
+        )
         lines += [f"region r{k} {text[k % 3]}", f"group g{k} region r{k}"]
     same_beads(tmp_path, "\n".join(lines) + FINISH)
 
@@ -153,7 +160,9 @@ def test_a_bead_that_lammps_loses_is_an_error(tmp_path, place, lost):
         return
     with pytest.raises(Exception, match="Lost atoms"):
         theirs(tmp_path, text)
-    with pytest.raises(DeckError, match=f"in.ours:12: run: bead 1 lies at 1 1 {float(place):g}, so far outside the box that LAMMPS loses it"):
+    with pytest.raises(
+        DeckError, match=f"in.ours:12: run: bead 1 lies at 1 1 {float(place):g}, so far outside the box that LAMMPS loses it"
+    ):
         ours(tmp_path, text)
 
 
