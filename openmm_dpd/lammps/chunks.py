@@ -202,10 +202,11 @@ def chunk_numbers(context: Context, compute: Compute, bins: Bins) -> np.ndarray:
     fractions = context.box.fractions(positions) if binning.axes[0].reduced else positions
     counted = context.state.group(compute.group)
     if binning.region is not None:
-        counted = counted & context.state.regions[binning.region].contains(positions)
+        counted = counted & context.state.region(binning.region).contains(positions)
     total = np.zeros(len(positions), dtype=np.int64)
     for axis, slices in zip(binning.axes, bins.axes, strict=True):
-        number = np.floor((fractions[:, axis.axis] - slices.start) / slices.thickness).astype(np.int64)
+        # times the inverse, as LAMMPS has it: a bead on a face belongs to one slice or the other by the last bit
+        number = np.floor((fractions[:, axis.axis] - slices.start) * (1 / slices.thickness)).astype(np.int64)
         beyond = (number < 0, number >= slices.count)
         for outside, end in zip(beyond, axis.bound, strict=True):
             if binning.discard == "yes" or (binning.discard == "mixed" and end is not None):

@@ -286,10 +286,7 @@ class Context:
             raise ParameterError(f"the second argument of {function} is x, y or z, not '{arguments[1]}'")
         mask = self.state.group(arguments[0])
         if len(arguments) > needed:
-            name = arguments[-1]
-            if name not in self.state.regions:
-                raise ParameterError(f"there is no region '{name}'")
-            mask = mask & self.state.regions[name].contains(folded(self)[0])
+            mask = mask & self.state.region(arguments[-1]).contains(folded(self)[0])
         return mask
 
     def _bound(self, positions: np.ndarray, arguments: list[str]) -> float:

@@ -236,7 +236,7 @@ def _frame(state: DeckState, dump: Dump, positions, velocities, forces, vectors,
     box = state.require_box("a dump")
     if vectors is not None:
         box = box.following(np.asarray(vectors) / units.length)
-    inside, shifts = box.wrap(state.in_deck_units(positions)[mask])
+    inside, shifts = (array[mask] for array in state.folded(state.in_deck_units(positions), box))
     return Frame(
         ids=atoms.ids[mask],
         types=atoms.types[mask],

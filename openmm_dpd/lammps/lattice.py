@@ -124,21 +124,24 @@ def parse_lattice(args: list[str], reduced: bool) -> Lattice:
         return _trivial("none", scale)
     cell, basis = (a.copy() for a in CELLS.get(style, (_CUBE, np.zeros((0, 3)))))
     origin, orient = np.zeros(3), np.eye(3)
-    sizes = {"origin": 3, "orient": 4} | ({"a1": 3, "a2": 3, "a3": 3, "basis": 3} if style == "custom" else {})
+    spacing: np.ndarray | None = None
+    sizes = {"origin": 3, "orient": 4, "spacing": 3} | ({"a1": 3, "a2": 3, "a3": 3, "basis": 3} if style == "custom" else {})
     for keyword, words in read.options(args[2:], sizes, "lattice"):
         values = np.array([read.number(word, f"lattice {keyword}") for word in words[-3:]])
         if keyword == "origin":
             origin = values
+        elif keyword == "spacing":
+            spacing = values
         elif keyword == "orient":
             orient["xyz".index(read.choice(words[0], "the axis of orient", "xyz"))] = values
         elif keyword == "basis":
             basis = np.vstack([basis, values])
         else:
             cell[int(keyword[1]) - 1] = values
-    return _assemble(style, scale, cell, basis, origin, orient, reduced)
+    return _assemble(style, scale, cell, basis, origin, orient, spacing, reduced)
 
 
-def _assemble(style: str, scale: float, cell, basis, origin, orient, reduced: bool) -> Lattice:
+def _assemble(style: str, scale: float, cell, basis, origin, orient, spacing: np.ndarray | None, reduced: bool) -> Lattice:
     if not len(basis):
         raise ParameterError("a custom lattice needs at least one basis point")
     (a, b, c), (u, v, w) = cell[1:]
@@ -154,5 +157,8 @@ def _assemble(style: str, scale: float, cell, basis, origin, orient, reduced: bo
         raise ParameterError("the three orient vectors must be perpendicular and right-handed")
     constant = math.pow(len(basis) / volume / scale, 1.0 / 3.0) if reduced else scale
     primitive = cell.T.copy()
-    spacing = np.ptp(_placed(_CORNERS, primitive, constant, rotation), axis=0)
+    # where it is not given, what the cell spans along each axis
+    spacing = np.ptp(_placed(_CORNERS, primitive, constant, rotation), axis=0) if spacing is None else spacing * constant
+    if np.any(spacing <= 0):
+        raise ParameterError("lattice spacing: every value must be > 0")
     return Lattice(style, primitive, constant, rotation, basis, spacing * origin, spacing)

@@ -29,12 +29,8 @@ class BeadWord:
 
 
 def folded(context: Context) -> tuple[np.ndarray, np.ndarray]:
-    """Positions in the deck's box (deck units), and by how many boxes each bead was moved back.
-
-    Between runs beads are where the deck has put them, in the box or not, as in LAMMPS.
-    """
-    x = context.positions
-    return context.box.wrap(x) if context.measured else (x, np.zeros(x.shape, dtype=np.int64))
+    """Positions in the deck's box (deck units), and by how many boxes each bead was moved back."""
+    return context.state.folded(context.positions, context.box)
 
 
 def unwrapped(context: Context) -> np.ndarray:

@@ -28,6 +28,8 @@ class Region:
         The box that ``create_box`` makes of it (block and prism).
     shape : tuple, optional
         Lower and upper corner (perhaps infinite) of a block, or centre and radius of a sphere, if it is the inside of one.
+    parts : tuple of str
+        Names of the regions that a union or intersection is made of.
     """
 
     style: str
@@ -35,15 +37,17 @@ class Region:
     bounds: tuple[np.ndarray, np.ndarray] | None = None
     box: Box | None = None
     shape: tuple[np.ndarray, np.ndarray] | tuple[np.ndarray, float] | None = None
+    parts: tuple[str, ...] = ()
 
 
 def _edge(word: str, axis: int, upper: bool, scale: np.ndarray, box: Box | None) -> float:
     what = f"the {'upper' if upper else 'lower'} {'xyz'[axis]} of the region"
+    if word in ("INF", "EDGE") and box is None:
+        raise ParameterError(f"{what} is {word}, but there is no box yet")
     if word == "INF":
         return np.inf if upper else -np.inf
     if word == "EDGE":
-        if box is None:
-            raise ParameterError(f"{what} is EDGE, but there is no box yet")
+        assert box is not None
         # of the box around a tilted one
         return float(box.bounds[upper][axis])
     return read.number(word, what) * scale[axis]
@@ -155,7 +159,7 @@ def parse_region(args: list[str], spacing: np.ndarray, box: Box | None, known: d
             scale = np.ones(3)
     region = _combined(style, words[1:], known) if style not in REGION_STYLES else REGION_STYLES[style][1](words, scale, box)
     if outside:
-        return Region(style, lambda points: ~region.contains(points))
+        return Region(style, lambda points: ~region.contains(points), parts=region.parts)
     return region
 
 
@@ -170,4 +174,4 @@ def _combined(style: str, names: list[str], known: dict[str, Region]) -> Region:
     if all(pair is not None for pair in corners):
         lows, highs = (np.array([pair[n] for pair in corners if pair is not None]) for n in range(2))
         bounds = (lows.min(axis=0), highs.max(axis=0)) if style == "union" else (lows.max(axis=0), highs.min(axis=0))
-    return Region(style, lambda points: combine.reduce([part.contains(points) for part in parts]), bounds)
+    return Region(style, lambda points: combine.reduce([part.contains(points) for part in parts]), bounds, parts=tuple(names))

@@ -188,6 +188,12 @@ class DeckState:
             raise ParameterError(f"there is no group '{name}'; defined so far: {', '.join(self.groups)}")
         return self.groups[name]
 
+    def region(self, name: str) -> Region:
+        """A region by its name."""
+        if name not in self.regions:
+            raise ParameterError(f"there is no region '{name}'; defined so far: {', '.join(self.regions) or 'none'}")
+        return self.regions[name]
+
     def bead_masses(self) -> np.ndarray:
         """Mass of every bead in Da; ParameterError if a type has none."""
         missing = [k for k in range(1, self.n_types + 1) if k not in self.masses]
@@ -197,9 +203,22 @@ class DeckState:
         return np.array([self.masses[k] for k in range(1, self.n_types + 1)])[self.atoms.types - 1]
 
     def in_deck_units(self, positions: np.ndarray) -> np.ndarray:
-        """(N, 3) positions of a simulation (nm) in the deck's unit; where a bead has not moved, the deck's own numbers to the last bit."""
-        mine = self.atoms.positions
-        return np.where(positions == mine * self.units.length, mine, positions / self.units.length)
+        """(N, 3) positions of a simulation (nm) in the deck's unit; where a bead has not moved, the deck's own numbers to the last bit.
+
+        It has not where they differ by the rounding of coordinates as large as the box, which OpenMM's moves to and fro leave.
+        """
+        mine, found = self.atoms.positions, positions / self.units.length
+        rounding = np.spacing(np.abs(self.require_box("a simulation").bounds).max())
+        return np.where(np.abs(found - mine) <= rounding, mine, found)
+
+    def folded(self, positions: np.ndarray, box: Box) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (deck units) folded into a box, and by how many boxes each bead was moved back.
+
+        As in LAMMPS a bead that has not moved stays where it is: where the deck has put it, or a rounding error outside a tilted box.
+        """
+        inside, shifts = box.wrap(positions)
+        still = np.all(positions == self.atoms.positions, axis=1)[:, None]
+        return np.where(still, positions, inside), np.where(still, 0, shifts)
 
     def time_at(self, step: int) -> float:
         """Simulated time (ps) at a step."""
@@ -290,10 +309,10 @@ class DeckState:
         """
         if box is not None:
             self.box = self.require_box("a run").following(np.asarray(box) / self.units.length)
-        box = self.require_box("a run")
-        inside, shifts = box.wrap(self.in_deck_units(positions))
+        own = self.require_box("a run")
+        inside, shifts = self.folded(self.in_deck_units(positions), own)
         # walls keep beads inside to the rounding of the platform; the next run wants them inside to the last bit
-        self._take_inside(np.where(box.periodic, inside, np.clip(inside, box.low, np.nextafter(box.high, box.low))), shifts)
+        self._take_inside(np.where(own.periodic, inside, np.clip(inside, own.low, np.nextafter(own.high, own.low))), shifts)
         self.atoms.velocities = np.asarray(velocities, dtype=np.float64) / self.units.velocity
         places = carried_places(self.units)
         for name, values in (carried or {}).items():

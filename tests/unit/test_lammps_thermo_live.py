@@ -311,3 +311,56 @@ def test_lammps_reads_coefficients_of_hybrid_bonds(tmp_path, last):
     with lammps_peer.instance() as lmp:
         lmp.commands_string(f"{styles}read_data {tmp_path}/data.out\n")
         assert lmp.get_natoms() == 2
+
+
+# -- beads on faces while a run measures -----------------------------------------------------------------------------------------
+ON_FACES = """units {units}
+lattice sc {scale}
+region box {box}
+create_box 2 box
+create_atoms 1 box
+mass * 1.0
+pair_style zero 0.5
+pair_coeff * *
+fix 1 all nve
+"""
+
+
+def on_faces(units: str, tilt: str) -> str:
+    """Beads that nothing moves on faces of everything, where a rounding error on the way through a simulation would tell."""
+    scale = 1.1 if units == "real" else 1.1**-3
+    return ON_FACES.format(units=units, scale=scale, box=f"prism 0 8 0 8 0 8 {tilt}" if tilt else "block 0 8 0 8 0 8")
+
+
+@pytest.mark.parametrize("units", ["lj", "real"])
+@pytest.mark.parametrize("tilt", ["", "2.2 -1.1 0.7"])
+def test_beads_on_faces_of_regions_in_a_run(tmp_path, units, tilt):
+    text = f"""{on_faces(units, tilt)}region r block 3 6 INF INF EDGE 5
+region s sphere 3 3 3 2
+variable r equal count(all,r)
+variable s equal count(all,s)
+variable b equal bound(all,xmax)
+fix v all ave/time 1 1 1 v_r v_s v_b file f.v
+thermo_style custom step v_r v_s v_b
+"""
+    after = 'run 0\ngroup r region r\nprint "$(count(r)) $(count(all,s))" append f.n\n'
+    theirs, ours = both(tmp_path, text + after + after.replace("run 0", "run 2").replace("group r", "group q"))
+    assert numbers(ours) == numbers(theirs)
+    for name in ("v", "n"):
+        assert (tmp_path / "ours" / f"f.{name}").read_text() == (tmp_path / "theirs" / f"f.{name}").read_text()
+
+
+@pytest.mark.parametrize("units", ["lj", "real"])
+@pytest.mark.parametrize("tilt", ["", "2.2 -1.1 0.7"])
+def test_beads_on_faces_of_slices_in_a_run(tmp_path, units, tilt):
+    options = "units reduced" if tilt else "units box"
+    width = 0.125 if tilt else 1.1
+    text = f"""{on_faces(units, tilt)}compute x all chunk/atom bin/1d x lower {width} {options}
+compute yz all chunk/atom bin/2d y 0.0 {width} z lower {2 * width} {options}
+fix x all ave/chunk 1 1 1 x density/number file f.x
+fix yz all ave/chunk 1 1 1 yz density/number file f.yz
+run 0
+"""
+    both(tmp_path, text)
+    for name in ("x", "yz"):
+        assert (tmp_path / "ours" / f"f.{name}").read_text() == (tmp_path / "theirs" / f"f.{name}").read_text()

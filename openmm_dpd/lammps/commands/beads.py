@@ -11,7 +11,6 @@ from .. import arguments as read
 from ..context import Context
 from ..data_file import BONDED_STYLES
 from ..state import DeckState
-from .box import _region
 from .setup import Handler
 
 
@@ -53,7 +52,7 @@ def _matching(values: np.ndarray, words: list[str], what: str) -> np.ndarray:
 
 def _by_region(state: DeckState, words: list[str]) -> np.ndarray:
     read.count(words, "region ID", 1)
-    return _region(state, words[0]).contains(state.atoms.positions)
+    return state.region(words[0]).contains(state.atoms.positions)
 
 
 def _union(state: DeckState, words: list[str]) -> np.ndarray:
@@ -239,7 +238,10 @@ def _set_velocity(axis: int) -> Callable[[DeckState, np.ndarray, list[str]], Non
 def _set_image(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
     for axis, word in enumerate(words):
         if word != "NULL":
-            state.atoms.images[mask, axis] = read.integer(word, "the image flag")
+            flag = read.integer(word, "the image flag")
+            if flag and not state.periodic[axis]:
+                raise ParameterError(f"set image: the box does not repeat along {'xyz'[axis]}, so the image flag there is 0, not {flag}")
+            state.atoms.images[mask, axis] = flag
 
 
 def _set_mass(state: DeckState, mask: np.ndarray, words: list[str]) -> None:

@@ -30,25 +30,22 @@ def region(state: DeckState, args: list[str]) -> None:
     read.count(args, "region ID style values ...", 2, None)
     name = args[0]
     if args[1] == "delete":
-        if state.regions.pop(name, None) is None:
-            raise ParameterError(f"there is no region '{name}' to delete")
+        state.region(name)
+        users = [other for other, found in state.regions.items() if name in found.parts]
+        if users:
+            raise ParameterError(f"region {name} is a part of region {', '.join(users)}; delete that first")
+        del state.regions[name]
         return
     if name in state.regions:
         raise ParameterError(f"there is a region '{name}' already; delete it first")
     state.regions[name] = parse_region(args[1:], state.lattice.spacing, state.box, state.regions)
 
 
-def _region(state: DeckState, name: str):
-    if name not in state.regions:
-        raise ParameterError(f"there is no region '{name}'; defined so far: {', '.join(state.regions) or 'none'}")
-    return state.regions[name]
-
-
 def create_box(state: DeckState, args: list[str]) -> None:
     """``create_box N region [bond/types N] [angle/types N] [extra/...]``."""
     read.count(args, "create_box N region ...", 2, None)
     state.refuse_box("create_box")
-    found = _region(state, args[1])
+    found = state.region(args[1])
     if found.box is None:
         raise ParameterError(f"create_box needs a bounded block or prism with positive lengths; region '{args[1]}' is a {found.style}")
     state.n_types = read.integer(args[0], "the number of atom types", 1)
@@ -112,7 +109,7 @@ def _lattice_points(state: DeckState, kind: int, basis: dict[int, int], words: l
         raise ParameterError("create_atoms box and region need a lattice; use the lattice command before")
     points, numbers = state.lattice.points(state.require_box("create_atoms"))
     if words:
-        inside = _region(state, words[0]).contains(points)
+        inside = state.region(words[0]).contains(points)
         points, numbers = points[inside], numbers[inside]
     types = np.full(len(points), kind)
     for number, other in basis.items():
@@ -140,7 +137,7 @@ def _random_points(state: DeckState, words: list[str], options: dict[str, list[s
     if wanted > 2**31 - 1:
         raise ParameterError(f"create_atoms random: {wanted} beads are too many")
     rng = np.random.default_rng(read.integer(words[1], "the seed", 1))
-    limit = None if words[2] == "NULL" else _region(state, words[2])
+    limit = None if words[2] == "NULL" else state.region(words[2])
     box = state.require_box("create_atoms")
     low, high = box.bounds
     if limit is not None and limit.bounds is not None:
@@ -254,7 +251,7 @@ def delete_atoms(state: DeckState, args: list[str]) -> None:
     if kind == "group":
         doomed = state.group(args[1]).copy()
     else:
-        doomed = _region(state, args[1]).contains(state.atoms.positions)
+        doomed = state.region(args[1]).contains(state.atoms.positions)
     options = dict(read.options(args[2:], {"compress": 1, "bond": 1, "mol": 1}, "delete_atoms"))
     if "mol" in options and read.switch(options["mol"][0], "mol"):
         raise ParameterError("delete_atoms mol yes is not supported")
