@@ -341,7 +341,7 @@ velocity all set 1.0 0.5 NULL units box sum yes
         ("region b union 2 a c", "there is no region 'a' to combine"),
         ("create_box 1 b", "there is no region 'b'"),
         ("region b sphere 0 0 0 1\ncreate_box 1 b", "create_box needs a bounded block or prism"),
-        ("region b block INF 1 0 1 0 1\ncreate_box 1 b", "create_box needs a bounded block or prism"),
+        ("region b cylinder z 1 1 1 0 1\ncreate_box 1 b", "create_box needs a bounded block or prism"),
         ("create_atoms 1 box", "create_atoms needs a simulation box"),
         ("mass 1 1.0", "mass needs a simulation box"),
         (TWENTY + "create_atoms 1 box", "need a lattice"),

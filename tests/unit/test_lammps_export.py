@@ -90,6 +90,19 @@ def test_the_deck_reader_finds_the_forces_of_the_scene(name, units, tmp_path):
         np.testing.assert_allclose(found[term], expected[term] * unit, rtol=1e-6, atol=1e-6 * np.abs(expected[term]).max() * unit)
 
 
+def test_an_exported_deck_keeps_its_corner(tmp_path):
+    deck = tmp_path / "in.corner"
+    deck.write_text(
+        "units real\nregion b block -7 23 4 37 -2 31 units box\ncreate_box 1 b\ncreate_atoms 1 single 1 5 30\nmass 1 1\n"
+        "pair_style dpd 300 9 1\npair_coeff 1 1 0.5 1\nfix 1 all nve\nrun 1\n"
+    )
+    lines = export_deck(deck, tmp_path / "out").data.read_text().splitlines()
+    bounds = {line.split()[2]: [float(word) for word in line.split()[:2]] for line in lines if line.endswith("hi")}
+    assert bounds["xlo"] == pytest.approx([-7, 23]) and bounds["ylo"] == pytest.approx([4, 37]) and bounds["zlo"] == pytest.approx([-2, 31])
+    (row,) = [line.split() for line in lines if line.startswith("1 1 ") and len(line.split()) > 5]
+    assert [float(word) for word in row[-6:-3]] == pytest.approx([1, 5, 30])
+
+
 def test_numbers_keep_all_of_their_digits(tmp_path):
     scene = fluid()
     written = export_lammps(scene, tmp_path, "x", dt=0.1 / 3, steps=1)
