@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from .context import Context
     from .state import DeckState
 
-_REFERENCE = re.compile(r"c_(\w+)(?:\[(\d+)\])?")
+_REFERENCE = re.compile(r"c_(\w+)(?:\[(\d+)\])?", re.ASCII)
 
 
 @dataclass(frozen=True)

@@ -30,9 +30,9 @@ _FORMATS = {"one": ("%10d", "%-14.8g"), "multi": ("%14d", "%14.4f"), "yaml": ("%
 #: Averages that are wanted whether or not the deck prints them.
 ALWAYS = ("temp", "press", "press_full", "pe", "ke", "etotal", "temp_conf")
 
-_REFERENCE = re.compile(r"[cfv]_\w+(?:\[\d+\])?|[A-Za-z_]\w*")
-_COMPUTE = re.compile(r"c_(\w+?)(?:\[(\d+)\])?(?:\[(\d+)\])?")
-_FIX = re.compile(r"f_(\w+?)((?:\[\d+\]){0,2})")
+_REFERENCE = re.compile(r"[cfv]_\w+(?:\[\d+\])?|[A-Za-z_]\w*", re.ASCII)
+_COMPUTE = re.compile(r"c_(\w+?)(?:\[(\d+)\])?(?:\[(\d+)\])?", re.ASCII)
+_FIX = re.compile(r"f_(\w+?)((?:\[\d+\]){0,2})", re.ASCII)
 _FORMAT = re.compile(r"%[-+ #0-9.]*l{0,2}[dioxXeEfFgG]")
 
 
