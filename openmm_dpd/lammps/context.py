@@ -166,7 +166,11 @@ class Context:
         return float(WORDS[word].value(self))
 
     def variable(self, name: str) -> float:
-        """Value of ``v_name``."""
+        """Value of ``v_name`` within a formula."""
+        return self.state.variables.operand(name, self.formula)
+
+    def variable_alone(self, name: str) -> float:
+        """Value of ``v_name`` where it stands by itself."""
         return self.state.variables.value(name, self.formula)
 
     def compute(self, name: str, index: int | None, column: int | None = None) -> float:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import ParameterError
 from .expressions import CONSTANTS, FUNCTIONS, Formula, evaluate
-from .variables import FORMULAS, Variables
+from .variables import Variables
 
 if TYPE_CHECKING:
     from .state import DeckState
@@ -99,7 +99,7 @@ class _NoState:
         raise AssertionError
 
     def variable(self, name: str) -> float:
-        return self.known.variables.value(name, lambda text: evaluate(text, self))
+        return self.known.variables.operand(name, lambda text: evaluate(text, self))
 
     def compute(self, name: str, index: int | None, column: int | None = None) -> float:
         self._refuse(f"c_{name}")
@@ -153,8 +153,8 @@ class _PositionFormula(Formula):
             return f"({token}/{self.resolver.known.length!r})"
         if token.startswith("v_"):
             variables, name = self.resolver.known.variables, token[2:]
-            if variables.get(name).style not in FORMULAS:
-                return _number(variables.value(name, float))
+            if variables.get(name).style != "atom":
+                return _number(self.resolver.variable(name))
             return variables._evaluated(name, variables.get(name), lambda text: position_formula(text, self.resolver.known))
         if token in CONSTANTS and self.peek()[1] != "(":
             return _number(CONSTANTS[token])

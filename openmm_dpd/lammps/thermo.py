@@ -197,7 +197,7 @@ class Thermo:
     @staticmethod
     def _value(context: Context, word: str) -> float:
         if word.startswith("v_"):
-            return context.variable(word[2:])
+            return context.variable_alone(word[2:])
         if word.startswith("c_"):
             name, index, column = compute_reference(word)
             if name in BUILT_IN:

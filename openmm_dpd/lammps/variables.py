@@ -100,6 +100,11 @@ class Variables:
                 raise ParameterError(f"variable {name} is '{variable.text}', which is not a number") from None
         return self._evaluated(name, variable, evaluate)
 
+    def operand(self, name: str, evaluate: Callable[[str], float]) -> float:
+        """What ``v_name`` is within another formula: LAMMPS reads the variable's text there, which has 15 digits of a formula."""
+        formula = self.get(name).style in FORMULAS
+        return as_float(self.text(name, evaluate)) if formula else self.value(name, evaluate)
+
     def bead_values(self, name: str, evaluate: Callable[[str], np.ndarray]) -> np.ndarray:
         """(N,) values of an atom-style variable."""
         variable = self.get(name)

@@ -191,6 +191,30 @@ def test_formulas(tmp_path):
 ATOM = ("sign(x-1.2)", "round(x*2.5)", "round(-2.5*x)", "sign(0)", "ternary(x>1.25,3,y)", "(x-1)%0.15", "!(type-1)", "vx^2-fx")
 
 
+def test_variables_within_formulas_have_fifteen_digits(tmp_path):
+    """LAMMPS puts their text there; where they stand alone they keep all digits."""
+    text = f"""{FOUR}fix 1 all nve
+variable a equal 0.1+0.2
+variable b equal v_a==0.3
+variable c equal v_a-0.3
+variable d atom v_a-0.3
+variable e equal 1/3
+variable f equal 3*v_e-1
+variable g index 0.30000000000000004
+variable h equal v_g-0.3
+compute d all reduce max v_d
+thermo_style custom step v_a v_b v_c v_f v_h c_d
+thermo_modify format float %.17g
+fix a all ave/time 1 1 1 v_e v_f file f.ave format " %.17g"
+run 0
+print "$(v_b) $(v_c) $(v_a-0.3) ${{a}} $(v_e-1/3) $(v_h)" append f.out
+"""
+    theirs, ours = both(tmp_path, text)
+    assert numbers(ours) == numbers(theirs)
+    for name in ("f.ave", "f.out"):
+        assert (tmp_path / "ours" / name).read_text() == (tmp_path / "theirs" / name).read_text()
+
+
 @pytest.mark.parametrize("formula", ["2_5", "٣", "1e5_0", "1/0", "5%0", "sqrt(-1)", "ln(0)", "asin(2)", "0^-1", "ternary(1,2)", "abs(1"])
 def test_formulas_that_both_refuse(tmp_path, formula):
     text = f'{FOUR}variable v equal {formula}\nprint "$({formula})"\n'
