@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import ParameterError
 from .expressions import CONSTANTS, FUNCTIONS, Formula, evaluate
-from .variables import FORMULAS, Variables
+from .variables import Variables
 
 if TYPE_CHECKING:
     from .state import DeckState
@@ -44,9 +44,9 @@ _OF_OPENMM: dict[str, Callable[..., str]] = {
     **{name: (lambda a, name=name: f"{name}({a})") for name in ("ceil", "floor")},
     "ln": lambda a: f"log({a})",
     "log": lambda a: f"(log({a})/log(10))",
-    "sign": lambda a: f"(step({a})-step(-{a}))",
+    "sign": lambda a: f"(2*step({a})-1)",
     "atan2": lambda a, b: f"atan2({a},{b})",
-    "round": lambda a: f"select(step({a}),floor({a}+0.5),ceil({a}-0.5))",
+    "round": lambda a: f"select(step({a}-floor({a})-0.5),ceil({a}),floor({a}))",
     "ternary": lambda test, yes, no: f"select({test},{yes},{no})",
 }
 
@@ -99,7 +99,7 @@ class _NoState:
         raise AssertionError
 
     def variable(self, name: str) -> float:
-        return self.known.variables.value(name, lambda text: evaluate(text, self))
+        return self.known.variables.operand(name, lambda text: evaluate(text, self))
 
     def compute(self, name: str, index: int | None, column: int | None = None) -> float:
         self._refuse(f"c_{name}")
@@ -153,8 +153,8 @@ class _PositionFormula(Formula):
             return f"({token}/{self.resolver.known.length!r})"
         if token.startswith("v_"):
             variables, name = self.resolver.known.variables, token[2:]
-            if variables.get(name).style not in FORMULAS:
-                return _number(variables.value(name, float))
+            if variables.get(name).style != "atom":
+                return _number(self.resolver.variable(name))
             return variables._evaluated(name, variables.get(name), lambda text: position_formula(text, self.resolver.known))
         if token in CONSTANTS and self.peek()[1] != "(":
             return _number(CONSTANTS[token])

@@ -47,7 +47,7 @@ class TimeAverage(Average):
 
     def _read(self, context: Context, word: str) -> np.ndarray:
         if word.startswith("v_"):
-            return np.array(context.variable(word[2:]))
+            return np.array(context.variable_alone(word[2:]))
         if word.startswith("f_"):
             name, *indices = fix_reference(word)
             return context.fix_vector(name) if self._vector else np.array(context.fix(name, *indices))

@@ -13,7 +13,7 @@ from .computes import COMPUTES
 if TYPE_CHECKING:
     from .state import DeckState
 
-_WILD = re.compile(r"([cf])_(\w+)\[(\d*\*\d*)\]")
+_WILD = re.compile(r"([cf])_(\w+)\[(\d*\*\d*)\]", re.ASCII)
 
 
 def expanded(state: DeckState, words: Sequence[str], tables: bool = False) -> tuple[str, ...]:
