@@ -1,0 +1,1 @@
+"""Random decks, run by LAMMPS and by openmm_dpd, and compared."""
