@@ -25,7 +25,9 @@ def _number(word: str) -> float | None:
 
 
 def _words(text: str) -> list[list[str]]:
-    return [re.split(r"[\s,]+", _TIME.sub("CPU", line).strip().strip("[]")) for line in text.splitlines() if line.strip()]
+    """Words of the lines that are not empty; brackets and commas of yaml are no part of them."""
+    lines = [_TIME.sub("CPU", line).replace("[", " ").replace("]", " ").replace(",", " ").split() for line in text.splitlines()]
+    return [words for words in lines if words]
 
 
 def _scales(rows: list[list[str]]) -> list[list[float]]:

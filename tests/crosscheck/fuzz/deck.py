@@ -69,6 +69,12 @@ class Deck:
         Number of beads, if the grammar knows it.
     groups, regions : list of str
         Names that exist.
+    low, edges, tilt : three floats each
+        The box.
+    cutoff : float
+        Of pair forces, in natural lengths.
+    partial : bool
+        Whether there may be beads that no fix moves.
     """
 
     draw: Draw
@@ -87,6 +93,7 @@ class Deck:
     edges: tuple[float, float, float] = (1.0, 1.0, 1.0)
     tilt: tuple[float, float, float] = (0.0, 0.0, 0.0)
     cutoff: float = 1.0
+    partial: bool = False
     _names: int = 0
 
     def __post_init__(self):

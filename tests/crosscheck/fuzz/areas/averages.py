@@ -5,7 +5,7 @@ from __future__ import annotations
 from ..deck import Deck
 from ..draw import Draw
 from .interactions import interactions
-from .scene import beads, conservative, draw_box, dump, groups, head, thermo, timestep
+from .scene import beads, conservative, draw_box, dump, groups, head, movers, thermo, timestep
 
 #: Values of single beads.
 _BEAD_WORDS = ("x", "y", "z", "vx", "vy", "vz", "fx", "fy", "fz")
@@ -16,7 +16,7 @@ class Values:
 
     def __init__(self, deck: Deck):
         self.deck, self.draw = deck, deck.draw
-        self.scalars = ["c_thermo_temp", "c_thermo_press", "c_thermo_pe"]
+        self.scalars = ["c_thermo_pe"] if deck.partial else ["c_thermo_temp", "c_thermo_press", "c_thermo_pe"]
         self.vectors: dict[str, int] = {}
         self.tables: dict[str, tuple[int, int]] = {}
         self.per_bead: list[str] = []
@@ -37,7 +37,7 @@ class Values:
         elif style == "pe":
             group, words = "all", draw.pick([[], [], ["pair"], ["bond"], ["pair", "bond"]])
         elif style == "pressure":
-            group, words = "all", [draw.pick(["thermo_temp", *self.temperatures]), *draw.pick([[], [], ["virial"], ["ke"]])]
+            group, words = "all", [draw.pick(["everything" if deck.partial else "thermo_temp", *self.temperatures]), *draw.pick([[], [], ["virial"], ["ke"]])]
         elif style in ("com", "momentum"):
             scalar, size = False, 3
         elif style == "gyration":
@@ -170,15 +170,10 @@ def averages(draw: Draw) -> Deck:
     interactions(deck)
     groups(deck)
     timestep(deck)
-    if len(deck.groups) > 1 and draw.chance(0.2):
-        deck.add("fix", 1, draw.pick(deck.groups[1:]), "nve")
-    else:
-        deck.add("fix", 1, "all", "nve")
+    movers(deck)
     values = Values(deck)
     for _ in range(draw.whole(2, 7)):
         draw.pick([values.compute, values.compute, values.variable, values.variable])()
-    if values.temperatures and draw.chance(0.4):
-        deck.add("thermo_modify", "temp", draw.pick(values.temperatures))
     for _ in range(draw.whole(1, 4)):
         if draw.chance(0.4):
             if not values.chunks or draw.chance(0.3):
@@ -187,6 +182,8 @@ def averages(draw: Draw) -> Deck:
         else:
             values.average()
     thermo(deck, *draw.some([*values.scalars, *values.variables], 0, 6), every=draw.pick([1, 2, 5]), most=4)
+    if values.temperatures and draw.chance(0.4):
+        deck.add("thermo_modify", "temp", draw.pick(values.temperatures))
     if draw.chance(0.5):
         dump(deck, draw.pick([1, 3]), *draw.some(values.per_bead, 0, 4))
     conservative(deck)

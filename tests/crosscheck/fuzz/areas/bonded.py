@@ -50,7 +50,7 @@ def _inside(deck: Deck, x: np.ndarray) -> np.ndarray:
 def _coefficients(deck: Deck, command: str, styles: tuple[str, ...], table) -> None:
     draw = deck.draw
     hybrid = draw.chance(0.3)
-    chosen = draw.some(styles, 2, 3) if hybrid else [draw.pick(styles)]
+    chosen = draw.some(styles, 2, 2) if hybrid else [draw.pick(styles)]
     deck.add(f"{command}_style", *(["hybrid"] if hybrid else []), *chosen)
     for kind in (1, 2):
         style = chosen[(kind - 1) % len(chosen)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ..deck import Deck
 from ..draw import Draw
 from .interactions import interactions
-from .scene import beads, conservative, draw_box, dump, groups, head, thermo, timestep
+from .scene import beads, conservative, draw_box, dump, groups, head, movers, thermo, timestep
 
 
 def flow(draw: Draw) -> Deck:
@@ -21,28 +21,16 @@ def flow(draw: Draw) -> Deck:
     beads(deck, draw.whole(1, 15), 0.4)
     interactions(deck, [draw.pick(["dpd", "dpd", "dpd/ext", "lj/cut", "zero"])])
     groups(deck)
-    deck.add("fix", "move", deck.group() if draw.chance(0.3) else "all", "nve")
+    movers(deck, 0.0 if any(walls) else 0.3)
     for k, axis in enumerate("xyz"):
         if walls[k]:
             inset = natural.length * 0.02
             ends = [draw.pick(["EDGE", "EDGE", deck.low[k] - inset * 0]), draw.pick(["EDGE", "EDGE", deck.low[k] + deck.edges[k]])]
             deck.add("fix", f"wall{axis}", "all", "wall/reflect", f"{axis}lo", ends[0], f"{axis}hi", ends[1], "units", "box")
-    for k in range(draw.whole(0, 3)):
-        words: list[object] = [natural.force * draw.real(-5, 5) if draw.chance(0.7) else 0.0 for _ in range(3)]
-        if draw.chance(0.4):
-            axis = draw.pick("xyz")
-            formulas = [f"{natural.force:g}*sin({axis})", f"{natural.force:g}*({axis}<{deck.low[0] + 1:.3g})", f"{natural.force:g}*(type-1.5)", f"{natural.force:g}*mass*{axis}/l{axis}"]
-            deck.add("variable", f"p{k}", "atom", f'"{draw.pick(formulas)}"')
-            words[draw.whole(0, 2)] = f"v_p{k}"
-        deck.add("fix", f"push{k}", deck.group(), "addforce", *words)
-    if draw.chance(0.2):
-        group = draw.pick(deck.groups)
-        if draw.chance(0.8):
-            deck.add("velocity", group, "set", 0.0, 0.0, 0.0)
-        deck.add("fix", "hold", group, "setforce", 0.0, 0.0, 0.0)
-    if draw.chance(0.4):
-        deck.add("compute", "t", "all", "temp")
-        deck.add("thermo_modify", "temp", "t")
+    makers = [_push] * draw.whole(0, 3) + [_hold] * draw.chance(0.25)
+    draw.shuffle(makers)
+    for k, maker in enumerate(makers):
+        maker(deck, k)
     timestep(deck)
     thermo(deck, "fmax", "fnorm", "pe")
     dump(deck)
@@ -51,3 +39,28 @@ def flow(draw: Draw) -> Deck:
     if draw.chance(0.3):
         deck.run(2)
     return deck
+
+
+def _push(deck: Deck, k: int) -> None:
+    """A force on beads, of numbers or with one component that follows the bead."""
+    draw, natural = deck.draw, deck.units
+    words: list[object] = [natural.force * draw.real(-5, 5) if draw.chance(0.7) else 0.0 for _ in range(3)]
+    if draw.chance(0.4):
+        axis = draw.pick("xyz")
+        size = f"{natural.force:g}"
+        formulas = [f"{size}*sin({axis})", f"{size}*({axis}<{deck.low[0] + 1:.3g})", f"{size}*(type-1.5)", f"{size}*mass*{axis}/l{axis}"]
+        deck.add("variable", f"p{k}", "atom", f'"{draw.pick(formulas)}"')
+        words[draw.whole(0, 2)] = f"v_p{k}"
+    deck.add("fix", f"push{k}", deck.group(), "addforce", *words)
+
+
+def _hold(deck: Deck, k: int) -> None:
+    """Beads without forces, which are at rest as a rule."""
+    draw, group = deck.draw, deck.draw.pick(deck.groups)
+    if draw.chance(0.8):
+        deck.add("velocity", group, "set", 0.0, 0.0, 0.0)
+    deck.add("fix", f"hold{k}", group, "setforce", 0.0, 0.0, 0.0)
+    if not deck.partial:
+        deck.partial = True
+        deck.add("compute", "everything", "all", "temp")
+        deck.add("compute", "movers", "all", "ke")

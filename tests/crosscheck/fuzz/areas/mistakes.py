@@ -15,7 +15,8 @@ from .setup import setup
 def mistakes(draw: Draw) -> Deck:
     """A deck of another area with one line spoiled: a word less, a word twice, a number that is none, a line less."""
     deck = draw.pick([averages, bonded, flow, pairs, runs, setup, setup])(draw)
-    kept = ("print", "run")
+    # what has no meaning here is not looked at
+    kept = ("print", "run", "comm_modify", "neighbor", "neigh_modify", "atom_modify", "dump_modify")
     at = draw.pick([k for k, line in enumerate(deck.lines) if not line.startswith(kept)])
     words = deck.lines[at].split()
     numbers = [k for k, word in enumerate(words) if k and word.lstrip("+-").replace(".", "", 1).isdigit()]

@@ -41,8 +41,11 @@ def output(draw: Draw) -> Deck:
         if draw.chance(0.5):
             deck.add("dump_modify", "d", draw.pick(["scale", "image"]), draw.pick(["yes", "no"]))
     deck.add("dump_modify", "d", "sort", "id", "pbc", "yes")
+    options: list[list[object]] = [["first", "yes"], ["every", 2], ["append", "no"]]
+    if any(" custom " in line and line.startswith("dump ") for line in deck.lines):
+        options += [["format", "float", "%12.5f"], ["format", "int", "%6d"], ["format", 1, "%8d"]]
     for _ in range(draw.whole(0, 2)):
-        deck.add("dump_modify", "d", *draw.pick([["first", "yes"], ["every", 2], ["format", "float", "%12.5f"], ["format", "int", "%6d"], ["append", "no"], ["format", 1, "%8d"]]))
+        deck.add("dump_modify", "d", *draw.pick(options))
     deck.run(draw.whole(0, 4))
     deck.tell(f"step $(step) $(step:%08.3f) {draw.pick(['a', 'b'])} \\t")
     deck.run(draw.whole(0, 3))

@@ -6,7 +6,7 @@ from ..deck import Deck
 from ..draw import Draw
 from .averages import Values
 from .interactions import interactions
-from .scene import beads, conservative, draw_box, dump, groups, head, thermo, timestep
+from .scene import beads, conservative, draw_box, dump, groups, head, movers, thermo, timestep
 
 
 def _change(deck: Deck, values: Values, state: dict) -> None:
@@ -53,7 +53,7 @@ def runs(draw: Draw) -> Deck:
     beads(deck, draw.whole(2, 15), 0.4)
     interactions(deck, [draw.pick(["dpd", "dpd/ext", "dpd/tstat", "lj/cut"])])
     groups(deck)
-    deck.add("fix", "move", deck.group() if draw.chance(0.3) else "all", "nve")
+    movers(deck)
     timestep(deck)
     values = Values(deck)
     for _ in range(draw.whole(1, 4)):

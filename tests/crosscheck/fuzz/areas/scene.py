@@ -15,14 +15,14 @@ _BEFORE = {
 
 
 def head(deck: Deck, style: str, names: tuple[str, ...] = ("lj", "lj", "real", "metal"), species: int = 0) -> None:
-    """Units and what LAMMPS needs to see every pair at every step."""
+    """Units and what LAMMPS needs to see every pair at every step, and to fold beads into the box at every step."""
     units(deck, names)
     deck.style = style
     if style != "atomic":
         deck.add("atom_style", style, *([species] if species else []))
     deck.add("comm_modify", "vel", "yes")
     deck.add("neighbor", 0.3 * deck.units.length, "bin")
-    deck.add("neigh_modify", "every", 1, "delay", 0, "check", "yes")
+    deck.add("neigh_modify", "every", 1, "delay", 0, "check", "no")
 
 
 def draw_box(deck: Deck, low: float = 2.4, high: float = 4.0, tilted: float = 0.35) -> None:
@@ -124,6 +124,16 @@ def groups(deck: Deck) -> None:
         deck.groups.append(name)
 
 
+def movers(deck: Deck, partial: float = 0.2) -> None:
+    """The fix that moves the beads, or some of them: then temperatures are those of a compute, since the built-in one differs on purpose."""
+    group = deck.draw.pick(deck.groups) if deck.draw.chance(partial) else "all"
+    deck.add("fix", "move", group, "nve")
+    if group != "all":
+        deck.partial = True
+        deck.add("compute", "everything", "all", "temp")
+        deck.add("compute", "movers", group, "temp")
+
+
 #: Thermo words that need nothing but beads.
 WORDS = (
     "temp press pe ke etotal enthalpy evdwl ecoul epair ebond eangle edihed eimp emol elong etail vol density lx ly lz xlo xhi ylo yhi zlo zhi "
@@ -134,9 +144,13 @@ WORDS = (
 def thermo(deck: Deck, *more: str, every: int = 1, most: int = 12) -> None:
     """Thermo output: some words and ``more``."""
     draw = deck.draw
+    if deck.partial and draw.chance(0.3):
+        more = (*more, "c_movers")
     deck.add("thermo", every)
     deck.add("thermo_style", "custom", "step", *draw.some(["temp", "press", "pe", "ke"], 2), *draw.some(WORDS, 2, most), *more)
     deck.add("thermo_modify", "format", "float", "%.15g", *draw.pick([[], [], ["norm", "yes"], ["norm", "no"]]))
+    if deck.partial:
+        deck.add("thermo_modify", "temp", "everything")
 
 
 def dump(deck: Deck, every: int = 1, *more: str) -> None:
