@@ -10,7 +10,8 @@ from collections import Counter
 from pathlib import Path
 
 from .areas import AREAS
-from .trial import FAILURES, OUTCOMES, Outcome, Trial
+from .shrink import shrunk
+from .trial import FAILURES, OUTCOMES, Outcome, Trial, deck_of
 
 
 def main(words: list[str] | None = None) -> int:
@@ -20,6 +21,7 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--area", choices=list(AREAS), help="only this area (by default every seed draws one)")
     parser.add_argument("--keep", type=Path, help="folder for failing decks and both outputs")
     parser.add_argument("--minutes", type=float, help="stop after so many minutes")
+    parser.add_argument("--shrink", action="store_true", help="drop lines of failing decks as long as they fail in the same way")
     parser.add_argument("--quiet", action="store_true", help="say only which seeds fail, and why")
     options = parser.parse_args(words)
     found: list[Outcome] = []
@@ -29,6 +31,8 @@ def main(words: list[str] | None = None) -> int:
             outcome = trial.of(seed, options.area)
             found.append(outcome)
             if outcome.kind in FAILURES:
+                if options.shrink:
+                    outcome = shrunk(trial, outcome, deck_of(seed, options.area)[1])
                 print(f"{outcome.seed} {outcome.area} {outcome.kind}: {outcome.message}" if options.quiet else f"{outcome}\n", flush=True)
                 if options.keep is not None:
                     keep(options.keep, outcome)

@@ -53,7 +53,7 @@ class Draw(random.Random):
         text = f"{value:.15g}"
         if not self.chance(SPELLED):
             return text
-        return self.pick([f"{value:.15e}", f"{value:+.15g}", f"{value:.17f}", text.removeprefix("0"), text + "." * ("." not in text and "e" not in text)])
+        return self.pick([f"{value:.15e}", f"{value:+.15g}", f"{value:.17f}", text[text.startswith("0.") :], text + "." * ("." not in text and "e" not in text)])
 
 
 #: What becomes of a number in the area of mistakes: none of these is one, or it is a number that is out of bounds.

@@ -49,7 +49,9 @@ class Values:
             return
         elif style == "reduce":
             inputs = draw.some([*_BEAD_WORDS, *self.per_bead], 1, 3)
-            words = [draw.pick(["sum", "min", "max", "ave", "sumsq", "avesq", "sumabs", "aveabs"]), *inputs]
+            # of several inputs LAMMPS's sumabs and aveabs are wrong, which is documented
+            modes = ["sum", "min", "max", "ave", "sumsq", "avesq", *(["sumabs", "aveabs"] if len(inputs) == 1 else [])]
+            words = [draw.pick(modes), *inputs]
             scalar, size = len(inputs) == 1, len(inputs) if len(inputs) > 1 else 0
         else:
             if style == "property/atom":
@@ -103,7 +105,9 @@ class Values:
             k = "xyz".index(axis)
             edge, low = (1.0, 0.0) if reduced else (deck.edges[k], deck.low[k])
             origin = draw.pick(["lower", "lower", "center", "upper", float(f"{low + draw.random() * edge:.4g}")])
-            words += [axis, origin, float(f"{edge * draw.pick([0.5, 0.25, 0.3, draw.uniform(0.2, 0.9)]):.4g}")]
+            # whole fractions of the edge only where they are exact: a face a rounding error off the end is one slice more in LAMMPS
+            fraction = draw.pick([0.5, 0.25, 0.3] if reduced else [draw.uniform(0.2, 0.9)])
+            words += [axis, origin, float(f"{edge * fraction:.3g}")]
         words += ["units", "reduced" if reduced else "box"]
         if draw.chance(0.3):
             words += ["discard", draw.pick(["yes", "no", "mixed"])]

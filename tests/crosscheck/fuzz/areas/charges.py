@@ -29,7 +29,7 @@ def charges(draw: Draw) -> Deck:
         deck.add("pair_style", "hybrid/overlay", "dpd", 0.0, natural.length, draw.seed_word(), "coul/slater/long", lamda, reach)
         deck.add("pair_coeff", "*", "*", "dpd", A, gamma)
         deck.add("pair_coeff", "*", "*", "coul/slater/long")
-    deck.add("kspace_style", draw.pick(["ewald", "ewald", "pppm"]), 1e-6)
+    deck.add("kspace_style", draw.pick(["ewald", "ewald", "pppm"]), 1e-7)
     if draw.chance(0.3):
         deck.add("dielectric", draw.real(0.5, 2))
     groups(deck)

@@ -35,7 +35,7 @@ def _settings(deck: Deck, style: str, noise: float) -> list[object]:
         "dpd/ext/tstat": [temperature, temperature, cutoff, seed],
         "lj/cut": [cutoff],
         "zero": [cutoff],
-        "table": [deck.draw.pick(["linear", "spline", "lookup"]), 4000],
+        "table": [deck.draw.pick(["linear", "spline", "lookup"]), 20000],
     }
     return table[style]
 

@@ -51,7 +51,8 @@ def runs(draw: Draw) -> Deck:
     draw_box(deck)
     deck.types = draw.whole(1, 2)
     beads(deck, draw.whole(2, 15), 0.4)
-    interactions(deck, [draw.pick(["dpd", "dpd/ext", "dpd/tstat", "lj/cut"])])
+    style = draw.pick(["dpd", "dpd/ext", "dpd/tstat", "lj/cut"])
+    interactions(deck, [style])
     groups(deck)
     movers(deck)
     timestep(deck)
@@ -67,9 +68,9 @@ def runs(draw: Draw) -> Deck:
     dump(deck, draw.pick([1, 2, 3]))
     conservative(deck)
     for number in range(draw.whole(2, 4)):
-        if number:
-            for _ in range(draw.whole(0, 2)):
-                _change(deck, values, state)
+        changes = draw.whole(0, 2) if number else 0
+        for _ in range(changes):
+            _change(deck, values, state)
         steps = draw.whole(0, 5)
         step = state["step"]
         words: list[object] = [steps]
@@ -77,7 +78,8 @@ def runs(draw: Draw) -> Deck:
             words = [step + steps, "upto"]
         if draw.chance(0.4):
             words += ["start", draw.whole(0, step), "stop", step + steps + draw.whole(0, 10)]
-        if number and draw.chance(0.15):
+        # forces with friction follow the velocities, and are evaluated anew here
+        if number and not changes and style == "lj/cut" and draw.chance(0.4):
             words += ["pre", "no"]
         if draw.chance(0.1):
             words += ["post", "no"]

@@ -219,7 +219,7 @@ def _random_tail(deck: Deck, builder: _Builder) -> None:
         if choice == "random":
             deck.add("create_atoms", kind, "random", draw.whole(0, 20), seed, draw.pick(["NULL", "NULL", *deck.regions]))
         elif choice in ("ratio", "subset"):
-            deck.add("create_atoms", kind, "box", choice, fraction if choice == "ratio" else draw.whole(0, 10), seed)
+            deck.add("create_atoms", kind, "box", choice, fraction if choice == "ratio" else draw.whole(1, 10), seed)
         elif choice == "set":
             style, amount = ("type/ratio", fraction) if draw.chance(0.7) else ("type/subset", draw.whole(0, 3))
             deck.add("set", *builder.target(), style, kind, amount, seed)
@@ -231,7 +231,8 @@ def _random_tail(deck: Deck, builder: _Builder) -> None:
                 deck.show(*(f"vcm({group},{axis})" for axis in "xyz"))
             deck.show(f"ke({group})")
         deck.add("group", "last", "type", kind)
-        deck.show("count(all)", "count(last)", "mass(all)")
+        deck.show("count(all)", "count(last)")
+        deck.add("thermo_style", "custom", "step atoms vol")
     deck.add("pair_style", "zero", 0.4 * deck.units.length)
     deck.add("pair_coeff", "*", "*")
     deck.add("fix", 1, "all", "nve")
