@@ -12,7 +12,7 @@ from fuzz.trial import FAILURES, Trial
 from lammps_peer import why_missing
 
 #: Decks of an area of weight 1.
-DECKS = 25
+DECKS = 120
 
 
 @pytest.fixture(scope="module")

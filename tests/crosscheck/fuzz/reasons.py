@@ -9,6 +9,8 @@ EXPECTED: tuple[tuple[str | None, str | None, str | None, str], ...] = (
     (None, r"not computed at compatible time|was not computed|between runs is not current", None, "here an average that is read in between is the last one"),
     (None, r"cannot set output array intensive/extensive", None, "LAMMPS does not say whether a vector beside a table is a sum"),
     (None, r"Thermo style does not use", None, "here a compute may be named that the present columns do not show"),
+    (None, r"Unexpected empty line in \w+Coeffs section[^\0]*lammps_out.data", None, "LAMMPS cannot read what it writes for styles zero"),
+    (None, r"Atom IDs must be consecutive for velocity create", None, "numbers belong to ids here, consecutive or not"),
     (None, r"Two fix commands using same compute chunk/atom", None, "LAMMPS ties the chunks of a compute to one fix at a time"),
     (None, r"in variable requires thermo to use/init", None, "LAMMPS computes in formulas what the thermo output computes"),
     (None, r"Failed to reorder neighbor lists", None, "LAMMPS asks to be told of this one"),

@@ -43,6 +43,8 @@ def data(draw: Draw) -> Deck:
     bare = "nocoeff" in " ".join(deck.lines[-3:])
     hybrid = any(line.startswith(("pair_style hybrid", "bond_style hybrid", "angle_style hybrid", "pair_style table")) for line in first)
     mixed = any(line.startswith("pair_style lj/cut") for line in first)
+    # style zero has no coefficients that a file could hold
+    bare = bare or any(line.startswith(_FORCES) and "zero" in line for line in first)
     whole = any(line.startswith("write_data") and "pair ij" in line for line in deck.lines) and not hybrid
     for writer in ("lammps", "ours"):
         deck.next_stage()
