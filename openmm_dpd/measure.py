@@ -145,10 +145,12 @@ class Observer:
             every = every + parts[1].force + parts[2].force
         shown = every[mobile]
         others = self._others(context.getSystem())
-        other = 0.0
+        other, theirs = 0.0, set().union(*map(groups_of, others))
         if others:
-            theirs = set().union(*map(groups_of, others))
             other = context.getState(energy=True, groups=theirs).getPotentialEnergy().value_in_unit(_KJ)
+        if box is not None and plan.scene.body_forces and EXTERNAL_GROUP not in theirs:
+            # what is left of -f.x where nothing is to be said of it, see forces/external.py
+            potential -= context.getState(energy=True, groups={EXTERNAL_GROUP}).getPotentialEnergy().value_in_unit(_KJ)
         gradient2 = float(np.sum(force**2))
         return Sample(
             step=state.getStepCount(),

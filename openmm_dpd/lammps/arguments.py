@@ -8,10 +8,24 @@ from collections.abc import Sequence
 from ..errors import ParameterError
 
 
+def as_float(word: str) -> float:
+    """A number in plain ASCII digits; ValueError for what only Python takes for one (2_5, digits of other scripts)."""
+    if "_" in word or not word.isascii():
+        raise ValueError(word)
+    return float(word)
+
+
+def as_integer(word: str) -> int:
+    """The same for whole numbers."""
+    if "_" in word or not word.isascii():
+        raise ValueError(word)
+    return int(word)
+
+
 def number(word: str, what: str) -> float:
     """A finite number."""
     try:
-        value = float(word)
+        value = as_float(word)
     except ValueError:
         raise ParameterError(f"expected a number for {what}, not '{word}'") from None
     if not math.isfinite(value):
@@ -38,7 +52,7 @@ def non_negative(word: str, what: str) -> float:
 def integer(word: str, what: str, minimum: int | None = None) -> int:
     """A whole number, not below ``minimum``."""
     try:
-        value = int(word)
+        value = as_integer(word)
     except ValueError:
         raise ParameterError(f"expected a whole number for {what}, not '{word}'") from None
     if minimum is not None and value < minimum:
@@ -82,8 +96,8 @@ def numeric_range(word: str, highest: int, what: str) -> range:
     """
     low, star, high = word.partition("*")
     try:
-        first = int(low) if low else 1
-        last = (int(high) if high else highest) if star else first
+        first = as_integer(low) if low else 1
+        last = (as_integer(high) if high else highest) if star else first
         if not star and not low:
             raise ValueError
     except ValueError:

@@ -13,7 +13,7 @@ def _empty(*shape: int, dtype: type = np.float64):
 
 @dataclass
 class Atoms:
-    """Beads, sorted by id.
+    """Beads, sorted by id.  Positions and velocities are the deck's own numbers until a Scene is made of them.
 
     Attributes
     ----------
@@ -22,11 +22,11 @@ class Atoms:
     types : (N,) int
         Types, counted from 1.
     positions : (N, 3) float
-        nm, inside the box.
+        In the deck's unit of length; what ``set`` has moved may lie outside the box until the next run.
     images : (N, 3) int
         How many boxes the bead has left behind along each box vector.
     velocities : (N, 3) float
-        nm/ps.
+        In the deck's units.
     charges : (N,) float
         Elementary charges.
     molecules : (N,) int
@@ -41,6 +41,8 @@ class Atoms:
         Concentrations of ``atom_style tdpd``.
     densities : (N,) float
         Local densities of ``atom_style mdpd``, in the deck's units.
+    slots : (N,) int
+        Where each bead stands in LAMMPS's memory before the first run: the order in which ``delete_atoms`` hands out new ids.
     """
 
     ids: np.ndarray = _empty(0, dtype=np.int64)
@@ -57,6 +59,7 @@ class Atoms:
     capacities: np.ndarray = _empty(0)
     concentrations: np.ndarray = _empty(0, 0)
     densities: np.ndarray = _empty(0)
+    slots: np.ndarray = _empty(0, dtype=np.int64)
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -80,17 +83,32 @@ class Atoms:
             capacities=np.full(n, 1e5),
             concentrations=np.zeros((n, n_species)),
             densities=np.zeros(n),
+            slots=np.arange(n),
         )
 
     def append(self, other: Atoms) -> None:
         """Add beads whose ids are all larger than the present ones."""
+        other.slots = other.slots + len(self)
         for item in fields(self):
             setattr(self, item.name, np.concatenate([getattr(self, item.name), getattr(other, item.name)]))
 
-    def keep(self, mask: np.ndarray) -> None:
-        """Drop every bead where ``mask`` is False."""
+    def take(self, indices: np.ndarray) -> None:
+        """Keep these beads, in this order."""
         for item in fields(self):
-            setattr(self, item.name, getattr(self, item.name)[mask])
+            setattr(self, item.name, getattr(self, item.name)[indices])
+
+    def vacate(self, doomed: np.ndarray) -> None:
+        """Change ``slots`` as LAMMPS does before beads are dropped: the last one takes the place of each that goes."""
+        standing = np.argsort(self.slots).tolist()
+        slot = 0
+        while slot < len(standing):
+            if doomed[standing[slot]]:
+                last = standing.pop()
+                if slot < len(standing):
+                    standing[slot] = last
+            else:
+                slot += 1
+        self.slots[standing] = np.arange(len(standing))
 
     def index_of(self, ids: np.ndarray) -> np.ndarray:
         """Indices of beads by id; KeyError with the first id that does not exist."""

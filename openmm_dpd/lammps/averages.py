@@ -29,7 +29,7 @@ class Schedule:
     step : int
         Present step; a window that has begun already is left out.
     start : int
-        No window ends before this step.
+        No window ends before this step; but a single sample that is due at the present step is taken.
     """
 
     def __init__(self, every: int, repeat: int, freq: int, step: int, start: int = 0):
@@ -37,9 +37,9 @@ class Schedule:
         self.taken, self.next = 0, self._first(step)
 
     def _first(self, step: int) -> int:
-        if self.repeat == 1 and step % self.freq == 0 and step >= self.start:
-            return step
         end = (max(step, self.start - 1) // self.freq + 1) * self.freq
+        if self.repeat == 1 and end - self.freq == step:
+            return step
         first = end - (self.repeat - 1) * self.every
         return first if first >= step else first + self.freq
 

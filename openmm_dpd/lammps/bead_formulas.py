@@ -38,8 +38,8 @@ def _ternary(test: Values, yes: Values, no: Values) -> np.ndarray:
     return np.where(np.asarray(test) != 0, yes, no)
 
 
-def _half_up(value: Values) -> np.ndarray:
-    return np.where(np.asarray(value) > 0, np.floor(np.asarray(value) + 0.5), np.ceil(np.asarray(value) - 0.5))
+def _rounded(value: Values) -> np.ndarray:
+    return np.where(value - np.floor(value) >= 0.5, np.ceil(value), np.floor(value))
 
 
 _LEVELS: tuple[dict[str, Callable[..., Values]], ...] = (
@@ -58,7 +58,7 @@ _OF_NUMPY: dict[str, Callable[..., Values]] = {
     "ln": np.log,
     "log": np.log10,
     "abs": np.abs,
-    "sign": np.sign,
+    "sign": lambda x: np.where(np.asarray(x) >= 0, 1.0, -1.0),
     "sin": np.sin,
     "cos": np.cos,
     "tan": np.tan,
@@ -68,7 +68,7 @@ _OF_NUMPY: dict[str, Callable[..., Values]] = {
     "atan2": np.arctan2,
     "ceil": np.ceil,
     "floor": np.floor,
-    "round": _half_up,
+    "round": _rounded,
     "ternary": _ternary,
 }
 

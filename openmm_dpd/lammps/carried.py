@@ -103,7 +103,7 @@ def sources_of(state: DeckState, box: np.ndarray) -> list[Source]:
     ----------
     state : DeckState
     box : (3, 3) array
-        The scene's box vectors.
+        The scene's box vectors, nm.
     """
     names = [style.name for style in state.pair.styles]
     found = []
@@ -120,7 +120,7 @@ def sources_of(state: DeckState, box: np.ndarray) -> list[Source]:
                 fix.parameters["rate"],
                 fix.parameters["species"],
                 None if group.all() else group,
-                state.require_box("a run").low,
+                state.require_box("a run").low * state.units.length,
             )
             source.check(box, len(state.atoms), max(1, state.n_species))
         except ParameterError as error:

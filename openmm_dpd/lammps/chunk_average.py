@@ -74,7 +74,7 @@ class ChunkAverage(Average):
         elif word == "density/mass":
             values = BEAD_WORDS["mass"].value(context)[kept]
         elif word == "temp":
-            velocities = np.asarray(context.need("velocities"))[kept]
+            velocities = context.velocities[kept] * context.units.velocity
             values = context.state.bead_masses()[kept] * np.sum(velocities**2, axis=1) / context.units.thermal_energy
         else:
             values = bead_values(context, word)[kept]

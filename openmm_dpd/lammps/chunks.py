@@ -160,7 +160,7 @@ def parse_binning(state: DeckState, group: str, words: list[str]) -> Binning:
             axes[k] = replace(axes[k], bound=_bound(values, _scale(state, axes[k].axis, units)))
     discard = read.choice(options["discard"][0], "discard", ("yes", "no", "mixed"))
     binning = Binning(tuple(axes), discard, options["region"][0] if "region" in options else None)
-    binning.bins(box.scaled(1.0 / state.units.length))
+    binning.bins(box)
     return binning
 
 
@@ -202,10 +202,11 @@ def chunk_numbers(context: Context, compute: Compute, bins: Bins) -> np.ndarray:
     fractions = context.box.fractions(positions) if binning.axes[0].reduced else positions
     counted = context.state.group(compute.group)
     if binning.region is not None:
-        counted = counted & context.state.regions[binning.region].contains(positions)
+        counted = counted & context.state.region(binning.region).contains(positions)
     total = np.zeros(len(positions), dtype=np.int64)
     for axis, slices in zip(binning.axes, bins.axes, strict=True):
-        number = np.floor((fractions[:, axis.axis] - slices.start) / slices.thickness).astype(np.int64)
+        # times the inverse, as LAMMPS has it: a bead on a face belongs to one slice or the other by the last bit
+        number = np.floor((fractions[:, axis.axis] - slices.start) * (1 / slices.thickness)).astype(np.int64)
         beyond = (number < 0, number >= slices.count)
         for outside, end in zip(beyond, axis.bound, strict=True):
             if binning.discard == "yes" or (binning.discard == "mixed" and end is not None):

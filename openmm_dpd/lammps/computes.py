@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +12,7 @@ from ..errors import ParameterError
 from . import arguments as read
 from .chunks import CHUNKS
 from .compute_spec import Compute, ComputeSpec
-from .per_bead import PER_BEAD, REDUCE, require_atom_style
+from .per_bead import PER_BEAD, REDUCE, require_atom_style, unwrapped
 from .structure_computes import STRUCTURE
 
 if TYPE_CHECKING:
@@ -59,31 +60,35 @@ def _pe(context: Context, compute: Compute) -> float:
     return sum(context.energy(f"{part}_energy") for part in compute.arguments or _PARTS)
 
 
+def temperature_of_pressure(state: DeckState, name: str) -> Compute | None:
+    """The compute that a compute of pressure takes its kinetic part from, None for ``thermo_temp``."""
+    own = state.computes[name].arguments[0] if name in state.computes else "thermo_temp"
+    return temperature_compute(state, state.pressure_temps.get(name, own))
+
+
 def _pressure(context: Context, compute: Compute) -> float:
     kinetic = 0.0
     if "virial" not in compute.arguments[1:]:
-        kinetic = context.kinetic(temperature_compute(context.state, compute.arguments[0]))
+        kinetic = context.kinetic(temperature_of_pressure(context.state, compute.name))
     return context.pressure_of(kinetic, 0.0 if "ke" in compute.arguments[1:] else context.need("virial"))
 
 
 def _centre(context: Context, compute: Compute) -> np.ndarray:
     mask, masses = context.state.group(compute.group), context.state.bead_masses()
-    atoms = context.state.atoms
-    positions = context.need("positions") + atoms.images @ context.state.require_box("compute com").vectors
-    return masses[mask] @ positions[mask] / masses[mask].sum() / context.units.length
+    return masses[mask] @ unwrapped(context)[mask] / masses[mask].sum()
 
 
 def _kinetic_tensor(context: Context, compute: Compute) -> np.ndarray:
     """Sums of m v_a v_b over the group: xx, yy, zz, xy, xz, yz."""
     mask, masses = context.state.group(compute.group), context.state.bead_masses()
-    velocities = np.asarray(context.need("velocities"))[mask]
+    velocities = context.velocities[mask] * context.units.velocity
     tensor = (masses[mask][:, None] * velocities).T @ velocities / context.units.energy
     return tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
 
 
 def _momentum(context: Context, compute: Compute) -> np.ndarray:
     mask, masses = context.state.group(compute.group), context.state.bead_masses()
-    return masses[mask] @ context.need("velocities")[mask] / context.units.mass / context.units.velocity
+    return masses[mask] @ context.velocities[mask] / context.units.mass
 
 
 def _dpd(context: Context, compute: Compute) -> np.ndarray:
@@ -112,7 +117,7 @@ COMPUTES: dict[str, ComputeSpec] = {
     ),
     "ke": ComputeSpec(
         _no_arguments,
-        lambda context, compute: context.kinetic(compute) / context.units.energy,
+        lambda context, compute: context.kinetic_of(context.state.group(compute.group)) / context.units.energy,
         extensive=True,
         needs=("velocities",),
     ),
@@ -127,9 +132,21 @@ COMPUTES: dict[str, ComputeSpec] = {
     **PER_BEAD,
 }
 
-#: Computes that exist without being defined.
+
+@dataclass(frozen=True)
+class BuiltIn:
+    """A compute that exists without being defined: its value, not normalised, and the thermo word whose column ``c_id`` is.
+
+    That word may stand for another compute (``thermo_modify temp`` and ``press``); outside the columns of thermo output the
+    built-in one is meant.
+    """
+
+    value: Callable[[Context], float]
+    word: str
+
+
 BUILT_IN = {
-    "thermo_temp": ("temp", False),
-    "thermo_press": ("press", False),
-    "thermo_pe": ("pe", True),
+    "thermo_temp": BuiltIn(lambda context: context.temperature(), "temp"),
+    "thermo_press": BuiltIn(lambda context: context.pressure_with("thermo_press", "virial"), "press"),
+    "thermo_pe": BuiltIn(lambda context: sum(context.energy(f"{part}_energy") for part in _PARTS), "pe"),
 }

@@ -14,7 +14,7 @@ from .bead_formulas import evaluate_beads
 from .box import Box
 from .compute_spec import check_place
 from .expressions import evaluate
-from .per_bead import BEAD_WORDS, folded
+from .per_bead import BEAD_WORDS, folded, unwrapped
 from .state import carried_places
 from .words import WORDS
 
@@ -66,11 +66,22 @@ class Context:
     def box(self) -> Box:
         """The box in the deck's unit of length."""
         box = self.state.require_box("a formula with the box")
-        if self.sample is not None and self.sample.box is not None:
-            vectors = np.asarray(self.sample.box)
-            if not np.allclose(vectors, box.reduced_vectors, rtol=1e-9, atol=1e-9):
-                box = Box(box.low, np.diag(vectors), np.array([vectors[1, 0], vectors[2, 0], vectors[2, 1]]), box.triclinic)
-        return box.scaled(1.0 / self.units.length)
+        return box if self.sample is None or self.sample.box is None else box.following(self.sample.box / self.units.length)
+
+    @property
+    def measured(self) -> bool:
+        """Whether positions and velocities are those of a simulation; between runs they are the deck's."""
+        return self.window is not None or (self.sample is not None and self.sample.positions is not None)
+
+    @property
+    def positions(self) -> np.ndarray:
+        """(N, 3) positions in the deck's unit; those of a simulation are on continuous paths from where its run began."""
+        return self.state.in_deck_units(self.need("positions")) if self.measured else self.state.atoms.positions
+
+    @property
+    def velocities(self) -> np.ndarray:
+        """(N, 3) velocities in the deck's units."""
+        return self.need("velocities") / self.units.velocity if self.measured else self.state.atoms.velocities
 
     @property
     def norm(self) -> float:
@@ -82,8 +93,6 @@ class Context:
     def need(self, name: str):
         """Field of the sample; ParameterError if it was not measured."""
         value = None if self.sample is None else getattr(self.sample, name)
-        if value is None and self.window is None and name in ("positions", "velocities"):
-            return getattr(self.state.atoms, name)
         if value is None:
             if self.sample is None:
                 raise ParameterError("a value that needs a run (an energy, temperature or force) is used while no current one exists")
@@ -108,12 +117,19 @@ class Context:
         return self.need(name) / self.units.energy
 
     def kinetic(self, compute: computes.Compute | None = None) -> float:
-        """Kinetic energy (kJ/mol) of all mobile beads, or of the group of a compute."""
-        if compute is None:
-            return self.need("kinetic")
-        mask = self.state.group(compute.group)
-        velocities, masses = self.need("velocities")[mask], self.state.bead_masses()[mask]
-        return 0.5 * float(masses @ np.sum(velocities**2, axis=1))
+        """Kinetic energy (kJ/mol) of all mobile beads, or of the group of a compute.
+
+        Where LAMMPS counts no degree of freedom, which is where one bead is alone, it is 0.
+        """
+        counted = self.state.group("all" if compute is None else compute.group)
+        if counted.sum() < 2:
+            return 0.0
+        return self.need("kinetic") if compute is None else self.kinetic_of(counted)
+
+    def kinetic_of(self, mask: np.ndarray) -> float:
+        """Sum of m v^2/2 over the beads of a mask (kJ/mol)."""
+        masses, velocities = self.state.bead_masses()[mask], self.velocities[mask]
+        return 0.5 * float(masses @ np.sum(velocities**2, axis=1)) * self.units.velocity**2
 
     def temperature(self, compute: computes.Compute | None = None) -> float:
         """Kinetic temperature of all mobile beads, or of the group of a compute (3N - 3 degrees of freedom)."""
@@ -125,10 +141,13 @@ class Context:
         return computes.temperature_compute(self.state, self.state.thermo.temp)
 
     def pressure(self, virial: str = "virial") -> float:
-        """Pressure with the kinetic part of thermo's temperature."""
-        if virial == "virial" and self.state.thermo.press != "thermo_press":
-            return self.compute(self.state.thermo.press, None)
-        return self.pressure_of(self.kinetic(self.thermo_compute()), self.need(virial))
+        """Pressure that thermo output prints."""
+        name = self.state.thermo.press
+        return self.compute(name, None) if virial == "virial" and name != "thermo_press" else self.pressure_with(name, virial)
+
+    def pressure_with(self, name: str, virial: str) -> float:
+        """Pressure with the kinetic part of a compute of pressure and a virial of the sample."""
+        return self.pressure_of(self.kinetic(computes.temperature_of_pressure(self.state, name)), self.need(virial))
 
     def pressure_of(self, kinetic: float, virial: float) -> float:
         """Pressure from a kinetic energy and a virial (kJ/mol)."""
@@ -153,8 +172,7 @@ class Context:
     def compute(self, name: str, index: int | None, column: int | None = None) -> float:
         """Value of ``c_name``, ``c_name[index]`` or ``c_name[index][column]``, not normalised."""
         if name in computes.BUILT_IN and index is None:
-            word, extensive = computes.BUILT_IN[name]
-            return self.thermo(word) * (self.norm if extensive else 1.0)
+            return computes.BUILT_IN[name].value(self)
         if name not in self.state.computes:
             known = ", ".join([*computes.BUILT_IN, *self.state.computes])
             raise ParameterError(f"there is no compute '{name}'{'' if index is None else ' with a vector'}; defined are {known}")
@@ -253,16 +271,11 @@ class Context:
         if not mask.any():
             raise ParameterError(f"{function}({', '.join(arguments)}) asks for a group without beads")
         if function == "ke":
-            velocities = self.need("velocities")[mask]
-            return 0.5 * float(masses @ np.sum(velocities**2, axis=1)) / self.units.energy
-        if function == "vcm":
-            values, factor = masses @ self.need("velocities")[mask] / masses.sum(), self.units.velocity
-        else:
-            if function == "bound":
-                return self._bound(folded(self)[0][mask], arguments)
-            positions = self.need("positions") + self.state.atoms.images @ self.state.require_box(function).vectors
-            values, factor = masses @ positions[mask] / masses.sum(), self.units.length
-        return float(values["xyz".index(arguments[1])]) / factor
+            return self.kinetic_of(mask) / self.units.energy
+        if function == "bound":
+            return self._bound(folded(self)[0][mask], arguments)
+        vectors = self.velocities if function == "vcm" else unwrapped(self)
+        return float((masses @ vectors[mask] / masses.sum())["xyz".index(arguments[1])])
 
     def _members(self, function: str, arguments: list[str]) -> np.ndarray:
         """Beads that a group function is about, after a check of its arguments."""
@@ -273,10 +286,7 @@ class Context:
             raise ParameterError(f"the second argument of {function} is x, y or z, not '{arguments[1]}'")
         mask = self.state.group(arguments[0])
         if len(arguments) > needed:
-            name = arguments[-1]
-            if name not in self.state.regions:
-                raise ParameterError(f"there is no region '{name}'")
-            mask = mask & self.state.regions[name].contains(folded(self)[0])
+            mask = mask & self.state.region(arguments[-1]).contains(folded(self)[0])
         return mask
 
     def _bound(self, positions: np.ndarray, arguments: list[str]) -> float:
@@ -296,7 +306,7 @@ class Context:
         if quantity in ("x", "y", "z"):
             return float(folded(self)[0][index]["xyz".index(quantity)])
         if quantity in ("vx", "vy", "vz"):
-            return float(self.need("velocities")[index]["xyz".index(quantity[1])]) / self.units.velocity
+            return float(self.velocities[index]["xyz".index(quantity[1])])
         if quantity in ("fx", "fy", "fz"):
             return float(self.need("forces")[index]["xyz".index(quantity[1])]) / self.units.force
         arrays = {"id": atoms.ids, "type": atoms.types, "mol": atoms.molecules, "q": atoms.charges}
@@ -317,7 +327,7 @@ class Context:
             length = self.window.end - self.window.begin
             done = (self.step - self.window.begin) / length if length else 0.0
             return arguments[0] + (arguments[1] - arguments[0]) * done
-        elapsed = (self.step - self.window.first) * self.state.timestep / self.units.time
+        elapsed = (self.step - self.window.begin) * self.state.timestep / self.units.time
         if function == "vdisplace":
             return arguments[0] + arguments[1] * elapsed
         phase = 2 * math.pi * elapsed / arguments[2]

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import DeckError, ParameterError
+from . import arguments as read
 from .box import Box
 from .lexer import read_text
 
@@ -148,7 +149,7 @@ class _Reader:
             key = tuple(words[size:])
             if _HEADERS.get(key) == size:
                 try:
-                    self.header[key] = [float(word) for word in words[:size]]
+                    self.header[key] = [read.as_float(word) for word in words[:size]]
                 except ValueError:
                     raise self.fail(f"expected numbers before '{' '.join(key)}', not '{' '.join(words[:size])}'", number) from None
                 if not np.all(np.isfinite(self.header[key])):
@@ -173,13 +174,13 @@ class _Reader:
 
     def integers(self, words: list[str], number: int, what: str) -> list[int]:
         try:
-            return [int(word) for word in words]
+            return [read.as_integer(word) for word in words]
         except ValueError:
             raise self.fail(f"expected {what}, not '{' '.join(words)}'", number) from None
 
     def floats(self, words: list[str], number: int, what: str) -> list[float]:
         try:
-            values = [float(word) for word in words]
+            values = [read.as_float(word) for word in words]
         except ValueError:
             raise self.fail(f"expected {what}, not '{' '.join(words)}'", number) from None
         if not all(abs(value) < np.inf for value in values):
@@ -198,7 +199,7 @@ class _Reader:
         tilt = self.header.get(("xy", "xz", "yz"))
         low, high = np.array(edges).T
         try:
-            return Box(low, high - low, np.array(tilt if tilt else [0.0, 0.0, 0.0]), tilt is not None)
+            return Box(low, high, np.array(tilt if tilt else [0.0, 0.0, 0.0]), tilt is not None)
         except ParameterError as error:
             raise self.fail(str(error)) from None
 
@@ -216,7 +217,7 @@ class _Reader:
             if len(words) not in (size, size + 3):
                 raise self.fail(f"expected {usage}, not {len(words)} words: '{' '.join(words)}'", number)
             try:
-                values[k] = [float(word) for word in words[:size]]
+                values[k] = [read.as_float(word) for word in words[:size]]
             except ValueError:
                 raise self.fail(f"expected {usage}, not '{' '.join(words)}'", number) from None
             if len(words) > size:

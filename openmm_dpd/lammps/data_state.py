@@ -161,7 +161,7 @@ def _box(path: Path, header: dict[str, list[float]]) -> Box:
     except (KeyError, ValueError):
         raise DeckError("the header lacks 'xlo xhi', 'ylo yhi' or 'zlo zhi'", str(path)) from None
     tilt = header.get("xy xz yz")
-    return Box(low, high - low, np.array(tilt or [0.0, 0.0, 0.0]), tilt is not None)
+    return Box(low, high, np.array(tilt or [0.0, 0.0, 0.0]), tilt is not None)
 
 
 def _velocities(path: Path, lines: list[str], sections: dict, ids: np.ndarray, units: UnitSystem) -> np.ndarray | None:

@@ -21,7 +21,7 @@ def data_file_lines(state: DeckState, *, pair: str | None = "ii") -> Iterator[st
         ``ii``: coefficients of like types, ``ij``: of all pairs, None: no coefficients.  Coefficients of hybrid styles and tables
         do not fit into a data file and are left out.
     """
-    box = state.require_box("write_data").scaled(1.0 / state.units.length)
+    box = state.require_box("write_data")
     yield f"LAMMPS data file written by openmm-dpd, timestep = {state.step}, units = {state.units.name}"
     yield ""
     yield f"{len(state.atoms)} atoms"
@@ -42,8 +42,8 @@ def data_file_lines(state: DeckState, *, pair: str | None = "ii") -> Iterator[st
         yield from (f"{kind} {mass / state.units.mass!r}" for kind, mass in sorted(state.masses.items()))
     if pair is not None:
         yield from _pair_coefficients(state, pair)
-        yield from _bonded_coefficients(state, "Bond", state.bond, BOND_STYLES)
-        yield from _bonded_coefficients(state, "Angle", state.angle, ANGLE_STYLES)
+        yield from _bonded_coefficients(state, "Bond", state.bond, BOND_STYLES, state.n_bond_types)
+        yield from _bonded_coefficients(state, "Angle", state.angle, ANGLE_STYLES, state.n_angle_types)
     yield from _atoms(state)
     for section, terms in (("Bonds", state.bonds), ("Angles", state.angles)):
         if len(terms):
@@ -68,19 +68,21 @@ def _pair_coefficients(state: DeckState, which: str) -> Iterator[str]:
         yield f"{types} {' '.join(coefficient_words(style, found))}"
 
 
-def _bonded_coefficients(state: DeckState, section: str, setup: BondedSetup, known: dict[str, BondedStyle]) -> Iterator[str]:
-    found = {kind: entry for kind, entry in sorted(setup.coefficients.items()) if entry[0] == "none" or known[entry[0]].kind is not None}
-    if not found:
+def _bonded_coefficients(state: DeckState, section: str, setup: BondedSetup, known: dict[str, BondedStyle], types: int) -> Iterator[str]:
+    if not setup.coefficients or setup.style == "zero":
+        return
+    if len(setup.coefficients) < types:
+        state.note(f"write_data: {section.lower()} coefficients are not written, since some types have none")
         return
     yield from ("", f"{section} Coeffs # {setup.style}", "")
-    for kind, (style, values) in found.items():
+    for kind, (style, values) in sorted(setup.coefficients.items()):
         words = known[style].words(values, state.units) if style != "none" else []
         yield " ".join([str(kind), *([style] if setup.style == "hybrid" else []), *words])
 
 
 def _atoms(state: DeckState) -> Iterator[str]:
-    atoms, units = state.atoms, state.units
-    x, y, z = (atoms.positions / units.length).T
+    atoms = state.atoms
+    x, y, z = atoms.positions.T
     arrays = {
         "id": atoms.ids,
         "type": atoms.types,
@@ -101,5 +103,5 @@ def _atoms(state: DeckState) -> Iterator[str]:
     for row in zip(*columns, strict=True):
         yield " ".join(map(repr, row))
     yield from ("", "Velocities", "")
-    for identity, velocity in zip(atoms.ids.tolist(), (atoms.velocities / units.velocity).tolist(), strict=True):
+    for identity, velocity in zip(atoms.ids.tolist(), atoms.velocities.tolist(), strict=True):
         yield f"{identity} {' '.join(map(repr, velocity))}"

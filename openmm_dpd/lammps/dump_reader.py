@@ -187,7 +187,7 @@ def _box(path: Path, part: tuple[int, list[str], list[str]]) -> tuple[Box | None
         low -= [min(shifts), min(0.0, yz), 0.0]
         high -= [max(shifts), max(0.0, yz), 0.0]
     try:
-        box = Box(low, high - low, tilt, tilted)
+        box = Box(low, high, tilt, tilted)
     except ParameterError as error:
         raise DeckError(str(error), str(path), line + 1) from None
     return box, low, box.vectors, periodic  # type: ignore[return-value]

@@ -234,9 +234,9 @@ def _frame(state: DeckState, dump: Dump, positions, velocities, forces, vectors,
         for name, column in zip(("u_cond", "u_mech", "theta"), CARRIED, strict=True)
     }
     box = state.require_box("a dump")
-    if vectors is not None and not np.allclose(vectors, box.reduced_vectors, rtol=1e-9, atol=1e-9):
-        box = Box(box.low, np.diag(vectors), np.array([vectors[1][0], vectors[2][0], vectors[2][1]]), box.triclinic)
-    inside, shifts = box.wrap(np.asarray(positions)[mask])
+    if vectors is not None:
+        box = box.following(np.asarray(vectors) / units.length)
+    inside, shifts = (array[mask] for array in state.folded(state.in_deck_units(positions), box))
     return Frame(
         ids=atoms.ids[mask],
         types=atoms.types[mask],
@@ -246,10 +246,10 @@ def _frame(state: DeckState, dump: Dump, positions, velocities, forces, vectors,
         u_cond=carried["u_cond"] / units.energy,
         u_mech=carried["u_mech"] / units.energy,
         thetas=carried["theta"] / units.thermal_energy,
-        wrapped=inside / units.length,
+        wrapped=inside,
         images=atoms.images[mask] + shifts,
         velocities=np.asarray(velocities)[mask] / units.velocity,
         forces=None if forces is None else np.asarray(forces)[mask] / units.force,
-        box=box.scaled(1.0 / units.length),
+        box=box,
         computed={column: bead_values(context, column)[mask] for column in dump.columns if column.startswith(("c_", "v_"))},
     )

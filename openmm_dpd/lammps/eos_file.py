@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import DeckError
+from . import arguments as read
 from .lexer import read_text
 
 Row = tuple[int, list[str]]
@@ -40,7 +41,7 @@ def _size(lines: list[Row], index: int, path: Path) -> int:
     """The number of rows, from the line after the keyword."""
     number, words = lines[index + 1] if index + 1 < len(lines) else (lines[index][0], [])
     try:
-        if len(words) != 2 or words[0] != "N" or int(words[1]) < 2:
+        if len(words) != 2 or words[0] != "N" or read.as_integer(words[1]) < 2:
             raise ValueError
     except ValueError:
         keyword = lines[index][1][0]
@@ -54,7 +55,7 @@ def _columns(rows: list[Row], path: Path, keyword: str) -> tuple[np.ndarray, np.
         try:
             if len(words) != 3:
                 raise ValueError
-            values[k] = [float(word) for word in words[1:]]
+            values[k] = [read.as_float(word) for word in words[1:]]
         except ValueError:
             raise DeckError(f"expected 'index T U', not '{' '.join(words)}'", str(path), number) from None
         if not np.all(np.isfinite(values[k])):

@@ -161,7 +161,7 @@ def export_deck(
     request = _first_request(path, RunOptions(dt=dt, steps=steps, scheme=scheme, compat=compat), variables)
     scene = request.scene()
     refuse_unknown(scene)
-    box = request.state.require_box("an export")
+    corner = request.state.require_box("an export").low * request.state.units.length
     job = make_job(
         scene,
         name,
@@ -172,7 +172,7 @@ def export_deck(
         seed if seed is not None else request.seed,
         every,
         request.state.units.name,
-        box.low,
+        corner,
         request.state.atoms.images,
     )
     _say_of_deck(request, job.differences)

@@ -170,7 +170,7 @@ def lammps_box(
     x = scene.positions
     if scene.box is None:
         low, high = x.min(axis=0) - 1.0, x.max(axis=0) + 1.0
-        return Box(low, high - low, np.zeros(3)), x, np.zeros((len(x), 3), dtype=np.int64)
+        return Box(low, high, np.zeros(3)), x, np.zeros((len(x), 3), dtype=np.int64)
     tilt = np.array([scene.box[1, 0], scene.box[2, 0], scene.box[2, 1]])
     low, edges = np.array(corner, dtype=np.float64), np.diag(scene.box).copy()
     for axis, gap in gaps(scene.walls, scene.box).items() if scene.walls else ():
@@ -179,7 +179,7 @@ def lammps_box(
         if gap.period is not None and np.all((gap.fold(x[:, axis]) >= gap.low) & (gap.fold(x[:, axis]) <= gap.high)):
             # no bead is in the solid: LAMMPS's box, which does not repeat along this axis, ends at the walls
             low[axis], edges[axis] = gap.low, gap.high - gap.low
-    box = Box(low, edges, tilt, bool(np.any(tilt)))
+    box = Box(low, low + edges, tilt, bool(np.any(tilt)))
     inside, images = box.wrap(x)
     images = images if flags is None else images + flags
     if np.abs(images).max(initial=0) > _LARGEST_IMAGE:

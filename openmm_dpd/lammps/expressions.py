@@ -47,8 +47,9 @@ class Resolver(Protocol):
         """Value of a function that depends on the state: ``random``, ``normal``, ``ramp`` ..."""
 
 
-def _half_up(value: float) -> float:
-    return math.floor(value + 0.5) if value > 0 else math.ceil(value - 0.5)
+def _rounded(value: float) -> float:
+    """The nearest whole number, of two that are equally near the higher one."""
+    return float(math.ceil(value) if value - math.floor(value) >= 0.5 else math.floor(value))
 
 
 #: Functions of numbers: name -> (number of arguments, function).
@@ -58,7 +59,7 @@ FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {
     "ln": (1, math.log),
     "log": (1, math.log10),
     "abs": (1, abs),
-    "sign": (1, lambda x: float((x > 0) - (x < 0))),
+    "sign": (1, lambda x: 1.0 if x >= 0 else -1.0),
     "sin": (1, math.sin),
     "cos": (1, math.cos),
     "tan": (1, math.tan),
@@ -68,7 +69,7 @@ FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {
     "atan2": (2, math.atan2),
     "ceil": (1, lambda x: float(math.ceil(x))),
     "floor": (1, lambda x: float(math.floor(x))),
-    "round": (1, _half_up),
+    "round": (1, _rounded),
     "ternary": (3, lambda test, yes, no: yes if test else no),
 }
 
@@ -79,7 +80,8 @@ _TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
     r"|(?P<name>[A-Za-z_]\w*)"
     r"|(?P<operator>\|\||&&|==|!=|<=|>=|[-+*/%^()<>!,\[\]])"
-    r"|(?P<bad>\S))"
+    r"|(?P<bad>\S))",
+    re.ASCII,
 )
 
 _LEVELS: tuple[dict[str, Callable[[float, float], float]], ...] = (

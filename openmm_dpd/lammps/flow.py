@@ -37,7 +37,7 @@ def _added(state: DeckState, fix: Fix, members: np.ndarray) -> list[BodyForce | 
         force = [as_number(text, _known(state, 1)) * state.units.force for text in texts]
         return [BodyForce(np.array(force), beads=members)] if any(force) else []
     box = state.require_box("fix addforce")
-    if np.any(np.abs(box.reduced_vectors - box.vectors) > 1e-9) and all(state.periodic):
+    if np.any(np.abs(box.reduced_vectors - box.vectors) > 1e-9 * box.edges.max()) and all(state.periodic):
         raise ParameterError("a force that follows the position needs a box that is tilted by half an edge at most")
     # type and mass are constants of a formula, so there is one force for each type
     by_type = any(depends_on(text, state, set(BEAD_CONSTANTS)) for text in texts)
@@ -47,12 +47,12 @@ def _added(state: DeckState, fix: Fix, members: np.ndarray) -> list[BodyForce | 
         if beads.any():
             known = _known(state, kind or 1)
             formulas = tuple(f"{state.units.force!r}*({position_formula(text, known)})" for text in texts)
-            result.append(PositionForce(formulas, beads=beads, corner=box.low))  # type: ignore[arg-type]
+            result.append(PositionForce(formulas, beads=beads, corner=box.low * state.units.length))  # type: ignore[arg-type]
     return result
 
 
 def _known(state: DeckState, kind: int) -> Known:
-    box = state.require_box("fix addforce").scaled(1.0 / state.units.length)
+    box = state.require_box("fix addforce")
     values = {f"{axis}lo": box.low[k] for k, axis in enumerate(AXES)} | {f"{axis}hi": box.high[k] for k, axis in enumerate(AXES)}
     values |= {f"l{axis}": box.edges[k] for k, axis in enumerate(AXES)} | {"vol": box.volume, "type": float(kind)}
     if kind in state.masses:
@@ -61,16 +61,24 @@ def _known(state: DeckState, kind: int) -> Known:
 
 
 # -- setforce -----------------------------------------------------------------------------------------------------------------
+def held_beads(state: DeckState) -> np.ndarray:
+    """Mask of the beads whose forces ``fix setforce 0 0 0`` takes away, whether or not some fix would move them."""
+    groups = [state.group(fix.group) for fix in state.fixes.values() if fix.style == "setforce"]
+    return np.logical_or.reduce([np.zeros(len(state.atoms), dtype=bool), *groups])
+
+
 def still_beads(state: DeckState, mobile: np.ndarray) -> np.ndarray:
     """Mask of beads that stay where they are because ``fix setforce 0 0 0`` takes away their forces.
 
     Raises
     ------
     DeckError
-        If such beads have velocities (they would coast), or fix shardlow would change these.
+        If such beads have velocities (they would coast), if fix shardlow would change these, or if a later fix addforce acts on them.
     """
     still = np.zeros(len(state.atoms), dtype=bool)
     for fix in state.fixes.values():
+        if fix.style == "addforce" and np.any(still & state.group(fix.group)):
+            raise _at(fix, "it comes after a fix setforce and would move beads that this holds; put it before, or on other beads")
         if fix.style != "setforce":
             continue
         members = state.group(fix.group) & mobile

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,14 +29,18 @@ CELLS: dict[str, tuple[np.ndarray, np.ndarray]] = {
 
 @dataclass(frozen=True)
 class Lattice:
-    """A lattice.
+    """A lattice: its points are ``rotation @ (scale * (primitive @ n)) + offset`` for n = whole numbers plus a point of the basis.
 
     Attributes
     ----------
     style : str
         A key of :data:`CELLS`, ``custom`` or ``none``.
-    cell : (3, 3) array
-        Unit cell vectors as rows, rotated, in the deck's unit of length.
+    primitive : (3, 3) array
+        Unit cell vectors as columns, in units of the lattice constant.
+    scale : float
+        The lattice constant, in the deck's unit of length.
+    rotation : (3, 3) array
+        Rotation matrix of ``orient``.
     basis : (B, 3) array
         Fractions of the unit cell; empty for ``none``.
     offset : (3,) array
@@ -45,7 +50,9 @@ class Lattice:
     """
 
     style: str
-    cell: np.ndarray
+    primitive: np.ndarray
+    scale: float
+    rotation: np.ndarray
     basis: np.ndarray
     offset: np.ndarray
     spacing: np.ndarray
@@ -55,25 +62,44 @@ class Lattice:
 
         A point on an upper face is left out: it is the periodic image of one on the lower face.
         """
-        inverse = np.linalg.inv(self.cell)
-        corners = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)]) @ box.vectors + box.low
-        reached = (corners - self.offset) @ inverse
+        inverse = np.linalg.inv(self.scale * (self.rotation @ self.primitive))
+        corners = _CORNERS @ box.vectors + box.low
+        reached = (corners - self.offset) @ inverse.T
         low = np.floor(reached.min(axis=0)).astype(int) - 1
         high = np.ceil(reached.max(axis=0)).astype(int) + 1
         axes = [np.arange(a, b + 1) for a, b in zip(low, high, strict=True)]
         k, j, i = np.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
         cells = np.stack([i, j, k], axis=-1).reshape(-1, 1, 3)
-        points = ((cells + self.basis) @ self.cell + self.offset).reshape(-1, 3)
+        points = _placed((cells + self.basis).reshape(-1, 3), self.primitive, self.scale, self.rotation) + self.offset
         numbers = np.tile(np.arange(len(self.basis)), len(cells))
-        fractions = box.fractions(points)
-        # rounding may put a point on the lower face just outside; on the upper face LAMMPS leaves 1e-6 of the box free
-        inside = np.all((fractions > -1e-9) & (fractions < 1 - 2e-6), axis=1)
+        # LAMMPS's way to have each point once: one a rounding error outside a lower face is in, its image at the upper one is not
+        inside = box.holds(points, lower=1e-6, upper=2e-6)
         return points[inside], numbers[inside]
+
+
+_CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+
+
+def _placed(cells: np.ndarray, primitive: np.ndarray, scale: float, rotation: np.ndarray) -> np.ndarray:
+    """(N, 3) coordinates, from the origin of the lattice, of what is given in units of the cell vectors.
+
+    The operations are LAMMPS's in their order, so that points on faces of boxes and regions agree to the last bit.
+    """
+    return _times(rotation, _times(primitive, cells) * scale)
+
+
+def _times(matrix: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    x, y, z = vectors.T
+    return np.stack([row[0] * x + row[1] * y + row[2] * z for row in matrix], axis=-1)
+
+
+def _trivial(style: str, spacing: float) -> Lattice:
+    return Lattice(style, np.eye(3), 1.0, np.eye(3), np.zeros((0, 3)), np.zeros(3), np.full(3, spacing))
 
 
 def default_lattice() -> Lattice:
     """What ``units lattice`` means before any lattice command: one unit of length."""
-    return Lattice("none", np.eye(3), np.zeros((0, 3)), np.zeros(3), np.ones(3))
+    return _trivial("none", 1.0)
 
 
 def parse_lattice(args: list[str], reduced: bool) -> Lattice:
@@ -95,34 +121,44 @@ def parse_lattice(args: list[str], reduced: bool) -> Lattice:
     style = read.choice(args[0], "the lattice style", [*CELLS, "custom", "none"])
     scale = read.positive(args[1], "the scale of the lattice")
     if style == "none":
-        return Lattice("none", np.eye(3), np.zeros((0, 3)), np.zeros(3), np.full(3, scale))
+        return _trivial("none", scale)
     cell, basis = (a.copy() for a in CELLS.get(style, (_CUBE, np.zeros((0, 3)))))
     origin, orient = np.zeros(3), np.eye(3)
-    sizes = {"origin": 3, "orient": 4} | ({"a1": 3, "a2": 3, "a3": 3, "basis": 3} if style == "custom" else {})
+    spacing: np.ndarray | None = None
+    sizes = {"origin": 3, "orient": 4, "spacing": 3} | ({"a1": 3, "a2": 3, "a3": 3, "basis": 3} if style == "custom" else {})
     for keyword, words in read.options(args[2:], sizes, "lattice"):
         values = np.array([read.number(word, f"lattice {keyword}") for word in words[-3:]])
         if keyword == "origin":
             origin = values
+        elif keyword == "spacing":
+            spacing = values
         elif keyword == "orient":
             orient["xyz".index(read.choice(words[0], "the axis of orient", "xyz"))] = values
         elif keyword == "basis":
             basis = np.vstack([basis, values])
         else:
             cell[int(keyword[1]) - 1] = values
-    return _assemble(style, scale, cell, basis, origin, orient, reduced)
+    return _assemble(style, scale, cell, basis, origin, orient, spacing, reduced)
 
 
-def _assemble(style: str, scale: float, cell, basis, origin, orient, reduced: bool) -> Lattice:
+def _assemble(style: str, scale: float, cell, basis, origin, orient, spacing: np.ndarray | None, reduced: bool) -> Lattice:
     if not len(basis):
         raise ParameterError("a custom lattice needs at least one basis point")
-    volume = float(np.linalg.det(cell))
+    (a, b, c), (u, v, w) = cell[1:]
+    volume = float(cell[0, 0] * (b * w - c * v) + cell[0, 1] * (c * u - a * w) + cell[0, 2] * (a * v - b * u))
     if volume <= 0:
         raise ParameterError("the lattice vectors a1, a2, a3 must be right-handed and not in one plane")
-    rotation = orient / np.linalg.norm(orient, axis=1)[:, None]
+    for values, what in ((origin, "origin"), (basis, "basis")):
+        if np.any((values < 0) | (values >= 1)):
+            raise ParameterError(f"lattice {what}: every value must be at least 0 and below 1")
+    x, y, z = orient.T
+    rotation = orient / np.sqrt(x * x + y * y + z * z)[:, None]
     if not np.allclose(rotation @ rotation.T, np.eye(3)) or np.linalg.det(rotation) < 0:
         raise ParameterError("the three orient vectors must be perpendicular and right-handed")
-    constant = (len(basis) / volume / scale) ** (1.0 / 3.0) if reduced else scale
-    rotated = constant * cell @ rotation.T
-    corners = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)]) @ rotated
-    spacing = np.ptp(corners, axis=0)
-    return Lattice(style, rotated, basis, spacing * origin, spacing)
+    constant = math.pow(len(basis) / volume / scale, 1.0 / 3.0) if reduced else scale
+    primitive = cell.T.copy()
+    # where it is not given, what the cell spans along each axis
+    spacing = np.ptp(_placed(_CORNERS, primitive, constant, rotation), axis=0) if spacing is None else spacing * constant
+    if np.any(spacing <= 0):
+        raise ParameterError("lattice spacing: every value must be > 0")
+    return Lattice(style, primitive, constant, rotation, basis, spacing * origin, spacing)

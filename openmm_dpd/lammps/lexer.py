@@ -179,7 +179,7 @@ def _substitution(text: str, start: int, variable: Callable[[str], str], formula
             return ("%" + form) % value, end
         except (TypeError, KeyError, ValueError) as error:
             raise ParameterError(f"bad format '%{form}' in '$({content})': {error}") from None
-    if not following or not (following.isalnum() or following == "_"):
+    if not following or not (following.isascii() and (following.isalnum() or following == "_")):
         raise ParameterError("'$' must be followed by the name of a variable, '{name}' or '(formula)'")
     return variable(following), start + 2
 

@@ -29,17 +29,13 @@ class BeadWord:
 
 
 def folded(context: Context) -> tuple[np.ndarray, np.ndarray]:
-    """Positions folded into the deck's box (deck units), and by how many boxes each bead was moved back."""
-    return context.box.wrap(np.asarray(context.need("positions")) / context.units.length)
+    """Positions in the deck's box (deck units), and by how many boxes each bead was moved back."""
+    return context.state.folded(context.positions, context.box)
 
 
 def unwrapped(context: Context) -> np.ndarray:
     """Positions on continuous paths (deck units)."""
-    return np.asarray(context.need("positions")) / context.units.length + context.state.atoms.images @ context.box.vectors
-
-
-def _velocities(context: Context) -> np.ndarray:
-    return np.asarray(context.need("velocities")) / context.units.velocity
+    return context.box.unwrap(context.positions, context.state.atoms.images)
 
 
 def _masses(context: Context) -> np.ndarray:
@@ -63,7 +59,7 @@ def _words() -> dict[str, BeadWord]:
         "{}u": (unwrapped, "positions"),
         "{}s": (lambda c: c.box.fractions(folded(c)[0]), "positions"),
         "i{}": (lambda c: (c.state.atoms.images + folded(c)[1]).astype(float), "positions"),
-        "v{}": (_velocities, "velocities"),
+        "v{}": (lambda c: c.velocities, "velocities"),
         "f{}": (lambda c: np.asarray(c.need("forces")) / c.units.force, "forces"),
     }
     for name, (array, needed) in arrays.items():
@@ -147,8 +143,8 @@ def _check_property(state: DeckState, group: str, words: list[str]) -> None:
 
 
 def _kinetic(context: Context, compute: Compute) -> np.ndarray:
-    energy = 0.5 * context.state.bead_masses() * np.sum(np.asarray(context.need("velocities")) ** 2, axis=1)
-    return _in_group(context, compute, energy / context.units.energy)
+    energy = 0.5 * _masses(context) * np.sum(context.velocities**2, axis=1) * context.units.mvv2e
+    return _in_group(context, compute, energy)
 
 
 def _internal(context: Context, compute: Compute) -> np.ndarray:

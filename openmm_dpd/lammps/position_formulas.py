@@ -44,9 +44,9 @@ _OF_OPENMM: dict[str, Callable[..., str]] = {
     **{name: (lambda a, name=name: f"{name}({a})") for name in ("ceil", "floor")},
     "ln": lambda a: f"log({a})",
     "log": lambda a: f"(log({a})/log(10))",
-    "sign": lambda a: f"(step({a})-step(-{a}))",
+    "sign": lambda a: f"(2*step({a})-1)",
     "atan2": lambda a, b: f"atan2({a},{b})",
-    "round": lambda a: f"select(step({a}),floor({a}+0.5),ceil({a}-0.5))",
+    "round": lambda a: f"select(step({a}-floor({a})-0.5),ceil({a}),floor({a}))",
     "ternary": lambda test, yes, no: f"select({test},{yes},{no})",
 }
 

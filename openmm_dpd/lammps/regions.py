@@ -14,7 +14,7 @@ from .box import Box
 
 @dataclass(frozen=True)
 class Region:
-    """A region.
+    """A region.  Points on its faces are inside; what is compared is what LAMMPS compares.
 
     Attributes
     ----------
@@ -28,6 +28,8 @@ class Region:
         The box that ``create_box`` makes of it (block and prism).
     shape : tuple, optional
         Lower and upper corner (perhaps infinite) of a block, or centre and radius of a sphere, if it is the inside of one.
+    parts : tuple of str
+        Names of the regions that a union or intersection is made of.
     """
 
     style: str
@@ -35,16 +37,19 @@ class Region:
     bounds: tuple[np.ndarray, np.ndarray] | None = None
     box: Box | None = None
     shape: tuple[np.ndarray, np.ndarray] | tuple[np.ndarray, float] | None = None
+    parts: tuple[str, ...] = ()
 
 
 def _edge(word: str, axis: int, upper: bool, scale: np.ndarray, box: Box | None) -> float:
     what = f"the {'upper' if upper else 'lower'} {'xyz'[axis]} of the region"
+    if word in ("INF", "EDGE") and box is None:
+        raise ParameterError(f"{what} is {word}, but there is no box yet")
     if word == "INF":
         return np.inf if upper else -np.inf
     if word == "EDGE":
-        if box is None:
-            raise ParameterError(f"{what} is EDGE, but there is no box yet")
-        return float(box.high[axis] if upper else box.low[axis])
+        assert box is not None
+        # of the box around a tilted one
+        return float(box.bounds[upper][axis])
     return read.number(word, what) * scale[axis]
 
 
@@ -65,7 +70,7 @@ def _block(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
         "block",
         lambda points: np.all((points >= low) & (points <= high), axis=1),
         (low, high) if bounded else None,
-        Box(low, high - low, np.zeros(3)) if solid else None,
+        Box(low, high, np.zeros(3)) if solid else None,
         (low, high),
     )
 
@@ -76,7 +81,7 @@ def _prism(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
         raise ParameterError("a prism must be bounded: INF is not supported")
     # the tilts scale with the axis along which they displace
     tilt = np.array([read.number(word, "a tilt of the prism") for word in words[6:9]]) * scale[[0, 0, 1]]
-    prism = Box(low, high - low, tilt, True)
+    prism = Box(low, high, tilt, True)
 
     def contains(points: np.ndarray) -> np.ndarray:
         fractions = prism.fractions(points)
@@ -85,11 +90,16 @@ def _prism(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
     return Region("prism", contains, prism.bounds, prism)
 
 
+def _distance(points: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    """Distances in LAMMPS's order of operations: what lies on the surface is inside or not by the last bit."""
+    return np.sqrt(sum((x - c) * (x - c) for x, c in zip(points.T, centre, strict=True)))
+
+
 def _sphere(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
     centre = np.array([read.number(word, "the centre of the sphere") for word in words[:3]]) * scale
     radius = read.non_negative(words[3], "the radius of the sphere") * scale[0]
     bounds = (centre - radius, centre + radius)
-    return Region("sphere", lambda points: np.sum((points - centre) ** 2, axis=1) <= radius**2, bounds, shape=(centre, radius))
+    return Region("sphere", lambda points: _distance(points, centre) <= radius, bounds, shape=(centre, radius))
 
 
 def _cylinder(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
@@ -104,7 +114,7 @@ def _cylinder(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
 
     def contains(points: np.ndarray) -> np.ndarray:
         along = points[:, axis]
-        return (np.sum((points[:, others] - centre) ** 2, axis=1) <= radius**2) & (along >= low) & (along <= high)
+        return (_distance(points[:, others], centre) <= radius) & (along >= low) & (along <= high)
 
     return Region("cylinder", contains, (corner, opposite) if np.isfinite(high - low) else None)
 
@@ -149,7 +159,7 @@ def parse_region(args: list[str], spacing: np.ndarray, box: Box | None, known: d
             scale = np.ones(3)
     region = _combined(style, words[1:], known) if style not in REGION_STYLES else REGION_STYLES[style][1](words, scale, box)
     if outside:
-        return Region(style, lambda points: ~region.contains(points))
+        return Region(style, lambda points: ~region.contains(points), parts=region.parts)
     return region
 
 
@@ -164,4 +174,4 @@ def _combined(style: str, names: list[str], known: dict[str, Region]) -> Region:
     if all(pair is not None for pair in corners):
         lows, highs = (np.array([pair[n] for pair in corners if pair is not None]) for n in range(2))
         bounds = (lows.min(axis=0), highs.max(axis=0)) if style == "union" else (lows.max(axis=0), highs.min(axis=0))
-    return Region(style, lambda points: combine.reduce([part.contains(points) for part in parts]), bounds)
+    return Region(style, lambda points: combine.reduce([part.contains(points) for part in parts]), bounds, parts=tuple(names))

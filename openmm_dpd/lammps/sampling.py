@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import openmm
 from openmm import unit
 
@@ -10,6 +11,7 @@ from ..fields import read_fields
 from ..measure import Observer
 from ..measure import Sample as Measurement
 from ..schemes import scheme_of
+from .flow import held_beads
 from .request import RunRequest
 from .sample import Sample
 
@@ -39,6 +41,7 @@ class Sampler:
     def __init__(self, request: RunRequest, built: Built, context: openmm.Context):
         self.request, self.built, self.context = request, built, context
         self.observer = Observer(built)
+        self.held = held_beads(request.state)
 
     def full(self, step: int, needs: frozenset[str], cpu: float) -> tuple[Sample, Measurement]:
         """A sample with energies and virial, and the fields of ``needs``.
@@ -46,6 +49,9 @@ class Sampler:
         ``virial`` counts what LAMMPS counts: the dissipative and random parts only if they are forces.
         """
         measured = self.observer.sample(self.context)
+        assert measured.forces is not None
+        # of all beads, as LAMMPS has them: those that do not move feel forces too, but for those that fix setforce has taken
+        forces = np.where(self.held[:, None], 0.0, measured.forces)
         full = measured.virial_conservative + measured.virial_dissipative + measured.virial_random
         sample = Sample(
             step=step,
@@ -58,12 +64,12 @@ class Sampler:
             angle_energy=measured.angle,
             virial=full if scheme_of(self.request.scheme).predicts else measured.virial_conservative,
             virial_full=full,
-            force_norm=measured.force_norm,
-            force_max=measured.force_max,
+            force_norm=float(np.sqrt(np.sum(forces**2))),
+            force_max=float(np.abs(forces).max()),
             kT_conf=measured.configurational_kT,
             box=measured.box,
             cpu=cpu,
-            forces=measured.forces if "forces" in needs else None,
+            forces=forces if "forces" in needs else None,
             **self._of_beads(needs),
         )
         return sample, measured

@@ -67,16 +67,17 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
     ):
         state.note("dpd/fdt: the noise of bonded neighbours goes with the root of the special_bonds factor (LAMMPS: with the factor)")
     moved = integration(state)
-    atoms = state.atoms
+    atoms, units = state.atoms, state.units
+    vectors = box.reduced_vectors * units.length
     try:
         return Scene(
             masses={type_name(k): state.masses[k] for k in range(1, state.n_types + 1)},
             types=[type_name(k) for k in atoms.types.tolist()],
-            positions=atoms.positions,
+            positions=atoms.positions * units.length,
             pairs=pair_tables(state),
             kT=thermal_energy(state, window),
-            box=box.reduced_vectors,
-            velocities=atoms.velocities,
+            box=vectors,
+            velocities=atoms.velocities * units.velocity,
             bead_masses=masses,
             charges=atoms.charges if np.any(atoms.charges) else None,
             bonds=bond_terms(state),
@@ -86,7 +87,7 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
             mobile=None if moved.mobile.all() else moved.mobile,
             molecules=atoms.molecules if np.any(atoms.molecules) else None,
             internal=internal_of(state),
-            sources=sources_of(state, box.reduced_vectors),
+            sources=sources_of(state, vectors),
             compat=compat,
             body_forces=body_forces_of(state),
             walls=walls_of(state, moved.mobile),
@@ -169,10 +170,10 @@ def _with_densities(styles: list[PairStyle], tables: list[Table]) -> list[tuple[
 
 
 def _check_cutoff(state: DeckState, term, pair: tuple[int, int], where: Line) -> None:
-    half = 0.5 * float(np.min(np.diag(state.require_box("a run").reduced_vectors)))
+    length = state.units.length
+    half = 0.5 * float(np.min(np.diag(state.require_box("a run").reduced_vectors))) * length
     cutoff = max(getattr(term, name, 0.0) for name in ("cutoff", "cutoff_T", "cutoff_c"))
     if cutoff > half * (1 + 1e-12):
-        length = state.units.length
         raise _complain(
             where,
             f"the cutoff {cutoff / length:g} of types {pair[0]} {pair[1]} is over half the box, {half / length:g}; "
@@ -193,8 +194,10 @@ def thermal_energy(state: DeckState, window: Window | None) -> float | Temperatu
     styles = [style for style in state.pair.styles if style.spec.thermostat and "start" in style.settings]
     if not styles:
         return internal_scale(state)
-    # without friction there is no noise, and so no temperature, unless it is the only style that has one
-    styles = [style for style in styles if any(found.values.get("gamma", 1.0) for found in style.coefficients.values())] or styles
+    # without friction, along the line between two beads or across it, there is no noise, and so no temperature, unless no style has any
+    frictions = ("gamma", "gamma_perp", "sigma")
+    active = [any(found.values.get(name) for found in style.coefficients.values() for name in frictions) for style in styles]
+    styles = [style for style, has in zip(styles, active, strict=True) if has] or styles[:1]
     wanted = [(style.settings["start"], style.settings["stop"]) for style in styles]
     for style, pair in zip(styles, wanted, strict=True):
         if pair != wanted[0]:
@@ -241,7 +244,8 @@ def _bonded_terms(state: DeckState, terms: np.ndarray, setup: BondedSetup, known
 
 def _check_lengths(state: DeckState, bonds: FENEBonds, ids: np.ndarray) -> None:
     """Raise DeckError if a bond is too long, with the ids of its beads and its length in the deck's unit."""
-    r = bonds.lengths(state.atoms.positions, state.require_box("a run").reduced_vectors)
+    box = state.require_box("a run").reduced_vectors * state.units.length
+    r = bonds.lengths(state.atoms.positions * state.units.length, box)
     for k in np.flatnonzero(r >= bonds.R0)[:1]:
         length, limit = (value / state.units.length for value in (r[k], bonds.R0[k]))
         which = f"the FENE bond of the beads with the ids {ids[k, 0]} and {ids[k, 1]}"

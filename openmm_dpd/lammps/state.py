@@ -1,4 +1,4 @@
-"""Everything a deck has said so far, as plain data in MD units."""
+"""Everything a deck has said so far, as plain data."""
 
 from __future__ import annotations
 
@@ -67,7 +67,10 @@ class ThermoSettings:
 
 @dataclass
 class DeckState:
-    """State of a deck between two commands.  Numbers are in MD units (nm, Da, ps, kJ/mol) unless said otherwise.
+    """State of a deck between two commands.
+
+    Box, beads, lattice and regions hold the deck's own numbers, those that LAMMPS would have: whether a bead lies on a face is a
+    matter of the last bit.  Other numbers are in MD units (nm, Da, ps, kJ/mol) unless said otherwise.
 
     Attributes
     ----------
@@ -77,8 +80,10 @@ class DeckState:
         Its unit style.
     atom_style : str
         Its atom style.
+    sorts : bool
+        Whether LAMMPS sorts beads in memory (``atom_modify sort``).
     box : Box or None
-        The periodic box, nm.
+        The periodic box, in the deck's unit of length.
     periodic : three bools
         Axes along which the box repeats.
     n_types, n_bond_types, n_angle_types : int
@@ -101,6 +106,8 @@ class DeckState:
         What ``kspace_style`` said.
     dielectric : float
         Divisor of the Coulomb constant.
+    pressure_temps : dict of str to str
+        Computes of pressure (``thermo_press`` is one) whose temperature ``thermo_modify temp`` has replaced, and the id of the new one.
     timestep : float
         ps.
     step : int
@@ -120,6 +127,7 @@ class DeckState:
     path: Path
     units: UnitSystem = LJ
     atom_style: str = "atomic"
+    sorts: bool = True
     box: Box | None = None
     periodic: tuple[bool, bool, bool] = (True, True, True)
     n_types: int = 0
@@ -142,6 +150,7 @@ class DeckState:
     dielectric: float = 1.0
     fixes: dict[str, Fix] = field(default_factory=dict)
     computes: dict[str, Compute] = field(default_factory=dict)
+    pressure_temps: dict[str, str] = field(default_factory=dict)
     dumps: dict[str, Dump] = field(default_factory=dict)
     thermo: ThermoSettings = field(default_factory=ThermoSettings)
     timestep: float = LJ.timestep
@@ -179,6 +188,12 @@ class DeckState:
             raise ParameterError(f"there is no group '{name}'; defined so far: {', '.join(self.groups)}")
         return self.groups[name]
 
+    def region(self, name: str) -> Region:
+        """A region by its name."""
+        if name not in self.regions:
+            raise ParameterError(f"there is no region '{name}'; defined so far: {', '.join(self.regions) or 'none'}")
+        return self.regions[name]
+
     def bead_masses(self) -> np.ndarray:
         """Mass of every bead in Da; ParameterError if a type has none."""
         missing = [k for k in range(1, self.n_types + 1) if k not in self.masses]
@@ -186,6 +201,24 @@ class DeckState:
             listing = ", ".join(map(str, missing))
             raise ParameterError(f"no mass is set for atom type {listing}; use the mass command or a Masses section")
         return np.array([self.masses[k] for k in range(1, self.n_types + 1)])[self.atoms.types - 1]
+
+    def in_deck_units(self, positions: np.ndarray) -> np.ndarray:
+        """(N, 3) positions of a simulation (nm) in the deck's unit; where a bead has not moved, the deck's own numbers to the last bit.
+
+        It has not where they differ by the rounding of coordinates as large as the box, which OpenMM's moves to and fro leave.
+        """
+        mine, found = self.atoms.positions, positions / self.units.length
+        rounding = np.spacing(np.abs(self.require_box("a simulation").bounds).max())
+        return np.where(np.abs(found - mine) <= rounding, mine, found)
+
+    def folded(self, positions: np.ndarray, box: Box) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (deck units) folded into a box, and by how many boxes each bead was moved back.
+
+        As in LAMMPS a bead that has not moved stays where it is: where the deck has put it, or a rounding error outside a tilted box.
+        """
+        inside, shifts = box.wrap(positions)
+        still = np.all(positions == self.atoms.positions, axis=1)[:, None]
+        return np.where(still, positions, inside), np.where(still, 0, shifts)
 
     def time_at(self, step: int) -> float:
         """Simulated time (ps) at a step."""
@@ -228,6 +261,32 @@ class DeckState:
         for name, mask in self.groups.items():
             self.groups[name] = np.concatenate([mask, np.full(len(new), name == "all")])
 
+    def settle(self, command: str) -> None:
+        """Move beads into the box, as LAMMPS does where a run begins and where it writes a data file, and nowhere else.
+
+        Raises
+        ------
+        ParameterError
+            If a bead is more than one box away, which LAMMPS loses.
+        """
+        box = self.require_box(command)
+        inside, shifts = box.settle(self.atoms.positions)
+        lost = np.any(np.abs(shifts) > 1, axis=1)
+        if not all(box.periodic):
+            lost |= ~box.holds(inside)
+        if lost.any():
+            bead = int(np.argmax(lost))
+            place = " ".join(f"{value:g}" for value in self.atoms.positions[bead])
+            raise ParameterError(f"{command}: bead {self.atoms.ids[bead]} lies at {place}, so far outside the box that LAMMPS loses it")
+        if command == "run" and self.sorts and box.triclinic:
+            # LAMMPS sorts by place in between, for which it goes to coordinates and back to fractions
+            inside = box.places(box.fractions(inside))
+        self._take_inside(inside, shifts)
+
+    def _take_inside(self, positions: np.ndarray, shifts: np.ndarray) -> None:
+        self.atoms.positions = positions
+        self.atoms.images = self.atoms.images + shifts
+
     def write_back(
         self,
         positions: np.ndarray,
@@ -248,13 +307,13 @@ class DeckState:
         carried : mapping, optional
             What the beads carry, as :func:`openmm_dpd.fields.read_fields` gives it.
         """
-        if box is not None and self.box is not None and not np.allclose(box, self.box.reduced_vectors, rtol=1e-9, atol=1e-9):
-            edges, tilt = np.diag(box), np.array([box[1][0], box[2][0], box[2][1]])
-            self.box = Box(self.box.low, edges, tilt, self.box.triclinic)
-        inside, shifts = self.require_box("a run").wrap(np.asarray(positions, dtype=np.float64))
-        self.atoms.positions = inside
-        self.atoms.images = self.atoms.images + shifts
-        self.atoms.velocities = np.array(velocities, dtype=np.float64)
+        if box is not None:
+            self.box = self.require_box("a run").following(np.asarray(box) / self.units.length)
+        own = self.require_box("a run")
+        inside, shifts = self.folded(self.in_deck_units(positions), own)
+        # walls keep beads inside to the rounding of the platform; the next run wants them inside to the last bit
+        self._take_inside(np.where(own.periodic, inside, np.clip(inside, own.low, np.nextafter(own.high, own.low))), shifts)
+        self.atoms.velocities = np.asarray(velocities, dtype=np.float64) / self.units.velocity
         places = carried_places(self.units)
         for name, values in (carried or {}).items():
             place, unit = places[name]

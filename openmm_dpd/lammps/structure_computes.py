@@ -77,7 +77,7 @@ def _distribution(context: Context, compute: Compute) -> np.ndarray:
     i, j, r = pairs_within(folded(context)[0][member], None, box.vectors, reach)
     kept = ~np.isin(member[i] * len(state.atoms) + member[j], _excluded(state))
     i, j, r = i[kept], j[kept], r[kept]
-    bins = (r * (settings.bins / reach)).astype(np.int64)
+    bins = (r * (1 / (reach / settings.bins))).astype(np.int64)
     inside = bins < settings.bins
     i, j, bins = i[inside], j[inside], bins[inside]
     edges = np.arange(settings.bins + 1) * (reach / settings.bins)

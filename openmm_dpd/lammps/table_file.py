@@ -16,6 +16,7 @@ from scipy.interpolate import CubicSpline
 from ..errors import DeckError, ParameterError
 from ..model.pairs import TabulatedPair
 from ..units import UnitSystem
+from . import arguments as read
 from .lexer import read_text
 
 MODES = ("lookup", "linear", "spline", "bitmap")
@@ -71,7 +72,7 @@ def _parameters(words: list[str], path: Path, line: int, keyword: str) -> dict:
             values: list[float] = []
             while len(values) < sizes[name] and index + 1 < len(words) and words[index + 1] not in sizes:
                 index += 1
-                values.append(float(words[index]))
+                values.append(read.as_float(words[index]))
             found[name] = values
             index += 1
         found["N"] = int(found["N"][0])
@@ -93,7 +94,7 @@ def _assemble(rows: list[tuple[int, list[str]]], parameters: dict, path: Path, l
     values = np.empty((n, 3))
     for k, (number, words) in enumerate(rows):
         try:
-            values[k] = [float(word) for word in words[1:4]]
+            values[k] = [read.as_float(word) for word in words[1:4]]
         except ValueError:
             raise DeckError(f"expected 'index r energy force', not '{' '.join(words)}'", str(path), number) from None
         if not np.all(np.isfinite(values[k])):

@@ -24,6 +24,9 @@ STYLES = {
     "yaml": ("step", "temp", "ke", "pe", "ebond", "eangle", "edihed", "eimp", "evdwl", "ecoul", "elong", "press"),
 }
 
+#: Formats of whole numbers and of others, by layout.
+_FORMATS = {"one": ("%10d", "%-14.8g"), "multi": ("%14d", "%14.4f"), "yaml": ("%d", "%.15g")}
+
 #: Averages that are wanted whether or not the deck prints them.
 ALWAYS = ("temp", "press", "press_full", "pe", "ke", "etotal", "temp_conf")
 
@@ -105,7 +108,7 @@ def _needs(state: DeckState, word: str, seen: set[str]) -> set[str]:
     if word.startswith("c_"):
         name, _, _ = compute_reference(word)
         if name in BUILT_IN:
-            return _needs(state, BUILT_IN[name][0], seen)
+            return _needs(state, BUILT_IN[name].word, seen)
         if name not in state.computes:
             return set()
         compute = state.computes[name]
@@ -115,7 +118,7 @@ def _needs(state: DeckState, word: str, seen: set[str]) -> set[str]:
         return set(PROPERTIES[word].needs)
     found = set(WORDS[word].needs) if word in WORDS else set()
     # a temperature taken from a compute on a group needs the velocities of its beads
-    if "kinetic" in found and state.thermo.temp != "thermo_temp":
+    if "kinetic" in found and (state.thermo.temp != "thermo_temp" or state.pressure_temps):
         found.add("velocities")
     if "virial" in found and state.thermo.press != "thermo_press":
         found |= _needs(state, "c_" + state.thermo.press, seen)
@@ -197,9 +200,9 @@ class Thermo:
             return context.variable(word[2:])
         if word.startswith("c_"):
             name, index, column = compute_reference(word)
-            value = context.compute(name, index, column)
             if name in BUILT_IN:
-                return value / context.norm if BUILT_IN[name][1] else value
+                return context.thermo(BUILT_IN[name].word)
+            value = context.compute(name, index, column)
             compute = context.state.computes[name]
             return value / context.norm if COMPUTES[compute.style].is_extensive(compute, index is not None) else value
         if word.startswith("f_"):
@@ -222,12 +225,15 @@ class Thermo:
         if self.state.thermo.layout == "multi":
             return self._block(numbers, sample)
         if self.state.thermo.layout == "yaml":
-            return f"  - [{', '.join(f'{number:.15g}' for number in numbers)}]"
+            return f"  - [{', '.join(self._texts(numbers))}]"
         cells = []
-        for form, number, width in zip(self._formats(), numbers, self._widths(), strict=True):
-            text = form % (int(number) if form[-1] in "dioxX" else number)
+        for form, text, width in zip(self._formats(), self._texts(numbers), self._widths(), strict=True):
             cells.append(text.ljust(width) if "-" in form else text.rjust(width))
         return " ".join(cells).rstrip()
+
+    def _texts(self, numbers: list[float]) -> list[str]:
+        pairs = zip(self._formats(), numbers, strict=True)
+        return [form % (int(number) if form[-1] in "dioxX" else number) for form, number in pairs]
 
     def _widths(self) -> list[int]:
         return [max(len(form % 0), len(self._title(k, self.words[k]))) for k, form in enumerate(self._formats())]
@@ -238,19 +244,21 @@ class Thermo:
 
     def _formats(self) -> list[str]:
         formats = self.state.thermo.formats
+        whole, real = _FORMATS[self.state.thermo.layout]
         if "line" in formats:
             found = _FORMAT.findall(formats["line"])
         else:
             found = [
                 formats.get(k + 1)
                 or formats.get(word)
-                or (formats.get("int", "%10d") if word in WORDS and WORDS[word].integer else formats.get("float", "%-14.8g"))
+                or (formats.get("int", whole) if word in WORDS and WORDS[word].integer else formats.get("float", real))
                 for k, word in enumerate(self.words)
             ]
         return [re.sub(r"l+(?=[a-zA-Z]$)", "", form) for form in found]
 
     def _block(self, numbers: list[float], sample: Sample) -> str:
-        cells = [f"{self._title(k, word):<8} = {numbers[k]:14.4f}" for k, word in enumerate(self.words)]
+        texts = self._texts(numbers)
+        cells = [f"{self._title(k, word):<8} = {texts[k]}" for k, word in enumerate(self.words)]
         rows = [" ".join(cells[k : k + 3]) for k in range(0, len(cells), 3)]
         return "\n".join([f"------------ Step {sample.step:14d} ----- CPU = {sample.cpu:12.7g} (sec) -------------", *rows])
 

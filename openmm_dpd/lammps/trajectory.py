@@ -45,7 +45,7 @@ class RunTrajectory:
         self._every = max(1, request.steps // self.frames)
         self._first, self._last = request.first_step, request.last_step
         state = request.state
-        self._offset = state.require_box("a run").unwrap(state.atoms.positions, state.atoms.images) - state.atoms.positions
+        self._offset = state.atoms.images @ state.require_box("a run").vectors * state.units.length
         if scene.n_beads != self._beads:
             self.close()
             self._beads, self._part = scene.n_beads, self._part + 1

@@ -9,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from ..errors import DeckError, DPDError, ParameterError
+from .arguments import as_float
 from .lexer import Line
 
 STYLES = ("equal", "atom", "string", "index", "loop", "delete")
@@ -50,7 +51,7 @@ class Variables:
 
     @staticmethod
     def _check_name(name: str) -> None:
-        if not name or not all(char.isalnum() or char == "_" for char in name):
+        if not name or not all(char.isascii() and (char.isalnum() or char == "_") for char in name):
             raise ParameterError(f"a variable's name has letters, digits and underscores only, not {name!r}")
 
     def define(self, args: list[str], where: Line, expand: Callable[[str], str]) -> None:
@@ -94,7 +95,7 @@ class Variables:
             raise ParameterError(f"variable {name} is atom-style: it has a value for every bead; use compute reduce or fix ave/chunk")
         if variable.style != "equal":
             try:
-                return float(variable.text)
+                return as_float(variable.text)
             except ValueError:
                 raise ParameterError(f"variable {name} is '{variable.text}', which is not a number") from None
         return self._evaluated(name, variable, evaluate)

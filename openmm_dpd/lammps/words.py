@@ -115,7 +115,7 @@ def _box_words() -> dict[str, Word]:
     for k, tilt in enumerate(("xy", "xz", "yz")):
         words[tilt] = Word(tilt.capitalize(), _of_box("tilt", k))
     for k, name in enumerate("abc"):
-        words[f"cell{name}"] = Word(f"Cell{name.upper()}", _vector_length(k))
+        words[f"cell{name}"] = Word(f"Cell{name}", _vector_length(k))
     for name, first, second in (("alpha", 1, 2), ("beta", 0, 2), ("gamma", 0, 1)):
         words[f"cell{name}"] = Word(f"Cell{name.capitalize()}", _cell_angle(first, second))
     return words

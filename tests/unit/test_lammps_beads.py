@@ -29,11 +29,14 @@ def test_lattices_fill_the_box_with_the_reduced_density(tmp_path, style, per_cel
 
 def test_a_lattice_constant_in_other_units(tmp_path):
     state = state_of(
-        tmp_path, "units metal\nlattice fcc 3.52 origin 0.25 0 0\nregion b block 0 2 0 2 0 2\ncreate_box 1 b\ncreate_atoms 1 box\n"
+        tmp_path,
+        "units metal\nlattice fcc 3.52 origin 0.25 0 0\nregion b block 0 2 0 2 0 2\ncreate_box 1 b\ncreate_atoms 1 box\n"
+        "mass 1 1\npair_style none\n",
     )
-    np.testing.assert_allclose(state.box.edges, 0.704)
+    np.testing.assert_allclose(state.box.edges, 7.04)
+    np.testing.assert_allclose(np.diag(state.first_run.scene().box), 0.704)
     assert len(state.atoms) == 32
-    np.testing.assert_allclose(state.atoms.positions[0], [0.088, 0, 0])
+    np.testing.assert_allclose(state.atoms.positions[0], [0.88, 0, 0])
 
 
 def test_a_prism_makes_a_tilted_box(tmp_path):
@@ -180,13 +183,15 @@ set group few type 3 charge -0.5
 set atom 5*6 mol 7 x 12.5 vy 2.0
 set type 3 image 1 NULL -1
 set mol 7 vz -1
+pair_style none
+run 0
 """,
     )
     atoms = state.atoms
     assert atoms.types.tolist() == [3] * 4 + [1] * 6 + [2] * 10
     assert atoms.charges.tolist() == [-0.5] * 4 + [0] * 16
     assert atoms.molecules.tolist() == [0] * 4 + [7] * 2 + [0] * 14
-    np.testing.assert_allclose(atoms.positions[4:6, 0], 2.5)  # wrapped, and said in the image flag
+    np.testing.assert_allclose(atoms.positions[4:6, 0], 2.5)  # wrapped where the run begins, and said in the image flag
     assert atoms.images[4:6].tolist() == [[1, 0, 0]] * 2 and atoms.images[0].tolist() == [1, 0, -1]
     np.testing.assert_allclose(atoms.velocities[4:6], [[0, 2, -1]] * 2)
 
@@ -208,7 +213,7 @@ def test_theta_of_atom_style_dpd(tmp_path):
     )
     assert state.atoms.thetas[0] == 300
     # the kinetic temperature of each bead; over all of them 250 K (57 of 60 degrees of freedom)
-    speed2 = np.sum(state.atoms.velocities**2, axis=1)
+    speed2 = np.sum((state.atoms.velocities * state.units.velocity) ** 2, axis=1)
     np.testing.assert_allclose(state.atoms.thetas[1:], speed2[1:] / (3 * state.units.thermal_energy))
     assert speed2.sum() / (57 * state.units.thermal_energy) == pytest.approx(250)
 
@@ -237,7 +242,8 @@ mass 2 18.0
 
 def kinetic_temperature(state, mask) -> float:
     masses = state.bead_masses()[mask]
-    return float(masses @ np.sum(state.atoms.velocities[mask] ** 2, axis=1)) / ((3 * mask.sum() - 3) * state.units.thermal_energy)
+    speeds2 = np.sum((state.atoms.velocities[mask] * state.units.velocity) ** 2, axis=1)
+    return float(masses @ speeds2) / ((3 * mask.sum() - 3) * state.units.thermal_energy)
 
 
 @pytest.mark.parametrize("units", ["lj", "real", "metal"])
@@ -249,7 +255,7 @@ def test_velocity_create(tmp_path, units, options):
         THOUSAND.format(units=units) + f"group two type 2\nvelocity two set 1 2 3 units box\nvelocity all create {target} 87 {options}\n",
     )
     everything = state.group("all")
-    masses, v = state.bead_masses(), state.atoms.velocities
+    masses, v = state.bead_masses(), state.atoms.velocities * state.units.velocity
     assert kinetic_temperature(state, everything) == pytest.approx(target, rel=1e-12)
     scale = np.sqrt(state.units.thermal_energy * target * masses.sum())
     momentum = masses @ v / scale
@@ -335,7 +341,7 @@ velocity all set 1.0 0.5 NULL units box sum yes
         ("region b union 2 a c", "there is no region 'a' to combine"),
         ("create_box 1 b", "there is no region 'b'"),
         ("region b sphere 0 0 0 1\ncreate_box 1 b", "create_box needs a bounded block or prism"),
-        ("region b block INF 1 0 1 0 1\ncreate_box 1 b", "create_box needs a bounded block or prism"),
+        ("region b cylinder z 1 1 1 0 1\ncreate_box 1 b", "create_box needs a bounded block or prism"),
         ("create_atoms 1 box", "create_atoms needs a simulation box"),
         ("mass 1 1.0", "mass needs a simulation box"),
         (TWENTY + "create_atoms 1 box", "need a lattice"),

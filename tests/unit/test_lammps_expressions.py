@@ -61,7 +61,7 @@ class Fixed:
         ("PI", math.pi),
         ("yes+true+on-no-off-false", 3),
         ("sqrt(2)*exp(1)+ln(3)+log(10)+abs(-1)+floor(-1.5)+ceil(1.2)+round(2.5)+atan2(1,2)", 10.406490925828),
-        ("round(-2.5)+round(2.4)", -1),
+        ("round(-2.5)+10*round(2.5)+100*sign(0)", 128),
         ("sin(0)+cos(0)+tan(0)+asin(0)+acos(1)+atan(0)", 1),
         ("ternary(2>1,5,6)+sign(-3)", 4),
         ("pe/count(all)+step", 40.06),

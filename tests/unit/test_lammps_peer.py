@@ -12,6 +12,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import lammps_peer
+from lammps_beads import ours, same_beads, theirs
 
 from openmm_dpd.lammps import RunRequest, Sample, read_deck
 from openmm_dpd.lammps.main import run_deck
@@ -22,44 +23,6 @@ pytestmark = pytest.mark.skipif(MISSING is not None, reason=str(MISSING))
 
 DECKS = Path(__file__).resolve().parents[2] / "examples" / "decks"
 FINISH = "\npair_style zero 1.0\npair_coeff * *\nmass * 1.0\nrun 0\n"  # LAMMPS wraps beads that were moved when a run begins
-
-
-def theirs(folder: Path, text: str) -> tuple[np.ndarray, dict[str, int]]:
-    """Beads (id type x y z ix iy iz vx vy vz) after a deck, sorted by id, and the sizes of the groups."""
-    columns = "id type x y z ix iy iz vx vy vz"
-    with lammps_peer.instance() as lmp:
-        lmp.command(f"shell cd {folder}")
-        lmp.commands_string(text)
-        lmp.command(f"write_dump all custom {folder}/final.dump {columns} modify sort id format float %20.17g")
-        groups = {}
-        for name in filter(None, lmp.available_ids("group")):
-            lmp.command(f"variable size_of_{name} equal count({name})")
-            groups[name] = int(lmp.extract_variable(f"size_of_{name}"))
-    lines = (folder / "final.dump").read_text().splitlines()
-    rows = lines[lines.index(next(line for line in lines if line.startswith("ITEM: ATOMS"))) + 1 :]
-    return np.array([row.split() for row in rows], dtype=float).reshape(-1, 11), groups
-
-
-def ours(folder: Path, text: str, **options):
-    path = folder / "in.ours"
-    path.write_text(text)
-    return read_deck(path, stop_before_first_run=True, output=folder, **options)
-
-
-def same_beads(folder: Path, text: str, velocities: bool = True) -> None:
-    expected, groups = theirs(folder, text)
-    state = ours(folder, text)
-    atoms, units = state.atoms, state.units
-    assert len(atoms) == len(expected) > 0
-    assert np.array_equal(atoms.ids, expected[:, 0]) and np.array_equal(atoms.types, expected[:, 1])
-    # a coordinate exactly on a face may come out on either side of it by rounding: compare the unwrapped ones
-    box = state.box.scaled(1 / units.length)
-    mine = box.unwrap(atoms.positions / units.length, atoms.images)
-    np.testing.assert_allclose(mine, box.unwrap(expected[:, 2:5], expected[:, 5:8]), rtol=1e-13, atol=1e-12)
-    assert np.array_equal(atoms.images, expected[:, 5:8])
-    if velocities:
-        np.testing.assert_allclose(atoms.velocities / units.velocity, expected[:, 8:], rtol=1e-13, atol=1e-13)
-    assert {name: int(mask.sum()) for name, mask in state.groups.items()} == groups
 
 
 BLOCK = "region b block 0 4 0 3 0 5\ncreate_box 2 b\n"
@@ -270,7 +233,7 @@ def test_thermo_words_and_dumps(tmp_path, units, norm, scale):
             dof=3 * n - 3,
             pair_energy=expected["evdwl"] * beads * u.energy,
             bond_energy=expected["ebond"] * beads * u.energy,
-            virial=expected["press"] * u.pressure * 3 * state.box.volume - 2 * kinetic,
+            virial=expected["press"] * u.pressure * 3 * state.box.volume * u.length**3 - 2 * kinetic,
             force_norm=expected["fnorm"] * u.force,
             force_max=expected["fmax"] * u.force,
             positions=scene.positions,
@@ -319,8 +282,8 @@ write_data data.ours pair ij
         tmp_path,
         "units real\natom_style full\nbond_style harmonic\npair_style dpd 300 9 1\ncomm_modify vel yes\nread_data data.ours\nrun 0\n",
     )
-    np.testing.assert_allclose(beads[:, 2:5], state.atoms.positions * 10, rtol=1e-12)
-    np.testing.assert_allclose(beads[:, 8:], state.atoms.velocities / 100, rtol=1e-12)
+    np.testing.assert_allclose(beads[:, 2:5], state.atoms.positions, rtol=1e-12)
+    np.testing.assert_allclose(beads[:, 8:], state.atoms.velocities, rtol=1e-12)
     assert np.array_equal(beads[:, 5:8], state.atoms.images)
 
 

@@ -239,14 +239,6 @@ def test_velocities_by_id_do_not_draw_for_every_number_up_to_a_huge_id(tmp_path)
     assert read_deck(path, stop_before_first_run=True).atoms.velocities.any()
 
 
-def test_what_forces_are_shown_is_said(tmp_path):
-    text = "conservative forces; LAMMPS counts friction"
-    (request,) = requests_of(tmp_path, "dump 1 all custom 5 d id fx\nfix 1 all nve\nrun 1\n")
-    assert any(text in note for note in request.state.notes)
-    (request,) = requests_of(tmp_path, "fix 1 all nve\nrun 1\n")
-    assert not any(text in note for note in request.state.notes)
-
-
 # -- ramps -------------------------------------------------------------------------------------------------------------------
 def test_a_ramp_over_two_runs(tmp_path):
     text = """pair_style dpd/tstat 1.0 3.0 1.0 7

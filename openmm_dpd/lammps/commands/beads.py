@@ -11,7 +11,6 @@ from .. import arguments as read
 from ..context import Context
 from ..data_file import BONDED_STYLES
 from ..state import DeckState
-from .box import _region
 from .setup import Handler
 
 
@@ -53,7 +52,7 @@ def _matching(values: np.ndarray, words: list[str], what: str) -> np.ndarray:
 
 def _by_region(state: DeckState, words: list[str]) -> np.ndarray:
     read.count(words, "region ID", 1)
-    return _region(state, words[0]).contains(state.atoms.positions / state.units.length)
+    return state.region(words[0]).contains(state.atoms.positions)
 
 
 def _union(state: DeckState, words: list[str]) -> np.ndarray:
@@ -66,11 +65,6 @@ def _intersect(state: DeckState, words: list[str]) -> np.ndarray:
     return np.logical_and.reduce([state.group(name) for name in words])
 
 
-def _subtract(state: DeckState, words: list[str]) -> np.ndarray:
-    read.count(words, "subtract group group ...", 2, None)
-    return state.group(words[0]) & ~np.logical_or.reduce([state.group(name) for name in words[1:]])
-
-
 #: Group styles: from (state, words) to the beads that are added.
 GROUP_STYLES: dict[str, Callable[[DeckState, list[str]], np.ndarray]] = {
     "type": lambda state, words: _matching(state.atoms.types, words, "an atom type"),
@@ -78,7 +72,6 @@ GROUP_STYLES: dict[str, Callable[[DeckState, list[str]], np.ndarray]] = {
     "molecule": lambda state, words: _matching(state.atoms.molecules, words, "a molecule id"),
     "region": _by_region,
     "union": _union,
-    "subtract": _subtract,
     "intersect": _intersect,
     "empty": lambda state, words: np.zeros(len(state.atoms), dtype=bool),
 }
@@ -89,7 +82,7 @@ def group(state: DeckState, args: list[str]) -> None:
     read.count(args, "group ID style values ...", 2, None)
     state.require_box("group")
     name, style, *words = args
-    if not all(char.isalnum() or char == "_" for char in name):
+    if not all(char.isascii() and (char.isalnum() or char == "_") for char in name):
         raise ParameterError(f"the name of a group has letters, digits and underscores only, not '{name}'")
     if name == "all":
         raise ParameterError("group all is fixed: it always holds every bead")
@@ -103,10 +96,19 @@ def group(state: DeckState, args: list[str]) -> None:
     if style == "clear":
         state.groups[name] = np.zeros_like(state.group(name))
         return
-    if style not in GROUP_STYLES:
-        raise ParameterError(f"group style '{style}' is not supported; supported are {', '.join([*GROUP_STYLES, 'clear', 'delete'])}")
-    members = GROUP_STYLES[style](state, words)
-    state.groups[name] = state.groups.get(name, np.zeros(len(state.atoms), dtype=bool)) | members
+    if style not in (*GROUP_STYLES, "subtract"):
+        known = ", ".join([*GROUP_STYLES, "subtract", "clear", "delete"])
+        raise ParameterError(f"group style '{style}' is not supported; supported are {known}")
+    # it exists from here on, without beads, and may name itself
+    present = state.groups.setdefault(name, np.zeros(len(state.atoms), dtype=bool))
+    if style == "subtract":
+        read.count(words, "subtract group group ...", 2, None)
+        state.groups[name] = present | state.group(words[0])
+        for other in words[1:]:
+            # beads that the group had before are taken out as well
+            state.groups[name] = state.groups[name] & ~state.group(other)
+    else:
+        state.groups[name] = present | GROUP_STYLES[style](state, words)
 
 
 # -- set --------------------------------------------------------------------------------------------------------------------
@@ -147,7 +149,7 @@ def _fraction(word: str) -> float:
 
 def _set_subset(state: DeckState, mask: np.ndarray, words: list[str], ratio: bool) -> None:
     beads = np.flatnonzero(mask)
-    wanted = round(_fraction(words[1]) * len(beads)) if ratio else read.integer(words[1], "the number of beads", 0)
+    wanted = int(_fraction(words[1]) * len(beads)) if ratio else read.integer(words[1], "the number of beads", 0)
     if wanted > len(beads):
         raise ParameterError(f"set type/subset asks for {wanted} of {len(beads)} beads")
     rng = np.random.default_rng(read.integer(words[2], "the seed", 1))
@@ -170,7 +172,7 @@ def _needs_style(state: DeckState, style: str, what: str) -> None:
 def _set_theta(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
     _needs_style(state, "dpd", "dpd/theta")
     if words[0] == "NULL":
-        speed2 = np.sum(state.atoms.velocities[mask] ** 2, axis=1)
+        speed2 = np.sum((state.atoms.velocities[mask] * state.units.velocity) ** 2, axis=1)
         values = state.bead_masses()[mask] * speed2 / (3 * state.units.thermal_energy)
         if np.any(values <= 0):
             bead = int(state.atoms.ids[mask][np.argmin(values)])
@@ -220,17 +222,15 @@ def _set_molecule(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
 
 def _set_position(axis: int) -> Callable[[DeckState, np.ndarray, list[str]], None]:
     def handler(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
-        state.atoms.positions[mask, axis] = read.number(words[0], "the coordinate") * state.units.length
-        inside, shifts = state.require_box("set").wrap(state.atoms.positions)
-        state.atoms.positions = inside
-        state.atoms.images[mask] += shifts[mask]
+        # outside the box it stays there until the next run begins, for regions and ramps too
+        state.atoms.positions[mask, axis] = read.number(words[0], "the coordinate")
 
     return handler
 
 
 def _set_velocity(axis: int) -> Callable[[DeckState, np.ndarray, list[str]], None]:
     def handler(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
-        state.atoms.velocities[mask, axis] = read.number(words[0], "the velocity") * state.units.velocity
+        state.atoms.velocities[mask, axis] = read.number(words[0], "the velocity")
 
     return handler
 
@@ -238,7 +238,10 @@ def _set_velocity(axis: int) -> Callable[[DeckState, np.ndarray, list[str]], Non
 def _set_image(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
     for axis, word in enumerate(words):
         if word != "NULL":
-            state.atoms.images[mask, axis] = read.integer(word, "the image flag")
+            flag = read.integer(word, "the image flag")
+            if flag and not state.periodic[axis]:
+                raise ParameterError(f"set image: the box does not repeat along {'xyz'[axis]}, so the image flag there is 0, not {flag}")
+            state.atoms.images[mask, axis] = flag
 
 
 def _set_mass(state: DeckState, mask: np.ndarray, words: list[str]) -> None:

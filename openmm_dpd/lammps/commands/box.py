@@ -10,7 +10,7 @@ from ...errors import DeckError, ParameterError
 from .. import arguments as read
 from ..atoms import Atoms
 from ..box import Box
-from ..data_file import DataFile, read_data_file
+from ..data_file import BONDED_STYLES, DataFile, read_data_file
 from ..lattice import parse_lattice
 from ..lexer import Line
 from ..regions import parse_region
@@ -30,26 +30,22 @@ def region(state: DeckState, args: list[str]) -> None:
     read.count(args, "region ID style values ...", 2, None)
     name = args[0]
     if args[1] == "delete":
-        if state.regions.pop(name, None) is None:
-            raise ParameterError(f"there is no region '{name}' to delete")
+        state.region(name)
+        users = [other for other, found in state.regions.items() if name in found.parts]
+        if users:
+            raise ParameterError(f"region {name} is a part of region {', '.join(users)}; delete that first")
+        del state.regions[name]
         return
     if name in state.regions:
         raise ParameterError(f"there is a region '{name}' already; delete it first")
-    box = None if state.box is None else state.box.scaled(1.0 / state.units.length)
-    state.regions[name] = parse_region(args[1:], state.lattice.spacing, box, state.regions)
-
-
-def _region(state: DeckState, name: str):
-    if name not in state.regions:
-        raise ParameterError(f"there is no region '{name}'; defined so far: {', '.join(state.regions) or 'none'}")
-    return state.regions[name]
+    state.regions[name] = parse_region(args[1:], state.lattice.spacing, state.box, state.regions)
 
 
 def create_box(state: DeckState, args: list[str]) -> None:
     """``create_box N region [bond/types N] [angle/types N] [extra/...]``."""
     read.count(args, "create_box N region ...", 2, None)
     state.refuse_box("create_box")
-    found = _region(state, args[1])
+    found = state.region(args[1])
     if found.box is None:
         raise ParameterError(f"create_box needs a bounded block or prism with positive lengths; region '{args[1]}' is a {found.style}")
     state.n_types = read.integer(args[0], "the number of atom types", 1)
@@ -64,14 +60,13 @@ def create_box(state: DeckState, args: list[str]) -> None:
 
 
 def _set_box(state: DeckState, box: Box) -> None:
-    """Take over a box in the deck's unit of length."""
     if np.any(np.abs(box.reduced_vectors - box.vectors) > 1e-9 * box.edges.max()):
         state.note("the box is tilted by more than half an edge; OpenMM gets the equivalent box with smaller tilts")
     if not all(state.periodic):
         if np.any(box.tilt):
             raise ParameterError("a tilted box must be periodic along all axes (boundary p p p)")
         box = replace(box, periodic=state.periodic)
-    state.box = box.scaled(state.units.length)
+    state.box = box
 
 
 def create_atoms(state: DeckState, args: list[str]) -> None:
@@ -100,27 +95,21 @@ def create_atoms(state: DeckState, args: list[str]) -> None:
     elif style == "single":
         points = np.array([[read.number(word, "a coordinate") for word in words]]) * scale
         types = np.full(1, kind)
-        if not _inside(state, points).all():
+        if not state.require_box("create_atoms").holds(points).all():
             state.note(f"create_atoms single: the point {' '.join(words)} lies outside the box, no bead is created there")
             points, types = points[:0], types[:0]
     else:
         points, types = _lattice_points(state, kind, basis, words, options)
     start = int(state.atoms.ids.max()) + 1 if len(state.atoms) else 1
-    inside, _ = state.require_box("create_atoms").wrap(points * state.units.length)
-    state.add_atoms(Atoms.new(np.arange(start, start + len(points)), types, inside, state.n_species))
-
-
-def _inside(state: DeckState, points: np.ndarray) -> np.ndarray:
-    fractions = state.require_box("create_atoms").scaled(1.0 / state.units.length).fractions(points)
-    return np.all((fractions >= 0) & (fractions < 1), axis=1)
+    state.add_atoms(Atoms.new(np.arange(start, start + len(points)), types, points, state.n_species))
 
 
 def _lattice_points(state: DeckState, kind: int, basis: dict[int, int], words: list[str], options: dict[str, list[str]]):
     if not len(state.lattice.basis):
         raise ParameterError("create_atoms box and region need a lattice; use the lattice command before")
-    points, numbers = state.lattice.points(state.require_box("create_atoms").scaled(1.0 / state.units.length))
+    points, numbers = state.lattice.points(state.require_box("create_atoms"))
     if words:
-        inside = _region(state, words[0]).contains(points)
+        inside = state.region(words[0]).contains(points)
         points, numbers = points[inside], numbers[inside]
     types = np.full(len(points), kind)
     for number, other in basis.items():
@@ -132,7 +121,7 @@ def _lattice_points(state: DeckState, kind: int, basis: dict[int, int], words: l
             amount, seed = options[keyword]
             rng = np.random.default_rng(read.integer(seed, "the seed", 1))
             wanted = (
-                round(read.non_negative(amount, "the fraction") * len(points))
+                int(read.non_negative(amount, "the fraction") * len(points))
                 if keyword == "ratio"
                 else read.integer(amount, "the number of beads", 0)
             )
@@ -148,8 +137,8 @@ def _random_points(state: DeckState, words: list[str], options: dict[str, list[s
     if wanted > 2**31 - 1:
         raise ParameterError(f"create_atoms random: {wanted} beads are too many")
     rng = np.random.default_rng(read.integer(words[1], "the seed", 1))
-    limit = None if words[2] == "NULL" else _region(state, words[2])
-    box = state.require_box("create_atoms").scaled(1.0 / state.units.length)
+    limit = None if words[2] == "NULL" else state.region(words[2])
+    box = state.require_box("create_atoms")
     low, high = box.bounds
     if limit is not None and limit.bounds is not None:
         low, high = np.maximum(low, limit.bounds[0]), np.minimum(high, limit.bounds[1])
@@ -157,12 +146,12 @@ def _random_points(state: DeckState, words: list[str], options: dict[str, list[s
         raise ParameterError(f"region '{words[2]}' and the box have no volume in common")
     overlap = read.non_negative(options["overlap"][0], "overlap") if "overlap" in options else 0.0
     tries = read.integer(options["maxtry"][0], "maxtry", 1) if "maxtry" in options else 1000
-    present = state.atoms.positions / state.units.length
+    present = state.atoms.positions
     found, drawn = np.zeros((0, 3)), 0
     while len(found) < wanted and drawn < wanted * tries:
         points = low + (high - low) * rng.random((wanted - len(found), 3))
         drawn += len(points)
-        inside = _inside(state, points)
+        inside = box.holds(points)
         if limit is not None:
             inside &= limit.contains(points)
         for point in points[inside] if overlap else ():
@@ -223,10 +212,11 @@ _CARRIED = {
 
 def _take_atoms(state: DeckState, data: DataFile) -> None:
     order = np.argsort(data.columns["id"], kind="stable")
-    inside, shifts = state.require_box("read_data").wrap(data.positions * state.units.length)
+    inside, shifts = state.require_box("read_data").settle(data.positions)
     atoms = Atoms.new(data.columns["id"][order], data.columns["type"][order], inside[order], state.n_species)
     atoms.images = (data.images + shifts)[order]
-    atoms.velocities = data.velocities[order] * state.units.velocity
+    atoms.velocities = data.velocities[order]
+    atoms.slots = order
     for column, name in _CARRIED.items():
         if column in data.columns:
             setattr(atoms, name, data.columns[column][order])
@@ -261,7 +251,7 @@ def delete_atoms(state: DeckState, args: list[str]) -> None:
     if kind == "group":
         doomed = state.group(args[1]).copy()
     else:
-        doomed = _region(state, args[1]).contains(state.atoms.positions / state.units.length)
+        doomed = state.region(args[1]).contains(state.atoms.positions)
     options = dict(read.options(args[2:], {"compress": 1, "bond": 1, "mol": 1}, "delete_atoms"))
     if "mol" in options and read.switch(options["mol"][0], "mol"):
         raise ParameterError("delete_atoms mol yes is not supported")
@@ -271,10 +261,20 @@ def delete_atoms(state: DeckState, args: list[str]) -> None:
         lost = f"{int(broken.sum())} bonds" + (f" and {int(bent.sum())} angles" if bent.any() else "")
         raise ParameterError(f"{lost} would lose a bead; delete them too with 'bond yes'")
     state.bonds, state.angles = state.bonds[~broken], state.angles[~bent]
-    state.atoms.keep(~doomed)
-    state.groups = {name: mask[~doomed] for name, mask in state.groups.items()}
-    if read.switch(options.get("compress", ["yes"])[0], "compress") and not len(state.bonds) and not state.atoms.molecules.any():
-        state.atoms.ids = np.arange(1, len(state.atoms) + 1)
+    # LAMMPS hands out new ids only in atom styles without molecules, in the order in which beads stand in its memory
+    compress = read.switch(options.get("compress", ["yes"])[0], "compress") and state.atom_style not in BONDED_STYLES
+    if compress and state.runs:
+        raise ParameterError(
+            "delete_atoms: the new ids that LAMMPS gives after a run depend on how it has sorted the beads; keep the ids with 'compress no'"
+        )
+    state.atoms.vacate(doomed)
+    kept = np.flatnonzero(~doomed)
+    if compress:
+        kept = kept[np.argsort(state.atoms.slots[kept])]
+    state.atoms.take(kept)
+    state.groups = {name: mask[kept] for name, mask in state.groups.items()}
+    if compress:
+        state.atoms.ids = np.arange(1, len(kept) + 1)
 
 
 COMMANDS: dict[str, Handler] = {

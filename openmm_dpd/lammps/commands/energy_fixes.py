@@ -13,7 +13,6 @@ from .. import arguments as read
 from ..eos_file import read_eos
 from ..pressure import parse_nph
 from ..state import DeckState
-from .box import _region
 
 FixReader = Callable[[DeckState, str, list[str]], dict]
 
@@ -64,7 +63,7 @@ def _place(state: DeckState, words: list[str], style: str) -> tuple[Block | Sphe
     read.count(words[1:], f"{kind} {_PLACES[kind]} value", len(_PLACES[kind].split()) + 1)
     rate, length = read.number(words[-1], "the rate of the source"), state.units.length
     if kind == "region":
-        region = _region(state, words[1])
+        region = state.region(words[1])
         if region.shape is None:
             raise ParameterError(f"fix {style}: region '{words[1]}' must be the inside of a block or a sphere")
         first, second = region.shape

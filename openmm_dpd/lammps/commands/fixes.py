@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ...errors import ParameterError
-from ...schemes import scheme_of
 from .. import arguments as read
 from ..averages import Average
 from ..chunk_average import parse_ave_chunk
@@ -121,20 +120,19 @@ def run(state: DeckState, args: list[str]) -> None:
             begin = read.integer(values[0], "start", 0)
         elif keyword == "stop":
             end = read.integer(values[0], "stop", 0)
-        else:
-            read.switch(values[0], keyword)
+        elif not read.switch(values[0], keyword) and keyword == "pre":
+            state.note("run pre no: forces are evaluated anew, with new noise, as with pre yes; LAMMPS goes on with the last ones")
     if begin is not None and begin > state.step:
         raise ParameterError(f"run: start {begin} lies after the first step of the run, {state.step}")
     if end is not None and end < state.step + steps:
         raise ParameterError(f"run: stop {end} lies before the last step of the run, {state.step + steps}")
+    state.settle("run")
     request = RunRequest.of(state, steps, integration(state), begin, end)
     if state.first_run is None:
         state.first_run = request
     if state.stop_before_first_run:
         state.finished = True
         return
-    if scheme_of(request.scheme).predicts and request.seed is not None and any(dump.needs_forces for dump in request.dumps):
-        state.note("the dump columns fx, fy, fz hold the conservative forces; LAMMPS counts friction and noise as well")
     request.scene()  # everything that is missing or wrong is reported before anything is computed
     if state.run_callback is not None:
         state.run_callback(request)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
 from ...errors import ParameterError
 from ...model.flow import AXES
 from .. import arguments as read
@@ -49,12 +51,12 @@ def _setforce(state: DeckState, group: str, words: list[str]) -> dict:
 
 def _wall_reflect(state: DeckState, group: str, words: list[str]) -> dict:
     read.count(words, "fix ID group wall/reflect face position ...", 2, None)
-    box, scale = state.require_box("fix wall/reflect"), state.lattice.spacing * state.units.length
+    box, scale = state.require_box("fix wall/reflect"), state.lattice.spacing
     faces: dict[str, str] = {}
     for keyword, values in read.options(words, {**dict.fromkeys(_FACES, 1), "units": 1}, "fix wall/reflect"):
         if keyword == "units":
             if read.choice(values[0], "units", ("box", "lattice")) == "box":
-                scale = scale * 0 + state.units.length
+                scale = np.ones(3)
         elif keyword in faces:
             raise ParameterError(f"fix wall/reflect names {keyword} twice")
         else:
@@ -71,7 +73,7 @@ def _wall_reflect(state: DeckState, group: str, words: list[str]) -> dict:
         place = (low if face.endswith("lo") else high) if word == "EDGE" else read.number(word, f"the position of {face}") * float(scale[k])
         if not low <= place <= high:
             raise ParameterError(f"fix wall/reflect {face}: the wall lies outside the box")
-        found[face] = place
+        found[face] = place * state.units.length
     if not found:
         raise ParameterError("fix wall/reflect needs a face, such as zlo EDGE")
     return {"faces": found}

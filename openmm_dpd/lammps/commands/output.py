@@ -69,6 +69,8 @@ def _norm(state: DeckState, words: list[str]) -> None:
 def _temp(state: DeckState, words: list[str]) -> None:
     temperature_compute(state, words[0])
     state.thermo.temp = words[0]
+    # the pressure that is printed takes it over, for good
+    state.pressure_temps[state.thermo.press] = words[0]
 
 
 def _press(state: DeckState, words: list[str]) -> None:
@@ -149,6 +151,7 @@ def compute(state: DeckState, args: list[str]) -> None:
 def uncompute(state: DeckState, args: list[str]) -> None:
     """``uncompute ID``."""
     read.count(args, "uncompute ID", 1)
+    state.pressure_temps.pop(args[0], None)
     if state.computes.pop(args[0], None) is None:
         raise ParameterError(f"there is no compute '{args[0]}'; defined are {', '.join(state.computes) or 'none'}")
 
@@ -232,6 +235,7 @@ def write_data(state: DeckState, args: list[str]) -> None:
             pair = read.choice(values[0], "pair", ("ii", "ij"))
         elif keyword == "nocoeff":
             pair = None
+    state.settle("write_data")
     path = state.output_file(args[0])
     path.write_text("\n".join(data_file_lines(state, pair=pair)) + "\n")
 

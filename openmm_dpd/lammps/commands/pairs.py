@@ -58,7 +58,7 @@ def _parts(name: str, words: list[str]) -> list[list[str]]:
 
 def _is_number(word: str) -> bool:
     try:
-        float(word)
+        read.as_float(word)
     except ValueError:
         return False
     return True

@@ -77,9 +77,11 @@ def run_style(state: DeckState, args: list[str]) -> None:
 
 def atom_modify(state: DeckState, args: list[str]) -> None:
     """``atom_modify``: how beads are stored."""
-    for word, _ in read.options(args, {"map": 1, "sort": 2, "id": 1, "first": 1}, "atom_modify"):
+    for word, values in read.options(args, {"map": 1, "sort": 2, "id": 1, "first": 1}, "atom_modify"):
         if word == "id":
             raise ParameterError("atom_modify id is not supported: beads always have ids")
+        if word == "sort":
+            state.sorts = read.integer(values[0], "the interval of sorting", 0) > 0
     _note(state, "atom_modify")
 
 

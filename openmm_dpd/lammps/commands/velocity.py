@@ -76,7 +76,7 @@ def _create(state: DeckState, group: str, mask: np.ndarray, words: list[str], op
     loop = read.choice(options.get("loop", "all"), "loop", ("all", "local", "geom"))
     atoms, masses = state.atoms, state.bead_masses()
     before = atoms.velocities.copy()
-    drawn = _by_position(atoms.positions / state.units.length, seed) if loop == "geom" else _by_id(atoms.ids, seed)
+    drawn = _by_position(atoms.positions, seed) if loop == "geom" else _by_id(atoms.ids, seed)
     if dist == "gaussian":
         # polar form of two uniform numbers each
         drawn = np.sqrt(-2 * np.log(1 - drawn[:, :3])) * np.cos(2 * np.pi * drawn[:, 3:])
@@ -131,7 +131,7 @@ def _set(state: DeckState, group: str, mask: np.ndarray, words: list[str], optio
     for axis, word in enumerate(words):
         if word == "NULL":
             continue
-        value = read.number(word, f"the velocity along {'xyz'[axis]}") * scale[axis] * state.units.velocity
+        value = read.number(word, f"the velocity along {'xyz'[axis]}") * scale[axis]
         state.atoms.velocities[mask, axis] = value + (state.atoms.velocities[mask, axis] if add else 0.0)
 
 
@@ -147,8 +147,8 @@ def _ramp(state: DeckState, group: str, mask: np.ndarray, words: list[str], opti
     low, high = (read.number(word, "a coordinate of ramp") * scale[direction] for word in words[4:6])
     if high <= low:
         raise ParameterError(f"the coordinates of ramp must increase, not {words[4]} to {words[5]}")
-    fraction = np.clip((state.atoms.positions[mask, direction] / state.units.length - low) / (high - low), 0.0, 1.0)
-    values = (start + fraction * (stop - start)) * state.units.velocity
+    fraction = np.clip((state.atoms.positions[mask, direction] - low) / (high - low), 0.0, 1.0)
+    values = start + fraction * (stop - start)
     add = read.switch(options.get("sum", "no"), "sum")
     state.atoms.velocities[mask, axis] = values + (state.atoms.velocities[mask, axis] if add else 0.0)
 
