@@ -271,6 +271,8 @@ def set_(state: DeckState, args: list[str]) -> None:
     """``set atom|type|mol|group|region ID property values ...``."""
     read.count(args, "set style ID property value ...", 3, None)
     state.require_box("set")
+    if not len(state.atoms):
+        raise ParameterError("set needs beads; create or read them before")
     style = read.choice(args[0], "the style of set", ("atom", "type", "mol", "group", "region"))
     mask = _selected(state, style, args[1]).copy()
     for name, words in read.options(args[2:], {name: size for name, (size, _) in SETTERS.items()}, "set"):

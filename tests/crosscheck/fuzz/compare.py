@@ -14,6 +14,9 @@ FLOOR = 1e-11
 #: LAMMPS interpolates tables; its lattice sums approach those here as the accuracy of kspace_style goes down to 1e-8, at 1e-7 to this.
 TABULATED, LATTICE_SUM = 2e-3, 6e-3
 
+#: Formulas of fix addforce see positions that are rounded to 2^-20 nm, some 1e-6 of a natural length.
+ROUNDED_POSITIONS = 1e-5
+
 _TIME = re.compile(r"CPU =\s*\S+")
 
 

@@ -6,7 +6,12 @@ import re
 
 #: (area or None, what LAMMPS says, what ours says, the reason); a pattern of None fits everything.
 EXPECTED: tuple[tuple[str | None, str | None, str | None, str], ...] = (
-    (None, r"not computed at compatible time|was not computed|between runs is not current", None, "here an average that is read in between is the last one"),
+    (
+        None,
+        r"not computed at compatible time|was not computed|between runs is not current",
+        None,
+        "here an average that is read in between is the last one",
+    ),
     (None, r"cannot set output array intensive/extensive", None, "LAMMPS does not say whether a vector beside a table is a sum"),
     (None, r"Thermo style does not use", None, "here a compute may be named that the present columns do not show"),
     (None, r"Unexpected empty line in \w+Coeffs section[^\0]*lammps_out.data", None, "LAMMPS cannot read what it writes for styles zero"),

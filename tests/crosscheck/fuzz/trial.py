@@ -114,7 +114,9 @@ class Trial:
                 return outcome("ours refuses", ours.message, outputs)
             found = _compare(outputs, deck.accuracy, ours.status == "refused")
             if found is not None:
-                return outcome("expected" if reason else "difference", found + ("" if ours.status == "done" else _both(lammps, ours)), outputs)
+                return outcome(
+                    "expected" if reason else "difference", found + ("" if ours.status == "done" else _both(lammps, ours)), outputs
+                )
             if ours.status == "refused":
                 return outcome("both refuse", _both(lammps, ours), outputs)
             _exchange(folders)
@@ -147,7 +149,11 @@ def _is_old(folders: dict[str, Path], name: str, before: dict[str, bytes]) -> bo
 def _texts(folders: dict[str, Path], name: str) -> tuple[str, str]:
     paths = (folders["lammps"] / name, folders["ours"] / name)
     texts = [path.read_text(errors="replace") if path.exists() else "(no such file)" for path in paths]
-    return (in_order(texts[0]), in_order(texts[1])) if name.endswith(".data") and all(path.exists() for path in paths) else (texts[0], texts[1])
+    return (
+        (in_order(texts[0]), in_order(texts[1]))
+        if name.endswith(".data") and all(path.exists() for path in paths)
+        else (texts[0], texts[1])
+    )
 
 
 def _compare(outputs: dict[str, tuple[str, str]], accuracy: float, refused: bool) -> str | None:

@@ -28,7 +28,9 @@ class Values:
         """One more compute."""
         deck, draw = self.deck, self.draw
         name, group = deck.name("c"), deck.group()
-        style = draw.pick(["temp", "ke", "pe", "pressure", "com", "momentum", "gyration", "msd", "rdf", "reduce", "property/atom", "ke/atom"])
+        style = draw.pick(
+            ["temp", "ke", "pe", "pressure", "com", "momentum", "gyration", "msd", "rdf", "reduce", "property/atom", "ke/atom"]
+        )
         scalar, size = True, 0
         words: list[object] = []
         if style == "temp":
@@ -37,7 +39,13 @@ class Values:
         elif style == "pe":
             group, words = "all", draw.pick([[], [], ["pair"], ["bond"], ["pair", "bond"]])
         elif style == "pressure":
-            group, words = "all", [draw.pick(["everything" if deck.partial else "thermo_temp", *self.temperatures]), *draw.pick([[], [], ["virial"], ["ke"]])]
+            group, words = (
+                "all",
+                [
+                    draw.pick(["everything" if deck.partial else "thermo_temp", *self.temperatures]),
+                    *draw.pick([[], [], ["virial"], ["ke"]]),
+                ],
+            )
         elif style in ("com", "momentum"):
             scalar, size = False, 3
         elif style == "gyration":
@@ -114,7 +122,12 @@ class Values:
         if draw.chance(0.25):
             k = "xyz".index(axes[0])
             edge, low = (1.0, 0.0) if reduced else (deck.edges[k], deck.low[k])
-            words += ["bound", axes[0], draw.pick(["lower", float(f"{low + 0.2 * edge:.4g}")]), draw.pick(["upper", float(f"{low + 0.85 * edge:.4g}")])]
+            words += [
+                "bound",
+                axes[0],
+                draw.pick(["lower", float(f"{low + 0.2 * edge:.4g}")]),
+                draw.pick(["upper", float(f"{low + 0.85 * edge:.4g}")]),
+            ]
         deck.add("compute", name, deck.group(), "chunk/atom", f"bin/{cuts}d", *words)
         self.chunks.append(name)
 

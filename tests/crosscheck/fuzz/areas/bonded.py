@@ -7,7 +7,7 @@ import numpy as np
 from ..deck import Deck
 from ..draw import Draw
 from .interactions import interactions
-from .scene import beads, box_vectors, conservative, draw_box, dump, groups, head, thermo, timestep
+from .scene import beads, box_vectors, conservative, draw_box, dump, groups, head, thermo
 
 _BONDS = ("harmonic", "morse", "fene", "zero")
 _ANGLES = ("harmonic", "cosine", "zero")
@@ -69,7 +69,18 @@ def bonded(draw: Draw) -> Deck:
     if style == "bond" or draw.chance(0.2):
         angles = []
     if draw.chance(0.6):
-        deck.add("special_bonds", *draw.pick([["lj", 1.0, 1.0, 1.0], ["lj/coul", 0.0, 0.5, 1.0], ["lj", draw.real(0, 1), draw.real(0, 1), draw.real(0, 1)], ["fene"], ["lj", 0.0, 1.0, 1.0]]))
+        deck.add(
+            "special_bonds",
+            *draw.pick(
+                [
+                    ["lj", 1.0, 1.0, 1.0],
+                    ["lj/coul", 0.0, 0.5, 1.0],
+                    ["lj", draw.real(0, 1), draw.real(0, 1), draw.real(0, 1)],
+                    ["fene"],
+                    ["lj", 0.0, 1.0, 1.0],
+                ]
+            ),
+        )
     beads(deck, len(x), bonds=bonds, angles=angles, carried={"mol": molecules}, places=_inside(deck, x))
 
     def bond(name: str) -> list[object]:
@@ -83,7 +94,11 @@ def bonded(draw: Draw) -> Deck:
         return table[name]
 
     def angle(name: str) -> list[object]:
-        return {"harmonic": [natural.energy * draw.real(1, 20), draw.real(60, 180)], "cosine": [natural.energy * draw.real(1, 20)], "zero": []}[name]
+        return {
+            "harmonic": [natural.energy * draw.real(1, 20), draw.real(60, 180)],
+            "cosine": [natural.energy * draw.real(1, 20)],
+            "zero": [],
+        }[name]
 
     _coefficients(deck, "bond", _BONDS, bond)
     if angles:
@@ -100,6 +115,11 @@ def bonded(draw: Draw) -> Deck:
         deck.add("write_data", "out.data", *draw.pick([[], ["pair", "ij"], ["nocoeff"]]))
     if draw.chance(0.3):
         deck.add("group", "gone", "id", draw.whole(1, deck.beads))
-        deck.add("delete_atoms", "group", "gone", *draw.pick([[], ["bond", "yes"], ["bond", "yes", "compress", "no"], ["compress", "yes", "bond", "yes"]]))
+        deck.add(
+            "delete_atoms",
+            "group",
+            "gone",
+            *draw.pick([[], ["bond", "yes"], ["bond", "yes", "compress", "no"], ["compress", "yes", "bond", "yes"]]),
+        )
         deck.run(1)
     return deck

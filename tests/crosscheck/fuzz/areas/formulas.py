@@ -18,7 +18,9 @@ class _Grammar:
         self.draw, self.leaves = draw, leaves
 
     def number(self) -> str:
-        return self.draw.pick(["0", "1", "2", "0.5", "2.5", "-1.5", "3", "1.0e1", "1e-2", "0.25", ".5", "7", "PI", f"{self.draw.uniform(-3, 3):.3g}"])
+        return self.draw.pick(
+            ["0", "1", "2", "0.5", "2.5", "-1.5", "3", "1.0e1", "1e-2", "0.25", ".5", "7", "PI", f"{self.draw.uniform(-3, 3):.3g}"]
+        )
 
     def expression(self, depth: int = 0) -> str:
         """A formula; brackets where they change nothing as well."""

@@ -20,7 +20,10 @@ def _pairs(deck: Deck, mixing: bool) -> list[tuple[str, str]]:
     if style == 0:
         return [("*", "*")]
     if style == 1:
-        return [("*", "*"), draw.pick([("1", "1"), ("1", str(n)), (str(n), str(n)), ("1*2", str(n)), (str(n), "1"), ("*", str(n)), ("2*", "2*")])]
+        return [
+            ("*", "*"),
+            draw.pick([("1", "1"), ("1", str(n)), (str(n), str(n)), ("1*2", str(n)), (str(n), "1"), ("*", str(n)), ("2*", "2*")]),
+        ]
     return [(str(i), str(j)) if draw.chance(0.9) else (str(j), str(i)) for i in range(1, n + 1) for j in range(i, n + 1)]
 
 
@@ -102,13 +105,18 @@ def interactions(deck: Deck, names: list[str] | None = None, noise: float = 0.0)
         _modify(deck, names)
     else:
         overlay = len(names) == 1 or draw.chance(0.8)
-        deck.add("pair_style", "hybrid/overlay" if overlay else "hybrid", *(word for name in names for word in (name, *_settings(deck, name, noise))))
+        deck.add(
+            "pair_style",
+            "hybrid/overlay" if overlay else "hybrid",
+            *(word for name in names for word in (name, *_settings(deck, name, noise))),
+        )
         called = [[name] if names.count(name) == 1 else [name, names[:k].count(name) + 1] for k, name in enumerate(names)]
         if overlay:
             for words in called:
                 for i, j in _pairs(deck, False):
                     deck.add("pair_coeff", i, j, *words, *_coefficients(deck, str(words[0])))
-            if deck.types > 1 and draw.chance(0.1):
+            # LAMMPS pays no heed to it where dpd/ext is alone, which is documented
+            if deck.types > 1 and set(names) != {"dpd/ext"} and draw.chance(0.1):
                 deck.add("pair_coeff", 1, 2, "none")
         else:
             every = [(i, j) for i in range(1, deck.types + 1) for j in range(i, deck.types + 1)]
@@ -123,5 +131,7 @@ def interactions(deck: Deck, names: list[str] | None = None, noise: float = 0.0)
 def _modify(deck: Deck, names: list[str]) -> None:
     draw = deck.draw
     if names == ["lj/cut"] and draw.chance(0.5):
-        deck.add("pair_modify", *draw.pick([["shift", "yes"], ["mix", "arithmetic"], ["mix", "geometric"], ["mix", "sixthpower", "shift", "yes"]]))
-
+        deck.add(
+            "pair_modify",
+            *draw.pick([["shift", "yes"], ["mix", "arithmetic"], ["mix", "geometric"], ["mix", "sixthpower", "shift", "yes"]]),
+        )

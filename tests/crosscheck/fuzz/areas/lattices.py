@@ -6,8 +6,19 @@ import numpy as np
 
 from ..deck import UNITS, Deck
 
-_CELLS = {"sc": (1, (1, 1, 1)), "bcc": (2, (1, 1, 1)), "fcc": (4, (1, 1, 1)), "diamond": (8, (1, 1, 1)), "hcp": (4, (1, 3**0.5, (8 / 3) ** 0.5))}
-_ORIENT = (((1, 0, 0), (0, 1, 0), (0, 0, 1)), ((0, 1, 0), (0, 0, 1), (1, 0, 0)), ((1, 1, 0), (-1, 1, 0), (0, 0, 1)), ((0, 1, 0), (-1, 0, 0), (0, 0, 1)))
+_CELLS = {
+    "sc": (1, (1, 1, 1)),
+    "bcc": (2, (1, 1, 1)),
+    "fcc": (4, (1, 1, 1)),
+    "diamond": (8, (1, 1, 1)),
+    "hcp": (4, (1, 3**0.5, (8 / 3) ** 0.5)),
+}
+_ORIENT = (
+    ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    ((0, 1, 0), (0, 0, 1), (1, 0, 0)),
+    ((1, 1, 0), (-1, 1, 0), (0, 0, 1)),
+    ((0, 1, 0), (-1, 0, 0), (0, 0, 1)),
+)
 
 
 def units(deck: Deck, names: tuple[str, ...] = ("lj", "lj", "real", "metal")) -> None:
@@ -61,7 +72,11 @@ def box(deck: Deck, spacing: np.ndarray, cells: tuple[int, int] = (3, 5), tilted
     counts = [draw.whole(*cells) if draw.chance(0.8) else draw.real(*map(float, cells)) for _ in range(3)]
     low = np.array(corner) * (scale if in_cells else 1.0)
     edges = np.array(counts) * scale
-    numbers = [float(f"{value:.12g}") for k in range(3) for value in ((corner[k], corner[k] + counts[k]) if in_cells else (low[k], low[k] + edges[k]))]
+    numbers = [
+        float(f"{value:.12g}")
+        for k in range(3)
+        for value in ((corner[k], corner[k] + counts[k]) if in_cells else (low[k], low[k] + edges[k]))
+    ]
     tilt = np.zeros(3)
     if draw.chance(tilted):
         factors = [draw.pick([0.0, 0.25, -0.5, 0.4, 0.1, draw.uniform(-0.5, 0.5)]) for _ in range(3)]

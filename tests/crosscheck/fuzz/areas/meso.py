@@ -22,7 +22,10 @@ def meso(draw: Draw) -> Deck:
     count = draw.whole(2, 25)
     carried: dict[str, list[float]] = {
         "dpd": {"theta": [natural.temperature * round(draw.uniform(0.5, 2), 4) for _ in range(count)]},
-        "edpd": {"temp": [round(draw.uniform(0.5, 2), 4) for _ in range(count)], "cv": [round(draw.uniform(100, 300), 2) for _ in range(count)]},
+        "edpd": {
+            "temp": [round(draw.uniform(0.5, 2), 4) for _ in range(count)],
+            "cv": [round(draw.uniform(100, 300), 2) for _ in range(count)],
+        },
         "tdpd": {f"c{k}": [round(draw.uniform(0, 1), 4) for _ in range(count)] for k in range(1, species + 1)},
         "mdpd": {"rho": [0.0] * count},
     }[style]

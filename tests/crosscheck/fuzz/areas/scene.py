@@ -104,7 +104,7 @@ def _data_file(deck: Deck, x, types, speeds, bonds, angles, carried) -> None:
         values = {"type": types[k], "q": charges[k], "mol": carried.get("mol", [0] * len(x))[k]}
         values |= {name: column[k] for name, column in carried.items() if name in ("theta", "rho", "temp", "cv")}
         words: list[object] = [k + 1, *(values[name] for name in _BEFORE[deck.style].split()), *x[k].tolist()]
-        words += [column[k] for name, column in carried.items() if name.startswith("c")and name != "cv"]
+        words += [column[k] for name, column in carried.items() if name.startswith("c") and name != "cv"]
         words += [draw.whole(-1, 1) for _ in range(3)] if imaged else []
         lines.append(" ".join(f"{w:.15g}" if isinstance(w, float) else str(w) for w in words))
     lines += ["", "Velocities", "", *(f"{k + 1} " + " ".join(f"{v:.12g}" for v in speeds[k]) for k in range(len(x)))]
@@ -120,7 +120,11 @@ def groups(deck: Deck) -> None:
     draw = deck.draw
     for _ in range(draw.whole(0, 3)):
         name, low = deck.name("g"), draw.whole(1, max(deck.beads, 1))
-        deck.add("group", name, *draw.pick([["id", f"1:{low}"], ["type", draw.whole(1, deck.types)], ["id", low], ["id", f"{low}:{deck.beads}:2"]]))
+        deck.add(
+            "group",
+            name,
+            *draw.pick([["id", f"1:{low}"], ["type", draw.whole(1, deck.types)], ["id", low], ["id", f"{low}:{deck.beads}:2"]]),
+        )
         deck.groups.append(name)
 
 

@@ -224,7 +224,9 @@ def _random_tail(deck: Deck, builder: _Builder) -> None:
             style, amount = ("type/ratio", fraction) if draw.chance(0.7) else ("type/subset", draw.whole(0, 3))
             deck.add("set", *builder.target(), style, kind, amount, seed)
         else:
-            words = [w for w in (["mom", draw.pick(["yes", "no"])], ["rot", "yes"], ["dist", "gaussian"], ["loop", "geom"]) if draw.chance(0.4)]
+            words = [
+                w for w in (["mom", draw.pick(["yes", "no"])], ["rot", "yes"], ["dist", "gaussian"], ["loop", "geom"]) if draw.chance(0.4)
+            ]
             group = deck.group()
             deck.add("velocity", group, "create", deck.units.temperature * draw.real(0.1, 2), seed, *(v for w in words for v in w))
             if not any(w[0] == "mom" and w[1] == "no" for w in words):
