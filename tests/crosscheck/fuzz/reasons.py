@@ -16,6 +16,7 @@ EXPECTED: tuple[tuple[str | None, str | None, str | None, str], ...] = (
     (None, r"Thermo style does not use", None, "here a compute may be named that the present columns do not show"),
     (None, r"Unexpected empty line in \w+Coeffs section[^\0]*lammps_out.data", None, "LAMMPS cannot read what it writes for styles zero"),
     (None, r"Atom IDs must be consecutive for velocity create", None, "numbers belong to ids here, consecutive or not"),
+    (None, r"Mismatched compute in variable formula", None, "LAMMPS takes sums over beads in formulas of single beads at some places only"),
     (None, r"Two fix commands using same compute chunk/atom", None, "LAMMPS ties the chunks of a compute to one fix at a time"),
     (None, r"in variable requires thermo to use/init", None, "LAMMPS computes in formulas what the thermo output computes"),
     (None, r"Failed to reorder neighbor lists", None, "LAMMPS asks to be told of this one"),
