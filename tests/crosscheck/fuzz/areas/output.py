@@ -65,6 +65,7 @@ def _thermo_option(deck: Deck, style: str, words: list[str]) -> list[object]:
         ["format", "none"],
         ["colname", "default"],
     ]
-    if number > 1:
+    # LAMMPS prints nonsense where a whole number gets the format of another
+    if number > 1 and words[number - 1] not in ("elapsed", "elaplong", "atoms", "bonds", "angles"):
         options.append(["format", number, "%9.3f"])
     return draw.pick(options)
