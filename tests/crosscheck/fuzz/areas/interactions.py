@@ -115,8 +115,8 @@ def interactions(deck: Deck, names: list[str] | None = None, noise: float = 0.0)
             for words in called:
                 for i, j in _pairs(deck, False):
                     deck.add("pair_coeff", i, j, *words, *_coefficients(deck, str(words[0])))
-            # LAMMPS pays no heed to it where dpd/ext is alone, which is documented
-            if deck.types > 1 and set(names) != {"dpd/ext"} and draw.chance(0.1):
+            # LAMMPS pays no heed to it where one style is alone, which is documented
+            if deck.types > 1 and len(set(names)) > 1 and draw.chance(0.1):
                 deck.add("pair_coeff", 1, 2, "none")
         else:
             every = [(i, j) for i in range(1, deck.types + 1) for j in range(i, deck.types + 1)]
