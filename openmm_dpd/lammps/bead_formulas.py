@@ -44,7 +44,7 @@ def _rounded(value: Values) -> np.ndarray:
 
 def _power(base: Values, exponent: Values) -> np.ndarray:
     if np.any(np.asarray(exponent) == 0):
-        raise ValueError("the exponent is 0, which LAMMPS refuses")
+        raise ValueError("the exponent is 0, which LAMMPS refuses in formulas of beads")
     return np.power(base, exponent)
 
 

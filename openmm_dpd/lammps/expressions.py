@@ -84,13 +84,6 @@ _TOKEN = re.compile(
     re.ASCII,
 )
 
-
-def _power(base: float, exponent: float) -> float:
-    if exponent == 0:
-        raise ValueError("the exponent is 0, which LAMMPS refuses")
-    return math.pow(base, exponent)
-
-
 _LEVELS: tuple[dict[str, Callable[[float, float], float]], ...] = (
     {"||": lambda a, b: float(a != 0 or b != 0)},
     {"&&": lambda a, b: float(a != 0 and b != 0)},
@@ -103,7 +96,7 @@ _LEVELS: tuple[dict[str, Callable[[float, float], float]], ...] = (
     },
     {"+": lambda a, b: a + b, "-": lambda a, b: a - b},
     {"*": lambda a, b: a * b, "/": lambda a, b: a / b, "%": math.fmod},
-    {"^": _power},
+    {"^": math.pow},
 )
 
 
