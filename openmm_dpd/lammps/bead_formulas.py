@@ -42,6 +42,12 @@ def _rounded(value: Values) -> np.ndarray:
     return np.where(value - np.floor(value) >= 0.5, np.ceil(value), np.floor(value))
 
 
+def _power(base: Values, exponent: Values) -> np.ndarray:
+    if np.any(np.asarray(exponent) == 0):
+        raise ValueError("the exponent is 0, which LAMMPS refuses in formulas of beads")
+    return np.power(base, exponent)
+
+
 _LEVELS: tuple[dict[str, Callable[..., Values]], ...] = (
     {"||": _number(np.logical_or)},
     {"&&": _number(np.logical_and)},
@@ -49,7 +55,7 @@ _LEVELS: tuple[dict[str, Callable[..., Values]], ...] = (
     {"<": _number(np.less), "<=": _number(np.less_equal), ">": _number(np.greater), ">=": _number(np.greater_equal)},
     {"+": np.add, "-": np.subtract},
     {"*": np.multiply, "/": np.divide, "%": np.fmod},
-    {"^": np.power},
+    {"^": _power},
 )
 
 _OF_NUMPY: dict[str, Callable[..., Values]] = {

@@ -60,13 +60,16 @@ class Box:
     def reduced_vectors(self) -> np.ndarray:
         """Vectors of the same lattice in OpenMM's reduced form (no tilt above half an edge).
 
-        Along an axis that does not repeat the box is followed by as much empty room, which no cutoff reaches through.
+        Along an axis that does not repeat the box is followed by as much empty room, which no cutoff reaches through.  A tilt a rounding
+        error above half an edge becomes that half.
         """
-        a, b, c = self.vectors * np.where(self.periodic, 1.0, 2.0)[:, None]
-        c = c - b * np.round(c[1] / b[1]) if abs(c[1]) > 0.5 * b[1] * (1 + 1e-9) else c
-        c = c - a * np.round(c[0] / a[0]) if abs(c[0]) > 0.5 * a[0] * (1 + 1e-9) else c
-        b = b - a * np.round(b[0] / a[0]) if abs(b[0]) > 0.5 * a[0] * (1 + 1e-9) else b
-        return np.array([a, b, c])
+        vectors = self.vectors * np.where(self.periodic, 1.0, 2.0)[:, None]
+        for row, column in ((2, 1), (2, 0), (1, 0)):
+            half = 0.5 * vectors[column, column]
+            if abs(vectors[row, column]) > half * (1 + 1e-9):
+                vectors[row] -= vectors[column] * np.round(vectors[row, column] / (2 * half))
+            vectors[row, column] = np.clip(vectors[row, column], -half, half)
+        return vectors
 
     @property
     def volume(self) -> float:

@@ -78,7 +78,7 @@ class ChunkAverage(Average):
             values = context.state.bead_masses()[kept] * np.sum(velocities**2, axis=1) / context.units.thermal_energy
         else:
             values = bead_values(context, word)[kept]
-        return np.bincount(number, weights=values, minlength=count)
+        return np.bincount(number, weights=values, minlength=count).astype(float)  # of no beads it is an array of integers
 
     def _normalised(self, context: Context, word: str, sums: np.ndarray, counts: np.ndarray, samples: int) -> np.ndarray:
         """Sums over the beads of ``samples`` samples, divided by what belongs to the value; 0 for bins without beads."""

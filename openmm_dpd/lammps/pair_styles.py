@@ -311,6 +311,8 @@ def _both_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> tupl
 
 def _zero_settings(words: list[str]) -> dict:
     read.count(words, "zero cutoff [nocoeff]", 1, 2)
+    for word in words[1:]:
+        read.choice(word, "the option of pair style zero", ("nocoeff",))
     return {"cutoff": read.positive(words[0], "the cutoff of zero")}
 
 

@@ -416,6 +416,8 @@ class DeckRunner:
             if bar is not None:
                 bar.update(stop - step)
             step = stop
+        if thermo.footer():
+            self.log(thermo.footer())
         assert measured is not None
         if has_set_temperature(built.plan):
             result.check_temperature(measured.target_kT, measured.dof)

@@ -219,6 +219,10 @@ class Thermo:
             return f"---\nkeywords: [{', '.join(repr(title) for title in titles)}]\ndata:"
         return " ".join(title.center(width) for title, width in zip(titles, self._widths(), strict=True)).rstrip()
 
+    def footer(self) -> str:
+        """The line behind the last row: yaml needs one to tell the documents of several runs apart."""
+        return "..." if self.state.thermo.layout == "yaml" else ""
+
     def row(self, values: dict[str, float], sample: Sample) -> str:
         """The line (or block, for style multi) with the values of one step."""
         numbers = [values[word] for word in self.words]

@@ -119,7 +119,7 @@ def _selected(state: DeckState, style: str, word: str) -> np.ndarray:
         return _by_region(state, [word])
     values = {"atom": state.atoms.ids, "type": state.atoms.types, "mol": state.atoms.molecules}[style]
     low, star, high = word.partition("*")
-    first = read.integer(low, f"the {style} of set") if low else 1
+    first = read.integer(low, f"the {style} of set", 0) if low else 1
     last = (read.integer(high, f"the {style} of set") if high else np.iinfo(np.int64).max) if star else first
     return (values >= first) & (values <= last)
 

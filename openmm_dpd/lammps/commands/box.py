@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...errors import DeckError, ParameterError
+from ...model.bonds import bonded_neighbours
 from .. import arguments as read
 from ..atoms import Atoms
 from ..box import Box
@@ -52,6 +53,8 @@ def create_box(state: DeckState, args: list[str]) -> None:
     ignored = ("extra/bond/per/atom", "extra/angle/per/atom", "extra/special/per/atom", "dihedral/types", "improper/types")
     sizes = {"bond/types": 1, "angle/types": 1, **dict.fromkeys(ignored, 1)}
     for keyword, values in read.options(args[2:], sizes, "create_box"):
+        if keyword in ("bond/types", "angle/types") and values[0] != "0" and state.atom_style not in BONDED_STYLES:
+            raise ParameterError(f"create_box {keyword}: atom_style {state.atom_style} has no bonds and no angles")
         if keyword == "bond/types":
             state.n_bond_types = read.integer(values[0], "the number of bond types", 0)
         elif keyword == "angle/types":
@@ -214,7 +217,7 @@ def _take_atoms(state: DeckState, data: DataFile) -> None:
     order = np.argsort(data.columns["id"], kind="stable")
     inside, shifts = state.require_box("read_data").settle(data.positions)
     atoms = Atoms.new(data.columns["id"][order], data.columns["type"][order], inside[order], state.n_species)
-    atoms.images = (data.images + shifts)[order]
+    atoms.images = (_repeated(state, data) + shifts)[order]
     atoms.velocities = data.velocities[order]
     atoms.slots = order
     for column, name in _CARRIED.items():
@@ -224,6 +227,13 @@ def _take_atoms(state: DeckState, data: DataFile) -> None:
         atoms.concentrations[:, k] = data.columns[f"c{k + 1}"][order]
     state.add_atoms(atoms)
     state.bonds, state.angles = data.bonds, data.angles
+
+
+def _repeated(state: DeckState, data: DataFile) -> np.ndarray:
+    """(N, 3) image flags, which are 0 along axes that do not repeat, as LAMMPS reads them."""
+    if np.any(data.images[:, ~np.array(state.periodic)]):
+        state.note(f"{data.path.name}: image flags along axes that do not repeat count as 0")
+    return np.where(state.periodic, data.images, 0)
 
 
 def _take_coefficients(state: DeckState, data: DataFile) -> None:
@@ -244,6 +254,20 @@ def _take_coefficients(state: DeckState, data: DataFile) -> None:
     state.here = outer
 
 
+def _check_special(state: DeckState, gone: np.ndarray, bonds: np.ndarray) -> None:
+    """Raise ParameterError if beads that stay would be no bonded neighbours any more: in LAMMPS they are for good."""
+    largest = int(state.atoms.ids.max()) + 1 if len(state.bonds) else 0
+    before, after = (bonded_neighbours(terms[:, 1:], largest) for terms in (state.bonds, bonds))
+    for shell, factor, factor_of_charges in zip((1, 2, 3), state.special, state.special_charges, strict=True):
+        cut = [pair for pair in before[shell] - after[shell] if not np.isin(pair, gone).any()]
+        if cut and (factor, factor_of_charges) != (1, 1):
+            i, j = min(cut)
+            raise ParameterError(
+                f"delete_atoms: beads {i} and {j} were bonded neighbours through a bead that goes, and stay so in LAMMPS, "
+                "which is not supported; delete whole molecules, or set the factors to 1"
+            )
+
+
 def delete_atoms(state: DeckState, args: list[str]) -> None:
     """``delete_atoms group ID | region ID [compress yes|no] [bond yes|no]``."""
     read.count(args, "delete_atoms group|region ID ...", 2, None)
@@ -260,6 +284,7 @@ def delete_atoms(state: DeckState, args: list[str]) -> None:
     if (broken.any() or bent.any()) and not read.switch(options.get("bond", ["no"])[0], "bond"):
         lost = f"{int(broken.sum())} bonds" + (f" and {int(bent.sum())} angles" if bent.any() else "")
         raise ParameterError(f"{lost} would lose a bead; delete them too with 'bond yes'")
+    _check_special(state, gone, state.bonds[~broken])
     state.bonds, state.angles = state.bonds[~broken], state.angles[~bent]
     # LAMMPS hands out new ids only in atom styles without molecules, in the order in which beads stand in its memory
     compress = read.switch(options.get("compress", ["yes"])[0], "compress") and state.atom_style not in BONDED_STYLES

@@ -61,6 +61,8 @@ def fix(state: DeckState, args: list[str]) -> None:
     read.count(args, "fix ID group style ...", 3, None)
     state.require_box("fix")
     name, group, style, *words = args
+    if not all(char.isalnum() or char == "_" for char in name):
+        raise ParameterError(f"the id of a fix has letters, digits and underscores only, not '{name}'")
     state.group(group)
     if style not in FIX_STYLES and style not in AVERAGES:
         raise ParameterError(f"fix style '{style}' is not supported; supported are {', '.join([*FIX_STYLES, *AVERAGES])}")

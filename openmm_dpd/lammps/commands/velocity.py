@@ -155,6 +155,8 @@ def _ramp(state: DeckState, group: str, mask: np.ndarray, words: list[str], opti
 
 def _zero(state: DeckState, group: str, mask: np.ndarray, words: list[str], options: dict[str, str]) -> None:
     read.choice(words[0], "what velocity zero removes", ("linear", "angular"))
+    if not mask.any():
+        raise ParameterError(f"velocity zero: group {group} has no beads")
     (_zero_linear if words[0] == "linear" else _zero_angular)(state, mask)
 
 

@@ -1,0 +1,38 @@
+"""What decks are made of: one file per area of commands, each with a function from a Draw to a Deck."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ..deck import Deck
+from ..draw import Draw
+from .averages import averages
+from .bonded import bonded
+from .charges import charges
+from .data import data
+from .flow import flow
+from .formulas import formulas
+from .meso import meso
+from .mistakes import mistakes
+from .output import output
+from .pairs import pairs
+from .runs import runs
+from .setup import setup
+from .thermostats import thermostats
+
+#: Areas by name: weight, grammar.
+AREAS: dict[str, tuple[float, Callable[[Draw], Deck]]] = {
+    "setup": (4.0, setup),
+    "formulas": (1.5, formulas),
+    "averages": (2.5, averages),
+    "pairs": (2.0, pairs),
+    "bonded": (1.5, bonded),
+    "meso": (1.0, meso),
+    "charges": (0.5, charges),
+    "flow": (1.0, flow),
+    "thermostats": (0.5, thermostats),
+    "runs": (2.0, runs),
+    "data": (1.0, data),
+    "output": (1.0, output),
+    "mistakes": (2.0, mistakes),
+}

@@ -1,0 +1,68 @@
+"""Forces on single beads, walls, and beads that stay where they are."""
+
+from __future__ import annotations
+
+from ..compare import ROUNDED_POSITIONS
+from ..deck import Deck
+from ..draw import Draw
+from .interactions import interactions
+from .scene import beads, conservative, draw_box, dump, groups, head, movers, thermo, timestep
+
+
+def flow(draw: Draw) -> Deck:
+    """A deck with addforce, setforce or wall/reflect."""
+    deck = Deck(draw)
+    head(deck, "atomic", ("lj", "lj", "real", "metal"))
+    natural = deck.units
+    walls = [draw.chance(0.35) for _ in range(3)] if draw.chance(0.5) else [False] * 3
+    if any(walls):
+        deck.add("boundary", *("f" if wall else "p" for wall in walls))
+    draw_box(deck, tilted=0.0 if any(walls) else 0.3)
+    deck.types = draw.whole(1, 2)
+    beads(deck, draw.whole(1, 15), 0.4)
+    interactions(deck, [draw.pick(["dpd", "dpd", "dpd/ext", "lj/cut", "zero"])])
+    groups(deck)
+    movers(deck, 0.0 if any(walls) else 0.3)
+    for k, axis in enumerate("xyz"):
+        if walls[k]:
+            inset = natural.length * 0.02
+            ends = [draw.pick(["EDGE", "EDGE", deck.low[k] - inset * 0]), draw.pick(["EDGE", "EDGE", deck.low[k] + deck.edges[k]])]
+            deck.add("fix", f"wall{axis}", "all", "wall/reflect", f"{axis}lo", ends[0], f"{axis}hi", ends[1], "units", "box")
+    makers = [_push] * draw.whole(0, 3) + [_hold] * draw.chance(0.25)
+    draw.shuffle(makers)
+    for k, maker in enumerate(makers):
+        maker(deck, k)
+    timestep(deck)
+    thermo(deck, "fmax", "fnorm", "pe")
+    dump(deck)
+    conservative(deck)
+    deck.run(draw.whole(0, 5))
+    if draw.chance(0.3):
+        deck.run(2)
+    return deck
+
+
+def _push(deck: Deck, k: int) -> None:
+    """A force on beads, of numbers or with one component that follows the bead."""
+    draw, natural = deck.draw, deck.units
+    words: list[object] = [natural.force * draw.real(-5, 5) if draw.chance(0.7) else 0.0 for _ in range(3)]
+    if draw.chance(0.4):
+        deck.accuracy = ROUNDED_POSITIONS
+        axis = draw.pick("xyz")
+        size = f"{natural.force:g}"
+        formulas = [f"{size}*sin({axis})", f"{size}*({axis}<{deck.low[0] + 1:.3g})", f"{size}*(type-1.5)", f"{size}*mass*{axis}/l{axis}"]
+        deck.add("variable", f"p{k}", "atom", f'"{draw.pick(formulas)}"')
+        words[draw.whole(0, 2)] = f"v_p{k}"
+    deck.add("fix", f"push{k}", deck.group(), "addforce", *words)
+
+
+def _hold(deck: Deck, k: int) -> None:
+    """Beads without forces, which are at rest as a rule."""
+    draw, group = deck.draw, deck.draw.pick(deck.groups)
+    if draw.chance(0.8):
+        deck.add("velocity", group, "set", 0.0, 0.0, 0.0)
+    deck.add("fix", f"hold{k}", group, "setforce", 0.0, 0.0, 0.0)
+    if not deck.partial:
+        deck.partial = True
+        deck.add("compute", "everything", "all", "temp")
+        deck.add("compute", "movers", "all", "ke")
