@@ -25,6 +25,7 @@ from ..names import (
     KT,
     PAIR_FORCE,
     PHASE,
+    PREDICTED,
     RATES,
     SEED,
     TAU,
@@ -302,7 +303,7 @@ class PairForceFunction:
             moment.values = local.fields.values.copy()
             if RATES in read:
                 moment.rates = unfolded([read[RATES + k] for k in range(fields.n_blocks)], fields)
-        moment.acc = read.get(ACCELERATION)
+        moment.acc, moment.unkicked = read.get(ACCELERATION), read.get(PREDICTED)
         local.moment = moment
         local.loop.run(moment, 1, shown=True)
         return moment.x

@@ -87,6 +87,11 @@ class StepSpec:
         """Whether friction is a force of a predicted velocity."""
         return not self.letters
 
+    @property
+    def foresees(self) -> bool:
+        """Whether a kick by slow forces before a step is not just what they add to that prediction; impulses are taken as they are."""
+        return self.lam != 0.5 and self.slow_every == 1
+
 
 @dataclass(eq=False)
 class Moment:
@@ -113,6 +118,8 @@ class Moment:
         Acceleration at x if friction is a force; None to have it computed.
     predicted : (N, 3) array or None
         Velocities that friction saw last, if they are not those of the half step.
+    unkicked : (N, 3) array or None
+        If friction is a force: velocities before the slow forces kicked, where that makes a difference.
     """
 
     x: np.ndarray
@@ -128,6 +135,7 @@ class Moment:
     rates: np.ndarray | None = None
     acc: np.ndarray | None = None
     predicted: np.ndarray | None = None
+    unkicked: np.ndarray | None = None
 
     def block(self, block: int) -> np.ndarray:
         """(N, 3) values of a block, as a program numbers them (see :mod:`openmm_dpd.names`)."""
@@ -200,6 +208,9 @@ class StepLoop:
             for done in range(n):
                 if slow is not None and moment.slow_step == 0 and before:
                     force = slow(moment, done) if force is None else force
+                    if self.spec.predicts and (moment.acc is None or self.spec.foresees):
+                        moment.unkicked = moment.v.copy()
+                        motion.as_shown(moment.x, moment.unkicked, SHOWN, self.inv_mass)
                     motion.push(moment.v, force, self.spec.mass, before * moment.dt)
                 if done and moment.values is not None:
                     motion.fields_as_shown(moment.x, moment.values, self.spec.field_shown, self.inv_mass)
@@ -301,8 +312,9 @@ class StepLoop:
         if m.acc is None:
             # with the noise of the last half kick: another one would halve its variance, as both halves of a step share it
             m.acc = np.empty_like(self.force)
-            self._accelerate(m, m.v, m.values, 0.0)
-        predicted = None if lam == 0.5 else m.v + lam * dt * m.acc
+            self._accelerate(m, m.v if m.unkicked is None else m.unkicked, m.values, 0.0)
+        predicted = None if lam == 0.5 else self._predicted(m, lam)
+        m.unkicked = None
         seen = m.values
         if m.values is not None:
             assert m.rates is not None
@@ -323,6 +335,12 @@ class StepLoop:
             assert m.rates is not None
             m.values += 0.5 * dt * m.rates
         m.predicted = predicted
+
+    def _predicted(self, m: Moment, lam: float) -> np.ndarray:
+        """v + lam dt a with all accelerations a: slow forces have kicked for half a step already."""
+        assert m.acc is not None
+        seen = m.v + lam * m.dt * m.acc
+        return seen + (2.0 * lam - 1.0) * (m.v - m.unkicked) if m.unkicked is not None and self.spec.foresees else seen
 
     def _show(self, m: Moment) -> None:
         """Round velocities and accelerations as if a program had shown them."""

@@ -32,6 +32,9 @@ def program(options: ProgramOptions) -> Program:
         p.declare(SLOW_STEP, 0.0, "steps done since forces that stay OpenMM's kicked")
     if options.slow_every > 1 or not before:
         p.keep()
+    if before and options.predicting:
+        p.declare_per_dof("v0", "velocities before that")
+        p.each("v0", "v", "what friction depends on where the acceleration has to be computed")
     if options.slow_every > 1:
         p.when(f"{SLOW_STEP} < 1", "do they kick before this step?")
     if before:
@@ -52,6 +55,10 @@ def program(options: ProgramOptions) -> Program:
         for entry in history:
             _show(p, *entry)
         p.end()
+        if before:
+            p.when("here != last" if options.lam == 0.5 or options.slow_every > 1 else "1 > 0", "do these velocities matter?")
+            _show(p, PREDICTED, "v0", SHOWN)
+            p.end()
     p.show_by(repr(SHOWN))
     p.each("x", f"{'xs' if shown else 'x'}+dpd_tau*v", "trial drift: shows the velocities")
     p.phase(Phase.RUN)
