@@ -40,6 +40,7 @@ from .names import (
     LATTICE_GROUP,
     RAMP_STEP,
     SEED,
+    SLOW_STEP,
     VIRIAL_GROUP,
     VOLUME_MOVES,
 )
@@ -219,9 +220,19 @@ class Observer:
         # the friction in the force saw half-step or predicted velocities; LAMMPS's pressure counts it so (no history yet: acc is 0)
         acc = per_dof(integrator, "acc")
         if options.lam == 0.5:
-            return v - 0.5 * dt * acc, v
+            return v - 0.5 * dt * acc - self._slow_kick(context, dt), v
         predicted = per_dof(integrator, "vp")
         return np.where(np.any(acc != 0) & mobile[:, None], predicted, v), v
+
+    def _slow_kick(self, context: openmm.Context, dt: float) -> np.ndarray | float:
+        """What forces that stay OpenMM's have added to the velocities after the last step, where the pair force carries out steps."""
+        integrator, options = context.getIntegrator(), self.plan.options
+        begun = integrator.getGlobalVariableByName("last") != -1.0
+        if self.plan.unlooped is not None or not begun or (options.slow_every > 1 and integrator.getGlobalVariableByName(SLOW_STEP) != 0.0):
+            return 0.0
+        groups = integrator.getIntegrationForceGroups() & ~(1 << options.pair_group) & 0xFFFFFFFF
+        slow = context.getState(forces=True, groups=groups).getForces(asNumpy=True).value_in_unit(_KJ / _NM)
+        return options.slow_kicks[1] * dt * slow * self.plan.spec.inv_mass[:, None]
 
     def _with_others(self, context: openmm.Context, part: Part) -> tuple[float, np.ndarray]:
         """Energy and forces of a pair term, and of everything that is not in the pair force."""

@@ -33,9 +33,8 @@ def program(options: ProgramOptions) -> Program:
     for name in rates:
         p.declare_per_dof(name, "change of the field per time, at x")
     p.note()
-    p.if_changed()
-    _recompute(p, fields, rates)
-    p.end()
+    with p.if_changed():
+        _recompute(p, fields, rates)
     predicted = options.thermostat and options.lam != 0.5
     if predicted:
         p.declare_per_dof("vp", "predicted velocity")

@@ -7,6 +7,8 @@ checked here.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 
 import openmm
@@ -121,7 +123,7 @@ class Program:
         self.steps.append(Step("update", why="barostats and other updates of the Context's state"))
         if self.options.loop:
             self.declare(AHEAD, 0.0, "steps that are done already, of which only barostats hear")
-            self.when(f"{AHEAD} < 1", "is this step still to be done?")
+            self.steps.append(Step("if", expression=f"{AHEAD} < 1", why="is this step still to be done?"))
         if self.options.kernel:
             self.set(DT, "dt", "so that setStepSize works")
         if self.options.settable:
@@ -134,7 +136,7 @@ class Program:
             self.set(STAMP, "0")
         if self.options.loop:
             self.set(AHEAD, "1")
-            self.end()
+            self.steps.append(Step("end"))
             self.set(AHEAD, f"{AHEAD}-1")
 
     def _hear_temperature(self) -> None:
@@ -146,17 +148,14 @@ class Program:
         self.declare(TEMPERATURE, kelvin, "temperature, K: set it here or by dpd_kT, the later one holds")
         self.declare(SEEN_TEMPERATURE, kelvin, "what it was when it last agreed with dpd_kT")
         self.declare(SEEN_KT, self.options.kT, "what dpd_kT was then")
-        self.when(f"abs({TEMPERATURE}-{SEEN_TEMPERATURE})+abs({KT}-{SEEN_KT}) > 0", "was one of them set?")
-        self.when(f"{TEMPERATURE} != {SEEN_TEMPERATURE}", "was it the temperature?")
-        self.set(KT, f"{BOLTZMANN!r}*{TEMPERATURE}")
-        self.set(SEEN_KT, KT)
-        self.end()
-        self.when(f"{KT} != {SEEN_KT}", "was it the thermal energy?")
-        self.set(TEMPERATURE, f"{KT}/{BOLTZMANN!r}")
-        self.end()
-        self.set(SEEN_KT, KT)
-        self.set(SEEN_TEMPERATURE, TEMPERATURE)
-        self.end()
+        with self.when(f"abs({TEMPERATURE}-{SEEN_TEMPERATURE})+abs({KT}-{SEEN_KT}) > 0", "was one of them set?"):
+            with self.when(f"{TEMPERATURE} != {SEEN_TEMPERATURE}", "was it the temperature?"):
+                self.set(KT, f"{BOLTZMANN!r}*{TEMPERATURE}")
+                self.set(SEEN_KT, KT)
+            with self.when(f"{KT} != {SEEN_KT}", "was it the thermal energy?"):
+                self.set(TEMPERATURE, f"{KT}/{BOLTZMANN!r}")
+            self.set(SEEN_KT, KT)
+            self.set(SEEN_TEMPERATURE, TEMPERATURE)
 
     def show_by(self, tau: str) -> None:
         """Say which drift shows the velocities."""
@@ -211,9 +210,13 @@ class Program:
         for block, variable in enumerate(variables):
             self.declare("size", 0.0, "sum of squares of what the pair force reads next")
             self.total("size", f"{variable}*{variable}")
-            self.set(TAU, f"{self.options.field_reach!r}/sqrt(size+1e-280)", "scale of the displacement")
-            self.each("x", f"xs+{TAU}*{variable}", "shows these values")
-            self.hear(Phase.READ, "the pair force reads them", block)
+            self.show_values(block, variable, f"{self.options.field_reach!r}/sqrt(size+1e-280)")
+
+    def show_values(self, block: int, variable: str, scale: str) -> None:
+        """Let the pair force read one per-DOF variable, by a displacement from xs."""
+        self.set(TAU, scale, "scale of the displacement")
+        self.each("x", f"xs+{TAU}*{variable}", "shows these values")
+        self.hear(Phase.READ, "the pair force reads them", block)
 
     def keep_positions(self) -> None:
         """Remember x as xs."""
@@ -224,11 +227,10 @@ class Program:
         """Have the conservative acceleration that the last step left, or a new one if something has changed since."""
         self.declare_per_dof("acc", "conservative acceleration at x")
         self.note()
-        self.if_changed()
-        if self.options.kernel_conservative:
-            self.phase(Phase.CONSERVE)
-        self.each("acc", "f/m", "conservative acceleration")
-        self.end()
+        with self.if_changed():
+            if self.options.kernel_conservative:
+                self.phase(Phase.CONSERVE)
+            self.each("acc", "f/m", "conservative acceleration")
 
     def acceleration_is_kept(self) -> None:
         """End a step whose last acceleration serves the next one."""
@@ -265,17 +267,16 @@ class Program:
             self.declare_per_dof("vi", "velocities before the sweep")
             self.each("vi", "v")
 
-    def if_changed(self) -> None:
-        """Open a block that runs on the first step, and whenever x, the box or a parameter is not what the last step left behind."""
+    def if_changed(self) -> AbstractContextManager[None]:
+        """A block that runs on the first step, and whenever x, the box or a parameter is not what the last step left behind."""
         self.declare("last", -1.0, "fingerprint at which the stored acceleration is valid")
-        self.when("here != last", "is the stored acceleration still valid?")
+        return self.when("here != last", "is the stored acceleration still valid?")
 
-    def when(self, condition: str, why: str) -> None:
-        """Open a block that runs where a condition on global variables holds."""
+    @contextmanager
+    def when(self, condition: str, why: str) -> Iterator[None]:
+        """A block that runs where a condition on global variables holds."""
         self.steps.append(Step("if", expression=condition, why=why))
-
-    def end(self) -> None:
-        """Close a block."""
+        yield
         self.steps.append(Step("end"))
 
     def constrain_positions(self) -> None:

@@ -92,12 +92,11 @@ class _Writer:
             if self.options.kernel_conservative:
                 p.phase(Phase.CONSERVE)
                 self.seen = True
-            if sum(place == self.places[n] and name == "B" for place, (name, _) in zip(self.places, self.letters, strict=True)) == 1:
+            # without a kernel nothing comes in between: OpenMM keeps the force by itself
+            here = [name for place, (name, _) in zip(self.places, self.letters, strict=True) if place == self.places[n]]
+            if here.count("B") == 1 or not self.options.kernel:
                 p.each("v", f"v+{times(part)}*f/m", spelling("kick", part))
                 p.constrain_velocities()
-                return n + 1
-            if not self.options.kernel:  # nothing comes in between: OpenMM keeps the force by itself
-                p.each("v", f"v+{times(part)}*f/m", spelling("kick", part))
                 return n + 1
             p.declare_per_dof("acc", "conservative acceleration at x")
             p.each("acc", "f/m")

@@ -7,6 +7,8 @@ of them (``ahead``); both give the same bits.  Forces that stay OpenMM's kick be
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 from ..names import ACCELERATION, PREDICTED, RATES, SHOWN, SLOW_STEP, VELOCITY, Phase
 from ..program_options import ProgramOptions
 from .program import Program
@@ -14,19 +16,18 @@ from .program import Program
 
 def program(options: ProgramOptions) -> Program:
     """Program for the options given."""
-    scheme = options.scheme
-    p = Program(scheme.name, scheme.reference, options)
+    p = Program(options.scheme.name, options.scheme.reference, options)
     p.begin()
     fields = p.fields()
-    shown = [(k, name, options.field_shown) for k, name in enumerate(fields)]
+    shown = [(k, name, repr(options.field_shown)) for k, name in enumerate(fields)]
     if options.predicting:
         rates = [f"rate{k}" for k in range(len(fields))]
         p.declare_per_dof("acc", "acceleration at x by all the pair force holds, friction and noise included")
         for name in rates:
             p.declare_per_dof(name, "change of the field per time, at x")
         p.note()
-        shown += [(RATES + k, name, options.field_shown) for k, name in enumerate(rates)]
-        shown.append((ACCELERATION, "acc", SHOWN))
+        shown += [(RATES + k, name, repr(options.field_shown)) for k, name in enumerate(rates)]
+        shown.append((ACCELERATION, "acc", repr(SHOWN)))
     before, after = options.slow_kicks
     if options.slow_every > 1:
         p.declare(SLOW_STEP, 0.0, "steps done since forces that stay OpenMM's kicked")
@@ -35,30 +36,25 @@ def program(options: ProgramOptions) -> Program:
     if before and options.predicting:
         p.declare_per_dof("v0", "velocities before that")
         p.each("v0", "v", "what friction depends on where the acceleration has to be computed")
-    if options.slow_every > 1:
-        p.when(f"{SLOW_STEP} < 1", "do they kick before this step?")
-    if before:
-        p.phase(Phase.KEEP)
-        p.each("v", f"v+{before!r}*dt*f/m", "kick by forces that stay OpenMM's; the pair force keeps x")
-    if options.slow_every > 1:
-        p.end()
+    each_step = options.slow_every == 1
+    with nullcontext() if each_step else p.when(f"{SLOW_STEP} < 1", "do they kick before this step?"):
+        _slow_kick(p, before)
     p.next_temperature()
     if shown:
         p.keep_positions()
-    for entry in shown:
-        if entry[0] < RATES:
-            _show(p, *entry)
-    history = [entry for entry in shown if entry[0] >= RATES]
+    for entry in shown[: len(fields)]:
+        p.show_values(*entry)
+    history = shown[len(fields) :]
     if history:
         p.declare("last", -1.0, "fingerprint at which the acceleration is valid")
-        p.when("here = last", "is the acceleration still valid? If not the pair force computes it")
-        for entry in history:
-            _show(p, *entry)
-        p.end()
+        with p.when("here = last", "is the acceleration still valid? If not the pair force computes it"):
+            for entry in history:
+                p.show_values(*entry)
         if before:
-            p.when("here != last" if options.lam == 0.5 or options.slow_every > 1 else "1 > 0", "do these velocities matter?")
-            _show(p, PREDICTED, "v0", SHOWN)
-            p.end()
+            with (
+                nullcontext() if options.lam != 0.5 and each_step else p.when("here != last", "do the velocities before that kick matter?")
+            ):
+                p.show_values(PREDICTED, "v0", repr(SHOWN))
     p.show_by(repr(SHOWN))
     p.each("x", f"{'xs' if shown else 'x'}+dpd_tau*v", "trial drift: shows the velocities")
     p.phase(Phase.RUN)
@@ -75,20 +71,18 @@ def program(options: ProgramOptions) -> Program:
     if history:
         p.note()
         p.set("last", "here", "acc is valid for this")
-    if options.slow_every > 1:
+    if each_step:
+        _slow_kick(p, after)
+    else:
         p.set(SLOW_STEP, f"{SLOW_STEP}+1")
-        p.when(f"{SLOW_STEP} > {options.slow_every - 1}", "do they kick after this step?")
-        p.set(SLOW_STEP, "0")
-    if after:
-        p.phase(Phase.KEEP)
-        p.each("v", f"v+{after!r}*dt*f/m", "kick by forces that stay OpenMM's")
-    if options.slow_every > 1:
-        p.end()
+        with p.when(f"{SLOW_STEP} > {options.slow_every - 1}", "do they kick after this step?"):
+            p.set(SLOW_STEP, "0")
+            _slow_kick(p, after)
     p.phase(Phase.IDLE)
     return p
 
 
-def _show(p: Program, block: int, name: str, scale: float) -> None:
-    p.set("dpd_tau", repr(scale), "scale of the displacement")
-    p.each("x", f"xs+{scale!r}*{name}", "shows these values")
-    p.hear(Phase.READ, "the pair force reads them", block)
+def _slow_kick(p: Program, steps: float) -> None:
+    if steps:
+        p.phase(Phase.KEEP)
+        p.each("v", f"v+{steps!r}*dt*f/m", "kick by forces that stay OpenMM's; the pair force keeps x")

@@ -155,6 +155,17 @@ def test_where_kicks_stand_at_the_ends_a_force_of_the_users_is_one_of_the_scene(
     assert max(differences(*ends, DT).values()) < 1e-7  # OpenMM's forces on CPU are single precision
 
 
+def test_what_friction_saw_is_known_beside_a_force_of_the_users():
+    """With forces that stay OpenMM's around the loop, a sample has the friction of the step, as with everything in the program."""
+    samples = []
+    for how in ("loop", "loop=False"):
+        _, context, built = run_with(_well, 3, how, "mvv", 5)
+        samples.append(dpd.Observer(built).sample(context))
+    one, other = samples
+    assert np.abs(one.forces - other.forces).max() < 1e-4  # half a kick by the well moves friction by 0.1
+    assert one.virial_dissipative == pytest.approx(other.virial_dissipative, rel=1e-5)
+
+
 def _well(n: int) -> openmm.Force:
     force = openmm.CustomExternalForce("4*(x-1.3)^2+y^2*z")
     for bead in range(n):

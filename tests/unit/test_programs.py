@@ -256,7 +256,7 @@ def test_parameters_of_the_kernel_are_unknown_without_one():
 
 def test_blocks_and_updates_are_counted():
     p = program()
-    p.if_changed()
+    p.if_changed().__enter__()
     with pytest.raises(ProgramError, match="here|not closed"):
         p.check()
     p = program()
