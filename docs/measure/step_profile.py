@@ -24,7 +24,7 @@ DECK = Path(__file__).resolve().parents[2] / "examples" / "decks" / "in.dpde-sha
 
 #: What is timed: (class, method, name in the table).
 PARTS = (
-    (StepLoop, "run", "loop"), (PairEngine, "prepare", "lists"), (PairEngine, "forces", "forces"), (PairEngine, "swept", "sweep"),
+    (StepLoop, "run", "loop"), (PairEngine, "place", "lists"), (PairEngine, "forces", "forces"), (PairEngine, "swept", "sweep"),
 )  # fmt: skip
 
 
