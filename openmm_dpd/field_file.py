@@ -15,7 +15,6 @@ from .build import Built
 from .errors import ParameterError, what_is
 from .fields import read_fields
 from .files import writing
-from .kernels.manybody import ManyBodyTable
 from .units import whole_number
 
 _WHAT = "the file of fields"
@@ -156,8 +155,8 @@ class FieldReporter:
 
 def carries_fields(built: Built) -> bool:
     """Whether there is anything to write."""
-    spec = built.plan.spec
-    return spec.fields is not None or any(isinstance(table, ManyBodyTable) for table in spec.terms)
+    plan = built.plan
+    return plan.spec.fields is not None or any(kind.has_densities for kind in plan.kinds)
 
 
 __all__ = ["FieldReporter", "FieldWriter", "carries_fields", "load_fields"]

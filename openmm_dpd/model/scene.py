@@ -15,7 +15,7 @@ from .electrostatics import GaussianCharges, SlaterCharges, check_electrostatics
 from .flow import BodyForce, PositionForce, Wall, check_inside, gaps
 from .internal import Internal, check_internal
 from .owned import keep
-from .pairs import DPD
+from .pairs import NONE
 from .segments import SegmentalRepulsion, check_segments
 from .sources import Source
 from .table import PairTable, require_complete
@@ -222,6 +222,11 @@ class Scene:
         if self.compat not in ("consistent", "lammps"):
             raise ParameterError(f"compat must be 'consistent' or 'lammps', not {self.compat!r}")
 
+    @property
+    def immobile(self) -> np.ndarray:
+        """(N,) whether a bead stays where it is."""
+        return np.zeros(self.n_beads, bool) if self.mobile is None else ~self.mobile
+
     def __repr__(self) -> str:
         types = list(self.masses) if len(self.masses) <= 5 else f"{len(self.masses)} types"
         box = "no box" if self.box is None else "box " + " x ".join(f"{edge:g}" for edge in np.diag(self.box)) + " nm"
@@ -392,10 +397,9 @@ class Scene:
         temperatures = [self.kT.start, self.kT.stop] if isinstance(self.kT, TemperatureRamp) else [self.initial_kT]
         for table in tables:
             for key, coefficient in table.entries.items():
-                if isinstance(coefficient, DPD):
-                    try:
-                        for kT in temperatures:
-                            coefficient.check_temperature(kT)
-                    except ParameterError as error:
-                        raise ParameterError(f"for types {key}: {error}") from None
+                try:
+                    for kT in temperatures if coefficient is not NONE else ():
+                        coefficient.check_temperature(kT)
+                except ParameterError as error:
+                    raise ParameterError(f"for types {key}: {error}") from None
         return tables
