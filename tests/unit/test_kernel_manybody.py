@@ -318,7 +318,7 @@ def spread_out(fluid: Fluid) -> Fluid:
     return fluid
 
 
-@pytest.mark.parametrize("box", [None, BOXES["tilted_narrow"]], ids=["none", "tilted"])
+@pytest.mark.parametrize("box", [None, BOXES["tilted"]], ids=["none", "tilted"])
 @QUADRATIC
 def test_openmm_forces_equal_the_kernel(table, box, device):
     """With frozen beads, which count, and a pair of bonded neighbours that does not."""
@@ -340,7 +340,7 @@ def test_openmm_forces_equal_the_kernel(table, box, device):
 
 @QUADRATIC
 def test_openmm_force_is_the_gradient_of_its_energy(table):
-    fluid = Fluid(table, BOXES["tilted_narrow"], n=30)
+    fluid = Fluid(table, BOXES["tilted"], n=60)
     context = context_of(fluid, Device("Reference"))
 
     def energy(x):
