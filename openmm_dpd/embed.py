@@ -25,7 +25,7 @@ from .build import build_plan, fastest_platform, integration_groups, new_simulat
 from .errors import ParameterError, PlanError, RunError, what_is
 from .forces.merging import merged_systems
 from .integrators import Made, PairIntegrator, masses_of
-from .kinds import KINDS, kind_of
+from .kinds import KINDS, kind_for
 from .model.pairs import NONE
 from .model.scene import Scene
 from .model.table import PairTable
@@ -239,7 +239,7 @@ def _check_scene(scene: Scene) -> None:
         if value is not None and value != ():
             raise PlanError(f"a scene with `{name}` cannot be put beside atoms")
     for table in scene.tables:
-        if table.kind is not None and not kind_of(table.kind).beside_atoms:
+        if table.kind is not None and not kind_for(table.kind).beside_atoms:
             raise PlanError(f"beads beside atoms may have the pair terms {_allowed()}; {table.kind.__name__} is for beads alone")
 
 
@@ -333,7 +333,7 @@ def _tables(scene: Scene, classes: list[str | None], cross) -> list[PairTable]:
 
 def _cross_entries(table: PairTable, names: list[str], types: list[str]) -> dict:
     """Entries of a cross table with wildcards written out, keyed (class, bead type) or (class, class)."""
-    if table.kind is not None and not kind_of(table.kind).beside_atoms:
+    if table.kind is not None and not kind_for(table.kind).beside_atoms:
         raise PlanError(f"{table.kind.__name__} cannot act between atoms and beads; use {_allowed()}")
     found: dict[tuple[str, str], object] = {}
     for key, value in table.entries.items():
@@ -345,7 +345,7 @@ def _cross_entries(table: PairTable, names: list[str], types: list[str]) -> dict
         if len(sides[1]) == 2:
             raise ParameterError(f"for {key} in `cross`: both are bead types; what acts between beads stands in the scene")
         if len(sides[0]) == 2:
-            if value is not NONE and (not kind_of(type(value)).thermostat or value.has_conservative):
+            if value is not NONE and (not kind_for(type(value)).thermostat or value.has_conservative):
                 raise ParameterError(
                     f"for {key} in `cross`: both are classes of atoms, which have forces of their own; "
                     "only friction (a DPD with A = 0) is possible"

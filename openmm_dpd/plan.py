@@ -14,7 +14,7 @@ from .kernels.charges import cost, pme_cost
 from .kernels.engine import PairSpec
 from .kernels.fields import ENERGY, TEMPERATURE, FieldSpec
 from .kernels.sweeps import EXACT, SHARDLOW
-from .kinds import Beads, Kind, resolved_kind
+from .kinds import BeadData, Kind, resolved_kind
 from .model.angles import HarmonicAngles
 from .model.bonds import FENEBonds, HarmonicBonds, bonded_neighbours
 from .model.electrostatics import EwaldSum, ewald_sum
@@ -484,7 +484,7 @@ def _pair_spec(scene: Scene, kinds, layers, exceptions, scheme: Scheme, fields: 
     mobile, wall_velocity = ~scene.immobile, None
     if scene.velocities is not None and np.any(scene.velocities[~mobile] != 0):
         wall_velocity = np.where(mobile[:, None], 0.0, scene.velocities)
-    beads = Beads(scene.type_names, scene.bead_masses, scene.compat)
+    beads = BeadData(scene.type_names, scene.bead_masses, scene.compat)
     return PairSpec(
         # numba would compile kernels of their own for the scene's read-only arrays
         types=scene.type_ids.copy(),

@@ -6,7 +6,7 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 
-from .kinds import kind_of
+from .kinds import kind_for
 from .model.bonds import HarmonicBonds
 from .model.internal import InternalEnergy
 from .model.pairs import NONE
@@ -40,7 +40,7 @@ def groups(scene: Scene) -> tuple[list[Groups], list[str]]:
     if not moves.any():
         return [], ["no bead moves"]
     for table in scene.tables:
-        if table.kind is not None and kind_of(table.kind).frictions is None:
+        if table.kind is not None and kind_for(table.kind).frictions is None:
             return [], [f"the table of steps is about soft repulsion; {table.kind.__name__} is not in it"]
     terms = _terms(scene, moves)
     curvatures = {pair: _curvatures(layers) for pair, layers in terms.items()}
@@ -89,7 +89,7 @@ def _curvatures(layers: list) -> dict[float, float]:
 
 def _frictions(layer, kT: float) -> list[tuple[float, float]]:
     """Frictions (Da/ps) of a coefficient with the exponents of their noise."""
-    frictions = kind_of(type(layer)).frictions
+    frictions = kind_for(type(layer)).frictions
     return frictions(layer, kT) if frictions else []
 
 

@@ -16,7 +16,7 @@ from .forces.pair_force import PairForceFunction, pair_force
 from .integrators import Made, PairIntegrator, groups_of, masses_of, refuse_thermostat
 from .kernels.engine import PairSpec
 from .kernels.sweeps import EXACT, SHARDLOW
-from .kinds import Beads, kind_of
+from .kinds import BeadData, kind_for
 from .model.pairs import DPD, NONE, PairCoefficient, checked, describe
 from .model.scene import TemperatureRamp, thermal_energy
 from .model.table import PairTable, require_complete
@@ -143,7 +143,7 @@ def add_thermostat(
     spec = PairSpec(
         types=numbers,
         inv_mass=np.divide(1.0, masses, out=np.zeros_like(masses), where=masses > 0),
-        terms=(kind.terms(table, Beads(names, masses)),),
+        terms=(kind.terms(table, BeadData(names, masses)),),
         update=SHARDLOW if chosen.shardlow else EXACT,
     )
     force = pair_force(PairForceFunction(spec, conservative=False, periodic=periodic), options=options, integrator=integrator)
@@ -184,7 +184,7 @@ def _types(friction, types, masses: np.ndarray):
     if not isinstance(friction, (PairTable, Mapping)):
         raise ParameterError(f"friction must be a DPD, or a table of them by type names, not {what_is(friction)}")
     table = friction if isinstance(friction, PairTable) else PairTable(friction)
-    if table.kind is None or not kind_of(table.kind).thermostat:
+    if table.kind is None or not kind_for(table.kind).thermostat:
         raise ParameterError("friction must be a DPD, or a table of them by type names")
     if types is None:
         raise ParameterError("friction is a table by type names, so `types` must name the type of each particle")
@@ -203,7 +203,7 @@ def _types(friction, types, masses: np.ndarray):
     )
     if np.all(numbers < 0):
         raise ParameterError("every particle is left out of the thermostat: those with a type name have mass 0")
-    return kind_of(table.kind), names, table.resolve(names), numbers
+    return kind_for(table.kind), names, table.resolve(names), numbers
 
 
 def degrees_of_freedom(system: openmm.System, *, momentum: bool = True) -> int:

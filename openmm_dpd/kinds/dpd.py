@@ -6,7 +6,7 @@ from ..forces.conservative import dpd_expression
 from ..kernels.dpd import TermTable
 from ..model.pairs import DPD
 from .arrays import symmetric_arrays
-from .record import Beads, Kind, Resolved, register
+from .record import BeadData, Kind, Resolved, register
 
 
 def dpd_table(table: Resolved, names: list[str]) -> TermTable:
@@ -27,7 +27,7 @@ def dpd_table(table: Resolved, names: list[str]) -> TermTable:
     return TermTable(**symmetric_arrays(table, names, values))
 
 
-def _terms(table: Resolved, beads: Beads) -> TermTable:
+def _terms(table: Resolved, beads: BeadData) -> TermTable:
     return dpd_table(table, beads.names)
 
 

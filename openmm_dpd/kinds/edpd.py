@@ -8,11 +8,11 @@ from ..model.edpd import EDPD
 from ..model.internal import BeadTemperatures
 from ..model.scene import Scene
 from .arrays import symmetric_arrays
-from .record import Beads, Kind, Resolved, register
+from .record import BeadData, Kind, Resolved, register
 from .sources import field_sources
 
 
-def _terms(table: Resolved, beads: Beads) -> ThermalTable:
+def _terms(table: Resolved, beads: BeadData) -> ThermalTable:
     def values(c: EDPD) -> dict:
         assert c.cutoff_T is not None
         return {

@@ -13,10 +13,10 @@ from ..model.eos import ConstantHeatCapacity
 from ..model.internal import InternalEnergy
 from ..model.scene import Scene
 from .arrays import symmetric_arrays
-from .record import Beads, Kind, Resolved, register
+from .record import BeadData, Kind, Resolved, register
 
 
-def _terms(table: Resolved, beads: Beads) -> EnergyTable:
+def _terms(table: Resolved, beads: BeadData) -> EnergyTable:
     values = symmetric_arrays(table, beads.names, lambda c: {"A": c.A, "sigma": c.sigma, "kappa": c.kappa, "cutoff": c.cutoff})
     return EnergyTable(**values)
 

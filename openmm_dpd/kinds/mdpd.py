@@ -13,10 +13,10 @@ from ..model.pairs import NONE
 from ..model.scene import Scene
 from ..neighbour_list import listed
 from .arrays import symmetric_arrays
-from .record import Beads, Kind, Resolved, register
+from .record import BeadData, Kind, Resolved, register
 
 
-def _terms(table: Resolved, beads: Beads) -> ManyBodyTable:
+def _terms(table: Resolved, beads: BeadData) -> ManyBodyTable:
     def values(c: MDPD) -> dict:
         return {
             "A": c.A,

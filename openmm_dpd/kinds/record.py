@@ -22,7 +22,7 @@ from ..model.scene import Scene
 Resolved = Mapping[tuple[str, str], Any]
 
 
-class Beads(NamedTuple):
+class BeadData(NamedTuple):
     """What coefficients may need to know of the beads: names of the types, masses of the beads, and the scene's ``compat``."""
 
     names: list[str]
@@ -64,7 +64,7 @@ class Kind:
     ----------
     coefficient : type
         A frozen dataclass of :mod:`openmm_dpd.model`, a :class:`~openmm_dpd.model.pairs.PairCoefficient`.
-    terms : function of (resolved table, Beads), optional
+    terms : function of (resolved table, BeadData), optional
         The coefficients as the pair kernel's table, which makes the layer that evaluates them; or else
     overlay : Overlay, optional
         what makes it a radial potential beside the pair terms.
@@ -102,7 +102,7 @@ class Kind:
     """
 
     coefficient: type[PairCoefficient]
-    terms: Callable[[Resolved, Beads], Table] | None = None
+    terms: Callable[[Resolved, BeadData], Table] | None = None
     overlay: Overlay | None = None
     potential: Callable[[Resolved, list[str]], PairExpression] | None = None
     density_force: Callable[..., openmm.Force] | None = None
@@ -161,7 +161,7 @@ def register(kind: Kind) -> Kind:
     return kind
 
 
-def kind_of(coefficient: type[PairCoefficient]) -> Kind:
+def kind_for(coefficient: type[PairCoefficient]) -> Kind:
     """The kind of a class of coefficients.
 
     Raises
@@ -176,4 +176,4 @@ def kind_of(coefficient: type[PairCoefficient]) -> Kind:
 
 def resolved_kind(table: Resolved) -> Kind:
     """The kind of a resolved table that is not empty."""
-    return kind_of(next(type(c) for c in table.values() if c is not NONE))
+    return kind_for(next(type(c) for c in table.values() if c is not NONE))

@@ -9,11 +9,11 @@ from ..model.internal import Concentrations
 from ..model.scene import Scene
 from ..model.tdpd import TDPD
 from .arrays import symmetric_arrays
-from .record import Beads, Kind, Resolved, register
+from .record import BeadData, Kind, Resolved, register
 from .sources import field_sources
 
 
-def _terms(table: Resolved, beads: Beads) -> SpeciesTable:
+def _terms(table: Resolved, beads: BeadData) -> SpeciesTable:
     def values(c: TDPD) -> dict:
         assert c.cutoff_c is not None
         return {

@@ -20,7 +20,7 @@ from ..fields import read_fields
 from ..forces.segments import warm_up_segments
 from ..integrators import PIECE
 from ..kernels.engine import get_threads, set_threads, warm_up
-from ..kinds import kind_of
+from ..kinds import kind_for
 from ..measure import Sample as Measurement
 from ..model.scene import Scene
 from ..names import COUNTER
@@ -442,7 +442,7 @@ class DeckRunner:
 
 def build_request(request: RunRequest, scene: Scene, options: RunOptions) -> Built:
     """Build the scene of a run; what cannot be built is an error at the deck's run command."""
-    for kind in (kind_of(table.kind) for table in scene.tables if table.kind is not None):
+    for kind in (kind_for(table.kind) for table in scene.tables if table.kind is not None):
         if scene.compat == "consistent" and kind.unlike_lammps is not None:
             request.state.note(kind.unlike_lammps)
     try:
