@@ -130,8 +130,17 @@ class FieldReporter:
 
     Examples
     --------
-    >>> simulation.reporters.append(FieldReporter("fields.npz", 100, built))  # doctest: +SKIP
-    >>> load_fields("fields.npz")["theta"].mean(axis=0)  # doctest: +SKIP
+    >>> import numpy as np, openmm_dpd as dpd
+    >>> pairs = {("W", "W"): dpd.EnergyDPD(A=25, sigma=3, kappa=1)}
+    >>> inside = dpd.InternalEnergy(dpd.ConstantHeatCapacity(60.0), 1.0)
+    >>> x = np.random.default_rng(1).random((81, 3)) * 3
+    >>> scene = dpd.Scene({"W": 1}, ["W"] * 81, x, pairs, kT=1, box=[3, 3, 3], internal=inside)
+    >>> built = dpd.build(scene, dt=0.01, platform="Reference", seed=1)
+    >>> simulation = built.simulation()
+    >>> simulation.reporters.append(FieldReporter("fields.npz", 10, built))
+    >>> simulation.step(20)
+    >>> load_fields("fields.npz")["theta"].shape
+    (2, 81)
     """
 
     def __init__(self, file: str | os.PathLike, interval: int, built: Built, append: bool = False):
