@@ -21,6 +21,7 @@ from .forces.expressions import VIRIAL, PairExpression, exception_force, nonbond
 from .forces.external import external_force
 from .forces.pair_force import PairForceFunction, pair_force
 from .forces.segments import segment_force, segment_spec
+from .html import fact_table
 from .integrators import Made, NativeIntegrator, PairIntegrator
 from .kernels.cells import coincident_pairs
 from .kernels.steps import Ramp, StepSpec, Walls
@@ -66,6 +67,9 @@ class Built:
 
     def __repr__(self) -> str:
         return f"<Built from {self.plan!r}>"
+
+    def _repr_html_(self) -> str:
+        return fact_table("Built", self.plan.facts())
 
     def simulation(self, platform: openmm.Platform | str | None = None, properties: dict[str, str] | None = None) -> app.Simulation:
         """A Simulation with positions and velocities set, on the plan's platform by default."""

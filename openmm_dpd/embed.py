@@ -24,6 +24,7 @@ from openmm import app, unit
 from .build import build_plan, fastest_platform, integration_groups, new_simulation
 from .errors import ParameterError, PlanError, RunError, what_is
 from .forces.merging import merged_systems
+from .html import fact_table
 from .integrators import Made, PairIntegrator, masses_of
 from .kinds import KINDS, kind_for
 from .model.pairs import NONE
@@ -74,6 +75,10 @@ class Embedded:
 
     def __repr__(self) -> str:
         return f"<Embedded: {self.n_atoms} atoms and {self.plan.scene.n_beads - self.n_atoms} beads, {self.plan!r}>"
+
+    def _repr_html_(self) -> str:
+        beads = self.plan.scene.n_beads - self.n_atoms
+        return fact_table("Embedded", {"atoms": self.n_atoms, **self.plan.facts(), "beads": beads})
 
     def simulation(self, platform: openmm.Platform | str | None = None, properties: dict[str, str] | None = None) -> app.Simulation:
         """A Simulation with positions and velocities set, such as constraints allow them, on the plan's platform by default."""

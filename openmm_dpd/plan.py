@@ -10,6 +10,7 @@ import numpy as np
 
 from .charge_forces import LARGEST_ERROR, longest_wave
 from .errors import ParameterError, PlanError, what_is
+from .html import fact_table
 from .kernels.charges import cost, pme_cost
 from .kernels.engine import PairSpec
 from .kernels.fields import ENERGY, TEMPERATURE, FieldSpec
@@ -51,6 +52,14 @@ class Plan:
 
     def __repr__(self) -> str:
         return f"<Plan for {self.platform}: {self.options.scheme}, dt = {self.options.dt:g} ps, {self.scene!r}>"
+
+    def _repr_html_(self) -> str:
+        return fact_table("Plan", self.facts())
+
+    def facts(self) -> dict[str, object]:
+        """What a person wants to know, by name."""
+        options = self.options
+        return {"platform": self.platform, "scheme": options.scheme, "dt": f"{options.dt:g} ps", "seed": options.seed, **self.scene.facts()}
 
     def listed(self, cutoff: float) -> bool:
         """Whether OpenMM's pair forces with this cutoff can take the pairs from a neighbour list; they go through all pairs otherwise."""
