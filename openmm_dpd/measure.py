@@ -9,6 +9,7 @@ OpenMM's own reporters use 3N degrees of freedom, kelvin, and no pair term.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +28,7 @@ from .integrators import RAMPED, PairIntegrator, groups_of, masses_of
 from .kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
 from .kernels.fields import ENERGY, TEMPERATURE
 from .kernels.segments import SegmentEngine
-from .kinds import resolved_kind
+from .kinds import Resolved, resolved_kind
 from .model.bonds import FENEBonds
 from .model.scene import TemperatureRamp, thermal_energy
 from .names import (
@@ -88,10 +89,7 @@ class Observer:
         others = self._others(self.built.system)
         if others:
             return f"the System has forces that are not the scene's ({_names(others)}), whose Laplacian is not known"
-        overlays, terms = (
-            next(filter(None, (resolved_kind(table).no_laplacian(table) for table in tables)), None)
-            for tables in (self.plan.partners, self.plan.layers)
-        )
+        overlays, terms = map(_without_laplacian, (self.plan.partners, self.plan.layers))
         if overlays:
             return overlays
         if self._segments is not None:
@@ -246,6 +244,11 @@ class Observer:
         if self._segments is not None:
             parts[0] = parts[0]._replace(virial=parts[0].virial + self._segments.forces(x, box)[2])
         return parts
+
+
+def _without_laplacian(tables: Iterable[Resolved]) -> str | None:
+    """Why one of some tables of pair terms has no Laplacian, or None."""
+    return next(filter(None, (resolved_kind(table).no_laplacian(table) for table in tables)), None)
 
 
 def _switched_energy(context: openmm.Context, *groups: int) -> float:
