@@ -16,20 +16,18 @@ from .errors import ParameterError, PlanError
 from .extra_forces import extras
 from .fields import field_variables
 from .forces.bonded import MOLECULES, angle_forces, bond_forces, molecules
-from .forces.conservative import dpd_expression
 from .forces.electrostatics import electrostatic_forces, needs_list
 from .forces.expressions import VIRIAL, PairExpression, exception_force, nonbonded_force
 from .forces.external import external_force
-from .forces.manybody import attraction_expression, density_force
 from .forces.pair_force import PairForceFunction, pair_force
-from .forces.partners import EXPRESSIONS
 from .forces.segments import segment_force, segment_spec
+from .html import fact_table
 from .integrators import Made, NativeIntegrator, PairIntegrator
 from .kernels.cells import coincident_pairs
 from .kernels.steps import Ramp, StepSpec, Walls
+from .kinds import resolved_kind
 from .model.bonds import FENEBonds
 from .model.flow import PositionForce, gaps
-from .model.mdpd import MDPD
 from .model.scene import Scene
 from .names import BONDED_GROUP, LAST_POTENTIAL_GROUP, POTENTIAL_GROUP, VIRIAL_GROUP
 from .plan import Plan, make_plan
@@ -69,6 +67,9 @@ class Built:
 
     def __repr__(self) -> str:
         return f"<Built from {self.plan!r}>"
+
+    def _repr_html_(self) -> str:
+        return fact_table("Built", self.plan.facts())
 
     def simulation(self, platform: openmm.Platform | str | None = None, properties: dict[str, str] | None = None) -> app.Simulation:
         """A Simulation with positions and velocities set, on the plan's platform by default."""
@@ -277,14 +278,12 @@ def _system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, function:
         system.addParticle(mass)
     if scene.box is not None:
         system.setDefaultPeriodicBoxVectors(*(openmm.Vec3(*row) for row in scene.box.tolist()))
-    expressions, densities = [], []
-    for layer in plan.layers if plan.conservative == "openmm" else ():
-        if isinstance(_some(layer), MDPD):
-            expressions.append(attraction_expression(layer, scene.type_names))
-            densities.append(layer)
-        else:
-            expressions.append(dpd_expression(layer, scene.type_names))
-    partners = [EXPRESSIONS[type(_some(table))](table, scene.type_names) for table in plan.partners]
+    layers = plan.layers if plan.conservative == "openmm" else ()
+    densities = [layer for layer in layers if resolved_kind(layer).density_force is not None]
+    expressions, partners = (
+        [resolved_kind(table).potential(table, scene.type_names) for table in tables]  # type: ignore[misc]  # make_plan has seen to it
+        for tables in (layers, plan.partners)
+    )
     factors = _excluded_pairs(plan, [*expressions, *partners])
     free = _add_pair_expressions(system, plan, [*expressions, *partners], factors, with_virial=partners)
     _add_charges(system, plan, factors)
@@ -292,7 +291,7 @@ def _system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, function:
         raise PlanError(f"the pair potentials and densities need more than {POTENTIAL_GROUP - LAST_POTENTIAL_GROUP + 1} force groups")
     for k, layer in enumerate(densities):
         excluded = sorted(pair for pair, factor in plan.exceptions.items() if factor == 0.0)
-        force = density_force(layer, scene.type_names, scene.type_ids, excluded, periodic)
+        force = resolved_kind(layer).density_force(layer, scene.type_names, scene.type_ids, excluded, periodic)  # type: ignore[misc]
         force.setForceGroup(free - k)
         system.addForce(force)
     if plan.unlooped is None:
@@ -313,11 +312,6 @@ def _system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, function:
     if options.scheme.native:
         system.addForce(native_marker(options, integrator, periodic))
     return system
-
-
-def _some(table: dict):
-    """Any coefficient of a table that is one."""
-    return next(c for c in table.values() if c.cutoff > 0)
 
 
 def _excluded_pairs(plan: Plan, expressions: list[PairExpression]) -> dict[tuple[int, int], float]:

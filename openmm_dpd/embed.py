@@ -24,8 +24,10 @@ from openmm import app, unit
 from .build import build_plan, fastest_platform, integration_groups, new_simulation
 from .errors import ParameterError, PlanError, RunError, what_is
 from .forces.merging import merged_systems
+from .html import fact_table
 from .integrators import Made, PairIntegrator, masses_of
-from .model.pairs import DPD, NONE, LennardJones, TabulatedPair
+from .kinds import KINDS, kind_for
+from .model.pairs import NONE
 from .model.scene import Scene
 from .model.table import PairTable
 from .names import KT
@@ -38,9 +40,6 @@ from .units import BOLTZMANN, to_md
 
 #: Class of atoms that beads do not see.
 _UNSEEN = "(unseen)"
-
-#: Kinds of pair terms that beads beside atoms may have.
-_KINDS = (DPD, LennardJones, TabulatedPair)
 
 #: Numbers of a Sample that only a scene alone has.
 _NOT_TOLD_APART = (
@@ -76,6 +75,10 @@ class Embedded:
 
     def __repr__(self) -> str:
         return f"<Embedded: {self.n_atoms} atoms and {self.plan.scene.n_beads - self.n_atoms} beads, {self.plan!r}>"
+
+    def _repr_html_(self) -> str:
+        beads = self.plan.scene.n_beads - self.n_atoms
+        return fact_table("Embedded", {"atoms": self.n_atoms, **self.plan.facts(), "beads": beads})
 
     def simulation(self, platform: openmm.Platform | str | None = None, properties: dict[str, str] | None = None) -> app.Simulation:
         """A Simulation with positions and velocities set, such as constraints allow them, on the plan's platform by default."""
@@ -241,9 +244,13 @@ def _check_scene(scene: Scene) -> None:
         if value is not None and value != ():
             raise PlanError(f"a scene with `{name}` cannot be put beside atoms")
     for table in scene.tables:
-        if table.kind is not None and table.kind not in _KINDS:
-            allowed = ", ".join(kind.__name__ for kind in _KINDS)
-            raise PlanError(f"beads beside atoms may have the pair terms {allowed}; {table.kind.__name__} is for beads alone")
+        if table.kind is not None and not kind_for(table.kind).beside_atoms:
+            raise PlanError(f"beads beside atoms may have the pair terms {_allowed()}; {table.kind.__name__} is for beads alone")
+
+
+def _allowed() -> str:
+    """Names of the kinds that may stand beside atoms."""
+    return ", ".join(kind.name for kind in KINDS.values() if kind.beside_atoms)
 
 
 def _checked_positions(topology, system: openmm.System, positions) -> np.ndarray:
@@ -331,8 +338,8 @@ def _tables(scene: Scene, classes: list[str | None], cross) -> list[PairTable]:
 
 def _cross_entries(table: PairTable, names: list[str], types: list[str]) -> dict:
     """Entries of a cross table with wildcards written out, keyed (class, bead type) or (class, class)."""
-    if table.kind is not None and table.kind not in _KINDS:
-        raise PlanError(f"{table.kind.__name__} cannot act between atoms and beads; use {', '.join(kind.__name__ for kind in _KINDS)}")
+    if table.kind is not None and not kind_for(table.kind).beside_atoms:
+        raise PlanError(f"{table.kind.__name__} cannot act between atoms and beads; use {_allowed()}")
     found: dict[tuple[str, str], object] = {}
     for key, value in table.entries.items():
         for name in key:
@@ -343,7 +350,7 @@ def _cross_entries(table: PairTable, names: list[str], types: list[str]) -> dict
         if len(sides[1]) == 2:
             raise ParameterError(f"for {key} in `cross`: both are bead types; what acts between beads stands in the scene")
         if len(sides[0]) == 2:
-            if value is not NONE and (not isinstance(value, DPD) or value.has_conservative):
+            if value is not NONE and (not kind_for(type(value)).thermostat or value.has_conservative):
                 raise ParameterError(
                     f"for {key} in `cross`: both are classes of atoms, which have forces of their own; "
                     "only friction (a DPD with A = 0) is possible"

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from .forces.expressions import type_pairs
-from .forces.partners import energy_spline
 from .forces.segments import segment_spec
 from .kernels import angles as angle_kernel
 from .kernels import bonded as bond_kernel
@@ -20,12 +19,12 @@ from .kernels.angles import AngleTerms
 from .kernels.bonded import BondTerms
 from .kernels.external import BodyTerms
 from .kernels.extras import Extra
-from .kernels.radial import RadialTerms, Tables
+from .kernels.radial import RadialTerms
 from .kernels.segment_terms import SegmentTerms
+from .kinds import resolved_kind
 from .model.angles import CosineAngles, HarmonicAngles
 from .model.bonds import FENEBonds, HarmonicBonds, MorseBonds
 from .model.flow import AXES, BodyForce
-from .model.pairs import LennardJones
 from .model.scene import Scene
 from .plan import compressed_exceptions
 
@@ -84,31 +83,14 @@ def _rows(groups, kinds: dict[type, tuple[int, tuple[str, ...]]], beads: str, wi
 
 
 def radial_terms(table: dict, type_ids: np.ndarray, names: list[str], exceptions: dict[tuple[int, int], float]) -> RadialTerms:
-    """The kernel's form of one table of Lennard-Jones or tabulated coefficients."""
-    some = [c for c in table.values() if c.cutoff > 0]
+    """The kernel's form of one table of overlays."""
+    overlay = resolved_kind(table).overlay
+    assert overlay is not None
     cutoff = type_pairs(table, names, lambda c: c.cutoff, 0.0)
-    which = np.full(cutoff.shape, -1, np.int64)
-    lennard_jones = np.zeros((*cutoff.shape, 3))
-    pieces = []
-    if isinstance(some[0], LennardJones):
-        columns = (lambda c: c.epsilon, lambda c: c.sigma, _at_cutoff)
-        lennard_jones = np.stack([type_pairs(table, names, column, 0.0) for column in columns], axis=-1)
-    else:
-        different = list({id(c): c for c in some}.values())
-        numbers = {id(c): k for k, c in enumerate(different)}
-        which = type_pairs(table, names, lambda c: numbers[id(c)], -1).astype(np.int64)
-        splines = [energy_spline(c) for c in different]
-        pieces = [(spline.x, spline.c) for spline in splines]
     # beads without any partner are not even sorted
     types = np.where(np.any(cutoff > 0, axis=1)[type_ids], type_ids, -1).astype(np.int32)
     rows = compressed_exceptions(exceptions, len(type_ids))
-    return RadialTerms(types, cutoff, which, np.ascontiguousarray(lennard_jones), Tables.of(pieces), rows)
-
-
-def _at_cutoff(c: LennardJones) -> float:
-    """What is taken off the energy."""
-    s6 = (c.sigma / c.cutoff) ** 6
-    return 4 * c.epsilon * (s6 * s6 - s6) if c.shift else 0.0
+    return RadialTerms(types, cutoff, *overlay.curves(table, names), rows)
 
 
 def body_terms(term: BodyForce, scene: Scene) -> BodyTerms:

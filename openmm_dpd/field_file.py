@@ -15,7 +15,6 @@ from .build import Built
 from .errors import ParameterError, what_is
 from .fields import read_fields
 from .files import writing
-from .kernels.manybody import ManyBodyTable
 from .units import whole_number
 
 _WHAT = "the file of fields"
@@ -131,8 +130,17 @@ class FieldReporter:
 
     Examples
     --------
-    >>> simulation.reporters.append(FieldReporter("fields.npz", 100, built))  # doctest: +SKIP
-    >>> load_fields("fields.npz")["theta"].mean(axis=0)  # doctest: +SKIP
+    >>> import numpy as np, openmm_dpd as dpd
+    >>> pairs = {("W", "W"): dpd.EnergyDPD(A=25, sigma=3, kappa=1)}
+    >>> inside = dpd.InternalEnergy(dpd.ConstantHeatCapacity(60.0), 1.0)
+    >>> x = np.random.default_rng(1).random((81, 3)) * 3
+    >>> scene = dpd.Scene({"W": 1}, ["W"] * 81, x, pairs, kT=1, box=[3, 3, 3], internal=inside)
+    >>> built = dpd.build(scene, dt=0.01, platform="Reference", seed=1)
+    >>> simulation = built.simulation()
+    >>> simulation.reporters.append(FieldReporter("fields.npz", 10, built))
+    >>> simulation.step(20)
+    >>> load_fields("fields.npz")["theta"].shape
+    (2, 81)
     """
 
     def __init__(self, file: str | os.PathLike, interval: int, built: Built, append: bool = False):
@@ -156,8 +164,8 @@ class FieldReporter:
 
 def carries_fields(built: Built) -> bool:
     """Whether there is anything to write."""
-    spec = built.plan.spec
-    return spec.fields is not None or any(isinstance(table, ManyBodyTable) for table in spec.terms)
+    plan = built.plan
+    return plan.spec.fields is not None or any(kind.has_densities for kind in plan.kinds)
 
 
 __all__ = ["FieldReporter", "FieldWriter", "carries_fields", "load_fields"]

@@ -15,9 +15,7 @@ from openmm import unit
 
 from .errors import ParameterError
 from .kernels.engine import PairEngine
-from .kernels.eos import EOSTable
 from .kernels.fields import ENERGY, TEMPERATURE, FieldSpec
-from .kernels.manybody import ManyBodyTable
 from .model.eos import thermal_energies
 from .model.internal import InternalEnergy
 from .names import FIELD
@@ -74,13 +72,13 @@ def read_fields(context: openmm.Context, plan: Plan) -> dict[str, np.ndarray]:
         return _densities(context, plan)
     values = raw_fields(context, spec)
     if spec.kind == ENERGY:
-        assert isinstance(spec.eos, EOSTable)
+        assert spec.eos is not None
         return {"u_cond": values[:, 0], "u_mech": values[:, 1], "theta": spec.eos.temperatures(values.sum(axis=1))}
     return {"temperature": values[:, 0]} if spec.kind == TEMPERATURE else {"concentrations": values}
 
 
 def _densities(context: openmm.Context, plan: Plan) -> dict[str, np.ndarray]:
-    many_body = [k for k, table in enumerate(plan.spec.terms) if isinstance(table, ManyBodyTable)]
+    many_body = [k for k, kind in enumerate(plan.kinds) if kind.has_densities]
     if not many_body:
         return {}
     state = context.getState(positions=True)
@@ -127,7 +125,7 @@ def write_fields(context: openmm.Context, plan: Plan, **values: Any) -> None:
         for column, name in enumerate(("u_cond", "u_mech")):
             if name in values:
                 new[:, column] = _per_bead(to_md(values[name], "energy", name), (n,), name)
-        assert isinstance(spec.eos, EOSTable)
+        assert spec.eos is not None
         bad = np.flatnonzero(np.isnan(spec.eos.temperatures(new.sum(axis=1))) & ~spec.immobile)
         if len(bad):
             raise ParameterError(f"the internal energy {new[bad[0]].sum():g} of bead {bad[0]} is outside its equation of state")

@@ -20,7 +20,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Protocol
 from zlib import crc32
 
 import numpy as np
@@ -49,7 +49,6 @@ from .units import BOLTZMANN, to_md
 
 if TYPE_CHECKING:
     from .program_options import ProgramOptions
-    from .whole_steps import WholeSteps
 
 _LOGGER = logging.getLogger("openmm_dpd")
 
@@ -415,6 +414,15 @@ class Watching:
         """Go on at another thermal energy."""
 
 
+class StepsAtOnce(Protocol):
+    """Carries out many whole steps of a Context (:class:`openmm_dpd.whole_steps.WholeSteps`)."""
+
+    function: Any
+
+    def run(self, integrator: PairIntegrator, context: openmm.Context, n: int, *, slow: bool, barostats: bool) -> None:
+        """Carry out n steps; ``slow``: forces stay OpenMM's, ``barostats``: something has to hear of the steps."""
+
+
 class PairIntegrator(Watching, openmm.CustomIntegrator):
     """A scheme of this package: a CustomIntegrator with a temperature and a seed, as OpenMM's own integrators have them.
 
@@ -425,7 +433,7 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
     _variables: frozenset[str] = frozenset()
 
     #: What carries out many steps at once; None where the program does them one by one.
-    whole: WholeSteps | None = None
+    whole: StepsAtOnce | None = None
 
     def _take(self, context: openmm.Context, steps: int) -> None:
         if self.whole is None:

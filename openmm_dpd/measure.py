@@ -9,6 +9,7 @@ OpenMM's own reporters use 3N degrees of freedom, kelvin, and no pair term.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -27,8 +28,8 @@ from .integrators import RAMPED, PairIntegrator, groups_of, masses_of
 from .kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
 from .kernels.fields import ENERGY, TEMPERATURE
 from .kernels.segments import SegmentEngine
+from .kinds import Resolved, resolved_kind
 from .model.bonds import FENEBonds
-from .model.mdpd import MDPD
 from .model.scene import TemperatureRamp, thermal_energy
 from .names import (
     BONDED_GROUP,
@@ -89,16 +90,15 @@ class Observer:
         others = self._others(self.built.system)
         if others:
             return f"the System has forces that are not the scene's ({_names(others)}), whose Laplacian is not known"
-        if self.plan.partners:
-            return "a conservative term (Lennard-Jones or tabulated) has no Laplacian here"
+        overlays, terms = map(_without_laplacian, (self.plan.partners, self.plan.layers))
+        if overlays:
+            return overlays
         if self._segments is not None:
             return "the segmental repulsion has no Laplacian here"
         if self.plan.scene.electrostatics is not None:
             return "the interaction of charges has no Laplacian here"
-        if self.plan.spec.fields is not None and self.plan.spec.fields.kind == TEMPERATURE:
-            return "the repulsion depends on the temperatures of the beads (EDPD)"
-        if any(isinstance(c, MDPD) and c.kernel == "lucy" for table in self.plan.layers for c in table.values()):
-            return "the many-body force of the Lucy kernel derives from no potential"
+        if terms:
+            return terms
         if not self.plan.layers or (self.plan.conservative == "none" and not self.plan.scene.bonds and not self.plan.scene.angles):
             return "there is no conservative force"
         return None
@@ -204,7 +204,8 @@ class Observer:
             assert fields.capacity is not None
             theta, sums = values[mobile, 0], {"internal": float(fields.capacity[mobile] @ values[mobile, 0])}
         else:
-            theta = fields.eos.temperatures(values.sum(axis=1))[mobile]  # type: ignore[attr-defined]
+            assert fields.eos is not None
+            theta = fields.eos.temperatures(values.sum(axis=1))[mobile]
             sums = {"internal": float(values[mobile].sum()), "conductive": float(values[mobile, 0].sum())}
         return sums | {"theta": float(len(theta) / np.sum(1.0 / theta))}
 
@@ -256,6 +257,11 @@ class Observer:
         if self._segments is not None:
             parts[0] = parts[0]._replace(virial=parts[0].virial + self._segments.forces(x, box)[2])
         return parts
+
+
+def _without_laplacian(tables: Iterable[Resolved]) -> str | None:
+    """Why one of some tables of pair terms has no Laplacian, or None."""
+    return next(filter(None, (resolved_kind(table).no_laplacian(table) for table in tables)), None)
 
 
 def _switched_energy(context: openmm.Context, *groups: int) -> float:

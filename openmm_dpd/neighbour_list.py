@@ -25,4 +25,9 @@ def may_miss_pairs(box: np.ndarray | None, cutoff: float) -> bool:
     return two_images or abs(bx) + abs(cx) > a - 1.5 * reach or abs(cy) > b - 1.5 * reach
 
 
-__all__ = ["may_miss_pairs"]
+def listed(platform: str | None, box: np.ndarray | None, cutoff: float) -> bool:
+    """Whether OpenMM's pair forces with this cutoff can take their pairs from a neighbour list; they go through all pairs otherwise."""
+    return platform != "Reference" or not may_miss_pairs(box, cutoff)
+
+
+__all__ = ["listed", "may_miss_pairs"]

@@ -10,25 +10,22 @@ import numpy as np
 
 from .charge_forces import LARGEST_ERROR, longest_wave
 from .errors import ParameterError, PlanError, what_is
-from .kernels.cells import coincident_pairs
+from .html import fact_table
 from .kernels.charges import cost, pme_cost
 from .kernels.engine import PairSpec
 from .kernels.fields import ENERGY, TEMPERATURE, FieldSpec
 from .kernels.sweeps import EXACT, SHARDLOW
+from .kinds import BeadData, Kind, resolved_kind
 from .model.angles import HarmonicAngles
 from .model.bonds import FENEBonds, HarmonicBonds, bonded_neighbours
-from .model.edpd import EDPD
 from .model.electrostatics import EwaldSum, ewald_sum
 from .model.flow import gaps, kind_of
-from .model.mdpd import MDPD, why_no_openmm_force
 from .model.pairs import NONE, describe
 from .model.scene import Scene, TemperatureRamp
-from .model.tdpd import TDPD
 from .names import PAIR_GROUP, SHOWN
-from .neighbour_list import may_miss_pairs
+from .neighbour_list import listed
 from .program_options import ProgramOptions
 from .schemes import SCHEMES, Scheme, scheme_of
-from .tables import FIELD_NAMES, TABLES, field_spec
 from .units import to_md, whole_number
 
 #: Coefficients by pair of types, all of one kind.
@@ -37,7 +34,7 @@ ResolvedTable = dict[tuple[str, str], Any]
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What will be built: ``layers`` are the DPD tables, ``partners`` those of all other pair terms, each {pair of types: coefficient}."""
+    """What will be built: ``layers`` are the tables of the pair kernel, ``partners`` overlays, each {pair of types: coefficient}."""
 
     scene: Scene
     spec: PairSpec
@@ -56,9 +53,22 @@ class Plan:
     def __repr__(self) -> str:
         return f"<Plan for {self.platform}: {self.options.scheme}, dt = {self.options.dt:g} ps, {self.scene!r}>"
 
+    def _repr_html_(self) -> str:
+        return fact_table("Plan", self.facts())
+
+    def facts(self) -> dict[str, object]:
+        """What a person wants to know, by name."""
+        options = self.options
+        return {"platform": self.platform, "scheme": options.scheme, "dt": f"{options.dt:g} ps", "seed": options.seed, **self.scene.facts()}
+
     def listed(self, cutoff: float) -> bool:
         """Whether OpenMM's pair forces with this cutoff can take the pairs from a neighbour list; they go through all pairs otherwise."""
-        return _listed(self.platform, self.scene, cutoff)
+        return listed(self.platform, self.scene.box, cutoff)
+
+    @property
+    def kinds(self) -> tuple[Kind, ...]:
+        """The kinds of ``layers``."""
+        return tuple(map(resolved_kind, self.layers))
 
     def explain(self) -> str:
         """Half a page: what will be built, and why."""
@@ -238,17 +248,20 @@ def make_plan(
     check_lam(lam, chosen)
     if conservative not in ("auto", "openmm", "kernel"):
         raise ParameterError(f"conservative must be 'auto', 'openmm' or 'kernel', not {conservative!r}")
-    kinds, layers, partners = _split_tables(scene)
+    layers, partners = _split_tables(scene)
+    kinds = list(map(resolved_kind, layers))
     check_cutoffs(scene.box, [*layers, *partners])
     _check_scheme(chosen, kinds)
     exceptions = _exceptions(scene, scene.special)
     repulsive = any(c is not NONE and c.has_conservative for table in layers for c in table.values())
     thermostat = any(c is not NONE and c.has_thermostat for table in layers for c in table.values())
     only = _why_kernel_only(scene, kinds, layers, exceptions, platform)
-    faster = platform in DOUBLE_PLATFORMS or not _listed(platform, scene, _longest(layers))
+    faster = platform in DOUBLE_PLATFORMS or not listed(platform, scene.box, _longest(layers))
     where = _conservative_place(conservative, repulsive, thermostat, only, faster, chosen)
-    fields = field_spec(scene)
+    carriers = [kind for kind in kinds if kind.fields is not None]
+    fields = carriers[0].fields(scene) if carriers else None  # type: ignore[misc]
     choices = _field_options(scene, fields, _longest(layers), platform, lam)
+    choices |= {"field_names": carriers[0].field_text} if carriers else {}
     unlooped = _why_no_loop(where, thermostat, chosen, platform, loop, choices.get("compensated", False))
     whole = unlooped is None and platform in DOUBLE_PLATFORMS
     options = ProgramOptions(
@@ -321,7 +334,6 @@ def _field_options(scene: Scene, fields: FieldSpec | None, cutoff: float, platfo
     return {
         "trial": _trial_time(scene, cutoff, double),
         "field_blocks": fields.n_blocks,
-        "field_names": FIELD_NAMES[fields.kind],
         # LAMMPS: fix mvv/edpd predicts temperatures with lambda, dpd/energy and mvv/tdpd take half steps
         "field_lam": lam if fields.kind == TEMPERATURE else 0.5,
         "field_reach": float(reach),
@@ -339,17 +351,12 @@ def check_lam(lam: float, scheme: Scheme) -> None:
         raise ParameterError(f"lam is the weight of the prediction of the scheme {able}; the scheme {scheme.name!r} has none")
 
 
-def _check_scheme(scheme: Scheme, kinds: list[type]) -> None:
+def _check_scheme(scheme: Scheme, kinds: list[Kind]) -> None:
     """Raise PlanError if a scheme cannot run these pair terms."""
-    for kind in (EDPD, TDPD):
-        if kind in kinds and not scheme.predicts:
+    for kind in kinds:
+        if kind.no_sweep and not scheme.predicts:
             able = " or ".join(repr(name) for name, known in SCHEMES.items() if known.predicts)
-            raise PlanError(f"{kind.__name__} has no pair-by-pair update; only scheme={able} runs it, not {scheme.name!r}")
-
-
-def _listed(platform: str | None, scene: Scene, cutoff: float) -> bool:
-    """Whether OpenMM's pair forces with this cutoff can take their pairs from a neighbour list."""
-    return platform != "Reference" or not may_miss_pairs(scene.box, cutoff)
+            raise PlanError(f"{kind.name} {kind.no_sweep}; only scheme={able} runs it, not {scheme.name!r}")
 
 
 def _why_no_loop(where: str, thermostat: bool, scheme: Scheme, platform: str | None, loop: bool, compensated: bool) -> str | None:
@@ -389,21 +396,10 @@ def _conservative_place(conservative: str, repulsive: bool, thermostat: bool, on
     return where
 
 
-def _why_kernel_only(scene: Scene, kinds: list[type], layers, exceptions, platform: str | None) -> str | None:
+def _why_kernel_only(scene: Scene, kinds: list[Kind], layers, exceptions, platform: str | None) -> str | None:
     """Why no OpenMM force can compute the conservative force, or None."""
-    for kind, table in zip(kinds, layers, strict=True):
-        if kind is EDPD:
-            return "the repulsion of EDPD depends on the temperatures of the beads, which no OpenMM force sees"
-        if kind is MDPD:
-            close = coincident_pairs(scene.positions, scene.box, 1e-4 * _longest([table]))
-            reason = why_no_openmm_force(table, exceptions, close)
-            if reason is not None:
-                return reason
-            # the only force here that cannot do without a neighbour list
-            reach = max(c.cutoff_B for c in table.values() if c is not NONE)
-            if not _listed(platform, scene, reach):
-                return "in this box, small and tilted, the Reference platform can miss pairs of densities; use the kernel or the CPU"
-    return None
+    reasons = (kind.kernel_only(table, scene, exceptions, platform) for kind, table in zip(kinds, layers, strict=True))
+    return next((reason for reason in reasons if reason is not None), None)
 
 
 def _checked_interval(slow_every, unlooped: str | None) -> int:
@@ -430,16 +426,11 @@ def checked_seed(seed: int | None) -> int:
 
 
 def _split_tables(scene: Scene):
-    """Kinds and resolved tables of what the pair kernel evaluates, and the resolved tables of all other pair terms."""
-    kinds, layers, partners = [], [], []
-    for table in scene.tables:
-        resolved = table.resolve(scene.type_names)
-        if table.kind in TABLES:
-            kinds.append(table.kind)
-            layers.append(resolved)
-        elif table.kind is not None:
-            partners.append(resolved)
-    return kinds, layers, partners
+    """Resolved tables of what the pair kernel evaluates, and those of overlays."""
+    resolved = [table.resolve(scene.type_names) for table in scene.tables]
+    found: list[ResolvedTable] = [table for table in resolved if any(c is not NONE for c in table.values())]
+    layers = [table for table in found if resolved_kind(table).overlay is None]
+    return layers, [table for table in found if resolved_kind(table).overlay is not None]
 
 
 def check_cutoffs(box: np.ndarray | None, tables: list[dict]) -> None:
@@ -499,15 +490,15 @@ def compressed_exceptions(exceptions: dict[tuple[int, int], float], n_beads: int
 
 
 def _pair_spec(scene: Scene, kinds, layers, exceptions, scheme: Scheme, fields: FieldSpec | None) -> PairSpec:
-    mobile = np.ones(scene.n_beads, bool) if scene.mobile is None else scene.mobile
-    wall_velocity = None
+    mobile, wall_velocity = ~scene.immobile, None
     if scene.velocities is not None and np.any(scene.velocities[~mobile] != 0):
         wall_velocity = np.where(mobile[:, None], 0.0, scene.velocities)
+    beads = BeadData(scene.type_names, scene.bead_masses, scene.compat)
     return PairSpec(
         # numba would compile kernels of their own for the scene's read-only arrays
         types=scene.type_ids.copy(),
         inv_mass=np.where(mobile, 1.0 / scene.bead_masses, 0.0),
-        terms=tuple(TABLES[kind](table, scene) for kind, table in zip(kinds, layers, strict=True)),
+        terms=tuple(kind.terms(table, beads) for kind, table in zip(kinds, layers, strict=True)),
         update=SHARDLOW if scheme.shardlow else EXACT,
         exceptions=compressed_exceptions(exceptions, scene.n_beads),
         wall_velocity=wall_velocity,

@@ -15,8 +15,8 @@ import numpy as np
 from .build import Built
 from .embed import Embedded
 from .errors import ParameterError
+from .kernels.fields import ENERGY, TEMPERATURE
 from .measure import Observer, kelvin
-from .model.internal import BeadTemperatures, InternalEnergy
 from .sample import Sample
 from .units import BAR_PER_MD_PRESSURE, whole_number
 from .watch import TemperatureWatch
@@ -65,9 +65,10 @@ def _reasons(observer: Observer, columns: Sequence[str]) -> dict[str, list[str]]
     scene, reasons = observer.plan.scene, dict[str, list[str]]()
     no_box = None if scene.box is not None else "there is no box"
     known = {"kT_conf": observer.no_laplacian} | dict.fromkeys(("pressure", "pressure_conservative", "pressure_bar", "volume"), no_box)
-    no_energy = None if isinstance(scene.internal, (InternalEnergy, BeadTemperatures)) else "the beads have no internal energies"
+    carried = None if observer.plan.spec.fields is None else observer.plan.spec.fields.kind
+    no_energy = None if carried in (ENERGY, TEMPERATURE) else "the beads have no internal energies"
     known |= {"internal_energy": no_energy, "theta": no_energy}
-    known["conductive_energy"] = None if isinstance(scene.internal, InternalEnergy) else "the beads have no conductive energies"
+    known["conductive_energy"] = None if carried == ENERGY else "the beads have no conductive energies"
     for name in columns:
         reason = known.get(name)
         if reason is not None:

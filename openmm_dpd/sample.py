@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .html import fact_table
+
 
 @dataclass(frozen=True)
 class Sample:
@@ -73,6 +75,18 @@ class Sample:
 
     def __repr__(self) -> str:
         return f"<Sample of step {self.step}: {self.n_mobile} beads that move, kT = {self.kT:.6g}, potential = {self.potential:.8g}>"
+
+    def _repr_html_(self) -> str:
+        facts = {
+            "step": self.step,
+            "time": f"{self.time:g} ps",
+            "beads that move": self.n_mobile,
+            "kT": f"{self.kT:.6g} kJ/mol",
+            "kT that was set": f"{self.target_kT:g} kJ/mol",
+            "potential energy": f"{self.potential:.8g} kJ/mol",
+            "volume": None if self.volume is None else f"{self.volume:g} nm^3",
+        }
+        return fact_table("Sample", facts)
 
     @property
     def total(self) -> float:

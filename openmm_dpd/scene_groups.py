@@ -6,10 +6,10 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 
+from .kinds import kind_for
 from .model.bonds import HarmonicBonds
-from .model.energy_dpd import EnergyDPD
 from .model.internal import InternalEnergy
-from .model.pairs import DPD, NONE
+from .model.pairs import NONE
 from .model.scene import Scene
 from .stability_table import Groups, drag
 
@@ -40,7 +40,7 @@ def groups(scene: Scene) -> tuple[list[Groups], list[str]]:
     if not moves.any():
         return [], ["no bead moves"]
     for table in scene.tables:
-        if table.kind not in (DPD, EnergyDPD, None):
+        if table.kind is not None and kind_for(table.kind).frictions is None:
             return [], [f"the table of steps is about soft repulsion; {table.kind.__name__} is not in it"]
     terms = _terms(scene, moves)
     curvatures = {pair: _curvatures(layers) for pair, layers in terms.items()}
@@ -70,7 +70,7 @@ def groups(scene: Scene) -> tuple[list[Groups], list[str]]:
     return found, _notes(scene, drags)
 
 
-def _terms(scene: Scene, moves: np.ndarray) -> dict[tuple[str, str], list[DPD | EnergyDPD]]:
+def _terms(scene: Scene, moves: np.ndarray) -> dict[tuple[str, str], list]:
     """The terms of all layers between types that have beads, one of which moves."""
     names = np.array(scene.type_names)
     present, moving = (set(names[np.unique(ids)].tolist()) for ids in (scene.type_ids, scene.type_ids[moves]))
@@ -79,7 +79,7 @@ def _terms(scene: Scene, moves: np.ndarray) -> dict[tuple[str, str], list[DPD | 
     return {pair: [layer[pair] for layer in layers if layer.get(pair, NONE) is not NONE] for pair in pairs}  # type: ignore[misc]
 
 
-def _curvatures(layers: list[DPD | EnergyDPD]) -> dict[float, float]:
+def _curvatures(layers: list) -> dict[float, float]:
     """Curvature A/cutoff of the repulsion by cutoff, kJ/mol/nm^2."""
     found: dict[float, float] = {}
     for layer in layers:
@@ -87,14 +87,10 @@ def _curvatures(layers: list[DPD | EnergyDPD]) -> dict[float, float]:
     return {cutoff: curvature for cutoff, curvature in found.items() if curvature}
 
 
-def _frictions(layer: DPD | EnergyDPD, kT: float) -> list[tuple[float, float]]:
-    """Friction (Da/ps) with the exponent of its noise: along the line of centres, and in the two directions across."""
-    gamma = getattr(layer, "gamma", None)
-    if gamma is None:
-        gamma = (layer.sigma or 0.0) ** 2 / (2 * kT)
-    if isinstance(layer, EnergyDPD):
-        return [(gamma, 1.0)]
-    return [(gamma, layer.exponent), (2.0 * layer.gamma_perp, layer.exponent_perp)]
+def _frictions(layer, kT: float) -> list[tuple[float, float]]:
+    """Frictions (Da/ps) of a coefficient with the exponents of their noise."""
+    frictions = kind_for(type(layer)).frictions
+    return frictions(layer, kT) if frictions else []
 
 
 def _mean(scene: Scene, moves: np.ndarray, drags: dict[tuple[str, str], float]) -> float:

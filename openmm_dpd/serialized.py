@@ -89,7 +89,11 @@ def load_xml(file: str | os.PathLike | TextIO) -> Any:
 
     Examples
     --------
-    >>> system = load_xml("system.xml")  # doctest: +SKIP
+    >>> import openmm
+    >>> with open("system.xml", "w") as file:
+    ...     _ = file.write(openmm.XmlSerializer.serialize(openmm.System()))
+    >>> load_xml("system.xml").getNumParticles()
+    0
     """
     return deserialized(checked(read_file(file)))
 

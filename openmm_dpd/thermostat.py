@@ -16,7 +16,8 @@ from .forces.pair_force import PairForceFunction, pair_force
 from .integrators import Made, PairIntegrator, groups_of, masses_of, refuse_thermostat
 from .kernels.engine import PairSpec
 from .kernels.sweeps import EXACT, SHARDLOW
-from .model.pairs import DPD, NONE, checked
+from .kinds import BeadData, kind_for
+from .model.pairs import DPD, NONE, PairCoefficient, checked, describe
 from .model.scene import TemperatureRamp, thermal_energy
 from .model.table import PairTable, require_complete
 from .names import PAIR_FORCE
@@ -24,7 +25,6 @@ from .plan import check_cutoffs, check_lam, checked_seed, tau_ratio
 from .program_options import ProgramOptions
 from .programs import make_program
 from .schemes import scheme_of
-from .tables import dpd_table
 from .units import to_md
 
 #: Names of OpenMM's platforms, present here or not.
@@ -106,13 +106,13 @@ def add_thermostat(
     check_system(system)
     ramp, kT = _temperature(temperature)
     masses = masses_of(system)
-    names, table, numbers = _types(friction, types, masses)
+    kind, names, table, numbers = _types(friction, types, masses)
     for key, coefficient in table.items():
         if coefficient is NONE:
             continue
-        if coefficient.A != 0:
+        if coefficient.has_conservative:
             raise ParameterError(
-                f"for types {key}: a thermostat has no repulsion, but A = {coefficient.A:g}; give the System a force of its own"
+                f"for types {key}: a thermostat has no repulsion, but this is {describe(coefficient)}; give the System a force of its own"
             )
         for energy in (kT,) if ramp is None else (ramp.start, ramp.stop):
             coefficient.check_temperature(energy)
@@ -139,10 +139,11 @@ def add_thermostat(
     )
     integrator = make_program(options).lower()
     integrator.setIntegrationForceGroups(set(range(32)) - {options.pair_group})
+    assert kind.terms is not None
     spec = PairSpec(
         types=numbers,
         inv_mass=np.divide(1.0, masses, out=np.zeros_like(masses), where=masses > 0),
-        terms=(dpd_table(table, names),),
+        terms=(kind.terms(table, BeadData(names, masses)),),
         update=SHARDLOW if chosen.shardlow else EXACT,
     )
     force = pair_force(PairForceFunction(spec, conservative=False, periodic=periodic), options=options, integrator=integrator)
@@ -175,15 +176,15 @@ def _temperature(temperature) -> tuple[TemperatureRamp | None, float]:
 
 
 def _types(friction, types, masses: np.ndarray):
-    """Type names, resolved table, and type number of each particle (-1: left out)."""
-    if isinstance(friction, DPD):
+    """Kind of the friction, type names, resolved table, and type number of each particle (-1: left out)."""
+    if isinstance(friction, PairCoefficient):
         if types is not None:
             raise ParameterError("types are given, but friction is the same for all particles; give a PairTable by type names, or no types")
         friction, types = PairTable({("*", "*"): friction}), ["particle"] * len(masses)
     if not isinstance(friction, (PairTable, Mapping)):
         raise ParameterError(f"friction must be a DPD, or a table of them by type names, not {what_is(friction)}")
     table = friction if isinstance(friction, PairTable) else PairTable(friction)
-    if table.kind is not DPD:
+    if table.kind is None or not kind_for(table.kind).thermostat:
         raise ParameterError("friction must be a DPD, or a table of them by type names")
     if types is None:
         raise ParameterError("friction is a table by type names, so `types` must name the type of each particle")
@@ -202,7 +203,7 @@ def _types(friction, types, masses: np.ndarray):
     )
     if np.all(numbers < 0):
         raise ParameterError("every particle is left out of the thermostat: those with a type name have mass 0")
-    return names, table.resolve(names), numbers
+    return kind_for(table.kind), names, table.resolve(names), numbers
 
 
 def degrees_of_freedom(system: openmm.System, *, momentum: bool = True) -> int:

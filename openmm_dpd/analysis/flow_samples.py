@@ -7,15 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from openmm import unit
 
-from ..bonded_sums import symmetric_products
 from ..build import Built
 from ..errors import ParameterError
-from ..kernels.dpd import DPDLayer, TermTable
 from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, STRESS, PairEngine
-from ..kernels.manybody import ManyBodyTable
 from ..measure import noise_state
 from ..model.flow import AXES, require_plain_axis
 from ..stats import block_average
+from ..tensors import symmetric_products
 from ..units import whole_number
 from .stress_parts import engine_spec, stress_parts
 
@@ -82,15 +80,17 @@ class StressReporter(_Reporter):
         plan, reason = built.plan, None
         if plan.scene.box is None:
             reason = "there is no periodic box"
-        elif not all(isinstance(term, (TermTable, ManyBodyTable)) for term in plan.spec.terms):
+        elif plan.spec.fields is not None:
             reason = "its beads carry energies, temperatures or concentrations"
+        elif any(kind.stress_terms is None for kind in plan.kinds):
+            reason = f"that of {next(kind.name for kind in plan.kinds if kind.stress_terms is None)} is not known"
         elif any(np.any(getattr(term, "gamma_perp", 0) > 0) for term in plan.spec.terms):
             reason = "transverse friction makes it asymmetric"
         elif np.any(plan.spec.inv_mass == 0) or plan.scene.walls:
             reason = "walls take up momentum"
         if reason is not None:
             raise ParameterError(f"no stress tensor of this scene: {reason}")
-        self._engine, self._parts = PairEngine(engine_spec(plan.spec)), stress_parts(plan)
+        self._engine, self._parts = PairEngine(engine_spec(plan)), stress_parts(plan)
         self._regular: list[np.ndarray] = []
         self._friction: list[np.ndarray] = []
         self._moment: list[float] = []
@@ -112,7 +112,7 @@ class StressReporter(_Reporter):
         engine.forces(DISSIPATIVE | STRESS, v, self.kT, dt, seed, counter)
         self._regular.append(regular)
         self._friction.append(engine.stress.copy())
-        self._moment.append(sum(layer.friction_moment(self.kT) for layer in engine.layers if isinstance(layer, DPDLayer)))
+        self._moment.append(sum(layer.friction_moment(self.kT) for layer in engine.layers))  # type: ignore[attr-defined]
         self._edges.append(np.diag(box))
 
     @property

@@ -123,8 +123,14 @@ def density_profile(
 
     Examples
     --------
-    >>> profiles = density_profile(mdtraj.iterload("film.dcd", top=topology), centre="B")  # doctest: +SKIP
-    >>> axes.plot(profiles["B"].x, profiles["B"].y)  # doctest: +SKIP
+    >>> import mdtraj, numpy as np
+    >>> from openmm_dpd.trajectory import load_topology, write_psf
+    >>> write_psf("film.psf", names=["A", "B"] * 50, masses=np.ones(100))
+    >>> x = np.random.default_rng(1).random((10, 100, 3)) * 5.0  # mostly from mdtraj.iterload("film.dcd", top=topology)
+    >>> box = {"unitcell_lengths": np.full((10, 3), 5.0), "unitcell_angles": np.full((10, 3), 90.0)}
+    >>> profiles = density_profile(mdtraj.Trajectory(x, load_topology("film.psf"), **box), n_bins=10)
+    >>> len(profiles["B"].x), round(float(profiles["B"].y.mean()), 3)
+    (10, 0.4)
     """
     topology, frames = frames_of(trajectory)
     groups = _groups(topology, types)

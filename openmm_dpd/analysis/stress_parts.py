@@ -9,24 +9,24 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import openmm
 from openmm import unit
 
-from ..bonded_sums import bonded_stress, symmetric_products
+from ..bonded_sums import bonded_stress
 from ..forces.electrostatics import lattice_force
-from ..forces.partners import energy_spline
 from ..forces.segments import segment_spec
-from ..kernels.dpd import TermTable
 from ..kernels.engine import PairEngine, PairSpec
-from ..kernels.manybody import ManyBodyLayer, ManyBodyTable
+from ..kernels.layer import Table
 from ..kernels.pairs import PairList
 from ..kernels.segments import SegmentEngine
+from ..kinds import resolved_kind
 from ..model.bonds import minimum_image
 from ..model.electrostatics import GaussianCharges, SlaterCharges, SmearedCharges
-from ..model.pairs import LennardJones, TabulatedPair
 from ..plan import Plan, compressed_exceptions
+from ..tensors import symmetric_products
 
 Part = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -43,22 +43,19 @@ def stress_parts(plan: Plan) -> list[Part]:
         parts.append(partial(bonded_stress, plan))
     if scene.segments is not None:
         parts.append(_SegmentStress(plan))
-    if any(isinstance(table, ManyBodyTable) for table in plan.spec.terms):
-        parts.append(_DensityStress(plan.spec))
+    more = [(table, kind.more_stress) for table, kind in zip(plan.spec.terms, plan.kinds, strict=True) if kind.more_stress is not None]
+    if more:
+        parts.append(_LayerStress(plan, more))
     parts += [_PartnerStress(plan, table) for table in plan.partners]
     if scene.electrostatics is not None:
         parts += [_ShortChargeStress(plan), _LatticeStress(plan)]
     return parts
 
 
-def engine_spec(spec: PairSpec) -> PairSpec:
+def engine_spec(plan: Plan) -> PairSpec:
     """The same terms for an engine that sums stress tensors; of many-body terms attraction and friction, which are those of DPD."""
-    return replace(spec, terms=tuple(_as_dpd(table) if isinstance(table, ManyBodyTable) else table for table in spec.terms))
-
-
-def _as_dpd(table: ManyBodyTable) -> TermTable:
-    one, zero = np.ones_like(table.A), np.zeros_like(table.A)
-    return TermTable(table.A, table.gamma, np.full_like(table.A, np.nan), zero, one, one, table.cutoff)
+    terms = [kind.stress_terms(table) for table, kind in zip(plan.spec.terms, plan.kinds, strict=True) if kind.stress_terms is not None]
+    return replace(plan.spec, terms=tuple(terms))
 
 
 class _SegmentStress:
@@ -74,31 +71,18 @@ class _SegmentStress:
         return self._engine.stress
 
 
-def _listed(pairs: PairList) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | float]:
-    """Beads i and j, directions e (P, 3), distances and factors of all pairs of a list."""
-    rows = pairs.rows
-    e, r = pairs.geometry[:3, rows].T, pairs.geometry[3, rows]
-    factors = pairs.factors[rows] if len(pairs.factors) else 1.0
-    return pairs.order[pairs.pi[rows]], pairs.order[pairs.pj[rows]], e, r, factors
+class _LayerStress:
+    """What the terms of the engine's sums leave out of layers that have more."""
 
-
-class _DensityStress:
-    """The repulsion of many-body terms, f B (rho_i + rho_j) w_d between the beads of a pair."""
-
-    def __init__(self, spec: PairSpec):
-        tables = tuple(table for table in spec.terms if isinstance(table, ManyBodyTable))
-        self._engine, self._types = PairEngine(replace(spec, terms=tables)), spec.types
+    def __init__(self, plan: Plan, found: list[tuple[Table, Callable[[Any], np.ndarray]]]):
+        self._engine = PairEngine(replace(plan.spec, terms=tuple(table for table, _ in found)))
+        self._more = [more for _, more in found]
 
     def __call__(self, x: np.ndarray, box: np.ndarray) -> np.ndarray:
         self._engine.prepare(x, box)
         stress = np.zeros(6)
-        for layer in self._engine.layers:
-            assert isinstance(layer, ManyBodyLayer)
-            rho, table = layer.densities, layer.table
-            i, j, e, r, factor = _listed(layer.pairs)
-            B, cutoff = (values[self._types[i], self._types[j]] for values in (table.B, table.cutoff_B))
-            force = factor * B * (rho[i] + rho[j]) * np.maximum(1.0 - r / np.where(cutoff > 0, cutoff, 1e-300), 0.0)
-            stress += symmetric_products((force * r)[:, None] * e, e)
+        for layer, more in zip(self._engine.layers, self._more, strict=True):
+            stress += more(layer)
         return stress
 
 
@@ -111,23 +95,17 @@ class _PairSum:
     def __call__(self, x: np.ndarray, box: np.ndarray, virial: Callable) -> np.ndarray:
         """The sum of f r F e e with r F = virial(i, j, r)."""
         self._pairs.build(x, box)
-        i, j, e, r, factor = _listed(self._pairs)
+        i, j, e, r, factor = self._pairs.listed()
         return symmetric_products((factor * virial(i, j, r))[:, None] * e, e)
-
-
-def partner_virial(coefficient: LennardJones | TabulatedPair, r: np.ndarray) -> np.ndarray:
-    """-r dU/dr of a pair at the distances r below its cutoff (see :mod:`openmm_dpd.forces.partners`)."""
-    if isinstance(coefficient, LennardJones):
-        s6 = (coefficient.sigma / r) ** 6
-        return 24.0 * coefficient.epsilon * (2.0 * s6 * s6 - s6)
-    return -r * energy_spline(coefficient)(np.maximum(r, coefficient.distances[0]), 1)
 
 
 class _PartnerStress:
     """Pair potentials that a thermostat is laid over."""
 
     def __init__(self, plan: Plan, table: dict):
-        scene = plan.scene
+        scene, overlay = plan.scene, resolved_kind(table).overlay
+        assert overlay is not None
+        self._virial = overlay.virial
         names = {name: k for k, name in enumerate(scene.type_names)}
         self._kinds = {(names[a], names[b]): c for (a, b), c in table.items() if c.cutoff > 0}
         cutoff = np.zeros((len(names), len(names)))
@@ -141,7 +119,7 @@ class _PartnerStress:
             found = np.zeros(len(r))
             for (a, b), coefficient in self._kinds.items():
                 chosen = (low == min(a, b)) & (high == max(a, b))
-                found[chosen] = partner_virial(coefficient, r[chosen])
+                found[chosen] = self._virial(coefficient, r[chosen])
             return found
 
         return self._sum(x, box, virial)
@@ -222,4 +200,4 @@ class _LatticeStress:
         return self._context.getState(energy=True).getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)
 
 
-__all__ = ["Part", "charge_virial", "engine_spec", "partner_virial", "stress_parts"]
+__all__ = ["Part", "charge_virial", "engine_spec", "stress_parts"]

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from .expressions import PairExpression, parameters, type_pairs
 
 
-def dpd_expression(table: dict, names: list[str]) -> PairExpression:
-    """Expression of one table of DPD coefficients {(type, type): DPD}."""
+def dpd_expression(table: Mapping, names: list[str]) -> PairExpression:
+    """Expression of one table of coefficients with A and cutoff."""
     text, functions = parameters(
         {
             "A": type_pairs(table, names, lambda c: c.A, 0.0),

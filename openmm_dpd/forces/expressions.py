@@ -6,7 +6,7 @@ scaled or coincident pairs, and the virial.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -60,7 +60,7 @@ def type_table(values: np.ndarray) -> Callable[[], openmm.TabulatedFunction]:
     return lambda: openmm.Discrete2DFunction(array.shape[0], array.shape[1], array.ravel(order="F"))
 
 
-def type_pairs(table: dict, names: list[str], value: Callable, default: float) -> np.ndarray:
+def type_pairs(table: Mapping, names: list[str], value: Callable, default: float) -> np.ndarray:
     """(T, T) symmetric array of value(coefficient); ``default`` where the table has no interaction."""
     array = np.full((len(names), len(names)), float(default))
     place = {name: k for k, name in enumerate(names)}

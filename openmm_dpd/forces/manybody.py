@@ -6,28 +6,42 @@ pi B h^4 rho_i^2/30 of each bead.  With the Lucy kernel there is no potential, a
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 import openmm
 
-from ..errors import PlanError
-from ..model.mdpd import check_many_body, why_no_openmm_force
+from ..model.mdpd import check_many_body
 from .conservative import dpd_expression
-from .expressions import PairExpression, nonbonded_force, type_pairs, type_table
+from .expressions import PairExpression, type_pairs, type_table
 
 
-def attraction_expression(table: dict, names: list[str]) -> PairExpression:
+def attraction_expression(table: Mapping, names: list[str]) -> PairExpression:
     """The attraction A cutoff w^2/2 of one table of MDPD coefficients {(type, type): MDPD or NONE}."""
     return replace(dpd_expression(table, names), name="MDPD attraction")
 
 
 def density_force(
-    table: dict, names: list[str], types: np.ndarray, exclusions: list[tuple[int, int]], periodic: bool
+    table: Mapping, names: list[str], types: np.ndarray, exclusions: list[tuple[int, int]], periodic: bool
 ) -> openmm.CustomGBForce:
     """The energy sum over i of pi B h^4 rho_i^2/30, rho_i = sum over j of 15/(2 pi h^3) (1 - r/h)^2, as a CustomGBForce.
 
-    Parameters are those of :func:`many_body_forces`; excluded pairs do not count in the densities.
+    Parameters
+    ----------
+    table : mapping of (str, str) to MDPD or NONE
+    names : list of str
+        Names of the types.
+    types : (N,) int array
+        Type of each bead.
+    exclusions : list of (int, int)
+        Bonded neighbours that do not count in each other's density.
+    periodic : bool
+
+    Raises
+    ------
+    ParameterError
+        If the coefficients do not go together.
     """
     coefficient = check_many_body(table)
     h = coefficient.cutoff_B
@@ -48,39 +62,3 @@ def density_force(
     force.setNonbondedMethod(force.CutoffPeriodic if periodic else force.CutoffNonPeriodic)
     force.setCutoffDistance(h)
     return force
-
-
-def many_body_forces(
-    table: dict, names: list[str], types: np.ndarray, periodic: bool, exceptions: dict[tuple[int, int], float]
-) -> list[tuple[openmm.Force, float]]:
-    """The conservative forces of one table of MDPD coefficients with their cutoffs, nm.
-
-    Forces of different cutoffs need force groups of their own, and on GPU platforms all must have the same exclusions.
-
-    Parameters
-    ----------
-    table : dict of (str, str) to MDPD or NONE
-    names : list of str
-        Names of the types.
-    types : (N,) int array
-        Type of each bead.
-    periodic : bool
-    exceptions : dict of (int, int) to float
-        Bonded neighbours with their factors: 0 takes the pair out of the attraction and out of the densities.
-
-    Raises
-    ------
-    ParameterError
-        If the coefficients do not go together.
-    PlanError
-        If there is no such force.
-    """
-    reason = why_no_openmm_force(table, exceptions, [])
-    if reason is not None:
-        raise PlanError(f"conservative='openmm' is not possible: {reason}; use conservative='kernel'")
-    excluded = sorted(pair for pair, factor in exceptions.items() if factor == 0.0)
-    attraction = attraction_expression(table, names)
-    return [
-        (nonbonded_force(attraction, types, excluded, periodic), attraction.cutoff),
-        (density_force(table, names, types, excluded, periodic), check_many_body(table).cutoff_B),
-    ]

@@ -1,9 +1,11 @@
 """Pair potentials that DPD thermostats are laid over: Lennard-Jones and tabulated.
 
-To add one: a coefficient class in ``model/pairs.py``, an expression here, an entry in :data:`EXPRESSIONS`.
+To add one: a coefficient class in ``model/pairs.py``, an expression here, a record in ``kinds/overlays.py``.
 """
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import numpy as np
 import openmm
@@ -16,20 +18,21 @@ from .expressions import PairExpression, parameters, type_pairs, type_table
 _POINTS = 4000
 
 
-def lennard_jones_expression(table: dict, names: list[str]) -> PairExpression:
+def lennard_jones_shift(c: LennardJones) -> float:
+    """What is taken off the energy: that at the cutoff, if it is to be 0 there."""
+    s6 = (c.sigma / c.cutoff) ** 6
+    return 4 * c.epsilon * (s6 * s6 - s6) if c.shift else 0.0
+
+
+def lennard_jones_expression(table: Mapping, names: list[str]) -> PairExpression:
     """U = 4 epsilon ((sigma/r)^12 - (sigma/r)^6) - shift for r < rc."""
-
-    def at_cutoff(c: LennardJones) -> float:
-        s6 = (c.sigma / c.cutoff) ** 6
-        return 4 * c.epsilon * (s6 * s6 - s6) if c.shift else 0.0
-
     text, functions = parameters(
         {
             "epsilon": type_pairs(table, names, lambda c: c.epsilon, 0.0),
             # 0 where there is no interaction: (1/r)^12 would overflow where soft beads overlap
             "sigma": type_pairs(table, names, lambda c: c.sigma, 0.0),
             "rc": type_pairs(table, names, lambda c: c.cutoff, 1.0),
-            "shift": type_pairs(table, names, at_cutoff, 0.0),
+            "shift": type_pairs(table, names, lennard_jones_shift, 0.0),
         }
     )
     return PairExpression(
@@ -48,7 +51,7 @@ def energy_spline(pair: TabulatedPair) -> CubicSpline | CubicHermiteSpline:
     return CubicHermiteSpline(pair.distances, pair.energies, -pair.forces)
 
 
-def tabulated_expression(table: dict, names: list[str]) -> PairExpression:
+def tabulated_expression(table: Mapping, names: list[str]) -> PairExpression:
     """Sum over the distinct tables of (its number = number of the type pair) * table(r); constant force below a table's first distance."""
     pairs = list({id(c): c for c in table.values() if c.cutoff > 0}.values())
     numbers = {id(c): k for k, c in enumerate(pairs)}
@@ -87,7 +90,3 @@ def _resampled(pair: TabulatedPair) -> tuple[np.ndarray, np.ndarray]:
 
 def _curve(values: np.ndarray, high: float):
     return lambda: openmm.Continuous1DFunction(values, 0.0, high)
-
-
-#: Kind of coefficient -> function that makes its expression.
-EXPRESSIONS = {LennardJones: lennard_jones_expression, TabulatedPair: tabulated_expression}

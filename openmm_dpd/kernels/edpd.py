@@ -72,9 +72,6 @@ class ThermalTable:
 class ThermalLayer:
     """Evaluates a :class:`ThermalTable`.  The first column of the fields is the temperature."""
 
-    #: The conservative force depends on temperatures, so there is no configurational temperature.
-    has_laplacian = False
-
     def __init__(self, table: ThermalTable, spec: PairSpec, number: int):
         assert spec.fields is not None and spec.fields.capacity is not None
         self.pairs = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions)

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from ..model.eos import ConstantHeatCapacity
 from .compiled import compiled
 
 #: Entries of ``curve`` for beads without one.
@@ -54,31 +53,6 @@ class EOSTable:
     def temperatures(self, u: np.ndarray) -> np.ndarray:
         """(N,) temperatures at the internal energies u; NaN out of range."""
         return _temperatures(self.capacity, self.curve, *self.curves, np.ascontiguousarray(u))
-
-
-def eos_table(by_type: list, type_ids: np.ndarray, immobile: np.ndarray, energies: np.ndarray) -> EOSTable:
-    """Equation of state of each bead, from that of its type and its energy at the start (for immobile beads)."""
-    capacity, curve = np.zeros(len(type_ids)), np.full(len(type_ids), CONSTANT, np.int32)
-    start, nodes, pieces = [0], [np.zeros(0)], [np.zeros((0, 5))]
-    numbers: dict[int, int] = {}
-    for k, eos in enumerate(by_type):
-        members = type_ids == k
-        if isinstance(eos, ConstantHeatCapacity):
-            capacity[members] = eos.capacity
-            continue
-        if id(eos) not in numbers:
-            numbers[id(eos)] = len(start) - 1
-            spline = eos.inverse_temperature
-            entropy = spline.antiderivative()(eos.energies[:-1])
-            rows = np.column_stack([spline.c.T, entropy])
-            nodes.append(eos.energies)
-            pieces.append(np.vstack([rows, np.zeros((1, 5))]))
-            start.append(start[-1] + len(eos.energies))
-        curve[members] = numbers[id(eos)]
-    table = EOSTable(capacity, curve, np.array(start, np.int64), np.concatenate(nodes), np.concatenate(pieces))
-    theta = table.temperatures(energies)
-    capacity[immobile], curve[immobile] = theta[immobile], RESERVOIR
-    return table
 
 
 @njit(inline="always")

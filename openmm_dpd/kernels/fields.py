@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .eos import EOSTable
+
 #: Kinds of fields.
 ENERGY, TEMPERATURE, SPECIES = "energy", "temperature", "species"
 
@@ -53,7 +55,7 @@ class FieldSpec:
     initial: np.ndarray
     immobile: np.ndarray
     capacity: np.ndarray | None = None
-    eos: object | None = None
+    eos: EOSTable | None = None
     sources: tuple[FieldSource, ...] = ()
 
     @property
@@ -68,6 +70,6 @@ class FieldSpec:
 
     def of(self, beads: np.ndarray) -> FieldSpec:
         """The same for a choice of beads (without sources)."""
-        eos = None if self.eos is None else self.eos.of(beads)  # type: ignore[attr-defined]
+        eos = None if self.eos is None else self.eos.of(beads)
         capacity = None if self.capacity is None else self.capacity[beads]
         return FieldSpec(self.kind, self.initial[beads], self.immobile[beads], capacity, eos)

@@ -25,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import ParameterError
+from ..tensors import symmetric_products
 from .columns import approach, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
 from .compiled import helper, inlined
 from .dpd import Sweeper
@@ -107,13 +108,7 @@ class ManyBodyTable:
 
 
 class ManyBodyLayer:
-    """Evaluates a :class:`ManyBodyTable`.
-
-    Attributes
-    ----------
-    has_laplacian : bool
-        Whether the conservative force has a potential.
-    """
+    """Evaluates a :class:`ManyBodyTable`."""
 
     def __init__(self, table: ManyBodyTable, spec: PairSpec, number: int):
         self.table, self.number = table, number
@@ -122,8 +117,7 @@ class ManyBodyLayer:
         self.pairs = PairList(spec.types, spec.inv_mass, table.cutoff, (start, bead, factor))
         self._motion = SortedMotion(len(self.pairs.order))
         self._sweeper = Sweeper(self.pairs, self.pairs.alike, transverse=False)
-        self.has_laplacian = not table.lucy
-        self._n_beads = len(spec.types)
+        self._types, self._n_beads = spec.types, len(spec.types)
         # the kernels are compiled on a handful of beads, which take the masses of the first ones
         self._mass = np.resize(table.mass, self._n_beads).astype(np.float64)
         # of the last two temperatures, as in the layer of DPD
@@ -150,6 +144,14 @@ class ManyBodyLayer:
         rho[self.pairs.order] = self._sorted_densities(self._at(0.0))
         return rho
 
+    def density_stress(self) -> np.ndarray:
+        """(6,) sums of r F (xx, yy, zz, xy, xz, yz) of the repulsion, f B (rho_i + rho_j) w_d between the beads of a pair, kJ/mol."""
+        rho, table = self.densities, self.table
+        i, j, e, r, factor = self.pairs.listed()
+        B, cutoff = (values[self._types[i], self._types[j]] for values in (table.B, table.cutoff_B))
+        force = factor * B * (rho[i] + rho[j]) * np.maximum(1.0 - r / np.where(cutoff > 0, cutoff, 1e-300), 0.0)
+        return symmetric_products((force * r)[:, None] * e, e)
+
     def forces(self, call: Call, out: np.ndarray, add: bool) -> Sums:
         """Force form at the listed positions, written or added to ``out``."""
         pairs = self.pairs
@@ -167,7 +169,7 @@ class ManyBodyLayer:
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy; NaN with the Lucy kernel, whose force has no potential."""
-        if not self.has_laplacian:
+        if self.table.lucy:
             return float("nan")
         if not self.table.conservative:
             return 0.0

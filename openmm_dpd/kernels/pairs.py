@@ -214,6 +214,12 @@ class PairList:
             self._scratch = Scratch(*numbers, np.empty((threads, longest), np.uint32))
         return self._scratch
 
+    def listed(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | float]:
+        """Beads i and j, directions e (P, 3), distances and factors of all pairs."""
+        rows = self.rows
+        e, r = self.geometry[:3, rows].T, self.geometry[3, rows]
+        return self.order[self.pi[rows]], self.order[self.pj[rows]], e, r, self.factors[rows] if len(self.factors) else 1.0
+
     @property
     def rows(self) -> np.ndarray:
         """Numbers of all pairs, in the order in which a loop meets them (see :mod:`.columns`)."""

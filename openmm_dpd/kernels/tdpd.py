@@ -57,8 +57,6 @@ class SpeciesTable:
 class SpeciesLayer:
     """Evaluates a :class:`SpeciesTable`.  The fields are the concentrations of the species."""
 
-    has_laplacian = True
-
     def __init__(self, table: SpeciesTable, spec: PairSpec, number: int):
         assert spec.fields is not None and spec.fields.n_values == table.kappa.shape[-1]
         self.pairs, self.number = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions), number

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import ParameterError
+from ..kinds import kind_for
 from ..model.flow import gaps
 from ..model.internal import BeadTemperatures, Concentrations, InternalEnergy
-from ..model.mdpd import MDPD
 from ..model.pairs import NONE
 from ..model.scene import Scene
 from ..units import UnitSystem
@@ -128,7 +128,7 @@ def atom_style(scene: Scene, vest: bool = False) -> tuple[str, ...]:
         Whether ``fix mvv/dpd`` will be used, whose beads need atom_style mdpd.
     """
     carried = {InternalEnergy: "dpd", BeadTemperatures: "edpd", Concentrations: "tdpd"}.get(type(scene.internal))
-    if carried is None and (vest or any(table.kind is MDPD for table in scene.tables)):
+    if carried is None and (vest or any(kind_for(table.kind).has_densities for table in scene.tables if table.kind is not None)):
         carried = "mdpd"
     charged, bonded = scene.charges is not None, bool(len(scene.bond_pairs)) or scene.molecules is not None
     rest: str | None = None

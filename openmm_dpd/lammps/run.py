@@ -20,8 +20,8 @@ from ..fields import read_fields
 from ..forces.segments import warm_up_segments
 from ..integrators import PIECE
 from ..kernels.engine import get_threads, set_threads, warm_up
+from ..kinds import kind_for
 from ..measure import Sample as Measurement
-from ..model.edpd import EDPD
 from ..model.scene import Scene
 from ..names import COUNTER
 from ..schemes import scheme_of
@@ -444,10 +444,9 @@ class DeckRunner:
 
 def build_request(request: RunRequest, scene: Scene, options: RunOptions) -> Built:
     """Build the scene of a run; what cannot be built is an error at the deck's run command."""
-    if scene.compat == "consistent" and any(table.kind is EDPD for table in scene.tables):
-        request.state.note(
-            "pair edpd: heat is computed so that energy is conserved, which LAMMPS does not do; --compat lammps computes its"
-        )
+    for kind in (kind_for(table.kind) for table in scene.tables if table.kind is not None):
+        if scene.compat == "consistent" and kind.unlike_lammps is not None:
+            request.state.note(kind.unlike_lammps)
     try:
         return build(
             scene,

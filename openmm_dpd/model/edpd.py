@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 from ..errors import ParameterError
 from ..units import to_md
+from .internal import BeadTemperatures
 from .owned import keep
-from .pairs import checked, checked_amplitude
+from .pairs import PairCoefficient, checked, checked_amplitude
 
 
 def polynomial(value, name: str) -> tuple[float, float, float, float]:
@@ -19,7 +20,7 @@ def polynomial(value, name: str) -> tuple[float, float, float, float]:
 
 
 @dataclass(frozen=True)
-class EDPD:
+class EDPD(PairCoefficient):
     r"""eDPD of Li et al.: forces and heat conduction that depend on the local temperature, in reduced units (k_B = 1).
 
     With T_m = (T_i + T_j)/2, y = T_m - 1, w = 1 - r/cutoff, w_T = 1 - r/cutoff_T and Theta the harmonic mean of T_i and T_j::
@@ -84,5 +85,5 @@ class EDPD:
         }
         keep(self, **values)
 
-    has_conservative = True
     has_thermostat = True
+    internal = BeadTemperatures

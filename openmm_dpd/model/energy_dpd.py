@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from .internal import InternalEnergy
 from .owned import keep
-from .pairs import checked, checked_amplitude
+from .pairs import PairCoefficient, checked, checked_amplitude
 
 
 @dataclass(frozen=True)
-class EnergyDPD:
+class EnergyDPD(PairCoefficient):
     r"""Energy-conserving dissipative particle dynamics: what friction takes out of the motion goes into the beads, and beads exchange heat.
 
     With w = 1 - r/cutoff, theta_i the internal temperature of bead i (as a thermal energy) and their harmonic mean
@@ -59,3 +60,4 @@ class EnergyDPD:
         return self.A != 0.0
 
     has_thermostat = True
+    internal = InternalEnergy

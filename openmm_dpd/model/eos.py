@@ -70,10 +70,6 @@ class ConstantHeatCapacity:
         """Temperature at the internal energy u."""
         return np.asarray(u) / self.capacity
 
-    def out_of_range(self, u) -> np.ndarray:
-        """Mask of energies that no temperature > 0 belongs to."""
-        return ~(np.asarray(u) > 0)
-
     def __str__(self) -> str:
         return f"u = {self.capacity:g} theta"
 
@@ -178,11 +174,6 @@ class TabulatedEOS:
         found = np.where(self.temperatures[exact] == flat, self.energies[exact], 0.5 * (low + high))
         outside = (flat < self.temperatures[0]) | (flat > self.temperatures[-1])
         return np.where(outside, np.nan, found).reshape(theta.shape)
-
-    def out_of_range(self, u) -> np.ndarray:
-        """Mask of energies outside the table."""
-        u = np.asarray(u)
-        return ~((u >= self.energies[0]) & (u <= self.energies[-1]))
 
     def __str__(self) -> str:
         return f"table of {len(self.energies)} points, theta = {self.temperatures[0]:g} to {self.temperatures[-1]:g}"

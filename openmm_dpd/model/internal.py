@@ -13,13 +13,10 @@ import numpy as np
 
 from ..errors import ParameterError, what_is
 from ..units import to_md
-from .edpd import EDPD
-from .energy_dpd import EnergyDPD
 from .eos import ConstantHeatCapacity, EquationOfState, TabulatedEOS, heat_capacity, thermal_energies
 from .owned import keep
 from .pairs import NONE
 from .sources import Source
-from .tdpd import TDPD
 
 
 def _per_bead(values, n: int, name: str) -> np.ndarray:
@@ -99,6 +96,11 @@ class InternalEnergy:
         conductive = 0.0 if self.conductive is None else _per_bead(self.conductive, n, "conductive")
         return np.column_stack([np.broadcast_to(conductive, (n,)), total - conductive])
 
+    def check(self, type_ids: np.ndarray, names: list[str], tables: Sequence) -> int:
+        """Raise ParameterError if a value does not fit the beads; returns how many values a source can act on."""
+        self.energies(type_ids, names)
+        return 0
+
 
 @dataclass(frozen=True, eq=False)
 class BeadTemperatures:
@@ -130,6 +132,12 @@ class BeadTemperatures:
         """(N,) heat capacities."""
         return _positive(_per_bead(self.capacities, n, "capacities"), "the heat capacity")
 
+    def check(self, type_ids: np.ndarray, names: list[str], tables: Sequence) -> int:
+        """Raise ParameterError if a value does not fit the beads; returns how many values a source can act on."""
+        self.values(len(type_ids))
+        self.heat_capacities(len(type_ids))
+        return 1
+
 
 @dataclass(frozen=True, eq=False)
 class Concentrations:
@@ -156,11 +164,19 @@ class Concentrations:
         """Number of species."""
         return self.values.shape[1]
 
+    def check(self, type_ids: np.ndarray, names: list[str], tables: Sequence) -> int:
+        """Raise ParameterError if beads or coefficients have other numbers of values; returns how many values a source can act on."""
+        n, species = len(type_ids), self.n_species
+        if len(self.values) != n:
+            raise ParameterError(f"concentrations are given for {len(self.values)} beads, but there are {n}")
+        for table in tables:
+            for pair, term in table.entries.items():
+                if term is not NONE and term.internal is Concentrations and term.n_species != species:
+                    raise ParameterError(f"for types {pair}: coefficients of {term.n_species} species, but the beads carry {species}")
+        return species
+
 
 Internal = InternalEnergy | BeadTemperatures | Concentrations
-
-#: Kind of pair term -> what its beads must carry.
-NEEDED: dict[type, type] = {EnergyDPD: InternalEnergy, EDPD: BeadTemperatures, TDPD: Concentrations}
 
 
 def check_internal(
@@ -172,7 +188,7 @@ def check_internal(
     box: np.ndarray | None,
 ) -> None:
     """Raise ParameterError unless what beads carry, the pair terms and the sources fit each other."""
-    kinds = {table.kind for table in tables} & set(NEEDED)
+    kinds = {table.kind for table in tables if table.kind is not None and table.kind.internal is not None}
     if len(kinds) > 1:
         names = " and ".join(sorted(kind.__name__ for kind in kinds))
         raise ParameterError(f"{names} cannot be combined in one scene: beads carry one kind of internal quantity")
@@ -182,26 +198,11 @@ def check_internal(
             raise ParameterError(f"{what} given, but no pair term uses it (EnergyDPD, EDPD and TDPD do)")
         return
     kind = kinds.pop()
-    if not isinstance(internal, NEEDED[kind]):
-        raise ParameterError(f"pair terms of kind {kind.__name__} need internal={NEEDED[kind].__name__}(...), not {what_is(internal)}")
-    n = len(type_ids)
-    n_values = 0
-    if isinstance(internal, InternalEnergy):
-        internal.energies(type_ids, type_names)
-    elif isinstance(internal, BeadTemperatures):
-        internal.values(n)
-        internal.heat_capacities(n)
-        n_values = 1
-    else:
-        assert isinstance(internal, Concentrations)
-        if len(internal.values) != n:
-            raise ParameterError(f"concentrations are given for {len(internal.values)} beads, but there are {n}")
-        n_values = internal.n_species
-        for table in tables:
-            for pair, term in table.entries.items():
-                if isinstance(term, TDPD) and term is not NONE and term.n_species != n_values:
-                    raise ParameterError(f"for types {pair}: coefficients of {term.n_species} species, but the beads carry {n_values}")
+    needed = kind.internal
+    if internal is None or not isinstance(internal, needed):
+        raise ParameterError(f"pair terms of kind {kind.__name__} need internal={needed.__name__}(...), not {what_is(internal)}")
+    n_values = internal.check(type_ids, type_names, tables)
     if sources and not n_values:
         raise ParameterError("sources act on temperatures (EDPD) or concentrations (TDPD), not on internal energies")
     for source in sources:
-        source.check(box, n, n_values)
+        source.check(box, len(type_ids), n_values)

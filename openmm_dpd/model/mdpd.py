@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ..errors import ParameterError
 from .owned import keep
-from .pairs import NONE, checked, checked_amplitude
+from .pairs import NONE, PairCoefficient, checked, checked_amplitude
 
 #: Weight functions of the local density, normalised in three dimensions; h is the cutoff of the density.
 DENSITY_KERNELS = {
@@ -16,7 +17,7 @@ DENSITY_KERNELS = {
 
 
 @dataclass(frozen=True)
-class MDPD:
+class MDPD(PairCoefficient):
     r"""Many-body DPD: attraction, and a repulsion that grows with the local density.
 
     With w_c = 1 - r/cutoff, w_d = 1 - r/cutoff_B and the density rho_i = sum over j of m_j W(r)::
@@ -79,15 +80,13 @@ class MDPD:
         if self.kernel == "quadratic" and self.cutoff_density != self.cutoff_B:
             raise ParameterError("with the quadratic kernel the density has the range cutoff_B; only then is there a potential")
 
-    has_conservative = True
-
     @property
     def has_thermostat(self) -> bool:
         """Whether there is friction and noise."""
         return self.gamma > 0.0
 
 
-def check_many_body(table: dict) -> MDPD:
+def check_many_body(table: Mapping) -> MDPD:
     """Check that the coefficients {(type, type): MDPD or NONE} of one table go together; returns one of them.
 
     All must have one kernel.  With the quadratic kernel B and cutoff_B must be the same for all pairs that interact: else the forces derive
@@ -117,7 +116,7 @@ def check_many_body(table: dict) -> MDPD:
     return reference
 
 
-def why_no_openmm_force(table: dict, exceptions: dict[tuple[int, int], float], coincident: list[tuple[int, int]]) -> str | None:
+def why_no_openmm_force(table: Mapping, exceptions: dict[tuple[int, int], float], coincident: list[tuple[int, int]]) -> str | None:
     """Why only the pair kernel can compute the conservative force, or None.
 
     Parameters

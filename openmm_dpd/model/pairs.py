@@ -4,12 +4,14 @@ Conventions of the whole package: r_ij = r_i - r_j (minimum image), v_ij = v_i -
 force F acts as +F e on i and -F e on j, so that a positive F repels.  Pairs interact where r < cutoff, and a pair with
 r < 1e-10 is skipped altogether: no force, no energy, no noise.
 
-The kinds that a scene can hold are listed in :data:`openmm_dpd.model.table.KINDS`; each keeps its own table of type pairs.
+Each kind keeps its own table of type pairs; what the rest of the package has to know of it stands in its record in
+:mod:`openmm_dpd.kinds`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import ClassVar
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -34,6 +36,30 @@ class _NoInteraction:
 NONE = _NoInteraction()
 
 
+class PairCoefficient:
+    """Base of all kinds of pair coefficients.
+
+    A kind is a frozen dataclass that has at least a ``cutoff`` (nm).  The pair kernel or an OpenMM force evaluates it, as its record in
+    :mod:`openmm_dpd.kinds` says.
+    """
+
+    #: What its beads carry beside position and velocity: a class of :mod:`openmm_dpd.model.internal`.
+    internal: ClassVar[type | None] = None
+
+    @property
+    def has_conservative(self) -> bool:
+        """Whether there is a conservative term."""
+        return True
+
+    @property
+    def has_thermostat(self) -> bool:
+        """Whether there is any friction or noise."""
+        return False
+
+    def check_temperature(self, kT: float) -> None:
+        """Raise ParameterError if the coefficients contradict the thermal energy kT (kJ/mol)."""
+
+
 def checked(value, dimension: str, name: str, *, positive: bool = False) -> float:
     """One finite number >= 0 (or > 0) in MD units."""
     number = to_md(value, dimension, name)
@@ -53,7 +79,7 @@ def checked_amplitude(value, dimension: str, name: str) -> float:
 
 
 @dataclass(frozen=True)
-class DPD:
+class DPD(PairCoefficient):
     r"""Dissipative particle dynamics between two bead types: soft repulsion, friction and noise.
 
     With w = 1 - r/cutoff, w_par = w^exponent, w_perp = w^exponent_perp and P = 1 - e e^T::
@@ -146,7 +172,7 @@ class DPD:
 
 
 @dataclass(frozen=True)
-class LennardJones:
+class LennardJones(PairCoefficient):
     """Lennard-Jones, U = 4 epsilon ((sigma/r)^12 - (sigma/r)^6) for r < cutoff.
 
     Parameters
@@ -178,7 +204,7 @@ class LennardJones:
 
 
 @dataclass(frozen=True, eq=False)
-class TabulatedPair:
+class TabulatedPair(PairCoefficient):
     """A radial pair potential given as a table, interpolated by a cubic spline through the energies and forces.
 
     Below the first distance of the table the pair keeps the table's first force (LAMMPS stops there with an error).

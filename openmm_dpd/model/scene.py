@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import ParameterError, what_is
+from ..html import fact_table
 from ..units import BOLTZMANN, to_md, whole_number
 from .angles import ANGLE_KINDS, Angles, check_angles
 from .bonds import BOND_KINDS, Bonds, FENEBonds
@@ -15,7 +16,7 @@ from .electrostatics import GaussianCharges, SlaterCharges, check_electrostatics
 from .flow import BodyForce, PositionForce, Wall, check_inside, gaps
 from .internal import Internal, check_internal
 from .owned import keep
-from .pairs import DPD
+from .pairs import NONE
 from .segments import SegmentalRepulsion, check_segments
 from .sources import Source
 from .table import PairTable, require_complete
@@ -222,10 +223,35 @@ class Scene:
         if self.compat not in ("consistent", "lammps"):
             raise ParameterError(f"compat must be 'consistent' or 'lammps', not {self.compat!r}")
 
+    @property
+    def immobile(self) -> np.ndarray:
+        """(N,) whether a bead stays where it is."""
+        return np.zeros(self.n_beads, bool) if self.mobile is None else ~self.mobile
+
     def __repr__(self) -> str:
-        types = list(self.masses) if len(self.masses) <= 5 else f"{len(self.masses)} types"
-        box = "no box" if self.box is None else "box " + " x ".join(f"{edge:g}" for edge in np.diag(self.box)) + " nm"
-        return f"<Scene of {self.n_beads} beads, {types}, {box}, {len(self.bond_pairs)} bonds, kT = {self.initial_kT:g}>"
+        facts = self.facts()
+        box = "no box" if self.box is None else f"box {facts['box']}, {facts['density']}"
+        return f"<Scene of {self.n_beads} beads ({facts['types']}), {box}, {len(self.bond_pairs)} bonds, kT = {facts['kT']}>"
+
+    def _repr_html_(self) -> str:
+        return fact_table("Scene", self.facts())
+
+    def facts(self) -> dict[str, object]:
+        """What a person wants to know, by name; None for what there is none of."""
+        counts = np.bincount(self.type_ids, minlength=len(self.masses)).tolist()
+        named = ", ".join(f"{name} {count}" for name, count in zip(self.masses, counts, strict=True))
+        ramp = self.kT if isinstance(self.kT, TemperatureRamp) else None
+        return {
+            "beads": self.n_beads,
+            "types": named if len(counts) <= 5 else f"{len(counts)} types",
+            "box": None if self.box is None else " x ".join(f"{edge:g}" for edge in np.diag(self.box)) + " nm",
+            "density": None if self.box is None else f"{self.n_beads / float(np.prod(np.diag(self.box))):.4g} beads/nm^3",
+            "kT": f"{self.initial_kT:g} kJ/mol" if ramp is None else f"{ramp.start:g} to {ramp.stop:g} kJ/mol",
+            "pair terms": ", ".join(table.kind.__name__ for table in self.tables if table.kind is not None) or None,
+            "bonds": len(self.bond_pairs) or None,
+            "charges": None if self.charges is None else np.count_nonzero(self.charges),
+            "beads that do not move": int(self.immobile.sum()) or None,
+        }
 
     # -- derived ---------------------------------------------------------------------------------------------------------------
     @property
@@ -392,10 +418,9 @@ class Scene:
         temperatures = [self.kT.start, self.kT.stop] if isinstance(self.kT, TemperatureRamp) else [self.initial_kT]
         for table in tables:
             for key, coefficient in table.entries.items():
-                if isinstance(coefficient, DPD):
-                    try:
-                        for kT in temperatures:
-                            coefficient.check_temperature(kT)
-                    except ParameterError as error:
-                        raise ParameterError(f"for types {key}: {error}") from None
+                try:
+                    for kT in temperatures if coefficient is not NONE else ():
+                        coefficient.check_temperature(kT)
+                except ParameterError as error:
+                    raise ParameterError(f"for types {key}: {error}") from None
         return tables

@@ -6,18 +6,11 @@ from collections.abc import Mapping
 from itertools import combinations_with_replacement
 
 from ..errors import ParameterError, what_is
-from .edpd import EDPD
-from .energy_dpd import EnergyDPD
-from .mdpd import MDPD
-from .pairs import DPD, NONE, LennardJones, TabulatedPair
-from .tdpd import TDPD
-
-#: Kinds of pair coefficients; tables of different kinds can be laid over each other.
-KINDS = (DPD, EnergyDPD, EDPD, TDPD, MDPD, LennardJones, TabulatedPair)
+from .pairs import NONE, PairCoefficient
 
 
 class PairTable:
-    """Pair coefficients of one kind, for unordered pairs of bead types.
+    """Pair coefficients of one kind, for unordered pairs of bead types; tables of different kinds can be laid over each other.
 
     Parameters
     ----------
@@ -48,9 +41,10 @@ class PairTable:
         for key, value in self.entries.items():
             if not (isinstance(key, tuple) and len(key) == 2 and all(isinstance(name, str) for name in key)):
                 raise ParameterError(f"the keys of a PairTable are pairs of type names such as ('A', 'B'), not {key!r}")
-            if value is not NONE and not isinstance(value, KINDS):
-                kinds = ", ".join(kind.__name__ for kind in KINDS)
-                raise ParameterError(f"for types {key}: expected one of {kinds} or NONE, not {what_is(value)}")
+            if value is not NONE and not isinstance(value, PairCoefficient):
+                raise ParameterError(
+                    f"for types {key}: expected a pair coefficient such as DPD(A=25, gamma=4.5), or NONE, not {what_is(value)}"
+                )
             reverse = self.entries.get(key[::-1], value)
             if value is not reverse and value != reverse:
                 raise ParameterError(

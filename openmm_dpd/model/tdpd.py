@@ -8,8 +8,9 @@ import numpy as np
 
 from ..errors import ParameterError
 from ..units import to_md
+from .internal import Concentrations
 from .owned import keep
-from .pairs import checked, checked_amplitude
+from .pairs import PairCoefficient, checked, checked_amplitude
 
 
 def _per_species(value, name: str) -> tuple[float, ...]:
@@ -20,7 +21,7 @@ def _per_species(value, name: str) -> tuple[float, ...]:
 
 
 @dataclass(frozen=True)
-class TDPD:
+class TDPD(PairCoefficient):
     r"""tDPD of Li et al.: an isothermal DPD fluid whose beads carry concentrations that diffuse.
 
     With w = 1 - r/cutoff, w_c = 1 - r/cutoff_c, and for every species k::
@@ -88,3 +89,4 @@ class TDPD:
         return self.A != 0.0
 
     has_thermostat = True
+    internal = Concentrations

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import reprlib
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, groupby
@@ -10,6 +11,7 @@ from itertools import combinations, groupby
 import numpy as np
 
 from ..errors import ParameterError, what_is
+from ..html import fact_table
 from ..units import to_md, whole_number
 from .terms import BENDS, SPRINGS
 
@@ -73,6 +75,12 @@ class Molecule:
 
     def __repr__(self) -> str:
         return f"<Molecule {reprlib.repr(self.name)}: {self.n_beads} beads, {len(self.bonds)} bonds, {len(self.angles)} angles>"
+
+    def _repr_html_(self) -> str:
+        counts = Counter(self.types)
+        types = ", ".join(f"{name} {count}" for name, count in counts.items()) if len(counts) <= 5 else f"{len(counts)} types"
+        facts = {"beads": self.n_beads, "types": types, "bonds": len(self.bonds), "angles": len(self.angles)}
+        return fact_table(f"Molecule {reprlib.repr(self.name)}", facts)
 
     @property
     def n_beads(self) -> int:

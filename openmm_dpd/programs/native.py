@@ -28,9 +28,9 @@ def why_not(plan: Plan) -> str | None:
         return "it cannot reflect beads at walls"
     if len(plan.layers) != 1:
         return f"it holds one table of friction coefficients, and the scene has {len(plan.layers)}"
-    kinds = {type(c).__name__ for table in plan.layers for c in table.values() if c is not NONE} - {"DPD"}
-    if kinds:
-        return f"it knows isothermal DPD only, not {', '.join(sorted(kinds))}"
+    (kind,) = plan.kinds
+    if kind.why_not_native is None:
+        return f"it knows isothermal DPD only, not {kind.name}"
     if plan.options.ramp is not None:
         return "its temperature cannot follow a ramp within a run"
     if plan.exceptions:
@@ -45,12 +45,9 @@ def why_not(plan: Plan) -> str | None:
     for (a, b), c in plan.layers[0].items():
         if c is NONE:
             continue
-        if c.gamma is None and c.sigma:
-            return f"for types ({a}, {b}) sigma is fixed, and it keeps gamma fixed"
-        if c.gamma_perp:
-            return f"for types ({a}, {b}) there is transverse friction"
-        if c.exponent != 1.0 and c.gamma:
-            return f"for types ({a}, {b}) the noise exponent is {c.exponent:g}, and it only knows 1"
+        reason = kind.why_not_native(c)
+        if reason is not None:
+            return f"for types ({a}, {b}) {reason}"
     for name, mass in scene.masses.items():
         members = scene.type_ids == scene.type_names.index(name)
         if np.any(scene.bead_masses[members] != mass):

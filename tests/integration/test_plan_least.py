@@ -232,3 +232,13 @@ def test_explain_says_what_will_be_built():
     for word in ("100 beads of 2 type(s)", "A (mass 1)", "B (mass 2.7)", "lambda = 0.65", "dt = 0.02", "kT from 1 to 2", "between steps 0 and 50",
                  "A - B: DPD(A = 31", "gamma_perp = 3", "pair kernel", "transverse", "37 harmonic bonds", "12 beads do not move", "program mvv"):  # fmt: skip
         assert word in text, word
+
+
+def test_a_table_whose_pairs_are_all_overwritten_is_none():
+    """Later entries overwrite earlier ones, here all of them."""
+    empty = {("A", "A"): dpd.DPD(A=25, gamma=4.5), ("*", "*"): dpd.NONE}
+    gone = {("A", "A"): dpd.LennardJones(1.0, 0.3, 0.9), ("*", "*"): dpd.NONE}
+    scene = dpd.Scene({"A": 1.0}, ["A"] * 30, np.random.default_rng(1).random((30, 3)) * 3, [empty, gone], kT=1.0, box=[3.0] * 3)
+    plan = dpd.make_plan(scene, dt=0.01, platform="CPU", seed=1)
+    assert plan.layers == plan.partners == () and plan.conservative == "none"
+    dpd.build(scene, dt=0.01, platform="CPU", seed=1).simulation().step(2)

@@ -14,9 +14,10 @@ from scenes import beads, same_bits, state_of
 
 import openmm_dpd as dpd
 from openmm_dpd.analysis import StressReporter, green_kubo_viscosity, surface_tension
-from openmm_dpd.analysis.stress_parts import charge_virial, partner_virial, stress_parts
+from openmm_dpd.analysis.stress_parts import charge_virial, stress_parts
 from openmm_dpd.bonded_sums import bonded_stress
 from openmm_dpd.forces.partners import energy_spline
+from openmm_dpd.kinds import kind_for
 from openmm_dpd.lammps.deck import read_deck
 
 NO_LAMMPS = lammps_peer.why_missing()
@@ -298,7 +299,7 @@ def test_radial_virials_are_slopes():
         np.testing.assert_allclose(charge_virial(charges, r), -r * slope, atol=1e-8)
     table = dpd.TabulatedPair(np.linspace(0.5, 1.5, 50), 3 * (1.5 - np.linspace(0.5, 1.5, 50)) ** 3)
     spline = energy_spline(table)
-    assert partner_virial(table, np.array([0.2]))[0] == pytest.approx(-0.2 * spline(0.5, 1))
+    assert kind_for(dpd.TabulatedPair).overlay.virial(table, np.array([0.2]))[0] == pytest.approx(-0.2 * spline(0.5, 1))
 
 
 def test_a_box_tilted_to_the_limit():

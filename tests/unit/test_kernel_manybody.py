@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 from itertools import combinations
 
 import lammps_steps
@@ -14,8 +15,9 @@ from devices import Device
 from openmm import unit
 from scenes import BOXES, MASSES, noise_of
 
+import openmm_dpd as dpd
+from openmm_dpd.build import build_plan
 from openmm_dpd.errors import ParameterError, PlanError
-from openmm_dpd.forces.manybody import many_body_forces
 from openmm_dpd.kernels.dpd import TermTable
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, PairSpec, set_threads
 from openmm_dpd.kernels.manybody import ManyBodyTable
@@ -226,13 +228,11 @@ def test_laplacian_is_that_of_the_energy_over_mobile_beads(table, factors):
                 force.append(engine.forces(CONSERVATIVE, None, 0.0, DT, 0, 0)[1][bead, axis])
             expected -= (force[0] - force[1]) / (2 * h)
     engine.prepare(fluid.x, fluid.box)
-    assert engine.layers[0].has_laplacian
     assert engine.laplacian() == pytest.approx(expected, rel=1e-6)
 
 
 def test_lucy_has_no_laplacian():
     engine = Fluid(TABLES["lucy"]).engine()
-    assert not engine.layers[0].has_laplacian
     assert np.isnan(engine.laplacian())
 
 
@@ -292,15 +292,11 @@ def test_coincident_beads_feel_all_others():
 
 
 def context_of(fluid: Fluid, device, factors=None, integrator=None, mobile=None) -> openmm.Context:
-    system = openmm.System()
-    for k, mass in enumerate(fluid.mass):
-        system.addParticle(mass if mobile is None or mobile[k] else 0.0)
-    if fluid.box is not None:
-        system.setDefaultPeriodicBoxVectors(*(openmm.Vec3(*row) for row in fluid.box.tolist()))
-    for group, (force, cutoff) in enumerate(many_body_forces(fluid.table, NAMES, fluid.types, fluid.box is not None, factors or {})):
-        assert cutoff == force.getCutoffDistance().value_in_unit(unit.nanometer)
-        force.setForceGroup(group)
-        system.addForce(force)
+    """The forces that a scene gets with conservative="openmm", under another integrator."""
+    types = [NAMES[k] for k in fluid.types]
+    scene = dpd.Scene(MASSES, types, fluid.x, fluid.table, kT=KT, box=fluid.box, mobile=mobile)
+    plan = dpd.make_plan(scene, dt=DT, scheme="mvv", conservative="openmm", platform=device.platform, seed=SEED)
+    system = build_plan(replace(plan, exceptions=factors or {})).system
     platform = openmm.Platform.getPlatformByName(device.platform)
     context = openmm.Context(system, integrator or openmm.VerletIntegrator(0.001), platform, device.properties)
     context.setPositions(fluid.x)
@@ -322,7 +318,7 @@ def spread_out(fluid: Fluid) -> Fluid:
     return fluid
 
 
-@pytest.mark.parametrize("box", [None, BOXES["tilted_narrow"]], ids=["none", "tilted"])
+@pytest.mark.parametrize("box", [None, BOXES["tilted"]], ids=["none", "tilted"])
 @QUADRATIC
 def test_openmm_forces_equal_the_kernel(table, box, device):
     """With frozen beads, which count, and a pair of bonded neighbours that does not."""
@@ -344,7 +340,7 @@ def test_openmm_forces_equal_the_kernel(table, box, device):
 
 @QUADRATIC
 def test_openmm_force_is_the_gradient_of_its_energy(table):
-    fluid = Fluid(table, BOXES["tilted_narrow"], n=30)
+    fluid = Fluid(table, BOXES["tilted"], n=60)
     context = context_of(fluid, Device("Reference"))
 
     def energy(x):
@@ -396,10 +392,10 @@ def test_what_openmm_forces_cannot_do():
     table = TABLES["quadratic"]
     assert why_no_openmm_force(table, {(0, 1): 0.0, (1, 2): 1.0}, []) is None
     assert "r = 0" in why_no_openmm_force(table, {}, [(3, 7)])
-    with pytest.raises(PlanError, match=r"beads 1 and 2 has the factor 0.5; use conservative='kernel'"):
-        many_body_forces(table, NAMES, np.zeros(5, int), True, {(1, 2): 0.5})
-    with pytest.raises(PlanError, match="Lucy"):
-        many_body_forces(TABLES["lucy"], NAMES, np.zeros(5, int), True, {})
+    assert "beads 1 and 2 has the factor 0.5" in why_no_openmm_force(table, {(1, 2): 0.5}, [])
+    fluid = Fluid(TABLES["lucy"])
+    with pytest.raises(PlanError, match="conservative='openmm' is not possible: .* Lucy"):
+        context_of(fluid, Device("Reference"))
 
 
 # ------------------------------------------------------------------------------------------------ live LAMMPS

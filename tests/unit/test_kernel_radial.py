@@ -16,8 +16,9 @@ import openmm_dpd as dpd
 from openmm_dpd.errors import RunError
 from openmm_dpd.extra_forces import extras, radial_terms
 from openmm_dpd.forces.expressions import exception_force, nonbonded_force
-from openmm_dpd.forces.partners import EXPRESSIONS, energy_spline
+from openmm_dpd.forces.partners import energy_spline
 from openmm_dpd.forces.segments import segment_force, segment_spec
+from openmm_dpd.kinds import resolved_kind
 
 NAMES = list(MASSES)
 LJ = dpd.LennardJones
@@ -63,7 +64,7 @@ def resolved(name):
 
 def openmm_forces(name, types, factors, periodic):
     table = resolved(name)
-    expression = EXPRESSIONS[type(next(c for c in table.values() if c.cutoff > 0))](table, NAMES)
+    expression = resolved_kind(table).potential(table, NAMES)
     kept = {pair: factor for pair, factor in factors.items() if factor}
     return [
         nonbonded_force(expression, types, sorted(factors), periodic, listed=False),

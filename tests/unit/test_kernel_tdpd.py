@@ -172,7 +172,6 @@ def test_laplacian_counts_the_range_of_the_forces_only():
     expected = plain_oracle.conservative(scene.positions, scene.type_ids, params, scene.box).laplacian
     engine = prepared(scene)
     assert engine.laplacian() == pytest.approx(expected, rel=1e-11)
-    assert engine.layers[0].has_laplacian
     # immobile beads do not count, a factor does
     whole, half = pair_of_beads(), pair_of_beads(0.5)
     assert prepared(half).laplacian() == pytest.approx(0.5 * prepared(whole).laplacian(), rel=1e-12)

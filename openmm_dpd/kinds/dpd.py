@@ -1,0 +1,61 @@
+"""Isothermal DPD."""
+
+from __future__ import annotations
+
+from ..forces.conservative import dpd_expression
+from ..kernels.dpd import TermTable
+from ..model.pairs import DPD
+from .arrays import symmetric_arrays
+from .record import BeadData, Kind, Resolved, register
+
+
+def dpd_table(table: Resolved, names: list[str]) -> TermTable:
+    """Arrays of isothermal DPD coefficients."""
+
+    def values(c: DPD) -> dict:
+        fixed_sigma = c.sigma is not None and c.gamma is None
+        return {
+            "A": c.A,
+            "gamma": float("nan") if fixed_sigma else c.gamma or 0.0,
+            "sigma": c.sigma if fixed_sigma else float("nan"),
+            "gamma_perp": c.gamma_perp,
+            "exponent": c.exponent,
+            "exponent_perp": c.exponent_perp,
+            "cutoff": c.cutoff,
+        }
+
+    return TermTable(**symmetric_arrays(table, names, values))
+
+
+def _terms(table: Resolved, beads: BeadData) -> TermTable:
+    return dpd_table(table, beads.names)
+
+
+def _why_not_native(c: DPD) -> str | None:
+    if c.gamma is None and c.sigma:
+        return "sigma is fixed, and it keeps gamma fixed"
+    if c.gamma_perp:
+        return "there is transverse friction"
+    if c.exponent != 1.0 and c.gamma:
+        return f"the noise exponent is {c.exponent:g}, and it only knows 1"
+    return None
+
+
+def _frictions(c: DPD, kT: float) -> list[tuple[float, float]]:
+    """Along the line of centres, and in the two directions across."""
+    gamma = (c.sigma or 0.0) ** 2 / (2 * kT) if c.gamma is None else c.gamma
+    return [(gamma, c.exponent), (2.0 * c.gamma_perp, c.exponent_perp)]
+
+
+register(
+    Kind(
+        coefficient=DPD,
+        terms=_terms,
+        potential=dpd_expression,
+        why_not_native=_why_not_native,
+        stress_terms=lambda table: table,
+        beside_atoms=True,
+        thermostat=True,
+        frictions=_frictions,
+    )
+)

@@ -1,0 +1,56 @@
+"""Radial potentials that DPD thermostats are laid over: Lennard-Jones and tabulated."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..forces.expressions import type_pairs
+from ..forces.partners import energy_spline, lennard_jones_expression, lennard_jones_shift, tabulated_expression
+from ..kernels.radial import Tables
+from ..model.pairs import LennardJones, TabulatedPair
+from .record import Curves, Kind, Overlay, Resolved, register
+
+
+def _lennard_jones_curves(table: Resolved, names: list[str]) -> Curves:
+    columns = (lambda c: c.epsilon, lambda c: c.sigma, lennard_jones_shift)
+    values = np.stack([type_pairs(table, names, column, 0.0) for column in columns], axis=-1)
+    return Curves(np.full(values.shape[:2], -1, np.int64), np.ascontiguousarray(values), Tables.of([]))
+
+
+def _lennard_jones_virial(c: LennardJones, r: np.ndarray) -> np.ndarray:
+    s6 = (c.sigma / r) ** 6
+    return 24.0 * c.epsilon * (2.0 * s6 * s6 - s6)
+
+
+def _tabulated_curves(table: Resolved, names: list[str]) -> Curves:
+    different = list({id(c): c for c in table.values() if c.cutoff > 0}.values())
+    numbers = {id(c): k for k, c in enumerate(different)}
+    which = type_pairs(table, names, lambda c: numbers[id(c)], -1).astype(np.int64)
+    splines = [energy_spline(c) for c in different]
+    return Curves(which, np.zeros((*which.shape, 3)), Tables.of([(spline.x, spline.c) for spline in splines]))
+
+
+def _tabulated_virial(c: TabulatedPair, r: np.ndarray) -> np.ndarray:
+    return -r * energy_spline(c)(np.maximum(r, c.distances[0]), 1)
+
+
+_NO_LAPLACIAN = "a conservative term (Lennard-Jones or tabulated) has no Laplacian here"
+
+register(
+    Kind(
+        coefficient=LennardJones,
+        overlay=Overlay(_lennard_jones_curves, _lennard_jones_virial),
+        potential=lennard_jones_expression,
+        why_no_laplacian=lambda _: _NO_LAPLACIAN,
+        beside_atoms=True,
+    )
+)
+register(
+    Kind(
+        coefficient=TabulatedPair,
+        overlay=Overlay(_tabulated_curves, _tabulated_virial),
+        potential=tabulated_expression,
+        why_no_laplacian=lambda _: _NO_LAPLACIAN,
+        beside_atoms=True,
+    )
+)

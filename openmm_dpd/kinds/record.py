@@ -1,0 +1,179 @@
+"""What the package asks about a kind of pair coefficients, as one record, and the register of all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import openmm
+
+from ..errors import ParameterError
+from ..forces.expressions import PairExpression
+from ..kernels.dpd import TermTable
+from ..kernels.fields import FieldSpec
+from ..kernels.layer import Table
+from ..kernels.radial import Tables
+from ..model.pairs import NONE, PairCoefficient
+from ..model.scene import Scene
+
+#: Coefficients by pair of types, all of one kind or NONE.
+Resolved = Mapping[tuple[str, str], Any]
+
+
+class BeadData(NamedTuple):
+    """What coefficients may need to know of the beads: names of the types, masses of the beads, and the scene's ``compat``."""
+
+    names: list[str]
+    masses: np.ndarray
+    compat: str = "consistent"
+
+
+class Curves(NamedTuple):
+    """A table of radial potentials as :class:`openmm_dpd.kernels.radial.RadialTerms` wants it."""
+
+    which: np.ndarray
+    lennard_jones: np.ndarray
+    tables: Tables
+
+
+@dataclass(frozen=True)
+class Overlay:
+    """A radial potential without friction, for a thermostat to be laid over.
+
+    Attributes
+    ----------
+    curves : function of (resolved table, names of types)
+        The kernel's form.
+    virial : function of (coefficient, distances)
+        -r dU/dr below the cutoff, for the stress tensor.
+    """
+
+    curves: Callable[[Resolved, list[str]], Curves]
+    virial: Callable[[Any, np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Kind:
+    """One kind of pair coefficients.
+
+    What is not given is not possible, and refused where it is asked for.
+
+    Attributes
+    ----------
+    coefficient : type
+        A frozen dataclass of :mod:`openmm_dpd.model`, a :class:`~openmm_dpd.model.pairs.PairCoefficient`.
+    terms : function of (resolved table, BeadData), optional
+        The coefficients as the pair kernel's table, which makes the layer that evaluates them; or else
+    overlay : Overlay, optional
+        what makes it a radial potential beside the pair terms.
+    potential : function of (resolved table, names of types), optional
+        The conservative force, or its radial part, as an OpenMM expression.
+    density_force : function of (resolved table, names, type numbers, excluded pairs, periodic), optional
+        A many-body force of OpenMM's that goes with it.
+    why_kernel_only : function of (resolved table, Scene, exceptions, platform), optional
+        Why only the kernel can compute the conservative force of a scene, or None.
+    fields : function of Scene, optional
+        What the beads carry, for the kernel; for coefficients that have ``internal``.
+    field_text : str
+        What the per-DOF variables hold.
+    no_sweep : str, optional
+        Why no scheme with sweeps runs it, a part of a sentence that begins with its name.
+    why_not_native : function of a coefficient, optional
+        Why OpenMM's DPDIntegrator cannot apply its friction, a part of a sentence, or None.
+    why_no_laplacian : function of a resolved table, optional
+        Why there is no Laplacian of the potential, hence no configurational temperature, or None.
+    stress_terms : function of a kernel table, optional
+        The same terms, or what the engine can sum the stress tensor of, as a table of isothermal DPD.
+    more_stress : function of a layer, optional
+        (6,) parts of the stress tensor that these terms leave out.
+    has_densities : bool
+        Whether its layers have local densities of the beads.
+    beside_atoms : bool
+        Whether beads beside atoms of a force field may have it, and it may act between the two.
+    thermostat : bool
+        Whether it can be the friction between atoms.
+    frictions : function of (coefficient, kT), optional
+        Friction coefficients (Da/ps) with the exponents of their noise, of a soft repulsion A (1 - r/cutoff): what the table of steps is
+        about.
+    unlike_lammps : str, optional
+        What it does unlike LAMMPS unless a scene has ``compat="lammps"``.
+    """
+
+    coefficient: type[PairCoefficient]
+    terms: Callable[[Resolved, BeadData], Table] | None = None
+    overlay: Overlay | None = None
+    potential: Callable[[Resolved, list[str]], PairExpression] | None = None
+    density_force: Callable[..., openmm.Force] | None = None
+    why_kernel_only: Callable[[Resolved, Scene, dict[tuple[int, int], float], str | None], str | None] | None = None
+    fields: Callable[[Scene], FieldSpec] | None = None
+    field_text: str = ""
+    no_sweep: str | None = None
+    why_not_native: Callable[[Any], str | None] | None = None
+    why_no_laplacian: Callable[[Resolved], str | None] | None = None
+    stress_terms: Callable[[Any], TermTable] | None = None
+    more_stress: Callable[[Any], np.ndarray] | None = None
+    has_densities: bool = False
+    beside_atoms: bool = False
+    thermostat: bool = False
+    frictions: Callable[[Any, float], list[tuple[float, float]]] | None = None
+    unlike_lammps: str | None = None
+
+    def __post_init__(self):
+        if (self.terms is None) == (self.overlay is None):
+            raise ParameterError(f"the kind {self.name} must be either terms of the pair kernel or an overlay")
+        if self.overlay is not None and self.potential is None:
+            raise ParameterError(f"the overlay {self.name} needs a potential for OpenMM")
+        if (self.coefficient.internal is None) != (self.fields is None):
+            raise ParameterError(f"the kind {self.name} must name what its beads carry and say how the kernel sees it, or neither")
+
+    @property
+    def name(self) -> str:
+        """Name of the class of coefficients."""
+        return self.coefficient.__name__
+
+    def kernel_only(self, table: Resolved, scene: Scene, exceptions: dict[tuple[int, int], float], platform: str | None) -> str | None:
+        """Why only the pair kernel can compute the conservative force in a scene, or None."""
+        if self.potential is None and self.why_kernel_only is None:
+            return f"there is no OpenMM force for {self.name}"
+        return self.why_kernel_only(table, scene, exceptions, platform) if self.why_kernel_only else None
+
+    def no_laplacian(self, table: Resolved) -> str | None:
+        """Why there is no Laplacian of its potential, or None."""
+        return self.why_no_laplacian(table) if self.why_no_laplacian else None
+
+
+#: All kinds, by the class of their coefficients.
+KINDS: dict[type[PairCoefficient], Kind] = {}
+
+
+def register(kind: Kind) -> Kind:
+    """Make a kind known to the package.
+
+    Raises
+    ------
+    ParameterError
+        If there is another one for its coefficients.
+    """
+    if KINDS.setdefault(kind.coefficient, kind) is not kind:
+        raise ParameterError(f"there is a kind for {kind.name} already")
+    return kind
+
+
+def kind_for(coefficient: type[PairCoefficient]) -> Kind:
+    """The kind of a class of coefficients.
+
+    Raises
+    ------
+    ParameterError
+        If none was registered.
+    """
+    if coefficient not in KINDS:
+        raise ParameterError(f"nothing is known of pair terms {coefficient.__name__}; register their kind (openmm_dpd.kinds.register)")
+    return KINDS[coefficient]
+
+
+def resolved_kind(table: Resolved) -> Kind:
+    """The kind of a resolved table that is not empty."""
+    return kind_for(next(type(c) for c in table.values() if c is not NONE))

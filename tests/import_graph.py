@@ -1,0 +1,56 @@
+"""Which module of the package imports which, from the syntax trees: within functions and for type checkers too."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "openmm_dpd"
+
+#: Module name -> its syntax tree.
+TREES: dict[str, ast.Module] = {}
+#: Module name -> its path, from the root.
+PATHS: dict[str, str] = {}
+for _path in sorted(PACKAGE.rglob("*.py")):
+    _parts = _path.relative_to(ROOT).with_suffix("").parts
+    _name = ".".join(_parts[:-1] if _parts[-1] == "__init__" else _parts)
+    TREES[_name], PATHS[_name] = ast.parse(_path.read_text(encoding="utf-8")), _path.relative_to(ROOT).as_posix()
+
+
+def _base(module: str, node: ast.ImportFrom) -> str:
+    """What the names of an import are taken from."""
+    package = module.split(".") if PATHS[module].endswith("__init__.py") else module.split(".")[:-1]
+    here = package[: len(package) + 1 - node.level] if node.level else []
+    return ".".join([*here, *([node.module] if node.module else [])])
+
+
+def imports(module: str) -> set[str]:
+    """Modules of the package that a module imports, and the first names of all others."""
+    found = set()
+    for node in ast.walk(TREES[module]):
+        if isinstance(node, ast.ImportFrom):
+            base = _base(module, node)
+            found |= {f"{base}.{alias.name}" if f"{base}.{alias.name}" in TREES else base for alias in node.names}
+        elif isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+    return {name if name in TREES else name.partition(".")[0] for name in found} - {module}
+
+
+GRAPH: dict[str, set[str]] = {module: imports(module) for module in TREES}
+
+
+def circles(modules: set[str]) -> list[list[str]]:
+    """Groups of modules that import each other, directly or through others of them."""
+
+    def reached(start: str) -> set[str]:
+        found, waiting = set(), [start]
+        while waiting:
+            for name in GRAPH[waiting.pop()] & modules - found:
+                found.add(name)
+                waiting.append(name)
+        return found
+
+    reach = {module: reached(module) for module in modules}
+    groups = {tuple(sorted(name for name in reach[module] if module in reach[name])) for module in modules if module in reach[module]}
+    return sorted(map(list, groups))

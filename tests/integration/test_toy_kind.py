@@ -1,0 +1,240 @@
+"""A kind of pair coefficients that the package does not know, registered here: it builds, runs, explains, and refuses what it cannot.
+
+Exponential repulsion with ordinary friction: with E(r) = exp(-r/width) - exp(-cutoff/width) and w = 1 - r/cutoff::
+
+    F = A E(r) - gamma w^2 (e.v) + sigma w xi/sqrt(dt)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import openmm
+import pytest
+from openmm import app
+from scenes import BOXES, MASSES
+
+import openmm_dpd as dpd
+from openmm_dpd import kinds
+from openmm_dpd.analysis import StressReporter
+from openmm_dpd.errors import ParameterError, PlanError
+from openmm_dpd.forces.expressions import PairExpression, parameters, type_pairs
+from openmm_dpd.kernels.dpd import DPDLayer, TermTable
+from openmm_dpd.kernels.layer import CONSERVATIVE
+from openmm_dpd.lammps.export import export_lammps
+from openmm_dpd.model.bonds import minimum_image
+from openmm_dpd.model.pairs import PairCoefficient
+from openmm_dpd.schemes import SCHEMES
+
+BOX, N = BOXES["ortho"], 90
+
+
+@dataclass(frozen=True)
+class Exponential(PairCoefficient):
+    A: float
+    gamma: float = 0.0
+    width: float = 0.4
+    cutoff: float = 1.0
+
+    @property
+    def has_thermostat(self) -> bool:
+        return self.gamma > 0
+
+
+@dataclass(frozen=True, eq=False)
+class ExponentialTable:
+    friction: TermTable
+    A: np.ndarray
+    width: np.ndarray
+
+    @property
+    def cutoff(self) -> np.ndarray:
+        return self.friction.cutoff
+
+    def layer(self, spec, number):
+        return ExponentialLayer(self, spec, number)
+
+
+class ExponentialLayer:
+    """Friction and noise are those of DPD, the repulsion is added in numpy."""
+
+    def __init__(self, table, spec, number):
+        self._table, self._spec = table, spec
+        self._friction = DPDLayer(table.friction, spec, number)
+        self.pairs = self._friction.pairs
+
+    def _pairs(self):
+        i, j, e, r, factor = self.pairs.listed()
+        at = self._spec.types[i], self._spec.types[j]
+        return i, j, e, r, factor * self._table.A[at], self._table.width[at], self._table.cutoff[at]
+
+    def forces(self, call, out, add):
+        sums = self._friction.forces(call, out, add)
+        if not call.which & CONSERVATIVE:
+            return sums
+        i, j, e, r, A, width, cutoff = self._pairs()
+        end = np.exp(-cutoff / width)
+        force = A * (np.exp(-r / width) - end)
+        np.add.at(out, i, force[:, None] * e)
+        np.add.at(out, j, -force[:, None] * e)
+        energy = np.sum(width * force + A * end * (r - cutoff))
+        return replace(sums, energy=sums.energy + float(energy), virial=sums.virial + float(force @ r))
+
+    def sweep(self, call, v, flow):
+        self._friction.sweep(call, v, flow)
+
+    def laplacian(self):
+        i, j, _, r, A, width, cutoff = self._pairs()
+        mobile = (self._spec.inv_mass[i] > 0).astype(float) + (self._spec.inv_mass[j] > 0)
+        curve = A * np.exp(-r / width) / width - 2.0 * A * (np.exp(-r / width) - np.exp(-cutoff / width)) / r
+        return float(mobile @ curve)
+
+
+def _terms(table, beads):
+    one, zero = np.ones((len(beads.names),) * 2), np.zeros((len(beads.names),) * 2)
+    gamma, cutoff, A, width = (
+        type_pairs(table, beads.names, lambda c, name=name: getattr(c, name), 0.0) for name in ("gamma", "cutoff", "A", "width")
+    )
+    return ExponentialTable(TermTable(zero, gamma, np.full_like(A, np.nan), zero, one, one, cutoff), A, np.where(width > 0, width, 1.0))
+
+
+def _potential(table, names):
+    text, functions = parameters(
+        {
+            "A": type_pairs(table, names, lambda c: c.A, 0.0),
+            "d": type_pairs(table, names, lambda c: c.width, 1.0),
+            "rc": type_pairs(table, names, lambda c: c.cutoff, 1.0),
+        }
+    )
+    return PairExpression(
+        name="exponential",
+        energy=f"step(rc-r)*A*(d*(exp(-r/d)-exp(-rc/d))+exp(-rc/d)*(r-rc)){text}",
+        virial=f"step(rc-r)*A*r*(exp(-r/d)-exp(-rc/d)){text}",
+        cutoff=max(c.cutoff for c in table.values()),
+        functions=functions,
+        skips_coincident=True,
+    )
+
+
+@pytest.fixture
+def register():
+    """Registers a kind for the time of a test."""
+
+    def known(**more):
+        return kinds.register(kinds.Kind(coefficient=Exponential, terms=_terms, **more))
+
+    yield known
+    kinds.KINDS.pop(Exponential, None)
+
+
+PAIRS = {
+    ("A", "A"): Exponential(A=60.0, gamma=4.5),
+    ("A", "B"): Exponential(A=80.0, gamma=2.0, width=0.3),
+    ("B", "B"): Exponential(A=40.0, gamma=9.0, width=0.5, cutoff=1.2),
+}
+
+
+def scene(pairs=PAIRS, **options) -> dpd.Scene:
+    rng = np.random.default_rng(3)
+    types = rng.choice(["A", "B"], N).tolist()
+    return dpd.Scene(MASSES, types, rng.random((N, 3)) @ BOX, pairs, kT=1.0, box=BOX, **options)
+
+
+def expected_on(bead, x, types):
+    """The formulas once more: energy, force on a bead and its virial."""
+    d = minimum_image(x[bead] - np.delete(x, bead, axis=0), BOX)
+    r = np.linalg.norm(d, axis=1)
+    terms = [PAIRS[tuple(sorted((types[bead], other)))] for k, other in enumerate(types) if k != bead]
+    A, width, cutoff = (np.array([getattr(c, name) for c in terms]) for name in ("A", "width", "cutoff"))
+    end = np.exp(-cutoff / width)
+    push = np.where(r < cutoff, A * (np.exp(-r / width) - end), 0.0)
+    energy = np.where(r < cutoff, A * width * (np.exp(-r / width) - end) + A * end * (r - cutoff), 0.0)
+    return energy.sum(), (push / r) @ d, push @ r
+
+
+@pytest.mark.parametrize("choice", ["kernel", "openmm"])
+def test_it_has_its_forces_and_energy(register, choice):
+    register(potential=_potential)
+    beads = scene()
+    built = dpd.build(beads, dt=0.01, conservative=choice, platform="Reference", seed=1)
+    energy, force, virial = map(np.array, zip(*(expected_on(k, beads.positions, beads.types) for k in range(N)), strict=True))
+    np.testing.assert_allclose(dpd.force_terms(built)["conservative"], force, rtol=0, atol=1e-10 * np.abs(force).max())
+    sample = dpd.Observer(built).sample(built.simulation().context)
+    # each pair is met twice
+    assert sample.pair == pytest.approx(0.5 * energy.sum(), rel=1e-10)
+    assert sample.virial_conservative == pytest.approx(0.5 * virial.sum(), rel=1e-10)
+
+
+def test_its_laplacian_is_a_second_derivative(register):
+    register()
+    beads, h = scene(), 1e-5
+    built = dpd.build(beads, dt=0.01, conservative="kernel", platform="Reference", seed=1)
+    sample = dpd.Observer(built).sample(built.simulation().context)
+    slope = 0.0
+    for bead, axis in np.ndindex(*beads.positions.shape):
+        ends = []
+        for shift in (h, -h):
+            x = beads.positions.copy()
+            x[bead, axis] += shift
+            ends.append(expected_on(bead, x, beads.types)[1][axis])
+        slope -= (ends[0] - ends[1]) / (2 * h)
+    assert sample.laplacian == pytest.approx(slope, rel=1e-6)
+
+
+@pytest.mark.parametrize("scheme", [name for name, known in SCHEMES.items() if not known.native])
+def test_every_scheme_runs_it(register, scheme):
+    register()
+    built = dpd.build(scene(), dt=0.01, scheme=scheme, platform="CPU", seed=1)
+    simulation = built.simulation()
+    before = dpd.Observer(built).sample(simulation.context)
+    simulation.step(50)
+    after = dpd.Observer(built).sample(simulation.context)
+    assert np.abs(after.momentum - before.momentum).max() < 1e-9
+    # random positions relax, and the friction keeps the temperature: 3 (N - 1) = 267 degrees of freedom, standard error 0.09
+    assert 0.5 < after.kT < 2.0 and after.pair < 0.9 * before.pair
+
+
+def test_it_is_explained(register):
+    register()
+    text = dpd.build(scene(), dt=0.01, platform="CPU", seed=1).explain()
+    assert "A - B: Exponential(A = 80, gamma = 2, width = 0.3)" in text
+    assert "friction and noise: compiled pair kernel" in text
+
+
+def test_without_an_openmm_force_the_kernel_holds_it(register):
+    register()
+    assert dpd.make_plan(scene(), dt=0.01, platform="Reference", seed=1).conservative == "kernel"
+    with pytest.raises(PlanError, match="conservative='openmm' is not possible: there is no OpenMM force for Exponential"):
+        dpd.make_plan(scene(), dt=0.01, conservative="openmm", platform="Reference", seed=1)
+
+
+def test_what_it_cannot_is_refused(register, tmp_path):
+    register(potential=_potential)
+    beads = scene()
+    with pytest.raises(PlanError, match="isothermal DPD only, not Exponential"):
+        dpd.build(beads, dt=0.01, scheme="native", platform="Reference", seed=1)
+    with pytest.raises(ParameterError, match="stress tensor of this scene: that of Exponential is not known"):
+        StressReporter(1, dpd.build(beads, dt=0.01, platform="Reference", seed=1))
+    assert "Exponential is not in it" in dpd.recommend(beads).notes[0]
+    with pytest.raises(ParameterError, match="kind Exponential cannot be exported"):
+        export_lammps(beads, tmp_path, "toy", dt=0.01)
+    system = openmm.System()
+    for _ in range(4):
+        system.addParticle(1.0)
+    with pytest.raises(ParameterError, match="friction must be a DPD"):
+        dpd.add_thermostat(system, Exponential(A=0.0, gamma=4.5), 300, 0.002)
+    with pytest.raises(PlanError, match="Exponential is for beads alone"):
+        dpd.embed(beads, app.Topology(), system, np.zeros((4, 3)), atoms=["X"] * 4, cross={}, dt=0.01)
+
+
+def test_a_kind_that_makes_no_sense_is_refused(register):
+    with pytest.raises(ParameterError, match="nothing is known of pair terms Exponential"):
+        dpd.make_plan(scene(), dt=0.01, platform="CPU", seed=1)
+    register()
+    with pytest.raises(ParameterError, match="there is a kind for Exponential already"):
+        register()
+    with pytest.raises(ParameterError, match="either terms of the pair kernel or an overlay"):
+        kinds.Kind(coefficient=Exponential)
+    with pytest.raises(ParameterError, match="what its beads carry"):
+        kinds.Kind(coefficient=dpd.EDPD, terms=_terms)

@@ -1,0 +1,118 @@
+"""Rules of the house that a script can count.  Bounds are what there is today; they may go down, never up."""
+
+from __future__ import annotations
+
+import ast
+from collections import defaultdict
+
+from import_graph import PATHS, ROOT, TREES, circles
+
+from openmm_dpd import kinds
+
+LAMMPS = {module for module in TREES if module.startswith("openmm_dpd.lammps")}
+
+#: Where kinds may be told apart: the files that define them, and their records.
+HOME = ("openmm_dpd.model", "openmm_dpd.kernels", "openmm_dpd.kinds")
+
+
+#: What beads carry.
+CARRIED = {"InternalEnergy", "BeadTemperatures", "Concentrations"}
+
+#: Public classes and functions of one name in several files, and how many.
+TWICE = {
+    "Average": 2,
+    "Frame": 2,
+    "Phase": 2,
+    "Sample": 2,
+    "Scratch": 2,
+    "Space": 2,
+    "Table": 2,
+    "Window": 2,
+    "atom_style": 2,
+    "bead_types": 2,
+    "checked": 2,
+    "folded": 3,
+    "id_ranges": 2,
+    "laplacian": 2,
+    "load": 2,
+    "minimum_image": 2,
+    "number": 2,
+    "polynomial": 2,
+    "program": 3,
+    "push": 2,
+    "radius_of_gyration": 2,
+    "reflect": 2,
+    "run": 2,
+    "thermal_energy": 2,
+    "unwrapped": 2,
+}
+
+#: Files over 400 lines.
+LONG = {"integrators.py", "energy.py", "run.py", "measure.py", "scene.py", "plan.py"}
+
+
+def _coefficients_and_tables() -> set[str]:
+    """Names of the classes of pair coefficients, and of the kernel's tables and layers."""
+    kernel = {
+        node.name
+        for module, tree in TREES.items()
+        if module.startswith("openmm_dpd.kernels")
+        for node in tree.body
+        if isinstance(node, ast.ClassDef) and node.name.endswith(("Table", "Layer")) and node.name not in ("Table", "Layer")
+    }
+    return {kind.__name__ for kind in kinds.KINDS} | kernel
+
+
+def _questions(tree: ast.Module, classes: set[str]) -> list[int]:
+    """Lines that ask whether something is of one of these classes: isinstance, type(x) is C, C in kinds."""
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ("isinstance", "issubclass"):
+            asked: list[ast.expr] = node.args[1:]
+        elif isinstance(node, ast.Compare):
+            asked = [node.left, *node.comparators]
+        else:
+            continue
+        if any(isinstance(part, ast.Name) and part.id in classes for one in asked for part in ast.walk(one)):
+            found.append(node.lineno)
+    return found
+
+
+def _asked(modules, classes: set[str]) -> list[str]:
+    return [f"{PATHS[module]}:{line}" for module in sorted(modules) for line in _questions(TREES[module], classes)]
+
+
+def test_kinds_are_asked_by_their_records():
+    classes = _coefficients_and_tables()
+    assert {"DPD", "TabulatedPair", "ManyBodyTable", "DPDLayer", "EOSTable"} <= classes
+    outside = {module for module in TREES if not module.startswith(HOME)}
+    assert _asked(outside - LAMMPS, classes) == []
+    assert len(_asked(LAMMPS, classes)) <= 7
+    assert len(_asked(outside - LAMMPS, CARRIED)) <= 2
+    assert len(_asked(LAMMPS, CARRIED)) <= 16
+
+
+def test_questions_are_found():
+    """All ways of asking that there are, and what is none."""
+    lines = ["isinstance(x, DPD)", "isinstance(x, (int, EDPD))", "type(x) is DPD", "x in (EDPD, 1)", "DPD(A=1)", "x is None", "{DPD: 1}[x]"]
+    assert _questions(ast.parse("\n".join(lines)), {"DPD", "EDPD"}) == [1, 2, 3, 4]
+
+
+def test_no_circles():
+    assert circles(set(TREES) - LAMMPS) == []
+    assert sum(map(len, circles(LAMMPS))) <= 20
+
+
+def test_names_stand_for_one_thing():
+    found = defaultdict(set)
+    for module, tree in TREES.items():
+        for node in tree.body:
+            if isinstance(node, (ast.ClassDef, ast.FunctionDef)) and not node.name.startswith("_"):
+                found[node.name].add(PATHS[module])
+    twice = {name: sorted(files) for name, files in found.items() if len(files) > TWICE.get(name, 1)}
+    assert not twice
+
+
+def test_files_are_short():
+    long = {path for path in PATHS.values() if len((ROOT / path).read_text(encoding="utf-8").splitlines()) > 400}
+    assert {path.rpartition("/")[2] for path in long} <= LONG and len(long) <= len(LONG)
