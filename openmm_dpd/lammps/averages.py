@@ -6,18 +6,15 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import ParameterError
 from ..files import append_block, write_whole
 from . import arguments as read
-from .context import Context
+from .resolver import Resolver
+from .state import DeckState
 from .thermo import check_format, fields_read
-
-if TYPE_CHECKING:
-    from .state import DeckState
 
 
 class Schedule:
@@ -74,7 +71,7 @@ def parse_schedule(state: DeckState, style: str, words: Sequence[str], start: in
     return Schedule(every, repeat, freq, state.step, start)
 
 
-class Window:
+class Windows:
     """Combines the averages of single windows: ``ave one``, ``ave running`` or ``ave window M``."""
 
     def __init__(self, words: Sequence[str] = ("one",)):
@@ -143,7 +140,7 @@ class Average(ABC):
         Id of the fix.
     """
 
-    def __init__(self, name: str, schedule: Schedule, window: Window, file: AverageFile, form: str):
+    def __init__(self, name: str, schedule: Schedule, window: Windows, file: AverageFile, form: str):
         self.name, self._schedule, self._window, self._file, self._form = name, schedule, window, file, form
 
     @property
@@ -167,22 +164,22 @@ class Average(ABC):
             self.forget()
             state.note(f"fix {self.name}: an average that was not complete is dropped, since steps of it were passed over")
 
-    def take(self, context: Context) -> None:
-        """Take a sample; the context is that of a step at which it is due."""
-        self.sample(context)
+    def take(self, moment: Resolver) -> None:
+        """Take a sample; the moment is that of a step at which it is due."""
+        self.sample(moment)
         if self._schedule.advance():
-            self.close_window(context)
+            self.close_window(moment)
 
     @abstractmethod
     def forget(self) -> None:
         """Drop the samples of the window that is open."""
 
     @abstractmethod
-    def sample(self, context: Context) -> None:
+    def sample(self, moment: Resolver) -> None:
         """Add the present values to the window."""
 
     @abstractmethod
-    def close_window(self, context: Context) -> None:
+    def close_window(self, moment: Resolver) -> None:
         """Average, write, and begin anew."""
 
     @property

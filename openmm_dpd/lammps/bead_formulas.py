@@ -8,12 +8,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..errors import ParameterError
-from .expressions import ATOM_VALUES, FUNCTIONS, Formula, Resolver
+from .expressions import ATOM_VALUES, FUNCTIONS, Formula, Names
 
 Values = np.ndarray | float
 
 
-class BeadResolver(Resolver, Protocol):
+class BeadNames(Names, Protocol):
     """What an atom-style formula may refer to beside what an equal-style one may."""
 
     def bead_variable(self, name: str) -> Values:
@@ -79,14 +79,14 @@ _OF_NUMPY: dict[str, Callable[..., Values]] = {
 }
 
 
-def evaluate_beads(text: str, resolver: BeadResolver, n: int) -> np.ndarray:
+def evaluate_beads(text: str, resolver: BeadNames, n: int) -> np.ndarray:
     """(n,) values of a formula.
 
     Parameters
     ----------
     text : str
         The formula, such as ``0.5*mass*(vx^2+vy^2)``.
-    resolver : BeadResolver
+    resolver : BeadNames
         Gives values of single beads, and everything that equal-style formulas know.
     n : int
         Number of beads.
@@ -107,7 +107,7 @@ def evaluate_beads(text: str, resolver: BeadResolver, n: int) -> np.ndarray:
 class _BeadFormula(Formula):
     levels = _LEVELS
     functions = {name: (size, _OF_NUMPY[name]) for name, (size, _) in FUNCTIONS.items()}
-    resolver: BeadResolver
+    resolver: BeadNames
 
     @staticmethod
     def negated(value):

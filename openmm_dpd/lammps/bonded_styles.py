@@ -12,7 +12,6 @@ from ..model.angles import CosineAngles, HarmonicAngles
 from ..model.bonds import FENEBonds, HarmonicBonds, MorseBonds
 from ..units import UnitSystem
 from . import arguments as read
-from .lexer import Line
 
 
 def factor(dimension: str, units: UnitSystem) -> float:
@@ -82,25 +81,3 @@ ANGLE_STYLES = {
     "cosine": BondedStyle(CosineAngles, {"K": ("k", "energy")}),
     "zero": BondedStyle(None),
 }
-
-
-@dataclass
-class BondedSetup:
-    """Style of the bonds, or of the angles, and the coefficients of each type.
-
-    Attributes
-    ----------
-    style : str
-        ``none``, the style, or ``hybrid``.
-    styles : tuple of str
-        The styles of hybrid, or the one style.
-    coefficients : dict
-        By type: the name of its style and the arguments of its class in MD units.
-    where : Line or None
-        The line of the style.
-    """
-
-    style: str = "none"
-    styles: tuple[str, ...] = ()
-    coefficients: dict[int, tuple[str, dict[str, float]]] = field(default_factory=dict)
-    where: Line | None = None

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..errors import DeckError, ParameterError
+from ..errors import ParameterError
 from ..model.eos import EquationOfState
 from ..model.internal import BeadTemperatures, Concentrations, Internal, InternalEnergy
 from ..model.sources import Source
-from .state import DeckState, Fix
+from .lexer import located
+from .records import Fix
+from .state import DeckState
 
 EOS_FIXES = ("eos/cv", "eos/table")
 SOURCE_FIXES = {"edpd/source": "edpd", "tdpd/source": "tdpd"}
-
-
-def _complain(fix: Fix, message: str) -> DeckError:
-    return DeckError(f"fix {fix.name}: {message}", fix.where.file, fix.where.number)
 
 
 def internal_of(state: DeckState) -> Internal | None:
@@ -60,21 +58,19 @@ def equations_of_state(state: DeckState) -> dict[str, EquationOfState]:
         if twice.any():
             bead = int(np.argmax(twice))
             other = fixes[owner[bead]].name
-            raise _complain(fix, f"bead {state.atoms.ids[bead]} has an equation of state from fix {other} already; it can have one only")
+            raise fix.error(f"bead {state.atoms.ids[bead]} has an equation of state from fix {other} already; it can have one only")
         owner[members] = k
     if np.any(owner < 0):
         bead = int(state.atoms.ids[np.argmax(owner < 0)])
         where = next(style.where for style in state.pair.styles if style.name == "dpd/fdt/energy")
         message = f"pair style dpd/fdt/energy needs a fix eos/cv or eos/table for every bead; bead {bead} has none"
-        raise DeckError(message, where.file, where.number)
+        raise located(where, message)
     by_type: dict[str, EquationOfState] = {}
     for kind in range(1, state.n_types + 1):
         used = [fixes[k] for k in np.unique(owner[state.atoms.types == kind]).tolist()]
         for fix in used[1:]:
             if fix.parameters["source"] != used[0].parameters["source"]:
-                raise _complain(
-                    fix, f"beads of type {kind} have another equation of state by fix {used[0].name}; give them types of their own"
-                )
+                raise fix.error(f"beads of type {kind} have another equation of state by fix {used[0].name}; give them types of their own")
         by_type[str(kind)] = (used or fixes)[0].parameters["eos"]
     _check_temperatures(state, fixes, owner)
     return by_type
@@ -88,12 +84,12 @@ def _check_temperatures(state: DeckState, fixes: list[Fix], owner: np.ndarray) -
         cold = members[thetas[members] <= 0]
         if len(cold):
             theta, bead = thetas[cold[0]], state.atoms.ids[cold[0]]
-            raise _complain(fix, f"bead {bead} has the internal temperature {theta:g}; it must be > 0 (set ... dpd/theta)")
+            raise fix.error(f"bead {bead} has the internal temperature {theta:g}; it must be > 0 (set ... dpd/theta)")
         energies = np.asarray(fix.parameters["eos"].energy(thetas[members] * state.units.thermal_energy))
         outside = members[~np.isfinite(energies)]
         if len(outside):
             theta, bead = thetas[outside[0]], state.atoms.ids[outside[0]]
-            raise _complain(fix, f"the internal temperature {theta:g} of bead {bead} is outside the table")
+            raise fix.error(f"the internal temperature {theta:g} of bead {bead} is outside the table")
 
 
 def sources_of(state: DeckState, box: np.ndarray) -> list[Source]:
@@ -112,7 +108,7 @@ def sources_of(state: DeckState, box: np.ndarray) -> list[Source]:
             continue
         pair = SOURCE_FIXES[fix.style]
         if pair not in names:
-            raise _complain(fix, f"{fix.style} needs pair style {pair}; the deck has {', '.join(names) or 'none'}")
+            raise fix.error(f"{fix.style} needs pair style {pair}; the deck has {', '.join(names) or 'none'}")
         group = state.group(fix.group)
         try:
             source = Source(
@@ -124,6 +120,6 @@ def sources_of(state: DeckState, box: np.ndarray) -> list[Source]:
             )
             source.check(box, len(state.atoms), max(1, state.n_species))
         except ParameterError as error:
-            raise _complain(fix, str(error)) from None
+            raise fix.error(str(error)) from None
         found.append(source)
     return found

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ..errors import ParameterError
 from . import arguments as read
-from .averages import Average, Window, file_of, form_of, parse_schedule, split_values
+from .averages import Average, Windows, file_of, form_of, parse_schedule, split_values
 from .chunks import Bins, chunk_numbers
-from .context import Context
-from .per_bead import BEAD_WORDS, bead_values, check_bead_word
+from .computes import check_bead_word
+from .per_bead import BEAD_WORDS
+from .records import Compute
+from .resolver import Resolver
+from .state import DeckState
 from .wildcards import expanded
-
-if TYPE_CHECKING:
-    from .compute_spec import Compute
-    from .state import DeckState
 
 #: Values of ``fix ave/chunk`` that are more than a mean over beads.
 _OWN = ("density/number", "density/mass", "temp")
@@ -50,41 +47,41 @@ class ChunkAverage(Average):
         self._bins: Bins | None = None
         self._counts, self._sums, self._samples = np.zeros(0), np.zeros((0, 0)), 0
 
-    def sample(self, context: Context) -> None:
+    def sample(self, moment: Resolver) -> None:
         if self._bins is None:
-            self._bins = self._compute.settings.bins(context.box)
+            self._bins = self._compute.settings.bins(moment.box)
             self._counts = np.zeros(self._bins.count)
             self._sums = np.zeros((len(self._values), self._bins.count))
         bins = self._bins
-        number = chunk_numbers(context, self._compute, bins)
-        kept = (number >= 0) & context.state.group(self._group)
+        number = chunk_numbers(moment, self._compute, bins)
+        kept = (number >= 0) & moment.state.group(self._group)
         number = number[kept]
         counts = np.bincount(number, minlength=bins.count).astype(float)
         for k, word in enumerate(self._values):
-            sums = self._of_beads(context, word, number, kept, bins.count)
-            self._sums[k] += sums if self._norm == "all" else self._normalised(context, word, sums, counts, 1)
+            sums = self._of_beads(moment, word, number, kept, bins.count)
+            self._sums[k] += sums if self._norm == "all" else self._normalised(moment, word, sums, counts, 1)
         self._counts += counts
         self._samples += 1
 
     @staticmethod
-    def _of_beads(context: Context, word: str, number: np.ndarray, kept: np.ndarray, count: int) -> np.ndarray:
+    def _of_beads(moment: Resolver, word: str, number: np.ndarray, kept: np.ndarray, count: int) -> np.ndarray:
         """Sum over the beads of each bin; for ``temp`` that of m v^2."""
         if word == "density/number":
             values = np.ones(len(number))
         elif word == "density/mass":
-            values = BEAD_WORDS["mass"].value(context)[kept]
+            values = BEAD_WORDS["mass"].value(moment)[kept]
         elif word == "temp":
-            velocities = context.velocities[kept] * context.units.velocity
-            values = context.state.bead_masses()[kept] * np.sum(velocities**2, axis=1) / context.units.thermal_energy
+            velocities = moment.velocities[kept] * moment.units.velocity
+            values = moment.state.bead_masses()[kept] * np.sum(velocities**2, axis=1) / moment.units.thermal_energy
         else:
-            values = bead_values(context, word)[kept]
+            values = moment.bead_values(word)[kept]
         return np.bincount(number, weights=values, minlength=count).astype(float)  # of no beads it is an array of integers
 
-    def _normalised(self, context: Context, word: str, sums: np.ndarray, counts: np.ndarray, samples: int) -> np.ndarray:
+    def _normalised(self, moment: Resolver, word: str, sums: np.ndarray, counts: np.ndarray, samples: int) -> np.ndarray:
         """Sums over the beads of ``samples`` samples, divided by what belongs to the value; 0 for bins without beads."""
         assert self._bins is not None
         if word.startswith("density/"):
-            unit = context.units.density if word == "density/mass" else 1.0
+            unit = moment.units.density if word == "density/mass" else 1.0
             return unit * sums / (self._bins.volume * samples)
         by = counts
         if word == "temp":
@@ -93,29 +90,29 @@ class ChunkAverage(Average):
             return sums
         return np.divide(sums, by, out=np.zeros_like(sums), where=by != 0)
 
-    def close_window(self, context: Context) -> None:
+    def close_window(self, moment: Resolver) -> None:
         bins, samples = self._bins, self._samples
         assert bins is not None
         values = self._sums / samples
         if self._norm == "all":
             pairs = zip(self._values, self._sums, strict=True)
-            values = np.array([self._normalised(context, word, sums, self._counts, samples) for word, sums in pairs])
+            values = np.array([self._normalised(moment, word, sums, self._counts, samples) for word, sums in pairs])
         table = self._window.add(np.vstack([self._counts / samples, values]))
         self.forget()
         centres = bins.centres
-        self._write(context, centres, table)
+        self._write(moment, centres, table)
         self._table = np.vstack([centres.T, table])
         names = ["coord"] if centres.shape[1] == 1 else [f"coord{k}" for k in range(1, centres.shape[1] + 1)]
         self.profile = {name: column.tolist() for name, column in zip(names, centres.T, strict=True)} | {"ncount": table[0].tolist()}
         self.profile |= {word: row.tolist() for word, row in zip(self._values, table[1:], strict=True)}
 
-    def _write(self, context: Context, centres: np.ndarray, table: np.ndarray) -> None:
+    def _write(self, moment: Resolver, centres: np.ndarray, table: np.ndarray) -> None:
         # LAMMPS divides everything but this number by the number of windows
-        lines = [f"{context.step} {table.shape[1]} {table[0].sum() * self._window.count:.15g}"]
+        lines = [f"{moment.step} {table.shape[1]} {table[0].sum() * self._window.count:.15g}"]
         for k, (centre, column) in enumerate(zip(centres, table.T, strict=True), start=1):
             place = " ".join(f"{coordinate:g}" for coordinate in centre)
             lines.append(f"  {k} {place} {column[0]:g}" + "".join(self._form % value for value in column[1:]))
-        self._file.write(context.state, lines)
+        self._file.write(moment.state, lines)
 
     def check_index(self, *indices: int) -> None:
         columns = len(self._compute.settings.axes) + 1 + len(self._values)
@@ -155,7 +152,7 @@ def parse_ave_chunk(state: DeckState, name: str, group: str, args: list[str]) ->
         "# Timestep Number-of-chunks Total-count",
         f"# Chunk {places} Ncount {' '.join(words)}",
     ]
-    file, window = file_of(state, options, header), Window(options.get("ave", ["one"]))
+    file, window = file_of(state, options, header), Windows(options.get("ave", ["one"]))
     return ChunkAverage(
         group, compute, words, norm, dof, name, parse_schedule(state, "ave/chunk", args[:3]), window, file, form_of(options)
     )

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import ParameterError
 from . import arguments as read
 from .box import Box
-from .compute_spec import Compute, ComputeSpec
-from .per_bead import folded
-
-if TYPE_CHECKING:
-    from .context import Context
-    from .state import DeckState
+from .compute_spec import ComputeSpec
+from .moment import Moment
+from .records import Compute
+from .state import DeckState
 
 _STYLES = {"bin/1d": 1, "bin/2d": 2, "bin/3d": 3}
 _USAGE = "compute ID group chunk/atom bin/1d|bin/2d|bin/3d x|y|z lower|center|upper|coordinate thickness ..."
@@ -195,14 +192,14 @@ def _bound(words: list[str], scale: float) -> tuple[float | None, float | None]:
     return low, high
 
 
-def chunk_numbers(context: Context, compute: Compute, bins: Bins) -> np.ndarray:
+def chunk_numbers(moment: Moment, compute: Compute, bins: Bins) -> np.ndarray:
     """(N,) number of the bin of each bead, from 0; -1 for beads that are in none, or not in the group of the compute."""
     binning: Binning = compute.settings
-    positions, _ = folded(context)
-    fractions = context.box.fractions(positions) if binning.axes[0].reduced else positions
-    counted = context.state.group(compute.group)
+    positions, _ = moment.folded
+    fractions = moment.box.fractions(positions) if binning.axes[0].reduced else positions
+    counted = moment.state.group(compute.group)
     if binning.region is not None:
-        counted = counted & context.state.region(binning.region).contains(positions)
+        counted = counted & moment.state.region(binning.region).contains(positions)
     total = np.zeros(len(positions), dtype=np.int64)
     for axis, slices in zip(binning.axes, bins.axes, strict=True):
         # times the inverse, as LAMMPS has it: a bead on a face belongs to one slice or the other by the last bit
@@ -215,12 +212,11 @@ def chunk_numbers(context: Context, compute: Compute, bins: Bins) -> np.ndarray:
     return np.where(counted, total, -1)
 
 
-def _numbers(context: Context, compute: Compute) -> np.ndarray:
-    return chunk_numbers(context, compute, compute.settings.bins(context.box)) + 1.0
+def _numbers(moment: Moment, compute: Compute) -> np.ndarray:
+    return chunk_numbers(moment, compute, compute.settings.bins(moment.box)) + 1.0
 
 
 CHUNKS = ComputeSpec(
-    lambda state, group, words: None,  # parse_binning checks
     per_bead=_numbers,
     needs=("positions",),
     prepare=parse_binning,

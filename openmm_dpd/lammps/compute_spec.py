@@ -1,29 +1,18 @@
-"""What a compute is: its definition in a deck, and the description of a style."""
+"""The description of a compute style."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..errors import ParameterError
-
-if TYPE_CHECKING:
-    from .context import Context
-    from .state import DeckState
-
-
-@dataclass(frozen=True)
-class Compute:
-    """One compute as the deck defines it: id, group, style, arguments, and what ``ComputeSpec.prepare`` made of them."""
-
-    name: str
-    group: str
-    style: str
-    arguments: tuple[str, ...] = ()
-    settings: Any = None
+from . import arguments as read
+from .moment import Moment
+from .records import Compute
+from .state import DeckState
 
 
 @dataclass(frozen=True)
@@ -32,10 +21,10 @@ class ComputeSpec:
 
     Attributes
     ----------
-    check : callable
-        Raises ParameterError if the arguments (state, group, words) are not supported.
+    check : callable or None
+        Raises ParameterError if the arguments (state, group, words) are not supported; None where ``prepare`` does.
     scalar : callable or None
-        From (context, compute) to its value in deck units, not normalised.
+        From (moment, compute) to its value in deck units, not normalised.
     vector : callable or None
         The same for an array of values.
     per_bead : callable or None
@@ -60,11 +49,11 @@ class ComputeSpec:
         Turns (state, group, words) into ``Compute.settings``, once.
     """
 
-    check: Callable[[DeckState, str, list[str]], None]
-    scalar: Callable[[Context, Compute], float] | None = None
-    vector: Callable[[Context, Compute], np.ndarray] | None = None
-    per_bead: Callable[[Context, Compute], np.ndarray] | None = None
-    array: Callable[[Context, Compute], np.ndarray] | None = None
+    check: Callable[[DeckState, str, list[str]], None] | None = None
+    scalar: Callable[[Moment, Compute], float] | None = None
+    vector: Callable[[Moment, Compute], np.ndarray] | None = None
+    per_bead: Callable[[Moment, Compute], np.ndarray] | None = None
+    array: Callable[[Moment, Compute], np.ndarray] | None = None
     rows: Callable[[Compute], int] = lambda compute: 0
     columns: Callable[[Compute], int] = lambda compute: 0
     extensive: bool | Callable[[Compute], bool] = False
@@ -89,3 +78,12 @@ def check_place(compute: Compute, spec: ComputeSpec, row: int | None, column: in
     if not (1 <= row <= rows and 1 <= column <= columns):
         raise ParameterError(f"{name}[{row}][{column}] is out of range: the table has {rows} rows and {columns} columns")
     return row - 1, column - 1
+
+
+def no_arguments(style: str = "style") -> Callable[[DeckState, str, list[str]], None]:
+    """The check of a style that has no arguments."""
+
+    def check(state: DeckState, group: str, words: list[str]) -> None:
+        read.count(words, f"compute ID group {style} (and no more)", 0)
+
+    return check

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from .bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedSetup, BondedStyle
+from .bonded_setup import BondedSetup
+from .bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedStyle
 from .data_file import atom_columns
 from .pair_styles import coefficient_words
 from .state import DeckState

@@ -3,44 +3,108 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..errors import DeckError, OutputError, ParameterError
 from . import arguments as read
 from .commands import beads, bonded, box, fixes, kspace, output, pairs, setup, velocity
-from .commands.setup import Handler
 from .integration import integration
 from .lexer import Line, logical_lines, read_text, split_words
 from .request import RunRequest
 from .state import DeckState
 from .variables import Variables
 
+
+@dataclass
+class Deck(DeckState):
+    """The state of a deck that is being read, and what becomes of its runs.
+
+    Attributes
+    ----------
+    run_callback : callable or None
+        Called with the request of every run.
+    stop_before_first_run : bool
+        Whether reading ends there.
+    first_run : RunRequest or None
+        The first run, once it is reached.
+    finished : bool
+        Whether the rest of the deck is not read.
+    reading : list of Path
+        The deck and the files whose include is being carried out.
+    """
+
+    run_callback: Callable[[RunRequest], None] | None = None
+    stop_before_first_run: bool = False
+    first_run: RunRequest | None = None
+    finished: bool = False
+    reading: list[Path] = field(default_factory=list)
+
+
 #: Files that may be read one inside the other.
 MOST_INCLUDES = 100
 
 
-def include(state: DeckState, args: list[str]) -> None:
+def include(deck: Deck, args: list[str]) -> None:
     """``include file``."""
     read.count(args, "include file", 1)
-    path = state.find_file(args[0])
-    if len(state.reading) > MOST_INCLUDES:
+    path = deck.find_file(args[0])
+    if len(deck.reading) > MOST_INCLUDES:
         raise ParameterError(f"include '{args[0]}': files include each other {MOST_INCLUDES} deep already, and no deeper is supported")
-    if path.resolve() in state.reading:
+    if path.resolve() in deck.reading:
         raise ParameterError(f"include '{args[0]}': this file is being read already, it would include itself without end")
-    outer = state.here
-    state.reading.append(path.resolve())
-    execute_file(state, path)
-    state.reading.pop()
-    state.here = outer
+    outer = deck.here
+    deck.reading.append(path.resolve())
+    execute_file(deck, path)
+    deck.reading.pop()
+    deck.here = outer
 
 
-def quit_(state: DeckState, args: list[str]) -> None:
+def quit_(deck: Deck, args: list[str]) -> None:
     """``quit``: the rest of the deck is not read."""
-    state.finished = True
+    deck.finished = True
+
+
+def run(deck: Deck, args: list[str]) -> None:
+    """``run N [upto] [start N] [stop N] [pre yes|no] [post yes|no]``."""
+    read.count(args, "run N ...", 1, None)
+    deck.require_box("run")
+    if deck.pair.where is None:
+        raise ParameterError("run needs a pair_style before it; if the beads do not interact, say 'pair_style none'")
+    steps = read.integer(args[0], "the number of steps", 0)
+    begin = end = None
+    for keyword, values in read.options(args[1:], {"upto": 0, "start": 1, "stop": 1, "pre": 1, "post": 1}, "run"):
+        if keyword == "upto":
+            steps -= deck.step
+            if steps < 0:
+                raise ParameterError(f"run {args[0]} upto: the present step, {deck.step}, is beyond it")
+        elif keyword == "start":
+            begin = read.integer(values[0], "start", 0)
+        elif keyword == "stop":
+            end = read.integer(values[0], "stop", 0)
+        elif not read.switch(values[0], keyword) and keyword == "pre":
+            deck.note("run pre no: forces are evaluated anew, with new noise, as with pre yes; LAMMPS goes on with the last ones")
+    if begin is not None and begin > deck.step:
+        raise ParameterError(f"run: start {begin} lies after the first step of the run, {deck.step}")
+    if end is not None and end < deck.step + steps:
+        raise ParameterError(f"run: stop {end} lies before the last step of the run, {deck.step + steps}")
+    deck.settle("run")
+    request = RunRequest.of(deck, steps, integration(deck), begin, end)
+    if deck.first_run is None:
+        deck.first_run = request
+    if deck.stop_before_first_run:
+        deck.finished = True
+        return
+    request.scene()  # everything that is missing or wrong is reported before anything is computed
+    if deck.run_callback is not None:
+        deck.run_callback(request)
+    if deck.step == request.first_step:
+        deck.step = request.last_step  # the callback did not call finish
+    deck.runs += 1
 
 
 #: Every command of a deck.  Another command is another entry of one of the tables in ``commands/``.
-COMMANDS: dict[str, Handler] = {
+COMMANDS: dict[str, Callable[[Deck, list[str]], None]] = {
     **setup.COMMANDS,
     **box.COMMANDS,
     **beads.COMMANDS,
@@ -50,12 +114,13 @@ COMMANDS: dict[str, Handler] = {
     **kspace.COMMANDS,
     **fixes.COMMANDS,
     **output.COMMANDS,
+    "run": run,
     "include": include,
     "quit": quit_,
 }
 
 
-def execute(state: DeckState, line: Line) -> None:
+def execute(deck: Deck, line: Line) -> None:
     """Carry out one logical line.
 
     Raises
@@ -63,14 +128,14 @@ def execute(state: DeckState, line: Line) -> None:
     DeckError
         With the line's file and number, for unknown commands and whatever the command does not accept.
     """
-    state.here = line
+    deck.here = line
     try:
-        words = split_words(output.expand(state, line.text))
+        words = split_words(output.expand(deck, line.text))
         if not words:
             return
         if words[0] not in COMMANDS:
             raise ParameterError(f"unknown or unsupported command '{words[0]}'")
-        COMMANDS[words[0]](state, words[1:])
+        COMMANDS[words[0]](deck, words[1:])
     except DeckError as error:
         if error.file is None:
             raise DeckError(error.message, line.file, line.number) from None
@@ -79,11 +144,11 @@ def execute(state: DeckState, line: Line) -> None:
         raise DeckError(str(error), line.file, line.number) from None
 
 
-def execute_file(state: DeckState, path: Path) -> None:
+def execute_file(deck: Deck, path: Path) -> None:
     """Carry out every line of a file."""
     for line in logical_lines(read_text(path), str(path)):
-        execute(state, line)
-        if state.finished:
+        execute(deck, line)
+        if deck.finished:
             return
 
 
@@ -95,7 +160,7 @@ def read_deck(
     stop_before_first_run: bool = False,
     output: str | Path = ".",
     log: Callable[[str], None] = lambda text: None,
-) -> DeckState:
+) -> Deck:
     """Read a LAMMPS deck and carry it out, leaving the simulation itself to a callback.
 
     Parameters
@@ -115,7 +180,7 @@ def read_deck(
 
     Returns
     -------
-    DeckState
+    Deck
         The state at the end.
 
     Raises
@@ -124,7 +189,7 @@ def read_deck(
         With file and line, for anything unknown, unsupported, missing or out of bounds.
     """
     path = Path(path)
-    state = DeckState(
+    deck = Deck(
         path=path,
         variables=Variables(dict(variables or {})),
         run_callback=run_callback,
@@ -134,14 +199,14 @@ def read_deck(
         reading=[path.resolve()],
     )
     try:
-        execute_file(state, path)
+        execute_file(deck, path)
     finally:
-        for dump in state.dumps.values():
+        for dump in deck.dumps.values():
             dump.close()
-    if state.first_run is None:
+    if deck.first_run is None:
         if not stop_before_first_run:
             raise DeckError("the deck has no run command: there is nothing to do", str(path))
-        if state.box is None:
+        if deck.box is None:
             raise DeckError("the deck makes no simulation box: there is nothing to look at", str(path))
-        state.first_run = RunRequest.of(state, 0, integration(state))
-    return state
+        deck.first_run = RunRequest.of(deck, 0, integration(deck))
+    return deck

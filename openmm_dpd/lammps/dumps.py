@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,12 +11,10 @@ from ..dcd import DCDWriter
 from ..errors import ParameterError
 from ..files import BlockFile, write_whole
 from .box import Box
-from .context import Context
-from .per_bead import bead_values
+from .records import Dump
+from .resolver import Resolver
+from .state import DeckState
 from .thermo import fields_read
-
-if TYPE_CHECKING:
-    from .state import DeckState
 
 STYLES = ("atom", "custom", "dcd")
 
@@ -94,54 +91,29 @@ def _of_column(name: str) -> tuple[Callable[[Frame], np.ndarray], str]:
     return COLUMNS[name] if name in COLUMNS else (lambda frame: frame.computed[name], "%g")
 
 
-@dataclass
-class Dump:
-    """One dump.
+@dataclass(frozen=True)
+class DumpWriter:
+    """Writes the configurations of one dump; what is written already is remembered in ``dump``."""
 
-    Attributes
-    ----------
-    name, group, style : str
-        Its id, group and style.
-    every : int
-        Interval in steps.
-    file : str
-        File name; a ``*`` makes one file per configuration, named after the step.
-    columns : tuple of str
-        Columns of the text styles.
-    append, first, unwrap, sort : bool
-        Settings of dump_modify.
-    """
-
-    name: str
-    group: str
-    style: str
-    every: int
-    file: str
-    columns: tuple[str, ...] = ()
-    append: bool = False
-    first: bool = False
-    unwrap: bool = False
-    formats: dict[str, str] = field(default_factory=dict)
-    last_step: int | None = None
-    _file: BlockFile | DCDWriter | None = field(default=None, repr=False)
+    dump: Dump
 
     @property
     def needs_forces(self) -> bool:
         """Whether a column is a force."""
-        return any(column in ("fx", "fy", "fz") for column in self.columns)
+        return any(column in ("fx", "fy", "fz") for column in self.dump.columns)
 
     def needs(self, state: DeckState) -> frozenset[str]:
         """Fields of Sample that the columns read, beside positions, velocities and forces."""
-        found = fields_read(state, [column for column in self.columns if column.startswith(("c_", "v_"))])
-        return found | {"fields"} if set(CARRIED) & set(self.columns) else found
+        found = fields_read(state, [column for column in self.dump.columns if column.startswith(("c_", "v_"))])
+        return found | {"fields"} if set(CARRIED) & set(self.dump.columns) else found
 
     def due(self, step: int) -> bool:
         """Whether a configuration is written at this step (never twice at one step)."""
-        return step != self.last_step and (step % self.every == 0 or (self.first and self.last_step is None))
+        return step != self.dump.last_step and (step % self.dump.every == 0 or (self.dump.first and self.dump.last_step is None))
 
     def next_due(self, step: int) -> int:
         """The first step after ``step`` at which a configuration is written."""
-        return (step // self.every + 1) * self.every
+        return (step // self.dump.every + 1) * self.dump.every
 
     def write(
         self,
@@ -151,7 +123,7 @@ class Dump:
         velocities: np.ndarray,
         forces: np.ndarray | None = None,
         box: np.ndarray | None = None,
-        context: Context | None = None,
+        moment: Resolver | None = None,
     ) -> None:
         """Write one configuration.
 
@@ -165,7 +137,7 @@ class Dump:
             MD units; positions continuous with those of the scene.
         box : (3, 3) array, optional
             Box vectors in nm, if they differ from the deck's.
-        context : Context, optional
+        moment : Resolver, optional
             With a sample of this step that has the fields of :meth:`needs`; the deck's state by default.
 
         Raises
@@ -173,35 +145,29 @@ class Dump:
         OutputError
             If it cannot be written; the configurations before it stay readable.
         """
-        frame = _frame(state, self, positions, velocities, forces, box, context or Context(state))
-        if self.style == "dcd":
+        frame = _frame(state, self.dump, positions, velocities, forces, box, moment or Resolver(state))
+        if self.dump.style == "dcd":
             self._write_dcd(state, frame)
         else:
             self._write_text(state, step, frame)
-        self.last_step = step
-
-    def close(self) -> None:
-        """Close the file."""
-        if self._file is not None:
-            self._file.close()
-            self._file = None
+        self.dump.last_step = step
 
     @property
     def _what(self) -> str:
-        return f"the file of dump {self.name},"
+        return f"the file of dump {self.dump.name},"
 
     def _write_text(self, state: DeckState, step: int, frame: Frame) -> None:
         text = self._text(step, frame)
-        if "*" in self.file:
-            write_whole(state.output_file(self.file, step), text, self._what)
+        if "*" in self.dump.file:
+            write_whole(state.output_file(self.dump.file, step), text, self._what)
             return
-        if self._file is None:
-            self._file = BlockFile(state.output_file(self.file, step), self._what, append=self.append)
-        assert isinstance(self._file, BlockFile)
-        self._file.write(text)
+        if self.dump.opened is None:
+            self.dump.opened = BlockFile(state.output_file(self.dump.file, step), self._what, append=self.dump.append)
+        assert isinstance(self.dump.opened, BlockFile)
+        self.dump.opened.write(text)
 
     def _text(self, step: int, frame: Frame) -> str:
-        box = frame.box
+        box, dump = frame.box, self.dump
         lines = [f"ITEM: TIMESTEP\n{step}\nITEM: NUMBER OF ATOMS\n{len(frame.ids)}\n"]
         if box.triclinic:
             low, high = box.bounds
@@ -210,27 +176,27 @@ class Dump:
         else:
             lines.append("ITEM: BOX BOUNDS " + " ".join("pp" if periodic else "ff" for periodic in frame.box.periodic) + "\n")
             lines += (f"{box.low[k]:.16e} {box.high[k]:.16e}\n" for k in range(3))
-        lines.append(f"ITEM: ATOMS {' '.join(self.columns)}\n")
-        kinds = {True: self.formats.get("float"), False: self.formats.get("int")}
-        columns = [_of_column(name) for name in self.columns]
-        forms = [self.formats.get(name) or kinds[form == "%g"] or form for name, (_, form) in zip(self.columns, columns, strict=True)]
+        lines.append(f"ITEM: ATOMS {' '.join(dump.columns)}\n")
+        kinds = {True: dump.formats.get("float"), False: dump.formats.get("int")}
+        columns = [_of_column(name) for name in dump.columns]
+        forms = [dump.formats.get(name) or kinds[form == "%g"] or form for name, (_, form) in zip(dump.columns, columns, strict=True)]
         values = [value(frame) for value, _ in columns]
         line = " ".join(forms) + " \n"
         lines += (line % row for row in zip(*values, strict=True))
         return "".join(lines)
 
     def _write_dcd(self, state: DeckState, frame: Frame) -> None:
-        if self._file is None:
-            self._file = DCDWriter(state.output_file(self.file, 0), len(frame.ids), self._what)
-        assert isinstance(self._file, DCDWriter)
-        self._file.write(frame.unwrapped if self.unwrap else frame.wrapped, frame.box.vectors)
+        if self.dump.opened is None:
+            self.dump.opened = DCDWriter(state.output_file(self.dump.file, 0), len(frame.ids), self._what)
+        assert isinstance(self.dump.opened, DCDWriter)
+        self.dump.opened.write(frame.unwrapped if self.dump.unwrap else frame.wrapped, frame.box.vectors)
 
 
-def _frame(state: DeckState, dump: Dump, positions, velocities, forces, vectors, context: Context) -> Frame:
+def _frame(state: DeckState, dump: Dump, positions, velocities, forces, vectors, moment: Resolver) -> Frame:
     atoms, units, mask = state.atoms, state.units, state.group(dump.group)
     # values that the columns do not show are not asked for
     carried = {
-        name: (context.carried(name) if column in dump.columns else np.zeros(len(atoms)))[mask]
+        name: (moment.carried(name) if column in dump.columns else np.zeros(len(atoms)))[mask]
         for name, column in zip(("u_cond", "u_mech", "theta"), CARRIED, strict=True)
     }
     box = state.require_box("a dump")
@@ -251,5 +217,5 @@ def _frame(state: DeckState, dump: Dump, positions, velocities, forces, vectors,
         velocities=np.asarray(velocities)[mask] / units.velocity,
         forces=None if forces is None else np.asarray(forces)[mask] / units.force,
         box=box,
-        computed={column: bead_values(context, column)[mask] for column in dump.columns if column.startswith(("c_", "v_"))},
+        computed={column: moment.bead_values(column)[mask] for column in dump.columns if column.startswith(("c_", "v_"))},
     )

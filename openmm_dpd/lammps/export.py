@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,9 +17,9 @@ from ..schemes import scheme_of
 from .export_job import Job, make_job, refuse_unknown
 from .export_text import DUMP, FINAL, export_texts
 from .export_words import Differences
-
-if TYPE_CHECKING:
-    from .request import RunRequest
+from .main import first_request
+from .request import RunRequest
+from .run import RunOptions
 
 
 @dataclass(frozen=True)
@@ -151,15 +150,12 @@ def export_deck(
     variables : mapping, optional
         Index variables of the deck.
     """
-    from .main import _first_request
-    from .run import RunOptions
-
     path = Path(path)
     name = name or path.name.removeprefix("in.")
     target = Path(directory) / f"in.{name}"
     if target.exists() and path.exists() and target.resolve() == path.resolve():
         raise ParameterError(f"{target} is the deck itself; give another folder or another name")
-    request = _first_request(path, RunOptions(dt=dt, steps=steps, scheme=scheme, compat=compat), variables)
+    request = first_request(path, RunOptions(dt=dt, steps=steps, scheme=scheme, compat=compat), variables)
     scene = request.scene()
     refuse_unknown(scene)
     corner = request.state.require_box("an export").low * request.state.units.length

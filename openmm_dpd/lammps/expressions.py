@@ -22,7 +22,7 @@ ATOM_VALUES = ("id", "mass", "type", "mol", "x", "y", "z", "vx", "vy", "vz", "fx
 CONSTANTS = {"PI": math.pi, "yes": 1.0, "on": 1.0, "true": 1.0, "no": 0.0, "off": 0.0, "false": 0.0}
 
 
-class Resolver(Protocol):
+class Names(Protocol):
     """What a formula may refer to; every method raises ParameterError for what it does not know."""
 
     def thermo(self, word: str) -> float:
@@ -100,14 +100,14 @@ _LEVELS: tuple[dict[str, Callable[[float, float], float]], ...] = (
 )
 
 
-def evaluate(text: str, resolver: Resolver) -> float:
+def evaluate(text: str, resolver: Names) -> float:
     """Value of a formula.
 
     Parameters
     ----------
     text : str
         The formula, such as ``pe/count(all)+v_offset``.
-    resolver : Resolver
+    resolver : Names
         Gives thermo words, variables, computes and group functions.
 
     Raises
@@ -124,7 +124,7 @@ class Formula:
     levels: tuple[dict[str, Callable[..., Any]], ...] = _LEVELS
     functions: dict[str, tuple[int, Callable[..., Any]]] = FUNCTIONS
 
-    def __init__(self, text: str, resolver: Resolver):
+    def __init__(self, text: str, resolver: Names):
         self.text, self.resolver, self.at = text, resolver, 0
         self.tokens: list[tuple[str, str]] = []
         for match in _TOKEN.finditer(text):

@@ -7,11 +7,8 @@ import numpy as np
 from ..errors import DeckError, DPDError, ParameterError
 from ..model.flow import AXES, SPECULAR, BodyForce, PositionForce, Wall
 from .position_formulas import BEAD_CONSTANTS, Known, as_number, depends_on, position_formula
-from .state import DeckState, Fix
-
-
-def _at(fix: Fix, message: str) -> DeckError:
-    return DeckError(f"fix {fix.name}: {message}", fix.where.file, fix.where.number)
+from .records import Fix
+from .state import DeckState
 
 
 # -- addforce -----------------------------------------------------------------------------------------------------------------
@@ -26,21 +23,21 @@ def body_forces_of(state: DeckState) -> list[BodyForce | PositionForce]:
         except DeckError:
             raise
         except DPDError as error:
-            raise _at(fix, str(error)) from None
+            raise fix.error(str(error)) from None
     return found
 
 
 def _added(state: DeckState, fix: Fix, members: np.ndarray) -> list[BodyForce | PositionForce]:
     words: list[str] = fix.parameters["force"]
     texts = [state.variables.get(word[2:]).text if word.startswith("v_") else word for word in words]
-    if not any(depends_on(text, state, {*AXES, *BEAD_CONSTANTS}) for text in texts):
+    if not any(depends_on(text, state.variables, {*AXES, *BEAD_CONSTANTS}) for text in texts):
         force = [as_number(text, _known(state, 1)) * state.units.force for text in texts]
         return [BodyForce(np.array(force), beads=members)] if any(force) else []
     box = state.require_box("fix addforce")
     if np.any(np.abs(box.reduced_vectors - box.vectors) > 1e-9 * box.edges.max()) and all(state.periodic):
         raise ParameterError("a force that follows the position needs a box that is tilted by half an edge at most")
     # type and mass are constants of a formula, so there is one force for each type
-    by_type = any(depends_on(text, state, set(BEAD_CONSTANTS)) for text in texts)
+    by_type = any(depends_on(text, state.variables, set(BEAD_CONSTANTS)) for text in texts)
     result: list[BodyForce | PositionForce] = []
     for kind in range(1, state.n_types + 1) if by_type else [0]:
         beads = members & (state.atoms.types == kind) if kind else members
@@ -78,18 +75,17 @@ def still_beads(state: DeckState, mobile: np.ndarray) -> np.ndarray:
     still = np.zeros(len(state.atoms), dtype=bool)
     for fix in state.fixes.values():
         if fix.style == "addforce" and np.any(still & state.group(fix.group)):
-            raise _at(fix, "it comes after a fix setforce and would move beads that this holds; put it before, or on other beads")
+            raise fix.error("it comes after a fix setforce and would move beads that this holds; put it before, or on other beads")
         if fix.style != "setforce":
             continue
         members = state.group(fix.group) & mobile
         if np.any(state.atoms.velocities[members]):
-            raise _at(
-                fix,
+            raise fix.error(
                 f"beads of group {fix.group} have velocities and would coast without forces, which is not supported; "
                 f"stop them with 'velocity {fix.group} set 0 0 0', or leave them out of the integrating fix",
             )
         if members.any() and any(other.style == "shardlow" for other in state.fixes.values()):
-            raise _at(fix, "fix shardlow moves beads whatever their force is; leave them out of the integrating fix instead")
+            raise fix.error("fix shardlow moves beads whatever their force is; leave them out of the integrating fix instead")
         still |= members
     return still
 
@@ -109,10 +105,10 @@ def walls_of(state: DeckState, mobile: np.ndarray) -> list[Wall]:
         if fix.style != "wall/reflect":
             continue
         if np.any(mobile & ~state.group(fix.group)):
-            raise _at(fix, f"there are beads that move outside group {fix.group}; walls reflect all of them here")
+            raise fix.error(f"there are beads that move outside group {fix.group}; walls reflect all of them here")
         for face, position in fix.parameters["faces"].items():
             if face in closed:
-                raise _at(fix, f"there is a wall at {face} already (fix {closed[face]})")
+                raise fix.error(f"there is a wall at {face} already (fix {closed[face]})")
             closed[face] = fix.name
             walls.append(Wall(face[0], position, "above" if face.endswith("lo") else "below", SPECULAR))
     for axis, periodic in zip(AXES, state.periodic, strict=True):

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import DeckError
 from .flow import still_beads
+from .lexer import located
 from .pressure import PressureControl, with_thermostat
-from .state import DeckState, Fix
+from .records import Fix
+from .state import DeckState
 
 #: Fixes that move beads.
 INTEGRATORS = ("nve", "mvv/dpd", "mvv/edpd", "mvv/tdpd", "nph")
@@ -43,10 +44,6 @@ class Integration:
     barostat: PressureControl | None = None
 
 
-def _complain(fix: Fix, message: str) -> DeckError:
-    return DeckError(f"fix {fix.name}: {message}", fix.where.file, fix.where.number)
-
-
 def integration(state: DeckState) -> Integration:
     """Scheme and mobile beads of the deck's present fixes.
 
@@ -64,12 +61,12 @@ def integration(state: DeckState) -> Integration:
         if np.any(mobile & group):
             bead = int(state.atoms.ids[np.argmax(mobile & group)])
             others = ", ".join(other.name for other in owners)
-            raise _complain(fix, f"bead {bead} is moved by fix {others} already; a bead can be in one integrating fix only")
+            raise fix.error(f"bead {bead} is moved by fix {others} already; a bead can be in one integrating fix only")
         mobile |= group
         owners.append(fix)
     weights = {fix.parameters["lambda"] for fix in owners}
     if len(weights) > 1:
-        raise _complain(owners[-1], f"fixes with different lambda ({', '.join(f'{w:g}' for w in sorted(weights))}) cannot be combined")
+        raise owners[-1].error(f"fixes with different lambda ({', '.join(f'{w:g}' for w in sorted(weights))}) cannot be combined")
     if not owners:
         state.note("no fix integrates any bead: nothing will move")
     shardlow = [fix for fix in state.fixes.values() if fix.style == "shardlow"]
@@ -86,18 +83,17 @@ def _check_energy(state: DeckState, shardlow: list[Fix]) -> None:
     heat = [fix for fix in state.fixes.values() if fix.style == "dpd/energy"]
     styles = [style for style in state.pair.styles if style.name == "dpd/fdt/energy"]
     if len(heat) > 1:
-        raise _complain(heat[1], f"there is a fix dpd/energy already ({heat[0].name})")
+        raise heat[1].error(f"there is a fix dpd/energy already ({heat[0].name})")
     if heat and shardlow:
-        raise _complain(heat[0], f"dpd/energy beside shardlow (fix {shardlow[0].name}) would do its work twice; use one of them")
+        raise heat[0].error(f"dpd/energy beside shardlow (fix {shardlow[0].name}) would do its work twice; use one of them")
     if heat and not styles:
         names = ", ".join(style.name for style in state.pair.styles) or "none"
-        raise _complain(heat[0], f"dpd/energy needs pair style dpd/fdt/energy; the deck has {names}")
+        raise heat[0].error(f"dpd/energy needs pair style dpd/fdt/energy; the deck has {names}")
     if styles and not heat and not shardlow:
-        raise DeckError(
+        raise located(
+            styles[0].where,
             "pair style dpd/fdt/energy needs fix dpd/energy (beside fix nve) or fix shardlow; "
             "without them the internal energies never change",
-            styles[0].where.file,
-            styles[0].where.number,
         )
 
 
@@ -107,10 +103,10 @@ def _check_advanced(state: DeckState, owners: list[Fix]) -> None:
     for pair, (fix_style, what) in ADVANCED_BY.items():
         for owner in owners:
             if owner.style == fix_style and pair not in styles:
-                raise _complain(owner, f"{fix_style} needs pair style {pair}; the deck has {', '.join(styles) or 'none'}")
+                raise owner.error(f"{fix_style} needs pair style {pair}; the deck has {', '.join(styles) or 'none'}")
             if owner.style != fix_style and pair in styles:
                 message = f"with pair style {pair} beads are moved by fix {fix_style}; {owner.style} would leave their {what} as they are"
-                raise _complain(owner, message)
+                raise owner.error(message)
 
 
 def _barostat(state: DeckState, owners: list[Fix]) -> PressureControl | None:
@@ -119,9 +115,9 @@ def _barostat(state: DeckState, owners: list[Fix]) -> PressureControl | None:
     if not fixes:
         return None
     if not all(state.periodic):
-        raise _complain(fixes[0], "constant pressure needs a box that is periodic along all axes")
+        raise fixes[0].error("constant pressure needs a box that is periodic along all axes")
     if len(fixes) > 1:
-        raise _complain(fixes[1], f"there is a fix nph already ({fixes[0].name}); a box follows one pressure")
+        raise fixes[1].error(f"there is a fix nph already ({fixes[0].name}); a box follows one pressure")
     state.note("fix nph: Monte Carlo moves of the volume replace LAMMPS's motion of the box; averages compare, the path does not")
     isothermal = any("start" in style.settings for style in state.pair.styles if style.spec.thermostat)
     return with_thermostat(fixes[0].parameters["pressure"], isothermal)
@@ -130,19 +126,19 @@ def _barostat(state: DeckState, owners: list[Fix]) -> PressureControl | None:
 def _check_shardlow(state: DeckState, shardlow: list[Fix], owners: list[Fix]) -> None:
     fix = shardlow[0]
     if len(shardlow) > 1:
-        raise _complain(shardlow[1], f"there is a fix shardlow already ({fix.name})")
+        raise shardlow[1].error(f"there is a fix shardlow already ({fix.name})")
     names = [style.name for style in state.pair.styles]
     if not set(names) & set(SHARDLOW_PAIRS):
-        raise _complain(fix, f"fix shardlow needs pair style dpd/fdt or dpd/fdt/energy; the deck has {', '.join(names) or 'none'}")
+        raise fix.error(f"fix shardlow needs pair style dpd/fdt or dpd/fdt/energy; the deck has {', '.join(names) or 'none'}")
     others = [style.name for style in state.pair.styles if style.spec.thermostat and style.name not in SHARDLOW_PAIRS]
     if others:
-        raise _complain(fix, f"pair style {others[0]} beside fix shardlow is not supported: it would act as a force there")
+        raise fix.error(f"pair style {others[0]} beside fix shardlow is not supported: it would act as a force there")
     order = list(state.fixes)
     late = [owner for owner in owners if order.index(owner.name) < order.index(fix.name)]
     if late:
-        raise _complain(fix, f"fix shardlow must come before the fix that moves the beads ({late[0].name}, style {late[0].style})")
+        raise fix.error(f"fix shardlow must come before the fix that moves the beads ({late[0].name}, style {late[0].style})")
     if not owners:
-        raise _complain(fix, "fix shardlow needs a fix nve after it")
+        raise fix.error("fix shardlow needs a fix nve after it")
     for owner in owners:
         if owner.style not in ("nve", "nph"):
-            raise _complain(owner, "beside fix shardlow beads are moved by fix nve or nph")
+            raise owner.error("beside fix shardlow beads are moved by fix nve or nph")

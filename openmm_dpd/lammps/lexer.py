@@ -38,6 +38,11 @@ class Line:
     number: int
 
 
+def located(where: Line | None, message: str) -> DeckError:
+    """An error with file and number of a line, if there is one."""
+    return DeckError(message) if where is None else DeckError(message, where.file, where.number)
+
+
 def read_text(path: Path, *, title: bool = False) -> str:
     """Text of a deck or data file, with or without a byte-order mark.
 

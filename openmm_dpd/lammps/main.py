@@ -126,7 +126,8 @@ def _bar(total: int):
     return tqdm(total=total, unit="step", file=sys.stderr, leave=False, dynamic_ncols=True, disable=None)
 
 
-def _first_request(path: str | Path, options: RunOptions, variables: Mapping[str, str] | None) -> RunRequest:
+def first_request(path: str | Path, options: RunOptions, variables: Mapping[str, str] | None) -> RunRequest:
+    """The request of a deck's first run, with what the options override."""
     state = read_deck(path, variables=variables or {}, stop_before_first_run=True)
     request = state.first_run
     assert request is not None
@@ -142,7 +143,7 @@ def deck_scene(path: str | Path, *, variables: Mapping[str, str] | None = None) 
     DeckError
         For anything in the deck that is unknown, unsupported or wrong, with file and line.
     """
-    return _first_request(path, RunOptions(), variables).scene()
+    return first_request(path, RunOptions(), variables).scene()
 
 
 def deck_forces(
@@ -160,7 +161,7 @@ def deck_forces(
     """
     options = options or RunOptions()
     set_threads(options.threads)
-    request = _first_request(path, options, variables)
+    request = first_request(path, options, variables)
     built = build_request(request, request.scene(), options)
     terms = force_terms(built, properties=options.properties(built.plan.platform or ""))
     units, internal = request.state.units, built.plan.scene.internal
@@ -171,7 +172,7 @@ def deck_forces(
 def explain_deck(path: str | Path, options: RunOptions | None = None, *, variables: Mapping[str, str] | None = None) -> str:
     """The plan and the program for the first run of a deck, what the table of steps says, and what of the deck has no meaning here."""
     options = options or RunOptions()
-    request = _first_request(path, options, variables)
+    request = first_request(path, options, variables)
     built = build_request(request, request.scene(), options)
     # dt in the deck's units
     step = "step: " + advice(built.plan.scene, request.scheme, request.dt, unit=request.state.units.time)

@@ -6,7 +6,6 @@ A style is one entry of :data:`PAIR_STYLES`; the commands in ``commands/pairs.py
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..errors import ParameterError
@@ -18,108 +17,12 @@ from ..model.tdpd import TDPD
 from ..units import UnitSystem
 from . import arguments as read
 from .charges import both_coefficient, both_settings, slater_coefficient, slater_settings
-from .lexer import Line
+from .pair_setup import Coefficient, PairStyle, Spec
 from .srp import WORDS as SRP_WORDS
 from .srp import srp_coefficient, srp_settings
 from .table_file import MODES, read_table, tabulated_pair
 
 MIXING = ("geometric", "arithmetic", "sixthpower")
-
-
-@dataclass(frozen=True)
-class Coefficient:
-    """What one ``pair_coeff`` line says about one pair of types, in the deck's units.
-
-    Attributes
-    ----------
-    values : dict
-        Values by name, in the order of the command, without the cutoff (unless the style has several; then all are here).
-    cutoff : float or None
-        The cutoff, if the line gives one; the style's otherwise.
-    where : Line or None
-        The line.
-    """
-
-    values: dict
-    cutoff: float | None
-    where: Line | None
-
-
-@dataclass
-class PairStyle:
-    """One pair style as the deck set it up.
-
-    Attributes
-    ----------
-    name : str
-        A key of :data:`PAIR_STYLES`.
-    settings : dict
-        The style's own arguments: ``start`` and ``stop`` temperatures, ``cutoff``, ``seed``, ...; ``species`` of tdpd.
-    where : Line
-        The pair_style line.
-    coefficients : dict
-        :class:`Coefficient` by type pair (i <= j).
-    mix : str
-        Mixing rule.
-    shift : bool
-        Whether energies are shifted to zero at the cutoff.
-    """
-
-    name: str
-    settings: dict
-    where: Line
-    coefficients: dict[tuple[int, int], Coefficient] = field(default_factory=dict)
-    mix: str = "geometric"
-    shift: bool = False
-
-    @property
-    def spec(self) -> Spec:
-        """The style's entry in the table."""
-        return PAIR_STYLES[self.name]
-
-    def cutoff(self, coefficient: Coefficient) -> float | None:
-        """Cutoff of a coefficient, the style's if it has none of its own."""
-        return coefficient.cutoff if coefficient.cutoff is not None else self.settings.get("cutoff")
-
-
-@dataclass(frozen=True)
-class Spec:
-    """How a style reads its arguments and what it builds.
-
-    Attributes
-    ----------
-    settings : callable
-        From the words after the style's name to its settings.
-    coefficient : callable
-        From (style, words, folder of the deck) to (values, cutoff or None).
-    build : callable
-        From (style, coefficient, units) to (pair term, remark or None).
-    thermostat : bool
-        Whether the style has friction and noise, and so a temperature and a seed.
-    mixes : bool
-        Whether unset pairs i < j follow from i, i and j, j.
-    keeps_coefficients : bool
-        Whether re-issuing pair_style with the same style keeps the coefficients (cutoffs go back to the global one).
-    atom_style : str, optional
-        The only atom style it works with.
-    own_cutoffs : bool
-        Whether cutoffs are ordinary coefficients, in the midst of the others.
-    words : set of str
-        Words among its settings that are no numbers, for finding the next style of hybrid.
-    of_bonds : bool
-        Whether it acts between bonds, not beads: it then needs hybrid, and builds no pair term.
-    """
-
-    settings: Callable[[list[str]], dict]
-    coefficient: Callable[[PairStyle, list[str], Callable[[str], Path]], tuple[dict, float | None]]
-    build: Callable[[PairStyle, Coefficient, UnitSystem], tuple[object, str | None]]
-    thermostat: bool = False
-    mixes: bool = False
-    keeps_coefficients: bool = True
-    atom_style: str | None = None
-    own_cutoffs: bool = False
-    words: frozenset[str] = frozenset()
-    of_bonds: bool = False
 
 
 # -- the DPD family -------------------------------------------------------------------------------------------------------
@@ -336,7 +239,7 @@ PAIR_STYLES: dict[str, Spec] = {
     "tdpd": Spec(_seeded("tdpd", True), _tdpd_coefficient, _tdpd_build, thermostat=True, atom_style="tdpd", own_cutoffs=True),
     "mdpd/rhosum": Spec(_rhosum_settings, _rhosum_coefficient, lambda *_: (NONE, None), atom_style="mdpd"),
     "mdpd": Spec(_seeded("mdpd", True), _mdpd_coefficient, _mdpd_build, thermostat=True, atom_style="mdpd", own_cutoffs=True),
-    "lj/cut": Spec(_lj_settings, _lj_coefficient, _lj_build, mixes=True),
+    "lj/cut": Spec(_lj_settings, _lj_coefficient, _lj_build, mixed=mixed),
     "table": Spec(_table_settings, _table_coefficient, _table_build, keeps_coefficients=False),
     "dpd/coul/slater/long": Spec(both_settings, both_coefficient, _both_build, thermostat=True),
     "coul/slater/long": Spec(slater_settings, slater_coefficient, lambda *_: (NONE, None), own_cutoffs=True),
@@ -353,45 +256,3 @@ def coefficient_words(style: PairStyle, found: Coefficient) -> list[str]:
             words.append("power" if name.startswith("exponent") else "kappa")
         words += [w if isinstance(w, str) else f"{w:.15g}" for w in (value if isinstance(value, tuple) else (value,))]
     return words if style.spec.own_cutoffs else [*words, f"{style.cutoff(found):.15g}"]
-
-
-@dataclass
-class PairSetup:
-    """All pair styles of a deck.
-
-    Attributes
-    ----------
-    mode : str
-        ``none``, ``single``, ``hybrid`` or ``hybrid/overlay``.
-    styles : list of PairStyle
-        The styles, in the order of the pair_style line.
-    excluded : set of (int, int)
-        Type pairs set to ``none``.
-    where : Line or None
-        The pair_style line.
-    """
-
-    mode: str = "none"
-    styles: list[PairStyle] = field(default_factory=list)
-    excluded: set[tuple[int, int]] = field(default_factory=set)
-    where: Line | None = None
-
-    def resolve(self, n_types: int) -> tuple[list[dict[tuple[int, int], Coefficient]], list[tuple[int, int]]]:
-        """Coefficients of every style after mixing, and the type pairs that have none at all."""
-        tables = [dict(style.coefficients) for style in self.styles]
-        missing = []
-        for i in range(1, n_types + 1):
-            for j in range(i, n_types + 1):
-                if (i, j) in self.excluded or any((i, j) in table for table in tables):
-                    continue
-                if i == j or not self._mix(tables, i, j):
-                    missing.append((i, j))
-        return tables, missing
-
-    def _mix(self, tables: list[dict[tuple[int, int], Coefficient]], i: int, j: int) -> bool:
-        of_i, of_j = ([n for n, table in enumerate(tables) if (k, k) in table] for k in (i, j))
-        if not of_i or of_i != of_j or not all(self.styles[n].spec.mixes for n in of_i):
-            return False
-        for n in of_i:
-            tables[n][(i, j)] = mixed(self.styles[n], tables[n][(i, i)], tables[n][(j, j)])
-        return True

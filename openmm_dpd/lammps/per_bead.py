@@ -2,48 +2,33 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import ParameterError
 from . import arguments as read
-from .compute_spec import Compute, ComputeSpec
-
-if TYPE_CHECKING:
-    from .context import Context
-    from .state import DeckState
-
-_REFERENCE = re.compile(r"c_(\w+)(?:\[(\d+)\])?", re.ASCII)
+from .compute_spec import ComputeSpec, no_arguments
+from .moment import Moment
+from .records import Compute
+from .state import DeckState
 
 
 @dataclass(frozen=True)
 class BeadWord:
-    """A value that every bead has: from a context to (N,) in the deck's units, and the fields of Sample that it reads."""
+    """A value that every bead has: from a moment to (N,) in the deck's units, and the fields of Sample that it reads."""
 
-    value: Callable[[Context], np.ndarray]
+    value: Callable[[Moment], np.ndarray]
     needs: tuple[str, ...] = ()
 
 
-def folded(context: Context) -> tuple[np.ndarray, np.ndarray]:
-    """Positions in the deck's box (deck units), and by how many boxes each bead was moved back."""
-    return context.state.folded(context.positions, context.box)
+def _masses(moment: Moment) -> np.ndarray:
+    return moment.state.bead_masses() / moment.units.mass
 
 
-def unwrapped(context: Context) -> np.ndarray:
-    """Positions on continuous paths (deck units)."""
-    return context.box.unwrap(context.positions, context.state.atoms.images)
-
-
-def _masses(context: Context) -> np.ndarray:
-    return context.state.bead_masses() / context.units.mass
-
-
-def _axis(array: Callable[[Context], np.ndarray], axis: int) -> Callable[[Context], np.ndarray]:
-    return lambda context: array(context)[:, axis]
+def _axis(array: Callable[[Moment], np.ndarray], axis: int) -> Callable[[Moment], np.ndarray]:
+    return lambda moment: array(moment)[:, axis]
 
 
 def _words() -> dict[str, BeadWord]:
@@ -54,11 +39,11 @@ def _words() -> dict[str, BeadWord]:
         "mass": BeadWord(_masses),
         "q": BeadWord(lambda c: c.state.atoms.charges),
     }
-    arrays: dict[str, tuple[Callable[[Context], np.ndarray], str]] = {
-        "{}": (lambda c: folded(c)[0], "positions"),
-        "{}u": (unwrapped, "positions"),
-        "{}s": (lambda c: c.box.fractions(folded(c)[0]), "positions"),
-        "i{}": (lambda c: (c.state.atoms.images + folded(c)[1]).astype(float), "positions"),
+    arrays: dict[str, tuple[Callable[[Moment], np.ndarray], str]] = {
+        "{}": (lambda c: c.folded[0], "positions"),
+        "{}u": (lambda c: c.unwrapped, "positions"),
+        "{}s": (lambda c: c.box.fractions(c.folded[0]), "positions"),
+        "i{}": (lambda c: (c.state.atoms.images + c.folded[1]).astype(float), "positions"),
         "v{}": (lambda c: c.velocities, "velocities"),
         "f{}": (lambda c: np.asarray(c.need("forces")) / c.units.force, "forces"),
     }
@@ -72,66 +57,23 @@ def _words() -> dict[str, BeadWord]:
 BEAD_WORDS = _words()
 
 
-def _density(context: Context) -> np.ndarray:
-    return context.carried("density") * context.units.length**3 / context.units.mass
+def _density(moment: Moment) -> np.ndarray:
+    return moment.carried("density") * moment.units.length**3 / moment.units.mass
 
 
 #: What compute property/atom knows: on top of these the local density of mdpd.
 PROPERTIES = BEAD_WORDS | {"rho": BeadWord(_density, ("fields",))}
 
 
-def bead_values(context: Context, word: str) -> np.ndarray:
-    """(N,) values of a word: one of :data:`BEAD_WORDS`, ``c_id``, ``c_id[column]``, or ``v_name`` of an atom-style variable."""
-    if word.startswith("v_"):
-        return np.asarray(context.bead_variable(word[2:]))
-    if word.startswith("c_"):
-        return context.bead_compute(*bead_reference(word))
-    return BEAD_WORDS[word].value(context)
-
-
-def bead_reference(word: str) -> tuple[str, int | None]:
-    """Id and column of ``c_id`` or ``c_id[column]``."""
-    match = _REFERENCE.fullmatch(word)
-    if match is None:
-        raise ParameterError(f"expected c_id or c_id[column], not '{word}'")
-    return match[1], None if match[2] is None else int(match[2])
-
-
-def check_bead_word(state: DeckState, word: str, allowed: tuple[str, ...] = tuple(BEAD_WORDS), what: str = "a value of the beads") -> None:
-    """Raise ParameterError unless a word names a value that every bead has."""
-    from .computes import COMPUTES
-
-    if word.startswith("v_"):
-        style = state.variables.get(word[2:]).style
-        if style != "atom":
-            raise ParameterError(f"{word}: variable {word[2:]} is {style}-style; only atom-style ones have values of single beads")
-        return
-    if not word.startswith("c_"):
-        read.choice(word, what, [*allowed, "c_id", "c_id[column]", "v_name"])
-        return
-    name, column = bead_reference(word)
-    if name not in state.computes:
-        raise ParameterError(f"{word}: there is no compute '{name}'; defined are {', '.join(state.computes) or 'none'}")
-    compute = state.computes[name]
-    spec = COMPUTES[compute.style]
-    if spec.per_bead is None:
-        raise ParameterError(f"{word}: compute style {compute.style} has no values of single beads")
-    columns = spec.columns(compute)
-    if columns == 0 and column is not None:
-        raise ParameterError(f"{word}: compute {name} (style {compute.style}) has one value per bead; use c_{name}")
-    if columns and (column is None or not 1 <= column <= columns):
-        raise ParameterError(f"{word}: compute {name} (style {compute.style}) has {columns} values per bead; use c_{name}[1] and so on")
-
-
 # -- computes -----------------------------------------------------------------------------------------------------------------
-def _in_group(context: Context, compute: Compute, values: np.ndarray) -> np.ndarray:
-    mask = context.state.group(compute.group)
+def _in_group(moment: Moment, compute: Compute, values: np.ndarray) -> np.ndarray:
+    mask = moment.state.group(compute.group)
     return np.where(mask if values.ndim == 1 else mask[:, None], values, 0.0)
 
 
-def _property(context: Context, compute: Compute) -> np.ndarray:
-    columns = [PROPERTIES[word].value(context) for word in compute.arguments]
-    return _in_group(context, compute, columns[0] if len(columns) == 1 else np.column_stack(columns))
+def _property(moment: Moment, compute: Compute) -> np.ndarray:
+    columns = [PROPERTIES[word].value(moment) for word in compute.arguments]
+    return _in_group(moment, compute, columns[0] if len(columns) == 1 else np.column_stack(columns))
 
 
 def _check_property(state: DeckState, group: str, words: list[str]) -> None:
@@ -142,30 +84,30 @@ def _check_property(state: DeckState, group: str, words: list[str]) -> None:
             require_atom_style(state, "property/atom rho", "mdpd")
 
 
-def _kinetic(context: Context, compute: Compute) -> np.ndarray:
-    energy = 0.5 * _masses(context) * np.sum(context.velocities**2, axis=1) * context.units.mvv2e
-    return _in_group(context, compute, energy)
+def _kinetic(moment: Moment, compute: Compute) -> np.ndarray:
+    energy = 0.5 * _masses(moment) * np.sum(moment.velocities**2, axis=1) * moment.units.mvv2e
+    return _in_group(moment, compute, energy)
 
 
-def _internal(context: Context, compute: Compute) -> np.ndarray:
-    units = context.units
-    conductive, mechanical, theta = (context.carried(name) for name in ("u_cond", "u_mech", "theta"))
+def _internal(moment: Moment, compute: Compute) -> np.ndarray:
+    units = moment.units
+    conductive, mechanical, theta = (moment.carried(name) for name in ("u_cond", "u_mech", "theta"))
     # the third column is LAMMPS's chemical energy: there are no reactions here
     columns = (conductive / units.energy, mechanical / units.energy, np.zeros(len(theta)), theta / units.thermal_energy)
-    return _in_group(context, compute, np.column_stack(columns))
+    return _in_group(moment, compute, np.column_stack(columns))
 
 
-def _temperature(context: Context, compute: Compute) -> np.ndarray:
-    return _in_group(context, compute, context.carried("temperature") / context.units.thermal_energy)
+def _temperature(moment: Moment, compute: Compute) -> np.ndarray:
+    return _in_group(moment, compute, moment.carried("temperature") / moment.units.thermal_energy)
 
 
-def _concentration(context: Context, compute: Compute) -> np.ndarray:
-    return _in_group(context, compute, context.carried("concentrations")[:, compute.settings])
+def _concentration(moment: Moment, compute: Compute) -> np.ndarray:
+    return _in_group(moment, compute, moment.carried("concentrations")[:, compute.settings])
 
 
 def _style_only(style: str, atom_style: str) -> Callable[[DeckState, str, list[str]], None]:
     def check(state: DeckState, group: str, words: list[str]) -> None:
-        read.count(words, f"compute ID group {style} (and no more)", 0)
+        no_arguments(style)(state, group, words)
         require_atom_style(state, style, atom_style)
 
     return check
@@ -202,47 +144,3 @@ PER_BEAD: dict[str, ComputeSpec] = {
         _check_concentration, per_bead=_concentration, needs=("fields",), prepare=lambda state, group, words: int(words[0]) - 1
     ),
 }
-
-
-# -- compute reduce -----------------------------------------------------------------------------------------------------------
-_MODES: dict[str, Callable[[np.ndarray], float]] = {
-    "sum": lambda values: float(values.sum()),
-    "min": lambda values: float(values.min()),
-    "max": lambda values: float(values.max()),
-    "ave": lambda values: float(values.mean()),
-    "sumsq": lambda values: float(np.sum(values**2)),
-    "avesq": lambda values: float(np.mean(values**2)),
-    "sumabs": lambda values: float(np.abs(values).sum()),
-    "aveabs": lambda values: float(np.abs(values).mean()),
-}
-
-
-def _check_reduce(state: DeckState, group: str, words: list[str]) -> None:
-    read.count(words, "compute ID group reduce mode value value ...", 2, None)
-    read.choice(words[0], "the mode of compute reduce", list(_MODES))
-    for word in words[1:]:
-        check_bead_word(state, word, tuple(f"{kind}{axis}" for kind in ("", "v", "f") for axis in "xyz"))
-
-
-def _reduced(context: Context, compute: Compute) -> np.ndarray:
-    mask = context.state.group(compute.group)
-    mode, *words = compute.arguments
-    if not mask.any():
-        return np.zeros(len(words))
-    return np.array([_MODES[mode](bead_values(context, word)[mask]) for word in words])
-
-
-def _reduced_one(context: Context, compute: Compute) -> float:
-    if len(compute.arguments) > 2:
-        raise ParameterError(f"compute {compute.name} (style reduce) has {len(compute.arguments) - 1} values; use c_{compute.name}[1]")
-    return float(_reduced(context, compute)[0])
-
-
-REDUCE = ComputeSpec(
-    _check_reduce,
-    _reduced_one,
-    _reduced,
-    extensive=lambda compute: compute.arguments[0].startswith("sum"),
-    size=lambda compute: len(compute.arguments) - 1,
-    inputs=lambda compute: compute.arguments[1:],
-)

@@ -8,14 +8,11 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..errors import ParameterError
 from .expressions import CONSTANTS, FUNCTIONS, Formula, evaluate
 from .variables import Variables
-
-if TYPE_CHECKING:
-    from .state import DeckState
 
 #: Words that are one number for all beads of a type.
 BEAD_CONSTANTS = ("type", "mass")
@@ -60,12 +57,12 @@ class Known:
     words: dict[str, float]
 
 
-def depends_on(text: str, state: DeckState, words: set[str], within: tuple[str, ...] = ()) -> bool:
+def depends_on(text: str, variables: Variables, words: set[str], within: tuple[str, ...] = ()) -> bool:
     """Whether a formula, or a variable in it, names one of these words."""
     for name in re.findall(r"(?<![\w.])[A-Za-z_]\w*", text):
         if name in words:
             return True
-        if name.startswith("v_") and name not in within and depends_on(state.variables.get(name[2:]).text, state, words, (*within, name)):
+        if name.startswith("v_") and name not in within and depends_on(variables.get(name[2:]).text, variables, words, (*within, name)):
             return True
     return False
 
@@ -87,7 +84,7 @@ def as_number(text: str, known: Known) -> float:
 
 
 class _NoState:
-    """Resolver of formulas that must not depend on the state of a run."""
+    """Names of formulas that must not depend on the state of a run."""
 
     def __init__(self, known: Known):
         self.known = known

@@ -4,23 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..model.scene import Scene
-from .context import Window
+from .averages import Average
+from .dumps import DumpWriter
 from .integration import Integration
 from .lexer import Line
+from .moment import Window
 from .pressure import PressureControl
+from .sample import Sample
 from .scene import build_scene
 from .state import DeckState
 from .thermo import Thermo
-
-if TYPE_CHECKING:
-    from .averages import Average
-    from .dumps import Dump
-    from .sample import Sample
 
 
 @dataclass(frozen=True)
@@ -117,9 +114,9 @@ class RunRequest:
         return tuple(fix.parameters["average"] for fix in self.state.fixes.values() if "average" in fix.parameters)
 
     @property
-    def dumps(self) -> Sequence[Dump]:
+    def dumps(self) -> Sequence[DumpWriter]:
         """Dumps that are active during this run."""
-        return tuple(self.state.dumps.values())
+        return tuple(DumpWriter(dump) for dump in self.state.dumps.values())
 
     def scene(self) -> Scene:
         """The scene at the first step; see :func:`~openmm_dpd.lammps.scene.build_scene`."""

@@ -29,8 +29,8 @@ from ..signals import Signals
 from ..stats import MIN_BLOCKS, block_average, ratio_average
 from ..watch import has_set_temperature, temperature_warning
 from .chunk_average import ChunkAverage
-from .context import Context
 from .request import RunRequest
+from .resolver import Resolver
 from .sampling import CHEAP, Sampler, arrays
 from .state import DeckState
 from .thermo import ALWAYS
@@ -393,7 +393,7 @@ class DeckRunner:
             elif rates:
                 sample = sampler.cheap(step, needs, begun - started)
             for average in rates:
-                average.take(Context(request.state, sample, request.window))
+                average.take(Resolver(request.state, sample, request.window))
             if thermo.due(step):
                 assert sample is not None and measured is not None
                 values = thermo.values(sample, tuple(w for w in result.words if w != "temp_conf"))
@@ -435,9 +435,9 @@ class DeckRunner:
         if any(dump.needs_forces for dump in due):
             needs |= {"forces"}
         sample = sampler.cheap(step, needs, 0.0) if needs <= CHEAP else sampler.full(step, needs, 0.0)[0]
-        context = Context(request.state, sample, request.window)
+        moment = Resolver(request.state, sample, request.window)
         for dump in due:
-            dump.write(request.state, step, x, v, sample.forces, box, context)
+            dump.write(request.state, step, x, v, sample.forces, box, moment)
         if framed and self.trajectory is not None:
             self.trajectory.write(x, box, sampler.context, step)
 

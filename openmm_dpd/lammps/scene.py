@@ -2,38 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from ..errors import DeckError, ParameterError
+from ..errors import ParameterError
 from ..model.angles import Angles
 from ..model.bonds import Bonds, FENEBonds, HarmonicBonds
-from ..model.pairs import NONE
 from ..model.scene import Scene, TemperatureRamp
-from ..model.table import PairTable
-from .bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedSetup, BondedStyle
+from .bonded_setup import BondedSetup
+from .bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedStyle
 from .carried import internal_of, internal_scale, sources_of
-from .charges import electrostatics_of
-from .context import Window
+from .electrostatics import electrostatics_of
 from .flow import body_forces_of, walls_of
 from .integration import integration
-from .lexer import Line
-from .pair_styles import Coefficient, PairStyle
-from .srp import segments_of
+from .lexer import located
+from .moment import Window
+from .pair_tables import pair_tables, type_name
+from .segments import segments_of
 from .state import DeckState
-
-#: Coefficients of one pair style by type pair.
-Table = dict[tuple[int, int], Coefficient]
-
-
-def _complain(where: Line | None, message: str) -> DeckError:
-    return DeckError(message) if where is None else DeckError(message, where.file, where.number)
-
-
-def type_name(number: int) -> str:
-    """Name that the scene uses for a bead type."""
-    return str(number)
 
 
 def build_scene(state: DeckState, window: Window | None = None, compat: str = "consistent") -> Scene:
@@ -56,7 +41,7 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
     """
     box = state.require_box("a run")
     if not len(state.atoms):
-        raise _complain(state.here, "there are no beads")
+        raise located(state.here, "there are no beads")
     masses = state.bead_masses()
     if state.bond.style == "none" and len(state.bonds):
         state.note("there are bonds but no bond_style: they have no energy, only special_bonds acts on them")
@@ -94,100 +79,7 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
             electrostatics=electrostatics_of(state),
         )
     except ParameterError as error:
-        raise _complain(state.here, str(error)) from None
-
-
-def pair_tables(state: DeckState) -> list[PairTable]:
-    """One table of pair terms per pair style of the deck.
-
-    Raises
-    ------
-    DeckError
-        If a type pair is unset, a style is unused, or a cutoff exceeds half the box.
-    """
-    setup = state.pair
-    if setup.mode == "none":
-        state.note("pair_style none: beads do not interact")
-        return [PairTable({("*", "*"): NONE})]
-    tables, missing = setup.resolve(state.n_types)
-    if missing:
-        listing = ", ".join(f"{i} {j}" for i, j in missing[:10]) + (" ..." if len(missing) > 10 else "")
-        names = ", ".join(style.name for style in setup.styles)
-        raise _complain(
-            setup.where,
-            f"no pair coefficients for the type pair{'s' * (len(missing) > 1)} {listing} (pair style {names}); "
-            "add a pair_coeff line, or 'pair_coeff i j none' if they do not interact",
-        )
-    for style, table in zip(setup.styles, tables, strict=True):
-        if not table:
-            raise _complain(style.where, f"pair style {style.name} is used by no type pair")
-    result = []
-    between_bonds = set()
-    for style, table in _with_densities(setup.styles, tables):
-        if style.spec.of_bonds:
-            between_bonds |= set(table)
-            continue
-        entries: dict = {}
-        # one pair_coeff line with wildcards is one coefficient of many pairs
-        terms: dict[int, object] = {}
-        for (i, j), coefficient in sorted(table.items()):
-            if id(coefficient) not in terms:
-                terms[id(coefficient)] = _term(state, style, (i, j), coefficient)
-            entries[(type_name(i), type_name(j))] = terms[id(coefficient)]
-        result.append(entries)
-    result = result or [{}]
-    for i, j in sorted(setup.excluded | between_bonds):
-        result[0].setdefault((type_name(i), type_name(j)), NONE)
-    return [PairTable(entries) for entries in result]
-
-
-def _term(state: DeckState, style: PairStyle, pair: tuple[int, int], coefficient: Coefficient) -> object:
-    """The pair term of a coefficient; DeckError if it is out of bounds or reaches too far."""
-    where = coefficient.where or style.where
-    try:
-        term, remark = style.spec.build(style, coefficient, state.units)
-    except ParameterError as error:
-        raise _complain(where, f"pair style {style.name}, types {pair[0]} {pair[1]}: {error}") from None
-    if remark:
-        state.note(remark)
-    _check_cutoff(state, term, pair, where)
-    return term
-
-
-def _with_densities(styles: list[PairStyle], tables: list[Table]) -> list[tuple[PairStyle, Table]]:
-    """Styles and their tables, with mdpd/rhosum merged into mdpd: its cutoffs become those of the densities."""
-    sums = [k for k, style in enumerate(styles) if style.name == "mdpd/rhosum"]
-    many = [k for k, style in enumerate(styles) if style.name == "mdpd"]
-    if not sums and not many:
-        return list(zip(styles, tables, strict=True))
-    for here, there, other in ((many, sums, "mdpd/rhosum"), (sums, many, "mdpd")):
-        if here and len(there) != 1:
-            count = f"{len(there)} of them" if there else "none"
-            style = styles[here[0]]
-            message = (
-                f"pair style {style.name} needs one {other} beside it (pair_style hybrid/overlay mdpd/rhosum mdpd ...); there are {count}"
-            )
-            raise _complain(style.where, message)
-    densities, forces = tables[sums[0]], tables[many[0]]
-    for table, partner, lacking in ((densities, forces, "mdpd"), (forces, densities, "mdpd/rhosum")):
-        alone = sorted(set(table) - set(partner))
-        if alone:
-            i, j = alone[0]
-            raise _complain(table[alone[0]].where, f"types {i} {j} have no coefficients of {lacking}; both styles need the same type pairs")
-    merged = {pair: replace(found, values=found.values | {"cutoff_density": densities[pair].cutoff}) for pair, found in forces.items()}
-    return [(style, merged if k == many[0] else tables[k]) for k, style in enumerate(styles) if k != sums[0]]
-
-
-def _check_cutoff(state: DeckState, term, pair: tuple[int, int], where: Line) -> None:
-    length = state.units.length
-    half = 0.5 * float(np.min(np.diag(state.require_box("a run").reduced_vectors))) * length
-    cutoff = max(getattr(term, name, 0.0) for name in ("cutoff", "cutoff_T", "cutoff_c"))
-    if cutoff > half * (1 + 1e-12):
-        raise _complain(
-            where,
-            f"the cutoff {cutoff / length:g} of types {pair[0]} {pair[1]} is over half the box, {half / length:g}; "
-            "a pair would meet two periodic images of one bead. Use a larger box or a smaller cutoff",
-        )
+        raise located(state.here, str(error)) from None
 
 
 def thermal_energy(state: DeckState, window: Window | None) -> float | TemperatureRamp:
@@ -210,7 +102,7 @@ def thermal_energy(state: DeckState, window: Window | None) -> float | Temperatu
     wanted = [(style.settings["start"], style.settings["stop"]) for style in styles]
     for style, pair in zip(styles, wanted, strict=True):
         if pair != wanted[0]:
-            raise _complain(
+            raise located(
                 style.where,
                 f"pair styles {styles[0].name} and {style.name} have different temperatures "
                 f"({wanted[0][0]:g} to {wanted[0][1]:g} and {pair[0]:g} to {pair[1]:g}); a scene has one temperature",
@@ -238,7 +130,7 @@ def _bonded_terms(state: DeckState, terms: np.ndarray, setup: BondedSetup, known
         values: dict[str, float] = {}
         if setup.style not in ("none", "zero"):
             if kind not in setup.coefficients:
-                raise _complain(setup.where, f"no {what}_coeff for {what} type {kind} ({what}_style {setup.style})")
+                raise located(setup.where, f"no {what}_coeff for {what} type {kind} ({what}_style {setup.style})")
             style, values = setup.coefficients[kind]
         ids = terms[terms[:, 0] == kind, 1:]
         beads = state.atoms.index_of(ids.ravel()).reshape(ids.shape)
@@ -258,4 +150,4 @@ def _check_lengths(state: DeckState, bonds: FENEBonds, ids: np.ndarray) -> None:
     for k in np.flatnonzero(r >= bonds.R0)[:1]:
         length, limit = (value / state.units.length for value in (r[k], bonds.R0[k]))
         which = f"the FENE bond of the beads with the ids {ids[k, 0]} and {ids[k, 1]}"
-        raise _complain(state.here, f"{which} has the length {length:g}, not less than its R0, {limit:g}")
+        raise located(state.here, f"{which} has the length {length:g}, not less than its R0, {limit:g}")

@@ -6,7 +6,6 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,20 +13,15 @@ from ..errors import ParameterError
 from ..files import writing
 from ..units import LJ, UnitSystem
 from .atoms import Atoms
-from .bonded_styles import BondedSetup
+from .bonded_setup import BondedSetup
 from .box import Box
-from .charges import KspaceSetup
 from .lattice import Lattice, default_lattice
 from .lexer import Line
-from .pair_styles import PairSetup
+from .pair_setup import PairSetup
+from .records import Compute, Dump, Fix, KspaceSetup, ThermoSettings
 from .regions import Region
+from .sample import Sample
 from .variables import Variables
-
-if TYPE_CHECKING:
-    from .computes import Compute
-    from .dumps import Dump
-    from .request import RunRequest
-    from .sample import Sample
 
 
 def carried_places(units: UnitSystem) -> dict[str, tuple[str, float]]:
@@ -40,31 +34,6 @@ def carried_places(units: UnitSystem) -> dict[str, tuple[str, float]]:
         "concentrations": ("concentrations", 1.0),
         "density": ("densities", units.mass / units.length**3),
     }
-
-
-@dataclass(frozen=True)
-class Fix:
-    """One fix: its id, group and style, its parameters and where it stands."""
-
-    name: str
-    group: str
-    style: str
-    parameters: dict
-    where: Line
-
-
-@dataclass
-class ThermoSettings:
-    """What thermo output looks like: columns, interval, normalisation, computes to use and formats."""
-
-    words: list[str] = field(default_factory=lambda: ["step", "temp", "epair", "emol", "etotal", "press"])
-    every: int = 0
-    norm: bool | None = None
-    temp: str = "thermo_temp"
-    press: str = "thermo_press"
-    layout: str = "one"
-    formats: dict[str | int, str] = field(default_factory=dict)
-    headers: dict[str | int, str] = field(default_factory=dict)
 
 
 @dataclass
@@ -118,12 +87,8 @@ class DeckState:
         The variables.
     notes : list of str
         What was accepted without having a meaning here, each said once.
-    first_run : RunRequest or None
-        The first run, if reading stopped there.
     last_sample : Sample or None
         The last row of the last run, for formulas evaluated between runs.
-    reading : list of Path
-        The deck and the files whose include is being carried out.
     """
 
     path: Path
@@ -160,17 +125,12 @@ class DeckState:
     time_origin: tuple[float, int] = (0.0, 0)
     variables: Variables = field(default_factory=Variables)
     notes: list[str] = field(default_factory=list)
-    run_callback: Callable[[RunRequest], None] | None = None
-    stop_before_first_run: bool = False
-    finished: bool = False
     runs: int = 0
-    first_run: RunRequest | None = None
     last_sample: Sample | None = None
     here: Line | None = None
     output: Path = field(default_factory=Path)
     log: Callable[[str], None] = lambda _: None
     generators: dict[str, np.random.Generator] = field(default_factory=dict)
-    reading: list[Path] = field(default_factory=list)
 
     # -- questions -----------------------------------------------------------------------------------------------------------
     def require_box(self, command: str) -> Box:
@@ -195,6 +155,19 @@ class DeckState:
         if name not in self.regions:
             raise ParameterError(f"there is no region '{name}'; defined so far: {', '.join(self.regions) or 'none'}")
         return self.regions[name]
+
+    def temperature_compute(self, name: str) -> Compute | None:
+        """The compute of style temp with this id, None for ``thermo_temp``; ParameterError if it is none."""
+        if name == "thermo_temp":
+            return None
+        if name not in self.computes or self.computes[name].style != "temp":
+            raise ParameterError(f"'{name}' is not the id of a compute of style temp")
+        return self.computes[name]
+
+    def temperature_of_pressure(self, name: str) -> Compute | None:
+        """The compute that a compute of pressure takes its kinetic part from, None for ``thermo_temp``."""
+        own = self.computes[name].arguments[0] if name in self.computes else "thermo_temp"
+        return self.temperature_compute(self.pressure_temps.get(name, own))
 
     def bead_masses(self) -> np.ndarray:
         """Mass of every bead in Da; ParameterError if a type has none."""

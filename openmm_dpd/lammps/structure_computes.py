@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,12 +10,11 @@ from ..analysis.neighbours import pairs_within
 from ..errors import ParameterError
 from ..model.bonds import bonded_neighbours
 from . import arguments as read
-from .compute_spec import Compute, ComputeSpec
-from .per_bead import folded, unwrapped
-
-if TYPE_CHECKING:
-    from .context import Context, Window
-    from .state import DeckState
+from .compute_spec import ComputeSpec, no_arguments
+from .moment import Moment, Window
+from .pair_tables import pair_tables
+from .records import Compute
+from .state import DeckState
 
 
 # -- compute rdf --------------------------------------------------------------------------------------------------------------
@@ -47,14 +45,12 @@ def parse_distribution(state: DeckState, group: str, words: list[str]) -> Distri
     )
 
 
-def _longest_cutoff(context: Context) -> float:
+def _longest_cutoff(moment: Moment) -> float:
     """Longest cutoff of the pair forces, in deck units."""
-    from .scene import pair_tables
-
-    cutoffs = [getattr(entry, "cutoff", 0.0) for table in pair_tables(context.state) for entry in table.entries.values()]
+    cutoffs = [getattr(entry, "cutoff", 0.0) for table in pair_tables(moment.state) for entry in table.entries.values()]
     if not max(cutoffs, default=0.0) > 0:
         raise ParameterError("compute rdf needs a pair force, or the keyword cutoff")
-    return max(cutoffs) / context.units.length
+    return max(cutoffs) / moment.units.length
 
 
 def _excluded(state: DeckState) -> np.ndarray:
@@ -67,14 +63,14 @@ def _excluded(state: DeckState) -> np.ndarray:
     return np.array([i * n + j for k, factor in enumerate(state.special, start=1) if factor == 0 for i, j in found[k]], dtype=np.int64)
 
 
-def _distribution(context: Context, compute: Compute) -> np.ndarray:
+def _distribution(moment: Moment, compute: Compute) -> np.ndarray:
     """Middles of the bins, then g(r) and the number of neighbours up to r for each pair of sets of types."""
     settings: Distribution = compute.settings
-    state, box = context.state, context.box
-    reach = settings.cutoff or _longest_cutoff(context)
+    state, box = moment.state, moment.box
+    reach = settings.cutoff or _longest_cutoff(moment)
     member = np.flatnonzero(state.group(compute.group))
     types = state.atoms.types[member]
-    i, j, r = pairs_within(folded(context)[0][member], None, box.vectors, reach)
+    i, j, r = pairs_within(moment.folded[0][member], None, box.vectors, reach)
     kept = ~np.isin(member[i] * len(state.atoms) + member[j], _excluded(state))
     i, j, r = i[kept], j[kept], r[kept]
     bins = (r * (1 / (reach / settings.bins))).astype(np.int64)
@@ -116,84 +112,75 @@ class Displacements:
     count: int = 1
     _seen: tuple[Window | None, int] | None = field(default=None, repr=False)
 
-    def include(self, context: Context, positions: np.ndarray) -> None:
+    def include(self, moment: Moment, positions: np.ndarray) -> None:
         """Take the positions of a step into the mean, once in a run."""
-        if not self.average or context.window is None or (self._seen is not None and self._is_seen(context)):
+        if not self.average or moment.window is None or (self._seen is not None and self._is_seen(moment)):
             return
-        self._seen = (context.window, context.step)
+        self._seen = (moment.window, moment.step)
         self.origin = (self.origin * self.count + positions) / (self.count + 1)
         self.count += 1
 
-    def _is_seen(self, context: Context) -> bool:
+    def _is_seen(self, moment: Moment) -> bool:
         assert self._seen is not None
-        return self._seen[0] is context.window and self._seen[1] == context.step
+        return self._seen[0] is moment.window and self._seen[1] == moment.step
 
 
 def parse_displacements(state: DeckState, group: str, words: list[str]) -> Displacements:
     """Settings of ``msd [com yes|no] [average yes|no]``, with the present positions as origin."""
-    from .context import Context
-
     options = {"com": "no", "average": "no"}
     options |= {keyword: values[0] for keyword, values in read.options(words, {"com": 1, "average": 1}, "compute msd")}
     com = read.switch(options["com"], "com")
-    return Displacements(com, read.switch(options["average"], "average"), _members(Context(state), group, com))
+    atoms = state.atoms
+    origin = _members(state, state.require_box("compute msd").unwrap(atoms.positions, atoms.images), group, com)
+    return Displacements(com, read.switch(options["average"], "average"), origin)
 
 
-def _members(context: Context, group: str, com: bool) -> np.ndarray:
-    """Positions of a group on continuous paths, from its centre of mass or from the origin."""
-    mask, masses = context.state.group(group), context.state.bead_masses()
-    positions = unwrapped(context)[mask]
+def _members(state: DeckState, unwrapped: np.ndarray, group: str, com: bool) -> np.ndarray:
+    """Positions of a group, of those of all beads on continuous paths: from its centre of mass or from the origin."""
+    mask, masses = state.group(group), state.bead_masses()
+    positions = unwrapped[mask]
     return positions - masses[mask] @ positions / masses[mask].sum() if com and mask.any() else positions
 
 
-def _displacements(context: Context, compute: Compute) -> np.ndarray:
+def _displacements(moment: Moment, compute: Compute) -> np.ndarray:
     """Mean squares along x, y, z, and their sum."""
     settings: Displacements = compute.settings
-    positions = _members(context, compute.group, settings.com)
+    positions = _members(moment.state, moment.unwrapped, compute.group, settings.com)
     if len(positions) != len(settings.origin):
         raise ParameterError(
             f"compute {compute.name} (style msd): its group has {len(positions)} beads, but had {len(settings.origin)} when it was defined"
         )
     if not len(positions):
         return np.zeros(4)
-    settings.include(context, positions)
+    settings.include(moment, positions)
     squares = np.mean((positions - settings.origin) ** 2, axis=0)
     return np.append(squares, squares.sum())
 
 
 # -- compute gyration ---------------------------------------------------------------------------------------------------------
-def _gyration_tensor(context: Context, compute: Compute) -> np.ndarray:
+def _gyration_tensor(moment: Moment, compute: Compute) -> np.ndarray:
     """xx, yy, zz, xy, xz, yz of the mean of the products of the distances from the centre of mass, each bead with its mass."""
-    mask = context.state.group(compute.group)
+    mask = moment.state.group(compute.group)
     if not mask.any():
         return np.zeros(6)
-    positions, weights = _members(context, compute.group, com=True), context.state.bead_masses()[mask]
+    positions, weights = _members(moment.state, moment.unwrapped, compute.group, com=True), moment.state.bead_masses()[mask]
     tensor = (weights[:, None] * positions).T @ positions / weights.sum()
     return tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-
-
-def _no_arguments(state: DeckState, group: str, words: list[str]) -> None:
-    read.count(words, "compute ID group gyration (and no more)", 0)
-
-
-def _checked_later(state: DeckState, group: str, words: list[str]) -> None:
-    """The arguments are checked where they are parsed."""
 
 
 #: Computes of structure and motion.
 STRUCTURE: dict[str, ComputeSpec] = {
     "rdf": ComputeSpec(
-        _checked_later,
         array=_distribution,
         rows=lambda compute: compute.settings.bins,
         columns=lambda compute: 1 + 2 * len(compute.settings.types),
         needs=("positions",),
         prepare=parse_distribution,
     ),
-    "msd": ComputeSpec(_checked_later, vector=_displacements, size=lambda compute: 4, needs=("positions",), prepare=parse_displacements),
+    "msd": ComputeSpec(vector=_displacements, size=lambda compute: 4, needs=("positions",), prepare=parse_displacements),
     "gyration": ComputeSpec(
-        _no_arguments,
-        lambda context, compute: float(np.sqrt(_gyration_tensor(context, compute)[:3].sum())),
+        no_arguments("gyration"),
+        lambda moment, compute: float(np.sqrt(_gyration_tensor(moment, compute)[:3].sum())),
         _gyration_tensor,
         size=lambda compute: 6,
         needs=("positions",),

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from ..errors import DeckError, DPDError, ParameterError
 from .compute_spec import check_place
 from .computes import BUILT_IN, COMPUTES
-from .context import Context, Window
+from .moment import Window
 from .per_bead import PROPERTIES
+from .resolver import Resolver
 from .sample import Sample
 from .state import DeckState
 from .variables import FORMULAS
@@ -177,11 +178,11 @@ class Thermo:
         DeckError
             If a formula cannot be evaluated.
         """
-        context = Context(self.state, sample, self.window)
+        moment = Resolver(self.state, sample, self.window)
         result = {}
         for word in self.words if words is None else words:
             try:
-                result[word] = self._value(context, word)
+                result[word] = self._value(moment, word)
             except DeckError:
                 raise
             except DPDError as error:
@@ -195,19 +196,19 @@ class Thermo:
         return DeckError(message, str(self.state.path)) if here is None else DeckError(message, here.file, here.number)
 
     @staticmethod
-    def _value(context: Context, word: str) -> float:
+    def _value(moment: Resolver, word: str) -> float:
         if word.startswith("v_"):
-            return context.variable_alone(word[2:])
+            return moment.variable_alone(word[2:])
         if word.startswith("c_"):
             name, index, column = compute_reference(word)
             if name in BUILT_IN:
-                return context.thermo(BUILT_IN[name].word)
-            value = context.compute(name, index, column)
-            compute = context.state.computes[name]
-            return value / context.norm if COMPUTES[compute.style].is_extensive(compute, index is not None) else value
+                return moment.thermo(BUILT_IN[name].word)
+            value = moment.compute(name, index, column)
+            compute = moment.state.computes[name]
+            return value / moment.norm if COMPUTES[compute.style].is_extensive(compute, index is not None) else value
         if word.startswith("f_"):
-            return context.fix(*fix_reference(word))
-        return context.thermo(word)
+            return moment.fix(*fix_reference(word))
+        return moment.thermo(word)
 
     # -- text ----------------------------------------------------------------------------------------------------------------
     def header(self) -> str:

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ..errors import ParameterError
 from . import arguments as read
-from .averages import Average, Window, file_of, form_of, parse_schedule, split_values
+from .averages import Average, Windows, file_of, form_of, parse_schedule, split_values
 from .compute_spec import check_place
 from .computes import COMPUTES
-from .context import Context
+from .resolver import Resolver
+from .state import DeckState
 from .thermo import check_word, compute_reference, fix_reference
 from .wildcards import count_of, expanded
-
-if TYPE_CHECKING:
-    from .state import DeckState
 
 
 class TimeAverage(Average):
@@ -45,36 +41,36 @@ class TimeAverage(Average):
     def forget(self) -> None:
         self._sum, self._count, self._latest = np.zeros(0), 0, np.zeros(0)
 
-    def _read(self, context: Context, word: str) -> np.ndarray:
+    def _read(self, moment: Resolver, word: str) -> np.ndarray:
         if word.startswith("v_"):
-            return np.array(context.variable_alone(word[2:]))
+            return np.array(moment.variable_alone(word[2:]))
         if word.startswith("f_"):
             name, *indices = fix_reference(word)
-            return context.fix_vector(name) if self._vector else np.array(context.fix(name, *indices))
+            return moment.fix_vector(name) if self._vector else np.array(moment.fix(name, *indices))
         name, index, column = compute_reference(word)
-        return context.compute_vector(name, index) if self._vector else np.array(context.compute(name, index, column))
+        return moment.compute_vector(name, index) if self._vector else np.array(moment.compute(name, index, column))
 
-    def sample(self, context: Context) -> None:
-        values = np.stack([self._read(context, word) for word in self.words], axis=-1)
+    def sample(self, moment: Resolver) -> None:
+        values = np.stack([self._read(moment, word) for word in self.words], axis=-1)
         self._sum = values if not self._count else self._sum + values
         self._count += 1
         self._latest = values[..., self._off]
 
-    def close_window(self, context: Context) -> None:
+    def close_window(self, moment: Resolver) -> None:
         self._values = self._window.add(self._sum / self._count)
         # values that are not averaged: those of this step
         self._values[..., self._off] = self._latest
-        self.report = {"step": context.step}
+        self.report = {"step": moment.step}
         for word, column in zip(self.words, np.moveaxis(self._values, -1, 0), strict=True):
             self.report[word] = column.tolist()
         self.forget()
         rows = np.atleast_2d(self._values)
         texts = ["".join(self._form % value for value in row) for row in rows]
         if self._vector:
-            lines = [f"{context.step} {len(texts)}", *(f"{k}{text}" for k, text in enumerate(texts, start=1))]
+            lines = [f"{moment.step} {len(texts)}", *(f"{k}{text}" for k, text in enumerate(texts, start=1))]
         else:
-            lines = [f"{context.step}{texts[0]}"]
-        self._file.write(context.state, lines)
+            lines = [f"{moment.step}{texts[0]}"]
+        self._file.write(moment.state, lines)
 
     @property
     def size(self) -> int:
@@ -134,7 +130,7 @@ def parse_ave_time(state: DeckState, name: str, group: str, args: list[str]) -> 
     if vector:
         header[1:] = ["# TimeStep Number-of-rows", f"# Row {' '.join(words)}"]
     file = file_of(state, options, header)
-    window = Window(options.get("ave", ["one"]))
+    window = Windows(options.get("ave", ["one"]))
     return TimeAverage(words, rows.pop(), off, name, parse_schedule(state, "ave/time", args[:3], start), window, file, form_of(options))
 
 

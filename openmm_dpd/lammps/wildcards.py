@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from ..errors import ParameterError
 from . import arguments as read
 from .computes import COMPUTES
-
-if TYPE_CHECKING:
-    from .state import DeckState
+from .state import DeckState
 
 _WILD = re.compile(r"([cf])_(\w+)\[(\d*\*\d*)\]", re.ASCII)
 

@@ -1,16 +1,14 @@
-"""The table of thermo words: each is a value of a :class:`~openmm_dpd.lammps.context.Context` in the deck's units."""
+"""The table of thermo words: each is a value of a :class:`~openmm_dpd.lammps.state.moment.Moment` in the deck's units."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from .context import Context
+from .moment import Moment
 
 
 @dataclass(frozen=True)
@@ -22,7 +20,7 @@ class Word:
     header : str
         Title of its column.
     value : callable
-        From a context to the value, normalised where LAMMPS normalises it.
+        From a moment to the value, normalised where LAMMPS normalises it.
     integer : bool
         Whether it is a whole number.
     needs : tuple of str
@@ -30,65 +28,65 @@ class Word:
     """
 
     header: str
-    value: Callable[[Context], float]
+    value: Callable[[Moment], float]
     integer: bool = False
     needs: tuple[str, ...] = ()
 
 
-def _per_bead(*names: str) -> Callable[[Context], float]:
-    return lambda context: sum(context.energy(name) for name in names) / context.norm
+def _per_bead(*names: str) -> Callable[[Moment], float]:
+    return lambda moment: sum(moment.energy(name) for name in names) / moment.norm
 
 
-def _kinetic(context: Context) -> float:
-    return context.kinetic(context.thermo_compute()) / context.units.energy / context.norm
+def _kinetic(moment: Moment) -> float:
+    return moment.kinetic(moment.thermo_compute()) / moment.units.energy / moment.norm
 
 
-def _total(context: Context) -> float:
-    return _per_bead(*_ENERGIES)(context) + _kinetic(context)
+def _total(moment: Moment) -> float:
+    return _per_bead(*_ENERGIES)(moment) + _kinetic(moment)
 
 
-def _enthalpy(context: Context) -> float:
-    units = context.units
-    work = context.pressure() * units.pressure * context.box.volume * units.length**3
-    return _total(context) + work / units.energy / context.norm
+def _enthalpy(moment: Moment) -> float:
+    units = moment.units
+    work = moment.pressure() * units.pressure * moment.box.volume * units.length**3
+    return _total(moment) + work / units.energy / moment.norm
 
 
-def _density(context: Context) -> float:
-    mass = context.state.bead_masses().sum() / context.units.mass
-    return context.units.density * mass / context.box.volume
+def _density(moment: Moment) -> float:
+    mass = moment.state.bead_masses().sum() / moment.units.mass
+    return moment.units.density * mass / moment.box.volume
 
 
-def _conf_temperature(context: Context) -> float:
-    return context.need("kT_conf") / context.units.thermal_energy
+def _conf_temperature(moment: Moment) -> float:
+    return moment.need("kT_conf") / moment.units.thermal_energy
 
 
-def _vector_length(row: int) -> Callable[[Context], float]:
-    return lambda context: float(np.linalg.norm(context.box.vectors[row]))
+def _vector_length(row: int) -> Callable[[Moment], float]:
+    return lambda moment: float(np.linalg.norm(moment.box.vectors[row]))
 
 
-def _cell_angle(first: int, second: int) -> Callable[[Context], float]:
-    def angle(context: Context) -> float:
-        a, b = context.box.vectors[[first, second]]
+def _cell_angle(first: int, second: int) -> Callable[[Moment], float]:
+    def angle(moment: Moment) -> float:
+        a, b = moment.box.vectors[[first, second]]
         return math.degrees(math.acos(float(a @ b / np.linalg.norm(a) / np.linalg.norm(b))))
 
     return angle
 
 
-def _cpu(context: Context) -> float:
-    return 0.0 if context.sample is None else context.sample.cpu
+def _cpu(moment: Moment) -> float:
+    return 0.0 if moment.sample is None else moment.sample.cpu
 
 
-def _elapsed(context: Context, from_begin: bool = False) -> float:
-    if context.window is None:
+def _elapsed(moment: Moment, from_begin: bool = False) -> float:
+    if moment.window is None:
         return 0.0
-    return context.step - (context.window.begin if from_begin else context.window.first)
+    return moment.step - (moment.window.begin if from_begin else moment.window.first)
 
 
-def _rate(context: Context, per_step: bool) -> float:
-    elapsed, seconds = _elapsed(context), _cpu(context)
+def _rate(moment: Moment, per_step: bool) -> float:
+    elapsed, seconds = _elapsed(moment), _cpu(moment)
     if seconds <= 0:
         return 0.0
-    return elapsed / seconds if per_step else elapsed * context.state.timestep / context.units.time / seconds
+    return elapsed / seconds if per_step else elapsed * moment.state.timestep / moment.units.time / seconds
 
 
 _ENERGIES = ("pair_energy", "bond_energy", "angle_energy")
@@ -98,12 +96,12 @@ _PRESSURE = ("kinetic", "dof", "virial")
 _CHARGES = ("short_energy", "lattice_energy")
 
 
-def _without_charges(context: Context) -> float:
-    return (context.energy("pair_energy") - sum(context.energy(name) for name in _CHARGES)) / context.norm
+def _without_charges(moment: Moment) -> float:
+    return (moment.energy("pair_energy") - sum(moment.energy(name) for name in _CHARGES)) / moment.norm
 
 
-def _of_box(attribute: str, axis: int) -> Callable[[Context], float]:
-    return lambda context: getattr(context.box, attribute)[axis]
+def _of_box(attribute: str, axis: int) -> Callable[[Moment], float]:
+    return lambda moment: getattr(moment.box, attribute)[axis]
 
 
 def _box_words() -> dict[str, Word]:

@@ -8,8 +8,8 @@ import numpy as np
 
 from ...errors import ParameterError
 from .. import arguments as read
-from ..context import Context
 from ..data_file import BONDED_STYLES
+from ..resolver import Resolver
 from ..state import DeckState
 from .setup import Handler
 
@@ -161,7 +161,7 @@ def _value(state: DeckState, word: str, what: str) -> float:
     if not word.startswith("v_"):
         return read.number(word, what)
     current = state.last_sample is not None and state.last_sample.step == state.step
-    return Context(state, state.last_sample if current else None).variable_alone(word[2:])
+    return Resolver(state, state.last_sample if current else None).variable_alone(word[2:])
 
 
 def _needs_style(state: DeckState, style: str, what: str) -> None:

@@ -6,7 +6,8 @@ import numpy as np
 
 from ...errors import ParameterError
 from .. import arguments as read
-from ..bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedSetup, BondedStyle
+from ..bonded_setup import BondedSetup
+from ..bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedStyle
 from ..state import DeckState
 from .setup import Handler
 

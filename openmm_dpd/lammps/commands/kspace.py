@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from ...errors import ParameterError
 from .. import arguments as read
-from ..charges import KspaceSetup
+from ..records import KspaceSetup
 from ..state import DeckState
 from .setup import Handler
 

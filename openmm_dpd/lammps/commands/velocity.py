@@ -8,8 +8,8 @@ import numpy as np
 
 from ...errors import ParameterError
 from .. import arguments as read
-from ..computes import Compute, temperature_compute
-from ..context import Context
+from ..records import Compute
+from ..resolver import Resolver
 from ..state import DeckState
 from .setup import Handler
 
@@ -37,9 +37,9 @@ def velocity(state: DeckState, args: list[str]) -> None:
 
 def _temperature(state: DeckState, group: str, options: dict[str, str]) -> tuple[float, np.ndarray]:
     """Temperature of the group (or of the compute named by ``temp``) and the beads it is about."""
-    compute = temperature_compute(state, options["temp"]) if "temp" in options else None
+    compute = state.temperature_compute(options["temp"]) if "temp" in options else None
     compute = compute or Compute("velocity", group, "temp")
-    return Context(state).temperature(compute), state.group(compute.group)
+    return Resolver(state).temperature(compute), state.group(compute.group)
 
 
 def _rescale(state: DeckState, group: str, mask: np.ndarray, target: float, options: dict[str, str]) -> None:

@@ -1,160 +1,24 @@
-"""What a formula or a thermo column can refer to, at one moment: the deck's state plus a measurement."""
+"""What the names in a formula or a column stand for at one moment."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import ParameterError
-from . import computes
 from .bead_formulas import evaluate_beads
-from .box import Box
 from .compute_spec import check_place
+from .computes import BUILT_IN, COMPUTES, bead_reference
 from .expressions import evaluate
-from .per_bead import BEAD_WORDS, folded, unwrapped
-from .state import carried_places
+from .moment import Moment
+from .per_bead import BEAD_WORDS
 from .words import WORDS
 
-if TYPE_CHECKING:
-    from ..units import UnitSystem
-    from .sample import Sample
-    from .state import DeckState
 
+class Resolver(Moment):
+    """A moment at which names have values, those of :class:`~openmm_dpd.lammps.language.bead_formulas.BeadNames`."""
 
-@dataclass(frozen=True)
-class Window:
-    """First step of a run, and the steps between which its ramps go (``start`` and ``stop``)."""
-
-    first: int
-    begin: int
-    end: int
-
-
-class Context:
-    """Values in the deck's units, for one measurement (or none, between runs).
-
-    Parameters
-    ----------
-    state : DeckState
-        The deck.
-    sample : Sample, optional
-        What was measured.  Without it only words that need no forces or velocities have a value.
-    window : Window, optional
-        The run in progress.
-    """
-
-    def __init__(self, state: DeckState, sample: Sample | None = None, window: Window | None = None):
-        self.state: DeckState = state
-        self.sample: Sample | None = sample
-        self.window: Window | None = window
-
-    # -- shorthands for the tables of words and computes ----------------------------------------------------------------------
-    @property
-    def units(self) -> UnitSystem:
-        """The deck's units."""
-        return self.state.units
-
-    @property
-    def step(self) -> int:
-        """Number of the step."""
-        return self.state.step if self.sample is None else self.sample.step
-
-    @property
-    def box(self) -> Box:
-        """The box in the deck's unit of length."""
-        box = self.state.require_box("a formula with the box")
-        return box if self.sample is None or self.sample.box is None else box.following(self.sample.box / self.units.length)
-
-    @property
-    def measured(self) -> bool:
-        """Whether positions and velocities are those of a simulation; between runs they are the deck's."""
-        return self.window is not None or (self.sample is not None and self.sample.positions is not None)
-
-    @property
-    def positions(self) -> np.ndarray:
-        """(N, 3) positions in the deck's unit; those of a simulation are on continuous paths from where its run began."""
-        return self.state.in_deck_units(self.need("positions")) if self.measured else self.state.atoms.positions
-
-    @property
-    def velocities(self) -> np.ndarray:
-        """(N, 3) velocities in the deck's units."""
-        return self.need("velocities") / self.units.velocity if self.measured else self.state.atoms.velocities
-
-    @property
-    def norm(self) -> float:
-        """What extensive values are divided by: the number of beads if thermo output normalises, 1 otherwise."""
-        setting = self.state.thermo.norm
-        normalize = self.units.normalize if setting is None else setting
-        return float(max(len(self.state.atoms), 1)) if normalize else 1.0
-
-    def need(self, name: str):
-        """Field of the sample; ParameterError if it was not measured."""
-        value = None if self.sample is None else getattr(self.sample, name)
-        if value is None:
-            if self.sample is None:
-                raise ParameterError("a value that needs a run (an energy, temperature or force) is used while no current one exists")
-            raise ParameterError(f"the simulation did not measure {name.replace('_', ' ')}")
-        return value
-
-    def carried(self, name: str) -> np.ndarray:
-        """What the beads carry, by its name in :func:`openmm_dpd.fields.read_fields` and in the same units.
-
-        It is that of the deck where the simulation does not change it; ParameterError if it does, but was not asked.
-        """
-        fields = None if self.sample is None else self.sample.fields
-        if fields is not None and name in fields:
-            return fields[name]
-        if fields is None and self.window is not None and any(style.spec.atom_style for style in self.state.pair.styles):
-            raise ParameterError(f"the simulation did not measure {name.replace('_', ' ')}")
-        attribute, unit = carried_places(self.units)[name]
-        return getattr(self.state.atoms, attribute) * unit
-
-    def energy(self, name: str) -> float:
-        """Energy field of the sample in the deck's units."""
-        return self.need(name) / self.units.energy
-
-    def kinetic(self, compute: computes.Compute | None = None) -> float:
-        """Kinetic energy (kJ/mol) of all mobile beads, or of the group of a compute.
-
-        Where LAMMPS counts no degree of freedom, which is where one bead is alone, it is 0.
-        """
-        counted = self.state.group("all" if compute is None else compute.group)
-        if counted.sum() < 2:
-            return 0.0
-        return self.need("kinetic") if compute is None else self.kinetic_of(counted)
-
-    def kinetic_of(self, mask: np.ndarray) -> float:
-        """Sum of m v^2/2 over the beads of a mask (kJ/mol)."""
-        masses, velocities = self.state.bead_masses()[mask], self.velocities[mask]
-        return 0.5 * float(masses @ np.sum(velocities**2, axis=1)) * self.units.velocity**2
-
-    def temperature(self, compute: computes.Compute | None = None) -> float:
-        """Kinetic temperature of all mobile beads, or of the group of a compute (3N - 3 degrees of freedom)."""
-        dof = self.need("dof") if compute is None else 3 * int(self.state.group(compute.group).sum()) - 3
-        return 2 * self.kinetic(compute) / (dof * self.units.thermal_energy) if dof > 0 else 0.0
-
-    def thermo_compute(self) -> computes.Compute | None:
-        """The compute that thermo output takes its temperature from, None for the default."""
-        return computes.temperature_compute(self.state, self.state.thermo.temp)
-
-    def pressure(self, virial: str = "virial") -> float:
-        """Pressure that thermo output prints."""
-        name = self.state.thermo.press
-        return self.compute(name, None) if virial == "virial" and name != "thermo_press" else self.pressure_with(name, virial)
-
-    def pressure_with(self, name: str, virial: str) -> float:
-        """Pressure with the kinetic part of a compute of pressure and a virial of the sample."""
-        return self.pressure_of(self.kinetic(computes.temperature_of_pressure(self.state, name)), self.need(virial))
-
-    def pressure_of(self, kinetic: float, virial: float) -> float:
-        """Pressure from a kinetic energy and a virial (kJ/mol)."""
-        volume = self.box.volume * self.units.length**3
-        return (2 * kinetic + virial) / (3 * volume) / self.units.pressure
-
-    # -- what formulas refer to (expressions.Resolver) --------------------------------------------------------------------------
     def formula(self, text: str) -> float:
         """Value of a formula."""
         return evaluate(text, self)
@@ -175,13 +39,13 @@ class Context:
 
     def compute(self, name: str, index: int | None, column: int | None = None) -> float:
         """Value of ``c_name``, ``c_name[index]`` or ``c_name[index][column]``, not normalised."""
-        if name in computes.BUILT_IN and index is None:
-            return computes.BUILT_IN[name].value(self)
+        if name in BUILT_IN and index is None:
+            return BUILT_IN[name].value(self)
         if name not in self.state.computes:
-            known = ", ".join([*computes.BUILT_IN, *self.state.computes])
+            known = ", ".join([*BUILT_IN, *self.state.computes])
             raise ParameterError(f"there is no compute '{name}'{'' if index is None else ' with a vector'}; defined are {known}")
         compute = self.state.computes[name]
-        spec = computes.COMPUTES[compute.style]
+        spec = COMPUTES[compute.style]
         if spec.array is not None:
             return float(spec.array(self, compute)[check_place(compute, spec, index, column)])
         if column is not None:
@@ -202,7 +66,7 @@ class Context:
     def compute_vector(self, name: str, column: int | None = None) -> np.ndarray:
         """All values of ``c_name``, or of ``c_name[column]`` of a table; ParameterError if the compute has no vector."""
         compute = self.state.computes.get(name)
-        spec = None if compute is None else computes.COMPUTES[compute.style]
+        spec = None if compute is None else COMPUTES[compute.style]
         if compute is not None and spec is not None and spec.array is not None and column is not None:
             return spec.array(self, compute)[:, column - 1]
         if compute is None or spec is None or spec.vector is None:
@@ -212,7 +76,7 @@ class Context:
     def bead_compute(self, name: str, column: int | None) -> np.ndarray:
         """(N,) values of ``c_name`` or ``c_name[column]``, a compute with values of single beads."""
         compute = self.state.computes.get(name)
-        spec = None if compute is None else computes.COMPUTES[compute.style]
+        spec = None if compute is None else COMPUTES[compute.style]
         if compute is None or spec is None or spec.per_bead is None:
             raise ParameterError(f"there is no compute '{name}' with values of single beads")
         values = spec.per_bead(self, compute)
@@ -247,7 +111,15 @@ class Context:
             raise ParameterError(f"there is no fix '{name}' with a vector")
         return average.vector
 
-    # -- values of all beads (bead_formulas.Resolver) ----------------------------------------------------------------------------
+    # -- values of all beads (bead_formulas.BeadNames) ----------------------------------------------------------------------------
+    def bead_values(self, word: str) -> np.ndarray:
+        """(N,) values of a word: one of :data:`BEAD_WORDS`, ``c_id``, ``c_id[column]``, or ``v_name`` of an atom-style variable."""
+        if word.startswith("v_"):
+            return np.asarray(self.bead_variable(word[2:]))
+        if word.startswith("c_"):
+            return self.bead_compute(*bead_reference(word))
+        return BEAD_WORDS[word].value(self)
+
     def bead_variable(self, name: str) -> np.ndarray | float:
         """Value of ``v_name``: one number, or (N,) values of an atom-style variable."""
         if self.state.variables.get(name).style != "atom":
@@ -260,7 +132,7 @@ class Context:
 
     def is_bead_compute(self, name: str) -> bool:
         """Whether a compute has values of single beads."""
-        return name in self.state.computes and computes.COMPUTES[self.state.computes[name].style].per_bead is not None
+        return name in self.state.computes and COMPUTES[self.state.computes[name].style].per_bead is not None
 
     def group(self, function: str, arguments: list[str]) -> float:
         """Value of ``count(group)`` and its relatives."""
@@ -277,8 +149,8 @@ class Context:
         if function == "ke":
             return self.kinetic_of(mask) / self.units.energy
         if function == "bound":
-            return self._bound(folded(self)[0][mask], arguments)
-        vectors = self.velocities if function == "vcm" else unwrapped(self)
+            return self._bound(self.folded[0][mask], arguments)
+        vectors = self.velocities if function == "vcm" else self.unwrapped
         return float((masses @ vectors[mask] / masses.sum())["xyz".index(arguments[1])])
 
     def _members(self, function: str, arguments: list[str]) -> np.ndarray:
@@ -290,7 +162,7 @@ class Context:
             raise ParameterError(f"the second argument of {function} is x, y or z, not '{arguments[1]}'")
         mask = self.state.group(arguments[0])
         if len(arguments) > needed:
-            mask = mask & self.state.region(arguments[-1]).contains(folded(self)[0])
+            mask = mask & self.state.region(arguments[-1]).contains(self.folded[0])
         return mask
 
     def _bound(self, positions: np.ndarray, arguments: list[str]) -> float:
@@ -308,7 +180,7 @@ class Context:
         except KeyError:
             raise ParameterError(f"{quantity}[{bead}]: there is no bead with the id {bead}") from None
         if quantity in ("x", "y", "z"):
-            return float(folded(self)[0][index]["xyz".index(quantity)])
+            return float(self.folded[0][index]["xyz".index(quantity)])
         if quantity in ("vx", "vy", "vz"):
             return float(self.velocities[index]["xyz".index(quantity[1])])
         if quantity in ("fx", "fy", "fz"):
