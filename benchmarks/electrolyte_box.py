@@ -97,7 +97,9 @@ def main() -> None:
         per_time = {name: ms / limits[name] for name, ms in best.items()}
         for name, ms in best.items():
             ratio = per_time[LAMMPS] / per_time[name]
-            print(f"{box.n_beads} beads, {options.threads} core(s), {name}: dt {limits[name]:.4f}, {ms:.3f} ms a step, {ratio:.2f} times as fast")
+            print(
+                f"{box.n_beads} beads, {options.threads} core(s), {name}: dt {limits[name]:.4f}, {ms:.3f} ms a step, {ratio:.2f} times as fast"
+            )
 
 
 if __name__ == "__main__":

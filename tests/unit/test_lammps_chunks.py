@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 
 from openmm_dpd.errors import DeckError
-from openmm_dpd.lammps import RunRequest, Sample, read_deck
-from openmm_dpd.lammps.main import run_deck
-from openmm_dpd.lammps.resolver import Resolver
-from openmm_dpd.lammps.run import RunOptions
+from openmm_dpd.lammps import RunOptions, RunRequest, read_deck, run_deck
+from openmm_dpd.lammps.state.sample import Sample
+from openmm_dpd.lammps.values.resolver import Resolver
 
 BLOCK = "block -2 4 0 5 1 7"
 PRISM = "prism -2 4 0 5 1 7 1.3 -0.8 0.9"

@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 
 from ...errors import ParameterError
-from .. import arguments as read
-from ..data_file import BONDED_STYLES
-from ..resolver import Resolver
-from ..state import DeckState
+from ..files.data_file import BONDED_STYLES
+from ..language import arguments as read
+from ..state.deck_state import DeckState
+from ..values.resolver import Resolver
 from .setup import Handler
 
 

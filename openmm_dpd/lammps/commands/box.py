@@ -8,14 +8,14 @@ import numpy as np
 
 from ...errors import DeckError, ParameterError
 from ...model.bonds import bonded_neighbours
-from .. import arguments as read
-from ..atoms import Atoms
-from ..box import Box
-from ..data_file import BONDED_STYLES, DataFile, read_data_file
-from ..lattice import parse_lattice
-from ..lexer import Line
-from ..regions import parse_region
-from ..state import DeckState
+from ..files.data_file import BONDED_STYLES, DataFile, read_data_file
+from ..language import arguments as read
+from ..language.lexer import Line
+from ..state.atoms import Atoms
+from ..state.box import Box
+from ..state.deck_state import DeckState
+from ..state.lattice import parse_lattice
+from ..state.regions import parse_region
 from .bonded import angle_coeff, bond_coeff
 from .pairs import pair_coeff
 from .setup import Handler

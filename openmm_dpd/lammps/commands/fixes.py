@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ...errors import ParameterError
-from .. import arguments as read
-from ..averages import Average
-from ..chunk_average import parse_ave_chunk
-from ..records import Fix
-from ..state import DeckState
-from ..time_average import parse_ave_time
+from ..language import arguments as read
+from ..output.averages import Average
+from ..output.chunk_average import parse_ave_chunk
+from ..output.time_average import parse_ave_time
+from ..state.deck_state import DeckState
+from ..state.records import Fix
 from .energy_fixes import ENERGY_FIXES
 from .flow_fixes import FLOW_FIXES
 from .setup import Handler

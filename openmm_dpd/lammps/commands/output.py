@@ -6,18 +6,18 @@ from collections.abc import Callable
 
 from ...errors import ParameterError
 from ...files import append_block, write_whole
-from .. import arguments as read
-from ..computes import BUILT_IN, COMPUTES, check_bead_word
-from ..data_writer import data_file_lines
-from ..dumps import COLUMNS
-from ..dumps import STYLES as DUMP_STYLES
-from ..lexer import substitute
-from ..records import Compute, Dump, ThermoSettings
-from ..resolver import Resolver
-from ..state import DeckState
-from ..thermo import STYLES as THERMO_STYLES
-from ..thermo import check_format, check_word
-from ..wildcards import expanded
+from ..language import arguments as read
+from ..language.lexer import substitute
+from ..output.data_writer import data_file_lines
+from ..output.dumps import COLUMNS, DumpWriter
+from ..output.dumps import STYLES as DUMP_STYLES
+from ..output.thermo import STYLES as THERMO_STYLES
+from ..output.thermo import check_format, check_word
+from ..state.deck_state import DeckState
+from ..state.records import Compute, Dump, ThermoSettings
+from ..values.computes import BUILT_IN, COMPUTES, check_bead_word
+from ..values.resolver import Resolver
+from ..values.wildcards import expanded
 from .setup import Handler
 
 
@@ -192,7 +192,7 @@ def _find_dump(state: DeckState, name: str) -> Dump:
 def undump(state: DeckState, args: list[str]) -> None:
     """``undump ID``."""
     read.count(args, "undump ID", 1)
-    _find_dump(state, args[0]).close()
+    DumpWriter(_find_dump(state, args[0])).close()
     del state.dumps[args[0]]
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ...errors import ParameterError
-from .. import arguments as read
-from ..pair_setup import Coefficient, PairSetup, PairStyle
-from ..pair_styles import MIXING, PAIR_STYLES
-from ..state import DeckState
-from ..table_file import MODES
+from ..files.table_file import MODES
+from ..language import arguments as read
+from ..state.deck_state import DeckState
+from ..state.pair_setup import Coefficient, PairSetup, PairStyle
+from ..styles.pair_styles import MIXING, PAIR_STYLES
 from .setup import Handler
 
 HYBRID = ("hybrid", "hybrid/overlay")

@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 
 from ...errors import ParameterError
-from .. import arguments as read
-from ..records import Compute
-from ..resolver import Resolver
-from ..state import DeckState
+from ..language import arguments as read
+from ..state.deck_state import DeckState
+from ..state.records import Compute
+from ..values.resolver import Resolver
 from .setup import Handler
 
 _SIZES = {"dist": 1, "sum": 1, "mom": 1, "rot": 1, "loop": 1, "units": 1, "temp": 1, "bias": 1, "rigid": 1}

@@ -1,0 +1,163 @@
+"""Formulas of variables as expressions of the position in OpenMM's language, for forces that OpenMM evaluates itself.
+
+The grammar is that of :mod:`~openmm_dpd.lammps.language.expressions`; values are texts instead of numbers.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from ...errors import ParameterError
+from .expressions import CONSTANTS, FUNCTIONS, Formula, evaluate
+from .variables import Variables
+
+#: Words that are one number for all beads of a type.
+BEAD_CONSTANTS = ("type", "mass")
+
+_LEVELS: tuple[dict[str, Callable[[str, str], str]], ...] = (
+    {"||": lambda a, b: f"(1-delta({a})*delta({b}))"},
+    {"&&": lambda a, b: f"((1-delta({a}))*(1-delta({b})))"},
+    {"==": lambda a, b: f"delta({a}-{b})", "!=": lambda a, b: f"(1-delta({a}-{b}))"},
+    {
+        "<": lambda a, b: f"(1-step({a}-{b}))",
+        "<=": lambda a, b: f"step({b}-{a})",
+        ">": lambda a, b: f"(1-step({b}-{a}))",
+        ">=": lambda a, b: f"step({a}-{b})",
+    },
+    {"+": lambda a, b: f"({a}+{b})", "-": lambda a, b: f"({a}-{b})"},
+    {
+        "*": lambda a, b: f"({a}*{b})",
+        "/": lambda a, b: f"({a}/{b})",
+        "%": lambda a, b: f"({a}-{b}*select(step({a}/{b}),floor({a}/{b}),ceil({a}/{b})))",
+    },
+    {"^": lambda a, b: f"({a}^{b})"},
+)
+
+_OF_OPENMM: dict[str, Callable[..., str]] = {
+    **{name: (lambda a, name=name: f"{name}({a})") for name in ("sqrt", "exp", "abs", "sin", "cos", "tan", "asin", "acos", "atan")},
+    **{name: (lambda a, name=name: f"{name}({a})") for name in ("ceil", "floor")},
+    "ln": lambda a: f"log({a})",
+    "log": lambda a: f"(log({a})/log(10))",
+    "sign": lambda a: f"(2*step({a})-1)",
+    "atan2": lambda a, b: f"atan2({a},{b})",
+    "round": lambda a: f"select(step({a}-floor({a})-0.5),ceil({a}),floor({a}))",
+    "ternary": lambda test, yes, no: f"select({test},{yes},{no})",
+}
+
+
+@dataclass(frozen=True)
+class Known:
+    """What a formula may refer to beside x, y and z: variables, and words that are numbers; ``length`` is nm per unit of the deck."""
+
+    variables: Variables
+    length: float
+    words: dict[str, float]
+
+
+def depends_on(text: str, variables: Variables, words: set[str], within: tuple[str, ...] = ()) -> bool:
+    """Whether a formula, or a variable in it, names one of these words."""
+    for name in re.findall(r"(?<![\w.])[A-Za-z_]\w*", text):
+        if name in words:
+            return True
+        if name.startswith("v_") and name not in within and depends_on(variables.get(name[2:]).text, variables, words, (*within, name)):
+            return True
+    return False
+
+
+def position_formula(text: str, known: Known) -> str:
+    """The formula as an OpenMM expression of x, y and z in nm.
+
+    Raises
+    ------
+    ParameterError
+        If it is malformed, or refers to anything but positions, numbers, and variables made of these.
+    """
+    return str(_PositionFormula(text, _NoState(known)).value())
+
+
+def as_number(text: str, known: Known) -> float:
+    """Value of a formula without positions."""
+    return evaluate(text, _NoState(known))
+
+
+class _NoState:
+    """Names of formulas that must not depend on the state of a run."""
+
+    def __init__(self, known: Known):
+        self.known = known
+
+    def thermo(self, word: str) -> float:
+        if word in self.known.words:
+            return self.known.words[word]
+        self._refuse(word)
+        raise AssertionError
+
+    def variable(self, name: str) -> float:
+        return self.known.variables.operand(name, lambda text: evaluate(text, self))
+
+    def compute(self, name: str, index: int | None, column: int | None = None) -> float:
+        self._refuse(f"c_{name}")
+        raise AssertionError
+
+    def fix(self, name: str, index: int | None, column: int | None = None) -> float:
+        self._refuse(f"f_{name}")
+        raise AssertionError
+
+    def group(self, function: str, arguments: list[str]) -> float:
+        self._refuse(function)
+        raise AssertionError
+
+    def atom(self, quantity: str, bead: int) -> float:
+        self._refuse(f"{quantity}[{bead}]")
+        raise AssertionError
+
+    def call(self, function: str, arguments: list[Any]) -> float:
+        self._refuse(function)
+        raise AssertionError
+
+    @staticmethod
+    def _refuse(what: str) -> None:
+        raise ParameterError(
+            f"a force of a variable follows x, y, z, type, mass and the box; '{what}' depends on something else (the step, velocities, "
+            "the state of the run), which is not supported"
+        )
+
+
+class _PositionFormula(Formula):
+    levels = _LEVELS
+    functions = {name: (size, _OF_OPENMM[name]) for name, (size, _) in FUNCTIONS.items()}
+    resolver: _NoState
+
+    @staticmethod
+    def negated(value):
+        return f"delta({value})"
+
+    @staticmethod
+    def negative(value):
+        return f"(-{value})"
+
+    @staticmethod
+    def number(token: str):
+        return repr(float(token))
+
+    def name(self, token: str):
+        if self.peek()[1] == "[":
+            self.resolver._refuse(f"{token}[...]")
+        if token in ("x", "y", "z"):
+            return f"({token}/{self.resolver.known.length!r})"
+        if token.startswith("v_"):
+            variables, name = self.resolver.known.variables, token[2:]
+            if variables.get(name).style != "atom":
+                return _number(self.resolver.variable(name))
+            return variables._evaluated(name, variables.get(name), lambda text: position_formula(text, self.resolver.known))
+        if token in CONSTANTS and self.peek()[1] != "(":
+            return _number(CONSTANTS[token])
+        result = super().name(token)
+        return result if isinstance(result, str) else _number(result)
+
+
+def _number(value: float) -> str:
+    return f"({float(value)!r})"
