@@ -5,12 +5,12 @@ from __future__ import annotations
 from .exchange.data_state import read_lammps_data, scene_from_data
 from .exchange.dump_reader import read_lammps_dump
 from .exchange.export import LammpsExport, export_deck, export_lammps
-from .exchange.export_words import ExportWarning
 from .exchange.frames import LammpsFrames
 from .run.deck import read_deck
 from .run.main import deck_forces, deck_scene, explain_deck, run_deck
 from .run.options import RunOptions
 from .run.request import RunRequest
+from .styles.writing import ExportWarning
 
 __all__ = [
     "ExportWarning",

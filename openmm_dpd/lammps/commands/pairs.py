@@ -9,7 +9,8 @@ from ..files.table_file import MODES
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.pair_setup import Coefficient, PairSetup, PairStyle
-from ..styles.pair_styles import MIXING, PAIR_STYLES
+from ..styles.lennard_jones import MIXING
+from ..styles.pair_styles import PAIR_STYLES
 from .setup import Handler
 
 HYBRID = ("hybrid", "hybrid/overlay")

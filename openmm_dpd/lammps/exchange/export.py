@@ -16,9 +16,9 @@ from ...plan import Plan
 from ...schemes import scheme_of
 from ..run.options import RunOptions, first_request
 from ..run.request import RunRequest
+from ..styles.writing import Differences
 from .export_job import Job, make_job, refuse_unknown
 from .export_text import DUMP, FINAL, export_texts
-from .export_words import Differences
 
 
 @dataclass(frozen=True)

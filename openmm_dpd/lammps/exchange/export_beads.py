@@ -16,7 +16,7 @@ from ...model.scene import Scene
 from ...units import UnitSystem
 from ..files.data_file import ATOM_STYLES, atom_columns
 from ..state.box import Box
-from .export_words import Differences, number, numbers
+from ..styles.writing import Differences, number, numbers
 
 #: Mass of beads that never move, where LAMMPS would let the friction change their velocities or count their mass in heat.
 HEAVY = 1e15

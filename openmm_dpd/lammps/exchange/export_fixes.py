@@ -21,8 +21,9 @@ from ...model.sources import Block
 from ...model.tdpd import TDPD
 from ...schemes import scheme_of
 from ...units import UnitSystem
+from ..styles.writing import Differences, number, numbers
 from .export_beads import BeadTypes
-from .export_words import Differences, group_lines, number, numbers
+from .export_words import group_lines
 
 #: Heat capacity of beads that never move, in units of k_B: they are reservoirs.
 _RESERVOIR = 1e12

@@ -14,10 +14,10 @@ from ...model.scene import Scene
 from ...plan import checked_seed
 from ...schemes import scheme_of
 from ...units import UNIT_SYSTEMS, UnitSystem, to_md, whole_number
+from ..styles.writing import Differences
 from .export_beads import BeadTypes, Bonded, atom_style, bead_types
 from .export_bonded import angle_types, bond_types, longest_bond
 from .export_fixes import Mover, choose_mover
-from .export_words import Differences
 
 #: What of a Scene is exported; anything else that a scene holds is an error, never left out.
 _KNOWN = frozenset(

@@ -12,13 +12,16 @@ from ...model.flow import AXES, gaps
 from ...model.internal import BeadTemperatures, Concentrations, InternalEnergy
 from ...model.scene import TemperatureRamp
 from ...units import LJ
+from ..styles.charges import charge_use
+from ..styles.srp import segment_use
+from ..styles.writing import PairExport, StyleUse, number
 from .export_beads import atom_style_line, data_lines, lammps_box
-from .export_bonded import longest_bond, segment_use, style_lines
-from .export_charges import charge_lines, charge_use, special_line
+from .export_bonded import longest_bond, style_lines
+from .export_charges import charge_lines, special_line
 from .export_fixes import eos_lines, flow_lines, mover_lines, source_lines
 from .export_job import Job
-from .export_pairs import PairExport, StyleUse, pair_lines, pair_uses
-from .export_words import group_lines, number
+from .export_pairs import pair_lines, pair_uses
+from .export_words import group_lines
 
 #: Names of the files that LAMMPS writes.
 DUMP = "{name}.lammpstrj"
@@ -55,7 +58,7 @@ def export_texts(job: Job) -> dict[str, str]:
     scene, units, differences = job.scene, job.units, job.differences
     export = PairExport(scene, units, job.mover.shardlow, job.name, differences)
     uses = pair_uses(export)
-    segments = segment_use(scene, units, job.bonds, len(job.types), differences)
+    segments = segment_use(scene, units, job.bonds.rows, len(job.types), differences)
     box, positions, images = lammps_box(scene, job.corner, differences, job.images)
     eos, eos_table = eos_lines(scene, job.types, units, f"eos.{job.name}", differences)
     data = data_lines(

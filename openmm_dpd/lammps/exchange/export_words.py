@@ -1,10 +1,8 @@
-"""Numbers, seeds, groups and differences as an exported deck writes them."""
+"""Seeds and groups as an exported deck writes them."""
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -13,43 +11,6 @@ _LINE = 16
 
 #: Words in one group command.
 _GROUP = 400
-
-
-class ExportWarning(UserWarning):
-    """LAMMPS will do something else than the scene says; the message names the difference."""
-
-
-@dataclass
-class Differences:
-    """What an exported deck does differently, in the order it came up; each becomes a warning and a comment of the deck."""
-
-    found: list[str] = field(default_factory=list)
-    remarks: list[str] = field(default_factory=list)
-
-    def add(self, text: str) -> None:
-        """Note that LAMMPS's averages may differ from the scene's."""
-        if text not in self.found:
-            self.found.append(text)
-
-    def remark(self, text: str) -> None:
-        """Note something the reader of the deck should know; no warning."""
-        if text not in self.remarks:
-            self.remarks.append(text)
-
-    def warn(self, stacklevel: int) -> None:
-        """Issue the warnings."""
-        for text in self.found:
-            warnings.warn(text, ExportWarning, stacklevel=stacklevel + 1)
-
-
-def number(value: float) -> str:
-    """The shortest text that reads back as the same double."""
-    return repr(float(value))
-
-
-def numbers(values) -> str:
-    """Several numbers with spaces between them."""
-    return " ".join(number(value) for value in np.ravel(values))
 
 
 def lammps_seed(seed: int, offset: int = 0) -> int:

@@ -8,7 +8,6 @@ from ..files.data_file import atom_columns
 from ..state.bonded_setup import BondedSetup
 from ..state.deck_state import DeckState
 from ..styles.bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedStyle
-from ..styles.pair_styles import coefficient_words
 
 
 def data_file_lines(state: DeckState, *, pair: str | None = "ii") -> Iterator[str]:
@@ -66,7 +65,7 @@ def _pair_coefficients(state: DeckState, which: str) -> Iterator[str]:
     yield from ("", f"{'PairIJ' if which == 'ij' else 'Pair'} Coeffs # {style.name}", "")
     for (i, j), found in wanted.items():
         types = f"{i} {j}" if which == "ij" else f"{i}"
-        yield f"{types} {' '.join(coefficient_words(style, found))}"
+        yield f"{types} {' '.join(style.words(found))}"
 
 
 def _bonded_coefficients(state: DeckState, section: str, setup: BondedSetup, known: dict[str, BondedStyle], types: int) -> Iterator[str]:

@@ -10,9 +10,7 @@ from ...units import COULOMB, UnitSystem
 from ..language.lexer import located
 from ..state.deck_state import DeckState
 from ..state.pair_setup import PairStyle
-
-#: Coulomb constant of LAMMPS's unit styles, energy times length per squared charge.
-QQR2E = {"lj": 1.0, "real": 332.06371, "metal": 14.399645}
+from ..styles.charges import QQR2E
 
 #: Atom styles whose beads have charges.
 CHARGED_STYLES = ("charge", "full")

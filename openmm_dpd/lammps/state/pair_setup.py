@@ -61,6 +61,17 @@ class PairStyle:
         """Cutoff of a coefficient, the style's if it has none of its own."""
         return coefficient.cutoff if coefficient.cutoff is not None else self.settings.get("cutoff")
 
+    def words(self, coefficient: Coefficient) -> list[str]:
+        """Words after the types on a ``pair_coeff`` line, in the deck's units, the cutoff included."""
+        if self.spec.write is not None:
+            return self.spec.write(self, coefficient)
+        words: list[str] = []
+        for name, value in coefficient.values.items():
+            if name.endswith("_polynomial"):
+                words.append("power" if name.startswith("exponent") else "kappa")
+            words += [w if isinstance(w, str) else f"{w:.15g}" for w in (value if isinstance(value, tuple) else (value,))]
+        return words if self.spec.own_cutoffs else [*words, f"{self.cutoff(coefficient):.15g}"]
+
 
 @dataclass(frozen=True)
 class Spec:
@@ -74,6 +85,8 @@ class Spec:
         From (style, words, folder of the deck) to (values, cutoff or None).
     build : callable
         From (style, coefficient, units) to (pair term, remark or None).
+    write : callable, optional
+        From (style, coefficient) to the words that ``coefficient`` reads, where these are not its values and the cutoff.
     thermostat : bool
         Whether the style has friction and noise, and so a temperature and a seed.
     mixed : callable, optional
@@ -93,6 +106,7 @@ class Spec:
     settings: Callable[[list[str]], dict]
     coefficient: Callable[[PairStyle, list[str], Callable[[str], Path]], tuple[dict, float | None]]
     build: Callable[[PairStyle, Coefficient, UnitSystem], tuple[object, str | None]]
+    write: Callable[[PairStyle, Coefficient], list[str]] | None = None
     thermostat: bool = False
     mixed: Callable[[PairStyle, Coefficient, Coefficient], Coefficient] | None = None
     keeps_coefficients: bool = True

@@ -12,18 +12,7 @@ from ...model.angles import CosineAngles, HarmonicAngles
 from ...model.bonds import FENEBonds, HarmonicBonds, MorseBonds
 from ...units import UnitSystem
 from ..language import arguments as read
-
-
-def factor(dimension: str, units: UnitSystem) -> float:
-    """MD units per unit of the deck."""
-    factors = {
-        "energy": units.energy,
-        "length": units.length,
-        "1/length": 1.0 / units.length,
-        "energy/length^2": units.energy / units.length**2,
-        "degrees": np.pi / 180.0,
-    }
-    return factors[dimension]
+from .columns import FACTORS
 
 
 @dataclass(frozen=True)
@@ -49,16 +38,20 @@ class BondedStyle:
         values = {}
         for word, (label, (name, dimension)) in zip(words, self.columns.items(), strict=True):
             number = read.positive(word, label) if label in ("R0",) else read.non_negative(word, label)
-            values[name] = number * factor(dimension, units)
+            values[name] = number * FACTORS[dimension](units)
         if self.kind is FENEBonds and values["sigma"] == 0.0:
             if values["epsilon"] > 0.0:
                 raise ParameterError("sigma must be > 0 where epsilon is")
-            values["sigma"] = factor("length", units)  # of no consequence
+            values["sigma"] = FACTORS["length"](units)  # of no consequence
         return values
 
     def words(self, values: dict[str, float], units: UnitSystem) -> list[str]:
         """The words of a coefficient command, in the deck's units."""
-        return [f"{values[name] / factor(dimension, units):.15g}" for name, dimension in self.columns.values()]
+        return [f"{values[name] / FACTORS[dimension](units):.15g}" for name, dimension in self.columns.values()]
+
+    def of(self, terms: Any, units: UnitSystem) -> list[np.ndarray]:
+        """The coefficients of bonds or angles of the model, in the deck's units."""
+        return [getattr(terms, name) / FACTORS[dimension](units) for name, dimension in self.columns.values()]
 
     def build(self, beads: np.ndarray, values: dict[str, float]) -> Any:
         """The bonds or angles of the model."""
