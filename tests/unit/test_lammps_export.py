@@ -24,7 +24,7 @@ from openmm_dpd.lammps import (
     read_lammps_dump,
     scene_from_data,
 )
-from openmm_dpd.lammps.exchange.export_words import id_ranges, lammps_seed
+from openmm_dpd.lammps.exchange.export_words import id_words, lammps_seed
 from openmm_dpd.lammps.styles.pair_styles import PAIR_STYLES
 
 
@@ -184,7 +184,7 @@ def test_fixed_beads_and_their_groups(tmp_path):
     written = export_lammps(fluid(mobile=mobile), tmp_path, "x", dt=0.01, steps=1)
     assert words(written, "group") == ["mobile id 4:7 9:240"] and words(written, "fix") == ["move mobile nve"]
     np.testing.assert_array_equal(deck_scene(written.deck).mobile, mobile)
-    assert id_ranges(np.zeros(3, bool)) == [] and id_ranges(np.array([True, False, True])) == ["1", "3"]
+    assert id_words(np.zeros(3, bool)) == [] and id_words(np.array([True, False, True])) == ["1", "3"]
 
 
 def test_seeds_are_those_that_lammps_takes():

@@ -15,9 +15,8 @@ from ..output.thermo import STYLES as THERMO_STYLES
 from ..output.thermo import check_format, check_word
 from ..state.deck_state import DeckState
 from ..state.records import Compute, Dump, ThermoSettings
-from ..values.computes import BUILT_IN, COMPUTES, check_bead_word
+from ..values.computes import BUILT_IN, COMPUTES, check_bead_word, expanded
 from ..values.resolver import Resolver
-from ..values.wildcards import expanded
 from .setup import Handler
 
 

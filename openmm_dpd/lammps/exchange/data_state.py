@@ -42,7 +42,7 @@ def read_lammps_data(path: str | Path, scene: Scene, *, units: str | None = None
         Its units; by default what its first line says (LAMMPS and this package write it there), else ``lj``.
     styles : tuple of str, optional
         Its atom style, as a tuple of one or (behind ``hybrid``) several; by default what the file says, and what
-        :func:`openmm_dpd.lammps.exchange.export.export_lammps` takes for the scene.
+        :func:`openmm_dpd.lammps.export_lammps` takes for the scene.
 
     Raises
     ------

@@ -32,7 +32,7 @@ class LammpsExport:
     tables : tuple of Path
         Files of tables that the deck reads.
     dump, final : Path
-        Trajectory and final data file that LAMMPS will write, beside the deck; see :mod:`openmm_dpd.lammps.read_back`.
+        Trajectory and final data file that LAMMPS will write, beside the deck; see :func:`openmm_dpd.lammps.read_lammps_dump`.
     differences : tuple of str
         What LAMMPS will do differently (also comments of the deck).
     """

@@ -18,7 +18,7 @@ def lammps_seed(seed: int, offset: int = 0) -> int:
     return (int(seed) + offset - 1) % 900_000_000 + 1
 
 
-def id_ranges(mask: np.ndarray) -> list[str]:
+def id_words(mask: np.ndarray) -> list[str]:
     """Ids (counted from 1) of the True entries as words ``n`` and ``n:m``."""
     padded = np.concatenate([[False], np.asarray(mask, bool), [False]]).astype(np.int8)
     starts, ends = np.flatnonzero(np.diff(padded) == 1) + 1, np.flatnonzero(np.diff(padded) == -1)
@@ -33,6 +33,6 @@ def folded(words: Sequence[str]) -> str:
 
 def group_lines(name: str, mask: np.ndarray) -> Iterator[str]:
     """Commands that put beads into a group."""
-    words = id_ranges(mask)
+    words = id_words(mask)
     for k in range(0, len(words), _GROUP):
         yield folded(["group", name, "id", *words[k : k + _GROUP]])

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, NoReturn, Protocol
 
 from ...errors import DPDError, ParameterError
 
@@ -135,7 +135,7 @@ class Formula:
         if not self.tokens:
             self.fail("it is empty")
 
-    def fail(self, why: str):
+    def fail(self, why: str) -> NoReturn:
         raise ParameterError(f"cannot evaluate the formula '{self.text}': {why}")
 
     @staticmethod
@@ -213,7 +213,6 @@ class Formula:
         if kind == "name":
             return self.name(token)
         self.fail(f"unexpected {token!r}")
-        raise AssertionError
 
     def name(self, token: str) -> float:
         if token.startswith("v_"):

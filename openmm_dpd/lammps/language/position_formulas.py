@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NoReturn
 
 from ...errors import ParameterError
 from .expressions import CONSTANTS, FUNCTIONS, Formula, evaluate
@@ -93,33 +93,27 @@ class _NoState:
         if word in self.known.words:
             return self.known.words[word]
         self._refuse(word)
-        raise AssertionError
 
     def variable(self, name: str) -> float:
         return self.known.variables.operand(name, lambda text: evaluate(text, self))
 
     def compute(self, name: str, index: int | None, column: int | None = None) -> float:
         self._refuse(f"c_{name}")
-        raise AssertionError
 
     def fix(self, name: str, index: int | None, column: int | None = None) -> float:
         self._refuse(f"f_{name}")
-        raise AssertionError
 
     def group(self, function: str, arguments: list[str]) -> float:
         self._refuse(function)
-        raise AssertionError
 
     def atom(self, quantity: str, bead: int) -> float:
         self._refuse(f"{quantity}[{bead}]")
-        raise AssertionError
 
     def call(self, function: str, arguments: list[Any]) -> float:
         self._refuse(function)
-        raise AssertionError
 
     @staticmethod
-    def _refuse(what: str) -> None:
+    def _refuse(what: str) -> NoReturn:
         raise ParameterError(
             f"a force of a variable follows x, y, z, type, mass and the box; '{what}' depends on something else (the step, velocities, "
             "the state of the run), which is not supported"

@@ -9,10 +9,9 @@ from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.records import Compute
 from ..values.chunks import Bins, chunk_numbers
-from ..values.computes import check_bead_word
+from ..values.computes import check_bead_word, expanded
 from ..values.per_bead import BEAD_WORDS
 from ..values.resolver import Resolver
-from ..values.wildcards import expanded
 from .averages import Average, Windows, file_of, form_of, parse_schedule, split_values
 
 #: Values of ``fix ave/chunk`` that are more than a mean over beads.

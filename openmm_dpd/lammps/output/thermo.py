@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from ...errors import DeckError, DPDError, ParameterError
+from ..language.lexer import located
 from ..language.variables import FORMULAS
 from ..state.deck_state import DeckState
 from ..state.moment import Window
@@ -186,14 +187,10 @@ class Thermo:
             except DeckError:
                 raise
             except DPDError as error:
-                raise self._complain(f"thermo output {word}: {error}") from None
+                raise located(self.state.here, f"thermo output {word}: {error}") from None
             if not math.isfinite(result[word]):
-                raise self._complain(f"thermo output {word} is {result[word]} at step {sample.step}")
+                raise located(self.state.here, f"thermo output {word} is {result[word]} at step {sample.step}")
         return result
-
-    def _complain(self, message: str) -> DeckError:
-        here = self.state.here
-        return DeckError(message, str(self.state.path)) if here is None else DeckError(message, here.file, here.number)
 
     @staticmethod
     def _value(moment: Resolver, word: str) -> float:

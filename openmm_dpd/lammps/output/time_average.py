@@ -8,9 +8,8 @@ from ...errors import ParameterError
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..values.compute_spec import check_place
-from ..values.computes import COMPUTES
+from ..values.computes import COMPUTES, count_of, expanded
 from ..values.resolver import Resolver
-from ..values.wildcards import count_of, expanded
 from .averages import Average, Windows, file_of, form_of, parse_schedule, split_values
 from .thermo import check_word, compute_reference, fix_reference
 

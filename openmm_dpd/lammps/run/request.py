@@ -24,7 +24,7 @@ from ..state.sample import Sample
 class RunRequest:
     """One run of a deck.
 
-    The callback of :func:`~openmm_dpd.lammps.run.deck.read_deck` gets it, steps the scene, and calls :meth:`finish`.
+    The callback of :func:`~openmm_dpd.lammps.read_deck` gets it, steps the scene, and calls :meth:`finish`.
 
     Attributes
     ----------

@@ -28,6 +28,7 @@ from ...schemes import scheme_of
 from ...signals import Signals
 from ...stats import MIN_BLOCKS, block_average, ratio_average
 from ...watch import has_set_temperature, temperature_warning
+from ..language.lexer import located
 from ..output.chunk_average import ChunkAverage
 from ..output.thermo import ALWAYS
 from ..output.time_average import TimeAverage
@@ -198,7 +199,7 @@ class Pace:
 
 
 class DeckRunner:
-    """The callback of :func:`openmm_dpd.lammps.run.deck.read_deck`: steps each run, prints thermo rows, writes trajectories.
+    """The callback of :func:`openmm_dpd.lammps.read_deck`: steps each run, prints thermo rows, writes trajectories.
 
     Parameters
     ----------
@@ -402,7 +403,7 @@ def build_request(request: RunRequest, scene: Scene, options: RunOptions) -> Bui
     except DPDError as error:
         if isinstance(error, DeckError) or request.where is None:
             raise
-        raise DeckError(str(error), request.where.file, request.where.number) from None
+        raise located(request.where, str(error)) from None
 
 
 #: Steps between two attempts to change the volume.
@@ -431,7 +432,7 @@ def connect_barostat(request: RunRequest, built: Built) -> EnthalpyBarostat | No
             return None
         return EnthalpyBarostat(built, pressures.pop(), **choices)
     except DPDError as error:
-        raise DeckError(str(error), where.file, where.number) if where else error from None
+        raise located(where, str(error)) if where else error from None
 
 
 def _where(request: RunRequest) -> str:

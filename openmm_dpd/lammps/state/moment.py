@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -71,7 +72,7 @@ class Moment(ABC):
         """(N, 3) positions in the deck's unit; those of a simulation are on continuous paths from where its run began."""
         return self.state.in_deck_units(self.need("positions")) if self.measured else self.state.atoms.positions
 
-    @property
+    @cached_property
     def folded(self) -> tuple[np.ndarray, np.ndarray]:
         """Positions in the deck's box (deck units), and by how many boxes each bead was moved back."""
         return self.state.folded(self.positions, self.box)

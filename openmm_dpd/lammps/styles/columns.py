@@ -1,4 +1,4 @@
-"""Coefficients that are numbers: their names in the order of the command, and the dimension of each, for both directions."""
+"""Words that several styles have: coefficients that are numbers, in both directions, and the settings ``T cutoff seed``."""
 
 from __future__ import annotations
 
@@ -60,3 +60,17 @@ class Columns:
     def of(self, term: Any, units: UnitSystem) -> list:
         """The same fields of a term of the model, in the deck's units."""
         return [getattr(term, name) / FACTORS[dimension](units) for name, dimension in self.dimensions.items()]
+
+
+def seeded(name: str, temperatures: int) -> Callable[[list[str]], dict]:
+    """Reader of ``[T | Tstart Tstop] cutoff seed``, with 0, 1 or 2 temperatures."""
+    usage = f"{name} {('', 'T ', 'Tstart Tstop ')[temperatures]}cutoff seed"
+
+    def settings(words: list[str]) -> dict:
+        read.count(words, usage, temperatures + 2)
+        *given, cutoff, seed = words
+        ends = [read.non_negative(word, f"the temperature of {name}") for word in given]
+        found = {"start": ends[0], "stop": ends[-1]} if ends else {}
+        return {**found, "cutoff": read.positive(cutoff, f"the cutoff of {name}"), "seed": read.integer(seed, f"the seed of {name}", 1)}
+
+    return settings

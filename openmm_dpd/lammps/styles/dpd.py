@@ -10,25 +10,13 @@ import numpy as np
 from ...errors import ParameterError
 from ...model.pairs import DPD
 from ...units import UnitSystem
-from ..language import arguments as read
 from ..state.pair_setup import Coefficient, PairStyle, Spec
-from .columns import Columns
+from .columns import Columns, seeded
 from .writing import Exports, Pair, PairExport, StyleUse, number
 
 
-def _dpd(name: str, ramp: bool, columns: Columns) -> Spec:
+def _dpd(name: str, temperatures: int, columns: Columns) -> Spec:
     """A style of the DPD family."""
-    usage = f"{name} {'Tstart Tstop' if ramp else 'T'} cutoff seed"
-
-    def settings(words: list[str]) -> dict:
-        read.count(words, usage, 4 if ramp else 3)
-        temperatures = [read.non_negative(word, f"the temperature of {name}") for word in words[:-2]]
-        return {
-            "start": temperatures[0],
-            "stop": temperatures[-1],
-            "cutoff": read.positive(words[-2], f"the cutoff of {name}"),
-            "seed": read.integer(words[-1], f"the seed of {name}", 1),
-        }
 
     def coefficient(style: PairStyle, words: list[str], _: Callable[[str], Path]) -> tuple[dict, float | None]:
         return columns.read_with_cutoff(words)
@@ -40,18 +28,18 @@ def _dpd(name: str, ramp: bool, columns: Columns) -> Spec:
             term.check_temperature(temperature * units.thermal_energy)
         return term, None
 
-    return Spec(settings, coefficient, build, thermostat=True)
+    return Spec(seeded(name, temperatures), coefficient, build, thermostat=True)
 
 
 _FORCE, _FRICTION, _NOISE = {"A": "force"}, {"gamma": "friction"}, {"sigma": "noise"}
 _TRANSVERSE = {**_FRICTION, "gamma_perp": "friction", "exponent": "1", "exponent_perp": "1"}
 
 STYLES = {
-    "dpd": _dpd("dpd", False, Columns({**_FORCE, **_FRICTION})),
-    "dpd/tstat": _dpd("dpd/tstat", True, Columns(_FRICTION)),
-    "dpd/ext": _dpd("dpd/ext", False, Columns({**_FORCE, **_TRANSVERSE})),
-    "dpd/ext/tstat": _dpd("dpd/ext/tstat", True, Columns(_TRANSVERSE)),
-    "dpd/fdt": _dpd("dpd/fdt", False, Columns({**_FORCE, **_NOISE})),
+    "dpd": _dpd("dpd", 1, Columns({**_FORCE, **_FRICTION})),
+    "dpd/tstat": _dpd("dpd/tstat", 2, Columns(_FRICTION)),
+    "dpd/ext": _dpd("dpd/ext", 1, Columns({**_FORCE, **_TRANSVERSE})),
+    "dpd/ext/tstat": _dpd("dpd/ext/tstat", 2, Columns(_TRANSVERSE)),
+    "dpd/fdt": _dpd("dpd/fdt", 1, Columns({**_FORCE, **_NOISE})),
 }
 
 
@@ -60,7 +48,7 @@ def _friction(c: DPD, kT: float) -> float:
     return c.gamma if c.gamma is not None else c.sigma**2 / (2 * kT) if c.sigma else 0.0
 
 
-def export_dpd(export: PairExport, entries: dict[Pair, DPD]) -> list[StyleUse]:
+def _export(export: PairExport, entries: dict[Pair, DPD]) -> list[StyleUse]:
     units, kT = export.units, export.temperature
     longest = max(c.cutoff for c in entries.values())
     reach = number(longest / units.length)
@@ -111,4 +99,4 @@ def export_dpd(export: PairExport, entries: dict[Pair, DPD]) -> list[StyleUse]:
     return [use("dpd", f"{{start}} {reach} {{seed}}", lambda pair: f"{number(A[pair])} {number(gammas[pair])}")]
 
 
-EXPORTS: Exports = {DPD: export_dpd}
+EXPORTS: Exports = {DPD: _export}

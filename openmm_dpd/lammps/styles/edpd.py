@@ -10,8 +10,7 @@ from ...model.edpd import EDPD
 from ...units import UnitSystem
 from ..language import arguments as read
 from ..state.pair_setup import Coefficient, PairStyle, Spec
-from .columns import Columns
-from .seeded import seeded
+from .columns import Columns, seeded
 from .writing import Exports, Pair, PairExport, StyleUse, number, numbers
 
 _COLUMNS = Columns(
@@ -43,11 +42,11 @@ def _edpd_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> tupl
 
 
 STYLES = {
-    "edpd": Spec(seeded("edpd", False), _edpd_coefficient, _edpd_build, thermostat=True, atom_style="edpd", own_cutoffs=True),
+    "edpd": Spec(seeded("edpd", 0), _edpd_coefficient, _edpd_build, thermostat=True, atom_style="edpd", own_cutoffs=True),
 }
 
 
-def export_edpd(export: PairExport, entries: dict[Pair, EDPD]) -> list[StyleUse]:
+def _export(export: PairExport, entries: dict[Pair, EDPD]) -> list[StyleUse]:
     export.require_reduced("EDPD")
     words = {}
     for pair, c in entries.items():
@@ -81,4 +80,4 @@ def export_edpd(export: PairExport, entries: dict[Pair, EDPD]) -> list[StyleUse]
     return [StyleUse("edpd", f"{number(longest)} {{seed}}", words, longest)]
 
 
-EXPORTS: Exports = {EDPD: export_edpd}
+EXPORTS: Exports = {EDPD: _export}

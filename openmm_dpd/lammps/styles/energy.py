@@ -8,8 +8,7 @@ from pathlib import Path
 from ...model.energy_dpd import EnergyDPD
 from ...units import UnitSystem
 from ..state.pair_setup import Coefficient, PairStyle, Spec
-from .columns import Columns
-from .seeded import seeded
+from .columns import Columns, seeded
 from .writing import Exports, Pair, PairExport, StyleUse, number, numbers
 
 _COLUMNS = Columns({"A": "force", "sigma": "noise", "kappa": "energy*kT/time"})
@@ -24,13 +23,13 @@ def _energy_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> tu
     return EnergyDPD(**values, cutoff=style.cutoff(found) * units.length), None  # type: ignore[operator]
 
 
-STYLES = {"dpd/fdt/energy": Spec(seeded("dpd/fdt/energy", False), _energy_coefficient, _energy_build, thermostat=True, atom_style="dpd")}
+STYLES = {"dpd/fdt/energy": Spec(seeded("dpd/fdt/energy", 0), _energy_coefficient, _energy_build, thermostat=True, atom_style="dpd")}
 
 
-def export_energy(export: PairExport, entries: dict[Pair, EnergyDPD]) -> list[StyleUse]:
+def _export(export: PairExport, entries: dict[Pair, EnergyDPD]) -> list[StyleUse]:
     units, longest = export.units, max(c.cutoff for c in entries.values())
     words = {pair: numbers([*_COLUMNS.of(c, units), c.cutoff / units.length]) for pair, c in entries.items()}
     return [StyleUse("dpd/fdt/energy", f"{number(longest / units.length)} {{seed}}", words, longest)]
 
 
-EXPORTS: Exports = {EnergyDPD: export_energy}
+EXPORTS: Exports = {EnergyDPD: _export}

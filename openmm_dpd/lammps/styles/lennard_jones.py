@@ -52,7 +52,7 @@ def mixed(style: PairStyle, first: Coefficient, second: Coefficient) -> Coeffici
 STYLES = {"lj/cut": Spec(_lj_settings, _lj_coefficient, _lj_build, mixed=mixed)}
 
 
-def export_lennard_jones(export: PairExport, entries: dict[Pair, LennardJones]) -> list[StyleUse]:
+def _export(export: PairExport, entries: dict[Pair, LennardJones]) -> list[StyleUse]:
     units, found = export.units, []
     for shifted in (False, True):
         mine = {pair: c for pair, c in entries.items() if bool(c.shift) == shifted}
@@ -64,4 +64,4 @@ def export_lennard_jones(export: PairExport, entries: dict[Pair, LennardJones]) 
     return found
 
 
-EXPORTS: Exports = {LennardJones: export_lennard_jones}
+EXPORTS: Exports = {LennardJones: _export}

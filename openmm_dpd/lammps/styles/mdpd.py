@@ -10,8 +10,7 @@ from ...model.pairs import NONE
 from ...units import UnitSystem
 from ..language import arguments as read
 from ..state.pair_setup import Coefficient, PairStyle, Spec
-from .columns import Columns
-from .seeded import seeded
+from .columns import Columns, seeded
 from .writing import Exports, Pair, PairExport, StyleUse, number, numbers
 
 _COLUMNS = Columns({"A": "force", "B": "force/density", "gamma": "friction", "cutoff": "length", "cutoff_B": "length"})
@@ -41,11 +40,11 @@ def _rhosum_coefficient(style: PairStyle, words: list[str], _: Callable[[str], P
 
 STYLES = {
     "mdpd/rhosum": Spec(_rhosum_settings, _rhosum_coefficient, lambda *_: (NONE, None), atom_style="mdpd"),
-    "mdpd": Spec(seeded("mdpd", True), _mdpd_coefficient, _mdpd_build, thermostat=True, atom_style="mdpd", own_cutoffs=True),
+    "mdpd": Spec(seeded("mdpd", 1), _mdpd_coefficient, _mdpd_build, thermostat=True, atom_style="mdpd", own_cutoffs=True),
 }
 
 
-def export_mdpd(export: PairExport, entries: dict[Pair, MDPD]) -> list[StyleUse]:
+def _export(export: PairExport, entries: dict[Pair, MDPD]) -> list[StyleUse]:
     export.require_reduced("MDPD")
     if any(c.kernel == "quadratic" for c in entries.values()):
         export.differences.add(
@@ -61,4 +60,4 @@ def export_mdpd(export: PairExport, entries: dict[Pair, MDPD]) -> list[StyleUse]
     ]
 
 
-EXPORTS: Exports = {MDPD: export_mdpd}
+EXPORTS: Exports = {MDPD: _export}

@@ -46,7 +46,7 @@ def _table_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> tup
 STYLES = {"table": Spec(_table_settings, _table_coefficient, _table_build, write=_table_words, keeps_coefficients=False)}
 
 
-def export_table(export: PairExport, entries: dict[Pair, TabulatedPair]) -> list[StyleUse]:
+def _export(export: PairExport, entries: dict[Pair, TabulatedPair]) -> list[StyleUse]:
     units, file = export.units, f"table.{export.name}"
     lines = export.tables.setdefault(file, ["# pair tables written by openmm-dpd, units = " + units.name])
     words, written = {}, dict[int, str]()
@@ -84,4 +84,4 @@ def _table_section(c: TabulatedPair, keyword: str, units: UnitSystem) -> Iterato
         yield f"{k} {' '.join(map(repr, row))}"
 
 
-EXPORTS: Exports = {TabulatedPair: export_table}
+EXPORTS: Exports = {TabulatedPair: _export}

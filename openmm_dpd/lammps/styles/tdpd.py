@@ -11,8 +11,7 @@ from ...model.tdpd import TDPD
 from ...units import UnitSystem
 from ..language import arguments as read
 from ..state.pair_setup import Coefficient, PairStyle, Spec
-from .columns import Columns
-from .seeded import seeded
+from .columns import Columns, seeded
 from .writing import Exports, Pair, PairExport, StyleUse, number, numbers
 
 _COLUMNS = Columns({"A": "force", "gamma": "friction", "exponent": "1", "cutoff": "length", "cutoff_c": "length"})
@@ -38,11 +37,11 @@ def _tdpd_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> tupl
 
 
 STYLES = {
-    "tdpd": Spec(seeded("tdpd", True), _tdpd_coefficient, _tdpd_build, thermostat=True, atom_style="tdpd", own_cutoffs=True),
+    "tdpd": Spec(seeded("tdpd", 1), _tdpd_coefficient, _tdpd_build, thermostat=True, atom_style="tdpd", own_cutoffs=True),
 }
 
 
-def export_tdpd(export: PairExport, entries: dict[Pair, TDPD]) -> list[StyleUse]:
+def _export(export: PairExport, entries: dict[Pair, TDPD]) -> list[StyleUse]:
     export.require_reduced("TDPD")
     words = {}
     for pair, c in entries.items():
@@ -54,4 +53,4 @@ def export_tdpd(export: PairExport, entries: dict[Pair, TDPD]) -> list[StyleUse]
     return [StyleUse("tdpd", f"{{start}} {number(longest)} {{seed}}", words, longest)]
 
 
-EXPORTS: Exports = {TDPD: export_tdpd}
+EXPORTS: Exports = {TDPD: _export}

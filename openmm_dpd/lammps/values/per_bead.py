@@ -27,7 +27,8 @@ def _masses(moment: Moment) -> np.ndarray:
     return moment.state.bead_masses() / moment.units.mass
 
 
-def _axis(array: Callable[[Moment], np.ndarray], axis: int) -> Callable[[Moment], np.ndarray]:
+def axis_of(array: Callable[[Moment], np.ndarray], axis: int) -> Callable[[Moment], np.ndarray]:
+    """One column of an array of three."""
     return lambda moment: array(moment)[:, axis]
 
 
@@ -49,7 +50,7 @@ def _words() -> dict[str, BeadWord]:
     }
     for name, (array, needed) in arrays.items():
         for k, axis in enumerate("xyz"):
-            words[name.format(axis)] = BeadWord(_axis(array, k), (needed,))
+            words[name.format(axis)] = BeadWord(axis_of(array, k), (needed,))
     return words
 
 
