@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from ...errors import ParameterError
-from .expressions import ATOM_VALUES, FUNCTIONS, Formula, Names
+from .expressions import ATOM_VALUES, Formula, Names
 
 Values = np.ndarray | float
 
@@ -27,56 +26,6 @@ class BeadNames(Names, Protocol):
 
     def bead_compute(self, name: str, column: int | None) -> np.ndarray:
         """Values of ``c_name`` or ``c_name[column]``."""
-
-
-def _number(function: Callable[..., Any]) -> Callable[..., Values]:
-    """The same function with booleans as 0 and 1."""
-    return lambda *values: np.asarray(function(*values), dtype=np.float64)
-
-
-def _ternary(test: Values, yes: Values, no: Values) -> np.ndarray:
-    return np.where(np.asarray(test) != 0, yes, no)
-
-
-def _rounded(value: Values) -> np.ndarray:
-    return np.where(value - np.floor(value) >= 0.5, np.ceil(value), np.floor(value))
-
-
-def _power(base: Values, exponent: Values) -> np.ndarray:
-    if np.any(np.asarray(exponent) == 0):
-        raise ValueError("the exponent is 0, which LAMMPS refuses in formulas of beads")
-    return np.power(base, exponent)
-
-
-_LEVELS: tuple[dict[str, Callable[..., Values]], ...] = (
-    {"||": _number(np.logical_or)},
-    {"&&": _number(np.logical_and)},
-    {"==": _number(np.equal), "!=": _number(np.not_equal)},
-    {"<": _number(np.less), "<=": _number(np.less_equal), ">": _number(np.greater), ">=": _number(np.greater_equal)},
-    {"+": np.add, "-": np.subtract},
-    {"*": np.multiply, "/": np.divide, "%": np.fmod},
-    {"^": _power},
-)
-
-_OF_NUMPY: dict[str, Callable[..., Values]] = {
-    "sqrt": np.sqrt,
-    "exp": np.exp,
-    "ln": np.log,
-    "log": np.log10,
-    "abs": np.abs,
-    "sign": lambda x: np.where(np.asarray(x) >= 0, 1.0, -1.0),
-    "sin": np.sin,
-    "cos": np.cos,
-    "tan": np.tan,
-    "asin": np.arcsin,
-    "acos": np.arccos,
-    "atan": np.arctan,
-    "atan2": np.arctan2,
-    "ceil": np.ceil,
-    "floor": np.floor,
-    "round": _rounded,
-    "ternary": _ternary,
-}
 
 
 def evaluate_beads(text: str, resolver: BeadNames, n: int) -> np.ndarray:
@@ -105,8 +54,7 @@ def evaluate_beads(text: str, resolver: BeadNames, n: int) -> np.ndarray:
 
 
 class _BeadFormula(Formula):
-    levels = _LEVELS
-    functions = {name: (size, _OF_NUMPY[name]) for name, (size, _) in FUNCTIONS.items()}
+    kind = "beads"
     resolver: BeadNames
 
     @staticmethod

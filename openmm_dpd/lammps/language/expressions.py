@@ -9,9 +9,10 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from typing import Any, NoReturn, Protocol
+from typing import NoReturn, Protocol
 
 from ...errors import DPDError, ParameterError
+from .operations import FUNCTIONS, LEVELS
 
 #: Group functions: their arguments are names, not formulas.
 GROUP_FUNCTIONS = ("count", "mass", "charge", "xcm", "vcm", "ke", "bound")
@@ -47,32 +48,6 @@ class Names(Protocol):
         """Value of a function that depends on the state: ``random``, ``normal``, ``ramp`` ..."""
 
 
-def _rounded(value: float) -> float:
-    """The nearest whole number, of two that are equally near the higher one."""
-    return float(math.ceil(value) if value - math.floor(value) >= 0.5 else math.floor(value))
-
-
-#: Functions of numbers: name -> (number of arguments, function).
-FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {
-    "sqrt": (1, math.sqrt),
-    "exp": (1, math.exp),
-    "ln": (1, math.log),
-    "log": (1, math.log10),
-    "abs": (1, abs),
-    "sign": (1, lambda x: 1.0 if x >= 0 else -1.0),
-    "sin": (1, math.sin),
-    "cos": (1, math.cos),
-    "tan": (1, math.tan),
-    "asin": (1, math.asin),
-    "acos": (1, math.acos),
-    "atan": (1, math.atan),
-    "atan2": (2, math.atan2),
-    "ceil": (1, lambda x: float(math.ceil(x))),
-    "floor": (1, lambda x: float(math.floor(x))),
-    "round": (1, _rounded),
-    "ternary": (3, lambda test, yes, no: yes if test else no),
-}
-
 #: Functions that need the resolver: name -> number of arguments.
 STATE_FUNCTIONS = {"random": 3, "normal": 3, "ramp": 2, "vdisplace": 2, "swiggle": 3, "cwiggle": 3}
 
@@ -82,21 +57,6 @@ _TOKEN = re.compile(
     r"|(?P<operator>\|\||&&|==|!=|<=|>=|[-+*/%^()<>!,\[\]])"
     r"|(?P<bad>\S))",
     re.ASCII,
-)
-
-_LEVELS: tuple[dict[str, Callable[[float, float], float]], ...] = (
-    {"||": lambda a, b: float(a != 0 or b != 0)},
-    {"&&": lambda a, b: float(a != 0 and b != 0)},
-    {"==": lambda a, b: float(a == b), "!=": lambda a, b: float(a != b)},
-    {
-        "<": lambda a, b: float(a < b),
-        "<=": lambda a, b: float(a <= b),
-        ">": lambda a, b: float(a > b),
-        ">=": lambda a, b: float(a >= b),
-    },
-    {"+": lambda a, b: a + b, "-": lambda a, b: a - b},
-    {"*": lambda a, b: a * b, "/": lambda a, b: a / b, "%": math.fmod},
-    {"^": math.pow},
 )
 
 
@@ -121,8 +81,8 @@ def evaluate(text: str, resolver: Names) -> float:
 class Formula:
     """One evaluation of a formula."""
 
-    levels: tuple[dict[str, Callable[..., Any]], ...] = _LEVELS
-    functions: dict[str, tuple[int, Callable[..., Any]]] = FUNCTIONS
+    #: Which kind of values it has, a field of Operation.
+    kind = "number"
 
     def __init__(self, text: str, resolver: Names):
         self.text, self.resolver, self.at = text, resolver, 0
@@ -188,12 +148,12 @@ class Formula:
 
     # -- grammar -----------------------------------------------------------------------------------------------------------
     def binary(self, level: int) -> float:
-        if level == len(self.levels):
+        if level == len(LEVELS):
             return self.unary()
         left = self.binary(level + 1)
-        while self.peek()[0] == "operator" and self.peek()[1] in self.levels[level]:
-            operator = self.take()[1]
-            left = self.levels[level][operator](left, self.binary(level + 1))
+        while self.peek()[0] == "operator" and self.peek()[1] in LEVELS[level]:
+            operation = LEVELS[level][self.take()[1]]
+            left = getattr(operation, self.kind)(left, self.binary(level + 1))
         return left
 
     def unary(self) -> float:
@@ -252,7 +212,7 @@ class Formula:
         if len(arguments) != expected:
             self.fail(f"{token} takes {expected} arguments, not {len(arguments)}")
         if token in FUNCTIONS:
-            return self.functions[token][1](*arguments)
+            return getattr(FUNCTIONS[token][1], self.kind)(*arguments)
         return self.resolver.call(token, arguments)
 
     def arguments(self) -> list[float]:

@@ -6,46 +6,15 @@ The grammar is that of :mod:`~openmm_dpd.lammps.language.expressions`; values ar
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
 from ...errors import ParameterError
-from .expressions import CONSTANTS, FUNCTIONS, Formula, evaluate
+from .expressions import CONSTANTS, Formula, evaluate
 from .variables import Variables
 
 #: Words that are one number for all beads of a type.
 BEAD_CONSTANTS = ("type", "mass")
-
-_LEVELS: tuple[dict[str, Callable[[str, str], str]], ...] = (
-    {"||": lambda a, b: f"(1-delta({a})*delta({b}))"},
-    {"&&": lambda a, b: f"((1-delta({a}))*(1-delta({b})))"},
-    {"==": lambda a, b: f"delta({a}-{b})", "!=": lambda a, b: f"(1-delta({a}-{b}))"},
-    {
-        "<": lambda a, b: f"(1-step({a}-{b}))",
-        "<=": lambda a, b: f"step({b}-{a})",
-        ">": lambda a, b: f"(1-step({b}-{a}))",
-        ">=": lambda a, b: f"step({a}-{b})",
-    },
-    {"+": lambda a, b: f"({a}+{b})", "-": lambda a, b: f"({a}-{b})"},
-    {
-        "*": lambda a, b: f"({a}*{b})",
-        "/": lambda a, b: f"({a}/{b})",
-        "%": lambda a, b: f"({a}-{b}*select(step({a}/{b}),floor({a}/{b}),ceil({a}/{b})))",
-    },
-    {"^": lambda a, b: f"({a}^{b})"},
-)
-
-_OF_OPENMM: dict[str, Callable[..., str]] = {
-    **{name: (lambda a, name=name: f"{name}({a})") for name in ("sqrt", "exp", "abs", "sin", "cos", "tan", "asin", "acos", "atan")},
-    **{name: (lambda a, name=name: f"{name}({a})") for name in ("ceil", "floor")},
-    "ln": lambda a: f"log({a})",
-    "log": lambda a: f"(log({a})/log(10))",
-    "sign": lambda a: f"(2*step({a})-1)",
-    "atan2": lambda a, b: f"atan2({a},{b})",
-    "round": lambda a: f"select(step({a}-floor({a})-0.5),ceil({a}),floor({a}))",
-    "ternary": lambda test, yes, no: f"select({test},{yes},{no})",
-}
 
 
 @dataclass(frozen=True)
@@ -121,8 +90,7 @@ class _NoState:
 
 
 class _PositionFormula(Formula):
-    levels = _LEVELS
-    functions = {name: (size, _OF_OPENMM[name]) for name, (size, _) in FUNCTIONS.items()}
+    kind = "text"
     resolver: _NoState
 
     @staticmethod
