@@ -108,7 +108,7 @@ def _interrupted(signals: Signals, text: str = "") -> int:
 
 
 def _options(options: argparse.Namespace):
-    from .lammps.run import RunOptions
+    from .lammps import RunOptions
 
     names = RunOptions.__dataclass_fields__
     return RunOptions(**{name: value for name, value in vars(options).items() if name in names})
@@ -117,7 +117,7 @@ def _options(options: argparse.Namespace):
 def _run(options: argparse.Namespace, signals: Signals) -> None:
     from tqdm import tqdm
 
-    from .lammps.main import run_deck
+    from .lammps import run_deck
 
     # lines above the progress bar, not through it
     log = (lambda _: None) if options.quiet else tqdm.write
@@ -141,7 +141,7 @@ def _run(options: argparse.Namespace, signals: Signals) -> None:
 
 
 def _forces(options: argparse.Namespace, signals: Signals) -> None:
-    from .lammps.main import deck_forces
+    from .lammps import deck_forces
 
     _check_target(options.json)
     terms = deck_forces(options.deck, _options(options), variables=dict(options.var))
@@ -149,7 +149,7 @@ def _forces(options: argparse.Namespace, signals: Signals) -> None:
 
 
 def _explain(options: argparse.Namespace, signals: Signals) -> None:
-    from .lammps.main import explain_deck
+    from .lammps import explain_deck
 
     print(explain_deck(options.deck, _options(options), variables=dict(options.var)))
 
@@ -157,8 +157,7 @@ def _explain(options: argparse.Namespace, signals: Signals) -> None:
 def _export(options: argparse.Namespace, signals: Signals) -> None:
     import warnings
 
-    from .lammps.export import export_deck
-    from .lammps.export_words import ExportWarning
+    from .lammps import ExportWarning, export_deck
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ExportWarning)  # said below, one line each

@@ -10,7 +10,7 @@ import numpy as np
 import openmm
 
 import openmm_dpd as dpd
-from openmm_dpd.lammps.main import deck_scene
+from openmm_dpd.lammps import deck_scene
 from openmm_dpd.schemes import SCHEMES
 
 DECKS = Path(__file__).resolve().parents[2] / "examples" / "decks"

@@ -18,7 +18,7 @@ import numpy as np
 
 import openmm_dpd as dpd
 from openmm_dpd.build import build_plan
-from openmm_dpd.lammps.main import deck_scene
+from openmm_dpd.lammps import deck_scene
 from openmm_dpd.plan import make_plan
 from openmm_dpd.stats import block_average
 

@@ -18,7 +18,7 @@ import numpy as np
 import openmm_dpd as dpd
 from openmm_dpd.kernels.engine import PairEngine
 from openmm_dpd.kernels.steps import StepLoop
-from openmm_dpd.lammps.main import deck_scene
+from openmm_dpd.lammps import deck_scene
 
 DECK = Path(__file__).resolve().parents[2] / "examples" / "decks" / "in.dpde-shardlow"
 

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from openmm_dpd.lammps.main import run_deck
-from openmm_dpd.lammps.run import RunOptions
+from openmm_dpd.lammps import RunOptions, run_deck
 
 HERE = Path(__file__).parent
 DECKS = HERE.parents[1] / "examples" / "decks"

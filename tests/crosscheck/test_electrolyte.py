@@ -10,8 +10,7 @@ import pytest
 from lammps_peer import instance, why_missing
 
 import openmm_dpd as dpd
-from openmm_dpd.lammps.main import run_deck
-from openmm_dpd.lammps.run import RunOptions
+from openmm_dpd.lammps import RunOptions, run_deck
 from openmm_dpd.stats import block_average
 
 HERE = Path(__file__).parent

@@ -10,8 +10,7 @@ import pytest
 from make_energy_reference import fit_diffusivity, transient
 
 import openmm_dpd as dpd
-from openmm_dpd.lammps.main import deck_scene, run_deck
-from openmm_dpd.lammps.run import RunOptions
+from openmm_dpd.lammps import RunOptions, deck_scene, run_deck
 from openmm_dpd.stats import block_average
 from openmm_dpd.units import METAL
 

@@ -7,11 +7,7 @@ import numpy as np
 import pytest
 
 import openmm_dpd as dpd
-from openmm_dpd.lammps.data_state import scene_from_data
-from openmm_dpd.lammps.dump_reader import read_lammps_dump
-from openmm_dpd.lammps.export import export_lammps
-from openmm_dpd.lammps.main import run_deck
-from openmm_dpd.lammps.run import RunOptions
+from openmm_dpd.lammps import RunOptions, export_lammps, read_lammps_dump, run_deck, scene_from_data
 from openmm_dpd.stats import block_average
 
 REASON = exported.why_missing()

@@ -11,8 +11,7 @@ from openmm import unit
 from scenes import beads
 
 import openmm_dpd as dpd
-from openmm_dpd.lammps.deck import read_deck
-from openmm_dpd.lammps.main import RunOptions, run_deck
+from openmm_dpd.lammps import RunOptions, read_deck, run_deck
 from openmm_dpd.names import BONDED_GROUP
 
 NO_LAMMPS = lammps_peer.why_missing()

@@ -15,8 +15,7 @@ from fluid_deck import FLUID
 from openmm_dpd import cli
 from openmm_dpd.cli import main
 from openmm_dpd.errors import RunError
-from openmm_dpd.lammps.main import deck_forces, explain_deck, run_deck
-from openmm_dpd.lammps.run import RunOptions
+from openmm_dpd.lammps import RunOptions, deck_forces, explain_deck, run_deck
 
 DECKS = Path(__file__).parents[2] / "examples" / "decks"
 
@@ -160,7 +159,7 @@ def test_places_that_cannot_be_written_are_found_before_anything_is_computed(dec
     monkeypatch.chdir(deck.parent)
     Path("folder").mkdir()
     Path("file").write_text("")
-    monkeypatch.setattr("openmm_dpd.lammps.main.read_deck", lambda *_, **__: pytest.fail("the deck was read"))
+    monkeypatch.setattr("openmm_dpd.lammps.run.main.read_deck", lambda *_, **__: pytest.fail("the deck was read"))
     assert main([command, str(deck), option, target, *(["--quiet"] if command == "run" else [])]) == 1
     error = capsys.readouterr().err
     assert error.startswith(f"openmm-dpd: error: {option}: ") and error.count("\n") == 1

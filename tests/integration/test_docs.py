@@ -14,10 +14,10 @@ import pytest
 import openmm_dpd as dpd
 from openmm_dpd import cli
 from openmm_dpd.lammps.commands.fixes import FIX_STYLES
-from openmm_dpd.lammps.computes import COMPUTES
-from openmm_dpd.lammps.deck import COMMANDS
-from openmm_dpd.lammps.pair_styles import PAIR_STYLES
-from openmm_dpd.lammps.words import WORDS
+from openmm_dpd.lammps.run.deck import COMMANDS
+from openmm_dpd.lammps.styles.pair_styles import PAIR_STYLES
+from openmm_dpd.lammps.values.computes import COMPUTES
+from openmm_dpd.lammps.values.words import WORDS
 from openmm_dpd.names import Phase
 from openmm_dpd.schemes import SCHEMES
 

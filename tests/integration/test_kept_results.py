@@ -18,8 +18,7 @@ from full_disk import file_limit, small_disk
 import openmm_dpd as dpd
 from openmm_dpd import trajectory
 from openmm_dpd.cli import main
-from openmm_dpd.lammps.main import run_deck
-from openmm_dpd.lammps.run import RunOptions
+from openmm_dpd.lammps import RunOptions, run_deck
 
 #: Rows, a dump and an average every ten steps.
 WRITING = FLUID.replace(

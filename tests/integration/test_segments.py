@@ -13,9 +13,8 @@ from openmm import unit
 from scenes import beads
 
 import openmm_dpd as dpd
-from openmm_dpd.lammps.deck import read_deck
-from openmm_dpd.lammps.main import RunOptions, run_deck
-from openmm_dpd.lammps.srp import srp_settings
+from openmm_dpd.lammps import RunOptions, read_deck, run_deck
+from openmm_dpd.lammps.styles.srp import srp_settings
 from openmm_dpd.names import BONDED_GROUP, SEGMENT_GROUP
 
 NO_LAMMPS = lammps_peer.why_missing()

@@ -10,8 +10,7 @@ from devices import DEVICES
 import openmm_dpd as dpd
 from openmm_dpd.errors import RunError
 from openmm_dpd.forces.runaway import runaway
-from openmm_dpd.lammps.main import run_deck
-from openmm_dpd.lammps.run import RunOptions
+from openmm_dpd.lammps import RunOptions, run_deck
 from openmm_dpd.stats import ratio_average
 
 N, EDGE = 375, 5.0

@@ -18,7 +18,7 @@ from openmm_dpd.analysis.stress_parts import charge_virial, stress_parts
 from openmm_dpd.bonded_sums import bonded_stress
 from openmm_dpd.forces.partners import energy_spline
 from openmm_dpd.kinds import kind_for
-from openmm_dpd.lammps.deck import read_deck
+from openmm_dpd.lammps import read_deck
 
 NO_LAMMPS = lammps_peer.why_missing()
 LAMMPS = pytest.mark.skipif(NO_LAMMPS is not None, reason=str(NO_LAMMPS))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from openmm_dpd.errors import DeckError
-from openmm_dpd.lammps.main import deck_scene
+from openmm_dpd.lammps import deck_scene
 from openmm_dpd.units import COULOMB
 
 DECK = """units {units}

@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 
 from openmm_dpd.errors import DeckError
-from openmm_dpd.lammps import RunRequest, Sample, read_deck
-from openmm_dpd.lammps.context import Context
-from openmm_dpd.lammps.main import run_deck
-from openmm_dpd.lammps.run import RunOptions
+from openmm_dpd.lammps import RunOptions, RunRequest, read_deck, run_deck
+from openmm_dpd.lammps.state.sample import Sample
+from openmm_dpd.lammps.values.resolver import Resolver
 
 BLOCK = "block -2 4 0 5 1 7"
 PRISM = "prism -2 4 0 5 1 7 1.3 -0.8 0.9"
@@ -42,11 +41,11 @@ def request_of(tmp_path, text: str) -> RunRequest:
     return request
 
 
-def context_of(request: RunRequest, step: int = 0, shift=(0.0, 0.0, 0.0), **values) -> Context:
-    """Context at a step at which all beads have moved by ``shift``."""
+def context_of(request: RunRequest, step: int = 0, shift=(0.0, 0.0, 0.0), **values) -> Resolver:
+    """Resolver at a step at which all beads have moved by ``shift``."""
     atoms = request.state.atoms
     sample = Sample(step, positions=atoms.positions + np.array(shift), velocities=atoms.velocities, **values)
-    return Context(request.state, sample, request.window)
+    return Resolver(request.state, sample, request.window)
 
 
 def rows_of(path: Path) -> list[list[float]]:

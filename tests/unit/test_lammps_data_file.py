@@ -7,8 +7,8 @@ import pytest
 
 from openmm_dpd.errors import DeckError, ParameterError
 from openmm_dpd.lammps import read_deck
-from openmm_dpd.lammps.box import Box
-from openmm_dpd.lammps.data_file import ATOM_STYLES, read_data_file
+from openmm_dpd.lammps.files.data_file import ATOM_STYLES, read_data_file
+from openmm_dpd.lammps.state.box import Box
 
 HEADER = """a title that could be anything: 5 atoms
 
@@ -183,7 +183,7 @@ fix 1 all nve
     if style != "dpd":
         state.bonds = np.array([[1, 1, 2], [1, 4, 3]])
         state.atoms.charges[:] = rng.choice([-1.0, 1.0], 30) if style == "full" else 0.0
-    from openmm_dpd.lammps.data_writer import data_file_lines
+    from openmm_dpd.lammps.output.data_writer import data_file_lines
 
     (tmp_path / "data.out").write_text("\n".join(data_file_lines(state, pair="ij")) + "\n")
     again = deck(tmp_path, f"units {units}\natom_style {style}\npair_style dpd 1.0 3.0 4\nread_data data.out\nfix 1 all nve")

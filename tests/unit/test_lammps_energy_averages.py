@@ -13,11 +13,10 @@ import numpy as np
 import pytest
 
 from openmm_dpd.errors import DeckError
-from openmm_dpd.lammps import RunRequest, Sample, read_deck
-from openmm_dpd.lammps.averages import Schedule
-from openmm_dpd.lammps.context import Context
-from openmm_dpd.lammps.main import run_deck
-from openmm_dpd.lammps.run import RunOptions
+from openmm_dpd.lammps import RunOptions, RunRequest, read_deck, run_deck
+from openmm_dpd.lammps.output.averages import Schedule
+from openmm_dpd.lammps.state.sample import Sample
+from openmm_dpd.lammps.values.resolver import Resolver
 
 START = """atom_style {style}
 region b block -2 4 0 5 1 7 units box
@@ -61,11 +60,11 @@ def request_of(tmp_path, text: str) -> RunRequest:
     return request
 
 
-def context_of(request: RunRequest, step: int = 0, shift=(0.0, 0.0, 0.0), **values) -> Context:
-    """Context at a step at which all beads have moved by ``shift``."""
+def context_of(request: RunRequest, step: int = 0, shift=(0.0, 0.0, 0.0), **values) -> Resolver:
+    """Resolver at a step at which all beads have moved by ``shift``."""
     atoms = request.state.atoms
     sample = Sample(step, positions=atoms.positions + np.array(shift), velocities=atoms.velocities, **{"fields": {}, **values})
-    return Context(request.state, sample, request.window)
+    return Resolver(request.state, sample, request.window)
 
 
 def blocks_of(path: Path) -> list[tuple[list[float], np.ndarray]]:

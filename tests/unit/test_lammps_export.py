@@ -13,13 +13,19 @@ import pytest
 
 import openmm_dpd as dpd
 from openmm_dpd.cli import main
-from openmm_dpd.lammps.data_state import read_lammps_data, scene_from_data
-from openmm_dpd.lammps.dump_reader import read_lammps_dump
-from openmm_dpd.lammps.export import export_deck, export_lammps
-from openmm_dpd.lammps.export_words import ExportWarning, id_ranges, lammps_seed
-from openmm_dpd.lammps.main import deck_forces, deck_scene
-from openmm_dpd.lammps.pair_styles import PAIR_STYLES
-from openmm_dpd.lammps.run import RunOptions
+from openmm_dpd.lammps import (
+    ExportWarning,
+    RunOptions,
+    deck_forces,
+    deck_scene,
+    export_deck,
+    export_lammps,
+    read_lammps_data,
+    read_lammps_dump,
+    scene_from_data,
+)
+from openmm_dpd.lammps.exchange.export_words import id_words, lammps_seed
+from openmm_dpd.lammps.styles.pair_styles import PAIR_STYLES
 
 
 def fluid(**changes) -> dpd.Scene:
@@ -178,7 +184,7 @@ def test_fixed_beads_and_their_groups(tmp_path):
     written = export_lammps(fluid(mobile=mobile), tmp_path, "x", dt=0.01, steps=1)
     assert words(written, "group") == ["mobile id 4:7 9:240"] and words(written, "fix") == ["move mobile nve"]
     np.testing.assert_array_equal(deck_scene(written.deck).mobile, mobile)
-    assert id_ranges(np.zeros(3, bool)) == [] and id_ranges(np.array([True, False, True])) == ["1", "3"]
+    assert id_words(np.zeros(3, bool)) == [] and id_words(np.array([True, False, True])) == ["1", "3"]
 
 
 def test_seeds_are_those_that_lammps_takes():
@@ -263,7 +269,7 @@ def test_what_is_no_scene_and_what_is_no_folder(tmp_path):
 
 
 def test_a_part_of_a_scene_that_is_not_known_is_an_error(tmp_path, monkeypatch):
-    from openmm_dpd.lammps import export_job
+    from openmm_dpd.lammps.exchange import export_job
 
     monkeypatch.setattr(export_job, "_KNOWN", export_job._KNOWN - {"angles"})
     with pytest.raises(dpd.ParameterError, match="`angles` of the scene cannot be exported"):

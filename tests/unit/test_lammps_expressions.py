@@ -7,7 +7,7 @@ import math
 import pytest
 
 from openmm_dpd.errors import ParameterError
-from openmm_dpd.lammps.expressions import evaluate
+from openmm_dpd.lammps.language.expressions import evaluate
 
 
 class Fixed:

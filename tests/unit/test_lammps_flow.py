@@ -13,9 +13,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import lammps_peer
 
 from openmm_dpd import BodyForce, DeckError, PositionForce
-from openmm_dpd.lammps import read_deck
-from openmm_dpd.lammps.data_writer import data_file_lines
-from openmm_dpd.lammps.run import DeckRunner, RunOptions
+from openmm_dpd.lammps import RunOptions, read_deck
+from openmm_dpd.lammps.output.data_writer import data_file_lines
+from openmm_dpd.lammps.run.runner import DeckRunner
 from openmm_dpd.model.flow import SPECULAR, Wall
 
 MISSING = lammps_peer.why_missing()

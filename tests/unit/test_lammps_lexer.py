@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from openmm_dpd.errors import DeckError, ParameterError
-from openmm_dpd.lammps.lexer import Line, logical_lines, read_text, split_words, strip_comment, substitute
-from openmm_dpd.lammps.variables import Variables
+from openmm_dpd.lammps.language.lexer import Line, logical_lines, read_text, split_words, strip_comment, substitute
+from openmm_dpd.lammps.language.variables import Variables
 
 HERE = Line("", "deck", 1)
 

@@ -14,9 +14,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import lammps_peer
 from lammps_beads import ours, same_beads, theirs
 
-from openmm_dpd.lammps import RunRequest, Sample, read_deck
-from openmm_dpd.lammps.main import run_deck
-from openmm_dpd.lammps.run import RunOptions
+from openmm_dpd.lammps import RunOptions, RunRequest, read_deck, run_deck
+from openmm_dpd.lammps.state.sample import Sample
 
 MISSING = lammps_peer.why_missing()
 pytestmark = pytest.mark.skipif(MISSING is not None, reason=str(MISSING))

@@ -10,7 +10,7 @@ from test_lammps_chunks import BEADS, BLOCK, DECK, FLUID, FREE, PRISM, QUICK, be
 from openmm_dpd.analysis import radial_distribution
 from openmm_dpd.analysis.neighbours import pairs_within
 from openmm_dpd.errors import DeckError
-from openmm_dpd.lammps.main import run_deck
+from openmm_dpd.lammps import run_deck
 
 
 # -- rdf -----------------------------------------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from openmm_dpd.errors import DeckError
-from openmm_dpd.lammps.table_file import read_table, tabulated_pair
+from openmm_dpd.lammps.files.table_file import read_table, tabulated_pair
 from openmm_dpd.units import LJ, REAL
 
 

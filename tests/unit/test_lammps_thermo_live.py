@@ -13,8 +13,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import lammps_peer
 
 from openmm_dpd.errors import DeckError
-from openmm_dpd.lammps import read_deck
-from openmm_dpd.lammps.run import DeckRunner, RunOptions
+from openmm_dpd.lammps import RunOptions, read_deck
+from openmm_dpd.lammps.run.runner import DeckRunner
 
 MISSING = lammps_peer.why_missing()
 pytestmark = pytest.mark.skipif(MISSING is not None, reason=str(MISSING))

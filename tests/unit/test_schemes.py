@@ -17,9 +17,7 @@ from scenes import beads, run_of, state_of
 import openmm_dpd as dpd
 from openmm_dpd.cli import main
 from openmm_dpd.errors import ParameterError, PlanError
-from openmm_dpd.lammps.export import export_lammps
-from openmm_dpd.lammps.main import run_deck
-from openmm_dpd.lammps.run import RunOptions
+from openmm_dpd.lammps import RunOptions, export_lammps, run_deck
 from openmm_dpd.model.eos import ConstantHeatCapacity
 from openmm_dpd.plan import make_plan
 from openmm_dpd.recommend import advice, predicted_error

@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 
 from ...errors import ParameterError
-from .. import arguments as read
-from ..context import Context
-from ..data_file import BONDED_STYLES
-from ..state import DeckState
+from ..files.data_file import BONDED_STYLES
+from ..language import arguments as read
+from ..state.deck_state import DeckState
+from ..values.resolver import Resolver
 from .setup import Handler
 
 
@@ -161,7 +161,7 @@ def _value(state: DeckState, word: str, what: str) -> float:
     if not word.startswith("v_"):
         return read.number(word, what)
     current = state.last_sample is not None and state.last_sample.step == state.step
-    return Context(state, state.last_sample if current else None).variable_alone(word[2:])
+    return Resolver(state, state.last_sample if current else None).variable_alone(word[2:])
 
 
 def _needs_style(state: DeckState, style: str, what: str) -> None:

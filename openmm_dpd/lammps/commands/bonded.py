@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ...errors import ParameterError
-from .. import arguments as read
-from ..bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedSetup, BondedStyle
-from ..state import DeckState
+from ..language import arguments as read
+from ..state.bonded_setup import BondedSetup
+from ..state.deck_state import DeckState
+from ..styles.bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedStyle
 from .setup import Handler
 
 

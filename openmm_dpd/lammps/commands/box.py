@@ -8,14 +8,14 @@ import numpy as np
 
 from ...errors import DeckError, ParameterError
 from ...model.bonds import bonded_neighbours
-from .. import arguments as read
-from ..atoms import Atoms
-from ..box import Box
-from ..data_file import BONDED_STYLES, DataFile, read_data_file
-from ..lattice import parse_lattice
-from ..lexer import Line
-from ..regions import parse_region
-from ..state import DeckState
+from ..files.data_file import BONDED_STYLES, DataFile, read_data_file
+from ..language import arguments as read
+from ..language.lexer import Line
+from ..state.atoms import Atoms
+from ..state.box import Box
+from ..state.deck_state import DeckState
+from ..state.lattice import parse_lattice
+from ..state.regions import parse_region
 from .bonded import angle_coeff, bond_coeff
 from .pairs import pair_coeff
 from .setup import Handler
@@ -91,7 +91,8 @@ def create_atoms(state: DeckState, args: list[str]) -> None:
         if keyword == "basis":
             basis[read.integer(values[0], "the number of the basis atom", 1)] = read.integer(values[1], "its type", 1)
         options[keyword] = values
-    scale = np.ones(3) if options.get("units", ["lattice"])[0] == "box" else state.lattice.spacing
+    units = read.choice(options.get("units", ["lattice"])[0], "units", ("lattice", "box"))
+    scale = np.ones(3) if units == "box" else state.lattice.spacing
     if style == "random":
         points = _random_points(state, words, options)
         types = np.full(len(points), kind)

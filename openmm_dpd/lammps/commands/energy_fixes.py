@@ -9,10 +9,10 @@ import numpy as np
 from ...errors import ParameterError
 from ...model.eos import ConstantHeatCapacity, TabulatedEOS
 from ...model.sources import Block, Sphere
-from .. import arguments as read
-from ..eos_file import read_eos
-from ..pressure import parse_nph
-from ..state import DeckState
+from ..files.eos_file import read_eos
+from ..language import arguments as read
+from ..state.deck_state import DeckState
+from ..state.pressure import parse_nph
 
 FixReader = Callable[[DeckState, str, list[str]], dict]
 

@@ -1,17 +1,16 @@
-"""Commands that say what happens during a run: fix, unfix, timestep, reset_timestep, run."""
+"""Commands that say what happens during a run: fix, unfix, timestep, reset_timestep."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 from ...errors import ParameterError
-from .. import arguments as read
-from ..averages import Average
-from ..chunk_average import parse_ave_chunk
-from ..integration import integration
-from ..request import RunRequest
-from ..state import DeckState, Fix
-from ..time_average import parse_ave_time
+from ..language import arguments as read
+from ..output.averages import Average
+from ..output.chunk_average import parse_ave_chunk
+from ..output.time_average import parse_ave_time
+from ..state.deck_state import DeckState
+from ..state.records import Fix
 from .energy_fixes import ENERGY_FIXES
 from .flow_fixes import FLOW_FIXES
 from .setup import Handler
@@ -105,48 +104,9 @@ def reset_timestep(state: DeckState, args: list[str]) -> None:
         dump.last_step = None
 
 
-def run(state: DeckState, args: list[str]) -> None:
-    """``run N [upto] [start N] [stop N] [pre yes|no] [post yes|no]``."""
-    read.count(args, "run N ...", 1, None)
-    state.require_box("run")
-    if state.pair.where is None:
-        raise ParameterError("run needs a pair_style before it; if the beads do not interact, say 'pair_style none'")
-    steps = read.integer(args[0], "the number of steps", 0)
-    begin = end = None
-    for keyword, values in read.options(args[1:], {"upto": 0, "start": 1, "stop": 1, "pre": 1, "post": 1}, "run"):
-        if keyword == "upto":
-            steps -= state.step
-            if steps < 0:
-                raise ParameterError(f"run {args[0]} upto: the present step, {state.step}, is beyond it")
-        elif keyword == "start":
-            begin = read.integer(values[0], "start", 0)
-        elif keyword == "stop":
-            end = read.integer(values[0], "stop", 0)
-        elif not read.switch(values[0], keyword) and keyword == "pre":
-            state.note("run pre no: forces are evaluated anew, with new noise, as with pre yes; LAMMPS goes on with the last ones")
-    if begin is not None and begin > state.step:
-        raise ParameterError(f"run: start {begin} lies after the first step of the run, {state.step}")
-    if end is not None and end < state.step + steps:
-        raise ParameterError(f"run: stop {end} lies before the last step of the run, {state.step + steps}")
-    state.settle("run")
-    request = RunRequest.of(state, steps, integration(state), begin, end)
-    if state.first_run is None:
-        state.first_run = request
-    if state.stop_before_first_run:
-        state.finished = True
-        return
-    request.scene()  # everything that is missing or wrong is reported before anything is computed
-    if state.run_callback is not None:
-        state.run_callback(request)
-    if state.step == request.first_step:
-        state.step = request.last_step  # the callback did not call finish
-    state.runs += 1
-
-
 COMMANDS: dict[str, Handler] = {
     "fix": fix,
     "unfix": unfix,
     "timestep": timestep,
     "reset_timestep": reset_timestep,
-    "run": run,
 }

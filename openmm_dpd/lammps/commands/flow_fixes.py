@@ -8,8 +8,8 @@ import numpy as np
 
 from ...errors import ParameterError
 from ...model.flow import AXES
-from .. import arguments as read
-from ..state import DeckState
+from ..language import arguments as read
+from ..state.deck_state import DeckState
 
 FixReader = Callable[[DeckState, str, list[str]], dict]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ...errors import ParameterError
-from .. import arguments as read
-from ..charges import KspaceSetup
-from ..state import DeckState
+from ..language import arguments as read
+from ..state.deck_state import DeckState
+from ..state.records import KspaceSetup
 from .setup import Handler
 
 #: Styles of kspace_style: all of them mean OpenMM's PME here.

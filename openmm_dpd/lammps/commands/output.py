@@ -6,25 +6,24 @@ from collections.abc import Callable
 
 from ...errors import ParameterError
 from ...files import append_block, write_whole
-from .. import arguments as read
-from ..computes import BUILT_IN, COMPUTES, Compute, temperature_compute
-from ..context import Context
-from ..data_writer import data_file_lines
-from ..dumps import COLUMNS, Dump
-from ..dumps import STYLES as DUMP_STYLES
-from ..lexer import substitute
-from ..per_bead import check_bead_word
-from ..state import DeckState, ThermoSettings
-from ..thermo import STYLES as THERMO_STYLES
-from ..thermo import check_format, check_word
-from ..wildcards import expanded
+from ..language import arguments as read
+from ..language.lexer import substitute
+from ..output.data_writer import data_file_lines
+from ..output.dumps import COLUMNS, DumpWriter
+from ..output.dumps import STYLES as DUMP_STYLES
+from ..output.thermo import STYLES as THERMO_STYLES
+from ..output.thermo import check_format, check_word
+from ..state.deck_state import DeckState
+from ..state.records import Compute, Dump, ThermoSettings
+from ..values.computes import BUILT_IN, COMPUTES, check_bead_word, expanded
+from ..values.resolver import Resolver
 from .setup import Handler
 
 
 def expand(state: DeckState, text: str) -> str:
     """Text with ``$`` substituted."""
-    context = Context(state, state.last_sample if state.last_sample and state.last_sample.step == state.step else None)
-    return substitute(text, lambda name: state.variables.text(name, context.formula), context.formula)
+    moment = Resolver(state, state.last_sample if state.last_sample and state.last_sample.step == state.step else None)
+    return substitute(text, lambda name: state.variables.text(name, moment.formula), moment.formula)
 
 
 # -- thermo -----------------------------------------------------------------------------------------------------------------
@@ -68,7 +67,7 @@ def _norm(state: DeckState, words: list[str]) -> None:
 
 
 def _temp(state: DeckState, words: list[str]) -> None:
-    temperature_compute(state, words[0])
+    state.temperature_compute(words[0])
     state.thermo.temp = words[0]
     # the pressure that is printed takes it over, for good
     state.pressure_temps[state.thermo.press] = words[0]
@@ -144,7 +143,8 @@ def compute(state: DeckState, args: list[str]) -> None:
         raise ParameterError(f"there is a compute {name} already")
     spec = COMPUTES[style]
     words = list(expanded(state, words))
-    spec.check(state, group, words)
+    if spec.check is not None:
+        spec.check(state, group, words)
     settings = None if spec.prepare is None else spec.prepare(state, group, words)
     state.computes[name] = Compute(name, group, style, tuple(words), settings)
 
@@ -191,7 +191,7 @@ def _find_dump(state: DeckState, name: str) -> Dump:
 def undump(state: DeckState, args: list[str]) -> None:
     """``undump ID``."""
     read.count(args, "undump ID", 1)
-    _find_dump(state, args[0]).close()
+    DumpWriter(_find_dump(state, args[0])).close()
     del state.dumps[args[0]]
 
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ...errors import ParameterError
-from .. import arguments as read
-from ..pair_styles import MIXING, PAIR_STYLES, Coefficient, PairSetup, PairStyle
-from ..state import DeckState
-from ..table_file import MODES
+from ..files.table_file import MODES
+from ..language import arguments as read
+from ..state.deck_state import DeckState
+from ..state.pair_setup import Coefficient, PairSetup, PairStyle
+from ..styles.lennard_jones import MIXING
+from ..styles.pair_styles import PAIR_STYLES
 from .setup import Handler
 
 HYBRID = ("hybrid", "hybrid/overlay")
@@ -75,7 +77,7 @@ def _style(state: DeckState, name: str, words: list[str]) -> PairStyle:
     spec = PAIR_STYLES[name]
     if spec.atom_style not in (None, state.atom_style):
         raise ParameterError(f"pair style {name} needs atom_style {spec.atom_style}, but the deck has atom_style {state.atom_style}")
-    style = PairStyle(name, spec.settings(words), state.here)
+    style = PairStyle(name, spec, spec.settings(words), state.here)
     if spec.atom_style == "tdpd":
         style.settings["species"] = state.n_species
     return style

@@ -8,9 +8,9 @@ import numpy as np
 
 from ...errors import ParameterError
 from ...units import UNIT_SYSTEMS
-from .. import arguments as read
-from ..data_file import ATOM_STYLES
-from ..state import DeckState
+from ..files.data_file import ATOM_STYLES
+from ..language import arguments as read
+from ..state.deck_state import DeckState
 
 Handler = Callable[[DeckState, list[str]], None]
 
@@ -37,7 +37,7 @@ def dimension(state: DeckState, args: list[str]) -> None:
 
 
 def boundary(state: DeckState, args: list[str]) -> None:
-    """``boundary p p p``, with f for axes that walls close (see :mod:`openmm_dpd.lammps.flow`)."""
+    """``boundary p p p``, with f for axes that walls close (see :mod:`openmm_dpd.lammps.scene.flow`)."""
     read.count(args, "boundary p p p", 3)
     state.refuse_box("boundary")
     if any(word not in ("p", "pp", "f", "ff") for word in args):

@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 
 from ...errors import ParameterError
-from .. import arguments as read
-from ..computes import Compute, temperature_compute
-from ..context import Context
-from ..state import DeckState
+from ..language import arguments as read
+from ..state.deck_state import DeckState
+from ..state.records import Compute
+from ..values.resolver import Resolver
 from .setup import Handler
 
 _SIZES = {"dist": 1, "sum": 1, "mom": 1, "rot": 1, "loop": 1, "units": 1, "temp": 1, "bias": 1, "rigid": 1}
@@ -37,9 +37,9 @@ def velocity(state: DeckState, args: list[str]) -> None:
 
 def _temperature(state: DeckState, group: str, options: dict[str, str]) -> tuple[float, np.ndarray]:
     """Temperature of the group (or of the compute named by ``temp``) and the beads it is about."""
-    compute = temperature_compute(state, options["temp"]) if "temp" in options else None
+    compute = state.temperature_compute(options["temp"]) if "temp" in options else None
     compute = compute or Compute("velocity", group, "temp")
-    return Context(state).temperature(compute), state.group(compute.group)
+    return Resolver(state).temperature(compute), state.group(compute.group)
 
 
 def _rescale(state: DeckState, group: str, mask: np.ndarray, target: float, options: dict[str, str]) -> None:

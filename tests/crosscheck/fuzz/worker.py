@@ -47,7 +47,7 @@ def _with_ours(deck: str, options: dict) -> tuple[str, str, str]:
 
     logging.getLogger("openmm_dpd").setLevel(logging.CRITICAL)
     from openmm_dpd.errors import DeckError, RunError
-    from openmm_dpd.lammps.main import RunOptions, run_deck
+    from openmm_dpd.lammps import RunOptions, run_deck
 
     lines: list[str] = []
     status, message = "done", ""

@@ -12,10 +12,10 @@ _OPERATORS = ("+", "-", "*", "/", "^", "%", "==", "!=", "<", "<=", ">", ">=", "&
 
 
 class _Grammar:
-    """Expressions over leaves."""
+    """Expressions over leaves; ``of_beads`` are those of them that differ from bead to bead."""
 
-    def __init__(self, draw: Draw, leaves: list[str]):
-        self.draw, self.leaves = draw, leaves
+    def __init__(self, draw: Draw, leaves: list[str], of_beads: tuple[str, ...] = ()):
+        self.draw, self.leaves, self.of_beads = draw, [*leaves, *of_beads * 3], of_beads
 
     def number(self) -> str:
         return self.draw.pick(
@@ -46,7 +46,9 @@ class _Grammar:
             return f"{name}({inside})"
         if kind < 0.98:
             return f"atan2({self.expression(depth + 1)},{self.expression(depth + 1)})"
-        return f"ternary({self.expression(depth + 1)},{self.expression(depth + 1)},{self.expression(depth + 1)})"
+        # what LAMMPS makes of a condition without anything of the beads, in a formula of beads, is a fault of its own (docs/decks.md)
+        condition = f"({draw.pick(self.of_beads)})+({self.expression(depth + 1)})" if self.of_beads else self.expression(depth + 1)
+        return f"ternary({condition},{self.expression(depth + 1)},{self.expression(depth + 1)})"
 
 
 def formulas(draw: Draw) -> Deck:
@@ -91,8 +93,8 @@ def formulas(draw: Draw) -> Deck:
 def _of_beads(deck: Deck, grammar: _Grammar) -> None:
     """Atom-style variables in a dump."""
     draw = deck.draw
-    beads = ["x", "y", "z", "vx", "vy", "type", "mass", "id", "fx"]
-    inner = _Grammar(draw, [leaf for leaf in grammar.leaves if "$" not in leaf] + beads * 3)
+    beads = ("x", "y", "z", "vx", "vy", "type", "mass", "id", "fx")
+    inner = _Grammar(draw, [leaf for leaf in grammar.leaves if "$" not in leaf], beads)
     names = []
     for k in range(draw.whole(1, 4)):
         deck.add("variable", f"b{k}", "atom", f'"{inner.expression(1)}"')

@@ -1,0 +1,1 @@
+"""The way back: scenes as decks for LAMMPS, and what LAMMPS writes as arrays, scenes and trajectories."""

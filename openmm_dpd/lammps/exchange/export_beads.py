@@ -1,0 +1,274 @@
+"""The data file of an exported scene: bead types, box, beads, velocities, bonds and angles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...errors import ParameterError
+from ...kinds import kind_for
+from ...model.flow import gaps
+from ...model.internal import BeadTemperatures, Concentrations, InternalEnergy
+from ...model.pairs import NONE
+from ...model.scene import Scene
+from ...units import UnitSystem
+from ..files.data_file import ATOM_STYLES, atom_columns
+from ..state.box import Box
+from ..styles.writing import Differences, number, numbers
+
+#: Mass of beads that never move, where LAMMPS would let the friction change their velocities or count their mass in heat.
+HEAVY = 1e15
+
+#: Largest image flag of LAMMPS's usual builds.
+_LARGEST_IMAGE = 511
+
+#: Largest number of bead types: LAMMPS keeps tables of type pairs.
+_MOST_TYPES = 2000
+
+#: Columns of an Atoms section beyond those of atom_style atomic, in the order of hybrid styles.
+_EXTRA = {
+    "dpd": ("theta",),
+    "edpd": ("temperature", "capacity"),
+    "mdpd": ("rho",),
+    "charge": ("charge",),
+    "bond": ("molecule",),
+    "angle": ("molecule",),
+    "molecular": ("molecule",),
+    "full": ("molecule", "charge"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class BeadTypes:
+    """LAMMPS's atom types: one for each bead type of the scene, or several where masses differ.
+
+    Attributes
+    ----------
+    of_bead : (N,) array of int
+        Type of each bead, counted from 1.
+    names : tuple of str
+        The scene's type of each.
+    masses : tuple of float
+        Da.
+    frozen : tuple of bool
+        Whether its beads never move (only told apart where that matters).
+    """
+
+    of_bead: np.ndarray
+    names: tuple[str, ...]
+    masses: tuple[float, ...]
+    frozen: tuple[bool, ...]
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def span(self, name: str) -> str:
+        """The types of one bead type of the scene, as pair_coeff takes them."""
+        mine = [k for k, other in enumerate(self.names, start=1) if other == name]
+        return str(mine[0]) if len(mine) == 1 else f"{mine[0]}*{mine[-1]}"
+
+
+def bead_types(scene: Scene, apart: bool = False) -> BeadTypes:
+    """Atom types of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    apart : bool
+        Give beads that never move types of their own, with a mass that nothing can move.
+
+    Raises
+    ------
+    ParameterError
+        If there are more different masses than LAMMPS's tables of type pairs have room for.
+    """
+    frozen = np.zeros(scene.n_beads, bool) if scene.mobile is None or not apart else ~scene.mobile
+    of_bead = np.zeros(scene.n_beads, dtype=np.int64)
+    names, masses, still = list[str](), list[float](), list[bool]()
+    spare = unused_type(scene)
+    for k, (name, mass) in enumerate(scene.masses.items()):
+        if name == spare:
+            continue
+        members = scene.type_ids == k
+        kinds = [(value, False) for value in np.unique(scene.bead_masses[members & ~frozen]).tolist()]
+        kinds += [(HEAVY, True)] if np.any(members & frozen) else []
+        for value, stays in kinds or [(mass, False)]:
+            names.append(name)
+            masses.append(value)
+            still.append(stays)
+            chosen = members & frozen if stays else members & ~frozen & (scene.bead_masses == value)
+            of_bead[chosen] = len(names)
+    if len(names) > _MOST_TYPES:
+        raise ParameterError(
+            f"the beads have {len(names)} different masses and types, and LAMMPS needs an atom type for each; "
+            f"it keeps tables of type pairs, so at most {_MOST_TYPES} are exported. Round the masses in `bead_masses`"
+        )
+    return BeadTypes(of_bead, tuple(names), tuple(masses), tuple(still))
+
+
+def unused_type(scene: Scene) -> str | None:
+    """The last type of a scene with segments if no bead has it and it meets no other: that of a deck which stands for bonds."""
+    last = scene.type_names[-1]
+    if scene.segments is None or np.any(scene.type_ids == len(scene.masses) - 1):
+        return None
+    resolved = [table.resolve(scene.type_names) for table in scene.tables]
+    meets = any(last in pair and c is not NONE for table in resolved for pair, c in table.items())
+    return None if meets else last
+
+
+def atom_style(scene: Scene, vest: bool = False) -> tuple[str, ...]:
+    """Atom style of a scene: one name, or several that go behind ``hybrid``.
+
+    Parameters
+    ----------
+    scene : Scene
+    vest : bool
+        Whether ``fix mvv/dpd`` will be used, whose beads need atom_style mdpd.
+    """
+    carried = {InternalEnergy: "dpd", BeadTemperatures: "edpd", Concentrations: "tdpd"}.get(type(scene.internal))
+    if carried is None and (vest or any(kind_for(table.kind).has_densities for table in scene.tables if table.kind is not None)):
+        carried = "mdpd"
+    charged, bonded = scene.charges is not None, bool(len(scene.bond_pairs)) or scene.molecules is not None
+    rest: str | None = None
+    if bonded or scene.angles:
+        rest = "full" if charged else "molecular" if scene.angles else "bond"
+    elif charged:
+        rest = "charge"
+    return tuple(style for style in (carried, rest) if style) or ("atomic",)
+
+
+def columns_of(styles: tuple[str, ...], n_species: int) -> tuple[str, ...]:
+    """Columns of the Atoms section without the image flags."""
+    if len(styles) == 1:
+        return atom_columns(styles[0], n_species)
+    extra = [f"c{k}" for k in range(1, n_species + 1)] if "tdpd" in styles else []
+    for style in styles:
+        extra += _EXTRA.get(style, ())
+    return (*ATOM_STYLES["atomic"], *extra)
+
+
+def atom_style_line(styles: tuple[str, ...], n_species: int) -> str:
+    """The atom_style command."""
+    words = [f"{style} {n_species}" if style == "tdpd" else style for style in styles]
+    return f"atom_style {'hybrid ' if len(styles) > 1 else ''}{' '.join(words)}"
+
+
+@dataclass(frozen=True, eq=False)
+class Bonded:
+    """Bonds or angles by type: ``rows`` are (type, beads counted from 0), ``types`` (style, coefficient words) from type 1 on."""
+
+    rows: np.ndarray
+    types: tuple[tuple[str, str], ...]
+
+
+def lammps_box(
+    scene: Scene, corner: np.ndarray, differences: Differences, flags: np.ndarray | None = None
+) -> tuple[Box, np.ndarray, np.ndarray]:
+    """Box (nm), positions in it, and image flags (``flags`` of a deck are added).  Without a box, one around all beads."""
+    x = scene.positions
+    if scene.box is None:
+        low, high = x.min(axis=0) - 1.0, x.max(axis=0) + 1.0
+        return Box(low, high, np.zeros(3)), x, np.zeros((len(x), 3), dtype=np.int64)
+    tilt = np.array([scene.box[1, 0], scene.box[2, 0], scene.box[2, 1]])
+    low, edges = np.array(corner, dtype=np.float64), np.diag(scene.box).copy()
+    for axis, gap in gaps(scene.walls, scene.box).items() if scene.walls else ():
+        if np.any(tilt):
+            raise ParameterError("walls in a tilted box cannot be exported: LAMMPS's tilted boxes are periodic")
+        if gap.period is not None and np.all((gap.fold(x[:, axis]) >= gap.low) & (gap.fold(x[:, axis]) <= gap.high)):
+            # no bead is in the solid: LAMMPS's box, which does not repeat along this axis, ends at the walls
+            low[axis], edges[axis] = gap.low, gap.high - gap.low
+    box = Box(low, low + edges, tilt, bool(np.any(tilt)))
+    inside, images = box.wrap(x)
+    images = images if flags is None else images + flags
+    if np.abs(images).max(initial=0) > _LARGEST_IMAGE:
+        differences.add(
+            f"some beads are more than {_LARGEST_IMAGE} boxes away, more than LAMMPS counts; all image flags start at 0 "
+            "(displacements are then counted from the positions in the box)"
+        )
+        images = np.zeros_like(images)
+    return box, inside, images
+
+
+def data_lines(
+    scene: Scene,
+    units: UnitSystem,
+    *,
+    name: str,
+    types: BeadTypes,
+    styles: tuple[str, ...],
+    box: Box,
+    positions: np.ndarray,
+    images: np.ndarray,
+    velocities: np.ndarray,
+    bonds: Bonded,
+    angles: Bonded,
+    extra_types: int = 0,
+) -> Iterator[str]:
+    """Lines of the data file; every number has all of its digits."""
+    scaled = box.scaled(1.0 / units.length)
+    yield f"{name}, written by openmm-dpd, units = {units.name}"
+    yield ""
+    yield f"{scene.n_beads} atoms"
+    yield f"{len(types) + extra_types} atom types"
+    for what, terms in (("bond", bonds), ("angle", angles)):
+        if len(terms.rows):
+            yield f"{len(terms.rows)} {what}s"
+            yield f"{len(terms.types)} {what} types"
+    yield ""
+    for axis, low, high in zip("xyz", scaled.low, scaled.high, strict=True):
+        yield f"{number(low)} {number(high)} {axis}lo {axis}hi"
+    if scaled.triclinic:
+        yield f"{numbers(scaled.tilt)} xy xz yz"
+    yield from ("", "Masses", "")
+    for k, (kind, mass) in enumerate(zip(types.names, types.masses, strict=True), start=1):
+        yield f"{k} {number(mass / units.mass)} # {kind}"
+    for k in range(len(types) + 1, len(types) + extra_types + 1):
+        yield f"{k} 1.0 # places of bonds"
+    yield from _atom_lines(scene, units, types, styles, positions, images)
+    yield from ("", "Velocities", "")
+    for k, row in enumerate((velocities / units.velocity).tolist(), start=1):
+        yield f"{k} {' '.join(map(repr, row))}"
+    for title, terms in (("Bonds", bonds), ("Angles", angles)):
+        if len(terms.rows):
+            yield from ("", title, "")
+            for k, (kind, *beads) in enumerate(terms.rows.tolist(), start=1):
+                yield f"{k} {kind} {' '.join(str(bead + 1) for bead in beads)}"
+
+
+def _atom_lines(scene: Scene, units: UnitSystem, types: BeadTypes, styles: tuple[str, ...], positions, images) -> Iterator[str]:
+    n, internal = scene.n_beads, scene.internal
+    x, y, z = (positions / units.length).T
+    zeros = np.zeros(n)
+    arrays: dict[str, np.ndarray] = {
+        "id": np.arange(1, n + 1),
+        "type": types.of_bead,
+        "molecule": np.zeros(n, dtype=np.int64) if scene.molecules is None else scene.molecules,
+        "charge": zeros if scene.charges is None else scene.charges,
+        "x": x,
+        "y": y,
+        "z": z,
+        "rho": zeros,
+    }
+    n_species = 0
+    if isinstance(internal, InternalEnergy):
+        arrays["theta"] = internal_temperatures(internal, n) / units.thermal_energy
+    elif isinstance(internal, BeadTemperatures):
+        arrays["temperature"] = internal.values(n)[:, 0] / units.thermal_energy
+        arrays["capacity"] = internal.heat_capacities(n)
+    elif isinstance(internal, Concentrations):
+        n_species = internal.n_species
+        arrays |= {f"c{k}": column for k, column in enumerate(internal.values.T, start=1)}
+    chosen = columns_of(styles, n_species)
+    columns = [arrays[column].tolist() for column in chosen] + [column.tolist() for column in images.T]
+    yield from ("", f"Atoms # {styles[0] if len(styles) == 1 else 'hybrid'}", "")
+    for row in zip(*columns, strict=True):
+        yield " ".join(map(repr, row))
+
+
+def internal_temperatures(internal: InternalEnergy, n: int) -> np.ndarray:
+    """(N,) internal temperatures at the start, kJ/mol."""
+    from ...model.eos import thermal_energies
+
+    return np.broadcast_to(np.asarray(thermal_energies(internal.temperatures, "temperatures"), dtype=np.float64), (n,))

@@ -1,0 +1,66 @@
+"""Bonds and angles of a scene in LAMMPS's words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ...errors import ParameterError
+from ...model.scene import Scene
+from ...units import UnitSystem
+from ..styles.bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedStyle
+from ..styles.writing import numbers
+from .export_beads import Bonded
+
+#: Most bond or angle types.
+_MOST_TYPES = 100000
+
+
+def _typed(terms, members: str, styles: dict[str, BondedStyle], units: UnitSystem, what: str, width: int) -> Bonded:
+    """Bonds or angles with one type for each set of coefficients."""
+    types: dict[tuple[str, str], int] = {}
+    rows = [np.zeros((0, width + 1), dtype=np.int64)]
+    for term in terms:
+        style = next((name for name, style in styles.items() if style.kind is type(term)), None)
+        if style is None:
+            raise ParameterError(f"{what}s of kind {type(term).__name__} cannot be exported to LAMMPS")
+        beads = getattr(term, members)
+        values = np.column_stack(styles[style].of(term, units))
+        different, which = np.unique(values, axis=0, return_inverse=True)
+        numbered = [types.setdefault((style, numbers(row)), len(types) + 1) for row in different]
+        if len(beads):
+            rows.append(np.column_stack([np.array(numbered)[which.ravel()], beads]))
+    if len(types) > _MOST_TYPES:
+        raise ParameterError(f"the {what}s have {len(types)} different sets of coefficients; at most {_MOST_TYPES} types are exported")
+    return Bonded(np.concatenate(rows), tuple(types))
+
+
+def bond_types(scene: Scene, units: UnitSystem) -> Bonded:
+    """All bonds, with a bond type for each set of coefficients."""
+    return _typed(scene.bonds, "pairs", BOND_STYLES, units, "bond", 2)
+
+
+def angle_types(scene: Scene, units: UnitSystem) -> Bonded:
+    """All angles, with an angle type for each set of coefficients."""
+    return _typed(scene.angles, "triples", ANGLE_STYLES, units, "angle", 3)
+
+
+def style_lines(what: str, terms: Bonded) -> Iterator[str]:
+    """``bond_style`` or ``angle_style``, and the coefficients."""
+    if not len(terms.rows):
+        return
+    styles = list(dict.fromkeys(style for style, _ in terms.types))
+    yield f"{what}_style {'hybrid ' if len(styles) > 1 else ''}{' '.join(styles)}"
+    for k, (style, words) in enumerate(terms.types, start=1):
+        yield f"{what}_coeff {k} {style + ' ' if len(styles) > 1 else ''}{words}"
+
+
+def longest_bond(scene: Scene) -> float:
+    """Length of the longest bond at the start or at rest, nm; of both arms together where angles reach across two."""
+    lengths = [0.0]
+    for bonds in scene.bonds:
+        if len(bonds.pairs):
+            lengths.append(float(bonds.lengths(scene.positions, scene.box).max()))
+            lengths.append(float(np.max(getattr(bonds, "r0", getattr(bonds, "R0", 0.0)))))
+    return (2.0 if scene.angles else 1.0) * max(lengths)

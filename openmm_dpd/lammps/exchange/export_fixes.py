@@ -1,0 +1,283 @@
+"""Integrators, equations of state, sources, body forces and walls of an exported scene."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...errors import ParameterError
+from ...model.edpd import EDPD
+from ...model.energy_dpd import EnergyDPD
+from ...model.eos import ConstantHeatCapacity, TabulatedEOS
+from ...model.flow import AXES, SPECULAR, BodyForce, Members, PositionForce, gaps
+from ...model.internal import BeadTemperatures, InternalEnergy
+from ...model.mdpd import MDPD
+from ...model.pairs import DPD
+from ...model.scene import Scene, TemperatureRamp
+from ...model.sources import Block
+from ...model.tdpd import TDPD
+from ...schemes import scheme_of
+from ...units import UnitSystem
+from ..styles.writing import Differences, number, numbers
+from .export_beads import BeadTypes
+from .export_words import group_lines
+
+#: Heat capacity of beads that never move, in units of k_B: they are reservoirs.
+_RESERVOIR = 1e12
+
+#: Rows of a resampled equation of state.
+_EOS_ROWS = 2001
+
+#: Most different vectors of a body force that is given bead by bead.
+_MOST_VECTORS = 50
+
+
+@dataclass(frozen=True)
+class Mover:
+    """The integrator: LAMMPS's fix and its lambda; whether friction and noise are left to fix shardlow."""
+
+    fix: str
+    lam: float = 0.5
+    shardlow: bool = False
+
+    @property
+    def vest(self) -> bool:
+        """Whether it needs beads of atom_style mdpd."""
+        return self.fix == "mvv/dpd"
+
+
+def choose_mover(scene: Scene, scheme: str, lam: float, units: UnitSystem, skin: float, differences: Differences) -> Mover:
+    """The LAMMPS integrator nearest to a scheme; every difference is noted."""
+    kinds = {table.kind for table in scene.tables} - {None}
+    for kind, fix in ((EDPD, "mvv/edpd"), (TDPD, "mvv/tdpd")):
+        if kind in kinds:
+            return Mover(fix, lam)
+    energy = EnergyDPD in kinds
+    chosen = scheme_of(scheme)
+    wanted = chosen.shardlow or (energy and chosen.sweeps)
+    why = _no_shardlow(scene, kinds, skin) if wanted else None
+    swept = wanted and why is None
+    if chosen.shardlow and why is not None:
+        differences.add(f"fix shardlow is not possible, since {why}; the deck uses velocity Verlet (fix nve), where friction is a force")
+    elif not chosen.in_lammps:
+        instead = "Shardlow's splitting (fix shardlow, then fix nve)" if swept else "velocity Verlet (fix nve), where friction is a force"
+        name = "OpenMM's DPDIntegrator" if chosen.native else repr(chosen.name)
+        differences.add(
+            f"LAMMPS has no scheme {name}: the deck uses {instead}; at the same step the temperatures differ by "
+            "the errors of the schemes, so a shorter step may be needed"
+        )
+    if swept:
+        if any(0 < factor < 1 for factor in scene.special) and len(scene.bond_pairs):
+            differences.add("LAMMPS's fix shardlow ignores special_bonds: friction and noise of bonded neighbours are not scaled")
+        differences.remark(
+            f"fix shardlow needs more than {number(2 * (_longest(scene) + skin) / units.length)} of box per process along each axis"
+        )
+        return Mover("nve", 0.5, True)
+    if lam != 0.5 and not energy:
+        if units.name == "lj":
+            return Mover("mvv/dpd", lam)
+        differences.add(f"lambda = {lam:g} needs units lj in LAMMPS (fix mvv/dpd); the deck uses fix nve, that is lambda = 0.5")
+    elif lam != 0.5:
+        differences.add(f"LAMMPS has no lambda for energy-conserving beads; the deck uses fix nve, that is lambda = 0.5, not {lam:g}")
+    return Mover("nve")
+
+
+def _longest(scene: Scene) -> float:
+    return max((c.cutoff for table in scene.tables for c in table.entries.values()), default=0.0)
+
+
+def _no_shardlow(scene: Scene, kinds: set, skin: float) -> str | None:
+    """Why LAMMPS's fix shardlow cannot be used, or None."""
+    if scene.box is None or np.any(np.tril(scene.box, -1)):
+        return "it needs a periodic box without tilt"
+    if np.diag(scene.box).min() <= 2 * (_longest(scene) + skin):
+        return "it needs box edges above twice the cutoff and the skin"
+    if MDPD in kinds or len(kinds & {DPD, EnergyDPD}) != 1 or sum(t.kind in (DPD, EnergyDPD) for t in scene.tables) > 1:
+        return "it goes with one table of DPD or of EnergyDPD only"
+    if isinstance(scene.kT, TemperatureRamp) and scene.kT.start != scene.kT.stop:
+        return "it has no temperature ramp"
+    if DPD in kinds:
+        if scene.initial_kT == 0:
+            return "it needs a temperature above 0"
+        terms = [c for table in scene.tables for c in table.entries.values() if isinstance(c, DPD)]
+        if any(c.gamma_perp or c.exponent != 1 for c in terms):
+            return "it has no transverse friction and no exponents"
+    return None
+
+
+def mover_lines(scene: Scene, mover: Mover, group: str) -> Iterator[str]:
+    """Fixes that move the beads of a group, in LAMMPS's order."""
+    if mover.shardlow:
+        yield "fix sweep all shardlow"
+    yield f"fix move {group} {mover.fix}" + (f" {number(mover.lam)}" if mover.fix.startswith("mvv/") else "")
+    if isinstance(scene.internal, InternalEnergy) and not mover.shardlow:
+        yield "fix heat all dpd/energy"
+
+
+# -- equations of state --------------------------------------------------------------------------------------------------------
+def eos_lines(scene: Scene, types: BeadTypes, units: UnitSystem, file: str, differences: Differences) -> tuple[list[str], list[str]]:
+    """Fixes of the equations of state, and the lines of the file of their tables (perhaps none)."""
+    if not isinstance(scene.internal, InternalEnergy):
+        return [], []
+    if scene.internal.conductive is not None and np.any(np.asarray(scene.internal.conductive)):
+        differences.add("LAMMPS books all internal energy as mechanical at the start (u_cond = 0); only the sum is kept")
+    by_name = dict(zip(scene.type_names, scene.internal.by_type(scene.type_names), strict=True))
+    lines, table, written = list[str](), list[str](), dict[int, str]()
+    for k, (name, frozen) in enumerate(zip(types.names, types.frozen, strict=True), start=1):
+        group = "all" if len(types) == 1 else f"type{k}"
+        if group != "all":
+            lines.append(f"group {group} type {k}")
+        eos = by_name[name]
+        if isinstance(eos, ConstantHeatCapacity) or frozen:
+            capacity = _RESERVOIR if frozen or not isinstance(eos, ConstantHeatCapacity) else eos.capacity
+            lines.append(f"fix eos{k} {group} eos/cv {number(capacity * units.boltzmann)}")
+            continue
+        if id(eos) not in written:
+            written[id(eos)] = f"EOS_{len(written) + 1}"
+            rows = _eos_rows(eos, units)
+            table += ["", written[id(eos)], f"N {len(rows)}", ""]
+            table += [f"{n} {number(theta)} {number(u)}" for n, (theta, u) in enumerate(rows, start=1)]
+        size = len(_eos_rows(eos, units))
+        lines.append(f"fix eos{k} {group} eos/table linear {file} {size} {written[id(eos)]}")
+    return lines, ["# equations of state written by openmm-dpd, units = " + units.name, *table] if table else []
+
+
+def _eos_rows(eos: TabulatedEOS, units: UnitSystem) -> list[tuple[float, float]]:
+    """Temperatures and energies, evenly spaced and fine, so that LAMMPS's resampling changes nothing."""
+    theta, u = eos.temperatures, eos.energies
+    if len(theta) < 100 or not np.allclose(np.diff(theta), np.diff(theta).mean(), rtol=1e-6):
+        theta = np.linspace(theta[0], theta[-1], _EOS_ROWS)
+        u = eos.energy(theta)
+    return list(zip((theta / units.thermal_energy).tolist(), (np.asarray(u) / units.energy).tolist(), strict=True))
+
+
+# -- sources -------------------------------------------------------------------------------------------------------------------
+def source_lines(scene: Scene, units: UnitSystem, corner: np.ndarray, differences: Differences) -> Iterator[str]:
+    """Regions, groups and fixes of the sources of heat or species."""
+    heat = isinstance(scene.internal, BeadTemperatures)
+    for k, source in enumerate(scene.sources, start=1):
+        if not _fits(scene, source.corner, corner):
+            raise ParameterError(
+                f"the sources have different corners of the box, {np.asarray(source.corner).tolist()} and {corner.tolist()}; "
+                "in LAMMPS there is one box"
+            )
+        if scene.box is not None and np.any(np.tril(scene.box, -1)):
+            differences.remark("sources act on the beads as LAMMPS folds them into the tilted box")
+        region = source.region
+        if isinstance(region, Block):
+            ends = np.column_stack([region.low, region.high]) / units.length
+            words = " ".join("INF" if np.isinf(value) else number(value) for value in ends.ravel())
+            yield f"region source{k} block {words} units box"
+        else:
+            yield f"region source{k} sphere {numbers(region.centre / units.length)} {number(region.radius / units.length)} units box"
+        group = "all"
+        if source.beads is not None and not np.all(source.beads):
+            group = f"source{k}"
+            yield from group_lines(group, source.beads)
+        if heat:
+            yield f"fix source{k} {group} edpd/source region source{k} {number(source.rate * units.time / units.thermal_energy)}"
+        else:
+            yield f"fix source{k} {group} tdpd/source {source.species + 1} region source{k} {number(source.rate * units.time)}"
+    if scene.sources:
+        differences.remark("LAMMPS's sources do nothing in the first half step of a run")
+
+
+def _fits(scene: Scene, given, corner: np.ndarray) -> bool:
+    """Whether positions folded into the box at one corner are those folded at the other; between walls nothing is folded."""
+    walled = list(gaps(scene.walls, scene.box)) if scene.walls else []
+    return bool(np.all(np.delete(np.asarray(given) == corner, walled)))
+
+
+# -- flow ----------------------------------------------------------------------------------------------------------------------
+def flow_lines(scene: Scene, units: UnitSystem, corner: np.ndarray) -> Iterator[str]:
+    """Body forces (fix addforce) and walls (fix wall/reflect).
+
+    Raises
+    ------
+    ParameterError
+        For what LAMMPS has no fix for: walls with bounce-back, formulas in other units than lj ...
+    """
+    for k, term in enumerate(scene.body_forces, start=1):
+        if isinstance(term, BodyForce):
+            yield from _body_lines(scene, term, units, f"push{k}")
+        else:
+            yield from _formula_lines(scene, term, units, corner, f"push{k}")
+    for axis, gap in gaps(scene.walls, scene.box).items() if scene.walls else ():
+        if gap.kind != SPECULAR:
+            raise ParameterError(
+                f"the walls along {AXES[axis]} turn velocities round (bounce-back), for which LAMMPS has no fix; use frozen beads, or "
+                "specular walls"
+            )
+        ends = [(side, place) for side, place in (("lo", gap.low), ("hi", gap.high)) if abs(place) < 1e20]
+        yield f"fix wall{AXES[axis]} all wall/reflect " + " ".join(f"{AXES[axis]}{s} {number(p / units.length)}" for s, p in ends)
+
+
+def _members(scene: Scene, term, name: str) -> tuple[list[str], str]:
+    mask = Members(term.types, term.beads).mask(scene.type_ids, scene.type_names, "a body force")
+    return ([], "all") if mask.all() else (list(group_lines(name, mask)), name)
+
+
+def _body_lines(scene: Scene, term: BodyForce, units: UnitSystem, name: str) -> Iterator[str]:
+    vectors = term.vectors(scene.type_ids, scene.type_names, scene.box) / units.force
+    different, which = np.unique(vectors, axis=0, return_inverse=True)
+    acting = [row for row in range(len(different)) if np.any(different[row])]
+    if len(acting) > _MOST_VECTORS:
+        raise ParameterError(f"a body force has {len(acting)} different vectors; at most {_MOST_VECTORS} are exported, each with a fix")
+    for number_, row in enumerate(acting):
+        label = name if len(acting) == 1 else f"{name}_{number_ + 1}"
+        mask = which.ravel() == row
+        group = "all" if mask.all() else label
+        if group != "all":
+            yield from group_lines(group, mask)
+        if term.pattern == "uniform":
+            yield f"fix {label} {group} addforce {numbers(different[row])}"
+            continue
+        period, origin = float(scene.box[AXES.index(term.axis)][AXES.index(term.axis)]), term.origin  # type: ignore[index,arg-type]
+        place = f"({term.axis}-({number(origin / units.length)}))/{number(period / units.length)}"
+        shape = f"sin(2.0*PI*{place})" if term.pattern == "sine" else f"(1.0-2.0*(({place}-floor({place}))>=0.5))"
+        words = []
+        for axis, value in zip("xyz", different[row].tolist(), strict=True):
+            if value:
+                yield f'variable {label}{axis} atom "({number(value)})*{shape}"'
+            words.append(f"v_{label}{axis}" if value else "0.0")
+        yield f"fix {label} {group} addforce {' '.join(words)}"
+
+
+#: Functions that OpenMM and LAMMPS have in common: name here, name there.
+_FUNCTIONS = {name: name for name in "sqrt exp sin cos tan asin acos atan abs floor ceil".split()} | {"log": "ln"}
+
+
+def _formula_lines(scene: Scene, term: PositionForce, units: UnitSystem, corner: np.ndarray, name: str) -> Iterator[str]:
+    if units.name != "lj":
+        raise ParameterError(f"formulas of position forces are written for units lj only, not for units {units.name}")
+    if not _fits(scene, term.corner, corner):
+        raise ParameterError("the corner of a position force must be that of the box, which is exported with it")
+    lines, group = _members(scene, term, name)
+    yield from lines
+    words = []
+    for axis, formula in zip("xyz", term.formulas, strict=True):
+        formula = _without_steps(formula)
+        for match in re.finditer(r"([A-Za-z_]\w*)\s*\(", formula):
+            if match[1] not in _FUNCTIONS:
+                raise ParameterError(f"the formula '{formula}' of a position force uses {match[1]}, which LAMMPS does not have")
+        try:
+            words.append(number(float(formula)))
+        except ValueError:
+            text = re.sub(r"\blog\b", "ln", formula)
+            yield f'variable {name}{axis} atom "{text}"'
+            words.append(f"v_{name}{axis}")
+    yield f"fix {name} {group} addforce {' '.join(words)}"
+
+
+def _without_steps(formula: str) -> str:
+    """step(...) as the comparison ((...)>=0.0), which is 1 or 0 for LAMMPS."""
+    while match := re.search(r"\bstep\s*\(", formula):
+        depth, end = 1, match.end()
+        while depth and end < len(formula):
+            depth += {"(": 1, ")": -1}.get(formula[end], 0)
+            end += 1
+        formula = f"{formula[: match.start()]}(({formula[match.end() : end - 1]})>=0.0){formula[end:]}"
+    return formula

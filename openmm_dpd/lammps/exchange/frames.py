@@ -1,0 +1,205 @@
+"""Configurations that LAMMPS has written, as arrays in MD units, as a Scene, and as a trajectory for mdtraj."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...errors import ParameterError
+from ...model.internal import BeadTemperatures, Concentrations, Internal, InternalEnergy
+from ...model.scene import Scene
+from ...trajectory import load_topology, write_psf
+from ...units import to_md
+from .export_beads import bead_types
+
+if TYPE_CHECKING:
+    import mdtraj
+
+#: Box edges of frames and scene may differ by this factor before the units are thought to be wrong.
+_LARGEST_RATIO = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class LammpsFrames:
+    """F configurations of N beads, in the order of the ids; nm, ps, kJ/mol.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    steps : (F,) array of int
+        Numbers of the steps.
+    ids : (N,) array of int
+        Ids, ascending: bead k of the scene is entry k.
+    positions : (F, N, 3) array
+        As in the file: in the box, or unwrapped where the file holds ``xu yu zu`` only.
+    unwrapped : (F, N, 3) array or None
+        Positions carried to their images; None if the file has neither image flags nor unwrapped positions.
+    images : (F, N, 3) array of int or None
+        Image flags.
+    velocities, forces : (F, N, 3) array or None
+    types : (N,) array of int or None
+        LAMMPS's atom types.
+    boxes : (F, 3, 3) array or None
+        Box vectors; None without a periodic box.
+    corners : (F, 3) array
+        Lower corners of the box.
+    carried : dict of str to (F, N) arrays
+        ``theta``, ``u_cond``, ``u_mech``, ``temperature``, ``capacity``, ``c1``, ``c2``, ... as far as the file has them.
+    columns : dict of str to (F, N) arrays
+        All other columns, as they are in the file.
+    periodic : three bool
+        Whether the box is periodic along each axis.
+    scene_ : Scene or None
+        The scene that was given to the reader.
+    """
+
+    path: Path
+    steps: np.ndarray
+    ids: np.ndarray
+    positions: np.ndarray
+    unwrapped: np.ndarray | None
+    images: np.ndarray | None
+    velocities: np.ndarray | None
+    forces: np.ndarray | None
+    types: np.ndarray | None
+    boxes: np.ndarray | None
+    corners: np.ndarray
+    carried: Mapping[str, np.ndarray] = field(default_factory=dict)
+    columns: Mapping[str, np.ndarray] = field(default_factory=dict)
+    periodic: tuple[bool, bool, bool] = (True, True, True)
+    scene_: Scene | None = None
+
+    def __len__(self) -> int:
+        return len(self.steps)
+
+    def scene(self, frame: int = -1, scene: Scene | None = None) -> Scene:
+        """The scene with positions, velocities, box and what the beads carry taken from one frame.
+
+        Positions are carried to their images where the file tells them.
+
+        Parameters
+        ----------
+        frame : int
+            The last one by default.
+        scene : Scene, optional
+            What the file does not know (coefficients, bonds, ...); the scene given to the reader by default.
+
+        Raises
+        ------
+        ParameterError
+            If there is no such frame, a column is missing, or the file does not fit the scene.
+        """
+        scene = self._scene(scene)
+        if not -len(self) <= frame < len(self):
+            raise ParameterError(f"{self.path} has {len(self)} frames; there is no frame {frame}")
+        if self.velocities is None:
+            raise self.lacking("velocities", "vx vy vz")
+        box = scene.box
+        if box is not None and self.boxes is not None and all(self.periodic):
+            box = self.boxes[frame]
+        positions = self.positions if self.unwrapped is None else self.unwrapped
+        return replace(
+            scene,
+            positions=positions[frame],
+            velocities=self.velocities[frame],
+            box=box,
+            internal=self._internal(scene, frame),
+        )
+
+    def trajectory(self, scene: Scene | None = None, *, dt=None, unwrap: bool = False) -> mdtraj.Trajectory:
+        """The frames as an mdtraj trajectory (nm, ps) with the scene's topology.
+
+        Parameters
+        ----------
+        scene : Scene, optional
+            The one given to the reader by default.
+        dt : time, optional
+            Step size, for the times of the frames; the numbers of the steps stand there without it.
+        unwrap : bool
+            Positions carried to their images.
+        """
+        import mdtraj
+
+        scene = self._scene(scene)
+        if unwrap and self.unwrapped is None:
+            raise self.lacking("images", "ix iy iz, or xu yu zu")
+        positions = self.unwrapped if unwrap else self.positions
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "topology.psf"
+            write_psf(
+                path,
+                names=scene.types,
+                masses=scene.bead_masses,
+                charges=scene.charges,
+                molecules=scene.molecules,
+                bonds=scene.bond_pairs,
+            )
+            topology = load_topology(path)
+        time = self.steps * (1.0 if dt is None else float(to_md(dt, "time", "dt")))
+        # mdtraj's boxes begin at the origin
+        trajectory = mdtraj.Trajectory(positions - self.corners[:, None, :], topology, time=time)
+        if self.boxes is not None:
+            trajectory.unitcell_vectors = self.boxes
+        return trajectory
+
+    def lacking(self, what: str, columns: str) -> ParameterError:
+        """The error for a missing column."""
+        return ParameterError(f"{self.path} has no {what}; let LAMMPS write the columns {columns}")
+
+    def _scene(self, scene: Scene | None) -> Scene:
+        scene = scene if scene is not None else self.scene_
+        if scene is None:
+            raise ParameterError(f"{self.path} says nothing of coefficients and names; give the scene that it belongs to")
+        self.check(scene)
+        return scene
+
+    def check(self, scene: Scene) -> None:
+        """Raise ParameterError if the frames do not fit a scene: numbers of beads, types, or the size of the box."""
+        if not isinstance(scene, Scene):
+            raise ParameterError(f"expected a Scene, not {scene!r}")
+        if len(self.ids) != scene.n_beads:
+            raise ParameterError(f"{self.path} has {len(self.ids)} beads, but the scene has {scene.n_beads}")
+        if self.types is not None:
+            self._check_types(scene)
+        if self.boxes is not None and scene.box is not None and len(self):
+            ratio = np.diag(self.boxes[0]) / np.diag(scene.box)
+            if ratio.max() > _LARGEST_RATIO or ratio.min() < 1 / _LARGEST_RATIO:
+                raise ParameterError(
+                    f"the box of {self.path} has the edges {np.diag(self.boxes[0]).tolist()} nm, that of the scene "
+                    f"{np.diag(scene.box).tolist()} nm; give the units of the file (units='real', for example)"
+                )
+
+    def _check_types(self, scene: Scene) -> None:
+        assert self.types is not None
+        expected = [bead_types(scene, apart).of_bead for apart in (False, True)]
+        if not any(np.array_equal(self.types, types) for types in [*expected, scene.type_ids + 1]):
+            bead = int(np.argmax(self.types != expected[0]))
+            raise ParameterError(
+                f"{self.path}: the atom with id {self.ids[bead]} has the type {self.types[bead]}, but bead {bead} of the scene is "
+                f"{scene.types[bead]!r}, type {expected[0][bead]}; is it the file of another scene?"
+            )
+
+    def _internal(self, scene: Scene, frame: int) -> Internal | None:
+        internal, found = scene.internal, {name: values[frame] for name, values in self.carried.items()}
+        if isinstance(internal, InternalEnergy):
+            if "theta" not in found:
+                raise self.lacking(
+                    "internal temperatures", "c_ID[4] of compute dpd/atom (see openmm_dpd.lammps.exchange.dump_reader.NAMES)"
+                )
+            return InternalEnergy(internal.eos, found["theta"], found.get("u_cond"))
+        if isinstance(internal, BeadTemperatures):
+            if "temperature" not in found:
+                raise self.lacking("temperatures of beads", "of compute edpd/temp/atom (see openmm_dpd.lammps.exchange.dump_reader.NAMES)")
+            return BeadTemperatures(found["temperature"], found.get("capacity", internal.capacities))
+        if isinstance(internal, Concentrations):
+            names = [f"c{k}" for k in range(1, internal.n_species + 1)]
+            if not set(names) <= set(found):
+                raise self.lacking("concentrations", "of compute tdpd/cc/atom (see openmm_dpd.lammps.exchange.dump_reader.NAMES)")
+            return Concentrations(np.column_stack([found[name] for name in names]))
+        return None

@@ -1,0 +1,1 @@
+"""Files that decks name: data files, tables, equations of state."""

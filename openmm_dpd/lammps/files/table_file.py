@@ -1,0 +1,150 @@
+"""Pair table files: a keyword, a line with ``N``, a blank line and rows ``index r energy force``.
+
+How a table is used here: a cubic spline goes through energies and forces at the file's own distances.  The number of points after
+``pair_style table linear|spline|lookup|bitmap`` is LAMMPS's resolution for its own
+intermediate table in r^2, for which there is no need here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from ...errors import DeckError, ParameterError
+from ...model.pairs import TabulatedPair
+from ...units import UnitSystem
+from ..language import arguments as read
+from ..language.lexer import read_text
+
+MODES = ("lookup", "linear", "spline", "bitmap")
+
+
+@dataclass(frozen=True, eq=False)
+class TableData:
+    """One section of a table file, in the file's units: distances, energies, forces."""
+
+    distances: np.ndarray
+    energies: np.ndarray
+    forces: np.ndarray
+
+
+def read_table(path: Path, keyword: str) -> TableData:
+    """Section ``keyword`` of a pair table file.
+
+    Raises
+    ------
+    DeckError
+        If the section is missing, incomplete or not numeric.
+    """
+    lines = [line.partition("#")[0].split() for line in read_text(path).splitlines()]
+    index, found = 0, list[str]()
+    while index < len(lines):
+        if not lines[index]:
+            index += 1
+            continue
+        name, number = lines[index][0], index + 1
+        index += 1
+        while index < len(lines) and not lines[index]:
+            index += 1
+        parameters = _parameters(lines[index] if index < len(lines) else [], path, index + 1, name)
+        index += 1
+        rows: list[tuple[int, list[str]]] = []
+        while index < len(lines) and len(rows) < parameters["N"]:
+            if lines[index]:
+                rows.append((index + 1, lines[index]))
+            index += 1
+        found.append(name)
+        if name == keyword:
+            return _assemble(rows, parameters, path, number, keyword)
+    raise DeckError(f"there is no table {keyword} in it; found {', '.join(found) or 'nothing'}", str(path))
+
+
+def _parameters(words: list[str], path: Path, line: int, keyword: str) -> dict:
+    found: dict = {}
+    sizes = {"N": 1, "R": 2, "RSQ": 2, "FPRIME": 2, "BITMAP": 2}
+    index = 0
+    try:
+        while index < len(words):
+            name = words[index]
+            values: list[float] = []
+            while len(values) < sizes[name] and index + 1 < len(words) and words[index + 1] not in sizes:
+                index += 1
+                values.append(read.as_float(words[index]))
+            found[name] = values
+            index += 1
+        found["N"] = int(found["N"][0])
+    except (KeyError, ValueError, IndexError):
+        raise DeckError(
+            f"expected the parameters 'N points [R|RSQ low high] [FPRIME low high]' of table {keyword}, not '{' '.join(words)}'",
+            str(path),
+            line,
+        ) from None
+    return found
+
+
+def _assemble(rows: list[tuple[int, list[str]]], parameters: dict, path: Path, line: int, keyword: str) -> TableData:
+    n = parameters["N"]
+    if "BITMAP" in parameters:
+        raise DeckError(f"table {keyword} is stored as BITMAP, which is not supported; store it with R", str(path), line)
+    if len(rows) < n:
+        raise DeckError(f"table {keyword} announces {n} rows, but has {len(rows)}", str(path), line)
+    values = np.empty((n, 3))
+    for k, (number, words) in enumerate(rows):
+        try:
+            values[k] = [read.as_float(word) for word in words[1:4]]
+        except ValueError:
+            raise DeckError(f"expected 'index r energy force', not '{' '.join(words)}'", str(path), number) from None
+        if not np.all(np.isfinite(values[k])):
+            raise DeckError(f"a value of table {keyword} is not finite: '{' '.join(words)}'", str(path), number)
+    distances = values[:, 0]
+    for name in ("R", "RSQ"):
+        # with both limits given, LAMMPS computes the distances and ignores the column
+        if len(parameters.get(name, ())) == 2:
+            low, high = parameters[name]
+            distances = np.linspace(low, high, n) if name == "R" else np.sqrt(np.linspace(low**2, high**2, n))
+    if np.any(np.diff(distances) <= 0) or distances[0] <= 0:
+        worst = int(np.argmin(np.diff(distances))) if distances[0] > 0 else 0
+        raise DeckError(f"the distances of table {keyword} must be > 0 and increase", str(path), rows[worst][0])
+    return TableData(distances, values[:, 1], values[:, 2])
+
+
+def tabulated_pair(data: TableData, cutoff: float | None, units: UnitSystem) -> tuple[TabulatedPair, str | None]:
+    """Table as a pair term in MD units, and a remark if its energies had to be replaced.
+
+    Parameters
+    ----------
+    data : TableData
+        Values in the deck's units.
+    cutoff : float, optional
+        Range in the deck's unit of length; the end of the table by default.
+    units : UnitSystem
+        The deck's units.
+
+    Returns
+    -------
+    pair : TabulatedPair
+        Evenly spaced; an uneven table (``RSQ``) is resampled with a cubic spline.
+    remark : str or None
+        Says that the forces of the file are not the slope of its energies, if so.
+    """
+    r, energies, forces = data.distances, data.energies, data.forces
+    steps = np.diff(r)
+    if not np.allclose(steps, steps.mean(), rtol=1e-4):
+        # as fine as the finest part of the file, within reason
+        even = np.linspace(r[0], r[-1], int(np.clip(np.ceil((r[-1] - r[0]) / steps.min()) + 1, len(r), max(20000, len(r)))))
+        spline = CubicSpline(r, energies, bc_type=((1, -forces[0]), (1, -forces[-1])))
+        r, energies, forces = even, spline(even), np.interp(even, r, forces)
+    limit = None if cutoff is None else cutoff * units.length
+    try:
+        return TabulatedPair(r * units.length, energies * units.energy, forces=forces * units.force, cutoff=limit), None
+    except ParameterError as error:
+        if "minus the slope" not in str(error):
+            raise
+        # LAMMPS moves the beads by the forces, so they define the potential
+        work = CubicSpline(r, forces).antiderivative()
+        energies = energies[-1] + work(r[-1]) - work(r)
+        pair = TabulatedPair(r * units.length, energies * units.energy, forces=forces * units.force, cutoff=limit)
+        return pair, f"its energies are replaced by the integral of its forces, which move the beads ({error})"

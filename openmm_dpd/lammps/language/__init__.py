@@ -1,0 +1,1 @@
+"""The language of decks: lines, words, arguments, formulas and variables."""

@@ -1,0 +1,229 @@
+"""From the text of an input script to words: continuation lines, comments, quotes and ``$`` substitution.
+
+The order is LAMMPS's: physical lines are joined first (``&`` at the end, or an open triple quote), then the comment is
+cut off, then ``$`` is substituted outside quotes, and the result is split into words.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...errors import DeckError, ParameterError
+
+TRIPLE = '"""'
+
+#: Stands for characters of other encodings; no text of any language has it.
+UNKNOWN = "\uffff"
+
+
+@dataclass(frozen=True)
+class Line:
+    """One logical line.
+
+    Attributes
+    ----------
+    text : str
+        Text without comment and continuation marks.
+    file : str
+        File it stands in.
+    number : int
+        Number of its first physical line, counted from 1.
+    """
+
+    text: str
+    file: str
+    number: int
+
+
+def located(where: Line | None, message: str) -> DeckError:
+    """An error with file and number of a line, if there is one."""
+    return DeckError(message) if where is None else DeckError(message, where.file, where.number)
+
+
+def read_text(path: Path, *, title: bool = False) -> str:
+    """Text of a deck or data file, with or without a byte-order mark.
+
+    In comments characters of other encodings than UTF-8 are let through, as :data:`UNKNOWN`.
+
+    Parameters
+    ----------
+    path : Path
+    title : bool, default False
+        Whether the first line is a comment, as in data files.
+
+    Raises
+    ------
+    DeckError
+        If the file cannot be read or is no text.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise DeckError(f"cannot read the file: {error.strerror}", str(path)) from None
+    try:
+        return _newlines(content.decode("utf-8-sig"))
+    except UnicodeDecodeError:
+        text = _newlines(content.decode("utf-8-sig", "surrogateescape"))
+    for number, line in enumerate(text.split("\n"), start=1):
+        if title and number == 1:
+            continue
+        try:
+            meant = strip_comment(line)
+        except ParameterError:
+            meant = line  # of a quote over several lines
+        odd = next((character for character in meant if "\udc80" <= character <= "\udcff"), None)
+        if odd is not None:
+            message = f"the file is not UTF-8 text (byte 0x{ord(odd) - 0xDC00:02x}); convert it, or take the character out"
+            raise DeckError(message, str(path), number)
+    return re.sub("[\udc80-\udcff]", UNKNOWN, text)
+
+
+def _newlines(text: str) -> str:
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def logical_lines(text: str, file: str) -> Iterator[Line]:
+    """Logical lines of a script that are not empty.
+
+    Raises
+    ------
+    DeckError
+        If a quote is not closed, or what is no comment has characters of other encodings.
+    """
+    # splitlines would also cut at form feeds and other separators, which are blanks to LAMMPS
+    physical = text.replace("\r\n", "\n").split("\n")
+    index = 0
+    while index < len(physical):
+        number = index + 1
+        joined = physical[index]
+        index += 1
+        while index < len(physical):
+            stripped = joined.rstrip()
+            if stripped.endswith("&"):
+                joined = stripped[:-1] + physical[index]
+            elif joined.count(TRIPLE) % 2 == 1:
+                joined += "\n" + physical[index]
+            else:
+                break
+            index += 1
+        if joined.rstrip().endswith("&"):
+            joined = joined.rstrip()[:-1]
+        try:
+            content = strip_comment(joined).strip()
+        except ParameterError as error:
+            raise DeckError(str(error), file, number) from None
+        if UNKNOWN in content:
+            raise DeckError("the text of several lines that begins here is not UTF-8; convert it", file, number)
+        if content:
+            yield Line(content, file, number)
+
+
+def _quote_end(text: str, start: int) -> int:
+    """Index just behind the quoted string that starts at ``start``."""
+    mark = TRIPLE if text.startswith(TRIPLE, start) else text[start]
+    end = text.find(mark, start + len(mark))
+    if end < 0:
+        raise ParameterError(f"unbalanced quotes: {mark} is never closed")
+    return end + len(mark)
+
+
+def strip_comment(text: str) -> str:
+    """Text up to the first ``#`` outside quotes; ParameterError if a quote before it is not closed."""
+    index = 0
+    while index < len(text):
+        if text[index] == "#":
+            return text[:index]
+        index = _quote_end(text, index) if text[index] in "\"'" else index + 1
+    return text
+
+
+def split_words(text: str) -> list[str]:
+    """Words of a line: separated by blanks, or quoted (the outermost quotes are removed); ParameterError if a quote is not closed."""
+    words: list[str] = []
+    index = 0
+    while index < len(text):
+        if text[index].isspace():
+            index += 1
+        elif text[index] in "\"'":
+            end = _quote_end(text, index)
+            width = 3 if text.startswith(TRIPLE, index) else 1
+            words.append(text[index + width : end - width])
+            index = end
+        else:
+            end = index
+            while end < len(text) and not text[end].isspace():
+                end += 1
+            words.append(text[index:end])
+            index = end
+    return words
+
+
+def substitute(text: str, variable: Callable[[str], str], formula: Callable[[str], float]) -> str:
+    """Text with every ``${name}``, ``$x`` and ``$(formula)`` outside quotes replaced.
+
+    Parameters
+    ----------
+    text : str
+        The text of a logical line.
+    variable : callable
+        From the name of a variable to its text.
+    formula : callable
+        From a formula to its value.
+
+    Raises
+    ------
+    ParameterError
+        If a brace or parenthesis is not closed, or what ``variable`` and ``formula`` raise.
+    """
+    out: list[str] = []
+    index = 0
+    while index < len(text):
+        char = text[index]
+        if char in "\"'":
+            end = _quote_end(text, index)
+            out.append(text[index:end])
+        elif char == "$":
+            value, end = _substitution(text, index, variable, formula)
+            out.append(value)
+        else:
+            end = index + 1
+            out.append(char)
+        index = end
+    return "".join(out)
+
+
+def _substitution(text: str, start: int, variable: Callable[[str], str], formula: Callable[[str], float]) -> tuple[str, int]:
+    """Value of the substitution that starts with the ``$`` at ``start``, and the index just behind it."""
+    following = text[start + 1 : start + 2]
+    if following == "{":
+        end = text.find("}", start)
+        if end < 0:
+            raise ParameterError("'${' is never closed")
+        return variable(text[start + 2 : end]), end + 1
+    if following == "(":
+        end = _closing_parenthesis(text, start + 1)
+        content = text[start + 2 : end - 1]
+        body, colon, form = content.rpartition(":%")
+        if not colon:
+            return f"{formula(content):.20g}", end
+        value = formula(body)
+        try:
+            return ("%" + form) % value, end
+        except (TypeError, KeyError, ValueError) as error:
+            raise ParameterError(f"bad format '%{form}' in '$({content})': {error}") from None
+    if not following or not (following.isascii() and (following.isalnum() or following == "_")):
+        raise ParameterError("'$' must be followed by the name of a variable, '{name}' or '(formula)'")
+    return variable(following), start + 2
+
+
+def _closing_parenthesis(text: str, start: int) -> int:
+    """Index just behind the parenthesis that closes the one at ``start``."""
+    depth = 0
+    for index in range(start, len(text)):
+        depth += {"(": 1, ")": -1}.get(text[index], 0)
+        if depth == 0:
+            return index + 1
+    raise ParameterError("'$(' is never closed")

@@ -1,0 +1,107 @@
+"""Operators and functions of formulas, each for the three kinds of values: numbers, arrays over beads, and texts for OpenMM."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+
+class Operation(NamedTuple):
+    """What an operator or function makes of numbers, of arrays over beads, and of texts in OpenMM's language."""
+
+    number: Callable[..., float]
+    beads: Callable[..., Any]
+    text: Callable[..., str]
+
+
+def _rounded(value: float) -> float:
+    """The nearest whole number, of two that are equally near the higher one."""
+    return float(math.ceil(value) if value - math.floor(value) >= 0.5 else math.floor(value))
+
+
+def _truth(function: Callable[..., Any]) -> Callable[..., np.ndarray]:
+    """The same function with booleans as 0 and 1."""
+    return lambda *values: np.asarray(function(*values), dtype=np.float64)
+
+
+def _power(base: Any, exponent: Any) -> np.ndarray:
+    if np.any(np.asarray(exponent) == 0):
+        raise ValueError("the exponent is 0, which LAMMPS refuses in formulas of beads")
+    return np.power(base, exponent)
+
+
+def _remainder(a: str, b: str) -> str:
+    return f"({a}-{b}*select(step({a}/{b}),floor({a}/{b}),ceil({a}/{b})))"
+
+
+#: Operators from loose to tight.
+LEVELS: tuple[dict[str, Operation], ...] = (
+    {"||": Operation(lambda a, b: float(a != 0 or b != 0), _truth(np.logical_or), lambda a, b: f"(1-delta({a})*delta({b}))")},
+    {"&&": Operation(lambda a, b: float(a != 0 and b != 0), _truth(np.logical_and), lambda a, b: f"((1-delta({a}))*(1-delta({b})))")},
+    {
+        "==": Operation(lambda a, b: float(a == b), _truth(np.equal), lambda a, b: f"delta({a}-{b})"),
+        "!=": Operation(lambda a, b: float(a != b), _truth(np.not_equal), lambda a, b: f"(1-delta({a}-{b}))"),
+    },
+    {
+        "<": Operation(lambda a, b: float(a < b), _truth(np.less), lambda a, b: f"(1-step({a}-{b}))"),
+        "<=": Operation(lambda a, b: float(a <= b), _truth(np.less_equal), lambda a, b: f"step({b}-{a})"),
+        ">": Operation(lambda a, b: float(a > b), _truth(np.greater), lambda a, b: f"(1-step({b}-{a}))"),
+        ">=": Operation(lambda a, b: float(a >= b), _truth(np.greater_equal), lambda a, b: f"step({a}-{b})"),
+    },
+    {
+        "+": Operation(lambda a, b: a + b, np.add, lambda a, b: f"({a}+{b})"),
+        "-": Operation(lambda a, b: a - b, np.subtract, lambda a, b: f"({a}-{b})"),
+    },
+    {
+        "*": Operation(lambda a, b: a * b, np.multiply, lambda a, b: f"({a}*{b})"),
+        "/": Operation(lambda a, b: a / b, np.divide, lambda a, b: f"({a}/{b})"),
+        "%": Operation(math.fmod, np.fmod, _remainder),
+    },
+    {"^": Operation(math.pow, _power, lambda a, b: f"({a}^{b})")},
+)
+
+
+def _named(name: str) -> Callable[[str], str]:
+    return lambda a: f"{name}({a})"
+
+
+#: Functions: number of arguments, and what they do.
+FUNCTIONS: dict[str, tuple[int, Operation]] = {
+    "sqrt": (1, Operation(math.sqrt, np.sqrt, _named("sqrt"))),
+    "exp": (1, Operation(math.exp, np.exp, _named("exp"))),
+    "ln": (1, Operation(math.log, np.log, _named("log"))),
+    "log": (1, Operation(math.log10, np.log10, lambda a: f"(log({a})/log(10))")),
+    "abs": (1, Operation(abs, np.abs, _named("abs"))),
+    "sign": (
+        1,
+        Operation(lambda x: 1.0 if x >= 0 else -1.0, lambda x: np.where(np.asarray(x) >= 0, 1.0, -1.0), lambda a: f"(2*step({a})-1)"),
+    ),
+    "sin": (1, Operation(math.sin, np.sin, _named("sin"))),
+    "cos": (1, Operation(math.cos, np.cos, _named("cos"))),
+    "tan": (1, Operation(math.tan, np.tan, _named("tan"))),
+    "asin": (1, Operation(math.asin, np.arcsin, _named("asin"))),
+    "acos": (1, Operation(math.acos, np.arccos, _named("acos"))),
+    "atan": (1, Operation(math.atan, np.arctan, _named("atan"))),
+    "atan2": (2, Operation(math.atan2, np.arctan2, lambda a, b: f"atan2({a},{b})")),
+    "ceil": (1, Operation(lambda x: float(math.ceil(x)), np.ceil, _named("ceil"))),
+    "floor": (1, Operation(lambda x: float(math.floor(x)), np.floor, _named("floor"))),
+    "round": (
+        1,
+        Operation(
+            _rounded,
+            lambda x: np.where(x - np.floor(x) >= 0.5, np.ceil(x), np.floor(x)),
+            lambda a: f"select(step({a}-floor({a})-0.5),ceil({a}),floor({a}))",
+        ),
+    ),
+    "ternary": (
+        3,
+        Operation(
+            lambda test, yes, no: yes if test else no,
+            lambda test, yes, no: np.where(np.asarray(test) != 0, yes, no),
+            lambda test, yes, no: f"select({test},{yes},{no})",
+        ),
+    ),
+}

@@ -1,0 +1,125 @@
+"""Formulas of variables as expressions of the position in OpenMM's language, for forces that OpenMM evaluates itself.
+
+The grammar is that of :mod:`~openmm_dpd.lammps.language.expressions`; values are texts instead of numbers.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any, NoReturn
+
+from ...errors import ParameterError
+from .expressions import CONSTANTS, Formula, evaluate
+from .variables import Variables
+
+#: Words that are one number for all beads of a type.
+BEAD_CONSTANTS = ("type", "mass")
+
+
+@dataclass(frozen=True)
+class Known:
+    """What a formula may refer to beside x, y and z: variables, and words that are numbers; ``length`` is nm per unit of the deck."""
+
+    variables: Variables
+    length: float
+    words: dict[str, float]
+
+
+def depends_on(text: str, variables: Variables, words: set[str], within: tuple[str, ...] = ()) -> bool:
+    """Whether a formula, or a variable in it, names one of these words."""
+    for name in re.findall(r"(?<![\w.])[A-Za-z_]\w*", text):
+        if name in words:
+            return True
+        if name.startswith("v_") and name not in within and depends_on(variables.get(name[2:]).text, variables, words, (*within, name)):
+            return True
+    return False
+
+
+def position_formula(text: str, known: Known) -> str:
+    """The formula as an OpenMM expression of x, y and z in nm.
+
+    Raises
+    ------
+    ParameterError
+        If it is malformed, or refers to anything but positions, numbers, and variables made of these.
+    """
+    return str(_PositionFormula(text, _NoState(known)).value())
+
+
+def as_number(text: str, known: Known) -> float:
+    """Value of a formula without positions."""
+    return evaluate(text, _NoState(known))
+
+
+class _NoState:
+    """Names of formulas that must not depend on the state of a run."""
+
+    def __init__(self, known: Known):
+        self.known = known
+
+    def thermo(self, word: str) -> float:
+        if word in self.known.words:
+            return self.known.words[word]
+        self._refuse(word)
+
+    def variable(self, name: str) -> float:
+        return self.known.variables.operand(name, lambda text: evaluate(text, self))
+
+    def compute(self, name: str, index: int | None, column: int | None = None) -> float:
+        self._refuse(f"c_{name}")
+
+    def fix(self, name: str, index: int | None, column: int | None = None) -> float:
+        self._refuse(f"f_{name}")
+
+    def group(self, function: str, arguments: list[str]) -> float:
+        self._refuse(function)
+
+    def atom(self, quantity: str, bead: int) -> float:
+        self._refuse(f"{quantity}[{bead}]")
+
+    def call(self, function: str, arguments: list[Any]) -> float:
+        self._refuse(function)
+
+    @staticmethod
+    def _refuse(what: str) -> NoReturn:
+        raise ParameterError(
+            f"a force of a variable follows x, y, z, type, mass and the box; '{what}' depends on something else (the step, velocities, "
+            "the state of the run), which is not supported"
+        )
+
+
+class _PositionFormula(Formula):
+    kind = "text"
+    resolver: _NoState
+
+    @staticmethod
+    def negated(value):
+        return f"delta({value})"
+
+    @staticmethod
+    def negative(value):
+        return f"(-{value})"
+
+    @staticmethod
+    def number(token: str):
+        return repr(float(token))
+
+    def name(self, token: str):
+        if self.peek()[1] == "[":
+            self.resolver._refuse(f"{token}[...]")
+        if token in ("x", "y", "z"):
+            return f"({token}/{self.resolver.known.length!r})"
+        if token.startswith("v_"):
+            variables, name = self.resolver.known.variables, token[2:]
+            if variables.get(name).style != "atom":
+                return _number(self.resolver.variable(name))
+            return variables._evaluated(name, variables.get(name), lambda text: position_formula(text, self.resolver.known))
+        if token in CONSTANTS and self.peek()[1] != "(":
+            return _number(CONSTANTS[token])
+        result = super().name(token)
+        return result if isinstance(result, str) else _number(result)
+
+
+def _number(value: float) -> str:
+    return f"({float(value)!r})"

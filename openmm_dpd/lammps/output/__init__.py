@@ -1,0 +1,1 @@
+"""What a deck prints and writes: thermo output, averages, dumps, data files."""

@@ -1,0 +1,274 @@
+"""Thermo output: which columns, when, their values and how they are printed."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from ...errors import DeckError, DPDError, ParameterError
+from ..language.lexer import located
+from ..language.variables import FORMULAS
+from ..state.deck_state import DeckState
+from ..state.moment import Window
+from ..state.sample import Sample
+from ..values.compute_spec import check_place
+from ..values.computes import BUILT_IN, COMPUTES
+from ..values.per_bead import PROPERTIES
+from ..values.resolver import Resolver
+from ..values.words import WORDS
+
+#: Columns of the styles that are not ``custom``.
+STYLES = {
+    "one": ("step", "temp", "epair", "emol", "etotal", "press"),
+    "multi": ("etotal", "ke", "temp", "pe", "ebond", "eangle", "edihed", "eimp", "evdwl", "ecoul", "elong", "press"),
+    "yaml": ("step", "temp", "ke", "pe", "ebond", "eangle", "edihed", "eimp", "evdwl", "ecoul", "elong", "press"),
+}
+
+#: Formats of whole numbers and of others, by layout.
+_FORMATS = {"one": ("%10d", "%-14.8g"), "multi": ("%14d", "%14.4f"), "yaml": ("%d", "%.15g")}
+
+#: Averages that are wanted whether or not the deck prints them.
+ALWAYS = ("temp", "press", "press_full", "pe", "ke", "etotal", "temp_conf")
+
+_REFERENCE = re.compile(r"[cfv]_\w+(?:\[\d+\])?|[A-Za-z_]\w*", re.ASCII)
+_COMPUTE = re.compile(r"c_(\w+?)(?:\[(\d+)\])?(?:\[(\d+)\])?", re.ASCII)
+_FIX = re.compile(r"f_(\w+?)((?:\[\d+\]){0,2})", re.ASCII)
+_FORMAT = re.compile(r"%[-+ #0-9.]*l{0,2}[dioxXeEfFgG]")
+
+
+def check_word(state: DeckState, word: str) -> None:
+    """Raise ParameterError unless ``word`` can be a column of thermo output."""
+    if word.startswith("v_"):
+        variable = state.variables.get(word[2:])
+        if variable.style != "equal":
+            raise ParameterError(f"{word}: variable {word[2:]} is {variable.style}-style; only equal-style ones can be printed")
+        return
+    if word.startswith("c_"):
+        name, index, column = compute_reference(word)
+        if name in BUILT_IN and index is None:
+            return
+        if name in BUILT_IN:
+            raise ParameterError(f"{word}: compute {name} has a single value only; use c_{name}")
+        if name not in state.computes:
+            raise ParameterError(f"{word}: there is no compute '{name}'; defined are {', '.join([*BUILT_IN, *state.computes])}")
+        spec = COMPUTES[state.computes[name].style]
+        if spec.array is not None:
+            check_place(state.computes[name], spec, index, column)
+            return
+        if column is not None:
+            raise ParameterError(f"{word}: compute style {state.computes[name].style} has no table of values")
+        if (spec.scalar if index is None else spec.vector) is None:
+            raise ParameterError(f"{word}: compute style {state.computes[name].style} has no {'value' if index is None else 'vector'}")
+        return
+    if word.startswith("f_"):
+        name, *indices = fix_reference(word)
+        if name not in state.fixes or "average" not in state.fixes[name].parameters:
+            raise ParameterError(f"{word}: there is no fix '{name}' with a value; fix ave/time has values, fix ave/chunk f_id[bin][column]")
+        state.fixes[name].parameters["average"].check_index(*indices)
+        return
+    if word not in WORDS:
+        raise ParameterError(f"thermo word '{word}' is not supported; supported are {', '.join(WORDS)}, v_name, c_id and c_id[i]")
+
+
+def compute_reference(word: str) -> tuple[str, int | None, int | None]:
+    """Id and indices of ``c_id``, ``c_id[index]`` or ``c_id[row][column]``."""
+    match = _COMPUTE.fullmatch(word)
+    if match is None:
+        raise ParameterError(f"expected c_id or c_id[index], not '{word}'")
+    return match[1], *(None if index is None else int(index) for index in match.groups()[1:])  # type: ignore[return-value]
+
+
+def fix_reference(word: str) -> tuple:
+    """Id and indices of ``f_id``, ``f_id[index]`` or ``f_id[row][column]``."""
+    match = _FIX.fullmatch(word)
+    if match is None:
+        raise ParameterError(f"expected f_id, f_id[index] or f_id[row][column], not '{word}'")
+    return (match[1], *map(int, re.findall(r"\d+", match[2])))
+
+
+def _needs(state: DeckState, word: str, seen: set[str]) -> set[str]:
+    """Fields of Sample that a word reads, through variables and computes."""
+    if word in seen:
+        return set()
+    seen.add(word)
+    if word.startswith("v_"):
+        if word[2:] not in state.variables:
+            return set()
+        variable = state.variables.get(word[2:])
+        if variable.style not in FORMULAS:
+            return set()
+        found: set[str] = set()
+        if re.search(r"\b(xcm|bound|count\([^)]*,)", variable.text):
+            found.add("positions")
+        if re.search(r"\b(vcm|ke\()", variable.text):
+            found.add("velocities")
+        for reference in _REFERENCE.findall(variable.text):
+            found |= _needs(state, reference, seen)
+        return found
+    if word.startswith("c_"):
+        name, _, _ = compute_reference(word)
+        if name in BUILT_IN:
+            return _needs(state, BUILT_IN[name].word, seen)
+        if name not in state.computes:
+            return set()
+        compute = state.computes[name]
+        spec = COMPUTES[compute.style]
+        return set(spec.needs).union(*(_needs(state, other, seen) for other in spec.inputs(compute)))
+    if word in PROPERTIES and word not in WORDS:
+        return set(PROPERTIES[word].needs)
+    found = set(WORDS[word].needs) if word in WORDS else set()
+    # a temperature taken from a compute on a group needs the velocities of its beads
+    if "kinetic" in found and (state.thermo.temp != "thermo_temp" or state.pressure_temps):
+        found.add("velocities")
+    if "virial" in found and state.thermo.press != "thermo_press":
+        found |= _needs(state, "c_" + state.thermo.press, seen)
+    return found
+
+
+def fields_read(state: DeckState, words: Iterable[str]) -> frozenset[str]:
+    """Fields of :class:`Sample` that words read: thermo words, ``c_``, ``v_``, and values of single beads."""
+    seen: set[str] = set()
+    return frozenset().union(*(_needs(state, word, seen) for word in words))
+
+
+@dataclass(frozen=True)
+class Thermo:
+    """Thermo output of one run.
+
+    Attributes
+    ----------
+    state : DeckState
+        The deck.
+    window : Window
+        First step and limits of the ramps of the run.
+    last : int
+        Last step of the run.
+    words : tuple of str
+        The columns.
+    every : int
+        Interval of output; 0 means the first and last step only.
+    """
+
+    state: DeckState
+    window: Window
+    last: int
+    words: tuple[str, ...]
+    every: int
+
+    @property
+    def needs(self) -> frozenset[str]:
+        """Fields of :class:`Sample` that the columns read."""
+        return fields_read(self.state, self.words)
+
+    def due(self, step: int) -> bool:
+        """Whether a row is printed at this step: first, last, and every multiple of the interval."""
+        return step in (self.window.first, self.last) or (self.every > 0 and step % self.every == 0)
+
+    def next_due(self, step: int) -> int:
+        """The first step after ``step`` at which a row is printed."""
+        following = (step // self.every + 1) * self.every if self.every > 0 else self.last
+        return min(following, self.last)
+
+    def values(self, sample: Sample, words: tuple[str, ...] | None = None) -> dict[str, float]:
+        """Value of each column (or of each of ``words``), in the deck's units and normalised as LAMMPS prints it.
+
+        Raises
+        ------
+        DeckError
+            If a formula cannot be evaluated.
+        """
+        moment = Resolver(self.state, sample, self.window)
+        result = {}
+        for word in self.words if words is None else words:
+            try:
+                result[word] = self._value(moment, word)
+            except DeckError:
+                raise
+            except DPDError as error:
+                raise located(self.state.here, f"thermo output {word}: {error}") from None
+            if not math.isfinite(result[word]):
+                raise located(self.state.here, f"thermo output {word} is {result[word]} at step {sample.step}")
+        return result
+
+    @staticmethod
+    def _value(moment: Resolver, word: str) -> float:
+        if word.startswith("v_"):
+            return moment.variable_alone(word[2:])
+        if word.startswith("c_"):
+            name, index, column = compute_reference(word)
+            if name in BUILT_IN:
+                return moment.thermo(BUILT_IN[name].word)
+            value = moment.compute(name, index, column)
+            compute = moment.state.computes[name]
+            return value / moment.norm if COMPUTES[compute.style].is_extensive(compute, index is not None) else value
+        if word.startswith("f_"):
+            return moment.fix(*fix_reference(word))
+        return moment.thermo(word)
+
+    # -- text ----------------------------------------------------------------------------------------------------------------
+    def header(self) -> str:
+        """The line of column titles."""
+        titles = [self._title(k, word) for k, word in enumerate(self.words)]
+        if self.state.thermo.layout == "multi":
+            return ""
+        if self.state.thermo.layout == "yaml":
+            return f"---\nkeywords: [{', '.join(repr(title) for title in titles)}]\ndata:"
+        return " ".join(title.center(width) for title, width in zip(titles, self._widths(), strict=True)).rstrip()
+
+    def footer(self) -> str:
+        """The line behind the last row: yaml needs one to tell the documents of several runs apart."""
+        return "..." if self.state.thermo.layout == "yaml" else ""
+
+    def row(self, values: dict[str, float], sample: Sample) -> str:
+        """The line (or block, for style multi) with the values of one step."""
+        numbers = [values[word] for word in self.words]
+        if self.state.thermo.layout == "multi":
+            return self._block(numbers, sample)
+        if self.state.thermo.layout == "yaml":
+            return f"  - [{', '.join(self._texts(numbers))}]"
+        cells = []
+        for form, text, width in zip(self._formats(), self._texts(numbers), self._widths(), strict=True):
+            cells.append(text.ljust(width) if "-" in form else text.rjust(width))
+        return " ".join(cells).rstrip()
+
+    def _texts(self, numbers: list[float]) -> list[str]:
+        pairs = zip(self._formats(), numbers, strict=True)
+        return [form % (int(number) if form[-1] in "dioxX" else number) for form, number in pairs]
+
+    def _widths(self) -> list[int]:
+        return [max(len(form % 0), len(self._title(k, self.words[k]))) for k, form in enumerate(self._formats())]
+
+    def _title(self, k: int, word: str) -> str:
+        headers = self.state.thermo.headers
+        return headers.get(k + 1, headers.get(word, WORDS[word].header if word in WORDS else word))
+
+    def _formats(self) -> list[str]:
+        formats = self.state.thermo.formats
+        whole, real = _FORMATS[self.state.thermo.layout]
+        if "line" in formats:
+            found = _FORMAT.findall(formats["line"])
+        else:
+            found = [
+                formats.get(k + 1)
+                or formats.get(word)
+                or (formats.get("int", whole) if word in WORDS and WORDS[word].integer else formats.get("float", real))
+                for k, word in enumerate(self.words)
+            ]
+        return [re.sub(r"l+(?=[a-zA-Z]$)", "", form) for form in found]
+
+    def _block(self, numbers: list[float], sample: Sample) -> str:
+        texts = self._texts(numbers)
+        cells = [f"{self._title(k, word):<8} = {texts[k]}" for k, word in enumerate(self.words)]
+        rows = [" ".join(cells[k : k + 3]) for k in range(0, len(cells), 3)]
+        return "\n".join([f"------------ Step {sample.step:14d} ----- CPU = {sample.cpu:12.7g} (sec) -------------", *rows])
+
+
+def check_format(text: str, columns: int | None = None) -> None:
+    """Raise ParameterError unless ``text`` holds one numeric conversion (or one per column)."""
+    found = _FORMAT.findall(text)
+    if columns is None and len(found) != 1:
+        raise ParameterError(f"expected a format such as %12.6f, not '{text}'")
+    if columns is not None and len(found) != columns:
+        raise ParameterError(f"the format line '{text}' has {len(found)} conversions for {columns} columns")

@@ -1,0 +1,1 @@
+"""Reading a deck and carrying out its runs."""

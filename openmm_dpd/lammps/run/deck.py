@@ -1,0 +1,213 @@
+"""The driver: reads a deck line by line and looks each command up in a table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ...errors import DeckError, OutputError, ParameterError
+from ..commands import beads, bonded, box, fixes, kspace, output, pairs, setup, velocity
+from ..language import arguments as read
+from ..language.lexer import Line, logical_lines, read_text, split_words
+from ..language.variables import Variables
+from ..output.dumps import DumpWriter
+from ..scene.integration import integration
+from ..state.deck_state import DeckState
+from .request import RunRequest
+
+
+@dataclass
+class Deck(DeckState):
+    """The state of a deck that is being read, and what becomes of its runs.
+
+    Attributes
+    ----------
+    run_callback : callable or None
+        Called with the request of every run.
+    stop_before_first_run : bool
+        Whether reading ends there.
+    first_run : RunRequest or None
+        The first run, once it is reached.
+    finished : bool
+        Whether the rest of the deck is not read.
+    reading : list of Path
+        The deck and the files whose include is being carried out.
+    """
+
+    run_callback: Callable[[RunRequest], None] | None = None
+    stop_before_first_run: bool = False
+    first_run: RunRequest | None = None
+    finished: bool = False
+    reading: list[Path] = field(default_factory=list)
+
+
+#: Files that may be read one inside the other.
+MOST_INCLUDES = 100
+
+
+def include(deck: Deck, args: list[str]) -> None:
+    """``include file``."""
+    read.count(args, "include file", 1)
+    path = deck.find_file(args[0])
+    if len(deck.reading) > MOST_INCLUDES:
+        raise ParameterError(f"include '{args[0]}': files include each other {MOST_INCLUDES} deep already, and no deeper is supported")
+    if path.resolve() in deck.reading:
+        raise ParameterError(f"include '{args[0]}': this file is being read already, it would include itself without end")
+    outer = deck.here
+    deck.reading.append(path.resolve())
+    execute_file(deck, path)
+    deck.reading.pop()
+    deck.here = outer
+
+
+def quit_(deck: Deck, args: list[str]) -> None:
+    """``quit``: the rest of the deck is not read."""
+    deck.finished = True
+
+
+def run(deck: Deck, args: list[str]) -> None:
+    """``run N [upto] [start N] [stop N] [pre yes|no] [post yes|no]``."""
+    read.count(args, "run N ...", 1, None)
+    deck.require_box("run")
+    if deck.pair.where is None:
+        raise ParameterError("run needs a pair_style before it; if the beads do not interact, say 'pair_style none'")
+    steps = read.integer(args[0], "the number of steps", 0)
+    begin = end = None
+    for keyword, values in read.options(args[1:], {"upto": 0, "start": 1, "stop": 1, "pre": 1, "post": 1}, "run"):
+        if keyword == "upto":
+            steps -= deck.step
+            if steps < 0:
+                raise ParameterError(f"run {args[0]} upto: the present step, {deck.step}, is beyond it")
+        elif keyword == "start":
+            begin = read.integer(values[0], "start", 0)
+        elif keyword == "stop":
+            end = read.integer(values[0], "stop", 0)
+        elif not read.switch(values[0], keyword) and keyword == "pre":
+            deck.note("run pre no: forces are evaluated anew, with new noise, as with pre yes; LAMMPS goes on with the last ones")
+    if begin is not None and begin > deck.step:
+        raise ParameterError(f"run: start {begin} lies after the first step of the run, {deck.step}")
+    if end is not None and end < deck.step + steps:
+        raise ParameterError(f"run: stop {end} lies before the last step of the run, {deck.step + steps}")
+    deck.settle("run")
+    request = RunRequest.of(deck, steps, integration(deck), begin, end)
+    if deck.first_run is None:
+        deck.first_run = request
+    if deck.stop_before_first_run:
+        deck.finished = True
+        return
+    request.scene()  # everything that is missing or wrong is reported before anything is computed
+    if deck.run_callback is not None:
+        deck.run_callback(request)
+    if deck.step == request.first_step:
+        deck.step = request.last_step  # the callback did not call finish
+    deck.runs += 1
+
+
+#: Every command of a deck.  Another command is another entry of one of the tables in ``commands/``.
+COMMANDS: dict[str, Callable[[Deck, list[str]], None]] = {
+    **setup.COMMANDS,
+    **box.COMMANDS,
+    **beads.COMMANDS,
+    **velocity.COMMANDS,
+    **pairs.COMMANDS,
+    **bonded.COMMANDS,
+    **kspace.COMMANDS,
+    **fixes.COMMANDS,
+    **output.COMMANDS,
+    "run": run,
+    "include": include,
+    "quit": quit_,
+}
+
+
+def execute(deck: Deck, line: Line) -> None:
+    """Carry out one logical line.
+
+    Raises
+    ------
+    DeckError
+        With the line's file and number, for unknown commands and whatever the command does not accept.
+    """
+    deck.here = line
+    try:
+        words = split_words(output.expand(deck, line.text))
+        if not words:
+            return
+        if words[0] not in COMMANDS:
+            raise ParameterError(f"unknown or unsupported command '{words[0]}'")
+        COMMANDS[words[0]](deck, words[1:])
+    except DeckError as error:
+        if error.file is None:
+            raise DeckError(error.message, line.file, line.number) from None
+        raise
+    except (ParameterError, OutputError, OSError) as error:
+        raise DeckError(str(error), line.file, line.number) from None
+
+
+def execute_file(deck: Deck, path: Path) -> None:
+    """Carry out every line of a file."""
+    for line in logical_lines(read_text(path), str(path)):
+        execute(deck, line)
+        if deck.finished:
+            return
+
+
+def read_deck(
+    path: str | Path,
+    *,
+    run_callback: Callable[[RunRequest], None] | None = None,
+    variables: Mapping[str, str] | None = None,
+    stop_before_first_run: bool = False,
+    output: str | Path = ".",
+    log: Callable[[str], None] = lambda text: None,
+) -> Deck:
+    """Read a LAMMPS deck and carry it out, leaving the simulation itself to a callback.
+
+    Parameters
+    ----------
+    path : str or Path
+        The deck.  Files it names are looked for beside it first, then in the working directory.
+    run_callback : callable, optional
+        Called with a :class:`RunRequest` for every ``run`` command.
+    variables : mapping of str to str, optional
+        Index-style variables set from outside (LAMMPS: ``-var name value``); they win over the deck's.
+    stop_before_first_run : bool, default False
+        Stop at the first ``run``; ``state.first_run`` holds its request.  A deck without ``run`` is fine then (its request has 0 steps).
+    output : str or Path
+        Folder for what the deck writes.
+    log : callable, optional
+        Gets the text of ``print`` commands.
+
+    Returns
+    -------
+    Deck
+        The state at the end.
+
+    Raises
+    ------
+    DeckError
+        With file and line, for anything unknown, unsupported, missing or out of bounds.
+    """
+    path = Path(path)
+    deck = Deck(
+        path=path,
+        variables=Variables(dict(variables or {})),
+        run_callback=run_callback,
+        stop_before_first_run=stop_before_first_run,
+        output=Path(output),
+        log=log,
+        reading=[path.resolve()],
+    )
+    try:
+        execute_file(deck, path)
+    finally:
+        for dump in deck.dumps.values():
+            DumpWriter(dump).close()
+    if deck.first_run is None:
+        if not stop_before_first_run:
+            raise DeckError("the deck has no run command: there is nothing to do", str(path))
+        if deck.box is None:
+            raise DeckError("the deck makes no simulation box: there is nothing to look at", str(path))
+        deck.first_run = RunRequest.of(deck, 0, integration(deck))
+    return deck

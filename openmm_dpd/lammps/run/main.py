@@ -1,0 +1,190 @@
+"""What can be done with a deck, as functions: run it, get its forces, explain it."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import OutputError
+from ...kernels.engine import set_threads
+from ...measure import force_terms
+from ...model.internal import BeadTemperatures, InternalEnergy
+from ...model.scene import Scene
+from ...pictures import thermo_picture
+from ...recommend import advice
+from ...signals import Signals
+from .deck import read_deck
+from .options import RunOptions, first_request
+from .runner import DeckRunner, RunResult, build_request, results_json
+
+_LOGGER = logging.getLogger("openmm_dpd")
+
+#: Units in the labels of the picture.
+PICTURE_UNITS = {
+    "lj": {},
+    "real": {"time": "fs", "temperature": "K", "pressure": "atm", "potential energy": "kcal/mol", "total energy": "kcal/mol"},
+    "metal": {"time": "ps", "temperature": "K", "pressure": "bar", "potential energy": "eV", "total energy": "eV"},
+}
+
+
+def run_deck(
+    path: str | Path,
+    options: RunOptions | None = None,
+    *,
+    out: str | Path | None = None,
+    log: Callable[[str], None] = lambda _: None,
+    variables: Mapping[str, str] | None = None,
+    progress: bool = False,
+    keep: Callable[[dict], None] = lambda _: None,
+    signals: Signals | None = None,
+) -> dict:
+    """Run a LAMMPS deck.
+
+    Parameters
+    ----------
+    path : str or Path
+        The deck.
+    options : RunOptions, optional
+        What overrides the deck.
+    out : str or Path, optional
+        Folder for trajectory (``trajectory.dcd``, ``topology.psf``), final state, picture (``thermo.png``) and whatever the deck writes;
+        by default the deck's own files go to the working directory, and nothing else is written.
+    log : callable, optional
+        Takes the lines of output.
+    variables : mapping, optional
+        Index variables of the deck (LAMMPS: ``-var``).
+    progress : bool
+        Show a progress bar on standard error, if that is a terminal.
+    keep : callable, optional
+        Takes what is returned; of a run that is cut short too, with what was computed until then.
+    signals : Signals, optional
+        Those that may cut a run short (:mod:`openmm_dpd.signals`).
+
+    Returns
+    -------
+    dict
+        ``natoms``, ``units``, ``scheme``, ``platform``, ``precision``, ``threads``, ``momentum``, ``runs``: one object per run with
+        ``steps`` that were taken, ``stopped`` (None, or why these are not all), ``dt``, ``seconds_per_step``,
+        ``thermo`` ({word: {mean, sem, first, last}}), ``profiles`` ({fix: {coord, ncount, ...}}), ``averages``
+        ({fix: {step, word: value}}) and ``temperature_warning`` (None, or what is wrong with the mean temperature, which the logger
+        "openmm_dpd" says too), and the last run's entries at top level.
+
+    Raises
+    ------
+    DeckError
+        For anything in the deck that is unknown, unsupported or wrong, with file and line.
+    RunError
+        If something goes wrong while stepping, or what the run writes cannot be written any more.  Trajectories, dumps and averages are
+        whole then, and the state of the last step is kept.
+    OutputError
+        If the run is complete, but its picture cannot be written.
+    """
+    folder = None if out is None else Path(out)
+    signals = signals or Signals()
+    runner = DeckRunner(options or RunOptions(), log, folder, _bar if progress else None, signals)
+    try:
+        state = read_deck(path, run_callback=runner, variables=variables or {}, output=folder or Path("."), log=log)
+        runner.say_notes(state)
+    except BaseException:
+        if any(result.steps_done for result in runner.results):
+            with signals.later():
+                try:
+                    _hand_over(runner, folder, keep)
+                except OutputError as error:
+                    _LOGGER.warning("%s", error)  # beside the error that comes first
+        raise
+    finally:
+        runner.close()
+    with signals.later():
+        return _hand_over(runner, folder, keep)
+
+
+def _hand_over(runner: DeckRunner, folder: Path | None, keep: Callable[[dict], None]) -> dict:
+    """The report, after all that can be written is written; OutputError with what cannot."""
+    report, failed = results_json(runner.results), list[str]()
+    outputs: list[Callable[[], None]] = [lambda: keep(report)]
+    if folder is not None:
+        outputs.append(lambda: _picture(folder / "thermo.png", runner.results))
+    for write in outputs:
+        try:
+            write()
+        except OutputError as error:
+            failed.append(str(error))
+    if failed:
+        raise OutputError("; ".join(failed))
+    return report
+
+
+def _bar(total: int):
+    from tqdm import tqdm
+
+    # disable=None: not into the file that standard error is in a batch job
+    return tqdm(total=total, unit="step", file=sys.stderr, leave=False, dynamic_ncols=True, disable=None)
+
+
+def deck_scene(path: str | Path, *, variables: Mapping[str, str] | None = None) -> Scene:
+    """The scene of a deck's first run, to build it in Python instead of running the deck.
+
+    Raises
+    ------
+    DeckError
+        For anything in the deck that is unknown, unsupported or wrong, with file and line.
+    """
+    return first_request(path, RunOptions(), variables).scene()
+
+
+def deck_forces(
+    path: str | Path, options: RunOptions | None = None, *, variables: Mapping[str, str] | None = None
+) -> dict[str, np.ndarray]:
+    """Forces term by term at the first configuration and velocities of a deck.
+
+    Always in force form, whatever the scheme; in the deck's units and in the order of the atom ids.
+
+    Returns
+    -------
+    dict of (N, 3) arrays
+        ``conservative``, ``dissipative``, ``random``, and ``bond`` if there are bonds or angles.  They add up to the total.  If beads carry
+        energies, temperatures or concentrations, ``rates_dissipative`` and ``rates_random`` (N, K) are the changes of these per time.
+    """
+    options = options or RunOptions()
+    set_threads(options.threads)
+    request = first_request(path, options, variables)
+    built = build_request(request, request.scene(), options)
+    terms = force_terms(built, properties=options.properties(built.plan.platform or ""))
+    units, internal = request.state.units, built.plan.scene.internal
+    carried = {InternalEnergy: units.energy, BeadTemperatures: units.thermal_energy}.get(type(internal), 1.0)
+    return {name: values / (carried / units.time if name.startswith("rates") else units.force) for name, values in terms.items()}
+
+
+def explain_deck(path: str | Path, options: RunOptions | None = None, *, variables: Mapping[str, str] | None = None) -> str:
+    """The plan and the program for the first run of a deck, what the table of steps says, and what of the deck has no meaning here."""
+    options = options or RunOptions()
+    request = first_request(path, options, variables)
+    built = build_request(request, request.scene(), options)
+    # dt in the deck's units
+    step = "step: " + advice(built.plan.scene, request.scheme, request.dt, unit=request.state.units.time)
+    return "\n".join([built.explain(), step, *(f"note: {note}" for note in request.state.notes)])
+
+
+def _picture(path: Path, results: list[RunResult]) -> None:
+    """Temperature, pressure and energy against time, over all runs."""
+    state = results[-1].request.state
+    drawn = ("temp", "press", "pe", "etotal")
+    columns: dict[str, list[float]] = {name: [] for name in ("time", *drawn)}
+    boundaries, target = [], []
+    elapsed = 0.0
+    for result in (result for result in results if result.steps_done):
+        request = result.request
+        dt = request.dt / state.units.time
+        times = [elapsed + (step - request.first_step) * dt for step in result.steps_done]
+        elapsed = times[-1]
+        boundaries.append(elapsed)
+        columns["time"] += times
+        for name in drawn:
+            columns[name] += result.rows[name]
+        target += [kT / state.units.thermal_energy for kT in result.target_kT]
+    thermo_picture(path, columns, runs=boundaries[:-1], target=target, labels=PICTURE_UNITS[state.units.name], title=state.path.name)

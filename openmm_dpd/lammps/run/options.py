@@ -1,0 +1,81 @@
+"""What a caller may override of a deck."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...errors import ParameterError
+from ...kernels.engine import get_threads
+from .deck import read_deck
+from .request import RunRequest
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """What the command line may override; None leaves it to the deck.
+
+    Attributes
+    ----------
+    platform, precision : str
+        OpenMM platform (default: the fastest) and its precision.
+    scheme : str
+        Integration scheme of every run.
+    dt : float
+        Time step of every run, in the deck's units.
+    steps : int
+        Number of steps of every run.
+    seed : int
+        Seed of the noise.
+    threads : int
+        Threads of OpenMM's CPU platform and of the pair kernel.
+    discard : int
+        Steps at the beginning of each run that are left out of averages.
+    conservative : str
+        Where the conservative force is computed, see :func:`openmm_dpd.plan.make_plan`.
+    compat : str
+        ``consistent``, or ``lammps`` for the heat of pair style edpd as LAMMPS computes it.
+    """
+
+    platform: str | None = None
+    precision: str | None = None
+    scheme: str | None = None
+    dt: float | None = None
+    steps: int | None = None
+    seed: int | None = None
+    threads: int | None = None
+    discard: int = 0
+    conservative: str = "auto"
+    compat: str = "consistent"
+
+    def __post_init__(self):
+        if self.compat not in ("consistent", "lammps"):
+            raise ParameterError(f"compat must be 'consistent' or 'lammps', not {self.compat!r}")
+        for name, low in (("steps", 0), ("threads", 1), ("discard", 0), ("seed", 0)):
+            value = getattr(self, name)
+            if value is not None and value < low:
+                raise ParameterError(f"{name} must be at least {low}, but is {value}")
+        if self.dt is not None and not self.dt > 0:
+            raise ParameterError(f"dt must be > 0, but is {self.dt}")
+
+    def properties(self, platform: str) -> dict[str, str]:
+        """Platform properties."""
+        if platform == "CPU":
+            if self.precision not in (None, "mixed"):
+                raise ParameterError(f"the CPU platform has one precision (mixed); it cannot run in {self.precision}")
+            return {"Threads": str(get_threads())}
+        if platform == "Reference":
+            if self.precision not in (None, "double"):
+                raise ParameterError(f"the Reference platform has one precision (double); it cannot run in {self.precision}")
+            return {}
+        return {"Precision": self.precision} if self.precision else {}
+
+
+def first_request(path: str | Path, options: RunOptions, variables: Mapping[str, str] | None) -> RunRequest:
+    """The request of a deck's first run, with what the options override."""
+    state = read_deck(path, variables=variables or {}, stop_before_first_run=True)
+    request = state.first_run
+    assert request is not None
+    dt = None if options.dt is None else options.dt * state.units.time
+    return request.override(steps=options.steps, dt=dt, scheme=options.scheme, compat=options.compat)

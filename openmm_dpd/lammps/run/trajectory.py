@@ -1,0 +1,103 @@
+"""The trajectory of a deck: DCD with a PSF topology, and the final state, in one folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import openmm
+from openmm import app, unit
+
+from ...build import Built
+from ...dcd import DCDWriter
+from ...field_file import FieldWriter, carries_fields
+from ...fields import read_fields
+from ...files import writing
+from ...model.scene import Scene
+from ...trajectory import write_psf
+from .request import RunRequest
+
+
+class RunTrajectory:
+    """Writes ``trajectory.dcd``, ``topology.psf`` and ``final_state.xml`` into a folder, and ``fields.npz`` with what beads carry.
+
+    All runs go to one file; a new one (``trajectory-2.dcd``, ``topology-2.psf``) begins when the number of beads changes.  Positions
+    are continuous: they are not folded back into the box.
+
+    Parameters
+    ----------
+    folder : Path
+        Made if it does not exist.
+    frames : int
+        About how many frames a run gives.
+
+    Raises
+    ------
+    OutputError
+        From all methods, if a file cannot be written; frames that are there stay readable.
+    """
+
+    def __init__(self, folder: Path, frames: int = 100):
+        with writing(folder, "the folder"):
+            folder.mkdir(parents=True, exist_ok=True)
+        self.folder, self.frames = folder, frames
+        self._file: DCDWriter | None = None
+        self._fields: FieldWriter | None = None
+        self._beads, self._part = 0, 0
+        self._offset: np.ndarray = np.zeros((0, 3))
+        self._every, self._first, self._last = 1, 0, 0
+
+    def start(self, scene: Scene, request: RunRequest, built: Built) -> None:
+        """Prepare for a run; about ``frames`` frames, at its first and last step in any case."""
+        self._every = max(1, request.steps // self.frames)
+        self._first, self._last = request.first_step, request.last_step
+        state = request.state
+        self._offset = state.atoms.images @ state.require_box("a run").vectors * state.units.length
+        if scene.n_beads != self._beads:
+            self.close()
+            self._beads, self._part = scene.n_beads, self._part + 1
+            self._open(scene)
+        self._built = built
+        if self._fields is None and carries_fields(built):
+            suffix = "" if self._part == 1 else f"-{self._part}"
+            self._fields = FieldWriter(self.folder / f"fields{suffix}.npz")
+
+    def _open(self, scene: Scene) -> None:
+        suffix = "" if self._part == 1 else f"-{self._part}"
+        write_psf(
+            self.folder / f"topology{suffix}.psf",
+            names=list(scene.types),
+            masses=scene.bead_masses,
+            charges=scene.charges,
+            molecules=scene.molecules,
+            bonds=scene.bond_pairs,
+        )
+        self._file = DCDWriter(self.folder / f"trajectory{suffix}.dcd", scene.n_beads, "the trajectory")
+
+    def due(self, step: int) -> bool:
+        """Whether a frame belongs to this step."""
+        return step == self._last or (step - self._first) % self._every == 0
+
+    def next_due(self, step: int) -> int:
+        """The first step after ``step`` that gives a frame."""
+        return self._first + ((step - self._first) // self._every + 1) * self._every
+
+    def write(self, x: np.ndarray, box: np.ndarray, context: openmm.Context, step: int) -> None:
+        """Write one frame (nm), and what beads carry."""
+        if self._fields is not None:
+            time = context.getTime().value_in_unit(unit.picosecond)
+            self._fields.write(time, step, read_fields(context, self._built.plan))
+        assert self._file is not None
+        # DCD files are in Angstrom
+        self._file.write(10 * (x + self._offset), 10 * box)
+
+    def save_state(self, simulation: app.Simulation) -> None:
+        """Write the final state, from which OpenMM can continue exactly."""
+        simulation.saveState(self.folder / "final_state.xml")
+
+    def close(self) -> None:
+        """Close the DCD file."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+            self._fields = None

@@ -1,0 +1,1 @@
+"""From the state of a deck to a Scene."""

@@ -1,0 +1,125 @@
+"""What the beads of a deck carry beside position and velocity, and where it is fed, as parts of a Scene."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...errors import ParameterError
+from ...model.eos import EquationOfState
+from ...model.internal import BeadTemperatures, Concentrations, Internal, InternalEnergy
+from ...model.sources import Source
+from ..language.lexer import located
+from ..state.deck_state import DeckState
+from ..state.records import Fix
+
+EOS_FIXES = ("eos/cv", "eos/table")
+SOURCE_FIXES = {"edpd/source": "edpd", "tdpd/source": "tdpd"}
+
+
+def internal_of(state: DeckState) -> Internal | None:
+    """Internal energies (dpd/fdt/energy), temperatures (edpd) or concentrations (tdpd) at the beginning of a run.
+
+    As in LAMMPS every run begins with all internal energy booked as mechanical; the sum is what it was.
+    """
+    names = [style.name for style in state.pair.styles]
+    atoms, units = state.atoms, state.units
+    if "dpd/fdt/energy" in names:
+        return InternalEnergy(equations_of_state(state), atoms.thetas * units.thermal_energy)
+    for fix in state.fixes.values():
+        if fix.style in EOS_FIXES:
+            state.note(f"fix {fix.name} ({fix.style}) has no effect: without pair style dpd/fdt/energy internal energies do not change")
+    if "edpd" in names:
+        return BeadTemperatures(atoms.temperatures * units.thermal_energy, atoms.capacities)
+    return Concentrations(atoms.concentrations) if "tdpd" in names else None
+
+
+def internal_scale(state: DeckState) -> float:
+    """Mean internal temperature as an energy (kJ/mol), 0 if beads have none: the scale of kT where no thermostat sets one."""
+    names = [style.name for style in state.pair.styles]
+    for name, values in (("dpd/fdt/energy", state.atoms.thetas), ("edpd", state.atoms.temperatures)):
+        if name in names and len(values):
+            return float(values.mean()) * state.units.thermal_energy
+    return 0.0
+
+
+def equations_of_state(state: DeckState) -> dict[str, EquationOfState]:
+    """Equation of state of each bead type.
+
+    Raises
+    ------
+    DeckError
+        If a bead has none or two, beads of one type have different ones, or a temperature is not possible.
+    """
+    fixes = [fix for fix in state.fixes.values() if fix.style in EOS_FIXES]
+    owner = np.full(len(state.atoms), -1)
+    for k, fix in enumerate(fixes):
+        members = state.group(fix.group)
+        twice = members & (owner >= 0)
+        if twice.any():
+            bead = int(np.argmax(twice))
+            other = fixes[owner[bead]].name
+            raise fix.error(f"bead {state.atoms.ids[bead]} has an equation of state from fix {other} already; it can have one only")
+        owner[members] = k
+    if np.any(owner < 0):
+        bead = int(state.atoms.ids[np.argmax(owner < 0)])
+        where = next(style.where for style in state.pair.styles if style.name == "dpd/fdt/energy")
+        message = f"pair style dpd/fdt/energy needs a fix eos/cv or eos/table for every bead; bead {bead} has none"
+        raise located(where, message)
+    by_type: dict[str, EquationOfState] = {}
+    for kind in range(1, state.n_types + 1):
+        used = [fixes[k] for k in np.unique(owner[state.atoms.types == kind]).tolist()]
+        for fix in used[1:]:
+            if fix.parameters["source"] != used[0].parameters["source"]:
+                raise fix.error(f"beads of type {kind} have another equation of state by fix {used[0].name}; give them types of their own")
+        by_type[str(kind)] = (used or fixes)[0].parameters["eos"]
+    _check_temperatures(state, fixes, owner)
+    return by_type
+
+
+def _check_temperatures(state: DeckState, fixes: list[Fix], owner: np.ndarray) -> None:
+    """DeckError if an internal temperature is not > 0, or outside the bead's equation of state."""
+    thetas = state.atoms.thetas
+    for k, fix in enumerate(fixes):
+        members = np.flatnonzero(owner == k)
+        cold = members[thetas[members] <= 0]
+        if len(cold):
+            theta, bead = thetas[cold[0]], state.atoms.ids[cold[0]]
+            raise fix.error(f"bead {bead} has the internal temperature {theta:g}; it must be > 0 (set ... dpd/theta)")
+        energies = np.asarray(fix.parameters["eos"].energy(thetas[members] * state.units.thermal_energy))
+        outside = members[~np.isfinite(energies)]
+        if len(outside):
+            theta, bead = thetas[outside[0]], state.atoms.ids[outside[0]]
+            raise fix.error(f"the internal temperature {theta:g} of bead {bead} is outside the table")
+
+
+def sources_of(state: DeckState, box: np.ndarray) -> list[Source]:
+    """Sources of heat or species; places are in the deck's coordinates.
+
+    Parameters
+    ----------
+    state : DeckState
+    box : (3, 3) array
+        The scene's box vectors, nm.
+    """
+    names = [style.name for style in state.pair.styles]
+    found = []
+    for fix in state.fixes.values():
+        if fix.style not in SOURCE_FIXES:
+            continue
+        pair = SOURCE_FIXES[fix.style]
+        if pair not in names:
+            raise fix.error(f"{fix.style} needs pair style {pair}; the deck has {', '.join(names) or 'none'}")
+        group = state.group(fix.group)
+        try:
+            source = Source(
+                fix.parameters["region"],
+                fix.parameters["rate"],
+                fix.parameters["species"],
+                None if group.all() else group,
+                state.require_box("a run").low * state.units.length,
+            )
+            source.check(box, len(state.atoms), max(1, state.n_species))
+        except ParameterError as error:
+            raise fix.error(str(error)) from None
+        found.append(source)
+    return found

@@ -1,0 +1,153 @@
+"""From the state of a deck to a :class:`~openmm_dpd.model.scene.Scene`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...errors import ParameterError
+from ...model.angles import Angles
+from ...model.bonds import Bonds, FENEBonds, HarmonicBonds
+from ...model.scene import Scene, TemperatureRamp
+from ..language.lexer import located
+from ..state.bonded_setup import BondedSetup
+from ..state.deck_state import DeckState
+from ..state.moment import Window
+from ..styles.bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedStyle
+from ..styles.pair_tables import pair_tables, type_name
+from .carried import internal_of, internal_scale, sources_of
+from .electrostatics import electrostatics_of
+from .flow import body_forces_of, walls_of
+from .integration import integration
+from .segments import segments_of
+
+
+def build_scene(state: DeckState, window: Window | None = None, compat: str = "consistent") -> Scene:
+    """The scene that the deck describes at this point.
+
+    Parameters
+    ----------
+    state : DeckState
+        The deck; it must have a box, beads and pair coefficients.
+    window : Window, optional
+        Steps between which temperature ramps go; the ramp starts now if absent.
+    compat : {"consistent", "lammps"}
+        How the heat of edpd is computed.
+
+    Raises
+    ------
+    DeckError
+        If something is missing or cannot be expressed: unset type pairs, unset masses, different temperatures, a cutoff over
+        half the box ...; the message names file and line.
+    """
+    box = state.require_box("a run")
+    if not len(state.atoms):
+        raise located(state.here, "there are no beads")
+    masses = state.bead_masses()
+    if state.bond.style == "none" and len(state.bonds):
+        state.note("there are bonds but no bond_style: they have no energy, only special_bonds acts on them")
+    if (
+        len(state.bonds)
+        and any(0 < f < 1 for f in state.special)
+        and any(style.name in ("dpd/fdt", "dpd/fdt/energy") for style in state.pair.styles)
+    ):
+        state.note("dpd/fdt: the noise of bonded neighbours goes with the root of the special_bonds factor (LAMMPS: with the factor)")
+    moved = integration(state)
+    atoms, units = state.atoms, state.units
+    vectors = box.reduced_vectors * units.length
+    try:
+        return Scene(
+            masses={type_name(k): state.masses[k] for k in range(1, state.n_types + 1)},
+            types=[type_name(k) for k in atoms.types.tolist()],
+            positions=atoms.positions * units.length,
+            pairs=pair_tables(state),
+            kT=thermal_energy(state, window),
+            box=vectors,
+            velocities=atoms.velocities * units.velocity,
+            bead_masses=masses,
+            charges=atoms.charges if np.any(atoms.charges) else None,
+            bonds=bond_terms(state),
+            angles=angle_terms(state),
+            segments=segments_of(state, compat),
+            special=state.special if len(state.bonds) else (1.0, 1.0, 1.0),
+            mobile=None if moved.mobile.all() else moved.mobile,
+            molecules=atoms.molecules if np.any(atoms.molecules) else None,
+            internal=internal_of(state),
+            sources=sources_of(state, vectors),
+            compat=compat,
+            body_forces=body_forces_of(state),
+            walls=walls_of(state, moved.mobile),
+            electrostatics=electrostatics_of(state),
+        )
+    except ParameterError as error:
+        raise located(state.here, str(error)) from None
+
+
+def thermal_energy(state: DeckState, window: Window | None) -> float | TemperatureRamp:
+    """The one temperature (or ramp) of all thermostatting pair styles, as an energy; 0 if there is none.
+
+    Where beads have internal temperatures and no style sets another, it is the mean of these (the scale of a trial step).
+
+    Raises
+    ------
+    DeckError
+        If two styles have different temperatures.
+    """
+    styles = [style for style in state.pair.styles if style.spec.thermostat and "start" in style.settings]
+    if not styles:
+        return internal_scale(state)
+    # without friction, along the line between two beads or across it, there is no noise, and so no temperature, unless no style has any
+    frictions = ("gamma", "gamma_perp", "sigma")
+    active = [any(found.values.get(name) for found in style.coefficients.values() for name in frictions) for style in styles]
+    styles = [style for style, has in zip(styles, active, strict=True) if has] or styles[:1]
+    wanted = [(style.settings["start"], style.settings["stop"]) for style in styles]
+    for style, pair in zip(styles, wanted, strict=True):
+        if pair != wanted[0]:
+            raise located(
+                style.where,
+                f"pair styles {styles[0].name} and {style.name} have different temperatures "
+                f"({wanted[0][0]:g} to {wanted[0][1]:g} and {pair[0]:g} to {pair[1]:g}); a scene has one temperature",
+            )
+    start, stop = (value * state.units.thermal_energy for value in wanted[0])
+    if start == stop or window is None or window.end == window.begin:
+        return start
+    return TemperatureRamp(start, stop, window.begin - window.first, window.end - window.first)
+
+
+def bond_terms(state: DeckState) -> list[Bonds]:
+    """Bonds by bond type; where the style has no energy they still count for special_bonds."""
+    return _bonded_terms(state, state.bonds, state.bond, BOND_STYLES, "bond")
+
+
+def angle_terms(state: DeckState) -> list[Angles]:
+    """Angles by angle type; those of a style without energy are left out."""
+    return _bonded_terms(state, state.angles, state.angle, ANGLE_STYLES, "angle")
+
+
+def _bonded_terms(state: DeckState, terms: np.ndarray, setup: BondedSetup, known: dict[str, BondedStyle], what: str) -> list:
+    found = []
+    for kind in np.unique(terms[:, 0]).tolist():
+        style: str = "none"
+        values: dict[str, float] = {}
+        if setup.style not in ("none", "zero"):
+            if kind not in setup.coefficients:
+                raise located(setup.where, f"no {what}_coeff for {what} type {kind} ({what}_style {setup.style})")
+            style, values = setup.coefficients[kind]
+        ids = terms[terms[:, 0] == kind, 1:]
+        beads = state.atoms.index_of(ids.ravel()).reshape(ids.shape)
+        if style not in ("none", "zero"):
+            found.append(known[style].build(beads, values))
+            if isinstance(found[-1], FENEBonds):
+                _check_lengths(state, found[-1], ids)
+        elif what == "bond":
+            found.append(HarmonicBonds(beads, np.zeros(len(beads)), np.zeros(len(beads))))
+    return found
+
+
+def _check_lengths(state: DeckState, bonds: FENEBonds, ids: np.ndarray) -> None:
+    """Raise DeckError if a bond is too long, with the ids of its beads and its length in the deck's unit."""
+    box = state.require_box("a run").reduced_vectors * state.units.length
+    r = bonds.lengths(state.atoms.positions * state.units.length, box)
+    for k in np.flatnonzero(r >= bonds.R0)[:1]:
+        length, limit = (value / state.units.length for value in (r[k], bonds.R0[k]))
+        which = f"the FENE bond of the beads with the ids {ids[k, 0]} and {ids[k, 1]}"
+        raise located(state.here, f"{which} has the length {length:g}, not less than its R0, {limit:g}")

@@ -1,0 +1,176 @@
+"""The periodic box of a deck: corners and tilts, wrapping with image flags.
+
+Whether a bead on a face of the box or of a region lies inside is decided by the last bit.  So what is computed here is computed as LAMMPS
+does it: the same operations on the same numbers in the same order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...errors import ParameterError
+
+#: Boxes that wrapping takes off one after the other, as LAMMPS does; those beyond are taken off at once.
+_ONE_BY_ONE = 100
+
+
+@dataclass(frozen=True)
+class Box:
+    """A periodic box, orthogonal or tilted, in any unit of length.
+
+    Attributes
+    ----------
+    low, high : (3,) array
+        Corners of the untilted box: ``xlo``, ``ylo``, ``zlo`` and ``xhi``, ``yhi``, ``zhi``.
+    tilt : (3,) array
+        ``xy``, ``xz``, ``yz``; zero for an orthogonal box.
+    triclinic : bool
+        Whether the box was defined with tilts, even if they are 0.
+    periodic : three bools
+        Axes along which the box repeats; a box with others has no tilts.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    tilt: np.ndarray
+    triclinic: bool = False
+    periodic: tuple[bool, bool, bool] = (True, True, True)
+
+    def __post_init__(self):
+        for name in ("low", "high", "tilt"):
+            object.__setattr__(self, name, np.array(getattr(self, name), dtype=np.float64))
+        for axis, edge in zip("xyz", self.edges, strict=True):
+            if not edge > 0:
+                raise ParameterError(f"the box must have a positive length along {axis}, not {edge:g}")
+
+    @property
+    def edges(self) -> np.ndarray:
+        """``xhi - xlo`` and so on, all > 0."""
+        return self.high - self.low
+
+    @property
+    def vectors(self) -> np.ndarray:
+        """Box vectors a, b, c as the rows of a (3, 3) array."""
+        (x, y, z), (xy, xz, yz) = self.edges, self.tilt
+        return np.array([[x, 0.0, 0.0], [xy, y, 0.0], [xz, yz, z]])
+
+    @property
+    def reduced_vectors(self) -> np.ndarray:
+        """Vectors of the same lattice in OpenMM's reduced form (no tilt above half an edge).
+
+        Along an axis that does not repeat the box is followed by as much empty room, which no cutoff reaches through.  A tilt a rounding
+        error above half an edge becomes that half.
+        """
+        vectors = self.vectors * np.where(self.periodic, 1.0, 2.0)[:, None]
+        for row, column in ((2, 1), (2, 0), (1, 0)):
+            half = 0.5 * vectors[column, column]
+            if abs(vectors[row, column]) > half * (1 + 1e-9):
+                vectors[row] -= vectors[column] * np.round(vectors[row, column] / (2 * half))
+            vectors[row, column] = np.clip(vectors[row, column], -half, half)
+        return vectors
+
+    @property
+    def volume(self) -> float:
+        """Volume."""
+        return float(np.prod(self.edges))
+
+    @property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners of the smallest orthogonal box around the tilted one."""
+        xy, xz, yz = self.tilt
+        low, high = self.low.copy(), self.high.copy()
+        for axis, shift in ((0, xy), (0, xz), (1, yz)):
+            low[axis] = min(low[axis], low[axis] + shift)
+            high[axis] = max(high[axis], high[axis] + shift)
+        return low, high
+
+    def scaled(self, factor: float) -> Box:
+        """The box in another unit of length."""
+        return replace(self, low=self.low * factor, high=self.high * factor, tilt=self.tilt * factor)
+
+    def following(self, vectors: np.ndarray) -> Box:
+        """The box with the vectors (3, 3) that a simulation has now (reduced, same unit); its lower corner stays.
+
+        It is this box itself unless they differ from its own by more than rounding.
+        """
+        if np.allclose(vectors, self.reduced_vectors, rtol=1e-9, atol=1e-9 * float(self.edges.min())):
+            return self
+        tilt = np.array([vectors[1][0], vectors[2][0], vectors[2][1]])
+        return Box(self.low, self.low + np.diag(vectors), tilt, self.triclinic)
+
+    # -- positions -----------------------------------------------------------------------------------------------------------------
+    def fractions(self, positions: np.ndarray) -> np.ndarray:
+        """Positions in units of the box vectors, counted from the lower corner."""
+        (x, y, z), (xy, xz, yz) = self.edges, self.tilt
+        dx, dy, dz = (np.asarray(positions, dtype=np.float64) - self.low).T
+        return np.stack(
+            [
+                1 / x * dx + -xy / (x * y) * dy + (xy * yz - y * xz) / (x * y * z) * dz,
+                1 / y * dy + -yz / (y * z) * dz,
+                1 / z * dz,
+            ],
+            axis=-1,
+        )
+
+    def places(self, fractions: np.ndarray) -> np.ndarray:
+        """Positions of fractions of the box vectors."""
+        (x, y, z), (xy, xz, yz) = self.edges, self.tilt
+        a, b, c = np.asarray(fractions, dtype=np.float64).T
+        return np.stack([x * a + xy * b + xz * c, y * b + yz * c, z * c], axis=-1) + self.low
+
+    def _coordinates(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Coordinates in which the box has the faces low and high along each axis: fractions if it is tilted."""
+        if self.triclinic:
+            return self.fractions(positions), np.zeros(3), np.ones(3)
+        return np.array(positions, dtype=np.float64), self.low, self.high
+
+    def holds(self, positions: np.ndarray, lower: float = 0.0, upper: float = 0.0) -> np.ndarray:
+        """Mask of the positions inside: on a lower face they are, on an upper one not.
+
+        Parameters
+        ----------
+        positions : (N, 3) array
+        lower, upper : float
+            By how much the faces of periodic axes are moved down, in edges.
+        """
+        coordinates, low, high = self._coordinates(positions)
+        period = np.where(self.periodic, high - low, 0.0)
+        return np.all((coordinates >= low - lower * period) & (coordinates < high - upper * period), axis=-1)
+
+    def settle(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions moved into the box, and by how many boxes each was moved back ((N, 3) integers to be added to the image flags).
+
+        In a tilted box all positions go through their fractions, as in LAMMPS at the beginning of a run.
+
+        Raises
+        ------
+        ParameterError
+            If a position is not finite, or too far away for an image flag.
+        """
+        x, low, high = self._coordinates(positions)
+        period = high - low
+        boxes = np.floor((x - low) / period) * self.periodic
+        lost = ~(np.abs(boxes) < 2**31).all(axis=1)
+        if lost.any():
+            raise ParameterError(f"{int(lost.sum())} of {len(lost)} positions are not finite, or more than 2^31 boxes away")
+        boxes = np.where(np.abs(boxes) > _ONE_BY_ONE, boxes, 0.0)
+        x = x - boxes * period
+        shifts = boxes.astype(np.int64)
+        while (below := (x < low) & self.periodic).any():
+            x, shifts = np.where(below, x + period, x), shifts - below
+        while (above := (x >= high) & self.periodic).any():
+            x, shifts = np.where(above, np.maximum(x - period, low), x), shifts + above
+        return self.places(x) if self.triclinic else x, shifts
+
+    def wrap(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same, but positions that lie in the box already keep every bit."""
+        inside, shifts = self.settle(positions)
+        coordinates, low, high = self._coordinates(positions)
+        kept = np.all((coordinates >= low) & (coordinates < high) | ~np.array(self.periodic), axis=1)
+        return np.where(kept[:, None], positions, inside), shifts
+
+    def unwrap(self, positions: np.ndarray, images: np.ndarray) -> np.ndarray:
+        """Positions in the box carried back to the images that the flags name."""
+        return positions + images @ self.vectors

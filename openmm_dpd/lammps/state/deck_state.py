@@ -1,0 +1,315 @@
+"""Everything a deck has said so far, as plain data."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import ParameterError
+from ...files import writing
+from ...units import LJ, UnitSystem
+from ..language.lexer import Line
+from ..language.variables import Variables
+from .atoms import Atoms
+from .bonded_setup import BondedSetup
+from .box import Box
+from .lattice import Lattice, default_lattice
+from .pair_setup import PairSetup
+from .records import Compute, Dump, Fix, KspaceSetup, ThermoSettings
+from .regions import Region
+from .sample import Sample
+
+
+def carried_places(units: UnitSystem) -> dict[str, tuple[str, float]]:
+    """Names of :func:`openmm_dpd.fields.read_fields` -> the array of Atoms that holds the values, and its unit."""
+    return {
+        "u_cond": ("u_cond", 1.0),
+        "u_mech": ("u_mech", 1.0),
+        "theta": ("thetas", units.thermal_energy),
+        "temperature": ("temperatures", units.thermal_energy),
+        "concentrations": ("concentrations", 1.0),
+        "density": ("densities", units.mass / units.length**3),
+    }
+
+
+@dataclass
+class DeckState:
+    """State of a deck between two commands.
+
+    Box, beads, lattice and regions hold the deck's own numbers, those that LAMMPS would have: whether a bead lies on a face is a
+    matter of the last bit.  Other numbers are in MD units (nm, Da, ps, kJ/mol) unless said otherwise.
+
+    Attributes
+    ----------
+    path : Path
+        The deck.
+    units : UnitSystem
+        Its unit style.
+    atom_style : str
+        Its atom style.
+    sorts : bool
+        Whether LAMMPS sorts beads in memory (``atom_modify sort``).
+    box : Box or None
+        The periodic box, in the deck's unit of length.
+    periodic : three bools
+        Axes along which the box repeats.
+    n_types, n_bond_types, n_angle_types : int
+        Numbers of bead, bond and angle types.
+    n_species : int
+        Number of concentrations of ``atom_style tdpd``, 0 for other styles.
+    masses : dict of int to float
+        Mass of each type that has one, Da.
+    atoms : Atoms
+        Arrays in the order of the ids.
+    bonds : (B, 3) int array
+        Bond type and the ids of the two beads.
+    angles : (A, 4) int array
+        Angle type and the ids of the three beads, the vertex in the middle.
+    groups : dict of str to (N,) bool array
+        Members of each group, ``all`` included.
+    special : three floats
+        Factors for 1-2, 1-3 and 1-4 neighbours; ``special_charges`` those of their charges.
+    kspace : KspaceSetup or None
+        What ``kspace_style`` said.
+    dielectric : float
+        Divisor of the Coulomb constant.
+    pressure_temps : dict of str to str
+        Computes of pressure (``thermo_press`` is one) whose temperature ``thermo_modify temp`` has replaced, and the id of the new one.
+    timestep : float
+        ps.
+    step : int
+        Number of the current step.
+    variables : Variables
+        The variables.
+    notes : list of str
+        What was accepted without having a meaning here, each said once.
+    last_sample : Sample or None
+        The last row of the last run, for formulas evaluated between runs.
+    """
+
+    path: Path
+    units: UnitSystem = LJ
+    atom_style: str = "atomic"
+    sorts: bool = True
+    box: Box | None = None
+    periodic: tuple[bool, bool, bool] = (True, True, True)
+    n_types: int = 0
+    n_bond_types: int = 0
+    n_angle_types: int = 0
+    n_species: int = 0
+    masses: dict[int, float] = field(default_factory=dict)
+    atoms: Atoms = field(default_factory=Atoms)
+    bonds: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
+    angles: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
+    groups: dict[str, np.ndarray] = field(default_factory=lambda: {"all": np.zeros(0, dtype=bool)})
+    lattice: Lattice = field(default_factory=default_lattice)
+    regions: dict[str, Region] = field(default_factory=dict)
+    pair: PairSetup = field(default_factory=PairSetup)
+    bond: BondedSetup = field(default_factory=BondedSetup)
+    angle: BondedSetup = field(default_factory=BondedSetup)
+    special: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    special_charges: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    kspace: KspaceSetup | None = None
+    dielectric: float = 1.0
+    fixes: dict[str, Fix] = field(default_factory=dict)
+    computes: dict[str, Compute] = field(default_factory=dict)
+    pressure_temps: dict[str, str] = field(default_factory=dict)
+    dumps: dict[str, Dump] = field(default_factory=dict)
+    thermo: ThermoSettings = field(default_factory=ThermoSettings)
+    timestep: float = LJ.timestep
+    step: int = 0
+    time_origin: tuple[float, int] = (0.0, 0)
+    variables: Variables = field(default_factory=Variables)
+    notes: list[str] = field(default_factory=list)
+    runs: int = 0
+    last_sample: Sample | None = None
+    here: Line | None = None
+    output: Path = field(default_factory=Path)
+    log: Callable[[str], None] = lambda _: None
+    generators: dict[str, np.random.Generator] = field(default_factory=dict)
+
+    # -- questions -----------------------------------------------------------------------------------------------------------
+    def require_box(self, command: str) -> Box:
+        """The box; ParameterError if it does not exist yet."""
+        if self.box is None:
+            raise ParameterError(f"{command} needs a simulation box; use create_box or read_data before it")
+        return self.box
+
+    def refuse_box(self, command: str) -> None:
+        """ParameterError if the box exists already."""
+        if self.box is not None:
+            raise ParameterError(f"{command} must come before the simulation box is defined")
+
+    def group(self, name: str) -> np.ndarray:
+        """Members of a group as a mask."""
+        if name not in self.groups:
+            raise ParameterError(f"there is no group '{name}'; defined so far: {', '.join(self.groups)}")
+        return self.groups[name]
+
+    def region(self, name: str) -> Region:
+        """A region by its name."""
+        if name not in self.regions:
+            raise ParameterError(f"there is no region '{name}'; defined so far: {', '.join(self.regions) or 'none'}")
+        return self.regions[name]
+
+    def temperature_compute(self, name: str) -> Compute | None:
+        """The compute of style temp with this id, None for ``thermo_temp``; ParameterError if it is none."""
+        if name == "thermo_temp":
+            return None
+        if name not in self.computes or self.computes[name].style != "temp":
+            raise ParameterError(f"'{name}' is not the id of a compute of style temp")
+        return self.computes[name]
+
+    def temperature_of_pressure(self, name: str) -> Compute | None:
+        """The compute that a compute of pressure takes its kinetic part from, None for ``thermo_temp``."""
+        own = self.computes[name].arguments[0] if name in self.computes else "thermo_temp"
+        return self.temperature_compute(self.pressure_temps.get(name, own))
+
+    def bead_masses(self) -> np.ndarray:
+        """Mass of every bead in Da; ParameterError if a type has none."""
+        missing = [k for k in range(1, self.n_types + 1) if k not in self.masses]
+        if missing:
+            listing = ", ".join(map(str, missing))
+            raise ParameterError(f"no mass is set for atom type {listing}; use the mass command or a Masses section")
+        return np.array([self.masses[k] for k in range(1, self.n_types + 1)])[self.atoms.types - 1]
+
+    def in_deck_units(self, positions: np.ndarray) -> np.ndarray:
+        """(N, 3) positions of a simulation (nm) in the deck's unit; where a bead has not moved, the deck's own numbers to the last bit.
+
+        It has not where they differ by the rounding of coordinates as large as the box, which OpenMM's moves to and fro leave.
+        """
+        mine, found = self.atoms.positions, positions / self.units.length
+        rounding = np.spacing(np.abs(self.require_box("a simulation").bounds).max())
+        return np.where(np.abs(found - mine) <= rounding, mine, found)
+
+    def folded(self, positions: np.ndarray, box: Box) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (deck units) folded into a box, and by how many boxes each bead was moved back.
+
+        As in LAMMPS a bead that has not moved stays where it is: where the deck has put it, or a rounding error outside a tilted box.
+        """
+        inside, shifts = box.wrap(positions)
+        still = np.all(positions == self.atoms.positions, axis=1)[:, None]
+        return np.where(still, positions, inside), np.where(still, 0, shifts)
+
+    def time_at(self, step: int) -> float:
+        """Simulated time (ps) at a step."""
+        time, origin = self.time_origin
+        return time + (step - origin) * self.timestep
+
+    def find_file(self, name: str) -> Path:
+        """A file named in the deck: relative to the deck's folder, or else to the working directory."""
+        for candidate in (self.path.parent / name, Path(name)):
+            if candidate.is_file():
+                return candidate
+        raise ParameterError(f"there is no file '{name}' (looked in {self.path.parent} and in the working directory)")
+
+    def output_path(self, name: str, step: int | None = None) -> Path:
+        """Where a file that the deck writes goes: ``*`` becomes the step, by default the present one.
+
+        Relative names are put into the output folder; absolute ones are taken as they are, and a note says so.
+
+        Raises
+        ------
+        ParameterError
+            If a relative name leads out of the output folder.
+        """
+        if Path(name).is_absolute():
+            self.note(f"{name} is an absolute name: it is written there, and not into the output folder {self.output}")
+        elif os.path.normpath(name).split(os.sep)[0] == os.pardir:
+            raise ParameterError(
+                f"the file '{name}' would lie outside of the output folder {self.output}; "
+                "leave the '..' out and choose the folder (--out), or give an absolute name"
+            )
+        return self.output / name.replace("*", str(self.step if step is None else step))
+
+    def output_file(self, name: str, step: int | None = None) -> Path:
+        """:meth:`output_path`, in a folder that is made; OutputError if it cannot be made."""
+        path = self.output_path(name, step)
+        with writing(path.parent, "the folder"):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        return path
+
+    # -- changes -------------------------------------------------------------------------------------------------------------
+    def note(self, text: str) -> None:
+        """Remember a remark, once."""
+        if text not in self.notes:
+            self.notes.append(text)
+
+    def set_timestep(self, value: float) -> None:
+        """Change the time step; the time already simulated stays what it is."""
+        self.time_origin = (self.time_at(self.step), self.step)
+        self.timestep = value
+
+    def reset_step(self, step: int) -> None:
+        """Carry out ``reset_timestep``: going back sets the clock to 0, going forward advances it."""
+        if step < self.step:
+            self.time_origin = (0.0, step)
+        self.step = step
+
+    def add_atoms(self, new: Atoms) -> None:
+        """Append beads; of the groups, only ``all`` gets them."""
+        self.atoms.append(new)
+        for name, mask in self.groups.items():
+            self.groups[name] = np.concatenate([mask, np.full(len(new), name == "all")])
+
+    def settle(self, command: str) -> None:
+        """Move beads into the box, as LAMMPS does where a run begins and where it writes a data file, and nowhere else.
+
+        Raises
+        ------
+        ParameterError
+            If a bead is more than one box away, which LAMMPS loses.
+        """
+        box = self.require_box(command)
+        inside, shifts = box.settle(self.atoms.positions)
+        lost = np.any(np.abs(shifts) > 1, axis=1)
+        if not all(box.periodic):
+            lost |= ~box.holds(inside)
+        if lost.any():
+            bead = int(np.argmax(lost))
+            place = " ".join(f"{value:g}" for value in self.atoms.positions[bead])
+            raise ParameterError(f"{command}: bead {self.atoms.ids[bead]} lies at {place}, so far outside the box that LAMMPS loses it")
+        if command == "run" and self.sorts and box.triclinic:
+            # LAMMPS sorts by place in between, for which it goes to coordinates and back to fractions
+            inside = box.places(box.fractions(inside))
+        self._take_inside(inside, shifts)
+
+    def _take_inside(self, positions: np.ndarray, shifts: np.ndarray) -> None:
+        self.atoms.positions = positions
+        self.atoms.images = self.atoms.images + shifts
+
+    def write_back(
+        self,
+        positions: np.ndarray,
+        velocities: np.ndarray,
+        box: np.ndarray | None = None,
+        carried: Mapping[str, np.ndarray] | None = None,
+    ) -> None:
+        """Take over the result of a run.
+
+        Parameters
+        ----------
+        positions : (N, 3) array
+            nm, continuous with those of the scene the run started from (not folded back into the box).
+        velocities : (N, 3) array
+            nm/ps.
+        box : (3, 3) array, optional
+            New box vectors, if the box has changed; its lower corner stays.
+        carried : mapping, optional
+            What the beads carry, as :func:`openmm_dpd.fields.read_fields` gives it.
+        """
+        if box is not None:
+            self.box = self.require_box("a run").following(np.asarray(box) / self.units.length)
+        own = self.require_box("a run")
+        inside, shifts = self.folded(self.in_deck_units(positions), own)
+        # walls keep beads inside to the rounding of the platform; the next run wants them inside to the last bit
+        self._take_inside(np.where(own.periodic, inside, np.clip(inside, own.low, np.nextafter(own.high, own.low))), shifts)
+        self.atoms.velocities = np.asarray(velocities, dtype=np.float64) / self.units.velocity
+        places = carried_places(self.units)
+        for name, values in (carried or {}).items():
+            place, unit = places[name]
+            setattr(self.atoms, place, np.array(values, dtype=np.float64) / unit)

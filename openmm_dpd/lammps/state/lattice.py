@@ -1,0 +1,164 @@
+"""Crystal lattices of the ``lattice`` command, in the deck's unit of length."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...errors import ParameterError
+from ..language import arguments as read
+from .box import Box
+
+_CUBE = np.eye(3)
+_HCP = np.diag([1.0, np.sqrt(3.0), np.sqrt(8.0 / 3.0)])
+_FCC = [[0, 0, 0], [0.5, 0.5, 0], [0.5, 0, 0.5], [0, 0.5, 0.5]]
+# the order of the points is LAMMPS's, since it decides which bead gets which id
+_DIAMOND = np.array([[x + s, y + s, z + s] for s in (0.0, 0.25) for x, y, z in ((0, 0, 0), (0, 0.5, 0.5), (0.5, 0, 0.5), (0.5, 0.5, 0))])
+
+#: Lattice styles: rows of the unit cell in units of the lattice constant, and the basis in units of the cell.
+CELLS: dict[str, tuple[np.ndarray, np.ndarray]] = {
+    "sc": (_CUBE, np.zeros((1, 3))),
+    "bcc": (_CUBE, np.array([[0, 0, 0], [0.5, 0.5, 0.5]])),
+    "fcc": (_CUBE, np.array(_FCC)),
+    "hcp": (_HCP, np.array([[0, 0, 0], [0.5, 0.5, 0], [0.5, 5 / 6, 0.5], [0, 1 / 3, 0.5]])),
+    "diamond": (_CUBE, _DIAMOND),
+}
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """A lattice: its points are ``rotation @ (scale * (primitive @ n)) + offset`` for n = whole numbers plus a point of the basis.
+
+    Attributes
+    ----------
+    style : str
+        A key of :data:`CELLS`, ``custom`` or ``none``.
+    primitive : (3, 3) array
+        Unit cell vectors as columns, in units of the lattice constant.
+    scale : float
+        The lattice constant, in the deck's unit of length.
+    rotation : (3, 3) array
+        Rotation matrix of ``orient``.
+    basis : (B, 3) array
+        Fractions of the unit cell; empty for ``none``.
+    offset : (3,) array
+        Where the lattice's origin lies.
+    spacing : (3,) array
+        What one lattice spacing means for ``units lattice``.
+    """
+
+    style: str
+    primitive: np.ndarray
+    scale: float
+    rotation: np.ndarray
+    basis: np.ndarray
+    offset: np.ndarray
+    spacing: np.ndarray
+
+    def points(self, box: Box) -> tuple[np.ndarray, np.ndarray]:
+        """Lattice points inside a box, and the number of the basis point (from 0) of each, x fastest.
+
+        A point on an upper face is left out: it is the periodic image of one on the lower face.
+        """
+        inverse = np.linalg.inv(self.scale * (self.rotation @ self.primitive))
+        corners = _CORNERS @ box.vectors + box.low
+        reached = (corners - self.offset) @ inverse.T
+        low = np.floor(reached.min(axis=0)).astype(int) - 1
+        high = np.ceil(reached.max(axis=0)).astype(int) + 1
+        axes = [np.arange(a, b + 1) for a, b in zip(low, high, strict=True)]
+        k, j, i = np.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
+        cells = np.stack([i, j, k], axis=-1).reshape(-1, 1, 3)
+        points = _placed((cells + self.basis).reshape(-1, 3), self.primitive, self.scale, self.rotation) + self.offset
+        numbers = np.tile(np.arange(len(self.basis)), len(cells))
+        # LAMMPS's way to have each point once: one a rounding error outside a lower face is in, its image at the upper one is not
+        inside = box.holds(points, lower=1e-6, upper=2e-6)
+        return points[inside], numbers[inside]
+
+
+_CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+
+
+def _placed(cells: np.ndarray, primitive: np.ndarray, scale: float, rotation: np.ndarray) -> np.ndarray:
+    """(N, 3) coordinates, from the origin of the lattice, of what is given in units of the cell vectors.
+
+    The operations are LAMMPS's in their order, so that points on faces of boxes and regions agree to the last bit.
+    """
+    return _times(rotation, _times(primitive, cells) * scale)
+
+
+def _times(matrix: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    x, y, z = vectors.T
+    return np.stack([row[0] * x + row[1] * y + row[2] * z for row in matrix], axis=-1)
+
+
+def _trivial(style: str, spacing: float) -> Lattice:
+    return Lattice(style, np.eye(3), 1.0, np.eye(3), np.zeros((0, 3)), np.zeros(3), np.full(3, spacing))
+
+
+def default_lattice() -> Lattice:
+    """What ``units lattice`` means before any lattice command: one unit of length."""
+    return _trivial("none", 1.0)
+
+
+def parse_lattice(args: list[str], reduced: bool) -> Lattice:
+    """Lattice of ``lattice style scale keyword values ...``.
+
+    Parameters
+    ----------
+    args : list of str
+        Words after ``lattice``.
+    reduced : bool
+        Whether the scale is a reduced density (units lj) and not a lattice constant.
+
+    Raises
+    ------
+    ParameterError
+        If the style is unknown, the scale is not positive or an option is malformed.
+    """
+    read.count(args, "lattice style scale ...", 2, None)
+    style = read.choice(args[0], "the lattice style", [*CELLS, "custom", "none"])
+    scale = read.positive(args[1], "the scale of the lattice")
+    if style == "none":
+        return _trivial("none", scale)
+    cell, basis = (a.copy() for a in CELLS.get(style, (_CUBE, np.zeros((0, 3)))))
+    origin, orient = np.zeros(3), np.eye(3)
+    spacing: np.ndarray | None = None
+    sizes = {"origin": 3, "orient": 4, "spacing": 3} | ({"a1": 3, "a2": 3, "a3": 3, "basis": 3} if style == "custom" else {})
+    for keyword, words in read.options(args[2:], sizes, "lattice"):
+        values = np.array([read.number(word, f"lattice {keyword}") for word in words[-3:]])
+        if keyword == "origin":
+            origin = values
+        elif keyword == "spacing":
+            spacing = values
+        elif keyword == "orient":
+            orient["xyz".index(read.choice(words[0], "the axis of orient", "xyz"))] = values
+        elif keyword == "basis":
+            basis = np.vstack([basis, values])
+        else:
+            cell[int(keyword[1]) - 1] = values
+    return _assemble(style, scale, cell, basis, origin, orient, spacing, reduced)
+
+
+def _assemble(style: str, scale: float, cell, basis, origin, orient, spacing: np.ndarray | None, reduced: bool) -> Lattice:
+    if not len(basis):
+        raise ParameterError("a custom lattice needs at least one basis point")
+    (a, b, c), (u, v, w) = cell[1:]
+    volume = float(cell[0, 0] * (b * w - c * v) + cell[0, 1] * (c * u - a * w) + cell[0, 2] * (a * v - b * u))
+    if volume <= 0:
+        raise ParameterError("the lattice vectors a1, a2, a3 must be right-handed and not in one plane")
+    for values, what in ((origin, "origin"), (basis, "basis")):
+        if np.any((values < 0) | (values >= 1)):
+            raise ParameterError(f"lattice {what}: every value must be at least 0 and below 1")
+    x, y, z = orient.T
+    rotation = orient / np.sqrt(x * x + y * y + z * z)[:, None]
+    if not np.allclose(rotation @ rotation.T, np.eye(3)) or np.linalg.det(rotation) < 0:
+        raise ParameterError("the three orient vectors must be perpendicular and right-handed")
+    constant = math.pow(len(basis) / volume / scale, 1.0 / 3.0) if reduced else scale
+    primitive = cell.T.copy()
+    # where it is not given, what the cell spans along each axis
+    spacing = np.ptp(_placed(_CORNERS, primitive, constant, rotation), axis=0) if spacing is None else spacing * constant
+    if np.any(spacing <= 0):
+        raise ParameterError("lattice spacing: every value must be > 0")
+    return Lattice(style, primitive, constant, rotation, basis, spacing * origin, spacing)

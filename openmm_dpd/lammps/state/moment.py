@@ -1,0 +1,168 @@
+"""A deck at one moment: its state plus a measurement."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ...errors import ParameterError
+from ...units import UnitSystem
+from .box import Box
+from .deck_state import DeckState, carried_places
+from .records import Compute
+from .sample import Sample
+
+
+@dataclass(frozen=True)
+class Window:
+    """First step of a run, and the steps between which its ramps go (``start`` and ``stop``)."""
+
+    first: int
+    begin: int
+    end: int
+
+
+class DeckMoment(ABC):
+    """A deck at one moment, with what was measured then: values in the deck's units.
+
+    The tables of words and computes take their values from it.  Names (``c_id``, ``v_name``) lead back to these tables;
+    :class:`~openmm_dpd.lammps.values.resolver.Resolver` looks them up.
+
+    Parameters
+    ----------
+    state : DeckState
+        The deck.
+    sample : Sample, optional
+        What was measured.  Without it only words that need no forces or velocities have a value.
+    window : Window, optional
+        The run in progress.
+    """
+
+    def __init__(self, state: DeckState, sample: Sample | None = None, window: Window | None = None):
+        self.state: DeckState = state
+        self.sample: Sample | None = sample
+        self.window: Window | None = window
+
+    @property
+    def units(self) -> UnitSystem:
+        """The deck's units."""
+        return self.state.units
+
+    @property
+    def step(self) -> int:
+        """Number of the step."""
+        return self.state.step if self.sample is None else self.sample.step
+
+    @property
+    def box(self) -> Box:
+        """The box in the deck's unit of length."""
+        box = self.state.require_box("a formula with the box")
+        return box if self.sample is None or self.sample.box is None else box.following(self.sample.box / self.units.length)
+
+    @property
+    def measured(self) -> bool:
+        """Whether positions and velocities are those of a simulation; between runs they are the deck's."""
+        return self.window is not None or (self.sample is not None and self.sample.positions is not None)
+
+    @property
+    def positions(self) -> np.ndarray:
+        """(N, 3) positions in the deck's unit; those of a simulation are on continuous paths from where its run began."""
+        return self.state.in_deck_units(self.need("positions")) if self.measured else self.state.atoms.positions
+
+    @cached_property
+    def folded(self) -> tuple[np.ndarray, np.ndarray]:
+        """Positions in the deck's box (deck units), and by how many boxes each bead was moved back."""
+        return self.state.folded(self.positions, self.box)
+
+    @property
+    def unwrapped(self) -> np.ndarray:
+        """Positions on continuous paths (deck units)."""
+        return self.box.unwrap(self.positions, self.state.atoms.images)
+
+    @property
+    def velocities(self) -> np.ndarray:
+        """(N, 3) velocities in the deck's units."""
+        return self.need("velocities") / self.units.velocity if self.measured else self.state.atoms.velocities
+
+    @property
+    def norm(self) -> float:
+        """What extensive values are divided by: the number of beads if thermo output normalises, 1 otherwise."""
+        setting = self.state.thermo.norm
+        normalize = self.units.normalize if setting is None else setting
+        return float(max(len(self.state.atoms), 1)) if normalize else 1.0
+
+    def need(self, name: str):
+        """Field of the sample; ParameterError if it was not measured."""
+        value = None if self.sample is None else getattr(self.sample, name)
+        if value is None:
+            if self.sample is None:
+                raise ParameterError("a value that needs a run (an energy, temperature or force) is used while no current one exists")
+            raise ParameterError(f"the simulation did not measure {name.replace('_', ' ')}")
+        return value
+
+    def carried(self, name: str) -> np.ndarray:
+        """What the beads carry, by its name in :func:`openmm_dpd.fields.read_fields` and in the same units.
+
+        It is that of the deck where the simulation does not change it; ParameterError if it does, but was not asked.
+        """
+        fields = None if self.sample is None else self.sample.fields
+        if fields is not None and name in fields:
+            return fields[name]
+        if fields is None and self.window is not None and any(style.spec.atom_style for style in self.state.pair.styles):
+            raise ParameterError(f"the simulation did not measure {name.replace('_', ' ')}")
+        attribute, unit = carried_places(self.units)[name]
+        return getattr(self.state.atoms, attribute) * unit
+
+    def energy(self, name: str) -> float:
+        """Energy field of the sample in the deck's units."""
+        return self.need(name) / self.units.energy
+
+    def kinetic(self, compute: Compute | None = None) -> float:
+        """Kinetic energy (kJ/mol) of all mobile beads, or of the group of a compute.
+
+        Where LAMMPS counts no degree of freedom, which is where one bead is alone, it is 0.
+        """
+        counted = self.state.group("all" if compute is None else compute.group)
+        if counted.sum() < 2:
+            return 0.0
+        return self.need("kinetic") if compute is None else self.kinetic_of(counted)
+
+    def kinetic_of(self, mask: np.ndarray) -> float:
+        """Sum of m v^2/2 over the beads of a mask (kJ/mol)."""
+        masses, velocities = self.state.bead_masses()[mask], self.velocities[mask]
+        return 0.5 * float(masses @ np.sum(velocities**2, axis=1)) * self.units.velocity**2
+
+    def temperature(self, compute: Compute | None = None) -> float:
+        """Kinetic temperature of all mobile beads, or of the group of a compute (3N - 3 degrees of freedom)."""
+        dof = self.need("dof") if compute is None else 3 * int(self.state.group(compute.group).sum()) - 3
+        return 2 * self.kinetic(compute) / (dof * self.units.thermal_energy) if dof > 0 else 0.0
+
+    def thermo_compute(self) -> Compute | None:
+        """The compute that thermo output takes its temperature from, None for the default."""
+        return self.state.temperature_compute(self.state.thermo.temp)
+
+    def pressure(self, virial: str = "virial") -> float:
+        """Pressure that thermo output prints."""
+        name = self.state.thermo.press
+        return self.compute(name, None) if virial == "virial" and name != "thermo_press" else self.pressure_with(name, virial)
+
+    def pressure_with(self, name: str, virial: str) -> float:
+        """Pressure with the kinetic part of a compute of pressure and a virial of the sample."""
+        return self.pressure_of(self.kinetic(self.state.temperature_of_pressure(name)), self.need(virial))
+
+    def pressure_of(self, kinetic: float, virial: float) -> float:
+        """Pressure from a kinetic energy and a virial (kJ/mol)."""
+        volume = self.box.volume * self.units.length**3
+        return (2 * kinetic + virial) / (3 * volume) / self.units.pressure
+
+    # -- names ----------------------------------------------------------------------------------------------------------------
+    @abstractmethod
+    def compute(self, name: str, index: int | None, column: int | None = None) -> float:
+        """Value of ``c_name``, ``c_name[index]`` or ``c_name[index][column]``, not normalised."""
+
+    @abstractmethod
+    def bead_values(self, word: str) -> np.ndarray:
+        """(N,) values of a word such as ``vx``, of ``c_id``, ``c_id[column]``, or of ``v_name``, an atom-style variable."""

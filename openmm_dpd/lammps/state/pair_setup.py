@@ -1,0 +1,160 @@
+"""The pair styles of a deck and their coefficients, as data; what the styles are is in :mod:`~openmm_dpd.lammps.styles.pair_styles`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ...units import UnitSystem
+from ..language.lexer import Line
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """What one ``pair_coeff`` line says about one pair of types, in the deck's units.
+
+    Attributes
+    ----------
+    values : dict
+        Values by name, in the order of the command, without the cutoff (unless the style has several; then all are here).
+    cutoff : float or None
+        The cutoff, if the line gives one; the style's otherwise.
+    where : Line or None
+        The line.
+    """
+
+    values: dict
+    cutoff: float | None
+    where: Line | None
+
+
+@dataclass
+class PairStyle:
+    """One pair style as the deck set it up.
+
+    Attributes
+    ----------
+    name : str
+        A key of :data:`~openmm_dpd.lammps.styles.pair_styles.PAIR_STYLES`, and ``spec`` what stands there.
+    settings : dict
+        The style's own arguments: ``start`` and ``stop`` temperatures, ``cutoff``, ``seed``, ...; ``species`` of tdpd.
+    where : Line
+        The pair_style line.
+    coefficients : dict
+        :class:`Coefficient` by type pair (i <= j).
+    mix : str
+        Mixing rule.
+    shift : bool
+        Whether energies are shifted to zero at the cutoff.
+    """
+
+    name: str
+    spec: Spec
+    settings: dict
+    where: Line
+    coefficients: dict[tuple[int, int], Coefficient] = field(default_factory=dict)
+    mix: str = "geometric"
+    shift: bool = False
+
+    def cutoff(self, coefficient: Coefficient) -> float | None:
+        """Cutoff of a coefficient, the style's if it has none of its own."""
+        return coefficient.cutoff if coefficient.cutoff is not None else self.settings.get("cutoff")
+
+    def words(self, coefficient: Coefficient) -> list[str]:
+        """Words after the types on a ``pair_coeff`` line, in the deck's units, the cutoff included."""
+        if self.spec.write is not None:
+            return self.spec.write(self, coefficient)
+        words: list[str] = []
+        for name, value in coefficient.values.items():
+            if name.endswith("_polynomial"):
+                words.append("power" if name.startswith("exponent") else "kappa")
+            words += [w if isinstance(w, str) else f"{w:.15g}" for w in (value if isinstance(value, tuple) else (value,))]
+        return words if self.spec.own_cutoffs else [*words, f"{self.cutoff(coefficient):.15g}"]
+
+
+@dataclass(frozen=True)
+class Spec:
+    """How a style reads its arguments and what it builds.
+
+    Attributes
+    ----------
+    settings : callable
+        From the words after the style's name to its settings.
+    coefficient : callable
+        From (style, words, folder of the deck) to (values, cutoff or None).
+    build : callable
+        From (style, coefficient, units) to (pair term, remark or None).
+    write : callable, optional
+        From (style, coefficient) to the words that ``coefficient`` reads, where these are not its values and the cutoff.
+    thermostat : bool
+        Whether the style has friction and noise, and so a temperature and a seed.
+    mixed : callable, optional
+        From (style, coefficient of i, i, that of j, j) to that of i, j where it is not set.
+    keeps_coefficients : bool
+        Whether re-issuing pair_style with the same style keeps the coefficients (cutoffs go back to the global one).
+    atom_style : str, optional
+        The only atom style it works with.
+    own_cutoffs : bool
+        Whether cutoffs are ordinary coefficients, in the midst of the others.
+    words : set of str
+        Words among its settings that are no numbers, for finding the next style of hybrid.
+    of_bonds : bool
+        Whether it acts between bonds, not beads: it then needs hybrid, and builds no pair term.
+    """
+
+    settings: Callable[[list[str]], dict]
+    coefficient: Callable[[PairStyle, list[str], Callable[[str], Path]], tuple[dict, float | None]]
+    build: Callable[[PairStyle, Coefficient, UnitSystem], tuple[object, str | None]]
+    write: Callable[[PairStyle, Coefficient], list[str]] | None = None
+    thermostat: bool = False
+    mixed: Callable[[PairStyle, Coefficient, Coefficient], Coefficient] | None = None
+    keeps_coefficients: bool = True
+    atom_style: str | None = None
+    own_cutoffs: bool = False
+    words: frozenset[str] = frozenset()
+    of_bonds: bool = False
+
+
+@dataclass
+class PairSetup:
+    """All pair styles of a deck.
+
+    Attributes
+    ----------
+    mode : str
+        ``none``, ``single``, ``hybrid`` or ``hybrid/overlay``.
+    styles : list of PairStyle
+        The styles, in the order of the pair_style line.
+    excluded : set of (int, int)
+        Type pairs set to ``none``.
+    where : Line or None
+        The pair_style line.
+    """
+
+    mode: str = "none"
+    styles: list[PairStyle] = field(default_factory=list)
+    excluded: set[tuple[int, int]] = field(default_factory=set)
+    where: Line | None = None
+
+    def resolve(self, n_types: int) -> tuple[list[dict[tuple[int, int], Coefficient]], list[tuple[int, int]]]:
+        """Coefficients of every style after mixing, and the type pairs that have none at all."""
+        tables = [dict(style.coefficients) for style in self.styles]
+        missing = []
+        for i in range(1, n_types + 1):
+            for j in range(i, n_types + 1):
+                if (i, j) in self.excluded or any((i, j) in table for table in tables):
+                    continue
+                if i == j or not self._mix(tables, i, j):
+                    missing.append((i, j))
+        return tables, missing
+
+    def _mix(self, tables: list[dict[tuple[int, int], Coefficient]], i: int, j: int) -> bool:
+        of_i, of_j = ([n for n, table in enumerate(tables) if (k, k) in table] for k in (i, j))
+        rules = [self.styles[n].spec.mixed for n in of_i]
+        if not of_i or of_i != of_j or None in rules:
+            return False
+        for n, mixed in zip(of_i, rules, strict=True):
+            assert mixed is not None
+            tables[n][(i, j)] = mixed(self.styles[n], tables[n][(i, i)], tables[n][(j, j)])
+        return True

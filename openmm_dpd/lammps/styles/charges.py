@@ -1,0 +1,107 @@
+"""Pair styles with charges."""
+
+from __future__ import annotations
+
+import math
+from itertools import combinations_with_replacement
+
+import numpy as np
+
+from ...errors import ParameterError
+from ...model.electrostatics import GaussianCharges, SlaterCharges, ewald_sum
+from ...model.pairs import NONE
+from ...model.scene import Scene
+from ...units import UnitSystem
+from ..language import arguments as read
+from ..state.pair_setup import Coefficient, PairStyle, Spec
+from .dpd import STYLES as DPD_STYLES
+from .writing import Differences, StyleUse, number
+
+#: Coulomb constant of LAMMPS's unit styles, energy times length per squared charge.
+QQR2E = {"lj": 1.0, "real": 332.06371, "metal": 14.399645}
+
+
+def _both_settings(words: list[str]) -> dict:
+    """``dpd/coul/slater/long T cut_dpd seed lambda cut_coul``."""
+    read.count(words, "dpd/coul/slater/long T cut_dpd seed lambda cut_coul", 5)
+    name = "of dpd/coul/slater/long"
+    temperature = read.non_negative(words[0], f"the temperature {name}")
+    return {
+        "start": temperature,
+        "stop": temperature,
+        "cutoff": read.positive(words[1], f"the cutoff {name}"),
+        "seed": read.integer(words[2], f"the seed {name}", 1),
+        "lamda": read.positive(words[3], f"lambda {name}"),
+        "cutoff_charges": read.positive(words[4], f"the cutoff of the charges {name}"),
+    }
+
+
+def _both_coefficient(style: PairStyle, words: list[str], _) -> tuple[dict, float | None]:
+    """``A gamma [yes|no] [cutoff]``."""
+    read.count(words, "A gamma [yes|no] [cutoff]", 2, 4)
+    values: dict = {key: read.number(word, key) for key, word in zip(("A", "gamma"), words, strict=False)}
+    values["charged"] = "yes" if len(words) > 2 and read.switch(words[2], "whether the pair is charged") else "no"
+    return values, read.positive(words[3], "the cutoff") if len(words) > 3 else None
+
+
+def _slater_settings(words: list[str]) -> dict:
+    """``coul/slater/long lambda cutoff``."""
+    read.count(words, "coul/slater/long lambda cutoff", 2)
+    lamda, cutoff = (read.positive(w, f"{what} of coul/slater/long") for w, what in zip(words, ("lambda", "the cutoff"), strict=True))
+    return {"lamda": lamda, "cutoff_charges": cutoff}
+
+
+def _slater_coefficient(style: PairStyle, words: list[str], _) -> tuple[dict, float | None]:
+    """No coefficients: ``pair_coeff * *``."""
+    read.count(words, "pair_coeff i j (coul/slater/long has no coefficients)", 0)
+    return {}, None
+
+
+def _both_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> tuple[object, str | None]:
+    """The DPD part; the charges are those of the beads (charges.py)."""
+    return DPD_STYLES["dpd"].build(style, found, units)
+
+
+STYLES = {
+    "dpd/coul/slater/long": Spec(_both_settings, _both_coefficient, _both_build, thermostat=True),
+    "coul/slater/long": Spec(_slater_settings, _slater_coefficient, lambda *_: (NONE, None), own_cutoffs=True),
+}
+
+
+# -- from a scene -------------------------------------------------------------------------------------------------------------
+def charge_use(scene: Scene, units: UnitSystem, types: list[str], differences: Differences) -> StyleUse | None:
+    """Pair style of the charges, or None.
+
+    Raises
+    ------
+    ParameterError
+        If charges and walls are combined: LAMMPS's sums over all images need a periodic box.
+    """
+    charges = scene.electrostatics
+    if charges is None:
+        return None
+    if scene.walls:
+        raise ParameterError("charges between walls cannot be exported: LAMMPS's sums over all images need a box that is periodic")
+    width = _width(charges, differences)
+    words = dict.fromkeys(combinations_with_replacement(types, 2), "")
+    if scene.box is None:
+        # no cutoff in the scene, so one that no pair reaches
+        reach = 2.0 * float(np.linalg.norm(np.ptp(scene.positions, axis=0))) + 10 * width
+        differences.remark(f"charges interact up to a distance of {number(reach / units.length)}, which should be beyond all pairs")
+        return StyleUse("coul/slater/cut", f"{number(width / units.length)} {number(reach / units.length)}", words, reach)
+    assert scene.charges is not None
+    reach = ewald_sum(charges, scene.box, int(np.count_nonzero(scene.charges))).cutoff
+    return StyleUse("coul/slater/long", f"{number(width / units.length)} {number(reach / units.length)}", words, reach)
+
+
+def _width(charges, differences: Differences) -> float:
+    """LAMMPS's lambda, nm."""
+    if isinstance(charges, SlaterCharges):
+        return charges.lamda
+    assert isinstance(charges, GaussianCharges)
+    width = math.sqrt(math.pi) * charges.width
+    differences.add(
+        f"the Gaussian charges (width {charges.width:g}) are replaced by Slater charges with lambda = {width:g}, with the same energy "
+        "at contact; they reach further out"
+    )
+    return width

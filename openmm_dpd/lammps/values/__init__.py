@@ -1,0 +1,1 @@
+"""What columns and formulas can name: thermo words, computes, variables."""

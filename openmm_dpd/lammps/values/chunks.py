@@ -1,0 +1,223 @@
+"""Bins of the box: ``compute chunk/atom ... bin/1d|bin/2d|bin/3d``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...errors import ParameterError
+from ..language import arguments as read
+from ..state.box import Box
+from ..state.deck_state import DeckState
+from ..state.moment import DeckMoment
+from ..state.records import Compute
+from .compute_spec import ComputeSpec
+
+_STYLES = {"bin/1d": 1, "bin/2d": 2, "bin/3d": 3}
+_USAGE = "compute ID group chunk/atom bin/1d|bin/2d|bin/3d x|y|z lower|center|upper|coordinate thickness ..."
+_ENDS = ("lower", "center", "upper")
+_SIZES = {"units": 1, "discard": 1, "bound": 3, "region": 1, "nchunk": 1, "ids": 1, "limit": 1, "compress": 1, "pbc": 1}
+
+#: More bins than that are a mistake.
+_MOST = 10_000_000
+
+
+@dataclass(frozen=True)
+class Slicing:
+    """How one axis is cut; lengths in the deck's unit, or in fractions of the edge if ``reduced``.
+
+    Attributes
+    ----------
+    axis : int
+        0, 1 or 2.
+    origin : str or float
+        ``lower``, ``center``, ``upper``, or the coordinate of the face of some slice.
+    thickness : float
+    reduced : bool
+    bound : pair of (float or None)
+        Ends that are not those of the box.
+    """
+
+    axis: int
+    origin: str | float
+    thickness: float
+    reduced: bool = False
+    bound: tuple[float | None, float | None] = (None, None)
+
+    def slices(self, box: Box) -> Slices:
+        """The slices in a box (deck units)."""
+        low, high = (0.0, 1.0) if self.reduced else (float(box.low[self.axis]), float(box.high[self.axis]))
+        edge = high - low
+        low, high = (end if end is not None else of_box for end, of_box in zip(self.bound, (low, high), strict=True))
+        ends = {"lower": low, "center": 0.5 * (low + high), "upper": high}
+        origin = ends[self.origin] if isinstance(self.origin, str) else self.origin
+        # faces stand at origin + n*thickness; the outermost are those at the ends or just beyond, and a face a rounding error off an end
+        # counts as being there
+        first = np.floor((low - origin) / self.thickness + 1e-9)
+        last = np.ceil((high - origin) / self.thickness - 1e-9)
+        if not 1 <= last - first <= _MOST:
+            raise ParameterError(
+                f"compute chunk/atom: a thickness of {self.thickness:g} gives {last - first:g} slices between {low:g} and {high:g}"
+            )
+        return Slices(float(origin + first * self.thickness), self.thickness, int(last - first), self.thickness / edge)
+
+
+@dataclass(frozen=True)
+class Slices:
+    """``count`` slices of one thickness, from ``start`` on, each with the same fraction of the volume of the box."""
+
+    start: float
+    thickness: float
+    count: int
+    fraction: float
+
+    @property
+    def centres(self) -> np.ndarray:
+        """Coordinates of the middle of each slice."""
+        return self.start + (np.arange(self.count) + 0.5) * self.thickness
+
+
+@dataclass(frozen=True)
+class Binning:
+    """Settings of a compute chunk/atom.
+
+    Attributes
+    ----------
+    axes : tuple of Slicing
+        The axes that are cut, the one that changes slowest first.
+    discard : str
+        What becomes of beads beyond the slices: ``no`` (they count in the last slice), ``yes`` (they are left out), ``mixed`` (left out
+        only where ``bound`` has put an end).
+    region : str or None
+        Only beads in this region count.
+    """
+
+    axes: tuple[Slicing, ...]
+    discard: str = "mixed"
+    region: str | None = None
+
+    def bins(self, box: Box) -> Bins:
+        """The bins in a box (deck units)."""
+        axes = tuple(axis.slices(box) for axis in self.axes)
+        bins = Bins(axes, box.volume * float(np.prod([slices.fraction for slices in axes])))
+        if bins.count > _MOST:
+            raise ParameterError(f"compute chunk/atom: {bins.count} bins are too many")
+        return bins
+
+
+@dataclass(frozen=True)
+class Bins:
+    """Bins of one volume, those along the last axis one after the other."""
+
+    axes: tuple[Slices, ...]
+    volume: float
+
+    @property
+    def count(self) -> int:
+        """Number of bins."""
+        return int(np.prod([slices.count for slices in self.axes], dtype=object))
+
+    @property
+    def centres(self) -> np.ndarray:
+        """(count, axes) coordinates of the middle of each bin."""
+        grids = np.meshgrid(*(slices.centres for slices in self.axes), indexing="ij")
+        return np.stack([grid.ravel() for grid in grids], axis=1)
+
+
+def parse_binning(state: DeckState, group: str, words: list[str]) -> Binning:
+    """Settings from the words after ``chunk/atom``.
+
+    Raises
+    ------
+    ParameterError
+        For styles and options that are not supported, or values out of bounds.
+    """
+    read.count(words, _USAGE, 1, None)
+    if words[0] not in _STYLES:
+        raise ParameterError(f"compute chunk/atom: only styles {', '.join(_STYLES)} are supported, not '{words[0]}'")
+    n = 3 * _STYLES[words[0]]
+    read.count(words, _USAGE, 1 + n, None)
+    given = read.options(words[1 + n :], _SIZES, "compute chunk/atom")
+    options = {"units": ["lattice"], "discard": ["mixed"]} | dict(given)
+    _check_options(state, options)
+    units = read.choice(options["units"][0], "units", ("box", "lattice", "reduced"))
+    box = state.require_box("compute chunk/atom")
+    if box.triclinic and units != "reduced":
+        raise ParameterError("compute chunk/atom: in a tilted box slices need 'units reduced'")
+    axes = [_axis(state, words[k : k + 3], units) for k in range(1, 1 + n, 3)]
+    used = ["xyz"[axis.axis] for axis in axes]
+    if len(set(used)) < len(used):
+        raise ParameterError(f"compute chunk/atom {words[0]}: every axis can be cut once only, not {', '.join(used)}")
+    for keyword, values in given:
+        if keyword == "bound":
+            if values[0] not in used:
+                raise ParameterError(f"compute chunk/atom: bound {values[0]}, but the slices are along {', '.join(used)}")
+            k = used.index(values[0])
+            axes[k] = replace(axes[k], bound=_bound(values, _scale(state, axes[k].axis, units)))
+    discard = read.choice(options["discard"][0], "discard", ("yes", "no", "mixed"))
+    binning = Binning(tuple(axes), discard, options["region"][0] if "region" in options else None)
+    binning.bins(box)
+    return binning
+
+
+def _check_options(state: DeckState, options: dict[str, list[str]]) -> None:
+    for keyword, allowed in (("compress", "no"), ("limit", "0"), ("pbc", "no"), ("ids", "every")):
+        if options.get(keyword, [allowed])[0] != allowed:
+            raise ParameterError(f"compute chunk/atom: {keyword} {options[keyword][0]} is not supported")
+    if read.choice(options.get("nchunk", ["every"])[0], "nchunk", ("once", "every")) == "once":
+        state.note("compute chunk/atom: nchunk once has no meaning: bins follow the box if it changes")
+    if "region" in options and options["region"][0] not in state.regions:
+        raise ParameterError(f"compute chunk/atom: there is no region '{options['region'][0]}'")
+
+
+def _scale(state: DeckState, axis: int, units: str) -> float:
+    return float(state.lattice.spacing[axis]) if units == "lattice" else 1.0
+
+
+def _axis(state: DeckState, words: list[str], units: str) -> Slicing:
+    axis = "xyz".index(read.choice(words[0], "the direction of the slices", ("x", "y", "z")))
+    scale = _scale(state, axis, units)
+    origin: str | float = words[1]
+    if words[1] not in _ENDS:
+        origin = read.number(words[1], "the origin of the slices (or lower, center, upper)") * scale
+    return Slicing(axis, origin, read.positive(words[2], "the thickness of the slices") * scale, units == "reduced")
+
+
+def _bound(words: list[str], scale: float) -> tuple[float | None, float | None]:
+    low = None if words[1] == "lower" else read.number(words[1], "the lower bound") * scale
+    high = None if words[2] == "upper" else read.number(words[2], "the upper bound") * scale
+    if low is not None and high is not None and low >= high:
+        raise ParameterError(f"compute chunk/atom: the lower bound {words[1]} is not below the upper one, {words[2]}")
+    return low, high
+
+
+def chunk_numbers(moment: DeckMoment, compute: Compute, bins: Bins) -> np.ndarray:
+    """(N,) number of the bin of each bead, from 0; -1 for beads that are in none, or not in the group of the compute."""
+    binning: Binning = compute.settings
+    positions, _ = moment.folded
+    fractions = moment.box.fractions(positions) if binning.axes[0].reduced else positions
+    counted = moment.state.group(compute.group)
+    if binning.region is not None:
+        counted = counted & moment.state.region(binning.region).contains(positions)
+    total = np.zeros(len(positions), dtype=np.int64)
+    for axis, slices in zip(binning.axes, bins.axes, strict=True):
+        # times the inverse, as LAMMPS has it: a bead on a face belongs to one slice or the other by the last bit
+        number = np.floor((fractions[:, axis.axis] - slices.start) * (1 / slices.thickness)).astype(np.int64)
+        beyond = (number < 0, number >= slices.count)
+        for outside, end in zip(beyond, axis.bound, strict=True):
+            if binning.discard == "yes" or (binning.discard == "mixed" and end is not None):
+                counted = counted & ~outside
+        total = total * slices.count + np.clip(number, 0, slices.count - 1)
+    return np.where(counted, total, -1)
+
+
+def _numbers(moment: DeckMoment, compute: Compute) -> np.ndarray:
+    return chunk_numbers(moment, compute, compute.settings.bins(moment.box)) + 1.0
+
+
+CHUNKS = ComputeSpec(
+    per_bead=_numbers,
+    needs=("positions",),
+    prepare=parse_binning,
+)

@@ -1,0 +1,89 @@
+"""The description of a compute style."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...errors import ParameterError
+from ..language import arguments as read
+from ..state.deck_state import DeckState
+from ..state.moment import DeckMoment
+from ..state.records import Compute
+
+
+@dataclass(frozen=True)
+class ComputeSpec:
+    """A compute style.
+
+    Attributes
+    ----------
+    check : callable or None
+        Raises ParameterError if the arguments (state, group, words) are not supported; None where ``prepare`` does.
+    scalar : callable or None
+        From (moment, compute) to its value in deck units, not normalised.
+    vector : callable or None
+        The same for an array of values.
+    per_bead : callable or None
+        The same for values of single beads, (N,) or (N, columns), 0 for beads outside the group.
+    array : callable or None
+        The same for a table of values, (rows, columns), which are never normalised.
+    rows : callable
+        Number of rows of the table.
+    columns : callable
+        Number of columns of the table, or of values per bead: 0 if there is one without an index.
+    extensive : bool or callable
+        Whether thermo output divides it by the number of beads when it normalises; may depend on the compute.
+    extensive_vector : bool
+        Whether it divides the values of the vector although it does not divide the single value.
+    size : callable
+        Number of values of the vector.
+    needs : tuple of str
+        Fields of Sample that it reads.
+    inputs : callable
+        Words (``c_id``, ``vx``, ...) of the beads' values that it is made of.
+    prepare : callable or None
+        Turns (state, group, words) into ``Compute.settings``, once.
+    """
+
+    check: Callable[[DeckState, str, list[str]], None] | None = None
+    scalar: Callable[[DeckMoment, Compute], float] | None = None
+    vector: Callable[[DeckMoment, Compute], np.ndarray] | None = None
+    per_bead: Callable[[DeckMoment, Compute], np.ndarray] | None = None
+    array: Callable[[DeckMoment, Compute], np.ndarray] | None = None
+    rows: Callable[[Compute], int] = lambda compute: 0
+    columns: Callable[[Compute], int] = lambda compute: 0
+    extensive: bool | Callable[[Compute], bool] = False
+    extensive_vector: bool = False
+    size: Callable[[Compute], int] = lambda compute: 0
+    needs: tuple[str, ...] = ()
+    inputs: Callable[[Compute], tuple[str, ...]] = lambda compute: ()
+    prepare: Callable[[DeckState, str, list[str]], Any] | None = None
+
+    def is_extensive(self, compute: Compute, indexed: bool = False) -> bool:
+        """Whether the value of this compute (or those of its vector) are sums over beads."""
+        if indexed and self.extensive_vector:
+            return True
+        return self.extensive if isinstance(self.extensive, bool) else self.extensive(compute)
+
+
+def check_place(compute: Compute, spec: ComputeSpec, row: int | None, column: int | None) -> tuple[int, int]:
+    """Indices from 0 of ``c_id[row][column]``; ParameterError unless it is in the table of a compute."""
+    rows, columns, name = spec.rows(compute), spec.columns(compute), f"c_{compute.name}"
+    if row is None or column is None:
+        raise ParameterError(f"compute {compute.name} (style {compute.style}) has a table of values; use {name}[row][column]")
+    if not (1 <= row <= rows and 1 <= column <= columns):
+        raise ParameterError(f"{name}[{row}][{column}] is out of range: the table has {rows} rows and {columns} columns")
+    return row - 1, column - 1
+
+
+def no_arguments(style: str = "style") -> Callable[[DeckState, str, list[str]], None]:
+    """The check of a style that has no arguments."""
+
+    def check(state: DeckState, group: str, words: list[str]) -> None:
+        read.count(words, f"compute ID group {style} (and no more)", 0)
+
+    return check

@@ -1,0 +1,253 @@
+"""Computes: values of groups of beads that thermo output and formulas can name."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...errors import ParameterError
+from ..language import arguments as read
+from ..state.deck_state import DeckState
+from ..state.moment import DeckMoment
+from ..state.records import Compute
+from .chunks import CHUNKS
+from .compute_spec import ComputeSpec, no_arguments
+from .per_bead import BEAD_WORDS, PER_BEAD, require_atom_style
+from .structure_computes import STRUCTURE
+
+#: One word for several values: ``c_id[*]``, ``c_id[2*4]``, ``f_id[*]``.
+_WILD = re.compile(r"([cf])_(\w+)\[(\d*\*\d*)\]", re.ASCII)
+
+_REFERENCE = re.compile(r"c_(\w+)(?:\[(\d+)\])?", re.ASCII)
+
+
+def _all_only(style: str, allowed: tuple[str, ...]) -> Callable[[DeckState, str, list[str]], None]:
+    def check(state: DeckState, group: str, words: list[str]) -> None:
+        if group != "all":
+            raise ParameterError(f"compute {style} must use group all")
+        for word in words:
+            read.choice(word, f"an argument of compute {style}", allowed)
+
+    return check
+
+
+def _check_pressure(state: DeckState, group: str, words: list[str]) -> None:
+    read.count(words, "compute ID all pressure temp-ID|NULL [virial|ke]", 1, 2)
+    if words[0] == "NULL" and "virial" not in words[1:]:
+        raise ParameterError("compute pressure needs the id of a temperature compute, or NULL with virial")
+    if words[0] != "NULL":
+        state.temperature_compute(words[0])
+    _all_only("pressure", ("virial", "ke"))(state, group, words[1:])
+
+
+#: Parts of the potential energy that compute pe can be asked for.
+_PARTS = ("pair", "bond", "angle")
+
+
+def _pe(moment: DeckMoment, compute: Compute) -> float:
+    return sum(moment.energy(f"{part}_energy") for part in compute.arguments or _PARTS)
+
+
+def _pressure(moment: DeckMoment, compute: Compute) -> float:
+    kinetic = 0.0
+    if "virial" not in compute.arguments[1:]:
+        kinetic = moment.kinetic(moment.state.temperature_of_pressure(compute.name))
+    return moment.pressure_of(kinetic, 0.0 if "ke" in compute.arguments[1:] else moment.need("virial"))
+
+
+def _centre(moment: DeckMoment, compute: Compute) -> np.ndarray:
+    mask, masses = moment.state.group(compute.group), moment.state.bead_masses()
+    return masses[mask] @ moment.unwrapped[mask] / masses[mask].sum()
+
+
+def _kinetic_tensor(moment: DeckMoment, compute: Compute) -> np.ndarray:
+    """Sums of m v_a v_b over the group: xx, yy, zz, xy, xz, yz."""
+    mask, masses = moment.state.group(compute.group), moment.state.bead_masses()
+    velocities = moment.velocities[mask] * moment.units.velocity
+    tensor = (masses[mask][:, None] * velocities).T @ velocities / moment.units.energy
+    return tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+
+
+def _momentum(moment: DeckMoment, compute: Compute) -> np.ndarray:
+    mask, masses = moment.state.group(compute.group), moment.state.bead_masses()
+    return masses[mask] @ moment.velocities[mask] / moment.units.mass
+
+
+def _dpd(moment: DeckMoment, compute: Compute) -> np.ndarray:
+    mask, units = moment.state.group(compute.group), moment.units
+    conductive, mechanical = (float(moment.carried(name)[mask].sum()) / units.energy for name in ("u_cond", "u_mech"))
+    thetas = moment.carried("theta")[mask] / units.thermal_energy
+    harmonic = len(thetas) / np.sum(1 / thetas) if len(thetas) and np.all(thetas > 0) else 0.0
+    # LAMMPS's third energy is chemical: there are no reactions here
+    return np.array([conductive, mechanical, 0.0, harmonic, float(len(thetas))])
+
+
+def _check_dpd(state: DeckState, group: str, words: list[str]) -> None:
+    no_arguments()(state, group, words)
+    require_atom_style(state, "dpd", "dpd")
+
+
+# -- values of single beads, by name -------------------------------------------------------------------------------------------
+def bead_reference(word: str) -> tuple[str, int | None]:
+    """Id and column of ``c_id`` or ``c_id[column]``."""
+    match = _REFERENCE.fullmatch(word)
+    if match is None:
+        raise ParameterError(f"expected c_id or c_id[column], not '{word}'")
+    return match[1], None if match[2] is None else int(match[2])
+
+
+def check_bead_word(state: DeckState, word: str, allowed: tuple[str, ...] = tuple(BEAD_WORDS), what: str = "a value of the beads") -> None:
+    """Raise ParameterError unless a word names a value that every bead has."""
+    if word.startswith("v_"):
+        style = state.variables.get(word[2:]).style
+        if style != "atom":
+            raise ParameterError(f"{word}: variable {word[2:]} is {style}-style; only atom-style ones have values of single beads")
+        return
+    if not word.startswith("c_"):
+        read.choice(word, what, [*allowed, "c_id", "c_id[column]", "v_name"])
+        return
+    name, column = bead_reference(word)
+    if name not in state.computes:
+        raise ParameterError(f"{word}: there is no compute '{name}'; defined are {', '.join(state.computes) or 'none'}")
+    compute = state.computes[name]
+    spec = COMPUTES[compute.style]
+    if spec.per_bead is None:
+        raise ParameterError(f"{word}: compute style {compute.style} has no values of single beads")
+    columns = spec.columns(compute)
+    if columns == 0 and column is not None:
+        raise ParameterError(f"{word}: compute {name} (style {compute.style}) has one value per bead; use c_{name}")
+    if columns and (column is None or not 1 <= column <= columns):
+        raise ParameterError(f"{word}: compute {name} (style {compute.style}) has {columns} values per bead; use c_{name}[1] and so on")
+
+
+# -- compute reduce -----------------------------------------------------------------------------------------------------------
+_MODES: dict[str, Callable[[np.ndarray], float]] = {
+    "sum": lambda values: float(values.sum()),
+    "min": lambda values: float(values.min()),
+    "max": lambda values: float(values.max()),
+    "ave": lambda values: float(values.mean()),
+    "sumsq": lambda values: float(np.sum(values**2)),
+    "avesq": lambda values: float(np.mean(values**2)),
+    "sumabs": lambda values: float(np.abs(values).sum()),
+    "aveabs": lambda values: float(np.abs(values).mean()),
+}
+
+
+def _check_reduce(state: DeckState, group: str, words: list[str]) -> None:
+    read.count(words, "compute ID group reduce mode value value ...", 2, None)
+    read.choice(words[0], "the mode of compute reduce", list(_MODES))
+    for word in words[1:]:
+        check_bead_word(state, word, tuple(f"{kind}{axis}" for kind in ("", "v", "f") for axis in "xyz"))
+
+
+def _reduced(moment: DeckMoment, compute: Compute) -> np.ndarray:
+    mask = moment.state.group(compute.group)
+    mode, *words = compute.arguments
+    if not mask.any():
+        return np.zeros(len(words))
+    return np.array([_MODES[mode](moment.bead_values(word)[mask]) for word in words])
+
+
+def _reduced_one(moment: DeckMoment, compute: Compute) -> float:
+    if len(compute.arguments) > 2:
+        raise ParameterError(f"compute {compute.name} (style reduce) has {len(compute.arguments) - 1} values; use c_{compute.name}[1]")
+    return float(_reduced(moment, compute)[0])
+
+
+REDUCE = ComputeSpec(
+    _check_reduce,
+    _reduced_one,
+    _reduced,
+    extensive=lambda compute: compute.arguments[0].startswith("sum"),
+    size=lambda compute: len(compute.arguments) - 1,
+    inputs=lambda compute: compute.arguments[1:],
+)
+
+
+#: Compute styles by name.
+COMPUTES: dict[str, ComputeSpec] = {
+    "temp": ComputeSpec(
+        no_arguments(),
+        lambda moment, compute: moment.temperature(compute),
+        _kinetic_tensor,
+        extensive_vector=True,
+        size=lambda compute: 6,
+        needs=("velocities",),
+    ),
+    "ke": ComputeSpec(
+        no_arguments(),
+        lambda moment, compute: moment.kinetic_of(moment.state.group(compute.group)) / moment.units.energy,
+        extensive=True,
+        needs=("velocities",),
+    ),
+    "pe": ComputeSpec(_all_only("pe", _PARTS), _pe, extensive=True, needs=tuple(f"{part}_energy" for part in _PARTS)),
+    "pressure": ComputeSpec(_check_pressure, _pressure, needs=("virial", "velocities")),
+    "com": ComputeSpec(no_arguments(), vector=_centre, size=lambda compute: 3, needs=("positions",)),
+    "momentum": ComputeSpec(no_arguments(), vector=_momentum, extensive=True, size=lambda compute: 3, needs=("velocities",)),
+    "dpd": ComputeSpec(_check_dpd, vector=_dpd, size=lambda compute: 5, needs=("fields",)),
+    "reduce": REDUCE,
+    "chunk/atom": CHUNKS,
+    **STRUCTURE,
+    **PER_BEAD,
+}
+
+
+@dataclass(frozen=True)
+class BuiltIn:
+    """A compute that exists without being defined: its value, not normalised, and the thermo word whose column ``c_id`` is.
+
+    That word may stand for another compute (``thermo_modify temp`` and ``press``); outside the columns of thermo output the
+    built-in one is meant.
+    """
+
+    value: Callable[[DeckMoment], float]
+    word: str
+
+
+BUILT_IN = {
+    "thermo_temp": BuiltIn(lambda moment: moment.temperature(), "temp"),
+    "thermo_press": BuiltIn(lambda moment: moment.pressure_with("thermo_press", "virial"), "press"),
+    "thermo_pe": BuiltIn(lambda moment: sum(moment.energy(f"{part}_energy") for part in _PARTS), "pe"),
+}
+
+
+# -- names of several values ---------------------------------------------------------------------------------------------------
+def expanded(state: DeckState, words: Sequence[str], tables: bool = False) -> tuple[str, ...]:
+    """The words with every ``*`` in an index written out; with ``tables`` only columns of the tables of computes.
+
+    Raises
+    ------
+    ParameterError
+        If a word with a ``*`` names nothing that has several values, or a range has numbers that are not there.
+    """
+    found: list[str] = []
+    for word in words:
+        match = _WILD.fullmatch(word)
+        if match is None:
+            found.append(word)
+            continue
+        kind, name, index = match.groups()
+        if tables and not (kind == "c" and name in state.computes and COMPUTES[state.computes[name].style].array is not None):
+            found.append(word)
+            continue
+        size = count_of(state, kind, name)
+        if size == 0:
+            raise ParameterError(f"{word}: {'compute' if kind == 'c' else 'fix'} {name} has not several values")
+        found += [f"{kind}_{name}[{k}]" for k in read.numeric_range(index, size, f"value of {kind}_{name}")]
+    return tuple(found)
+
+
+def count_of(state: DeckState, kind: str, name: str) -> int:
+    """Number of values of the compute (kind ``c``) or fix (``f``) of this name: columns where every bead has some, 0 for a single one."""
+    if kind == "f":
+        fix = state.fixes.get(name)
+        average = None if fix is None else fix.parameters.get("average")
+        return 0 if average is None else average.size
+    compute = state.computes.get(name)
+    if compute is None:
+        raise ParameterError(f"there is no compute '{name}'; defined are {', '.join(state.computes) or 'none'}")
+    spec = COMPUTES[compute.style]
+    return spec.columns(compute) if spec.per_bead is not None or spec.array is not None else spec.size(compute)

@@ -1,0 +1,147 @@
+"""Values of single beads: the words of ``compute property/atom`` and ``fix ave/chunk``, and the computes that have one value per bead."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...errors import ParameterError
+from ..language import arguments as read
+from ..state.deck_state import DeckState
+from ..state.moment import DeckMoment
+from ..state.records import Compute
+from .compute_spec import ComputeSpec, no_arguments
+
+
+@dataclass(frozen=True)
+class BeadWord:
+    """A value that every bead has: from a moment to (N,) in the deck's units, and the fields of Sample that it reads."""
+
+    value: Callable[[DeckMoment], np.ndarray]
+    needs: tuple[str, ...] = ()
+
+
+def _masses(moment: DeckMoment) -> np.ndarray:
+    return moment.state.bead_masses() / moment.units.mass
+
+
+def axis_of(array: Callable[[DeckMoment], np.ndarray], axis: int) -> Callable[[DeckMoment], np.ndarray]:
+    """One column of an array of three."""
+    return lambda moment: array(moment)[:, axis]
+
+
+def _words() -> dict[str, BeadWord]:
+    words = {
+        "id": BeadWord(lambda c: c.state.atoms.ids.astype(float)),
+        "mol": BeadWord(lambda c: c.state.atoms.molecules.astype(float)),
+        "type": BeadWord(lambda c: c.state.atoms.types.astype(float)),
+        "mass": BeadWord(_masses),
+        "q": BeadWord(lambda c: c.state.atoms.charges),
+    }
+    arrays: dict[str, tuple[Callable[[DeckMoment], np.ndarray], str]] = {
+        "{}": (lambda c: c.folded[0], "positions"),
+        "{}u": (lambda c: c.unwrapped, "positions"),
+        "{}s": (lambda c: c.box.fractions(c.folded[0]), "positions"),
+        "i{}": (lambda c: (c.state.atoms.images + c.folded[1]).astype(float), "positions"),
+        "v{}": (lambda c: c.velocities, "velocities"),
+        "f{}": (lambda c: np.asarray(c.need("forces")) / c.units.force, "forces"),
+    }
+    for name, (array, needed) in arrays.items():
+        for k, axis in enumerate("xyz"):
+            words[name.format(axis)] = BeadWord(axis_of(array, k), (needed,))
+    return words
+
+
+#: Values that every bead has.
+BEAD_WORDS = _words()
+
+
+def _density(moment: DeckMoment) -> np.ndarray:
+    return moment.carried("density") * moment.units.length**3 / moment.units.mass
+
+
+#: What compute property/atom knows: on top of these the local density of mdpd.
+PROPERTIES = BEAD_WORDS | {"rho": BeadWord(_density, ("fields",))}
+
+
+# -- computes -----------------------------------------------------------------------------------------------------------------
+def _in_group(moment: DeckMoment, compute: Compute, values: np.ndarray) -> np.ndarray:
+    mask = moment.state.group(compute.group)
+    return np.where(mask if values.ndim == 1 else mask[:, None], values, 0.0)
+
+
+def _property(moment: DeckMoment, compute: Compute) -> np.ndarray:
+    columns = [PROPERTIES[word].value(moment) for word in compute.arguments]
+    return _in_group(moment, compute, columns[0] if len(columns) == 1 else np.column_stack(columns))
+
+
+def _check_property(state: DeckState, group: str, words: list[str]) -> None:
+    read.count(words, "compute ID group property/atom value value ...", 1, None)
+    for word in words:
+        read.choice(word, "a value of compute property/atom", list(PROPERTIES))
+        if word == "rho":
+            require_atom_style(state, "property/atom rho", "mdpd")
+
+
+def _kinetic(moment: DeckMoment, compute: Compute) -> np.ndarray:
+    energy = 0.5 * _masses(moment) * np.sum(moment.velocities**2, axis=1) * moment.units.mvv2e
+    return _in_group(moment, compute, energy)
+
+
+def _internal(moment: DeckMoment, compute: Compute) -> np.ndarray:
+    units = moment.units
+    conductive, mechanical, theta = (moment.carried(name) for name in ("u_cond", "u_mech", "theta"))
+    # the third column is LAMMPS's chemical energy: there are no reactions here
+    columns = (conductive / units.energy, mechanical / units.energy, np.zeros(len(theta)), theta / units.thermal_energy)
+    return _in_group(moment, compute, np.column_stack(columns))
+
+
+def _temperature(moment: DeckMoment, compute: Compute) -> np.ndarray:
+    return _in_group(moment, compute, moment.carried("temperature") / moment.units.thermal_energy)
+
+
+def _concentration(moment: DeckMoment, compute: Compute) -> np.ndarray:
+    return _in_group(moment, compute, moment.carried("concentrations")[:, compute.settings])
+
+
+def _style_only(style: str, atom_style: str) -> Callable[[DeckState, str, list[str]], None]:
+    def check(state: DeckState, group: str, words: list[str]) -> None:
+        no_arguments(style)(state, group, words)
+        require_atom_style(state, style, atom_style)
+
+    return check
+
+
+def require_atom_style(state: DeckState, style: str, atom_style: str) -> None:
+    """Raise ParameterError unless the deck has the atom style that a compute needs."""
+    if state.atom_style != atom_style:
+        raise ParameterError(f"compute {style} needs atom_style {atom_style}, but the deck has atom_style {state.atom_style}")
+
+
+def _check_concentration(state: DeckState, group: str, words: list[str]) -> None:
+    read.count(words, "compute ID group tdpd/cc/atom species", 1)
+    require_atom_style(state, "tdpd/cc/atom", "tdpd")
+    species = read.integer(words[0], "the number of the species", 1)
+    if species > state.n_species:
+        raise ParameterError(f"compute tdpd/cc/atom: there is no species {species}; atom_style tdpd has {state.n_species}")
+
+
+#: Computes with values of single beads.
+PER_BEAD: dict[str, ComputeSpec] = {
+    "property/atom": ComputeSpec(
+        _check_property,
+        per_bead=_property,
+        columns=lambda compute: len(compute.arguments) if len(compute.arguments) > 1 else 0,
+        inputs=lambda compute: compute.arguments,
+    ),
+    "ke/atom": ComputeSpec(
+        lambda state, group, words: read.count(words, "compute ID group ke/atom", 0), per_bead=_kinetic, needs=("velocities",)
+    ),
+    "dpd/atom": ComputeSpec(_style_only("dpd/atom", "dpd"), per_bead=_internal, columns=lambda compute: 4, needs=("fields",)),
+    "edpd/temp/atom": ComputeSpec(_style_only("edpd/temp/atom", "edpd"), per_bead=_temperature, needs=("fields",)),
+    "tdpd/cc/atom": ComputeSpec(
+        _check_concentration, per_bead=_concentration, needs=("fields",), prepare=lambda state, group, words: int(words[0]) - 1
+    ),
+}

@@ -1,0 +1,210 @@
+"""What the names in a formula or a column stand for at one moment."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...errors import ParameterError
+from ..language.bead_formulas import evaluate_beads
+from ..language.expressions import evaluate
+from ..state.moment import DeckMoment
+from .compute_spec import check_place
+from .computes import BUILT_IN, COMPUTES, bead_reference
+from .per_bead import BEAD_WORDS
+from .words import WORDS
+
+
+class Resolver(DeckMoment):
+    """A moment at which names have values, those of :class:`~openmm_dpd.lammps.language.bead_formulas.BeadNames`."""
+
+    def formula(self, text: str) -> float:
+        """Value of a formula."""
+        return evaluate(text, self)
+
+    def thermo(self, word: str) -> float:
+        """Value of a thermo word."""
+        if word not in WORDS:
+            raise ParameterError(f"there is no thermo word '{word}'; known are {', '.join(WORDS)}")
+        return float(WORDS[word].value(self))
+
+    def variable(self, name: str) -> float:
+        """Value of ``v_name`` within a formula."""
+        return self.state.variables.operand(name, self.formula)
+
+    def variable_alone(self, name: str) -> float:
+        """Value of ``v_name`` where it stands by itself."""
+        return self.state.variables.value(name, self.formula)
+
+    def compute(self, name: str, index: int | None, column: int | None = None) -> float:
+        """Value of ``c_name``, ``c_name[index]`` or ``c_name[index][column]``, not normalised."""
+        if name in BUILT_IN and index is None:
+            return BUILT_IN[name].value(self)
+        if name not in self.state.computes:
+            known = ", ".join([*BUILT_IN, *self.state.computes])
+            raise ParameterError(f"there is no compute '{name}'{'' if index is None else ' with a vector'}; defined are {known}")
+        compute = self.state.computes[name]
+        spec = COMPUTES[compute.style]
+        if spec.array is not None:
+            return float(spec.array(self, compute)[check_place(compute, spec, index, column)])
+        if column is not None:
+            raise ParameterError(f"c_{name}[{index}][{column}]: compute {name} (style {compute.style}) has no table of values")
+        if spec.per_bead is not None:
+            return self._of_bead(name, index)
+        if index is None:
+            if spec.scalar is None:
+                raise ParameterError(f"compute {name} (style {compute.style}) has no single value; use c_{name}[1]")
+            return float(spec.scalar(self, compute))
+        if spec.vector is None:
+            raise ParameterError(f"compute {name} (style {compute.style}) has no vector; use c_{name}")
+        values = spec.vector(self, compute)
+        if not 1 <= index <= len(values):
+            raise ParameterError(f"c_{name}[{index}] is out of range: compute {compute.style} has {len(values)} values")
+        return float(values[index - 1])
+
+    def compute_vector(self, name: str, column: int | None = None) -> np.ndarray:
+        """All values of ``c_name``, or of ``c_name[column]`` of a table; ParameterError if the compute has no vector."""
+        compute = self.state.computes.get(name)
+        spec = None if compute is None else COMPUTES[compute.style]
+        if compute is not None and spec is not None and spec.array is not None and column is not None:
+            return spec.array(self, compute)[:, column - 1]
+        if compute is None or spec is None or spec.vector is None:
+            raise ParameterError(f"there is no compute '{name}' with a vector")
+        return spec.vector(self, compute)
+
+    def bead_compute(self, name: str, column: int | None) -> np.ndarray:
+        """(N,) values of ``c_name`` or ``c_name[column]``, a compute with values of single beads."""
+        compute = self.state.computes.get(name)
+        spec = None if compute is None else COMPUTES[compute.style]
+        if compute is None or spec is None or spec.per_bead is None:
+            raise ParameterError(f"there is no compute '{name}' with values of single beads")
+        values = spec.per_bead(self, compute)
+        return values if column is None else values[:, column - 1]
+
+    def _of_bead(self, name: str, bead: int | None) -> float:
+        """Value of the bead with the id ``bead`` of a compute with one value per bead."""
+        if bead is None:
+            raise ParameterError(f"compute {name} has values of single beads; use c_{name}[id], compute reduce or fix ave/chunk")
+        values = self.bead_compute(name, None)
+        if values.ndim > 1:
+            raise ParameterError(f"compute {name} has {values.shape[1]} values per bead; only computes with one can be asked for a bead")
+        try:
+            return float(values[self.state.atoms.index_of(np.array([bead]))[0]])
+        except KeyError:
+            raise ParameterError(f"c_{name}[{bead}]: there is no bead with the id {bead}") from None
+
+    def fix(self, name: str, index: int | None = None, column: int | None = None) -> float:
+        """Value of ``f_name``, ``f_name[index]`` or ``f_name[index][column]``: that of the last average, 0 before the first."""
+        found = self.state.fixes.get(name)
+        average = None if found is None else found.parameters.get("average")
+        if average is None:
+            raise ParameterError(
+                f"f_{name}: there is no fix '{name}' with a value; fix ave/time has values, fix ave/chunk f_id[bin][column]"
+            )
+        return average.value(*(k for k in (index, column) if k is not None))
+
+    def fix_vector(self, name: str) -> np.ndarray:
+        """All values of ``f_name``; ParameterError if it has no vector."""
+        average = self.state.fixes[name].parameters.get("average") if name in self.state.fixes else None
+        if average is None or not average.size:
+            raise ParameterError(f"there is no fix '{name}' with a vector")
+        return average.vector
+
+    # -- values of all beads (bead_formulas.BeadNames) ----------------------------------------------------------------------------
+    def bead_values(self, word: str) -> np.ndarray:
+        """(N,) values of a word: one of :data:`BEAD_WORDS`, ``c_id``, ``c_id[column]``, or ``v_name`` of an atom-style variable."""
+        if word.startswith("v_"):
+            return np.asarray(self.bead_variable(word[2:]))
+        if word.startswith("c_"):
+            return self.bead_compute(*bead_reference(word))
+        return BEAD_WORDS[word].value(self)
+
+    def bead_variable(self, name: str) -> np.ndarray | float:
+        """Value of ``v_name``: one number, or (N,) values of an atom-style variable."""
+        if self.state.variables.get(name).style != "atom":
+            return self.variable(name)
+        return self.state.variables.bead_values(name, lambda text: evaluate_beads(text, self, len(self.state.atoms)))
+
+    def bead_word(self, word: str) -> np.ndarray | None:
+        """(N,) values of a word such as ``vx``, None for what is not a value of single beads."""
+        return BEAD_WORDS[word].value(self) if word in BEAD_WORDS else None
+
+    def is_bead_compute(self, name: str) -> bool:
+        """Whether a compute has values of single beads."""
+        return name in self.state.computes and COMPUTES[self.state.computes[name].style].per_bead is not None
+
+    def group(self, function: str, arguments: list[str]) -> float:
+        """Value of ``count(group)`` and its relatives."""
+        mask = self._members(function, arguments)
+        if function == "count":
+            return float(mask.sum())
+        if function == "charge":
+            return float(self.state.atoms.charges[mask].sum())
+        masses = self.state.bead_masses()[mask]
+        if function == "mass":
+            return float(masses.sum()) / self.units.mass
+        if not mask.any():
+            raise ParameterError(f"{function}({', '.join(arguments)}) asks for a group without beads")
+        if function == "ke":
+            return self.kinetic_of(mask) / self.units.energy
+        if function == "bound":
+            return self._bound(self.folded[0][mask], arguments)
+        vectors = self.velocities if function == "vcm" else self.unwrapped
+        return float((masses @ vectors[mask] / masses.sum())["xyz".index(arguments[1])])
+
+    def _members(self, function: str, arguments: list[str]) -> np.ndarray:
+        """Beads that a group function is about, after a check of its arguments."""
+        needed = 2 if function in ("xcm", "vcm", "bound") else 1
+        if not needed <= len(arguments) <= needed + 1:
+            raise ParameterError(f"{function} takes {needed} argument(s) and perhaps a region, not {len(arguments)}")
+        if function in ("xcm", "vcm") and arguments[1] not in ("x", "y", "z"):
+            raise ParameterError(f"the second argument of {function} is x, y or z, not '{arguments[1]}'")
+        mask = self.state.group(arguments[0])
+        if len(arguments) > needed:
+            mask = mask & self.state.region(arguments[-1]).contains(self.folded[0])
+        return mask
+
+    def _bound(self, positions: np.ndarray, arguments: list[str]) -> float:
+        word = arguments[1]
+        if len(word) != 4 or word[0] not in "xyz" or word[1:] not in ("min", "max"):
+            raise ParameterError(f"the second argument of bound is xmin, xmax, ymin ..., not '{word}'")
+        column = positions[:, "xyz".index(word[0])]
+        return float(column.min() if word[1:] == "min" else column.max())
+
+    def atom(self, quantity: str, bead: int) -> float:
+        """Value of one bead, by its id."""
+        atoms = self.state.atoms
+        try:
+            index = int(atoms.index_of(np.array([bead]))[0])
+        except KeyError:
+            raise ParameterError(f"{quantity}[{bead}]: there is no bead with the id {bead}") from None
+        if quantity in ("x", "y", "z"):
+            return float(self.folded[0][index]["xyz".index(quantity)])
+        if quantity in ("vx", "vy", "vz"):
+            return float(self.velocities[index]["xyz".index(quantity[1])])
+        if quantity in ("fx", "fy", "fz"):
+            return float(self.need("forces")[index]["xyz".index(quantity[1])]) / self.units.force
+        arrays = {"id": atoms.ids, "type": atoms.types, "mol": atoms.molecules, "q": atoms.charges}
+        return float(arrays[quantity][index]) if quantity in arrays else float(self.state.bead_masses()[index]) / self.units.mass
+
+    def call(self, function: str, arguments: list[float]) -> float:
+        """Functions that depend on the step or on random numbers."""
+        if function in ("random", "normal"):
+            if arguments[2] < 1 or arguments[2] != int(arguments[2]):
+                raise ParameterError(f"the seed of {function} must be a whole number of at least 1, not {arguments[2]:g}")
+            # one generator for all formulas, seeded by the first that draws, as in LAMMPS
+            generator = self.state.generators.setdefault("formulas", np.random.default_rng(int(arguments[2])))
+            draw = generator.uniform if function == "random" else generator.normal
+            return float(draw(arguments[0], arguments[1]))
+        if self.window is None:
+            raise ParameterError(f"the function {function} has a value during a run only")
+        if function == "ramp":
+            length = self.window.end - self.window.begin
+            done = (self.step - self.window.begin) / length if length else 0.0
+            return arguments[0] + (arguments[1] - arguments[0]) * done
+        elapsed = (self.step - self.window.begin) * self.state.timestep / self.units.time
+        if function == "vdisplace":
+            return arguments[0] + arguments[1] * elapsed
+        phase = 2 * math.pi * elapsed / arguments[2]
+        return arguments[0] + arguments[1] * (math.sin(phase) if function == "swiggle" else 1 - math.cos(phase))

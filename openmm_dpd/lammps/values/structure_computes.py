@@ -1,0 +1,188 @@
+"""Computes of structure and motion: ``rdf``, ``msd`` and ``gyration``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...analysis.neighbours import pairs_within
+from ...errors import ParameterError
+from ...model.bonds import bonded_neighbours
+from ..language import arguments as read
+from ..state.deck_state import DeckState
+from ..state.moment import DeckMoment, Window
+from ..state.records import Compute
+from ..styles.pair_tables import pair_tables
+from .compute_spec import ComputeSpec, no_arguments
+
+
+# -- compute rdf --------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Distribution:
+    """Settings of a compute rdf: bins, the two sets of bead types of each g(r), and the largest distance (deck units) if it is given."""
+
+    bins: int
+    types: tuple[tuple[range, range], ...]
+    cutoff: float | None
+
+
+def parse_distribution(state: DeckState, group: str, words: list[str]) -> Distribution:
+    """Settings of ``rdf Nbin itype1 jtype1 itype2 jtype2 ... cutoff Rcut``."""
+    usage = "compute ID group rdf Nbin itype1 jtype1 ... [cutoff Rcut]"
+    read.count(words, usage, 1, None)
+    if not all(state.periodic):
+        raise ParameterError("compute rdf: the box must be periodic along x, y and z")
+    at = words.index("cutoff") if "cutoff" in words else len(words)
+    types, options = words[1:at], words[at:]
+    if len(types) % 2 or len(options) not in (0, 2):
+        raise ParameterError(f"compute rdf: expected pairs of types, and one value after cutoff: {usage}")
+    sets = [read.numeric_range(word, state.n_types, "atom type") for word in types or ("*", "*")]
+    return Distribution(
+        read.integer(words[0], "the number of bins of compute rdf", 1),
+        tuple(zip(sets[::2], sets[1::2], strict=True)),
+        read.positive(options[1], "the cutoff of compute rdf") if options else None,
+    )
+
+
+def _longest_cutoff(moment: DeckMoment) -> float:
+    """Longest cutoff of the pair forces, in deck units."""
+    cutoffs = [getattr(entry, "cutoff", 0.0) for table in pair_tables(moment.state) for entry in table.entries.values()]
+    if not max(cutoffs, default=0.0) > 0:
+        raise ParameterError("compute rdf needs a pair force, or the keyword cutoff")
+    return max(cutoffs) / moment.units.length
+
+
+def _excluded(state: DeckState) -> np.ndarray:
+    """Bonded neighbours that the pair list leaves out, as i * N + j with i < j."""
+    n = len(state.atoms)
+    if not len(state.bonds) or 0.0 not in state.special:
+        return np.zeros(0, dtype=np.int64)
+    ends = state.atoms.index_of(state.bonds[:, 1:].ravel()).reshape(-1, 2)
+    found = bonded_neighbours(ends, n)
+    return np.array([i * n + j for k, factor in enumerate(state.special, start=1) if factor == 0 for i, j in found[k]], dtype=np.int64)
+
+
+def _distribution(moment: DeckMoment, compute: Compute) -> np.ndarray:
+    """Middles of the bins, then g(r) and the number of neighbours up to r for each pair of sets of types."""
+    settings: Distribution = compute.settings
+    state, box = moment.state, moment.box
+    reach = settings.cutoff or _longest_cutoff(moment)
+    member = np.flatnonzero(state.group(compute.group))
+    types = state.atoms.types[member]
+    i, j, r = pairs_within(moment.folded[0][member], None, box.vectors, reach)
+    kept = ~np.isin(member[i] * len(state.atoms) + member[j], _excluded(state))
+    i, j, r = i[kept], j[kept], r[kept]
+    bins = (r * (1 / (reach / settings.bins))).astype(np.int64)
+    inside = bins < settings.bins
+    i, j, bins = i[inside], j[inside], bins[inside]
+    edges = np.arange(settings.bins + 1) * (reach / settings.bins)
+    shells = 4 * np.pi / 3 * np.diff(edges**3) / box.volume
+    columns = [0.5 * (edges[1:] + edges[:-1])]
+    for first, second in settings.types:
+        a, b = np.isin(types, first), np.isin(types, second)
+        counts = sum(np.bincount(bins[a[one] & b[two]], minlength=settings.bins) for one, two in ((i, j), (j, i)))
+        # a bead is no neighbour of itself
+        pairs = a.sum() * b.sum() - (a & b).sum()
+        columns.append(counts / (pairs * shells) if pairs > 0 else np.zeros(settings.bins))
+        columns.append(np.cumsum(counts) / a.sum() if pairs > 0 else np.zeros(settings.bins))
+    return np.column_stack(columns)
+
+
+# -- compute msd --------------------------------------------------------------------------------------------------------------
+@dataclass
+class Displacements:
+    """Settings of a compute msd, and the positions it counts from.
+
+    Attributes
+    ----------
+    com : bool
+        Whether the motion of the centre of mass of the group is taken off.
+    average : bool
+        Whether displacements are counted from the mean of all positions so far.
+    origin : (n, 3) array
+        Positions of the group (deck units) that displacements are counted from.
+    count : int
+        Positions that ``origin`` is the mean of.
+    """
+
+    com: bool
+    average: bool
+    origin: np.ndarray
+    count: int = 1
+    _seen: tuple[Window | None, int] | None = field(default=None, repr=False)
+
+    def include(self, moment: DeckMoment, positions: np.ndarray) -> None:
+        """Take the positions of a step into the mean, once in a run."""
+        if not self.average or moment.window is None or (self._seen is not None and self._is_seen(moment)):
+            return
+        self._seen = (moment.window, moment.step)
+        self.origin = (self.origin * self.count + positions) / (self.count + 1)
+        self.count += 1
+
+    def _is_seen(self, moment: DeckMoment) -> bool:
+        assert self._seen is not None
+        return self._seen[0] is moment.window and self._seen[1] == moment.step
+
+
+def parse_displacements(state: DeckState, group: str, words: list[str]) -> Displacements:
+    """Settings of ``msd [com yes|no] [average yes|no]``, with the present positions as origin."""
+    options = {"com": "no", "average": "no"}
+    options |= {keyword: values[0] for keyword, values in read.options(words, {"com": 1, "average": 1}, "compute msd")}
+    com = read.switch(options["com"], "com")
+    atoms = state.atoms
+    origin = _members(state, state.require_box("compute msd").unwrap(atoms.positions, atoms.images), group, com)
+    return Displacements(com, read.switch(options["average"], "average"), origin)
+
+
+def _members(state: DeckState, unwrapped: np.ndarray, group: str, com: bool) -> np.ndarray:
+    """Positions of a group, of those of all beads on continuous paths: from its centre of mass or from the origin."""
+    mask, masses = state.group(group), state.bead_masses()
+    positions = unwrapped[mask]
+    return positions - masses[mask] @ positions / masses[mask].sum() if com and mask.any() else positions
+
+
+def _displacements(moment: DeckMoment, compute: Compute) -> np.ndarray:
+    """Mean squares along x, y, z, and their sum."""
+    settings: Displacements = compute.settings
+    positions = _members(moment.state, moment.unwrapped, compute.group, settings.com)
+    if len(positions) != len(settings.origin):
+        raise ParameterError(
+            f"compute {compute.name} (style msd): its group has {len(positions)} beads, but had {len(settings.origin)} when it was defined"
+        )
+    if not len(positions):
+        return np.zeros(4)
+    settings.include(moment, positions)
+    squares = np.mean((positions - settings.origin) ** 2, axis=0)
+    return np.append(squares, squares.sum())
+
+
+# -- compute gyration ---------------------------------------------------------------------------------------------------------
+def _gyration_tensor(moment: DeckMoment, compute: Compute) -> np.ndarray:
+    """xx, yy, zz, xy, xz, yz of the mean of the products of the distances from the centre of mass, each bead with its mass."""
+    mask = moment.state.group(compute.group)
+    if not mask.any():
+        return np.zeros(6)
+    positions, weights = _members(moment.state, moment.unwrapped, compute.group, com=True), moment.state.bead_masses()[mask]
+    tensor = (weights[:, None] * positions).T @ positions / weights.sum()
+    return tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+
+
+#: Computes of structure and motion.
+STRUCTURE: dict[str, ComputeSpec] = {
+    "rdf": ComputeSpec(
+        array=_distribution,
+        rows=lambda compute: compute.settings.bins,
+        columns=lambda compute: 1 + 2 * len(compute.settings.types),
+        needs=("positions",),
+        prepare=parse_distribution,
+    ),
+    "msd": ComputeSpec(vector=_displacements, size=lambda compute: 4, needs=("positions",), prepare=parse_displacements),
+    "gyration": ComputeSpec(
+        no_arguments("gyration"),
+        lambda moment, compute: float(np.sqrt(_gyration_tensor(moment, compute)[:3].sum())),
+        _gyration_tensor,
+        size=lambda compute: 6,
+        needs=("positions",),
+    ),
+}

@@ -1,0 +1,158 @@
+"""The table of thermo words: each is a value of a :class:`~openmm_dpd.lammps.state.moment.DeckMoment` in the deck's units."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..state.moment import DeckMoment
+
+
+@dataclass(frozen=True)
+class Word:
+    """A thermo word.
+
+    Attributes
+    ----------
+    header : str
+        Title of its column.
+    value : callable
+        From a moment to the value, normalised where LAMMPS normalises it.
+    integer : bool
+        Whether it is a whole number.
+    needs : tuple of str
+        Fields of Sample that it reads.
+    """
+
+    header: str
+    value: Callable[[DeckMoment], float]
+    integer: bool = False
+    needs: tuple[str, ...] = ()
+
+
+def _per_bead(*names: str) -> Callable[[DeckMoment], float]:
+    return lambda moment: sum(moment.energy(name) for name in names) / moment.norm
+
+
+def _kinetic(moment: DeckMoment) -> float:
+    return moment.kinetic(moment.thermo_compute()) / moment.units.energy / moment.norm
+
+
+def _total(moment: DeckMoment) -> float:
+    return _per_bead(*_ENERGIES)(moment) + _kinetic(moment)
+
+
+def _enthalpy(moment: DeckMoment) -> float:
+    units = moment.units
+    work = moment.pressure() * units.pressure * moment.box.volume * units.length**3
+    return _total(moment) + work / units.energy / moment.norm
+
+
+def _density(moment: DeckMoment) -> float:
+    mass = moment.state.bead_masses().sum() / moment.units.mass
+    return moment.units.density * mass / moment.box.volume
+
+
+def _conf_temperature(moment: DeckMoment) -> float:
+    return moment.need("kT_conf") / moment.units.thermal_energy
+
+
+def _vector_length(row: int) -> Callable[[DeckMoment], float]:
+    return lambda moment: float(np.linalg.norm(moment.box.vectors[row]))
+
+
+def _cell_angle(first: int, second: int) -> Callable[[DeckMoment], float]:
+    def angle(moment: DeckMoment) -> float:
+        a, b = moment.box.vectors[[first, second]]
+        return math.degrees(math.acos(float(a @ b / np.linalg.norm(a) / np.linalg.norm(b))))
+
+    return angle
+
+
+def _cpu(moment: DeckMoment) -> float:
+    return 0.0 if moment.sample is None else moment.sample.cpu
+
+
+def _elapsed(moment: DeckMoment, from_begin: bool = False) -> float:
+    if moment.window is None:
+        return 0.0
+    return moment.step - (moment.window.begin if from_begin else moment.window.first)
+
+
+def _rate(moment: DeckMoment, per_step: bool) -> float:
+    elapsed, seconds = _elapsed(moment), _cpu(moment)
+    if seconds <= 0:
+        return 0.0
+    return elapsed / seconds if per_step else elapsed * moment.state.timestep / moment.units.time / seconds
+
+
+_ENERGIES = ("pair_energy", "bond_energy", "angle_energy")
+_PRESSURE = ("kinetic", "dof", "virial")
+
+
+_CHARGES = ("short_energy", "lattice_energy")
+
+
+def _without_charges(moment: DeckMoment) -> float:
+    return (moment.energy("pair_energy") - sum(moment.energy(name) for name in _CHARGES)) / moment.norm
+
+
+def _of_box(attribute: str, axis: int) -> Callable[[DeckMoment], float]:
+    return lambda moment: getattr(moment.box, attribute)[axis]
+
+
+def _box_words() -> dict[str, Word]:
+    words = {}
+    for k, axis in enumerate("xyz"):
+        words[f"l{axis}"] = Word(f"L{axis}", _of_box("edges", k))
+        words[f"{axis}lo"] = Word(f"{axis.upper()}lo", _of_box("low", k))
+        words[f"{axis}hi"] = Word(f"{axis.upper()}hi", _of_box("high", k))
+    for k, tilt in enumerate(("xy", "xz", "yz")):
+        words[tilt] = Word(tilt.capitalize(), _of_box("tilt", k))
+    for k, name in enumerate("abc"):
+        words[f"cell{name}"] = Word(f"Cell{name}", _vector_length(k))
+    for name, first, second in (("alpha", 1, 2), ("beta", 0, 2), ("gamma", 0, 1)):
+        words[f"cell{name}"] = Word(f"Cell{name.capitalize()}", _cell_angle(first, second))
+    return words
+
+
+#: Thermo words.  The last two are not LAMMPS's.
+WORDS: dict[str, Word] = {
+    "step": Word("Step", lambda c: c.step, integer=True),
+    "elapsed": Word("Elapsed", _elapsed, integer=True),
+    "elaplong": Word("Elaplong", lambda c: _elapsed(c, True), integer=True),
+    "dt": Word("Dt", lambda c: c.state.timestep / c.units.time),
+    "time": Word("Time", lambda c: c.state.time_at(c.step) / c.units.time),
+    "cpu": Word("CPU", _cpu),
+    "tpcpu": Word("T/CPU", lambda c: _rate(c, False)),
+    "spcpu": Word("S/CPU", lambda c: _rate(c, True)),
+    "atoms": Word("Atoms", lambda c: len(c.state.atoms), integer=True),
+    "bonds": Word("Bonds", lambda c: len(c.state.bonds), integer=True),
+    "angles": Word("Angles", lambda c: len(c.state.angles), integer=True),
+    "temp": Word("Temp", lambda c: c.temperature(c.thermo_compute()), needs=("kinetic", "dof")),
+    "press": Word("Press", lambda c: c.pressure(), needs=_PRESSURE),
+    "pe": Word("PotEng", _per_bead(*_ENERGIES), needs=_ENERGIES),
+    "ke": Word("KinEng", _kinetic, needs=("kinetic",)),
+    "etotal": Word("TotEng", _total, needs=("kinetic", *_ENERGIES)),
+    "enthalpy": Word("Enthalpy", _enthalpy, needs=(*_PRESSURE, *_ENERGIES)),
+    "evdwl": Word("E_vdwl", _without_charges, needs=("pair_energy", *_CHARGES)),
+    "ecoul": Word("E_coul", _per_bead("short_energy"), needs=("short_energy",)),
+    "epair": Word("E_pair", _per_bead("pair_energy"), needs=("pair_energy",)),
+    "ebond": Word("E_bond", _per_bead("bond_energy"), needs=("bond_energy",)),
+    "eangle": Word("E_angle", _per_bead("angle_energy"), needs=("angle_energy",)),
+    "edihed": Word("E_dihed", lambda c: 0.0),
+    "eimp": Word("E_impro", lambda c: 0.0),
+    "emol": Word("E_mol", _per_bead("bond_energy", "angle_energy"), needs=("bond_energy", "angle_energy")),
+    "elong": Word("E_long", _per_bead("lattice_energy"), needs=("lattice_energy",)),
+    "etail": Word("E_tail", lambda c: 0.0),
+    "vol": Word("Volume", lambda c: c.box.volume),
+    "density": Word("Density", _density),
+    **_box_words(),
+    "fmax": Word("Fmax", lambda c: c.need("force_max") / c.units.force, needs=("force_max",)),
+    "fnorm": Word("Fnorm", lambda c: c.need("force_norm") / c.units.force, needs=("force_norm",)),
+    "press_full": Word("PressFull", lambda c: c.pressure("virial_full"), needs=("kinetic", "dof", "virial_full")),
+    "temp_conf": Word("TempConf", _conf_temperature, needs=("kT_conf",)),
+}
