@@ -72,12 +72,13 @@ def still_beads(state: DeckState, mobile: np.ndarray) -> np.ndarray:
     DeckError
         If such beads have velocities (they would coast), if fix shardlow would change these, or if a later fix addforce acts on them.
     """
-    still = np.zeros(len(state.atoms), dtype=bool)
+    still, held = np.zeros(len(state.atoms), dtype=bool), np.zeros(len(state.atoms), dtype=bool)
     for fix in state.fixes.values():
-        if fix.style == "addforce" and np.any(still & state.group(fix.group)):
-            raise fix.error("it comes after a fix setforce and would move beads that this holds; put it before, or on other beads")
+        if fix.style == "addforce" and np.any(held & state.group(fix.group)):
+            raise fix.error("it comes after a fix setforce and acts on beads whose forces this takes; put it before, or on other beads")
         if fix.style != "setforce":
             continue
+        held |= state.group(fix.group)
         members = state.group(fix.group) & mobile
         if np.any(state.atoms.velocities[members]):
             raise fix.error(

@@ -61,6 +61,8 @@ class Deck:
         ``conservative`` and ``compat``: options of openmm_dpd that change nothing of the physics that is compared.
     accuracy : float
         Relative accuracy to which both sides must agree.
+    of_forces : float
+        Difference of forces that is no more than what is known of them.
     units, style : Units, str
         Of the deck, and its atom style.
     types : int
@@ -83,6 +85,7 @@ class Deck:
     files: dict[str, str] = field(default_factory=dict)
     options: dict[str, str] = field(default_factory=dict)
     accuracy: float = 0.0
+    of_forces: float = 0.0
     units: Units = UNITS[0]
     style: str = "atomic"
     types: int = 1

@@ -112,7 +112,7 @@ class Trial:
                 return outcome("expected" if reason else "LAMMPS refuses", lammps.message, outputs)
             if ours.status == "refused" and _stopped_earlier(outputs):
                 return outcome("ours refuses", ours.message, outputs)
-            found = _compare(outputs, deck.accuracy, ours.status == "refused")
+            found = _compare(outputs, deck, ours.status == "refused")
             if found is not None:
                 return outcome(
                     "expected" if reason else "difference", found + ("" if ours.status == "done" else _both(lammps, ours)), outputs
@@ -156,12 +156,12 @@ def _texts(folders: dict[str, Path], name: str) -> tuple[str, str]:
     )
 
 
-def _compare(outputs: dict[str, tuple[str, str]], accuracy: float, refused: bool) -> str | None:
+def _compare(outputs: dict[str, tuple[str, str]], deck: Deck, refused: bool) -> str | None:
     """The differences; of decks that both refuse only those in what was printed by then."""
     found: list[str] = []
     for name, (lammps, ours) in outputs.items():
         if not refused or name == "values.txt":
-            found += [f"{name}: {words}" for words in differences(lammps, ours, accuracy)]
+            found += [f"{name}: {words}" for words in differences(lammps, ours, deck.accuracy, of_forces=deck.of_forces)]
     return "\n".join(found) or None
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..compare import ROUNDED_POSITIONS
+from ..compare import ROUNDED_FORCES, ROUNDED_POSITIONS
 from ..deck import Deck
 from ..draw import Draw
 from .interactions import interactions
@@ -47,10 +47,15 @@ def _push(deck: Deck, k: int) -> None:
     draw, natural = deck.draw, deck.units
     words: list[object] = [natural.force * draw.real(-5, 5) if draw.chance(0.7) else 0.0 for _ in range(3)]
     if draw.chance(0.4):
-        deck.accuracy = ROUNDED_POSITIONS
+        deck.accuracy, deck.of_forces = ROUNDED_POSITIONS, ROUNDED_FORCES * natural.force
         axis = draw.pick("xyz")
         size = f"{natural.force:g}"
-        formulas = [f"{size}*sin({axis})", f"{size}*({axis}<{deck.low[0] + 1:.3g})", f"{size}*(type-1.5)", f"{size}*mass*{axis}/l{axis}"]
+        formulas = [
+            f"{size}*sin({axis}/{natural.length:g})",
+            f"{size}*({axis}<{deck.low[0] + 1:.3g})",
+            f"{size}*(type-1.5)",
+            f"{size}*mass/{natural.mass:g}*{axis}/l{axis}",
+        ]
         deck.add("variable", f"p{k}", "atom", f'"{draw.pick(formulas)}"')
         words[draw.whole(0, 2)] = f"v_p{k}"
     deck.add("fix", f"push{k}", deck.group(), "addforce", *words)
