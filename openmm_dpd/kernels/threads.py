@@ -50,23 +50,30 @@ class _Watch:
     The time that the process spends on all cores tells: it is no more than the time that passes.
     """
 
-    #: Seconds of work that are judged together, of rest, and of a call that was not work (but the compiler's).
-    SPAN, REST, LONGEST = 0.05, 1.0, 0.1
+    #: Seconds of work that are judged together, of rest, of a call that was not work (but the compiler's), and of a pause between two
+    #: calls that counts as work: to look at the clock of the process takes half a microsecond.
+    SPAN, REST, LONGEST, PAUSE = 0.05, 1.0, 0.1, 5e-5
 
     #: Threads are as good as their number if they run for this part of the time.
     ENOUGH = 0.6
 
     def __init__(self) -> None:
         self.passed = self.spent = self.until = 0.0
+        #: Both clocks at the end of the last call.
+        self.last = (-1.0, 0.0)
 
     def call(self, threads: int, function, arguments: tuple):
         """Call a function with so many threads, and look at its times."""
-        begun, before = time.perf_counter(), time.process_time()
-        result = function(*arguments)
+        begun, before = self.last
         now = time.perf_counter()
+        if not 0.0 <= now - begun < self.PAUSE:
+            begun, before = now, time.process_time()
+        result = function(*arguments)
+        now, spent = time.perf_counter(), time.process_time()
+        self.last = now, spent
         if now - begun < self.LONGEST:
             self.passed += now - begun
-            self.spent += time.process_time() - before
+            self.spent += spent - before
             if self.passed > self.SPAN:
                 if self.spent < self.ENOUGH * threads * self.passed:
                     self.until = now + self.REST
