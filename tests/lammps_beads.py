@@ -29,7 +29,7 @@ def theirs(folder: Path, text: str) -> tuple[np.ndarray, dict[str, int]]:
 def ours(folder: Path, text: str, **options):
     """State of the deck at its end, or at its first run if there is one run only; nothing is simulated."""
     path = folder / "in.ours"
-    path.write_text(text)
+    path.write_text(text, encoding="utf-8")
     return read_deck(path, stop_before_first_run=text.count("\nrun ") < 2, output=folder, **options)
 
 

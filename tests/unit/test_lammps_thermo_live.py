@@ -31,7 +31,7 @@ def both(folder: Path, text: str, platform: str = "Reference") -> tuple[list[str
         lmp.command("log none")
     found.append(table((folder / "theirs" / "log").read_text().splitlines()))
     path, lines = folder / "in.ours", []
-    path.write_text(text)
+    path.write_text(text, encoding="utf-8")
     runner = DeckRunner(RunOptions(platform=platform, threads=1), lines.append)
     read_deck(path, run_callback=runner, output=folder / "ours")
     found.append(table("\n".join(lines).splitlines()))
@@ -221,7 +221,7 @@ def test_formulas_that_both_refuse(tmp_path, formula):
     with lammps_peer.instance() as lmp, pytest.raises(Exception, match="ERROR"):
         lmp.commands_string(text)
     path = tmp_path / "in.ours"
-    path.write_text(text)
+    path.write_text(text, encoding="utf-8")
     with pytest.raises(DeckError, match=r"in.ours:16: .*formula|in.ours:16: '\$\(' is never closed"):
         read_deck(path)
 
@@ -233,12 +233,14 @@ def test_numbers_that_both_refuse(tmp_path, number):
     with lammps_peer.instance() as lmp, pytest.raises(Exception, match="ERROR|utf-8"):
         lmp.commands_string(text)
     path = tmp_path / "in.ours"
-    path.write_text(text)
+    path.write_text(text, encoding="utf-8")
     with pytest.raises(DeckError, match="in.ours:3: .*mass"):
         read_deck(path)
     for place in (f"1 1 1 {number} 1", f"1 {number} 1 1 1", f"{number} 1 1 1 1"):
         data = tmp_path / "data"
-        data.write_text(f"title\n\n1 atoms\n1 atom types\n\n0 4 xlo xhi\n0 4 ylo yhi\n0 4 zlo zhi\n\nAtoms # atomic\n\n{place}\n")
+        data.write_text(
+            f"title\n\n1 atoms\n1 atom types\n\n0 4 xlo xhi\n0 4 ylo yhi\n0 4 zlo zhi\n\nAtoms # atomic\n\n{place}\n", encoding="utf-8"
+        )
         with lammps_peer.instance() as lmp, pytest.raises(Exception, match="ERROR|utf-8"):
             lmp.command(f"read_data {data}")
         path.write_text("read_data data\n")
