@@ -21,7 +21,7 @@ from atlas_parts.sampling import BINS, Series, histogram, slope  # noqa: E402
 from atlas_parts.store import Store, key  # noqa: E402
 from atlas_parts.summary import merged, short  # noqa: E402
 
-PAGE = (ROOT / "docs" / "atlas.md").read_text()
+PAGE = (ROOT / "docs" / "atlas.md").read_text(encoding="utf-8")
 ATLAS = ROOT / "docs" / "atlas.json"
 
 
@@ -29,7 +29,7 @@ ATLAS = ROOT / "docs" / "atlas.json"
 def test_tables_of_the_atlas_are_those_of_its_json():
     if not ATLAS.exists():
         pytest.skip("docs/atlas.json is not there yet: python benchmarks/atlas.py makes it")
-    texts = page.blocks(json.loads(ATLAS.read_text()))
+    texts = page.blocks(json.loads(ATLAS.read_text(encoding="utf-8")))
     shown = {name: page.block_of(PAGE, name) for name in texts if f"<!-- begin {name} -->" in PAGE}
     assert {"targets", "limits-weak", "reference"} <= set(shown)
     for name, text in shown.items():
@@ -37,13 +37,13 @@ def test_tables_of_the_atlas_are_those_of_its_json():
 
 
 def test_tables_of_the_stability_map_are_those_of_the_package():
-    texts = maps.blocks(json.loads((ROOT / "openmm_dpd" / "data" / "stability.json").read_text()))
+    texts = maps.blocks(json.loads((ROOT / "openmm_dpd" / "data" / "stability.json").read_text(encoding="utf-8")))
     for name, text in texts.items():
         assert page.block_of(PAGE, name) == text.strip(), name
 
 
 def test_the_table_of_sizes_is_that_of_its_json():
-    data = json.loads((ROOT / "docs" / "scaling.json").read_text())
+    data = json.loads((ROOT / "docs" / "scaling.json").read_text(encoding="utf-8"))
     assert page.block_of(PAGE, "scaling") == scaling.text(data)
 
 
