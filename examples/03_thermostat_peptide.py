@@ -135,7 +135,7 @@ def main(out: Path = OUT) -> dict[str, float]:
     plain.setRandomNumberSeed(7)
     runs = {"Langevin, 5/ps": run(modeller, system, plain)}
     # from here on the System holds the pair terms as well
-    integrator = dpd.add_thermostat(system, FRICTION, TEMPERATURE, DT, seed=7)
+    integrator = dpd.add_thermostat(system, FRICTION, TEMPERATURE, DT, seed=7).integrator
     runs["pairwise friction"] = run(modeller, system, integrator)
     picture(out / "peptide.png", runs)
     found = {}

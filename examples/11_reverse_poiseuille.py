@@ -17,7 +17,8 @@ import matplotlib
 import numpy as np
 
 import openmm_dpd as dpd
-from openmm_dpd.analysis import ProfileReporter, StressReporter, VelocityProfile, green_kubo_viscosity, poiseuille_viscosity
+from openmm_dpd.analysis import VelocityProfile, green_kubo_viscosity, poiseuille_viscosity
+from openmm_dpd.measure import ProfileReporter, StressReporter
 
 OUT = Path("out/11_reverse_poiseuille")
 DENSITY, A, GAMMA = 3.0, 25.0, 4.5

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from .barostat import EnthalpyBarostat, add_barostat
-from .build import Built, build, build_plan, fastest_platform
-from .embed import Embedded, embed
+from .build import build, build_plan
+from .built import Built
 from .errors import DeckError, DPDError, OutputError, ParameterError, PlanError, ProgramError, RunError
 from .field_file import FieldReporter, load_fields
 from .fields import read_fields, write_fields
+from .host import degrees_of_freedom
 from .kernels.threads import get_threads, set_threads
-from .measure import Observer, Sample, force_terms, set_temperature
+from .measure import DPDReporter, Observer, Sample, force_terms, set_kT, set_temperature
+from .mixed import MixedSystem, create_mixed_system
 from .model.angles import CosineAngles, HarmonicAngles
 from .model.bonds import FENEBonds, HarmonicBonds, MorseBonds
 from .model.edpd import EDPD
@@ -20,16 +22,17 @@ from .model.flow import BodyForce, PositionForce, Wall
 from .model.internal import BeadTemperatures, Concentrations, InternalEnergy
 from .model.mdpd import MDPD
 from .model.pairs import DPD, NONE, LennardJones, TabulatedPair
-from .model.scene import Scene, TemperatureRamp
+from .model.scene import Scene
 from .model.segments import SegmentalRepulsion
 from .model.sources import Block, Source, Sphere
 from .model.table import PairTable
 from .model.tdpd import TDPD
+from .model.temperature import TemperatureRamp
 from .plan import Plan, make_plan
+from .platforms import fastest_platform
 from .recommend import Choice, Recommendation, recommend
-from .reporters import DPDReporter
 from .serialized import load_xml
-from .thermostat import add_thermostat, degrees_of_freedom
+from .thermostat import add_thermostat
 
 __version__ = "0.1.0"
 
@@ -47,7 +50,6 @@ __all__ = [
     "DPDReporter",
     "DeckError",
     "EDPD",
-    "Embedded",
     "EnergyDPD",
     "EnthalpyBarostat",
     "FENEBonds",
@@ -58,6 +60,7 @@ __all__ = [
     "InternalEnergy",
     "LennardJones",
     "MDPD",
+    "MixedSystem",
     "MorseBonds",
     "NONE",
     "Observer",
@@ -85,8 +88,8 @@ __all__ = [
     "add_thermostat",
     "build",
     "build_plan",
+    "create_mixed_system",
     "degrees_of_freedom",
-    "embed",
     "fastest_platform",
     "force_terms",
     "get_threads",
@@ -95,6 +98,7 @@ __all__ = [
     "make_plan",
     "read_fields",
     "recommend",
+    "set_kT",
     "set_temperature",
     "set_threads",
     "write_fields",

@@ -21,15 +21,14 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from .build import Built
-from .embed import Embedded
+from .built import Built
 from .errors import ParameterError, PlanError, what_is
 from .fields import per_dof, raw_fields
-from .integrators import BAROSTATS
 from .kernels.compiled import compiled
 from .kernels.eos import entropy_change, in_range
 from .kernels.fields import ENERGY
 from .kernels.noise import call_key, uniform
+from .made import BAROSTATS
 from .names import FIELD, SEED, VOLUME_ACCEPTED, VOLUME_MOVES, VOLUME_STEP
 from .units import BAR_PER_MD_PRESSURE, BOLTZMANN, to_md
 
@@ -55,9 +54,11 @@ def md_pressure(value) -> float:
     return number
 
 
-def _check(built: Built | Embedded, interval: int, axes: tuple[bool, bool, bool]) -> None:
-    if not isinstance(built, (Built, Embedded)):
-        raise ParameterError(f"a barostat wants what openmm_dpd.build() or embed() returned, not {what_is(built)}")
+def _check(built: Built, interval: int, axes: tuple[bool, bool, bool]) -> None:
+    if not isinstance(built, Built):
+        raise ParameterError(
+            f"a barostat wants as built what openmm_dpd.build(), add_thermostat() or create_mixed_system() returned, not {what_is(built)}"
+        )
     scene = built.plan.scene
     if scene.box is None:
         raise PlanError("a scene without a box has no pressure to hold constant")
@@ -70,7 +71,7 @@ def _check(built: Built | Embedded, interval: int, axes: tuple[bool, bool, bool]
 
 
 def add_barostat(
-    built: Built | Embedded, pressure, *, interval: int = 25, axes: tuple[bool, bool, bool] = (True, True, True), coupled: bool = True
+    built: Built, pressure, *, interval: int = 25, axes: tuple[bool, bool, bool] = (True, True, True), coupled: bool = True
 ) -> openmm.Force:
     """Add OpenMM's Monte Carlo barostat to an isothermal scene, before its Context is made.
 
@@ -80,7 +81,7 @@ def add_barostat(
 
     Parameters
     ----------
-    built : Built or Embedded
+    built : Built
         An isothermal scene (no internal energies) in a box, all of whose beads move.
     pressure : pressure
         Bare numbers: kJ/mol/nm^3 (the reduced pressure of a reduced scene).

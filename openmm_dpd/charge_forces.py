@@ -12,9 +12,10 @@ from collections.abc import Callable
 import numpy as np
 
 from .kernels.charge_pairs import Quintics
-from .kernels.charges import ChargeTerms
-from .model.electrostatics import EwaldSum, SlaterCharges, SmearedCharges, erf_series
+from .kernels.charges import ChargeTerms, cost, pme_cost
+from .model.electrostatics import EwaldSum, SlaterCharges, SmearedCharges, erf_series, ewald_sum
 from .model.scene import Scene
+from .pair_spec import Factors, bonded_factors
 
 #: The largest relative error of forces that waves beyond the last one make.
 LARGEST_ERROR = 1e-6
@@ -26,7 +27,7 @@ VALUE_ERROR, SLOPE_ERROR = 5e-13, 1e-10
 Radial = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
-def charge_terms(scene: Scene, ewald: EwaldSum | None, exceptions: dict[tuple[int, int], float]) -> ChargeTerms | None:
+def charge_terms(scene: Scene, ewald: EwaldSum | None, exceptions: Factors) -> ChargeTerms | None:
     """The kernel's form of the charges of a scene; None if it has none.
 
     Parameters
@@ -61,6 +62,31 @@ def charge_terms(scene: Scene, ewald: EwaldSum | None, exceptions: dict[tuple[in
         pairs=np.array(list(bonded), np.int64).reshape(-1, 2),
         factors=np.array(list(bonded.values()), np.float64),
     )
+
+
+def charge_factors(scene: Scene) -> Factors:
+    """Factors of the charges of bonded neighbours, where other than 1."""
+    if scene.electrostatics is None:
+        return {}
+    return bonded_factors(scene, scene.electrostatics.special or scene.special)
+
+
+def ewald_of(scene: Scene) -> EwaldSum | None:
+    """Settings of the lattice sum of a scene with charges in a box; None without."""
+    if scene.electrostatics is None or scene.charges is None or scene.box is None:
+        return None
+    return ewald_sum(scene.electrostatics, scene.box, int(np.count_nonzero(scene.charges)))
+
+
+def few_charges(scene: Scene, ewald: EwaldSum | None) -> bool:
+    """Whether the kernel's direct sum over waves takes less time than OpenMM's PME."""
+    if scene.electrostatics is None or scene.charges is None:
+        return False
+    count = int(np.count_nonzero(scene.charges))
+    if ewald is None:
+        return count < 2000
+    k_max = longest_wave(ewald.alpha, min(scene.electrostatics.tolerance, LARGEST_ERROR))
+    return cost(count, scene.box, k_max, ewald.cutoff) < pme_cost(ewald.grid, scene.n_beads)
 
 
 def longest_wave(alpha: float, error: float) -> float:

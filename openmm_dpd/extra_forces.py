@@ -26,7 +26,7 @@ from .model.angles import CosineAngles, HarmonicAngles
 from .model.bonds import FENEBonds, HarmonicBonds, MorseBonds
 from .model.flow import AXES, BodyForce
 from .model.scene import Scene
-from .plan import compressed_exceptions
+from .pair_spec import compressed_exceptions
 
 #: Kind of bonds or angles -> its number in the kernel and the names of its coefficients, in the kernel's order.
 _BONDS: dict[type, tuple[int, tuple[str, ...]]] = {

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 import numpy as np
 from openmm import unit
 
-from .build import Built
+from .built import Built
 from .errors import ParameterError, what_is
 from .fields import read_fields
 from .files import writing

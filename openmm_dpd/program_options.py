@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
-from .model.scene import TemperatureRamp
-from .names import PAIR_GROUP
+import numpy as np
+
+from .kernels.fields import ENERGY, TEMPERATURE, FieldSpec
+from .model.scene import Scene
+from .model.temperature import TemperatureRamp
+from .names import PAIR_GROUP, SHOWN
 from .schemes import SWEEPS, Scheme
 
 
@@ -124,4 +129,44 @@ class ProgramOptions:
         return self.thermostat or self.kernel_conservative
 
 
-__all__ = ["ProgramOptions"]
+#: Platforms where positions, velocities and forces are double precision.
+DOUBLE_PLATFORMS = ("Reference", "CPU")
+
+
+def tau_ratio(platform: str | None) -> float:
+    """Trial drift in units of dt: short where positions are double precision, longer where they may be single."""
+    return 1.0 / 32.0 if platform in DOUBLE_PLATFORMS else 0.25
+
+
+def _trial_time(scene: Scene, cutoff: float, double: bool) -> float | None:
+    """Trial drift for scenes that balance energies: 1/1000 of the range at a thermal velocity (1/50 where positions may be float32).
+
+    A power of two, so that multiplying and dividing by it is exact.
+    """
+    speed = float(np.sqrt(scene.initial_kT / scene.bead_masses.min()))
+    if speed * cutoff <= 0:
+        return None
+    return float(2.0 ** np.round(np.log2((0.001 if double else 0.02) * cutoff / speed)))
+
+
+def field_options(scene: Scene, fields: FieldSpec | None, cutoff: float, platform: str | None, lam: float) -> dict[str, Any]:
+    """How the program keeps and shows what beads carry."""
+    if fields is None:
+        return {}
+    double = platform in DOUBLE_PLATFORMS
+    reach = 0.25 * cutoff if double or scene.box is None else 0.2 * float(np.diag(scene.box).min())
+    typical = float(np.abs(fields.initial.sum(axis=1)).mean()) or 1.0
+    return {
+        "trial": _trial_time(scene, cutoff, double),
+        "field_blocks": fields.n_blocks,
+        # LAMMPS: fix mvv/edpd predicts temperatures with lambda, dpd/energy and mvv/tdpd take half steps
+        "field_lam": lam if fields.kind == TEMPERATURE else 0.5,
+        "field_reach": float(reach),
+        # forces are fixed-point numbers with 32 bits behind the point on GPU platforms
+        "field_shown": float(2.0 ** np.round(np.log2(SHOWN / typical))),
+        "field_scale": 1.0 if double else float(2.0 ** (np.floor(np.log2(typical)) - 10)),
+        "compensated": not double and fields.kind == ENERGY,
+    }
+
+
+__all__ = ["DOUBLE_PLATFORMS", "ProgramOptions", "field_options", "tau_ratio"]

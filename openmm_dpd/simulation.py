@@ -12,7 +12,7 @@ from openmm import app, unit
 
 from .errors import ParameterError
 from .files import write_whole
-from .integrators import variables_number
+from .made import variables_number
 from .names import BY_VARIABLES
 from .serialized import checked, deserialized, read_file
 

@@ -5,30 +5,30 @@ Unlike Langevin friction, pairwise friction conserves momentum and leaves hydrod
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 import openmm
-from openmm import unit
+from openmm import app, unit
 
-from .errors import ParameterError, PlanError, what_is
-from .forces.pair_force import PairForceFunction, pair_force
-from .integrators import Made, PairIntegrator, groups_of, masses_of, refuse_thermostat
-from .kernels.engine import PairSpec
-from .kernels.sweeps import EXACT, SHARDLOW
-from .kinds import BeadData, kind_for
-from .model.pairs import DPD, NONE, PairCoefficient, checked, describe
-from .model.scene import TemperatureRamp, thermal_energy
+from .build import build_plan, run_in
+from .built import Built
+from .choices import platform_name
+from .errors import ParameterError, what_is
+from .host import Host, box_of, check_system
+from .kinds import kind_for
+from .made import masses_of
+from .model.pairs import DPD, NONE, PairCoefficient, describe
+from .model.scene import Scene
 from .model.table import PairTable, require_complete
-from .names import PAIR_FORCE
-from .plan import check_cutoffs, check_lam, checked_seed, tau_ratio
-from .program_options import ProgramOptions
-from .programs import make_program
+from .model.temperature import TemperatureRamp, thermal_energy
+from .plan import make_plan
 from .schemes import scheme_of
 from .units import to_md
 
-#: Names of OpenMM's platforms, present here or not.
-PLATFORMS = ("Reference", "CPU", "OpenCL", "CUDA", "HIP")
+#: Class of particles without friction and noise.
+UNSEEN = "(unseen)"
 
 
 def add_thermostat(
@@ -42,7 +42,9 @@ def add_thermostat(
     lam: float = 0.5,
     platform: str | None = None,
     seed: int | None = None,
-) -> PairIntegrator:
+    topology: app.Topology | None = None,
+    positions=None,
+) -> Built:
     """Add pairwise friction and noise to a System, and make the integrator that runs it.
 
     The System gets one PythonForce, in the highest free force group and outside the integration groups; all its other forces act, and so do
@@ -68,12 +70,17 @@ def add_thermostat(
         Type name of each particle if ``friction`` is a table; None leaves a particle out of friction and noise.  Particles of mass 0
         (virtual sites, frozen atoms) are always left out.
     scheme, lam, platform, seed
-        As in :func:`openmm_dpd.build.build`; ``platform`` only tunes the length of the trial drift of schemes that need one.
+        As in :func:`openmm_dpd.build.build`; ``platform`` tunes the length of the trial drift of schemes that need one, and is where
+        ``simulation()`` runs.
+    topology : openmm.app.Topology, optional
+        For ``simulation()``; not needed if you make your own ``app.Simulation(topology, system, built.integrator)``.
+    positions : (N, 3) array of lengths, optional
+        Likewise.
 
     Returns
     -------
-    PairIntegrator
-        A CustomIntegrator with ``getTemperature`` and ``setTemperature``.
+    Built
+        With ``integrator``, a CustomIntegrator with ``getTemperature`` and ``setTemperature``, and ``system``, the one that was given.
 
     Raises
     ------
@@ -89,94 +96,80 @@ def add_thermostat(
     >>> for _ in range(8):
     ...     _ = system.addParticle(39.9 * unit.dalton)
     >>> friction = dpd.DPD(gamma=50, cutoff=0.6 * unit.nanometer)
-    >>> integrator = dpd.add_thermostat(system, friction, 300 * unit.kelvin, 2 * unit.femtosecond, seed=1)
+    >>> built = dpd.add_thermostat(system, friction, 300 * unit.kelvin, 2 * unit.femtosecond, seed=1)
+    >>> built.integrator.getTemperature()
+    300.0 K
     """
-    chosen = scheme_of(scheme)
-    if chosen.native:
-        raise ParameterError(f"the scheme {chosen.name!r} is OpenMM's own thermostat; make a DPDIntegrator for a System made elsewhere")
-    step = to_md(dt, "time", "dt")
-    if not isinstance(step, float) or step <= 0:
-        raise ParameterError(f"dt must be a single time > 0, not {dt!r}")
-    lam = checked(lam, "dimensionless", "lam")
-    if lam > 1:
-        raise ParameterError(f"lam (lambda of the modified velocity Verlet scheme) must be between 0 and 1, but is {lam:g}")
-    check_lam(lam, chosen)
-    if platform not in (None, *PLATFORMS):
-        raise ParameterError(f"platform must be the name of one of OpenMM's platforms ({', '.join(PLATFORMS)}), not {platform!r}")
+    if scheme_of(scheme).native:
+        name = scheme_of(scheme).name
+        raise ParameterError(f"the scheme {name!r} is OpenMM's own thermostat; make a DPDIntegrator for a System made elsewhere")
+    chosen = platform_name(platform)
     check_system(system)
-    ramp, kT = _temperature(temperature)
     masses = masses_of(system)
-    kind, names, table, numbers = _types(friction, types, masses)
-    for key, coefficient in table.items():
-        if coefficient is NONE:
-            continue
+    table, classes = _types(friction, types, masses)
+    names = sorted({name for name in classes if name is not None})
+    friction_of = table.resolve(names)
+    _check_friction(friction_of)
+    x = None if positions is None else checked_positions(topology, system, positions)
+    moves = masses > 0
+    unseen = {} if None not in classes else {(other, UNSEEN): NONE for other in (*names, UNSEEN)}
+    scene = Scene(
+        masses=dict.fromkeys([*names, *([UNSEEN] if unseen else [])], 1.0),
+        types=[name or UNSEEN for name in classes],
+        positions=np.zeros((len(masses), 3)) if x is None else x,
+        pairs=PairTable({**friction_of, **unseen}),
+        kT=_temperature(temperature),
+        box=box_of(system),
+        bead_masses=np.where(moves, masses, 1.0),
+        mobile=None if moves.all() else moves,
+    )
+    left_out = ~moves | np.array([name is None for name in classes])
+    if left_out.all():
+        raise ParameterError("every particle is left out of the thermostat: those with a type name have mass 0")
+    plan = make_plan(scene, dt=dt, scheme=scheme, lam=lam, platform=chosen, seed=seed, host=Host.of(system, left_out))
+    built = build_plan(plan)
+    (force,) = map(copy.deepcopy, built.system.getForces())
+    system.addForce(force)
+    run_in(built, system, [force], "add_thermostat()")
+    built.topology, built.positions = topology, None if x is None else x * unit.nanometer
+    return built
+
+
+def checked_positions(topology, system: openmm.System, positions) -> np.ndarray:
+    """(N, 3) positions, nm, of the particles of a System, which the Topology must have as its atoms."""
+    n = system.getNumParticles()
+    if not isinstance(topology, app.Topology) or topology.getNumAtoms() != n:
+        what = f"has {topology.getNumAtoms()} atoms" if isinstance(topology, app.Topology) else f"is a {type(topology).__name__}"
+        raise ParameterError(f"the Topology must have the {n} particles of the System as its atoms, but it {what}")
+    x = np.asarray(to_md(positions, "length", "positions"), dtype=float)
+    if x.shape != (n, 3):
+        raise ParameterError(f"positions must have shape ({n}, 3), as the System has {n} particles, not {x.shape}")
+    return x
+
+
+def _temperature(temperature) -> TemperatureRamp | float:
+    """The ramp, if it is one, or the thermal energy."""
+    if isinstance(temperature, TemperatureRamp):
+        return temperature
+    if not unit.is_quantity(temperature):
+        temperature = to_md(temperature, "temperature", "temperature") * unit.kelvin
+    return thermal_energy(temperature, "temperature")
+
+
+def _check_friction(table: Mapping) -> None:
+    """Raise ParameterError for a table with a repulsion, or without any friction."""
+    found = [(key, coefficient) for key, coefficient in table.items() if coefficient is not NONE]
+    for key, coefficient in found:
         if coefficient.has_conservative:
             raise ParameterError(
                 f"for types {key}: a thermostat has no repulsion, but this is {describe(coefficient)}; give the System a force of its own"
             )
-        for energy in (kT,) if ramp is None else (ramp.start, ramp.stop):
-            coefficient.check_temperature(energy)
-    if not any(coefficient.has_thermostat for coefficient in table.values() if coefficient is not NONE):
+    if not any(coefficient.has_thermostat for _, coefficient in found):
         raise ParameterError("no pair of types has any friction or noise; give the DPD a gamma, gamma_perp or sigma > 0")
-    periodic = system.usesPeriodicBoundaryConditions()
-    if periodic:
-        vectors = system.getDefaultPeriodicBoxVectors()
-        check_cutoffs(
-            np.array([[getattr(row, axis) for axis in "xyz"] for row in (v.value_in_unit(unit.nanometer) for v in vectors)]), [table]
-        )
-    options = ProgramOptions(
-        scheme=chosen,
-        dt=step,
-        kT=kT,
-        seed=checked_seed(seed),
-        lam=lam,
-        constraints=system.getNumConstraints() > 0 or any(system.isVirtualSite(k) for k in range(len(masses))),
-        ramp=ramp,
-        settable=ramp is None,
-        pair_group=free_group(system),
-        seeded=seed is not None,
-        tau_ratio=tau_ratio(platform),
-    )
-    integrator = make_program(options).lower()
-    integrator.setIntegrationForceGroups(set(range(32)) - {options.pair_group})
-    assert kind.terms is not None
-    spec = PairSpec(
-        types=numbers,
-        inv_mass=np.divide(1.0, masses, out=np.zeros_like(masses), where=masses > 0),
-        terms=(kind.terms(table, BeadData(names, masses)),),
-        update=SHARDLOW if chosen.shardlow else EXACT,
-    )
-    force = pair_force(PairForceFunction(spec, conservative=False, periodic=periodic), options=options, integrator=integrator)
-    system.addForce(force)
-    integrator.made = Made.of("add_thermostat()", system, [force], options)
-    return integrator
 
 
-def free_group(system: openmm.System) -> int:
-    """The highest force group that no force of a System is in.
-
-    Raises
-    ------
-    PlanError
-        If there is none.
-    """
-    free = set(range(32)).difference(*map(groups_of, system.getForces()))
-    if not free:
-        raise PlanError("the forces of the System are in all 32 force groups, and the pair terms need one for themselves")
-    return max(free)
-
-
-def _temperature(temperature) -> tuple[TemperatureRamp | None, float]:
-    """The ramp, if it is one, and the thermal energy at the first step."""
-    if isinstance(temperature, TemperatureRamp):
-        return temperature, temperature.at(0)
-    if not unit.is_quantity(temperature):
-        temperature = to_md(temperature, "temperature", "temperature") * unit.kelvin
-    return None, thermal_energy(temperature, "temperature")
-
-
-def _types(friction, types, masses: np.ndarray):
-    """Kind of the friction, type names, resolved table, and type number of each particle (-1: left out)."""
+def _types(friction, types, masses: np.ndarray) -> tuple[PairTable, list[str | None]]:
+    """The table of friction, and the type name of each particle (None: left out)."""
     if isinstance(friction, PairCoefficient):
         if types is not None:
             raise ParameterError("types are given, but friction is the same for all particles; give a PairTable by type names, or no types")
@@ -197,44 +190,7 @@ def _types(friction, types, masses: np.ndarray):
     if not names:
         raise ParameterError("every particle is left out of the thermostat")
     require_complete([table], names)
-    number = {name: k for k, name in enumerate(names)}
-    numbers = np.array(
-        [-1 if name is None or mass == 0 else number[name] for name, mass in zip(types, masses, strict=True)], dtype=np.int32
-    )
-    if np.all(numbers < 0):
-        raise ParameterError("every particle is left out of the thermostat: those with a type name have mass 0")
-    return kind_for(table.kind), names, table.resolve(names), numbers
+    return table, list(types)
 
 
-def degrees_of_freedom(system: openmm.System, *, momentum: bool = True) -> int:
-    """Degrees of freedom that share the kinetic energy of a System under a DPD thermostat, for its temperature 2K/(f k_B).
-
-    Three for each particle that moves, less one for each constraint, less three for the total momentum, which pairwise friction
-    conserves.  ``openmm.app.StateDataReporter`` takes those three off only if the System has a CMMotionRemover.
-
-    Parameters
-    ----------
-    system : openmm.System
-    momentum : bool, default True
-        Take the three of the momentum off.  Nothing is taken off where frozen particles (mass 0, no virtual sites) take up momentum, or if
-        there is not more than one particle.
-    """
-    count = range(system.getNumParticles())
-    moves = [system.getParticleMass(k).value_in_unit(unit.dalton) > 0 for k in count]
-    frozen = any(not moves[k] and not system.isVirtualSite(k) for k in count)
-    tied = [system.getConstraintParameters(k)[:2] for k in range(system.getNumConstraints())]
-    found = 3 * sum(moves) - sum(moves[i] or moves[j] for i, j in tied)
-    return found - 3 if momentum and not frozen and found > 3 else found
-
-
-def check_system(system: openmm.System) -> None:
-    """Raise an error if this is no System, or one that a DPD thermostat cannot be added to."""
-    if not isinstance(system, openmm.System):
-        raise ParameterError(f"the thermostat is added to an openmm.System, not to a {type(system).__name__}")
-    for force in system.getForces():
-        if force.getName() == PAIR_FORCE:
-            raise PlanError("the System has DPD pair terms already; a table by type names holds several coefficients at once")
-        refuse_thermostat(force)
-
-
-__all__ = ["add_thermostat", "check_system", "degrees_of_freedom"]
+__all__ = ["UNSEEN", "add_thermostat", "checked_positions"]

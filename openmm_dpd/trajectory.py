@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from openmm import app, unit
 
+from .bead_elements import bead_charges, bead_masses
 from .errors import ParameterError
 from .model.scene import box_vectors
 from .psf import RESIDUE, SEGMENT, Beads, checked_bonds, molecule_numbers, read_psf, residue_names, runs, write_psf
@@ -223,16 +224,6 @@ def load(
         return loaders[suffix](os.fspath(traj_path), top=topology, stride=stride, atom_indices=atom_indices, frame=frame)
     except ValueError as error:
         raise ParameterError(f"{traj_path} cannot be read with a topology of {topology.n_atoms} beads: {error}") from None
-
-
-def bead_masses(topology: mdtraj.Topology) -> np.ndarray:
-    """Masses (Da) of all atoms of an mdtraj topology, (N,)."""
-    return np.array([atom.element.mass for atom in topology.atoms])
-
-
-def bead_charges(topology: mdtraj.Topology) -> np.ndarray:
-    """Charges (e) of all beads of a topology from :func:`load_topology`, (N,)."""
-    return np.array([atom.element.charge for atom in topology.atoms])
 
 
 def radius_of_gyration(trajectory: mdtraj.Trajectory) -> np.ndarray:

@@ -14,7 +14,8 @@ import argparse
 import numpy as np
 
 import openmm_dpd as dpd
-from openmm_dpd.analysis import StressReporter, surface_tension
+from openmm_dpd.analysis import surface_tension
+from openmm_dpd.measure import StressReporter
 from openmm_dpd.molecules import Bilayer, grafmueller_2009, pack, relax
 from openmm_dpd.stats import Average
 

@@ -52,7 +52,7 @@ def main() -> None:
     platform = openmm.Platform.getPlatformByName("CPU")
     modeller, system = water(options.edge, platform)
     friction = dpd.DPD(gamma=options.gamma, cutoff=CUTOFF)
-    integrator = dpd.add_thermostat(system, friction, 300, options.dt * unit.femtosecond, platform="CPU", seed=options.seed)
+    integrator = dpd.add_thermostat(system, friction, 300, options.dt * unit.femtosecond, platform="CPU", seed=options.seed).integrator
     simulation = app.Simulation(modeller.topology, system, integrator, platform)
     simulation.context.setPositions(modeller.positions)
     simulation.minimizeEnergy(maxIterations=200)

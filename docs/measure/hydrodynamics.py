@@ -134,7 +134,7 @@ def integrators(rate: float, gamma: float) -> dict[str, Callable[[openmm.System,
 
     def pairwise(system: openmm.System, seed: int) -> openmm.Integrator:
         friction = dpd.DPD(gamma=gamma, cutoff=FRICTION_CUTOFF)
-        return dpd.add_thermostat(system, friction, TEMPERATURE, DT, seed=seed, platform="CPU")
+        return dpd.add_thermostat(system, friction, TEMPERATURE, DT, seed=seed, platform="CPU").integrator
 
     return dict(zip(DYNAMICS, (lambda system, seed: openmm.VerletIntegrator(DT), langevin, pairwise), strict=True))
 

@@ -20,7 +20,7 @@ def milliseconds(thermostat: str) -> tuple[int, float]:
     if thermostat == "Langevin":
         integrator = openmm.LangevinMiddleIntegrator(300, 1, 0.002)
     else:
-        integrator = dpd.add_thermostat(system, dpd.DPD(gamma=2, cutoff=0.8), 300, 0.002, seed=1)
+        integrator = dpd.add_thermostat(system, dpd.DPD(gamma=2, cutoff=0.8), 300, 0.002, seed=1).integrator
     simulation = app.Simulation(modeller.topology, system, integrator, openmm.Platform.getPlatformByName("CPU"))
     simulation.context.setPositions(modeller.positions)
     simulation.minimizeEnergy(maxIterations=50)

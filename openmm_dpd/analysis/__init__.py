@@ -7,13 +7,12 @@ from .clusters import Clusters, cluster_labels, cluster_sizes
 from .curves import Curve
 from .diffusion import MeanSquaredDisplacement, diffusion_coefficient, mean_squared_displacement, velocity_autocorrelation
 from .distances import radial_distribution
-from .flow_samples import ProfileReporter, StressReporter, VelocityProfile
 from .interfaces import surface_tension
 from .membranes import area_per_lipid, bilayer_thickness
 from .profiles import density_profile, temperature_profile, velocity_profile
 from .scattering import structure_factor
-from .velocity_file import VelocityReporter, read_velocities
-from .viscosity import GreenKubo, PoiseuilleFit, green_kubo_viscosity, poiseuille_viscosity
+from .velocity_file import read_velocities
+from .viscosity import GreenKubo, PoiseuilleFit, VelocityProfile, green_kubo_viscosity, poiseuille_viscosity
 
 __all__ = [
     "Clusters",
@@ -22,10 +21,7 @@ __all__ = [
     "MeanSquaredDisplacement",
     "MoleculeSizes",
     "PoiseuilleFit",
-    "ProfileReporter",
-    "StressReporter",
     "VelocityProfile",
-    "VelocityReporter",
     "area_per_lipid",
     "bilayer_thickness",
     "cluster_labels",

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from ..bead_elements import bead_masses
 from ..errors import ParameterError
-from ..trajectory import bead_masses
 
 if TYPE_CHECKING:
     import mdtraj

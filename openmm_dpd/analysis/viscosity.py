@@ -9,7 +9,39 @@ import numpy as np
 from ..errors import ParameterError
 from ..stats import block_average
 from ..units import to_md
-from .flow_samples import StressReporter, VelocityProfile
+
+
+@dataclass(frozen=True, eq=False)
+class VelocityProfile:
+    """Velocity along one axis in slabs along another, averaged over samples.
+
+    Attributes
+    ----------
+    centres, width : (B,) array, float
+        Of the slabs, nm.
+    velocity, error : (B,) arrays
+        Mean velocity of each slab and its standard error, nm/ps.
+    density : (B,) array
+        Beads per nm^3.
+    kT : (B,) array
+        Kinetic temperature about the mean velocity of the slab, kJ/mol.
+    rows : (n, B) array
+        Velocity of each slab in each sample (its momentum over its mean mass).
+    length : float
+        Length of the box along the axis of the slabs.
+    """
+
+    centres: np.ndarray
+    width: float
+    velocity: np.ndarray
+    error: np.ndarray
+    density: np.ndarray
+    kT: np.ndarray
+    rows: np.ndarray
+    length: float
+
+    def __repr__(self) -> str:
+        return f"<VelocityProfile of {len(self.rows)} samples in {len(self.centres)} slabs of {self.width:g} nm>"
 
 
 @dataclass(frozen=True)
@@ -159,7 +191,7 @@ def green_kubo_viscosity(
 
     Parameters
     ----------
-    stress : StressReporter, or (n, 6) array
+    stress : :class:`openmm_dpd.measure.StressReporter`, or (n, 6) array
         A (xx, yy, zz, xy, xz, yz) at equal intervals, kJ/mol.  All else comes from a StressReporter, unless it is given.
     dt : time
         Time between samples.
@@ -180,7 +212,7 @@ def green_kubo_viscosity(
     ----------
     M. H. Ernst and R. Brito, Phys. Rev. E 72, 061102 (2005); G. Jung and F. Schmid, J. Chem. Phys. 144, 204104 (2016).
     """
-    if isinstance(stress, StressReporter):
+    if hasattr(stress, "time_step"):
         dt = stress.time_step if dt is None else dt
         volume = stress.volume if volume is None else volume
         kT = stress.kT if kT is None else kT
@@ -238,4 +270,4 @@ def _correlation(first: np.ndarray, second: np.ndarray, lags: int) -> np.ndarray
     return np.fft.irfft(spectrum, size, axis=0)[:lags].mean(axis=1) / (n - np.arange(lags))
 
 
-__all__ = ["GreenKubo", "PoiseuilleFit", "green_kubo_viscosity", "poiseuille_viscosity"]
+__all__ = ["GreenKubo", "PoiseuilleFit", "VelocityProfile", "green_kubo_viscosity", "poiseuille_viscosity"]

@@ -7,7 +7,7 @@ import copy
 import openmm
 
 from ..errors import PlanError
-from ..integrators import BAROSTATS, groups_of
+from ..made import BAROSTATS, groups_of
 from .expressions import VIRIAL
 
 #: Per-particle parameter that says whether a particle of a CustomNonbondedForce is an atom.

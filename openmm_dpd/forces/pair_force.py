@@ -10,13 +10,13 @@ import openmm
 from openmm import unit
 
 from ..errors import RunError
-from ..integrators import interrupts, origin
 from ..kernels import motion
 from ..kernels.compiled import compiled, inlined
 from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, PairSpec, warm_up
 from ..kernels.extras import warm_up_extras
 from ..kernels.fields import ENERGY, TEMPERATURE, FieldSpec
 from ..kernels.steps import Moment, StepLoop, StepSpec
+from ..made import origin
 from ..names import (
     ACCELERATION,
     BODY_FORCE,
@@ -35,6 +35,7 @@ from ..names import (
     VOLUME_STEP,
     Phase,
 )
+from ..watching import interrupts
 from .runaway import NEAR, runaway
 
 if TYPE_CHECKING:

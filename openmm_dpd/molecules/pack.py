@@ -9,8 +9,9 @@ import numpy as np
 from openmm import unit
 
 from ..errors import ParameterError, what_is
-from ..model.scene import box_vectors, thermal_energy
+from ..model.scene import box_vectors
 from ..model.sources import Block, Sphere
+from ..model.temperature import thermal_energy
 from ..units import to_md, whole_number
 from .mixture import Mixture
 from .molecule import Molecule

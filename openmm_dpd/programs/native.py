@@ -12,12 +12,13 @@ import openmm
 from openmm import unit
 
 from ..errors import PlanError
-from ..integrators import NativeIntegrator, origin
+from ..integrators import NativeIntegrator
 from ..kernels.cells import coincident_pairs
+from ..made import origin
 from ..model.pairs import NONE
 from ..neighbour_list import may_miss_pairs
-from ..plan import DOUBLE_PLATFORMS, Plan
-from ..program_options import ProgramOptions
+from ..plan import Plan
+from ..program_options import DOUBLE_PLATFORMS, ProgramOptions
 from ..units import BOLTZMANN
 
 

@@ -80,7 +80,7 @@ def test_another_temperature(host, choices):
         return fluid(table, BOXES["ortho"], n=60, seed=3, kT=kT)
 
     simulation = started(host, scene(1.0), **choices)
-    dpd.set_temperature(simulation.context, 2.5)
+    dpd.set_kT(simulation.context, 2.5)
     same_from_here(simulation, fresh_copy(simulation, host, scene(2.5), **choices))
     # and by the name of the parameter, without the function
     simulation.context.setParameter(KT, 0.4)
@@ -98,8 +98,8 @@ def test_temperature_is_checked():
     simulation = started(REFERENCE)
     for wrong in (-1.0, float("nan")):
         with pytest.raises(dpd.ParameterError, match="kT|temperature"):
-            dpd.set_temperature(simulation.context, wrong)
-    dpd.set_temperature(simulation.context, 300 * unit.kelvin)
+            dpd.set_kT(simulation.context, wrong)
+    dpd.set_kT(simulation.context, 300 * unit.kelvin)
     assert simulation.context.getParameter(KT) == pytest.approx(2.494, abs=1e-3)
     simulation.context.setParameter(KT, -1.0)
     with pytest.raises(Exception, match="dpd_kT must be >= 0"):

@@ -8,7 +8,8 @@ import pytest
 from openmm import unit
 
 import openmm_dpd as dpd
-from openmm_dpd.analysis import ProfileReporter, poiseuille_viscosity
+from openmm_dpd.analysis import poiseuille_viscosity
+from openmm_dpd.measure import ProfileReporter
 from openmm_dpd.schemes import SCHEMES
 from openmm_dpd.stats import block_average
 

@@ -11,7 +11,7 @@ import pytest
 from openmm import unit
 
 import openmm_dpd as dpd
-from openmm_dpd.measure import bond_sums
+from openmm_dpd.measure.bonded_sums import bond_sums
 
 
 def fluid(n: int = 120, edge: float = 3.4, **extra) -> dpd.Scene:

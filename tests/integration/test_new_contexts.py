@@ -98,7 +98,7 @@ def test_a_temperature_from_before_the_context_is_the_earlier_one():
         if later == "parameter":
             simulation.context.setParameter("dpd_kT", 3.0)
         else:
-            dpd.set_temperature(simulation.context, 3.0)
+            dpd.set_kT(simulation.context, 3.0)
         simulation.step(2)
         assert simulation.context.getParameter("dpd_kT") == 3.0
         assert made.integrator.getTemperature().value_in_unit(unit.kelvin) == pytest.approx(3 / BOLTZMANN)
@@ -112,7 +112,7 @@ def test_what_is_set_after_loading_another_scripts_state_holds(how, scheme, tmp_
     getattr(first, f"save{how}")(str(tmp_path / "saved"))
     getattr(second, f"load{how}")(str(tmp_path / "saved"))
     assert second.integrator.getTemperature().value_in_unit(unit.kelvin) == pytest.approx(2 / BOLTZMANN)
-    dpd.set_temperature(second.context, 3.0)
+    dpd.set_kT(second.context, 3.0)
     second.context.setParameter("dpd_seed", 777)
     second.step(2)
     assert (second.context.getParameter("dpd_kT"), second.context.getParameter("dpd_seed")) == (3.0, 777)
@@ -146,7 +146,7 @@ def test_in_a_compound_integrator_the_temperature_is_heard():
         made.integrator.setTemperature(kelvin)
         simulation.step(1)
         assert simulation.context.getParameter("dpd_kT") == pytest.approx(kelvin * BOLTZMANN)
-        dpd.set_temperature(simulation.context, 1.5)
+        dpd.set_kT(simulation.context, 1.5)
         simulation.step(1)
         assert simulation.context.getParameter("dpd_kT") == 1.5
 

@@ -65,7 +65,7 @@ def test_the_temperature_of_the_script_wins(platform, how, scheme, tmp_path, cap
     first, second = script(platform, scheme, seed=3), script(platform, scheme, kT=2.0)
     first.step(BEFORE)
     hand_over(first, second, how, tmp_path)
-    dpd.set_temperature(first.context, 2.0)
+    dpd.set_kT(first.context, 2.0)
     for simulation in (first, second):
         simulation.step(AFTER)
         assert parameter(simulation, "dpd_kT") == 2.0
@@ -101,7 +101,7 @@ def test_a_temperature_changed_during_the_run_stays(platform, how, scheme, by, t
     first, second = script(platform, scheme, seed=3), script(platform, scheme, seed=3)
     first.step(3)
     if by == "set_temperature":
-        dpd.set_temperature(first.context, 1.5)
+        dpd.set_kT(first.context, 1.5)
     elif by == "parameter":
         first.context.setParameter("dpd_kT", 1.5)
     else:
@@ -125,7 +125,7 @@ def test_a_change_after_loading_holds(how, scheme, tmp_path):
     first.step(BEFORE)
     hand_over(first, second, how, tmp_path)
     second.step(2)
-    dpd.set_temperature(second.context, 1.0)
+    dpd.set_kT(second.context, 1.0)
     second.step(2)
     assert parameter(second, "dpd_kT") == 1.0
 
@@ -160,7 +160,7 @@ def test_the_thermostat_of_another_system_does_the_same(how, scheme, tmp_path, c
             system.addParticle(39.9)
         integrator = dpd.add_thermostat(
             system, dpd.DPD(gamma=50, cutoff=0.6), kelvin * unit.kelvin, 0.002, scheme=scheme, platform="Reference", seed=4
-        )
+        ).integrator
         context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName("Reference"))
         context.setPositions(np.random.default_rng(1).random((64, 3)))
         context.setVelocities(np.random.default_rng(2).normal(size=(64, 3)) * 0.2)
@@ -172,7 +172,7 @@ def test_the_thermostat_of_another_system_does_the_same(how, scheme, tmp_path, c
         second.setState(first.getState(positions=True, velocities=True, parameters=True, integratorParameters=True))
     else:
         second.loadCheckpoint(first.createCheckpoint())
-    dpd.set_temperature(first, 240 * unit.kelvin)
+    dpd.set_kT(first, 240 * unit.kelvin)
     for context in (first, second):
         context.getIntegrator().step(AFTER)
     assert second.getParameter("dpd_kT") == pytest.approx(240 * dpd.units.BOLTZMANN, rel=1e-12)

@@ -50,7 +50,9 @@ def fluid(way="build", *, scheme="middle", platform="CPU", kT=1.0, n=81, edge=3.
         topology.addAtom("AR", app.Element.getBySymbol("Ar"), topology.addResidue("AR", chain))
     system.addForce(force)
     temperature = kT if isinstance(kT, dpd.TemperatureRamp) else kT * UNIT * KELVIN
-    integrator = dpd.add_thermostat(system, dpd.DPD(gamma=4.5, cutoff=1.0), temperature, dt, scheme=scheme, platform=platform, seed=seed)
+    integrator = dpd.add_thermostat(
+        system, dpd.DPD(gamma=4.5, cutoff=1.0), temperature, dt, scheme=scheme, platform=platform, seed=seed
+    ).integrator
     simulation = app.Simulation(topology, system, integrator, openmm.Platform.getPlatformByName(platform), properties)
     simulation.context.setPositions(x)
     simulation.context.setVelocities(v)
@@ -61,7 +63,7 @@ def fluid(way="build", *, scheme="middle", platform="CPU", kT=1.0, n=81, edge=3.
 SET = {
     "global": lambda context, kT: context.getIntegrator().setGlobalVariableByName("temperature", kT / BOLTZMANN),
     "setTemperature": lambda context, kT: context.getIntegrator().setTemperature(kT / BOLTZMANN * KELVIN),
-    "set_temperature": lambda context, kT: dpd.set_temperature(context, kT),
+    "set_temperature": lambda context, kT: dpd.set_kT(context, kT),
     "parameter": lambda context, kT: context.setParameter("dpd_kT", kT),
 }
 
@@ -103,10 +105,10 @@ def test_what_was_set_last_holds_without_a_step_between(way, first, second):
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize("platform", ["Reference", "CPU", "OpenCL"])
 def test_beads_among_atoms_take_temperatures_as_well(scheme, platform):
-    """With embed; everything at 300 K at the start."""
+    """With beads beside atoms; everything at 300 K at the start."""
     if foreign_forces.lacking(platform):
         pytest.skip(foreign_forces.lacking(platform))
-    cell = foreign_forces.Cell("external", 0, scheme, platform, "auto", "embed", "after", "own")
+    cell = foreign_forces.Cell("external", 0, scheme, platform, "auto", "mixed", "after", "own")
     case = foreign_forces.atoms()
     foreign_forces.among_beads(case, cell)
     simulation = case.simulation(platform, True)
@@ -171,7 +173,7 @@ def test_a_kT_of_one_stays_one_to_the_last_bit(way, scheme, platform):
     assert simulation.context.getParameter("dpd_kT") == start
     simulation.integrator.setTemperature(2 * UNIT * KELVIN)
     simulation.step(1)
-    dpd.set_temperature(simulation.context, 1.0)
+    dpd.set_kT(simulation.context, 1.0)
     simulation.step(3)
     assert simulation.context.getParameter("dpd_kT") == 1.0
 
@@ -423,7 +425,9 @@ def test_umbrellas_give_back_the_free_energy(way, scheme, kind, group):
         for _ in range(scene.n_beads):
             system.addParticle(1.0)
         system.addForce(force)
-        integrator = dpd.add_thermostat(system, dpd.DPD(gamma=4.5, cutoff=1.0), UNIT * KELVIN, dt, scheme=scheme, platform="CPU", seed=9)
+        integrator = dpd.add_thermostat(
+            system, dpd.DPD(gamma=4.5, cutoff=1.0), UNIT * KELVIN, dt, scheme=scheme, platform="CPU", seed=9
+        ).integrator
         simulation = app.Simulation(plain.topology, system, integrator, openmm.Platform.getPlatformByName("CPU"), {"Threads": "1"})
     simulation.context.setPositions(scene.positions)
     simulation.context.setVelocitiesToTemperature(UNIT * KELVIN, 3)

@@ -9,7 +9,7 @@ from devices import Device
 from openmm import app, unit
 
 import openmm_dpd as dpd
-from openmm_dpd.build import _opencl_is_a_gpu
+from openmm_dpd.platforms import opencl_is_a_gpu
 from openmm_dpd.simulation import PoclSimulation
 
 OPENCL = pytest.mark.parametrize("device", [Device("OpenCL", "single")], ids=str, indirect=True)
@@ -32,7 +32,7 @@ def energy_and_velocities(simulation):
 @pytest.mark.parametrize("conservative", ["openmm", "kernel"])
 def test_minimising_on_opencl(device, conservative, caplog):
     """To the same minimum as on the CPU platform, in a box that is not the System's, and at the Context's parameters."""
-    if _opencl_is_a_gpu(openmm.Platform.getPlatformByName("OpenCL")):
+    if opencl_is_a_gpu(openmm.Platform.getPlatformByName("OpenCL")):
         pytest.skip("OpenCL is a GPU here, which has OpenMM's own minimiser")
     minima = []
     for platform, properties in (("OpenCL", device.properties), ("CPU", {"Threads": "1"})):
@@ -69,7 +69,9 @@ def test_minimising_atoms_and_beads_on_opencl(device):
     system.setDefaultPeriodicBoxVectors(*(np.eye(3) * EDGE))
     soft = dpd.DPD(A=25, gamma=4.5)
     beads = dpd.Scene({"W": 40.0}, ["W"] * 60, np.random.default_rng(2).random((60, 3)) * EDGE, {("W", "W"): soft}, kT=1.0, box=[EDGE] * 3)
-    whole = dpd.embed(beads, topology, system, x, atoms=["C"] * 4, cross={("C", "W"): soft}, dt=0.002, platform="OpenCL", seed=3)
+    whole = dpd.create_mixed_system(
+        beads, topology, system, x, atoms=["C"] * 4, cross={("C", "W"): soft}, dt=0.002, platform="OpenCL", seed=3
+    )
     simulation = whole.simulation(properties=device.properties)
     before = energy_and_velocities(simulation)[0]
     simulation.minimizeEnergy(maxIterations=50)

@@ -13,12 +13,13 @@ from openmm import unit
 from scenes import beads, same_bits, state_of
 
 import openmm_dpd as dpd
-from openmm_dpd.analysis import StressReporter, green_kubo_viscosity, surface_tension
-from openmm_dpd.analysis.stress_parts import charge_virial, stress_parts
-from openmm_dpd.bonded_sums import bonded_stress
+from openmm_dpd.analysis import green_kubo_viscosity, surface_tension
 from openmm_dpd.forces.partners import energy_spline
 from openmm_dpd.kinds import kind_for
 from openmm_dpd.lammps import read_deck
+from openmm_dpd.measure import StressReporter
+from openmm_dpd.measure.bonded_sums import bonded_stress
+from openmm_dpd.measure.stress_parts import charge_virial, stress_parts
 
 NO_LAMMPS = lammps_peer.why_missing()
 LAMMPS = pytest.mark.skipif(NO_LAMMPS is not None, reason=str(NO_LAMMPS))

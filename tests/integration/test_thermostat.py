@@ -40,7 +40,7 @@ def run(system, topology, positions, integrator, steps: int):
 @pytest.mark.parametrize("model", ["tip3p", "tip4pew"])
 def test_constraints_and_virtual_sites_hold(model):
     topology, positions, system = water(model)
-    integrator = dpd.add_thermostat(system, dpd.DPD(gamma=2, cutoff=0.7), 300 * unit.kelvin, 2 * unit.femtosecond, seed=2)
+    integrator = dpd.add_thermostat(system, dpd.DPD(gamma=2, cutoff=0.7), 300 * unit.kelvin, 2 * unit.femtosecond, seed=2).integrator
     simulation = run(system, topology, positions, integrator, 30)
     x = simulation.context.getState(positions=True).getPositions(asNumpy=True)._value
     for k in range(system.getNumConstraints()):
@@ -60,7 +60,7 @@ def test_momentum_of_the_pair_terms():
     silent = openmm.HarmonicBondForce()
     silent.setUsesPeriodicBoundaryConditions(True)
     system.addForce(silent)
-    integrator = dpd.add_thermostat(system, dpd.DPD(gamma=2, gamma_perp=1, cutoff=0.7), 300 * unit.kelvin, 0.002, seed=2)
+    integrator = dpd.add_thermostat(system, dpd.DPD(gamma=2, gamma_perp=1, cutoff=0.7), 300 * unit.kelvin, 0.002, seed=2).integrator
     simulation = app.Simulation(topology, system, integrator, openmm.Platform.getPlatformByName("Reference"))
     simulation.context.setPositions(positions)
     simulation.context.setVelocitiesToTemperature(300, 7)
@@ -83,7 +83,7 @@ def test_temperature_of_rigid_water(model):
     1,300 degrees of freedom fluctuate by 12 K and remember that for 0.34 ps, so 30 ps give a standard error of about 1.8 K.
     """
     topology, positions, system = water(model)
-    integrator = dpd.add_thermostat(system, dpd.DPD(gamma=2, cutoff=0.7), 300 * unit.kelvin, 2 * unit.femtosecond, seed=2)
+    integrator = dpd.add_thermostat(system, dpd.DPD(gamma=2, cutoff=0.7), 300 * unit.kelvin, 2 * unit.femtosecond, seed=2).integrator
     simulation = run(system, topology, positions, integrator, 3000)
     dof = 3 * int(np.sum(masses_of(system) > 0)) - system.getNumConstraints() - 3
     rows = []
@@ -100,7 +100,7 @@ def test_temperature_of_rigid_water(model):
 
 def test_serialized_system_and_integrator_give_the_same_trajectory():
     topology, positions, system = water()
-    integrator = dpd.add_thermostat(system, dpd.DPD(gamma=2, cutoff=0.7), 300 * unit.kelvin, 0.002, seed=2)
+    integrator = dpd.add_thermostat(system, dpd.DPD(gamma=2, cutoff=0.7), 300 * unit.kelvin, 0.002, seed=2).integrator
     copies = [openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(thing)) for thing in (system, integrator)]
 
     def positions_after(system, integrator):

@@ -114,7 +114,7 @@ def test_restart_with_a_barostat(model):
     """
     _, positions, text = solvated(model)
     system = openmm.XmlSerializer.deserialize(text)
-    integrator = dpd.add_thermostat(system, FRICTION, 300, 0.001, seed=2)
+    integrator = dpd.add_thermostat(system, FRICTION, 300, 0.001, seed=2).integrator
     copies = [openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(thing)) for thing in (system, integrator)]
     first = started(system, positions, integrator, 300, 0, "Reference")
     integrator.step(12)  # one volume move; the next is after step 20
@@ -136,7 +136,7 @@ def test_temperature_and_momentum_at_constant_pressure(model):
     """1,300 degrees of freedom fluctuate by 12 K; 10 ps of them, which they remember for 0.2 ps, give a standard error of 2.5 K."""
     _, positions, text = solvated(model)
     system = openmm.XmlSerializer.deserialize(text)
-    integrator = dpd.add_thermostat(system, FRICTION, 300, 0.002, seed=2, platform="CPU")
+    integrator = dpd.add_thermostat(system, FRICTION, 300, 0.002, seed=2, platform="CPU").integrator
     context = started(system, positions, integrator, 300, 50)
     before = context.getState().getPeriodicBoxVolume()._value
     integrator.step(2500)
@@ -207,7 +207,7 @@ def test_coarse_grained_system_from_xml(tmp_path):
     (pairs,) = [force for force in system.getForces() if isinstance(force, openmm.CustomNonbondedForce)]
     types = ["water" if pairs.getParticleParameters(k)[0] == 0 else "solute" for k in range(system.getNumParticles())]
     friction = {("*", "*"): dpd.DPD(gamma=40, cutoff=1.1), ("water", "water"): dpd.DPD(gamma=120, cutoff=1.1)}
-    integrator = dpd.add_thermostat(system, friction, 310, 20 * unit.femtosecond, types=types, platform="CPU", seed=4)
+    integrator = dpd.add_thermostat(system, friction, 310, 20 * unit.femtosecond, types=types, platform="CPU", seed=4).integrator
     context = started(system, positions, integrator, 310, 30)
     integrator.step(300)
     average = block_average(temperatures(context, 1000, 4))

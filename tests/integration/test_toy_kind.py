@@ -17,12 +17,12 @@ from scenes import BOXES, MASSES
 
 import openmm_dpd as dpd
 from openmm_dpd import kinds
-from openmm_dpd.analysis import StressReporter
 from openmm_dpd.errors import ParameterError, PlanError
 from openmm_dpd.forces.expressions import PairExpression, parameters, type_pairs
 from openmm_dpd.kernels.dpd import DPDLayer, TermTable
 from openmm_dpd.kernels.layer import CONSERVATIVE
 from openmm_dpd.lammps import export_lammps
+from openmm_dpd.measure import StressReporter
 from openmm_dpd.model.bonds import minimum_image
 from openmm_dpd.model.pairs import PairCoefficient
 from openmm_dpd.schemes import SCHEMES
@@ -225,7 +225,7 @@ def test_what_it_cannot_is_refused(register, tmp_path):
     with pytest.raises(ParameterError, match="friction must be a DPD"):
         dpd.add_thermostat(system, Exponential(A=0.0, gamma=4.5), 300, 0.002)
     with pytest.raises(PlanError, match="Exponential is for beads alone"):
-        dpd.embed(beads, app.Topology(), system, np.zeros((4, 3)), atoms=["X"] * 4, cross={}, dt=0.01)
+        dpd.create_mixed_system(beads, app.Topology(), system, np.zeros((4, 3)), atoms=["X"] * 4, cross={}, dt=0.01)
 
 
 def test_a_kind_that_makes_no_sense_is_refused(register):

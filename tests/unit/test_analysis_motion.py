@@ -11,7 +11,6 @@ from test_analysis_structure import BOXES, TILTED, chunks, random_trajectory, tr
 import openmm_dpd as dpd
 from openmm_dpd import ParameterError
 from openmm_dpd.analysis import (
-    VelocityReporter,
     diffusion_coefficient,
     end_to_end_distance,
     mean_squared_displacement,
@@ -23,6 +22,7 @@ from openmm_dpd.analysis import (
     velocity_profile,
 )
 from openmm_dpd.field_file import load_fields
+from openmm_dpd.measure import VelocityReporter
 from openmm_dpd.trajectory import load, write_psf
 
 

@@ -8,7 +8,7 @@ from openmm import unit
 from scenes import beads
 
 import openmm_dpd as dpd
-from openmm_dpd.bonded_sums import angle_sums, bond_sums
+from openmm_dpd.measure.bonded_sums import angle_sums, bond_sums
 
 PAIR = np.array([[0, 1]])
 CURVES = {

@@ -48,7 +48,7 @@ TWICE = {
 }
 
 #: Files over 400 lines.
-LONG = {"integrators.py", "energy.py", "runner.py", "measure.py", "scene.py", "plan.py"}
+LONG = {"energy.py", "runner.py"}
 
 
 def _coefficients_and_tables() -> set[str]:

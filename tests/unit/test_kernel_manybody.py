@@ -24,7 +24,7 @@ from openmm_dpd.kernels.manybody import ManyBodyTable
 from openmm_dpd.kernels.sweeps import EXACT, SHARDLOW
 from openmm_dpd.model.mdpd import MDPD, check_many_body, why_no_openmm_force
 from openmm_dpd.model.pairs import NONE
-from openmm_dpd.plan import compressed_exceptions
+from openmm_dpd.pair_spec import compressed_exceptions
 
 ALL = CONSERVATIVE | DISSIPATIVE | RANDOM
 KT, DT, SEED, COUNTER = 1.3, 0.02, 21, 5

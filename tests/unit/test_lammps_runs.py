@@ -11,7 +11,7 @@ from openmm_dpd.errors import DeckError, ParameterError
 from openmm_dpd.lammps import RunRequest, read_deck
 from openmm_dpd.lammps.state.sample import Sample
 from openmm_dpd.lammps.values.words import WORDS
-from openmm_dpd.model.scene import TemperatureRamp
+from openmm_dpd.model.temperature import TemperatureRamp
 
 DECKS = Path(__file__).resolve().parents[2] / "examples" / "decks"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import openmm_dpd as dpd
-from openmm_dpd.analysis.flow_samples import VelocityProfile
+from openmm_dpd.analysis import VelocityProfile
 from openmm_dpd.errors import what_is
 from openmm_dpd.molecules import Spring, linear, pack, star
 

@@ -250,7 +250,7 @@ def test_the_word_of_middle_keeps_constraints():
     for _ in range(4):
         system.addParticle(39.9)
     system.addConstraint(0, 1, 0.3)
-    made = dpd.add_thermostat(system, dpd.DPD(gamma=5, cutoff=0.6), 300, 0.002, scheme="B A/2 O A/2", platform="Reference")
+    made = dpd.add_thermostat(system, dpd.DPD(gamma=5, cutoff=0.6), 300, 0.002, scheme="B A/2 O A/2", platform="Reference").integrator
     assert any(made.getComputationStep(k)[0] == made.ConstrainPositions for k in range(made.getNumComputations()))
 
 

@@ -13,8 +13,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from scenes import beads, chains, fluid
 
 import openmm_dpd as dpd
-from openmm_dpd.analysis import ProfileReporter, StressReporter, VelocityProfile, green_kubo_viscosity, poiseuille_viscosity
+from openmm_dpd.analysis import VelocityProfile, green_kubo_viscosity, poiseuille_viscosity
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, PairEngine
+from openmm_dpd.measure import ProfileReporter, StressReporter
 
 
 # -- the stress tensor ---------------------------------------------------------------------------------------------------------

@@ -16,9 +16,10 @@ from ...model.flow import AXES, SPECULAR, BodyForce, Members, PositionForce, gap
 from ...model.internal import BeadTemperatures, InternalEnergy
 from ...model.mdpd import MDPD
 from ...model.pairs import DPD
-from ...model.scene import Scene, TemperatureRamp
+from ...model.scene import Scene
 from ...model.sources import Block
 from ...model.tdpd import TDPD
+from ...model.temperature import TemperatureRamp
 from ...schemes import scheme_of
 from ...units import UnitSystem
 from ..styles.writing import Differences, number, numbers

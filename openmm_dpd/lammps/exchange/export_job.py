@@ -7,11 +7,11 @@ from dataclasses import MISSING, dataclass, fields
 
 import numpy as np
 
+from ...choices import checked_seed
 from ...errors import ParameterError
 from ...model.flow import PositionForce, gaps
 from ...model.internal import InternalEnergy
 from ...model.scene import Scene
-from ...plan import checked_seed
 from ...schemes import scheme_of
 from ...units import UNIT_SYSTEMS, UnitSystem, to_md, whole_number
 from ..styles.writing import Differences

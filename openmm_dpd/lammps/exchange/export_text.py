@@ -10,7 +10,7 @@ import numpy as np
 from ...build import initial_velocities
 from ...model.flow import AXES, gaps
 from ...model.internal import BeadTemperatures, Concentrations, InternalEnergy
-from ...model.scene import TemperatureRamp
+from ...model.temperature import TemperatureRamp
 from ...units import LJ
 from ..styles.charges import charge_use
 from ..styles.srp import segment_use

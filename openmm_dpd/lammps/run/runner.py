@@ -18,16 +18,16 @@ from ...build import Built, build
 from ...errors import DeckError, DPDError, OutputError, ParameterError, RunError
 from ...fields import read_fields
 from ...forces.segments import warm_up_segments
-from ...integrators import PIECE
 from ...kernels.engine import get_threads, set_threads, warm_up
 from ...kinds import kind_for
 from ...measure import Sample as Measurement
+from ...measure.watch import has_set_temperature, temperature_warning
 from ...model.scene import Scene
 from ...names import COUNTER
 from ...schemes import scheme_of
 from ...signals import Signals
 from ...stats import MIN_BLOCKS, block_average, ratio_average
-from ...watch import has_set_temperature, temperature_warning
+from ...watching import PIECE
 from ..language.lexer import located
 from ..output.chunk_average import ChunkAverage
 from ..output.thermo import ALWAYS

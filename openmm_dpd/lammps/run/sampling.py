@@ -8,8 +8,8 @@ from openmm import unit
 
 from ...build import Built
 from ...fields import read_fields
-from ...measure import Observer
 from ...measure import Sample as Measurement
+from ...measure.scene_samples import SceneSampler
 from ...schemes import scheme_of
 from ..scene.flow import held_beads
 from ..state.sample import Sample
@@ -40,7 +40,7 @@ class Sampler:
 
     def __init__(self, request: RunRequest, built: Built, context: openmm.Context):
         self.request, self.built, self.context = request, built, context
-        self.observer = Observer(built)
+        self.observer = SceneSampler(built)
         self.held = held_beads(request.state)
 
     def full(self, step: int, needs: frozenset[str], cpu: float) -> tuple[Sample, Measurement]:

@@ -7,7 +7,8 @@ import numpy as np
 from ...errors import ParameterError
 from ...model.angles import Angles
 from ...model.bonds import Bonds, FENEBonds, HarmonicBonds
-from ...model.scene import Scene, TemperatureRamp
+from ...model.scene import Scene
+from ...model.temperature import TemperatureRamp
 from ..language.lexer import located
 from ..state.bonded_setup import BondedSetup
 from ..state.deck_state import DeckState

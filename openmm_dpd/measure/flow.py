@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from openmm import unit
 
-from ..build import Built
+from ..analysis.viscosity import VelocityProfile
+from ..built import Built
 from ..errors import ParameterError
 from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, STRESS, PairEngine
-from ..measure import noise_state
 from ..model.flow import AXES, require_plain_axis
 from ..stats import block_average
 from ..tensors import symmetric_products
 from ..units import whole_number
+from .observer import require_built
 from .stress_parts import engine_spec, stress_parts
+from .temperature import noise_state
 
 _NM, _V, _F = unit.nanometer, unit.nanometer / unit.picosecond, unit.kilojoule_per_mole / unit.nanometer
 
@@ -36,8 +36,9 @@ class _Reporter:
     """What reporters of a built scene share."""
 
     def __init__(self, interval: int, built: Built):
-        if not isinstance(built, Built):
-            raise ParameterError(f"what openmm_dpd.build() returned is wanted here, not a {type(built).__name__}")
+        require_built(built, type(self).__name__)
+        if built.plan.host is not None:
+            raise ParameterError(f"{type(self).__name__} knows the terms of a scene alone, not those of a System made elsewhere")
         self.interval, self.built = whole_number(interval, "the interval between samples, in steps,", least=1), built
         self._groups = built.integrator.getIntegrationForceGroups()
 
@@ -155,39 +156,6 @@ class StressReporter(_Reporter):
         return self.interval * self.built.integrator.getStepSize().value_in_unit(unit.picosecond)
 
 
-@dataclass(frozen=True, eq=False)
-class VelocityProfile:
-    """Velocity along one axis in slabs along another, averaged over samples.
-
-    Attributes
-    ----------
-    centres, width : (B,) array, float
-        Of the slabs, nm.
-    velocity, error : (B,) arrays
-        Mean velocity of each slab and its standard error, nm/ps.
-    density : (B,) array
-        Beads per nm^3.
-    kT : (B,) array
-        Kinetic temperature about the mean velocity of the slab, kJ/mol.
-    rows : (n, B) array
-        Velocity of each slab in each sample (its momentum over its mean mass).
-    length : float
-        Length of the box along the axis of the slabs.
-    """
-
-    centres: np.ndarray
-    width: float
-    velocity: np.ndarray
-    error: np.ndarray
-    density: np.ndarray
-    kT: np.ndarray
-    rows: np.ndarray
-    length: float
-
-    def __repr__(self) -> str:
-        return f"<VelocityProfile of {len(self.rows)} samples in {len(self.centres)} slabs of {self.width:g} nm>"
-
-
 class ProfileReporter(_Reporter):
     """Records velocities in slabs, for ``simulation.reporters``; beads that do not move are left out.
 
@@ -252,4 +220,4 @@ class ProfileReporter(_Reporter):
         )
 
 
-__all__ = ["COMPONENTS", "ProfileReporter", "StressReporter", "VelocityProfile", "on_step_velocities"]
+__all__ = ["COMPONENTS", "ProfileReporter", "StressReporter", "on_step_velocities"]

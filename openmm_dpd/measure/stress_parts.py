@@ -15,7 +15,6 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from ..bonded_sums import bonded_stress
 from ..forces.electrostatics import lattice_force
 from ..forces.segments import segment_spec
 from ..kernels.engine import PairEngine, PairSpec
@@ -25,8 +24,10 @@ from ..kernels.segments import SegmentEngine
 from ..kinds import resolved_kind
 from ..model.bonds import minimum_image
 from ..model.electrostatics import GaussianCharges, SlaterCharges, SmearedCharges
-from ..plan import Plan, compressed_exceptions
+from ..pair_spec import compressed_exceptions
+from ..plan import Plan
 from ..tensors import symmetric_products
+from .bonded_sums import bonded_stress
 
 Part = Callable[[np.ndarray, np.ndarray], np.ndarray]
 

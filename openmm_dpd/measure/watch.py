@@ -9,10 +9,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .kernels.fields import ENERGY, TEMPERATURE
-from .plan import Plan
-from .sample import Sample
-from .stats import block_average
+from ..kernels.fields import ENERGY, TEMPERATURE
+from ..plan import Plan
+from ..stats import block_average
+from .sample import SystemSample
 
 #: What a mean temperature may be off: this fraction of the set one, and so many standard errors.
 TOLERANCE, ERRORS = 0.05, 4.0
@@ -88,7 +88,7 @@ class TemperatureWatch:
         self._quiet = not has_set_temperature(plan)
         self._target, self._rows, self._look = 0.0, list[float](), FIRST_LOOK
 
-    def add(self, sample: Sample) -> str | None:
+    def add(self, sample: SystemSample) -> str | None:
         """Take a row; what is wrong, once, or None."""
         if self._quiet:
             return None

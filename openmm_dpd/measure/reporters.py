@@ -8,17 +8,16 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable, Sequence
-from typing import TextIO
+from typing import Any, TextIO
 
 import numpy as np
 
-from .build import Built
-from .embed import Embedded
-from .errors import ParameterError
-from .kernels.fields import ENERGY, TEMPERATURE
-from .measure import Observer, kelvin
-from .sample import Sample
-from .units import BAR_PER_MD_PRESSURE, whole_number
+from ..built import Built
+from ..errors import ParameterError
+from ..kernels.fields import ENERGY, TEMPERATURE
+from ..units import BAR_PER_MD_PRESSURE, whole_number
+from .observer import Observer, require_built
+from .temperature import kelvin
 from .watch import TemperatureWatch
 
 _LOGGER = logging.getLogger("openmm_dpd")
@@ -29,7 +28,7 @@ def _optional(value: float | None, factor: float = 1.0) -> float:
 
 
 #: Column -> what it is, in MD units.
-COLUMNS: dict[str, Callable[[Sample], float]] = {
+COLUMNS: dict[str, Callable[[Any], float]] = {
     "step": lambda s: s.step,
     "time": lambda s: s.time,
     "kT": lambda s: s.kT,
@@ -51,13 +50,20 @@ COLUMNS: dict[str, Callable[[Sample], float]] = {
     "kT_beads": lambda s: _optional(s.kT_beads),
 }
 
-#: The columns of atoms and beads in one System.
-EMBEDDED_COLUMNS = (
+#: The columns of a System made elsewhere; the temperatures of its parts only if there are beads in it.
+SYSTEM_COLUMNS = (
     *("step", "time", "kT", "kT_atoms", "kT_beads", "temperature", "potential_energy", "kinetic_energy", "total_energy"),
     *("volume", "momentum"),
 )
 
 DEFAULT_COLUMNS = ("step", "time", "kT", "kT_conf", "potential_energy", "kinetic_energy", "pressure", "pressure_conservative", "momentum")
+
+
+def _columns_of(built: Built) -> list[str]:
+    """The columns that something built has."""
+    plan = built.plan
+    parts = {"kT_atoms", "kT_beads"} if plan.host is None or plan.n_atoms == plan.scene.n_beads else set()
+    return [name for name in (COLUMNS if plan.host is None else SYSTEM_COLUMNS) if name not in parts]
 
 
 def _reasons(observer: Observer, columns: Sequence[str]) -> dict[str, list[str]]:
@@ -88,8 +94,8 @@ class DPDReporter:
         Where to write.
     interval : int
         Steps between rows.
-    built : Built or Embedded
-        What :func:`openmm_dpd.build` or :func:`openmm_dpd.embed` returned.
+    built : Built
+        What :func:`openmm_dpd.build`, :func:`openmm_dpd.add_thermostat` or :func:`openmm_dpd.create_mixed_system` returned.
     columns : sequence of str, optional
         Keys of :data:`COLUMNS`.  Energies are in kJ/mol and pressures in kJ/mol/nm^3, which are the reduced units of a reduced scene;
         ``temperature`` is
@@ -98,7 +104,7 @@ class DPDReporter:
         of the total.  Of beads with internal energies, ``internal_energy`` and ``conductive_energy`` are sums, ``theta`` is the harmonic
         mean temperature (an energy), and ``conserved_energy`` the sum of potential, kinetic and internal energy of one moment.  ``kT_conf``
         is this configuration's ratio: average numerator and denominator apart for a precise value (:class:`openmm_dpd.measure.Observer`).
-        For atoms and beads in one System there are :data:`EMBEDDED_COLUMNS`: ``kT_atoms`` and ``kT_beads`` are the temperatures of the
+        For a System made elsewhere there are :data:`SYSTEM_COLUMNS`: ``kT_atoms`` and ``kT_beads`` are the temperatures of the
         parts, ``kT`` and ``temperature`` that of everything; pressures and configurational temperature are not measured.
     append : bool, default False
         Go on with a file that is there, whose header has to be that of these columns; one that is not there or empty is begun.  A file
@@ -117,28 +123,23 @@ class DPDReporter:
         self,
         file: str | os.PathLike | TextIO,
         interval: int,
-        built: Built | Embedded,
+        built: Built,
         columns: Sequence[str] | None = None,
         append: bool = False,
     ):
-        if not isinstance(built, (Built, Embedded)):
-            raise ParameterError(f"DPDReporter wants as built what openmm_dpd.build() or embed() returned, not a {type(built).__name__}")
+        require_built(built, "DPDReporter")
+        able = _columns_of(built)
         if columns is None:
-            columns = [name for name in EMBEDDED_COLUMNS if name != "temperature"] if isinstance(built, Embedded) else DEFAULT_COLUMNS
+            columns = DEFAULT_COLUMNS if built.plan.host is None else [name for name in able if name != "temperature"]
         if isinstance(columns, str) or not isinstance(columns, Sequence) or not columns:
             raise ParameterError(f"columns must be a sequence of names such as ('step', 'kT'), not {columns!r}")
         unknown = [str(name) for name in columns if name not in COLUMNS]
         if unknown:
             raise ParameterError(f"unknown columns {', '.join(unknown)}; they must be among {', '.join(COLUMNS)}")
-        if isinstance(built, Embedded):
-            absent = [name for name in columns if name not in EMBEDDED_COLUMNS]
-            if absent:
-                raise ParameterError(
-                    f"columns {', '.join(absent)} are not measured for atoms and beads in one System; "
-                    f"choose among {', '.join(EMBEDDED_COLUMNS)}"
-                )
-        elif isinstance(built, Built) and {"kT_atoms", "kT_beads"} & set(columns):
-            raise ParameterError("columns kT_atoms and kT_beads are for what openmm_dpd.embed() returned; a scene alone has kT")
+        absent = [name for name in columns if name not in able]
+        if absent:
+            where = "a scene alone" if built.plan.host is None else "a System made elsewhere"
+            raise ParameterError(f"columns {', '.join(absent)} are not measured for {where}; choose among {', '.join(able)}")
         self._interval = whole_number(interval, "the interval between reports, in steps,", least=1)
         self._columns, self._observer, self._watch = tuple(columns), Observer(built), TemperatureWatch(built.plan)
         if not isinstance(file, (str, os.PathLike)) and not hasattr(file, "write"):

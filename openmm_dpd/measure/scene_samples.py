@@ -1,11 +1,4 @@
-"""Measured quantities of a running scene: temperatures, energies, virials and pressures, momentum, and forces term by term.
-
-Kinetic temperature: 2K/(3N - 3), over the beads that move (all schemes here conserve momentum).  Configurational temperature:
-<|grad U|^2>/<lap U>, a ratio of averages, which shows errors of the configurations that a thermostat hides from the kinetic one (Rugh,
-Phys. Rev.
-Lett. 78, 772 (1997); Allen, J. Phys. Chem. B 110, 3823 (2006)).  Pressure: (2K + W)/(3V) with the virial W = sum over pairs of r_ij . F_ij.
-OpenMM's own reporters use 3N degrees of freedom, kelvin, and no pair term.
-"""
+"""Samples of a scene, term by term."""
 
 from __future__ import annotations
 
@@ -16,63 +9,30 @@ import numpy as np
 import openmm
 from openmm import unit
 
+from ..built import Built
+from ..charge_forces import charge_terms
+from ..errors import RunError
+from ..fields import per_dof, raw_fields
+from ..forces.expressions import VIRIAL_SWITCH
+from ..forces.segments import segment_spec
+from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
+from ..kernels.fields import ENERGY, TEMPERATURE
+from ..kernels.segments import SegmentEngine
+from ..kinds import Resolved, resolved_kind
+from ..made import groups_of, masses_of
+from ..model.bonds import FENEBonds
+from ..names import COULOMB_GROUP, COULOMB_VIRIAL_GROUP, EXTERNAL_GROUP, LATTICE_GROUP, SLOW_STEP, VIRIAL_GROUP
 from .bonded_sums import angle_sums, bond_sums
-from .build import Built
-from .charge_forces import charge_terms
-from .embed import Embedded
-from .errors import ParameterError, RunError
-from .fields import per_dof, raw_fields
-from .forces.expressions import VIRIAL_SWITCH
-from .forces.segments import segment_spec
-from .integrators import RAMPED, PairIntegrator, groups_of, masses_of
-from .kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
-from .kernels.fields import ENERGY, TEMPERATURE
-from .kernels.segments import SegmentEngine
-from .kinds import Resolved, resolved_kind
-from .model.bonds import FENEBonds
-from .model.scene import TemperatureRamp, thermal_energy
-from .names import (
-    BONDED_GROUP,
-    COULOMB_GROUP,
-    COULOMB_VIRIAL_GROUP,
-    COUNTER,
-    EXTERNAL_GROUP,
-    KT,
-    LATTICE_GROUP,
-    RAMP_STEP,
-    SEED,
-    SLOW_STEP,
-    VIRIAL_GROUP,
-    VOLUME_MOVES,
-)
-from .names import (
-    TEMPERATURE as TEMPERATURE_VARIABLE,
-)
-from .plan import Plan
 from .sample import Sample
-from .units import BOLTZMANN, to_md, whole_number
+from .temperature import noise_state
 
 _NM, _KJ, _V = unit.nanometer, unit.kilojoule_per_mole, unit.nanometer / unit.picosecond
 
 
-class Observer:
-    """Takes samples from a Context that runs a built scene.
+class SceneSampler:
+    """Temperatures, energies, virials and momentum of a scene."""
 
-    Parameters
-    ----------
-    built : Built or Embedded
-        The scene's System, integrator and plan: what :func:`openmm_dpd.build` or :func:`openmm_dpd.embed` returned.  Of atoms and beads in
-        one System a :class:`Sample` has less in it, see there.
-
-    Raises
-    ------
-    ParameterError
-        If it is something else, a Simulation say.
-    """
-
-    def __init__(self, built: Built | Embedded):
-        if not isinstance(built, (Built, Embedded)):
-            raise ParameterError(f"an Observer wants what openmm_dpd.build() or embed() returned, not a {type(built).__name__}")
+    def __init__(self, built: Built):
         self.built, self.plan = built, built.plan
         self._engine = PairEngine(self.plan.spec) if self.plan.layers else None
         segments = segment_spec(self.plan.scene)
@@ -85,8 +45,6 @@ class Observer:
     @property
     def no_laplacian(self) -> str | None:
         """Why there is no configurational temperature, or None."""
-        if isinstance(self.built, Embedded):
-            return "the forces of atoms have no Laplacian here"
         others = self._others(self.built.system)
         if others:
             return f"the System has forces that are not the scene's ({_names(others)}), whose Laplacian is not known"
@@ -111,14 +69,11 @@ class Observer:
     def _others(self, system: openmm.System) -> list[openmm.Force]:
         """Forces that somebody else added to the System of a scene."""
         made = self.built.integrator.made
-        return [] if made is None or isinstance(self.built, Embedded) else made.others(system)
+        return [] if made is None else made.others(system)
 
     def sample(self, context: openmm.Context) -> Sample:
         """Measure the present state of a Context."""
         plan = self.plan
-        _check_context(context)
-        if isinstance(self.built, Embedded):
-            return self.built.sample(context)
         state = context.getState(positions=True, velocities=True, forces=True, energy=True, groups=self._groups)
         x = state.getPositions(asNumpy=True).value_in_unit(_NM)
         v = state.getVelocities(asNumpy=True).value_in_unit(_V)
@@ -153,13 +108,15 @@ class Observer:
             # what is left of -f.x where nothing is to be said of it, see forces/external.py
             potential -= context.getState(energy=True, groups={EXTERNAL_GROUP}).getPotentialEnergy().value_in_unit(_KJ)
         gradient2 = float(np.sum(force**2))
+        pair = potential - bond - angle - other
         return Sample(
             step=state.getStepCount(),
             time=state.getTime().value_in_unit(unit.picosecond),
             n_mobile=int(mobile.sum()),
             dof=max(0, 3 * int(mobile.sum()) - 3),
             kinetic=0.5 * float(np.sum(mass * v[mobile] ** 2)),
-            pair=potential - bond - angle - other,
+            pair=pair,
+            potential=pair + bond + angle + other,
             other=other,
             bond=bond,
             angle=angle,
@@ -293,139 +250,4 @@ class Part(NamedTuple):
     virial: float
 
 
-def noise_state(context: openmm.Context, plan: Plan) -> tuple[float, int, int, float]:
-    """Thermal energy, seed, noise counter and step size of a Context."""
-    dt = context.getIntegrator().getStepSize().value_in_unit(unit.picosecond)
-    if KT not in context.getParameters():
-        native = isinstance(context.getIntegrator(), openmm.DPDIntegrator)
-        kT = BOLTZMANN * context.getIntegrator().getTemperature().value_in_unit(unit.kelvin) if native else plan.options.kT
-        return kT, plan.options.seed, context.getStepCount(), dt
-    return context.getParameter(KT), int(context.getParameter(SEED)), int(context.getParameter(COUNTER)), dt
-
-
-def force_terms(
-    built: Built, positions=None, velocities=None, *, counter: int = 1, properties: dict[str, str] | None = None
-) -> dict[str, np.ndarray]:
-    """Forces term by term at given positions and velocities, always in force form, whatever the scheme.
-
-    Parameters
-    ----------
-    built : Built
-    positions, velocities : (N, 3) arrays, optional
-        Bare numbers: nm and nm/ps; the scene's own by default.
-    counter : int
-        Count of the noise; another count gives independent random forces.
-    properties : dict, optional
-        Platform properties.
-
-    Returns
-    -------
-    dict of (N, 3) arrays, kJ/mol/nm
-        ``conservative`` (all pair potentials but charges, from the plan's platform), ``electrostatic`` if there are charges,
-        ``bond`` if there are bonds or angles, ``external`` if there are body forces, ``other`` if somebody else added forces to the System,
-        ``dissipative`` and ``random``.  They add up to the total force.  If beads carry internal energies, temperatures or concentrations,
-        ``rates_dissipative`` and ``rates_random`` (N, K) are their changes per time at the scene's initial values.
-
-    Raises
-    ------
-    ParameterError
-        If a value has the wrong shape, or ``built`` is something else: the terms of atoms beside beads are not told apart.
-    """
-    if not isinstance(built, Built):
-        remedy = "; for atoms and beads ask for context.getState(forces=True)" if isinstance(built, Embedded) else ""
-        raise ParameterError(f"force_terms wants what openmm_dpd.build() returned, but this is: {type(built).__name__}{remedy}")
-    plan = built.plan
-    scene, spec = plan.scene, plan.spec
-    x = _vectors(scene.positions if positions is None else positions, "length", "positions", scene.n_beads)
-    v = _vectors(built.velocities if velocities is None else velocities, "velocity", "velocities", scene.n_beads)
-    counter = whole_number(counter, "counter", least=0)
-    # an integrator belongs to one Context: this one is thrown away
-    integrator = openmm.VerletIntegrator(plan.options.dt)
-    context = openmm.Context(built.system, integrator, openmm.Platform.getPlatformByName(plan.platform), properties or {})
-    context.setPositions(x)
-    used = built.integrator.getIntegrationForceGroups()
-    groups = {g for g in range(32) if used & (1 << g)}
-    others = [] if built.integrator.made is None else built.integrator.made.others(built.system)
-    apart = {
-        "bond": {BONDED_GROUP} if scene.bonds or scene.angles else set(),
-        "external": {EXTERNAL_GROUP} if scene.body_forces else set(),
-        "electrostatic": {COULOMB_GROUP, LATTICE_GROUP} if scene.electrostatics is not None else set(),
-        "other": set().union(*map(groups_of, others)),
-    }
-    terms = {name: _forces(context, found) for name, found in apart.items() if found}
-    terms["conservative"] = _forces(context, groups.difference(*apart.values()))
-    for extra in () if built.integrator.whole is None else built.integrator.whole.function.spec.extras:
-        if extra.term != "conservative":
-            # the pair force holds it
-            part = np.zeros_like(x)
-            extra.evaluator().add_to(x, scene.box, part, 1.0)
-            terms[extra.term] = terms.get(extra.term, 0.0) + part
-            terms["conservative"] -= part
-    engine = PairEngine(spec)
-    engine.prepare(x, scene.box)
-    values = None if spec.fields is None else spec.fields.initial
-    for name, which in (("dissipative", DISSIPATIVE), ("random", RANDOM)):
-        terms[name] = engine.forces(which, v, scene.initial_kT, plan.options.dt, plan.options.seed, counter, values)[1]
-        if values is not None:
-            # rates: conductive and mechanical energy, dT/dt, or dC/dt of each species
-            terms[f"rates_{name}"] = engine.rates.copy()
-    return terms
-
-
-def _vectors(value, dimension: str, name: str, count: int) -> np.ndarray:
-    array = np.ascontiguousarray(to_md(value, dimension, name))
-    if array.shape != (count, 3):
-        raise ParameterError(f"{name} must have shape {(count, 3)}, not {array.shape}")
-    return array
-
-
-def _check_context(context) -> None:
-    if not isinstance(context, openmm.Context):
-        raise ParameterError(f"an openmm.Context is wanted here (simulation.context), not a {type(context).__name__}")
-
-
-def _forces(context: openmm.Context, groups) -> np.ndarray:
-    if not groups:
-        return np.zeros((context.getSystem().getNumParticles(), 3))
-    return context.getState(forces=True, groups=groups).getForces(asNumpy=True).value_in_unit(_KJ / _NM)
-
-
-def set_temperature(context: openmm.Context, temperature) -> None:
-    """Set the thermal energy of a running Context.
-
-    Parameters
-    ----------
-    context : openmm.Context
-    temperature : energy or temperature
-        Bare numbers are kJ/mol, also for Systems with :func:`openmm_dpd.add_thermostat`; a Quantity may be in kelvin.
-
-    Raises
-    ------
-    ParameterError
-        If the value is out of bounds, or the Context has no such parameter or a ramp that would overwrite it.
-    """
-    _check_context(context)
-    kT, integrator = thermal_energy(temperature), context.getIntegrator()
-    if KT not in context.getParameters():
-        native = isinstance(integrator, openmm.DPDIntegrator)
-        remedy = "use setTemperature of its DPDIntegrator" if native else "nothing in it has friction or noise"
-        raise ParameterError(f"this Context has no thermostat of openmm_dpd's; {remedy}")
-    if isinstance(integrator, openmm.CustomIntegrator):
-        names = map(integrator.getGlobalVariableName, range(integrator.getNumGlobalVariables()))
-        if RAMP_STEP in names:
-            raise ParameterError(RAMPED)
-    if VOLUME_MOVES in context.getParameters():
-        raise ParameterError("the beads of this Context have internal temperatures, which follow their energies; see write_fields")
-    if isinstance(integrator, PairIntegrator) and TEMPERATURE_VARIABLE in integrator.variables():
-        integrator.settle(context)
-        integrator.agree(context, kT, kelvin(kT))
-    else:
-        context.setParameter(KT, kT)
-
-
-def kelvin(kT: float) -> float:
-    """Temperature in kelvin of a thermal energy in kJ/mol."""
-    return kT / BOLTZMANN
-
-
-__all__ = ["Observer", "Sample", "TemperatureRamp", "bond_sums", "force_terms", "kelvin", "noise_state", "set_temperature"]
+__all__ = ["SceneSampler"]

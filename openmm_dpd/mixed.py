@@ -14,136 +14,74 @@ All of them exclude the same pairs and have one cutoff in each force group, as G
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import openmm
 from openmm import app, unit
 
-from .build import build_plan, fastest_platform, integration_groups, new_simulation
-from .errors import ParameterError, PlanError, RunError, what_is
+from .build import build_plan, run_in
+from .built import Built
+from .choices import platform_name
+from .errors import ParameterError, PlanError, what_is
 from .forces.merging import merged_systems
-from .html import fact_table
-from .integrators import Made, PairIntegrator, masses_of
+from .host import Host, box_of, check_system, degrees_of_freedom
 from .kinds import KINDS, kind_for
+from .made import masses_of, virtual_sites
 from .model.pairs import NONE
 from .model.scene import Scene
 from .model.table import PairTable
-from .names import KT
-from .plan import Plan, make_plan
-from .sample import Sample
+from .plan import make_plan
+from .platforms import fastest_platform
 from .schemes import scheme_of
-from .thermostat import PLATFORMS, check_system, degrees_of_freedom, free_group
+from .thermostat import UNSEEN, checked_positions
 from .trajectory import openmm_topology
-from .units import BOLTZMANN, to_md
-
-#: Class of atoms that beads do not see.
-_UNSEEN = "(unseen)"
-
-#: Numbers of a Sample that only a scene alone has.
-_NOT_TOLD_APART = (
-    *("pair", "bond", "angle", "short", "lattice", "virial_conservative", "virial_dissipative", "virial_random"),
-    *("gradient2", "force_norm", "force_max", "kinetic_on_step"),
-)
-_ABSENT: dict[str, Any] = dict.fromkeys(_NOT_TOLD_APART, float("nan"))
+from .units import BOLTZMANN
 
 
-@dataclass(eq=False)
-class Embedded:
+@dataclass(eq=False, repr=False)
+class MixedSystem(Built):
     """Atoms and beads in one System; the atoms come first.
 
     Attributes
     ----------
-    system : openmm.System
-    integrator : PairIntegrator, an openmm.CustomIntegrator
-    topology : openmm.app.Topology
-    positions, velocities : (N, 3) Quantity
     n_atoms : int
         Number of particles of the force field; those from here on are beads.
-    plan : Plan
-        Of the pair terms: the beads, and the classes of atoms as further types.
+
+    The others are those of :class:`Built`; ``plan`` is that of the pair terms: the beads, and the classes of atoms as further types.
     """
 
-    system: openmm.System
-    integrator: PairIntegrator
-    topology: app.Topology
-    positions: unit.Quantity
-    velocities: unit.Quantity
-    n_atoms: int
-    plan: Plan
+    @property
+    def n_atoms(self) -> int:
+        """Number of particles of the force field; those from here on are beads."""
+        return self.plan.n_atoms
 
     def __repr__(self) -> str:
-        return f"<Embedded: {self.n_atoms} atoms and {self.plan.scene.n_beads - self.n_atoms} beads, {self.plan!r}>"
-
-    def _repr_html_(self) -> str:
-        beads = self.plan.scene.n_beads - self.n_atoms
-        return fact_table("Embedded", {"atoms": self.n_atoms, **self.plan.facts(), "beads": beads})
-
-    def simulation(self, platform: openmm.Platform | str | None = None, properties: dict[str, str] | None = None) -> app.Simulation:
-        """A Simulation with positions and velocities set, such as constraints allow them, on the plan's platform by default."""
-        again = "these atoms and beads have a Simulation already; embed them again for another one"
-        simulation = new_simulation(self, platform, properties, again=again)
-        context = simulation.context
-        context.setPositions(self.positions)
-        context.applyConstraints(1e-6)
-        context.computeVirtualSites()
-        context.setVelocities(self.velocities)
-        context.applyVelocityConstraints(1e-6)
-        return simulation
+        return f"<MixedSystem: {self.n_atoms} atoms and {self.plan.scene.n_beads - self.n_atoms} beads, {self.plan!r}>"
 
     def temperatures(self, context: openmm.Context) -> dict[str, float]:
         """Kinetic temperatures (kelvin) of ``atoms``, ``beads`` and of ``all``, for the degrees of freedom that each of them has.
 
         The three that the conserved momentum takes are shared between atoms and beads in proportion to the degrees of freedom.
         """
-        return {
-            name: kT / BOLTZMANN for name, kT in self._kT(masses_of(self.system), _velocities(context.getState(velocities=True))).items()
-        }
-
-    def sample(self, context: openmm.Context) -> Sample:
-        """What an :class:`openmm_dpd.Observer` gives: temperatures, energies and momentum of the whole."""
-        state = context.getState(velocities=True, energy=True, groups=self.integrator.getIntegrationForceGroups())
-        mass, v = masses_of(self.system), _velocities(state)
-        potential = state.getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)
-        if not (np.isfinite(potential) and np.all(np.isfinite(v))):
-            raise RunError(f"the energy or a velocity is not finite at step {state.getStepCount()}; the step size may be too large")
-        kT = self._kT(mass, v)
-        periodic = self.plan.scene.box is not None
-        box = state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer) if periodic else None
-        return Sample(
-            step=state.getStepCount(),
-            time=state.getTime().value_in_unit(unit.picosecond),
-            n_mobile=int(np.sum(mass > 0)),
-            dof=degrees_of_freedom(self.system),
-            kinetic=0.5 * float(mass @ np.sum(v**2, axis=1)),
-            whole=potential,
-            volume=None if box is None else float(np.prod(np.diag(box))),
-            box=box,
-            momentum=mass @ v,
-            target_kT=context.getParameter(KT) if KT in context.getParameters() else self.plan.options.kT,
-            kT_atoms=kT["atoms"],
-            kT_beads=kT["beads"],
-            laplacian=None,
-            **_ABSENT,
-        )
-
-    def _kT(self, mass: np.ndarray, v: np.ndarray) -> dict[str, float]:
-        """Kinetic temperatures as energies."""
-        twice = mass * np.sum(v**2, axis=1)
-        total = degrees_of_freedom(self.system)
-        beads = 3 * int(np.sum(mass[self.n_atoms :] > 0))
-        part = beads / degrees_of_freedom(self.system, momentum=False)
-        shares = {"atoms": total * (1 - part), "beads": total * part, "all": total}
-        sums = {"atoms": twice[: self.n_atoms].sum(), "beads": twice[self.n_atoms :].sum(), "all": twice.sum()}
-        return {name: float(sums[name]) / shares[name] if shares[name] else 0.0 for name in sums}
+        state = context.getState(velocities=True)
+        v = state.getVelocities(asNumpy=True).value_in_unit(unit.nanometer / unit.picosecond)
+        return {name: kT / BOLTZMANN for name, kT in kinetic_kT(self.system, self.n_atoms, v).items()}
 
 
-def _velocities(state: openmm.State) -> np.ndarray:
-    return state.getVelocities(asNumpy=True).value_in_unit(unit.nanometer / unit.picosecond)
+def kinetic_kT(system: openmm.System, n_atoms: int, v: np.ndarray) -> dict[str, float]:
+    """Kinetic temperatures, as energies, of ``atoms``, ``beads`` and of ``all``, for velocities (N, 3), nm/ps."""
+    mass = masses_of(system)
+    twice = mass * np.sum(v**2, axis=1)
+    total = degrees_of_freedom(system)
+    beads = 3 * int(np.sum(mass[n_atoms:] > 0))
+    part = beads / degrees_of_freedom(system, momentum=False)
+    shares = {"atoms": total * (1 - part), "beads": total * part, "all": total}
+    sums = {"atoms": twice[:n_atoms].sum(), "beads": twice[n_atoms:].sum(), "all": twice.sum()}
+    return {name: float(sums[name]) / shares[name] if shares[name] else 0.0 for name in sums}
 
 
-def embed(
+def create_mixed_system(
     scene: Scene,
     topology: app.Topology,
     system: openmm.System,
@@ -155,7 +93,7 @@ def embed(
     scheme: str = "middle",
     platform: str | None = None,
     seed: int | None = None,
-) -> Embedded:
+) -> MixedSystem:
     """Put the beads of a scene into a System made elsewhere, by openmm.app.ForceField say, and make the integrator that runs both.
 
     Parameters
@@ -175,7 +113,7 @@ def embed(
 
     Returns
     -------
-    Embedded
+    MixedSystem
 
     Raises
     ------
@@ -196,44 +134,26 @@ def embed(
         raise ParameterError(f"expected a Scene, not {what_is(scene)}")
     _check_scene(scene)
     check_system(system)
-    x = _checked_positions(topology, system, positions)
+    x = checked_positions(topology, system, positions)
     _check_box(scene, system)
     classes = _checked_classes(atoms, len(x), scene.type_names)
     tables = _tables(scene, classes, cross)
-    if isinstance(platform, openmm.Platform):
-        platform = platform.getName()
-    if platform not in (None, *PLATFORMS):
-        raise ParameterError(f"platform must be the name of one of OpenMM's platforms ({', '.join(PLATFORMS)}), not {platform!r}")
+    name = platform_name(platform) or fastest_platform()
     if scheme_of(scheme).native:
         raise PlanError("OpenMM's DPDIntegrator has no conservative forces of its own; use scheme='middle'")
+    left_out = virtual_sites(system) | np.array([name is None for name in classes])
     whole = _whole(scene, system, x, classes, tables)
-    choices: dict[str, Any] = {"platform": platform or fastest_platform(), "seed": seed, "pair_group": free_group(system)}
-    plan = make_plan(whole, dt=dt, scheme=scheme, conservative="openmm", loop=False, **choices)
-    virtual = np.array([system.isVirtualSite(k) for k in range(len(x))], dtype=bool)
-    kernel_types = plan.spec.types.copy()
-    kernel_types[: len(x)][virtual | np.array([name is None for name in classes])] = -1
-    plan = replace(
-        plan,
-        spec=replace(plan.spec, types=kernel_types),
-        options=replace(plan.options, constraints=bool(system.getNumConstraints() or virtual.any())),
-    )
+    host = Host.of(system, left_out)
+    plan = make_plan(whole, dt=dt, scheme=scheme, conservative="openmm", platform=name, seed=seed, host=host)
     built = build_plan(plan)
-    merged, own = merged_systems(system, built.system, plan.options.pair_group)
-    built.integrator.setIntegrationForceGroups(integration_groups(own, plan.options))
-    built.integrator.made = Made.of("embed()", merged, own, plan.options)
+    merged, own = merged_systems(system, built.system, host.pair_group)
+    run_in(built, merged, own, "create_mixed_system()")
     beads = openmm_topology(list(scene.types), scene.molecules, scene.bond_pairs, scene.box, scene.residues)
     modeller = app.Modeller(topology, x * unit.nanometer)
     modeller.add(beads, scene.positions * unit.nanometer)
     modeller.topology.setPeriodicBoxVectors(None if scene.box is None else scene.box * unit.nanometer)
-    return Embedded(
-        system=merged,
-        integrator=built.integrator,  # type: ignore[arg-type]  # the native scheme is refused above
-        topology=modeller.topology,
-        positions=built.positions,
-        velocities=built.velocities,
-        n_atoms=len(x),
-        plan=plan,
-    )
+    built.topology = modeller.topology
+    return MixedSystem(**{field.name: getattr(built, field.name) for field in fields(Built)})
 
 
 # -- checks --------------------------------------------------------------------------------------------------------------------------
@@ -253,20 +173,8 @@ def _allowed() -> str:
     return ", ".join(kind.name for kind in KINDS.values() if kind.beside_atoms)
 
 
-def _checked_positions(topology, system: openmm.System, positions) -> np.ndarray:
-    n = system.getNumParticles()
-    if not isinstance(topology, app.Topology) or topology.getNumAtoms() != n:
-        what = f"has {topology.getNumAtoms()} atoms" if isinstance(topology, app.Topology) else f"is a {type(topology).__name__}"
-        raise ParameterError(f"the Topology must have the {n} particles of the System as its atoms, but it {what}")
-    x = np.asarray(to_md(positions, "length", "positions"), dtype=float)
-    if x.shape != (n, 3):
-        raise ParameterError(f"positions must have shape ({n}, 3), as the System has {n} particles, not {x.shape}")
-    return x
-
-
 def _check_box(scene: Scene, system: openmm.System) -> None:
     """The box of the scene is that of the atoms, where these have one."""
-    periodic = system.usesPeriodicBoundaryConditions()
     for force in system.getForces():
         if isinstance(force, (openmm.NonbondedForce, openmm.CustomNonbondedForce)):
             bounded = force.getNonbondedMethod() > force.CutoffNonPeriodic
@@ -278,9 +186,8 @@ def _check_box(scene: Scene, system: openmm.System) -> None:
                 )
     if scene.box is None:
         return
-    rows = [v.value_in_unit(unit.nanometer) for v in system.getDefaultPeriodicBoxVectors()]
-    box = np.array([[row.x, row.y, row.z] for row in rows])
-    if periodic and not np.allclose(box, scene.box, atol=1e-5):
+    box = box_of(system)
+    if box is not None and not np.allclose(box, scene.box, atol=1e-5):
         raise ParameterError(
             f"the box of the atoms, {np.diag(box).round(6).tolist()} nm, is not that of the scene, "
             f"{np.diag(scene.box).round(6).tolist()} nm; set that of the Topology before createSystem"
@@ -293,7 +200,7 @@ def _checked_classes(atoms, n: int, types: list[str]) -> list[str | None]:
     if len(atoms) != n:
         raise ParameterError(f"atoms names the classes of {len(atoms)} particles, but the System has {n}")
     for name in atoms:
-        if name is not None and (not isinstance(name, str) or name in ("", "*", _UNSEEN)):
+        if name is not None and (not isinstance(name, str) or name in ("", "*", UNSEEN)):
             raise ParameterError(f"a class of atoms is named by text other than '*', or None; `atoms` has {name!r}")
         if name in types:
             raise ParameterError(f"{name!r} is a bead type of the scene; give the class of atoms another name")
@@ -325,7 +232,7 @@ def _tables(scene: Scene, classes: list[str | None], cross) -> list[PairTable]:
         else:
             home.update(found)
     # what no table names does not interact: atoms with atoms, unseen atoms with everything (the scene has seen to its own beads)
-    every = [*names, _UNSEEN, *scene.type_names]
+    every = [*names, UNSEEN, *scene.type_names]
     silent = {(a, b): NONE for k, a in enumerate(every) for b in every[k:]}
     tables = [PairTable(table) for kind, table in merged if kind is not None]
     if not tables:
@@ -368,7 +275,7 @@ def _whole(scene: Scene, system: openmm.System, x: np.ndarray, classes: list[str
     """Scene of all particles: the classes of atoms are further types."""
     n = len(x)
     mass = masses_of(system)
-    names = [_UNSEEN if name is None else name for name in classes]
+    names = [UNSEEN if name is None else name for name in classes]
     mobile = np.ones(scene.n_beads, bool) if scene.mobile is None else scene.mobile
     mobile = np.concatenate([mass > 0, mobile])
     velocities = None
@@ -379,7 +286,7 @@ def _whole(scene: Scene, system: openmm.System, x: np.ndarray, classes: list[str
     if segments is not None and segments.bonds is not None:
         segments = replace(segments, bonds=segments.bonds + n)
     whole = Scene(
-        masses={**dict.fromkeys([*sorted(set(names) - {_UNSEEN}), _UNSEEN], 1.0), **scene.masses},
+        masses={**dict.fromkeys([*sorted(set(names) - {UNSEEN}), UNSEEN], 1.0), **scene.masses},
         types=[*names, *scene.types],
         positions=np.concatenate([x, scene.positions]),
         pairs=tables,
@@ -397,4 +304,4 @@ def _whole(scene: Scene, system: openmm.System, x: np.ndarray, classes: list[str
     return whole
 
 
-__all__ = ["Embedded", "embed"]
+__all__ = ["MixedSystem", "create_mixed_system", "kinetic_kT"]

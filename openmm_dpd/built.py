@@ -1,0 +1,102 @@
+"""What is handed to ``openmm.app.Simulation``, whichever way it was made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import openmm
+from openmm import app, unit
+
+from .errors import ParameterError, PlanError
+from .explain import explain_plan
+from .html import fact_table
+from .integrators import NativeIntegrator, PairIntegrator
+from .plan import Plan
+from .platforms import opencl_is_a_gpu
+from .programs.program import Program
+from .simulation import DPDSimulation, PoclSimulation
+
+
+@dataclass(eq=False)
+class Built:
+    """A System with its integrator: what :func:`openmm_dpd.build`, :func:`openmm_dpd.add_thermostat` and
+    :func:`openmm_dpd.create_mixed_system` return.
+
+    Attributes
+    ----------
+    system : openmm.System
+        Serialized, it holds the pair terms as a pickled Python object: read such a file with :func:`openmm_dpd.load_xml`, which runs no
+        other code.
+    integrator : PairIntegrator, an openmm.CustomIntegrator (NativeIntegrator, an openmm.DPDIntegrator, for the native scheme)
+    topology : openmm.app.Topology, or None if ``add_thermostat`` got none
+    positions : (N, 3) Quantity, or None if ``add_thermostat`` got none
+    velocities : (N, 3) Quantity
+    plan : Plan
+    program : Program or None
+        None for the native scheme.
+    """
+
+    system: openmm.System
+    integrator: PairIntegrator | NativeIntegrator
+    topology: app.Topology | None
+    positions: unit.Quantity | None
+    velocities: unit.Quantity
+    plan: Plan
+    program: Program | None
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} from {self.plan!r}>"
+
+    def _repr_html_(self) -> str:
+        return fact_table(type(self).__name__, self.plan.facts())
+
+    def explain(self) -> str:
+        """The plan and the listing of the program."""
+        listing = self.program.describe() if self.program else "integrator: openmm.DPDIntegrator"
+        return f"{explain_plan(self.plan)}\n{listing}"
+
+    def simulation(self, platform: openmm.Platform | str | None = None, properties: dict[str, str] | None = None) -> app.Simulation:
+        """A Simulation with positions and velocities set, such as constraints allow them, on the plan's platform by default.
+
+        It is one that refuses states of other schemes, and that can minimise on OpenCL through PoCL (:mod:`openmm_dpd.simulation`).
+
+        Raises
+        ------
+        PlanError
+            If the integrator belongs to a Simulation already, or there are no topology and positions.
+        ParameterError
+            If there is no such platform, or it does not know a property.
+        """
+        if self.topology is None or self.positions is None:
+            raise PlanError("a Simulation needs a topology and positions: give them to add_thermostat, or make your own app.Simulation")
+        simulation = self._new_simulation(platform, properties)
+        context = simulation.context
+        context.setPositions(self.positions)
+        if self.plan.host is None:
+            context.setVelocities(self.velocities)
+            return simulation
+        context.applyConstraints(1e-6)
+        context.computeVirtualSites()
+        context.setVelocities(self.velocities)
+        context.applyVelocityConstraints(1e-6)
+        return simulation
+
+    def _new_simulation(self, platform: openmm.Platform | str | None, properties: dict[str, str] | None) -> app.Simulation:
+        name = platform if platform is not None else self.plan.platform
+        try:
+            chosen = openmm.Platform.getPlatformByName(name) if isinstance(name, str) else name
+            pocl = chosen is not None and chosen.getName() == "OpenCL" and not opencl_is_a_gpu(chosen)
+            simulation = (PoclSimulation if pocl else DPDSimulation)(self.topology, self.system, self.integrator, chosen, properties)
+            self.integrator.bind(simulation.context)
+            return simulation
+        except openmm.OpenMMException as error:
+            if "same name as a Context parameter" in str(error):
+                name = str(error).rpartition(":")[2].strip()
+                raise PlanError(f"a force has a global parameter called {name}, which is a variable of the integrator; rename it") from None
+            if "already bound" in str(error):
+                again = "this scene" if self.plan.host is None else "this System"
+                raise PlanError(f"{again} has a Simulation already; build it again for another one") from None
+            raise ParameterError(f"no Simulation on platform {name!r} with properties {properties!r}: {error}") from None
+
+
+__all__ = ["Built"]

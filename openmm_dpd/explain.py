@@ -1,0 +1,139 @@
+"""A plan in words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .kernels.fields import ENERGY, TEMPERATURE
+from .model.angles import HarmonicAngles
+from .model.bonds import FENEBonds, HarmonicBonds
+from .model.flow import gaps
+from .model.pairs import describe
+from .plan import Plan, longest
+
+
+def explain_plan(plan: Plan) -> str:
+    """Half a page: what will be built, and why."""
+    scene, options = plan.scene, plan.options
+    frozen = 0 if scene.mobile is None else int((~scene.mobile).sum())
+    lines = [
+        f"{scene.n_beads} beads of {len(scene.masses)} type(s): " + ", ".join(f"{n} (mass {m:g})" for n, m in scene.masses.items()),
+        "box: none" if scene.box is None else "box: " + _describe_box(scene.box),
+        f"scheme: {options.scheme} ({options.scheme.what}), dt = {options.dt:g} ps" + _lambda_text(plan),
+        _temperature_text(plan),
+        f"seed of the noise: {options.seed}",
+        "pair terms:",
+    ]
+    for table in (*plan.layers, *plan.partners):
+        lines += [f"  {a} - {b}: {describe(value)}" for (a, b), value in table.items()]
+    lines.append("conservative DPD force: " + _conservative_text(plan))
+    if not options.kernel:
+        lines.append("no friction, no noise: no pair kernel, no PythonForce")
+    elif options.thermostat:
+        transverse = any(np.any(getattr(term, "gamma_perp", 0) > 0) for term in plan.spec.terms)
+        lines.append("friction and noise: compiled pair kernel behind a PythonForce" + (", with transverse terms" if transverse else ""))
+        lines.append(f"steps: one by one, by the program ({plan.unlooped})" if plan.unlooped else _looped(options.slow_every))
+    if plan.spec.fields is not None:
+        lines.append(_field_text(plan))
+    if len(scene.bond_pairs):
+        lines.append(f"{_bond_text(plan)}; {len(plan.exceptions)} bonded neighbours with a factor other than 1")
+    for angles in scene.angles:
+        lines.append(f"{len(angles.triples)} {'harmonic' if isinstance(angles, HarmonicAngles) else 'cosine'} angles")
+    if scene.segments is not None:
+        lines.append(_segment_text(plan))
+    if scene.electrostatics is not None:
+        lines += _charge_lines(plan)
+    lines += [f"body force on single beads: {term}" for term in scene.body_forces]
+    for axis, gap in gaps(scene.walls, scene.box).items():
+        lines.append(f"{gap.kind} walls: {'xyz'[axis]} from {gap.low:g} to {gap.high:g} nm")
+    if frozen:
+        lines.append(f"{frozen} beads do not move (mass 0)")
+    return "\n".join(lines)
+
+
+def _bond_text(plan: Plan) -> str:
+    counts: dict[str, int] = {}
+    for bonds in plan.scene.bonds:
+        name = {HarmonicBonds: "harmonic", FENEBonds: "FENE"}.get(type(bonds), "Morse")
+        counts[name] = counts.get(name, 0) + len(bonds.pairs)
+    return ", ".join(f"{count} {name} bonds" for name, count in counts.items())
+
+
+def _segment_text(plan: Plan) -> str:
+    segments = plan.scene.segments
+    assert segments is not None
+    points = "midpoints" if segments.distance == "mid" else "nearest points"
+    return (
+        f"segmental repulsion between the {points} of {len(plan.scene.segment_pairs)} bonds: A = {segments.A:g}, "
+        f"cutoff {segments.cutoff:g} nm, compiled kernel behind a PythonForce of its own"
+    )
+
+
+def _charge_lines(plan: Plan) -> list[str]:
+    charges, q, ewald = plan.scene.electrostatics, plan.scene.charges, plan.ewald
+    assert charges is not None and q is not None
+    ions = int(np.count_nonzero(q))
+    text = f"{ions} charged beads, total charge {q.sum():g} e: {charges.describe()}, "
+    text += f"Coulomb constant {charges.coulomb(plan.scene.initial_kT):.6g} kJ/mol nm/e^2"
+    if plan.charges_held:
+        text += "; in the pair kernel"
+    if ewald is None:
+        return [text + "; no box: every pair, no cutoff"]
+    grid = "a direct sum over waves" if plan.charges_held else "PME on a grid of " + " x ".join(map(str, ewald.grid))
+    lines = [text, f"  real space to {ewald.cutoff:.4g} nm, {grid}, alpha = {ewald.alpha:.4g}/nm"]
+    error = charges.tail(ewald.cutoff)
+    if error > 2 * charges.tolerance:
+        lines.append(
+            f"  beyond that charges are point charges; the smeared force differs there by a part of {error:.1g} still "
+            f"({charges.tolerance:g} from {charges.reach(charges.tolerance):.3g} nm on)"
+        )
+    return lines
+
+
+def _field_text(plan: Plan) -> str:
+    fields = plan.spec.fields
+    assert fields is not None
+    text = f"{fields.n_values} value(s) per bead in {fields.n_blocks} per-DOF variable(s): {plan.options.field_names}"
+    if fields.kind == ENERGY:
+        eos = plan.scene.internal.by_type(plan.scene.type_names)  # type: ignore[union-attr]
+        text += "; equation of state " + ", ".join(f"{name}: {state}" for name, state in zip(plan.scene.type_names, eos, strict=True))
+    if fields.kind == TEMPERATURE and plan.scene.compat == "lammps":
+        text += "; heat as LAMMPS computes it (compat), which does not conserve energy"
+    return text + (f"; {len(fields.sources)} source(s)" if fields.sources else "")
+
+
+def _lambda_text(plan: Plan) -> str:
+    return f", lambda = {plan.options.lam:g}" if plan.options.scheme.predicts else ""
+
+
+def _temperature_text(plan: Plan) -> str:
+    ramp = plan.options.ramp
+    if ramp is None:
+        return f"kT = {plan.options.kT:g} kJ/mol"
+    return f"kT from {ramp.start:g} to {ramp.stop:g} kJ/mol between steps {ramp.begin} and {ramp.end}"
+
+
+def _conservative_text(plan: Plan) -> str:
+    unlisted = "" if plan.listed(longest(plan.layers)) else ", over all pairs (a list could miss some: the box is small and tilted)"
+    return {
+        "kernel": f"in the pair kernel, which passes over the same pairs anyway (platform {plan.platform})",
+        "openmm": "CustomNonbondedForce with " + ("constants" if len(plan.scene.masses) == 1 else "tables of type pairs") + unlisted,
+        "none": "none",
+    }[plan.conservative]
+
+
+def _looped(slow_every: int) -> str:
+    often = "each step" if slow_every == 1 else f"every {slow_every} steps"
+    return (
+        f"steps: up to ten at once in compiled loops; forces that stay OpenMM's kick before and after {often}, a barostat acts at the end "
+        "of such a piece, which is no longer than its interval"
+    )
+
+
+def _describe_box(box: np.ndarray) -> str:
+    edges = " x ".join(f"{edge:g}" for edge in np.diag(box))
+    tilt = f", tilt {box[1, 0]:g} {box[2, 0]:g} {box[2, 1]:g}" if np.any(np.tril(box, -1)) else ""
+    return f"{edges} nm{tilt}"
+
+
+__all__ = ["explain_plan"]

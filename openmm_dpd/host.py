@@ -1,0 +1,89 @@
+"""A System that was made elsewhere, by openmm.app.ForceField say, and that pair terms are added to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import openmm
+from openmm import unit
+
+from .errors import ParameterError, PlanError
+from .made import groups_of, masses_of, refuse_thermostat, virtual_sites
+from .names import PAIR_FORCE
+
+
+@dataclass(frozen=True, eq=False)
+class Host:
+    """What a plan has to know of it.
+
+    Attributes
+    ----------
+    masses : (N,) array
+        Masses of its particles, Da.
+    left_out : (N,) bool array
+        Which of them take no part in friction and noise.
+    constrained : bool
+        Whether it has constraints or virtual sites.
+    pair_group : int
+        The highest force group that no force of it is in.
+    """
+
+    masses: np.ndarray
+    left_out: np.ndarray
+    constrained: bool
+    pair_group: int
+
+    @classmethod
+    def of(cls, system: openmm.System, left_out: np.ndarray) -> Host:
+        """Look at a System; PlanError if all its force groups are taken."""
+        constrained = system.getNumConstraints() > 0 or bool(virtual_sites(system).any())
+        return cls(masses_of(system), left_out, constrained, _free_group(system))
+
+
+def _free_group(system: openmm.System) -> int:
+    free = set(range(32)).difference(*map(groups_of, system.getForces()))
+    if not free:
+        raise PlanError("the forces of the System are in all 32 force groups, and the pair terms need one for themselves")
+    return max(free)
+
+
+def check_system(system: openmm.System) -> None:
+    """Raise an error if this is no System, or one that a DPD thermostat cannot be added to."""
+    if not isinstance(system, openmm.System):
+        raise ParameterError(f"the thermostat is added to an openmm.System, not to a {type(system).__name__}")
+    for force in system.getForces():
+        if force.getName() == PAIR_FORCE:
+            raise PlanError("the System has DPD pair terms already; a table by type names holds several coefficients at once")
+        refuse_thermostat(force)
+
+
+def box_of(system: openmm.System) -> np.ndarray | None:
+    """(3, 3) box vectors of a periodic System, nm; None for one that is not periodic."""
+    if not system.usesPeriodicBoundaryConditions():
+        return None
+    rows = (vector.value_in_unit(unit.nanometer) for vector in system.getDefaultPeriodicBoxVectors())
+    return np.array([[row.x, row.y, row.z] for row in rows])
+
+
+def degrees_of_freedom(system: openmm.System, *, momentum: bool = True) -> int:
+    """Degrees of freedom that share the kinetic energy of a System under a DPD thermostat, for its temperature 2K/(f k_B).
+
+    Three for each particle that moves, less one for each constraint, less three for the total momentum, which pairwise friction
+    conserves.  ``openmm.app.StateDataReporter`` takes those three off only if the System has a CMMotionRemover.
+
+    Parameters
+    ----------
+    system : openmm.System
+    momentum : bool, default True
+        Take the three of the momentum off.  Nothing is taken off where frozen particles (mass 0, no virtual sites) take up momentum, or if
+        there is not more than one particle.
+    """
+    moves = masses_of(system) > 0
+    frozen = bool(np.any(~moves & ~virtual_sites(system)))
+    tied = [system.getConstraintParameters(k)[:2] for k in range(system.getNumConstraints())]
+    found = 3 * int(moves.sum()) - sum(bool(moves[i] or moves[j]) for i, j in tied)
+    return found - 3 if momentum and not frozen and found > 3 else found
+
+
+__all__ = ["Host", "box_of", "check_system", "degrees_of_freedom"]

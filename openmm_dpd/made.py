@@ -1,0 +1,214 @@
+"""What an integrator was made for: whose forces those of a System are, and who wrote a state."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from zlib import crc32
+
+import numpy as np
+import openmm
+from openmm import unit
+
+from .errors import PlanError
+from .names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES
+from .program_options import ProgramOptions
+
+#: Forces that change the box now and then, and exert no force.
+BAROSTATS = (
+    openmm.MonteCarloBarostat,
+    openmm.MonteCarloAnisotropicBarostat,
+    openmm.MonteCarloFlexibleBarostat,
+    openmm.MonteCarloMembraneBarostat,
+)
+
+
+def text_number(text: str) -> float:
+    """What stands for a text in a context parameter; 0 for an empty one."""
+    return float(crc32(text.encode()))
+
+
+def origin(options: ProgramOptions, integrator: openmm.Integrator) -> dict[str, float]:
+    """Context parameters by which a state says who wrote it."""
+    return {
+        BY_SCHEME: text_number(options.scheme.name),
+        BY_KT: _asked(options),
+        BY_SEED: float(options.seed),
+        BY_VARIABLES: variables_number(integrator),
+        BESIDE: 0.0,
+        BEGUN: 0.0,
+    }
+
+
+def variables_number(integrator: openmm.Integrator) -> float:
+    """A number for the names of an integrator's variables, 0 if it has none."""
+    if not isinstance(integrator, openmm.CustomIntegrator):
+        return 0.0
+    single = map(integrator.getGlobalVariableName, range(integrator.getNumGlobalVariables()))
+    per_dof = map(integrator.getPerDofVariableName, range(integrator.getNumPerDofVariables()))
+    return text_number(" ".join([*single, "each", *per_dof]))
+
+
+def _asked(options: ProgramOptions) -> float:
+    """A number for the temperature that a script asked for: the thermal energy, or a negative one for a ramp."""
+    return options.kT if options.ramp is None else -1.0 - text_number(repr(options.ramp))
+
+
+def groups_of(force: openmm.Force) -> set[int]:
+    """Force groups in which a force acts."""
+    groups = {force.getForceGroup()}
+    if isinstance(force, openmm.NonbondedForce) and force.getReciprocalSpaceForceGroup() >= 0:
+        groups.add(force.getReciprocalSpaceForceGroup())
+    return groups
+
+
+def acting(forces: list[openmm.Force]) -> list[openmm.Force]:
+    """Those that have an energy, whatever it may be at present."""
+    return [force for force in forces if not isinstance(force, (*BAROSTATS, openmm.CMMotionRemover, openmm.AndersenThermostat))]
+
+
+def refuse_thermostat(force: openmm.Force) -> None:
+    """Raise PlanError for a force that changes velocities, which pairwise friction does not stand beside."""
+    if isinstance(force, openmm.AndersenThermostat):
+        raise PlanError("the System has an AndersenThermostat beside the DPD thermostat; remove it")
+    if isinstance(force, openmm.CMMotionRemover):
+        raise PlanError(
+            "the System has a CMMotionRemover, which DPD does not need (it conserves momentum) and which takes energy out of the flow; "
+            "make the System with removeCMMotion=False"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """What an integrator was made for.
+
+    Attributes
+    ----------
+    maker : str
+        Function of this package that made the System, or added to it.
+    masses : (N,) array
+        Masses of the particles, Da.
+    constraints : int
+        Number of constraints.
+    virtual : (N,) bool array
+        Which particles are virtual sites.
+    own : tuple of (str, int)
+        Names and force groups of the forces that the package made.
+    scheme : str
+    kT : float
+        Thermal energy the script asked for, kJ/mol (that at the beginning of a ramp).
+    asked : float
+        The same as it stands in states.
+    seed : int or None
+        The seed the script chose; None if it left the choice to the package.
+    """
+
+    maker: str
+    masses: np.ndarray
+    constraints: int
+    virtual: np.ndarray
+    own: tuple[tuple[str, int], ...]
+    scheme: str
+    kT: float
+    asked: float
+    seed: int | None
+
+    @classmethod
+    def of(cls, maker: str, system: openmm.System, own: Sequence[openmm.Force], options: ProgramOptions) -> Made:
+        """What stands in a System now, and what was asked for."""
+        forces = tuple((force.getName(), force.getForceGroup()) for force in own)
+        seed = options.seed if options.seeded else None
+        asked = options.scheme.name, options.kT, _asked(options), seed
+        return cls(maker, masses_of(system), system.getNumConstraints(), virtual_sites(system), forces, *asked)
+
+    def check(self, system: openmm.System) -> list[openmm.Force]:
+        """The forces in a System that the package did not make.
+
+        Raises
+        ------
+        PlanError
+            If the System is not the one that the integrator was made for, or has something that would not act, or twice.
+        """
+        count, maker = len(self.masses), self.maker
+        if system.getNumParticles() != count:
+            raise PlanError(f"the System has {system.getNumParticles()} particles, but {maker} made the integrator for {count}")
+        if system.getNumConstraints() != self.constraints:
+            raise PlanError(
+                f"the System has {system.getNumConstraints()} constraints, and it had {self.constraints} when {maker} made the integrator, "
+                f"which would ignore the others; {self._remedy('hold distances by stiff bonds of the scene', 'add them')}"
+            )
+        changed = np.flatnonzero(virtual_sites(system) != self.virtual)
+        if len(changed):
+            raise PlanError(
+                f"particle {changed[0]} has become a virtual site, or is none any more, since {maker} made the integrator; "
+                f"{self._remedy('a scene has none', 'do that')}"
+            )
+        changed = np.flatnonzero(masses_of(system) != self.masses)
+        if len(changed):
+            raise PlanError(
+                f"the mass of particle {changed[0]} is not what it was when {maker} made the integrator; "
+                f"{self._remedy('give the scene its masses', 'change it')}"
+            )
+        return self._foreign(system)
+
+    def check_writer(self, parameters: Mapping[str, float]) -> None:
+        """Raise PlanError if the parameters of a state say that another scheme wrote it."""
+        if BY_SCHEME in parameters and parameters[BY_SCHEME] != text_number(self.scheme):
+            raise PlanError(
+                f"the state was written by another scheme than {self.scheme!r}, and schemes keep velocities at different times; take "
+                "positions, velocities and box vectors from it (context.setPositions(state.getPositions()), ...) into a new Context"
+            )
+
+    def others(self, system: openmm.System) -> list[openmm.Force]:
+        """Forces in a System that have an energy and that the package did not make."""
+        return acting(self._told_apart(system)[1])
+
+    def _told_apart(self, system: openmm.System) -> tuple[Counter, list[openmm.Force]]:
+        """Own forces that are not there (or not in their group), and forces of others."""
+        missing, foreign = Counter(self.own), []
+        for force in system.getForces():
+            place = (force.getName(), force.getForceGroup())
+            if missing[place]:
+                missing[place] -= 1
+            else:
+                foreign.append(force)
+        return missing, foreign
+
+    def _remedy(self, scene: str, before: str) -> str:
+        return scene if self.maker == "build()" else f"{before} before {self.maker}"
+
+    def _foreign(self, system: openmm.System) -> list[openmm.Force]:
+        missing, foreign = self._told_apart(system)
+        lost = next(missing.elements(), None)
+        if lost is not None:
+            name, group = lost
+            now = [force.getForceGroup() for force in foreign if force.getName() == name]
+            what = f"is in group {now[0]} now" if now else "is gone"
+            raise PlanError(
+                f"the force {name!r}, which {self.maker} put into force group {group}, {what}; leave the package's own forces as they are, "
+                "and give other forces any groups that are free"
+            )
+        taken = {group: name for name, group in self.own}
+        for force in foreign:
+            for group in groups_of(force) & set(taken):
+                free = ", ".join(str(g) for g in range(32) if g not in taken)
+                raise PlanError(
+                    f"the {force.getName()} is in force group {group}, which {taken[group]!r} of this package needs for itself; "
+                    f"free groups are {free}"
+                )
+            refuse_thermostat(force)
+        return foreign
+
+
+def masses_of(system: openmm.System) -> np.ndarray:
+    """Masses of all particles, Da."""
+    return np.array([m.value_in_unit(unit.dalton) for m in map(system.getParticleMass, range(system.getNumParticles()))])
+
+
+def virtual_sites(system: openmm.System) -> np.ndarray:
+    """(N,) which particles are virtual sites."""
+    return np.array([system.isVirtualSite(k) for k in range(system.getNumParticles())], dtype=bool)
+
+
+__all__ = ["BAROSTATS", "Made", "acting", "groups_of", "masses_of", "origin", "refuse_thermostat", "variables_number", "virtual_sites"]

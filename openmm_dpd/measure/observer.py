@@ -1,0 +1,66 @@
+"""Measured quantities of a running Context.
+
+Kinetic temperature: 2K/(3N - 3), over the beads that move (all schemes here conserve momentum).  Configurational temperature:
+<|grad U|^2>/<lap U>, a ratio of averages, which shows errors of the configurations that a thermostat hides from the kinetic one (Rugh,
+Phys. Rev. Lett. 78, 772 (1997); Allen, J. Phys. Chem. B 110, 3823 (2006)).  Pressure: (2K + W)/(3V) with the virial W = sum over pairs of
+r_ij . F_ij.  OpenMM's own reporters use 3N degrees of freedom, kelvin, and no pair term.
+"""
+
+from __future__ import annotations
+
+import openmm
+
+from ..built import Built
+from ..errors import ParameterError, what_is
+from .sample import SystemSample
+from .scene_samples import SceneSampler
+from .system_samples import SystemSampler
+from .temperature import check_context
+
+
+class Observer:
+    """Takes samples from a Context that runs something this package has built.
+
+    Parameters
+    ----------
+    built : Built
+        What :func:`openmm_dpd.build`, :func:`openmm_dpd.add_thermostat` or :func:`openmm_dpd.create_mixed_system` returned.  Of a
+        scene it gives a :class:`Sample`, with every term; beside the forces of a System made elsewhere a :class:`SystemSample`, with
+        what any System tells.
+
+    Raises
+    ------
+    ParameterError
+        If it is something else, a Simulation say.
+    """
+
+    def __init__(self, built: Built):
+        require_built(built, "an Observer")
+        self.built, self.plan = built, built.plan
+        self._sampler = SceneSampler(built) if built.plan.host is None else SystemSampler(built)
+
+    @property
+    def no_laplacian(self) -> str | None:
+        """Why there is no configurational temperature, or None."""
+        return self._sampler.no_laplacian
+
+    @property
+    def uncounted(self) -> str | None:
+        """Names of forces that do not count in virials and pressures, because somebody else added them to the System; None without any."""
+        return self._sampler.uncounted
+
+    def sample(self, context: openmm.Context) -> SystemSample:
+        """Measure the present state of a Context."""
+        check_context(context)
+        return self._sampler.sample(context)
+
+
+def require_built(built, what: str) -> None:
+    """Raise ParameterError if this is not what the package has built."""
+    if not isinstance(built, Built):
+        raise ParameterError(
+            f"{what} wants as built what openmm_dpd.build(), add_thermostat() or create_mixed_system() returned, not {what_is(built)}"
+        )
+
+
+__all__ = ["Observer", "require_built"]

@@ -1,0 +1,54 @@
+"""Samples of a System made elsewhere, alone or with beads in it."""
+
+from __future__ import annotations
+
+import numpy as np
+import openmm
+from openmm import unit
+
+from ..built import Built
+from ..errors import RunError
+from ..host import degrees_of_freedom
+from ..made import masses_of
+from ..mixed import kinetic_kT
+from ..names import KT
+from .sample import SystemSample
+
+
+class SystemSampler:
+    """Temperatures, energies and momentum of all particles of a System."""
+
+    no_laplacian = "the forces of a System made elsewhere have no Laplacian here"
+    uncounted = None
+
+    def __init__(self, built: Built):
+        self.built, self.plan = built, built.plan
+
+    def sample(self, context: openmm.Context) -> SystemSample:
+        """Measure the present state of a Context."""
+        system, plan = self.built.system, self.plan
+        state = context.getState(velocities=True, energy=True, groups=self.built.integrator.getIntegrationForceGroups())
+        mass, v = masses_of(system), state.getVelocities(asNumpy=True).value_in_unit(unit.nanometer / unit.picosecond)
+        potential = state.getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)
+        if not (np.isfinite(potential) and np.all(np.isfinite(v))):
+            raise RunError(f"the energy or a velocity is not finite at step {state.getStepCount()}; the step size may be too large")
+        kT = kinetic_kT(system, plan.n_atoms, v)
+        periodic = plan.scene.box is not None
+        box = state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer) if periodic else None
+        return SystemSample(
+            step=state.getStepCount(),
+            time=state.getTime().value_in_unit(unit.picosecond),
+            n_mobile=int(np.sum(mass > 0)),
+            dof=degrees_of_freedom(system),
+            kinetic=0.5 * float(mass @ np.sum(v**2, axis=1)),
+            potential=potential,
+            volume=None if box is None else float(np.prod(np.diag(box))),
+            box=box,
+            momentum=mass @ v,
+            target_kT=context.getParameter(KT) if KT in context.getParameters() else plan.options.kT,
+            kT_atoms=kT["atoms"],
+            kT_beads=kT["beads"] if len(mass) > plan.n_atoms else None,
+        )
+
+
+__all__ = ["SystemSampler"]

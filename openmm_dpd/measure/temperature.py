@@ -1,0 +1,89 @@
+"""Thermal energies of a Context: what is set, and setting it."""
+
+from __future__ import annotations
+
+import openmm
+from openmm import unit
+
+from ..errors import ParameterError
+from ..integrators import RAMPED, PairIntegrator
+from ..model.temperature import thermal_energy
+from ..names import COUNTER, KT, RAMP_STEP, SEED, TEMPERATURE, VOLUME_MOVES
+from ..plan import Plan
+from ..units import BOLTZMANN, to_md
+
+
+def noise_state(context: openmm.Context, plan: Plan) -> tuple[float, int, int, float]:
+    """Thermal energy, seed, noise counter and step size of a Context."""
+    dt = context.getIntegrator().getStepSize().value_in_unit(unit.picosecond)
+    if KT not in context.getParameters():
+        native = isinstance(context.getIntegrator(), openmm.DPDIntegrator)
+        kT = BOLTZMANN * context.getIntegrator().getTemperature().value_in_unit(unit.kelvin) if native else plan.options.kT
+        return kT, plan.options.seed, context.getStepCount(), dt
+    return context.getParameter(KT), int(context.getParameter(SEED)), int(context.getParameter(COUNTER)), dt
+
+
+def check_context(context) -> None:
+    """Raise ParameterError if this is no Context."""
+    if not isinstance(context, openmm.Context):
+        raise ParameterError(f"an openmm.Context is wanted here (simulation.context), not a {type(context).__name__}")
+
+
+def set_temperature(context: openmm.Context, temperature) -> None:
+    """Set the temperature of a running Context.
+
+    Parameters
+    ----------
+    context : openmm.Context
+    temperature : temperature or energy
+        Bare numbers are kelvin, as for OpenMM's integrators; a Quantity may also be an energy.
+
+    Raises
+    ------
+    ParameterError
+        If the value is out of bounds, or the Context has no such parameter or a ramp that would overwrite it.
+    """
+    if not unit.is_quantity(temperature):
+        temperature = to_md(temperature, "temperature", "temperature") * unit.kelvin
+    set_kT(context, thermal_energy(temperature, "temperature"))
+
+
+def set_kT(context: openmm.Context, kT) -> None:
+    """Set the thermal energy of a running Context: :func:`set_temperature` for reduced units.
+
+    Parameters
+    ----------
+    context : openmm.Context
+    kT : energy or temperature
+        Bare numbers are kJ/mol; a Quantity may be in kelvin.
+
+    Raises
+    ------
+    ParameterError
+        As :func:`set_temperature`.
+    """
+    check_context(context)
+    kT, integrator = thermal_energy(kT), context.getIntegrator()
+    if KT not in context.getParameters():
+        native = isinstance(integrator, openmm.DPDIntegrator)
+        remedy = "use setTemperature of its DPDIntegrator" if native else "nothing in it has friction or noise"
+        raise ParameterError(f"this Context has no thermostat of openmm_dpd's; {remedy}")
+    if isinstance(integrator, openmm.CustomIntegrator):
+        names = map(integrator.getGlobalVariableName, range(integrator.getNumGlobalVariables()))
+        if RAMP_STEP in names:
+            raise ParameterError(RAMPED)
+    if VOLUME_MOVES in context.getParameters():
+        raise ParameterError("the beads of this Context have internal temperatures, which follow their energies; see write_fields")
+    if isinstance(integrator, PairIntegrator) and TEMPERATURE in integrator.variables():
+        integrator.settle(context)
+        integrator.agree(context, kT, kelvin(kT))
+    else:
+        context.setParameter(KT, kT)
+
+
+def kelvin(kT: float) -> float:
+    """Temperature in kelvin of a thermal energy in kJ/mol."""
+    return kT / BOLTZMANN
+
+
+__all__ = ["check_context", "kelvin", "noise_state", "set_kT", "set_temperature"]

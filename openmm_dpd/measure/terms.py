@@ -1,0 +1,103 @@
+"""Forces of a scene term by term, at given positions and velocities."""
+
+from __future__ import annotations
+
+import numpy as np
+import openmm
+from openmm import unit
+
+from ..built import Built
+from ..errors import ParameterError
+from ..kernels.engine import DISSIPATIVE, RANDOM, PairEngine
+from ..made import groups_of
+from ..names import BONDED_GROUP, COULOMB_GROUP, EXTERNAL_GROUP, LATTICE_GROUP
+from ..units import to_md, whole_number
+from .observer import require_built
+
+
+def force_terms(
+    built: Built, positions=None, velocities=None, *, counter: int = 1, properties: dict[str, str] | None = None
+) -> dict[str, np.ndarray]:
+    """Forces term by term at given positions and velocities, always in force form, whatever the scheme.
+
+    Parameters
+    ----------
+    built : Built
+    positions, velocities : (N, 3) arrays, optional
+        Bare numbers: nm and nm/ps; the scene's own by default.
+    counter : int
+        Count of the noise; another count gives independent random forces.
+    properties : dict, optional
+        Platform properties.
+
+    Returns
+    -------
+    dict of (N, 3) arrays, kJ/mol/nm
+        ``conservative`` (all pair potentials but charges, from the plan's platform), ``electrostatic`` if there are charges,
+        ``bond`` if there are bonds or angles, ``external`` if there are body forces, ``other`` if somebody else added forces to the System,
+        ``dissipative`` and ``random``.  They add up to the total force.  If beads carry internal energies, temperatures or concentrations,
+        ``rates_dissipative`` and ``rates_random`` (N, K) are their changes per time at the scene's initial values.
+
+    Raises
+    ------
+    ParameterError
+        If a value has the wrong shape, or ``built`` is something else: the terms of atoms beside beads are not told apart.
+    """
+    require_built(built, "force_terms")
+    if built.plan.host is not None:
+        raise ParameterError(
+            "force_terms tells the terms of a scene alone apart; beside the forces of a System made elsewhere ask for "
+            "context.getState(forces=True)"
+        )
+    plan = built.plan
+    scene, spec = plan.scene, plan.spec
+    x = _vectors(scene.positions if positions is None else positions, "length", "positions", scene.n_beads)
+    v = _vectors(built.velocities if velocities is None else velocities, "velocity", "velocities", scene.n_beads)
+    counter = whole_number(counter, "counter", least=0)
+    # an integrator belongs to one Context: this one is thrown away
+    integrator = openmm.VerletIntegrator(plan.options.dt)
+    context = openmm.Context(built.system, integrator, openmm.Platform.getPlatformByName(plan.platform), properties or {})
+    context.setPositions(x)
+    used = built.integrator.getIntegrationForceGroups()
+    groups = {g for g in range(32) if used & (1 << g)}
+    others = [] if built.integrator.made is None else built.integrator.made.others(built.system)
+    apart = {
+        "bond": {BONDED_GROUP} if scene.bonds or scene.angles else set(),
+        "external": {EXTERNAL_GROUP} if scene.body_forces else set(),
+        "electrostatic": {COULOMB_GROUP, LATTICE_GROUP} if scene.electrostatics is not None else set(),
+        "other": set().union(*map(groups_of, others)),
+    }
+    terms = {name: _forces(context, found) for name, found in apart.items() if found}
+    terms["conservative"] = _forces(context, groups.difference(*apart.values()))
+    for extra in () if built.integrator.whole is None else built.integrator.whole.function.spec.extras:
+        if extra.term != "conservative":
+            # the pair force holds it
+            part = np.zeros_like(x)
+            extra.evaluator().add_to(x, scene.box, part, 1.0)
+            terms[extra.term] = terms.get(extra.term, 0.0) + part
+            terms["conservative"] -= part
+    engine = PairEngine(spec)
+    engine.prepare(x, scene.box)
+    values = None if spec.fields is None else spec.fields.initial
+    for name, which in (("dissipative", DISSIPATIVE), ("random", RANDOM)):
+        terms[name] = engine.forces(which, v, scene.initial_kT, plan.options.dt, plan.options.seed, counter, values)[1]
+        if values is not None:
+            # rates: conductive and mechanical energy, dT/dt, or dC/dt of each species
+            terms[f"rates_{name}"] = engine.rates.copy()
+    return terms
+
+
+def _vectors(value, dimension: str, name: str, count: int) -> np.ndarray:
+    array = np.ascontiguousarray(to_md(value, dimension, name))
+    if array.shape != (count, 3):
+        raise ParameterError(f"{name} must have shape {(count, 3)}, not {array.shape}")
+    return array
+
+
+def _forces(context: openmm.Context, groups) -> np.ndarray:
+    if not groups:
+        return np.zeros((context.getSystem().getNumParticles(), 3))
+    return context.getState(forces=True, groups=groups).getForces(asNumpy=True).value_in_unit(unit.kilojoule_per_mole / unit.nanometer)
+
+
+__all__ = ["force_terms"]

@@ -1,0 +1,41 @@
+"""Velocities over time: a file beside the trajectory, since DCD and XTC files have none."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+from openmm import unit
+
+from ..field_file import FieldWriter
+from ..units import whole_number
+
+
+class VelocityReporter:
+    """Writes velocities to a file, for ``simulation.reporters``; give it the interval of the trajectory, and frames match.
+
+    Parameters
+    ----------
+    file : str or path
+        ``velocities.npz``, say: a zip archive with an array for each frame.
+    interval : int
+        Steps between frames.
+    """
+
+    def __init__(self, file: str | os.PathLike, interval: int):
+        self._interval = whole_number(interval, "the interval between reports, in steps,", least=1)
+        self._writer = FieldWriter(file)
+
+    def describeNextReport(self, simulation):
+        """Steps until the next frame, with velocities."""
+        steps = self._interval - simulation.currentStep % self._interval
+        return {"steps": steps, "periodic": None, "include": ["velocities"]}
+
+    def report(self, simulation, state):
+        """Write one frame."""
+        velocities = state.getVelocities(asNumpy=True).value_in_unit(unit.nanometer / unit.picosecond)
+        time = state.getTime().value_in_unit(unit.picosecond)
+        self._writer.write(time, simulation.currentStep, {"velocities": velocities.astype(np.float32)})
+
+
+__all__ = ["VelocityReporter"]

@@ -1,0 +1,55 @@
+"""Thermal energies: single ones, and those that change during a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..errors import ParameterError
+from ..units import BOLTZMANN, to_md, whole_number
+from .owned import keep
+
+
+@dataclass(frozen=True)
+class TemperatureRamp:
+    """Thermal energy that changes linearly: kT(k) = start + (stop - start) (k - begin)/(end - begin), with k the number of the step.
+
+    Before ``begin`` it is ``start``, after ``end`` it is ``stop``.  LAMMPS: the two temperatures of ``dpd/tstat`` with
+    ``run ... start ... stop``.
+
+    Parameters
+    ----------
+    start, stop : energy
+        kT in kJ/mol (or a temperature as a Quantity in kelvin), >= 0.
+    begin, end : int
+        First and last step of the ramp, counted from the first step of the integrator; begin may be negative.
+    """
+
+    start: float
+    stop: float
+    begin: int
+    end: int
+
+    def __post_init__(self):
+        keep(self, start=thermal_energy(self.start, "the ramp's start"))
+        keep(self, stop=thermal_energy(self.stop, "the ramp's stop"))
+        for name in ("begin", "end"):
+            keep(self, **{name: whole_number(getattr(self, name), f"the ramp's {name} (a step)")})
+        if self.end <= self.begin:
+            raise ParameterError(f"a temperature ramp must end after it begins; got begin = {self.begin}, end = {self.end}")
+
+    def at(self, step: int) -> float:
+        """Thermal energy (kJ/mol) at a step."""
+        return self.start + (self.stop - self.start) * min(1.0, max(0.0, (step - self.begin) / (self.end - self.begin)))
+
+
+def thermal_energy(value, name: str = "kT") -> float:
+    """Thermal energy in kJ/mol from an energy (bare numbers: kJ/mol) or from a temperature given as a Quantity."""
+    from openmm import unit
+
+    if unit.is_quantity(value) and value.unit.is_compatible(unit.kelvin):
+        kT = BOLTZMANN * to_md(value, "temperature", name)
+    else:
+        kT = to_md(value, "energy", name)
+    if not isinstance(kT, float) or kT < 0:
+        raise ParameterError(f"{name} must be a single number >= 0, but is {value!r}")
+    return kT

@@ -1,0 +1,66 @@
+"""Scene -> what the pair engine has to know of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .kernels.engine import PairSpec
+from .kernels.fields import FieldSpec
+from .kernels.sweeps import EXACT, SHARDLOW
+from .kinds import BeadData, Kind
+from .model.bonds import bonded_neighbours
+from .model.scene import Scene
+from .schemes import Scheme
+
+#: Factors of bonded neighbours other than 1, by pair of beads.
+Factors = dict[tuple[int, int], float]
+
+
+def bonded_factors(scene: Scene, special: tuple[float, float, float]) -> Factors:
+    """Bonded neighbours whose factor is not 1."""
+    if not len(scene.bond_pairs) or special == (1.0, 1.0, 1.0):
+        return {}
+    found = bonded_neighbours(scene.bond_pairs, scene.n_beads)
+    return {pair: special[k - 1] for k, pairs in found.items() if special[k - 1] != 1.0 for pair in pairs}
+
+
+def compressed_exceptions(exceptions: Factors, n_beads: int):
+    """Exceptions as compressed rows (start, bead, factor), both directions; empty arrays if there are none."""
+    if not exceptions:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
+    rows = sorted([(i, j, f) for (i, j), f in exceptions.items()] + [(j, i, f) for (i, j), f in exceptions.items()])
+    first = np.array([row[0] for row in rows])
+    start = np.concatenate([[0], np.cumsum(np.bincount(first, minlength=n_beads))])
+    return start.astype(np.int64), np.array([row[1] for row in rows], np.int64), np.array([row[2] for row in rows])
+
+
+def pair_spec(
+    scene: Scene,
+    kinds: Sequence[Kind],
+    layers: Sequence[dict],
+    exceptions: Factors,
+    scheme: Scheme,
+    fields: FieldSpec | None,
+    left_out: np.ndarray | None = None,
+) -> PairSpec:
+    """What the engine evaluates: the tables ``layers`` of these kinds; ``left_out`` (N,) says which particles take no part."""
+    mobile, wall_velocity = ~scene.immobile, None
+    if scene.velocities is not None and np.any(scene.velocities[~mobile] != 0):
+        wall_velocity = np.where(mobile[:, None], 0.0, scene.velocities)
+    beads = BeadData(scene.type_names, scene.bead_masses, scene.compat)
+    return PairSpec(
+        # numba would compile kernels of their own for the scene's read-only arrays
+        types=scene.type_ids.copy() if left_out is None else np.where(left_out, np.int32(-1), scene.type_ids),
+        inv_mass=np.where(mobile, 1.0 / scene.bead_masses, 0.0),
+        terms=tuple(kind.terms(table, beads) for kind, table in zip(kinds, layers, strict=True)),  # type: ignore[misc]
+        update=SHARDLOW if scheme.shardlow else EXACT,
+        exceptions=compressed_exceptions(exceptions, scene.n_beads),
+        wall_velocity=wall_velocity,
+        fields=fields,
+        sweeps=scheme.sweeps,
+    )
+
+
+__all__ = ["Factors", "bonded_factors", "compressed_exceptions", "pair_spec"]

@@ -1,0 +1,52 @@
+"""Platforms of OpenMM: the fastest one here, and whether OpenCL is a GPU."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import openmm
+
+from .errors import ParameterError
+
+
+def platform_here(platform: openmm.Platform | str | None) -> str:
+    """Name of a platform, the fastest one for None.
+
+    Raises
+    ------
+    ParameterError
+        If there is none of that name here.
+    """
+    name = platform.getName() if isinstance(platform, openmm.Platform) else platform or fastest_platform()
+    known = [openmm.Platform.getPlatform(k).getName() for k in range(openmm.Platform.getNumPlatforms())]
+    if name not in known:
+        raise ParameterError(f"there is no platform {name!r} here; it must be one of {', '.join(known)}")
+    return name
+
+
+@lru_cache(maxsize=1)
+def fastest_platform() -> str:
+    """Name of the fastest platform here."""
+    platforms = [openmm.Platform.getPlatform(k) for k in range(openmm.Platform.getNumPlatforms())]
+    # OpenCL on a CPU (PoCL) claims the speed of a GPU; the CPU platform is faster there
+    speeds = {p.getName(): p.getSpeed() for p in platforms if p.getName() != "OpenCL" or opencl_is_a_gpu(p)}
+    return max(speeds, key=lambda name: speeds[name])
+
+
+def opencl_is_a_gpu(platform: openmm.Platform) -> bool:
+    """Whether OpenCL runs on something other than the CPU (through PoCL)."""
+    drivers = list(Path("/etc/OpenCL/vendors").glob("*.icd"))
+    if drivers and all("pocl" in driver.name for driver in drivers):
+        return False
+    system = openmm.System()
+    system.addParticle(1.0)
+    try:
+        context = openmm.Context(system, openmm.VerletIntegrator(0.001), platform)
+        device = platform.getPropertyValue(context, "OpenCLPlatformName")
+    except openmm.OpenMMException:
+        return False
+    return "Portable Computing Language" not in device and "pocl" not in device.lower()
+
+
+__all__ = ["fastest_platform", "opencl_is_a_gpu", "platform_here"]

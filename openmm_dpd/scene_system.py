@@ -1,0 +1,127 @@
+"""Plan -> System: all forces that the scene needs, each in its group."""
+
+from __future__ import annotations
+
+import numpy as np
+import openmm
+
+from .errors import PlanError
+from .forces.bonded import angle_forces, bond_forces, molecules
+from .forces.electrostatics import electrostatic_forces, needs_list
+from .forces.expressions import PairExpression, exception_force, nonbonded_force
+from .forces.external import external_force
+from .forces.pair_force import PairForceFunction, pair_force
+from .forces.segments import segment_force, segment_spec
+from .integrators import NativeIntegrator, PairIntegrator
+from .kernels.cells import coincident_pairs
+from .kinds import resolved_kind
+from .model.flow import PositionForce
+from .names import BONDED_GROUP, LAST_POTENTIAL_GROUP, POTENTIAL_GROUP, VIRIAL_GROUP
+from .pair_spec import Factors
+from .plan import Plan
+from .programs.native import native_marker
+
+
+def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, function: PairForceFunction | None) -> openmm.System:
+    """The System, whose parameters tell of the integrator."""
+    scene, options = plan.scene, plan.options
+    periodic = scene.box is not None
+    system = openmm.System()
+    mobile = np.ones(scene.n_beads, bool) if scene.mobile is None else scene.mobile
+    for mass in np.where(mobile, scene.bead_masses, 0.0).tolist():
+        system.addParticle(mass)
+    if scene.box is not None:
+        system.setDefaultPeriodicBoxVectors(*(openmm.Vec3(*row) for row in scene.box.tolist()))
+    layers = plan.layers if plan.conservative == "openmm" else ()
+    densities = [layer for layer in layers if resolved_kind(layer).density_force is not None]
+    expressions, partners = (
+        [resolved_kind(table).potential(table, scene.type_names) for table in tables]  # type: ignore[misc]  # make_plan has seen to it
+        for tables in (layers, plan.partners)
+    )
+    factors = _excluded_pairs(plan, [*expressions, *partners])
+    free = _add_pair_expressions(system, plan, [*expressions, *partners], factors, with_virial=partners)
+    _add_charges(system, plan, factors)
+    if free - len(densities) + 1 < LAST_POTENTIAL_GROUP:
+        raise PlanError(f"the pair potentials and densities need more than {POTENTIAL_GROUP - LAST_POTENTIAL_GROUP + 1} force groups")
+    for k, layer in enumerate(densities):
+        excluded = sorted(pair for pair, factor in plan.exceptions.items() if factor == 0.0)
+        force = resolved_kind(layer).density_force(layer, scene.type_names, scene.type_ids, excluded, periodic)  # type: ignore[misc]
+        force.setForceGroup(free - k)
+        system.addForce(force)
+    if plan.unlooped is None:
+        if len(scene.bond_pairs):
+            system.addForce(molecules(scene.bond_pairs))
+    else:
+        for force in (*bond_forces(scene.bonds, periodic), *angle_forces(scene.angles, periodic)):
+            force.setForceGroup(BONDED_GROUP)
+            system.addForce(force)
+        segments = segment_spec(scene)
+        if segments is not None:
+            system.addForce(segment_force(segments, periodic))
+    for term in scene.body_forces:
+        if plan.unlooped is not None or isinstance(term, PositionForce):
+            system.addForce(external_force(term, scene.type_ids, scene.type_names, scene.box))
+    if function is not None:
+        system.addForce(pair_force(function, options=options, integrator=integrator))
+    if options.scheme.native:
+        system.addForce(native_marker(options, integrator, periodic))
+    return system
+
+
+def _excluded_pairs(plan: Plan, expressions: list[PairExpression]) -> Factors:
+    """Pairs that all pair forces leave to bond forces, and their factors: bonded neighbours, and beads at the same point."""
+    scene = plan.scene
+    reaches = [e.cutoff for e in expressions]
+    if scene.electrostatics is not None:
+        reaches.append(1.0 / scene.electrostatics.steepness)
+    if not reaches:
+        return {}
+    factors = dict(plan.exceptions)
+    # GPU platforms want the same exclusions in all pair forces
+    for pair in (*plan.charge_exceptions, *coincident_pairs(scene.positions, scene.box, 1e-4 * max(reaches))):
+        factors.setdefault(pair, 1.0)
+    return factors
+
+
+def _add_charges(system: openmm.System, plan: Plan, factors: Factors) -> None:
+    """Add the forces of smeared charges."""
+    scene = plan.scene
+    if scene.electrostatics is None or plan.charges_held:
+        return
+    assert scene.charges is not None
+    listed = plan.ewald is not None and needs_list(scene.charges, plan.ewald, scene.box) and plan.listed(plan.ewald.cutoff)
+    constant = scene.electrostatics.coulomb(scene.initial_kT)
+    factors = {pair: plan.charge_exceptions.get(pair, 1.0) for pair in factors}
+    for force in electrostatic_forces(scene.electrostatics, scene.charges, constant, plan.ewald, factors, listed=listed):
+        system.addForce(force)
+
+
+def _add_pair_expressions(system: openmm.System, plan: Plan, expressions: list[PairExpression], factors: Factors, with_virial) -> int:
+    """Add the forces of radial pair potentials, and return the next group downwards.
+
+    GPU platforms want one cutoff per group and the same exclusions everywhere.
+    """
+    scene = plan.scene
+    periodic = scene.box is not None
+    exclusions = sorted(factors)
+    restored = {pair: factor for pair, factor in sorted(factors.items()) if factor > 0}
+    groups: dict[float, int] = {}
+    cutoffs = {expression.cutoff for expression in expressions}
+    if len(cutoffs) > 10:
+        raise PlanError(f"the pair potentials have {len(cutoffs)} different cutoffs; at most 10 can be built")
+    for expression in expressions:
+        number = groups.setdefault(expression.cutoff, len(groups))
+        # where the kernel holds the potentials only their virials are OpenMM's
+        energies = (False,) if plan.unlooped else ()
+        for virial in (*energies, True) if expression in with_virial else (False,):
+            listed = plan.listed(expression.cutoff)
+            made = [nonbonded_force(expression, scene.type_ids, exclusions, periodic, virial=virial, listed=listed)]
+            if restored:
+                made.append(exception_force(expression, scene.type_ids, restored, periodic, virial=virial))
+            for force in made:
+                force.setForceGroup((VIRIAL_GROUP if virial else POTENTIAL_GROUP) - number)
+                system.addForce(force)
+    return POTENTIAL_GROUP - len(groups)
+
+
+__all__ = ["scene_system"]
