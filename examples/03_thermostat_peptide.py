@@ -1,7 +1,7 @@
 """Alanine dipeptide in TIP3P water with pairwise friction in the place of Langevin dynamics.
 
 The System comes from openmm.app.ForceField as usual: PME, constrained hydrogens, rigid water.  add_thermostat() puts friction and noise
-between all atoms within 0.6 nm and returns the integrator.  Unlike Langevin friction it acts on relative velocities only, so that
+between all atoms within 0.6 nm; what it returns has the integrator, and a simulation().  Unlike Langevin friction it acts on relative velocities only, so that
 momentum is conserved and the water still flows.  For comparison the same System is run with OpenMM's LangevinMiddleIntegrator.
 
     python examples/03_thermostat_peptide.py
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from io import StringIO
 from pathlib import Path
+from typing import NamedTuple
 
 import matplotlib
 import numpy as np
@@ -67,56 +68,49 @@ def solvated() -> tuple[app.Modeller, openmm.System]:
     return modeller, system
 
 
-class Watch:
-    """Reporter that keeps temperature and momentum."""
+class Rows(NamedTuple):
+    """Temperature (K) and largest component of the momentum (Da nm/ps) over time (ps)."""
 
-    def __init__(self, system: openmm.System, every: int):
-        self.every = every
-        self.masses = np.array([m.value_in_unit(unit.dalton) for m in map(system.getParticleMass, range(system.getNumParticles()))])
-        # total momentum is fixed, hence 3 degrees of freedom fewer than StateDataReporter counts
-        self.freedom = dpd.degrees_of_freedom(system)
-        self.times: list[float] = []
-        self.temperatures: list[float] = []
-        self.momenta: list[float] = []
-
-    def describeNextReport(self, simulation):
-        """Ask for velocities every so many steps."""
-        steps = self.every - simulation.currentStep % self.every
-        return {"steps": steps, "periodic": False, "include": ["velocities"]}
-
-    def report(self, simulation, state):
-        """Keep one row."""
-        v = state.getVelocities(asNumpy=True).value_in_unit(VELOCITY)
-        self.times.append(state.getTime().value_in_unit(unit.picosecond))
-        self.temperatures.append(kelvin(float(self.masses @ (v**2).sum(axis=1)) / self.freedom))
-        self.momenta.append(float(np.abs(self.masses @ v).max()))
+    times: np.ndarray
+    temperatures: np.ndarray
+    momenta: np.ndarray
 
 
-def run(modeller: app.Modeller, system: openmm.System, integrator: openmm.Integrator) -> Watch:
+def run(simulation: app.Simulation, modeller: app.Modeller) -> Rows:
     """Minimise, draw velocities without total momentum, equilibrate and run."""
-    simulation = app.Simulation(modeller.topology, system, integrator, platform())
-    simulation.context.setPositions(modeller.positions)
+    system, context = simulation.system, simulation.context
+    masses = np.array([m.value_in_unit(unit.dalton) for m in map(system.getParticleMass, range(system.getNumParticles()))])
+    # total momentum is fixed, hence 3 degrees of freedom fewer than StateDataReporter counts
+    freedom = dpd.degrees_of_freedom(system)
+
+    def velocities() -> np.ndarray:
+        return context.getState(velocities=True).getVelocities(asNumpy=True).value_in_unit(VELOCITY)
+
+    context.setPositions(modeller.positions)
     simulation.minimizeEnergy(maxIterations=200)
-    simulation.context.setVelocitiesToTemperature(TEMPERATURE, 7)
-    watch = Watch(system, EVERY)
-    v = simulation.context.getState(velocities=True).getVelocities(asNumpy=True).value_in_unit(VELOCITY)
-    simulation.context.setVelocities(v - watch.masses @ v / watch.masses.sum())
+    context.setVelocitiesToTemperature(TEMPERATURE, 7)
+    v = velocities()
+    context.setVelocities(v - masses @ v / masses.sum())
     simulation.step(EQUILIBRATION)
-    simulation.reporters.append(watch)
-    simulation.step(STEPS)
-    return watch
+    rows = []
+    for _ in range(STEPS // EVERY):
+        simulation.step(EVERY)
+        v = velocities()
+        temperature = kelvin(float(masses @ (v**2).sum(axis=1)) / freedom)
+        rows.append((context.getTime().value_in_unit(unit.picosecond), temperature, np.abs(masses @ v).max()))
+    return Rows(*np.array(rows).T)
 
 
-def picture(path: Path, runs: dict[str, Watch]) -> None:
+def picture(path: Path, runs: dict[str, Rows]) -> None:
     """Temperature and momentum of both runs."""
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
     figure, (upper, lower) = plt.subplots(2, 1, figsize=(7.0, 4.6), sharex=True, layout="constrained", dpi=150)
-    for (name, watch), colour in zip(runs.items(), ("#b3541e", "#1f5a99"), strict=True):
-        times = np.array(watch.times) - watch.times[0]
-        upper.plot(times, watch.temperatures, color=colour, linewidth=1.0, label=name)
-        lower.plot(times, watch.momenta, color=colour, linewidth=1.5)
+    for (name, rows), colour in zip(runs.items(), ("#b3541e", "#1f5a99"), strict=True):
+        times = rows.times - rows.times[0]
+        upper.plot(times, rows.temperatures, color=colour, linewidth=1.0, label=name)
+        lower.plot(times, rows.momenta, color=colour, linewidth=1.5)
     upper.axhline(TEMPERATURE.value_in_unit(unit.kelvin), color="0.3", linewidth=0.8, linestyle="--")
     upper.set(ylabel="temperature [K]")
     upper.legend(frameon=False, ncols=2, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.0)
@@ -133,17 +127,19 @@ def main(out: Path = OUT) -> dict[str, float]:
     modeller, system = solvated()
     plain = openmm.LangevinMiddleIntegrator(TEMPERATURE, 5 / unit.picosecond, DT)
     plain.setRandomNumberSeed(7)
-    runs = {"Langevin, 5/ps": run(modeller, system, plain)}
+    runs = {"Langevin, 5/ps": run(app.Simulation(modeller.topology, system, plain, platform()), modeller)}
     # from here on the System holds the pair terms as well
-    integrator = dpd.add_thermostat(system, FRICTION, TEMPERATURE, DT, seed=7).integrator
-    runs["pairwise friction"] = run(modeller, system, integrator)
+    built = dpd.add_thermostat(system, FRICTION, TEMPERATURE, DT, seed=7, topology=modeller.topology, positions=modeller.positions)
+    simulation = built.simulation(platform())
+    simulation.reporters.append(dpd.DPDReporter(out / "friction.csv", EVERY, built))
+    runs["pairwise friction"] = run(simulation, modeller)
     picture(out / "peptide.png", runs)
     found = {}
-    for name, watch in runs.items():
-        average = block_average(np.array(watch.temperatures))
+    for name, rows in runs.items():
+        average = block_average(rows.temperatures)
         found[f"{name}: temperature"] = average.mean
         found[f"{name}: its error"] = float("nan") if average.sem is None else average.sem
-        found[f"{name}: momentum"] = max(watch.momenta)
+        found[f"{name}: momentum"] = float(rows.momenta.max())
     return found
 
 

@@ -61,7 +61,7 @@ def run(out: Path) -> tuple[mdtraj.Trajectory, np.ndarray, str]:
         sample = observer.sample(simulation.context)
         energies.append(sample.short + sample.lattice)
     frames = mdtraj.load(str(out / "electrolyte.dcd"), top=load_topology(out / "electrolyte.psf"), atom_indices=range(2 * PAIRS))
-    return frames, np.array(energies), built.plan.explain()
+    return frames, np.array(energies), dpd.explain_plan(built.plan)
 
 
 def distributions(frames: mdtraj.Trajectory) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -6,6 +6,7 @@ from .barostat import EnthalpyBarostat, add_barostat
 from .build import build, build_plan
 from .built import Built
 from .errors import DeckError, DPDError, OutputError, ParameterError, PlanError, ProgramError, RunError
+from .explain import explain_plan
 from .field_file import FieldReporter, load_fields
 from .fields import read_fields, write_fields
 from .host import degrees_of_freedom
@@ -90,6 +91,7 @@ __all__ = [
     "build_plan",
     "create_mixed_system",
     "degrees_of_freedom",
+    "explain_plan",
     "fastest_platform",
     "force_terms",
     "get_threads",

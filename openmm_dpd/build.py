@@ -99,7 +99,7 @@ def initial_velocities(scene: Scene, seed: int) -> np.ndarray:
     """The scene's velocities, or Maxwell's with no total momentum and exactly the scene's temperature; immobile beads at rest."""
     if scene.velocities is not None:
         return scene.velocities.copy()
-    mobile = np.ones(scene.n_beads, bool) if scene.mobile is None else scene.mobile
+    mobile = ~scene.immobile
     mass = scene.bead_masses[mobile]
     v = np.zeros((scene.n_beads, 3))
     drawn = np.random.default_rng([seed, 0xD9D]).normal(size=(len(mass), 3)) * np.sqrt(scene.initial_kT / mass)[:, None]

@@ -9,15 +9,16 @@ from .model.angles import HarmonicAngles
 from .model.bonds import FENEBonds, HarmonicBonds
 from .model.flow import gaps
 from .model.pairs import describe
-from .plan import Plan, longest
+from .pair_spec import longest
+from .plan import Plan
 
 
 def explain_plan(plan: Plan) -> str:
     """Half a page: what will be built, and why."""
     scene, options = plan.scene, plan.options
-    frozen = 0 if scene.mobile is None else int((~scene.mobile).sum())
+    frozen = int(scene.immobile.sum()) if plan.host is None else 0
     lines = [
-        f"{scene.n_beads} beads of {len(scene.masses)} type(s): " + ", ".join(f"{n} (mass {m:g})" for n, m in scene.masses.items()),
+        *_particle_lines(plan),
         "box: none" if scene.box is None else "box: " + _describe_box(scene.box),
         f"scheme: {options.scheme} ({options.scheme.what}), dt = {options.dt:g} ps" + _lambda_text(plan),
         _temperature_text(plan),
@@ -49,6 +50,17 @@ def explain_plan(plan: Plan) -> str:
     if frozen:
         lines.append(f"{frozen} beads do not move (mass 0)")
     return "\n".join(lines)
+
+
+def _particle_lines(plan: Plan) -> list[str]:
+    scene, lines = plan.scene, []
+    if plan.host is not None:
+        lines = [f"{plan.n_atoms} particles of a System made elsewhere, {int(plan.host.left_out.sum())} of them without friction"]
+    types = [scene.type_names[k] for k in np.unique(scene.type_ids[plan.n_atoms :])]
+    if types:
+        named = ", ".join(f"{name} (mass {scene.masses[name]:g})" for name in types)
+        lines.append(f"{scene.n_beads - plan.n_atoms} beads of {len(types)} type(s): {named}")
+    return lines
 
 
 def _bond_text(plan: Plan) -> str:

@@ -276,7 +276,7 @@ def _whole(scene: Scene, system: openmm.System, x: np.ndarray, classes: list[str
     n = len(x)
     mass = masses_of(system)
     names = [UNSEEN if name is None else name for name in classes]
-    mobile = np.ones(scene.n_beads, bool) if scene.mobile is None else scene.mobile
+    mobile = ~scene.immobile
     mobile = np.concatenate([mass > 0, mobile])
     velocities = None
     if scene.velocities is not None:

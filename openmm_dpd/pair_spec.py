@@ -26,6 +26,11 @@ def bonded_factors(scene: Scene, special: tuple[float, float, float]) -> Factors
     return {pair: special[k - 1] for k, pairs in found.items() if special[k - 1] != 1.0 for pair in pairs}
 
 
+def longest(layers: Sequence[dict]) -> float:
+    """The longest cutoff of some tables."""
+    return max((c.cutoff for table in layers for c in table.values()), default=0.0)
+
+
 def compressed_exceptions(exceptions: Factors, n_beads: int):
     """Exceptions as compressed rows (start, bead, factor), both directions; empty arrays if there are none."""
     if not exceptions:
@@ -63,4 +68,4 @@ def pair_spec(
     )
 
 
-__all__ = ["Factors", "bonded_factors", "compressed_exceptions", "pair_spec"]
+__all__ = ["Factors", "bonded_factors", "compressed_exceptions", "longest", "pair_spec"]

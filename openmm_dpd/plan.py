@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -23,7 +22,7 @@ from .model.scene import Scene
 from .model.temperature import TemperatureRamp
 from .names import PAIR_GROUP
 from .neighbour_list import listed
-from .pair_spec import Factors, bonded_factors, pair_spec
+from .pair_spec import Factors, bonded_factors, longest, pair_spec
 from .program_options import DOUBLE_PLATFORMS, ProgramOptions, field_options, tau_ratio
 from .schemes import Scheme, scheme_of
 
@@ -136,7 +135,7 @@ def make_plan(
         platform, where it is faster, and OpenMM elsewhere (but on the Reference platform in small tilted boxes, where OpenMM would go
         through all pairs, the kernel).
     platform : str, optional
-        Name of the platform that will be used; the fastest one by default.
+        Name of the platform that will be used, if it is known.
     seed : int, optional
         Seed of the noise, 0 <= seed < 2^31; drawn from the operating system and recorded in the plan by default.
     loop : bool, default True
@@ -169,7 +168,8 @@ def make_plan(
     exceptions = bonded_factors(scene, scene.special)
     repulsive = any(c is not NONE and c.has_conservative for table in layers for c in table.values())
     thermostat = any(c is not NONE and c.has_thermostat for table in layers for c in table.values())
-    only = _why_kernel_only(scene, kinds, layers, exceptions, platform)
+    reasons = (kind.kernel_only(table, scene, exceptions, platform) for kind, table in zip(kinds, layers, strict=True))
+    only = next(filter(None, reasons), None)
     faster = platform in DOUBLE_PLATFORMS or not listed(platform, scene.box, longest(layers))
     where = _conservative_place(conservative, repulsive, thermostat, only, faster, chosen)
     carriers = [kind for kind in kinds if kind.fields is not None]
@@ -215,11 +215,6 @@ def make_plan(
         charge_exceptions=charge_factors(scene),
         host=host,
     )
-
-
-def longest(layers: Sequence[ResolvedTable]) -> float:
-    """The longest cutoff of some tables."""
-    return max((c.cutoff for table in layers for c in table.values()), default=0.0)
 
 
 def _check_scheme(scheme: Scheme, kinds: list[Kind]) -> None:
@@ -270,12 +265,6 @@ def _conservative_place(conservative: str, repulsive: bool, thermostat: bool, on
     return where
 
 
-def _why_kernel_only(scene: Scene, kinds: list[Kind], layers, exceptions, platform: str | None) -> str | None:
-    """Why no OpenMM force can compute the conservative force, or None."""
-    reasons = (kind.kernel_only(table, scene, exceptions, platform) for kind, table in zip(kinds, layers, strict=True))
-    return next((reason for reason in reasons if reason is not None), None)
-
-
 def _split_tables(scene: Scene):
     """Resolved tables of what the pair kernel evaluates, and those of overlays."""
     resolved = [table.resolve(scene.type_names) for table in scene.tables]
@@ -284,4 +273,4 @@ def _split_tables(scene: Scene):
     return layers, [table for table in found if resolved_kind(table).overlay is not None]
 
 
-__all__ = ["Plan", "ResolvedTable", "longest", "make_plan"]
+__all__ = ["Plan", "ResolvedTable", "make_plan"]

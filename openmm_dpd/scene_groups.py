@@ -36,7 +36,7 @@ def groups(scene: Scene) -> tuple[list[Groups], list[str]]:
         return [], ["there is no temperature"]
     if scene.box is None:
         return [], ["there is no box, hence no density"]
-    moves = np.ones(scene.n_beads, bool) if scene.mobile is None else scene.mobile
+    moves = ~scene.immobile
     if not moves.any():
         return [], ["no bead moves"]
     for table in scene.tables:

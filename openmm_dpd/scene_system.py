@@ -27,7 +27,7 @@ def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, func
     scene, options = plan.scene, plan.options
     periodic = scene.box is not None
     system = openmm.System()
-    mobile = np.ones(scene.n_beads, bool) if scene.mobile is None else scene.mobile
+    mobile = ~scene.immobile
     for mass in np.where(mobile, scene.bead_masses, 0.0).tolist():
         system.addParticle(mass)
     if scene.box is not None:

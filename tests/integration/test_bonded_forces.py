@@ -176,5 +176,5 @@ def test_a_system_with_all_of_them_can_be_saved(tmp_path):
 
 
 def test_explain_counts_them():
-    text = dpd.make_plan(scene(), dt=0.01, seed=1).explain()
+    text = dpd.explain_plan(dpd.make_plan(scene(), dt=0.01, seed=1))
     assert "20 harmonic bonds, 20 FENE bonds, 20 Morse bonds" in text and "24 harmonic angles" in text and "24 cosine angles" in text

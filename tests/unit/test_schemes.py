@@ -265,7 +265,7 @@ def test_other_parameters_that_do_not_go_with_words():
 
 def test_explanations_name_the_word():
     built = dpd.build(beads(), dt=0.02, scheme=BAOAB, platform="Reference", seed=1)
-    assert BAOAB in built.plan.explain() and BAOAB in repr(built.plan) and BAOAB in built.explain()
+    assert BAOAB in dpd.explain_plan(built.plan) and BAOAB in repr(built.plan) and BAOAB in built.explain()
 
 
 # -- advice --------------------------------------------------------------------------------------------------------------------------
