@@ -14,7 +14,7 @@ All of them exclude the same pairs and have one cutoff in each force group, as G
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 
 import numpy as np
 import openmm
@@ -39,16 +39,10 @@ from .trajectory import openmm_topology
 from .units import BOLTZMANN
 
 
-@dataclass(eq=False, repr=False)
 class MixedSystem(Built):
     """Atoms and beads in one System; the atoms come first.
 
-    Attributes
-    ----------
-    n_atoms : int
-        Number of particles of the force field; those from here on are beads.
-
-    The others are those of :class:`Built`; ``plan`` is that of the pair terms: the beads, and the classes of atoms as further types.
+    A :class:`Built`, whose ``plan`` is that of the pair terms: the beads, and the classes of atoms as further types.
     """
 
     @property

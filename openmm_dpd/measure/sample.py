@@ -66,7 +66,7 @@ class SystemSample:
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Sample(SystemSample):
-    """What one configuration of a scene says, term by term; MD units (nm, Da, ps, kJ/mol; pressures in kJ/mol/nm^3).
+    """What one configuration of a scene says: a :class:`SystemSample` term by term (pressures in kJ/mol/nm^3).
 
     Attributes
     ----------
@@ -83,8 +83,6 @@ class Sample(SystemSample):
     internal : sum of the internal energies, u (EnergyDPD) or C T (EDPD); None if the beads have none
     conductive : the conductive part of it (EnergyDPD)
     theta : harmonic mean of the internal temperatures, N/sum(1/theta), as an energy
-
-    and those of :class:`SystemSample`.
     """
 
     pair: float
