@@ -12,7 +12,7 @@ from .fields import read_fields, write_fields
 from .host import degrees_of_freedom
 from .kernels.threads import get_threads, set_threads
 from .measure import DPDReporter, Observer, Sample, force_terms, set_kT, set_temperature
-from .mixed import MixedSystem, create_mixed_system
+from .mixed_system import MixedSystem, create_mixed_system
 from .model.angles import CosineAngles, HarmonicAngles
 from .model.bonds import FENEBonds, HarmonicBonds, MorseBonds
 from .model.edpd import EDPD

@@ -15,7 +15,7 @@ from .kernels.charge_pairs import Quintics
 from .kernels.charges import ChargeTerms, cost, pme_cost
 from .model.electrostatics import EwaldSum, SlaterCharges, SmearedCharges, erf_series, ewald_sum
 from .model.scene import Scene
-from .pair_spec import Factors, bonded_factors
+from .pair_spec import Factors, neighbour_factors
 
 #: The largest relative error of forces that waves beyond the last one make.
 LARGEST_ERROR = 1e-6
@@ -68,7 +68,7 @@ def charge_factors(scene: Scene) -> Factors:
     """Factors of the charges of bonded neighbours, where other than 1."""
     if scene.electrostatics is None:
         return {}
-    return bonded_factors(scene, scene.electrostatics.special or scene.special)
+    return neighbour_factors(scene, scene.electrostatics.special or scene.special)
 
 
 def ewald_of(scene: Scene) -> EwaldSum | None:

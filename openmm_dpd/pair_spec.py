@@ -18,7 +18,7 @@ from .schemes import Scheme
 Factors = dict[tuple[int, int], float]
 
 
-def bonded_factors(scene: Scene, special: tuple[float, float, float]) -> Factors:
+def neighbour_factors(scene: Scene, special: tuple[float, float, float]) -> Factors:
     """Bonded neighbours whose factor is not 1."""
     if not len(scene.bond_pairs) or special == (1.0, 1.0, 1.0):
         return {}
@@ -68,4 +68,4 @@ def pair_spec(
     )
 
 
-__all__ = ["Factors", "bonded_factors", "compressed_exceptions", "longest", "pair_spec"]
+__all__ = ["Factors", "neighbour_factors", "compressed_exceptions", "longest", "pair_spec"]

@@ -22,7 +22,7 @@ from .model.scene import Scene
 from .model.temperature import TemperatureRamp
 from .names import PAIR_GROUP
 from .neighbour_list import listed
-from .pair_spec import Factors, bonded_factors, longest, pair_spec
+from .pair_spec import Factors, longest, neighbour_factors, pair_spec
 from .program_options import DOUBLE_PLATFORMS, ProgramOptions, field_options, tau_ratio
 from .schemes import Scheme, scheme_of
 
@@ -165,7 +165,7 @@ def make_plan(
     kinds = list(map(resolved_kind, layers))
     check_cutoffs(scene.box, [*layers, *partners])
     _check_scheme(chosen, kinds)
-    exceptions = bonded_factors(scene, scene.special)
+    exceptions = neighbour_factors(scene, scene.special)
     repulsive = any(c is not NONE and c.has_conservative for table in layers for c in table.values())
     thermostat = any(c is not NONE and c.has_thermostat for table in layers for c in table.values())
     reasons = (kind.kernel_only(table, scene, exceptions, platform) for kind, table in zip(kinds, layers, strict=True))

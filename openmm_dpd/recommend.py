@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .errors import DPDError, ParameterError, what_is
-from .mixed import MixedSystem
+from .mixed_system import MixedSystem
 from .model.scene import Scene
 from .plan import make_plan
 from .programs.native import why_not

@@ -10,7 +10,7 @@ from ..built import Built
 from ..errors import RunError
 from ..host import degrees_of_freedom
 from ..made import masses_of
-from ..mixed import kinetic_kT
+from ..mixed_system import kinetic_kT
 from ..names import KT
 from .sample import SystemSample
 
