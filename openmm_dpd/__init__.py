@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .barostat import EnthalpyBarostat, add_barostat
 from .build import build, build_plan
-from .built import Built
+from .built import BuiltSystem
 from .errors import DeckError, DPDError, OutputError, ParameterError, PlanError, ProgramError, RunError
 from .explain import explain_plan
 from .field_file import FieldReporter, load_fields
@@ -41,7 +41,7 @@ __all__ = [
     "BeadTemperatures",
     "Block",
     "BodyForce",
-    "Built",
+    "BuiltSystem",
     "Choice",
     "Concentrations",
     "ConstantHeatCapacity",

@@ -9,7 +9,7 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from .built import Built
+from .built import BuiltSystem
 from .charge_forces import charge_terms
 from .extra_forces import extras
 from .fields import field_variables
@@ -43,7 +43,7 @@ def build(
     seed: int | None = None,
     loop: bool = True,
     slow_every: int = 1,
-) -> Built:
+) -> BuiltSystem:
     """System, Topology, positions, velocities and integrator of a scene.
 
     Parameters are those of :func:`openmm_dpd.plan.make_plan`; ``platform`` is the fastest one by default.  Velocities that the scene does
@@ -67,7 +67,7 @@ def build(
     return build_plan(make_plan(scene, dt=dt, platform=platform_here(platform), **choices))  # type: ignore[arg-type]
 
 
-def build_plan(plan: Plan) -> Built:
+def build_plan(plan: Plan) -> BuiltSystem:
     """What :func:`build` makes, from a plan."""
     scene, options = plan.scene, plan.options
     program = None if options.scheme.native else make_program(options)
@@ -82,7 +82,7 @@ def build_plan(plan: Plan) -> Built:
     if scene.walls and not options.whole_steps:
         for name, values in walls.variables(gaps(scene.walls, scene.box), scene.n_beads).items():
             integrator.setPerDofVariableByName(name, values)
-    built = Built(
+    built = BuiltSystem(
         system=system,
         integrator=integrator,
         topology=openmm_topology(list(scene.types), scene.molecules, scene.bond_pairs, scene.box, scene.residues),
@@ -121,7 +121,7 @@ def _integration_groups(forces: Sequence[openmm.Force], options: ProgramOptions)
     return set(range(32)) - silent - (set() if options.kernel_conservative else {options.pair_group})
 
 
-def run_in(built: Built, system: openmm.System, own: Sequence[openmm.Force], maker: str) -> None:
+def run_in(built: BuiltSystem, system: openmm.System, own: Sequence[openmm.Force], maker: str) -> None:
     """Have the integrator of something built run another System, where ``own`` are the forces it was built with."""
     options = built.plan.options
     built.integrator.setIntegrationForceGroups(_integration_groups(own, options))
@@ -132,7 +132,7 @@ def run_in(built: Built, system: openmm.System, own: Sequence[openmm.Force], mak
 def _pair_function(plan: Plan) -> PairForceFunction:
     """What evaluates the pair terms."""
     scene, options = plan.scene, plan.options
-    held = () if plan.unlooped else extras(scene, plan.partners, plan.exceptions)
+    held = () if plan.unlooped else extras(scene, plan.overlays, plan.exceptions)
     charges = charge_terms(scene, plan.ewald, plan.charge_exceptions) if plan.charges_held else None
     held += () if charges is None else (charges,)
     return PairForceFunction(
@@ -141,7 +141,7 @@ def _pair_function(plan: Plan) -> PairForceFunction:
         periodic=scene.box is not None,
         scale=options.field_scale,
         balanced=options.compensated and plan.spec.sweeps,
-        guarded=() if held else tuple(bonds for bonds in scene.bonds if isinstance(bonds, FENEBonds)),
+        length_checked=() if held else tuple(bonds for bonds in scene.bonds if isinstance(bonds, FENEBonds)),
         steps=None if plan.unlooped else _step_spec(plan),
     )
 
@@ -162,9 +162,9 @@ def _step_spec(plan: Plan) -> StepSpec:
         lam=options.lam,
         field_lam=options.field_lam,
         walls=Walls(*(found[name] for name in walls.CONSTANTS)) if found else None,
-        ramp=None if ramp is None else Ramp(ramp.start, ramp.stop, ramp.begin, ramp.end),
+        ramp=None if ramp is None else Ramp(ramp.kT_start, ramp.kT_end, ramp.first_step, ramp.last_step),
         field_shown=options.field_shown,
     )
 
 
-__all__ = ["Built", "build", "build_plan", "initial_velocities", "run_in"]
+__all__ = ["BuiltSystem", "build", "build_plan", "initial_velocities", "run_in"]

@@ -18,7 +18,7 @@ from .simulation import DPDSimulation, PoclSimulation
 
 
 @dataclass(eq=False)
-class Built:
+class BuiltSystem:
     """A System with its integrator: what :func:`openmm_dpd.build`, :func:`openmm_dpd.add_thermostat` and
     :func:`openmm_dpd.create_mixed_system` return.
 
@@ -99,4 +99,4 @@ class Built:
             raise ParameterError(f"no Simulation on platform {name!r} with properties {properties!r}: {error}") from None
 
 
-__all__ = ["Built"]
+__all__ = ["BuiltSystem"]

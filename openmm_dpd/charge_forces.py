@@ -68,7 +68,7 @@ def charge_factors(scene: Scene) -> Factors:
     """Factors of the charges of bonded neighbours, where other than 1."""
     if scene.electrostatics is None:
         return {}
-    return neighbour_factors(scene, scene.electrostatics.special or scene.special)
+    return neighbour_factors(scene, scene.electrostatics.bonded_factors or scene.bonded_factors)
 
 
 def ewald_of(scene: Scene) -> EwaldSum | None:

@@ -25,7 +25,7 @@ def explain_plan(plan: Plan) -> str:
         f"seed of the noise: {options.seed}",
         "pair terms:",
     ]
-    for table in (*plan.layers, *plan.partners):
+    for table in (*plan.layers, *plan.overlays):
         lines += [f"  {a} - {b}: {describe(value)}" for (a, b), value in table.items()]
     lines.append("conservative DPD force: " + _conservative_text(plan))
     if not options.kernel:
@@ -122,7 +122,7 @@ def _temperature_text(plan: Plan) -> str:
     ramp = plan.options.ramp
     if ramp is None:
         return f"kT = {plan.options.kT:g} kJ/mol"
-    return f"kT from {ramp.start:g} to {ramp.stop:g} kJ/mol between steps {ramp.begin} and {ramp.end}"
+    return f"kT from {ramp.kT_start:g} to {ramp.kT_end:g} kJ/mol between steps {ramp.first_step} and {ramp.last_step}"
 
 
 def _conservative_text(plan: Plan) -> str:

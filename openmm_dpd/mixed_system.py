@@ -21,7 +21,7 @@ import openmm
 from openmm import app, unit
 
 from .build import build_plan, run_in
-from .built import Built
+from .built import BuiltSystem
 from .choices import platform_name
 from .errors import ParameterError, PlanError, what_is
 from .forces.merging import merged_systems
@@ -39,10 +39,10 @@ from .trajectory import openmm_topology
 from .units import BOLTZMANN
 
 
-class MixedSystem(Built):
+class MixedSystem(BuiltSystem):
     """Atoms and beads in one System; the atoms come first.
 
-    A :class:`Built`, whose ``plan`` is that of the pair terms: the beads, and the classes of atoms as further types.
+    A :class:`BuiltSystem`, whose ``plan`` is that of the pair terms: the beads, and the classes of atoms as further types.
     """
 
     @property
@@ -147,7 +147,7 @@ def create_mixed_system(
     modeller.add(beads, scene.positions * unit.nanometer)
     modeller.topology.setPeriodicBoxVectors(None if scene.box is None else scene.box * unit.nanometer)
     built.topology = modeller.topology
-    return MixedSystem(**{field.name: getattr(built, field.name) for field in fields(Built)})
+    return MixedSystem(**{field.name: getattr(built, field.name) for field in fields(BuiltSystem)})
 
 
 # -- checks --------------------------------------------------------------------------------------------------------------------------
@@ -289,7 +289,7 @@ def _whole(scene: Scene, system: openmm.System, x: np.ndarray, classes: list[str
         velocities=velocities,
         bead_masses=np.concatenate([np.where(mass > 0, mass, 1.0), scene.bead_masses]),
         bonds=[replace(bonds, pairs=bonds.pairs + n) for bonds in scene.bonds],
-        special=scene.special,
+        bonded_factors=scene.bonded_factors,
         mobile=None if mobile.all() else mobile,
         angles=[replace(angles, triples=angles.triples + n) for angles in scene.angles],
         segments=segments,

@@ -18,12 +18,12 @@ from .schemes import Scheme
 Factors = dict[tuple[int, int], float]
 
 
-def neighbour_factors(scene: Scene, special: tuple[float, float, float]) -> Factors:
+def neighbour_factors(scene: Scene, factors: tuple[float, float, float]) -> Factors:
     """Bonded neighbours whose factor is not 1."""
-    if not len(scene.bond_pairs) or special == (1.0, 1.0, 1.0):
+    if not len(scene.bond_pairs) or factors == (1.0, 1.0, 1.0):
         return {}
     found = bonded_neighbours(scene.bond_pairs, scene.n_beads)
-    return {pair: special[k - 1] for k, pairs in found.items() if special[k - 1] != 1.0 for pair in pairs}
+    return {pair: factors[k - 1] for k, pairs in found.items() if factors[k - 1] != 1.0 for pair in pairs}
 
 
 def longest(layers: Sequence[dict]) -> float:

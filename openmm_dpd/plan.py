@@ -43,7 +43,7 @@ class Plan:
         The pair terms, for the engine.
     options : ProgramOptions
         What the integrator's program has to know.
-    layers, partners : tuples of tables
+    layers, overlays : tuples of tables
         What the pair kernel evaluates, and overlays, each {pair of types: coefficient} of one kind.
     exceptions, charge_exceptions : dict
         Factors of bonded neighbours other than 1.
@@ -65,7 +65,7 @@ class Plan:
     spec: PairSpec
     options: ProgramOptions
     layers: tuple[ResolvedTable, ...]
-    partners: tuple[ResolvedTable, ...]
+    overlays: tuple[ResolvedTable, ...]
     exceptions: Factors
     conservative: str
     platform: str | None
@@ -161,11 +161,11 @@ def make_plan(
     lam = checked_lam(lam, chosen)
     if conservative not in ("auto", "openmm", "kernel"):
         raise ParameterError(f"conservative must be 'auto', 'openmm' or 'kernel', not {conservative!r}")
-    layers, partners = _split_tables(scene)
+    layers, overlays = _split_tables(scene)
     kinds = list(map(resolved_kind, layers))
-    check_cutoffs(scene.box, [*layers, *partners])
+    check_cutoffs(scene.box, [*layers, *overlays])
     _check_scheme(chosen, kinds)
-    exceptions = neighbour_factors(scene, scene.special)
+    exceptions = neighbour_factors(scene, scene.bonded_factors)
     repulsive = any(c is not NONE and c.has_conservative for table in layers for c in table.values())
     thermostat = any(c is not NONE and c.has_thermostat for table in layers for c in table.values())
     reasons = (kind.kernel_only(table, scene, exceptions, platform) for kind, table in zip(kinds, layers, strict=True))
@@ -205,7 +205,7 @@ def make_plan(
         spec=pair_spec(scene, kinds, layers, exceptions, chosen, fields, left_out),
         options=options,
         layers=tuple(layers),
-        partners=tuple(partners),
+        overlays=tuple(overlays),
         exceptions=exceptions,
         conservative=where,
         unlooped=unlooped,

@@ -150,7 +150,7 @@ def _trial_time(scene: Scene, cutoff: float, double: bool) -> float | None:
 
 
 def field_options(scene: Scene, fields: FieldSpec | None, cutoff: float, platform: str | None, lam: float) -> dict[str, Any]:
-    """How the program keeps and shows what beads carry."""
+    """How the program keeps and shows the per-bead fields."""
     if fields is None:
         return {}
     double = platform in DOUBLE_PLATFORMS

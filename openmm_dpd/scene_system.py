@@ -34,12 +34,12 @@ def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, func
         system.setDefaultPeriodicBoxVectors(*(openmm.Vec3(*row) for row in scene.box.tolist()))
     layers = plan.layers if plan.conservative == "openmm" else ()
     densities = [layer for layer in layers if resolved_kind(layer).density_force is not None]
-    expressions, partners = (
+    expressions, overlays = (
         [resolved_kind(table).potential(table, scene.type_names) for table in tables]  # type: ignore[misc]  # make_plan has seen to it
-        for tables in (layers, plan.partners)
+        for tables in (layers, plan.overlays)
     )
-    factors = _excluded_pairs(plan, [*expressions, *partners])
-    free = _add_pair_expressions(system, plan, [*expressions, *partners], factors, with_virial=partners)
+    factors = _excluded_pairs(plan, [*expressions, *overlays])
+    free = _add_pair_expressions(system, plan, [*expressions, *overlays], factors, with_virial=overlays)
     _add_charges(system, plan, factors)
     if free - len(densities) + 1 < LAST_POTENTIAL_GROUP:
         raise PlanError(f"the pair potentials and densities need more than {POTENTIAL_GROUP - LAST_POTENTIAL_GROUP + 1} force groups")

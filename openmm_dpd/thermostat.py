@@ -13,7 +13,7 @@ import openmm
 from openmm import app, unit
 
 from .build import build_plan, run_in
-from .built import Built
+from .built import BuiltSystem
 from .choices import platform_name
 from .errors import ParameterError, what_is
 from .host import Host, box_of, check_system
@@ -44,7 +44,7 @@ def add_thermostat(
     seed: int | None = None,
     topology: app.Topology | None = None,
     positions=None,
-) -> Built:
+) -> BuiltSystem:
     """Add pairwise friction and noise to a System, and make the integrator that runs it.
 
     The System gets one PythonForce, in the highest free force group and outside the integration groups; all its other forces act, and so do
@@ -79,7 +79,7 @@ def add_thermostat(
 
     Returns
     -------
-    Built
+    BuiltSystem
         With ``integrator``, a CustomIntegrator with ``getTemperature`` and ``setTemperature``, and ``system``, the one that was given.
 
     Raises

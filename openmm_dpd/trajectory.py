@@ -39,7 +39,7 @@ __all__ = [
     "load_topology",
     "openmm_topology",
     "pdb_names",
-    "radius_of_gyration",
+    "compute_rg",
     "read_psf",
     "write_psf",
 ]
@@ -226,7 +226,7 @@ def load(
         raise ParameterError(f"{traj_path} cannot be read with a topology of {topology.n_atoms} beads: {error}") from None
 
 
-def radius_of_gyration(trajectory: mdtraj.Trajectory) -> np.ndarray:
+def compute_rg(trajectory: mdtraj.Trajectory) -> np.ndarray:
     r"""Radius of gyration (nm) about the centre of mass, Rg^2 = sum m |r - r_com|^2 / sum m, of all beads of a trajectory, (frames,).
 
     ``mdtraj.compute_rg(..., masses)`` weighs the squares with the masses but takes the distances from the geometric centre, which gives

@@ -51,7 +51,7 @@ class Watching:
     _beside = 0.0
     _mixed = False
     _slow = True
-    _hears = True
+    _barostats = True
     _piece = PIECE
     _begun = False
     _numbered: float | None = None
@@ -126,7 +126,7 @@ class Watching:
             self._mixed = self._mixed or bool(others)
             self._slow = self._mixed or self._slow_own()
             often = [force.getFrequency() for force in system.getForces() if isinstance(force, BAROSTATS)]
-            self._hears = self._mixed or any(often)
+            self._barostats = self._mixed or any(often)
             self._piece = min([PIECE, *(frequency for frequency in often if frequency > 0)])
             self._looked_at = now
         self.settle(context)

@@ -6,7 +6,7 @@ import numpy as np
 from openmm import unit
 
 from ..analysis.viscosity import VelocityProfile
-from ..built import Built
+from ..built import BuiltSystem
 from ..errors import ParameterError
 from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, STRESS, PairEngine
 from ..model.flow import AXES, require_plain_axis
@@ -23,7 +23,7 @@ _NM, _V, _F = unit.nanometer, unit.nanometer / unit.picosecond, unit.kilojoule_p
 COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
-def on_step_velocities(built: Built, state) -> np.ndarray:
+def on_step_velocities(built: BuiltSystem, state) -> np.ndarray:
     """Velocities of the same moment as the positions: those of some schemes are a part of a kick behind."""
     v, scheme = state.getVelocities(asNumpy=True).value_in_unit(_V), built.plan.options.scheme
     if not scheme.lag:
@@ -35,7 +35,7 @@ def on_step_velocities(built: Built, state) -> np.ndarray:
 class _Reporter:
     """What reporters of a built scene share."""
 
-    def __init__(self, interval: int, built: Built):
+    def __init__(self, interval: int, built: BuiltSystem):
         require_built(built, type(self).__name__)
         if built.plan.host is not None:
             raise ParameterError(f"{type(self).__name__} knows the terms of a scene alone, not those of a System made elsewhere")
@@ -66,7 +66,7 @@ class StressReporter(_Reporter):
     ----------
     interval : int
         Steps between samples; 1 or 2 for a correlation function.
-    built : Built
+    built : BuiltSystem
         A periodic scene whose beads all move.  Its pair terms are DPD with radial friction, many-body DPD, Lennard-Jones and tabulated
         potentials; bonds, angles, segmental repulsion and charges may be there.
 
@@ -76,13 +76,13 @@ class StressReporter(_Reporter):
         If the scene has something else.
     """
 
-    def __init__(self, interval: int, built: Built):
+    def __init__(self, interval: int, built: BuiltSystem):
         super().__init__(interval, built)
         plan, reason = built.plan, None
         if plan.scene.box is None:
             reason = "there is no periodic box"
         elif plan.spec.fields is not None:
-            reason = "its beads carry energies, temperatures or concentrations"
+            reason = "its beads have energies, temperatures or concentrations"
         elif any(kind.stress_terms is None for kind in plan.kinds):
             reason = f"that of {next(kind.name for kind in plan.kinds if kind.stress_terms is None)} is not known"
         elif any(np.any(getattr(term, "gamma_perp", 0) > 0) for term in plan.spec.terms):
@@ -163,7 +163,7 @@ class ProfileReporter(_Reporter):
     ----------
     interval : int
         Steps between samples.
-    built : Built
+    built : BuiltSystem
         A periodic scene.
     axis : {"x", "y", "z"}
         Along which the slabs are stacked.
@@ -173,7 +173,7 @@ class ProfileReporter(_Reporter):
         Number of slabs in the box.
     """
 
-    def __init__(self, interval: int, built: Built, axis: str = "z", component: str = "x", bins: int = 20):
+    def __init__(self, interval: int, built: BuiltSystem, axis: str = "z", component: str = "x", bins: int = 20):
         super().__init__(interval, built)
         for name in (axis, component):
             if name not in AXES:

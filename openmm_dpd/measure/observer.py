@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import openmm
 
-from ..built import Built
+from ..built import BuiltSystem
 from ..errors import ParameterError, what_is
 from .sample import SystemSample
 from .scene_samples import SceneSampler
@@ -23,7 +23,7 @@ class Observer:
 
     Parameters
     ----------
-    built : Built
+    built : BuiltSystem
         What :func:`openmm_dpd.build`, :func:`openmm_dpd.add_thermostat` or :func:`openmm_dpd.create_mixed_system` returned.  Of a
         scene it gives a :class:`Sample`, with every term; beside the forces of a System made elsewhere a :class:`SystemSample`, with
         what any System tells.
@@ -34,7 +34,7 @@ class Observer:
         If it is something else, a Simulation say.
     """
 
-    def __init__(self, built: Built):
+    def __init__(self, built: BuiltSystem):
         require_built(built, "an Observer")
         self.built, self.plan = built, built.plan
         self._sampler = SceneSampler(built) if built.plan.host is None else SystemSampler(built)
@@ -57,7 +57,7 @@ class Observer:
 
 def require_built(built, what: str) -> None:
     """Raise ParameterError if this is not what the package has built."""
-    if not isinstance(built, Built):
+    if not isinstance(built, BuiltSystem):
         raise ParameterError(
             f"{what} wants as built what openmm_dpd.build(), add_thermostat() or create_mixed_system() returned, not {what_is(built)}"
         )

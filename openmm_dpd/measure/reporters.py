@@ -12,7 +12,7 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from ..built import Built
+from ..built import BuiltSystem
 from ..errors import ParameterError
 from ..kernels.fields import ENERGY, TEMPERATURE
 from ..units import BAR_PER_MD_PRESSURE, whole_number
@@ -59,7 +59,7 @@ SYSTEM_COLUMNS = (
 DEFAULT_COLUMNS = ("step", "time", "kT", "kT_conf", "potential_energy", "kinetic_energy", "pressure", "pressure_conservative", "momentum")
 
 
-def _columns_of(built: Built) -> list[str]:
+def _columns_of(built: BuiltSystem) -> list[str]:
     """The columns that something built has."""
     plan = built.plan
     parts = {"kT_atoms", "kT_beads"} if plan.host is None or plan.n_atoms == plan.scene.n_beads else set()
@@ -71,10 +71,10 @@ def _reasons(observer: Observer, columns: Sequence[str]) -> dict[str, list[str]]
     scene, reasons = observer.plan.scene, dict[str, list[str]]()
     no_box = None if scene.box is not None else "there is no box"
     known = {"kT_conf": observer.no_laplacian} | dict.fromkeys(("pressure", "pressure_conservative", "pressure_bar", "volume"), no_box)
-    carried = None if observer.plan.spec.fields is None else observer.plan.spec.fields.kind
-    no_energy = None if carried in (ENERGY, TEMPERATURE) else "the beads have no internal energies"
+    field_kind = None if observer.plan.spec.fields is None else observer.plan.spec.fields.kind
+    no_energy = None if field_kind in (ENERGY, TEMPERATURE) else "the beads have no internal energies"
     known |= {"internal_energy": no_energy, "theta": no_energy}
-    known["conductive_energy"] = None if carried == ENERGY else "the beads have no conductive energies"
+    known["conductive_energy"] = None if field_kind == ENERGY else "the beads have no conductive energies"
     for name in columns:
         reason = known.get(name)
         if reason is not None:
@@ -94,7 +94,7 @@ class DPDReporter:
         Where to write.
     interval : int
         Steps between rows.
-    built : Built
+    built : BuiltSystem
         What :func:`openmm_dpd.build`, :func:`openmm_dpd.add_thermostat` or :func:`openmm_dpd.create_mixed_system` returned.
     columns : sequence of str, optional
         Keys of :data:`COLUMNS`.  Energies are in kJ/mol and pressures in kJ/mol/nm^3, which are the reduced units of a reduced scene;
@@ -123,7 +123,7 @@ class DPDReporter:
         self,
         file: str | os.PathLike | TextIO,
         interval: int,
-        built: Built,
+        built: BuiltSystem,
         columns: Sequence[str] | None = None,
         append: bool = False,
     ):

@@ -9,7 +9,7 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from ..built import Built
+from ..built import BuiltSystem
 from ..charge_forces import charge_terms
 from ..errors import RunError
 from ..fields import per_dof, raw_fields
@@ -32,7 +32,7 @@ _NM, _KJ, _V = unit.nanometer, unit.kilojoule_per_mole, unit.nanometer / unit.pi
 class SceneSampler:
     """Temperatures, energies, virials and momentum of a scene."""
 
-    def __init__(self, built: Built):
+    def __init__(self, built: BuiltSystem):
         self.built, self.plan = built, built.plan
         self._engine = PairEngine(self.plan.spec) if self.plan.layers else None
         segments = segment_spec(self.plan.scene)
@@ -48,7 +48,7 @@ class SceneSampler:
         others = self._others(self.built.system)
         if others:
             return f"the System has forces that are not the scene's ({_names(others)}), whose Laplacian is not known"
-        overlays, terms = map(_without_laplacian, (self.plan.partners, self.plan.layers))
+        overlays, terms = map(_without_laplacian, (self.plan.overlays, self.plan.layers))
         if overlays:
             return overlays
         if self._segments is not None:
@@ -120,8 +120,8 @@ class SceneSampler:
             other=other,
             bond=bond,
             angle=angle,
-            short=short,
-            lattice=lattice,
+            coulomb_real=short,
+            coulomb_reciprocal=lattice,
             virial_conservative=parts[0].virial + bond_virial,
             virial_dissipative=parts[1].virial,
             virial_random=parts[2].virial,
@@ -162,7 +162,7 @@ class SceneSampler:
             theta, sums = values[mobile, 0], {"internal": float(fields.capacity[mobile] @ values[mobile, 0])}
         else:
             assert fields.eos is not None
-            theta = fields.eos.temperatures(values.sum(axis=1))[mobile]
+            theta = fields.eos.thetas(values.sum(axis=1))[mobile]
             sums = {"internal": float(values[mobile].sum()), "conductive": float(values[mobile, 0].sum())}
         return sums | {"theta": float(len(theta) / np.sum(1.0 / theta))}
 
@@ -185,7 +185,7 @@ class SceneSampler:
     def _slow_kick(self, context: openmm.Context, dt: float) -> np.ndarray | float:
         """What forces that stay OpenMM's have added to the velocities after the last step, where the pair force carries out steps."""
         integrator, options = context.getIntegrator(), self.plan.options
-        begun = integrator.getGlobalVariableByName("last") != -1.0
+        begun = integrator.getGlobalVariableByName("valid_for") != -1.0
         if self.plan.unlooped is not None or not begun or (options.slow_every > 1 and integrator.getGlobalVariableByName(SLOW_STEP) != 0.0):
             return 0.0
         groups = integrator.getIntegrationForceGroups() & ~(1 << options.pair_group) & 0xFFFFFFFF
@@ -208,7 +208,7 @@ class SceneSampler:
                 # the last sweep's noise has already moved the beads; as a force it would be correlated with their positions
                 counter += 1
             parts = [Part(*self._engine.forces(which, v, kT, dt, seed, counter, values)) for which in (CONSERVATIVE, DISSIPATIVE, RANDOM)]
-        if self.plan.partners:
+        if self.plan.overlays:
             virial = _switched_energy(context, *(VIRIAL_GROUP - k for k in range(10)))
             parts[0] = Part(parts[0].energy, parts[0].force, parts[0].virial + virial)
         if self._segments is not None:

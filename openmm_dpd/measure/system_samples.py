@@ -6,7 +6,7 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from ..built import Built
+from ..built import BuiltSystem
 from ..errors import RunError
 from ..host import degrees_of_freedom
 from ..made import masses_of
@@ -21,7 +21,7 @@ class SystemSampler:
     no_laplacian = "the forces of a System made elsewhere have no Laplacian here"
     uncounted = None
 
-    def __init__(self, built: Built):
+    def __init__(self, built: BuiltSystem):
         self.built, self.plan = built, built.plan
 
     def sample(self, context: openmm.Context) -> SystemSample:

@@ -6,7 +6,7 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from ..built import Built
+from ..built import BuiltSystem
 from ..errors import ParameterError
 from ..kernels.engine import DISSIPATIVE, RANDOM, PairEngine
 from ..made import groups_of
@@ -16,13 +16,13 @@ from .observer import require_built
 
 
 def force_terms(
-    built: Built, positions=None, velocities=None, *, counter: int = 1, properties: dict[str, str] | None = None
+    built: BuiltSystem, positions=None, velocities=None, *, counter: int = 1, properties: dict[str, str] | None = None
 ) -> dict[str, np.ndarray]:
     """Forces term by term at given positions and velocities, always in force form, whatever the scheme.
 
     Parameters
     ----------
-    built : Built
+    built : BuiltSystem
     positions, velocities : (N, 3) arrays, optional
         Bare numbers: nm and nm/ps; the scene's own by default.
     counter : int
@@ -35,7 +35,7 @@ def force_terms(
     dict of (N, 3) arrays, kJ/mol/nm
         ``conservative`` (all pair potentials but charges, from the plan's platform), ``electrostatic`` if there are charges,
         ``bond`` if there are bonds or angles, ``external`` if there are body forces, ``other`` if somebody else added forces to the System,
-        ``dissipative`` and ``random``.  They add up to the total force.  If beads carry internal energies, temperatures or concentrations,
+        ``dissipative`` and ``random``.  They add up to the total force.  If beads have internal energies, temperatures or concentrations,
         ``rates_dissipative`` and ``rates_random`` (N, K) are their changes per time at the scene's initial values.
 
     Raises

@@ -82,7 +82,7 @@ class Scene:
         Elementary charges; carried into topologies.  Forces follow from them if there is an ``electrostatics``.
     bonds : sequence of HarmonicBonds, FENEBonds and MorseBonds
         Bonds.
-    special : three floats, default (1, 1, 1)
+    bonded_factors : three floats, default (1, 1, 1)
         Factors in [0, 1] for pairs that are one, two and three bonds apart: conservative and dissipative forces are multiplied by f,
         the noise by sqrt(f).  LAMMPS's default is (0, 0, 0), which takes friction and repulsion away from bonded beads.
     mobile : (N,) array of bool, optional
@@ -91,7 +91,7 @@ class Scene:
     molecules : (N,) array of int, optional
         Molecule numbers, for the topology.
     internal : InternalEnergy, BeadTemperatures or Concentrations, optional
-        What beads carry beside position and velocity; needed by the pair terms EnergyDPD, EDPD and TDPD in this order.
+        Per-bead fields beside position and velocity; needed by the pair terms EnergyDPD, EDPD and TDPD in this order.
     sources : sequence of Source
         Sources of heat (EDPD) or of a species (TDPD).
     compat : {"consistent", "lammps"}
@@ -109,7 +109,7 @@ class Scene:
     residues : sequence of N str, optional
         Name of the molecule of each bead, for the topology.
     electrostatics : SlaterCharges or GaussianCharges, optional
-        How ``charges`` interact; the factors of ``special`` hold for them as well.  None: they do not.
+        How ``charges`` interact; the factors of ``bonded_factors`` hold for them as well.  None: they do not.
 
     Raises
     ------
@@ -127,7 +127,7 @@ class Scene:
     bead_masses: np.ndarray = None  # type: ignore[assignment]  # filled from the types
     charges: np.ndarray | None = None
     bonds: Sequence[Bonds] = ()
-    special: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    bonded_factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
     mobile: np.ndarray | None = None
     molecules: np.ndarray | None = None
     internal: Internal | None = None
@@ -166,7 +166,7 @@ class Scene:
         self._check_bonds()
         self._check_angles()
         self._check_segments()
-        put("special", self._checked_special())
+        put("bonded_factors", self._checked_bonded_factors())
         put("tables", self._checked_pairs())
         put("pairs", self.tables)
         if not isinstance(self.sources, Sequence):
@@ -201,7 +201,7 @@ class Scene:
             "types": named if len(counts) <= 5 else f"{len(counts)} types",
             "box": None if self.box is None else " x ".join(f"{edge:g}" for edge in np.diag(self.box)) + " nm",
             "density": None if self.box is None else f"{self.n_beads / float(np.prod(np.diag(self.box))):.4g} beads/nm^3",
-            "kT": f"{self.initial_kT:g} kJ/mol" if ramp is None else f"{ramp.start:g} to {ramp.stop:g} kJ/mol",
+            "kT": f"{self.initial_kT:g} kJ/mol" if ramp is None else f"{ramp.kT_start:g} to {ramp.kT_end:g} kJ/mol",
             "pair terms": ", ".join(table.kind.__name__ for table in self.tables if table.kind is not None) or None,
             "bonds": len(self.bond_pairs) or None,
             "charges": None if self.charges is None else np.count_nonzero(self.charges),
@@ -351,13 +351,15 @@ class Scene:
             check_inside(gaps(self.walls, self.box), self.positions, mobile)
         keep(self, walls=tuple(self.walls))
 
-    def _checked_special(self) -> tuple[float, float, float]:
+    def _checked_bonded_factors(self) -> tuple[float, float, float]:
         try:
-            factors = tuple(float(factor) for factor in self.special)
+            factors = tuple(float(factor) for factor in self.bonded_factors)
         except (TypeError, ValueError):
             factors = ()
         if len(factors) != 3 or not all(0 <= factor <= 1 for factor in factors):
-            raise ParameterError(f"special must be three factors between 0 and 1 (for 1-2, 1-3 and 1-4 pairs), not {self.special!r}")
+            raise ParameterError(
+                f"bonded_factors must be three factors between 0 and 1 (for 1-2, 1-3 and 1-4 pairs), not {self.bonded_factors!r}"
+            )
         return factors
 
     def _checked_pairs(self) -> tuple[PairTable, ...]:
@@ -370,7 +372,7 @@ class Scene:
             tables = (tables,)
         tables = tuple(table if isinstance(table, PairTable) else PairTable(table) for table in tables)
         require_complete(list(tables), self.type_names)
-        temperatures = [self.kT.start, self.kT.stop] if isinstance(self.kT, TemperatureRamp) else [self.initial_kT]
+        temperatures = [self.kT.kT_start, self.kT.kT_end] if isinstance(self.kT, TemperatureRamp) else [self.initial_kT]
         for table in tables:
             for key, coefficient in table.entries.items():
                 try:

@@ -24,22 +24,26 @@ class TemperatureRamp:
         First and last step of the ramp, counted from the first step of the integrator; begin may be negative.
     """
 
-    start: float
-    stop: float
-    begin: int
-    end: int
+    kT_start: float
+    kT_end: float
+    first_step: int
+    last_step: int
 
     def __post_init__(self):
-        keep(self, start=thermal_energy(self.start, "the ramp's start"))
-        keep(self, stop=thermal_energy(self.stop, "the ramp's stop"))
-        for name in ("begin", "end"):
+        keep(self, kT_start=thermal_energy(self.kT_start, "the ramp's kT_start"))
+        keep(self, kT_end=thermal_energy(self.kT_end, "the ramp's kT_end"))
+        for name in ("first_step", "last_step"):
             keep(self, **{name: whole_number(getattr(self, name), f"the ramp's {name} (a step)")})
-        if self.end <= self.begin:
-            raise ParameterError(f"a temperature ramp must end after it begins; got begin = {self.begin}, end = {self.end}")
+        if self.last_step <= self.first_step:
+            raise ParameterError(
+                f"a temperature ramp must end after it begins; got first_step = {self.first_step}, last_step = {self.last_step}"
+            )
 
     def at(self, step: int) -> float:
         """Thermal energy (kJ/mol) at a step."""
-        return self.start + (self.stop - self.start) * min(1.0, max(0.0, (step - self.begin) / (self.end - self.begin)))
+        return self.kT_start + (self.kT_end - self.kT_start) * min(
+            1.0, max(0.0, (step - self.first_step) / (self.last_step - self.first_step))
+        )
 
 
 def thermal_energy(value, name: str = "kT") -> float:

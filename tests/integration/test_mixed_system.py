@@ -79,7 +79,7 @@ def beads(x: np.ndarray, n: int = 190, close: float | None = None, **changes) ->
     settings = {
         "pairs": {("*", "*"): dpd.DPD(A=60, **STRONG), ("V", "W"): dpd.DPD(A=90, **STRONG)},
         "bonds": [dpd.HarmonicBonds([[0, 1], [1, 2], [3, 4]], k=50, r0=0.4)],
-        "special": (0.0, 0.5, 1.0),
+        "bonded_factors": (0.0, 0.5, 1.0),
         "kT": KT,
         "box": [EDGE] * 3,
     } | changes

@@ -40,13 +40,13 @@ def beads() -> dpd.Scene:
     return dpd.Scene({"oil": 40.0}, ["oil"] * N, X, BEADS, kT=T * unit.kelvin, box=[EDGE] * 3)
 
 
-def thermostat(**choices) -> dpd.Built:
+def thermostat(**choices) -> dpd.BuiltSystem:
     topology, system = argon()
     friction = dpd.DPD(gamma=20, cutoff=0.6)
     return dpd.add_thermostat(system, friction, T, DT, seed=1, platform="Reference", topology=topology, positions=X, **choices)
 
 
-def mixed() -> dpd.Built:
+def mixed() -> dpd.BuiltSystem:
     topology, system = argon(8)
     cross = {("Ar", "oil"): dpd.DPD(A=50, gamma=20, cutoff=0.6)}
     return dpd.create_mixed_system(
@@ -60,7 +60,7 @@ WAYS = {"build": lambda: dpd.build(beads(), dt=DT, seed=1, platform="Reference")
 @pytest.mark.parametrize("way", WAYS)
 def test_all_ways_have_the_same_face(way):
     built = WAYS[way]()
-    assert isinstance(built, dpd.Built) and isinstance(built.plan, dpd.Plan)
+    assert isinstance(built, dpd.BuiltSystem) and isinstance(built.plan, dpd.Plan)
     simulation = built.simulation()
     assert simulation.integrator is built.integrator and simulation.system.getNumParticles() == built.system.getNumParticles()
     out, friction = StringIO(), "friction and noise: compiled pair kernel"
