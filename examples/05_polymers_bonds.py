@@ -18,7 +18,7 @@ from openmm import app
 
 import openmm_dpd as dpd
 from openmm_dpd.stats import block_average
-from openmm_dpd.trajectory import load_topology, radius_of_gyration, write_psf
+from openmm_dpd.trajectory import compute_rg, load_topology, write_psf
 
 OUT = Path("out/05_polymers_bonds")
 EDGE, DENSITY = 8.5, 3.0
@@ -82,7 +82,7 @@ def sizes(out: Path, chains: list[range]) -> dict[int, np.ndarray]:
     for piece in mdtraj.iterload(str(out / "chains.dcd"), top=topology, chunk=CHUNK, atom_indices=polymer):
         of_piece: dict[int, list[np.ndarray]] = {beads: [] for beads in CHAINS}
         for chain in chains:
-            of_piece[len(chain)].append(radius_of_gyration(piece.atom_slice(chain)) ** 2)
+            of_piece[len(chain)].append(compute_rg(piece.atom_slice(chain)) ** 2)
         for beads, found in of_piece.items():
             squares[beads].append(np.mean(found, axis=0))
     return {beads: np.sqrt(np.concatenate(found)) for beads, found in squares.items()}

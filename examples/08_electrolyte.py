@@ -59,7 +59,7 @@ def run(out: Path) -> tuple[mdtraj.Trajectory, np.ndarray, str]:
     for _ in range(STEPS // (5 * EVERY)):
         simulation.step(5 * EVERY)
         sample = observer.sample(simulation.context)
-        energies.append(sample.short + sample.lattice)
+        energies.append(sample.coulomb_real + sample.coulomb_reciprocal)
     frames = mdtraj.load(str(out / "electrolyte.dcd"), top=load_topology(out / "electrolyte.psf"), atom_indices=range(2 * PAIRS))
     return frames, np.array(energies), built.plan.explain()
 

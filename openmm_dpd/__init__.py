@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from .barostat import EnthalpyBarostat, add_barostat
-from .build import Built, build, build_plan, fastest_platform
-from .embed import Embedded, embed
+from .build import BuiltSystem, build, build_plan, fastest_platform
 from .errors import DeckError, DPDError, OutputError, ParameterError, PlanError, ProgramError, RunError
 from .field_file import FieldReporter, load_fields
 from .fields import read_fields, write_fields
 from .kernels.threads import get_threads, set_threads
 from .measure import Observer, Sample, force_terms, set_temperature
+from .mixed_system import MixedSystem, create_mixed_system
 from .model.angles import CosineAngles, HarmonicAngles
 from .model.bonds import FENEBonds, HarmonicBonds, MorseBonds
 from .model.edpd import EDPD
@@ -37,7 +37,7 @@ __all__ = [
     "BeadTemperatures",
     "Block",
     "BodyForce",
-    "Built",
+    "BuiltSystem",
     "Choice",
     "Concentrations",
     "ConstantHeatCapacity",
@@ -47,7 +47,7 @@ __all__ = [
     "DPDReporter",
     "DeckError",
     "EDPD",
-    "Embedded",
+    "MixedSystem",
     "EnergyDPD",
     "EnthalpyBarostat",
     "FENEBonds",
@@ -86,7 +86,7 @@ __all__ = [
     "build",
     "build_plan",
     "degrees_of_freedom",
-    "embed",
+    "create_mixed_system",
     "fastest_platform",
     "force_terms",
     "get_threads",

@@ -21,8 +21,7 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from .build import Built
-from .embed import Embedded
+from .build import BuiltSystem
 from .errors import ParameterError, PlanError, what_is
 from .fields import per_dof, raw_fields
 from .integrators import BAROSTATS
@@ -30,6 +29,7 @@ from .kernels.compiled import compiled
 from .kernels.eos import entropy_change, in_range
 from .kernels.fields import ENERGY
 from .kernels.noise import call_key, uniform
+from .mixed_system import MixedSystem
 from .names import FIELD, SEED, VOLUME_ACCEPTED, VOLUME_MOVES, VOLUME_STEP
 from .units import BAR_PER_MD_PRESSURE, BOLTZMANN, to_md
 
@@ -55,9 +55,9 @@ def md_pressure(value) -> float:
     return number
 
 
-def _check(built: Built | Embedded, interval: int, axes: tuple[bool, bool, bool]) -> None:
-    if not isinstance(built, (Built, Embedded)):
-        raise ParameterError(f"a barostat wants what openmm_dpd.build() or embed() returned, not {what_is(built)}")
+def _check(built: BuiltSystem | MixedSystem, interval: int, axes: tuple[bool, bool, bool]) -> None:
+    if not isinstance(built, (BuiltSystem, MixedSystem)):
+        raise ParameterError(f"a barostat wants what openmm_dpd.build() or create_mixed_system() returned, not {what_is(built)}")
     scene = built.plan.scene
     if scene.box is None:
         raise PlanError("a scene without a box has no pressure to hold constant")
@@ -70,7 +70,12 @@ def _check(built: Built | Embedded, interval: int, axes: tuple[bool, bool, bool]
 
 
 def add_barostat(
-    built: Built | Embedded, pressure, *, interval: int = 25, axes: tuple[bool, bool, bool] = (True, True, True), coupled: bool = True
+    built: BuiltSystem | MixedSystem,
+    pressure,
+    *,
+    interval: int = 25,
+    axes: tuple[bool, bool, bool] = (True, True, True),
+    coupled: bool = True,
 ) -> openmm.Force:
     """Add OpenMM's Monte Carlo barostat to an isothermal scene, before its Context is made.
 
@@ -80,7 +85,7 @@ def add_barostat(
 
     Parameters
     ----------
-    built : Built or Embedded
+    built : BuiltSystem or MixedSystem
         An isothermal scene (no internal energies) in a box, all of whose beads move.
     pressure : pressure
         Bare numbers: kJ/mol/nm^3 (the reduced pressure of a reduced scene).
@@ -111,7 +116,7 @@ def add_barostat(
         raise PlanError("there is a Context of this scene already, which would not know the barostat; add it before the Simulation is made")
     if plan.spec.fields is not None:
         if plan.spec.fields.kind == ENERGY:
-            raise PlanError("the beads carry internal energies: use EnthalpyBarostat")
+            raise PlanError("the beads have internal energies: use EnthalpyBarostat")
         raise PlanError("there is no barostat for beads with temperatures or concentrations (EDPD, TDPD)")
     if plan.options.ramp is not None:
         raise PlanError("OpenMM's barostats have one temperature; a temperature ramp cannot be combined with them")
@@ -141,7 +146,7 @@ class EnthalpyBarostat:
 
     Parameters
     ----------
-    built : Built
+    built : BuiltSystem
         A scene with internal energies (EnergyDPD) in a box, all of whose beads move.
     pressure : pressure
         Bare numbers: kJ/mol/nm^3.
@@ -161,7 +166,7 @@ class EnthalpyBarostat:
 
     def __init__(
         self,
-        built: Built,
+        built: BuiltSystem,
         pressure,
         *,
         interval: int = 25,
@@ -195,8 +200,8 @@ class EnthalpyBarostat:
         number = context.getParameter(VOLUME_MOVES)
         key = call_key(int(context.getParameter(SEED)), int(number), _NOISE_LAYER)
         context.setParameter(VOLUME_MOVES, number + 1)
-        late = self.built.plan.options.scheme.lag != 0.0
-        state = context.getState(positions=True, energy=True, velocities=late, forces=late, groups=self._groups)
+        lags_half_kick = self.built.plan.options.scheme.lag != 0.0
+        state = context.getState(positions=True, energy=True, velocities=lags_half_kick, forces=lags_half_kick, groups=self._groups)
         box = state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer)
         x = state.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
         factor = np.exp(context.getParameter(VOLUME_STEP) * (2 * uniform(key, 1) - 1))
@@ -224,8 +229,8 @@ class EnthalpyBarostat:
         context.setPeriodicBoxVectors(*box)
         context.setPositions(x)
         scheme = self.built.plan.options.scheme
-        late = scheme.lag != 0.0
-        new = context.getState(energy=True, forces=late, groups=self._groups)
+        lags_half_kick = scheme.lag != 0.0
+        new = context.getState(energy=True, forces=lags_half_kick, groups=self._groups)
         energies = [s.getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole) for s in (state, new)]
         share = -(energies[1] - energies[0] + self.pressure * volume * (factor - 1)) / len(x)
         gained = _entropy_gain(raw_fields(context, self._fields).sum(axis=1), share, self._eos.capacity, self._eos.curve, *self._eos.curves)
@@ -235,7 +240,7 @@ class EnthalpyBarostat:
         values = per_dof(integrator, f"{FIELD}0")
         values[:, 1] += share
         integrator.setPerDofVariableByName(f"{FIELD}0", values)
-        if late:
+        if lags_half_kick:
             # what stays in a move are velocities of the same moment as the positions
             dt = integrator.getStepSize().value_in_unit(unit.picosecond)
             before, after = (s.getForces(asNumpy=True).value_in_unit(unit.kilojoule_per_mole / unit.nanometer) for s in (state, new))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .model.bonds import minimum_image
+from .model.bonds import minimum_images
 from .plan import Plan
 from .tensors import symmetric_products
 
@@ -55,7 +55,7 @@ def bonded_stress(plan: Plan, x: np.ndarray, box: np.ndarray | None) -> np.ndarr
     """
     stress = np.zeros(6)
     for bonds in plan.scene.bonds:
-        d = minimum_image(x[bonds.pairs[:, 0]] - x[bonds.pairs[:, 1]], box)
+        d = minimum_images(x[bonds.pairs[:, 0]] - x[bonds.pairs[:, 1]], box)
         r = np.linalg.norm(d, axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
             pull = np.where(r > 1e-10, -bonds.curve(r)[1] / r, 0.0)
@@ -64,7 +64,7 @@ def bonded_stress(plan: Plan, x: np.ndarray, box: np.ndarray | None) -> np.ndarr
         theta, *lengths = angles.arms(x, box)
         i, j, k = angles.triples.T
         with np.errstate(divide="ignore", invalid="ignore"):
-            a, b = (minimum_image(x[end] - x[j], box) / long[:, None] for end, long in zip((i, k), lengths, strict=True))
+            a, b = (minimum_images(x[end] - x[j], box) / long[:, None] for end, long in zip((i, k), lengths, strict=True))
             pull = angles.curve(theta)[1] / np.maximum(np.sin(theta), 1e-8)
         near = np.minimum(*lengths) <= 1e-10
         a[near], b[near] = 0.0, 0.0

@@ -41,7 +41,7 @@ from .whole_steps import WholeSteps
 
 
 @dataclass(eq=False)
-class Built:
+class BuiltSystem:
     """What a script hands to ``openmm.app.Simulation``.
 
     Attributes
@@ -66,10 +66,10 @@ class Built:
     program: Program | None
 
     def __repr__(self) -> str:
-        return f"<Built from {self.plan!r}>"
+        return f"<BuiltSystem from {self.plan!r}>"
 
     def _repr_html_(self) -> str:
-        return fact_table("Built", self.plan.facts())
+        return fact_table("BuiltSystem", self.plan.facts())
 
     def simulation(self, platform: openmm.Platform | str | None = None, properties: dict[str, str] | None = None) -> app.Simulation:
         """A Simulation with positions and velocities set, on the plan's platform by default."""
@@ -146,7 +146,7 @@ def build(
     seed: int | None = None,
     loop: bool = True,
     slow_every: int = 1,
-) -> Built:
+) -> BuiltSystem:
     """System, Topology, positions, velocities and integrator of a scene.
 
     Parameters are those of :func:`openmm_dpd.plan.make_plan`; ``platform`` is the fastest one by default.  Velocities that the scene does
@@ -176,7 +176,7 @@ def build(
     return build_plan(make_plan(scene, dt=dt, platform=platform, **choices))  # type: ignore[arg-type]
 
 
-def build_plan(plan: Plan) -> Built:
+def build_plan(plan: Plan) -> BuiltSystem:
     """What :func:`build` makes, from a plan."""
     scene, options = plan.scene, plan.options
     program = None if options.scheme.native else make_program(options)
@@ -193,7 +193,7 @@ def build_plan(plan: Plan) -> Built:
     if scene.walls and not options.whole_steps:
         for name, values in walls.variables(gaps(scene.walls, scene.box), scene.n_beads).items():
             integrator.setPerDofVariableByName(name, values)
-    return Built(
+    return BuiltSystem(
         system=system,
         integrator=integrator,
         topology=openmm_topology(list(scene.types), scene.molecules, scene.bond_pairs, scene.box, scene.residues),
@@ -233,7 +233,7 @@ def integration_groups(forces: Sequence[openmm.Force], options: ProgramOptions) 
 def _pair_function(plan: Plan) -> PairForceFunction:
     """What evaluates the pair terms."""
     scene, options = plan.scene, plan.options
-    held = () if plan.unlooped else extras(scene, plan.partners, plan.exceptions)
+    held = () if plan.unlooped else extras(scene, plan.overlays, plan.exceptions)
     charges = charge_terms(scene, plan.ewald, plan.charge_exceptions) if plan.charges_held else None
     held += () if charges is None else (charges,)
     return PairForceFunction(
@@ -242,7 +242,7 @@ def _pair_function(plan: Plan) -> PairForceFunction:
         periodic=scene.box is not None,
         scale=options.field_scale,
         balanced=options.compensated and plan.spec.sweeps,
-        guarded=() if held else tuple(bonds for bonds in scene.bonds if isinstance(bonds, FENEBonds)),
+        length_checked=() if held else tuple(bonds for bonds in scene.bonds if isinstance(bonds, FENEBonds)),
         steps=None if plan.unlooped else _step_spec(plan),
     )
 
@@ -263,7 +263,7 @@ def _step_spec(plan: Plan) -> StepSpec:
         lam=options.lam,
         field_lam=options.field_lam,
         walls=Walls(*(found[name] for name in walls.CONSTANTS)) if found else None,
-        ramp=None if ramp is None else Ramp(ramp.start, ramp.stop, ramp.begin, ramp.end),
+        ramp=None if ramp is None else Ramp(ramp.kT_start, ramp.kT_end, ramp.first_step, ramp.last_step),
         field_shown=options.field_shown,
     )
 
@@ -280,12 +280,12 @@ def _system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, function:
         system.setDefaultPeriodicBoxVectors(*(openmm.Vec3(*row) for row in scene.box.tolist()))
     layers = plan.layers if plan.conservative == "openmm" else ()
     densities = [layer for layer in layers if resolved_kind(layer).density_force is not None]
-    expressions, partners = (
+    expressions, overlays = (
         [resolved_kind(table).potential(table, scene.type_names) for table in tables]  # type: ignore[misc]  # make_plan has seen to it
-        for tables in (layers, plan.partners)
+        for tables in (layers, plan.overlays)
     )
-    factors = _excluded_pairs(plan, [*expressions, *partners])
-    free = _add_pair_expressions(system, plan, [*expressions, *partners], factors, with_virial=partners)
+    factors = _excluded_pairs(plan, [*expressions, *overlays])
+    free = _add_pair_expressions(system, plan, [*expressions, *overlays], factors, with_virial=overlays)
     _add_charges(system, plan, factors)
     if free - len(densities) + 1 < LAST_POTENTIAL_GROUP:
         raise PlanError(f"the pair potentials and densities need more than {POTENTIAL_GROUP - LAST_POTENTIAL_GROUP + 1} force groups")

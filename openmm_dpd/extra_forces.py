@@ -42,14 +42,14 @@ _ANGLES: dict[type, tuple[int, tuple[str, ...]]] = {
 _PATTERNS = {"uniform": external.UNIFORM, "halves": external.HALVES, "sine": external.SINE}
 
 
-def extras(scene: Scene, partners: Sequence[dict], exceptions: dict[tuple[int, int], float]) -> tuple[Extra, ...]:
+def extras(scene: Scene, overlays: Sequence[dict], exceptions: dict[tuple[int, int], float]) -> tuple[Extra, ...]:
     """What acts in a scene beside its pair terms.
 
     Parameters
     ----------
     scene : Scene
-    partners : sequence of dict
-        Radial overlays, {pair of type names: coefficient}, one kind in each (``Plan.partners``).
+    overlays : sequence of dict
+        Radial overlays, {pair of type names: coefficient}, one kind in each (``Plan.overlays``).
     exceptions : dict
         Factors of bonded neighbours (``Plan.exceptions``).
     """
@@ -59,7 +59,7 @@ def extras(scene: Scene, partners: Sequence[dict], exceptions: dict[tuple[int, i
         found.append(BondTerms(*_rows(scene.bonds, _BONDS, "pairs", 2, 4)))
     if sum(len(group.triples) for group in scene.angles):
         found.append(AngleTerms(*_rows(scene.angles, _ANGLES, "triples", 3, 2)))
-    found += [radial_terms(table, scene.type_ids, scene.type_names, exceptions) for table in partners]
+    found += [radial_terms(table, scene.type_ids, scene.type_names, exceptions) for table in overlays]
     segments = segment_spec(scene)
     if segments is not None and len(segments.pairs):
         found.append(SegmentTerms(segments))

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 import numpy as np
 from openmm import unit
 
-from .build import Built
+from .build import BuiltSystem
 from .errors import ParameterError, what_is
 from .fields import read_fields
 from .files import writing
@@ -110,7 +110,7 @@ def load_fields(file: str | os.PathLike) -> dict[str, np.ndarray]:
 
 
 class FieldReporter:
-    """Writes what beads carry to a file, for ``simulation.reporters``; give it the interval of the trajectory, and frames match.
+    """Writes the per-bead fields to a file, for ``simulation.reporters``; give it the interval of the trajectory, and frames match.
 
     Parameters
     ----------
@@ -118,8 +118,8 @@ class FieldReporter:
         By custom ``fields.npz`` beside the trajectory.
     interval : int
         Steps between frames.
-    built : Built
-        A scene whose beads carry internal energies, temperatures, concentrations or local densities.
+    built : BuiltSystem
+        A scene whose beads have internal energies, temperatures, concentrations or local densities.
     append : bool, default False
         Go on with the frames of a file that is there; one that is not there is begun.
 
@@ -143,11 +143,11 @@ class FieldReporter:
     (2, 81)
     """
 
-    def __init__(self, file: str | os.PathLike, interval: int, built: Built, append: bool = False):
+    def __init__(self, file: str | os.PathLike, interval: int, built: BuiltSystem, append: bool = False):
         interval = whole_number(interval, "the interval between reports, in steps,", least=1)
-        if not isinstance(built, Built):
+        if not isinstance(built, BuiltSystem):
             raise ParameterError(f"FieldReporter wants as built what openmm_dpd.build() returned, not {what_is(built)}")
-        if not carries_fields(built):
+        if not has_fields(built):
             raise ParameterError("the beads of this scene carry no internal energies, temperatures, concentrations or local densities")
         self._writer, self._interval, self._built = FieldWriter(file, append), interval, built
 
@@ -162,10 +162,10 @@ class FieldReporter:
         self._writer.write(time, simulation.currentStep, read_fields(simulation.context, self._built.plan))
 
 
-def carries_fields(built: Built) -> bool:
+def has_fields(built: BuiltSystem) -> bool:
     """Whether there is anything to write."""
     plan = built.plan
     return plan.spec.fields is not None or any(kind.has_densities for kind in plan.kinds)
 
 
-__all__ = ["FieldReporter", "FieldWriter", "carries_fields", "load_fields"]
+__all__ = ["FieldReporter", "FieldWriter", "has_fields", "load_fields"]

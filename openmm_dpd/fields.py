@@ -73,7 +73,7 @@ def read_fields(context: openmm.Context, plan: Plan) -> dict[str, np.ndarray]:
     values = raw_fields(context, spec)
     if spec.kind == ENERGY:
         assert spec.eos is not None
-        return {"u_cond": values[:, 0], "u_mech": values[:, 1], "theta": spec.eos.temperatures(values.sum(axis=1))}
+        return {"u_cond": values[:, 0], "u_mech": values[:, 1], "theta": spec.eos.thetas(values.sum(axis=1))}
     return {"temperature": values[:, 0]} if spec.kind == TEMPERATURE else {"concentrations": values}
 
 
@@ -126,7 +126,7 @@ def write_fields(context: openmm.Context, plan: Plan, **values: Any) -> None:
             if name in values:
                 new[:, column] = _per_bead(to_md(values[name], "energy", name), (n,), name)
         assert spec.eos is not None
-        bad = np.flatnonzero(np.isnan(spec.eos.temperatures(new.sum(axis=1))) & ~spec.immobile)
+        bad = np.flatnonzero(np.isnan(spec.eos.thetas(new.sum(axis=1))) & ~spec.immobile)
         if len(bad):
             raise ParameterError(f"the internal energy {new[bad[0]].sum():g} of bead {bad[0]} is outside its equation of state")
     elif spec.kind == TEMPERATURE:
@@ -138,9 +138,9 @@ def write_fields(context: openmm.Context, plan: Plan, **values: Any) -> None:
     integrator = context.getIntegrator()
     for name, block in field_variables(new).items():
         integrator.setPerDofVariableByName(name, block)
-    if any(integrator.getGlobalVariableName(k) == "last" for k in range(integrator.getNumGlobalVariables())):
+    if any(integrator.getGlobalVariableName(k) == "valid_for" for k in range(integrator.getNumGlobalVariables())):
         # accelerations and rates that a scheme kept belong to the old values
-        integrator.setGlobalVariableByName("last", -1.0)
+        integrator.setGlobalVariableByName("valid_for", -1.0)
 
 
 def _per_bead(value, shape: tuple[int, ...], name: str) -> np.ndarray:

@@ -275,7 +275,7 @@ class Watching:
     _beside = 0.0
     _mixed = False
     _slow = True
-    _hears = True
+    _barostats = True
     _piece = PIECE
     _begun = False
     _numbered: float | None = None
@@ -350,7 +350,7 @@ class Watching:
             self._mixed = self._mixed or bool(others)
             self._slow = self._mixed or self._slow_own()
             often = [force.getFrequency() for force in system.getForces() if isinstance(force, BAROSTATS)]
-            self._hears = self._mixed or any(often)
+            self._barostats = self._mixed or any(often)
             self._piece = min([PIECE, *(frequency for frequency in often if frequency > 0)])
             self._looked_at = now
         self.settle(context)
@@ -420,7 +420,7 @@ class StepsAtOnce(Protocol):
     function: Any
 
     def run(self, integrator: PairIntegrator, context: openmm.Context, n: int, *, slow: bool, barostats: bool) -> None:
-        """Carry out n steps; ``slow``: forces stay OpenMM's, ``barostats``: something has to hear of the steps."""
+        """Carry out n steps; ``slow``: forces stay OpenMM's, ``barostats``: something else has to act in these steps."""
 
 
 class PairIntegrator(Watching, openmm.CustomIntegrator):
@@ -438,9 +438,9 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
     def _take(self, context: openmm.Context, steps: int) -> None:
         if self.whole is None:
             super()._take(context, steps)
-        elif self._slow or self._hears:
+        elif self._slow or self._barostats:
             with self._or_back(context):
-                self.whole.run(self, context, steps, slow=self._slow, barostats=self._hears)
+                self.whole.run(self, context, steps, slow=self._slow, barostats=self._barostats)
         else:  # the Context is not touched before all steps are done
             with _reported():
                 self.whole.run(self, context, steps, slow=False, barostats=False)
@@ -461,8 +461,8 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
         super()._begin(context)
         names, parameters, put = self.variables(), context.getParameters(), openmm.CustomIntegrator.setGlobalVariableByName
         assert self.made is not None
-        if "last" in names:
-            put(self, "last", -1.0)  # a Context that was reinitialized has lost the acceleration that belonged to it
+        if "valid_for" in names:
+            put(self, "valid_for", -1.0)  # a Context that was reinitialized has lost the acceleration that belonged to it
         self._forget()
         for name in (RAMP_STEP, SLOW_STEP) if self._begun else ():
             if name in names:
@@ -526,7 +526,7 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
         if not isinstance(kelvin, float) or not 0.0 <= kelvin < np.inf:
             raise ParameterError(f"the temperature must be a single number of kelvin >= 0, not {temperature!r}")
         context, put = self.context(), openmm.CustomIntegrator.setGlobalVariableByName
-        if context is None:  # for the next step to hear, whatever it heard before
+        if context is None:  # for the next step to take, whatever it took before
             put(self, TEMPERATURE, kelvin)
             put(self, SEEN_TEMPERATURE, -1.0)
         elif kelvin != self.getTemperature().value_in_unit(unit.kelvin):

@@ -17,9 +17,8 @@ import openmm
 from openmm import unit
 
 from .bonded_sums import angle_sums, bond_sums
-from .build import Built
+from .build import BuiltSystem
 from .charge_forces import charge_terms
-from .embed import Embedded
 from .errors import ParameterError, RunError
 from .fields import per_dof, raw_fields
 from .forces.expressions import VIRIAL_SWITCH
@@ -29,6 +28,7 @@ from .kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
 from .kernels.fields import ENERGY, TEMPERATURE
 from .kernels.segments import SegmentEngine
 from .kinds import Resolved, resolved_kind
+from .mixed_system import MixedSystem
 from .model.bonds import FENEBonds
 from .model.scene import TemperatureRamp, thermal_energy
 from .names import (
@@ -60,9 +60,9 @@ class Observer:
 
     Parameters
     ----------
-    built : Built or Embedded
-        The scene's System, integrator and plan: what :func:`openmm_dpd.build` or :func:`openmm_dpd.embed` returned.  Of atoms and beads in
-        one System a :class:`Sample` has less in it, see there.
+    built : BuiltSystem or MixedSystem
+        The scene's System, integrator and plan: what :func:`openmm_dpd.build` or :func:`openmm_dpd.create_mixed_system` returned.
+        Of atoms and beads in one System a :class:`Sample` has less in it, see there.
 
     Raises
     ------
@@ -70,9 +70,11 @@ class Observer:
         If it is something else, a Simulation say.
     """
 
-    def __init__(self, built: Built | Embedded):
-        if not isinstance(built, (Built, Embedded)):
-            raise ParameterError(f"an Observer wants what openmm_dpd.build() or embed() returned, not a {type(built).__name__}")
+    def __init__(self, built: BuiltSystem | MixedSystem):
+        if not isinstance(built, (BuiltSystem, MixedSystem)):
+            raise ParameterError(
+                f"an Observer wants what openmm_dpd.build() or create_mixed_system() returned, not a {type(built).__name__}"
+            )
         self.built, self.plan = built, built.plan
         self._engine = PairEngine(self.plan.spec) if self.plan.layers else None
         segments = segment_spec(self.plan.scene)
@@ -85,12 +87,12 @@ class Observer:
     @property
     def no_laplacian(self) -> str | None:
         """Why there is no configurational temperature, or None."""
-        if isinstance(self.built, Embedded):
+        if isinstance(self.built, MixedSystem):
             return "the forces of atoms have no Laplacian here"
         others = self._others(self.built.system)
         if others:
             return f"the System has forces that are not the scene's ({_names(others)}), whose Laplacian is not known"
-        overlays, terms = map(_without_laplacian, (self.plan.partners, self.plan.layers))
+        overlays, terms = map(_without_laplacian, (self.plan.overlays, self.plan.layers))
         if overlays:
             return overlays
         if self._segments is not None:
@@ -111,13 +113,13 @@ class Observer:
     def _others(self, system: openmm.System) -> list[openmm.Force]:
         """Forces that somebody else added to the System of a scene."""
         made = self.built.integrator.made
-        return [] if made is None or isinstance(self.built, Embedded) else made.others(system)
+        return [] if made is None or isinstance(self.built, MixedSystem) else made.others(system)
 
     def sample(self, context: openmm.Context) -> Sample:
         """Measure the present state of a Context."""
         plan = self.plan
         _check_context(context)
-        if isinstance(self.built, Embedded):
+        if isinstance(self.built, MixedSystem):
             return self.built.sample(context)
         state = context.getState(positions=True, velocities=True, forces=True, energy=True, groups=self._groups)
         x = state.getPositions(asNumpy=True).value_in_unit(_NM)
@@ -163,8 +165,8 @@ class Observer:
             other=other,
             bond=bond,
             angle=angle,
-            short=short,
-            lattice=lattice,
+            coulomb_real=short,
+            coulomb_reciprocal=lattice,
             virial_conservative=parts[0].virial + bond_virial,
             virial_dissipative=parts[1].virial,
             virial_random=parts[2].virial,
@@ -205,7 +207,7 @@ class Observer:
             theta, sums = values[mobile, 0], {"internal": float(fields.capacity[mobile] @ values[mobile, 0])}
         else:
             assert fields.eos is not None
-            theta = fields.eos.temperatures(values.sum(axis=1))[mobile]
+            theta = fields.eos.thetas(values.sum(axis=1))[mobile]
             sums = {"internal": float(values[mobile].sum()), "conductive": float(values[mobile, 0].sum())}
         return sums | {"theta": float(len(theta) / np.sum(1.0 / theta))}
 
@@ -228,7 +230,7 @@ class Observer:
     def _slow_kick(self, context: openmm.Context, dt: float) -> np.ndarray | float:
         """What forces that stay OpenMM's have added to the velocities after the last step, where the pair force carries out steps."""
         integrator, options = context.getIntegrator(), self.plan.options
-        begun = integrator.getGlobalVariableByName("last") != -1.0
+        begun = integrator.getGlobalVariableByName("valid_for") != -1.0
         if self.plan.unlooped is not None or not begun or (options.slow_every > 1 and integrator.getGlobalVariableByName(SLOW_STEP) != 0.0):
             return 0.0
         groups = integrator.getIntegrationForceGroups() & ~(1 << options.pair_group) & 0xFFFFFFFF
@@ -251,7 +253,7 @@ class Observer:
                 # the last sweep's noise has already moved the beads; as a force it would be correlated with their positions
                 counter += 1
             parts = [Part(*self._engine.forces(which, v, kT, dt, seed, counter, values)) for which in (CONSERVATIVE, DISSIPATIVE, RANDOM)]
-        if self.plan.partners:
+        if self.plan.overlays:
             virial = _switched_energy(context, *(VIRIAL_GROUP - k for k in range(10)))
             parts[0] = Part(parts[0].energy, parts[0].force, parts[0].virial + virial)
         if self._segments is not None:
@@ -304,13 +306,13 @@ def noise_state(context: openmm.Context, plan: Plan) -> tuple[float, int, int, f
 
 
 def force_terms(
-    built: Built, positions=None, velocities=None, *, counter: int = 1, properties: dict[str, str] | None = None
+    built: BuiltSystem, positions=None, velocities=None, *, counter: int = 1, properties: dict[str, str] | None = None
 ) -> dict[str, np.ndarray]:
     """Forces term by term at given positions and velocities, always in force form, whatever the scheme.
 
     Parameters
     ----------
-    built : Built
+    built : BuiltSystem
     positions, velocities : (N, 3) arrays, optional
         Bare numbers: nm and nm/ps; the scene's own by default.
     counter : int
@@ -323,7 +325,7 @@ def force_terms(
     dict of (N, 3) arrays, kJ/mol/nm
         ``conservative`` (all pair potentials but charges, from the plan's platform), ``electrostatic`` if there are charges,
         ``bond`` if there are bonds or angles, ``external`` if there are body forces, ``other`` if somebody else added forces to the System,
-        ``dissipative`` and ``random``.  They add up to the total force.  If beads carry internal energies, temperatures or concentrations,
+        ``dissipative`` and ``random``.  They add up to the total force.  If beads have internal energies, temperatures or concentrations,
         ``rates_dissipative`` and ``rates_random`` (N, K) are their changes per time at the scene's initial values.
 
     Raises
@@ -331,8 +333,8 @@ def force_terms(
     ParameterError
         If a value has the wrong shape, or ``built`` is something else: the terms of atoms beside beads are not told apart.
     """
-    if not isinstance(built, Built):
-        remedy = "; for atoms and beads ask for context.getState(forces=True)" if isinstance(built, Embedded) else ""
+    if not isinstance(built, BuiltSystem):
+        remedy = "; for atoms and beads ask for context.getState(forces=True)" if isinstance(built, MixedSystem) else ""
         raise ParameterError(f"force_terms wants what openmm_dpd.build() returned, but this is: {type(built).__name__}{remedy}")
     plan = built.plan
     scene, spec = plan.scene, plan.spec

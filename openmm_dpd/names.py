@@ -8,20 +8,20 @@ from enum import IntEnum
 class Phase(IntEnum):
     """What the pair force is asked to do; the program sets it in the context parameter ``dpd_phase``.
 
-    *kept* are the positions of the last KEEP, NOTE or CONSERVE, *seen* the present ones; the velocity the pair terms see is
+    *kept* are the positions of the last STORE, FINGERPRINT or CONSERVE, *seen* the present ones; the velocity the pair terms see is
     (seen - kept)/tau, with tau in the context parameter ``dpd_tau``.  Those from 100 on have a number added, below 100.
     """
 
     IDLE = 0  # outside a step: conservative force and energy if the kernel holds them, else nothing
-    KEEP = 1  # keep the positions; nothing else
-    NOTE = 2  # keep the positions; the energy is their fingerprint
+    STORE = 1  # keep the positions; nothing else
+    FINGERPRINT = 2  # keep the positions; the energy is their fingerprint
     CONSERVE = 3  # keep the positions; conservative force
     FORCE_SEEN = 4  # all forces the kernel holds, at the seen positions
     FORCE_KEPT = 5  # dissipative and random force at the kept positions
     RUN = 6  # carry out a step from the kept positions with the velocities that are seen; answers the new positions
     SWEEP_SEEN = 100  # (+ pair update) impulses/dt of a sweep at the seen positions
     SWEEP_KEPT = 200  # (+ pair update) impulses/dt of a sweep at the kept positions
-    READ = 300  # (+ block) take three values per bead from seen - kept: what beads carry beside position and velocity
+    READ = 300  # (+ block) take three values per bead from seen - kept: the per-bead fields beside position and velocity
     CHANGE = 400  # (+ block) what the last evaluation did to these values: rates, or after a sweep increments
     TELL = 500  # (+ block) three values per bead as RUN left them
 
@@ -56,7 +56,7 @@ RAMP_STEP = "ramp_step"
 
 #: Global variables that every integrator with a pair force has, used or not, so that states go from one platform to another, where
 #: another program may run the same scheme.
-PORTABLE = ("ahead", "heard", "here", "last", "stamp")
+PORTABLE = ("ahead", "unused", "fingerprint", "valid_for", "stamp")
 
 #: Scale of the displacement that shows velocities (and accelerations) to a whole step: so long that what is left of them after x has been
 #: added and taken off is as exact as they are.  A power of two.
@@ -71,7 +71,7 @@ SLOW_STEP = "slow_step"
 #: Global variable of an integrator: fingerprint of the per-DOF variables that a loop of steps left, 0 where something else wrote them.
 STAMP = "stamp"
 
-#: Further ones where beads carry internal energies: volume moves tried, their length (in ln V), and how many were accepted of late.
+#: Further ones where beads have internal energies: volume moves tried, their length (in ln V), and how many were accepted of late.
 VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED = "dpd_volume_moves", "dpd_volume_step", "dpd_volume_accepted"
 
 #: Names of the per-DOF variables that hold internal energies, temperatures or concentrations, three values per bead in each.

@@ -34,13 +34,13 @@ ResolvedTable = dict[tuple[str, str], Any]
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What will be built: ``layers`` are the tables of the pair kernel, ``partners`` overlays, each {pair of types: coefficient}."""
+    """What will be built: ``layers`` are the tables of the pair kernel, ``overlays`` overlays, each {pair of types: coefficient}."""
 
     scene: Scene
     spec: PairSpec
     options: ProgramOptions
     layers: tuple[ResolvedTable, ...]
-    partners: tuple[ResolvedTable, ...]
+    overlays: tuple[ResolvedTable, ...]
     exceptions: dict[tuple[int, int], float]
     conservative: str
     platform: str | None
@@ -82,7 +82,7 @@ class Plan:
             f"seed of the noise: {options.seed}",
             "pair terms:",
         ]
-        for table in (*self.layers, *self.partners):
+        for table in (*self.layers, *self.overlays):
             lines += [f"  {a} - {b}: {describe(value)}" for (a, b), value in table.items()]
         lines.append("conservative DPD force: " + self._conservative_text())
         if not options.kernel:
@@ -164,7 +164,7 @@ class Plan:
         ramp = self.options.ramp
         if ramp is None:
             return f"kT = {self.options.kT:g} kJ/mol"
-        return f"kT from {ramp.start:g} to {ramp.stop:g} kJ/mol between steps {ramp.begin} and {ramp.end}"
+        return f"kT from {ramp.kT_start:g} to {ramp.kT_end:g} kJ/mol between steps {ramp.first_step} and {ramp.last_step}"
 
     def _conservative_text(self) -> str:
         unlisted = "" if self.listed(_longest(self.layers)) else ", over all pairs (a list could miss some: the box is small and tilted)"
@@ -248,11 +248,11 @@ def make_plan(
     check_lam(lam, chosen)
     if conservative not in ("auto", "openmm", "kernel"):
         raise ParameterError(f"conservative must be 'auto', 'openmm' or 'kernel', not {conservative!r}")
-    layers, partners = _split_tables(scene)
+    layers, overlays = _split_tables(scene)
     kinds = list(map(resolved_kind, layers))
-    check_cutoffs(scene.box, [*layers, *partners])
+    check_cutoffs(scene.box, [*layers, *overlays])
     _check_scheme(chosen, kinds)
-    exceptions = _exceptions(scene, scene.special)
+    exceptions = _exceptions(scene, scene.bonded_factors)
     repulsive = any(c is not NONE and c.has_conservative for table in layers for c in table.values())
     thermostat = any(c is not NONE and c.has_thermostat for table in layers for c in table.values())
     only = _why_kernel_only(scene, kinds, layers, exceptions, platform)
@@ -289,7 +289,7 @@ def make_plan(
         spec=_pair_spec(scene, kinds, layers, exceptions, chosen, fields),
         options=options,
         layers=tuple(layers),
-        partners=tuple(partners),
+        overlays=tuple(overlays),
         exceptions=exceptions,
         conservative=where,
         unlooped=unlooped,
@@ -325,7 +325,7 @@ def _trial_time(scene: Scene, cutoff: float, double: bool) -> float | None:
 
 
 def _field_options(scene: Scene, fields: FieldSpec | None, cutoff: float, platform: str | None, lam: float) -> dict[str, Any]:
-    """How the program keeps and shows what beads carry."""
+    """How the program keeps and shows the per-bead fields."""
     if fields is None:
         return {}
     double = platform in DOUBLE_PLATFORMS
@@ -447,19 +447,19 @@ def check_cutoffs(box: np.ndarray | None, tables: list[dict]) -> None:
                 )
 
 
-def _exceptions(scene: Scene, special: tuple[float, float, float]) -> dict[tuple[int, int], float]:
+def _exceptions(scene: Scene, factors: tuple[float, float, float]) -> dict[tuple[int, int], float]:
     """Bonded neighbours whose factor is not 1."""
-    if not len(scene.bond_pairs) or special == (1.0, 1.0, 1.0):
+    if not len(scene.bond_pairs) or factors == (1.0, 1.0, 1.0):
         return {}
     found = bonded_neighbours(scene.bond_pairs, scene.n_beads)
-    return {pair: special[k - 1] for k, pairs in found.items() if special[k - 1] != 1.0 for pair in pairs}
+    return {pair: factors[k - 1] for k, pairs in found.items() if factors[k - 1] != 1.0 for pair in pairs}
 
 
 def _charge_exceptions(scene: Scene) -> dict[tuple[int, int], float]:
     """The same for the interaction of charges."""
     if scene.electrostatics is None:
         return {}
-    return _exceptions(scene, scene.electrostatics.special or scene.special)
+    return _exceptions(scene, scene.electrostatics.bonded_factors or scene.bonded_factors)
 
 
 def _ewald(scene: Scene) -> EwaldSum | None:

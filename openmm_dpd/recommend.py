@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .embed import Embedded
 from .errors import DPDError, ParameterError, what_is
+from .mixed_system import MixedSystem
 from .model.scene import Scene
 from .plan import make_plan
 from .programs.native import why_not
@@ -111,10 +111,10 @@ def recommend(
     out: other bonds, angles, segmental repulsion, beads without friction among themselves, and charges, whose note has the frequency of two
     opposite ones on top of each other.  What it says of ``native`` was measured on the CPU platform; on GPU platforms OpenMM's
     DPDIntegrator updates all pairs at once, and gets too hot at shorter steps.  Without friction, or with an attraction or another
-    potential between beads, there is no recommendation.  Beads beside atoms (:func:`openmm_dpd.embed`) take the step of the atoms and are
+    potential between beads, there is no recommendation.  Beads beside atoms (:func:`openmm_dpd.create_mixed_system`) take the step of the atoms and are
     refused.
     """
-    if isinstance(scene, Embedded):
+    if isinstance(scene, MixedSystem):
         raise ParameterError(
             "atoms and beads in one System take the step and scheme of the atoms (docs/howto/mixed.md), not one of the table"
         )

@@ -12,11 +12,11 @@ from typing import TextIO
 
 import numpy as np
 
-from .build import Built
-from .embed import Embedded
+from .build import BuiltSystem
 from .errors import ParameterError
 from .kernels.fields import ENERGY, TEMPERATURE
 from .measure import Observer, kelvin
+from .mixed_system import MixedSystem
 from .sample import Sample
 from .units import BAR_PER_MD_PRESSURE, whole_number
 from .watch import TemperatureWatch
@@ -52,7 +52,7 @@ COLUMNS: dict[str, Callable[[Sample], float]] = {
 }
 
 #: The columns of atoms and beads in one System.
-EMBEDDED_COLUMNS = (
+MIXED_COLUMNS = (
     *("step", "time", "kT", "kT_atoms", "kT_beads", "temperature", "potential_energy", "kinetic_energy", "total_energy"),
     *("volume", "momentum"),
 )
@@ -65,10 +65,10 @@ def _reasons(observer: Observer, columns: Sequence[str]) -> dict[str, list[str]]
     scene, reasons = observer.plan.scene, dict[str, list[str]]()
     no_box = None if scene.box is not None else "there is no box"
     known = {"kT_conf": observer.no_laplacian} | dict.fromkeys(("pressure", "pressure_conservative", "pressure_bar", "volume"), no_box)
-    carried = None if observer.plan.spec.fields is None else observer.plan.spec.fields.kind
-    no_energy = None if carried in (ENERGY, TEMPERATURE) else "the beads have no internal energies"
+    field_kind = None if observer.plan.spec.fields is None else observer.plan.spec.fields.kind
+    no_energy = None if field_kind in (ENERGY, TEMPERATURE) else "the beads have no internal energies"
     known |= {"internal_energy": no_energy, "theta": no_energy}
-    known["conductive_energy"] = None if carried == ENERGY else "the beads have no conductive energies"
+    known["conductive_energy"] = None if field_kind == ENERGY else "the beads have no conductive energies"
     for name in columns:
         reason = known.get(name)
         if reason is not None:
@@ -88,8 +88,8 @@ class DPDReporter:
         Where to write.
     interval : int
         Steps between rows.
-    built : Built or Embedded
-        What :func:`openmm_dpd.build` or :func:`openmm_dpd.embed` returned.
+    built : BuiltSystem or MixedSystem
+        What :func:`openmm_dpd.build` or :func:`openmm_dpd.create_mixed_system` returned.
     columns : sequence of str, optional
         Keys of :data:`COLUMNS`.  Energies are in kJ/mol and pressures in kJ/mol/nm^3, which are the reduced units of a reduced scene;
         ``temperature`` is
@@ -98,7 +98,7 @@ class DPDReporter:
         of the total.  Of beads with internal energies, ``internal_energy`` and ``conductive_energy`` are sums, ``theta`` is the harmonic
         mean temperature (an energy), and ``conserved_energy`` the sum of potential, kinetic and internal energy of one moment.  ``kT_conf``
         is this configuration's ratio: average numerator and denominator apart for a precise value (:class:`openmm_dpd.measure.Observer`).
-        For atoms and beads in one System there are :data:`EMBEDDED_COLUMNS`: ``kT_atoms`` and ``kT_beads`` are the temperatures of the
+        For atoms and beads in one System there are :data:`MIXED_COLUMNS`: ``kT_atoms`` and ``kT_beads`` are the temperatures of the
         parts, ``kT`` and ``temperature`` that of everything; pressures and configurational temperature are not measured.
     append : bool, default False
         Go on with a file that is there, whose header has to be that of these columns; one that is not there or empty is begun.  A file
@@ -117,28 +117,32 @@ class DPDReporter:
         self,
         file: str | os.PathLike | TextIO,
         interval: int,
-        built: Built | Embedded,
+        built: BuiltSystem | MixedSystem,
         columns: Sequence[str] | None = None,
         append: bool = False,
     ):
-        if not isinstance(built, (Built, Embedded)):
-            raise ParameterError(f"DPDReporter wants as built what openmm_dpd.build() or embed() returned, not a {type(built).__name__}")
+        if not isinstance(built, (BuiltSystem, MixedSystem)):
+            raise ParameterError(
+                f"DPDReporter wants as built what openmm_dpd.build() or create_mixed_system() returned, not a {type(built).__name__}"
+            )
         if columns is None:
-            columns = [name for name in EMBEDDED_COLUMNS if name != "temperature"] if isinstance(built, Embedded) else DEFAULT_COLUMNS
+            columns = [name for name in MIXED_COLUMNS if name != "temperature"] if isinstance(built, MixedSystem) else DEFAULT_COLUMNS
         if isinstance(columns, str) or not isinstance(columns, Sequence) or not columns:
             raise ParameterError(f"columns must be a sequence of names such as ('step', 'kT'), not {columns!r}")
         unknown = [str(name) for name in columns if name not in COLUMNS]
         if unknown:
             raise ParameterError(f"unknown columns {', '.join(unknown)}; they must be among {', '.join(COLUMNS)}")
-        if isinstance(built, Embedded):
-            absent = [name for name in columns if name not in EMBEDDED_COLUMNS]
+        if isinstance(built, MixedSystem):
+            absent = [name for name in columns if name not in MIXED_COLUMNS]
             if absent:
                 raise ParameterError(
                     f"columns {', '.join(absent)} are not measured for atoms and beads in one System; "
-                    f"choose among {', '.join(EMBEDDED_COLUMNS)}"
+                    f"choose among {', '.join(MIXED_COLUMNS)}"
                 )
-        elif isinstance(built, Built) and {"kT_atoms", "kT_beads"} & set(columns):
-            raise ParameterError("columns kT_atoms and kT_beads are for what openmm_dpd.embed() returned; a scene alone has kT")
+        elif isinstance(built, BuiltSystem) and {"kT_atoms", "kT_beads"} & set(columns):
+            raise ParameterError(
+                "columns kT_atoms and kT_beads are for what openmm_dpd.create_mixed_system() returned; a scene alone has kT"
+            )
         self._interval = whole_number(interval, "the interval between reports, in steps,", least=1)
         self._columns, self._observer, self._watch = tuple(columns), Observer(built), TemperatureWatch(built.plan)
         if not isinstance(file, (str, os.PathLike)) and not hasattr(file, "write"):

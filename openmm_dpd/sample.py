@@ -18,7 +18,7 @@ class Sample:
     step, time : steps done and time
     n_mobile, dof : beads that move, and their degrees of freedom, 3N - 3 (of atoms and beads: :func:`openmm_dpd.degrees_of_freedom`)
     kinetic, pair, bond, angle : energies; those of segmental repulsion and of charges are in ``pair``
-    short, lattice : of it, the short-ranged part of the charges and their lattice sum (0 without a box)
+    coulomb_real, coulomb_reciprocal : of it, the short-ranged part of the charges and their lattice sum (0 without a box)
     virial_conservative, virial_dissipative, virial_random : sums of r_ij . F_ij
     volume : nm^3, or None without a box
     box : (3, 3) box vectors or None
@@ -34,12 +34,12 @@ class Sample:
     theta : harmonic mean of the internal temperatures, N/sum(1/theta), as an energy
     forces : (N, 3) all forces, of frozen beads as well (with friction and noise where they are forces, in ``mvv``)
     other : potential energy of forces that somebody else added to the System; these do not count in virials and pressures
-    whole : potential energy of atoms and beads in one System (:func:`openmm_dpd.embed`), or None
+    potential_total : potential energy of atoms and beads in one System (:func:`openmm_dpd.create_mixed_system`), or None
     kT_atoms, kT_beads : kinetic temperatures of the parts of such a System, each for its own degrees of freedom, or None
 
-    Of atoms and beads in one System, ``whole``, ``kinetic``, ``kT``, ``kT_atoms``, ``kT_beads``, ``momentum``, ``volume``, ``box``
-    and ``target_kT`` are measured; there is no ``forces``, no ``laplacian`` and no ``configurational_kT``, and every other number, with
-    the pressure, is NaN.
+    Of atoms and beads in one System, ``potential_total``, ``kinetic``, ``kT``, ``kT_atoms``, ``kT_beads``, ``momentum``, ``volume``,
+    ``box`` and ``target_kT`` are measured; there is no ``forces``, no ``laplacian`` and no ``configurational_kT``, and every other
+    number, with the pressure, is NaN.
     """
 
     step: int
@@ -66,10 +66,10 @@ class Sample:
     theta: float | None = None
     forces: np.ndarray | None = None
     angle: float = 0.0
-    short: float = 0.0
-    lattice: float = 0.0
+    coulomb_real: float = 0.0
+    coulomb_reciprocal: float = 0.0
     other: float = 0.0
-    whole: float | None = None
+    potential_total: float | None = None
     kT_atoms: float | None = None
     kT_beads: float | None = None
 
@@ -96,8 +96,8 @@ class Sample:
     @property
     def potential(self) -> float:
         """Potential energy: pairs, bonds, angles, and what somebody else added (everything of atoms beside beads)."""
-        if self.whole is not None:
-            return self.whole
+        if self.potential_total is not None:
+            return self.potential_total
         return self.pair + self.bond + self.angle + self.other
 
     @property

@@ -46,7 +46,7 @@ class _Unpickler(pickle.Unpickler):
         raise pickle.UnpicklingError(f"it asks for {module}.{name}")
 
 
-def checked(text: str) -> ElementTree.Element:
+def checked_xml(text: str) -> ElementTree.Element:
     """The elements of an XML text, after a look at all Python objects in it.
 
     Raises
@@ -95,7 +95,7 @@ def load_xml(file: str | os.PathLike | TextIO) -> Any:
     >>> load_xml("system.xml").getNumParticles()
     0
     """
-    return deserialized(checked(read_file(file)))
+    return deserialized(checked_xml(read_file(file)))
 
 
 def read_file(file: str | os.PathLike | TextIO) -> str:

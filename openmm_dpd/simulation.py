@@ -14,7 +14,7 @@ from .errors import ParameterError
 from .files import write_whole
 from .integrators import variables_number
 from .names import BY_VARIABLES
-from .serialized import checked, deserialized, read_file
+from .serialized import checked_xml, deserialized, read_file
 
 _LOGGER = logging.getLogger("openmm_dpd")
 
@@ -58,7 +58,7 @@ class DPDSimulation(app.Simulation):
         ParameterError
             If it is no State.
         """
-        root = checked(read_file(file))
+        root = checked_xml(read_file(file))
         if root.tag != "State":
             raise ParameterError(f"this is no State: the file holds {root.tag!r}")
         state = deserialized(root)

@@ -114,7 +114,7 @@ def add_thermostat(
             raise ParameterError(
                 f"for types {key}: a thermostat has no repulsion, but this is {describe(coefficient)}; give the System a force of its own"
             )
-        for energy in (kT,) if ramp is None else (ramp.start, ramp.stop):
+        for energy in (kT,) if ramp is None else (ramp.kT_start, ramp.kT_end):
             coefficient.check_temperature(energy)
     if not any(coefficient.has_thermostat for coefficient in table.values() if coefficient is not NONE):
         raise ParameterError("no pair of types has any friction or noise; give the DPD a gamma, gamma_perp or sigma > 0")

@@ -38,7 +38,7 @@ __all__ = [
     "load_topology",
     "openmm_topology",
     "pdb_names",
-    "radius_of_gyration",
+    "compute_rg",
     "read_psf",
     "write_psf",
 ]
@@ -235,7 +235,7 @@ def bead_charges(topology: mdtraj.Topology) -> np.ndarray:
     return np.array([atom.element.charge for atom in topology.atoms])
 
 
-def radius_of_gyration(trajectory: mdtraj.Trajectory) -> np.ndarray:
+def compute_rg(trajectory: mdtraj.Trajectory) -> np.ndarray:
     r"""Radius of gyration (nm) about the centre of mass, Rg^2 = sum m |r - r_com|^2 / sum m, of all beads of a trajectory, (frames,).
 
     ``mdtraj.compute_rg(..., masses)`` weighs the squares with the masses but takes the distances from the geometric centre, which gives

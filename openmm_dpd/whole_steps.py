@@ -69,14 +69,14 @@ class WholeSteps:
         slow : bool
             Whether there are such forces.
         barostats : bool
-            Whether something has to hear of the steps: it acts at the end of them all.
+            Whether something else has to act in these steps: it acts at the end of them all.
 
         Raises
         ------
         RunError
             If a step fails, with its number.
         """
-        here = self.function.here()
+        here = self.function.thread_state()
         self._settle_temperature(integrator, context)
         dt = integrator.getStepSize()._value
         state = context.getState(positions=True, velocities=True, parameters=True)
@@ -151,7 +151,7 @@ class WholeSteps:
             blocks = [values[f"{FIELD}{k}"].copy() for k in range(fields.n_blocks)]
             moment.values = self._shown_blocks(x, blocks, here.fields)
         if spec.predicts:
-            valid = function.note(here, x, box, parameters) == integrator.getGlobalVariableByName("last")
+            valid = function.fingerprint(here, x, box, parameters) == integrator.getGlobalVariableByName("valid_for")
             if fields is not None:
                 moment.rates = unfolded([values[f"rate{k}"] for k in range(fields.n_blocks)], fields)
             if valid:
@@ -192,9 +192,9 @@ class WholeSteps:
             if moment.predicted is not None:
                 held["vp"] = moment.predicted
             after = context.getState(positions=True, parameters=True)
-            last = function.note(here, function.positions(after), function.box(after), after.getParameters())
-            put(integrator, "last", last)
-            put(integrator, "here", last)
+            last = function.fingerprint(here, function.positions(after), function.box(after), after.getParameters())
+            put(integrator, "valid_for", last)
+            put(integrator, "fingerprint", last)
         for name, values in held.items():
             openmm.CustomIntegrator.setPerDofVariableByName(integrator, name, values)
         if held:

@@ -85,7 +85,7 @@ def _chain_terms() -> dpd.Scene:
             dpd.MorseBonds(bonds[-40:], 50.0, 2.0, 0.6),
         ],
         angles=[dpd.CosineAngles(angles[:90], 5.0), dpd.HarmonicAngles(angles[90:], 3.0, 2.0)],
-        special=(0.5, 0.0, 1.0),
+        bonded_factors=(0.5, 0.0, 1.0),
         **beads,
     )
 

@@ -96,7 +96,7 @@ def chains(*, box=SMALL, bodies=True, electric=False, formulas=False, **options)
         q = np.zeros(N)
         q[:20] = np.tile([1.0, -1.0], 10)
         charged = {"charges": q, "electrostatics": dpd.SlaterCharges(lamda=0.25, bjerrum_length=1.0, cutoff=1.7)}
-    rows = {"n": N, "positions": x, "bonds": bonds, "angles": angles, "special": (0.0, 0.5, 1.0)}
+    rows = {"n": N, "positions": x, "bonds": bonds, "angles": angles, "bonded_factors": (0.0, 0.5, 1.0)}
     segments = dpd.SegmentalRepulsion(A=15, cutoff=0.7)
     return fluid(tables, box, **rows, segments=segments, body_forces=bodies, **charged, **options)
 
@@ -181,7 +181,7 @@ def schemes_of(kind: str, words=WORDS) -> tuple[str, ...]:
     return NAMED + tuple(words)
 
 
-def made(kind: str, scheme: str, platform: str = "Reference", *, dt: float = 0.01, loop: bool = True, **choices) -> dpd.Built:
+def made(kind: str, scheme: str, platform: str = "Reference", *, dt: float = 0.01, loop: bool = True, **choices) -> dpd.BuiltSystem:
     """A scene, built; "mvv-0.65" is mvv with that lambda."""
     name, _, lam = scheme.partition("-")
     conservative = "auto" if kind == "friction alone" else "kernel"
@@ -192,14 +192,14 @@ def made(kind: str, scheme: str, platform: str = "Reference", *, dt: float = 0.0
     return build_plan(replace(plan, charges_held=False))
 
 
-def running(built: dpd.Built, platform: str = "Reference"):
+def running(built: dpd.BuiltSystem, platform: str = "Reference"):
     """A Simulation of it."""
     simulation = built.simulation(properties=Device(platform).properties)
     simulation.built = built
     return simulation
 
 
-def plain_context(built: dpd.Built, platform: str = "Reference") -> openmm.Context:
+def plain_context(built: dpd.BuiltSystem, platform: str = "Reference") -> openmm.Context:
     """A Context of the System and the integrator as they come out of XML, which is no subclass any more."""
     system, integrator = (openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(one)) for one in (built.system, built.integrator))
     assert type(integrator) is openmm.CustomIntegrator
@@ -209,7 +209,7 @@ def plain_context(built: dpd.Built, platform: str = "Reference") -> openmm.Conte
     return context
 
 
-def everything(context: openmm.Context, built: dpd.Built) -> dict[str, np.ndarray]:
+def everything(context: openmm.Context, built: dpd.BuiltSystem) -> dict[str, np.ndarray]:
     """All that a step changes, but for variables of the programs."""
     state = context.getState(positions=True, velocities=True, parameters=True)
     x, v = state_of(context)

@@ -69,14 +69,16 @@ def fluid(
     return dpd.Scene(masses, types, x, table, kT, box=box, **{"velocities": v, **options})
 
 
-def chains(box=BOXES["ortho"], *, n=100, special=(0.0, 0.5, 0.25), k=0.0, **options) -> dpd.Scene:
+def chains(box=BOXES["ortho"], *, n=100, bonded_factors=(0.0, 0.5, 0.25), k=0.0, **options) -> dpd.Scene:
     """The random fluid with chains of four beads, a ring and a star in it, bonded beads 0.4 apart."""
     bonds = [(4 * c + a, 4 * c + a + 1) for c in range(10) for a in range(3)]
     bonds += [(40, 41), (41, 42), (42, 43), (40, 43), (50, 51), (50, 52), (50, 53)]
     x = fluid(box=box, n=n, seed=12).positions.copy()
     for (i, j), step in zip(bonds, np.random.default_rng(13).normal(size=(len(bonds), 3)), strict=True):
         x[j] = x[i] + 0.4 * step / np.linalg.norm(step)
-    return fluid(box=box, n=n, seed=12, positions=x, bonds=[dpd.HarmonicBonds(np.array(bonds), k, 0.5)], special=special, **options)
+    return fluid(
+        box=box, n=n, seed=12, positions=x, bonds=[dpd.HarmonicBonds(np.array(bonds), k, 0.5)], bonded_factors=bonded_factors, **options
+    )
 
 
 def beads(n: int = 81, *, seed: int = 1, kT: float = 1.0, table=None, edge: float = 3.0, positions=None, **options) -> dpd.Scene:
@@ -110,7 +112,7 @@ def factor_of(scene: dpd.Scene):
     reach[tuple(scene.bond_pairs.T)] = True
     reach |= reach.T
     factors, known, step = np.ones((n, n)), np.eye(n, dtype=bool), np.eye(n, dtype=bool)
-    for special in scene.special:
+    for special in scene.bonded_factors:
         step = (step.astype(int) @ reach.astype(int)) > 0
         factors[step & ~known] = special
         known |= step

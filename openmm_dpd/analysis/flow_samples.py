@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from openmm import unit
 
-from ..build import Built
+from ..build import BuiltSystem
 from ..errors import ParameterError
 from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, STRESS, PairEngine
 from ..measure import noise_state
@@ -23,7 +23,7 @@ _NM, _V, _F = unit.nanometer, unit.nanometer / unit.picosecond, unit.kilojoule_p
 COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
-def on_step_velocities(built: Built, state) -> np.ndarray:
+def on_step_velocities(built: BuiltSystem, state) -> np.ndarray:
     """Velocities of the same moment as the positions: those of some schemes are a part of a kick behind."""
     v, scheme = state.getVelocities(asNumpy=True).value_in_unit(_V), built.plan.options.scheme
     if not scheme.lag:
@@ -35,8 +35,8 @@ def on_step_velocities(built: Built, state) -> np.ndarray:
 class _Reporter:
     """What reporters of a built scene share."""
 
-    def __init__(self, interval: int, built: Built):
-        if not isinstance(built, Built):
+    def __init__(self, interval: int, built: BuiltSystem):
+        if not isinstance(built, BuiltSystem):
             raise ParameterError(f"what openmm_dpd.build() returned is wanted here, not a {type(built).__name__}")
         self.interval, self.built = whole_number(interval, "the interval between samples, in steps,", least=1), built
         self._groups = built.integrator.getIntegrationForceGroups()
@@ -65,7 +65,7 @@ class StressReporter(_Reporter):
     ----------
     interval : int
         Steps between samples; 1 or 2 for a correlation function.
-    built : Built
+    built : BuiltSystem
         A periodic scene whose beads all move.  Its pair terms are DPD with radial friction, many-body DPD, Lennard-Jones and tabulated
         potentials; bonds, angles, segmental repulsion and charges may be there.
 
@@ -75,13 +75,13 @@ class StressReporter(_Reporter):
         If the scene has something else.
     """
 
-    def __init__(self, interval: int, built: Built):
+    def __init__(self, interval: int, built: BuiltSystem):
         super().__init__(interval, built)
         plan, reason = built.plan, None
         if plan.scene.box is None:
             reason = "there is no periodic box"
         elif plan.spec.fields is not None:
-            reason = "its beads carry energies, temperatures or concentrations"
+            reason = "its beads have energies, temperatures or concentrations"
         elif any(kind.stress_terms is None for kind in plan.kinds):
             reason = f"that of {next(kind.name for kind in plan.kinds if kind.stress_terms is None)} is not known"
         elif any(np.any(getattr(term, "gamma_perp", 0) > 0) for term in plan.spec.terms):
@@ -195,7 +195,7 @@ class ProfileReporter(_Reporter):
     ----------
     interval : int
         Steps between samples.
-    built : Built
+    built : BuiltSystem
         A periodic scene.
     axis : {"x", "y", "z"}
         Along which the slabs are stacked.
@@ -205,7 +205,7 @@ class ProfileReporter(_Reporter):
         Number of slabs in the box.
     """
 
-    def __init__(self, interval: int, built: Built, axis: str = "z", component: str = "x", bins: int = 20):
+    def __init__(self, interval: int, built: BuiltSystem, axis: str = "z", component: str = "x", bins: int = 20):
         super().__init__(interval, built)
         for name in (axis, component):
             if name not in AXES:

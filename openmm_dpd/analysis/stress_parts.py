@@ -23,7 +23,7 @@ from ..kernels.layer import Table
 from ..kernels.pairs import PairList
 from ..kernels.segments import SegmentEngine
 from ..kinds import resolved_kind
-from ..model.bonds import minimum_image
+from ..model.bonds import minimum_images
 from ..model.electrostatics import GaussianCharges, SlaterCharges, SmearedCharges
 from ..plan import Plan, compressed_exceptions
 from ..tensors import symmetric_products
@@ -46,7 +46,7 @@ def stress_parts(plan: Plan) -> list[Part]:
     more = [(table, kind.more_stress) for table, kind in zip(plan.spec.terms, plan.kinds, strict=True) if kind.more_stress is not None]
     if more:
         parts.append(_LayerStress(plan, more))
-    parts += [_PartnerStress(plan, table) for table in plan.partners]
+    parts += [_OverlayStress(plan, table) for table in plan.overlays]
     if scene.electrostatics is not None:
         parts += [_ShortChargeStress(plan), _LatticeStress(plan)]
     return parts
@@ -99,7 +99,7 @@ class _PairSum:
         return symmetric_products((factor * virial(i, j, r))[:, None] * e, e)
 
 
-class _PartnerStress:
+class _OverlayStress:
     """Pair potentials that a thermostat is laid over."""
 
     def __init__(self, plan: Plan, table: dict):
@@ -150,7 +150,7 @@ class _ShortChargeStress:
     def __call__(self, x: np.ndarray, box: np.ndarray) -> np.ndarray:
         stress = self._sum(x, box, lambda i, j, r: self._virial(i, j, r, 1.0))
         i, j = self._bonded.T
-        d = minimum_image(x[i] - x[j], box)
+        d = minimum_images(x[i] - x[j], box)
         r = np.maximum(np.linalg.norm(d, axis=1), 1e-10)
         return stress + symmetric_products((self._virial(i, j, r, self._factors) / r**2)[:, None] * d, d)
 

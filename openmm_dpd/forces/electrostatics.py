@@ -2,7 +2,7 @@
 
 A pair and its images have the energy sum over images of C q q s(R), with s(R) = 1/R beyond the cutoff.  A NonbondedForce without its
 direct space holds the part erf(alpha R)/R of every pair, bonded or not, and the self energies; the pair force holds s(r) - erf(alpha r)/r
-up to the cutoff.  Pairs with a factor f of ``special`` are excluded from the pair force, and a bond force gives them
+up to the cutoff.  Pairs with a factor f of ``bonded_factors`` are excluded from the pair force, and a bond force gives them
 f s(r) - erf(alpha r)/r.
 
 Both parts of that difference are 1/r minus something, and in single precision nothing would be left of them at small r.  So below a

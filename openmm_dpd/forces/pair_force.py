@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from ..program_options import ProgramOptions
 
 #: Phases that keep the positions.
-KEEPING = (Phase.KEEP, Phase.NOTE, Phase.CONSERVE)
+KEEPING = (Phase.STORE, Phase.FINGERPRINT, Phase.CONSERVE)
 
 #: Phases that look at the kept positions.
 AT_KEPT = (Phase.FORCE_KEPT, Phase.SWEEP_KEPT)
@@ -75,7 +75,7 @@ def _plain(length: unit.Quantity) -> np.ndarray:
     return length._value
 
 
-def folded(x: np.ndarray, before: np.ndarray, box: np.ndarray) -> bool:
+def only_folded(x: np.ndarray, before: np.ndarray, box: np.ndarray) -> bool:
     """Whether x differs from the positions before by box vectors only, to float32 rounding: GPU platforms fold beads back now and then."""
     if not motion.jumped(x, before, 0.5 * np.diag(box).min()):
         return False
@@ -86,7 +86,7 @@ def folded(x: np.ndarray, before: np.ndarray, box: np.ndarray) -> bool:
 
 
 class Fields:
-    """What beads carry, as the pair force reads it and gives changes back: blocks of three values per bead.
+    """Per-bead fields, as the pair force reads it and gives changes back: blocks of three values per bead.
 
     Immobile beads cannot show anything (a program skips them), so theirs are the values at the start.  Internal energies come as
     (conductive, mechanical, what rounding lost of the sum); everything else as one value after the other.
@@ -139,10 +139,10 @@ class PairForceFunction:
     periodic : bool
         Whether there is a periodic box.
     scale : float
-        Changes of what beads carry are returned in units of this.
+        Changes of the per-bead fields are returned in units of this.
     balanced : bool
         Whether, for internal energies, the change of a bead's kinetic energy counts in (the program takes it off again).
-    guarded : sequence of FENEBonds
+    length_checked : sequence of FENEBonds
         Bonds whose lengths are looked at once in every step: a bond that is too long would make the positions NaN.
     steps : StepSpec or None
         What a whole step is, if this force can carry it out.
@@ -155,25 +155,25 @@ class PairForceFunction:
         periodic: bool,
         scale: float = 1.0,
         balanced: bool = False,
-        guarded: tuple = (),
+        length_checked: tuple = (),
         steps: StepSpec | None = None,
     ):
         self.spec, self.conservative, self.periodic = spec, conservative, periodic
-        self.scale, self.balanced, self.guarded, self.steps = scale, balanced, guarded, steps
+        self.scale, self.balanced, self.length_checked, self.steps = scale, balanced, length_checked, steps
         self._cutoff = max(float(term.cutoff.max()) for term in spec.terms)
         self._zero = np.zeros((len(spec.types), 3))
         self._local = threading.local()
 
     def __reduce__(self):
-        return type(self), (self.spec, self.conservative, self.periodic, self.scale, self.balanced, self.guarded, self.steps)
+        return type(self), (self.spec, self.conservative, self.periodic, self.scale, self.balanced, self.length_checked, self.steps)
 
-    def here(self):
+    def thread_state(self):
         """What belongs to the calling thread."""
         local = self._local
         if not hasattr(local, "engine"):
             warm_up(self.spec)
             warm_up_extras(self.spec.extras)
-            local.engine, local.kept, local.noted = PairEngine(self.spec), None, None
+            local.engine, local.kept, local.fingerprinted = PairEngine(self.spec), None, None
             local.fields = None if self.spec.fields is None else Fields(self.spec.fields)
             local.failed = None
             # written again and again: OpenMM copies what it is given
@@ -188,7 +188,7 @@ class PairForceFunction:
         phase = int(parameters[PHASE])
         if phase == Phase.IDLE and not self.conservative:
             return 0.0, self._zero
-        local = self.here()
+        local = self.thread_state()
         here = (phase, parameters[COUNTER])
         if phase != Phase.IDLE and here == local.failed:
             # a step died and left its phase behind: what is asked for from outside is what IDLE answers; but a new step may begin so too
@@ -210,30 +210,30 @@ class PairForceFunction:
         box = self.box(state)
         self.scale_body_forces(local, parameters)
         if phase in KEEPING:
-            for bonds in self.guarded:
+            for bonds in self.length_checked:
                 wrong = bonds.overstretched(x, box)
                 if wrong is not None:
                     raise RunError(f"{wrong}; the step size may be too large")
             local.kept, local.read = x, {}
-        if phase in (Phase.NOTE, Phase.KEEP) and local.failed is None:
-            return (self.note(local, x, box, parameters) if phase == Phase.NOTE else 0.0), self._zero
+        if phase in (Phase.FINGERPRINT, Phase.STORE) and local.failed is None:
+            return (self.fingerprint(local, x, box, parameters) if phase == Phase.FINGERPRINT else 0.0), self._zero
         if phase == Phase.IDLE and not self.conservative:
             return 0.0, self._zero
         if phase == Phase.IDLE or phase in KEEPING:
             return self._conserve(local, x, box)
         return 0.0, self._in_step(local, phase, x, box, parameters)
 
-    def note(self, local, x: np.ndarray, box: np.ndarray | None, parameters: dict) -> float:
+    def fingerprint(self, local, x: np.ndarray, box: np.ndarray | None, parameters: dict) -> float:
         """Fingerprint of positions, parameters and box; that of the last call if the only change is that beads were folded back."""
         stable = np.array([value for name, value in sorted(parameters.items()) if name not in VOLATILE])
         if box is not None:
             stable = np.append(stable, box.ravel())
         value = fingerprint(x, stable)
-        if box is not None and local.noted is not None:
-            last, last_x, last_stable = local.noted
-            if value != last and np.array_equal(stable, last_stable) and folded(x, last_x, box):
+        if box is not None and local.fingerprinted is not None:
+            last, last_x, last_stable = local.fingerprinted
+            if value != last and np.array_equal(stable, last_stable) and only_folded(x, last_x, box):
                 value = last
-        local.noted = (value, x, stable)
+        local.fingerprinted = (value, x, stable)
         return value
 
     def _conserve(self, local, x: np.ndarray, box: np.ndarray | None):
@@ -242,8 +242,8 @@ class PairForceFunction:
             return 0.0, self._zero
         local.engine.prepare(x, box)
         if local.conserved_at != local.engine.number or self._warm_repulsion:
-            scalars = None if local.fields is None else local.fields.values
-            local.conserved_energy = local.engine.forces(CONSERVATIVE, None, 0.0, 1.0, 0, 0, scalars, local.conserved)[0]
+            field_values = None if local.fields is None else local.fields.values
+            local.conserved_energy = local.engine.forces(CONSERVATIVE, None, 0.0, 1.0, 0, 0, field_values, local.conserved)[0]
             local.conserved_at = local.engine.number
         return local.conserved_energy, local.conserved
 
@@ -334,7 +334,7 @@ class PairForceFunction:
         engine.swept(v, *conditions, change, update)
         change -= engine.seen(v)
         if local.fields is not None:
-            local.fields.last = engine.flow
+            local.fields.last = engine.increments
             if self.balanced:
                 local.fields.balance(v, change, self.spec.inv_mass)
         motion.as_force(change, self.spec.inv_mass, dt)

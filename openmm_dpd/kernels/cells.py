@@ -115,7 +115,7 @@ class OfBeads(NamedTuple):
     inv_mass: np.ndarray
 
 
-class Scratch(NamedTuple):
+class CellScratch(NamedTuple):
     """For M beads in as many chunks as the threads share them in: cell (M,), wrapped (3, M), place (chunks, ncells), usable (chunks,)."""
 
     cell: np.ndarray
@@ -124,9 +124,9 @@ class Scratch(NamedTuple):
     usable: np.ndarray
 
 
-def scratch_for(beads: int, chunks: int, cells: int) -> Scratch:
+def scratch_for(beads: int, chunks: int, cells: int) -> CellScratch:
     """Scratch of its sizes."""
-    return Scratch(np.zeros(beads, np.uint32), np.zeros((3, beads)), np.zeros((chunks, cells), np.uint32), np.zeros(chunks, np.bool_))
+    return CellScratch(np.zeros(beads, np.uint32), np.zeros((3, beads)), np.zeros((chunks, cells), np.uint32), np.zeros(chunks, np.bool_))
 
 
 def _bin_beads(x, beads, of_beads, grid, scratch, count, order, xs, sorted_types, sorted_inv_mass):
@@ -135,7 +135,7 @@ def _bin_beads(x, beads, of_beads, grid, scratch, count, order, xs, sorted_types
     Parameters
     ----------
     x : (N, 3) positions; beads : (M,) indices of the beads that take part
-    of_beads : :class:`OfBeads`; grid : :class:`Grid`; scratch : :class:`Scratch`
+    of_beads : :class:`OfBeads`; grid : :class:`Grid`; scratch : :class:`CellScratch`
     count : (ncells + 1,) out: first sorted bead of each cell
     order : (M,) out: index of each sorted bead; xs : (3, M or more) out: its position, wrapped into the grid
     sorted_types, sorted_inv_mass : (M,) out

@@ -13,7 +13,7 @@ import numpy as np
 
 from .compiled import helper, inlined
 from .extras import inverse_edges
-from .lanes import LANES, floor, load, splat, store
+from .lanes import LANES, floor, load_lanes, splat, store_lanes
 
 #: See above.
 SHARES = 8
@@ -90,12 +90,12 @@ def _differences(xs, n, room, i, box, inverse, row):
     """Vectors by minimum image from the charges after charge i to it, and their squares: four rows of ``room`` numbers."""
     x, y, z = splat(xs[i]), splat(xs[room + i]), splat(xs[2 * room + i])
     for at in range((i + 1) // LANES * LANES, n, LANES):
-        dx, dy, dz = x - load(xs, at), y - load(xs, room + at), z - load(xs, 2 * room + at)
+        dx, dy, dz = x - load_lanes(xs, at), y - load_lanes(xs, room + at), z - load_lanes(xs, 2 * room + at)
         dx, dy, dz = _nearest(dx, dy, dz, box, inverse)
-        store(row, at, dx)
-        store(row, room + at, dy)
-        store(row, 2 * room + at, dz)
-        store(row, 3 * room + at, dx * dx + dy * dy + dz * dz)
+        store_lanes(row, at, dx)
+        store_lanes(row, room + at, dy)
+        store_lanes(row, 2 * room + at, dz)
+        store_lanes(row, 3 * room + at, dx * dx + dy * dy + dz * dz)
 
 
 @helper

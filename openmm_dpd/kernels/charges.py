@@ -18,7 +18,7 @@ from ..errors import RunError
 from .charge_pairs import SHARES, Quintics, charge_row, exception
 from .compiled import helper, serial_and_parallel
 from .extras import box_array, inverse_edges, minimum_image, run_terms
-from .lanes import LANES, load, splat, store
+from .lanes import LANES, load_lanes, splat, store_lanes
 from .threads import get_threads
 from .waves import PULLS, STRIP, Waves, copy_steps, lattice_forces, structure_factors, write_phases
 
@@ -92,7 +92,7 @@ class Law(NamedTuple):
     whole: np.ndarray
 
 
-class Space(NamedTuple):
+class ChargeSpace(NamedTuple):
     """What the kernel writes on; ``room`` is the number of charges, and some without a charge that make up whole strips.
 
     Attributes
@@ -165,7 +165,7 @@ def _pairs_and_blocks(n, box, law, waves, space, part, parts):
     for share in range(part, SHARES, parts):
         to = 3 * room * (1 + share)
         for k in range(to, to + 3 * room, LANES):
-            store(f, k, splat(0.0))
+            store_lanes(f, k, splat(0.0))
         energy, virial = 0.0, 0.0
         for i in range(share, n, SHARES):
             found = charge_row(space.xs, space.q, n, room, i, box, cut2, law.end, law.per_length, law.short, outer, hits, f, to)
@@ -185,9 +185,9 @@ def _strips(beads, constant, waves, space, force, part, parts):
             for at in range(axis * room + first, axis * room + first + STRIP, LANES):
                 pairs = splat(0.0)
                 for share in range(1, SHARES + 1):
-                    pairs = pairs + load(f, 3 * room * share + at)
-                lattice = load(f, at) if len(waves.blocks) else splat(0.0)
-                store(f, at, lattice + splat(constant) * pairs)
+                    pairs = pairs + load_lanes(f, 3 * room * share + at)
+                lattice = load_lanes(f, at) if len(waves.blocks) else splat(0.0)
+                store_lanes(f, at, lattice + splat(constant) * pairs)
         for k in range(first, min(first + STRIP, n)):
             i = beads[k]
             force[i, 0] += f[k]
@@ -263,10 +263,10 @@ class ChargeEvaluator:
         pieces = short.end, short.per_length, short.coefficients, whole.end, whole.per_length, whole.coefficients
         self._law = Law(terms.cutoff, terms.alpha, *pieces)
         self._box, self._key, self._waves = box_array(None), b"", Waves.none()
-        self._space: Space | None = None
+        self._space: ChargeSpace | None = None
         self._work = 0
 
-    def _prepare(self, box: np.ndarray | None) -> Space:
+    def _prepare(self, box: np.ndarray | None) -> ChargeSpace:
         """Waves of the present box, and room for them."""
         key = b"none" if box is None else box.tobytes()
         if key != self._key:
@@ -335,14 +335,14 @@ def _alone(terms: ChargeTerms) -> tuple[float, float]:
     return -square * alpha / math.sqrt(math.pi) * math.erf(k / (2 * alpha)), -square * k / math.pi * math.exp(-((k / (2 * alpha)) ** 2))
 
 
-def _space_for(charges: np.ndarray, waves: Waves, threads: int) -> Space:
+def _space_for(charges: np.ndarray, waves: Waves, threads: int) -> ChargeSpace:
     """Scratch for so many threads."""
     n = len(charges)
     room = max(1, -(-n // STRIP)) * STRIP
     counts = waves.tables if len(waves.blocks) else (0, 0, 0)
     start = np.concatenate([[0], 2 * np.cumsum(counts)]).astype(np.int64)
     rows = int(waves.blocks[:, 2].sum())
-    return Space(
+    return ChargeSpace(
         xs=np.zeros(3 * room),
         q=np.concatenate([charges, np.zeros(room - n)]),
         tables=np.zeros(int(start[3]) * room),

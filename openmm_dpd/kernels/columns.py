@@ -20,7 +20,7 @@ from numba import prange
 
 from .compiled import compiled, helper, inlined, renamed, serial_and_parallel
 from .pairs import PairList, Scratch
-from .threads import run
+from .threads import dispatch
 
 
 @helper
@@ -56,7 +56,7 @@ def _border(pairs, colour, part, parts):
 
 def _share(pairs, data, scratch, colour, part):
     """The columns of a colour that one thread takes."""
-    space, parts = Scratch(scratch.values[part], scratch.bits[part], scratch.late[part]), len(scratch.values)
+    space, parts = Scratch(scratch.values[part], scratch.bits[part], scratch.tail[part]), len(scratch.values)
     begun, ended = _border(pairs, colour, part, parts), _border(pairs, colour, part + 1, parts)
     for task in range(pairs.block_start[begun], pairs.block_start[ended]):
         column = pairs.columns[task]
@@ -113,7 +113,7 @@ def over_pairs(
     kernels = serial_and_parallel(loop) if parallel else (compiled(loop, bare=True), None)
 
     def call(pairs: PairList, data: NamedTuple) -> tuple[float, float]:
-        return run(*kernels, pairs.arrays, data, pairs.scratch)
+        return dispatch(*kernels, pairs.arrays, data, pairs.scratch)
 
     return call
 

@@ -86,7 +86,7 @@ class DPDLayer:
         energy, virial = forces.pair_forces(pairs, terms, self._transverse)
         return Sums(energy, virial, stress=stress.sum(axis=0) if len(stress) else None)
 
-    def sweep(self, call: Call, v: np.ndarray, flow: np.ndarray | None) -> None:
+    def sweep(self, call: Call, v: np.ndarray, increments: np.ndarray | None) -> None:
         """Update the velocities (N, 3) pair by pair, in place."""
         self._sweeper(call, self.number, self._at(call.kT), v)
 
@@ -96,7 +96,7 @@ class DPDLayer:
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy."""
-        return forces.laplacian(self.pairs, self._at(0.0))
+        return forces.soft_laplacian(self.pairs, self._at(0.0))
 
 
 class Sweeper:

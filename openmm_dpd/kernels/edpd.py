@@ -1,4 +1,4 @@
-"""The layer of eDPD: DPD whose beads carry temperatures and exchange heat (formulas: :class:`openmm_dpd.model.edpd.EDPD`).
+"""The layer of eDPD: DPD whose beads have temperatures and exchange heat (formulas: :class:`openmm_dpd.model.edpd.EDPD`).
 
 Per pair, with T_m = (T_i + T_j)/2, w = 1 - r/cutoff, w_T = 1 - r/cutoff_T, s and k the polynomials at T_m, f the factor of bonded
 neighbours, 1/Theta = (1/T_i + 1/T_j)/2, sigma^2 = 2 gamma Theta, K = C_i C_j k T_m^2, im = 1/m_i + 1/m_j (k_B = 1)::
@@ -80,9 +80,9 @@ class ThermalLayer:
 
     def forces(self, call: Call, out: np.ndarray, add: bool) -> Sums:
         """Force form at the listed positions, written or added to ``out``; rates (M, 1) are dT/dt."""
-        assert call.scalars is not None
+        assert call.field_values is not None
         pairs, m = self.pairs, len(self.pairs.order)
-        temperature = self._temperatures(call.scalars)
+        temperature = self._temperatures(call.field_values)
         # the heat of the noise depends on velocities too
         assert call.velocities is not None or not call.which & (DISSIPATIVE | RANDOM)
         capacity = np.take(self.capacity, pairs.order)
@@ -95,15 +95,15 @@ class ThermalLayer:
             self._raise_conduction(int(failed[failed >= 0][0]), temperature)
         return Sums(energy, virial, (heat / capacity)[:, None])
 
-    def _temperatures(self, scalars: np.ndarray) -> np.ndarray:
+    def _temperatures(self, field_values: np.ndarray) -> np.ndarray:
         """(M,) temperatures in the order of the list; RunError if one is not > 0."""
         order = self.pairs.order
-        temperature = np.take(scalars[:, 0], order)
+        temperature = np.take(field_values[:, 0], order)
         bad = np.flatnonzero(~(temperature > 0.0))
         if len(bad):
             bead = order[bad].min()
             raise RunError(
-                f"the temperature of bead {bead} is {scalars[bead, 0]:g}; it must be > 0 (the step size may be too large, "
+                f"the temperature of bead {bead} is {field_values[bead, 0]:g}; it must be > 0 (the step size may be too large, "
                 "or the heat capacity too small for the noise of the heat)"
             )
         return temperature
@@ -119,7 +119,7 @@ class ThermalLayer:
             "kappa_polynomial must keep it >= 0 at every temperature of the run"
         )
 
-    def sweep(self, call: Call, v: np.ndarray, flow: np.ndarray | None) -> None:
+    def sweep(self, call: Call, v: np.ndarray, increments: np.ndarray | None) -> None:
         """There is no sweep form."""
         raise RunError("EDPD has no pair updates; only the scheme mvv can run it")
 
@@ -135,7 +135,7 @@ def clamped(xi):
 
 
 @inlined
-def polynomial(coefficients, row, first, y):
+def temperature_factor(coefficients, row, first, y):
     """1 + c1 y + c2 y^2 + c3 y^3 + c4 y^4."""
     c = coefficients
     return 1.0 + y * (c[row, first] + y * (c[row, first + 1] + y * (c[row, first + 2] + y * c[row, first + 3])))
@@ -147,7 +147,9 @@ def _friction(which, lammps, coefficients, row, factor, r, ti, tj, ev, rsqrt_dt,
 
     ``inverse_mass`` is 1/m_i + 1/m_j, or 1/m of the bead with the lower index for lammps; ``capacities`` is C_i + C_j.
     """
-    s = max(SMALLEST_EXPONENT, coefficients[row, EXPONENT] * polynomial(coefficients, row, EXPONENT_POLYNOMIAL, 0.5 * (ti + tj) - 1.0))
+    s = max(
+        SMALLEST_EXPONENT, coefficients[row, EXPONENT] * temperature_factor(coefficients, row, EXPONENT_POLYNOMIAL, 0.5 * (ti + tj) - 1.0)
+    )
     weight = power(1.0 - r / coefficients[row, CUTOFF], 0.5 * s)
     friction = coefficients[row, GAMMA] * weight * weight
     strength = 4.0 * friction * ti * tj / (ti + tj)
@@ -224,7 +226,7 @@ def _pair_heat(pairs, data, scratch, n, k, column):
         radial += rubbed
         gain = 0.0 if lammps and not near else gain
     if near and (inside or not lammps) and which & (DISSIPATIVE | RANDOM):
-        kappa = c[row, KAPPA] * polynomial(c, row, KAPPA_POLYNOMIAL, 0.5 * (ti + tj) - 1.0)
+        kappa = c[row, KAPPA] * temperature_factor(c, row, KAPPA_POLYNOMIAL, 0.5 * (ti + tj) - 1.0)
         if kappa < 0.0 and data.failed[column] < 0:
             data.failed[column] = n
         drawn = xi if lammps or not which & RANDOM else normal(pair, HEAT)

@@ -73,9 +73,9 @@ class EnergyLayer:
         self._motion = SortedMotion(m)
         self._sorted = self._motion.v, *np.zeros((3, m)), np.zeros(m, np.int32), np.zeros((m, 2))
 
-    def _temperatures(self, energies: np.ndarray, when: str) -> np.ndarray:
+    def _thetas(self, energies: np.ndarray, when: str) -> np.ndarray:
         """(N,) temperatures; RunError if an energy has none."""
-        theta = self.eos.temperatures(energies)
+        theta = self.eos.thetas(energies)
         bad = np.flatnonzero(np.isnan(theta))
         if len(bad):
             raise RunError(
@@ -90,35 +90,35 @@ class EnergyLayer:
         if not call.which & (DISSIPATIVE | RANDOM):
             energy, virial = forces.conservative_forces(pairs, forces.Repulsion(self.coefficients, *motion))
             return Sums(energy, virial)
-        assert call.scalars is not None and (call.velocities is not None or not call.which & DISSIPATIVE)
-        inverse = 1.0 / np.take(self._temperatures(call.scalars.sum(axis=1), "within the step"), pairs.order)
+        assert call.field_values is not None and (call.velocities is not None or not call.which & DISSIPATIVE)
+        inverse = 1.0 / np.take(self._thetas(call.field_values.sum(axis=1), "within the step"), pairs.order)
         rates = np.zeros((len(inverse), 2))
         noise = call.key(self.number), call.rsqrt_dt
         energy, virial = energy_forces(pairs, Rates(call.which, *noise, self.coefficients, inverse, rates, *motion))
         return Sums(energy, virial, rates)
 
-    def sweep(self, call: Call, v: np.ndarray, flow: np.ndarray | None) -> None:
-        """Update velocities pair by pair in place, and add to ``flow`` the conductive and mechanical energy each bead got."""
-        assert call.scalars is not None and flow is not None
-        before = totals(call.scalars, flow)
-        theta = self._temperatures(before, "before the sweep")
-        of_beads = v, flow, before, theta, self.eos.capacity, self.eos.curve, *self.eos.curves, self.fields.immobile
+    def sweep(self, call: Call, v: np.ndarray, increments: np.ndarray | None) -> None:
+        """Update velocities pair by pair in place, and add to ``increments`` the conductive and mechanical energy each bead got."""
+        assert call.field_values is not None and increments is not None
+        before = totals(call.field_values, increments)
+        theta = self._thetas(before, "before the sweep")
+        of_beads = v, increments, before, theta, self.eos.capacity, self.eos.curve, *self.eos.curves, self.fields.immobile
         exchange = Exchange(call.update, call.dt, call.key(self.number), self.coefficients, *of_beads, *self._sorted)
         energy_sweep(self.pairs, exchange)
         if call.update != EXACT:
-            self._temperatures(totals(call.scalars, flow), "after the sweep")
+            self._thetas(totals(call.field_values, increments), "after the sweep")
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy."""
-        return forces.laplacian(self.pairs, self.coefficients)
+        return forces.soft_laplacian(self.pairs, self.coefficients)
 
 
 @compiled
-def totals(energies, flow):
+def totals(energies, increments):
     """(N,) internal energies, the conductive and the mechanical part of (N, 2) of two arrays added up."""
     result = np.empty(len(energies))
     for i in range(len(energies)):
-        result[i] = (energies[i, 0] + energies[i, 1]) + (flow[i, 0] + flow[i, 1])
+        result[i] = (energies[i, 0] + energies[i, 1]) + (increments[i, 0] + increments[i, 1])
     return result
 
 
@@ -313,7 +313,7 @@ def _exact_conduction(ui, uj, exchange, xi, drawn, states, curves):
 class Exchange(NamedTuple):
     """What the sweep form reads and writes beside the pairs.
 
-    The beads in the order of their numbers, N: ``velocities`` (N, 3) and ``flow`` (N, 2) are changed; ``energies`` and ``theta``:
+    The beads in the order of their numbers, N: ``velocities`` (N, 3) and ``increments`` (N, 2) are changed; ``energies`` and ``theta``:
     internal energies and temperatures before; ``capacities`` and ``numbers``: equations of state, with the curves ``start``, ``nodes``,
     ``pieces``; ``immobile``: those whose energies stay.  Sorted, M: ``v``, ``u``, ``frozen`` (1/temperatures before), ``capacity``,
     ``curve``, ``changes`` (M, 2).
@@ -324,7 +324,7 @@ class Exchange(NamedTuple):
     key: np.uint64
     coefficients: np.ndarray
     velocities: np.ndarray
-    flow: np.ndarray
+    increments: np.ndarray
     energies: np.ndarray
     theta: np.ndarray
     capacities: np.ndarray
@@ -354,13 +354,13 @@ def _gather(pairs, data, begin, end):
 
 @helper
 def _scatter(pairs, data, begin, end):
-    velocities, v, order, changes, flow = data.velocities, data.v, pairs.order, data.changes, data.flow
+    velocities, v, order, changes, increments = data.velocities, data.v, pairs.order, data.changes, data.increments
     for k in range(begin, end):
         i = order[k]
         velocities[i, 0], velocities[i, 1], velocities[i, 2] = v[k, 0], v[k, 1], v[k, 2]
         stays = data.immobile[i]
-        flow[i, 0] = 0.0 if stays else flow[i, 0] + changes[k, 0]
-        flow[i, 1] = 0.0 if stays else flow[i, 1] + changes[k, 1]
+        increments[i, 0] = 0.0 if stays else increments[i, 0] + changes[k, 0]
+        increments[i, 1] = 0.0 if stays else increments[i, 1] + changes[k, 1]
 
 
 @inlined

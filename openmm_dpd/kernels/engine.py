@@ -26,7 +26,7 @@ class PairEngine:
 
     Attributes
     ----------
-    rates, flow : (N, K) arrays
+    rates, increments : (N, K) arrays
         What the last call of :meth:`forces` and :meth:`sweep` gave for the fields of the spec (per time, and in all).
     stress : (6,) array
         Sum over pairs of r_ij F_ij (xx, yy, zz, xy, xz, yz) of the last call of :meth:`forces` with STRESS.
@@ -43,7 +43,7 @@ class PairEngine:
         #: Whether the first layer gives every bead a force.
         self._covered = bool(self.lists) and len(self.lists[0].order) == len(spec.types)
         columns = 0 if spec.fields is None else spec.fields.n_values
-        self.rates, self.flow = np.zeros((len(spec.types), columns)), np.zeros((len(spec.types), columns))
+        self.rates, self.increments = np.zeros((len(spec.types), columns)), np.zeros((len(spec.types), columns))
         self.stress = np.zeros(6)
         self.number = 0
         self.extras, self.body_scale = [extra.evaluator() for extra in spec.extras], 1.0
@@ -87,7 +87,7 @@ class PairEngine:
         dt: float,
         seed: int,
         counter: int,
-        scalars: np.ndarray | None = None,
+        field_values: np.ndarray | None = None,
         out: np.ndarray | None = None,
     ):
         """Sum of the chosen terms at the prepared positions.
@@ -102,7 +102,7 @@ class PairEngine:
             Thermal energy and time step; the noise has the amplitude sigma/sqrt(dt).
         seed, counter : int
             Key of the noise.
-        scalars : (N, K) array, optional
+        field_values : (N, K) array, optional
             Values of the fields of the spec.
         out : (N, 3) array, optional
             Where the forces are written.
@@ -121,7 +121,7 @@ class PairEngine:
         energy = virial = 0.0
         if which & RANDOM and kT == 0.0 and self.spec.fields is None:
             which &= ~RANDOM
-        call = Call(which, None if v is None else self.seen(v), kT, dt, seed, counter, scalars)
+        call = Call(which, None if v is None else self.seen(v), kT, dt, seed, counter, field_values)
         self.rates[...] = 0.0
         self.stress[...] = 0.0
         for number, layer in enumerate(self.layers):
@@ -149,7 +149,7 @@ class PairEngine:
         dt: float,
         seed: int,
         counter: int,
-        scalars: np.ndarray | None = None,
+        field_values: np.ndarray | None = None,
         out: np.ndarray | None = None,
         update: int | None = None,
     ) -> np.ndarray:
@@ -158,7 +158,7 @@ class PairEngine:
         ``update`` is EXACT or SHARDLOW, None for that of the spec.
         """
         swept = np.empty_like(v) if out is None else out
-        self.swept(v, kT, dt, seed, counter, scalars, swept, update)
+        self.swept(v, kT, dt, seed, counter, field_values, swept, update)
         swept -= self.seen(v)
         return swept
 
@@ -169,7 +169,7 @@ class PairEngine:
         dt: float,
         seed: int,
         counter: int,
-        scalars: np.ndarray | None,
+        field_values: np.ndarray | None,
         out: np.ndarray,
         update: int | None = None,
     ) -> None:
@@ -177,10 +177,10 @@ class PairEngine:
         before = self.seen(v)
         if out is not before:
             out[...] = before
-        self.flow[...] = 0.0
-        call = Call(DISSIPATIVE | RANDOM, None, kT, dt, seed, counter, scalars, self.spec.update if update is None else update)
+        self.increments[...] = 0.0
+        call = Call(DISSIPATIVE | RANDOM, None, kT, dt, seed, counter, field_values, self.spec.update if update is None else update)
         for layer in self.layers:
-            layer.sweep(call, out, self.flow)
+            layer.sweep(call, out, self.increments)
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy at the prepared positions."""
@@ -231,11 +231,11 @@ def _use_all(spec: PairSpec) -> None:
     engine = PairEngine(small)
     engine.prepare(np.random.default_rng(0).random((len(few), 3)) * edge, np.diag([edge] * 3))
     # everywhere the same, so that no two beads meet that never would
-    scalars = None if fields is None else np.tile(fields.initial[:1], (len(few), 1))
+    field_values = None if fields is None else np.tile(fields.initial[:1], (len(few), 1))
     for which in (CONSERVATIVE, CONSERVATIVE | DISSIPATIVE | RANDOM):
-        engine.forces(which, np.zeros((len(few), 3)), 1.0, 1e-6, 0, 0, scalars)
+        engine.forces(which, np.zeros((len(few), 3)), 1.0, 1e-6, 0, 0, field_values)
     if spec.sweeps:
-        engine.sweep(np.zeros((len(few), 3)), 1.0, 1e-6, 0, 0, scalars)
+        engine.sweep(np.zeros((len(few), 3)), 1.0, 1e-6, 0, 0, field_values)
     engine.laplacian()
 
 

@@ -50,9 +50,9 @@ class EOSTable:
         """What :func:`inverse_temperature` reads beside the bead's own two numbers."""
         return self.start, self.nodes, self.pieces
 
-    def temperatures(self, u: np.ndarray) -> np.ndarray:
+    def thetas(self, u: np.ndarray) -> np.ndarray:
         """(N,) temperatures at the internal energies u; NaN out of range."""
-        return _temperatures(self.capacity, self.curve, *self.curves, np.ascontiguousarray(u))
+        return _thetas(self.capacity, self.curve, *self.curves, np.ascontiguousarray(u))
 
 
 @njit(inline="always")
@@ -148,7 +148,7 @@ def entropy_change(u, new, capacity, curve, start, nodes, pieces):
 
 
 @compiled
-def _temperatures(capacity, curve, start, nodes, pieces, u):
+def _thetas(capacity, curve, start, nodes, pieces, u):
     theta = np.empty(len(u))
     for i in range(len(u)):
         theta[i] = np.nan

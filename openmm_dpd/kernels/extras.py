@@ -11,7 +11,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numba import njit
 
-from .threads import get_threads, run
+from .threads import dispatch, get_threads
 
 #: Fewer terms than this are not worth waking a second thread for: one takes about 10 ns, waking some 10 us where it goes well.
 FEW = 4000
@@ -85,7 +85,7 @@ def energy_chunks(terms: int) -> np.ndarray:
 
 def run_terms(serial, parallel, many: bool, *arguments) -> float:
     """Call the version for one thread, or that for several where there is enough to do for them."""
-    return run(serial, parallel, *arguments) if many else serial(*arguments)
+    return dispatch(serial, parallel, *arguments) if many else serial(*arguments)
 
 
 @njit(inline="always")

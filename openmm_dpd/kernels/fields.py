@@ -34,7 +34,7 @@ class FieldSource:
 
 @dataclass(frozen=True, eq=False)
 class FieldSpec:
-    """What beads carry, as far as it never changes.
+    """Per-bead fields, as far as it never changes.
 
     Attributes
     ----------

@@ -192,7 +192,7 @@ def pair_forces(pairs: PairList, terms: Terms, transverse: bool) -> tuple[float,
     return (_any_forces if transverse else _central_forces)(pairs, terms)
 
 
-class Table(NamedTuple):
+class CoefficientRows(NamedTuple):
     """A table of coefficients alone."""
 
     coefficients: np.ndarray
@@ -212,12 +212,12 @@ def _pair_laplacian(pairs, data, scratch, n, k, column):
 _laplacian = over_pairs("laplacian", _pair_laplacian, parallel=False)
 
 
-def laplacian(pairs: PairList, coefficients: np.ndarray) -> float:
+def soft_laplacian(pairs: PairList, coefficients: np.ndarray) -> float:
     """Sum over the mobile beads of the Laplacian of the conservative energy, from a table that begins with A and CUTOFF.
 
     For U = A rc w^2/2 it is U'' + 2U'/r = A/rc - 2 A w/r per pair and mobile bead.
     """
-    return _laplacian(pairs, Table(coefficients))[0]
+    return _laplacian(pairs, CoefficientRows(coefficients))[0]
 
 
 @inlined
@@ -232,4 +232,4 @@ _friction_moment = over_pairs("friction_moment", _pair_moment, parallel=False)
 
 def friction_moment(pairs: PairList, coefficients: np.ndarray) -> float:
     """Sum over pairs of f gamma w^(2s) r^2: a fifteenth of it is the mean stress of an affine shear at rate 1."""
-    return _friction_moment(pairs, Table(coefficients))[0]
+    return _friction_moment(pairs, CoefficientRows(coefficients))[0]

@@ -5,8 +5,8 @@ written down::
 
     total = splat(0.0)
     for k in range(n):
-        total = total + load(a, 8 * k) * splat(b[k])
-    store(c, 0, total)
+        total = total + load_lanes(a, 8 * k) * splat(b[k])
+    store_lanes(c, 0, total)
 
 Each lane is plain arithmetic on float64, in the order in which it stands, on every processor.
 """
@@ -50,7 +50,7 @@ def _pointer(context, builder, kind, array, index):
 
 
 @_instruction
-def load(typing, array, index):
+def load_lanes(typing, array, index):
     """array[index:index + 8] of a contiguous array of float64."""
 
     def code(context, builder, signature, arguments):
@@ -60,7 +60,7 @@ def load(typing, array, index):
 
 
 @_instruction
-def store(typing, array, index, value):
+def store_lanes(typing, array, index, value):
     """array[index:index + 8] = value."""
 
     def code(context, builder, signature, arguments):

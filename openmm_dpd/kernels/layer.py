@@ -37,8 +37,8 @@ class Call:
         Thermal energy and time step; noise as a force has the amplitude sigma/sqrt(dt).
     seed, counter : int
         Key of the noise.
-    scalars : (N, K) array or None
-        What beads carry beside position and velocity (see :mod:`.fields`).
+    field_values : (N, K) array or None
+        Per-bead fields beside position and velocity (see :mod:`.fields`).
     update : int
         Pair update of a sweep: EXACT or SHARDLOW.
     """
@@ -49,7 +49,7 @@ class Call:
     dt: float
     seed: int
     counter: int
-    scalars: np.ndarray | None = None
+    field_values: np.ndarray | None = None
     update: int = EXACT
 
     def key(self, number: int) -> np.uint64:
@@ -71,7 +71,7 @@ class Sums:
     energy, virial : float
         Conservative energy, and the sum over pairs of r_ij . F_ij of the chosen terms.
     rates : (M, K) array or None
-        Change per time of what beads carry (for internal energies: conductive, mechanical), in the order of the pair list.
+        Change per time of the per-bead fields (for internal energies: conductive, mechanical), in the order of the pair list.
     stress : (6,) array or None
         Sum over pairs of r_ij F_ij, components xx, yy, zz, xy, xz, yz; only if asked for, and only of layers that have it.
     """
@@ -111,8 +111,8 @@ class Layer(Protocol):
     def forces(self, call: Call, out: np.ndarray, add: bool) -> Sums:
         """Force form at the listed positions: the forces (N, 3) are written or added to ``out``."""
 
-    def sweep(self, call: Call, v: np.ndarray, flow: np.ndarray | None) -> None:
-        """Update velocities (N, 3) pair by pair, in place; add to ``flow`` (N, K) what each bead got."""
+    def sweep(self, call: Call, v: np.ndarray, increments: np.ndarray | None) -> None:
+        """Update velocities (N, 3) pair by pair, in place; add to ``increments`` (N, K) what each bead got."""
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy."""
@@ -148,7 +148,7 @@ class PairSpec:
     wall_velocity : (N, 3) float64, or None
         Velocity with which immobile particles take part in the friction.
     fields : FieldSpec or None
-        What beads carry beside position and velocity.
+        Per-bead fields beside position and velocity.
     sweeps : bool
         Whether the scheme sweeps over pairs at all.
     extras : tuple of Extra

@@ -40,7 +40,7 @@ class Found(NamedTuple):
     factors: np.ndarray
 
 
-class Space(NamedTuple):
+class ListingSpace(NamedTuple):
     """What each thread writes on, see :func:`space_for`."""
 
     near: np.ndarray
@@ -55,14 +55,14 @@ class Space(NamedTuple):
     shift: np.ndarray
 
 
-def space_for(parts: int, nx: int, most: int) -> Space:
+def space_for(parts: int, nx: int, most: int) -> ListingSpace:
     """Space of so many threads for so many beads near a column, and nx cells along it."""
     # a whole word of bits is read beyond the last bead, and a whole vector written
     beads, hits = (parts, most + 64), (parts, most + 64 + _BATCH)
     copied = np.zeros((parts, 3, most + 64)), np.zeros(beads, np.uint32)
     found = np.empty(hits, np.uint32), np.empty(hits, np.uint32), np.empty(hits)
     ends = np.empty((parts, nx + 3), np.uint64), np.empty((parts, nx + 3), np.uint64)
-    return Space(*copied, *found, *ends, np.empty((parts, 5), np.int64), np.empty((parts, 5), np.int64), np.empty((parts, 5, 3)))
+    return ListingSpace(*copied, *found, *ends, np.empty((parts, 5), np.int64), np.empty((parts, 5), np.int64), np.empty((parts, 5, 3)))
 
 
 class Rule(NamedTuple):

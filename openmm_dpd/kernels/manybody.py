@@ -163,7 +163,7 @@ class ManyBodyLayer:
         motion = self._motion.arrays(call, out, add)
         return Sums(*many_body_forces(pairs, ManyBody(which, *noise, share, coefficients, rho, *motion)))
 
-    def sweep(self, call: Call, v: np.ndarray, flow: np.ndarray | None) -> None:
+    def sweep(self, call: Call, v: np.ndarray, increments: np.ndarray | None) -> None:
         """Update the velocities (N, 3) pair by pair, in place."""
         self._sweeper(call, self.number, self._at(call.kT), v)
 
@@ -174,7 +174,7 @@ class ManyBodyLayer:
         if not self.table.conservative:
             return 0.0
         coefficients = self._at(0.0)
-        return laplacian(self.pairs, coefficients, self._sorted_densities(coefficients))
+        return many_body_laplacian(self.pairs, coefficients, self._sorted_densities(coefficients))
 
 
 @inlined
@@ -293,14 +293,14 @@ def _pair_laplacian(pairs, data, scratch, n, k, column):
 
 @inlined
 def _gradient_scale(c, row):
-    """2c (15/(pi h^4))^2, see :func:`laplacian`."""
+    """2c (15/(pi h^4))^2, see :func:`many_body_laplacian`."""
     return 15.0 * c[row, B] / (np.pi * c[row, CUTOFF_B] ** 4)
 
 
 _laplacian_of_pairs = over_pairs("many_body_laplacian", _pair_laplacian, parallel=False)
 
 
-def laplacian(pairs: PairList, coefficients: np.ndarray, rho: np.ndarray) -> float:
+def many_body_laplacian(pairs: PairList, coefficients: np.ndarray, rho: np.ndarray) -> float:
     """Sum over the mobile beads of the Laplacian of the conservative energy, quadratic kernel.
 
     A pair's attraction gives A/rc - 2 A w/r per mobile bead, as in DPD.  For the sum of c rho^2 with c = pi B h^4/30, a mobile bead i has

@@ -14,7 +14,7 @@ from numba import prange
 
 from ..names import SHOWN
 from .compiled import compiled, helper, inlined, renamed, serial_and_parallel
-from .threads import get_threads, run
+from .threads import dispatch, get_threads
 
 #: Fewer beads than this are not worth waking a second thread for.
 FEW = 4000
@@ -24,13 +24,13 @@ def _over_beads(beads, counts, arguments):
     parts = len(counts)
     for part in prange(parts):
         if _COUNTS:
-            counts[part] = _some(beads * part // parts, beads * (part + 1) // parts, *arguments)
+            counts[part] = _rows(beads * part // parts, beads * (part + 1) // parts, *arguments)
         else:
-            _some(beads * part // parts, beads * (part + 1) // parts, *arguments)
+            _rows(beads * part // parts, beads * (part + 1) // parts, *arguments)
 
 
 # what over_beads() puts in
-_some: Any = None
+_rows: Any = None
 _COUNTS = False
 
 
@@ -39,7 +39,7 @@ def over_beads(function: Callable, counts: bool = False) -> Callable:
 
     One that ``counts`` returns a number for its rows, and the pass returns the sum.
     """
-    kernels = serial_and_parallel(renamed(_over_beads, function.__name__, {"_some": helper(function), "_COUNTS": counts}))
+    kernels = serial_and_parallel(renamed(_over_beads, function.__name__, {"_rows": helper(function), "_COUNTS": counts}))
 
     def call(first, *others):
         n, few = len(first), first.size < 3 * FEW
@@ -47,7 +47,7 @@ def over_beads(function: Callable, counts: bool = False) -> Callable:
         if few:
             kernels[0](n, found, (first, *others))
         else:
-            run(*kernels, n, found, (first, *others))
+            dispatch(*kernels, n, found, (first, *others))
         return sum(found.tolist()) if counts else None
 
     call.__doc__ = function.__doc__
@@ -166,7 +166,7 @@ def accelerate(begin, end, acc, v, force, inv_mass, kick):
 
 
 @over_beads
-def push(begin, end, v, force, mass, time):
+def kick(begin, end, v, force, mass, time):
     """Add time*force/mass to the velocities (N, 3) of beads that move; in the order in which OpenMM evaluates that."""
     for i in range(begin, end):
         if mass[i] > 0.0:
@@ -193,7 +193,7 @@ def _put_back(x, low, high, start, period):
 
 
 @over_beads
-def reflect(begin, end, x, v, inv_mass, low, high, start, period, back, last):
+def reflect_beads(begin, end, x, v, inv_mass, low, high, start, period, back, last):
     """Turn the velocities of beads beyond the walls round, and put positions back if this is the ``last`` of the velocities."""
     for i in range(begin, end):
         if inv_mass[i] == 0.0:

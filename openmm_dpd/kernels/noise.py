@@ -120,7 +120,7 @@ def draw(key, pairs, begin, m, scratch):
 
     They are what :func:`normal` gives; one pass for each kind of work is three times as fast, since most of them can do several at once.
     """
-    order, pi, pj, bits, late, xi = pairs.order, pairs.pi, pairs.pj, scratch.bits, scratch.late, scratch.values[3]
+    order, pi, pj, bits, tail, xi = pairs.order, pairs.pi, pairs.pj, scratch.bits, scratch.tail, scratch.values[3]
     for k in range(m):
         i, j = order[pi[begin + k]], order[pj[begin + k]]
         bits[k] = (np.uint64(min(i, j)) << _S32) | np.uint64(max(i, j))
@@ -131,10 +131,10 @@ def draw(key, pairs, begin, m, scratch):
     # those without a cubic are one in thirty
     n = np.uint64(0)
     for k in range(m):
-        late[n] = k
+        tail[n] = k
         n += np.uint64(np.int64(_cell(bits[k])) >= _SMOOTH)
     for q in range(n):
-        xi[late[q]] = _from_tail(bits[late[q]])
+        xi[tail[q]] = _from_tail(bits[tail[q]])
 
 
 @inlined

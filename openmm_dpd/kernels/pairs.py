@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import RunError
 from . import cells, listing
-from .threads import get_threads, run
+from .threads import dispatch, get_threads
 
 #: Exceptions of a list without any: bonded neighbours in compressed rows, start (N + 1,), bead (E,), factor (E,).
 Exceptions = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -64,7 +64,7 @@ class Scratch(NamedTuple):
 
     values: np.ndarray
     bits: np.ndarray
-    late: np.ndarray
+    tail: np.ndarray
 
 
 class PairList:
@@ -98,12 +98,12 @@ class PairList:
         if m and np.all(mine == mine[0]):
             self.common_inv_mass, self.inv_mass[:] = float(mine[0]), mine[0]
         self._of_beads = cells.OfBeads(types[: 0 if self.ntypes == 1 else None], inv_mass[: None if self.common_inv_mass is None else 0])
-        self._sorting: cells.Scratch | None = None
+        self._sorting: cells.CellScratch | None = None
         # unsigned (like start and found): numba looks out for negative indices otherwise, in every loop over pairs
         self.pi = self.pj = np.zeros(0, np.uint32)
         self.geometry, self.factors = np.zeros((4, 0)), np.zeros(0)
         self._arrays: Pairs | None = None
-        self._space: listing.Space | None = None
+        self._space: listing.ListingSpace | None = None
         self._longest, self._scratch = 0, Scratch(np.empty((0, 4, 0)), np.empty((0, 0), np.uint64), np.empty((0, 0), np.uint32))
 
     def set_cutoff(self, cutoff: np.ndarray) -> None:
@@ -167,7 +167,7 @@ class PairList:
         if self._sorting is None or self._sorting.place.shape != sizes:
             self._sorting = cells.scratch_for(len(self.beads), *sizes)
         out = self.count, self.order, self.xs, self.types, self.inv_mass
-        bad = run(cells.bin_beads, cells.bin_beads_parallel, x, self.beads, self._of_beads, grid, self._sorting, *out)
+        bad = dispatch(cells.bin_beads, cells.bin_beads_parallel, x, self.beads, self._of_beads, grid, self._sorting, *out)
         if bad >= 0:
             raise RunError(f"the position of bead {bad} is not finite: {x[bad].tolist()}")
 
@@ -183,7 +183,7 @@ class PairList:
             if grid.periodic and (grid.nx, grid.ny, grid.nz) == (1, 1, 1):
                 enough = listing.list_pairs_small_box(*beads, grid.box, rule, out)
             else:
-                enough = run(listing.list_pairs, listing.list_pairs_parallel, *beads, self.count, grid, rule, self._space, out)
+                enough = dispatch(listing.list_pairs, listing.list_pairs_parallel, *beads, self.count, grid, rule, self._space, out)
             if enough:
                 return
             self._make_room()
@@ -209,7 +209,7 @@ class PairList:
     def scratch(self) -> Scratch:
         """Space for the longest column, one for each thread."""
         threads, longest = get_threads(), self._longest + 1
-        if self._scratch.late.shape != (threads, longest):
+        if self._scratch.tail.shape != (threads, longest):
             numbers = np.empty((threads, 4, longest)), np.empty((threads, longest), np.uint64)
             self._scratch = Scratch(*numbers, np.empty((threads, longest), np.uint32))
         return self._scratch

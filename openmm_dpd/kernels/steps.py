@@ -37,14 +37,16 @@ class Walls:
 class Ramp:
     """Thermal energy from ``start`` to ``stop`` between two steps."""
 
-    start: float
-    stop: float
-    begin: int
-    end: int
+    kT_start: float
+    kT_end: float
+    first_step: int
+    last_step: int
 
     def at(self, steps: float) -> float:
         """Thermal energy after some steps; as :func:`openmm_dpd.programs.program.ramp_expression` has it, to the bit."""
-        return self.start + (self.stop - self.start) * min(1.0, max(0.0, (steps - self.begin) * (1.0 / (self.end - self.begin))))
+        return self.kT_start + (self.kT_end - self.kT_start) * min(
+            1.0, max(0.0, (steps - self.first_step) * (1.0 / (self.last_step - self.first_step)))
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +213,7 @@ class StepLoop:
                     if self.spec.predicts and (moment.acc is None or self.spec.foresees):
                         moment.unkicked = moment.v.copy()
                         motion.as_shown(moment.x, moment.unkicked, SHOWN, self.inv_mass)
-                    motion.push(moment.v, force, self.spec.mass, before * moment.dt)
+                    motion.kick(moment.v, force, self.spec.mass, before * moment.dt)
                 if done and moment.values is not None:
                     motion.fields_as_shown(moment.x, moment.values, self.spec.field_shown, self.inv_mass)
                 step(moment, bool(done) or not shown)
@@ -221,7 +223,7 @@ class StepLoop:
                 if slow is not None and moment.slow_step == 0:
                     force = slow(moment, done + 1) if after or done + 1 < n else None
                     if after:
-                        motion.push(moment.v, force, self.spec.mass, after * moment.dt)
+                        motion.kick(moment.v, force, self.spec.mass, after * moment.dt)
             if self.placed:
                 self.engine.keep()
         except RunError as error:
@@ -275,7 +277,7 @@ class StepLoop:
         if walls is not None:
             # the last one puts the positions back
             for k, v in enumerate(velocities):
-                motion.reflect(
+                motion.reflect_beads(
                     m.x, v, self.inv_mass, walls.low, walls.high, walls.start, walls.period, walls.back, k == len(velocities) - 1
                 )
 
@@ -293,7 +295,7 @@ class StepLoop:
         if len(self.still):
             m.v[self.still] = 0.0
         if m.values is not None:
-            motion.add_to_moving(m.values, self.engine.flow, self.inv_mass)
+            motion.add_to_moving(m.values, self.engine.increments, self.inv_mass)
 
     def _warm(self, m: Moment) -> None:
         """The thermal energy of this step."""

@@ -1,4 +1,4 @@
-"""The layer of tDPD: isothermal DPD whose beads carry concentrations that diffuse (formulas: :class:`openmm_dpd.model.tdpd.TDPD`).
+"""The layer of tDPD: isothermal DPD whose beads have concentrations that diffuse (formulas: :class:`openmm_dpd.model.tdpd.TDPD`).
 
 Per pair, with w = 1 - r/cutoff, w_c = 1 - r/cutoff_c, f the factor of bonded neighbours, and for every species k with p = exponent_c::
 
@@ -73,21 +73,21 @@ class SpeciesLayer:
         pairs, m = self.pairs, len(self.pairs.order)
         concentrations = np.zeros((m, self.exchange.shape[1]))
         if call.which & (DISSIPATIVE | RANDOM):
-            assert call.scalars is not None and (call.velocities is not None or not call.which & DISSIPATIVE)
-            concentrations = np.take(call.scalars, pairs.order, axis=0)
+            assert call.field_values is not None and (call.velocities is not None or not call.which & DISSIPATIVE)
+            concentrations = np.take(call.field_values, pairs.order, axis=0)
         rates = np.zeros(concentrations.shape)
         noise = call.key(self.number), call.rsqrt_dt
         of_beads = concentrations, rates, *self._motion.arrays(call, out, add)
         energy, virial = species_forces(pairs, Diffusion(call.which, call.kT, *noise, self.coefficients, self.exchange, *of_beads))
         return Sums(energy, virial, rates)
 
-    def sweep(self, call: Call, v: np.ndarray, flow: np.ndarray | None) -> None:
+    def sweep(self, call: Call, v: np.ndarray, increments: np.ndarray | None) -> None:
         """There is no sweep form."""
         raise RunError("TDPD has no pair updates; only the scheme mvv can run it")
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy."""
-        return forces.laplacian(self.pairs, self.coefficients)
+        return forces.soft_laplacian(self.pairs, self.coefficients)
 
 
 class Diffusion(NamedTuple):

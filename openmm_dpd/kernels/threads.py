@@ -93,7 +93,7 @@ class _Chosen(threading.local):
 _CHOSEN = _Chosen()
 
 
-def run(serial, parallel, *arguments):
+def dispatch(serial, parallel, *arguments):
     """Call the parallel version under the lock, with the right number of threads, or the serial one (also if there is no parallel one)."""
     threads = get_threads()
     if threads == 1 or parallel is None or time.perf_counter() < _WATCH.until:

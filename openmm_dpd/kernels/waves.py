@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .compiled import compiled, helper, inlined
-from .lanes import LANES, floor, load, splat, store, total
+from .lanes import LANES, floor, load_lanes, splat, store_lanes, total
 
 #: Charges are dealt with in such strips: two vectors at once.
 STRIP = 2 * LANES
@@ -166,15 +166,15 @@ def write_phases(xs, room, recip, counts, tables, start, first):
     ``xs`` holds x, y and z of ``room`` charges one after the other; cos n of axis a begins at (start[a] + 2 n) room of ``tables``, and
     sin n after it.
     """
-    x, y, z = load(xs, first), load(xs, room + first), load(xs, 2 * room + first)
+    x, y, z = load_lanes(xs, first), load_lanes(xs, room + first), load_lanes(xs, 2 * room + first)
     for axis in range(3):
         place = x * splat(recip[axis, 0]) + y * splat(recip[axis, 1]) + z * splat(recip[axis, 2])
         c1, s1 = _turn(place - floor(place + splat(0.5)))
         c, s = splat(1.0), splat(0.0)
         at = start[axis] * room + first
         for _ in range(counts[axis]):
-            store(tables, at, c)
-            store(tables, at + room, s)
+            store_lanes(tables, at, c)
+            store_lanes(tables, at + room, s)
             c, s = c * c1 - s * s1, s * c1 + c * s1
             at += 2 * room
 
@@ -191,8 +191,8 @@ def copy_steps(tables, room, at, steps, first):
 @inlined
 def _both(tables, room, start, n2, n3, at):
     """Phases of a vector of charges: of the second axis (n2 may be below 0) times the third one."""
-    cy, sy = load(tables, (start[1] + 2 * abs(n2)) * room + at), load(tables, (start[1] + 2 * abs(n2) + 1) * room + at)
-    cz, sz = load(tables, (start[2] + 2 * n3) * room + at), load(tables, (start[2] + 2 * n3 + 1) * room + at)
+    cy, sy = load_lanes(tables, (start[1] + 2 * abs(n2)) * room + at), load_lanes(tables, (start[1] + 2 * abs(n2) + 1) * room + at)
+    cz, sz = load_lanes(tables, (start[2] + 2 * n3) * room + at), load_lanes(tables, (start[2] + 2 * n3 + 1) * room + at)
     sy = sy * splat(1.0 if n2 >= 0 else -1.0)
     return cy * cz - sy * sz, cy * sz + sy * cz
 
@@ -201,20 +201,20 @@ def _both(tables, room, start, n2, n3, at):
 def _finish(p, q, r, u, n1, weights, pulls, at):
     """Energy and virial of a row of waves from its four sums; writes down what forces are made of."""
     re0, im0, re1, im1 = p - q, r + u, p + q, r - u
-    w0, w1 = load(weights, WEIGHTS * at), load(weights, WEIGHTS * at + LANES)
-    v0, v1 = load(weights, WEIGHTS * at + 2 * LANES), load(weights, WEIGHTS * at + 3 * LANES)
+    w0, w1 = load_lanes(weights, WEIGHTS * at), load_lanes(weights, WEIGHTS * at + LANES)
+    v0, v1 = load_lanes(weights, WEIGHTS * at + 2 * LANES), load_lanes(weights, WEIGHTS * at + 3 * LANES)
     square0, square1 = re0 * re0 + im0 * im0, re1 * re1 + im1 * im1
     re0, im0, re1, im1 = re0 * w0, im0 * w0, re1 * w1, im1 * w1
     n, to = splat(n1), PULLS * at
     # sums and differences of the conjugates, and n1 times them
-    store(pulls, to, re0 + re1)
-    store(pulls, to + LANES, splat(0.0) - (im0 + im1))
-    store(pulls, to + 2 * LANES, re0 - re1)
-    store(pulls, to + 3 * LANES, im1 - im0)
-    store(pulls, to + 4 * LANES, n * (re0 + re1))
-    store(pulls, to + 5 * LANES, splat(0.0) - n * (im0 + im1))
-    store(pulls, to + 6 * LANES, n * (re0 - re1))
-    store(pulls, to + 7 * LANES, n * (im1 - im0))
+    store_lanes(pulls, to, re0 + re1)
+    store_lanes(pulls, to + LANES, splat(0.0) - (im0 + im1))
+    store_lanes(pulls, to + 2 * LANES, re0 - re1)
+    store_lanes(pulls, to + 3 * LANES, im1 - im0)
+    store_lanes(pulls, to + 4 * LANES, n * (re0 + re1))
+    store_lanes(pulls, to + 5 * LANES, splat(0.0) - n * (im0 + im1))
+    store_lanes(pulls, to + 6 * LANES, n * (re0 - re1))
+    store_lanes(pulls, to + 7 * LANES, n * (im1 - im0))
     return w0 * square0 + w1 * square1, v0 * square0 + v1 * square1
 
 
@@ -225,21 +225,21 @@ def structure_factors(waves, block, q, n, tables, room, start, steps, outer, pul
     begin = STRIP * room
     for at in range(0, n, LANES):
         a, b = _both(tables, room, start, first, n3, at)
-        charge = load(q, at)
-        store(outer, begin + at, charge * a)
-        store(outer, begin + room + at, charge * b)
+        charge = load_lanes(q, at)
+        store_lanes(outer, begin + at, charge * a)
+        store_lanes(outer, begin + room + at, charge * b)
     for j in range(n):
         a, b = splat(outer[begin + j]), splat(outer[begin + room + j])
-        c, s = load(steps, STRIP * j), load(steps, STRIP * j + LANES)
-        store(outer, STRIP * j, a * c - b * s)
-        store(outer, STRIP * j + LANES, a * s + b * c)
+        c, s = load_lanes(steps, STRIP * j), load_lanes(steps, STRIP * j + LANES)
+        store_lanes(outer, STRIP * j, a * c - b * s)
+        store_lanes(outer, STRIP * j + LANES, a * s + b * c)
     energy, virial = splat(0.0), splat(0.0)
     for n1 in range(0, deep, 2):
         c_at = (start[0] + 2 * n1) * room
         p0, q0, r0, u0 = splat(0.0), splat(0.0), splat(0.0), splat(0.0)
         p1, q1, r1, u1 = splat(0.0), splat(0.0), splat(0.0), splat(0.0)
         for j in range(n):
-            a, b = load(outer, STRIP * j), load(outer, STRIP * j + LANES)
+            a, b = load_lanes(outer, STRIP * j), load_lanes(outer, STRIP * j + LANES)
             c, s = splat(tables[c_at + j]), splat(tables[c_at + room + j])
             p0, q0, r0, u0 = p0 + c * a, q0 + s * b, r0 + c * b, u0 + s * a
             c, s = splat(tables[c_at + 2 * room + j]), splat(tables[c_at + 3 * room + j])
@@ -273,8 +273,8 @@ def lattice_forces(waves, q, tables, room, start, pulls, out, at):
             gr0, gi0, hr0, hi0, gr1, gi1, hr1, hi1 = zero, zero, zero, zero, zero, zero, zero, zero
             come, c_at = PULLS * row + lane, start[0] * room + at
             for _ in range(deep):
-                c0, s0 = load(tables, c_at), load(tables, c_at + room)
-                c1, s1 = load(tables, c_at + LANES), load(tables, c_at + room + LANES)
+                c0, s0 = load_lanes(tables, c_at), load_lanes(tables, c_at + room)
+                c1, s1 = load_lanes(tables, c_at + LANES), load_lanes(tables, c_at + room + LANES)
                 sum_r, sum_i = splat(pulls[come]), splat(pulls[come + LANES])
                 less_r, less_i = splat(pulls[come + 2 * LANES]), splat(pulls[come + 3 * LANES])
                 gr0, gi0 = gr0 + c0 * sum_r - s0 * less_i, gi0 + c0 * sum_i + s0 * less_r
@@ -294,5 +294,5 @@ def lattice_forces(waves, q, tables, room, start, pulls, out, at):
     for axis in range(3):
         to = axis * room + at
         g1, g2, g3 = splat(4.0 * np.pi * recip[0, axis]), splat(4.0 * np.pi * recip[1, axis]), splat(4.0 * np.pi * recip[2, axis])
-        store(out, to, load(q, at) * (x1 * g1 + x2 * g2 + x3 * g3))
-        store(out, to + LANES, load(q, at + LANES) * (y1 * g1 + y2 * g2 + y3 * g3))
+        store_lanes(out, to, load_lanes(q, at) * (x1 * g1 + x2 * g2 + x3 * g3))
+        store_lanes(out, to + LANES, load_lanes(q, at + LANES) * (y1 * g1 + y2 * g2 + y3 * g3))

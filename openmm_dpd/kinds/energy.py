@@ -50,7 +50,7 @@ def eos_table(by_type: list, type_ids: np.ndarray, immobile: np.ndarray, energie
             start.append(start[-1] + len(eos.energies))
         curve[members] = numbers[id(eos)]
     table = EOSTable(capacity, curve, np.array(start, np.int64), np.concatenate(nodes), np.concatenate(pieces))
-    theta = table.temperatures(energies)
+    theta = table.thetas(energies)
     capacity[immobile], curve[immobile] = theta[immobile], RESERVOIR
     return table
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..forces.expressions import type_pairs
-from ..forces.partners import energy_spline, lennard_jones_expression, lennard_jones_shift, tabulated_expression
+from ..forces.overlays import energy_spline, lennard_jones_expression, lennard_jones_shift, tabulated_expression
 from ..kernels.radial import Tables
 from ..model.pairs import LennardJones, TabulatedPair
 from .record import Curves, Kind, Overlay, Resolved, register

@@ -75,7 +75,7 @@ class Kind:
     why_kernel_only : function of (resolved table, Scene, exceptions, platform), optional
         Why only the kernel can compute the conservative force of a scene, or None.
     fields : function of Scene, optional
-        What the beads carry, for the kernel; for coefficients that have ``internal``.
+        Per-bead fields, for the kernel; for coefficients that have ``internal``.
     field_text : str
         What the per-DOF variables hold.
     no_sweep : str, optional

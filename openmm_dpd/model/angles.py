@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import ParameterError
-from .bonds import bead_indices, minimum_image, term_values
+from .bonds import bead_indices, minimum_images, term_values
 from .owned import keep
 
 
@@ -25,7 +25,7 @@ class _Angles:
     def arms(self, x: np.ndarray, box: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Angles (radians) at positions x (N, 3), and the lengths (nm) of their arms; (K,) each, by minimum image."""
         i, j, k = self.triples.T
-        a, b = minimum_image(x[i] - x[j], box), minimum_image(x[k] - x[j], box)
+        a, b = minimum_images(x[i] - x[j], box), minimum_images(x[k] - x[j], box)
         theta = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1))
         return theta, np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)
 

@@ -14,7 +14,7 @@ from .owned import keep
 WCA_END = 2.0 ** (1.0 / 6.0)
 
 
-def minimum_image(d: np.ndarray, box: np.ndarray | None) -> np.ndarray:
+def minimum_images(d: np.ndarray, box: np.ndarray | None) -> np.ndarray:
     """Distance vectors (K, 3) by minimum image in a box of reduced vectors; as they are without a box."""
     if box is None:
         return d
@@ -90,7 +90,7 @@ class _Bonds:
 
     def lengths(self, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
         """(B,) lengths (nm) at positions x (N, 3), by minimum image."""
-        return np.linalg.norm(minimum_image(x[self.pairs[:, 0]] - x[self.pairs[:, 1]], box), axis=1)
+        return np.linalg.norm(minimum_images(x[self.pairs[:, 0]] - x[self.pairs[:, 1]], box), axis=1)
 
     def curve(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Energy of each bond at the lengths r (B,), its first and its second derivative."""

@@ -11,7 +11,7 @@ from .owned import keep
 from .pairs import PairCoefficient, checked, checked_amplitude
 
 
-def polynomial(value, name: str) -> tuple[float, float, float, float]:
+def four_coefficients(value, name: str) -> tuple[float, float, float, float]:
     """Four coefficients of T - 1, its square, cube and fourth power."""
     coefficients = tuple(to_md(c, "dimensionless", name) for c in value)
     if len(coefficients) != 4 or not all(isinstance(c, float) for c in coefficients):
@@ -80,8 +80,8 @@ class EDPD(PairCoefficient):
             "exponent": checked(self.exponent, "dimensionless", "exponent"),
             "exponent_T": checked(self.exponent_T, "dimensionless", "exponent_T"),
             "cutoff_T": cutoff if self.cutoff_T is None else checked(self.cutoff_T, "length", "cutoff_T", positive=True),
-            "exponent_polynomial": polynomial(self.exponent_polynomial, "exponent_polynomial"),
-            "kappa_polynomial": polynomial(self.kappa_polynomial, "kappa_polynomial"),
+            "exponent_polynomial": four_coefficients(self.exponent_polynomial, "exponent_polynomial"),
+            "kappa_polynomial": four_coefficients(self.kappa_polynomial, "kappa_polynomial"),
         }
         keep(self, **values)
 

@@ -44,7 +44,7 @@ class SmearedCharges:
     tolerance: float = 1e-4
     alpha: float | None = None
     grid: tuple[int, int, int] | None = None
-    special: tuple[float, float, float] | None = None
+    bonded_factors: tuple[float, float, float] | None = None
 
     def __post_init__(self):
         what = f"of {type(self).__name__}"
@@ -60,8 +60,8 @@ class SmearedCharges:
         if not 1e-10 <= tolerance <= 0.1:
             raise ParameterError(f"tolerance {what} must be between 1e-10 and 0.1, not {self.tolerance!r}")
         keep(self, tolerance=tolerance)
-        if self.special is not None:
-            keep(self, special=special_factors(self.special, f"special {what}"))
+        if self.bonded_factors is not None:
+            keep(self, bonded_factors=special_factors(self.bonded_factors, f"bonded_factors {what}"))
         if self.grid is not None:
             if not isinstance(self.grid, (tuple, list, np.ndarray)) or len(self.grid) != 3:
                 raise ParameterError(f"grid {what} must be three numbers of points, not {self.grid!r}")
@@ -130,7 +130,7 @@ class SlaterCharges(SmearedCharges):
     force there, (1 + 2 r/lamda + 2 (r/lamda)^2) exp(-2 r/lamda), at most the tolerance.  Without a box there is
     no cutoff and no lattice sum.
 
-    Bonded neighbours with a factor f in ``special`` interact with f times the smeared energy, all of it: what the lattice sum holds of the
+    Bonded neighbours with a factor f in ``bonded_factors`` interact with f times the smeared energy, all of it: what the lattice sum holds of the
     pair is taken out exactly, at any distance.  LAMMPS does the same up to the cutoff only, and releases before mid 2022 took out the
     energy of point charges.
 
@@ -152,7 +152,7 @@ class SlaterCharges(SmearedCharges):
         Splitting parameter of the Ewald sum; from the tolerance by default.
     grid : three int, optional
         Points of the PME grid; from the tolerance by default.
-    special : three floats, optional
+    bonded_factors : three floats, optional
         Factors of the charges' interaction for pairs one, two and three bonds apart; those of the scene by default.
 
     Raises
@@ -201,7 +201,7 @@ class GaussianCharges(SmearedCharges):
     ----------
     width : length
         Standard deviation w of a cloud, > 0.
-    permittivity, bjerrum_length, cutoff, tolerance, alpha, grid, special
+    permittivity, bjerrum_length, cutoff, tolerance, alpha, grid, bonded_factors
         As in :class:`SlaterCharges`.
 
     Raises

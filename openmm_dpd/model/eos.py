@@ -87,7 +87,7 @@ class TabulatedEOS:
 
     Parameters
     ----------
-    temperatures : (K,) array
+    thetas : (K,) array
         Thermal energies in kJ/mol (or temperatures as a Quantity), > 0, increasing; K >= 2.
     energies : (K,) array of energies
         Internal energy of a bead at these temperatures, kJ/mol, increasing.
@@ -98,11 +98,11 @@ class TabulatedEOS:
         If lengths differ, or a column does not increase (the entry is named).
     """
 
-    temperatures: np.ndarray
+    thetas: np.ndarray
     energies: np.ndarray
 
     def __post_init__(self):
-        theta = np.atleast_1d(thermal_energies(self.temperatures, "temperatures of the table"))
+        theta = np.atleast_1d(thermal_energies(self.thetas, "temperatures of the table"))
         u = np.atleast_1d(to_md(self.energies, "energy", "energies of the table"))
         if theta.ndim != 1 or theta.shape != u.shape or len(u) < 2:
             raise ParameterError(f"an equation of state needs as many energies as temperatures, at least 2; got {len(u)} and {len(theta)}")
@@ -116,7 +116,7 @@ class TabulatedEOS:
                     f"the {name} of an equation of state must increase; entry {k + 2} ({column[k + 1]:g}) "
                     f"is not above entry {k + 1} ({column[k]:g})"
                 )
-        keep(self, temperatures=theta, energies=u)
+        keep(self, thetas=theta, energies=u)
 
     @classmethod
     def from_functions(
@@ -153,7 +153,7 @@ class TabulatedEOS:
     @property
     def inverse_temperature(self) -> PchipInterpolator:
         """1/theta as a function of u."""
-        return PchipInterpolator(self.energies, 1.0 / self.temperatures, extrapolate=False)
+        return PchipInterpolator(self.energies, 1.0 / self.thetas, extrapolate=False)
 
     def temperature(self, u):
         """Temperature at the internal energy u; NaN out of range."""
@@ -170,13 +170,13 @@ class TabulatedEOS:
             below = curve(middle) > 1.0 / flat
             low, high = np.where(below, middle, low), np.where(below, high, middle)
         # the points of the table give back their own energies
-        exact = np.searchsorted(self.temperatures, flat).clip(0, len(self.temperatures) - 1)
-        found = np.where(self.temperatures[exact] == flat, self.energies[exact], 0.5 * (low + high))
-        outside = (flat < self.temperatures[0]) | (flat > self.temperatures[-1])
+        exact = np.searchsorted(self.thetas, flat).clip(0, len(self.thetas) - 1)
+        found = np.where(self.thetas[exact] == flat, self.energies[exact], 0.5 * (low + high))
+        outside = (flat < self.thetas[0]) | (flat > self.thetas[-1])
         return np.where(outside, np.nan, found).reshape(theta.shape)
 
     def __str__(self) -> str:
-        return f"table of {len(self.energies)} points, theta = {self.temperatures[0]:g} to {self.temperatures[-1]:g}"
+        return f"table of {len(self.energies)} points, theta = {self.thetas[0]:g} to {self.thetas[-1]:g}"
 
 
 EquationOfState = ConstantHeatCapacity | TabulatedEOS

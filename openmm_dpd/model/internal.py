@@ -1,4 +1,4 @@
-"""What beads carry beside position and velocity: internal energies, temperatures, or concentrations.
+"""Per-bead fields beside position and velocity: internal energies, temperatures, or concentrations.
 
 All of it is state of the Context (per-DOF variables of the integrator, see :mod:`openmm_dpd.fields`); what stands here are the values at
 the start.
@@ -45,7 +45,7 @@ class InternalEnergy:
     ----------
     eos : ConstantHeatCapacity, TabulatedEOS, or mapping of bead type to one
         Equation of state.
-    temperatures : thermal energy, or (N,) array
+    thetas : thermal energy, or (N,) array
         Internal temperatures theta at the start, kJ/mol (or a Quantity in kelvin), > 0.
     conductive : (N,) array of energies, optional
         u_cond at the start, 0 by default; u_mech is the rest.
@@ -57,11 +57,11 @@ class InternalEnergy:
     """
 
     eos: EquationOfState | Mapping[str, EquationOfState]
-    temperatures: float | np.ndarray
+    thetas: float | np.ndarray
     conductive: np.ndarray | None = None
 
     def __post_init__(self):
-        keep(self, temperatures=thermal_energies(self.temperatures, "temperatures"))
+        keep(self, thetas=thermal_energies(self.thetas, "thetas"))
         if isinstance(self.eos, Mapping):
             keep(self, eos=dict(self.eos))
         if self.conductive is not None:
@@ -81,7 +81,7 @@ class InternalEnergy:
     def energies(self, type_ids: np.ndarray, names: list[str]) -> np.ndarray:
         """(N, 2) conductive and mechanical energies at the start, kJ/mol."""
         n = len(type_ids)
-        theta = _positive(_per_bead(self.temperatures, n, "temperatures"), "the internal temperature")
+        theta = _positive(_per_bead(self.thetas, n, "thetas"), "the internal temperature")
         eos = self.by_type(names)
         total = np.empty(n)
         for k in range(len(names)):
@@ -108,25 +108,25 @@ class BeadTemperatures:
 
     Parameters
     ----------
-    temperatures : thermal energy, or (N,) array
+    thetas : thermal energy, or (N,) array
         kJ/mol (or a Quantity in kelvin), > 0.  The polynomials of eDPD are in T - 1, so reduced units are meant.
     capacities : float, or (N,) array
         Heat capacity of each bead in units of k_B, > 0.
     """
 
-    temperatures: float | np.ndarray
+    thetas: float | np.ndarray
     capacities: float | np.ndarray
 
     def __post_init__(self):
         keep(
             self,
-            temperatures=thermal_energies(self.temperatures, "temperatures"),
+            thetas=thermal_energies(self.thetas, "thetas"),
             capacities=heat_capacity(self.capacities, "capacities"),
         )
 
     def values(self, n: int) -> np.ndarray:
         """(N, 1) temperatures, kJ/mol."""
-        return _positive(_per_bead(self.temperatures, n, "temperatures"), "the temperature")[:, None]
+        return _positive(_per_bead(self.thetas, n, "thetas"), "the temperature")[:, None]
 
     def heat_capacities(self, n: int) -> np.ndarray:
         """(N,) heat capacities."""
@@ -187,7 +187,7 @@ def check_internal(
     type_names: list[str],
     box: np.ndarray | None,
 ) -> None:
-    """Raise ParameterError unless what beads carry, the pair terms and the sources fit each other."""
+    """Raise ParameterError unless the per-bead fields, the pair terms and the sources fit each other."""
     kinds = {table.kind for table in tables if table.kind is not None and table.kind.internal is not None}
     if len(kinds) > 1:
         names = " and ".join(sorted(kind.__name__ for kind in kinds))

@@ -92,7 +92,7 @@ class DPD(PairCoefficient):
 
     This one class is LAMMPS's ``dpd`` (A, gamma), ``dpd/tstat`` (gamma), ``dpd/ext`` and ``dpd/ext/tstat`` (all) and
     ``dpd/fdt`` (A, sigma).  The exponent is that of the *noise* weight, as in ``dpd/ext``; the drag goes as w^(2 exponent).
-    For bonded neighbours with a factor f (see ``Scene.special``) conservative and dissipative parts are multiplied
+    For bonded neighbours with a factor f (see ``Scene.bonded_factors``) conservative and dissipative parts are multiplied
     by f and the noise by sqrt(f), so that the temperature stays right (LAMMPS's ``dpd/fdt`` multiplies the noise by f too, and
     its fix shardlow ignores the factor).
 

@@ -37,22 +37,26 @@ class TemperatureRamp:
         First and last step of the ramp, counted from the first step of the integrator; begin may be negative.
     """
 
-    start: float
-    stop: float
-    begin: int
-    end: int
+    kT_start: float
+    kT_end: float
+    first_step: int
+    last_step: int
 
     def __post_init__(self):
-        keep(self, start=thermal_energy(self.start, "the ramp's start"))
-        keep(self, stop=thermal_energy(self.stop, "the ramp's stop"))
-        for name in ("begin", "end"):
+        keep(self, kT_start=thermal_energy(self.kT_start, "the ramp's kT_start"))
+        keep(self, kT_end=thermal_energy(self.kT_end, "the ramp's kT_end"))
+        for name in ("first_step", "last_step"):
             keep(self, **{name: whole_number(getattr(self, name), f"the ramp's {name} (a step)")})
-        if self.end <= self.begin:
-            raise ParameterError(f"a temperature ramp must end after it begins; got begin = {self.begin}, end = {self.end}")
+        if self.last_step <= self.first_step:
+            raise ParameterError(
+                f"a temperature ramp must end after it begins; got first_step = {self.first_step}, last_step = {self.last_step}"
+            )
 
     def at(self, step: int) -> float:
         """Thermal energy (kJ/mol) at a step."""
-        return self.start + (self.stop - self.start) * min(1.0, max(0.0, (step - self.begin) / (self.end - self.begin)))
+        return self.kT_start + (self.kT_end - self.kT_start) * min(
+            1.0, max(0.0, (step - self.first_step) / (self.last_step - self.first_step))
+        )
 
 
 def thermal_energy(value, name: str = "kT") -> float:
@@ -127,7 +131,7 @@ class Scene:
         Elementary charges; carried into topologies.  Forces follow from them if there is an ``electrostatics``.
     bonds : sequence of HarmonicBonds, FENEBonds and MorseBonds
         Bonds.
-    special : three floats, default (1, 1, 1)
+    bonded_factors : three floats, default (1, 1, 1)
         Factors in [0, 1] for pairs that are one, two and three bonds apart: conservative and dissipative forces are multiplied by f,
         the noise by sqrt(f).  LAMMPS's default is (0, 0, 0), which takes friction and repulsion away from bonded beads.
     mobile : (N,) array of bool, optional
@@ -136,7 +140,7 @@ class Scene:
     molecules : (N,) array of int, optional
         Molecule numbers, for the topology.
     internal : InternalEnergy, BeadTemperatures or Concentrations, optional
-        What beads carry beside position and velocity; needed by the pair terms EnergyDPD, EDPD and TDPD in this order.
+        Per-bead fields beside position and velocity; needed by the pair terms EnergyDPD, EDPD and TDPD in this order.
     sources : sequence of Source
         Sources of heat (EDPD) or of a species (TDPD).
     compat : {"consistent", "lammps"}
@@ -154,7 +158,7 @@ class Scene:
     residues : sequence of N str, optional
         Name of the molecule of each bead, for the topology.
     electrostatics : SlaterCharges or GaussianCharges, optional
-        How ``charges`` interact; the factors of ``special`` hold for them as well.  None: they do not.
+        How ``charges`` interact; the factors of ``bonded_factors`` hold for them as well.  None: they do not.
 
     Raises
     ------
@@ -172,7 +176,7 @@ class Scene:
     bead_masses: np.ndarray = None  # type: ignore[assignment]  # filled from the types
     charges: np.ndarray | None = None
     bonds: Sequence[Bonds] = ()
-    special: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    bonded_factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
     mobile: np.ndarray | None = None
     molecules: np.ndarray | None = None
     internal: Internal | None = None
@@ -211,7 +215,7 @@ class Scene:
         self._check_bonds()
         self._check_angles()
         self._check_segments()
-        put("special", self._checked_special())
+        put("bonded_factors", self._checked_bonded_factors())
         put("tables", self._checked_pairs())
         put("pairs", self.tables)
         if not isinstance(self.sources, Sequence):
@@ -246,7 +250,7 @@ class Scene:
             "types": named if len(counts) <= 5 else f"{len(counts)} types",
             "box": None if self.box is None else " x ".join(f"{edge:g}" for edge in np.diag(self.box)) + " nm",
             "density": None if self.box is None else f"{self.n_beads / float(np.prod(np.diag(self.box))):.4g} beads/nm^3",
-            "kT": f"{self.initial_kT:g} kJ/mol" if ramp is None else f"{ramp.start:g} to {ramp.stop:g} kJ/mol",
+            "kT": f"{self.initial_kT:g} kJ/mol" if ramp is None else f"{ramp.kT_start:g} to {ramp.kT_end:g} kJ/mol",
             "pair terms": ", ".join(table.kind.__name__ for table in self.tables if table.kind is not None) or None,
             "bonds": len(self.bond_pairs) or None,
             "charges": None if self.charges is None else np.count_nonzero(self.charges),
@@ -396,13 +400,15 @@ class Scene:
             check_inside(gaps(self.walls, self.box), self.positions, mobile)
         keep(self, walls=tuple(self.walls))
 
-    def _checked_special(self) -> tuple[float, float, float]:
+    def _checked_bonded_factors(self) -> tuple[float, float, float]:
         try:
-            factors = tuple(float(factor) for factor in self.special)
+            factors = tuple(float(factor) for factor in self.bonded_factors)
         except (TypeError, ValueError):
             factors = ()
         if len(factors) != 3 or not all(0 <= factor <= 1 for factor in factors):
-            raise ParameterError(f"special must be three factors between 0 and 1 (for 1-2, 1-3 and 1-4 pairs), not {self.special!r}")
+            raise ParameterError(
+                f"bonded_factors must be three factors between 0 and 1 (for 1-2, 1-3 and 1-4 pairs), not {self.bonded_factors!r}"
+            )
         return factors
 
     def _checked_pairs(self) -> tuple[PairTable, ...]:
@@ -415,7 +421,7 @@ class Scene:
             tables = (tables,)
         tables = tuple(table if isinstance(table, PairTable) else PairTable(table) for table in tables)
         require_complete(list(tables), self.type_names)
-        temperatures = [self.kT.start, self.kT.stop] if isinstance(self.kT, TemperatureRamp) else [self.initial_kT]
+        temperatures = [self.kT.kT_start, self.kT.kT_end] if isinstance(self.kT, TemperatureRamp) else [self.initial_kT]
         for table in tables:
             for key, coefficient in table.entries.items():
                 try:

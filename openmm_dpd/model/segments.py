@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import ParameterError
 from ..units import to_md
-from .bonds import bead_indices, minimum_image
+from .bonds import bead_indices, minimum_images
 from .owned import keep
 
 #: What the distance of two segments is.
@@ -81,7 +81,7 @@ def check_segments(segments: SegmentalRepulsion, pairs: np.ndarray, x: np.ndarra
         raise ParameterError(f"a segment names bead {pairs.max()}, but there are only {len(x)} beads, counted from 0")
     if box is None:
         return
-    arms = minimum_image(x[pairs[:, 1]] - x[pairs[:, 0]], box)
+    arms = minimum_images(x[pairs[:, 1]] - x[pairs[:, 0]], box)
     longest = float(np.linalg.norm(arms, axis=1).max())
     half = 0.5 * float(np.diag(box).min())
     if segments.reach(longest) > half * (1 + 1e-12):

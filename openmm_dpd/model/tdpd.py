@@ -22,7 +22,7 @@ def _per_species(value, name: str) -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class TDPD(PairCoefficient):
-    r"""tDPD of Li et al.: an isothermal DPD fluid whose beads carry concentrations that diffuse.
+    r"""tDPD of Li et al.: an isothermal DPD fluid whose beads have concentrations that diffuse.
 
     With w = 1 - r/cutoff, w_c = 1 - r/cutoff_c, and for every species k::
 

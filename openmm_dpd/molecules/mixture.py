@@ -147,7 +147,7 @@ class Mixture:
         masses : mass, or mapping of types to masses
             One mass for all types, or the mass of each type.
         **options
-            Other arguments of :class:`openmm_dpd.Scene`: ``special``, ``electrostatics``, ``mobile``, ...
+            Other arguments of :class:`openmm_dpd.Scene`: ``bonded_factors``, ``electrostatics``, ``mobile``, ...
         """
         types = self.types
         if not isinstance(masses, Mapping):

@@ -19,11 +19,11 @@ def make_program(options: ProgramOptions) -> Program:
             f"use scheme={able} for this System"
         )
     if options.whole_steps:
-        program = whole.program(options)
+        program = whole.whole_step_program(options)
     elif options.predicting:
-        program = mvv.program(options)
+        program = mvv.mvv_program(options)
     else:
-        program = splitting.program(options)
+        program = splitting.splitting_program(options)
     program.finish()
     program.check()
     return program

@@ -20,10 +20,10 @@ from __future__ import annotations
 from ..names import Phase
 from ..program_options import ProgramOptions
 from .program import Program
-from .walls import reflect
+from .walls import add_reflection
 
 
-def program(options: ProgramOptions) -> Program:
+def mvv_program(options: ProgramOptions) -> Program:
     """Program for the options given; without friction and noise it is velocity Verlet."""
     p = Program("mvv", "Groot and Warren 1997", options)
     p.declare_per_dof("acc", "acceleration at x, friction and noise included")
@@ -32,7 +32,7 @@ def program(options: ProgramOptions) -> Program:
     rates = [f"rate{k}" for k in range(len(fields))]
     for name in rates:
         p.declare_per_dof(name, "change of the field per time, at x")
-    p.note()
+    p.store_fingerprint()
     with p.if_changed():
         _recompute(p, fields, rates)
     predicted = options.thermostat and options.lam != 0.5
@@ -45,10 +45,10 @@ def program(options: ProgramOptions) -> Program:
         p.keep_positions()
         p.read(seen)
     p.each("x", "xs+dt*v" if fields else "x+dt*v", "drift")
-    reflect(p, ("vp",) if predicted else ())
+    add_reflection(p, ("vp",) if predicted else ())
     p.next_temperature()
     if predicted or options.walls or not options.thermostat:
-        p.phase(Phase.CONSERVE) if options.kernel_conservative else p.note()
+        p.phase(Phase.CONSERVE) if options.kernel_conservative else p.store_fingerprint()
         p.each("acc", "f/m", "conservative acceleration")
         if options.thermostat:
             p.next_noise(options.trial_time)

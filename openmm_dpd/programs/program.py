@@ -127,7 +127,7 @@ class Program:
         if self.options.kernel:
             self.set(DT, "dt", "so that setStepSize works")
         if self.options.settable:
-            self._hear_temperature()
+            self._agree_on_temperature()
 
     def finish(self) -> None:
         """Close what :meth:`begin` has opened; what a loop of steps has left in per-DOF variables is not there any more."""
@@ -139,7 +139,7 @@ class Program:
             self.steps.append(Step("end"))
             self.set(AHEAD, f"{AHEAD}-1")
 
-    def _hear_temperature(self) -> None:
+    def _agree_on_temperature(self) -> None:
         """Let the temperature in kelvin drive the thermal energy if it is the one that was set, and follow it if not.
 
         OpenMM's samplers set a global variable called ``temperature``.  A thermal energy that nobody changes stays as it is, bit for bit.
@@ -175,21 +175,21 @@ class Program:
         self.set(RAMP_STEP, f"{RAMP_STEP}+1")
         self.set(KT, ramp_expression(ramp, RAMP_STEP), "kT of this step")
 
-    def note(self) -> None:
+    def store_fingerprint(self) -> None:
         """Let the pair force keep the present positions."""
-        self.declare("here", 0.0, "fingerprint of the present positions and parameters")
-        self.phase(Phase.NOTE)
-        self.set("here", self.pair_energy, "the pair force keeps x")
+        self.declare("fingerprint", 0.0, "fingerprint of the present positions and parameters")
+        self.phase(Phase.FINGERPRINT)
+        self.set("fingerprint", self.pair_energy, "the pair force keeps x")
 
-    def hear(self, phase: Phase, why: str, block: int = 0) -> None:
+    def evaluate_pair_force(self, phase: Phase, why: str, block: int = 0) -> None:
         """Evaluate the pair force for what it keeps, not for what it answers."""
-        self.declare("heard", 0.0, "takes the energy of evaluations made for their side effect")
+        self.declare("unused", 0.0, "takes the energy of evaluations made for their side effect")
         self.phase(phase, block)
-        self.set("heard", self.pair_energy, why)
+        self.set("unused", self.pair_energy, why)
 
-    def keep(self) -> None:
+    def store(self) -> None:
         """Let the pair force keep the present positions, without a fingerprint."""
-        self.hear(Phase.KEEP, "the pair force keeps x")
+        self.evaluate_pair_force(Phase.STORE, "the pair force keeps x")
 
     def show(self, velocity: str) -> None:
         """Drift by tau*velocity from xs, for the pair force to see that velocity; x has to be put back afterwards."""
@@ -216,7 +216,7 @@ class Program:
         """Let the pair force read one per-DOF variable, by a displacement from xs."""
         self.set(TAU, scale, "scale of the displacement")
         self.each("x", f"xs+{TAU}*{variable}", "shows these values")
-        self.hear(Phase.READ, "the pair force reads them", block)
+        self.evaluate_pair_force(Phase.READ, "the pair force reads them", block)
 
     def keep_positions(self) -> None:
         """Remember x as xs."""
@@ -226,7 +226,7 @@ class Program:
     def keep_acceleration(self) -> None:
         """Have the conservative acceleration that the last step left, or a new one if something has changed since."""
         self.declare_per_dof("acc", "conservative acceleration at x")
-        self.note()
+        self.store_fingerprint()
         with self.if_changed():
             if self.options.kernel_conservative:
                 self.phase(Phase.CONSERVE)
@@ -234,8 +234,8 @@ class Program:
 
     def acceleration_is_kept(self) -> None:
         """End a step whose last acceleration serves the next one."""
-        self.note()
-        self.set("last", "here", "acc is valid for this")
+        self.store_fingerprint()
+        self.set("valid_for", "fingerprint", "acc is valid for this")
         self.phase(Phase.IDLE)
 
     def after_sweep(self, fields: list[str]) -> None:
@@ -269,8 +269,8 @@ class Program:
 
     def if_changed(self) -> AbstractContextManager[None]:
         """A block that runs on the first step, and whenever x, the box or a parameter is not what the last step left behind."""
-        self.declare("last", -1.0, "fingerprint at which the stored acceleration is valid")
-        return self.when("here != last", "is the stored acceleration still valid?")
+        self.declare("valid_for", -1.0, "fingerprint at which the stored acceleration is valid")
+        return self.when("fingerprint != valid_for", "is the stored acceleration still valid?")
 
     @contextmanager
     def when(self, condition: str, why: str) -> Iterator[None]:
@@ -364,7 +364,7 @@ class Program:
 
 def ramp_expression(ramp, steps: str) -> str:
     """Thermal energy on a temperature ramp after some steps; by the reciprocal of its length, since OpenMM divides by constants so."""
-    return f"{ramp.start!r}+({ramp.stop - ramp.start!r})*min(1, max(0, ({steps}-({ramp.begin}))*{1.0 / (ramp.end - ramp.begin)!r}))"
+    return f"{ramp.kT_start!r}+({ramp.kT_end - ramp.kT_start!r})*min(1, max(0, ({steps}-({ramp.first_step}))*{1.0 / (ramp.last_step - ramp.first_step)!r}))"
 
 
 def _comment(text: str, width: int, why: str) -> str:

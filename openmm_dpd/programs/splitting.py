@@ -14,10 +14,10 @@ from ..names import Phase
 from ..program_options import ProgramOptions
 from ..schemes import SWEEPS, Letter
 from .program import Program
-from .walls import reflect
+from .walls import add_reflection
 
 
-def program(options: ProgramOptions) -> Program:
+def splitting_program(options: ProgramOptions) -> Program:
     """The program of a scheme that is a word."""
     scheme = options.scheme
     return _Writer(Program(scheme.name, scheme.reference, options), scheme.steps(options.thermostat)).written()
@@ -71,7 +71,7 @@ class _Writer:
         shows = not options.walls and n + 1 < len(self.letters) and self.letters[n + 1][0] in SWEEPS
         if shows and not self.seen:
             self.put_back()
-            p.keep()
+            p.store()
         self.settle()
         start = "xs" if self.away else "x"
         if shows and options.field_blocks:
@@ -79,7 +79,7 @@ class _Writer:
             p.read(p.fields())
             start = "xs"
         p.each("x", f"{start}+{times(part)}*v", spelling("drift", part))
-        reflect(p)
+        add_reflection(p)
         self.known = self.seen = self.away = False
         self.shown = part if shows else None
         return n + 1
@@ -116,7 +116,7 @@ class _Writer:
         if self.shown is None:
             self.put_back()
             if not self.seen:
-                p.keep()
+                p.store()
                 self.seen = True
             p.keep_positions()
             p.read(fields)

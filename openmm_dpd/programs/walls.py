@@ -41,7 +41,7 @@ def variables(gaps: dict[int, Gap], n_beads: int) -> dict[str, np.ndarray]:
     return {name: np.tile(value, (n_beads, 1)) for name, value in values.items()}
 
 
-def reflect(p: Program, also: tuple[str, ...] = ()) -> None:
+def add_reflection(p: Program, also: tuple[str, ...] = ()) -> None:
     """After a drift: positions back into the gaps, velocities (and other per-DOF velocities) turned round; nothing without walls."""
     kind = p.options.walls
     if not kind:

@@ -14,7 +14,7 @@ from ..program_options import ProgramOptions
 from .program import Program
 
 
-def program(options: ProgramOptions) -> Program:
+def whole_step_program(options: ProgramOptions) -> Program:
     """Program for the options given."""
     p = Program(options.scheme.name, options.scheme.reference, options)
     p.begin()
@@ -25,14 +25,14 @@ def program(options: ProgramOptions) -> Program:
         p.declare_per_dof("acc", "acceleration at x by all the pair force holds, friction and noise included")
         for name in rates:
             p.declare_per_dof(name, "change of the field per time, at x")
-        p.note()
+        p.store_fingerprint()
         shown += [(RATES + k, name, repr(options.field_shown)) for k, name in enumerate(rates)]
         shown.append((ACCELERATION, "acc", repr(SHOWN)))
     before, after = options.slow_kicks
     if options.slow_every > 1:
         p.declare(SLOW_STEP, 0.0, "steps done since forces that stay OpenMM's kicked")
     if options.slow_every > 1 or not before:
-        p.keep()
+        p.store()
     if before and options.predicting:
         p.declare_per_dof("v0", "velocities before that")
         p.each("v0", "v", "what friction depends on where the acceleration has to be computed")
@@ -46,13 +46,15 @@ def program(options: ProgramOptions) -> Program:
         p.show_values(*entry)
     history = shown[len(fields) :]
     if history:
-        p.declare("last", -1.0, "fingerprint at which the acceleration is valid")
-        with p.when("here = last", "is the acceleration still valid? If not the pair force computes it"):
+        p.declare("valid_for", -1.0, "fingerprint at which the acceleration is valid")
+        with p.when("fingerprint = valid_for", "is the acceleration still valid? If not the pair force computes it"):
             for entry in history:
                 p.show_values(*entry)
         if before:
             with (
-                nullcontext() if options.lam != 0.5 and each_step else p.when("here != last", "do the velocities before that kick matter?")
+                nullcontext()
+                if options.lam != 0.5 and each_step
+                else p.when("fingerprint != valid_for", "do the velocities before that kick matter?")
             ):
                 p.show_values(PREDICTED, "v0", repr(SHOWN))
     p.show_by(repr(SHOWN))
@@ -69,8 +71,8 @@ def program(options: ProgramOptions) -> Program:
     if options.noises:
         p.set("dpd_counter", f"dpd_counter+{options.noises}", "noise that was used")
     if history:
-        p.note()
-        p.set("last", "here", "acc is valid for this")
+        p.store_fingerprint()
+        p.set("valid_for", "fingerprint", "acc is valid for this")
     if each_step:
         _slow_kick(p, after)
     else:
@@ -84,5 +86,5 @@ def program(options: ProgramOptions) -> Program:
 
 def _slow_kick(p: Program, steps: float) -> None:
     if steps:
-        p.phase(Phase.KEEP)
+        p.phase(Phase.STORE)
         p.each("v", f"v+{steps!r}*dt*f/m", "kick by forces that stay OpenMM's; the pair force keeps x")

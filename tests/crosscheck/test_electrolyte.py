@@ -77,14 +77,14 @@ def test_one_configuration(styles, factor):
         charges=q,
         bonds=[dpd.HarmonicBonds(np.array(bonds) - 1, 0.0, 0.0)],
         electrostatics=dpd.SlaterCharges(
-            lamda=0.25, permittivity=0.5 * dpd.units.COULOMB, cutoff=4.0, tolerance=1e-8, special=(factor, 1.0, 1.0)
+            lamda=0.25, permittivity=0.5 * dpd.units.COULOMB, cutoff=4.0, tolerance=1e-8, bonded_factors=(factor, 1.0, 1.0)
         ),
     )
     built = dpd.build(scene, dt=0.01, platform="Reference", scheme="mvv")
     sample = dpd.Observer(built).sample(built.simulation().context)
     terms = dpd.force_terms(built)
     total = terms["conservative"] + terms["electrostatic"] + terms["bond"]
-    assert sample.short + sample.lattice == pytest.approx(theirs["ecoul"] + theirs["elong"], rel=2e-6)
+    assert sample.coulomb_real + sample.coulomb_reciprocal == pytest.approx(theirs["ecoul"] + theirs["elong"], rel=2e-6)
     assert sample.pair == pytest.approx(theirs["pe"], rel=1e-6)
     np.testing.assert_allclose(total, forces.reshape(n, 3), atol=1e-6 * np.sqrt(np.mean(forces**2)) * 10)
     assert sample.pressure() == pytest.approx(theirs["press"], rel=2e-6)
@@ -141,7 +141,7 @@ def test_ion_pairs_do_not_collapse(device):
         simulation.step(20)
         sample = observer.sample(simulation.context)
         kT.append(sample.kT)
-        energy.append(sample.short + sample.lattice)
+        energy.append(sample.coulomb_real + sample.coulomb_reciprocal)
     mean = block_average(np.array(kT))
     assert mean.mean == pytest.approx(1.0, abs=4 * mean.sem + 0.01)
     # no lower than every ion in the middle of an opposite one

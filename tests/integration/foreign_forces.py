@@ -4,7 +4,7 @@ Every cell has an answer that needs no other run: pair terms conserve momentum, 
 exactly its impulse; a bond with a linear potential drives two particles, to which nothing else happens, apart by exactly its impulse; a
 constrained distance stays; a volume moves.
 
-python foreign_forces.py [LEVEL ...] runs every cell that has one of the levels named of each factor of which one is named (embed CPU Reference,
+python foreign_forces.py [LEVEL ...] runs every cell that has one of the levels named of each factor of which one is named (create_mixed_system CPU Reference,
 say; all by default), and prints those that are wrong.
 """
 
@@ -24,7 +24,7 @@ from openmm import app, unit
 
 import openmm_dpd as dpd
 
-#: Levels of every factor.  ``when``: before add_thermostat or embed, after it or after build, or after some steps, before
+#: Levels of every factor.  ``when``: before add_thermostat or create_mixed_system, after it or after build, or after some steps, before
 #: ``context.reinitialize(preserveState=True)``.  ``made``: the Simulation comes from this package or from app.Simulation.
 LEVELS: dict[str, tuple] = {
     "kind": ("external", "bond", "cv", "metadynamics", "constraint", "barostat"),
@@ -32,7 +32,7 @@ LEVELS: dict[str, tuple] = {
     "scheme": ("mvv", "shardlow", "middle", "aboba", "bababo", "native"),
     "platform": ("Reference", "CPU", "OpenCL"),
     "conservative": ("auto", "openmm", "kernel"),
-    "way": ("build", "add_thermostat", "embed"),
+    "way": ("build", "add_thermostat", "create_mixed_system"),
     "when": ("before", "after", "reinitialized"),
     "made": ("own", "app"),
 }
@@ -249,7 +249,7 @@ def among_beads(case: Case, cell: Cell) -> None:
     )
     names = [None, None] + ["Ar"] * (len(case.masses) - 2)
     cross = {("Ar", "W"): dpd.DPD(A=60, gamma=60, cutoff=0.65)}
-    whole = dpd.embed(
+    whole = dpd.create_mixed_system(
         scene,
         case.topology,
         case.system,
@@ -357,7 +357,7 @@ def refusable(cell: Cell) -> str | None:
     """A word that the reason must have where a refusal is as good as an effect: a copy of a CustomCVForce is out of its maker's reach."""
     if cell.kind == "constraint":
         return "constrain"
-    if cell.kind in ("cv", "metadynamics") and (cell.way, cell.when) == ("embed", "before"):
+    if cell.kind in ("cv", "metadynamics") and (cell.way, cell.when) == ("create_mixed_system", "before"):
         return "customcvforce"
     return None
 
@@ -383,12 +383,12 @@ def run(cell: Cell) -> str:
 def _run(cell: Cell) -> str:
     add = ADD[cell.kind]
     expected = None
-    case = {"build": lambda: beads(cell), "add_thermostat": argon, "embed": atoms}[cell.way]()
+    case = {"build": lambda: beads(cell), "add_thermostat": argon, "create_mixed_system": atoms}[cell.way]()
     if cell.when == "before":
         expected = add(case, cell.group)
     if cell.way == "add_thermostat":
         with_thermostat(case, cell)
-    elif cell.way == "embed":
+    elif cell.way == "create_mixed_system":
         among_beads(case, cell)
     if cell.when == "after":
         expected = add(case, cell.group)

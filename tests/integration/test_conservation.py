@@ -102,7 +102,7 @@ def energy_errors(scene, device, dt, time, conservative, choices) -> float:
 def test_energy_without_friction_is_conserved_to_second_order(choices, conservative):
     """Half the step, a quarter of the error (3 to 5 allowed: the force has a kink at the cutoff); soft beads and bonds, no PythonForce needed."""
     table = {("A", "A"): D(A=25), ("A", "B"): D(A=35, cutoff=1.2), ("B", "B"): D(A=18)}
-    scene = chains(BOXES["ortho"], n=70, table=table, k=30.0, special=(1.0, 0.5, 1.0))
+    scene = chains(BOXES["ortho"], n=70, table=table, k=30.0, bonded_factors=(1.0, 0.5, 1.0))
     coarse, fine = (energy_errors(scene, REFERENCE, dt, 0.5, conservative, choices) for dt in (0.01, 0.005))
     if choices["scheme"] == "bababo":  # so accurate that the kinks take part
         assert coarse < 0.002 * scene.n_beads

@@ -87,7 +87,7 @@ class Steps:
         self.counter += 1
         self.engine.prepare(self.x, self.box)
         self.v = self.v + self.engine.sweep(self.v, 1.0, self.dt, SEED, self.counter, self.u)
-        self.u = self.u + self.engine.flow
+        self.u = self.u + self.engine.increments
 
     def step(self):
         dt = self.dt
@@ -258,7 +258,7 @@ def test_reading_and_setting(device):
     close = {"rtol": device.choose(1e-12, 1e-6, 1e-6)}
     fields = read_fields(simulation.context, plan)
     assert set(fields) == {"u_cond", "u_mech", "theta"}
-    np.testing.assert_allclose(fields["theta"], scene.internal.temperatures, **close)
+    np.testing.assert_allclose(fields["theta"], scene.internal.thetas, **close)
     simulation.step(3)
     write_fields(simulation.context, plan, theta=300 * unit.kelvin)
     fields = read_fields(simulation.context, plan)

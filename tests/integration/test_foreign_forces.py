@@ -258,7 +258,7 @@ def one_line(error: BaseException) -> None:
 @pytest.mark.parametrize("scheme", OWN)
 @HOST
 @CONSERVATIVE
-@pytest.mark.parametrize("way", ["build", "add_thermostat", "embed"])
+@pytest.mark.parametrize("way", ["build", "add_thermostat", "create_mixed_system"])
 def test_a_force_in_the_group_of_the_pair_terms_is_refused_or_right(scheme, platform, conservative, way):
     """Added after them, where nobody can move it."""
     if way != "build" and conservative == "kernel":
@@ -274,7 +274,7 @@ def test_a_force_in_the_group_of_the_pair_terms_is_refused_or_right(scheme, plat
 @pytest.mark.slow
 @pytest.mark.parametrize("scheme", OWN)
 @HOST
-@pytest.mark.parametrize("way", ["build-openmm", "build-kernel", "add_thermostat", "embed"])
+@pytest.mark.parametrize("way", ["build-openmm", "build-kernel", "add_thermostat", "create_mixed_system"])
 @pytest.mark.parametrize("how", ["by number", "all in one", "pair terms to 0", "others to 31"])
 def test_renumbered_groups_are_refused_or_right(scheme, platform, way, how):
     """The usual idiom for energies by term: a group for each force, before the Simulation is made."""
@@ -282,10 +282,10 @@ def test_renumbered_groups_are_refused_or_right(scheme, platform, way, how):
     cell = Cell("external", 0, scheme, platform, conservative or "auto", way, "after", "app")
     found = []
     for renumber in (False, True):
-        case = {"build": lambda: cells.beads(cell), "add_thermostat": cells.argon, "embed": cells.atoms}[way]()
+        case = {"build": lambda: cells.beads(cell), "add_thermostat": cells.argon, "create_mixed_system": cells.atoms}[way]()
         if way == "add_thermostat":
             cells.with_thermostat(case, cell)
-        elif way == "embed":
+        elif way == "create_mixed_system":
             cells.among_beads(case, cell)
         forces = case.system.getForces()
         own = max(force.getForceGroup() for force in forces)
@@ -477,5 +477,5 @@ def test_a_force_reaches_every_bead_that_it_names(scheme, platform, conservative
 def test_cells_that_make_sense_are_all_there():
     """Nothing of the product is left out but what has no meaning."""
     some = Cell("bond", 7, "middle", "CPU", "auto", "build", "after", "own")
-    assert some in cells.cells() and replace(some, way="embed", when="before", group=31) in cells.cells()
+    assert some in cells.cells() and replace(some, way="create_mixed_system", when="before", group=31) in cells.cells()
     assert replace(some, when="before") not in cells.cells()

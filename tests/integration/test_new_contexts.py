@@ -19,7 +19,7 @@ SCHEMES = ("mvv", "shardlow", "middle", "aboba", "bababo")
 SCHEME = pytest.mark.parametrize("scheme", SCHEMES)
 
 
-def built(scheme="middle", kT=1.0, seed=3, **choices) -> dpd.Built:
+def built(scheme="middle", kT=1.0, seed=3, **choices) -> dpd.BuiltSystem:
     v = np.random.default_rng(2).normal(size=(81, 3))
     return dpd.build(beads(kT=kT, velocities=v - v.mean(axis=0)), dt=0.02, scheme=scheme, platform="CPU", seed=seed, **choices)
 

@@ -88,7 +88,7 @@ def test_no_exclusions_and_no_bond_force_without_need(conservative):
     if conservative == "openmm":
         assert kinds(built)["CustomNonbondedForce"].getNumExclusions() == 0
     # bonded neighbours whose factors are all 1 need no exception either
-    built = build(chains(special=(1.0, 1.0, 1.0), k=10.0), conservative=conservative)
+    built = build(chains(bonded_factors=(1.0, 1.0, 1.0), k=10.0), conservative=conservative)
     assert "CustomCompoundBondForce" not in kinds(built)
     assert len(built.plan.exceptions) == 0 and len(built.plan.spec.exceptions[0]) == 0
     if conservative == "openmm":
@@ -96,7 +96,7 @@ def test_no_exclusions_and_no_bond_force_without_need(conservative):
 
 
 def test_factors_of_zero_need_no_bond_force_that_puts_back():
-    built = build(chains(special=(0.0, 1.0, 1.0), k=10.0), conservative="openmm")
+    built = build(chains(bonded_factors=(0.0, 1.0, 1.0), k=10.0), conservative="openmm")
     assert "CustomCompoundBondForce" not in kinds(built)
     assert kinds(built)["CustomNonbondedForce"].getNumExclusions() == len(built.plan.scene.bond_pairs)
 
@@ -132,7 +132,7 @@ def test_only_the_forces_of_the_scene_have_parameters_of_types():
     lennard_jones = dpd.PairTable({("*", "*"): dpd.LennardJones(1.0, 0.5, 1.2)})
     scene = dpd.Scene({"W": 1.0}, ["W"] * 20, np.random.default_rng(1).random((20, 3)) * 4, [lennard_jones, friction], 1.0, box=[4.0] * 3)
     built = build(scene, loop=False)
-    assert len(built.plan.layers) == len(built.plan.partners) == 1
+    assert len(built.plan.layers) == len(built.plan.overlays) == 1
     assert built.plan.conservative == "none"
     assert sorted(type(f).__name__ for f in built.system.getForces()) == ["CustomNonbondedForce", "CustomNonbondedForce", "PythonForce"]
     # the second one is the virial, in a group nobody integrates and switched off
@@ -240,5 +240,5 @@ def test_a_table_whose_pairs_are_all_overwritten_is_none():
     gone = {("A", "A"): dpd.LennardJones(1.0, 0.3, 0.9), ("*", "*"): dpd.NONE}
     scene = dpd.Scene({"A": 1.0}, ["A"] * 30, np.random.default_rng(1).random((30, 3)) * 3, [empty, gone], kT=1.0, box=[3.0] * 3)
     plan = dpd.make_plan(scene, dt=0.01, platform="CPU", seed=1)
-    assert plan.layers == plan.partners == () and plan.conservative == "none"
+    assert plan.layers == plan.overlays == () and plan.conservative == "none"
     dpd.build(scene, dt=0.01, platform="CPU", seed=1).simulation().step(2)

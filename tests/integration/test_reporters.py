@@ -88,7 +88,9 @@ def test_columns_that_will_be_nan_are_named_with_the_reason(caplog):
 # -- what is refused -------------------------------------------------------------------------------------------------------------
 def test_a_wrong_argument_is_named_and_nothing_follows(tmp_path):
     """An exception in __del__, which Python only prints, is an error under pytest."""
-    with pytest.raises(ParameterError, match=r"^DPDReporter wants as built what openmm_dpd.build\(\) or embed\(\) returned, not a Scene$"):
+    with pytest.raises(
+        ParameterError, match=r"^DPDReporter wants as built what openmm_dpd.build\(\) or create_mixed_system\(\) returned, not a Scene$"
+    ):
         dpd.DPDReporter(tmp_path / "x", 10, scene())
     with pytest.raises(TypeError):
         dpd.DPDReporter(tmp_path / "x", 10)

@@ -251,7 +251,7 @@ def test_the_step_size_is_that_of_the_script(platform, how, scheme, tmp_path):
 def test_a_ramp_goes_on_where_it_was(platform, how, scheme, tmp_path, caplog):
     """Written in the middle of the ramp; nothing is said, and nothing refused."""
     caplog.set_level(logging.WARNING, "openmm_dpd")
-    ramp = dpd.TemperatureRamp(start=1.0, stop=2.0, begin=4, end=20)
+    ramp = dpd.TemperatureRamp(kT_start=1.0, kT_end=2.0, first_step=4, last_step=20)
     first, second = script(platform, scheme, kT=ramp, seed=3), script(platform, scheme, kT=ramp, seed=3)
     first.step(BEFORE)
     hand_over(first, second, how, tmp_path)

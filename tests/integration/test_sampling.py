@@ -103,10 +103,10 @@ def test_what_was_set_last_holds_without_a_step_between(way, first, second):
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize("platform", ["Reference", "CPU", "OpenCL"])
 def test_beads_among_atoms_take_temperatures_as_well(scheme, platform):
-    """With embed; everything at 300 K at the start."""
+    """With create_mixed_system; everything at 300 K at the start."""
     if foreign_forces.lacking(platform):
         pytest.skip(foreign_forces.lacking(platform))
-    cell = foreign_forces.Cell("external", 0, scheme, platform, "auto", "embed", "after", "own")
+    cell = foreign_forces.Cell("external", 0, scheme, platform, "auto", "create_mixed_system", "after", "own")
     case = foreign_forces.atoms()
     foreign_forces.among_beads(case, cell)
     simulation = case.simulation(platform, True)

@@ -69,7 +69,9 @@ def test_minimising_atoms_and_beads_on_opencl(device):
     system.setDefaultPeriodicBoxVectors(*(np.eye(3) * EDGE))
     soft = dpd.DPD(A=25, gamma=4.5)
     beads = dpd.Scene({"W": 40.0}, ["W"] * 60, np.random.default_rng(2).random((60, 3)) * EDGE, {("W", "W"): soft}, kT=1.0, box=[EDGE] * 3)
-    whole = dpd.embed(beads, topology, system, x, atoms=["C"] * 4, cross={("C", "W"): soft}, dt=0.002, platform="OpenCL", seed=3)
+    whole = dpd.create_mixed_system(
+        beads, topology, system, x, atoms=["C"] * 4, cross={("C", "W"): soft}, dt=0.002, platform="OpenCL", seed=3
+    )
     simulation = whole.simulation(properties=device.properties)
     before = energy_and_velocities(simulation)[0]
     simulation.minimizeEnergy(maxIterations=50)

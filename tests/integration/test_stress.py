@@ -16,7 +16,7 @@ import openmm_dpd as dpd
 from openmm_dpd.analysis import StressReporter, green_kubo_viscosity, surface_tension
 from openmm_dpd.analysis.stress_parts import charge_virial, stress_parts
 from openmm_dpd.bonded_sums import bonded_stress
-from openmm_dpd.forces.partners import energy_spline
+from openmm_dpd.forces.overlays import energy_spline
 from openmm_dpd.kinds import kind_for
 from openmm_dpd.lammps import read_deck
 
@@ -155,7 +155,9 @@ def test_charges_against_lammps():
         theirs = np.array([lmp.get_thermo(f"p{name}") for name in COMPONENTS])
         x, q = (np.array(lmp.gather_atoms(name, 1, count)) for name, count in (("x", 3), ("q", 1)))
     box = np.array([[8.0, 0, 0], [1.0, 7.5, 0], [-0.5, 0.7, 8.5]])
-    charges = dpd.SlaterCharges(lamda=0.25, permittivity=0.5 * dpd.units.COULOMB, cutoff=3.7, tolerance=1e-5, special=(0.5, 1.0, 1.0))
+    charges = dpd.SlaterCharges(
+        lamda=0.25, permittivity=0.5 * dpd.units.COULOMB, cutoff=3.7, tolerance=1e-5, bonded_factors=(0.5, 1.0, 1.0)
+    )
     bonds = [dpd.HarmonicBonds([(0, 15), (1, 16)], 0.0, 0.0)]
     scene = beads(
         60,
@@ -224,7 +226,7 @@ def everything(name: str) -> dpd.Scene:
     friction = dpd.PairTable({("W", "W"): dpd.DPD(gamma=2.0)})
     q = np.resize([1.0, -1.0, 0.0], len(x))
     gaussian = dpd.GaussianCharges(width=0.4, bjerrum_length=2.0, cutoff=2.7, alpha=1.5, grid=(40, 40, 40), tolerance=1e-6)
-    factors = {"bonds": [dpd.HarmonicBonds(bonds, 0.0, 0.0)], "special": (0.0, 0.5, 1.0)}
+    factors = {"bonds": [dpd.HarmonicBonds(bonds, 0.0, 0.0)], "bonded_factors": (0.0, 0.5, 1.0)}
     options = {
         "bonds": {"bonds": [dpd.FENEBonds(bonds[::2], 30, 2.5, 0.8, 0.9), dpd.MorseBonds(bonds[1::2], 12, 1.7, 0.6)]},
         "angles": {"angles": [dpd.HarmonicAngles(angles[::2], 6, 110 * unit.degree), dpd.CosineAngles(angles[1::2], 4)]},

@@ -105,7 +105,7 @@ def test_factors_of_bonded_neighbours_keep_the_temperature(choices):
     rng = np.random.default_rng(2)
     x = np.repeat(rng.random((50, 3)) * 6, 4, axis=0) + rng.normal(size=(n, 3)) * 0.3
     table = {("W", "W"): D(A=25, gamma=10.0, gamma_perp=5.0)}
-    scene = beads(n, edge=6.0, positions=x, table=table, bonds=[bonds], special=(0.5, 0.25, 0.0))
+    scene = beads(n, edge=6.0, positions=x, table=table, bonds=[bonds], bonded_factors=(0.5, 0.25, 0.0))
     mean, error = temperature(scene, dt=0.005, steps=3000, conservative="kernel", **choices)
     assert error < 0.02
     assert abs(mean - 1.0) < 4 * error

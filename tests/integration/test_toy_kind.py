@@ -23,7 +23,7 @@ from openmm_dpd.forces.expressions import PairExpression, parameters, type_pairs
 from openmm_dpd.kernels.dpd import DPDLayer, TermTable
 from openmm_dpd.kernels.layer import CONSERVATIVE
 from openmm_dpd.lammps import export_lammps
-from openmm_dpd.model.bonds import minimum_image
+from openmm_dpd.model.bonds import minimum_images
 from openmm_dpd.model.pairs import PairCoefficient
 from openmm_dpd.schemes import SCHEMES
 
@@ -81,8 +81,8 @@ class ExponentialLayer:
         energy = np.sum(width * force + A * end * (r - cutoff))
         return replace(sums, energy=sums.energy + float(energy), virial=sums.virial + float(force @ r))
 
-    def sweep(self, call, v, flow):
-        self._friction.sweep(call, v, flow)
+    def sweep(self, call, v, increments):
+        self._friction.sweep(call, v, increments)
 
     def laplacian(self):
         i, j, _, r, A, width, cutoff = self._pairs()
@@ -143,7 +143,7 @@ def scene(pairs=PAIRS, **options) -> dpd.Scene:
 
 def expected_on(bead, x, types):
     """The formulas once more: energy, force on a bead and its virial."""
-    d = minimum_image(x[bead] - np.delete(x, bead, axis=0), BOX)
+    d = minimum_images(x[bead] - np.delete(x, bead, axis=0), BOX)
     r = np.linalg.norm(d, axis=1)
     terms = [PAIRS[tuple(sorted((types[bead], other)))] for k, other in enumerate(types) if k != bead]
     A, width, cutoff = (np.array([getattr(c, name) for c in terms]) for name in ("A", "width", "cutoff"))
@@ -225,7 +225,7 @@ def test_what_it_cannot_is_refused(register, tmp_path):
     with pytest.raises(ParameterError, match="friction must be a DPD"):
         dpd.add_thermostat(system, Exponential(A=0.0, gamma=4.5), 300, 0.002)
     with pytest.raises(PlanError, match="Exponential is for beads alone"):
-        dpd.embed(beads, app.Topology(), system, np.zeros((4, 3)), atoms=["X"] * 4, cross={}, dt=0.01)
+        dpd.create_mixed_system(beads, app.Topology(), system, np.zeros((4, 3)), atoms=["X"] * 4, cross={}, dt=0.01)
 
 
 def test_a_kind_that_makes_no_sense_is_refused(register):

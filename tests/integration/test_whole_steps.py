@@ -238,7 +238,7 @@ def test_very_many_words(word):
     ],
 )
 def test_programs_with_a_drift_between_two_sweeps(word, conservative):
-    """... as loop=False, other platforms, add_thermostat and embed run them."""
+    """... as loop=False, other platforms, add_thermostat and create_mixed_system run them."""
     agrees_with_letters(word, (False, conservative))
 
 

@@ -394,7 +394,7 @@ def test_after_energies_were_set(scheme, change):
     simulation = started("energies", scheme)
     change(simulation)
     if scheme == "mvv":  # what is set by hand leaves the rates of before; OpenMM does not tell
-        simulation.integrator.setGlobalVariableByName("last", -1.0)
+        simulation.integrator.setGlobalVariableByName("valid_for", -1.0)
     follows(simulation, "energies", scheme)
 
 

@@ -39,7 +39,7 @@ def evaluate(scene, device):
     context = built.simulation(properties=device.properties).context
     found = dpd.Observer(built).sample(context)
     forces = dpd.force_terms(built, properties=device.properties)["electrostatic"]
-    return found.short + found.lattice, forces, found.virial_conservative
+    return found.coulomb_real + found.coulomb_reciprocal, forces, found.virial_conservative
 
 
 def exact_pair(kind, width, r):
@@ -149,7 +149,7 @@ def test_virial_is_the_derivative_of_the_energy(loop):
         built = dpd.build(scene(x * s, q, electrostatics, [5.0 * s] * 3), dt=0.01, platform="Reference", seed=1, loop=loop)
         context = built.simulation().context
         sample = dpd.Observer(built).sample(context)
-        return sample.short + sample.lattice, sample.virial_conservative
+        return sample.coulomb_real + sample.coulomb_reciprocal, sample.virial_conservative
 
     h = 1e-4
     assert at(1.0)[1] == pytest.approx(-(at(1 + h)[0] - at(1 - h)[0]) / (2 * h), rel=2e-5)
@@ -168,7 +168,7 @@ def test_factors_of_bonded_neighbours(periodic, device):
     special = (0.0, 0.5, 0.8)
     box = np.eye(3) * 6.0 if periodic else None
     electrostatics = charges_of("slater", 0.25, tolerance=1e-6)
-    bonded = scene(x, q, electrostatics, box, bonds=[dpd.HarmonicBonds(pairs, 0.0, 0.0)], special=special)
+    bonded = scene(x, q, electrostatics, box, bonds=[dpd.HarmonicBonds(pairs, 0.0, 0.0)], bonded_factors=special)
     energy, forces, _ = evaluate(bonded, device)
     wanted, pull = (lattice_sum(x, q, box, slater_tail, 0.25)[:2]) if periodic else (0.0, np.zeros_like(x))
     for i in range(16):
@@ -187,11 +187,11 @@ def test_factors_of_bonded_neighbours(periodic, device):
 
 
 def test_charges_have_factors_of_their_own():
-    """``special`` of the charges beside that of the scene."""
+    """``bonded_factors`` of the charges beside that of the scene."""
     x, q = np.array([[1.0, 1, 1], [1.4, 1, 1]]), np.array([1.0, -1.0])
     bonds = [dpd.HarmonicBonds([(0, 1)], 0.0, 0.0)]
     found = [
-        evaluate_energy(scene(x, q, charges_of("slater", 0.25, special=own), None, bonds=bonds, special=(0.25, 1, 1)))
+        evaluate_energy(scene(x, q, charges_of("slater", 0.25, bonded_factors=own), None, bonds=bonds, bonded_factors=(0.25, 1, 1)))
         for own in (None, (0.5, 1.0, 1.0))
     ]
     whole = -exact_pair("slater", 0.25, 0.4)[0]
@@ -201,7 +201,7 @@ def test_charges_have_factors_of_their_own():
 def evaluate_energy(scene):
     built = dpd.build(scene, dt=0.01, platform="Reference", seed=1)
     sample = dpd.Observer(built).sample(built.simulation().context)
-    return sample.short + sample.lattice
+    return sample.coulomb_real + sample.coulomb_reciprocal
 
 
 def test_opposite_charges_at_the_same_point(device):
@@ -215,7 +215,7 @@ def test_opposite_charges_at_the_same_point(device):
     simulation = built.simulation(properties=device.properties)
     first = dpd.Observer(built).sample(simulation.context)
     assert np.all(np.isfinite(first.forces))
-    assert first.short + first.lattice < -10 / 0.25 * 0.8
+    assert first.coulomb_real + first.coulomb_reciprocal < -10 / 0.25 * 0.8
     simulation.step(20)
     assert np.isfinite(dpd.Observer(built).sample(simulation.context).potential)
 
@@ -229,7 +229,7 @@ def test_every_scheme_runs_with_charges(scheme, device):
     simulation = built.simulation(properties=device.properties)
     simulation.step(10)
     sample = dpd.Observer(built).sample(simulation.context)
-    assert np.isfinite(sample.potential) and np.isfinite(sample.pressure()) and sample.lattice != 0
+    assert np.isfinite(sample.potential) and np.isfinite(sample.pressure()) and sample.coulomb_reciprocal != 0
     np.testing.assert_allclose(sample.momentum, 0, atol=5e-3)  # PME conserves momentum to its accuracy
 
 
@@ -243,7 +243,7 @@ def test_energy_is_conserved_without_friction():
     for _ in range(10):
         simulation.step(20)
         totals.append(observer.sample(simulation.context).total)
-    assert np.ptp(totals) < 0.02 * abs(np.mean([observer.sample(simulation.context).short]))
+    assert np.ptp(totals) < 0.02 * abs(np.mean([observer.sample(simulation.context).coulomb_real]))
 
 
 def test_one_list_or_all_pairs():
@@ -292,7 +292,7 @@ BAD = [
     ("cutoff of SlaterCharges must be", {"lamda": 1, "permittivity": 1, "cutoff": 0}),
     ("tolerance of SlaterCharges must be between", {"lamda": 1, "permittivity": 1, "tolerance": 0.5}),
     ("grid of SlaterCharges must be three", {"lamda": 1, "permittivity": 1, "grid": (8, 8)}),
-    ("special of SlaterCharges must be three", {"lamda": 1, "permittivity": 1, "special": (1, 1, 2)}),
+    ("bonded_factors of SlaterCharges must be three", {"lamda": 1, "permittivity": 1, "bonded_factors": (1, 1, 2)}),
 ]
 
 

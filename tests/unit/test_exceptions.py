@@ -34,7 +34,7 @@ def test_factor_of_bonded_neighbours(kind, types):
         table,
         kT=1,
         bonds=[dpd.HarmonicBonds([[0, 1]], k=0, r0=1)],
-        special=(0.5, 1.0, 1.0),
+        bonded_factors=(0.5, 1.0, 1.0),
     )
     built = dpd.build(scene, dt=0.01, platform="Reference", conservative="openmm", seed=1)
     state = built.simulation().context.getState(energy=True, forces=True)

@@ -94,7 +94,7 @@ def pair_of_beads(f=1.0, distance=0.5, compat="consistent", **changes) -> dpd.Sc
     x, v = np.array([[0.0, 0, 0], [0.6 * distance, 0, -0.8 * distance]]), np.array([[0.3, 1.0, -0.2], [-0.5, 0.4, 0.9]])
     bonds = [dpd.HarmonicBonds(np.array([[0, 1]]), 0.0, 0.5)]
     internal = BeadTemperatures(np.array([0.8, 1.7]), np.array([2.0, 5.0]))
-    options = {"velocities": v, "internal": internal, "bonds": bonds, "special": (f, 1, 1), "compat": compat}
+    options = {"velocities": v, "internal": internal, "bonds": bonds, "bonded_factors": (f, 1, 1), "compat": compat}
     return dpd.Scene(MASSES, ["A", "B"], x, {("*", "*"): EDPD(**values)}, 1.0, **options)
 
 

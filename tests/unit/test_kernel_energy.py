@@ -115,7 +115,7 @@ def test_frozen_sweep_equals_the_oracle(box):
     )  # fmt: skip
     change = engine.sweep(scene.velocities, 1.0, DT, SEED, COUNTER, u)
     close(scene.velocities + change, expected.v)
-    close(u + engine.flow, np.column_stack([expected.u_cond, expected.u_mech]))
+    close(u + engine.increments, np.column_stack([expected.u_cond, expected.u_mech]))
 
 
 @pytest.mark.parametrize("scheme", ["middle", "shardlow"])
@@ -129,10 +129,10 @@ def test_a_sweep_conserves_energy_and_momentum(box, dt, scheme):
     u = scene.internal.energies(scene.type_ids, scene.type_names)
     change = engine.sweep(v, 1.0, dt, SEED, COUNTER, u)
     kinetic = [0.5 * mass @ np.sum(w**2, axis=1) for w in (v, v + change)]
-    assert abs(kinetic[1] - kinetic[0] + engine.flow.sum()) < 1e-13 * (kinetic[0] + u.sum())
-    assert abs(engine.flow[:, 0].sum()) < 1e-14 * u.sum()
+    assert abs(kinetic[1] - kinetic[0] + engine.increments.sum()) < 1e-13 * (kinetic[0] + u.sum())
+    assert abs(engine.increments[:, 0].sum()) < 1e-14 * u.sum()
     assert np.abs(mass @ change).max() < 1e-13 * mass @ np.abs(v).sum(axis=1)
-    assert np.abs(engine.flow).max() > 1e-4 * dt
+    assert np.abs(engine.increments).max() > 1e-4 * dt
 
 
 def test_small_steps_of_both_forms_agree():
@@ -144,7 +144,7 @@ def test_small_steps_of_both_forms_agree():
     rates = engine.rates.copy()
     change = engine.sweep(v, 1.0, dt, SEED, COUNTER, u)
     np.testing.assert_allclose(change, dt * force / scene.bead_masses[:, None], atol=3e-3 * np.abs(change).max())
-    np.testing.assert_allclose(engine.flow, dt * rates, atol=3e-3 * np.abs(engine.flow).max())
+    np.testing.assert_allclose(engine.increments, dt * rates, atol=3e-3 * np.abs(engine.increments).max())
 
 
 # -- what the exact update samples -----------------------------------------------------------------------------------------------------
@@ -165,7 +165,7 @@ def sampled(scene, scheme, dt, sweeps, thin):
     rows = []
     for k in range(sweeps):
         v += engine.sweep(v, 1.0, dt, SEED, k, u)
-        u = u + engine.flow
+        u = u + engine.increments
         if k % thin == 0 and k > 20 * thin:
             rows.append((u[0].sum(), 0.5 * scene.bead_masses @ np.sum(v**2, axis=1)))
     return np.array(rows).T, u.sum() + 0.5 * scene.bead_masses @ np.sum(v**2, axis=1)
@@ -232,7 +232,7 @@ def test_threads_give_the_same_bits():
             engine = prepared(scene)
             force = engine.forces(7, scene.velocities, 1.0, DT, SEED, COUNTER, u)[1]
             rates = engine.rates.copy()
-            results.append((force, rates, engine.sweep(scene.velocities, 1.0, DT, SEED, COUNTER, u), engine.flow.copy()))
+            results.append((force, rates, engine.sweep(scene.velocities, 1.0, DT, SEED, COUNTER, u), engine.increments.copy()))
         finally:
             set_threads(None)
     for one, two in zip(*results, strict=True):
@@ -246,7 +246,7 @@ def test_factors_act_on_forces_and_their_heat():
     u = scene.internal.energies(scene.type_ids, scene.type_names)
     change = engine.sweep(v, 1.0, DT, SEED, COUNTER, u)
     kinetic = [0.5 * mass @ np.sum(w**2, axis=1) for w in (v, v + change)]
-    assert abs(kinetic[1] - kinetic[0] + engine.flow.sum()) < 1e-13 * (kinetic[0] + u.sum())
+    assert abs(kinetic[1] - kinetic[0] + engine.increments.sum()) < 1e-13 * (kinetic[0] + u.sum())
 
 
 # -- walls and errors ---------------------------------------------------------------------------------------------------------------------

@@ -113,7 +113,7 @@ def everything(box):
         box=vectors,
         bonds=[dpd.HarmonicBonds(bonds[::2], 30.0, 0.6), dpd.FENEBonds(bonds[1::2], 20.0, 1.2)],
         angles=[dpd.CosineAngles(angles, 3.0)],
-        special=(0.0, 0.5, 0.25),
+        bonded_factors=(0.0, 0.5, 0.25),
         segments=dpd.SegmentalRepulsion(20.0, 0.6),
         body_forces=[dpd.BodyForce((0.1, 0, 0), types="A"), dpd.PositionForce(("sin(z)", "0", "0")), dpd.BodyForce((0, 0, -0.2))],
     )
@@ -124,7 +124,7 @@ def test_everything_of_a_scene(box, two_threads):
     """Together they are all forces of the System but the pair terms, and the one force that has no kernel."""
     scene = everything(box)
     built = dpd.build(scene, dt=0.01, platform="Reference", conservative="kernel", seed=1, loop=False)
-    terms = extras(scene, built.plan.partners, built.plan.exceptions)
+    terms = extras(scene, built.plan.overlays, built.plan.exceptions)
     assert [type(term) for term in terms] == [BondTerms, AngleTerms, RadialTerms, RadialTerms, SegmentTerms, BodyTerms, BodyTerms]
     forces = [force for force in built.system.getForces() if force.getName() not in (PAIR_FORCE, "position force")]
     x = scene.positions.copy()

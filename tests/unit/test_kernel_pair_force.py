@@ -11,7 +11,7 @@ from openmm import unit
 from scenes import BOXES, EXTENDED, fluid
 
 from openmm_dpd import RunError
-from openmm_dpd.forces.pair_force import PairForceFunction, fingerprint, folded
+from openmm_dpd.forces.pair_force import PairForceFunction, fingerprint, only_folded
 from openmm_dpd.kernels import motion
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
 from openmm_dpd.kernels.steps import StepSpec
@@ -40,10 +40,10 @@ def test_beads_that_were_folded_back_are_where_they_were(name):
     rng, box = np.random.default_rng(1), BOXES[name]
     before = rng.random((200, 3)) @ box
     after = before + rng.integers(-2, 3, (200, 3)) @ box
-    assert folded(after, before, box) and folded(after.astype(np.float32).astype(float), before, box)
+    assert only_folded(after, before, box) and only_folded(after.astype(np.float32).astype(float), before, box)
     after[7, 1] += 0.001
-    assert not folded(after, before, box)
-    assert not folded(before, before, box)  # nothing was
+    assert not only_folded(after, before, box)
+    assert not only_folded(before, before, box)  # nothing was
 
 
 def test_velocities_are_not_folded_into_the_box():
@@ -104,7 +104,7 @@ def test_a_whole_step_is_told_block_by_block():
     steps = StepSpec((("A", 0.5), ("O", 1.0), ("A", 0.5)), np.array(SCENE.bead_masses))
     function, engine = PairForceFunction(SPEC, True, True, steps=steps), PairEngine(SPEC)
     x, v = SCENE.positions, SCENE.velocities
-    function(state(x, Phase.KEEP))
+    function(state(x, Phase.STORE))
     moved = function(state(x + PARAMETERS[TAU] * v, Phase.RUN))[1]
     half = x + 0.5 * PARAMETERS[DT] * v
     engine.prepare(half, SCENE.box)
@@ -137,6 +137,6 @@ def test_pickled_copies_do_the_same():
     function(state(SCENE.positions, Phase.CONSERVE))  # what it keeps is not part of it
     copy = pickle.loads(pickle.dumps(function))
     assert len(pickle.dumps(function)) == len(pickle.dumps(copy)) < 8000
-    for phase in (Phase.NOTE, Phase.CONSERVE, Phase.FORCE_KEPT):
+    for phase in (Phase.FINGERPRINT, Phase.CONSERVE, Phase.FORCE_KEPT):
         first, second = (f(state(SCENE.positions, phase)) for f in (function, copy))
         assert first[0] == second[0] and np.array_equal(first[1], second[1])

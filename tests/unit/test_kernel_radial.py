@@ -16,7 +16,7 @@ import openmm_dpd as dpd
 from openmm_dpd.errors import RunError
 from openmm_dpd.extra_forces import extras, radial_terms
 from openmm_dpd.forces.expressions import exception_force, nonbonded_force
-from openmm_dpd.forces.partners import energy_spline
+from openmm_dpd.forces.overlays import energy_spline
 from openmm_dpd.forces.segments import segment_force, segment_spec
 from openmm_dpd.kinds import resolved_kind
 

@@ -98,7 +98,7 @@ def pair_of_beads(f=1.0, n_species=3, compat="consistent", **changes) -> dpd.Sce
     x, v = np.array([[0.0, 0, 0], [0.3, 0, -0.4]]), np.array([[0.3, 1.0, -0.2], [-0.5, 0.4, 0.9]])
     bonds = [dpd.HarmonicBonds(np.array([[0, 1]]), 0.0, 0.5)]
     internal = Concentrations(np.array([0.8, 1.7])[:, None] + 0.4 * np.arange(n_species))
-    options = {"velocities": v, "internal": internal, "bonds": bonds, "special": (f, 1, 1), "compat": compat}
+    options = {"velocities": v, "internal": internal, "bonds": bonds, "bonded_factors": (f, 1, 1), "compat": compat}
     return dpd.Scene(MASSES, ["A", "B"], x, {("*", "*"): TDPD(**values)}, KT, **options)
 
 

@@ -30,7 +30,7 @@ def called(clocks, passed, spent) -> str:
         clocks["spent"] += spent
         return "parallel"
 
-    return threads.run(lambda: "serial", parallel)
+    return threads.dispatch(lambda: "serial", parallel)
 
 
 def test_threads_with_a_core_each_go_on(watch):

@@ -52,7 +52,7 @@ def test_what_has_no_energy(tmp_path):
     assert [bonds.k.any() for bonds in scene.bonds] == [True, False] and scene.angles == ()
     assert all(isinstance(bonds, HarmonicBonds) for bonds in scene.bonds)
     scene = state_of(tmp_path, "bond_style zero nocoeff\n" + PAIR).first_run.scene()
-    assert not scene.bonds[0].k.any() and scene.special == (0, 0, 0)
+    assert not scene.bonds[0].k.any() and scene.bonded_factors == (0, 0, 0)
 
 
 def test_a_style_that_is_set_again_keeps_its_coefficients(tmp_path):

@@ -146,7 +146,7 @@ def test_coefficients_and_bonds_from_the_file(tmp_path):
     (bonds,) = scene.bonds
     assert bonds.pairs.tolist() == [[2, 0], [0, 1]]  # indices in the order of the ids
     assert bonds.k.tolist() == [50, 50] and bonds.r0.tolist() == [0.8, 0.8]
-    assert scene.special == (0.5, 1, 1)
+    assert scene.bonded_factors == (0.5, 1, 1)
 
 
 def test_nocoeff_leaves_coefficients_out(tmp_path):

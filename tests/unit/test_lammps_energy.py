@@ -102,7 +102,7 @@ def test_energy_conserving_coefficients_in_metal_units(tmp_path):
     assert (mixed.A, mixed.cutoff) == pytest.approx((EV, 0.95))
     assert isinstance(scene.internal, InternalEnergy)
     assert scene.internal.eos == dict.fromkeys("12", ConstantHeatCapacity(0.005 / KB))
-    np.testing.assert_allclose(scene.internal.temperatures, 300 * KB * EV, rtol=1e-12)
+    np.testing.assert_allclose(scene.internal.thetas, 300 * KB * EV, rtol=1e-12)
     # u = cv theta: 1.5 eV
     np.testing.assert_allclose(scene.internal.energies(scene.type_ids, ["1", "2"]), np.tile([0, 1.5 * EV], (50, 1)), rtol=1e-12)
 
@@ -165,7 +165,7 @@ def test_equations_of_state_by_type(tmp_path):
     scene = scene_of(tmp_path, METAL + ENERGY + text)
     first, second = scene.internal.eos["1"], scene.internal.eos["2"]
     assert isinstance(first, ConstantHeatCapacity) and isinstance(second, TabulatedEOS)
-    np.testing.assert_allclose(second.temperatures, np.array([100, 300, 500]) * KB * EV)
+    np.testing.assert_allclose(second.thetas, np.array([100, 300, 500]) * KB * EV)
     np.testing.assert_allclose(second.energies, np.array([0.1, 0.4, 0.9]) * EV)
     np.testing.assert_allclose(scene.internal.energies(scene.type_ids, ["1", "2"])[30:, 1], 0.4 * EV)
 

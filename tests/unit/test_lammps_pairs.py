@@ -220,13 +220,13 @@ def test_bonds_without_a_style_only_count_for_special_bonds(tmp_path):
     state = state_of(tmp_path, "pair_style dpd 1 1 1\npair_coeff * * 25 4.5\nbond_style none\n")
     state.bonds = np.array([[1, 1, 2]])
     scene = state.first_run.scene()
-    assert scene.bonds[0].k.tolist() == [0] and scene.special == (0, 0, 0)
+    assert scene.bonds[0].k.tolist() == [0] and scene.bonded_factors == (0, 0, 0)
     assert any("no bond_style" in note for note in state.notes)
 
 
 def test_special_factors_have_no_meaning_without_bonds(tmp_path):
     scene = state_of(tmp_path, "pair_style dpd 1 1 1\npair_coeff * * 25 4.5\n").first_run.scene()
-    assert scene.special == (1, 1, 1)
+    assert scene.bonded_factors == (1, 1, 1)
 
 
 @pytest.mark.parametrize(

@@ -113,7 +113,7 @@ REDUCED = (dpd.EDPD, dpd.TDPD, dpd.MDPD)
 def test_terms_of_scenes_come_back(kind, k, units, tmp_path):
     term, kT = TERMS[kind][k], 1.3
     scene = SimpleNamespace(
-        kT=kT, initial_kT=kT, bond_pairs=(), special=(1.0, 1.0, 1.0), type_names=("W",), compat="lammps", bead_masses=np.ones(1)
+        kT=kT, initial_kT=kT, bond_pairs=(), bonded_factors=(1.0, 1.0, 1.0), type_names=("W",), compat="lammps", bead_masses=np.ones(1)
     )
     export = PairExport(scene, UNIT_SYSTEMS[units], False, "x", Differences())
     *others, use = EXPORTS[kind](export, {("W", "W"): term})

@@ -384,8 +384,8 @@ def test_bad_packing(make, message):
 def test_scene_has_it_all():
     kinds = all_kinds()
     mixture = pack(kinds, box=[6.0] * 3, seed=1)
-    scene = mixture.scene(pairs=PAIRS, kT=1.0, special=(0.5, 1.0, 1.0))
-    assert list(scene.types) == mixture.types and scene.special == (0.5, 1.0, 1.0)
+    scene = mixture.scene(pairs=PAIRS, kT=1.0, bonded_factors=(0.5, 1.0, 1.0))
+    assert list(scene.types) == mixture.types and scene.bonded_factors == (0.5, 1.0, 1.0)
     assert set(scene.masses) == {"A", "B", "C", "D", "E", "Na", "W"} and np.array_equal(scene.charges, mixture.charges)
     assert len(scene.bonds) == 3 and len(scene.angles) == 2
     topology = dpd.build(scene, dt=0.01, platform="Reference", seed=1).topology

@@ -10,7 +10,7 @@ from openmm import unit
 import openmm_dpd as dpd
 from openmm_dpd import PlanError
 from openmm_dpd.forces.expressions import PairExpression, nonbonded_force
-from openmm_dpd.model.bonds import minimum_image
+from openmm_dpd.model.bonds import minimum_images
 from openmm_dpd.neighbour_list import may_miss_pairs
 
 BOX = np.array([[4.0, 0, 0], [1.8, 4.0, 0], [-0.6, 1.4, 4.0]])
@@ -44,7 +44,7 @@ def test_lists_are_used_only_where_they_are_right():
     i, j = np.triu_indices(200, 1)
     lists, misses = 0, 0
     for box, cutoff, x in boxes(60):
-        pairs = int(np.sum(np.linalg.norm(minimum_image(x[i] - x[j], box), axis=1) < cutoff))
+        pairs = int(np.sum(np.linalg.norm(minimum_images(x[i] - x[j], box), axis=1) < cutoff))
         listed = not may_miss_pairs(box, cutoff)
         lists += listed
         misses += counted(box, cutoff, x, True) != pairs

@@ -55,7 +55,7 @@ EXAMPLES = {
     dpd.HarmonicAngles: lambda: {"triples": np.array([[0, 1, 2]]), "k": np.array([1.0]), "theta0": np.array([1.0])},
     dpd.CosineAngles: lambda: {"triples": np.array([[0, 1, 2]]), "k": np.array([1.0])},
     dpd.TabulatedPair: lambda: {"distances": DISTANCES.copy(), "energies": 1 - DISTANCES, "forces": np.ones(12)},
-    dpd.TabulatedEOS: lambda: {"temperatures": np.array([1.0, 2.0]), "energies": np.array([1.0, 3.0])},
+    dpd.TabulatedEOS: lambda: {"thetas": np.array([1.0, 2.0]), "energies": np.array([1.0, 3.0])},
     dpd.SegmentalRepulsion: lambda: {"A": 1.0, "bonds": np.array(PAIRS)},
     dpd.BodyForce: lambda: {"force": np.array(X), "types": ["A"], "beads": np.array(MASK)},
     dpd.PositionForce: lambda: {"formulas": ["x", "0", "0"], "types": ["A"], "beads": np.array(MASK), "corner": np.zeros(3)},
@@ -64,15 +64,15 @@ EXAMPLES = {
     dpd.Source: lambda: {"region": dpd.Sphere([0, 0, 0], 1.0), "rate": 1.0, "beads": np.array(MASK), "corner": np.zeros(3)},
     dpd.InternalEnergy: lambda: {
         "eos": {"A": dpd.ConstantHeatCapacity(10.0)},
-        "temperatures": np.ones(3) * unit.kilojoule_per_mole,
+        "thetas": np.ones(3) * unit.kilojoule_per_mole,
         "conductive": np.ones(3),
     },
-    dpd.BeadTemperatures: lambda: {"temperatures": np.ones(3), "capacities": np.ones(3)},
+    dpd.BeadTemperatures: lambda: {"thetas": np.ones(3), "capacities": np.ones(3)},
     dpd.Concentrations: lambda: {"values": np.ones((3, 2))},
     dpd.TDPD: lambda: {"A": 1.0, "gamma": 1.0, "kappa": np.ones(2), "epsilon": np.ones(2), "exponent_c": [2.0, 2.0]},
     dpd.EDPD: lambda: {"A": 1.0, "gamma": 1.0, "kappa": 1.0, "kappa_polynomial": [1.0, 0.0, 0.0, 0.0]},
-    dpd.SlaterCharges: lambda: {"permittivity": 1.0, "lamda": 0.5, "special": [0.0, 0.0, 1.0], "grid": [8, 8, 8]},
-    dpd.GaussianCharges: lambda: {"permittivity": 1.0, "width": 0.5, "special": [0.0, 0.0, 1.0], "grid": [8, 8, 8]},
+    dpd.SlaterCharges: lambda: {"permittivity": 1.0, "lamda": 0.5, "bonded_factors": [0.0, 0.0, 1.0], "grid": [8, 8, 8]},
+    dpd.GaussianCharges: lambda: {"permittivity": 1.0, "width": 0.5, "bonded_factors": [0.0, 0.0, 1.0], "grid": [8, 8, 8]},
 }
 
 #: Only numbers, text and other frozen classes in them.

@@ -179,7 +179,7 @@ def test_nothing_that_is_not_needed(options):
         assert not any(step.kind.startswith("constrain") for step in program.steps)
     starts_and_ends_with_kicks = options.scheme.name in ("shardlow", "bababo", "baoab", "O/2 B/2 A B/2 O/2", "B/2 A/2 O A/2 B/2", "mvv")
     kept = options.kernel and (options.predicting if options.whole_steps else starts_and_ends_with_kicks)
-    assert ("last" in names) == kept
+    assert ("valid_for" in names) == kept
     assert ("xs" in names) == (options.thermostat and _displaced(options))
     if options.predicting and options.lam == 0.5:
         assert "vp" not in names
@@ -273,7 +273,7 @@ def test_parameters_of_the_kernel_are_unknown_without_one():
 def test_blocks_and_updates_are_counted():
     p = program()
     p.if_changed().__enter__()
-    with pytest.raises(ProgramError, match="here|not closed"):
+    with pytest.raises(ProgramError, match="fingerprint|not closed"):
         p.check()
     p = program()
     p.begin()

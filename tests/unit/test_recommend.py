@@ -213,7 +213,7 @@ def test_stiff_bonds_are_in_the_sentence(table):
 
 def test_atoms_beside_beads_are_refused():
     """Also with a table: the step is that of the atoms."""
-    whole = dpd.Embedded(*[None] * 7)
+    whole = dpd.MixedSystem(*[None] * 7)
     with pytest.raises(ParameterError, match="step and scheme of the atoms"):
         recommend(whole)
 

@@ -15,7 +15,7 @@ BUILT = dpd.build(SCENE, dt=0.02, platform="Reference", seed=1)
 SLABS = np.zeros(500)
 SHOWN = {
     "scene": (SCENE, ("375 beads (A 120, B 80, W 175)", "5 x 5 x 5 nm", "3 beads/nm^3", "180 bonds", "kT = 1 kJ/mol")),
-    "built": (BUILT, ("Built", "Reference", "middle", "dt = 0.02", "375 beads")),
+    "built": (BUILT, ("BuiltSystem", "Reference", "middle", "dt = 0.02", "375 beads")),
     "plan": (BUILT.plan, ("Plan", "375 beads")),
     "molecule": (star("C", ["A8"] * 30, SPRING), ("241 beads", "240 bonds")),
     "mixture": (pack({linear("A6B4", SPRING): 20}, box=[5.0] * 3, seed=1), ("195 molecules", "2 kinds", "375 beads")),
@@ -52,7 +52,7 @@ def test_wrong_arguments_in_messages():
     assert what_is(None) == "None"
     assert what_is(3.5) == "3.5"
     assert what_is("W") == "'W'"
-    assert what_is(BUILT) == "a Built"
+    assert what_is(BUILT) == "a BuiltSystem"
     assert what_is(np.zeros(3)) == "a ndarray"
     assert what_is(dpd.EDPD) == "the class EDPD"
     assert what_is(BUILT.explain) == "the function explain; call it: explain()"

@@ -20,11 +20,11 @@ from openmm_dpd.trajectory import (
     bead_charges,
     bead_element,
     bead_masses,
+    compute_rg,
     load,
     load_topology,
     openmm_topology,
     pdb_names,
-    radius_of_gyration,
     read_psf,
     write_psf,
 )
@@ -85,7 +85,7 @@ def test_centre_of_mass_and_inertia(trajectory):
     square = (moved**2).sum(axis=2)
     inertia = np.einsum("i,fi,ab->fab", masses, square, np.eye(3)) - np.einsum("i,fia,fib->fab", masses, moved, moved)
     assert np.allclose(md.compute_inertia_tensor(trajectory), inertia, rtol=1e-5)
-    assert np.allclose(radius_of_gyration(trajectory), np.sqrt((masses * square).sum(axis=1) / masses.sum()), rtol=1e-12)
+    assert np.allclose(compute_rg(trajectory), np.sqrt((masses * square).sum(axis=1) / masses.sum()), rtol=1e-12)
     # mdtraj's own Rg takes the distances from the geometric centre
     about = ((x - x.mean(axis=1, keepdims=True)) ** 2).sum(axis=2)
     expected = np.sqrt((masses * about).sum(axis=1) / masses.sum())
@@ -102,7 +102,7 @@ def test_centre_of_mass_of_100003_beads(tmp_path):
     # DCD holds float32 angstrom: 30 nm * 1e-7, averaged
     assert np.allclose(md.compute_center_of_mass(loaded)[0], expected, atol=1e-6, rtol=0)
     centred = xyz[0] - expected
-    assert radius_of_gyration(loaded)[0] == pytest.approx(np.sqrt((masses * (centred**2).sum(axis=1)).sum() / masses.sum()), rel=1e-6)
+    assert compute_rg(loaded)[0] == pytest.approx(np.sqrt((masses * (centred**2).sum(axis=1)).sum() / masses.sum()), rel=1e-6)
 
 
 def test_what_mdtraj_makes_of_the_masses_alone(psf):

@@ -56,7 +56,7 @@ def test_stress_of_pairs(which):
 
 def test_reporter_adds_kinetic_and_bond_parts():
     """The trace is three times the conservative pressure times the volume that the Observer measures."""
-    scene = chains(k=30.0, special=(1.0, 1.0, 1.0), table={("*", "*"): dpd.DPD(A=25, gamma=4.5)})
+    scene = chains(k=30.0, bonded_factors=(1.0, 1.0, 1.0), table={("*", "*"): dpd.DPD(A=25, gamma=4.5)})
     built = dpd.build(scene, dt=0.001, scheme="mvv", platform="Reference", seed=1)
     simulation = built.simulation()
     reporter = StressReporter(1, built)

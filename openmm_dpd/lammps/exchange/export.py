@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...build import Built
+from ...build import BuiltSystem
 from ...errors import ParameterError
 from ...files import write_whole, writing
 from ...model.scene import Scene
@@ -46,7 +46,7 @@ class LammpsExport:
 
 
 def export_lammps(
-    source: Scene | Plan | Built,
+    source: Scene | Plan | BuiltSystem,
     directory: str | Path,
     name: str,
     *,
@@ -63,7 +63,7 @@ def export_lammps(
 
     Parameters
     ----------
-    source : Scene, Plan or Built
+    source : Scene, Plan or BuiltSystem
         A plan brings its own step size, scheme, lambda and seed.
     directory : str or Path
         Made if it does not exist; files of an earlier export are replaced.
@@ -101,7 +101,7 @@ def export_lammps(
     ExportWarning
         For everything that LAMMPS will do differently; the deck says the same in comments.
     """
-    if isinstance(source, Built):
+    if isinstance(source, BuiltSystem):
         source = source.plan
     if isinstance(source, Plan):
         options = source.options

@@ -271,4 +271,4 @@ def internal_temperatures(internal: InternalEnergy, n: int) -> np.ndarray:
     """(N,) internal temperatures at the start, kJ/mol."""
     from ...model.eos import thermal_energies
 
-    return np.broadcast_to(np.asarray(thermal_energies(internal.temperatures, "temperatures"), dtype=np.float64), (n,))
+    return np.broadcast_to(np.asarray(thermal_energies(internal.thetas, "temperatures"), dtype=np.float64), (n,))

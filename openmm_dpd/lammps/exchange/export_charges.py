@@ -37,7 +37,7 @@ def charge_lines(scene: Scene, units: UnitSystem, of_deck: bool) -> Iterator[str
 
 def special_line(scene: Scene) -> str:
     """The special_bonds command; charges may have factors of their own."""
-    factors = getattr(scene.electrostatics, "special", None)
-    if factors is None or tuple(factors) == tuple(scene.special):
-        return "special_bonds lj/coul " + " ".join(map(number, scene.special))
-    return f"special_bonds lj {' '.join(map(number, scene.special))} coul {' '.join(map(number, factors))}"
+    factors = getattr(scene.electrostatics, "bonded_factors", None)
+    if factors is None or tuple(factors) == tuple(scene.bonded_factors):
+        return "special_bonds lj/coul " + " ".join(map(number, scene.bonded_factors))
+    return f"special_bonds lj {' '.join(map(number, scene.bonded_factors))} coul {' '.join(map(number, factors))}"

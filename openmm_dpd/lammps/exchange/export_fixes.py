@@ -70,7 +70,7 @@ def choose_mover(scene: Scene, scheme: str, lam: float, units: UnitSystem, skin:
             "the errors of the schemes, so a shorter step may be needed"
         )
     if swept:
-        if any(0 < factor < 1 for factor in scene.special) and len(scene.bond_pairs):
+        if any(0 < factor < 1 for factor in scene.bonded_factors) and len(scene.bond_pairs):
             differences.add("LAMMPS's fix shardlow ignores special_bonds: friction and noise of bonded neighbours are not scaled")
         differences.remark(
             f"fix shardlow needs more than {number(2 * (_longest(scene) + skin) / units.length)} of box per process along each axis"
@@ -97,7 +97,7 @@ def _no_shardlow(scene: Scene, kinds: set, skin: float) -> str | None:
         return "it needs box edges above twice the cutoff and the skin"
     if MDPD in kinds or len(kinds & {DPD, EnergyDPD}) != 1 or sum(t.kind in (DPD, EnergyDPD) for t in scene.tables) > 1:
         return "it goes with one table of DPD or of EnergyDPD only"
-    if isinstance(scene.kT, TemperatureRamp) and scene.kT.start != scene.kT.stop:
+    if isinstance(scene.kT, TemperatureRamp) and scene.kT.kT_start != scene.kT.kT_end:
         return "it has no temperature ramp"
     if DPD in kinds:
         if scene.initial_kT == 0:
@@ -147,7 +147,7 @@ def eos_lines(scene: Scene, types: BeadTypes, units: UnitSystem, file: str, diff
 
 def _eos_rows(eos: TabulatedEOS, units: UnitSystem) -> list[tuple[float, float]]:
     """Temperatures and energies, evenly spaced and fine, so that LAMMPS's resampling changes nothing."""
-    theta, u = eos.temperatures, eos.energies
+    theta, u = eos.thetas, eos.energies
     if len(theta) < 100 or not np.allclose(np.diff(theta), np.diff(theta).mean(), rtol=1e-6):
         theta = np.linspace(theta[0], theta[-1], _EOS_ROWS)
         u = eos.energy(theta)

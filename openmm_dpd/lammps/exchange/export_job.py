@@ -21,7 +21,7 @@ from .export_fixes import Mover, choose_mover
 
 #: What of a Scene is exported; anything else that a scene holds is an error, never left out.
 _KNOWN = frozenset(
-    "masses types positions pairs kT box velocities bead_masses charges bonds special mobile molecules internal sources compat "
+    "masses types positions pairs kT box velocities bead_masses charges bonds bonded_factors mobile molecules internal sources compat "
     "angles segments body_forces walls electrostatics residues".split()
 )
 

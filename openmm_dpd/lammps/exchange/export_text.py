@@ -43,13 +43,13 @@ def phases(job: Job) -> list[Phase]:
     if not isinstance(kT, TemperatureRamp):
         return [Phase(total, kT, kT, None)]
     found = []
-    if kT.begin > 0:
-        found.append(Phase(min(kT.begin, total), kT.start, kT.start, None))
-    if kT.begin < total and kT.end > 0:
-        steps = min(kT.end, total) - max(kT.begin, 0)
-        found.append(Phase(steps, kT.start, kT.stop, (kT.begin, kT.end)))
-    if kT.end < total:
-        found.append(Phase(total - max(kT.end, 0), kT.stop, kT.stop, None))
+    if kT.first_step > 0:
+        found.append(Phase(min(kT.first_step, total), kT.kT_start, kT.kT_start, None))
+    if kT.first_step < total and kT.last_step > 0:
+        steps = min(kT.last_step, total) - max(kT.first_step, 0)
+        found.append(Phase(steps, kT.kT_start, kT.kT_end, (kT.first_step, kT.last_step)))
+    if kT.last_step < total:
+        found.append(Phase(total - max(kT.last_step, 0), kT.kT_end, kT.kT_end, None))
     return found or [Phase(total, kT.at(0), kT.at(0), None)]
 
 

@@ -14,7 +14,7 @@ import openmm
 from openmm import app, unit
 
 from ...barostat import EnthalpyBarostat, add_barostat
-from ...build import Built, build
+from ...build import BuiltSystem, build
 from ...errors import DeckError, DPDError, OutputError, ParameterError, RunError
 from ...fields import read_fields
 from ...forces.segments import warm_up_segments
@@ -270,7 +270,7 @@ class DeckRunner:
             self.log(f"note: {note}")
         self._notes = len(state.notes)
 
-    def _carry_out(self, request: RunRequest, scene: Scene, simulation: app.Simulation, built: Built, result: RunResult) -> None:
+    def _carry_out(self, request: RunRequest, scene: Scene, simulation: app.Simulation, built: BuiltSystem, result: RunResult) -> None:
         """Take the steps; whatever ends them early, the result and the state of the last step are kept."""
         bar = self.progress(request.steps) if self.progress else None
         begun = simulation.context.getStepCount()
@@ -307,7 +307,7 @@ class DeckRunner:
         except (OutputError, openmm.OpenMMException) as error:
             _LOGGER.warning("%s", error)
 
-    def _result(self, request: RunRequest, simulation: app.Simulation, built: Built) -> RunResult:
+    def _result(self, request: RunRequest, simulation: app.Simulation, built: BuiltSystem) -> RunResult:
         platform = simulation.context.getPlatform()
         name = platform.getName()
         fixed = {"Reference": "double", "CPU": "mixed"}
@@ -315,7 +315,9 @@ class DeckRunner:
         precision = fixed[name] if name in fixed else platform.getPropertyValue(simulation.context, "Precision")
         return RunResult(request, name, precision, self.options.discard, words)
 
-    def _step_through(self, request: RunRequest, scene: Scene, simulation: app.Simulation, built: Built, result: RunResult, bar) -> None:
+    def _step_through(
+        self, request: RunRequest, scene: Scene, simulation: app.Simulation, built: BuiltSystem, result: RunResult, bar
+    ) -> None:
         thermo, dumps, context = request.thermo, request.dumps, simulation.context
         sampler, averages = Sampler(request, built, context), request.averages
         result.no_laplacian = sampler.observer.no_laplacian
@@ -384,7 +386,7 @@ class DeckRunner:
             self.trajectory.write(x, box, sampler.context, step)
 
 
-def build_request(request: RunRequest, scene: Scene, options: RunOptions) -> Built:
+def build_request(request: RunRequest, scene: Scene, options: RunOptions) -> BuiltSystem:
     """Build the scene of a run; what cannot be built is an error at the deck's run command."""
     for kind in (kind_for(table.kind) for table in scene.tables if table.kind is not None):
         if scene.compat == "consistent" and kind.unlike_lammps is not None:
@@ -409,7 +411,7 @@ def build_request(request: RunRequest, scene: Scene, options: RunOptions) -> Bui
 VOLUME_INTERVAL = 10
 
 
-def connect_barostat(request: RunRequest, built: Built) -> EnthalpyBarostat | None:
+def connect_barostat(request: RunRequest, built: BuiltSystem) -> EnthalpyBarostat | None:
     """The barostat of ``request.barostat``: OpenMM's goes into ``built.system``, before there is a Context; ours is returned.
 
     Raises

@@ -6,7 +6,7 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from ...build import Built
+from ...build import BuiltSystem
 from ...fields import read_fields
 from ...measure import Observer
 from ...measure import Sample as Measurement
@@ -34,11 +34,11 @@ class Sampler:
     Parameters
     ----------
     request : RunRequest
-    built : Built
+    built : BuiltSystem
     context : openmm.Context
     """
 
-    def __init__(self, request: RunRequest, built: Built, context: openmm.Context):
+    def __init__(self, request: RunRequest, built: BuiltSystem, context: openmm.Context):
         self.request, self.built, self.context = request, built, context
         self.observer = Observer(built)
         self.held = held_beads(request.state)
@@ -58,8 +58,8 @@ class Sampler:
             kinetic=measured.kinetic,
             dof=measured.dof,
             pair_energy=measured.pair,
-            short_energy=measured.short,
-            lattice_energy=measured.lattice,
+            short_energy=measured.coulomb_real,
+            lattice_energy=measured.coulomb_reciprocal,
             bond_energy=measured.bond,
             angle_energy=measured.angle,
             virial=full if scheme_of(self.request.scheme).predicts else measured.virial_conservative,

@@ -8,9 +8,9 @@ import numpy as np
 import openmm
 from openmm import app, unit
 
-from ...build import Built
+from ...build import BuiltSystem
 from ...dcd import DCDWriter
-from ...field_file import FieldWriter, carries_fields
+from ...field_file import FieldWriter, has_fields
 from ...fields import read_fields
 from ...files import writing
 from ...model.scene import Scene
@@ -47,7 +47,7 @@ class RunTrajectory:
         self._offset: np.ndarray = np.zeros((0, 3))
         self._every, self._first, self._last = 1, 0, 0
 
-    def start(self, scene: Scene, request: RunRequest, built: Built) -> None:
+    def start(self, scene: Scene, request: RunRequest, built: BuiltSystem) -> None:
         """Prepare for a run; about ``frames`` frames, at its first and last step in any case."""
         self._every = max(1, request.steps // self.frames)
         self._first, self._last = request.first_step, request.last_step
@@ -58,7 +58,7 @@ class RunTrajectory:
             self._beads, self._part = scene.n_beads, self._part + 1
             self._open(scene)
         self._built = built
-        if self._fields is None and carries_fields(built):
+        if self._fields is None and has_fields(built):
             suffix = "" if self._part == 1 else f"-{self._part}"
             self._fields = FieldWriter(self.folder / f"fields{suffix}.npz")
 

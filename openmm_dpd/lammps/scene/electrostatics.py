@@ -49,7 +49,7 @@ def electrostatics_of(state: DeckState) -> SlaterCharges | None:
             tolerance=kspace.accuracy,
             alpha=kspace.gewald,
             grid=kspace.mesh,  # type: ignore[arg-type]
-            special=state.special_charges if len(state.bonds) else None,
+            bonded_factors=state.special_charges if len(state.bonds) else None,
         )
     except ParameterError as error:
         raise located(style.where, f"pair style {style.name}: {error}") from None

@@ -68,7 +68,7 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
             bonds=bond_terms(state),
             angles=angle_terms(state),
             segments=segments_of(state, compat),
-            special=state.special if len(state.bonds) else (1.0, 1.0, 1.0),
+            bonded_factors=state.special if len(state.bonds) else (1.0, 1.0, 1.0),
             mobile=None if moved.mobile.all() else moved.mobile,
             molecules=atoms.molecules if np.any(atoms.molecules) else None,
             internal=internal_of(state),

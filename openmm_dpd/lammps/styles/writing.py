@@ -100,12 +100,12 @@ class PairExport:
     def ramps(self) -> bool:
         """Whether the temperature changes."""
         kT = self.scene.kT
-        return not isinstance(kT, float) and kT.start != kT.stop
+        return not isinstance(kT, float) and kT.kT_start != kT.kT_end
 
     @property
     def scaled_neighbours(self) -> bool:
         """Whether some bonded neighbours interact in part."""
-        return bool(len(self.scene.bond_pairs)) and any(0 < factor < 1 for factor in self.scene.special)
+        return bool(len(self.scene.bond_pairs)) and any(0 < factor < 1 for factor in self.scene.bonded_factors)
 
     def require_reduced(self, what: str) -> None:
         """ParameterError if LAMMPS has not this kind of terms with the units, or the temperature, of the scene."""

@@ -43,14 +43,14 @@ _UNSEEN = "(unseen)"
 
 #: Numbers of a Sample that only a scene alone has.
 _NOT_TOLD_APART = (
-    *("pair", "bond", "angle", "short", "lattice", "virial_conservative", "virial_dissipative", "virial_random"),
+    *("pair", "bond", "angle", "coulomb_real", "coulomb_reciprocal", "virial_conservative", "virial_dissipative", "virial_random"),
     *("gradient2", "force_norm", "force_max", "kinetic_on_step"),
 )
 _ABSENT: dict[str, Any] = dict.fromkeys(_NOT_TOLD_APART, float("nan"))
 
 
 @dataclass(eq=False)
-class Embedded:
+class MixedSystem:
     """Atoms and beads in one System; the atoms come first.
 
     Attributes
@@ -74,11 +74,11 @@ class Embedded:
     plan: Plan
 
     def __repr__(self) -> str:
-        return f"<Embedded: {self.n_atoms} atoms and {self.plan.scene.n_beads - self.n_atoms} beads, {self.plan!r}>"
+        return f"<MixedSystem: {self.n_atoms} atoms and {self.plan.scene.n_beads - self.n_atoms} beads, {self.plan!r}>"
 
     def _repr_html_(self) -> str:
         beads = self.plan.scene.n_beads - self.n_atoms
-        return fact_table("Embedded", {"atoms": self.n_atoms, **self.plan.facts(), "beads": beads})
+        return fact_table("MixedSystem", {"atoms": self.n_atoms, **self.plan.facts(), "beads": beads})
 
     def simulation(self, platform: openmm.Platform | str | None = None, properties: dict[str, str] | None = None) -> app.Simulation:
         """A Simulation with positions and velocities set, such as constraints allow them, on the plan's platform by default."""
@@ -117,7 +117,7 @@ class Embedded:
             n_mobile=int(np.sum(mass > 0)),
             dof=degrees_of_freedom(self.system),
             kinetic=0.5 * float(mass @ np.sum(v**2, axis=1)),
-            whole=potential,
+            potential_total=potential,
             volume=None if box is None else float(np.prod(np.diag(box))),
             box=box,
             momentum=mass @ v,
@@ -143,7 +143,7 @@ def _velocities(state: openmm.State) -> np.ndarray:
     return state.getVelocities(asNumpy=True).value_in_unit(unit.nanometer / unit.picosecond)
 
 
-def embed(
+def create_mixed_system(
     scene: Scene,
     topology: app.Topology,
     system: openmm.System,
@@ -155,7 +155,7 @@ def embed(
     scheme: str = "middle",
     platform: str | None = None,
     seed: int | None = None,
-) -> Embedded:
+) -> MixedSystem:
     """Put the beads of a scene into a System made elsewhere, by openmm.app.ForceField say, and make the integrator that runs both.
 
     Parameters
@@ -175,7 +175,7 @@ def embed(
 
     Returns
     -------
-    Embedded
+    MixedSystem
 
     Raises
     ------
@@ -220,12 +220,12 @@ def embed(
     built = build_plan(plan)
     merged, own = merged_systems(system, built.system, plan.options.pair_group)
     built.integrator.setIntegrationForceGroups(integration_groups(own, plan.options))
-    built.integrator.made = Made.of("embed()", merged, own, plan.options)
+    built.integrator.made = Made.of("create_mixed_system()", merged, own, plan.options)
     beads = openmm_topology(list(scene.types), scene.molecules, scene.bond_pairs, scene.box, scene.residues)
     modeller = app.Modeller(topology, x * unit.nanometer)
     modeller.add(beads, scene.positions * unit.nanometer)
     modeller.topology.setPeriodicBoxVectors(None if scene.box is None else scene.box * unit.nanometer)
-    return Embedded(
+    return MixedSystem(
         system=merged,
         integrator=built.integrator,  # type: ignore[arg-type]  # the native scheme is refused above
         topology=modeller.topology,
@@ -388,7 +388,7 @@ def _whole(scene: Scene, system: openmm.System, x: np.ndarray, classes: list[str
         velocities=velocities,
         bead_masses=np.concatenate([np.where(mass > 0, mass, 1.0), scene.bead_masses]),
         bonds=[replace(bonds, pairs=bonds.pairs + n) for bonds in scene.bonds],
-        special=scene.special,
+        bonded_factors=scene.bonded_factors,
         mobile=None if mobile.all() else mobile,
         angles=[replace(angles, triples=angles.triples + n) for angles in scene.angles],
         segments=segments,
@@ -397,4 +397,4 @@ def _whole(scene: Scene, system: openmm.System, x: np.ndarray, classes: list[str
     return whole
 
 
-__all__ = ["Embedded", "embed"]
+__all__ = ["MixedSystem", "create_mixed_system"]

@@ -79,7 +79,7 @@ def beads(x: np.ndarray, n: int = 190, close: float | None = None, **changes) ->
     settings = {
         "pairs": {("*", "*"): dpd.DPD(A=60, **STRONG), ("V", "W"): dpd.DPD(A=90, **STRONG)},
         "bonds": [dpd.HarmonicBonds([[0, 1], [1, 2], [3, 4]], k=50, r0=0.4)],
-        "special": (0.0, 0.5, 1.0),
+        "bonded_factors": (0.0, 0.5, 1.0),
         "kT": KT,
         "box": [EDGE] * 3,
     } | changes
@@ -138,7 +138,9 @@ def test_forces_are_those_of_the_parts(platform):
     single = platform != "Reference"
     topology, system, x = atoms()
     scene, names = beads(x, close=1e-5), classes(topology)
-    whole = dpd.embed(scene, topology, system, x, atoms=names, cross=[REPULSION, ATTRACTION], dt=0.002, platform=platform, seed=1)
+    whole = dpd.create_mixed_system(
+        scene, topology, system, x, atoms=names, cross=[REPULSION, ATTRACTION], dt=0.002, platform=platform, seed=1
+    )
     assert whole.n_atoms == len(x) == topology.getNumAtoms() and whole.topology.getNumAtoms() == len(x) + scene.n_beads
     alone = context_of(system, x, platform)
     x = alone.getState(positions=True).getPositions(asNumpy=True)._value
@@ -175,7 +177,9 @@ def test_custom_nonbonded_forces_of_the_atoms_leave_beads_out(platform, groups):
         force.setForceGroup(3)
     system.addForce(force)
     scene = beads(x, close=1e-7)
-    whole = dpd.embed(scene, topology, system, x, atoms=classes(topology), cross=REPULSION, dt=0.002, platform=platform, seed=1)
+    whole = dpd.create_mixed_system(
+        scene, topology, system, x, atoms=classes(topology), cross=REPULSION, dt=0.002, platform=platform, seed=1
+    )
     alone = context_of(system, x, platform)
     context = context_of(whole.system, np.concatenate([x, scene.positions]), platform)
     mine = {force.getForceGroup() for force in system.getForces()}
@@ -190,7 +194,7 @@ def test_all_forces_exclude_the_same_pairs():
     """As GPU platforms want it; and one cutoff in each of the force groups."""
     topology, system, x = atoms()
     before = openmm.XmlSerializer.serialize(system)
-    whole = dpd.embed(beads(x), topology, system, x, atoms=classes(topology), cross=[REPULSION, ATTRACTION], dt=0.002, seed=1)
+    whole = dpd.create_mixed_system(beads(x), topology, system, x, atoms=classes(topology), cross=[REPULSION, ATTRACTION], dt=0.002, seed=1)
     excluded, cutoffs = [], {}
     for force in whole.system.getForces():
         if isinstance(force, openmm.NonbondedForce):
@@ -207,7 +211,7 @@ def test_all_forces_exclude_the_same_pairs():
     assert openmm.XmlSerializer.serialize(system) == before, "the System given must stay as it is"
 
 
-def rows_of(whole: dpd.Embedded, simulation: app.Simulation, n: int, every: int) -> dict[str, np.ndarray]:
+def rows_of(whole: dpd.MixedSystem, simulation: app.Simulation, n: int, every: int) -> dict[str, np.ndarray]:
     rows = []
     for _ in range(n):
         simulation.step(every)
@@ -215,7 +219,7 @@ def rows_of(whole: dpd.Embedded, simulation: app.Simulation, n: int, every: int)
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
-def independent_temperatures(whole: dpd.Embedded, context: openmm.Context, n: int) -> dict[str, float]:
+def independent_temperatures(whole: dpd.MixedSystem, context: openmm.Context, n: int) -> dict[str, float]:
     """2K/f of atoms, beads and all in kJ/mol, from nothing but the System: n particles are atoms."""
     system = whole.system
     v = context.getState(velocities=True).getVelocities(asNumpy=True)._value
@@ -231,7 +235,9 @@ def independent_temperatures(whole: dpd.Embedded, context: openmm.Context, n: in
 def test_observer_and_reporter(platform):
     """Rigid water with a virtual site beside beads: temperatures with the degrees of freedom counted here, energies, momentum; the file."""
     topology, system, x = atoms()
-    whole = dpd.embed(beads(x), topology, system, x, atoms=classes(topology), cross=REPULSION, dt=0.001, platform=platform, seed=3)
+    whole = dpd.create_mixed_system(
+        beads(x), topology, system, x, atoms=classes(topology), cross=REPULSION, dt=0.001, platform=platform, seed=3
+    )
     simulation = whole.simulation(properties={"Threads": "1"} if platform == "CPU" else None)
     simulation.minimizeEnergy(maxIterations=30)
     theirs, mine = StringIO(), StringIO()
@@ -260,7 +266,9 @@ def test_observer_and_reporter(platform):
 def test_what_is_not_measured_of_atoms_and_beads():
     """No pressure, no configurational temperature, no forces term by term: absent or an error, and never a number."""
     topology, system, x = atoms()
-    whole = dpd.embed(beads(x), topology, system, x, atoms=classes(topology), cross=REPULSION, dt=0.001, platform="Reference", seed=3)
+    whole = dpd.create_mixed_system(
+        beads(x), topology, system, x, atoms=classes(topology), cross=REPULSION, dt=0.001, platform="Reference", seed=3
+    )
     observer = dpd.Observer(whole)
     sample = observer.sample(whole.simulation().context)
     absent = (sample.pressure(), sample.pressure(full=False), sample.virial_conservative, sample.pair, sample.bond, sample.total)
@@ -269,9 +277,11 @@ def test_what_is_not_measured_of_atoms_and_beads():
     for columns in (["step", "pressure"], ["kT_conf"], ["conserved_energy"]):
         with pytest.raises(dpd.ParameterError, match=f"{columns[-1]} are not measured for atoms and beads.*kT_beads"):
             dpd.DPDReporter(StringIO(), 2, whole, columns)
-    with pytest.raises(dpd.ParameterError, match="kT_beads are for what openmm_dpd.embed.. returned"):
+    with pytest.raises(dpd.ParameterError, match="kT_beads are for what openmm_dpd.create_mixed_system.. returned"):
         dpd.DPDReporter(StringIO(), 2, dpd.build(beads(x), dt=0.001, platform="Reference"), ["step", "kT_beads"])
-    with pytest.raises(dpd.ParameterError, match="force_terms wants what openmm_dpd.build.. returned, but this is: Embedded; .*getState"):
+    with pytest.raises(
+        dpd.ParameterError, match="force_terms wants what openmm_dpd.build.. returned, but this is: MixedSystem; .*getState"
+    ):
         dpd.force_terms(whole)
 
 
@@ -284,7 +294,7 @@ def test_temperature_of_atoms_and_of_beads(platform):
     names = ["hydrogen" if atom.name in ("H1", "H2") and atom.residue.name == "HOH" else None for atom in topology.atoms()]
     names = [name or other for name, other in zip(names, classes(topology), strict=True)]
     cross = REPULSION | {("hydrogen", "*"): dpd.DPD(**FRICTION)}
-    whole = dpd.embed(beads(x), topology, system, x, atoms=names, cross=cross, dt=0.002, platform=platform, seed=3)
+    whole = dpd.create_mixed_system(beads(x), topology, system, x, atoms=names, cross=cross, dt=0.002, platform=platform, seed=3)
     # the CPU platform's PME has threads of its own
     simulation = whole.simulation(properties={"Threads": "1", "DeterministicForces": "true"} if platform == "CPU" else None)
     simulation.minimizeEnergy(maxIterations=100)
@@ -315,7 +325,9 @@ def test_friction_between_atoms_and_beads(coupled):
         i, j = nonbonded.getExceptionParameters(k)[:2]
         nonbonded.setExceptionParameters(k, i, j, 0, 0.1, 0)
     cross = {("*", "*"): dpd.DPD(**FRICTION) if coupled else dpd.NONE}
-    whole = dpd.embed(beads(x), topology, system, x, atoms=classes(topology), cross=cross, dt=0.002, platform="Reference", seed=3)
+    whole = dpd.create_mixed_system(
+        beads(x), topology, system, x, atoms=classes(topology), cross=cross, dt=0.002, platform="Reference", seed=3
+    )
     simulation = whole.simulation()
     mass = np.array([m._value for m in map(whole.system.getParticleMass, range(whole.system.getNumParticles()))])
     v = np.array(whole.velocities._value)
@@ -336,7 +348,9 @@ def test_friction_between_atoms_and_beads(coupled):
 def test_saved_and_read_back():
     """System and integrator as XML give the same steps, bit for bit; so does a checkpoint."""
     topology, system, x = atoms()
-    whole = dpd.embed(beads(x), topology, system, x, atoms=classes(topology), cross=REPULSION, dt=0.001, platform="Reference", seed=3)
+    whole = dpd.create_mixed_system(
+        beads(x), topology, system, x, atoms=classes(topology), cross=REPULSION, dt=0.001, platform="Reference", seed=3
+    )
     copies = [openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(thing)) for thing in (whole.system, whole.integrator)]
     first = context_of(whole.system, whole.positions, "Reference", whole.integrator)
     second = context_of(copies[0], whole.positions, "Reference", copies[1])
@@ -355,7 +369,9 @@ def test_barostat():
     topology, system, x = atoms()
     barostat = openmm.MonteCarloBarostat(200 * unit.bar, 300 * unit.kelvin, 5)
     system.addForce(barostat)
-    whole = dpd.embed(beads(x), topology, system, x, atoms=classes(topology), cross=REPULSION, dt=0.002, platform="CPU", seed=3)
+    whole = dpd.create_mixed_system(
+        beads(x), topology, system, x, atoms=classes(topology), cross=REPULSION, dt=0.002, platform="CPU", seed=3
+    )
     simulation = whole.simulation(properties={"Threads": "1"})
     simulation.minimizeEnergy(maxIterations=30)
     simulation.step(60)
@@ -381,7 +397,9 @@ def test_without_a_box_and_with_a_frozen_atom():
     scene = dpd.Scene(
         {"W": 36.0}, ["W"] * 20, np.random.default_rng(1).random((20, 3)) + 0.5, {("W", "W"): dpd.DPD(A=60, **FRICTION)}, kT=KT
     )
-    whole = dpd.embed(scene, topology, system, x, atoms=["Ar"] * 4, cross={("Ar", "W"): dpd.DPD(A=60, **FRICTION)}, dt=0.002, seed=1)
+    whole = dpd.create_mixed_system(
+        scene, topology, system, x, atoms=["Ar"] * 4, cross={("Ar", "W"): dpd.DPD(A=60, **FRICTION)}, dt=0.002, seed=1
+    )
     assert dpd.degrees_of_freedom(whole.system) == 3 * 23
     simulation = whole.simulation("Reference")
     simulation.step(50)
@@ -395,7 +413,9 @@ def test_beads_that_interact_with_atoms_only():
     topology, system, x = atoms()
     scene = beads(x, pairs={("*", "*"): dpd.NONE}, bonds=[])
     positions = [openmm.Vec3(*row) for row in x] * unit.nanometer
-    whole = dpd.embed(scene, topology, system, positions, atoms=classes(topology), cross=REPULSION, dt=0.002, platform="Reference", seed=3)
+    whole = dpd.create_mixed_system(
+        scene, topology, system, positions, atoms=classes(topology), cross=REPULSION, dt=0.002, platform="Reference", seed=3
+    )
     found = forces(context_of(whole.system, whole.positions, "Reference"), whole.integrator.getIntegrationForceGroups())
     expected, _ = cross_forces(x, classes(topology), scene, attraction=False)
     np.testing.assert_allclose(found[len(x) :], expected[len(x) :], atol=1e-6 * np.abs(expected).max())
@@ -455,4 +475,4 @@ def test_bad_input(changes, error, message):
         arguments["atoms"] = [changes["rename"] if name == "water" else name for name in arguments["atoms"]]
     arguments |= {name: value for name, value in changes.items() if name in (*arguments, "scheme", "platform")}
     with pytest.raises(error, match=message):
-        dpd.embed(system=system, **arguments)
+        dpd.create_mixed_system(system=system, **arguments)
