@@ -126,7 +126,7 @@ class FieldReporter:
     Raises
     ------
     ParameterError
-        If the interval is below 1, the beads carry nothing, or a file to go on with holds something else.
+        If the interval is below 1, the beads have no fields, or a file to go on with holds something else.
 
     Examples
     --------
@@ -148,7 +148,7 @@ class FieldReporter:
         if not isinstance(built, BuiltSystem):
             raise ParameterError(f"FieldReporter wants as built what openmm_dpd.build() returned, not {what_is(built)}")
         if not has_fields(built):
-            raise ParameterError("the beads of this scene carry no internal energies, temperatures, concentrations or local densities")
+            raise ParameterError("the beads of this scene have no internal energies, temperatures, concentrations or local densities")
         self._writer, self._interval, self._built = FieldWriter(file, append), interval, built
 
     def describeNextReport(self, simulation):

@@ -74,7 +74,7 @@ class EnergyLayer:
         self._sorted = self._motion.v, *np.zeros((3, m)), np.zeros(m, np.int32), np.zeros((m, 2))
 
     def _thetas(self, energies: np.ndarray, when: str) -> np.ndarray:
-        """(N,) temperatures; RunError if an energy has none."""
+        """(N,) thetas; RunError if an energy has none."""
         theta = self.eos.thetas(energies)
         bad = np.flatnonzero(np.isnan(theta))
         if len(bad):

@@ -130,7 +130,7 @@ class SlaterCharges(SmearedCharges):
     force there, (1 + 2 r/lamda + 2 (r/lamda)^2) exp(-2 r/lamda), at most the tolerance.  Without a box there is
     no cutoff and no lattice sum.
 
-    Bonded neighbours with a factor f in ``bonded_factors`` interact with f times the smeared energy, all of it: what the lattice sum holds of the
+    Bonded neighbours with a factor f in ``bonded_factors`` have f times the smeared energy, all of it: what the lattice sum holds of the
     pair is taken out exactly, at any distance.  LAMMPS does the same up to the cutoff only, and releases before mid 2022 took out the
     energy of point charges.
 

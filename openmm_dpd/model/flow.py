@@ -276,7 +276,7 @@ def gaps(walls: Sequence[Wall], box: np.ndarray | None) -> dict[int, Gap]:
     Raises
     ------
     ParameterError
-        If two walls have the same axis and side, kinds differ on one axis, a wall of a periodic axis lacks its partner, or nothing solid is
+        If two walls have the same axis and side, kinds differ on one axis, a periodic axis has a single wall, or nothing solid is
         left between the images.
     """
     if isinstance(walls, Wall) or not all(isinstance(wall, Wall) for wall in walls):

@@ -43,7 +43,7 @@ class PairCoefficient:
     :mod:`openmm_dpd.kinds` says.
     """
 
-    #: What its beads carry beside position and velocity: a class of :mod:`openmm_dpd.model.internal`.
+    #: Its per-bead fields: a class of :mod:`openmm_dpd.model.internal`.
     internal: ClassVar[type | None] = None
 
     @property

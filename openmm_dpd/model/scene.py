@@ -9,10 +9,11 @@ import numpy as np
 
 from ..errors import ParameterError, what_is
 from ..html import fact_table
-from ..units import BOLTZMANN, to_md, whole_number
+from ..units import to_md, whole_number
 from .angles import ANGLE_KINDS, Angles, check_angles
 from .bonds import BOND_KINDS, Bonds, FENEBonds
 from .electrostatics import GaussianCharges, SlaterCharges, check_electrostatics
+from .eos import thermal_energies
 from .flow import BodyForce, PositionForce, Wall, check_inside, gaps
 from .internal import Internal, check_internal
 from .owned import keep
@@ -24,17 +25,22 @@ from .table import PairTable, require_complete
 
 @dataclass(frozen=True)
 class TemperatureRamp:
-    """Thermal energy that changes linearly: kT(k) = start + (stop - start) (k - begin)/(end - begin), with k the number of the step.
+    """Thermal energy that changes linearly with the number k of the step.
 
-    Before ``begin`` it is ``start``, after ``end`` it is ``stop``.  LAMMPS: the two temperatures of ``dpd/tstat`` with
-    ``run ... start ... stop``.
+    kT(k) = kT_start + (kT_end - kT_start) (k - first_step)/(last_step - first_step) between the two steps, ``kT_start`` before them and
+    ``kT_end`` after them.  LAMMPS: the two temperatures of ``dpd/tstat`` with ``run ... start ... stop``.
 
     Parameters
     ----------
-    start, stop : energy
+    kT_start, kT_end : energy
         kT in kJ/mol (or a temperature as a Quantity in kelvin), >= 0.
-    begin, end : int
-        First and last step of the ramp, counted from the first step of the integrator; begin may be negative.
+    first_step, last_step : int
+        Counted from the first step of the integrator; ``first_step`` may be negative.
+
+    Raises
+    ------
+    ParameterError
+        If a kT is no energy or temperature >= 0, a step is not a whole number, or the last step is not after the first.
     """
 
     kT_start: float
@@ -61,12 +67,7 @@ class TemperatureRamp:
 
 def thermal_energy(value, name: str = "kT") -> float:
     """Thermal energy in kJ/mol from an energy (bare numbers: kJ/mol) or from a temperature given as a Quantity."""
-    from openmm import unit
-
-    if unit.is_quantity(value) and value.unit.is_compatible(unit.kelvin):
-        kT = BOLTZMANN * to_md(value, "temperature", name)
-    else:
-        kT = to_md(value, "energy", name)
+    kT = thermal_energies(value, name)
     if not isinstance(kT, float) or kT < 0:
         raise ParameterError(f"{name} must be a single number >= 0, but is {value!r}")
     return kT
@@ -128,7 +129,7 @@ class Scene:
     bead_masses : (N,) array, optional
         Masses of the single beads where they differ from those of their types.
     charges : (N,) array, optional
-        Elementary charges; carried into topologies.  Forces follow from them if there is an ``electrostatics``.
+        Elementary charges, also written into topologies.  Forces follow from them if there is an ``electrostatics``.
     bonds : sequence of HarmonicBonds, FENEBonds and MorseBonds
         Bonds.
     bonded_factors : three floats, default (1, 1, 1)
@@ -140,7 +141,7 @@ class Scene:
     molecules : (N,) array of int, optional
         Molecule numbers, for the topology.
     internal : InternalEnergy, BeadTemperatures or Concentrations, optional
-        Per-bead fields beside position and velocity; needed by the pair terms EnergyDPD, EDPD and TDPD in this order.
+        Per-bead fields, for the pair terms EnergyDPD, EDPD and TDPD in this order.
     sources : sequence of Source
         Sources of heat (EDPD) or of a species (TDPD).
     compat : {"consistent", "lammps"}
