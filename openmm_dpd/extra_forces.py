@@ -43,7 +43,7 @@ _PATTERNS = {"uniform": external.UNIFORM, "halves": external.HALVES, "sine": ext
 
 
 def extras(scene: Scene, overlays: Sequence[dict], exceptions: dict[tuple[int, int], float]) -> tuple[Extra, ...]:
-    """What acts in a scene beside its pair terms.
+    """The conservative forces of a scene beside its pair terms.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Internal energies, temperatures and concentrations of a running scene: reading, setting, and saving them.
+"""Per-bead fields of a running scene (internal energies, temperatures, concentrations): reading, setting, and saving them.
 
 They are per-DOF variables of the integrator (``field0``, ``field1``, ..., three values per bead in each), so OpenMM's checkpoints and saved
 states hold them.

@@ -1,4 +1,4 @@
-"""Writing files so that a full disk costs nothing that was there: whole files, or whole blocks, or one clear error."""
+"""Writing files so that a full disk destroys nothing: whole files, or whole blocks, or one clear error."""
 
 from __future__ import annotations
 

@@ -214,7 +214,7 @@ def _balance(total, ci, cj, ki, kj, start, nodes, pieces):
 
 @inlined
 def _passes(exponent, drawn):
-    """Metropolis test; exp(x) >= 1 + x decides nearly always, and is easier to foresee than the sign of x."""
+    """Metropolis test; exp(x) >= 1 + x decides nearly always, and the processor predicts that branch better than the sign of x."""
     return drawn < 1.0 + exponent or (exponent < 0.0 and drawn < exp_below(exponent))
 
 

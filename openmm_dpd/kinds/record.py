@@ -1,4 +1,4 @@
-"""What the package asks about a kind of pair coefficients, as one record, and the register of all of them."""
+"""The properties of a kind of pair coefficients, as one record, and the register of all kinds."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class BeadData(NamedTuple):
 
 
 class Curves(NamedTuple):
-    """A table of radial potentials as :class:`openmm_dpd.kernels.radial.RadialTerms` wants it."""
+    """A table of radial potentials as :class:`openmm_dpd.kernels.radial.RadialTerms` needs it."""
 
     which: np.ndarray
     lennard_jones: np.ndarray
@@ -40,7 +40,7 @@ class Curves(NamedTuple):
 
 @dataclass(frozen=True)
 class Overlay:
-    """A radial potential without friction, for a thermostat to be laid over.
+    """A radial potential without friction, beside the DPD terms.
 
     Attributes
     ----------

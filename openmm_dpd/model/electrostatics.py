@@ -1,4 +1,4 @@
-"""Smeared charges: what the user says about them, their potentials, and the settings of the Ewald sum."""
+"""Smeared charges: their parameters and potentials, and the settings of the Ewald sum."""
 
 from __future__ import annotations
 
@@ -289,7 +289,7 @@ def ewald_sum(charges: SmearedCharges, box: np.ndarray, n_charges: int) -> Ewald
 
 
 def _check_sum(charges: SmearedCharges, cutoff: float, alpha: float, grid: tuple[int, int, int], box: np.ndarray) -> None:
-    """Settings whose sum would be wrong by a tenth and more, or whose grid is beyond what a computer holds (OpenMM would crash)."""
+    """Settings whose sum would be wrong by a tenth and more, or whose grid does not fit into memory (OpenMM would crash)."""
     name = type(charges).__name__
     if math.erfc(alpha * cutoff) > 0.1:
         raise ParameterError(

@@ -119,7 +119,7 @@ class Scene:
     positions : (N, 3) array of lengths
         May lie outside the box.
     pairs : PairTable, mapping accepted by it, or a sequence of tables
-        Tables of different kinds, or several of one kind, are laid over each other.  Every pair of types must appear in one of them.
+        Tables of different kinds, or several of one kind, add up.  Every pair of types must appear in one of them.
     kT : energy, temperature or TemperatureRamp
         Thermal energy; a Quantity in kelvin is multiplied by the gas constant.  0 switches the noise off.
     box : (3,) or (3, 3) array of lengths, optional
@@ -242,7 +242,7 @@ class Scene:
         return fact_table("Scene", self.facts())
 
     def facts(self) -> dict[str, object]:
-        """What a person wants to know, by name; None for what there is none of."""
+        """The main facts by name, None for what the scene does not have."""
         counts = np.bincount(self.type_ids, minlength=len(self.masses)).tolist()
         named = ", ".join(f"{name} {count}" for name, count in zip(self.masses, counts, strict=True))
         ramp = self.kT if isinstance(self.kT, TemperatureRamp) else None
