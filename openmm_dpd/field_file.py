@@ -115,7 +115,7 @@ class FieldReporter:
     Parameters
     ----------
     file : str or path
-        By custom ``fields.npz`` beside the trajectory.
+        Usually ``fields.npz`` beside the trajectory.
     interval : int
         Steps between frames.
     built : BuiltSystem

@@ -115,7 +115,7 @@ class KernelFiles:
     name : str
         What the files' names begin with.
     stamp
-        What must be as it was for a file to be found: the kernel's source, say.
+        What must be unchanged for a file to be found, such as the kernel's source.
     """
 
     def __init__(self, folder: str | os.PathLike, name: str, stamp: Any):
