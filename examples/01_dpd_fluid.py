@@ -10,7 +10,7 @@ pairs = {("W", "W"): dpd.DPD(A=25.0, gamma=4.5, cutoff=1.0)}
 scene = dpd.Scene(masses={"W": 1.0}, types=["W"] * N, positions=positions, pairs=pairs, kT=1.0, box=[EDGE] * 3)
 built = dpd.build(scene, dt=0.05, scheme="middle", seed=2024)
 simulation = built.simulation()  # an openmm.app.Simulation like any other
-simulation.step(500)  # soft beads forget their random start soon
+simulation.step(500)  # equilibrate
 simulation.reporters.append(app.DCDReporter("fluid.dcd", 100))
 simulation.reporters.append(dpd.DPDReporter("fluid.csv", 100, built))
 simulation.step(STEPS)

@@ -17,7 +17,7 @@ class ParameterError(DPDError):
 
 
 class PlanError(DPDError):
-    """The scene is well formed, but what is asked for cannot be built."""
+    """The scene is valid, but cannot be built with these choices."""
 
 
 class ProgramError(DPDError):

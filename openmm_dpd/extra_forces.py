@@ -43,7 +43,7 @@ _PATTERNS = {"uniform": external.UNIFORM, "halves": external.HALVES, "sine": ext
 
 
 def extras(scene: Scene, overlays: Sequence[dict], exceptions: dict[tuple[int, int], float]) -> tuple[Extra, ...]:
-    """What acts in a scene beside its pair terms.
+    """The conservative forces of a scene beside its pair terms.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def radial_terms(table: dict, type_ids: np.ndarray, names: list[str], exceptions
     overlay = resolved_kind(table).overlay
     assert overlay is not None
     cutoff = type_pairs(table, names, lambda c: c.cutoff, 0.0)
-    # beads without any partner are not even sorted
+    # beads that interact with no other are not even sorted
     types = np.where(np.any(cutoff > 0, axis=1)[type_ids], type_ids, -1).astype(np.int32)
     rows = compressed_exceptions(exceptions, len(type_ids))
     return RadialTerms(types, cutoff, *overlay.curves(table, names), rows)

@@ -1,4 +1,4 @@
-"""Internal energies, temperatures and concentrations over time: a file beside the trajectory."""
+"""Per-bead fields over time: a file beside the trajectory."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ class FieldReporter:
     Parameters
     ----------
     file : str or path
-        By custom ``fields.npz`` beside the trajectory.
+        Usually ``fields.npz`` beside the trajectory.
     interval : int
         Steps between frames.
     built : BuiltSystem
@@ -126,7 +126,7 @@ class FieldReporter:
     Raises
     ------
     ParameterError
-        If the interval is below 1, the beads carry nothing, or a file to go on with holds something else.
+        If the interval is below 1, the beads have no fields, or a file to go on with holds something else.
 
     Examples
     --------
@@ -146,13 +146,13 @@ class FieldReporter:
     def __init__(self, file: str | os.PathLike, interval: int, built: BuiltSystem, append: bool = False):
         interval = whole_number(interval, "the interval between reports, in steps,", least=1)
         if not isinstance(built, BuiltSystem):
-            raise ParameterError(f"FieldReporter wants as built what openmm_dpd.build() returned, not {what_is(built)}")
+            raise ParameterError(f"FieldReporter needs what openmm_dpd.build() returned, not {what_is(built)}")
         if not has_fields(built):
-            raise ParameterError("the beads of this scene carry no internal energies, temperatures, concentrations or local densities")
+            raise ParameterError("the beads of this scene have no internal energies, temperatures, concentrations or local densities")
         self._writer, self._interval, self._built = FieldWriter(file, append), interval, built
 
     def describeNextReport(self, simulation):
-        """Steps until the next frame; nothing is wanted in the State that OpenMM hands over."""
+        """Steps until the next frame; no part of the State is needed."""
         steps = self._interval - simulation.currentStep % self._interval
         return {"steps": steps, "periodic": None, "include": []}
 

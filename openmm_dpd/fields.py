@@ -1,4 +1,4 @@
-"""Internal energies, temperatures and concentrations of a running scene: reading, setting, and saving them.
+"""Per-bead fields of a running scene (internal energies, temperatures, concentrations): reading, setting, and saving them.
 
 They are per-DOF variables of the integrator (``field0``, ``field1``, ..., three values per bead in each), so OpenMM's checkpoints and saved
 states hold them.
@@ -16,8 +16,8 @@ from openmm import unit
 from .errors import ParameterError
 from .kernels.engine import PairEngine
 from .kernels.fields import ENERGY, TEMPERATURE, FieldSpec
-from .model.eos import thermal_energies
 from .model.internal import InternalEnergy
+from .model.temperature import thermal_energies
 from .names import FIELD
 from .units import to_md
 
@@ -52,7 +52,7 @@ def raw_fields(context: openmm.Context, spec: FieldSpec) -> np.ndarray:
 
 
 def read_fields(context: openmm.Context, plan: Plan) -> dict[str, np.ndarray]:
-    """What the beads of a running scene carry, by name.
+    """Per-bead fields of a running scene, by name.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def _densities(context: openmm.Context, plan: Plan) -> dict[str, np.ndarray]:
 
 
 def write_fields(context: openmm.Context, plan: Plan, **values: Any) -> None:
-    """Set what the beads of a running scene carry.
+    """Set the per-bead fields of a running scene.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def write_fields(context: openmm.Context, plan: Plan, **values: Any) -> None:
     )
     for name in values:
         if name not in known:
-            raise ParameterError(f"the beads of this scene carry no {name!r}; they carry {', '.join(known) or 'nothing'}")
+            raise ParameterError(f"the beads of this scene have no {name!r}; their fields are: {', '.join(known) or 'none'}")
     if spec is None or not values:
         return
     new = raw_fields(context, spec)
@@ -139,7 +139,7 @@ def write_fields(context: openmm.Context, plan: Plan, **values: Any) -> None:
     for name, block in field_variables(new).items():
         integrator.setPerDofVariableByName(name, block)
     if any(integrator.getGlobalVariableName(k) == "valid_for" for k in range(integrator.getNumGlobalVariables())):
-        # accelerations and rates that a scheme kept belong to the old values
+        # stored accelerations and rates belong to the old values
         integrator.setGlobalVariableByName("valid_for", -1.0)
 
 

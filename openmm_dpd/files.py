@@ -1,4 +1,4 @@
-"""Writing files so that a full disk costs nothing that was there: whole files, or whole blocks, or one clear error."""
+"""Writing files so that a full disk destroys nothing: whole files, or whole blocks, or one clear error."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def write_whole(path: str | os.PathLike, content: str | bytes, what: str) -> Non
     content : str or bytes
         Text is written in UTF-8.
     what : str
-        What it is, for the error: ``the report``, say.
+        What it is, for the error, such as ``the report``.
 
     Raises
     ------

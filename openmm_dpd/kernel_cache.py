@@ -86,7 +86,7 @@ def _candidates() -> list[Path]:
 
 @functools.cache
 def cache_folder() -> Path | None:
-    """The folder that compiled kernels are kept in; None, and a word on it, if there is none.
+    """The folder that compiled kernels are kept in; None, with one message, if there is none.
 
     ``NUMBA_CACHE_DIR`` if that is set, else ``openmm_dpd/kernels`` in the user's cache folder, else one in the folder for temporary files;
     whichever belongs to the user and can be written by nobody else.
@@ -115,7 +115,7 @@ class KernelFiles:
     name : str
         What the files' names begin with.
     stamp
-        What must be as it was for a file to be found: the kernel's source, say.
+        What must be unchanged for a file to be found, such as the kernel's source.
     """
 
     def __init__(self, folder: str | os.PathLike, name: str, stamp: Any):

@@ -8,20 +8,20 @@ from enum import IntEnum
 class Phase(IntEnum):
     """What the pair force is asked to do; the program sets it in the context parameter ``dpd_phase``.
 
-    *kept* are the positions of the last STORE, FINGERPRINT or CONSERVE, *seen* the present ones; the velocity the pair terms see is
-    (seen - kept)/tau, with tau in the context parameter ``dpd_tau``.  Those from 100 on have a number added, below 100.
+    *Kept* are the positions of the last STORE, FINGERPRINT or CONSERVE, *seen* the present ones.  The pair terms use the velocity
+    (seen - kept)/tau, with tau in the context parameter ``dpd_tau``.  To phases from 100 on a number below 100 is added.
     """
 
-    IDLE = 0  # outside a step: conservative force and energy if the kernel holds them, else nothing
-    STORE = 1  # keep the positions; nothing else
-    FINGERPRINT = 2  # keep the positions; the energy is their fingerprint
-    CONSERVE = 3  # keep the positions; conservative force
-    FORCE_SEEN = 4  # all forces the kernel holds, at the seen positions
+    IDLE = 0  # outside a step: conservative force and energy if the kernel computes them, else nothing
+    STORE = 1  # store the positions; nothing else
+    FINGERPRINT = 2  # store the positions; the energy is their fingerprint
+    CONSERVE = 3  # store the positions; conservative force
+    FORCE_SEEN = 4  # all forces that the kernel computes, at the seen positions
     FORCE_KEPT = 5  # dissipative and random force at the kept positions
-    RUN = 6  # carry out a step from the kept positions with the velocities that are seen; answers the new positions
+    RUN = 6  # a whole step from the kept positions with the seen velocities; the force is the new positions
     SWEEP_SEEN = 100  # (+ pair update) impulses/dt of a sweep at the seen positions
     SWEEP_KEPT = 200  # (+ pair update) impulses/dt of a sweep at the kept positions
-    READ = 300  # (+ block) take three values per bead from seen - kept: the per-bead fields beside position and velocity
+    READ = 300  # (+ block) take three values per bead from seen - kept: per-bead fields, rates, accelerations
     CHANGE = 400  # (+ block) what the last evaluation did to these values: rates, or after a sweep increments
     TELL = 500  # (+ block) three values per bead as RUN left them
 
@@ -58,11 +58,11 @@ RAMP_STEP = "ramp_step"
 #: another program may run the same scheme.
 PORTABLE = ("ahead", "unused", "fingerprint", "valid_for", "stamp")
 
-#: Scale of the displacement that shows velocities (and accelerations) to a whole step: so long that what is left of them after x has been
-#: added and taken off is as exact as they are.  A power of two.
+#: Scale of the displacement that passes velocities (and accelerations) to a whole step: so long that they lose no digits when x is added
+#: and subtracted.  A power of two.
 SHOWN = 1024.0
 
-#: Global variable of an integrator: steps that are done already, of which only barostats have to hear.
+#: Global variable of an integrator: steps that are done already.  Only barostats still act in them.
 AHEAD = "ahead"
 
 #: Global variable of an integrator whose slow forces do not kick in every step: steps done since they last did.
@@ -80,7 +80,7 @@ FIELD = "field"
 #: Parameters that change within a step and say nothing about the state.
 VOLATILE = frozenset((PHASE, TAU, COUNTER, BY_SCHEME, BY_KT, BY_SEED, BY_VARIABLES, BEGUN, VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED))
 
-# Force groups: the package's own forces keep out of the low ones, where users and OpenMM put theirs.
+# Force groups.  The package leaves the low ones to users and OpenMM.
 
 #: Name of the force of the pair terms.
 PAIR_FORCE = "DPD pair terms"

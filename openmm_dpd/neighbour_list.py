@@ -1,4 +1,4 @@
-"""Where the neighbour list of OpenMM's Reference platform finds every pair.
+"""Whether the neighbour list of OpenMM's Reference platform finds every pair of a box.
 
 It sorts particles into voxels of half a cutoff or a little more, and looks two voxels far, at one image of each voxel.  In a tilted box the
 rows of voxels shift where an image begins.  So the list is right if no row is met by two images, which takes an edge of three cutoffs, and

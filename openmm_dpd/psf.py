@@ -18,8 +18,10 @@ RESIDUE, SEGMENT = "MOL", "DPD"
 
 @dataclass(frozen=True, eq=False)
 class Beads:
-    """What a PSF file says of N beads: names, masses (Da), charges (e), molecule numbers, bonds (B, 2) and angles (K, 3) from 0, and the
-    names of their molecules."""
+    """The content of a PSF file for N beads: names, masses (Da), charges (e), molecule numbers, bonds (B, 2) and angles (K, 3) from 0.
+
+    ``residues`` are the names of their molecules.
+    """
 
     names: list[str]
     masses: np.ndarray

@@ -106,13 +106,12 @@ def recommend(
 
     Notes
     -----
-    The table is about soft repulsion with friction, in a box; :func:`openmm_dpd.scene_groups.groups` says how layers and pairs of types are
-    put together.  Harmonic bonds limit the step by their frequency.  What else a scene has is named in ``notes``, and the answer leaves it
-    out: other bonds, angles, segmental repulsion, beads without friction among themselves, and charges, whose note has the frequency of two
-    opposite ones on top of each other.  What it says of ``native`` was measured on the CPU platform; on GPU platforms OpenMM's
-    DPDIntegrator updates all pairs at once, and gets too hot at shorter steps.  Without friction, or with an attraction or another
-    potential between beads, there is no recommendation.  Beads beside atoms (:func:`openmm_dpd.create_mixed_system`) take the step of
-    the atoms and are refused.
+    The table covers soft repulsion with friction, in a box; :func:`openmm_dpd.scene_groups.groups` combines layers and pairs of types.
+    Harmonic bonds limit the step by their frequency.  The recommendation leaves out other bonds, angles, segmental repulsion, beads without
+    friction among themselves, and charges; ``notes`` names them, charges with the frequency of two opposite ones on top of each other.  The
+    steps of ``native`` were measured on the CPU platform; on GPU platforms OpenMM's DPDIntegrator updates all pairs at once, and gets too
+    hot at shorter steps.  Without friction, or with an attraction or another potential between beads, there is no recommendation.  Beads
+    beside atoms (:func:`openmm_dpd.create_mixed_system`) take the step of the atoms and are refused.
     """
     if isinstance(scene, MixedSystem):
         raise ParameterError(

@@ -1,4 +1,4 @@
-"""Schemes: what a step is made of, as the word that a paper prints.
+"""Schemes: the substeps of a step, as the word that papers print.
 
 ``A`` drift, ``B`` kick, ``O`` sweep of exact pair updates, ``S`` sweep of Shardlow's, each over a part of the step: ``3B/5`` is a kick over
 three fifths of it.  To add a scheme: one entry of :data:`SCHEMES`.
@@ -20,7 +20,7 @@ LETTERS = {"A": "drift", "B": "kick", "O": "sweep of exact pair updates", "S": "
 #: Those that stand for friction and noise.
 SWEEPS = ("O", "S")
 
-#: One letter of a word and the part of the step it is carried out over.
+#: One letter of a word and its part of the step.
 Letter = tuple[str, Fraction]
 
 
@@ -87,7 +87,7 @@ class Scheme:
 
     @property
     def lag(self) -> float:
-        """By how much of a step's kick velocities stay behind positions, read at whole steps.
+        """The part of a step's kick by which velocities, read at whole steps, are behind positions.
 
         Each kick counts with the drift that follows it, less half a step in all: where kicks stand evenly between the drifts that is half
         of what the kick before the first drift has more than the one after the last.
@@ -121,7 +121,7 @@ class Scheme:
 
 
 def spelt(letter: Letter) -> str:
-    """A letter as it stands in a word."""
+    """A letter as written in a word."""
     name, part = letter
     return ("" if part.numerator == 1 else str(part.numerator)) + name + ("" if part.denominator == 1 else f"/{part.denominator}")
 

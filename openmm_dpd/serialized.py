@@ -1,4 +1,4 @@
-"""Reading what OpenMM's XmlSerializer wrote, without running what others have put into it.
+"""Reading what OpenMM's XmlSerializer wrote, without running other people's code in it.
 
 A PythonForce is written as a pickled Python object, and to unpickle is to run: OpenMM's own ``XmlSerializer.deserialize`` carries out
 whatever a file of unknown origin says.
@@ -31,7 +31,7 @@ _ARRAYS = {
 
 
 class _Unpickler(pickle.Unpickler):
-    """Lets in plain values, arrays, and classes (not functions) of this package's forces."""
+    """Accepts plain values, arrays, and classes (not functions) of this package's forces."""
 
     def find_class(self, module: str, name: str) -> Any:
         if (module, name) in _ARRAYS:
@@ -47,7 +47,7 @@ class _Unpickler(pickle.Unpickler):
 
 
 def checked_xml(text: str) -> ElementTree.Element:
-    """The elements of an XML text, after a look at all Python objects in it.
+    """The elements of an XML text, after a check of all Python objects in it.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def read_file(file: str | os.PathLike | TextIO) -> str:
 
 
 def deserialized(root: ElementTree.Element) -> Any:
-    """The object of elements that were looked at; they are written anew, so that OpenMM reads what was looked at."""
+    """The object of elements that were looked at; they are written anew, so that OpenMM reads exactly what was checked."""
     try:
         return openmm.XmlSerializer.deserialize(ElementTree.tostring(root, encoding="unicode"))
     except (openmm.OpenMMException, ValueError) as error:

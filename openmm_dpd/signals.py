@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM (from a batch system, say): a run ends where it loses nothing."""
+"""SIGINT and SIGTERM (from a batch system, for example): a run ends without losing results."""
 
 from __future__ import annotations
 

@@ -190,7 +190,7 @@ class StabilityTable:
 
 
 def _log(entry: Mapping[str, Any], path: tuple[str, ...]) -> float:
-    """log of a step; without a configurational temperature (no repulsion) the kinetic one stands in, without either the blow-up."""
+    """log of a step; without a configurational temperature (no repulsion) from the kinetic one, without either from the blow-up."""
     found: Any = entry
     for word in path:
         found = found[word]

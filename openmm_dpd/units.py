@@ -102,7 +102,7 @@ def _real_numbers(value) -> np.ndarray | None:
 
 
 def _entry_by_entry(value, dimension: str, name: str) -> np.ndarray:
-    """Lists of Quantities (a list of Vec3 with units, say); whatever else is no array of numbers is an error that names the culprit."""
+    """Lists of Quantities (such as a list of Vec3 with units); anything else that is no array of numbers is an error that names it."""
     if not isinstance(value, (list, tuple)) and not (isinstance(value, np.ndarray) and value.ndim):
         raise ParameterError(f"{name} must be a number or an array of numbers, not {reprlib.repr(value)}")
     bare = [k for k, entry in enumerate(value) if not unit.is_quantity(entry)]

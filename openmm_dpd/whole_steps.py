@@ -1,7 +1,7 @@
 """Many whole steps at once: from a Context to the kernel's loop and back.
 
-This is what :meth:`openmm_dpd.integrators.PairIntegrator.step` does where the pair force holds every fast force.  The program of the
-integrator does the same step by step, with the same bits; here positions and velocities pass once for many steps.
+:meth:`openmm_dpd.integrators.PairIntegrator.step` uses this where the pair force computes every fast force.  The program of the
+integrator does the same step by step, with the same bits; this way positions and velocities are copied once for many steps.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ if TYPE_CHECKING:
 
 
 class WholeSteps:
-    """Carries out steps of one System.
+    """Does steps of one System.
 
     Parameters
     ----------
     function : PairForceFunction
-        The callable of the pair force, which holds the terms and the arrays.
+        The callable of the pair force, with its terms and arrays.
     pair_group : int
         Force group of that force.
     """
@@ -62,21 +62,21 @@ class WholeSteps:
         return self.function.steps
 
     def run(self, integrator: PairIntegrator, context: openmm.Context, n: int, *, slow: bool, barostats: bool) -> None:
-        """Carry out n steps; the Context is not touched before all are done, but for the forces that stay OpenMM's.
+        """Do n steps.  Before they are done the Context is changed only where OpenMM's forces need it.
 
         Parameters
         ----------
         slow : bool
-            Whether there are such forces.
+            Whether forces of OpenMM act.
         barostats : bool
-            Whether something else has to act in these steps: it acts at the end of them all.
+            Whether a barostat acts: it does at the end of all these steps.
 
         Raises
         ------
         RunError
             If a step fails, with its number.
         """
-        here = self.function.thread_state()
+        own = self.function.thread_state()
         self._settle_temperature(integrator, context)
         dt = integrator.getStepSize()._value
         state = context.getState(positions=True, velocities=True, parameters=True)
@@ -86,8 +86,8 @@ class WholeSteps:
         for _ in range(n):  # as OpenMM adds it up
             clock.append(clock[-1] + dt)
         try:
-            moment = self._moment(integrator, state, parameters, dt, here)
-            loop = here.loop
+            moment = self._moment(integrator, state, parameters, dt, own)
+            loop = own.loop
             if slow:
                 used = integrator.getIntegrationForceGroups()
                 groups = {group for group in range(32) if used >> group & 1} - {self.pair_group}
@@ -108,9 +108,9 @@ class WholeSteps:
             raise RunError(f"step {count + getattr(error, 'steps_done', 0) + 1}: {error}") from error
         reached = (count, clock[0]) if barostats else (count + n, clock[-1])
         try:
-            self._give_back(integrator, context, state, moment, here, reached)
+            self._give_back(integrator, context, state, moment, own, reached)
         except BaseException:
-            self._give_back(integrator, context, state, moment, here, reached)  # all of it, wherever that was interrupted
+            self._give_back(integrator, context, state, moment, own, reached)  # all of it, wherever that was interrupted
             raise
         if barostats:
             openmm.CustomIntegrator.setGlobalVariableByName(integrator, AHEAD, float(n))
@@ -130,13 +130,13 @@ class WholeSteps:
         elif kT != get(SEEN_KT):
             integrator.agree(context, kT, kT / BOLTZMANN)
 
-    def _moment(self, integrator: PairIntegrator, state, parameters, dt: float, here) -> Moment:
-        """What the first step begins with."""
+    def _moment(self, integrator: PairIntegrator, state, parameters, dt: float, own) -> Moment:
+        """The state in which the first step begins."""
         function, spec = self.function, self.spec
         if not dt > 0.0:
             raise RunError(f"the step size must be > 0, but the integrator's is {dt:g} ps")
         x, box = function.positions(state), function.box(state)
-        function.scale_body_forces(here, parameters)
+        function.scale_body_forces(own, parameters)
         v = state.getVelocities(asNumpy=True)._value.copy()
         v[function.spec.inv_mass == 0.0] = 0.0
         kT = function.thermal_energy(parameters)
@@ -149,9 +149,9 @@ class WholeSteps:
         fields = function.spec.fields
         if fields is not None:
             blocks = [values[f"{FIELD}{k}"].copy() for k in range(fields.n_blocks)]
-            moment.values = self._shown_blocks(x, blocks, here.fields)
+            moment.values = self._shown_blocks(x, blocks, own.fields)
         if spec.predicts:
-            valid = function.fingerprint(here, x, box, parameters) == integrator.getGlobalVariableByName("valid_for")
+            valid = function.fingerprint(own, x, box, parameters) == integrator.getGlobalVariableByName("valid_for")
             if fields is not None:
                 moment.rates = unfolded([values[f"rate{k}"] for k in range(fields.n_blocks)], fields)
             if valid:
@@ -166,9 +166,9 @@ class WholeSteps:
         return fields.values.copy()
 
     def _give_back(
-        self, integrator: PairIntegrator, context: openmm.Context, state, moment: Moment, here, reached: tuple[int, float]
+        self, integrator: PairIntegrator, context: openmm.Context, state, moment: Moment, own, reached: tuple[int, float]
     ) -> None:
-        """Put what the last step left into the Context."""
+        """Write the result of the last step into the Context."""
         function, spec = self.function, self.spec
         put = openmm.CustomIntegrator.setGlobalVariableByName
         still = function.spec.inv_mass == 0.0
@@ -186,13 +186,13 @@ class WholeSteps:
             context.setParameter(KT, moment.kT)
             put(integrator, RAMP_STEP, moment.ramped)
         if moment.values is not None:
-            here.fields.values = moment.values
+            own.fields.values = moment.values
         held = {name: moment.block(block) for name, block in self._variables().items()}
         if spec.predicts:
             if moment.predicted is not None:
                 held["vp"] = moment.predicted
             after = context.getState(positions=True, parameters=True)
-            last = function.fingerprint(here, function.positions(after), function.box(after), after.getParameters())
+            last = function.fingerprint(own, function.positions(after), function.box(after), after.getParameters())
             put(integrator, "valid_for", last)
             put(integrator, "fingerprint", last)
         for name, values in held.items():
@@ -212,7 +212,7 @@ class WholeSteps:
         return names | {f"rate{k}": RATES + k for k in blocks} | {"acc": ACCELERATION} if predicts else names
 
     def _values(self, integrator: PairIntegrator, names: list[str]) -> dict[str, np.ndarray]:
-        """Their values; asking OpenMM takes longer than some steps, so those that were set here last are remembered with a fingerprint."""
+        """Their values.  Reading them from OpenMM takes longer than some steps, so those written last are kept, with a fingerprint."""
         if not names:
             return {}
         stamp, held = self._held

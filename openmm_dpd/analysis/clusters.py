@@ -83,7 +83,7 @@ def cluster_sizes(trajectory: Trajectories, beads: Beads = None, *, cutoff: floa
     trajectory : mdtraj.Trajectory or iterable of them
         Any box, or none.
     beads : str, sequence of str, array of int, or None
-        Beads that connect: the tails of surfactants, say.  All by default.
+        Beads that connect, such as the tails of surfactants.  All by default.
     cutoff : float
         Beads not further apart than this (nm) are connected.  A distance near the first minimum of their g(r) is usual, 1 to 1.3 cutoffs of
         the DPD force.

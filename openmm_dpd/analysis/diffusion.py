@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import ParameterError
+from ..model.scene import thermal_energy
 from ..stats import Average, block_average
+from ..units import to_md
 from .curves import Curve
 from .frames import axis_number, frames_of, indices, positive_number, selected, weights_of
 from .molecules import molecule_labels
@@ -143,16 +145,17 @@ def diffusion_coefficient(
     displacement: MeanSquaredDisplacement,
     fit: tuple[float, float],
     *,
-    kT: float | None = None,
+    kT=None,
     viscosity: float | None = None,
-    edge: float | None = None,
+    edge=None,
 ) -> Average:
     r"""Diffusion coefficient D from the slope of the mean squared displacement, msd = 2 d D t + c in d dimensions.
 
     The line is the least-squares one through the lags within ``fit``.  Its slope is a sum over lags, so there is a D for each first frame;
     their mean is D, and blocks of them give its error, correlations between lags and between beads included.
 
-    In a periodic box D is too small by the flow that a bead drives around it.  With ``kT``, ``viscosity`` and ``edge`` of a cubic box
+    In a periodic box D is too small, because a bead interacts with its images through the flow that it drives.  With ``kT``,
+    ``viscosity`` and ``edge`` of a cubic box
 
     .. math:: D_\infty = D + \frac{2.837297\, kT}{6 \pi \eta L}
 
@@ -163,8 +166,12 @@ def diffusion_coefficient(
     displacement : MeanSquaredDisplacement
     fit : (float, float)
         First and last time (ps) of the fit, where the displacement is linear in time.  With one lag there, D = msd/(2 d t).
-    kT, viscosity, edge : float, optional
-        Thermal energy (kJ/mol), viscosity (Da/nm/ps = kJ/mol ps/nm^3) and edge of the cubic box (nm): all or none.
+    kT : energy or temperature, optional
+        Bare numbers are kJ/mol, a Quantity may be in kelvin.
+    viscosity : float, optional
+        Da/nm/ps = kJ/mol ps/nm^3.
+    edge : length, optional
+        Edge of the cubic box.  Give all three or none.
 
     Returns
     -------
@@ -202,7 +209,8 @@ def diffusion_coefficient(
         return found
     if any(value is None for value in correction):
         raise ParameterError("the correction for the size of the box needs kT, viscosity and edge")
-    energy, eta, length = (positive_number(v, name) for v, name in zip(correction, ("kT", "viscosity", "edge"), strict=True))
+    energy, eta = positive_number(thermal_energy(kT), "kT"), positive_number(viscosity, "viscosity")
+    length = positive_number(to_md(edge, "length", "edge"), "edge")
     assert found.mean is not None
     return replace(found, mean=found.mean + XI * energy / (6 * np.pi * eta * length))
 

@@ -27,7 +27,7 @@ def radial_distribution(
     with n(r) the pairs (i of a, j of b, i != j) whose distance is in the bin from :math:`r_-` to :math:`r_+`, and P the number of all such
     pairs: N_a N_b without the beads that are in both, N (N - 1) for equal sets.  So it is 1 for an ideal gas of any size.
 
-    ``mdtraj.compute_rdf`` gives the same numbers, from a list of all pairs that it wants to be given; this looks at near ones only.
+    ``mdtraj.compute_rdf`` gives the same numbers, but needs a list of all pairs; this finds the near ones itself.
 
     Parameters
     ----------

@@ -66,7 +66,7 @@ def area_per_lipid(trajectory: Trajectories, lipids: Beads | int, *, axis: str |
     ----------
     trajectory : mdtraj.Trajectory or iterable of them
     lipids : int, str, sequence of str, or array of int
-        Number of lipids N in both leaflets, or beads (their head groups, say) whose molecules are counted.
+        Number of lipids N in both leaflets, or beads (such as their head groups) whose molecules are counted.
     axis : {"z", "y", "x"} or int
         Box vector across the bilayer.
 

@@ -122,7 +122,7 @@ def density_waves(fractions: np.ndarray, limits: np.ndarray, block: int = 4096) 
     nx, ny, nz = limits.tolist()
     total = np.zeros((2 * nx + 1, (2 * ny + 1) * (nz + 1)), dtype=np.complex128)
     for start in range(0, len(fractions), block):
-        # the phases of n = 1 carried to all n; folded first, so that large coordinates lose no digits
+        # the phases of all n from those of n = 1; wrapped first, so that large coordinates lose no digits
         s = fractions[start : start + block] - np.floor(fractions[start : start + block])
         x, y, z = (
             np.exp(-2j * np.pi * s[:, k, None] * np.arange(low, high + 1)) for k, (low, high) in enumerate(((-nx, nx), (-ny, ny), (0, nz)))

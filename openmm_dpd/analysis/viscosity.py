@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import ParameterError
+from ..model.scene import thermal_energy
 from ..stats import block_average
 from ..units import to_md
 
@@ -197,7 +198,8 @@ def green_kubo_viscosity(
         Time between samples.
     volume : float
         nm^3.
-    kT : energy
+    kT : energy or temperature
+        Bare numbers are kJ/mol, a Quantity may be in kelvin.
     friction : (n, 6) array, optional
         D; zero without friction (ordinary molecular dynamics).
     instantaneous : float
@@ -221,7 +223,7 @@ def green_kubo_viscosity(
         stress = stress.regular
     if dt is None or volume is None or kT is None:
         raise ParameterError("of stresses in an array, green_kubo_viscosity needs dt, volume and kT as well")
-    step, energy = to_md(dt, "time", "dt"), to_md(kT, "energy", "kT")
+    step, energy = to_md(dt, "time", "dt"), thermal_energy(kT)
     regular = _independent(stress, "stress")
     drag = np.zeros_like(regular) if friction is None else _independent(friction, "friction")
     if drag.shape != regular.shape:

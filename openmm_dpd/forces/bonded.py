@@ -38,7 +38,7 @@ MOLECULES = "molecules"
 
 
 def molecules(pairs) -> openmm.CustomBondForce:
-    """A force without an energy between bonded beads (B, 2), by which OpenMM knows molecules: barostats move each as a whole."""
+    """A force without an energy between bonded beads (B, 2), from which OpenMM finds molecules: barostats move each as a whole."""
     force = openmm.CustomBondForce("0")
     force.setName(MOLECULES)
     force.setForceGroup(MOLECULE_GROUP)

@@ -181,7 +181,7 @@ def _bond_force(text: str, q: np.ndarray, factors: dict[tuple[int, int], float],
 def lattice_force(q: np.ndarray, constant: float, ewald: EwaldSum, factors: dict[tuple[int, int], float]) -> openmm.NonbondedForce:
     """PME of point charges without its direct space.
 
-    The CPU platform wants the same exclusions in all pair forces.  Without the direct space they change nothing on any platform: the pairs
+    The CPU platform needs the same exclusions in all pair forces.  Without the direct space they change nothing on any platform: the pairs
     stay in the lattice sum, and the bond force takes them out.
     """
     force = openmm.NonbondedForce()

@@ -126,7 +126,7 @@ def exception_force(
     """
     text = expression.virial if virial else expression.energy
     head, *definitions = text.split(";")
-    # OpenMM wants what a definition uses behind it
+    # in OpenMM a definition comes before those that it uses
     gate = f"step(apart-{COINCIDENT!r})*" if expression.skips_coincident else ""
     text = ";".join([f"{gate}factor*({head})", *definitions, f" r=max(apart, {COINCIDENT!r})", " apart=distance(p1, p2)"])
     force = openmm.CustomCompoundBondForce(2, _switched(text) if virial else text)

@@ -1,4 +1,4 @@
-"""Pair potentials that DPD thermostats are laid over: Lennard-Jones and tabulated.
+"""Overlays, radial pair potentials beside the DPD terms: Lennard-Jones and tabulated.
 
 To add one: a coefficient class in ``model/pairs.py``, an expression here, a record in ``kinds/overlays.py``.
 """

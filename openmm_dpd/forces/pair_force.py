@@ -41,7 +41,7 @@ from .runaway import NEAR, runaway
 if TYPE_CHECKING:
     from ..program_options import ProgramOptions
 
-#: Phases that keep the positions.
+#: Phases that store the positions.
 KEEPING = (Phase.STORE, Phase.FINGERPRINT, Phase.CONSERVE)
 
 #: Phases that look at the kept positions.
@@ -56,7 +56,7 @@ def _stir(total, bits):
 
 @compiled
 def fingerprint(x, parameters):
-    """A number that depends on every bit of the positions and parameters, too small to show where it is taken for an energy."""
+    """A number that depends on every bit of the positions and parameters, too small to matter where it is taken for an energy."""
     # four sums side by side: each multiplication waits for the one before it
     a, b, c, d = np.uint64(0x9E3779B97F4A7C15), np.uint64(1), np.uint64(2), np.uint64(3)
     for values in (x.ravel(), parameters):
@@ -77,7 +77,7 @@ def _plain(length: unit.Quantity) -> np.ndarray:
 
 
 def only_folded(x: np.ndarray, before: np.ndarray, box: np.ndarray) -> bool:
-    """Whether x differs from the positions before by box vectors only, to float32 rounding: GPU platforms fold beads back now and then."""
+    """Whether x differs from the positions before by box vectors only, to float32 rounding: GPU platforms wrap beads now and then."""
     if not motion.jumped(x, before, 0.5 * np.diag(box).min()):
         return False
     d = x - before
@@ -87,9 +87,9 @@ def only_folded(x: np.ndarray, before: np.ndarray, box: np.ndarray) -> bool:
 
 
 class Fields:
-    """Per-bead fields, as the pair force reads it and gives changes back: blocks of three values per bead.
+    """Per-bead fields, as the pair force reads them and returns their changes: blocks of three values per bead.
 
-    Immobile beads cannot show anything (a program skips them), so theirs are the values at the start.  Internal energies come as
+    Programs skip immobile beads, so these keep the values of the start.  Internal energies come as
     (conductive, mechanical, what rounding lost of the sum); everything else as one value after the other.
     """
 
@@ -128,15 +128,15 @@ class Fields:
 class PairForceFunction:
     """The callable inside the PythonForce: state -> (energy, forces), as the phase in the context parameters says.
 
-    It is complete and immutable once constructed, because OpenMM pickles it into the System.  What it keeps between two calls of one step
-    is private to the calling thread, so that several Contexts can step one System, and holds nothing that could not be recomputed.
+    It is complete and immutable once constructed, because OpenMM pickles it into the System.  What it stores between two calls of one step
+    is private to the calling thread, so that several Contexts can step one System, and can always be computed again.
 
     Parameters
     ----------
     spec : PairSpec
         The pair terms.
     conservative : bool
-        Whether this force holds the conservative terms too.
+        Whether this force computes the conservative terms too.
     periodic : bool
         Whether there is a periodic box.
     scale : float
@@ -144,9 +144,9 @@ class PairForceFunction:
     balanced : bool
         Whether, for internal energies, the change of a bead's kinetic energy counts in (the program takes it off again).
     length_checked : sequence of FENEBonds
-        Bonds whose lengths are looked at once in every step: a bond that is too long would make the positions NaN.
+        Bonds whose lengths are checked once in every step: a bond that is too long would make the positions NaN.
     steps : StepSpec or None
-        What a whole step is, if this force can carry it out.
+        A whole step, if this force can do it.
     """
 
     def __init__(
@@ -169,7 +169,7 @@ class PairForceFunction:
         return type(self), (self.spec, self.conservative, self.periodic, self.scale, self.balanced, self.length_checked, self.steps)
 
     def thread_state(self):
-        """What belongs to the calling thread."""
+        """The state of the calling thread."""
         local = self._local
         if not hasattr(local, "engine"):
             warm_up(self.spec)
@@ -192,7 +192,7 @@ class PairForceFunction:
         local = self.thread_state()
         here = (phase, parameters[COUNTER])
         if phase != Phase.IDLE and here == local.failed:
-            # a step died and left its phase behind: what is asked for from outside is what IDLE answers; but a new step may begin so too
+            # a step failed and its phase is still set: a call from outside gets what IDLE gives, but a new step may begin so too
             phase = phase if phase in KEEPING else int(Phase.IDLE)
         elif phase != Phase.IDLE:
             local.failed = None
@@ -225,7 +225,7 @@ class PairForceFunction:
         return 0.0, self._in_step(local, phase, x, box, parameters)
 
     def fingerprint(self, local, x: np.ndarray, box: np.ndarray | None, parameters: dict) -> float:
-        """Fingerprint of positions, parameters and box; that of the last call if the only change is that beads were folded back."""
+        """Fingerprint of positions, parameters and box; that of the last call if beads were only wrapped into the box since."""
         stable = np.array([value for name, value in sorted(parameters.items()) if name not in VOLATILE])
         if box is not None:
             stable = np.append(stable, box.ravel())
@@ -257,7 +257,7 @@ class PairForceFunction:
         kept, block = local.kept, phase % 100
         phase -= block if phase >= Phase.SWEEP_SEEN else 0
         if kept is None:
-            raise RunError(f"the pair force was asked for phase {phase} before it saw any positions; is this one of our programs?")
+            raise RunError(f"phase {phase} of the pair force came before any positions were stored: no integrator of openmm_dpd does that")
         if not parameters[DT] > 0.0:
             raise RunError(f"the step size must be > 0, but the integrator's is {parameters[DT]:g} ps")
         fields: Fields | None = local.fields

@@ -14,7 +14,7 @@ from ..names import SEGMENT_GROUP
 
 
 def segment_spec(scene: Scene) -> SegmentSpec | None:
-    """What the kernel has to know, None for a scene without segmental repulsion."""
+    """The input of the kernel, None for a scene without segmental repulsion."""
     segments = scene.segments
     if segments is None:
         return None

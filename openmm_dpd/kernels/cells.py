@@ -176,7 +176,7 @@ def colours(ny: int, nz: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
     Column (y, z) touches y-1..y+1 and z..z+1.  Blocks are at least two columns wide in y and one in z, and there is an even number of them
     (or one) along either axis, so that neighbouring blocks can alternate between two colours, around the periodic box too, and blocks
-    of one colour never touch the same bead.  Four colours at most: every colour costs the threads a rendezvous.
+    of one colour never touch the same bead.  Four colours at most, since threads wait for each other at the end of every colour.
     """
 
     def edges(n: int, width: int) -> np.ndarray:

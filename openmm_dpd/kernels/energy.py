@@ -74,7 +74,7 @@ class EnergyLayer:
         self._sorted = self._motion.v, *np.zeros((3, m)), np.zeros(m, np.int32), np.zeros((m, 2))
 
     def _thetas(self, energies: np.ndarray, when: str) -> np.ndarray:
-        """(N,) temperatures; RunError if an energy has none."""
+        """(N,) thetas; RunError if an energy has none."""
         theta = self.eos.thetas(energies)
         bad = np.flatnonzero(np.isnan(theta))
         if len(bad):
@@ -214,7 +214,7 @@ def _balance(total, ci, cj, ki, kj, start, nodes, pieces):
 
 @inlined
 def _passes(exponent, drawn):
-    """Metropolis test; exp(x) >= 1 + x decides nearly always, and is easier to foresee than the sign of x."""
+    """Metropolis test; exp(x) >= 1 + x decides nearly always, and the processor predicts that branch better than the sign of x."""
     return drawn < 1.0 + exponent or (exponent < 0.0 and drawn < exp_below(exponent))
 
 

@@ -1,7 +1,7 @@
 """Equations of state for kernels: 1/theta, its slope, and the entropy, of a bead with a given internal energy.
 
 A bead has a constant heat capacity C (u = C theta), or a curve 1/theta(u) of cubic pieces, or it is a reservoir: an immobile bead whose
-temperature stays what it is.  Entropies are in units of k_B and temperatures are thermal energies.
+theta stays as it is.  Entropies are in units of k_B, thetas are thermal energies.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class EOSTable:
     Attributes
     ----------
     capacity : (N,) array
-        Heat capacity; the temperature for a reservoir; unused for a curve.
+        Heat capacity; theta for a reservoir; unused for a curve.
     curve : (N,) int32 array
         CONSTANT, RESERVOIR, or the number of the curve.
     start : (C + 1,) int64 array
@@ -51,13 +51,13 @@ class EOSTable:
         return self.start, self.nodes, self.pieces
 
     def thetas(self, u: np.ndarray) -> np.ndarray:
-        """(N,) temperatures at the internal energies u; NaN out of range."""
+        """(N,) thetas at the internal energies u; NaN out of range."""
         return _thetas(self.capacity, self.curve, *self.curves, np.ascontiguousarray(u))
 
 
 @njit(inline="always")
 def in_range(u, capacity, curve, start, nodes):
-    """Whether there is a temperature for the energy u."""
+    """Whether there is a theta for the energy u."""
     if curve == CONSTANT:
         return u > 0.0
     if curve == RESERVOIR:

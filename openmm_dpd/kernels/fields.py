@@ -1,4 +1,4 @@
-"""What the kernel has to know of internal energies, temperatures and concentrations."""
+"""Per-bead fields for the kernel: internal energies, temperatures, concentrations."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class FieldSource:
     corner: np.ndarray
 
     def add_to(self, rates: np.ndarray, x: np.ndarray, box: np.ndarray | None) -> None:
-        """Add the rate to ``rates`` (N, K) of the beads that stand in the region."""
+        """Add the rate to ``rates`` (N, K) of the beads in the region."""
         folded = x - self.corner
         if box is not None:
             for k in (2, 1, 0):
@@ -34,7 +34,7 @@ class FieldSource:
 
 @dataclass(frozen=True, eq=False)
 class FieldSpec:
-    """Per-bead fields, as far as it never changes.
+    """The part of per-bead fields that never changes.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the engine asks of one layer of pair terms."""
+"""The interface of one layer of pair terms to the engine."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Call:
     seed, counter : int
         Key of the noise.
     field_values : (N, K) array or None
-        Per-bead fields beside position and velocity (see :mod:`.fields`).
+        Values of the per-bead fields (see :mod:`.fields`).
     update : int
         Pair update of a sweep: EXACT or SHARDLOW.
     """
@@ -112,7 +112,7 @@ class Layer(Protocol):
         """Force form at the listed positions: the forces (N, 3) are written or added to ``out``."""
 
     def sweep(self, call: Call, v: np.ndarray, increments: np.ndarray | None) -> None:
-        """Update velocities (N, 3) pair by pair, in place; add to ``increments`` (N, K) what each bead got."""
+        """Update velocities (N, 3) pair by pair, in place; add the changes of the fields to ``increments`` (N, K)."""
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy."""
@@ -131,7 +131,7 @@ class Table(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class PairSpec:
-    """Everything the kernel has to know that never changes.
+    """The part of the kernel's input that never changes.
 
     Attributes
     ----------
@@ -148,7 +148,7 @@ class PairSpec:
     wall_velocity : (N, 3) float64, or None
         Velocity with which immobile particles take part in the friction.
     fields : FieldSpec or None
-        Per-bead fields beside position and velocity.
+        Per-bead fields, if there are any.
     sweeps : bool
         Whether the scheme sweeps over pairs at all.
     extras : tuple of Extra

@@ -32,7 +32,7 @@ D_MIN = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class SegmentSpec:
-    """Everything the kernel has to know that never changes.
+    """The part of the kernel's input that never changes.
 
     Attributes
     ----------

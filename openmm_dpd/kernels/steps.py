@@ -35,7 +35,7 @@ class Walls:
 
 @dataclass(frozen=True)
 class Ramp:
-    """Thermal energy from ``start`` to ``stop`` between two steps."""
+    """Thermal energy that changes linearly between two steps."""
 
     kT_start: float
     kT_end: float
@@ -51,7 +51,7 @@ class Ramp:
 
 @dataclass(frozen=True, eq=False)
 class StepSpec:
-    """What a step is, as far as it never changes.
+    """The part of a step that never changes.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ class Moment:
     seed, counter : int
         Key of the noise.
     ramped : float or None
-        Steps done, for a temperature ramp that the loop follows; None where somebody else has seen to it.
+        Steps done, for a temperature ramp that the loop follows; None where the caller follows it.
     slow_step : int
         Steps done since forces that are not the kernel's kicked.
     values, rates : (N, K) arrays or None
@@ -157,7 +157,7 @@ class Moment:
 
 @dataclass(eq=False)
 class StepLoop:
-    """Carries out steps with one engine.
+    """Does steps with one engine.
 
     Attributes
     ----------
@@ -184,7 +184,7 @@ class StepLoop:
         self.placed = False
 
     def run(self, moment: Moment, n: int, slow: Callable[[Moment, int], np.ndarray] | None = None, *, shown: bool = False) -> None:
-        """Carry out n steps.
+        """Do n steps.
 
         Parameters
         ----------

@@ -47,7 +47,7 @@ class _Watch:
     """Notices where threads do not have a core each, and leaves the work to one of them for a while.
 
     Beside another busy process two threads often share a core, and spin until the other one gets its turn (2 to 4 ms in place of 1.1 ms).
-    The time that the process spends on all cores tells: it is no more than the time that passes.
+    The CPU time of the process shows this: it is then no more than the wall time.
     """
 
     #: Seconds of work that are judged together, of rest, of a call that was not work (but the compiler's), and of a pause between two
@@ -85,7 +85,7 @@ _WATCH = _Watch()
 
 
 class _Chosen(threading.local):
-    """What numba was told last in this thread; to tell it takes a microsecond."""
+    """The number of threads last set in numba for this thread; setting it takes a microsecond."""
 
     threads = 0
 

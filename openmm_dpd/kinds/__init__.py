@@ -1,4 +1,4 @@
-"""One record for each kind of pair coefficients, in a file of its own: what the rest of the package asks about it."""
+"""One record for each kind of pair coefficients, in a file of its own, which the rest of the package asks."""
 
 from . import dpd, edpd, energy, mdpd, overlays, tdpd
 from .record import KINDS, BeadData, Kind, Overlay, Resolved, kind_for, register, resolved_kind

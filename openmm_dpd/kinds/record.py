@@ -1,4 +1,4 @@
-"""What the package asks about a kind of pair coefficients, as one record, and the register of all of them."""
+"""The properties of a kind of pair coefficients, as one record, and the register of all kinds."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Resolved = Mapping[tuple[str, str], Any]
 
 
 class BeadData(NamedTuple):
-    """What coefficients may need to know of the beads: names of the types, masses of the beads, and the scene's ``compat``."""
+    """What coefficients may depend on: names of the types, masses of the beads, and the scene's ``compat``."""
 
     names: list[str]
     masses: np.ndarray
@@ -31,7 +31,7 @@ class BeadData(NamedTuple):
 
 
 class Curves(NamedTuple):
-    """A table of radial potentials as :class:`openmm_dpd.kernels.radial.RadialTerms` wants it."""
+    """A table of radial potentials as :class:`openmm_dpd.kernels.radial.RadialTerms` needs it."""
 
     which: np.ndarray
     lennard_jones: np.ndarray
@@ -40,7 +40,7 @@ class Curves(NamedTuple):
 
 @dataclass(frozen=True)
 class Overlay:
-    """A radial potential without friction, for a thermostat to be laid over.
+    """A radial potential without friction, beside the DPD terms.
 
     Attributes
     ----------
@@ -126,7 +126,7 @@ class Kind:
         if self.overlay is not None and self.potential is None:
             raise ParameterError(f"the overlay {self.name} needs a potential for OpenMM")
         if (self.coefficient.internal is None) != (self.fields is None):
-            raise ParameterError(f"the kind {self.name} must name what its beads carry and say how the kernel sees it, or neither")
+            raise ParameterError(f"the kind {self.name} must name its per-bead fields and say how the kernel reads them, or neither")
 
     @property
     def name(self) -> str:

@@ -1,1 +1,1 @@
-"""What the user means, as plain immutable data: nothing here knows OpenMM forces, kernels or programs."""
+"""The input as plain immutable data, without OpenMM forces, kernels or programs."""

@@ -1,4 +1,4 @@
-"""Smeared charges: what the user says about them, their potentials, and the settings of the Ewald sum."""
+"""Smeared charges: their parameters and potentials, and the settings of the Ewald sum."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ class SlaterCharges(SmearedCharges):
     force there, (1 + 2 r/lamda + 2 (r/lamda)^2) exp(-2 r/lamda), at most the tolerance.  Without a box there is
     no cutoff and no lattice sum.
 
-    Bonded neighbours with a factor f in ``bonded_factors`` interact with f times the smeared energy, all of it: what the lattice sum holds of the
+    Bonded neighbours with a factor f in ``bonded_factors`` have f times the smeared energy, all of it: what the lattice sum holds of the
     pair is taken out exactly, at any distance.  LAMMPS does the same up to the cutoff only, and releases before mid 2022 took out the
     energy of point charges.
 
@@ -289,7 +289,7 @@ def ewald_sum(charges: SmearedCharges, box: np.ndarray, n_charges: int) -> Ewald
 
 
 def _check_sum(charges: SmearedCharges, cutoff: float, alpha: float, grid: tuple[int, int, int], box: np.ndarray) -> None:
-    """Settings whose sum would be wrong by a tenth and more, or whose grid is beyond what a computer holds (OpenMM would crash)."""
+    """Settings whose sum would be wrong by a tenth and more, or whose grid does not fit into memory (OpenMM would crash)."""
     name = type(charges).__name__
     if math.erfc(alpha * cutoff) > 0.1:
         raise ParameterError(

@@ -11,7 +11,7 @@ from .pairs import PairCoefficient, checked, checked_amplitude
 
 @dataclass(frozen=True)
 class EnergyDPD(PairCoefficient):
-    r"""Energy-conserving dissipative particle dynamics: what friction takes out of the motion goes into the beads, and beads exchange heat.
+    r"""Energy-conserving dissipative particle dynamics: friction heats the beads, and beads exchange heat.
 
     With w = 1 - r/cutoff, theta_i the internal temperature of bead i (as a thermal energy) and their harmonic mean
     1/Theta = (1/theta_i + 1/theta_j)/2::

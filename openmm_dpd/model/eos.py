@@ -1,7 +1,7 @@
 """Equations of state: the internal energy u of a bead and its internal temperature theta.
 
-Temperatures are thermal energies here, as everywhere in this package: theta stands for k_B times the temperature, in kJ/mol, and heat
-capacities are in units of k_B, so that u = C theta has no constants in it.  The entropy (in units of k_B) follows from both,
+theta is k_B times the internal temperature, a thermal energy in kJ/mol.  Heat capacities are in units of k_B, so that u = C theta has no
+constants in it.  The entropy (in units of k_B) follows from both,
 S(u) = integral du/theta(u).
 """
 
@@ -16,15 +16,7 @@ from scipy.interpolate import PchipInterpolator
 from ..errors import ParameterError
 from ..units import BOLTZMANN, to_md
 from .owned import keep
-
-
-def thermal_energies(value, name: str):
-    """Thermal energies in kJ/mol from energies (bare numbers: kJ/mol) or from temperatures given as a Quantity."""
-    from openmm import unit
-
-    if unit.is_quantity(value) and value.unit.is_compatible(unit.kelvin):
-        return to_md(value, "temperature", name) * BOLTZMANN
-    return to_md(value, "energy", name)
+from .temperature import thermal_energies
 
 
 def heat_capacity(value, name: str):
@@ -63,11 +55,11 @@ class ConstantHeatCapacity:
         keep(self, capacity=capacity)
 
     def energy(self, theta):
-        """Internal energy at the temperature theta."""
+        """Internal energy at theta."""
         return self.capacity * np.asarray(theta)
 
-    def temperature(self, u):
-        """Temperature at the internal energy u."""
+    def theta(self, u):
+        """Theta at the internal energy u."""
         return np.asarray(u) / self.capacity
 
     def __str__(self) -> str:
@@ -78,19 +70,17 @@ class ConstantHeatCapacity:
 class TabulatedEOS:
     r"""Equation of state through given points (theta_k, u_k) (LAMMPS: ``fix eos/table``).
 
-    What is interpolated is 1/theta as a function of u, by a monotone cubic (Fritsch and Carlson, SIAM J. Numer. Anal. 17, 238 (1980);
-    scipy's
+    The interpolated function is 1/theta of u, by a monotone cubic (Fritsch and Carlson, SIAM J. Numer. Anal. 17, 238 (1980); scipy's
     ``PchipInterpolator``).  So theta(u) runs through the points and increases between them, and the entropy S = integral du/theta is
-    exactly the
-    integral of what is interpolated, which the exact schemes need.  LAMMPS resamples a table twice (through a spline with end slopes of
-    zero) and interpolates linearly; both agree at the points of the table.
+    exactly the integral of the interpolant, which the exact schemes need.  LAMMPS resamples a table twice
+    (through a spline with end slopes of zero) and interpolates linearly; both agree at the points of the table.
 
     Parameters
     ----------
     thetas : (K,) array
-        Thermal energies in kJ/mol (or temperatures as a Quantity), > 0, increasing; K >= 2.
+        Internal temperatures theta, kJ/mol (or a Quantity in kelvin), > 0, increasing; K >= 2.
     energies : (K,) array of energies
-        Internal energy of a bead at these temperatures, kJ/mol, increasing.
+        Internal energy of a bead at these thetas, kJ/mol, increasing.
 
     Raises
     ------
@@ -102,13 +92,13 @@ class TabulatedEOS:
     energies: np.ndarray
 
     def __post_init__(self):
-        theta = np.atleast_1d(thermal_energies(self.thetas, "temperatures of the table"))
+        theta = np.atleast_1d(thermal_energies(self.thetas, "thetas of the table"))
         u = np.atleast_1d(to_md(self.energies, "energy", "energies of the table"))
         if theta.ndim != 1 or theta.shape != u.shape or len(u) < 2:
-            raise ParameterError(f"an equation of state needs as many energies as temperatures, at least 2; got {len(u)} and {len(theta)}")
+            raise ParameterError(f"an equation of state needs as many energies as thetas, at least 2; got {len(u)} and {len(theta)}")
         if theta[0] <= 0:
-            raise ParameterError(f"the temperatures of an equation of state must be > 0, but the first is {theta[0]:g}")
-        for name, column in (("temperatures", theta), ("energies", u)):
+            raise ParameterError(f"the thetas of an equation of state must be > 0, but the first is {theta[0]:g}")
+        for name, column in (("thetas", theta), ("energies", u)):
             flat = np.flatnonzero(np.diff(column) <= 0)
             if len(flat):
                 k = int(flat[0])
@@ -120,28 +110,28 @@ class TabulatedEOS:
 
     @classmethod
     def from_functions(
-        cls, energy: Callable, temperatures: tuple[float, float], temperature: Callable | None = None, points: int = 2001
+        cls, energy: Callable, thetas: tuple[float, float], inverse: Callable | None = None, points: int = 2001
     ) -> TabulatedEOS:
-        """Table of a function u(theta) between two temperatures.
+        """Table of a function u(theta) between two thetas.
 
         Parameters
         ----------
         energy : callable
             u(theta), for arrays; kJ/mol from thermal energies in kJ/mol.
-        temperatures : (low, high)
-            Range, > 0; beads that leave it stop the run.
-        temperature : callable, optional
+        thetas : (low, high)
+            Range, > 0, kJ/mol or a Quantity in kelvin; beads that leave it stop the run.
+        inverse : callable, optional
             theta(u), only checked: it must invert ``energy`` to 1e-6.
         points : int, default 2001
             Entries of the table, evenly spaced in 1/theta, which is what is interpolated.
         """
-        low, high = (float(np.asarray(thermal_energies(value, "temperatures"))) for value in temperatures)
+        low, high = (float(np.asarray(thermal_energies(value, "thetas"))) for value in thetas)
         if not 0 < low < high:
-            raise ParameterError(f"the range of temperatures must be 0 < low < high, not {low:g} to {high:g}")
+            raise ParameterError(f"the range of thetas must be 0 < low < high, not {low:g} to {high:g}")
         theta = 1.0 / np.linspace(1.0 / low, 1.0 / high, points)
         u = np.broadcast_to(np.asarray(energy(theta), dtype=np.float64), theta.shape)
-        if temperature is not None:
-            back = np.asarray(temperature(u), dtype=np.float64)
+        if inverse is not None:
+            back = np.asarray(inverse(u), dtype=np.float64)
             worst = int(np.argmax(np.abs(back / theta - 1)))
             if not np.allclose(back, theta, rtol=1e-6, atol=0):
                 raise ParameterError(
@@ -155,12 +145,12 @@ class TabulatedEOS:
         """1/theta as a function of u."""
         return PchipInterpolator(self.energies, 1.0 / self.thetas, extrapolate=False)
 
-    def temperature(self, u):
-        """Temperature at the internal energy u; NaN out of range."""
+    def theta(self, u):
+        """Theta at the internal energy u; NaN out of range."""
         return 1.0 / self.inverse_temperature(u)
 
     def energy(self, theta):
-        """Internal energy at the temperature theta; NaN out of range."""
+        """Internal energy at theta; NaN out of range."""
         theta = np.asarray(theta, dtype=np.float64)
         flat = np.atleast_1d(theta)
         curve = self.inverse_temperature

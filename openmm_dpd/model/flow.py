@@ -1,4 +1,4 @@
-"""What drives and confines a flow: forces on single beads, and walls that beads are reflected at."""
+"""Flows: forces on single beads, and walls that reflect beads."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ class BodyForce:
 
 @dataclass(frozen=True, eq=False)
 class PositionForce:
-    """A force on single beads, given as a formula of the position folded into the box.
+    """A force on single beads, given as a formula of the position wrapped into the box.
 
     It has no potential energy, and none is reported.
 
@@ -276,7 +276,7 @@ def gaps(walls: Sequence[Wall], box: np.ndarray | None) -> dict[int, Gap]:
     Raises
     ------
     ParameterError
-        If two walls have the same axis and side, kinds differ on one axis, a wall of a periodic axis lacks its partner, or nothing solid is
+        If two walls have the same axis and side, kinds differ on one axis, a periodic axis has a single wall, or nothing solid is
         left between the images.
     """
     if isinstance(walls, Wall) or not all(isinstance(wall, Wall) for wall in walls):
@@ -315,7 +315,7 @@ def gaps(walls: Sequence[Wall], box: np.ndarray | None) -> dict[int, Gap]:
 
 
 def kind_of(found: dict[int, Gap]) -> str:
-    """What a program has to know of the walls: their kind, or "" if there are none."""
+    """Kind of the walls, for programs; "" if there are none."""
     kinds = {gap.kind for gap in found.values()}
     return MIXED if len(kinds) > 1 else kinds.pop() if kinds else ""
 

@@ -1,4 +1,4 @@
-"""Formulas of the position, looked at before OpenMM sees them.
+"""Formulas of the position, checked before OpenMM reads them.
 
 OpenMM reports a syntax error together with the whole expression it stands in, never reports a value that is not finite, and does not come
 back from a formula whose constants give NaN, such as ``sqrt(-1)*x``: its optimiser compares until two results agree.

@@ -1,7 +1,7 @@
-"""Per-bead fields beside position and velocity: internal energies, temperatures, or concentrations.
+"""Per-bead fields: internal energies, temperatures, or concentrations.
 
-All of it is state of the Context (per-DOF variables of the integrator, see :mod:`openmm_dpd.fields`); what stands here are the values at
-the start.
+During a run they are state of the Context (per-DOF variables of the integrator, see :mod:`openmm_dpd.fields`).  The classes of this file
+hold the values at the start.
 """
 
 from __future__ import annotations
@@ -13,10 +13,11 @@ import numpy as np
 
 from ..errors import ParameterError, what_is
 from ..units import to_md
-from .eos import ConstantHeatCapacity, EquationOfState, TabulatedEOS, heat_capacity, thermal_energies
+from .eos import ConstantHeatCapacity, EquationOfState, TabulatedEOS, heat_capacity
 from .owned import keep
 from .pairs import NONE
 from .sources import Source
+from .temperature import thermal_energies
 
 
 def _per_bead(values, n: int, name: str) -> np.ndarray:
@@ -39,7 +40,7 @@ def _positive(array: np.ndarray, name: str) -> np.ndarray:
 class InternalEnergy:
     """Internal energies of beads with an equation of state, for :class:`~openmm_dpd.model.energy_dpd.EnergyDPD`.
 
-    A bead has u = u_cond + u_mech: what it got by conduction, and what it got from friction and noise; theta follows from the sum.
+    A bead has u = u_cond + u_mech, the energies from conduction and from friction and noise; theta follows from the sum.
 
     Parameters
     ----------
@@ -109,7 +110,7 @@ class BeadTemperatures:
     Parameters
     ----------
     thetas : thermal energy, or (N,) array
-        kJ/mol (or a Quantity in kelvin), > 0.  The polynomials of eDPD are in T - 1, so reduced units are meant.
+        Temperatures at the start, kJ/mol (or a Quantity in kelvin), > 0.  The polynomials of eDPD are in T - 1: use reduced units.
     capacities : float, or (N,) array
         Heat capacity of each bead in units of k_B, > 0.
     """
@@ -172,7 +173,7 @@ class Concentrations:
         for table in tables:
             for pair, term in table.entries.items():
                 if term is not NONE and term.internal is Concentrations and term.n_species != species:
-                    raise ParameterError(f"for types {pair}: coefficients of {term.n_species} species, but the beads carry {species}")
+                    raise ParameterError(f"for types {pair}: coefficients of {term.n_species} species, but the beads have {species}")
         return species
 
 
@@ -191,7 +192,7 @@ def check_internal(
     kinds = {table.kind for table in tables if table.kind is not None and table.kind.internal is not None}
     if len(kinds) > 1:
         names = " and ".join(sorted(kind.__name__ for kind in kinds))
-        raise ParameterError(f"{names} cannot be combined in one scene: beads carry one kind of internal quantity")
+        raise ParameterError(f"{names} cannot be combined in one scene: its beads have one kind of per-bead fields")
     if not kinds:
         if internal is not None or sources:
             what = type(internal).__name__ if internal is not None else "sources"

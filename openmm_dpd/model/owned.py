@@ -1,4 +1,4 @@
-"""How frozen classes keep what they are given."""
+"""How frozen classes store their arguments."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""Pair coefficients: one frozen class per kind of pair term, holding its formula, its bounds and its values.
+"""Pair coefficients: one frozen class per kind of pair term, with its formula, its bounds and its values.
 
 Conventions of the whole package: r_ij = r_i - r_j (minimum image), v_ij = v_i - v_j, r = |r_ij|, e = r_ij/r; a scalar
 force F acts as +F e on i and -F e on j, so that a positive F repels.  Pairs interact where r < cutoff, and a pair with
 r < 1e-10 is skipped altogether: no force, no energy, no noise.
 
-Each kind keeps its own table of type pairs; what the rest of the package has to know of it stands in its record in
+Each kind keeps its own table of type pairs; its properties are in its record in
 :mod:`openmm_dpd.kinds`.
 """
 
@@ -43,7 +43,7 @@ class PairCoefficient:
     :mod:`openmm_dpd.kinds` says.
     """
 
-    #: What its beads carry beside position and velocity: a class of :mod:`openmm_dpd.model.internal`.
+    #: Its per-bead fields: a class of :mod:`openmm_dpd.model.internal`.
     internal: ClassVar[type | None] = None
 
     @property

@@ -69,7 +69,7 @@ class Scene:
     positions : (N, 3) array of lengths
         May lie outside the box.
     pairs : PairTable, mapping accepted by it, or a sequence of tables
-        Tables of different kinds, or several of one kind, are laid over each other.  Every pair of types must appear in one of them.
+        Tables of different kinds, or several of one kind, add up.  Every pair of types must appear in one of them.
     kT : energy, temperature or TemperatureRamp
         Thermal energy; a Quantity in kelvin is multiplied by the gas constant.  0 switches the noise off.
     box : (3,) or (3, 3) array of lengths, optional
@@ -79,7 +79,7 @@ class Scene:
     bead_masses : (N,) array, optional
         Masses of the single beads where they differ from those of their types.
     charges : (N,) array, optional
-        Elementary charges; carried into topologies.  Forces follow from them if there is an ``electrostatics``.
+        Elementary charges, also written into topologies.  Forces follow from them if there is an ``electrostatics``.
     bonds : sequence of HarmonicBonds, FENEBonds and MorseBonds
         Bonds.
     bonded_factors : three floats, default (1, 1, 1)
@@ -91,7 +91,7 @@ class Scene:
     molecules : (N,) array of int, optional
         Molecule numbers, for the topology.
     internal : InternalEnergy, BeadTemperatures or Concentrations, optional
-        Per-bead fields beside position and velocity; needed by the pair terms EnergyDPD, EDPD and TDPD in this order.
+        Per-bead fields, for the pair terms EnergyDPD, EDPD and TDPD in this order.
     sources : sequence of Source
         Sources of heat (EDPD) or of a species (TDPD).
     compat : {"consistent", "lammps"}
@@ -192,7 +192,7 @@ class Scene:
         return fact_table("Scene", self.facts())
 
     def facts(self) -> dict[str, object]:
-        """What a person wants to know, by name; None for what there is none of."""
+        """The main facts by name, None for what the scene does not have."""
         counts = np.bincount(self.type_ids, minlength=len(self.masses)).tolist()
         named = ", ".join(f"{name} {count}" for name, count in zip(self.masses, counts, strict=True))
         ramp = self.kT if isinstance(self.kT, TemperatureRamp) else None

@@ -10,7 +10,7 @@ from .pairs import NONE, PairCoefficient
 
 
 class PairTable:
-    """Pair coefficients of one kind, for unordered pairs of bead types; tables of different kinds can be laid over each other.
+    """Pair coefficients of one kind, for unordered pairs of bead types; tables of different kinds add up.
 
     Parameters
     ----------

@@ -11,17 +11,22 @@ from .owned import keep
 
 @dataclass(frozen=True)
 class TemperatureRamp:
-    """Thermal energy that changes linearly: kT(k) = start + (stop - start) (k - begin)/(end - begin), with k the number of the step.
+    """Thermal energy that changes linearly with the number k of the step.
 
-    Before ``begin`` it is ``start``, after ``end`` it is ``stop``.  LAMMPS: the two temperatures of ``dpd/tstat`` with
-    ``run ... start ... stop``.
+    kT(k) = kT_start + (kT_end - kT_start) (k - first_step)/(last_step - first_step) between the two steps, ``kT_start`` before them and
+    ``kT_end`` after them.  LAMMPS: the two temperatures of ``dpd/tstat`` with ``run ... start ... stop``.
 
     Parameters
     ----------
-    start, stop : energy
+    kT_start, kT_end : energy
         kT in kJ/mol (or a temperature as a Quantity in kelvin), >= 0.
-    begin, end : int
-        First and last step of the ramp, counted from the first step of the integrator; begin may be negative.
+    first_step, last_step : int
+        Counted from the first step of the integrator; ``first_step`` may be negative.
+
+    Raises
+    ------
+    ParameterError
+        If a kT is no energy or temperature >= 0, a step is not a whole number, or the last step is not after the first.
     """
 
     kT_start: float
@@ -48,12 +53,16 @@ class TemperatureRamp:
 
 def thermal_energy(value, name: str = "kT") -> float:
     """Thermal energy in kJ/mol from an energy (bare numbers: kJ/mol) or from a temperature given as a Quantity."""
-    from openmm import unit
-
-    if unit.is_quantity(value) and value.unit.is_compatible(unit.kelvin):
-        kT = BOLTZMANN * to_md(value, "temperature", name)
-    else:
-        kT = to_md(value, "energy", name)
+    kT = thermal_energies(value, name)
     if not isinstance(kT, float) or kT < 0:
         raise ParameterError(f"{name} must be a single number >= 0, but is {value!r}")
     return kT
+
+
+def thermal_energies(value, name: str):
+    """Thermal energies in kJ/mol from energies (bare numbers: kJ/mol) or from temperatures given as a Quantity."""
+    from openmm import unit
+
+    if unit.is_quantity(value) and value.unit.is_compatible(unit.kelvin):
+        return to_md(value, "temperature", name) * BOLTZMANN
+    return to_md(value, "energy", name)

@@ -4,15 +4,15 @@ With a(t) the acceleration by all forces, friction and noise included, drawn onc
 
     v_half = v + dt/2 a(t)
     x      = x + dt v_half
-    v_pred = v + lambda dt a(t)              what the friction sees
+    v_pred = v + lambda dt a(t)              used by friction
     a(t+dt) from x, v_pred and new noise
     v      = v_half + dt/2 a(t+dt)
 
-lambda = 1/2 is plain velocity Verlet: v_pred = v_half, which the drift itself shows to the pair force.  This is what LAMMPS's fix nve
-and fix mvv/dpd do.  a(t) is history: it is stored per degree of freedom with a fingerprint of what it was computed from, and computed anew
-(with the velocities of the moment) whenever positions, box, dt or a parameter are not what the last step left behind.  A change of
-velocities alone goes unnoticed: it leaves a friction force of the old velocities for half a step.  GPU platforms fold positions back into
-the box now and then (when they reorder atoms), which counts as a change.  The noise is that of the last half kick in any case.
+lambda = 1/2 is plain velocity Verlet: v_pred = v_half, and the drift itself passes it to the pair force.  LAMMPS's fix nve and fix
+mvv/dpd do the same.  a(t) is history: it is stored per degree of freedom with a fingerprint of what it was computed from, and computed
+anew (with the present velocities) whenever positions, box, dt or a parameter are not those after the last step.  A change of velocities
+alone is not detected: the friction force of the old velocities acts for half a step more.  GPU platforms sometimes wrap positions into
+the box (when they reorder atoms), which counts as a change.  The noise is that of the last half kick in any case.
 """
 
 from __future__ import annotations

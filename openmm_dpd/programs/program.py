@@ -1,7 +1,7 @@
 """A program as data: declared variables and steps, checked before OpenMM sees them.
 
-OpenMM evaluates a misspelt name in an integrator expression as 0 without a word on its Reference and CPU platforms, so every name is
-checked here.
+On its Reference and CPU platforms OpenMM evaluates a misspelt name in an integrator expression as 0, without an error.  So every name
+is checked here.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ class Program:
         self.steps.append(Step("sum", target, expression, why))
 
     def phase(self, phase: Phase, block: int = 0) -> None:
-        """Tell the pair force what the next evaluation asks for."""
+        """Set what the next evaluation of the pair force computes."""
         self.set(PHASE, str(int(phase) + block), phase.name + (f" {block}" if phase >= Phase.SWEEP_SEEN else ""))
 
     def begin(self) -> None:
@@ -122,7 +122,7 @@ class Program:
             self.phase(Phase.IDLE)
         self.steps.append(Step("update", why="barostats and other updates of the Context's state"))
         if self.options.loop:
-            self.declare(AHEAD, 0.0, "steps that are done already, of which only barostats hear")
+            self.declare(AHEAD, 0.0, "steps that are done already: only barostats still act in them")
             self.steps.append(Step("if", expression=f"{AHEAD} < 1", why="is this step still to be done?"))
         if self.options.kernel:
             self.set(DT, "dt", "so that setStepSize works")
@@ -140,7 +140,7 @@ class Program:
             self.set(AHEAD, f"{AHEAD}-1")
 
     def _agree_on_temperature(self) -> None:
-        """Let the temperature in kelvin drive the thermal energy if it is the one that was set, and follow it if not.
+        """Take the thermal energy from the temperature in kelvin if that was set, and the temperature from the thermal energy if not.
 
         OpenMM's samplers set a global variable called ``temperature``.  A thermal energy that nobody changes stays as it is, bit for bit.
         """
@@ -176,20 +176,20 @@ class Program:
         self.set(KT, ramp_expression(ramp, RAMP_STEP), "kT of this step")
 
     def store_fingerprint(self) -> None:
-        """Let the pair force keep the present positions."""
+        """Have the pair force store the present positions, and give their fingerprint."""
         self.declare("fingerprint", 0.0, "fingerprint of the present positions and parameters")
         self.phase(Phase.FINGERPRINT)
-        self.set("fingerprint", self.pair_energy, "the pair force keeps x")
+        self.set("fingerprint", self.pair_energy, "the pair force stores x")
 
     def evaluate_pair_force(self, phase: Phase, why: str, block: int = 0) -> None:
-        """Evaluate the pair force for what it keeps, not for what it answers."""
-        self.declare("unused", 0.0, "takes the energy of evaluations made for their side effect")
+        """Evaluate the pair force for its side effect: it stores or reads something, and the energy that it returns is not used."""
+        self.declare("unused", 0.0, "energy of evaluations that are made for their side effect")
         self.phase(phase, block)
         self.set("unused", self.pair_energy, why)
 
     def store(self) -> None:
-        """Let the pair force keep the present positions, without a fingerprint."""
-        self.evaluate_pair_force(Phase.STORE, "the pair force keeps x")
+        """Have the pair force store the present positions, without a fingerprint."""
+        self.evaluate_pair_force(Phase.STORE, "the pair force stores x")
 
     def show(self, velocity: str) -> None:
         """Drift by tau*velocity from xs, for the pair force to see that velocity; x has to be put back afterwards."""
@@ -203,7 +203,7 @@ class Program:
         return names
 
     def read(self, variables: list[str]) -> None:
-        """Let the pair force read per-DOF variables, at xs where it keeps its positions; x has to be put back afterwards.
+        """Have the pair force read per-DOF variables, as displacements from xs, its stored positions; x has to be put back.
 
         The displacement is scaled so that the largest one stays below ``options.field_reach``.
         """
@@ -213,7 +213,7 @@ class Program:
             self.show_values(block, variable, f"{self.options.field_reach!r}/sqrt(size+1e-280)")
 
     def show_values(self, block: int, variable: str, scale: str) -> None:
-        """Let the pair force read one per-DOF variable, by a displacement from xs."""
+        """Have the pair force read one per-DOF variable, as a displacement from xs."""
         self.set(TAU, scale, "scale of the displacement")
         self.each("x", f"xs+{TAU}*{variable}", "shows these values")
         self.evaluate_pair_force(Phase.READ, "the pair force reads them", block)
@@ -224,7 +224,7 @@ class Program:
         self.each("xs", "x")
 
     def keep_acceleration(self) -> None:
-        """Have the conservative acceleration that the last step left, or a new one if something has changed since."""
+        """Take the conservative acceleration of the last step, or compute it anew if something has changed since."""
         self.declare_per_dof("acc", "conservative acceleration at x")
         self.store_fingerprint()
         with self.if_changed():
@@ -363,8 +363,9 @@ class Program:
 
 
 def ramp_expression(ramp, steps: str) -> str:
-    """Thermal energy on a temperature ramp after some steps; by the reciprocal of its length, since OpenMM divides by constants so."""
-    return f"{ramp.kT_start!r}+({ramp.kT_end - ramp.kT_start!r})*min(1, max(0, ({steps}-({ramp.first_step}))*{1.0 / (ramp.last_step - ramp.first_step)!r}))"
+    """Thermal energy on a temperature ramp after some steps, with the reciprocal of its length: so OpenMM divides by constants."""
+    part = f"({steps}-({ramp.first_step}))*{1.0 / (ramp.last_step - ramp.first_step)!r}"
+    return f"{ramp.kT_start!r}+({ramp.kT_end - ramp.kT_start!r})*min(1, max(0, {part}))"
 
 
 def _comment(text: str, width: int, why: str) -> str:

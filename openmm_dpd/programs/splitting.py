@@ -1,9 +1,9 @@
-"""From a word to its program: letter by letter, right beside any force, on every platform.
+"""From a word to its program, letter by letter; it works with any other force on every platform.
 
-Two things are looked ahead for, since each line of a program costs as much as a good part of a pass over the pairs.  A drift right
-before a sweep shows the velocities to it; where there is none (or walls turn beads round) a trial drift shows them, and is taken back.  And
-a force that serves several kicks at the same positions is kept as an acceleration: across the end of a step with a fingerprint of
-what it was computed from, and kicks by it are put together with the sweep that stands between them.
+A line of a program costs a good part of a pass over the pairs, so two things are optimised.  A drift right before a sweep also passes the
+velocities to it; where there is none (or walls reflect beads) a trial drift does, and is undone.  And a force that makes several kicks at
+the same positions is stored as an acceleration: across the end of a step with a fingerprint of what it was computed from.  Kicks by it
+are merged with the sweep between them.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ class _Writer:
         self.kept = self.options.kernel and drifts[kicks[0]] == 0 and drifts[kicks[-1]] == total
         self.owed = Fraction(0)  # part of a kick by acc that v still lacks
         self.known = self.kept  # whether acc is the acceleration at x
-        self.seen = self.kept  # whether the pair force has kept x
+        self.seen = self.kept  # whether the pair force has stored x
         self.away = False  # whether x is displaced from xs
-        self.shown: Fraction | None = None  # part of the drift that shows v at x
+        self.shown: Fraction | None = None  # part of the drift that passes v at x
         self.ramped = False
 
     def written(self) -> Program:
@@ -66,7 +66,7 @@ class _Writer:
         return p
 
     def drift(self, n: int, part: Fraction) -> int:
-        """Drift; the last one before a sweep shows the velocities to it."""
+        """Drift; the last one before a sweep passes the velocities to it."""
         p, options = self.p, self.options
         shows = not options.walls and n + 1 < len(self.letters) and self.letters[n + 1][0] in SWEEPS
         if shows and not self.seen:

@@ -1,8 +1,8 @@
-"""A step that the pair force carries out by itself, where it holds all fast forces and positions are double precision.
+"""Whole steps by the pair force, where it computes all fast forces and positions are double precision.
 
-The program shows it positions, velocities and whatever else a step begins with, each by a displacement, and takes over what it answers.
-:class:`openmm_dpd.integrators.PairIntegrator` has many such steps done at once, without these lines, and then only lets barostats hear
-of them (``ahead``); both give the same bits.  Forces that stay OpenMM's kick before and after.
+The program passes positions, velocities and stored values to the pair force, each as a displacement, and takes the results from it.
+:class:`openmm_dpd.integrators.PairIntegrator` usually has many such steps done at once, without these lines.  Then the program only counts
+them (``ahead``), so that barostats act.  Both ways give the same bits.  Forces that OpenMM computes kick before and after each step.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def whole_step_program(options: ProgramOptions) -> Program:
         shown.append((ACCELERATION, "acc", repr(SHOWN)))
     before, after = options.slow_kicks
     if options.slow_every > 1:
-        p.declare(SLOW_STEP, 0.0, "steps done since forces that stay OpenMM's kicked")
+        p.declare(SLOW_STEP, 0.0, "steps done since OpenMM's forces kicked")
     if options.slow_every > 1 or not before:
         p.store()
     if before and options.predicting:
@@ -87,4 +87,4 @@ def whole_step_program(options: ProgramOptions) -> Program:
 def _slow_kick(p: Program, steps: float) -> None:
     if steps:
         p.phase(Phase.STORE)
-        p.each("v", f"v+{steps!r}*dt*f/m", "kick by forces that stay OpenMM's; the pair force keeps x")
+        p.each("v", f"v+{steps!r}*dt*f/m", "kick by OpenMM's forces; the pair force stores x")

@@ -271,7 +271,7 @@ def test_reading_and_setting(device):
     simulation.step(1)
     for wrong, message in (
         ({"theta": -1.0}, "must be > 0"),
-        ({"temperature": 1.0}, "carry no 'temperature'"),
+        ({"temperature": 1.0}, "have no 'temperature'"),
         ({"theta": np.ones(3)}, "one number or one per bead"),
         ({"u_mech": 1e9}, "bead 1 is outside its equation of state|outside its equation of state"),
         ({"theta": 1.0, "u_cond": 0.0}, "either theta or the energies"),

@@ -275,7 +275,7 @@ def test_bad_input(change, message):
 
 
 def test_species_must_match():
-    with pytest.raises(ParameterError, match=r"\('A', 'A'\): coefficients of 4 species, but the beads carry 2"):
+    with pytest.raises(ParameterError, match=r"\('A', 'A'\): coefficients of 4 species, but the beads have 2"):
         fluid(SPECIES, BOXES["ortho"], n=N, internal=dpd.Concentrations(np.ones((N, 2))))
     with pytest.raises(ParameterError, match="cannot be combined"):
         fluid([SPECIES, HEAT], BOXES["ortho"], n=N, internal=dpd.Concentrations(np.ones((N, 4))), masses=MASSES)

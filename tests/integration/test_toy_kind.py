@@ -236,5 +236,5 @@ def test_a_kind_that_makes_no_sense_is_refused(register):
         register()
     with pytest.raises(ParameterError, match="either terms of the pair kernel or an overlay"):
         kinds.Kind(coefficient=Exponential)
-    with pytest.raises(ParameterError, match="what its beads carry"):
+    with pytest.raises(ParameterError, match="its per-bead fields"):
         kinds.Kind(coefficient=dpd.EDPD, terms=_terms)

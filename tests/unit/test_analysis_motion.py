@@ -5,7 +5,7 @@ from __future__ import annotations
 import mdtraj
 import numpy as np
 import pytest
-from openmm import app
+from openmm import app, unit
 from test_analysis_structure import BOXES, TILTED, chunks, random_trajectory, trajectory_of
 
 import openmm_dpd as dpd
@@ -106,6 +106,10 @@ def test_correction_for_the_size_of_the_box():
     found = diffusion_coefficient(displacement, (1, 5), kT=1.3, viscosity=0.85, edge=6.0)
     assert found.mean - plain.mean == pytest.approx(2.837297 * 1.3 / (6 * np.pi * 0.85 * 6.0))
     assert found.sem == plain.sem
+    kelvin, angstrom = 1.3 / dpd.units.BOLTZMANN * unit.kelvin, 60 * unit.angstrom
+    assert diffusion_coefficient(displacement, (1, 5), kT=kelvin, viscosity=0.85, edge=angstrom).mean == pytest.approx(
+        found.mean, rel=1e-14
+    )
     with pytest.raises(ParameterError, match="needs kT, viscosity and edge"):
         diffusion_coefficient(displacement, (1, 5), kT=1.0)
     with pytest.raises(ParameterError, match="fit must be two times"):

@@ -128,7 +128,7 @@ def test_outside_a_step_there_is_nothing_to_see_unless_it_holds_the_conservative
 
 
 def test_a_phase_without_kept_positions_is_an_error():
-    with pytest.raises(RunError, match="before it saw any positions"):
+    with pytest.raises(RunError, match="before any positions were stored"):
         PairForceFunction(SPEC, False, True)(state(SCENE.positions, Phase.FORCE_SEEN))
 
 

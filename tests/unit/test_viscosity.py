@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from openmm import unit
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -122,6 +123,8 @@ def test_green_kubo_of_an_exponential():
     assert found.viscosity == pytest.approx(0.25, abs=4 * found.error)
     assert found.integral[0] == 0.05 and found.integral[-1] == pytest.approx(found.viscosity)
     assert found.correlation[0] == pytest.approx(4 / 4, rel=0.1)
+    kelvin = green_kubo_viscosity(stress, 0.01, volume=8.0, kT=0.5 / dpd.units.BOLTZMANN * unit.kelvin, t_max=1.5, instantaneous=0.05)
+    assert kelvin.viscosity == pytest.approx(found.viscosity, rel=1e-14)
     automatic = green_kubo_viscosity(stress, 0.01, volume=8.0, kT=0.5)
     assert 0.3 < automatic.t_max < 3.0 and automatic.viscosity == pytest.approx(0.2, abs=4 * automatic.error)
 
