@@ -327,7 +327,7 @@ def test_a_ramp_in_one_of_two_scripts(scheme, written, loaded, tmp_path, caplog)
     second.step(5)
     if isinstance(loaded, dpd.TemperatureRamp):
         done = 5 + (BEFORE if isinstance(written, dpd.TemperatureRamp) else 0)
-        expected = 2.0 + (loaded.stop - 2.0) * done / 100
+        expected = 2.0 + (loaded.kT_end - 2.0) * done / 100
     else:
         expected = loaded
     assert parameter(second, "dpd_kT") == pytest.approx(expected, rel=1e-12)
