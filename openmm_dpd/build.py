@@ -37,6 +37,7 @@ from .programs.native import native_integrator, native_marker
 from .programs.program import Program
 from .simulation import DPDSimulation, PoclSimulation
 from .trajectory import openmm_topology
+from .view import view
 from .whole_steps import WholeSteps
 
 
@@ -77,6 +78,10 @@ class Built:
         simulation.context.setPositions(self.positions)
         simulation.context.setVelocities(self.velocities)
         return simulation
+
+    def view(self, **choices):
+        """A widget of nglview for a notebook: :func:`openmm_dpd.view.view`, with its ``state`` and ``radii``."""
+        return view(self, **choices)
 
     def explain(self) -> str:
         """The plan and the listing of the program."""
