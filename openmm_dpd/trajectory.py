@@ -13,6 +13,7 @@ from __future__ import annotations
 import functools
 import os
 from collections.abc import Sequence
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -68,14 +69,17 @@ def short_names(names: Sequence[str], width: int) -> dict[str, str]:
     """
     different = list(dict.fromkeys(str(name) for name in names))
     fits = {name: name for name in different if len(name) <= width and name.isascii() and name.isprintable() and name and " " not in name}
-    short, taken = dict(fits), set(fits)
+    short, taken, numbers = dict(fits), set(fits), count(1)
     for name in different:
         if name in short:
             continue
         letters = "".join(letter for letter in name if letter.isascii() and letter.isalnum())
-        numbered = (f"{letters[: width - len(str(count))]}{count}" for count in range(1, 10**width))
-        short[name] = next(candidate for candidate in (letters[:width], *numbered) if candidate and candidate not in taken)
-        taken.add(short[name])
+        called = letters[:width]
+        while not called or called in taken:
+            number = str(next(numbers))
+            called = letters[: width - len(number)] + number
+        short[name] = called
+        taken.add(called)
     return {name: short[name] for name in different}
 
 

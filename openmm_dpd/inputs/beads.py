@@ -68,6 +68,9 @@ def scene_from_beads(
         types that there are not, or the Scene refuses a value.
     """
     left_out = _left_out(beads, leave_out)
+    for name, given in (("bonds", bonds), ("angles", angles)):
+        if name in left_out and given is not None:
+            raise ParameterError(f"{name} are given, and leave_out names them; one of these is too much")
     types = list(dict.fromkeys(beads.types))
     by_type, single = _masses(beads, types, masses)
     springs: Sequence = () if "bonds" in left_out else bonds_of(beads, bonds)
