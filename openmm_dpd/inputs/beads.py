@@ -12,7 +12,7 @@ from ..lammps.state.box import Box
 from ..model.scene import Scene
 from ..units import to_md
 from .arrays import BeadArrays
-from .bonded import angles_of, bonds_of
+from .bonded import scene_angles, scene_bonds
 
 
 def scene_from_beads(
@@ -73,8 +73,8 @@ def scene_from_beads(
             raise ParameterError(f"{name} are given, and leave_out names them; one of these is too much")
     types = list(dict.fromkeys(beads.types))
     by_type, single = _masses(beads, types, masses)
-    springs: Sequence = () if "bonds" in left_out else bonds_of(beads, bonds)
-    bends: Sequence = () if "angles" in left_out else angles_of(beads, angles, springs)
+    springs: Sequence = () if "bonds" in left_out else scene_bonds(beads, bonds)
+    bends: Sequence = () if "angles" in left_out else scene_angles(beads, angles, springs)
     return Scene(
         masses=by_type,
         types=beads.types,

@@ -13,12 +13,12 @@ from ..molecules.terms import BENDS, SPRINGS, many_terms
 from .arrays import BeadArrays
 
 
-def bonds_of(beads: BeadArrays, given) -> Sequence:
+def scene_bonds(beads: BeadArrays, given) -> Sequence:
     """Bonds of a Scene: those of the source, with the given springs, or the given ones."""
     return given if _ready(given) else _terms(beads, beads.bonds, beads.bond_names, given, "bond")
 
 
-def angles_of(beads: BeadArrays, given, bonds: Sequence) -> Sequence:
+def scene_angles(beads: BeadArrays, given, bonds: Sequence) -> Sequence:
     """Angles of a Scene: those of the source, with the given bends, the given ones, or those between bonds (of the Scene)."""
     if _ready(given):
         return given
@@ -98,4 +98,4 @@ def _bends_of_bonds(beads: BeadArrays, springs: Sequence, bend) -> list:
     return many_terms(np.array([entry[:3] for entry in found], dtype=np.int64), [entry[3] for entry in found])
 
 
-__all__ = ["angles_of", "bonds_of"]
+__all__ = ["scene_angles", "scene_bonds"]

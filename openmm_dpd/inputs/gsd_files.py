@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from copy import deepcopy
 
 import numpy as np
 
@@ -80,7 +81,7 @@ def _frame(source, frame: int):
     hoomd = optional_package("gsd.hoomd", "gsd", "GSD files need")
     at = whole_number(frame, "the number of a frame")
     if isinstance(source, hoomd.Frame):
-        return "the GSD frame", _complete(source)
+        return "the GSD frame", _complete(deepcopy(source))
     if not isinstance(source, (str, os.PathLike)):
         raise ParameterError(f"expected a GSD file or a gsd.hoomd.Frame, not {what_is(source)}")
     try:

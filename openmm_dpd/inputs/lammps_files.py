@@ -89,7 +89,9 @@ def _style(path: Path, given: str | None) -> str:
     except OSError as error:
         raise DeckError(f"the data file cannot be read: {error.strerror}", str(path)) from None
     hints = [line.partition("#")[2].strip() for line in lines[1:] if line.partition("#")[0].strip() == "Atoms"]
-    style = given if given is not None else next(iter(hints), "")
+    style = next((hint for hint in hints if hint), given or "")
+    if given not in (None, style):
+        raise ParameterError(f"{path}: the file says atom_style {style}, not {given}")
     if style in _STYLES:
         return style
     if not style:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..errors import ParameterError, what_is
-from ..files import BlockFile, write_whole
+from ..files import append_block, write_whole
 from ..model.scene import Scene
 from ..units import UnitSystem, unit_system, whole_number
 from .snapshot import Snapshot, next_report, scene_of
@@ -76,8 +76,8 @@ class XYZReporter:
         self._species = _species(scene_of(built), species)
         if append:
             _check_file(file, self._species)
-        # opened last, so that an error above leaves an existing file as it is
-        self._file = BlockFile(file, _WHAT, append=append)
+        self._path = os.fspath(file)
+        append_block(self._path, "", _WHAT, anew=not append)
 
     def describeNextReport(self, simulation):
         """Steps until the next frame, with positions and velocities."""
@@ -85,7 +85,7 @@ class XYZReporter:
 
     def report(self, simulation, state):
         """Write one frame."""
-        self._file.write(_block(Snapshot.of(self._built, state), self._units, self._species))
+        append_block(self._path, _block(Snapshot.of(self._built, state), self._units, self._species), _WHAT)
 
 
 def _block(now: Snapshot, units: UnitSystem, species: list[str]) -> str:
@@ -107,13 +107,14 @@ def _number(value: float) -> str:
 
 def _species(scene: Scene, given: Mapping[str, str] | None) -> list[str]:
     """First column of each bead."""
-    named = dict.fromkeys(scene.type_names) if given is None else given
-    if not isinstance(named, Mapping) or set(named) != set(scene.type_names):
+    called = {name: name for name in scene.type_names} if given is None else given
+    if not isinstance(called, Mapping) or set(called) != set(scene.type_names):
         raise ParameterError(f"species must map each of the types {', '.join(scene.type_names)} to text, not {what_is(given)}")
-    called = {name: name if given is None else text for name, text in named.items()}
     for text in called.values():
         if not isinstance(text, str) or not text.isprintable() or not text or " " in text:
-            raise ParameterError(f"the name {text!r} cannot stand in an XYZ file; give species={{...}}, printable characters without blanks")
+            raise ParameterError(
+                f"the name {text!r} cannot stand in an XYZ file; species={{...}} gives one that is printable without blanks"
+            )
     return [called[name] for name in scene.types]
 
 

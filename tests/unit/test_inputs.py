@@ -134,7 +134,9 @@ def test_psf_and_back(tmp_path, seed, kind):
     check(found, scene, atol=atol, box_atol={"array": 1e-12, "pdb": 2e-3}.get(kind, 1e-5))
     assert np.array_equal(found.charges, scene.charges) and found.residues == scene.residues
     if kind == "dcd":
-        assert not scene_from_psf(tmp_path / "top.psf", positions, pairs=PAIRS, kT=1.0, frame=0, leave_out=("bonds", "angles")).positions.any()
+        assert not scene_from_psf(
+            tmp_path / "top.psf", positions, pairs=PAIRS, kT=1.0, frame=0, leave_out=("bonds", "angles")
+        ).positions.any()
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -148,7 +150,12 @@ def test_mdtraj_and_back(tmp_path, seed):
     found = scene_from_mdtraj(trajectory, pairs=PAIRS, kT=1.0, **tables(scene))
     check(found, scene, atol=2e-6, box_atol=2e-6)
     assert np.array_equal(found.charges, scene.charges) and found.residues == scene.residues
-    check(scene_from_mdtraj(mdtraj.load(tmp_path / "x.pdb"), pairs=PAIRS, kT=1.0, masses=MASSES, **tables(scene)), scene, atol=6e-5, box_atol=2e-3)
+    check(
+        scene_from_mdtraj(mdtraj.load(tmp_path / "x.pdb"), pairs=PAIRS, kT=1.0, masses=MASSES, **tables(scene)),
+        scene,
+        atol=6e-5,
+        box_atol=2e-3,
+    )
 
 
 @pytest.mark.parametrize("units", ["lj", "real"])
@@ -158,9 +165,7 @@ def test_data_file_and_back(tmp_path, seed, units):
     scene = random_scene(seed)
     done = export_lammps(scene, tmp_path, "made", dt=0.01, units=units)
     names = dict(enumerate(scene.type_names, start=1))
-    found = scene_from_lammps_data(
-        done.data, names, pairs=PAIRS, kT=1.0, units=units, bonds=list(scene.bonds), angles=list(scene.angles), atom_style="full"
-    )
+    found = scene_from_lammps_data(done.data, names, pairs=PAIRS, kT=1.0, units=units, bonds=list(scene.bonds), angles=list(scene.angles))
     check(found, scene, atol=1e-9, velocities=True, box_atol=1e-9)
     assert list(found.masses) == scene.type_names
 
@@ -187,7 +192,12 @@ def water_and_oil() -> tuple[app.Topology, np.ndarray]:
 
 @pytest.mark.parametrize(
     "typing",
-    [{"HOH": "W", "OIL": "T"}, {"O": "W", "C1": "T"}, {("HOH", "O"): "W", "OIL": "T"}, lambda atom: "W" if atom.residue.name == "HOH" else "T"],
+    [
+        {"HOH": "W", "OIL": "T"},
+        {"O": "W", "C1": "T"},
+        {("HOH", "O"): "W", "OIL": "T"},
+        lambda atom: "W" if atom.residue.name == "HOH" else "T",
+    ],
     ids=["residues", "atoms", "both", "function"],
 )
 def test_typing(typing):
@@ -265,7 +275,9 @@ def test_psf_of_another_program(tmp_path):
     """Segments that count their residues from 1, names that are no types, dihedrals."""
     scene = random_scene(1)
     psf_of(scene, tmp_path / "top.psf")
-    text = (tmp_path / "top.psf").read_text(encoding="utf-8").replace("         0 !NPHI: dihedrals", "         1 !NPHI: dihedrals\n 1 2 3 4\n")
+    text = (
+        (tmp_path / "top.psf").read_text(encoding="utf-8").replace("         0 !NPHI: dihedrals", "         1 !NPHI: dihedrals\n 1 2 3 4\n")
+    )
     half = scene.n_beads // 2
     lines = text.splitlines()
     start = next(k for k, line in enumerate(lines) if "!NATOM" in line) + 1
@@ -279,7 +291,9 @@ def test_psf_of_another_program(tmp_path):
         scene_from_psf(tmp_path / "other.psf", scene.positions, lambda atom: "X", **given, bonds=Spring(1, 1))
     given["leave_out"] = ("dihedrals", "angles")
     found = scene_from_psf(tmp_path / "other.psf", scene.positions, lambda atom: atom.name + "x", **given, bonds=Spring(1, 1))
-    assert found.types == tuple(name + "x" for name in scene.types) and found.molecules.tolist() == [1] * half + [2] * (scene.n_beads - half)
+    assert found.types == tuple(name + "x" for name in scene.types) and found.molecules.tolist() == [1] * half + [2] * (
+        scene.n_beads - half
+    )
     assert found.special == (1.0, 1.0, 1.0) and not found.angles
 
 
@@ -374,7 +388,9 @@ def test_coefficients_of_a_data_file(tmp_path):
     ((kind, (k, theta0)),) = terms(scene.angles, "triples").values()
     assert (kind, k) == (dpd.HarmonicAngles, 3.0) and theta0 == pytest.approx(2 * np.pi / 3)
     np.testing.assert_allclose(scene.positions[0], [5.1, 0.2, -4.7])
-    named = scene_from_lammps_data(data_file(tmp_path), {1: "A", 2: "B"}, pairs=PAIRS, kT=1.0, bonds={"1": Spring(1, 2), "2": FENESpring(3, 9)})
+    named = scene_from_lammps_data(
+        data_file(tmp_path), {1: "A", 2: "B"}, pairs=PAIRS, kT=1.0, bonds={"1": Spring(1, 2), "2": FENESpring(3, 9)}
+    )
     assert named.types == ("A", "A", "B", "B") and [type(group) for group in named.bonds] == [dpd.HarmonicBonds, dpd.FENEBonds]
 
 
@@ -385,6 +401,7 @@ def test_coefficients_of_a_data_file(tmp_path):
         ("", ("", ""), {"bonds": {"1": Spring(1, 1)}}, "no spring is given for the bond between types '1', '2' ..2.."),
         ("", ("", ""), {"bonds": {"7": Spring(1, 1)}}, "there is no type '7' in .*; there are 1, 2"),
         ("", ("# molecular", ""), {}, "does not say its atom style behind 'Atoms #'"),
+        ("", ("", ""), {"atom_style": "full"}, "the file says atom_style molecular, not full"),
         ("", ("# molecular", "# edpd"), {}, "atom_style edpd cannot be taken .its beads carry more"),
         ("", ("", ""), {"types": {1: "A"}}, "types must name each of the 2 atom types"),
         ("", ("", ""), {"types": {1: "A", 2: "A"}}, "a name of its own"),
