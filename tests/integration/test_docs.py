@@ -56,7 +56,7 @@ def test_scripts_of_a_page_run(path, tmp_path, monkeypatch):
 
 
 def test_pages_that_ought_to_have_scripts_have_them():
-    expected = "run_deck build_scene thermostat restart analyse temperature contexts schemes units"
+    expected = "run_deck build_scene inputs look thermostat restart analyse temperature contexts schemes units"
     assert {path.stem for path in WITH_SCRIPTS} >= set(expected.split())
 
 

@@ -21,11 +21,12 @@ SPRINGS = {("*", "*"): Spring(50.0, 0.7), ("B", "A"): FENESpring(30.0, 4.0), ("C
 BENDS = {("*", "*", "*"): CosineBend(2.0), ("A", "B", "C"): Bend(3.0, 2.5)}
 MASSES = {"A": 1.0, "B": 2.5, "C": 12.0, "W": 1 / 3}
 TILTED = np.array([[6.0, 0, 0], [1.5, 5.0, 0], [-2.0, 1.0, 7.0]])
+BOXES = (TILTED, np.diag([5.0, 6.0, 7.0]), np.array([[6.0, 0, 0], [-2.9, 6.0, 0], [2.9, -2.9, 7.0]]))
 
 
-def random_scene(seed: int, box=TILTED) -> dpd.Scene:
+def random_scene(seed: int) -> dpd.Scene:
     """Chains of random types and lengths with bends, solvent, charges; beads up to two boxes away."""
-    rng = np.random.default_rng(seed)
+    rng, box = np.random.default_rng(seed), BOXES[seed % 3]
     types, molecules, residues, pairs = [], [], [], []
     for number in range(1, 8):
         length = int(rng.integers(1, 6))
@@ -206,6 +207,17 @@ def test_typing(typing):
     assert scene.types == ("W", "W", "T", "T") and scene.bond_pairs.tolist() == [[2, 3]]
     assert scene.masses == {"W": app.element.oxygen.mass._value, "T": app.element.carbon.mass._value}
     assert np.array_equal(scene.box, np.diag([3.0] * 3)) and scene.molecules.tolist() == [1, 2, 3, 4]
+
+
+def test_files_that_openmm_reads(tmp_path):
+    """Positions as OpenMM has them, and elements for masses."""
+    topology, x = water_and_oil()
+    with open(tmp_path / "x.pdb", "w", encoding="utf-8") as file:
+        app.PDBFile.writeFile(topology, x * unit.nanometer, file)
+    pdb = app.PDBFile(str(tmp_path / "x.pdb"))
+    scene = scene_from_topology(pdb.topology, pdb.positions, {"O": "W", "C1": "T"}, pairs=PAIRS, kT=1.0, bonds=Spring(5, 0.5))
+    np.testing.assert_allclose(scene.positions, x, atol=6e-5)
+    assert scene.bond_pairs.tolist() == [[2, 3]] and scene.bead_masses[0] == pytest.approx(15.999, abs=1e-3) and scene.box[2, 2] == 3.0
 
 
 @pytest.mark.parametrize(("molecules", "expected"), [("chains", [1, 1, 2, 2]), ("bonds", None), (np.array([4, 4, 5, 6]), [4, 4, 5, 6])])
