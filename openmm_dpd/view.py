@@ -12,7 +12,6 @@ from .model.scene import Scene
 from .optional import optional_package
 from .outputs.pdb_file import pdb_text
 from .outputs.snapshot import Snapshot, scene_of
-from .trajectory import short_names
 from .units import to_md
 
 #: Colours of the types in their order: those of matplotlib, and again from the first one.
@@ -47,18 +46,24 @@ def view(source, *, state=None, radii=None):
     structure = nglview.TextStructure(pdb_text(Snapshot.of(source, state)), ext="pdb")
     widget = nglview.NGLWidget(structure)
     widget.clear_representations()
-    shown = short_names(scene.types, 4)
     for k, name in enumerate(scene.type_names):
-        if name in shown and sizes[name] > 0:
-            widget.add_representation("spacefill", selection=f".{shown[name]}", color=_COLOURS[k % len(_COLOURS)], radius=10 * sizes[name])
+        beads = np.flatnonzero(scene.type_ids == k)
+        if len(beads) and sizes[name] > 0:
+            colour = _COLOURS[k % len(_COLOURS)]
+            widget.add_representation("spacefill", selection=_selection(beads), color=colour, radius=10 * sizes[name])
     bonded = np.unique(scene.bond_pairs)
     if len(bonded):
         thin = min([size for size in sizes.values() if size > 0], default=0.1) / 3
-        widget.add_representation("licorice", selection="@" + ",".join(map(str, bonded.tolist())), color="#555555", radius=10 * thin)
+        widget.add_representation("licorice", selection=_selection(bonded), color="#555555", radius=10 * thin)
     if scene.box is not None:
         widget.add_representation("unitcell")
     widget.center()
     return widget
+
+
+def _selection(beads: np.ndarray) -> str:
+    """Beads in NGL's language, whose names of atoms are capital letters only."""
+    return "@" + ",".join(map(str, beads.tolist()))
 
 
 def _radii(scene: Scene, given) -> dict[str, float]:
