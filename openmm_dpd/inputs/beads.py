@@ -67,6 +67,8 @@ def scene_from_beads(
         If something is missing (a mass, the spring of two types, a box, positions), the source has what a Scene cannot hold, a table names
         types that there are not, or the Scene refuses a value.
     """
+    if not len(beads.types):
+        raise ParameterError(f"{beads.source} has no beads")
     left_out = _left_out(beads, leave_out)
     for name, given in (("bonds", bonds), ("angles", angles)):
         if name in left_out and given is not None:
@@ -145,6 +147,8 @@ def _masses(beads: BeadArrays, types: list[str], masses) -> tuple[dict[str, Any]
     if beads.masses is None:
         raise ParameterError(f"{beads.source} has no masses; give masses=... (Da), one for all types or {{type: mass}}")
     single = np.asarray(to_md(beads.masses, "mass", f"the masses of {beads.source}"))
+    if single.shape != (len(beads.types),):
+        raise ParameterError(f"{beads.source} has {len(beads.types)} types of beads, but masses of shape {single.shape}")
     bad = np.flatnonzero(~(single > 0))
     if len(bad):
         raise ParameterError(

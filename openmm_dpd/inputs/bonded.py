@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import ParameterError, what_is
 from ..molecules.molecule import bends_between, by_types
 from ..molecules.terms import BENDS, SPRINGS, many_terms
+from ..psf import checked_bonds
 from .arrays import BeadArrays
 
 
@@ -29,7 +30,10 @@ def scene_angles(beads: BeadArrays, given, bonds: Sequence) -> Sequence:
 
 def _terms(beads: BeadArrays, rows: np.ndarray, names: list[str] | None, given, what: str) -> list:
     """Bonds or angles of a Scene: one object for each kind of spring or bend."""
-    kinds, term = (SPRINGS, "spring") if what == "bond" else (BENDS, "bend")
+    kinds, term, width = (SPRINGS, "spring", 2) if what == "bond" else (BENDS, "bend", 3)
+    rows = checked_bonds(rows, len(beads.types), width)
+    if names is not None and len(names) != len(rows):
+        raise ParameterError(f"{beads.source} has {len(rows)} {what}s, but {len(names)} names of their types")
     if given is None:
         if not len(rows):
             return []

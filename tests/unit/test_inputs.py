@@ -427,3 +427,39 @@ def test_data_files_that_do_not_say_enough(tmp_path, hint, change, given, messag
     path = data_file(tmp_path, hint, DATA.replace(*change) if change[0] else DATA)
     with pytest.raises((ParameterError, DeckError), match=message):
         scene_from_lammps_data(path, **{"pairs": PAIRS, "kT": 1.0, **given})
+
+
+# -- arrays ----------------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"positions": None}, "my table has no positions; give positions"),
+        ({"positions": np.zeros((2, 3))}, r"positions must have shape \(3, 3\)"),
+        ({"masses": np.ones(2)}, r"my table has 3 types of beads, but masses of shape \(2,\)"),
+        ({"masses": np.array([1, np.nan, 1])}, "the masses of my table holds nan"),
+        ({"velocities": np.full((3, 3), np.inf)}, "velocities holds inf"),
+        ({"charges": np.ones(4)}, r"charges must have shape \(3,\)"),
+        ({"molecules": np.ones(2, int)}, "molecules must have one entry per bead"),
+        ({"residues": ["A"]}, "residues must name the molecule of each of the 3 beads"),
+        ({"bonds": np.array([(0, 3)])}, r"bond 0 is \[0, 3\]; it must join two different beads of 0 to 2"),
+        ({"bonds": np.array([(0, 1), (1, 0)])}, "the bond between beads 0 and 1 is listed twice"),
+        ({"bond_names": ["a", "b"]}, "my table has 1 bonds, but 2 names of their types"),
+        ({"angles": np.array([(0, 1, 1)])}, "it must join three different beads"),
+        ({"types": []}, "my table has no beads"),
+    ],
+)
+def test_arrays_that_do_not_fit(change, message):
+    good = {"types": ["A", "A", "B"], "positions": np.eye(3), "source": "my table", "masses": np.ones(3), "bonds": np.array([(0, 1)])}
+    given = {"pairs": PAIRS, "kT": 1.0, "box": [4, 4, 4], "bonds": Spring(1, 1)}
+    assert scene_from_beads(BeadArrays(**good), **given).bond_pairs.tolist() == [[0, 1]]
+    with pytest.raises(ParameterError, match=message):
+        scene_from_beads(BeadArrays(**good | change), **given, **({"angles": CosineBend(1)} if "angles" in change else {}))
+
+
+def test_types_without_beads_and_kinds_of_masses():
+    """Types of the source keep their order; one without beads has no mass unless somebody gives it."""
+    beads = BeadArrays(["B", "A", "B"], np.eye(3), "my table", masses=np.array([2.0, 1.0, 2.0]), type_names=["A", "C", "B"])
+    given = {"pairs": PAIRS, "kT": 1.0, "box": [4, 4, 4]}
+    assert scene_from_beads(beads, **given).masses == {"A": 1.0, "B": 2.0}
+    assert list(scene_from_beads(beads, **given, masses=3.0).masses) == ["A", "C", "B"]
+    assert scene_from_beads(beads, **given, masses={"B": 5, "A": 4, "Z": 3}).masses == {"A": 4.0, "B": 5.0, "Z": 3.0}
