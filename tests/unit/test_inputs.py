@@ -7,100 +7,15 @@ import numpy as np
 import openmm
 import pytest
 from openmm import app, unit
+from random_scenes import MASSES, PAIRS, SEEDS, TILTED, check, psf_of, random_scene, tables, terms
 
 import openmm_dpd as dpd
 from openmm_dpd.errors import DeckError, ParameterError
 from openmm_dpd.inputs import BeadArrays, scene_from_beads, scene_from_lammps_data, scene_from_mdtraj, scene_from_psf, scene_from_topology
 from openmm_dpd.lammps import export_lammps
-from openmm_dpd.molecules import Bend, CosineBend, FENESpring, MorseSpring, Spring
+from openmm_dpd.molecules import CosineBend, FENESpring, Spring
 from openmm_dpd.outputs import write_pdb
-from openmm_dpd.trajectory import load_topology, openmm_topology, write_psf
-
-PAIRS = {("*", "*"): dpd.DPD(A=25, gamma=4.5)}
-SPRINGS = {("*", "*"): Spring(50.0, 0.7), ("B", "A"): FENESpring(30.0, 4.0), ("C", "C"): MorseSpring(5.0, 1.0, 0.6)}
-BENDS = {("*", "*", "*"): CosineBend(2.0), ("A", "B", "C"): Bend(3.0, 2.5)}
-MASSES = {"A": 1.0, "B": 2.5, "C": 12.0, "W": 1 / 3}
-TILTED = np.array([[6.0, 0, 0], [1.5, 5.0, 0], [-2.0, 1.0, 7.0]])
-BOXES = (TILTED, np.diag([5.0, 6.0, 7.0]), np.array([[6.0, 0, 0], [-2.9, 6.0, 0], [2.9, -2.9, 7.0]]))
-
-
-def random_scene(seed: int) -> dpd.Scene:
-    """Chains of random types and lengths with bends, solvent, charges; beads up to two boxes away."""
-    rng, box = np.random.default_rng(seed), BOXES[seed % 3]
-    types, molecules, residues, pairs = [], [], [], []
-    for number in range(1, 8):
-        length = int(rng.integers(1, 6))
-        first = len(types)
-        types += rng.choice(["A", "B", "C"], length).tolist() if length > 1 else ["W"]
-        pairs += [(first + k, first + k + 1) for k in range(length - 1)]
-        molecules += [number] * length
-        residues += [f"M{length}"] * length
-    types += ["A", "B", "C", "W"]  # every type is there
-    molecules += [8, 9, 10, 11]
-    residues += ["ONE"] * 4
-    n = len(types)
-    pairs = np.array(pairs, dtype=np.int64).reshape(-1, 2)
-    # bonds are short, so that no FENE bond is too long in any image
-    x = np.cumsum(rng.normal(scale=0.3, size=(n, 3)), axis=0) + rng.integers(-2, 3, (1, 3)) @ box
-    arrays = BeadArrays(
-        types=types,
-        positions=x,
-        source="the test",
-        masses=MASSES,
-        box=box,
-        velocities=rng.normal(size=(n, 3)),
-        charges=rng.integers(-2, 3, n) * 0.25,
-        molecules=np.array(molecules),
-        residues=residues,
-        bonds=pairs,
-    )
-    table = {key: bend for key, bend in BENDS.items() if len(pairs)}
-    ends = set(pairs[:, 0]) & set(pairs[:, 1])
-    return scene_from_beads(arrays, pairs=PAIRS, kT=1.0, bonds=SPRINGS if len(pairs) else None, angles=table if ends else None)
-
-
-def terms(groups, rows: str) -> dict:
-    """Kind and coefficients of each bond or angle, by its beads."""
-    found = {}
-    for group in groups:
-        names = [name for name in group.__dataclass_fields__ if name != rows]
-        for k, beads in enumerate(getattr(group, rows).tolist()):
-            found[tuple(min(beads, beads[::-1]))] = type(group), tuple(getattr(group, name)[k] for name in names)
-    return found
-
-
-def check(found: dpd.Scene, scene: dpd.Scene, *, atol: float, velocities: bool = False, box_atol: float = 1e-12) -> None:
-    assert found.types == scene.types
-    np.testing.assert_allclose(found.positions, scene.positions, atol=atol, rtol=0)
-    np.testing.assert_allclose(found.box, scene.box, atol=box_atol, rtol=0)
-    np.testing.assert_allclose(found.bead_masses, scene.bead_masses, rtol=1e-6)
-    assert terms(found.bonds, "pairs") == terms(scene.bonds, "pairs")
-    assert terms(found.angles, "triples") == terms(scene.angles, "triples")
-    np.testing.assert_array_equal(found.molecules, scene.molecules)
-    if velocities:
-        np.testing.assert_allclose(found.velocities, scene.velocities, atol=1e-6, rtol=0)
-
-
-def tables(scene: dpd.Scene) -> dict:
-    """Springs and bends for a scene that has bonds, and angles."""
-    return {name: table for name, table in (("bonds", SPRINGS), ("angles", BENDS)) if getattr(scene, name)}
-
-
-def psf_of(scene: dpd.Scene, path) -> None:
-    angles = np.concatenate([np.zeros((0, 3), int), *(group.triples for group in scene.angles)])
-    write_psf(
-        path,
-        names=scene.types,
-        masses=scene.bead_masses,
-        charges=scene.charges,
-        molecules=scene.molecules,
-        residues=scene.residues,
-        bonds=scene.bond_pairs,
-        angles=angles,
-    )
-
-
-SEEDS = range(6)
+from openmm_dpd.trajectory import load_topology, openmm_topology
 
 
 # -- and back --------------------------------------------------------------------------------------------------------------------
@@ -169,6 +84,22 @@ def test_data_file_and_back(tmp_path, seed, units):
     found = scene_from_lammps_data(done.data, names, pairs=PAIRS, kT=1.0, units=units, bonds=list(scene.bonds), angles=list(scene.angles))
     check(found, scene, atol=1e-9, velocities=True, box_atol=1e-9)
     assert list(found.masses) == scene.type_names
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_springs_and_bends_are_those_of_the_tables(seed):
+    """Bond by bond: later entries before earlier ones, types in either order; an angle wherever a chain goes on."""
+    scene = random_scene(seed)
+    kinds = {("A", "B"): dpd.FENEBonds, ("C", "C"): dpd.MorseBonds}
+    for pair, (kind, values) in terms(scene.bonds, "pairs").items():
+        assert kind is kinds.get(tuple(sorted(scene.types[bead] for bead in pair)), dpd.HarmonicBonds)
+        assert values == {dpd.HarmonicBonds: (50.0, 0.7), dpd.FENEBonds: (30.0, 4.0, 0.0, 1.0), dpd.MorseBonds: (5.0, 1.0, 0.6)}[kind]
+    angles = terms(scene.angles, "triples")
+    bonded = {tuple(pair) for pair in scene.bond_pairs.tolist()}
+    assert set(angles) == {(k, k + 1, k + 2) for k in range(scene.n_beads - 2) if {(k, k + 1), (k + 1, k + 2)} <= bonded}
+    for triple, (kind, values) in angles.items():
+        special = tuple(scene.types[bead] for bead in triple) in (("A", "B", "C"), ("C", "B", "A"))
+        assert (kind, values) == ((dpd.HarmonicAngles, (3.0, 2.5)) if special else (dpd.CosineAngles, (2.0,)))
 
 
 # -- topologies ------------------------------------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ import openmm
 import pytest
 from full_disk import file_limit
 from openmm import app, unit
-from test_inputs import BENDS, MASSES, PAIRS, SEEDS, SPRINGS, TILTED, check, random_scene, tables, terms
+from random_scenes import BENDS, MASSES, PAIRS, SEEDS, SPRINGS, TILTED, check, random_scene, tables, terms
 
 import openmm_dpd as dpd
 from openmm_dpd.errors import OutputError, ParameterError
