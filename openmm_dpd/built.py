@@ -15,6 +15,7 @@ from .plan import Plan
 from .platforms import opencl_is_a_gpu
 from .programs.program import Program
 from .simulation import DPDSimulation, PoclSimulation
+from .view import view
 
 
 @dataclass(eq=False)
@@ -80,6 +81,10 @@ class BuiltSystem:
         context.setVelocities(self.velocities)
         context.applyVelocityConstraints(1e-6)
         return simulation
+
+    def view(self, **choices):
+        """A widget of nglview for a notebook: :func:`openmm_dpd.view.view`, with its ``state`` and ``radii``."""
+        return view(self, **choices)
 
     def _new_simulation(self, platform: openmm.Platform | str | None, properties: dict[str, str] | None) -> app.Simulation:
         name = platform if platform is not None else self.plan.platform

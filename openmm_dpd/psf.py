@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -15,12 +15,16 @@ from .units import to_md
 #: Residue and segment name of all beads.  No reader knows "MOL" as an amino acid, nucleotide, water or solvent.
 RESIDUE, SEGMENT = "MOL", "DPD"
 
+#: Sections of what this package has not, by what stands in them.
+_OTHERS = {"dihedrals": "!NPHI", "impropers": "!NIMPHI", "cross-terms": "!NCRTERM", "lone pairs": "!NUMLP"}
+
 
 @dataclass(frozen=True, eq=False)
 class Beads:
     """The content of a PSF file for N beads: names, masses (Da), charges (e), molecule numbers, bonds (B, 2) and angles (K, 3) from 0.
 
-    ``residues`` are the names of their molecules.
+    ``residues`` and ``segments`` are the names of their molecules and segments, ``others`` the numbers of dihedrals, impropers, cross-terms
+    and lone pairs.
     """
 
     names: list[str]
@@ -30,6 +34,8 @@ class Beads:
     bonds: np.ndarray
     angles: np.ndarray
     residues: list[str]
+    segments: list[str]
+    others: Mapping[str, int] = field(default_factory=dict)
 
 
 def write_psf(
@@ -122,6 +128,7 @@ def read_psf(path: str | os.PathLike) -> Beads:
     start, count = _section(lines, "!NATOM", path)
     names: list[str] = []
     residues: list[str] = []
+    segments: list[str] = []
     columns = np.zeros((2, count))
     molecules = np.zeros(count, dtype=np.int64)
     for k in range(count):
@@ -129,6 +136,7 @@ def read_psf(path: str | os.PathLike) -> Beads:
             # index, segment, residue number, residue, name, type, charge, mass
             words = lines[start + k].split()
             names.append(words[4])
+            segments.append(words[1])
             residues.append(words[3])
             molecules[k], columns[0, k], columns[1, k] = int(words[2]), float(words[6]), float(words[7])
         except (IndexError, ValueError):
@@ -136,7 +144,9 @@ def read_psf(path: str | os.PathLike) -> Beads:
     bonds = checked_bonds(_indices(lines, "!NBOND", "bonds", 2, path), count)
     # VMD may leave sections out that are empty
     angles = _indices(lines, "!NTHETA", "angles", 3, path) if any("!NTHETA" in line for line in lines) else ()
-    return Beads(names, columns[1], columns[0], molecules, bonds, checked_bonds(angles, count, 3), residues)
+    there = {what: title for what, title in _OTHERS.items() if any(title in line for line in lines)}
+    others = {what: number for what, title in there.items() if (number := _section(lines, title, path)[1])}
+    return Beads(names, columns[1], columns[0], molecules, bonds, checked_bonds(angles, count, 3), residues, segments, others)
 
 
 # -- helpers -------------------------------------------------------------------------------------------------------------------

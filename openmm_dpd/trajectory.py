@@ -2,8 +2,8 @@
 
 A PDB file has no masses: whoever reads one takes them from chemical elements guessed from names, so that a bead ``B`` becomes boron and a
 bead ``A`` a massless virtual site.  mdtraj's own PSF reader throws the masses of the file away as well and takes the nearest element.
-Hence the two halves of this module: topologies for OpenMM with names that nothing can read as an element, and PSF files with
-:func:`load_topology`, which gives each bead an element object of its own.
+Hence PSF files with :func:`load_topology`, which gives each bead an element object of its own.  Beads have the same names in OpenMM's
+Topology, in PSF files and in mdtraj: atoms are called by their types, residues are molecules, and there is one chain.
 
 Lengths are nm here and in mdtraj; DCD files hold float32 angstrom, so one reduced length is 10 in the file and 1 again after loading.
 """
@@ -13,6 +13,7 @@ from __future__ import annotations
 import functools
 import os
 from collections.abc import Sequence
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     import mdtraj
 
 __all__ = [
+    "CHAIN",
     "RESIDUE",
     "SEGMENT",
     "SYMBOL",
@@ -37,53 +39,65 @@ __all__ = [
     "bead_masses",
     "load",
     "load_topology",
+    "mdtraj_topology",
     "openmm_topology",
-    "pdb_names",
     "compute_rg",
     "read_psf",
+    "short_names",
     "write_psf",
 ]
 
 #: Symbol of the elements made here: mdtraj's own for "no element", so that no file written from them can name a chemical one.
 SYMBOL = "VS"
 
+#: The one chain of all topologies made here.
+CHAIN = "A"
+
 
 # -- OpenMM --------------------------------------------------------------------------------------------------------------------
-def pdb_names(names: Sequence[str]) -> dict[str, str]:
-    """Atom names of at most four characters that no reader takes for an element: ``Q`` and the bead's name.
+def short_names(names: Sequence[str], width: int) -> dict[str, str]:
+    """Names of at most ``width`` characters, for files with columns: one to one.
 
-    No symbol of an element begins with Q, while every other scheme of short names meets one (``A1`` is safe, ``AL`` is aluminium).
-    Types whose names do not fit, or begin alike, are numbered in the order in which they appear.
+    Names that fit stay as they are, if they are printable ASCII without blanks.  Others are cut off, and numbered where that name is taken,
+    in the order in which they appear.
 
-    Returns a dictionary from each different one of the names to its PDB name; one to one.
+    Returns a dictionary from each different one of the names to its short name.
+
+    Examples
+    --------
+    >>> short_names(["W", "solvent", "solvate", "Na+"], 4)
+    {'W': 'W', 'solvent': 'solv', 'solvate': 'sol1', 'Na+': 'Na+'}
     """
-    short: dict[str, str] = {}
-    types = list(dict.fromkeys(str(name) for name in names))
-    # names that fit keep their letters, whatever else there is
-    for name in types:
-        if len(name) <= 3 and name.isascii() and name.isalnum():
-            short[name] = "Q" + name
-    taken = set(short.values())
-    for number, name in enumerate(types, start=1):
+    different = list(dict.fromkeys(str(name) for name in names))
+    fits = {name: name for name in different if len(name) <= width and name.isascii() and name.isprintable() and name and " " not in name}
+    short, taken, numbers = dict(fits), set(fits), count(1)
+    for name in different:
         if name in short:
             continue
         letters = "".join(letter for letter in name if letter.isascii() and letter.isalnum())
-        candidates = (f"Q{letters[:3]}", *(f"Q{count}" for count in range(number, number + len(types))))
-        short[name] = next(candidate for candidate in candidates if len(candidate) > 1 and candidate not in taken)
-        taken.add(short[name])
-    return {name: short[name] for name in types}
+        called = letters[:width]
+        while not called or called in taken:
+            number = str(next(numbers))
+            called = letters[: width - len(number)] + number
+        short[name] = called
+        taken.add(called)
+    return {name: short[name] for name in different}
 
 
 def openmm_topology(names: Sequence[str], molecules=None, bonds=(), box=None, residues: Sequence[str] | None = None) -> app.Topology:
     """Topology of beads without elements, for Simulation and all of OpenMM's reporters and file writers.
 
+    Atoms are called by the types of the beads, residues are molecules: the same names as in PSF files (:func:`write_psf`).  A molecule
+    whose beads are apart is several residues with one id.  OpenMM's own readers of PDB and mmCIF files take atoms of equal names in a
+    residue for one; mdtraj reads all of them.  PDB files are written by :func:`openmm_dpd.outputs.write_pdb`: OpenMM's writer cuts names
+    off, and what it writes for no element mdtraj replaces by a guess from the name.
+
     Parameters
     ----------
     names : sequence of N str
-        Type name of each bead; the atoms are called by :func:`pdb_names` of these.
+        Type name of each bead.
     molecules : (N,) array of int, optional
-        Molecule numbers, in ``residue.id``.  By default beads connected by bonds are a molecule.  A molecule is a residue if its beads
-        have different names, else each of its beads is one: OpenMM's mmCIF reader drops atoms whose names repeat within a residue.
+        Molecule numbers, in ``residue.id``.  By default beads connected by bonds are a molecule.
     bonds : (B, 2) array of int
         Bead indices from 0.
     box : (3,) or (3, 3) array of lengths, optional
@@ -99,16 +113,13 @@ def openmm_topology(names: Sequence[str], molecules=None, bonds=(), box=None, re
     names = [str(name) for name in names]
     pairs = checked_bonds(bonds, len(names))
     numbers = molecule_numbers(molecules, pairs, len(names))
-    short = pdb_names(names)
     called = residue_names(residues, len(names))
     topology = app.Topology()
-    chain = topology.addChain()
+    chain = topology.addChain(CHAIN)
     atoms = []
     for number, beads in runs(numbers):
-        unique = len({names[bead] for bead in beads}) == len(beads)
-        for residue_beads in [beads] if unique else [[bead] for bead in beads]:
-            residue = topology.addResidue(called[residue_beads[0]], chain, id=str(number))
-            atoms += [topology.addAtom(short[names[bead]], None, residue) for bead in residue_beads]
+        residue = topology.addResidue(called[beads[0]], chain, id=str(number))
+        atoms += [topology.addAtom(names[bead], None, residue) for bead in beads]
     for i, j in pairs.tolist():
         topology.addBond(atoms[i], atoms[j])
     vectors = box_vectors(box)
@@ -167,11 +178,15 @@ def load_topology(path: str | os.PathLike) -> mdtraj.Topology:
     path : path-like
         PSF file.
     """
+    return mdtraj_topology(read_psf(path))
+
+
+def mdtraj_topology(beads: Beads) -> mdtraj.Topology:
+    """mdtraj topology of what :func:`read_psf` read, as :func:`load_topology` describes it."""
     from mdtraj import Topology
 
-    beads = read_psf(path)
     topology = Topology()
-    chain = topology.add_chain()
+    chain = topology.add_chain(CHAIN)
     atoms = []
     masses, charges = beads.masses.tolist(), beads.charges.tolist()
     for number, run in runs(beads.molecules):

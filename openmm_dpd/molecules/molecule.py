@@ -226,20 +226,35 @@ def join(types, pairs, spring: Springs, bend: Bends = None, *, name: str = "", c
         raise ParameterError(f"bond {outside[0]} names no bead; the molecule has beads 0 to {len(names) - 1}")
     bonds = []
     for i, j in pairs:
-        found = _by_types(spring, (names[i], names[j]), SPRINGS, "spring")
+        found = by_types(spring, (names[i], names[j]), SPRINGS, "spring")
         if found is None:
             raise ParameterError(f"no spring is given for a bond between types {names[i]!r} and {names[j]!r}")
         bonds.append((i, j, found))
-    angles = []
-    neighbours = _neighbours(len(names), np.array(pairs, dtype=np.int64).reshape(-1, 2))
-    for vertex, around in enumerate(neighbours if bend is not None else []):
+    angles = () if bend is None else bends_between(names, np.array(pairs, dtype=np.int64).reshape(-1, 2), bend)
+    return Molecule(names, tuple(bonds), tuple(angles), name, charges)
+
+
+def bends_between(types: Sequence[str], pairs: np.ndarray, bend: Bends) -> list[tuple[int, int, int, object]]:
+    """Angles between bonds: the three beads, the vertex in the middle, and the bend.
+
+    Parameters
+    ----------
+    types : sequence of str
+        Types of all beads.
+    pairs : (B, 2) array of int
+        Bonds.
+    bend : bend or mapping
+        As for :func:`join`.
+    """
+    angles: list[tuple[int, int, int, object]] = []
+    for vertex, around in enumerate(_neighbours(len(types), pairs)):
         if isinstance(bend, BENDS) and len(around) != 2:
             continue
         for i, k in combinations(around, 2):
-            found = _by_types(bend, (names[i], names[vertex], names[k]), BENDS, "bend")
+            found = by_types(bend, (types[i], types[vertex], types[k]), BENDS, "bend")
             if found is not None:
                 angles.append((i, vertex, k, found))
-    return Molecule(names, tuple(bonds), tuple(angles), name, charges)
+    return angles
 
 
 def _checked_pairs(pairs) -> list[tuple[int, int]]:
@@ -253,7 +268,7 @@ def _checked_pairs(pairs) -> list[tuple[int, int]]:
     return [(whole_number(i, "a bead number of a bond"), whole_number(j, "a bead number of a bond")) for i, j in rows]
 
 
-def _by_types(given, types: tuple[str, ...], kinds: tuple[type, ...], what: str):
+def by_types(given, types: tuple[str, ...], kinds: tuple[type, ...], what: str):
     """The spring or bend for these types, or None."""
     if isinstance(given, kinds):
         return given

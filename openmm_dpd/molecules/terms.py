@@ -172,3 +172,13 @@ class CosineBend(_Bend):
 
 #: All springs and all bends.
 SPRINGS, BENDS = (Spring, FENESpring, MorseSpring), (Bend, CosineBend)
+
+
+def many_terms(beads: np.ndarray, terms: list) -> list:
+    """Bonds or angles of a scene, one object for each kind, from the beads of each term, (K, 2) or (K, 3), and the terms."""
+    found = []
+    kinds: list[type[_Term]] = list(dict.fromkeys(map(type, terms)))
+    for kind in kinds:
+        chosen = np.array([type(term) is kind for term in terms])
+        found.append(kind.many(beads[chosen], [term for term in terms if type(term) is kind]))
+    return found

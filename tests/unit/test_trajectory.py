@@ -24,8 +24,8 @@ from openmm_dpd.trajectory import (
     load,
     load_topology,
     openmm_topology,
-    pdb_names,
     read_psf,
+    short_names,
     write_psf,
 )
 
@@ -263,46 +263,35 @@ def test_broken_files_name_the_line(psf):
 
 
 # -- OpenMM ------------------------------------------------------------------------------------------------------------------------
-def test_pdb_names_cannot_be_read_as_elements():
-    """Every symbol that mdtraj knows, as the name of a bead."""
-    symbols = sorted({element.symbol for element in Element._elements_by_symbol.values()})
-    assert len(symbols) > 100
-    names = pdb_names([*symbols, "A", "W", "1"])
-    assert names["B"] == "QB"
-    assert len(set(names.values())) == len(names)
-    for name in names.values():
-        assert md.formats.pdb.PDBTrajectoryFile._guess_element(name, "MOL", 1) is None
-        for symbol in (name, name[0], name[:2]):
-            assert symbol.upper() not in Element._elements_by_symbol
-
-
-def test_pdb_names_stay_different():
-    names = pdb_names(["solvent", "sol", "solute", "a-b", "ab", "\u03b1", "s2", "Q"])
-    assert names["sol"] == "Qsol"
-    assert len(set(names.values())) == 8
-    assert all(2 <= len(short) <= 4 and short.isascii() and short.isalnum() for short in names.values())
+def test_short_names_stay_different():
+    names = short_names(["solvent", "sol", "solute", "a-b", "ab", "\u03b1", "s2", "Na+", "a b", "solv"], 4)
+    assert names["sol"] == "sol" and names["Na+"] == "Na+" and names["solv"] == "solv" and names["a-b"] == "a-b"
+    assert len(set(names.values())) == 10
+    assert all(1 <= len(short) <= 4 and short.isascii() and short.isprintable() and " " not in short for short in names.values())
+    many = short_names([f"bead{k}" for k in range(2000)], 4)
+    assert len(set(many.values())) == 2000 and max(map(len, many.values())) == 4
 
 
 def test_openmm_topology():
     topology = openmm_topology(["A", "B", "B", "W"], [3, 3, 4, 4], [(1, 0), (2, 3)], [5.0, 6.0, 7.0])
     assert [(atom.name, atom.element, atom.residue.id) for atom in topology.atoms()] == [
-        ("QA", None, "3"),
-        ("QB", None, "3"),
-        ("QB", None, "4"),
-        ("QW", None, "4"),
+        ("A", None, "3"),
+        ("B", None, "3"),
+        ("B", None, "4"),
+        ("W", None, "4"),
     ]
     assert [residue.id for residue in topology.residues()] == ["3", "4"]
     assert [(a.index, b.index) for a, b in topology.bonds()] == [(1, 0), (2, 3)]
     assert topology.getUnitCellDimensions().value_in_unit(unit.nanometer) == openmm.Vec3(5, 6, 7)
     assert openmm_topology(["A"]).getPeriodicBoxVectors() is None
-    # no residue holds a name twice
-    assert [residue.id for residue in openmm_topology(["A", "B", "A", "W", "A"], [1, 1, 1, 2, 2]).residues()] == ["1", "1", "1", "2"]
+    # molecules are residues, as in PSF files
+    assert [residue.id for residue in openmm_topology(["A", "B", "A", "W", "A"], [1, 1, 1, 2, 2]).residues()] == ["1", "2"]
     with pytest.raises(ParameterError, match=r"bond 0 is \[0, 1\]"):
         openmm_topology(["A"], bonds=[(0, 1)])
 
 
 def test_reporters_and_pdb(tmp_path):
-    """DCD, XTC, PDB and mmCIF from a Simulation; mdtraj finds no element in any, and all masses through load."""
+    """DCD, XTC and PDB from a Simulation: mdtraj finds names and bonds, and all masses through load."""
     names, masses, _, bonds = scene(24)
     topology = openmm_topology(names, None, bonds, np.diag([6.0, 6.0, 6.0]))
     system = openmm.System()
@@ -319,20 +308,27 @@ def test_reporters_and_pdb(tmp_path):
     simulation.reporters = [kinds[suffix](str(path), 1, enforcePeriodicBox=False) for suffix, path in files.items()]
     simulation.step(2)
     simulation.reporters.clear()  # closes the files
-    with open(tmp_path / "run.cif", "w") as file:
-        app.PDBxFile.writeFile(topology, positions * unit.nanometer, file)
     for suffix in ("dcd", "xtc"):
         loaded = load(files[suffix], tmp_path / "top.psf")
         assert np.allclose(loaded.xyz[1], positions, atol=1e-3)
         assert np.array_equal(bead_masses(loaded.topology), masses)
     pdb = md.load_pdb(files["pdb"])
-    assert [atom.name for atom in pdb.topology.atoms] == [f"Q{name}" for name in names]
-    assert {atom.element.symbol for atom in pdb.topology.atoms} == {"VS"}
+    assert [atom.name for atom in pdb.topology.atoms] == names
     assert {tuple(sorted((a.index, b.index))) for a, b in pdb.topology.bonds} == {tuple(pair) for pair in bonds.tolist()}
     assert pdb.n_frames == 2
-    for read in (app.PDBFile(str(files["pdb"])), app.PDBxFile(str(tmp_path / "run.cif"))):
-        assert [atom.name for atom in read.topology.atoms()] == [f"Q{name}" for name in names]
-        assert {atom.element for atom in read.topology.atoms()} == {None}
+
+
+def test_openmm_reads_molecules_of_different_beads(tmp_path):
+    """Its readers tell the atoms of a residue apart by their names."""
+    names, bonds = ["A", "B", "C", "W", "W"], [(0, 1), (1, 2)]
+    topology = openmm_topology(names, None, bonds, np.diag([6.0, 6.0, 6.0]))
+    positions = np.random.default_rng(2).uniform(0, 6, (5, 3)) * unit.nanometer
+    for writer, name in ((app.PDBFile, "run.pdb"), (app.PDBxFile, "run.cif")):
+        with open(tmp_path / name, "w", encoding="utf-8") as file:
+            writer.writeFile(topology, positions, file)
+        read = writer(str(tmp_path / name)).topology
+        assert [atom.name for atom in read.atoms()] == names and {atom.element for atom in read.atoms()} == {None}
+        assert [(a.index, b.index) for a, b in read.bonds()] == bonds and read.getNumResidues() == 3
 
 
 def test_import_does_not_load_mdtraj():

@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import DeckError, ParameterError
 from ...model.internal import Concentrations
 from ...model.scene import Scene
-from ...units import UNIT_SYSTEMS, UnitSystem
+from ...units import UnitSystem, unit_system
 from ..language.lexer import read_text
 from ..state.box import Box
 from .export_beads import atom_style, columns_of
@@ -97,9 +97,7 @@ def _units(path: Path, lines: list[str], units: str | None) -> UnitSystem:
         units = said[1] if said else "lj"
     elif said and said[1] != units:
         raise ParameterError(f"{path} says that its units are {said[1]}, not {units}")
-    if units not in UNIT_SYSTEMS:
-        raise ParameterError(f"unknown units {units!r}; they must be one of {', '.join(UNIT_SYSTEMS)}")
-    return UNIT_SYSTEMS[units]
+    return unit_system(units)
 
 
 def _step(line: str) -> int:

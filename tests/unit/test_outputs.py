@@ -1,0 +1,346 @@
+"""GSD and extended XYZ files: what is in them, and runs that write them."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import openmm
+import pytest
+from full_disk import file_limit
+from openmm import unit
+from random_scenes import BENDS, PAIRS, SEEDS, SPRINGS, TILTED, check, random_scene, tables, terms
+
+import openmm_dpd as dpd
+from openmm_dpd.errors import OutputError, ParameterError
+from openmm_dpd.inputs import scene_from_gsd
+from openmm_dpd.outputs import GSDReporter, XYZReporter, write_gsd, write_pdb, write_xyz
+
+
+@pytest.fixture
+def hoomd():
+    return pytest.importorskip("gsd.hoomd", reason="gsd is not installed: pip install -e '.[gsd]'")
+
+
+def build(scene, **choices):
+    return dpd.build(scene, **{"dt": 0.01, "platform": "Reference", "seed": 3, **choices})
+
+
+def parsed_xyz(path) -> list[dict]:
+    """Frames of an extended XYZ file, read by the letter of its second lines."""
+    lines, frames = path.read_text(encoding="utf-8").splitlines(), []
+    while lines:
+        count = int(lines[0])
+        words = {key: quoted or plain for key, quoted, plain in re.findall(r'(\w+)=(?:"([^"]*)"|(\S+))', lines[1])}
+        rows, at = [line.split() for line in lines[2 : 2 + count]], 0
+        frame = {"words": words}
+        kinds = words["Properties"].split(":")
+        for name, kind, width in zip(kinds[0::3], kinds[1::3], map(int, kinds[2::3]), strict=True):
+            cells = [row[at : at + width] for row in rows]
+            frame[name] = [cell[0] for cell in cells] if kind == "S" else np.array(cells, dtype=float)
+            at += width
+        assert all(len(row) == at for row in rows) and len(rows) == count
+        frames.append(frame)
+        lines = lines[2 + count :]
+    return frames
+
+
+# -- GSD -------------------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("units", ["lj", "real"])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_gsd_and_back(tmp_path, hoomd, seed, units):
+    """float32: 3e-8 of the largest number."""
+    scene = random_scene(seed)
+    write_gsd(tmp_path / "x.gsd", scene, units=units)
+    found = scene_from_gsd(tmp_path / "x.gsd", pairs=PAIRS, kT=1.0, units=units, **tables(scene))
+    check(found, scene, atol=2e-6, velocities=True, box_atol=2e-6)
+    assert np.array_equal(found.charges, scene.charges) and list(found.masses) == scene.type_names
+
+
+def test_gsd_as_gsd_reads_it(tmp_path, hoomd):
+    """Positions in the box around the origin, with images; names of bonds; the same through a Frame."""
+    scene = random_scene(3)
+    built = build(scene)
+    write_gsd(tmp_path / "x.gsd", built)
+    with hoomd.open(str(tmp_path / "x.gsd"), "r") as file:
+        (frame,) = list(file)
+    beads, box = frame.particles, frame.configuration.box
+    assert [beads.types[k] for k in beads.typeid] == list(scene.types) and frame.configuration.dimensions == 3
+    lx, ly, lz, xy, xz, yz = box.tolist()
+    vectors = np.array([[lx, 0, 0], [xy * ly, ly, 0], [xz * lz, yz * lz, lz]])
+    np.testing.assert_allclose(vectors, TILTED, atol=1e-6)
+    inside = beads.position @ np.linalg.inv(vectors)
+    assert np.abs(inside).max() <= 0.5 + 1e-6 and beads.image.any()
+    np.testing.assert_allclose(beads.position + beads.image @ vectors + vectors.sum(axis=0) / 2, scene.positions, atol=2e-6)
+    assert frame.bonds.N == len(scene.bond_pairs) and frame.angles.N == sum(len(group.triples) for group in scene.angles)
+    pairs = {frame.bonds.types[t] for t in frame.bonds.typeid}
+    assert pairs == {"-".join(sorted(scene.types[bead] for bead in pair)) for pair in scene.bond_pairs}
+    np.testing.assert_array_equal(frame.log["particles/molecule"], scene.molecules)
+    springs = {name: SPRINGS.get(tuple(name.split("-")[::-1]), SPRINGS["*", "*"]) for name in pairs}
+    again = scene_from_gsd(frame, pairs=PAIRS, kT=1.0, bonds=springs, angles=BENDS)
+    assert terms(again.bonds, "pairs") == terms(scene.bonds, "pairs")
+
+
+def test_bonds_of_two_types_with_several_springs(tmp_path, hoomd):
+    bonds = [dpd.HarmonicBonds([(0, 1), (1, 2), (2, 3)], k=[1.0, 2.0, 1.0], r0=0.5), dpd.MorseBonds([(3, 4)], D=1.0, alpha=1.0, r0=0.5)]
+    scene = dpd.Scene({"A": 1}, ["A"] * 5, np.arange(15.0).reshape(5, 3) / 15, PAIRS, kT=1, box=[3, 3, 3], bonds=bonds)
+    write_gsd(tmp_path / "x.gsd", scene)
+    with hoomd.open(str(tmp_path / "x.gsd"), "r") as file:
+        assert [file[0].bonds.types[t] for t in file[0].bonds.typeid] == ["A-A", "A-A-2", "A-A", "A-A-3"]
+    found = scene_from_gsd(tmp_path / "x.gsd", pairs=PAIRS, kT=1, leave_out=["bonds"])
+    assert found.velocities is None and found.charges is None and found.molecules is None and not found.bonds
+
+
+def test_boxes_tilted_to_the_limit(tmp_path, hoomd):
+    """In single precision a tilt of half an edge may be a little more: then it is another form of the same lattice."""
+    box = np.array([[3.3, 0, 0], [1.65, 3.1, 0], [-1.65, 1.55, 3.7]])
+    write_gsd(tmp_path / "x.gsd", dpd.Scene({"A": 1}, ["A"], [[1.0, 2.0, 3.0]], PAIRS, kT=1, box=box))
+    found = scene_from_gsd(tmp_path / "x.gsd", pairs=PAIRS, kT=1)
+    for rows in (found.box, found.positions - [1.0, 2.0, 3.0]):
+        numbers = rows @ np.linalg.inv(box)
+        np.testing.assert_allclose(numbers, np.rint(numbers), atol=1e-6)
+    assert abs(np.linalg.det(found.box) / np.linalg.det(box) - 1) < 1e-6
+
+
+def test_beads_beside_atoms_are_refused(tmp_path):
+    system = openmm.System()
+    for _ in range(60):
+        system.addParticle(40.0)
+    built = dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002)
+    with pytest.raises(ParameterError, match="a System made elsewhere has particles that are no beads"):
+        write_xyz(tmp_path / "x.xyz", built)
+
+
+def bare_frame(hoomd):
+    frame = hoomd.Frame()
+    frame.particles.N = 3
+    frame.particles.types = ["A", "B"]
+    frame.particles.typeid = [0, 1, 1]
+    frame.particles.position = [[0, 0, 0], [1, 0, 0], [2, 0, 0]]
+    frame.configuration.box = [6, 6, 6, 0, 0, 0]
+    return frame
+
+
+def test_frames_that_somebody_made(hoomd):
+    """What is not set has HOOMD's defaults; a tilt over half an edge is brought into OpenMM's form."""
+    frame = bare_frame(hoomd)
+    frame.configuration.box = [6, 6, 6, 0.9, 0, 0]
+    scene = scene_from_gsd(frame, pairs=PAIRS, kT=1)
+    np.testing.assert_allclose(scene.box, [[6, 0, 0], [-0.6, 6, 0], [0, 0, 6]], atol=1e-6)
+    np.testing.assert_allclose(scene.positions[1] - scene.positions[0], [1, 0, 0])
+    assert scene.types == ("A", "B", "B") and set(scene.bead_masses) == {1.0}
+    assert frame.particles.mass is None  # the caller's own is as it was
+
+
+REFUSED = [
+    ("body", lambda f: setattr(f.particles, "body", [0, 0, -1]), "2 particles of rigid bodies"),
+    ("turning", lambda f: setattr(f.particles, "moment_inertia", [[1, 0, 0], [0, 0, 0], [0, 0, 0]]), "1 particles that rotate"),
+    ("dihedrals", lambda f: (setattr(f.dihedrals, "N", 1), setattr(f.dihedrals, "group", [[0, 1, 2, 0]])), "1 dihedrals"),
+    ("special pairs", lambda f: (setattr(f.pairs, "N", 1), setattr(f.pairs, "group", [[0, 1]])), "1 special pairs"),
+    ("constraints", lambda f: (setattr(f.constraints, "N", 1), setattr(f.constraints, "group", [[0, 1]])), "1 constraints"),
+    ("flat", lambda f: setattr(f.configuration, "dimensions", 2), "has two dimensions"),
+    ("box", lambda f: setattr(f.configuration, "box", [0, 1, 1, 0, 0, 0]), "they must be > 0"),
+    ("nan", lambda f: setattr(f.particles, "position", [[0, 0, 0], [0, 0, np.nan], [0, 0, 0]]), "positions holds nan"),
+    ("mass", lambda f: setattr(f.particles, "mass", [1, 0, 1]), "has the mass 0 for bead 1 of type 'B'; give masses"),
+    (
+        "bonds",
+        lambda f: (setattr(f.bonds, "N", 1), setattr(f.bonds, "types", ["x"]), setattr(f.bonds, "group", [[0, 1]])),
+        "no bonds are given",
+    ),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), [entry[1:] for entry in REFUSED], ids=[entry[0] for entry in REFUSED])
+def test_what_a_scene_cannot_hold(hoomd, change, message):
+    frame = bare_frame(hoomd)
+    change(frame)
+    with pytest.raises(ParameterError, match=message):
+        scene_from_gsd(frame, pairs=PAIRS, kT=1)
+
+
+def test_what_is_left_out_on_request(hoomd):
+    frame = bare_frame(hoomd)
+    frame.particles.body = [0, 0, -1]
+    assert scene_from_gsd(frame, pairs=PAIRS, kT=1, leave_out=["particles of rigid bodies"]).n_beads == 3
+    with pytest.raises(
+        ParameterError, match="leave_out names dihedrals; what can be left out of the GSD frame is bonds, angles, particles of"
+    ):
+        scene_from_gsd(frame, pairs=PAIRS, kT=1, leave_out=["particles of rigid bodies", "dihedrals"])
+
+
+def test_gsd_files_that_are_none(tmp_path, hoomd):
+    (tmp_path / "x.gsd").write_bytes(b"PDB")
+    for source, message in (
+        (tmp_path / "x.gsd", "cannot be read as a GSD file"),
+        (tmp_path / "no.gsd", "no.gsd cannot be read"),
+        (3, "not 3"),
+    ):
+        with pytest.raises(ParameterError, match=message):
+            scene_from_gsd(source, pairs=PAIRS, kT=1)
+    write_gsd(tmp_path / "x.gsd", random_scene(1))
+    with pytest.raises(ParameterError, match="x.gsd has 1 frames; there is no frame 1"):
+        scene_from_gsd(tmp_path / "x.gsd", pairs=PAIRS, kT=1, frame=1)
+    with pytest.raises(ParameterError, match="a GSD file needs a periodic box"):
+        write_gsd(tmp_path / "y.gsd", dpd.Scene({"A": 1}, ["A"], [[0, 0, 0]], PAIRS, kT=1))
+    assert [path.name for path in tmp_path.iterdir()] == ["x.gsd"]
+
+
+def test_no_gsd(tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "gsd.hoomd", None)
+    with pytest.raises(ParameterError, match=r"GSD files need the package gsd, which cannot be imported .*pip install 'openmm-dpd\[gsd\]'"):
+        write_gsd(tmp_path / "x.gsd", random_scene(1))
+    with pytest.raises(ParameterError, match="GSD files need the package gsd"):
+        scene_from_gsd("x.gsd", pairs=PAIRS, kT=1)
+
+
+# -- runs ------------------------------------------------------------------------------------------------------------------------
+def fluid(n=60):
+    x = np.random.default_rng(1).random((n, 3)) * 3
+    types = ["A", "B"] * (n // 2)
+    return dpd.Scene({"A": 1.0, "B": 2.0}, types, x, PAIRS, kT=1.0, box=[[3, 0, 0], [0.5, 3, 0], [0, 0, 3.5]])
+
+
+def state_of(simulation):
+    return simulation.context.getState(positions=True, velocities=True)
+
+
+def test_reporters_write_what_the_run_has(tmp_path, hoomd):
+    """Every second step, in both formats; a second run goes on with the files."""
+    kept = []
+    for append in (False, True):
+        built = build(fluid())
+        simulation = built.simulation()
+        if append:
+            simulation.loadState(str(tmp_path / "state.xml"))
+        for kind, name in ((GSDReporter, "run.gsd"), (XYZReporter, "run.xyz")):
+            simulation.reporters.append(kind(tmp_path / name, 2, built, append=append))
+        for _ in range(2):
+            simulation.step(2)
+            kept.append(state_of(simulation))
+        simulation.saveState(str(tmp_path / "state.xml"))
+    frames = parsed_xyz(tmp_path / "run.xyz")
+    assert [int(frame["words"]["Step"]) for frame in frames] == [2, 4, 6, 8]
+    assert [float(frame["words"]["Time"]) for frame in frames] == pytest.approx([0.02, 0.04, 0.06, 0.08])
+    with hoomd.open(str(tmp_path / "run.gsd"), "r") as file:
+        assert [frame.configuration.step for frame in file] == [2, 4, 6, 8]
+    for k, state in enumerate(kept):
+        x = state.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+        v = state.getVelocities(asNumpy=True).value_in_unit(unit.nanometer / unit.picosecond)
+        np.testing.assert_allclose(frames[k]["pos"], x, atol=1e-10)
+        np.testing.assert_allclose(frames[k]["velo"], v, atol=1e-10)
+        scene = scene_from_gsd(tmp_path / "run.gsd", pairs=PAIRS, kT=1, frame=k)
+        np.testing.assert_allclose(scene.positions, x, atol=2e-6)
+        np.testing.assert_allclose(scene.velocities, v, atol=2e-6)
+    write_gsd(tmp_path / "last.gsd", built, state=state)
+    assert np.array_equal(scene_from_gsd(tmp_path / "last.gsd", pairs=PAIRS, kT=1).positions, scene.positions)
+
+
+@pytest.mark.parametrize("kind", [GSDReporter, XYZReporter])
+def test_files_of_other_beads_are_not_gone_on_with(tmp_path, hoomd, kind):
+    for scene in (fluid(), fluid(30)):
+        simulation = build(scene).simulation()
+        built = build(scene)
+        if scene.n_beads == 60:
+            simulation.reporters.append(kind(tmp_path / "run", 1, built))
+            simulation.step(1)
+    before = (tmp_path / "run").read_bytes()
+    with pytest.raises(ParameterError, match="cannot append to .*run: it .*beads"):
+        kind(tmp_path / "run", 1, built, append=True)
+    with pytest.raises(ParameterError, match="interval between reports"):
+        kind(tmp_path / "run", 0, built)
+    with pytest.raises(ParameterError, match="expected a Scene or what openmm_dpd.build"):
+        kind(tmp_path / "run", 1, "built")
+    assert (tmp_path / "run").read_bytes() == before
+
+
+@pytest.mark.parametrize("kind", [GSDReporter, XYZReporter])
+def test_frames_before_a_failure_stay(tmp_path, hoomd, kind):
+    """... and the run goes on once there is space."""
+    built = build(fluid(400))
+    simulation = built.simulation()
+    simulation.reporters.append(kind(tmp_path / "run", 1, built))
+    simulation.step(2)
+    with (
+        file_limit((tmp_path / "run").stat().st_size + 3000),
+        pytest.raises(OutputError, match="the (GSD|XYZ) file .*run cannot be written"),
+    ):
+        simulation.step(1)
+    if kind is XYZReporter:
+        assert len(parsed_xyz(tmp_path / "run")) == 2
+    else:
+        assert scene_from_gsd(tmp_path / "run", pairs=PAIRS, kT=1, frame=1).n_beads == 400
+    simulation.step(1)
+    last = state_of(simulation).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+    if kind is XYZReporter:
+        frames = parsed_xyz(tmp_path / "run")
+        assert len(frames) == 3
+        np.testing.assert_allclose(frames[2]["pos"], last, atol=1e-10)
+    else:
+        np.testing.assert_allclose(scene_from_gsd(tmp_path / "run", pairs=PAIRS, kT=1, frame=2).positions, last, atol=2e-6)
+
+
+@pytest.mark.parametrize("write", [write_gsd, write_xyz, write_pdb])
+def test_whole_files_before_a_failure_stay(tmp_path, hoomd, write):
+    scene = fluid(400)
+    write(tmp_path / "x", scene)
+    before = (tmp_path / "x").read_bytes()
+    with file_limit(2000), pytest.raises(OutputError, match="file .*x cannot be written"):
+        write(tmp_path / "x", scene)
+    with pytest.raises(OutputError, match="cannot be written"):
+        write(tmp_path / "no" / "x", scene)
+    assert (tmp_path / "x").read_bytes() == before and [path.name for path in tmp_path.iterdir()] == ["x"]
+
+
+def test_states_that_do_not_fit(tmp_path):
+    built = build(fluid())
+    simulation = built.simulation()
+    with pytest.raises(ParameterError, match="the state has no positions; ask for them"):
+        write_xyz(tmp_path / "x.xyz", built, state=simulation.context.getState())
+    with pytest.raises(ParameterError, match="the state has 60 particles, but the scene has 30 beads"):
+        write_xyz(tmp_path / "x.xyz", fluid(30), state=state_of(simulation))
+    with pytest.raises(ParameterError, match="state must be an openmm.State"):
+        write_xyz(tmp_path / "x.xyz", built, state=simulation)
+    write_xyz(tmp_path / "x.xyz", built, state=simulation.context.getState(positions=True))
+    assert "velo" not in parsed_xyz(tmp_path / "x.xyz")[0]
+
+
+# -- extended XYZ ----------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("seed", SEEDS)
+def test_xyz_says_what_the_scene_says(tmp_path, seed):
+    scene = random_scene(seed)
+    write_xyz(tmp_path / "x.xyz", scene, units="real")
+    (frame,) = parsed_xyz(tmp_path / "x.xyz")
+    assert frame["species"] == list(scene.types) and frame["words"]["pbc"] == "T T T"
+    np.testing.assert_allclose(np.array(frame["words"]["Lattice"].split(), float).reshape(3, 3), 10 * scene.box, rtol=1e-11)
+    np.testing.assert_allclose(frame["pos"], 10 * scene.positions, rtol=1e-11)
+    np.testing.assert_allclose(frame["velo"], 0.01 * scene.velocities, rtol=1e-11)
+
+
+def test_xyz_without_a_box(tmp_path):
+    write_xyz(tmp_path / "x.xyz", dpd.Scene({"A": 1}, ["A"], [[0, 0, 1 / 3]], PAIRS, kT=1))
+    assert (tmp_path / "x.xyz").read_text() == '1\nProperties=species:S:1:pos:R:3 pbc="F F F" Step=0 Time=0\nA 0 0 0.333333333333\n'
+
+
+def test_ase_reads_it(tmp_path):
+    """With chemical symbols, which are all that it takes."""
+    ase = pytest.importorskip("ase.io", reason="ase is not installed")
+    scene = random_scene(2)
+    write_xyz(tmp_path / "x.xyz", scene, units="metal", species={"A": "C", "B": "N", "C": "O", "W": "H"})
+    atoms = ase.read(tmp_path / "x.xyz")
+    np.testing.assert_allclose(atoms.positions, 10 * scene.positions, rtol=1e-11)
+    np.testing.assert_allclose(atoms.cell.array, 10 * scene.box, rtol=1e-11)
+    assert atoms.pbc.all() and atoms.get_chemical_symbols()[-4:] == ["C", "N", "O", "H"]
+
+
+@pytest.mark.parametrize(
+    ("species", "message"),
+    [
+        ({"A": "C"}, "species must map each of the types A, B to text"),
+        ({"A": "C", "B": "a b"}, "the name 'a b' cannot stand"),
+        ("AB", "must map each"),
+    ],
+)
+def test_bad_species(tmp_path, species, message):
+    with pytest.raises(ParameterError, match=message):
+        write_xyz(tmp_path / "x.xyz", fluid(), species=species)
+    assert not (tmp_path / "x.xyz").exists()
