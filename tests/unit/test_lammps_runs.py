@@ -9,7 +9,7 @@ import pytest
 
 from openmm_dpd.errors import DeckError, ParameterError
 from openmm_dpd.lammps import RunRequest, read_deck
-from openmm_dpd.lammps.state.sample import Sample
+from openmm_dpd.lammps.state.sample import DeckSample
 from openmm_dpd.lammps.values.words import WORDS
 from openmm_dpd.model.scene import TemperatureRamp
 
@@ -36,13 +36,13 @@ def write(tmp_path, text: str, units: str = "lj") -> Path:
     return path
 
 
-def sample_of(request: RunRequest, step: int | None = None, **values) -> Sample:
+def sample_of(request: RunRequest, step: int | None = None, **values) -> DeckSample:
     scene = request.scene()
     mobile = request.mobile
     kinetic = 0.5 * float(scene.bead_masses[mobile] @ np.sum(scene.velocities[mobile] ** 2, axis=1))
     defaults = {"pair_energy": 100.0, "bond_energy": 10.0, "virial": 300.0, "virial_full": 360.0, "force_norm": 7.0, "force_max": 2.0}
     defaults["fields"] = {}
-    return Sample(request.first_step if step is None else step, kinetic, 3 * int(mobile.sum()) - 3, **{**defaults, **values})
+    return DeckSample(request.first_step if step is None else step, kinetic, 3 * int(mobile.sum()) - 3, **{**defaults, **values})
 
 
 def requests_of(tmp_path, text: str, callback=None, **options) -> list[RunRequest]:

@@ -204,7 +204,7 @@ def read_data(state: DeckState, args: list[str]) -> None:
 
 
 #: Columns of data files that become arrays of the beads as they are.
-_CARRIED = {
+_FIELDS = {
     "charge": "charges",
     "molecule": "molecules",
     "theta": "thetas",
@@ -221,7 +221,7 @@ def _take_atoms(state: DeckState, data: DataFile) -> None:
     atoms.images = (_repeated(state, data) + shifts)[order]
     atoms.velocities = data.velocities[order]
     atoms.slots = order
-    for column, name in _CARRIED.items():
+    for column, name in _FIELDS.items():
         if column in data.columns:
             setattr(atoms, name, data.columns[column][order])
     for k in range(state.n_species):

@@ -1,4 +1,4 @@
-"""Fixes of beads that carry more than a velocity (equations of state, sources), and of boxes under constant pressure."""
+"""Fixes of the fields of beads (equations of state, sources), and of boxes under constant pressure."""
 
 from __future__ import annotations
 

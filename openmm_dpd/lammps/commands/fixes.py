@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from ...errors import ParameterError
 from ..language import arguments as read
-from ..output.averages import Average
+from ..output.averages import AveragingFix
 from ..output.chunk_average import parse_ave_chunk
 from ..output.time_average import parse_ave_time
 from ..state.deck_state import DeckState
@@ -52,7 +52,7 @@ FIX_STYLES: dict[str, Callable[[DeckState, str, list[str]], dict]] = {
 
 
 #: Fixes that average: from (state, id, group, words) to the average.
-AVERAGES: dict[str, Callable[[DeckState, str, str, list[str]], Average]] = {"ave/time": parse_ave_time, "ave/chunk": parse_ave_chunk}
+AVERAGES: dict[str, Callable[[DeckState, str, str, list[str]], AveragingFix]] = {"ave/time": parse_ave_time, "ave/chunk": parse_ave_chunk}
 
 
 def fix(state: DeckState, args: list[str]) -> None:

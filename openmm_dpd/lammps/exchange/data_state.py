@@ -13,14 +13,14 @@ from ...model.scene import Scene
 from ...units import UNIT_SYSTEMS, UnitSystem
 from ..language.lexer import read_text
 from ..state.box import Box
-from .export_beads import atom_style, columns_of
+from .export_beads import atom_styles, columns_of
 from .frames import LammpsFrames
 
 _HEADER = re.compile(r"^\s*(?P<values>[-+0-9.eE ]+?)\s+(?P<name>[a-z][a-z ]*)$")
 
 
 def scene_from_data(path: str | Path, scene: Scene, *, units: str | None = None, styles: tuple[str, ...] | None = None) -> Scene:
-    """The scene with positions (carried to their images), velocities, box and what the beads carry from a data file.
+    """The scene with positions (carried to their images), velocities, box and the fields of the beads from a data file.
 
     Parameters are those of :func:`read_lammps_data`.
     """
@@ -83,7 +83,7 @@ def read_lammps_data(path: str | Path, scene: Scene, *, units: str | None = None
         types=column["type"].astype(np.int64),
         boxes=None if scene.box is None else box.reduced_vectors[None] * system.length,
         corners=box.low[None] * system.length,
-        carried=_carried(column, system),
+        fields=_fields(column, system),
         periodic=(scene.box is not None and not scene.walls,) * 3,
         scene_=scene,
     )
@@ -125,7 +125,7 @@ def _sections(path: Path, lines: list[str]) -> tuple[dict[str, list[float]], dic
 
 def _styles(path: Path, scene: Scene, hint: str, line: int) -> tuple[str, ...]:
     for vest in (False, True):
-        mine = atom_style(scene, vest)
+        mine = atom_styles(scene, vest)
         if not hint or hint == (mine[0] if len(mine) == 1 else "hybrid"):
             return mine
     if hint != "hybrid":
@@ -175,7 +175,7 @@ def _velocities(path: Path, lines: list[str], sections: dict, ids: np.ndarray, u
     return rows[None, :, 1:] * units.velocity
 
 
-def _carried(column: dict[str, np.ndarray], units: UnitSystem) -> dict[str, np.ndarray]:
+def _fields(column: dict[str, np.ndarray], units: UnitSystem) -> dict[str, np.ndarray]:
     factors = {"theta": units.thermal_energy, "temperature": units.thermal_energy, "capacity": 1.0}
     found = {name: column[name][None] * factor for name, factor in factors.items() if name in column}
     return found | {name: values[None] for name, values in column.items() if re.fullmatch(r"c\d+", name)}

@@ -19,7 +19,7 @@ from ...units import UNIT_SYSTEMS, UnitSystem
 from ..state.box import Box
 from .frames import LammpsFrames
 
-#: Columns for what beads carry, as exported decks and this package's own runs name them.
+#: Columns of the fields of beads, as exported decks and this package's own runs name them.
 NAMES = {
     "c_internal[1]": "u_cond",
     "c_internal[2]": "u_mech",
@@ -61,7 +61,7 @@ def read_lammps_dump(
     units : {"lj", "real", "metal"}
         Units of the run that wrote it.
     names : mapping of str to str, optional
-        Columns of your own for what beads carry: {"c_mine[4]": "theta"}; the values are those of :data:`NAMES`, and ``c1``, ``c2``, ...
+        Columns of your own for fields of beads: {"c_mine[4]": "theta"}; the values are those of :data:`NAMES`, and ``c1``, ``c2``, ...
         for concentrations.
 
     Raises
@@ -224,7 +224,7 @@ def _assembled(path: Path, frames: list[_Frame], units: UnitSystem, names: dict[
     kinds = column.pop("type", None)
     column.pop("id")
     vectors = np.array([frame.vectors for frame in frames]) * units.length
-    carried = _carried(column, names, units)
+    fields = _fields(column, names, units)
     return LammpsFrames(
         path=path,
         steps=np.array([frame.step for frame in frames]),
@@ -237,7 +237,7 @@ def _assembled(path: Path, frames: list[_Frame], units: UnitSystem, names: dict[
         types=None if kinds is None else kinds[0].astype(np.int64),
         boxes=_reduced(vectors, units) if any(first.periodic) else None,
         corners=np.array([frame.corner for frame in frames]) * units.length,
-        carried=carried,
+        fields=fields,
         columns=column,
         periodic=first.periodic,
         scene_=scene,
@@ -271,7 +271,7 @@ def _positions(path: Path, frames: list[_Frame], three, images, length: float) -
     return inside * length, None if outside is None else outside * length
 
 
-def _carried(column: dict[str, np.ndarray], names: dict[str, str], units: UnitSystem) -> dict[str, np.ndarray]:
+def _fields(column: dict[str, np.ndarray], names: dict[str, str], units: UnitSystem) -> dict[str, np.ndarray]:
     factors = {"u_cond": units.energy, "u_mech": units.energy, "theta": units.thermal_energy, "temperature": units.thermal_energy}
     found = {}
     for name in list(column):

@@ -16,7 +16,7 @@ from ...model.scene import Scene
 from ...units import UnitSystem
 from ..files.data_file import ATOM_STYLES, atom_columns
 from ..state.box import Box
-from ..styles.writing import Differences, number, numbers
+from ..styles.writing import Differences, exact
 
 #: Mass of beads that never move, where LAMMPS would let the friction change their velocities or count their mass in heat.
 HEAVY = 1e15
@@ -70,7 +70,7 @@ class BeadTypes:
         return str(mine[0]) if len(mine) == 1 else f"{mine[0]}*{mine[-1]}"
 
 
-def bead_types(scene: Scene, apart: bool = False) -> BeadTypes:
+def lammps_types(scene: Scene, apart: bool = False) -> BeadTypes:
     """Atom types of a scene.
 
     Parameters
@@ -118,7 +118,7 @@ def unused_type(scene: Scene) -> str | None:
     return None if meets else last
 
 
-def atom_style(scene: Scene, vest: bool = False) -> tuple[str, ...]:
+def atom_styles(scene: Scene, vest: bool = False) -> tuple[str, ...]:
     """Atom style of a scene: one name, or several that go behind ``hybrid``.
 
     Parameters
@@ -127,16 +127,16 @@ def atom_style(scene: Scene, vest: bool = False) -> tuple[str, ...]:
     vest : bool
         Whether ``fix mvv/dpd`` will be used, whose beads need atom_style mdpd.
     """
-    carried = {InternalEnergy: "dpd", BeadTemperatures: "edpd", Concentrations: "tdpd"}.get(type(scene.internal))
-    if carried is None and (vest or any(kind_for(table.kind).has_densities for table in scene.tables if table.kind is not None)):
-        carried = "mdpd"
+    own = {InternalEnergy: "dpd", BeadTemperatures: "edpd", Concentrations: "tdpd"}.get(type(scene.internal))
+    if own is None and (vest or any(kind_for(table.kind).has_densities for table in scene.tables if table.kind is not None)):
+        own = "mdpd"
     charged, bonded = scene.charges is not None, bool(len(scene.bond_pairs)) or scene.molecules is not None
     rest: str | None = None
     if bonded or scene.angles:
         rest = "full" if charged else "molecular" if scene.angles else "bond"
     elif charged:
         rest = "charge"
-    return tuple(style for style in (carried, rest) if style) or ("atomic",)
+    return tuple(style for style in (own, rest) if style) or ("atomic",)
 
 
 def columns_of(styles: tuple[str, ...], n_species: int) -> tuple[str, ...]:
@@ -218,12 +218,12 @@ def data_lines(
             yield f"{len(terms.types)} {what} types"
     yield ""
     for axis, low, high in zip("xyz", scaled.low, scaled.high, strict=True):
-        yield f"{number(low)} {number(high)} {axis}lo {axis}hi"
+        yield f"{exact(low)} {exact(high)} {axis}lo {axis}hi"
     if scaled.triclinic:
-        yield f"{numbers(scaled.tilt)} xy xz yz"
+        yield f"{exact(scaled.tilt)} xy xz yz"
     yield from ("", "Masses", "")
     for k, (kind, mass) in enumerate(zip(types.names, types.masses, strict=True), start=1):
-        yield f"{k} {number(mass / units.mass)} # {kind}"
+        yield f"{k} {exact(mass / units.mass)} # {kind}"
     for k in range(len(types) + 1, len(types) + extra_types + 1):
         yield f"{k} 1.0 # places of bonds"
     yield from _atom_lines(scene, units, types, styles, positions, images)

@@ -10,7 +10,7 @@ from ...errors import ParameterError
 from ...model.scene import Scene
 from ...units import UnitSystem
 from ..styles.bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedStyle
-from ..styles.writing import numbers
+from ..styles.writing import exact
 from .export_beads import Bonded
 
 #: Most bond or angle types.
@@ -28,7 +28,7 @@ def _typed(terms, members: str, styles: dict[str, BondedStyle], units: UnitSyste
         beads = getattr(term, members)
         values = np.column_stack(styles[style].of(term, units))
         different, which = np.unique(values, axis=0, return_inverse=True)
-        numbered = [types.setdefault((style, numbers(row)), len(types) + 1) for row in different]
+        numbered = [types.setdefault((style, exact(row)), len(types) + 1) for row in different]
         if len(beads):
             rows.append(np.column_stack([np.array(numbered)[which.ravel()], beads]))
     if len(types) > _MOST_TYPES:

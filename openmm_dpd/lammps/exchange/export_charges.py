@@ -9,7 +9,7 @@ import numpy as np
 from ...model.scene import Scene
 from ...units import UnitSystem
 from ..styles.charges import QQR2E
-from ..styles.writing import number
+from ..styles.writing import exact
 
 
 def charge_lines(scene: Scene, units: UnitSystem, of_deck: bool) -> Iterator[str]:
@@ -23,7 +23,7 @@ def charge_lines(scene: Scene, units: UnitSystem, of_deck: bool) -> Iterator[str
         return
     assert scene.charges is not None
     strength = charges.coulomb(scene.initial_kT) / (units.energy * units.length)
-    yield f"dielectric {number(QQR2E[units.name] / strength)}"
+    yield f"dielectric {exact(QQR2E[units.name] / strength)}"
     if scene.box is None:
         return
     accuracy = charges.tolerance
@@ -32,12 +32,12 @@ def charge_lines(scene: Scene, units: UnitSystem, of_deck: bool) -> Iterator[str
         distance = (float(np.linalg.det(scene.box)) / max(1, len(charged))) ** (1 / 3) / units.length
         force = strength * float(np.mean(charged**2)) / distance**2 if len(charged) else 1.0
         accuracy *= min(1.0, force / QQR2E[units.name])
-    yield f"kspace_style pppm {number(accuracy)}"
+    yield f"kspace_style pppm {exact(accuracy)}"
 
 
 def special_line(scene: Scene) -> str:
     """The special_bonds command; charges may have factors of their own."""
     factors = getattr(scene.electrostatics, "special", None)
     if factors is None or tuple(factors) == tuple(scene.special):
-        return "special_bonds lj/coul " + " ".join(map(number, scene.special))
-    return f"special_bonds lj {' '.join(map(number, scene.special))} coul {' '.join(map(number, factors))}"
+        return "special_bonds lj/coul " + " ".join(map(exact, scene.special))
+    return f"special_bonds lj {' '.join(map(exact, scene.special))} coul {' '.join(map(exact, factors))}"

@@ -21,7 +21,7 @@ from ...model.sources import Block
 from ...model.tdpd import TDPD
 from ...schemes import scheme_of
 from ...units import UnitSystem
-from ..styles.writing import Differences, number, numbers
+from ..styles.writing import Differences, exact
 from .export_beads import BeadTypes
 from .export_words import group_lines
 
@@ -36,7 +36,7 @@ _MOST_VECTORS = 50
 
 
 @dataclass(frozen=True)
-class Mover:
+class Integrator:
     """The integrator: LAMMPS's fix and its lambda; whether friction and noise are left to fix shardlow."""
 
     fix: str
@@ -49,12 +49,12 @@ class Mover:
         return self.fix == "mvv/dpd"
 
 
-def choose_mover(scene: Scene, scheme: str, lam: float, units: UnitSystem, skin: float, differences: Differences) -> Mover:
+def choose_integrator(scene: Scene, scheme: str, lam: float, units: UnitSystem, skin: float, differences: Differences) -> Integrator:
     """The LAMMPS integrator nearest to a scheme; every difference is noted."""
     kinds = {table.kind for table in scene.tables} - {None}
     for kind, fix in ((EDPD, "mvv/edpd"), (TDPD, "mvv/tdpd")):
         if kind in kinds:
-            return Mover(fix, lam)
+            return Integrator(fix, lam)
     energy = EnergyDPD in kinds
     chosen = scheme_of(scheme)
     wanted = chosen.shardlow or (energy and chosen.sweeps)
@@ -73,16 +73,16 @@ def choose_mover(scene: Scene, scheme: str, lam: float, units: UnitSystem, skin:
         if any(0 < factor < 1 for factor in scene.special) and len(scene.bond_pairs):
             differences.add("LAMMPS's fix shardlow ignores special_bonds: friction and noise of bonded neighbours are not scaled")
         differences.remark(
-            f"fix shardlow needs more than {number(2 * (_longest(scene) + skin) / units.length)} of box per process along each axis"
+            f"fix shardlow needs more than {exact(2 * (_longest(scene) + skin) / units.length)} of box per process along each axis"
         )
-        return Mover("nve", 0.5, True)
+        return Integrator("nve", 0.5, True)
     if lam != 0.5 and not energy:
         if units.name == "lj":
-            return Mover("mvv/dpd", lam)
+            return Integrator("mvv/dpd", lam)
         differences.add(f"lambda = {lam:g} needs units lj in LAMMPS (fix mvv/dpd); the deck uses fix nve, that is lambda = 0.5")
     elif lam != 0.5:
         differences.add(f"LAMMPS has no lambda for energy-conserving beads; the deck uses fix nve, that is lambda = 0.5, not {lam:g}")
-    return Mover("nve")
+    return Integrator("nve")
 
 
 def _longest(scene: Scene) -> float:
@@ -108,12 +108,12 @@ def _no_shardlow(scene: Scene, kinds: set, skin: float) -> str | None:
     return None
 
 
-def mover_lines(scene: Scene, mover: Mover, group: str) -> Iterator[str]:
+def integrator_lines(scene: Scene, integrator: Integrator, group: str) -> Iterator[str]:
     """Fixes that move the beads of a group, in LAMMPS's order."""
-    if mover.shardlow:
+    if integrator.shardlow:
         yield "fix sweep all shardlow"
-    yield f"fix move {group} {mover.fix}" + (f" {number(mover.lam)}" if mover.fix.startswith("mvv/") else "")
-    if isinstance(scene.internal, InternalEnergy) and not mover.shardlow:
+    yield f"fix move {group} {integrator.fix}" + (f" {exact(integrator.lam)}" if integrator.fix.startswith("mvv/") else "")
+    if isinstance(scene.internal, InternalEnergy) and not integrator.shardlow:
         yield "fix heat all dpd/energy"
 
 
@@ -133,13 +133,13 @@ def eos_lines(scene: Scene, types: BeadTypes, units: UnitSystem, file: str, diff
         eos = by_name[name]
         if isinstance(eos, ConstantHeatCapacity) or frozen:
             capacity = _RESERVOIR if frozen or not isinstance(eos, ConstantHeatCapacity) else eos.capacity
-            lines.append(f"fix eos{k} {group} eos/cv {number(capacity * units.boltzmann)}")
+            lines.append(f"fix eos{k} {group} eos/cv {exact(capacity * units.boltzmann)}")
             continue
         if id(eos) not in written:
             written[id(eos)] = f"EOS_{len(written) + 1}"
             rows = _eos_rows(eos, units)
             table += ["", written[id(eos)], f"N {len(rows)}", ""]
-            table += [f"{n} {number(theta)} {number(u)}" for n, (theta, u) in enumerate(rows, start=1)]
+            table += [f"{n} {exact(theta)} {exact(u)}" for n, (theta, u) in enumerate(rows, start=1)]
         size = len(_eos_rows(eos, units))
         lines.append(f"fix eos{k} {group} eos/table linear {file} {size} {written[id(eos)]}")
     return lines, ["# equations of state written by openmm-dpd, units = " + units.name, *table] if table else []
@@ -169,18 +169,18 @@ def source_lines(scene: Scene, units: UnitSystem, corner: np.ndarray, difference
         region = source.region
         if isinstance(region, Block):
             ends = np.column_stack([region.low, region.high]) / units.length
-            words = " ".join("INF" if np.isinf(value) else number(value) for value in ends.ravel())
+            words = " ".join("INF" if np.isinf(value) else exact(value) for value in ends.ravel())
             yield f"region source{k} block {words} units box"
         else:
-            yield f"region source{k} sphere {numbers(region.centre / units.length)} {number(region.radius / units.length)} units box"
+            yield f"region source{k} sphere {exact(region.centre / units.length)} {exact(region.radius / units.length)} units box"
         group = "all"
         if source.beads is not None and not np.all(source.beads):
             group = f"source{k}"
             yield from group_lines(group, source.beads)
         if heat:
-            yield f"fix source{k} {group} edpd/source region source{k} {number(source.rate * units.time / units.thermal_energy)}"
+            yield f"fix source{k} {group} edpd/source region source{k} {exact(source.rate * units.time / units.thermal_energy)}"
         else:
-            yield f"fix source{k} {group} tdpd/source {source.species + 1} region source{k} {number(source.rate * units.time)}"
+            yield f"fix source{k} {group} tdpd/source {source.species + 1} region source{k} {exact(source.rate * units.time)}"
     if scene.sources:
         differences.remark("LAMMPS's sources do nothing in the first half step of a run")
 
@@ -212,7 +212,7 @@ def flow_lines(scene: Scene, units: UnitSystem, corner: np.ndarray) -> Iterator[
                 "specular walls"
             )
         ends = [(side, place) for side, place in (("lo", gap.low), ("hi", gap.high)) if abs(place) < 1e20]
-        yield f"fix wall{AXES[axis]} all wall/reflect " + " ".join(f"{AXES[axis]}{s} {number(p / units.length)}" for s, p in ends)
+        yield f"fix wall{AXES[axis]} all wall/reflect " + " ".join(f"{AXES[axis]}{s} {exact(p / units.length)}" for s, p in ends)
 
 
 def _members(scene: Scene, term, name: str) -> tuple[list[str], str]:
@@ -233,15 +233,15 @@ def _body_lines(scene: Scene, term: BodyForce, units: UnitSystem, name: str) -> 
         if group != "all":
             yield from group_lines(group, mask)
         if term.pattern == "uniform":
-            yield f"fix {label} {group} addforce {numbers(different[row])}"
+            yield f"fix {label} {group} addforce {exact(different[row])}"
             continue
         period, origin = float(scene.box[AXES.index(term.axis)][AXES.index(term.axis)]), term.origin  # type: ignore[index,arg-type]
-        place = f"({term.axis}-({number(origin / units.length)}))/{number(period / units.length)}"
+        place = f"({term.axis}-({exact(origin / units.length)}))/{exact(period / units.length)}"
         shape = f"sin(2.0*PI*{place})" if term.pattern == "sine" else f"(1.0-2.0*(({place}-floor({place}))>=0.5))"
         words = []
         for axis, value in zip("xyz", different[row].tolist(), strict=True):
             if value:
-                yield f'variable {label}{axis} atom "({number(value)})*{shape}"'
+                yield f'variable {label}{axis} atom "({exact(value)})*{shape}"'
             words.append(f"v_{label}{axis}" if value else "0.0")
         yield f"fix {label} {group} addforce {' '.join(words)}"
 
@@ -264,7 +264,7 @@ def _formula_lines(scene: Scene, term: PositionForce, units: UnitSystem, corner:
             if match[1] not in _FUNCTIONS:
                 raise ParameterError(f"the formula '{formula}' of a position force uses {match[1]}, which LAMMPS does not have")
         try:
-            words.append(number(float(formula)))
+            words.append(exact(float(formula)))
         except ValueError:
             text = re.sub(r"\blog\b", "ln", formula)
             yield f'variable {name}{axis} atom "{text}"'

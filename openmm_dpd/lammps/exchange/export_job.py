@@ -15,9 +15,9 @@ from ...plan import checked_seed
 from ...schemes import scheme_of
 from ...units import UNIT_SYSTEMS, UnitSystem, to_md, whole_number
 from ..styles.writing import Differences
-from .export_beads import BeadTypes, Bonded, atom_style, bead_types
+from .export_beads import BeadTypes, Bonded, atom_styles, lammps_types
 from .export_bonded import angle_types, bond_types, longest_bond
-from .export_fixes import Mover, choose_mover
+from .export_fixes import Integrator, choose_integrator
 
 #: What of a Scene is exported; anything else that a scene holds is an error, never left out.
 _KNOWN = frozenset(
@@ -40,7 +40,7 @@ class Job:
     every: int
     seed: int
     corner: np.ndarray
-    mover: Mover
+    integrator: Integrator
     types: BeadTypes
     styles: tuple[str, ...]
     differences: Differences
@@ -85,9 +85,9 @@ def make_job(scene: Scene, name, dt, steps, scheme, lam, seed, every, units, cor
         differences.remark("the neighbour skin is wide, so that LAMMPS does not miss segments whose midpoints are far apart")
     # fix shardlow wants room for twice the cutoff and the skin in every process
     narrow = min(skin, 0.1 * longest)
-    mover = choose_mover(scene, scheme, weight, system, narrow, differences)
-    skin = narrow if mover.shardlow else skin
-    styles = atom_style(scene, mover.vest)
+    integrator = choose_integrator(scene, scheme, weight, system, narrow, differences)
+    skin = narrow if integrator.shardlow else skin
+    styles = atom_styles(scene, integrator.vest)
     return Job(
         scene=scene,
         units=system,
@@ -97,8 +97,8 @@ def make_job(scene: Scene, name, dt, steps, scheme, lam, seed, every, units, cor
         every=interval,
         seed=checked_seed(seed),
         corner=_corner(scene, corner),
-        mover=mover,
-        types=bead_types(scene, mover.shardlow or isinstance(scene.internal, InternalEnergy)),
+        integrator=integrator,
+        types=lammps_types(scene, integrator.shardlow or isinstance(scene.internal, InternalEnergy)),
         styles=styles,
         differences=differences,
         skin=skin,

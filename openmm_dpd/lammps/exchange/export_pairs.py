@@ -8,7 +8,7 @@ from itertools import combinations_with_replacement
 from ...errors import ParameterError
 from ...model.pairs import NONE
 from ..styles.pair_styles import EXPORTS
-from ..styles.writing import Pair, PairExport, StyleUse, number
+from ..styles.writing import Pair, PairExport, StyleUse, exact
 from .export_beads import BeadTypes
 from .export_words import lammps_seed
 
@@ -42,15 +42,15 @@ def pair_lines(uses: list[StyleUse], types: BeadTypes, start: float, stop: float
     single = len(uses) == 1 and not bare and uses[0].name not in _HYBRID_ONLY
     words, seeds = list[str](), 0
     for use in uses:
-        ends = ("0.0", "0.0") if use.constant else (number(start), number(stop))
+        ends = ("0.0", "0.0") if use.constant else (exact(start), exact(stop))
         words.append(f"{use.name} {use.settings.format(start=ends[0], stop=ends[1], seed=lammps_seed(seed, seeds))}".strip())
         seeds += "{seed}" in use.settings
     yield f"pair_style {words[0]}" if single else "pair_style hybrid/overlay " + " &\n  ".join(words)
     for first, second in bare:
         yield f"pair_coeff {types.span(first)} {types.span(second)} none"
-    n, places = len(types), any(use.name == "srp" for use in uses)
-    everything = f"1*{n}" if places else "*"
-    if places:
+    n, bond_placeholders = len(types), any(use.name == "srp" for use in uses)
+    everything = f"1*{n}" if bond_placeholders else "*"
+    if bond_placeholders:
         yield f"pair_coeff {everything} {n + 1} none"
     for use in uses:
         label = "" if single else f"{_label(use, uses)} "

@@ -14,11 +14,11 @@ from ...model.scene import TemperatureRamp
 from ...units import LJ
 from ..styles.charges import charge_use
 from ..styles.srp import segment_use
-from ..styles.writing import PairExport, StyleUse, number
+from ..styles.writing import PairExport, StyleUse, exact
 from .export_beads import atom_style_line, data_lines, lammps_box
 from .export_bonded import longest_bond, style_lines
 from .export_charges import charge_lines, special_line
-from .export_fixes import eos_lines, flow_lines, mover_lines, source_lines
+from .export_fixes import eos_lines, flow_lines, integrator_lines, source_lines
 from .export_job import Job
 from .export_pairs import pair_lines, pair_uses
 from .export_words import group_lines
@@ -28,7 +28,7 @@ DUMP = "{name}.lammpstrj"
 FINAL = "data.{name}.end"
 
 
-class Phase(NamedTuple):
+class RunCommand(NamedTuple):
     """One run command: steps, temperatures at both ends of the ramp (kJ/mol), and its first and last step, if it is one."""
 
     steps: int
@@ -37,26 +37,26 @@ class Phase(NamedTuple):
     window: tuple[int, int] | None
 
 
-def phases(job: Job) -> list[Phase]:
+def run_commands(job: Job) -> list[RunCommand]:
     """The runs that make one run of the scene: a temperature ramp may begin late or end early."""
     kT, total = job.scene.kT, job.steps
     if not isinstance(kT, TemperatureRamp):
-        return [Phase(total, kT, kT, None)]
+        return [RunCommand(total, kT, kT, None)]
     found = []
     if kT.begin > 0:
-        found.append(Phase(min(kT.begin, total), kT.start, kT.start, None))
+        found.append(RunCommand(min(kT.begin, total), kT.start, kT.start, None))
     if kT.begin < total and kT.end > 0:
         steps = min(kT.end, total) - max(kT.begin, 0)
-        found.append(Phase(steps, kT.start, kT.stop, (kT.begin, kT.end)))
+        found.append(RunCommand(steps, kT.start, kT.stop, (kT.begin, kT.end)))
     if kT.end < total:
-        found.append(Phase(total - max(kT.end, 0), kT.stop, kT.stop, None))
-    return found or [Phase(total, kT.at(0), kT.at(0), None)]
+        found.append(RunCommand(total - max(kT.end, 0), kT.stop, kT.stop, None))
+    return found or [RunCommand(total, kT.at(0), kT.at(0), None)]
 
 
 def export_texts(job: Job) -> dict[str, str]:
     """File name -> text, of everything that is written."""
     scene, units, differences = job.scene, job.units, job.differences
-    export = PairExport(scene, units, job.mover.shardlow, job.name, differences)
+    export = PairExport(scene, units, job.integrator.shardlow, job.name, differences)
     uses = pair_uses(export)
     segments = segment_use(scene, units, job.bonds.rows, len(job.types), differences)
     box, positions, images = lammps_box(scene, job.corner, differences, job.images)
@@ -121,34 +121,34 @@ def _setup(job: Job, uses: list[StyleUse]) -> Iterator[str]:
     if scene.segments is not None:
         reach += 1.1 * bond
     ghosts = max(reach, 1.5 * bond + job.skin) if len(scene.bond_pairs) or not uses else 0.0
-    yield "comm_modify vel yes" + (f" cutoff {number(ghosts / length)}" if ghosts else "")
-    yield f"neighbor {number(job.skin / length)} bin"
+    yield "comm_modify vel yes" + (f" cutoff {exact(ghosts / length)}" if ghosts else "")
+    yield f"neighbor {exact(job.skin / length)} bin"
     yield "neigh_modify every 1 delay 0 check yes"
     if len(scene.bond_pairs):
         yield special_line(scene)
     yield f"read_data data.{job.name}"
     yield from style_lines("bond", job.bonds)
     yield from style_lines("angle", job.angles)
-    yield f"timestep {number(job.dt / job.units.time)}"
+    yield f"timestep {exact(job.dt / job.units.time)}"
 
 
 def _runs(job: Job, uses: list[StyleUse], eos: list[str]) -> Iterator[str]:
     """Pair styles, fixes, output and runs."""
     unit = job.units.thermal_energy
     # ramps are counted from the first step, and LAMMPS has no steps below 0
-    first = max(0, -min((phase.window[0] for phase in phases(job) if phase.window), default=0))
-    for k, phase in enumerate(phases(job)):
+    first = max(0, -min((command.window[0] for command in run_commands(job) if command.window), default=0))
+    for k, command in enumerate(run_commands(job)):
         yield ""
         if k == 0:
             yield from charge_lines(job.scene, job.units, job.images is not None)
-        yield from pair_lines(uses, job.types, phase.start / unit, phase.stop / unit, job.seed + 1000 * k)
+        yield from pair_lines(uses, job.types, command.start / unit, command.stop / unit, job.seed + 1000 * k)
         if k == 0:
             yield ""
             yield from _fixes(job, eos)
             yield ""
             yield from _output(job, first)
-        window = "" if phase.window is None else f" start {phase.window[0] + first} stop {phase.window[1] + first}"
-        yield f"run {phase.steps}{window}"
+        window = "" if command.window is None else f" start {command.window[0] + first} stop {command.window[1] + first}"
+        yield f"run {command.steps}{window}"
     yield f"write_data {FINAL.format(name=job.name)} nocoeff"
 
 
@@ -160,7 +160,7 @@ def _fixes(job: Job, eos: list[str]) -> Iterator[str]:
     if job.scene.mobile is not None and not job.scene.mobile.all():
         group = "mobile"
         yield from group_lines("mobile", job.scene.mobile) if job.scene.mobile.any() else ["group mobile empty"]
-    yield from mover_lines(job.scene, job.mover, group)
+    yield from integrator_lines(job.scene, job.integrator, group)
     yield from eos
     yield from source_lines(job.scene, job.units, job.corner, job.differences)
     yield from flow_lines(job.scene, job.units, job.corner)
@@ -169,7 +169,7 @@ def _fixes(job: Job, eos: list[str]) -> Iterator[str]:
 
 
 def _output(job: Job, first: int) -> Iterator[str]:
-    computes, columns = carried_columns(job.scene.internal)
+    computes, columns = field_columns(job.scene.internal)
     moving = job.scene.segments is not None or (job.scene.mobile is not None and not job.scene.mobile.all())
     words = "step temp press pe ke etotal vol"
     if isinstance(job.scene.internal, InternalEnergy):
@@ -189,8 +189,8 @@ def _output(job: Job, first: int) -> Iterator[str]:
     yield ""
 
 
-def carried_columns(internal: Any) -> tuple[list[str], list[str]]:
-    """Commands and dump columns for what beads carry."""
+def field_columns(internal: Any) -> tuple[list[str], list[str]]:
+    """Commands and dump columns for the fields of beads."""
     if isinstance(internal, InternalEnergy):
         return ["compute internal all dpd/atom"], ["c_internal[1]", "c_internal[2]", "c_internal[4]"]
     if isinstance(internal, BeadTemperatures):

@@ -25,7 +25,7 @@ def id_words(mask: np.ndarray) -> list[str]:
     return [f"{first}" if first == last else f"{first}:{last}" for first, last in zip(starts.tolist(), ends.tolist(), strict=True)]
 
 
-def folded(words: Sequence[str]) -> str:
+def in_lines(words: Sequence[str]) -> str:
     """Words of one command, on several lines if there are many."""
     lines = [" ".join(words[k : k + _LINE]) for k in range(0, len(words), _LINE)]
     return " &\n  ".join(lines)
@@ -35,4 +35,4 @@ def group_lines(name: str, mask: np.ndarray) -> Iterator[str]:
     """Commands that put beads into a group."""
     words = id_words(mask)
     for k in range(0, len(words), _GROUP):
-        yield folded(["group", name, "id", *words[k : k + _GROUP]])
+        yield in_lines(["group", name, "id", *words[k : k + _GROUP]])

@@ -15,7 +15,7 @@ from ...model.internal import BeadTemperatures, Concentrations, Internal, Intern
 from ...model.scene import Scene
 from ...trajectory import load_topology, write_psf
 from ...units import to_md
-from .export_beads import bead_types
+from .export_beads import lammps_types
 
 if TYPE_CHECKING:
     import mdtraj
@@ -49,7 +49,7 @@ class LammpsFrames:
         Box vectors; None without a periodic box.
     corners : (F, 3) array
         Lower corners of the box.
-    carried : dict of str to (F, N) arrays
+    fields : dict of str to (F, N) arrays
         ``theta``, ``u_cond``, ``u_mech``, ``temperature``, ``capacity``, ``c1``, ``c2``, ... as far as the file has them.
     columns : dict of str to (F, N) arrays
         All other columns, as they are in the file.
@@ -70,7 +70,7 @@ class LammpsFrames:
     types: np.ndarray | None
     boxes: np.ndarray | None
     corners: np.ndarray
-    carried: Mapping[str, np.ndarray] = field(default_factory=dict)
+    fields: Mapping[str, np.ndarray] = field(default_factory=dict)
     columns: Mapping[str, np.ndarray] = field(default_factory=dict)
     periodic: tuple[bool, bool, bool] = (True, True, True)
     scene_: Scene | None = None
@@ -79,7 +79,7 @@ class LammpsFrames:
         return len(self.steps)
 
     def scene(self, frame: int = -1, scene: Scene | None = None) -> Scene:
-        """The scene with positions, velocities, box and what the beads carry taken from one frame.
+        """The scene with positions, velocities, box and fields of the beads taken from one frame.
 
         Positions are carried to their images where the file tells them.
 
@@ -177,7 +177,7 @@ class LammpsFrames:
 
     def _check_types(self, scene: Scene) -> None:
         assert self.types is not None
-        expected = [bead_types(scene, apart).of_bead for apart in (False, True)]
+        expected = [lammps_types(scene, apart).of_bead for apart in (False, True)]
         if not any(np.array_equal(self.types, types) for types in [*expected, scene.type_ids + 1]):
             bead = int(np.argmax(self.types != expected[0]))
             raise ParameterError(
@@ -186,7 +186,7 @@ class LammpsFrames:
             )
 
     def _internal(self, scene: Scene, frame: int) -> Internal | None:
-        internal, found = scene.internal, {name: values[frame] for name, values in self.carried.items()}
+        internal, found = scene.internal, {name: values[frame] for name, values in self.fields.items()}
         if isinstance(internal, InternalEnergy):
             if "theta" not in found:
                 raise self.lacking(

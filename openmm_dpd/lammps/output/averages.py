@@ -131,7 +131,7 @@ def _lines(lines: Sequence[str]) -> str:
     return "".join(f"{line}\n" for line in lines)
 
 
-class Average(ABC):
+class AveragingFix(ABC):
     """A fix that averages.
 
     Attributes
@@ -149,7 +149,7 @@ class Average(ABC):
         """What it reads."""
 
     def needs(self, state: DeckState) -> frozenset[str]:
-        """Fields of Sample that it reads."""
+        """Fields of DeckSample that it reads."""
         return fields_read(state, self.words)
 
     @property
@@ -180,7 +180,7 @@ class Average(ABC):
 
     @abstractmethod
     def close_window(self, moment: Resolver) -> None:
-        """Average, write, and begin anew."""
+        """AveragingFix, write, and begin anew."""
 
     @property
     def size(self) -> int:

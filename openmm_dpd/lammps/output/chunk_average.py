@@ -12,14 +12,14 @@ from ..values.chunks import Bins, chunk_numbers
 from ..values.computes import check_bead_word, expanded
 from ..values.per_bead import BEAD_WORDS
 from ..values.resolver import Resolver
-from .averages import Average, Windows, file_of, form_of, parse_schedule, split_values
+from .averages import AveragingFix, Windows, file_of, form_of, parse_schedule, split_values
 
 #: Values of ``fix ave/chunk`` that are more than a mean over beads.
 _OWN = ("density/number", "density/mass", "temp")
 _COMPONENTS = ("vx", "vy", "vz", "fx", "fy", "fz", "mass")
 
 
-class ChunkAverage(Average):
+class ChunkAverage(AveragingFix):
     """``fix ave/chunk``: values of beads, averaged in the bins of a compute chunk/atom.
 
     Attributes
@@ -130,7 +130,7 @@ _CHUNK_SIZES = {"norm": 1, "file": 1, "append": 1, "overwrite": 0, "format": 1, 
 
 
 def parse_ave_chunk(state: DeckState, name: str, group: str, args: list[str]) -> ChunkAverage:
-    """Average of ``fix ID group ave/chunk Nevery Nrepeat Nfreq chunkID value value ... keyword values ...``."""
+    """AveragingFix of ``fix ID group ave/chunk Nevery Nrepeat Nfreq chunkID value value ... keyword values ...``."""
     read.count(args, "fix ID group ave/chunk Nevery Nrepeat Nfreq chunkID value value ...", 5, None)
     compute = state.computes.get(args[3])
     if compute is None or compute.style != "chunk/atom":

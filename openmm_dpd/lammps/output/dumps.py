@@ -14,7 +14,7 @@ from ...files import BlockFile, write_whole
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
 from ..state.records import Dump
-from ..state.sample import Sample
+from ..state.sample import DeckSample
 from ..values.per_bead import BEAD_WORDS, axis_of
 from ..values.resolver import Resolver
 from .thermo import fields_read
@@ -43,9 +43,9 @@ def _columns() -> dict[str, tuple[Callable[[DeckMoment], np.ndarray], str]]:
         "mol": (lambda m: m.state.atoms.molecules, "%d"),
         "mass": (BEAD_WORDS["mass"].value, "%g"),
         "q": (BEAD_WORDS["q"].value, "%g"),
-        "uCond": (lambda m: m.carried("u_cond") / m.units.energy, "%g"),
-        "uMech": (lambda m: m.carried("u_mech") / m.units.energy, "%g"),
-        "dpdTheta": (lambda m: m.carried("theta") / m.units.thermal_energy, "%g"),
+        "uCond": (lambda m: m.field("u_cond") / m.units.energy, "%g"),
+        "uMech": (lambda m: m.field("u_mech") / m.units.energy, "%g"),
+        "dpdTheta": (lambda m: m.field("theta") / m.units.thermal_energy, "%g"),
     }
     arrays: dict[str, tuple[Callable[[DeckMoment], np.ndarray], str]] = {
         "{}": (lambda m: m.folded[0], "%g"),
@@ -66,7 +66,7 @@ def _columns() -> dict[str, tuple[Callable[[DeckMoment], np.ndarray], str]]:
 COLUMNS = _columns()
 
 #: Columns that change during a run without being a position, a velocity or a force.
-CARRIED = ("uCond", "uMech", "dpdTheta")
+FIELD_COLUMNS = ("uCond", "uMech", "dpdTheta")
 
 
 @dataclass(frozen=True)
@@ -81,9 +81,9 @@ class DumpWriter:
         return any(column in ("fx", "fy", "fz") for column in self.dump.columns)
 
     def needs(self, state: DeckState) -> frozenset[str]:
-        """Fields of Sample that the columns read, beside positions, velocities and forces."""
+        """Fields of DeckSample that the columns read, beside positions, velocities and forces."""
         found = fields_read(state, [column for column in self.dump.columns if column.startswith(("c_", "v_"))])
-        return found | {"fields"} if set(CARRIED) & set(self.dump.columns) else found
+        return found | {"fields"} if set(FIELD_COLUMNS) & set(self.dump.columns) else found
 
     def due(self, step: int) -> bool:
         """Whether a configuration is written at this step (never twice at one step)."""
@@ -124,7 +124,7 @@ class DumpWriter:
             If it cannot be written; the configurations before it stay readable.
         """
         moment = moment or Resolver(state)
-        sample = replace(moment.sample or Sample(step), positions=positions, velocities=velocities, forces=forces, box=box)
+        sample = replace(moment.sample or DeckSample(step), positions=positions, velocities=velocities, forces=forces, box=box)
         moment = Resolver(state, sample, moment.window)
         if self.dump.style == "dcd":
             self._write_dcd(moment)

@@ -12,7 +12,7 @@ from ..language.lexer import located
 from ..language.variables import FORMULAS
 from ..state.deck_state import DeckState
 from ..state.moment import Window
-from ..state.sample import Sample
+from ..state.sample import DeckSample
 from ..values.compute_spec import check_place
 from ..values.computes import BUILT_IN, COMPUTES
 from ..values.per_bead import PROPERTIES
@@ -89,7 +89,7 @@ def fix_reference(word: str) -> tuple:
 
 
 def _needs(state: DeckState, word: str, seen: set[str]) -> set[str]:
-    """Fields of Sample that a word reads, through variables and computes."""
+    """Fields of DeckSample that a word reads, through variables and computes."""
     if word in seen:
         return set()
     seen.add(word)
@@ -128,7 +128,7 @@ def _needs(state: DeckState, word: str, seen: set[str]) -> set[str]:
 
 
 def fields_read(state: DeckState, words: Iterable[str]) -> frozenset[str]:
-    """Fields of :class:`Sample` that words read: thermo words, ``c_``, ``v_``, and values of single beads."""
+    """Fields of :class:`DeckSample` that words read: thermo words, ``c_``, ``v_``, and values of single beads."""
     seen: set[str] = set()
     return frozenset().union(*(_needs(state, word, seen) for word in words))
 
@@ -159,7 +159,7 @@ class Thermo:
 
     @property
     def needs(self) -> frozenset[str]:
-        """Fields of :class:`Sample` that the columns read."""
+        """Fields of :class:`DeckSample` that the columns read."""
         return fields_read(self.state, self.words)
 
     def due(self, step: int) -> bool:
@@ -171,7 +171,7 @@ class Thermo:
         following = (step // self.every + 1) * self.every if self.every > 0 else self.last
         return min(following, self.last)
 
-    def values(self, sample: Sample, words: tuple[str, ...] | None = None) -> dict[str, float]:
+    def values(self, sample: DeckSample, words: tuple[str, ...] | None = None) -> dict[str, float]:
         """Value of each column (or of each of ``words``), in the deck's units and normalised as LAMMPS prints it.
 
         Raises
@@ -221,7 +221,7 @@ class Thermo:
         """The line behind the last row: yaml needs one to tell the documents of several runs apart."""
         return "..." if self.state.thermo.layout == "yaml" else ""
 
-    def row(self, values: dict[str, float], sample: Sample) -> str:
+    def row(self, values: dict[str, float], sample: DeckSample) -> str:
         """The line (or block, for style multi) with the values of one step."""
         numbers = [values[word] for word in self.words]
         if self.state.thermo.layout == "multi":
@@ -258,7 +258,7 @@ class Thermo:
             ]
         return [re.sub(r"l+(?=[a-zA-Z]$)", "", form) for form in found]
 
-    def _block(self, numbers: list[float], sample: Sample) -> str:
+    def _block(self, numbers: list[float], sample: DeckSample) -> str:
         texts = self._texts(numbers)
         cells = [f"{self._title(k, word):<8} = {texts[k]}" for k, word in enumerate(self.words)]
         rows = [" ".join(cells[k : k + 3]) for k in range(0, len(cells), 3)]

@@ -10,11 +10,11 @@ from ..state.deck_state import DeckState
 from ..values.compute_spec import check_place
 from ..values.computes import COMPUTES, count_of, expanded
 from ..values.resolver import Resolver
-from .averages import Average, Windows, file_of, form_of, parse_schedule, split_values
+from .averages import AveragingFix, Windows, file_of, form_of, parse_schedule, split_values
 from .thermo import check_word, compute_reference, fix_reference
 
 
-class TimeAverage(Average):
+class TimeAverage(AveragingFix):
     """``fix ave/time``: single numbers (mode scalar), or whole vectors side by side (mode vector).
 
     Attributes
@@ -109,7 +109,7 @@ _TIME_SIZES = {"off": 1, "mode": 1, "file": 1, "append": 1, "start": 1, "overwri
 
 
 def parse_ave_time(state: DeckState, name: str, group: str, args: list[str]) -> TimeAverage:
-    """Average of ``fix ID group ave/time Nevery Nrepeat Nfreq value value ... keyword values ...``."""
+    """AveragingFix of ``fix ID group ave/time Nevery Nrepeat Nfreq value value ... keyword values ...``."""
     read.count(args, "fix ID group ave/time Nevery Nrepeat Nfreq value value ...", 4, None)
     words, options = split_values(args[3:], ("c_", "f_", "v_"), _TIME_SIZES, "ave/time")
     vector = read.choice(options.get("mode", ["scalar"])[0], "mode", ("scalar", "vector")) == "vector"

@@ -66,7 +66,7 @@ def quit_(deck: Deck, args: list[str]) -> None:
     deck.finished = True
 
 
-def run(deck: Deck, args: list[str]) -> None:
+def run_command(deck: Deck, args: list[str]) -> None:
     """``run N [upto] [start N] [stop N] [pre yes|no] [post yes|no]``."""
     read.count(args, "run N ...", 1, None)
     deck.require_box("run")
@@ -115,7 +115,7 @@ COMMANDS: dict[str, Callable[[Deck, list[str]], None]] = {
     **kspace.COMMANDS,
     **fixes.COMMANDS,
     **output.COMMANDS,
-    "run": run,
+    "run": run_command,
     "include": include,
     "quit": quit_,
 }

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...model.scene import Scene
 from ..language.lexer import Line
-from ..output.averages import Average
+from ..output.averages import AveragingFix
 from ..output.dumps import DumpWriter
 from ..output.thermo import Thermo
 from ..scene.integration import Integration
@@ -17,7 +17,7 @@ from ..scene.scene import build_scene
 from ..state.deck_state import DeckState
 from ..state.moment import Window
 from ..state.pressure import PressureControl
-from ..state.sample import Sample
+from ..state.sample import DeckSample
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class RunRequest:
         return Thermo(self.state, self.window, self.last_step, tuple(settings.words), settings.every)
 
     @property
-    def averages(self) -> Sequence[Average]:
+    def averages(self) -> Sequence[AveragingFix]:
         """Averages of fix ave/time and ave/chunk, in the order of the deck."""
         return tuple(fix.parameters["average"] for fix in self.state.fixes.values() if "average" in fix.parameters)
 
@@ -142,8 +142,8 @@ class RunRequest:
         velocities: np.ndarray,
         *,
         box: np.ndarray | None = None,
-        sample: Sample | None = None,
-        carried: Mapping[str, np.ndarray] | None = None,
+        sample: DeckSample | None = None,
+        fields: Mapping[str, np.ndarray] | None = None,
     ) -> None:
         """Hand the result back to the deck: its step becomes ``last_step``.
 
@@ -153,12 +153,12 @@ class RunRequest:
             nm (continuous with ``scene().positions``) and nm/ps.
         box : (3, 3) array, optional
             Box vectors, if they may have changed.
-        sample : Sample, optional
+        sample : DeckSample, optional
             Measurement at the last step, for formulas evaluated before the next run.
-        carried : mapping, optional
-            What the beads carry, as :func:`openmm_dpd.fields.read_fields` gives it; the next run goes on from there.
+        fields : mapping, optional
+            The beads' fields, as :func:`openmm_dpd.fields.read_fields` gives it; the next run goes on from there.
         """
-        self.state.write_back(positions, velocities, box, carried)
+        self.state.write_back(positions, velocities, box, fields)
         self.state.step = self.last_step
         if sample is not None:
             self.state.last_sample = replace(sample, positions=None, velocities=None, fields=None)

@@ -19,7 +19,7 @@ from .request import RunRequest
 
 
 class RunTrajectory:
-    """Writes ``trajectory.dcd``, ``topology.psf`` and ``final_state.xml`` into a folder, and ``fields.npz`` with what beads carry.
+    """Writes ``trajectory.dcd``, ``topology.psf`` and ``final_state.xml`` into a folder, and ``fields.npz`` with the fields of beads.
 
     All runs go to one file; a new one (``trajectory-2.dcd``, ``topology-2.psf``) begins when the number of beads changes.  Positions
     are continuous: they are not folded back into the box.
@@ -83,7 +83,7 @@ class RunTrajectory:
         return self._first + ((step - self._first) // self._every + 1) * self._every
 
     def write(self, x: np.ndarray, box: np.ndarray, context: openmm.Context, step: int) -> None:
-        """Write one frame (nm), and what beads carry."""
+        """Write one frame (nm), and the fields of beads."""
         if self._fields is not None:
             time = context.getTime().value_in_unit(unit.picosecond)
             self._fields.write(time, step, read_fields(context, self._built.plan))

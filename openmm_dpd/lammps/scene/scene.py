@@ -14,8 +14,8 @@ from ..state.deck_state import DeckState
 from ..state.moment import Window
 from ..styles.bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedStyle
 from ..styles.pair_tables import pair_tables, type_name
-from .carried import internal_of, internal_scale, sources_of
 from .electrostatics import electrostatics_of
+from .fields import internal_of, internal_scale, sources_of
 from .flow import body_forces_of, walls_of
 from .integration import integration
 from .segments import segments_of
@@ -60,7 +60,7 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
             types=[type_name(k) for k in atoms.types.tolist()],
             positions=atoms.positions * units.length,
             pairs=pair_tables(state),
-            kT=thermal_energy(state, window),
+            kT=deck_kT(state, window),
             box=vectors,
             velocities=atoms.velocities * units.velocity,
             bead_masses=masses,
@@ -82,7 +82,7 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
         raise located(state.here, str(error)) from None
 
 
-def thermal_energy(state: DeckState, window: Window | None) -> float | TemperatureRamp:
+def deck_kT(state: DeckState, window: Window | None) -> float | TemperatureRamp:
     """The one temperature (or ramp) of all thermostatting pair styles, as an energy; 0 if there is none.
 
     Where beads have internal temperatures and no style sets another, it is the mean of these (the scale of a trial step).

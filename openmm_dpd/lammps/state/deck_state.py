@@ -21,10 +21,10 @@ from .lattice import Lattice, default_lattice
 from .pair_setup import PairSetup
 from .records import Compute, Dump, Fix, KspaceSetup, ThermoSettings
 from .regions import Region
-from .sample import Sample
+from .sample import DeckSample
 
 
-def carried_places(units: UnitSystem) -> dict[str, tuple[str, float]]:
+def bead_fields(units: UnitSystem) -> dict[str, tuple[str, float]]:
     """Names of :func:`openmm_dpd.fields.read_fields` -> the array of Atoms that holds the values, and its unit."""
     return {
         "u_cond": ("u_cond", 1.0),
@@ -87,7 +87,7 @@ class DeckState:
         The variables.
     notes : list of str
         What was accepted without having a meaning here, each said once.
-    last_sample : Sample or None
+    last_sample : DeckSample or None
         The last row of the last run, for formulas evaluated between runs.
     """
 
@@ -126,7 +126,7 @@ class DeckState:
     variables: Variables = field(default_factory=Variables)
     notes: list[str] = field(default_factory=list)
     runs: int = 0
-    last_sample: Sample | None = None
+    last_sample: DeckSample | None = None
     here: Line | None = None
     output: Path = field(default_factory=Path)
     log: Callable[[str], None] = lambda _: None
@@ -287,7 +287,7 @@ class DeckState:
         positions: np.ndarray,
         velocities: np.ndarray,
         box: np.ndarray | None = None,
-        carried: Mapping[str, np.ndarray] | None = None,
+        fields: Mapping[str, np.ndarray] | None = None,
     ) -> None:
         """Take over the result of a run.
 
@@ -299,8 +299,8 @@ class DeckState:
             nm/ps.
         box : (3, 3) array, optional
             New box vectors, if the box has changed; its lower corner stays.
-        carried : mapping, optional
-            What the beads carry, as :func:`openmm_dpd.fields.read_fields` gives it.
+        fields : mapping, optional
+            The beads' fields, as :func:`openmm_dpd.fields.read_fields` gives it.
         """
         if box is not None:
             self.box = self.require_box("a run").following(np.asarray(box) / self.units.length)
@@ -309,7 +309,7 @@ class DeckState:
         # walls keep beads inside to the rounding of the platform; the next run wants them inside to the last bit
         self._take_inside(np.where(own.periodic, inside, np.clip(inside, own.low, np.nextafter(own.high, own.low))), shifts)
         self.atoms.velocities = np.asarray(velocities, dtype=np.float64) / self.units.velocity
-        places = carried_places(self.units)
-        for name, values in (carried or {}).items():
+        places = bead_fields(self.units)
+        for name, values in (fields or {}).items():
             place, unit = places[name]
             setattr(self.atoms, place, np.array(values, dtype=np.float64) / unit)

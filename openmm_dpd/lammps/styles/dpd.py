@@ -12,7 +12,7 @@ from ...model.pairs import DPD
 from ...units import UnitSystem
 from ..state.pair_setup import Coefficient, PairStyle, Spec
 from .columns import Columns, seeded
-from .writing import Exports, Pair, PairExport, StyleUse, number
+from .writing import Exports, Pair, PairExport, StyleUse, exact
 
 
 def _dpd(name: str, temperatures: int, columns: Columns) -> Spec:
@@ -51,10 +51,10 @@ def _friction(c: DPD, kT: float) -> float:
 def _export(export: PairExport, entries: dict[Pair, DPD]) -> list[StyleUse]:
     units, kT = export.units, export.temperature
     longest = max(c.cutoff for c in entries.values())
-    reach = number(longest / units.length)
+    reach = exact(longest / units.length)
     gammas = {pair: _friction(c, kT) / units.friction for pair, c in entries.items()}
     A = {pair: c.A / units.force for pair, c in entries.items()}
-    cutoffs = {pair: number(c.cutoff / units.length) for pair, c in entries.items()}
+    cutoffs = {pair: exact(c.cutoff / units.length) for pair, c in entries.items()}
     general = any(c.gamma_perp or c.exponent != 1 or (c.exponent_perp != 1 and c.gamma_perp) for c in entries.values())
     fixed = {pair: c for pair, c in entries.items() if c.sigma and c.gamma is None}
 
@@ -64,7 +64,7 @@ def _export(export: PairExport, entries: dict[Pair, DPD]) -> list[StyleUse]:
 
     def transverse(pair: Pair) -> str:
         c = entries[pair]
-        return f"{number(gammas[pair])} {number(c.gamma_perp / units.friction)} {number(c.exponent)} {number(c.exponent_perp)}"
+        return f"{exact(gammas[pair])} {exact(c.gamma_perp / units.friction)} {exact(c.exponent)} {exact(c.exponent_perp)}"
 
     if export.ramps:
         if fixed:
@@ -75,28 +75,28 @@ def _export(export: PairExport, entries: dict[Pair, DPD]) -> list[StyleUse]:
         thermostat = use(
             "dpd/ext/tstat" if general else "dpd/tstat",
             f"{{start}} {{stop}} {reach} {{seed}}",
-            transverse if general else lambda pair: number(gammas[pair]),
+            transverse if general else lambda pair: exact(gammas[pair]),
         )
         if not any(A.values()):
             return [thermostat]
         # dpd has no ramp: the repulsion is a style of its own, without friction and noise
-        return [use("dpd", f"{{start}} {reach} {{seed}}", lambda pair: f"{number(A[pair])} 0.0", True), thermostat]
+        return [use("dpd", f"{{start}} {reach} {{seed}}", lambda pair: f"{exact(A[pair])} 0.0", True), thermostat]
     if export.shardlow or (len(fixed) == len(entries) and not general and not export.scaled_neighbours):
 
         def noise(pair: Pair) -> str:
             c = entries[pair]
             sigma = c.sigma if c.sigma is not None and c.gamma is None else np.sqrt(2 * kT * _friction(c, kT))
-            return f"{number(A[pair])} {number(sigma / units.noise)}"
+            return f"{exact(A[pair])} {exact(sigma / units.noise)}"
 
         return [use("dpd/fdt", f"{{start}} {reach} {{seed}}", noise)]
     bare = not any(A.values())
     if general and bare:
         return [use("dpd/ext/tstat", f"{{start}} {{stop}} {reach} {{seed}}", transverse)]
     if general:
-        return [use("dpd/ext", f"{{start}} {reach} {{seed}}", lambda pair: f"{number(A[pair])} {transverse(pair)}")]
+        return [use("dpd/ext", f"{{start}} {reach} {{seed}}", lambda pair: f"{exact(A[pair])} {transverse(pair)}")]
     if bare:
-        return [use("dpd/tstat", f"{{start}} {{stop}} {reach} {{seed}}", lambda pair: number(gammas[pair]))]
-    return [use("dpd", f"{{start}} {reach} {{seed}}", lambda pair: f"{number(A[pair])} {number(gammas[pair])}")]
+        return [use("dpd/tstat", f"{{start}} {{stop}} {reach} {{seed}}", lambda pair: exact(gammas[pair]))]
+    return [use("dpd", f"{{start}} {reach} {{seed}}", lambda pair: f"{exact(A[pair])} {exact(gammas[pair])}")]
 
 
 EXPORTS: Exports = {DPD: _export}

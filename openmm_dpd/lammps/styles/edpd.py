@@ -11,7 +11,7 @@ from ...units import UnitSystem
 from ..language import arguments as read
 from ..state.pair_setup import Coefficient, PairStyle, Spec
 from .columns import Columns, seeded
-from .writing import Exports, Pair, PairExport, StyleUse, number, numbers
+from .writing import Exports, Pair, PairExport, StyleUse, exact
 
 _COLUMNS = Columns(
     {
@@ -58,10 +58,10 @@ def _export(export: PairExport, entries: dict[Pair, EDPD]) -> list[StyleUse]:
             )
         if c.cutoff_T > c.cutoff:
             export.differences.add(f"types {pair}: LAMMPS's edpd ends the exchange of heat at the cutoff of the forces, {c.cutoff:g}")
-        words[pair] = numbers(_COLUMNS.of(c, export.units))
+        words[pair] = exact(_COLUMNS.of(c, export.units))
         for keyword, polynomial in (("power", c.exponent_polynomial), ("kappa", c.kappa_polynomial)):
             if any(polynomial):
-                words[pair] += f" {keyword} {numbers(polynomial)}"
+                words[pair] += f" {keyword} {exact(polynomial)}"
     n = len(export.scene.type_names)
     different = len(set(words.values())) > 1 or len(words) < n * (n + 1) // 2
     if different and any(any(c.exponent_polynomial) or any(c.kappa_polynomial) for c in entries.values()):
@@ -77,7 +77,7 @@ def _export(export: PairExport, entries: dict[Pair, EDPD]) -> list[StyleUse]:
     if len(set(export.scene.bead_masses.tolist())) > 1:
         export.differences.add("LAMMPS's edpd takes the mass of one bead of a pair for both, which is wrong for beads of different masses")
     longest = max(c.cutoff for c in entries.values())
-    return [StyleUse("edpd", f"{number(longest)} {{seed}}", words, longest)]
+    return [StyleUse("edpd", f"{exact(longest)} {{seed}}", words, longest)]
 
 
 EXPORTS: Exports = {EDPD: _export}

@@ -9,7 +9,7 @@ from ...model.energy_dpd import EnergyDPD
 from ...units import UnitSystem
 from ..state.pair_setup import Coefficient, PairStyle, Spec
 from .columns import Columns, seeded
-from .writing import Exports, Pair, PairExport, StyleUse, number, numbers
+from .writing import Exports, Pair, PairExport, StyleUse, exact
 
 _COLUMNS = Columns({"A": "force", "sigma": "noise", "kappa": "energy*kT/time"})
 
@@ -28,8 +28,8 @@ STYLES = {"dpd/fdt/energy": Spec(seeded("dpd/fdt/energy", 0), _energy_coefficien
 
 def _export(export: PairExport, entries: dict[Pair, EnergyDPD]) -> list[StyleUse]:
     units, longest = export.units, max(c.cutoff for c in entries.values())
-    words = {pair: numbers([*_COLUMNS.of(c, units), c.cutoff / units.length]) for pair, c in entries.items()}
-    return [StyleUse("dpd/fdt/energy", f"{number(longest / units.length)} {{seed}}", words, longest)]
+    words = {pair: exact([*_COLUMNS.of(c, units), c.cutoff / units.length]) for pair, c in entries.items()}
+    return [StyleUse("dpd/fdt/energy", f"{exact(longest / units.length)} {{seed}}", words, longest)]
 
 
 EXPORTS: Exports = {EnergyDPD: _export}

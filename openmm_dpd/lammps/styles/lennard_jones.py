@@ -10,7 +10,7 @@ from ...units import UnitSystem
 from ..language import arguments as read
 from ..state.pair_setup import Coefficient, PairStyle, Spec
 from .columns import Columns
-from .writing import Exports, Pair, PairExport, StyleUse, number, numbers
+from .writing import Exports, Pair, PairExport, StyleUse, exact
 
 MIXING = ("geometric", "arithmetic", "sixthpower")
 
@@ -59,8 +59,8 @@ def _export(export: PairExport, entries: dict[Pair, LennardJones]) -> list[Style
         if not mine:
             continue
         longest = max(c.cutoff for c in mine.values())
-        words = {pair: numbers([*_COLUMNS.of(c, units), c.cutoff / units.length]) for pair, c in mine.items()}
-        found.append(StyleUse("lj/cut", number(longest / units.length), words, longest, "shift yes" if shifted else ""))
+        words = {pair: exact([*_COLUMNS.of(c, units), c.cutoff / units.length]) for pair, c in mine.items()}
+        found.append(StyleUse("lj/cut", exact(longest / units.length), words, longest, "shift yes" if shifted else ""))
     return found
 
 

@@ -11,7 +11,7 @@ from ...units import UnitSystem
 from ..language import arguments as read
 from ..state.pair_setup import Coefficient, PairStyle, Spec
 from .columns import Columns, seeded
-from .writing import Exports, Pair, PairExport, StyleUse, number, numbers
+from .writing import Exports, Pair, PairExport, StyleUse, exact
 
 _COLUMNS = Columns({"A": "force", "B": "force/density", "gamma": "friction", "cutoff": "length", "cutoff_B": "length"})
 
@@ -51,12 +51,12 @@ def _export(export: PairExport, entries: dict[Pair, MDPD]) -> list[StyleUse]:
             "LAMMPS has Lucy's kernel only for the densities of mdpd; the quadratic kernel of this scene is replaced by it, with the same "
             "range (densities count masses, and the force has no potential)"
         )
-    forces = {pair: numbers(_COLUMNS.of(c, export.units)) for pair, c in entries.items()}
-    densities = {pair: number(c.cutoff_density) for pair, c in entries.items()}
+    forces = {pair: exact(_COLUMNS.of(c, export.units)) for pair, c in entries.items()}
+    densities = {pair: exact(c.cutoff_density) for pair, c in entries.items()}
     longest = max(c.cutoff for c in entries.values())
     return [
         StyleUse("mdpd/rhosum", "", densities, max(c.cutoff_density for c in entries.values())),
-        StyleUse("mdpd", f"{{start}} {number(longest)} {{seed}}", forces, longest),
+        StyleUse("mdpd", f"{{start}} {exact(longest)} {{seed}}", forces, longest),
     ]
 
 

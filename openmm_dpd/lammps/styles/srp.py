@@ -14,7 +14,7 @@ from ...model.segments import DISTANCES
 from ...units import UnitSystem
 from ..language import arguments as read
 from ..state.pair_setup import PairStyle, Spec
-from .writing import Differences, StyleUse, number
+from .writing import Differences, StyleUse, exact
 
 #: Words of the style that are no numbers.
 _WORDS = frozenset(("*", *DISTANCES, "exclude", "bptype", "yes", "no"))
@@ -78,7 +78,7 @@ def segment_use(scene: Scene, units: UnitSystem, bonds: np.ndarray, n_types: int
     if segments.distance == "min" and scene.compat != "lammps":
         differences.add("LAMMPS's srp limits the two nearest points one by one, which is not always the least distance (compat='lammps')")
     exclude = "yes" if segments.exclude_adjoining else "no"
-    reach = number(segments.cutoff / units.length)
+    reach = exact(segments.cutoff / units.length)
     settings = f"{reach} {kind} {segments.distance} exclude {exclude} bptype {n_types + 1}"
-    words = f"{number(segments.A / units.force)} {reach}"
+    words = f"{exact(segments.A / units.force)} {reach}"
     return StyleUse("srp", settings, {("*", "*"): words}, segments.cutoff)

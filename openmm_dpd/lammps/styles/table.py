@@ -14,7 +14,7 @@ from ...units import UnitSystem
 from ..files.table_file import MODES, read_table, tabulated_pair
 from ..language import arguments as read
 from ..state.pair_setup import Coefficient, PairStyle, Spec
-from .writing import Exports, Pair, PairExport, StyleUse, number
+from .writing import Exports, Pair, PairExport, StyleUse, exact
 
 #: Points of LAMMPS's own tables.
 _TABLE_POINTS = 100000
@@ -55,9 +55,9 @@ def _export(export: PairExport, entries: dict[Pair, TabulatedPair]) -> list[Styl
             keyword = f"TABLE_{1 + sum(line.startswith('TABLE_') for line in lines)}"
             written[id(c)] = keyword
             lines += _table_section(c, keyword, units)
-        words[pair] = f"{file} {written[id(c)]} {number(c.cutoff / units.length)}"  # type: ignore[operator]
+        words[pair] = f"{file} {written[id(c)]} {exact(c.cutoff / units.length)}"  # type: ignore[operator]
         export.differences.remark(
-            f"LAMMPS stops where two beads of types {pair} are nearer than {number(_rows(c)[0][0] / units.length)}, where the table begins"
+            f"LAMMPS stops where two beads of types {pair} are nearer than {exact(_rows(c)[0][0] / units.length)}, where the table begins"
         )
     longest = max(float(c.cutoff) for c in entries.values())  # type: ignore[arg-type]
     return [StyleUse("table", f"spline {_TABLE_POINTS}", words, longest)]

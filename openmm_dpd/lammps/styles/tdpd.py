@@ -12,7 +12,7 @@ from ...units import UnitSystem
 from ..language import arguments as read
 from ..state.pair_setup import Coefficient, PairStyle, Spec
 from .columns import Columns, seeded
-from .writing import Exports, Pair, PairExport, StyleUse, number, numbers
+from .writing import Exports, Pair, PairExport, StyleUse, exact
 
 _COLUMNS = Columns({"A": "force", "gamma": "friction", "exponent": "1", "cutoff": "length", "cutoff_c": "length"})
 
@@ -48,9 +48,9 @@ def _export(export: PairExport, entries: dict[Pair, TDPD]) -> list[StyleUse]:
         if c.cutoff_c > c.cutoff:  # type: ignore[operator]
             export.differences.add(f"types {pair}: LAMMPS's tdpd ends the exchange of species at the cutoff of the forces, {c.cutoff:g}")
         species = np.column_stack([c.kappa, c.epsilon, c.exponent_c])
-        words[pair] = f"{numbers(_COLUMNS.of(c, export.units))} {numbers(species)}"
+        words[pair] = f"{exact(_COLUMNS.of(c, export.units))} {exact(species)}"
     longest = max(c.cutoff for c in entries.values())
-    return [StyleUse("tdpd", f"{{start}} {number(longest)} {{seed}}", words, longest)]
+    return [StyleUse("tdpd", f"{{start}} {exact(longest)} {{seed}}", words, longest)]
 
 
 EXPORTS: Exports = {TDPD: _export}

@@ -43,14 +43,9 @@ class Differences:
             warnings.warn(text, ExportWarning, stacklevel=stacklevel + 1)
 
 
-def number(value: float) -> str:
-    """The shortest text that reads back as the same double."""
-    return repr(float(value))
-
-
-def numbers(values) -> str:
-    """Several numbers with spaces between them."""
-    return " ".join(number(value) for value in np.ravel(values))
+def exact(values) -> str:
+    """A number, or several with spaces between them: the shortest texts that read back as the same doubles."""
+    return " ".join(repr(value) for value in np.ravel(values).astype(float).tolist())
 
 
 @dataclass

@@ -42,7 +42,7 @@ class ComputeSpec:
     size : callable
         Number of values of the vector.
     needs : tuple of str
-        Fields of Sample that it reads.
+        Fields of DeckSample that it reads.
     inputs : callable
         Words (``c_id``, ``vx``, ...) of the beads' values that it is made of.
     prepare : callable or None

@@ -78,8 +78,8 @@ def _momentum(moment: DeckMoment, compute: Compute) -> np.ndarray:
 
 def _dpd(moment: DeckMoment, compute: Compute) -> np.ndarray:
     mask, units = moment.state.group(compute.group), moment.units
-    conductive, mechanical = (float(moment.carried(name)[mask].sum()) / units.energy for name in ("u_cond", "u_mech"))
-    thetas = moment.carried("theta")[mask] / units.thermal_energy
+    conductive, mechanical = (float(moment.field(name)[mask].sum()) / units.energy for name in ("u_cond", "u_mech"))
+    thetas = moment.field("theta")[mask] / units.thermal_energy
     harmonic = len(thetas) / np.sum(1 / thetas) if len(thetas) and np.all(thetas > 0) else 0.0
     # LAMMPS's third energy is chemical: there are no reactions here
     return np.array([conductive, mechanical, 0.0, harmonic, float(len(thetas))])

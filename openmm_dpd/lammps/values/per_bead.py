@@ -17,7 +17,7 @@ from .compute_spec import ComputeSpec, no_arguments
 
 @dataclass(frozen=True)
 class BeadWord:
-    """A value that every bead has: from a moment to (N,) in the deck's units, and the fields of Sample that it reads."""
+    """A value that every bead has: from a moment to (N,) in the deck's units, and the fields of DeckSample that it reads."""
 
     value: Callable[[DeckMoment], np.ndarray]
     needs: tuple[str, ...] = ()
@@ -59,7 +59,7 @@ BEAD_WORDS = _words()
 
 
 def _density(moment: DeckMoment) -> np.ndarray:
-    return moment.carried("density") * moment.units.length**3 / moment.units.mass
+    return moment.field("density") * moment.units.length**3 / moment.units.mass
 
 
 #: What compute property/atom knows: on top of these the local density of mdpd.
@@ -92,18 +92,18 @@ def _kinetic(moment: DeckMoment, compute: Compute) -> np.ndarray:
 
 def _internal(moment: DeckMoment, compute: Compute) -> np.ndarray:
     units = moment.units
-    conductive, mechanical, theta = (moment.carried(name) for name in ("u_cond", "u_mech", "theta"))
+    conductive, mechanical, theta = (moment.field(name) for name in ("u_cond", "u_mech", "theta"))
     # the third column is LAMMPS's chemical energy: there are no reactions here
     columns = (conductive / units.energy, mechanical / units.energy, np.zeros(len(theta)), theta / units.thermal_energy)
     return _in_group(moment, compute, np.column_stack(columns))
 
 
 def _temperature(moment: DeckMoment, compute: Compute) -> np.ndarray:
-    return _in_group(moment, compute, moment.carried("temperature") / moment.units.thermal_energy)
+    return _in_group(moment, compute, moment.field("temperature") / moment.units.thermal_energy)
 
 
 def _concentration(moment: DeckMoment, compute: Compute) -> np.ndarray:
-    return _in_group(moment, compute, moment.carried("concentrations")[:, compute.settings])
+    return _in_group(moment, compute, moment.field("concentrations")[:, compute.settings])
 
 
 def _style_only(style: str, atom_style: str) -> Callable[[DeckState, str, list[str]], None]:

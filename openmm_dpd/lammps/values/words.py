@@ -24,7 +24,7 @@ class Word:
     integer : bool
         Whether it is a whole number.
     needs : tuple of str
-        Fields of Sample that it reads.
+        Fields of DeckSample that it reads.
     """
 
     header: str

@@ -1,4 +1,4 @@
-"""What the beads of a deck carry beside position and velocity, and where it is fed, as parts of a Scene."""
+"""Fields of the beads of a deck (energies, temperatures, concentrations) and their sources, as parts of a Scene."""
 
 from __future__ import annotations
 
