@@ -209,3 +209,10 @@ METAL = UnitSystem("metal", 0.1, 1.0, 1.0, 1.0364269e-4, 8.617343e-5, 1.6021765e
 
 #: LAMMPS unit styles by name.
 UNIT_SYSTEMS = {system.name: system for system in (LJ, REAL, METAL)}
+
+
+def unit_system(name: str) -> UnitSystem:
+    """The units of this name; ParameterError if there are none."""
+    if name not in UNIT_SYSTEMS:
+        raise ParameterError(f"unknown units {name!r}; they must be one of {', '.join(UNIT_SYSTEMS)}")
+    return UNIT_SYSTEMS[name]

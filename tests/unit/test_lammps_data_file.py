@@ -7,7 +7,8 @@ import pytest
 
 from openmm_dpd.errors import DeckError, ParameterError
 from openmm_dpd.lammps import read_deck
-from openmm_dpd.lammps.files.data_file import ATOM_STYLES, read_data_file
+from openmm_dpd.lammps.files.atom_styles import ATOM_STYLES
+from openmm_dpd.lammps.files.data_file import read_data_file
 from openmm_dpd.lammps.state.box import Box
 
 HEADER = """a title that could be anything: 5 atoms

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ...errors import ParameterError
-from ..files.data_file import BONDED_STYLES
+from ..files.atom_styles import BONDED_STYLES, CHARGED_STYLES
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..values.resolver import Resolver
@@ -209,7 +209,7 @@ def _set_concentration(state: DeckState, mask: np.ndarray, words: list[str]) -> 
 
 
 def _set_charge(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
-    if state.atom_style not in ("charge", "full"):
+    if state.atom_style not in CHARGED_STYLES:
         raise ParameterError(f"atom_style {state.atom_style} has no charges")
     state.atoms.charges[mask] = read.number(words[0], "the charge")
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from ...errors import DeckError, ParameterError
 from ...model.bonds import bonded_neighbours
-from ..files.data_file import BONDED_STYLES, DataFile, read_data_file
+from ..files.atom_styles import ARRAYS, BONDED_STYLES
+from ..files.data_file import DataFile, read_data_file
 from ..language import arguments as read
 from ..language.lexer import Line
 from ..state.atoms import Atoms
@@ -181,7 +183,8 @@ def read_data(state: DeckState, args: list[str]) -> None:
     read.count(args, "read_data file ...", 1, None)
     if state.box is not None:
         raise ParameterError("read_data must come before any other box is defined (read_data add is not supported)")
-    data = read_data_file(state.find_file(args[0]), state.atom_style, state.n_species)
+    path = state.find_file(args[0])
+    data = read_data_file(path, state.atom_style, state.n_species)
     # how much room LAMMPS reserves is of no interest here
     ignored = ("extra/bond/per/atom", "extra/angle/per/atom", "extra/special/per/atom", "extra/dihedral/types", "extra/improper/types")
     sizes = {"extra/atom/types": 1, "extra/bond/types": 1, "extra/angle/types": 1, "nocoeff": 0, "group": 1, **dict.fromkeys(ignored, 1)}
@@ -190,38 +193,27 @@ def read_data(state: DeckState, args: list[str]) -> None:
     state.n_bond_types = data.n_bond_types + read.integer(chosen.get("extra/bond/types", ["0"])[0], "extra/bond/types", 0)
     state.n_angle_types = data.n_angle_types + read.integer(chosen.get("extra/angle/types", ["0"])[0], "extra/angle/types", 0)
     if state.n_types < 1:
-        raise DeckError("the header announces no atom types", str(data.path))
+        raise DeckError("the header announces no atom types", str(path))
     hint = data.hints.get("Atoms", "")
     if hint and hint.split()[0] != state.atom_style:
-        state.note(f"{data.path.name}: the Atoms section says '{hint}', but is read as atom_style {state.atom_style}")
+        state.note(f"{path.name}: the Atoms section says '{hint}', but is read as atom_style {state.atom_style}")
     _set_box(state, data.box)
-    _take_atoms(state, data)
+    _take_atoms(state, data, path)
     if "group" in chosen:
         state.groups[chosen["group"][0]] = np.ones(len(state.atoms), dtype=bool)
     state.masses.update({kind: mass * state.units.mass for kind, mass in data.masses.items()})
     if "nocoeff" not in chosen:
-        _take_coefficients(state, data)
+        _take_coefficients(state, data, path)
 
 
-#: Columns of data files that become arrays of the beads as they are.
-_FIELDS = {
-    "charge": "charges",
-    "molecule": "molecules",
-    "theta": "thetas",
-    "temperature": "temperatures",
-    "capacity": "capacities",
-    "rho": "densities",
-}
-
-
-def _take_atoms(state: DeckState, data: DataFile) -> None:
+def _take_atoms(state: DeckState, data: DataFile, path: Path) -> None:
     order = np.argsort(data.columns["id"], kind="stable")
     inside, shifts = state.require_box("read_data").settle(data.positions)
     atoms = Atoms.new(data.columns["id"][order], data.columns["type"][order], inside[order], state.n_species)
-    atoms.images = (_repeated(state, data) + shifts)[order]
+    atoms.images = (_repeated(state, data, path) + shifts)[order]
     atoms.velocities = data.velocities[order]
     atoms.slots = order
-    for column, name in _FIELDS.items():
+    for column, name in ARRAYS.items():
         if column in data.columns:
             setattr(atoms, name, data.columns[column][order])
     for k in range(state.n_species):
@@ -230,14 +222,14 @@ def _take_atoms(state: DeckState, data: DataFile) -> None:
     state.bonds, state.angles = data.bonds, data.angles
 
 
-def _repeated(state: DeckState, data: DataFile) -> np.ndarray:
+def _repeated(state: DeckState, data: DataFile, path: Path) -> np.ndarray:
     """(N, 3) image flags, which are 0 along axes that do not repeat, as LAMMPS reads them."""
     if np.any(data.images[:, ~np.array(state.periodic)]):
-        state.note(f"{data.path.name}: image flags along axes that do not repeat count as 0")
+        state.note(f"{path.name}: image flags along axes that do not repeat count as 0")
     return np.where(state.periodic, data.images, 0)
 
 
-def _take_coefficients(state: DeckState, data: DataFile) -> None:
+def _take_coefficients(state: DeckState, data: DataFile, path: Path) -> None:
     handlers = {
         "Pair Coeffs": lambda words: pair_coeff(state, [words[0], *words]),
         "PairIJ Coeffs": lambda words: pair_coeff(state, words),
@@ -247,11 +239,11 @@ def _take_coefficients(state: DeckState, data: DataFile) -> None:
     outer = state.here
     for name, rows in data.coefficients.items():
         for number, words in rows:
-            state.here = Line(" ".join(words), str(data.path), number)
+            state.here = Line(" ".join(words), str(path), number)
             try:
                 handlers[name](words)
             except ParameterError as error:
-                raise DeckError(f"{name}: {error}", str(data.path), number) from None
+                raise DeckError(f"{name}: {error}", str(path), number) from None
     state.here = outer
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...errors import ParameterError
 from ...units import UNIT_SYSTEMS
-from ..files.data_file import ATOM_STYLES
+from ..files.atom_styles import ATOM_STYLES
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 

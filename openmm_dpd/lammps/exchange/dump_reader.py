@@ -15,7 +15,7 @@ import numpy as np
 
 from ...errors import DeckError, ParameterError
 from ...model.scene import Scene
-from ...units import UNIT_SYSTEMS, UnitSystem
+from ...units import UnitSystem, unit_system
 from ..state.box import Box
 from .frames import LammpsFrames
 
@@ -72,15 +72,14 @@ def read_lammps_dump(
         If it does not fit the scene.
     """
     path = Path(path)
-    if units not in UNIT_SYSTEMS:
-        raise ParameterError(f"unknown units {units!r}; they must be one of {', '.join(UNIT_SYSTEMS)}")
+    system = unit_system(units)
     frames = list(_frames(path))
     if not frames:
         raise DeckError("there is no frame in it", str(path))
     said = next((frame.units for frame in frames if frame.units), None)
     if said is not None and said != units:
         raise ParameterError(f"{path} says that its units are {said}, not {units}; give units={said!r}")
-    found = _assembled(path, frames, UNIT_SYSTEMS[units], {**NAMES, **(names or {})}, scene)
+    found = _assembled(path, frames, system, {**NAMES, **(names or {})}, scene)
     if scene is not None:
         found.check(scene)
     return found

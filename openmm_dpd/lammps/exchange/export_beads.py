@@ -1,8 +1,7 @@
-"""The data file of an exported scene: bead types, box, beads, velocities, bonds and angles."""
+"""The data file of an exported scene: bead types, box, beads, bonds and angles."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,9 +13,9 @@ from ...model.internal import BeadTemperatures, Concentrations, InternalEnergy
 from ...model.pairs import NONE
 from ...model.scene import Scene
 from ...units import UnitSystem
-from ..files.data_file import ATOM_STYLES, atom_columns
+from ..files.data_file import DataFile
 from ..state.box import Box
-from ..styles.writing import Differences, exact
+from ..styles.writing import Differences
 
 #: Mass of beads that never move, where LAMMPS would let the friction change their velocities or count their mass in heat.
 HEAVY = 1e15
@@ -26,18 +25,6 @@ _LARGEST_IMAGE = 511
 
 #: Largest number of bead types: LAMMPS keeps tables of type pairs.
 _MOST_TYPES = 2000
-
-#: Columns of an Atoms section beyond those of atom_style atomic, in the order of hybrid styles.
-_EXTRA = {
-    "dpd": ("theta",),
-    "edpd": ("temperature", "capacity"),
-    "mdpd": ("rho",),
-    "charge": ("charge",),
-    "bond": ("molecule",),
-    "angle": ("molecule",),
-    "molecular": ("molecule",),
-    "full": ("molecule", "charge"),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,14 +126,9 @@ def atom_styles(scene: Scene, vest: bool = False) -> tuple[str, ...]:
     return tuple(style for style in (own, rest) if style) or ("atomic",)
 
 
-def columns_of(styles: tuple[str, ...], n_species: int) -> tuple[str, ...]:
-    """Columns of the Atoms section without the image flags."""
-    if len(styles) == 1:
-        return atom_columns(styles[0], n_species)
-    extra = [f"c{k}" for k in range(1, n_species + 1)] if "tdpd" in styles else []
-    for style in styles:
-        extra += _EXTRA.get(style, ())
-    return (*ATOM_STYLES["atomic"], *extra)
+def species_of(scene: Scene) -> int:
+    """Number of concentrations of each bead of a scene, 0 if there are none."""
+    return scene.internal.n_species if isinstance(scene.internal, Concentrations) else 0
 
 
 def atom_style_line(styles: tuple[str, ...], n_species: int) -> str:
@@ -161,6 +143,11 @@ class Bonded:
 
     rows: np.ndarray
     types: tuple[tuple[str, str], ...]
+
+    @property
+    def ids(self) -> np.ndarray:
+        """The same rows with the ids that beads have in LAMMPS, which count from 1."""
+        return self.rows + (np.arange(self.rows.shape[1]) > 0)
 
 
 def lammps_box(
@@ -191,80 +178,47 @@ def lammps_box(
     return box, inside, images
 
 
-def data_lines(
+def data_file(
     scene: Scene,
     units: UnitSystem,
-    *,
-    name: str,
     types: BeadTypes,
-    styles: tuple[str, ...],
-    box: Box,
-    positions: np.ndarray,
-    images: np.ndarray,
+    places: tuple[Box, np.ndarray, np.ndarray],
     velocities: np.ndarray,
     bonds: Bonded,
     angles: Bonded,
     extra_types: int = 0,
-) -> Iterator[str]:
-    """Lines of the data file; every number has all of its digits."""
-    scaled = box.scaled(1.0 / units.length)
-    yield f"{name}, written by openmm-dpd, units = {units.name}"
-    yield ""
-    yield f"{scene.n_beads} atoms"
-    yield f"{len(types) + extra_types} atom types"
-    for what, terms in (("bond", bonds), ("angle", angles)):
-        if len(terms.rows):
-            yield f"{len(terms.rows)} {what}s"
-            yield f"{len(terms.types)} {what} types"
-    yield ""
-    for axis, low, high in zip("xyz", scaled.low, scaled.high, strict=True):
-        yield f"{exact(low)} {exact(high)} {axis}lo {axis}hi"
-    if scaled.triclinic:
-        yield f"{exact(scaled.tilt)} xy xz yz"
-    yield from ("", "Masses", "")
-    for k, (kind, mass) in enumerate(zip(types.names, types.masses, strict=True), start=1):
-        yield f"{k} {exact(mass / units.mass)} # {kind}"
-    for k in range(len(types) + 1, len(types) + extra_types + 1):
-        yield f"{k} 1.0 # places of bonds"
-    yield from _atom_lines(scene, units, types, styles, positions, images)
-    yield from ("", "Velocities", "")
-    for k, row in enumerate((velocities / units.velocity).tolist(), start=1):
-        yield f"{k} {' '.join(map(repr, row))}"
-    for title, terms in (("Bonds", bonds), ("Angles", angles)):
-        if len(terms.rows):
-            yield from ("", title, "")
-            for k, (kind, *beads) in enumerate(terms.rows.tolist(), start=1):
-                yield f"{k} {kind} {' '.join(str(bead + 1) for bead in beads)}"
+) -> DataFile:
+    """The data file of a scene; ``places`` are box, positions and image flags (:func:`lammps_box`), ``extra_types`` stand for bonds."""
+    box, positions, images = places
+    n, count = scene.n_beads, len(types)
+    columns = {"id": np.arange(1, n + 1), "type": types.of_bead, "rho": np.zeros(n)} | _fields(scene, units)
+    columns["molecule"] = np.zeros(n, dtype=np.int64) if scene.molecules is None else scene.molecules
+    columns["charge"] = np.zeros(n) if scene.charges is None else scene.charges
+    masses = [mass / units.mass for mass in types.masses] + [1.0] * extra_types
+    return DataFile(
+        n_types=count + extra_types,
+        box=box.scaled(1.0 / units.length),
+        columns=columns,
+        positions=positions / units.length,
+        images=images,
+        velocities=velocities / units.velocity,
+        masses=dict(enumerate(masses, start=1)),
+        n_bond_types=len(bonds.types),
+        bonds=bonds.ids,
+        n_angle_types=len(angles.types),
+        angles=angles.ids,
+    )
 
 
-def _atom_lines(scene: Scene, units: UnitSystem, types: BeadTypes, styles: tuple[str, ...], positions, images) -> Iterator[str]:
+def _fields(scene: Scene, units: UnitSystem) -> dict[str, np.ndarray]:
     n, internal = scene.n_beads, scene.internal
-    x, y, z = (positions / units.length).T
-    zeros = np.zeros(n)
-    arrays: dict[str, np.ndarray] = {
-        "id": np.arange(1, n + 1),
-        "type": types.of_bead,
-        "molecule": np.zeros(n, dtype=np.int64) if scene.molecules is None else scene.molecules,
-        "charge": zeros if scene.charges is None else scene.charges,
-        "x": x,
-        "y": y,
-        "z": z,
-        "rho": zeros,
-    }
-    n_species = 0
     if isinstance(internal, InternalEnergy):
-        arrays["theta"] = internal_temperatures(internal, n) / units.thermal_energy
-    elif isinstance(internal, BeadTemperatures):
-        arrays["temperature"] = internal.values(n)[:, 0] / units.thermal_energy
-        arrays["capacity"] = internal.heat_capacities(n)
-    elif isinstance(internal, Concentrations):
-        n_species = internal.n_species
-        arrays |= {f"c{k}": column for k, column in enumerate(internal.values.T, start=1)}
-    chosen = columns_of(styles, n_species)
-    columns = [arrays[column].tolist() for column in chosen] + [column.tolist() for column in images.T]
-    yield from ("", f"Atoms # {styles[0] if len(styles) == 1 else 'hybrid'}", "")
-    for row in zip(*columns, strict=True):
-        yield " ".join(map(repr, row))
+        return {"theta": internal_temperatures(internal, n) / units.thermal_energy}
+    if isinstance(internal, BeadTemperatures):
+        return {"temperature": internal.values(n)[:, 0] / units.thermal_energy, "capacity": internal.heat_capacities(n)}
+    if isinstance(internal, Concentrations):
+        return {f"c{k}": column for k, column in enumerate(internal.values.T, start=1)}
+    return {}
 
 
 def internal_temperatures(internal: InternalEnergy, n: int) -> np.ndarray:

@@ -13,9 +13,9 @@ from ...model.internal import InternalEnergy
 from ...model.scene import Scene
 from ...plan import checked_seed
 from ...schemes import scheme_of
-from ...units import UNIT_SYSTEMS, UnitSystem, to_md, whole_number
+from ...units import UnitSystem, to_md, unit_system, whole_number
 from ..styles.writing import Differences
-from .export_beads import BeadTypes, Bonded, atom_styles, lammps_types
+from .export_beads import BeadTypes, Bonded, atom_styles, lammps_types, species_of
 from .export_bonded import angle_types, bond_types, longest_bond
 from .export_fixes import Integrator, choose_integrator
 
@@ -49,6 +49,11 @@ class Job:
     angles: Bonded
     images: np.ndarray | None = None
 
+    @property
+    def n_species(self) -> int:
+        """Number of concentrations of each bead."""
+        return species_of(self.scene)
+
 
 def refuse_unknown(scene: Scene) -> None:
     for item in fields(scene):
@@ -69,14 +74,12 @@ def make_job(scene: Scene, name, dt, steps, scheme, lam, seed, every, units, cor
     if not isinstance(step, float) or step <= 0:
         raise ParameterError(f"dt must be one time > 0, not {dt!r}")
     scheme = scheme_of(scheme).name
-    if units not in UNIT_SYSTEMS:
-        raise ParameterError(f"unknown units {units!r}; they must be one of {', '.join(UNIT_SYSTEMS)}")
     weight = to_md(lam, "dimensionless", "lam")
     if not isinstance(weight, float) or not 0 <= weight <= 1:
         raise ParameterError(f"lam (lambda of the modified velocity Verlet scheme) must be between 0 and 1, but is {lam!r}")
     number_of_steps = whole_number(steps, "steps", 0)
     interval = max(1, number_of_steps // 100) if every is None else whole_number(every, "every", 1)
-    system, differences = UNIT_SYSTEMS[units], Differences()
+    system, differences = unit_system(units), Differences()
     longest = max((c.cutoff for table in scene.tables for c in table.entries.values()), default=0.0)
     skin = 0.3 * longest if longest else 0.3 * system.length
     if scene.segments is not None and scene.segments.distance == "min":

@@ -12,10 +12,11 @@ from ...model.flow import AXES, gaps
 from ...model.internal import BeadTemperatures, Concentrations, InternalEnergy
 from ...model.scene import TemperatureRamp
 from ...units import LJ
+from ..files.data_lines import data_lines
 from ..styles.charges import charge_use
 from ..styles.srp import segment_use
 from ..styles.writing import PairExport, StyleUse, exact
-from .export_beads import atom_style_line, data_lines, lammps_box
+from .export_beads import atom_style_line, data_file, lammps_box
 from .export_bonded import longest_bond, style_lines
 from .export_charges import charge_lines, special_line
 from .export_fixes import eos_lines, flow_lines, integrator_lines, source_lines
@@ -59,27 +60,18 @@ def export_texts(job: Job) -> dict[str, str]:
     export = PairExport(scene, units, job.integrator.shardlow, job.name, differences)
     uses = pair_uses(export)
     segments = segment_use(scene, units, job.bonds.rows, len(job.types), differences)
-    box, positions, images = lammps_box(scene, job.corner, differences, job.images)
+    places = lammps_box(scene, job.corner, differences, job.images)
     eos, eos_table = eos_lines(scene, job.types, units, f"eos.{job.name}", differences)
-    data = data_lines(
-        scene,
-        units,
-        name=job.name,
-        types=job.types,
-        styles=job.styles,
-        box=box,
-        positions=positions,
-        images=images,
-        velocities=initial_velocities(scene, job.seed),
-        bonds=job.bonds,
-        angles=job.angles,
-        extra_types=int(segments is not None),
-    )
+    velocities, extra = initial_velocities(scene, job.seed), int(segments is not None)
+    data = data_file(scene, units, job.types, places, velocities, job.bonds, job.angles, extra)
+    remarks = dict(enumerate([*job.types.names, *["placeholder of bonds"] * extra], start=1))
+    title = f"{job.name}, written by openmm-dpd, units = {units.name}"
+    lines = data_lines(data, title, job.styles, job.n_species, remarks=remarks)
     charges = charge_use(scene, units, list(dict.fromkeys(job.types.names)), differences)
     uses += [use for use in (charges, segments) if use is not None]
     # made before the header, which lists what came up
     body = [*_setup(job, uses), *_runs(job, uses, eos)]
-    texts = {f"in.{job.name}": [*_header(job), *body], f"data.{job.name}": list(data)} | export.tables
+    texts = {f"in.{job.name}": [*_header(job), *body], f"data.{job.name}": list(lines)} | export.tables
     if eos_table:
         texts[f"eos.{job.name}"] = eos_table
     return {name: "\n".join(lines) + "\n" for name, lines in texts.items()}
@@ -115,8 +107,7 @@ def _boundary(job: Job) -> str:
 
 def _setup(job: Job, uses: list[StyleUse]) -> Iterator[str]:
     scene, length = job.scene, job.units.length
-    n_species = scene.internal.n_species if isinstance(scene.internal, Concentrations) else 0
-    yield from (f"units {job.units.name}", _boundary(job), atom_style_line(job.styles, n_species))
+    yield from (f"units {job.units.name}", _boundary(job), atom_style_line(job.styles, job.n_species))
     reach, bond = max([use.cutoff for use in uses], default=0.0) + job.skin, longest_bond(scene)
     if scene.segments is not None:
         reach += 1.1 * bond

@@ -7,13 +7,11 @@ import numpy as np
 from ...errors import ParameterError
 from ...model.electrostatics import SlaterCharges
 from ...units import COULOMB, UnitSystem
+from ..files.atom_styles import CHARGED_STYLES
 from ..language.lexer import located
 from ..state.deck_state import DeckState
 from ..state.pair_setup import PairStyle
 from ..styles.charges import QQR2E
-
-#: Atom styles whose beads have charges.
-CHARGED_STYLES = ("charge", "full")
 
 
 def electrostatics_of(state: DeckState) -> SlaterCharges | None:
