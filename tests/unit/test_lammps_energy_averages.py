@@ -371,7 +371,7 @@ def test_nothing_is_written_when_a_deck_is_only_read(tmp_path):
         ("compute x all reduce sum c_y\n", "there is no compute 'y'"),
         ("compute x all reduce sum c_ch[1]\n", "compute ch .style chunk/atom. has one value per bead; use c_ch"),
         ("compute p all property/atom x y\ncompute x all reduce sum c_p\n", "has 2 values per bead; use c_p.1. and so on"),
-        ("compute x all reduce sum c_ch\nthermo_style custom c_ch\n", "compute style chunk/atom has no value"),
+        ("compute x all reduce sum c_ch\nthermo_style custom c_ch\n", "compute ch .style chunk/atom. has values of single beads"),
         ("fix f all ave/chunk 1 1 1 zz vx\n", "'zz' is not the id of a compute chunk/atom; defined are ch"),
         ("fix f all ave/chunk 1 1 1 ch x\n", "expected vx, vy, vz, fx, fy, fz, mass, density/number, density/mass, temp"),
         ("fix f all ave/chunk 1 1 1 ch vx y\n", "'y' is neither a value nor an option"),

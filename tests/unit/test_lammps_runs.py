@@ -335,7 +335,7 @@ def test_no_fix_at_all_is_said(tmp_path):
         ("thermo_style custom c_thermo_press[1]\n", r"compute thermo_press has a single value only; use c_thermo_press"),
         ("variable a equal random(0,1,0.5)\nprint $a\n", "the seed of random must be a whole number of at least 1, not 0.5"),
         ("thermo_style custom f_1\n", "f_1: there is no fix '1' with a value; fix ave/time has values"),
-        ("compute m all momentum\nthermo_style custom c_m\n", "compute style momentum has no value"),
+        ("compute m all momentum\nthermo_style custom c_m\n", "compute m .style momentum. has no single value; use c_m.1."),
         ("compute x all vacf\n", "compute style 'vacf' is not supported"),
         ("compute x all dpd\n", "compute dpd needs atom_style dpd"),
         ("thermo_modify norm maybe\n", "expected yes or no for norm"),

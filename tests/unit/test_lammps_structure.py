@@ -95,7 +95,7 @@ def test_mean_positions_are_taken_once_a_step(tmp_path):
         ("compute t all temp\nthermo_style custom c_t[1][1]\n", "has no table of values"),
         ("compute t all temp\nvariable a equal c_t[1][1]\nthermo_style custom v_a\nrun 1\n", "has no table of values"),
         ("compute m all msd com maybe\n", "com"),
-        ("compute m all msd\nthermo_style custom c_m\n", "has no value"),
+        ("compute m all msd\nthermo_style custom c_m\n", "has no single value"),
         ("compute m two msd\ngroup two type 1\nthermo_style custom c_m[4]\nrun 1\n", "had 40 when it was defined"),
         ("compute g all gyration x\n", "and no more"),
     ],

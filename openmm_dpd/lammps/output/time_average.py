@@ -8,10 +8,11 @@ from ...errors import ParameterError
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..values.compute_spec import check_place
-from ..values.computes import COMPUTES, count_of, expanded
+from ..values.computes import compute_of, count_of, expanded
+from ..values.references import reference
 from ..values.resolver import Resolver
 from .averages import AveragingFix, Windows, file_of, form_of, parse_schedule, split_values
-from .thermo import check_word, compute_reference, fix_reference
+from .thermo import check_word
 
 
 class TimeAverage(AveragingFix):
@@ -41,13 +42,12 @@ class TimeAverage(AveragingFix):
         self._sum, self._count, self._latest = np.zeros(0), 0, np.zeros(0)
 
     def _read(self, moment: Resolver, word: str) -> np.ndarray:
-        if word.startswith("v_"):
-            return np.array(moment.variable_alone(word[2:]))
-        if word.startswith("f_"):
-            name, *indices = fix_reference(word)
+        kind, name, indices = found = reference(word)
+        if kind == "v":
+            return np.array(moment.variable_alone(name))
+        if kind == "f":
             return moment.fix_vector(name) if self._vector else np.array(moment.fix(name, *indices))
-        name, index, column = compute_reference(word)
-        return moment.compute_vector(name, index) if self._vector else np.array(moment.compute(name, index, column))
+        return moment.compute_vector(name, found.first) if self._vector else np.array(moment.compute(name, found.first, found.second))
 
     def sample(self, moment: Resolver) -> None:
         values = np.stack([self._read(moment, word) for word in self.words], axis=-1)
@@ -135,20 +135,19 @@ def parse_ave_time(state: DeckState, name: str, group: str, args: list[str]) -> 
 
 def _rows(state: DeckState, word: str) -> int:
     """Length of the vector that a word names; ParameterError if it is none."""
-    if word.startswith("f_"):
-        name, *indices = fix_reference(word)
+    kind, name, indices = reference(word)
+    if kind == "f":
         average = state.fixes[name].parameters.get("average") if name in state.fixes else None
         if indices or not isinstance(average, TimeAverage) or not average.size:
             raise ParameterError(f"fix ave/time mode vector: {word} is not a fix ave/time with a vector")
         return average.size
-    reference, index, column = compute_reference(word) if word.startswith("c_") else ("", 0, 0)
-    compute = state.computes.get(reference)
-    spec = None if compute is None else COMPUTES[compute.style]
-    if compute is not None and spec is not None and spec.array is not None and index is not None and column is None:
-        # a column of a table
-        check_place(compute, spec, 1, index)
-        return spec.rows(compute)
-    if index is not None:
+    if kind == "c" and len(indices) < 2 and name in state.computes:
+        compute, spec = compute_of(state, name)
+        if spec.array is not None and indices:
+            # a column of a table
+            check_place(compute, spec, 1, indices[0])
+            return spec.rows(compute)
+    if kind == "v" or indices:
         raise ParameterError(f"fix ave/time mode vector: expected a compute or fix with a vector (c_id, f_id), not '{word}'")
-    check_word(state, f"c_{reference}[1]")
-    return count_of(state, "c", reference)
+    check_word(state, f"c_{name}[1]")
+    return count_of(state, "c", name)

@@ -9,11 +9,11 @@ import numpy as np
 
 from ...errors import ParameterError
 from ...model.electrostatics import GaussianCharges, SlaterCharges, ewald_sum
-from ...model.pairs import NONE
 from ...model.scene import Scene
 from ...units import UnitSystem
 from ..language import arguments as read
-from ..state.pair_setup import Coefficient, PairStyle, Spec
+from ..state.pair_setup import Find, PairStyle, Spec, Values
+from .columns import cutoff_of, nothing
 from .dpd import STYLES as DPD_STYLES
 from .writing import Differences, StyleUse, exact
 
@@ -36,12 +36,12 @@ def _dpd_slater_settings(words: list[str]) -> dict:
     }
 
 
-def _dpd_slater_coefficient(style: PairStyle, words: list[str], _) -> tuple[dict, float | None]:
+def _dpd_slater_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
     """``A gamma [yes|no] [cutoff]``."""
     read.count(words, "A gamma [yes|no] [cutoff]", 2, 4)
     values: dict = {key: read.number(word, key) for key, word in zip(("A", "gamma"), words, strict=False)}
     values["charged"] = "yes" if len(words) > 2 and read.switch(words[2], "whether the pair is charged") else "no"
-    return values, read.positive(words[3], "the cutoff") if len(words) > 3 else None
+    return values, cutoff_of(words, 3)
 
 
 def _slater_settings(words: list[str]) -> dict:
@@ -51,20 +51,16 @@ def _slater_settings(words: list[str]) -> dict:
     return {"lamda": lamda, "cutoff_charges": cutoff}
 
 
-def _slater_coefficient(style: PairStyle, words: list[str], _) -> tuple[dict, float | None]:
+def _slater_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
     """No coefficients: ``pair_coeff * *``."""
     read.count(words, "pair_coeff i j (coul/slater/long has no coefficients)", 0)
     return {}, None
 
 
-def _dpd_slater_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> tuple[object, str | None]:
-    """The DPD part; the charges are those of the beads (charges.py)."""
-    return DPD_STYLES["dpd"].build(style, found, units)
-
-
 STYLES = {
-    "dpd/coul/slater/long": Spec(_dpd_slater_settings, _dpd_slater_coefficient, _dpd_slater_build, thermostat=True),
-    "coul/slater/long": Spec(_slater_settings, _slater_coefficient, lambda *_: (NONE, None), own_cutoffs=True),
+    # its build makes the DPD part; charges are those of the beads
+    "dpd/coul/slater/long": Spec(_dpd_slater_settings, _dpd_slater_coefficient, DPD_STYLES["dpd"].build, thermostat=True),
+    "coul/slater/long": Spec(_slater_settings, _slater_coefficient, nothing, own_cutoffs=True),
 }
 
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 
 from ...errors import ParameterError
 from ...model.pairs import DPD
 from ...units import UnitSystem
-from ..state.pair_setup import Coefficient, PairStyle, Spec
+from ..state.pair_setup import Coefficient, PairStyle, Spec, Term
 from .columns import Columns, seeded
 from .writing import Exports, Pair, PairExport, StyleUse, exact
 
@@ -18,17 +17,13 @@ from .writing import Exports, Pair, PairExport, StyleUse, exact
 def _dpd(name: str, temperatures: int, columns: Columns) -> Spec:
     """A style of the DPD family."""
 
-    def coefficient(style: PairStyle, words: list[str], _: Callable[[str], Path]) -> tuple[dict, float | None]:
-        return columns.read_with_cutoff(words)
-
-    def build(style: PairStyle, found: Coefficient, units: UnitSystem) -> tuple[object, str | None]:
-        values = columns.to_md({name: found.values[name] for name in columns.dimensions}, units)
-        term = DPD(**values, cutoff=style.cutoff(found) * units.length)  # type: ignore[operator]
+    def build(style: PairStyle, found: Coefficient, units: UnitSystem) -> Term:
+        term, _ = columns.builder(DPD)(style, found, units)
         for temperature in (style.settings["start"], style.settings["stop"]):
             term.check_temperature(temperature * units.thermal_energy)
         return term, None
 
-    return Spec(seeded(name, temperatures), coefficient, build, thermostat=True)
+    return Spec(seeded(name, temperatures), columns.coefficient, build, thermostat=True)
 
 
 _FORCE, _FRICTION, _NOISE = {"A": "force"}, {"gamma": "friction"}, {"sigma": "noise"}

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-
 from ...errors import ParameterError
 from ...model.edpd import EDPD
 from ...units import UnitSystem
 from ..language import arguments as read
-from ..state.pair_setup import Coefficient, PairStyle, Spec
+from ..state.pair_setup import Coefficient, Find, PairStyle, Spec, Term, Values
 from .columns import Columns, seeded
 from .writing import Exports, Pair, PairExport, StyleUse, exact
 
@@ -26,7 +23,7 @@ _COLUMNS = Columns(
 )
 
 
-def _edpd_coefficient(style: PairStyle, words: list[str], _: Callable[[str], Path]) -> tuple[dict, float | None]:
+def _edpd_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
     read.count(words, "A gamma power_f cutoff kappa power_T cutoff_T [power c1 c2 c3 c4] [kappa c1 c2 c3 c4]", 7, None)
     values: dict = _COLUMNS.read(words)
     for keyword, given in read.options(words[7:], {"power": 4, "kappa": 4}, "pair_coeff of edpd"):
@@ -35,8 +32,9 @@ def _edpd_coefficient(style: PairStyle, words: list[str], _: Callable[[str], Pat
     return values, None
 
 
-def _edpd_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> tuple[object, str | None]:
-    term = EDPD(**_COLUMNS.to_md(found.values, units))
+def _edpd_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> Term:
+    polynomials: dict = {name: values for name, values in found.values.items() if isinstance(values, tuple)}
+    term = EDPD(**_COLUMNS.to_md(found.values, units), **polynomials)
     remark = "pair edpd: forces and heat have different cutoffs, which LAMMPS does not compute correctly; here each has its own"
     return term, remark if term.cutoff_T != term.cutoff else None
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
+from functools import partial
 
 from ...model.pairs import LennardJones
 from ...units import UnitSystem
 from ..language import arguments as read
-from ..state.pair_setup import Coefficient, PairStyle, Spec
-from .columns import Columns
+from ..state.pair_setup import Coefficient, Find, PairStyle, Spec, Term, Values
+from .columns import Columns, cutoff_of
 from .writing import Exports, Pair, PairExport, StyleUse, exact
 
 MIXING = ("geometric", "arithmetic", "sixthpower")
@@ -22,15 +22,14 @@ def _lj_settings(words: list[str]) -> dict:
     return {"cutoff": read.positive(words[0], "the cutoff of lj/cut")}
 
 
-def _lj_coefficient(style: PairStyle, words: list[str], _: Callable[[str], Path]) -> tuple[dict, float | None]:
+def _lj_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
     read.count(words, "epsilon sigma [cutoff]", 2, 3)
     values = {"epsilon": read.non_negative(words[0], "epsilon"), "sigma": read.positive(words[1], "sigma")}
-    return values, read.positive(words[2], "the cutoff") if len(words) > 2 else None
+    return values, cutoff_of(words, 2)
 
 
-def _lj_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> tuple[object, str | None]:
-    cutoff = style.cutoff(found) * units.length  # type: ignore[operator]
-    return LennardJones(**_COLUMNS.to_md(found.values, units), cutoff=cutoff, shift=style.shift), None
+def _lj_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> Term:
+    return _COLUMNS.builder(partial(LennardJones, shift=style.shift))(style, found, units)
 
 
 def mixed(style: PairStyle, first: Coefficient, second: Coefficient) -> Coefficient:

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-
 from ...model.mdpd import MDPD
-from ...model.pairs import NONE
 from ...units import UnitSystem
 from ..language import arguments as read
-from ..state.pair_setup import Coefficient, PairStyle, Spec
-from .columns import Columns, seeded
+from ..state.pair_setup import Coefficient, Find, PairStyle, Spec, Term, Values
+from .columns import Columns, nothing, seeded
 from .writing import Exports, Pair, PairExport, StyleUse, exact
 
 _COLUMNS = Columns({"A": "force", "B": "force/density", "gamma": "friction", "cutoff": "length", "cutoff_B": "length"})
@@ -19,13 +15,13 @@ _COLUMNS = Columns({"A": "force", "B": "force/density", "gamma": "friction", "cu
 _DENSITY = Columns({"cutoff_density": "length"})
 
 
-def _mdpd_coefficient(style: PairStyle, words: list[str], _: Callable[[str], Path]) -> tuple[dict, float | None]:
+def _mdpd_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
     read.count(words, "A B gamma cutoff_A cutoff_B", 5)
     return _COLUMNS.read(words), None
 
 
-def _mdpd_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> tuple[object, str | None]:
-    return MDPD(**_DENSITY.to_md(_COLUMNS.to_md(found.values, units), units), kernel="lucy"), None
+def _mdpd_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> Term:
+    return MDPD(**_COLUMNS.to_md(found.values, units), **_DENSITY.to_md(found.values, units), kernel="lucy"), None
 
 
 def _rhosum_settings(words: list[str]) -> dict:
@@ -33,13 +29,13 @@ def _rhosum_settings(words: list[str]) -> dict:
     return {}
 
 
-def _rhosum_coefficient(style: PairStyle, words: list[str], _: Callable[[str], Path]) -> tuple[dict, float | None]:
+def _rhosum_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
     read.count(words, "cutoff", 1)
     return {}, read.positive(words[0], "the cutoff of the density")
 
 
 STYLES = {
-    "mdpd/rhosum": Spec(_rhosum_settings, _rhosum_coefficient, lambda *_: (NONE, None), atom_style="mdpd"),
+    "mdpd/rhosum": Spec(_rhosum_settings, _rhosum_coefficient, nothing, atom_style="mdpd"),
     "mdpd": Spec(seeded("mdpd", 1), _mdpd_coefficient, _mdpd_build, thermostat=True, atom_style="mdpd", own_cutoffs=True),
 }
 

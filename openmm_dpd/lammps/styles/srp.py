@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 
 from ...errors import ParameterError
-from ...model.pairs import NONE
 from ...model.scene import Scene
 from ...model.segments import DISTANCES
 from ...units import UnitSystem
 from ..language import arguments as read
-from ..state.pair_setup import PairStyle, Spec
+from ..state.pair_setup import Find, PairStyle, Spec, Values
+from .columns import cutoff_of, nothing
 from .writing import Differences, StyleUse, exact
 
 #: Words of the style that are no numbers.
@@ -40,13 +37,13 @@ def srp_settings(words: list[str]) -> dict:
     return found
 
 
-def _srp_coefficient(style: PairStyle, words: list[str], _: Callable[[str], Path]) -> tuple[dict, float | None]:
+def _srp_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
     """``A [cutoff]``."""
     read.count(words, "A [cutoff]", 1, 2)
-    return {"A": read.non_negative(words[0], "A")}, read.positive(words[1], "the cutoff") if len(words) > 1 else None
+    return {"A": read.non_negative(words[0], "A")}, cutoff_of(words, 1)
 
 
-STYLES = {"srp": Spec(srp_settings, _srp_coefficient, lambda *_: (NONE, None), words=_WORDS, of_bonds=True)}
+STYLES = {"srp": Spec(srp_settings, _srp_coefficient, nothing, words=_WORDS, of_bonds=True)}
 
 
 def segment_use(scene: Scene, units: UnitSystem, bonds: np.ndarray, n_types: int, differences: Differences) -> StyleUse | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,14 +15,13 @@ from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
 from ..state.records import Compute
 from .chunks import CHUNKS
-from .compute_spec import ComputeSpec, no_arguments
+from .compute_spec import ComputeSpec, check_place, no_arguments
 from .per_bead import BEAD_WORDS, PER_BEAD, require_atom_style
+from .references import reference
 from .structure_computes import STRUCTURE
 
 #: One word for several values: ``c_id[*]``, ``c_id[2*4]``, ``f_id[*]``.
 _WILD = re.compile(r"([cf])_(\w+)\[(\d*\*\d*)\]", re.ASCII)
-
-_REFERENCE = re.compile(r"c_(\w+)(?:\[(\d+)\])?", re.ASCII)
 
 
 def _all_only(style: str, allowed: tuple[str, ...]) -> Callable[[DeckState, str, list[str]], None]:
@@ -91,14 +91,6 @@ def _check_dpd(state: DeckState, group: str, words: list[str]) -> None:
 
 
 # -- values of single beads, by name -------------------------------------------------------------------------------------------
-def bead_reference(word: str) -> tuple[str, int | None]:
-    """Id and column of ``c_id`` or ``c_id[column]``."""
-    match = _REFERENCE.fullmatch(word)
-    if match is None:
-        raise ParameterError(f"expected c_id or c_id[column], not '{word}'")
-    return match[1], None if match[2] is None else int(match[2])
-
-
 def check_bead_word(state: DeckState, word: str, allowed: tuple[str, ...] = tuple(BEAD_WORDS), what: str = "a value of the beads") -> None:
     """Raise ParameterError unless a word names a value that every bead has."""
     if word.startswith("v_"):
@@ -109,17 +101,14 @@ def check_bead_word(state: DeckState, word: str, allowed: tuple[str, ...] = tupl
     if not word.startswith("c_"):
         read.choice(word, what, [*allowed, "c_id", "c_id[column]", "v_name"])
         return
-    name, column = bead_reference(word)
-    if name not in state.computes:
-        raise ParameterError(f"{word}: there is no compute '{name}'; defined are {', '.join(state.computes) or 'none'}")
-    compute = state.computes[name]
-    spec = COMPUTES[compute.style]
+    _, name, indices = reference(word)
+    compute, spec = compute_of(state, name, word)
     if spec.per_bead is None:
         raise ParameterError(f"{word}: compute style {compute.style} has no values of single beads")
     columns = spec.columns(compute)
-    if columns == 0 and column is not None:
+    if columns == 0 and indices:
         raise ParameterError(f"{word}: compute {name} (style {compute.style}) has one value per bead; use c_{name}")
-    if columns and (column is None or not 1 <= column <= columns):
+    if columns and (len(indices) != 1 or not 1 <= indices[0] <= columns):
         raise ParameterError(f"{word}: compute {name} (style {compute.style}) has {columns} values per bead; use c_{name}[1] and so on")
 
 
@@ -214,7 +203,41 @@ BUILT_IN = {
 }
 
 
-# -- names of several values ---------------------------------------------------------------------------------------------------
+# -- names of values -----------------------------------------------------------------------------------------------------------
+def compute_of(state: DeckState, name: str, word: str = "") -> tuple[Compute, ComputeSpec]:
+    """A compute of the deck and its style; ParameterError, which begins with ``word``, if there is none."""
+    if name not in state.computes:
+        known = ", ".join([*BUILT_IN, *state.computes])
+        raise ParameterError(f"{word}{': ' if word else ''}there is no compute '{name}'; defined are {known}")
+    compute = state.computes[name]
+    return compute, COMPUTES[compute.style]
+
+
+def average_of(state: DeckState, name: str) -> Any:
+    """The :class:`~openmm_dpd.lammps.output.averages.AveragingFix` of this name; ParameterError if there is none."""
+    average = state.fixes[name].parameters.get("average") if name in state.fixes else None
+    if average is None:
+        raise ParameterError(f"f_{name}: there is no fix '{name}' with a value; fix ave/time has values, fix ave/chunk f_id[bin][column]")
+    return average
+
+
+def check_value(state: DeckState, name: str, index: int | None, column: int | None, word: str = "") -> tuple[Compute, ComputeSpec]:
+    """The compute and its style; ParameterError unless ``c_name``, ``c_name[index]`` or ``c_name[index][column]`` may be a number."""
+    compute, spec = compute_of(state, name, word)
+    what = f"{word}{': ' if word else ''}compute {name} (style {compute.style})"
+    if spec.array is not None:
+        check_place(compute, spec, index, column)
+    elif column is not None:
+        raise ParameterError(f"{what} has no table of values")
+    elif spec.per_bead is not None:
+        raise ParameterError(f"{what} has values of single beads; use c_{name}[id] in a formula, compute reduce or fix ave/chunk")
+    elif index is None and spec.scalar is None:
+        raise ParameterError(f"{what} has no single value; use c_{name}[1]")
+    elif index is not None and spec.vector is None:
+        raise ParameterError(f"{what} has no vector; use c_{name}")
+    return compute, spec
+
+
 def expanded(state: DeckState, words: Sequence[str], tables: bool = False) -> tuple[str, ...]:
     """The words with every ``*`` in an index written out; with ``tables`` only columns of the tables of computes.
 
@@ -246,8 +269,5 @@ def count_of(state: DeckState, kind: str, name: str) -> int:
         fix = state.fixes.get(name)
         average = None if fix is None else fix.parameters.get("average")
         return 0 if average is None else average.size
-    compute = state.computes.get(name)
-    if compute is None:
-        raise ParameterError(f"there is no compute '{name}'; defined are {', '.join(state.computes) or 'none'}")
-    spec = COMPUTES[compute.style]
+    compute, spec = compute_of(state, name)
     return spec.columns(compute) if spec.per_bead is not None or spec.array is not None else spec.size(compute)
