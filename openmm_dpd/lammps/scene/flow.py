@@ -6,7 +6,8 @@ import numpy as np
 
 from ...errors import DeckError, DPDError, ParameterError
 from ...model.flow import AXES, SPECULAR, BodyForce, PositionForce, Wall
-from ..language.position_formulas import BEAD_CONSTANTS, Known, as_number, depends_on, position_formula
+from ..language.expressions import evaluate
+from ..language.position_formulas import BEAD_CONSTANTS, Known, depends_on, position_formula
 from ..state.deck_state import DeckState
 from ..state.records import Fix
 
@@ -31,7 +32,7 @@ def _added(state: DeckState, fix: Fix, members: np.ndarray) -> list[BodyForce | 
     words: list[str] = fix.parameters["force"]
     texts = [state.variables.get(word[2:]).text if word.startswith("v_") else word for word in words]
     if not any(depends_on(text, state.variables, {*AXES, *BEAD_CONSTANTS}) for text in texts):
-        force = [as_number(text, _known(state, 1)) * state.units.force for text in texts]
+        force = [evaluate(text, _known(state, 1)) * state.units.force for text in texts]
         return [BodyForce(np.array(force), beads=members)] if any(force) else []
     box = state.require_box("fix addforce")
     if np.any(np.abs(box.reduced_vectors - box.vectors) > 1e-9 * box.edges.max()) and all(state.periodic):

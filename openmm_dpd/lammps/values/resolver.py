@@ -7,8 +7,7 @@ import math
 import numpy as np
 
 from ...errors import ParameterError
-from ..language.bead_formulas import evaluate_beads
-from ..language.expressions import evaluate
+from ..language.expressions import Names, evaluate, evaluate_beads
 from ..state.moment import DeckMoment
 from .compute_spec import check_place
 from .computes import BUILT_IN, COMPUTES, average_of, check_value, compute_of
@@ -17,8 +16,8 @@ from .references import reference
 from .words import WORDS
 
 
-class Resolver(DeckMoment):
-    """A moment at which names have values, those of :class:`~openmm_dpd.lammps.language.bead_formulas.BeadNames`."""
+class Resolver(DeckMoment, Names):
+    """A moment at which names have values, those of :class:`~openmm_dpd.lammps.language.expressions.Names`."""
 
     def formula(self, text: str) -> float:
         """Value of a formula."""
@@ -100,7 +99,7 @@ class Resolver(DeckMoment):
             raise ParameterError(f"there is no fix '{name}' with a vector")
         return average.vector
 
-    # -- values of all beads (bead_formulas.BeadNames) ----------------------------------------------------------------------------
+    # -- values of all beads ----------------------------------------------------------------------------
     def bead_values(self, word: str) -> np.ndarray:
         """(N,) values of a word: one of :data:`BEAD_WORDS`, ``c_id``, ``c_id[column]``, or ``v_name`` of an atom-style variable."""
         if word.startswith("v_"):
