@@ -16,6 +16,7 @@ from lammps_beads import ours, same_beads, theirs
 
 from openmm_dpd.lammps import RunOptions, RunRequest, read_deck, run_deck
 from openmm_dpd.lammps.state.sample import DeckSample
+from openmm_dpd.lammps.values.resolver import Resolver
 
 MISSING = lammps_peer.why_missing()
 pytestmark = pytest.mark.skipif(MISSING is not None, reason=str(MISSING))
@@ -242,7 +243,7 @@ def test_thermo_words_and_dumps(tmp_path, units, norm, scale):
         found.update(request.thermo.values(sample))
         for dump in request.dumps:
             assert dump.due(request.first_step)
-            dump.write(state, request.first_step, scene.positions, scene.velocities)
+            dump.write(Resolver(state, sample, request.window))
 
     path = tmp_path / "in.ours"
     path.write_text(both)

@@ -10,6 +10,7 @@ import pytest
 from openmm_dpd.errors import DeckError, ParameterError
 from openmm_dpd.lammps import RunRequest, read_deck
 from openmm_dpd.lammps.state.sample import DeckSample
+from openmm_dpd.lammps.values.resolver import Resolver
 from openmm_dpd.lammps.values.words import WORDS
 from openmm_dpd.model.scene import TemperatureRamp
 
@@ -514,7 +515,8 @@ def dump_run(request: RunRequest) -> None:
         x = scene.positions + [0.1 * (step - request.first_step), 0, 0]
         for dump in request.dumps:
             if dump.due(step):
-                dump.write(request.state, step, x, scene.velocities, np.full_like(x, 3.0))
+                sample = DeckSample(step, positions=x, velocities=scene.velocities, forces=np.full_like(x, 3.0))
+                dump.write(Resolver(request.state, sample, request.window))
     request.finish(x, scene.velocities)
 
 
@@ -564,10 +566,10 @@ def test_dcd_dumps_go_on_over_runs(tmp_path):
 def test_forces_must_be_handed_over(tmp_path):
     (request,) = requests_of(tmp_path, "fix 1 all nve\ndump 1 all custom 10 a fx\nrun 1\n")
     (dump,) = request.dumps
-    assert dump.needs_forces
+    assert dump.needs(request.state) == {"positions", "forces"}
     scene = request.scene()
-    with pytest.raises(ParameterError, match="need the forces"):
-        dump.write(request.state, 0, scene.positions, scene.velocities)
+    with pytest.raises(ParameterError, match="did not measure forces"):
+        dump.write(Resolver(request.state, DeckSample(0, positions=scene.positions, velocities=scene.velocities), request.window))
     dump.close()
 
 

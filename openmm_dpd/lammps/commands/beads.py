@@ -11,7 +11,7 @@ from ..files.atom_styles import BONDED_STYLES, CHARGED_STYLES
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..values.resolver import Resolver
-from .setup import Handler
+from .setup import by_name
 
 
 def mass(state: DeckState, args: list[str]) -> None:
@@ -82,8 +82,7 @@ def group(state: DeckState, args: list[str]) -> None:
     read.count(args, "group ID style values ...", 2, None)
     state.require_box("group")
     name, style, *words = args
-    if not all(char.isascii() and (char.isalnum() or char == "_") for char in name):
-        raise ParameterError(f"the name of a group has letters, digits and underscores only, not '{name}'")
+    read.identifier(name, "the name of a group")
     if name == "all":
         raise ParameterError("group all is fixed: it always holds every bead")
     if style == "delete":
@@ -124,20 +123,13 @@ def _selected(state: DeckState, style: str, word: str) -> np.ndarray:
     return (values >= first) & (values <= last)
 
 
-def _type(state: DeckState, word: str) -> int:
-    kind = read.integer(word, "the atom type", 1)
-    if kind > state.n_types:
-        raise ParameterError(f"atom type {kind} is out of range: there are {state.n_types}")
-    return kind
-
-
 def _set_type(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
-    state.atoms.types[mask] = _type(state, words[0])
+    state.atoms.types[mask] = state.type_number(words[0])
 
 
 def _set_fraction(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
     fraction, rng = _fraction(words[1]), np.random.default_rng(read.integer(words[2], "the seed", 1))
-    state.atoms.types[mask & (rng.random(len(mask)) < fraction)] = _type(state, words[0])
+    state.atoms.types[mask & (rng.random(len(mask)) < fraction)] = state.type_number(words[0])
 
 
 def _fraction(word: str) -> float:
@@ -153,7 +145,7 @@ def _set_subset(state: DeckState, mask: np.ndarray, words: list[str], ratio: boo
     if wanted > len(beads):
         raise ParameterError(f"set type/subset asks for {wanted} of {len(beads)} beads")
     rng = np.random.default_rng(read.integer(words[2], "the seed", 1))
-    state.atoms.types[rng.choice(beads, wanted, replace=False)] = _type(state, words[0])
+    state.atoms.types[rng.choice(beads, wanted, replace=False)] = state.type_number(words[0])
 
 
 def _value(state: DeckState, word: str, what: str) -> float:
@@ -164,13 +156,8 @@ def _value(state: DeckState, word: str, what: str) -> float:
     return Resolver(state, state.last_sample if current else None).variable_alone(word[2:])
 
 
-def _needs_style(state: DeckState, style: str, what: str) -> None:
-    if state.atom_style != style:
-        raise ParameterError(f"atom_style {state.atom_style} has no {what}; it belongs to atom_style {style}")
-
-
 def _set_theta(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
-    _needs_style(state, "dpd", "dpd/theta")
+    state.require_atom_style("dpd", "set dpd/theta")
     if words[0] == "NULL":
         speed2 = np.sum((state.atoms.velocities[mask] * state.units.velocity) ** 2, axis=1)
         values = state.bead_masses()[mask] * speed2 / (3 * state.units.thermal_energy)
@@ -194,18 +181,16 @@ def _positive(value: float, what: str) -> float:
 
 def _set_thermal(what: str, array: str) -> Callable[[DeckState, np.ndarray, list[str]], None]:
     def handler(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
-        _needs_style(state, "edpd", what)
+        state.require_atom_style("edpd", f"set {what}")
         getattr(state.atoms, array)[mask] = _positive(_value(state, words[0], what), what)
 
     return handler
 
 
 def _set_concentration(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
-    _needs_style(state, "tdpd", "cc")
-    species = read.integer(words[0], "the number of the species", 1)
-    if species > state.n_species:
-        raise ParameterError(f"set cc {species}: atom_style tdpd has {state.n_species} species")
-    state.atoms.concentrations[mask, species - 1] = _value(state, words[1], "cc")
+    state.require_atom_style("tdpd", "set cc")
+    species = state.species(words[0], "set cc")
+    state.atoms.concentrations[mask, species] = _value(state, words[1], "cc")
 
 
 def _set_charge(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
@@ -220,17 +205,10 @@ def _set_molecule(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
     state.atoms.molecules[mask] = read.integer(words[0], "the molecule id", 0)
 
 
-def _set_position(axis: int) -> Callable[[DeckState, np.ndarray, list[str]], None]:
+def _set_vector(array: str, axis: int, what: str) -> Callable[[DeckState, np.ndarray, list[str]], None]:
     def handler(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
-        # outside the box it stays there until the next run begins, for regions and ramps too
-        state.atoms.positions[mask, axis] = read.number(words[0], "the coordinate")
-
-    return handler
-
-
-def _set_velocity(axis: int) -> Callable[[DeckState, np.ndarray, list[str]], None]:
-    def handler(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
-        state.atoms.velocities[mask, axis] = read.number(words[0], "the velocity")
+        # a position outside the box stays there until the next run begins, for regions and ramps too
+        getattr(state.atoms, array)[mask, axis] = read.number(words[0], what)
 
     return handler
 
@@ -262,8 +240,8 @@ SETTERS: dict[str, tuple[int, Callable[[DeckState, np.ndarray, list[str]], None]
     "edpd/cv": (1, _set_thermal("edpd/cv", "capacities")),
     "cc": (2, _set_concentration),
     "image": (3, _set_image),
-    **{axis: (1, _set_position(k)) for k, axis in enumerate("xyz")},
-    **{f"v{axis}": (1, _set_velocity(k)) for k, axis in enumerate("xyz")},
+    **{axis: (1, _set_vector("positions", k, "the coordinate")) for k, axis in enumerate("xyz")},
+    **{f"v{axis}": (1, _set_vector("velocities", k, "the velocity")) for k, axis in enumerate("xyz")},
 }
 
 
@@ -279,4 +257,4 @@ def set_(state: DeckState, args: list[str]) -> None:
         SETTERS[name][1](state, mask, words)
 
 
-COMMANDS: dict[str, Handler] = {"mass": mass, "group": group, "set": set_}
+COMMANDS = by_name(mass, group, set_)

@@ -9,7 +9,7 @@ from ..language import arguments as read
 from ..state.bonded_setup import BondedSetup
 from ..state.deck_state import DeckState
 from ..styles.bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedStyle
-from .setup import Handler
+from .setup import by_name
 
 
 def _setup(state: DeckState, args: list[str], what: str, known: dict[str, BondedStyle], old: BondedSetup) -> BondedSetup:
@@ -80,9 +80,4 @@ def angle_coeff(state: DeckState, args: list[str]) -> None:
     _coefficients(state, args, "angle", ANGLE_STYLES, state.angle, state.n_angle_types)
 
 
-COMMANDS: dict[str, Handler] = {
-    "bond_style": bond_style,
-    "bond_coeff": bond_coeff,
-    "angle_style": angle_style,
-    "angle_coeff": angle_coeff,
-}
+COMMANDS = by_name(bond_style, bond_coeff, angle_style, angle_coeff)

@@ -20,7 +20,7 @@ from ..state.lattice import parse_lattice
 from ..state.regions import parse_region
 from .bonded import angle_coeff, bond_coeff
 from .pairs import pair_coeff
-from .setup import Handler
+from .setup import by_name
 
 
 def lattice(state: DeckState, args: list[str]) -> None:
@@ -78,9 +78,7 @@ def create_atoms(state: DeckState, args: list[str]) -> None:
     """``create_atoms type box | region ID | random N seed ID|NULL | single x y z``, with options."""
     read.count(args, "create_atoms type style ...", 2, None)
     state.require_box("create_atoms")
-    kind = read.integer(args[0], "the atom type", 1)
-    if kind > state.n_types:
-        raise ParameterError(f"atom type {kind} is out of range: there are {state.n_types}")
+    kind = state.type_number(args[0])
     sizes = {"box": 0, "region": 1, "random": 3, "single": 3}
     style = read.choice(args[1], "the style of create_atoms", list(sizes))
     words, rest = args[2 : 2 + sizes[style]], args[2 + sizes[style] :]
@@ -93,8 +91,7 @@ def create_atoms(state: DeckState, args: list[str]) -> None:
         if keyword == "basis":
             basis[read.integer(values[0], "the number of the basis atom", 1)] = read.integer(values[1], "its type", 1)
         options[keyword] = values
-    units = read.choice(options.get("units", ["lattice"])[0], "units", ("lattice", "box"))
-    scale = np.ones(3) if units == "box" else state.lattice.spacing
+    scale = state.spacing(options.get("units", ["lattice"])[0])
     if style == "random":
         points = _random_points(state, words, options)
         types = np.full(len(points), kind)
@@ -295,11 +292,4 @@ def delete_atoms(state: DeckState, args: list[str]) -> None:
         state.atoms.ids = np.arange(1, len(kept) + 1)
 
 
-COMMANDS: dict[str, Handler] = {
-    "lattice": lattice,
-    "region": region,
-    "create_box": create_box,
-    "create_atoms": create_atoms,
-    "read_data": read_data,
-    "delete_atoms": delete_atoms,
-}
+COMMANDS = by_name(lattice, region, create_box, create_atoms, read_data, delete_atoms)

@@ -13,7 +13,7 @@ from ..state.deck_state import DeckState
 from ..state.records import Fix
 from .energy_fixes import ENERGY_FIXES
 from .flow_fixes import FLOW_FIXES
-from .setup import Handler
+from .setup import by_name
 
 
 def _nve(state: DeckState, group: str, words: list[str]) -> dict:
@@ -60,8 +60,7 @@ def fix(state: DeckState, args: list[str]) -> None:
     read.count(args, "fix ID group style ...", 3, None)
     state.require_box("fix")
     name, group, style, *words = args
-    if not all(char.isalnum() or char == "_" for char in name):
-        raise ParameterError(f"the id of a fix has letters, digits and underscores only, not '{name}'")
+    read.identifier(name, "the id of a fix")
     state.group(group)
     if style not in FIX_STYLES and style not in AVERAGES:
         raise ParameterError(f"fix style '{style}' is not supported; supported are {', '.join([*FIX_STYLES, *AVERAGES])}")
@@ -104,9 +103,4 @@ def reset_timestep(state: DeckState, args: list[str]) -> None:
         dump.last_step = None
 
 
-COMMANDS: dict[str, Handler] = {
-    "fix": fix,
-    "unfix": unfix,
-    "timestep": timestep,
-    "reset_timestep": reset_timestep,
-}
+COMMANDS = by_name(fix, unfix, timestep, reset_timestep)

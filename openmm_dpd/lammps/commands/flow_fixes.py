@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
-
 from ...errors import ParameterError
 from ...model.flow import AXES
 from ..language import arguments as read
@@ -55,8 +53,7 @@ def _wall_reflect(state: DeckState, group: str, words: list[str]) -> dict:
     faces: dict[str, str] = {}
     for keyword, values in read.options(words, {**dict.fromkeys(_FACES, 1), "units": 1}, "fix wall/reflect"):
         if keyword == "units":
-            if read.choice(values[0], "units", ("box", "lattice")) == "box":
-                scale = np.ones(3)
+            scale = state.spacing(values[0])
         elif keyword in faces:
             raise ParameterError(f"fix wall/reflect names {keyword} twice")
         else:

@@ -17,7 +17,7 @@ from ..state.deck_state import DeckState
 from ..state.records import Compute, Dump, ThermoSettings
 from ..values.computes import BUILT_IN, COMPUTES, check_bead_word, expanded
 from ..values.resolver import Resolver
-from .setup import Handler
+from .setup import by_name
 
 
 def expand(state: DeckState, text: str) -> str:
@@ -261,16 +261,4 @@ def print_(state: DeckState, args: list[str]) -> None:
         state.log(text)
 
 
-COMMANDS: dict[str, Handler] = {
-    "thermo": thermo,
-    "thermo_style": thermo_style,
-    "thermo_modify": thermo_modify,
-    "compute": compute,
-    "uncompute": uncompute,
-    "dump": dump,
-    "undump": undump,
-    "dump_modify": dump_modify,
-    "write_data": write_data,
-    "variable": variable,
-    "print": print_,
-}
+COMMANDS = by_name(thermo, thermo_style, thermo_modify, compute, uncompute, dump, undump, dump_modify, write_data, variable, print_)

@@ -15,6 +15,11 @@ from ..state.deck_state import DeckState
 Handler = Callable[[DeckState, list[str]], None]
 
 
+def by_name(*handlers: Handler) -> dict[str, Handler]:
+    """A table of commands by the names of the functions; those that mean something else in Python end with an underscore."""
+    return {handler.__name__.rstrip("_"): handler for handler in handlers}
+
+
 #: Atom styles whose models are written in reduced units.
 REDUCED = ("edpd", "tdpd", "mdpd")
 
@@ -103,28 +108,7 @@ def _ignored(command: str) -> Handler:
 
 
 #: Commands about how LAMMPS organises its work: read, said once, ignored.
-IGNORED = (
-    "comm_modify",
-    "comm_style",
-    "echo",
-    "info",
-    "log",
-    "neighbor",
-    "newton",
-    "package",
-    "processors",
-    "suffix",
-    "timer",
-)
+IGNORED = tuple("comm_modify comm_style echo info log neighbor newton package processors suffix timer".split())
 
-COMMANDS: dict[str, Handler] = {
-    "units": units,
-    "dimension": dimension,
-    "boundary": boundary,
-    "atom_style": atom_style,
-    "atom_modify": atom_modify,
-    "neigh_modify": neigh_modify,
-    "restart": restart,
-    "run_style": run_style,
-    **{name: _ignored(name) for name in IGNORED},
-}
+COMMANDS = by_name(units, dimension, boundary, atom_style, atom_modify, neigh_modify, restart, run_style)
+COMMANDS |= {name: _ignored(name) for name in IGNORED}

@@ -11,7 +11,7 @@ from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.records import Compute
 from ..values.resolver import Resolver
-from .setup import Handler
+from .setup import by_name
 
 _SIZES = {"dist": 1, "sum": 1, "mom": 1, "rot": 1, "loop": 1, "units": 1, "temp": 1, "bias": 1, "rigid": 1}
 
@@ -121,13 +121,8 @@ def _scramble(word: np.ndarray) -> np.ndarray:
     return word ^ (word >> np.uint64(31))
 
 
-def _scale_of(state: DeckState, options: dict[str, str]) -> np.ndarray:
-    kind = read.choice(options.get("units", "lattice"), "units", ("box", "lattice"))
-    return np.ones(3) if kind == "box" else state.lattice.spacing
-
-
 def _set(state: DeckState, group: str, mask: np.ndarray, words: list[str], options: dict[str, str]) -> None:
-    scale, add = _scale_of(state, options), read.switch(options.get("sum", "no"), "sum")
+    scale, add = state.spacing(options.get("units", "lattice")), read.switch(options.get("sum", "no"), "sum")
     for axis, word in enumerate(words):
         if word == "NULL":
             continue
@@ -142,7 +137,7 @@ def _scale(state: DeckState, group: str, mask: np.ndarray, words: list[str], opt
 def _ramp(state: DeckState, group: str, mask: np.ndarray, words: list[str], options: dict[str, str]) -> None:
     component = read.choice(words[0], "the component of ramp", ("vx", "vy", "vz"))
     direction = "xyz".index(read.choice(words[3], "the direction of ramp", ("x", "y", "z")))
-    axis, scale = "xyz".index(component[1]), _scale_of(state, options)
+    axis, scale = "xyz".index(component[1]), state.spacing(options.get("units", "lattice"))
     start, stop = (read.number(word, "a velocity of ramp") * scale[axis] for word in words[1:3])
     low, high = (read.number(word, "a coordinate of ramp") * scale[direction] for word in words[4:6])
     if high <= low:
@@ -168,4 +163,4 @@ _STYLES: dict[str, tuple[int, Callable[[DeckState, str, np.ndarray, list[str], d
     "zero": (1, _zero),
 }
 
-COMMANDS: dict[str, Handler] = {"velocity": velocity}
+COMMANDS = by_name(velocity)

@@ -68,6 +68,13 @@ def switch(word: str, what: str) -> bool:
         raise ParameterError(f"expected yes or no for {what}, not '{word}'") from None
 
 
+def identifier(word: str, what: str) -> str:
+    """A name of letters, digits and underscores."""
+    if not word or not all(char.isascii() and (char.isalnum() or char == "_") for char in word):
+        raise ParameterError(f"{what} has letters, digits and underscores only, not '{word}'")
+    return word
+
+
 def choice(word: str, what: str, allowed: Sequence[str]) -> str:
     """One of a few words."""
     if word not in allowed:

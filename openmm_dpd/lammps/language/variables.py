@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from ...errors import DeckError, DPDError, ParameterError
-from .arguments import as_float
+from .arguments import as_float, identifier
 from .lexer import Line
 
 STYLES = ("equal", "atom", "string", "index", "loop", "delete")
@@ -43,23 +43,18 @@ class Variables:
         self._found: dict[str, Variable] = {}
         self._evaluating: list[str] = []
         for name, value in (command_line or {}).items():
-            self._check_name(name)
+            identifier(name, "a variable's name")
             self._found[name] = Variable("index", str(value), None)
 
     def __contains__(self, name: str) -> bool:
         return name in self._found
-
-    @staticmethod
-    def _check_name(name: str) -> None:
-        if not name or not all(char.isascii() and (char.isalnum() or char == "_") for char in name):
-            raise ParameterError(f"a variable's name has letters, digits and underscores only, not {name!r}")
 
     def define(self, args: list[str], where: Line, expand: Callable[[str], str]) -> None:
         """Carry out ``variable name style args``; ``expand`` substitutes ``$`` in the text of string-style variables."""
         if len(args) < 2:
             raise ParameterError("expected 'variable name style value'")
         name, style, *values = args
-        self._check_name(name)
+        identifier(name, "a variable's name")
         if style not in STYLES:
             raise ParameterError(f"variable style '{style}' is not supported; supported are {', '.join(STYLES)}")
         if style == "delete":

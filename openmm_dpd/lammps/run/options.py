@@ -75,7 +75,11 @@ class RunOptions:
 def first_request(path: str | Path, options: RunOptions, variables: Mapping[str, str] | None) -> RunRequest:
     """The request of a deck's first run, with what the options override."""
     state = read_deck(path, variables=variables or {}, stop_before_first_run=True)
-    request = state.first_run
-    assert request is not None
-    dt = None if options.dt is None else options.dt * state.units.time
+    assert state.first_run is not None
+    return overridden(state.first_run, options)
+
+
+def overridden(request: RunRequest, options: RunOptions) -> RunRequest:
+    """The request with what the options override."""
+    dt = None if options.dt is None else options.dt * request.state.units.time
     return request.override(steps=options.steps, dt=dt, scheme=options.scheme, compat=options.compat)

@@ -128,13 +128,8 @@ class RunRequest:
         """The request with another number of steps, time step (ps), scheme or ``compat``; a given dt becomes the deck's as well."""
         if dt is not None and dt != self.state.timestep:
             self.state.set_timestep(dt)
-        return replace(
-            self,
-            steps=self.steps if steps is None else steps,
-            dt=self.dt if dt is None else dt,
-            scheme=self.scheme if scheme is None else scheme,
-            compat=self.compat if compat is None else compat,
-        )
+        given = {"steps": steps, "dt": dt, "scheme": scheme, "compat": compat}
+        return replace(self, **{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
 
     def finish(
         self,

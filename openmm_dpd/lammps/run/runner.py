@@ -25,7 +25,7 @@ from ..output.thermo import ALWAYS
 from ..state.deck_state import DeckState
 from ..values.resolver import Resolver
 from .building import build_request, connect_barostat
-from .options import RunOptions
+from .options import RunOptions, overridden
 from .request import RunRequest
 from .result import RunResult
 from .sampling import CHEAP, Sampler, arrays
@@ -87,8 +87,7 @@ class DeckRunner:
     def __call__(self, request: RunRequest) -> None:
         """Carry out one run."""
         options, state = self.options, request.state
-        dt = None if options.dt is None else options.dt * state.units.time
-        request = request.override(steps=options.steps, dt=dt, scheme=options.scheme, compat=options.compat)
+        request = overridden(request, options)
         if options.discard > request.steps:
             # the last step has a row always
             raise RunError(f"{_where(request)}--discard {options.discard} leaves nothing to average of a run of {request.steps} steps")
@@ -227,16 +226,14 @@ class DeckRunner:
         framed = self.trajectory is not None and self.trajectory.due(step)
         if not due and not framed:
             return
-        x, v, box = arrays(sampler.context)
-        needs: frozenset[str] = frozenset().union(*(dump.needs(request.state) for dump in due))
-        if any(dump.needs_forces for dump in due):
-            needs |= {"forces"}
+        needs = frozenset(("positions",)).union(*(dump.needs(request.state) for dump in due))
         sample = sampler.cheap(step, needs, 0.0) if needs <= CHEAP else sampler.full(step, needs, 0.0)[0]
         moment = Resolver(request.state, sample, request.window)
         for dump in due:
-            dump.write(request.state, step, x, v, sample.forces, box, moment)
+            dump.write(moment)
         if framed and self.trajectory is not None:
-            self.trajectory.write(x, box, sampler.context, step)
+            assert sample.positions is not None and sample.box is not None
+            self.trajectory.write(sample.positions, sample.box, sampler.context, step)
 
 
 def _where(request: RunRequest) -> str:

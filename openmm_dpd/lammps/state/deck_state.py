@@ -12,6 +12,7 @@ import numpy as np
 from ...errors import ParameterError
 from ...files import writing
 from ...units import LJ, UnitSystem
+from ..language import arguments as read
 from ..language.lexer import Line
 from ..language.variables import Variables
 from .atoms import Atoms
@@ -143,6 +144,29 @@ class DeckState:
         """ParameterError if the box exists already."""
         if self.box is not None:
             raise ParameterError(f"{command} must come before the simulation box is defined")
+
+    def require_atom_style(self, style: str, what: str) -> None:
+        """ParameterError unless the deck has the atom style that something needs."""
+        if self.atom_style != style:
+            raise ParameterError(f"{what} needs atom_style {style}, but the deck has atom_style {self.atom_style}")
+
+    def species(self, word: str, what: str) -> int:
+        """Index of a species from its number in the deck, which counts from 1."""
+        number = read.integer(word, "the number of the species", 1)
+        if number > self.n_species:
+            raise ParameterError(f"{what}: there is no species {number}; atom_style tdpd has {self.n_species}")
+        return number - 1
+
+    def type_number(self, word: str) -> int:
+        """A type of beads."""
+        kind = read.integer(word, "the atom type", 1)
+        if kind > self.n_types:
+            raise ParameterError(f"atom type {kind} is out of range: there are {self.n_types}")
+        return kind
+
+    def spacing(self, units: str) -> np.ndarray:
+        """What the options ``units box`` and ``units lattice`` mean along each axis."""
+        return np.ones(3) if read.choice(units, "units", ("box", "lattice")) == "box" else self.lattice.spacing
 
     def group(self, name: str) -> np.ndarray:
         """Members of a group as a mask."""

@@ -13,7 +13,7 @@ from ...model.scene import Scene
 from ...units import UnitSystem
 from ..language import arguments as read
 from ..state.pair_setup import Find, PairStyle, Spec, Values
-from .columns import cutoff_of, nothing
+from .columns import cutoff_of, no_force
 from .dpd import STYLES as DPD_STYLES
 from .writing import Differences, StyleUse, exact
 
@@ -60,7 +60,7 @@ def _slater_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
 STYLES = {
     # its build makes the DPD part; charges are those of the beads
     "dpd/coul/slater/long": Spec(_dpd_slater_settings, _dpd_slater_coefficient, DPD_STYLES["dpd"].build, thermostat=True),
-    "coul/slater/long": Spec(_slater_settings, _slater_coefficient, nothing, own_cutoffs=True),
+    "coul/slater/long": Spec(_slater_settings, _slater_coefficient, no_force, own_cutoffs=True),
 }
 
 

@@ -77,7 +77,7 @@ def cutoff_of(words: list[str], at: int, what: str = "the cutoff") -> float | No
     return read.positive(words[at], what) if len(words) > at else None
 
 
-def nothing(style: PairStyle, found: Coefficient, units: UnitSystem) -> Term:
+def no_force(style: PairStyle, found: Coefficient, units: UnitSystem) -> Term:
     """``Spec.build`` of a style that puts no force between pairs of beads."""
     return NONE, None
 

@@ -6,7 +6,7 @@ from ...model.mdpd import MDPD
 from ...units import UnitSystem
 from ..language import arguments as read
 from ..state.pair_setup import Coefficient, Find, PairStyle, Spec, Term, Values
-from .columns import Columns, nothing, seeded
+from .columns import Columns, no_force, seeded
 from .writing import Exports, Pair, PairExport, StyleUse, exact
 
 _COLUMNS = Columns({"A": "force", "B": "force/density", "gamma": "friction", "cutoff": "length", "cutoff_B": "length"})
@@ -35,7 +35,7 @@ def _rhosum_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
 
 
 STYLES = {
-    "mdpd/rhosum": Spec(_rhosum_settings, _rhosum_coefficient, nothing, atom_style="mdpd"),
+    "mdpd/rhosum": Spec(_rhosum_settings, _rhosum_coefficient, no_force, atom_style="mdpd"),
     "mdpd": Spec(seeded("mdpd", 1), _mdpd_coefficient, _mdpd_build, thermostat=True, atom_style="mdpd", own_cutoffs=True),
 }
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from ..language import arguments as read
 from ..state.pair_setup import Spec
 from . import charges, dpd, edpd, energy, lennard_jones, mdpd, srp, table, tdpd
-from .columns import cutoff_of, nothing
+from .columns import cutoff_of, no_force
 from .writing import Exports
 
 
@@ -24,7 +24,7 @@ _FILES = (dpd, energy, edpd, tdpd, mdpd, lennard_jones, table, charges, srp)
 
 #: Pair styles by name.
 PAIR_STYLES: dict[str, Spec] = {name: spec for file in _FILES for name, spec in file.STYLES.items()} | {
-    "zero": Spec(_zero_settings, lambda style, words, find: ({}, cutoff_of(words, 0)), nothing)
+    "zero": Spec(_zero_settings, lambda style, words, find: ({}, cutoff_of(words, 0)), no_force)
 }
 
 #: From the kind of a table of a scene to the styles that say the same.

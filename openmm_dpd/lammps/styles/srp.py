@@ -10,7 +10,7 @@ from ...model.segments import DISTANCES
 from ...units import UnitSystem
 from ..language import arguments as read
 from ..state.pair_setup import Find, PairStyle, Spec, Values
-from .columns import cutoff_of, nothing
+from .columns import cutoff_of, no_force
 from .writing import Differences, StyleUse, exact
 
 #: Words of the style that are no numbers.
@@ -43,7 +43,7 @@ def _srp_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
     return {"A": read.non_negative(words[0], "A")}, cutoff_of(words, 1)
 
 
-STYLES = {"srp": Spec(srp_settings, _srp_coefficient, nothing, words=_WORDS, of_bonds=True)}
+STYLES = {"srp": Spec(srp_settings, _srp_coefficient, no_force, words=_WORDS, of_bonds=True)}
 
 
 def segment_use(scene: Scene, units: UnitSystem, bonds: np.ndarray, n_types: int, differences: Differences) -> StyleUse | None:

@@ -16,7 +16,7 @@ from ..state.moment import DeckMoment
 from ..state.records import Compute
 from .chunks import CHUNKS
 from .compute_spec import ComputeSpec, check_place, no_arguments
-from .per_bead import BEAD_WORDS, PER_BEAD, require_atom_style
+from .per_bead import BEAD_WORDS, PER_BEAD, style_only
 from .references import reference
 from .structure_computes import STRUCTURE
 
@@ -83,11 +83,6 @@ def _dpd(moment: DeckMoment, compute: Compute) -> np.ndarray:
     harmonic = len(thetas) / np.sum(1 / thetas) if len(thetas) and np.all(thetas > 0) else 0.0
     # LAMMPS's third energy is chemical: there are no reactions here
     return np.array([conductive, mechanical, 0.0, harmonic, float(len(thetas))])
-
-
-def _check_dpd(state: DeckState, group: str, words: list[str]) -> None:
-    no_arguments()(state, group, words)
-    require_atom_style(state, "dpd", "dpd")
 
 
 # -- values of single beads, by name -------------------------------------------------------------------------------------------
@@ -176,7 +171,7 @@ COMPUTES: dict[str, ComputeSpec] = {
     "pressure": ComputeSpec(_check_pressure, _pressure, needs=("virial", "velocities")),
     "com": ComputeSpec(no_arguments(), vector=_centre, size=lambda compute: 3, needs=("positions",)),
     "momentum": ComputeSpec(no_arguments(), vector=_momentum, extensive=True, size=lambda compute: 3, needs=("velocities",)),
-    "dpd": ComputeSpec(_check_dpd, vector=_dpd, size=lambda compute: 5, needs=("fields",)),
+    "dpd": ComputeSpec(style_only("dpd", "dpd"), vector=_dpd, size=lambda compute: 5, needs=("fields",)),
     "reduce": REDUCE,
     "chunk/atom": CHUNKS,
     **STRUCTURE,

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...errors import ParameterError
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
@@ -82,7 +81,7 @@ def _check_property(state: DeckState, group: str, words: list[str]) -> None:
     for word in words:
         read.choice(word, "a value of compute property/atom", list(PROPERTIES))
         if word == "rho":
-            require_atom_style(state, "property/atom rho", "mdpd")
+            state.require_atom_style("mdpd", "compute property/atom rho")
 
 
 def _kinetic(moment: DeckMoment, compute: Compute) -> np.ndarray:
@@ -106,26 +105,20 @@ def _concentration(moment: DeckMoment, compute: Compute) -> np.ndarray:
     return _in_group(moment, compute, moment.field("concentrations")[:, compute.settings])
 
 
-def _style_only(style: str, atom_style: str) -> Callable[[DeckState, str, list[str]], None]:
+def style_only(style: str, atom_style: str) -> Callable[[DeckState, str, list[str]], None]:
+    """The check of a style that has no arguments and needs an atom style."""
+
     def check(state: DeckState, group: str, words: list[str]) -> None:
         no_arguments(style)(state, group, words)
-        require_atom_style(state, style, atom_style)
+        state.require_atom_style(atom_style, f"compute {style}")
 
     return check
 
 
-def require_atom_style(state: DeckState, style: str, atom_style: str) -> None:
-    """Raise ParameterError unless the deck has the atom style that a compute needs."""
-    if state.atom_style != atom_style:
-        raise ParameterError(f"compute {style} needs atom_style {atom_style}, but the deck has atom_style {state.atom_style}")
-
-
-def _check_concentration(state: DeckState, group: str, words: list[str]) -> None:
+def _species(state: DeckState, group: str, words: list[str]) -> int:
     read.count(words, "compute ID group tdpd/cc/atom species", 1)
-    require_atom_style(state, "tdpd/cc/atom", "tdpd")
-    species = read.integer(words[0], "the number of the species", 1)
-    if species > state.n_species:
-        raise ParameterError(f"compute tdpd/cc/atom: there is no species {species}; atom_style tdpd has {state.n_species}")
+    state.require_atom_style("tdpd", "compute tdpd/cc/atom")
+    return state.species(words[0], "compute tdpd/cc/atom")
 
 
 #: Computes with values of single beads.
@@ -139,9 +132,7 @@ PER_BEAD: dict[str, ComputeSpec] = {
     "ke/atom": ComputeSpec(
         lambda state, group, words: read.count(words, "compute ID group ke/atom", 0), per_bead=_kinetic, needs=("velocities",)
     ),
-    "dpd/atom": ComputeSpec(_style_only("dpd/atom", "dpd"), per_bead=_internal, columns=lambda compute: 4, needs=("fields",)),
-    "edpd/temp/atom": ComputeSpec(_style_only("edpd/temp/atom", "edpd"), per_bead=_temperature, needs=("fields",)),
-    "tdpd/cc/atom": ComputeSpec(
-        _check_concentration, per_bead=_concentration, needs=("fields",), prepare=lambda state, group, words: int(words[0]) - 1
-    ),
+    "dpd/atom": ComputeSpec(style_only("dpd/atom", "dpd"), per_bead=_internal, columns=lambda compute: 4, needs=("fields",)),
+    "edpd/temp/atom": ComputeSpec(style_only("edpd/temp/atom", "edpd"), per_bead=_temperature, needs=("fields",)),
+    "tdpd/cc/atom": ComputeSpec(per_bead=_concentration, needs=("fields",), prepare=_species),
 }
