@@ -110,6 +110,9 @@ def group(state: DeckState, args: list[str]) -> None:
         state.groups[name] = present | GROUP_STYLES[style](state, words)
 
 
+Setter = Callable[[DeckState, np.ndarray, list[str]], None]
+
+
 # -- set --------------------------------------------------------------------------------------------------------------------
 def _selected(state: DeckState, style: str, word: str) -> np.ndarray:
     if style == "group":
@@ -140,12 +143,17 @@ def _fraction(word: str) -> float:
 
 
 def _set_subset(state: DeckState, mask: np.ndarray, words: list[str], ratio: bool) -> None:
-    beads = np.flatnonzero(mask)
-    wanted = int(_fraction(words[1]) * len(beads)) if ratio else read.integer(words[1], "the number of beads", 0)
+    chosen = subset(np.flatnonzero(mask), words[1:], ratio)
+    state.atoms.types[chosen] = state.type_number(words[0])
+
+
+def subset(beads: np.ndarray, words: list[str], ratio: bool) -> np.ndarray:
+    """A fraction of the beads, or a number of them, drawn at random; the words are this and a seed."""
+    amount, seed = words
+    wanted = int(_fraction(amount) * len(beads)) if ratio else read.integer(amount, "the number of beads", 0)
     if wanted > len(beads):
-        raise ParameterError(f"set type/subset asks for {wanted} of {len(beads)} beads")
-    rng = np.random.default_rng(read.integer(words[2], "the seed", 1))
-    state.atoms.types[rng.choice(beads, wanted, replace=False)] = state.type_number(words[0])
+        raise ParameterError(f"{wanted} of {len(beads)} beads cannot be chosen")
+    return np.random.default_rng(read.integer(seed, "the seed", 1)).choice(beads, wanted, replace=False)
 
 
 def _value(state: DeckState, word: str, what: str) -> float:
@@ -179,7 +187,7 @@ def _positive(value: float, what: str) -> float:
     return value
 
 
-def _set_thermal(what: str, array: str) -> Callable[[DeckState, np.ndarray, list[str]], None]:
+def _set_thermal(what: str, array: str) -> Setter:
     def handler(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
         state.require_atom_style("edpd", f"set {what}")
         getattr(state.atoms, array)[mask] = _positive(_value(state, words[0], what), what)
@@ -205,7 +213,7 @@ def _set_molecule(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
     state.atoms.molecules[mask] = read.integer(words[0], "the molecule id", 0)
 
 
-def _set_vector(array: str, axis: int, what: str) -> Callable[[DeckState, np.ndarray, list[str]], None]:
+def _set_vector(array: str, axis: int, what: str) -> Setter:
     def handler(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
         # a position outside the box stays there until the next run begins, for regions and ramps too
         getattr(state.atoms, array)[mask, axis] = read.number(words[0], what)
@@ -227,7 +235,7 @@ def _set_mass(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
 
 
 #: Properties that ``set`` changes: name -> (number of values, handler).
-SETTERS: dict[str, tuple[int, Callable[[DeckState, np.ndarray, list[str]], None]]] = {
+SETTERS: dict[str, tuple[int, Setter]] = {
     "type": (1, _set_type),
     "type/fraction": (3, _set_fraction),
     "type/ratio": (3, lambda state, mask, words: _set_subset(state, mask, words, True)),

@@ -6,8 +6,8 @@ import numpy as np
 
 from ...errors import ParameterError
 from ..language import arguments as read
-from ..state.bonded_setup import BondedSetup
 from ..state.deck_state import DeckState
+from ..state.pair_setup import BondedSetup
 from ..styles.bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedStyle
 from .setup import by_name
 

@@ -18,6 +18,7 @@ from ..state.box import Box
 from ..state.deck_state import DeckState
 from ..state.lattice import parse_lattice
 from ..state.regions import parse_region
+from .beads import subset
 from .bonded import angle_coeff, bond_coeff
 from .pairs import pair_coeff
 from .setup import by_name
@@ -121,16 +122,7 @@ def _lattice_points(state: DeckState, kind: int, basis: dict[int, int], words: l
         types[numbers == number - 1] = other
     for keyword in ("ratio", "subset"):
         if keyword in options:
-            amount, seed = options[keyword]
-            rng = np.random.default_rng(read.integer(seed, "the seed", 1))
-            wanted = (
-                int(read.non_negative(amount, "the fraction") * len(points))
-                if keyword == "ratio"
-                else read.integer(amount, "the number of beads", 0)
-            )
-            if wanted > len(points):
-                raise ParameterError(f"{keyword} {amount} asks for more beads than the {len(points)} lattice points")
-            chosen = np.sort(rng.choice(len(points), wanted, replace=False))
+            chosen = np.sort(subset(np.arange(len(points)), options[keyword], keyword == "ratio"))
             points, types = points[chosen], types[chosen]
     return points, types
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from ...errors import ParameterError
@@ -13,8 +11,7 @@ from ..files.eos_file import read_eos
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.pressure import parse_nph
-
-FixReader = Callable[[DeckState, str, list[str]], dict]
+from .setup import FixReader
 
 
 # -- internal energies --------------------------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from ..state.deck_state import DeckState
 from ..state.records import Fix
 from .energy_fixes import ENERGY_FIXES
 from .flow_fixes import FLOW_FIXES
-from .setup import by_name
+from .setup import FixReader, by_name
 
 
 def _nve(state: DeckState, group: str, words: list[str]) -> dict:
@@ -21,7 +21,7 @@ def _nve(state: DeckState, group: str, words: list[str]) -> dict:
     return {"lambda": 0.5}
 
 
-def _mvv(style: str) -> Callable[[DeckState, str, list[str]], dict]:
+def _mvv(style: str) -> FixReader:
     def reader(state: DeckState, group: str, words: list[str]) -> dict:
         read.count(words, f"fix ID group {style} [lambda]", 0, 1)
         value = read.number(words[0], "lambda") if words else 0.5
@@ -40,7 +40,7 @@ def _shardlow(state: DeckState, group: str, words: list[str]) -> dict:
 
 
 #: Fix styles: from (state, group, words) to the fix's parameters.
-FIX_STYLES: dict[str, Callable[[DeckState, str, list[str]], dict]] = {
+FIX_STYLES: dict[str, FixReader] = {
     "nve": _nve,
     "mvv/dpd": _mvv("mvv/dpd"),
     "mvv/edpd": _mvv("mvv/edpd"),
@@ -78,8 +78,8 @@ def fix(state: DeckState, args: list[str]) -> None:
 def unfix(state: DeckState, args: list[str]) -> None:
     """``unfix ID``."""
     read.count(args, "unfix ID", 1)
-    if state.fixes.pop(args[0], None) is None:
-        raise ParameterError(f"there is no fix '{args[0]}'; defined are {', '.join(state.fixes) or 'none'}")
+    read.known(state.fixes, args[0], "fix")
+    del state.fixes[args[0]]
 
 
 def timestep(state: DeckState, args: list[str]) -> None:

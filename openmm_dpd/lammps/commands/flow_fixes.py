@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from ...errors import ParameterError
 from ...model.flow import AXES
 from ..language import arguments as read
 from ..state.deck_state import DeckState
-
-FixReader = Callable[[DeckState, str, list[str]], dict]
+from .setup import FixReader
 
 _FACES = tuple(f"{axis}{end}" for axis in AXES for end in ("lo", "hi"))
 

@@ -14,6 +14,9 @@ from ..state.deck_state import DeckState
 
 Handler = Callable[[DeckState, list[str]], None]
 
+#: From (state, group, words) to the parameters of a fix.
+FixReader = Callable[[DeckState, str, list[str]], dict]
+
 
 def by_name(*handlers: Handler) -> dict[str, Handler]:
     """A table of commands by the names of the functions; those that mean something else in Python end with an underscore."""

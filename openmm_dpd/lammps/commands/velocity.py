@@ -50,9 +50,8 @@ def _rescale(state: DeckState, group: str, mask: np.ndarray, target: float, opti
 
 
 def _zero_linear(state: DeckState, mask: np.ndarray) -> None:
-    masses = state.bead_masses()[mask]
     if mask.any():
-        state.atoms.velocities[mask] -= masses @ state.atoms.velocities[mask] / masses.sum()
+        state.atoms.velocities[mask] -= state.mass_average(state.atoms.velocities, mask)
 
 
 def _zero_angular(state: DeckState, mask: np.ndarray) -> None:
@@ -60,8 +59,8 @@ def _zero_angular(state: DeckState, mask: np.ndarray) -> None:
     if not mask.any():
         return
     atoms, masses = state.atoms, state.bead_masses()[mask]
-    x = state.require_box("velocity").unwrap(atoms.positions, atoms.images)[mask]
-    x = x - masses @ x / masses.sum()
+    x = state.require_box("velocity").unwrap(atoms.positions, atoms.images)
+    x = x[mask] - state.mass_average(x, mask)
     v = atoms.velocities[mask]
     angular = np.sum(masses[:, None] * np.cross(x, v), axis=0)
     inertia = np.sum(masses * np.sum(x * x, axis=1)) * np.eye(3) - (masses[:, None] * x).T @ x

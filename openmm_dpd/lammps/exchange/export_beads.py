@@ -126,6 +126,11 @@ def atom_styles(scene: Scene, vest: bool = False) -> tuple[str, ...]:
     return tuple(style for style in (own, rest) if style) or ("atomic",)
 
 
+def longest_cutoff(scene: Scene) -> float:
+    """Largest range of the pair terms, nm."""
+    return max((c.cutoff for table in scene.tables for c in table.entries.values()), default=0.0)
+
+
 def species_of(scene: Scene) -> int:
     """Number of concentrations of each bead of a scene, 0 if there are none."""
     return scene.internal.n_species if isinstance(scene.internal, Concentrations) else 0
@@ -160,7 +165,7 @@ def lammps_box(
         return Box(low, high, np.zeros(3)), x, np.zeros((len(x), 3), dtype=np.int64)
     tilt = np.array([scene.box[1, 0], scene.box[2, 0], scene.box[2, 1]])
     low, edges = np.array(corner, dtype=np.float64), np.diag(scene.box).copy()
-    for axis, gap in gaps(scene.walls, scene.box).items() if scene.walls else ():
+    for axis, gap in gaps(scene.walls, scene.box).items():
         if np.any(tilt):
             raise ParameterError("walls in a tilted box cannot be exported: LAMMPS's tilted boxes are periodic")
         if gap.period is not None and np.all((gap.fold(x[:, axis]) >= gap.low) & (gap.fold(x[:, axis]) <= gap.high)):

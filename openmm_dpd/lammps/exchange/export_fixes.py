@@ -22,7 +22,7 @@ from ...model.tdpd import TDPD
 from ...schemes import scheme_of
 from ...units import UnitSystem
 from ..styles.writing import Differences, exact
-from .export_beads import BeadTypes
+from .export_beads import BeadTypes, longest_cutoff
 from .export_words import group_lines
 
 #: Heat capacity of beads that never move, in units of k_B: they are reservoirs.
@@ -73,7 +73,7 @@ def choose_integrator(scene: Scene, scheme: str, lam: float, units: UnitSystem, 
         if any(0 < factor < 1 for factor in scene.special) and len(scene.bond_pairs):
             differences.add("LAMMPS's fix shardlow ignores special_bonds: friction and noise of bonded neighbours are not scaled")
         differences.remark(
-            f"fix shardlow needs more than {exact(2 * (_longest(scene) + skin) / units.length)} of box per process along each axis"
+            f"fix shardlow needs more than {exact(2 * (longest_cutoff(scene) + skin) / units.length)} of box per process along each axis"
         )
         return Integrator("nve", 0.5, True)
     if lam != 0.5 and not energy:
@@ -85,15 +85,11 @@ def choose_integrator(scene: Scene, scheme: str, lam: float, units: UnitSystem, 
     return Integrator("nve")
 
 
-def _longest(scene: Scene) -> float:
-    return max((c.cutoff for table in scene.tables for c in table.entries.values()), default=0.0)
-
-
 def _no_shardlow(scene: Scene, kinds: set, skin: float) -> str | None:
     """Why LAMMPS's fix shardlow cannot be used, or None."""
     if scene.box is None or np.any(np.tril(scene.box, -1)):
         return "it needs a periodic box without tilt"
-    if np.diag(scene.box).min() <= 2 * (_longest(scene) + skin):
+    if np.diag(scene.box).min() <= 2 * (longest_cutoff(scene) + skin):
         return "it needs box edges above twice the cutoff and the skin"
     if MDPD in kinds or len(kinds & {DPD, EnergyDPD}) != 1 or sum(t.kind in (DPD, EnergyDPD) for t in scene.tables) > 1:
         return "it goes with one table of DPD or of EnergyDPD only"
@@ -187,7 +183,7 @@ def source_lines(scene: Scene, units: UnitSystem, corner: np.ndarray, difference
 
 def _fits(scene: Scene, given, corner: np.ndarray) -> bool:
     """Whether positions folded into the box at one corner are those folded at the other; between walls nothing is folded."""
-    walled = list(gaps(scene.walls, scene.box)) if scene.walls else []
+    walled = list(gaps(scene.walls, scene.box))
     return bool(np.all(np.delete(np.asarray(given) == corner, walled)))
 
 
@@ -205,7 +201,7 @@ def flow_lines(scene: Scene, units: UnitSystem, corner: np.ndarray) -> Iterator[
             yield from _body_lines(scene, term, units, f"push{k}")
         else:
             yield from _formula_lines(scene, term, units, corner, f"push{k}")
-    for axis, gap in gaps(scene.walls, scene.box).items() if scene.walls else ():
+    for axis, gap in gaps(scene.walls, scene.box).items():
         if gap.kind != SPECULAR:
             raise ParameterError(
                 f"the walls along {AXES[axis]} turn velocities round (bounce-back), for which LAMMPS has no fix; use frozen beads, or "

@@ -15,7 +15,7 @@ from ...plan import checked_seed
 from ...schemes import scheme_of
 from ...units import UnitSystem, to_md, unit_system, whole_number
 from ..styles.writing import Differences
-from .export_beads import BeadTypes, Bonded, atom_styles, lammps_types, species_of
+from .export_beads import BeadTypes, Bonded, atom_styles, lammps_types, longest_cutoff, species_of
 from .export_bonded import angle_types, bond_types, longest_bond
 from .export_fixes import Integrator, choose_integrator
 
@@ -54,6 +54,11 @@ class Job:
         """Number of concentrations of each bead."""
         return species_of(self.scene)
 
+    @property
+    def some_stay(self) -> bool:
+        """Whether there are beads that never move."""
+        return self.scene.mobile is not None and not self.scene.mobile.all()
+
 
 def refuse_unknown(scene: Scene) -> None:
     for item in fields(scene):
@@ -80,7 +85,7 @@ def make_job(scene: Scene, name, dt, steps, scheme, lam, seed, every, units, cor
     number_of_steps = whole_number(steps, "steps", 0)
     interval = max(1, number_of_steps // 100) if every is None else whole_number(every, "every", 1)
     system, differences = unit_system(units), Differences()
-    longest = max((c.cutoff for table in scene.tables for c in table.entries.values()), default=0.0)
+    longest = longest_cutoff(scene)
     skin = 0.3 * longest if longest else 0.3 * system.length
     if scene.segments is not None and scene.segments.distance == "min":
         # LAMMPS lists segments by the distance of their midpoints, and misses pairs whose nearest points only are in range
@@ -118,7 +123,7 @@ def _corner(scene: Scene, corner) -> np.ndarray:
     found = np.array(to_md(corner, "length", "corner"), dtype=np.float64)
     if found.shape != (3,):
         raise ParameterError(f"corner must be three lengths, not {corner!r}")
-    for axis, gap in gaps(scene.walls, scene.box).items() if scene.walls else ():
+    for axis, gap in gaps(scene.walls, scene.box).items():
         if gap.period is not None:
             # the box ends in the middle of the solid
             found[axis] = 0.5 * (gap.low + gap.high - gap.period)

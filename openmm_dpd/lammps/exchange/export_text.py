@@ -16,12 +16,11 @@ from ..files.data_lines import data_lines
 from ..styles.charges import charge_use
 from ..styles.srp import segment_use
 from ..styles.writing import PairExport, StyleUse, exact
-from .export_beads import atom_style_line, data_file, lammps_box
+from .export_beads import atom_style_line, data_file, lammps_box, longest_cutoff
 from .export_bonded import longest_bond, style_lines
-from .export_charges import charge_lines, special_line
 from .export_fixes import eos_lines, flow_lines, integrator_lines, source_lines
 from .export_job import Job
-from .export_pairs import pair_lines, pair_uses
+from .export_pairs import charge_lines, pair_lines, pair_uses, special_line
 from .export_words import group_lines
 
 #: Names of the files that LAMMPS writes.
@@ -93,11 +92,11 @@ def _boundary(job: Job) -> str:
     if job.scene.box is None:
         return "boundary s s s"
     words = ["p", "p", "p"]
-    longest = max((c.cutoff for table in job.scene.tables for c in table.entries.values()), default=0.0)
-    for axis, gap in gaps(job.scene.walls, job.scene.box).items() if job.scene.walls else ():
+    longest = longest_cutoff(job.scene)
+    for axis, gap in gaps(job.scene.walls, job.scene.box).items():
         words[axis] = "f"
         solid = gap.period - (gap.high - gap.low) if gap.period is not None else np.inf
-        if solid < longest * (1 if job.scene.mobile is None or job.scene.mobile.all() else 2):
+        if solid < longest * (2 if job.some_stay else 1):
             job.differences.add(
                 f"along {AXES[axis]} the box of LAMMPS ends in the middle of the solid between the walls, thinner than the range of "
                 "the forces: what reaches through it is lost"
@@ -148,7 +147,8 @@ def _fixes(job: Job, eos: list[str]) -> Iterator[str]:
     if job.scene.segments is not None:
         group = "beads"
         yield f"group beads type 1:{len(job.types)}"
-    if job.scene.mobile is not None and not job.scene.mobile.all():
+    if job.some_stay:
+        assert job.scene.mobile is not None
         group = "mobile"
         yield from group_lines("mobile", job.scene.mobile) if job.scene.mobile.any() else ["group mobile empty"]
     yield from integrator_lines(job.scene, job.integrator, group)
@@ -161,11 +161,10 @@ def _fixes(job: Job, eos: list[str]) -> Iterator[str]:
 
 def _output(job: Job, first: int) -> Iterator[str]:
     computes, columns = field_columns(job.scene.internal)
-    moving = job.scene.segments is not None or (job.scene.mobile is not None and not job.scene.mobile.all())
+    moving = job.scene.segments is not None or job.some_stay
     words = "step temp press pe ke etotal vol"
     if isinstance(job.scene.internal, InternalEnergy):
-        still = job.scene.mobile is not None and not job.scene.mobile.all()
-        yield f"compute sums {'mobile' if still else 'all'} dpd"
+        yield f"compute sums {'mobile' if job.some_stay else 'all'} dpd"
         words += " c_sums[1] c_sums[2] c_sums[4]"
     if first:
         yield f"reset_timestep {first}"

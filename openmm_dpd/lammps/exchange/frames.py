@@ -13,8 +13,9 @@ import numpy as np
 from ...errors import ParameterError
 from ...model.internal import BeadTemperatures, Concentrations, Internal, InternalEnergy
 from ...model.scene import Scene
-from ...trajectory import load_topology, write_psf
+from ...trajectory import load_topology
 from ...units import to_md
+from ..run.trajectory import write_topology
 from .export_beads import lammps_types
 
 if TYPE_CHECKING:
@@ -132,14 +133,7 @@ class LammpsFrames:
         positions = self.unwrapped if unwrap else self.positions
         with TemporaryDirectory() as folder:
             path = Path(folder) / "topology.psf"
-            write_psf(
-                path,
-                names=scene.types,
-                masses=scene.bead_masses,
-                charges=scene.charges,
-                molecules=scene.molecules,
-                bonds=scene.bond_pairs,
-            )
+            write_topology(path, scene)
             topology = load_topology(path)
         time = self.steps * (1.0 if dt is None else float(to_md(dt, "time", "dt")))
         # mdtraj's boxes begin at the origin

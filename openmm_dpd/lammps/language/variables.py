@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from ...errors import DeckError, DPDError, ParameterError
-from .arguments import as_float, identifier
+from .arguments import as_float, identifier, known
 from .lexer import Line
 
 STYLES = ("equal", "atom", "string", "index", "loop", "delete")
@@ -78,10 +78,7 @@ class Variables:
 
     def get(self, name: str) -> Variable:
         """The variable; ParameterError if there is none."""
-        if name not in self._found:
-            known = ", ".join(self._found) or "none"
-            raise ParameterError(f"there is no variable {name!r}; defined so far: {known}")
-        return self._found[name]
+        return known(self._found, name, "variable")
 
     def value(self, name: str, evaluate: Callable[[str], float]) -> float:
         """Number that ``v_name`` stands for; ``evaluate`` gives the values of formulas."""

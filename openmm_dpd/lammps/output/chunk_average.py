@@ -12,7 +12,7 @@ from ..values.chunks import Bins, chunk_numbers
 from ..values.computes import check_bead_word, expanded
 from ..values.per_bead import BEAD_WORDS
 from ..values.resolver import Resolver
-from .averages import AveragingFix, Windows, file_of, form_of, parse_schedule, split_values
+from .averages import AveragingFix, common_parts, split_values
 
 #: Values of ``fix ave/chunk`` that are more than a mean over beads.
 _OWN = ("density/number", "density/mass", "temp")
@@ -126,9 +126,6 @@ class ChunkAverage(AveragingFix):
         return float(self._table[column - 1, row - 1]) if row <= self._table.shape[1] else 0.0
 
 
-_CHUNK_SIZES = {"norm": 1, "file": 1, "append": 1, "overwrite": 0, "format": 1, "adof": 1, "cdof": 1, "title1": 1, "title2": 1, "title3": 1}
-
-
 def parse_ave_chunk(state: DeckState, name: str, group: str, args: list[str]) -> ChunkAverage:
     """AveragingFix of ``fix ID group ave/chunk Nevery Nrepeat Nfreq chunkID value value ... keyword values ...``."""
     read.count(args, "fix ID group ave/chunk Nevery Nrepeat Nfreq chunkID value value ...", 5, None)
@@ -136,7 +133,7 @@ def parse_ave_chunk(state: DeckState, name: str, group: str, args: list[str]) ->
     if compute is None or compute.style != "chunk/atom":
         known = ", ".join(other.name for other in state.computes.values() if other.style == "chunk/atom") or "none"
         raise ParameterError(f"fix ave/chunk: '{args[3]}' is not the id of a compute chunk/atom; defined are {known}")
-    words, options = split_values(args[4:], ("c_", "v_", *_COMPONENTS, *_OWN), _CHUNK_SIZES, "ave/chunk")
+    words, options = split_values(args[4:], ("c_", "v_", *_COMPONENTS, *_OWN), {"norm": 1, "adof": 1, "cdof": 1}, "ave/chunk")
     if not words:
         raise ParameterError(f"fix ave/chunk: expected {', '.join((*_COMPONENTS, *_OWN))}, c_id, c_id[column] or v_name, not '{args[4]}'")
     words = expanded(state, words)
@@ -151,7 +148,5 @@ def parse_ave_chunk(state: DeckState, name: str, group: str, args: list[str]) ->
         "# Timestep Number-of-chunks Total-count",
         f"# Chunk {places} Ncount {' '.join(words)}",
     ]
-    file, window = file_of(state, options, header), Windows(options.get("ave", ["one"]))
-    return ChunkAverage(
-        group, compute, words, norm, dof, name, parse_schedule(state, "ave/chunk", args[:3]), window, file, form_of(options)
-    )
+    parts = common_parts(state, name, "ave/chunk", args[:3], options, header)
+    return ChunkAverage(group, compute, words, norm, dof, *parts)

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from ..files.atom_styles import ARRAYS
 from ..files.data_file import DataFile
 from ..files.data_lines import data_lines
-from ..state.bonded_setup import BondedSetup
 from ..state.deck_state import DeckState
+from ..state.pair_setup import BondedSetup
 from ..styles.bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedStyle
 
 

@@ -11,7 +11,7 @@ from ..values.compute_spec import check_place
 from ..values.computes import compute_of, count_of, expanded
 from ..values.references import reference
 from ..values.resolver import Resolver
-from .averages import AveragingFix, Windows, file_of, form_of, parse_schedule, split_values
+from .averages import AveragingFix, common_parts, split_values
 from .thermo import check_word
 
 
@@ -105,13 +105,10 @@ class TimeAverage(AveragingFix):
         return self._values.ravel() if self._values.size else np.zeros(self.size)
 
 
-_TIME_SIZES = {"off": 1, "mode": 1, "file": 1, "append": 1, "start": 1, "overwrite": 0, "format": 1, "title1": 1, "title2": 1, "title3": 1}
-
-
 def parse_ave_time(state: DeckState, name: str, group: str, args: list[str]) -> TimeAverage:
     """AveragingFix of ``fix ID group ave/time Nevery Nrepeat Nfreq value value ... keyword values ...``."""
     read.count(args, "fix ID group ave/time Nevery Nrepeat Nfreq value value ...", 4, None)
-    words, options = split_values(args[3:], ("c_", "f_", "v_"), _TIME_SIZES, "ave/time")
+    words, options = split_values(args[3:], ("c_", "f_", "v_"), {"off": 1, "mode": 1, "start": 1}, "ave/time")
     vector = read.choice(options.get("mode", ["scalar"])[0], "mode", ("scalar", "vector")) == "vector"
     if not words:
         raise ParameterError(f"fix ave/time: expected c_id, c_id[i], f_id or v_name, not '{args[3]}'")
@@ -128,9 +125,7 @@ def parse_ave_time(state: DeckState, name: str, group: str, args: list[str]) -> 
     header = [f"# Time-averaged data for fix {name}", f"# TimeStep {' '.join(words)}"]
     if vector:
         header[1:] = ["# TimeStep Number-of-rows", f"# Row {' '.join(words)}"]
-    file = file_of(state, options, header)
-    window = Windows(options.get("ave", ["one"]))
-    return TimeAverage(words, rows.pop(), off, name, parse_schedule(state, "ave/time", args[:3], start), window, file, form_of(options))
+    return TimeAverage(words, rows.pop(), off, *common_parts(state, name, "ave/time", args[:3], options, header, start))
 
 
 def _rows(state: DeckState, word: str) -> int:

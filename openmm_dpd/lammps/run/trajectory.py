@@ -18,6 +18,12 @@ from ...trajectory import write_psf
 from .request import RunRequest
 
 
+def write_topology(path: Path, scene: Scene) -> None:
+    """The beads of a scene and their bonds as a PSF file."""
+    bonds = scene.bond_pairs
+    write_psf(path, names=scene.types, masses=scene.bead_masses, charges=scene.charges, molecules=scene.molecules, bonds=bonds)
+
+
 class RunTrajectory:
     """Writes ``trajectory.dcd``, ``topology.psf`` and ``final_state.xml`` into a folder, and ``fields.npz`` with the fields of beads.
 
@@ -59,20 +65,15 @@ class RunTrajectory:
             self._open(scene)
         self._built = built
         if self._fields is None and carries_fields(built):
-            suffix = "" if self._part == 1 else f"-{self._part}"
-            self._fields = FieldWriter(self.folder / f"fields{suffix}.npz")
+            self._fields = FieldWriter(self._named("fields.npz"))
 
     def _open(self, scene: Scene) -> None:
-        suffix = "" if self._part == 1 else f"-{self._part}"
-        write_psf(
-            self.folder / f"topology{suffix}.psf",
-            names=list(scene.types),
-            masses=scene.bead_masses,
-            charges=scene.charges,
-            molecules=scene.molecules,
-            bonds=scene.bond_pairs,
-        )
-        self._file = DCDWriter(self.folder / f"trajectory{suffix}.dcd", scene.n_beads, "the trajectory")
+        write_topology(self._named("topology.psf"), scene)
+        self._file = DCDWriter(self._named("trajectory.dcd"), scene.n_beads, "the trajectory")
+
+    def _named(self, name: str) -> Path:
+        path = self.folder / name
+        return path if self._part == 1 else path.with_stem(f"{path.stem}-{self._part}")
 
     def due(self, step: int) -> bool:
         """Whether a frame belongs to this step."""

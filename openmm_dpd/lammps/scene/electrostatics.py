@@ -50,7 +50,7 @@ def electrostatics_of(state: DeckState) -> SlaterCharges | None:
             special=state.special_charges if len(state.bonds) else None,
         )
     except ParameterError as error:
-        raise located(style.where, f"pair style {style.name}: {error}") from None
+        raise style.error(str(error)) from None
 
 
 def _check_flags(state: DeckState, style: PairStyle) -> None:
@@ -72,7 +72,7 @@ def _check_flags(state: DeckState, style: PairStyle) -> None:
                 f"holds all charges, and without the real-space part their interaction would be wrong; {remedy}",
             )
     if not charged:
-        raise located(style.where, f"pair style {style.name}: no bead has a charge; read charges from the data file, or use 'set type'")
+        raise style.error("no bead has a charge; read charges from the data file, or use 'set type'")
     for (i, j), found in sorted(style.coefficients.items()):
         if style.name.startswith("dpd") and found.values["charged"] == "yes" and not {i, j} <= set(charged):
             state.note(f"pair_coeff {i} {j} is marked as charged, but beads of these types have no charge: the flag has no effect")

@@ -9,9 +9,9 @@ from ...model.angles import Angles
 from ...model.bonds import Bonds, FENEBonds, HarmonicBonds
 from ...model.scene import Scene, TemperatureRamp
 from ..language.lexer import located
-from ..state.bonded_setup import BondedSetup
 from ..state.deck_state import DeckState
 from ..state.moment import Window
+from ..state.pair_setup import BondedSetup
 from ..styles.bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedStyle
 from ..styles.pair_tables import pair_tables, type_name
 from .electrostatics import electrostatics_of

@@ -16,10 +16,9 @@ from ..language import arguments as read
 from ..language.lexer import Line
 from ..language.variables import Variables
 from .atoms import Atoms
-from .bonded_setup import BondedSetup
 from .box import Box
 from .lattice import Lattice, default_lattice
-from .pair_setup import PairSetup
+from .pair_setup import BondedSetup, PairSetup
 from .records import Compute, Dump, Fix, KspaceSetup, ThermoSettings
 from .regions import Region
 from .sample import DeckSample
@@ -170,15 +169,11 @@ class DeckState:
 
     def group(self, name: str) -> np.ndarray:
         """Members of a group as a mask."""
-        if name not in self.groups:
-            raise ParameterError(f"there is no group '{name}'; defined so far: {', '.join(self.groups)}")
-        return self.groups[name]
+        return read.known(self.groups, name, "group")
 
     def region(self, name: str) -> Region:
         """A region by its name."""
-        if name not in self.regions:
-            raise ParameterError(f"there is no region '{name}'; defined so far: {', '.join(self.regions) or 'none'}")
-        return self.regions[name]
+        return read.known(self.regions, name, "region")
 
     def temperature_compute(self, name: str) -> Compute | None:
         """The compute of style temp with this id, None for ``thermo_temp``; ParameterError if it is none."""
@@ -200,6 +195,11 @@ class DeckState:
             listing = ", ".join(map(str, missing))
             raise ParameterError(f"no mass is set for atom type {listing}; use the mass command or a Masses section")
         return np.array([self.masses[k] for k in range(1, self.n_types + 1)])[self.atoms.types - 1]
+
+    def mass_average(self, vectors: np.ndarray, mask: np.ndarray) -> np.ndarray:
+        """Average of (N, 3) vectors over the beads of a mask, each with its mass: centre of mass, or its velocity."""
+        masses = self.bead_masses()[mask]
+        return masses @ vectors[mask] / masses.sum()
 
     def in_deck_units(self, positions: np.ndarray) -> np.ndarray:
         """(N, 3) positions of a simulation (nm) in the deck's unit; where a bead has not moved, the deck's own numbers to the last bit.

@@ -1,4 +1,4 @@
-"""The pair styles of a deck and their coefficients, as data; what the styles are is in :mod:`~openmm_dpd.lammps.styles.pair_styles`."""
+"""The pair, bond and angle styles of a deck and their coefficients, as data; the styles themselves are in the folder ``styles``."""
 
 from __future__ import annotations
 
@@ -69,9 +69,9 @@ class PairStyle:
     mix: str = "geometric"
     shift: bool = False
 
-    def error(self, message: str, where: Line | None = None) -> DeckError:
-        """An error about this style, at its own line or another."""
-        return located(where or self.where, f"pair style {self.name}{message}")
+    def error(self, message: str) -> DeckError:
+        """An error about this style."""
+        return located(self.where, f"pair style {self.name}: {message}")
 
     def cutoff(self, coefficient: Coefficient) -> float | None:
         """Cutoff of a coefficient, the style's if it has none of its own."""
@@ -174,3 +174,25 @@ class PairSetup:
             assert mixed is not None
             tables[n][(i, j)] = mixed(self.styles[n], tables[n][(i, i)], tables[n][(j, j)])
         return True
+
+
+@dataclass
+class BondedSetup:
+    """Style of the bonds, or of the angles, and the coefficients of each type.
+
+    Attributes
+    ----------
+    style : str
+        ``none``, the style, or ``hybrid``.
+    styles : tuple of str
+        The styles of hybrid, or the one style.
+    coefficients : dict
+        By type: the name of its style and the arguments of its class in MD units.
+    where : Line or None
+        The line of the style.
+    """
+
+    style: str = "none"
+    styles: tuple[str, ...] = ()
+    coefficients: dict[int, tuple[str, dict[str, float]]] = field(default_factory=dict)
+    where: Line | None = None

@@ -21,8 +21,8 @@ class ComputeSpec:
 
     Attributes
     ----------
-    check : callable or None
-        Raises ParameterError if the arguments (state, group, words) are not supported; None where ``prepare`` does.
+    prepare : callable
+        Turns (state, group, words) into ``Compute.settings``, once; ParameterError if they are not supported.
     scalar : callable or None
         From (moment, compute) to its value in deck units, not normalised.
     vector : callable or None
@@ -45,11 +45,9 @@ class ComputeSpec:
         Fields of DeckSample that it reads.
     inputs : callable
         Words (``c_id``, ``vx``, ...) of the beads' values that it is made of.
-    prepare : callable or None
-        Turns (state, group, words) into ``Compute.settings``, once.
     """
 
-    check: Callable[[DeckState, str, list[str]], None] | None = None
+    prepare: Callable[[DeckState, str, list[str]], Any]
     scalar: Callable[[DeckMoment, Compute], float] | None = None
     vector: Callable[[DeckMoment, Compute], np.ndarray] | None = None
     per_bead: Callable[[DeckMoment, Compute], np.ndarray] | None = None
@@ -61,7 +59,6 @@ class ComputeSpec:
     size: Callable[[Compute], int] = lambda compute: 0
     needs: tuple[str, ...] = ()
     inputs: Callable[[Compute], tuple[str, ...]] = lambda compute: ()
-    prepare: Callable[[DeckState, str, list[str]], Any] | None = None
 
     def is_extensive(self, compute: Compute, indexed: bool = False) -> bool:
         """Whether the value of this compute (or those of its vector) are sums over beads."""

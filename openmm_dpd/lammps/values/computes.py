@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import ParameterError
+from ...tensors import AXES_OF_TENSOR
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
@@ -59,8 +60,7 @@ def _pressure(moment: DeckMoment, compute: Compute) -> float:
 
 
 def _centre(moment: DeckMoment, compute: Compute) -> np.ndarray:
-    mask, masses = moment.state.group(compute.group), moment.state.bead_masses()
-    return masses[mask] @ moment.unwrapped[mask] / masses[mask].sum()
+    return moment.state.mass_average(moment.unwrapped, moment.state.group(compute.group))
 
 
 def _kinetic_tensor(moment: DeckMoment, compute: Compute) -> np.ndarray:
@@ -68,7 +68,7 @@ def _kinetic_tensor(moment: DeckMoment, compute: Compute) -> np.ndarray:
     mask, masses = moment.state.group(compute.group), moment.state.bead_masses()
     velocities = moment.velocities[mask] * moment.units.velocity
     tensor = (masses[mask][:, None] * velocities).T @ velocities / moment.units.energy
-    return tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    return np.array([tensor[axes] for axes in AXES_OF_TENSOR])
 
 
 def _momentum(moment: DeckMoment, compute: Compute) -> np.ndarray:

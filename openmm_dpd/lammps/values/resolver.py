@@ -140,7 +140,7 @@ class Resolver(DeckMoment, Names):
         if function == "bound":
             return self._bound(self.folded[0][mask], arguments)
         vectors = self.velocities if function == "vcm" else self.unwrapped
-        return float((masses @ vectors[mask] / masses.sum())["xyz".index(arguments[1])])
+        return float(self.state.mass_average(vectors, mask)["xyz".index(arguments[1])])
 
     def _members(self, function: str, arguments: list[str]) -> np.ndarray:
         """Beads that a group function is about, after a check of its arguments."""
