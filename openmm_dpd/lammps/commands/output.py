@@ -9,12 +9,12 @@ from ...files import append_block, write_whole
 from ..language import arguments as read
 from ..language.lexer import substitute
 from ..output.data_writer import data_file_lines
-from ..output.dumps import COLUMNS, DumpWriter
+from ..output.dumps import COLUMNS, Dump
 from ..output.dumps import STYLES as DUMP_STYLES
 from ..output.thermo import STYLES as THERMO_STYLES
 from ..output.thermo import check_format, check_word
 from ..state.deck_state import DeckState
-from ..state.records import Compute, Dump, ThermoSettings
+from ..state.records import Compute, ThermoSettings
 from ..values.computes import BUILT_IN, COMPUTES, check_bead_word, expanded
 from ..values.resolver import Resolver
 from .setup import by_name
@@ -181,7 +181,7 @@ def dump(state: DeckState, args: list[str]) -> None:
 def undump(state: DeckState, args: list[str]) -> None:
     """``undump ID``."""
     read.count(args, "undump ID", 1)
-    DumpWriter(read.known(state.dumps, args[0], "dump")).close()
+    read.known(state.dumps, args[0], "dump").close()
     del state.dumps[args[0]]
 
 

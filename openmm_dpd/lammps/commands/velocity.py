@@ -35,15 +35,10 @@ def velocity(state: DeckState, args: list[str]) -> None:
     handler(state, args[0], mask, words, options)
 
 
-def _temperature(state: DeckState, group: str, options: dict[str, str]) -> tuple[float, np.ndarray]:
-    """Temperature of the group (or of the compute named by ``temp``) and the beads it is about."""
-    compute = state.temperature_compute(options["temp"]) if "temp" in options else None
-    compute = compute or Compute("velocity", group, "temp")
-    return Resolver(state).temperature(compute), state.group(compute.group)
-
-
 def _rescale(state: DeckState, group: str, mask: np.ndarray, target: float, options: dict[str, str]) -> None:
-    current, _ = _temperature(state, group, options)
+    # of the group, or of the compute that the option names
+    compute = state.temperature_compute(options["temp"]) if "temp" in options else None
+    current = Resolver(state).temperature(compute or Compute("velocity", group, "temp"))
     if current <= 0:
         raise ParameterError(f"the velocities of group {group} cannot be scaled to a temperature: it is 0 (too few beads, or all at rest)")
     state.atoms.velocities[mask] *= np.sqrt(target / current)

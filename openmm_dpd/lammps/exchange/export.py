@@ -112,9 +112,7 @@ def export_lammps(
         raise ParameterError(f"expected a Scene, a Plan or what build() made, not {source!r}")
     refuse_unknown(source)
     job = make_job(source, name, dt, steps, scheme or "mvv", 0.5 if lam is None else lam, seed, every, units, corner)
-    texts = export_texts(job)
-    job.differences.warn(2)
-    return _write(job, Path(directory), texts)
+    return _write(job, Path(directory))
 
 
 def export_deck(
@@ -172,9 +170,7 @@ def export_deck(
         request.state.atoms.images,
     )
     _say_of_deck(request, job.differences)
-    texts = export_texts(job)
-    job.differences.warn(2)
-    return _write(job, Path(directory), texts)
+    return _write(job, Path(directory))
 
 
 def _say_of_deck(request: RunRequest, differences: Differences) -> None:
@@ -185,7 +181,9 @@ def _say_of_deck(request: RunRequest, differences: Differences) -> None:
     differences.remark(f"this is the first run of {request.state.path.name} only")
 
 
-def _write(job: Job, directory: Path, texts: dict[str, str]) -> LammpsExport:
+def _write(job: Job, directory: Path) -> LammpsExport:
+    texts = export_texts(job)
+    job.differences.warn(3)
     with writing(directory, "the folder"):
         directory.mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...errors import ParameterError
 from ...kinds import kind_for
+from ...model.eos import thermal_energies
 from ...model.flow import gaps
 from ...model.internal import BeadTemperatures, Concentrations, InternalEnergy
 from ...model.pairs import NONE
@@ -218,16 +219,10 @@ def data_file(
 def _fields(scene: Scene, units: UnitSystem) -> dict[str, np.ndarray]:
     n, internal = scene.n_beads, scene.internal
     if isinstance(internal, InternalEnergy):
-        return {"theta": internal_temperatures(internal, n) / units.thermal_energy}
+        theta = np.asarray(thermal_energies(internal.temperatures, "temperatures"), dtype=np.float64)
+        return {"theta": np.broadcast_to(theta, (n,)) / units.thermal_energy}
     if isinstance(internal, BeadTemperatures):
         return {"temperature": internal.values(n)[:, 0] / units.thermal_energy, "capacity": internal.heat_capacities(n)}
     if isinstance(internal, Concentrations):
         return {f"c{k}": column for k, column in enumerate(internal.values.T, start=1)}
     return {}
-
-
-def internal_temperatures(internal: InternalEnergy, n: int) -> np.ndarray:
-    """(N,) internal temperatures at the start, kJ/mol."""
-    from ...model.eos import thermal_energies
-
-    return np.broadcast_to(np.asarray(thermal_energies(internal.temperatures, "temperatures"), dtype=np.float64), (n,))

@@ -169,10 +169,8 @@ def source_lines(scene: Scene, units: UnitSystem, corner: np.ndarray, difference
             yield f"region source{k} block {words} units box"
         else:
             yield f"region source{k} sphere {exact(region.centre / units.length)} {exact(region.radius / units.length)} units box"
-        group = "all"
-        if source.beads is not None and not np.all(source.beads):
-            group = f"source{k}"
-            yield from group_lines(group, source.beads)
+        lines, group = _group(f"source{k}", source.beads)
+        yield from lines
         if heat:
             yield f"fix source{k} {group} edpd/source region source{k} {exact(source.rate * units.time / units.thermal_energy)}"
         else:
@@ -211,9 +209,9 @@ def flow_lines(scene: Scene, units: UnitSystem, corner: np.ndarray) -> Iterator[
         yield f"fix wall{AXES[axis]} all wall/reflect " + " ".join(f"{AXES[axis]}{s} {exact(p / units.length)}" for s, p in ends)
 
 
-def _members(scene: Scene, term, name: str) -> tuple[list[str], str]:
-    mask = Members(term.types, term.beads).mask(scene.type_ids, scene.type_names, "a body force")
-    return ([], "all") if mask.all() else (list(group_lines(name, mask)), name)
+def _group(name: str, mask: np.ndarray | None) -> tuple[list[str], str]:
+    """Commands that make a group of some beads, none if they are all of them, and the name of the group."""
+    return ([], "all") if mask is None or np.all(mask) else (list(group_lines(name, mask)), name)
 
 
 def _body_lines(scene: Scene, term: BodyForce, units: UnitSystem, name: str) -> Iterator[str]:
@@ -224,10 +222,8 @@ def _body_lines(scene: Scene, term: BodyForce, units: UnitSystem, name: str) -> 
         raise ParameterError(f"a body force has {len(acting)} different vectors; at most {_MOST_VECTORS} are exported, each with a fix")
     for number_, row in enumerate(acting):
         label = name if len(acting) == 1 else f"{name}_{number_ + 1}"
-        mask = which.ravel() == row
-        group = "all" if mask.all() else label
-        if group != "all":
-            yield from group_lines(group, mask)
+        lines, group = _group(label, which.ravel() == row)
+        yield from lines
         if term.pattern == "uniform":
             yield f"fix {label} {group} addforce {exact(different[row])}"
             continue
@@ -251,7 +247,8 @@ def _formula_lines(scene: Scene, term: PositionForce, units: UnitSystem, corner:
         raise ParameterError(f"formulas of position forces are written for units lj only, not for units {units.name}")
     if not _fits(scene, term.corner, corner):
         raise ParameterError("the corner of a position force must be that of the box, which is exported with it")
-    lines, group = _members(scene, term, name)
+    mask = Members(term.types, term.beads).mask(scene.type_ids, scene.type_names, "a body force")  # type: ignore[arg-type]
+    lines, group = _group(name, mask)
     yield from lines
     words = []
     for axis, formula in zip("xyz", term.formulas, strict=True):

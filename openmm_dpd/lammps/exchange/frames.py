@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 #: Box edges of frames and scene may differ by this factor before the units are thought to be wrong.
 _LARGEST_RATIO = 4.0
 
+_SEE = "(see openmm_dpd.lammps.exchange.dump_reader.NAMES)"
+
 
 @dataclass(frozen=True, eq=False)
 class LammpsFrames:
@@ -183,17 +185,15 @@ class LammpsFrames:
         internal, found = scene.internal, {name: values[frame] for name, values in self.fields.items()}
         if isinstance(internal, InternalEnergy):
             if "theta" not in found:
-                raise self.lacking(
-                    "internal temperatures", "c_ID[4] of compute dpd/atom (see openmm_dpd.lammps.exchange.dump_reader.NAMES)"
-                )
+                raise self.lacking("internal temperatures", f"c_ID[4] of compute dpd/atom {_SEE}")
             return InternalEnergy(internal.eos, found["theta"], found.get("u_cond"))
         if isinstance(internal, BeadTemperatures):
             if "temperature" not in found:
-                raise self.lacking("temperatures of beads", "of compute edpd/temp/atom (see openmm_dpd.lammps.exchange.dump_reader.NAMES)")
+                raise self.lacking("temperatures of beads", f"of compute edpd/temp/atom {_SEE}")
             return BeadTemperatures(found["temperature"], found.get("capacity", internal.capacities))
         if isinstance(internal, Concentrations):
             names = [f"c{k}" for k in range(1, internal.n_species + 1)]
             if not set(names) <= set(found):
-                raise self.lacking("concentrations", "of compute tdpd/cc/atom (see openmm_dpd.lammps.exchange.dump_reader.NAMES)")
+                raise self.lacking("concentrations", f"of compute tdpd/cc/atom {_SEE}")
             return Concentrations(np.column_stack([found[name] for name in names]))
         return None

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import ParameterError
-from ..language import arguments as read
 from ..state.box import Box
 from .atom_styles import ANGLE_STYLES, BONDED_STYLES, atom_columns
 from .text_file import Row, TextFile
@@ -184,18 +183,14 @@ class DataReader:
         values = np.empty((n, size))
         images = np.zeros((n, 3), dtype=np.int64)
         for k, (number, words) in enumerate(rows):
-            if len(words) not in (size, size + 3):
-                raise self.fail(f"expected {usage}, not {len(words)} words: '{' '.join(words)}'", number)
-            try:
-                values[k] = [read.as_float(word) for word in words[:size]]
-            except ValueError:
-                raise self.fail(f"expected {usage}, not '{' '.join(words)}'", number) from None
+            # three image flags, or none
+            end = size if len(words) == size + 3 else None
+            values[k] = self.file.numbers(rows[k], words[:end], size, usage, f"a value of atom {words[0]}")
             if len(words) > size:
                 flags = self.file.integers(rows[k], words[size:], "three image flags")
                 if max(map(abs, flags)) > _LARGEST:
                     raise self.fail(f"an image flag of atom {words[0]} is beyond {_LARGEST}: '{' '.join(words[size:])}'", number)
                 images[k] = flags
-        self._check_finite(values, rows, x)
         columns: dict[str, np.ndarray] = {}
         for k, name in enumerate(names):
             if name in ("id", "type", "molecule"):
@@ -205,13 +200,6 @@ class DataReader:
                 columns[name] = values[:, k].copy()
         self._check_atoms(columns, rows)
         return columns, values[:, x : x + 3].copy(), images if any(len(words) > size for _, words in rows) else None
-
-    def _check_finite(self, values: np.ndarray, rows: list[Row], x: int) -> None:
-        for columns, what in ((slice(x, x + 3), "position"), (slice(None), "value")):
-            bad = ~np.isfinite(values[:, columns]).all(axis=1)
-            if bad.any():
-                number, words = rows[int(np.argmax(bad))]
-                raise self.fail(f"atom {words[0]} has a {what} that is not finite: '{' '.join(words)}'", number)
 
     def _check_whole(self, values: np.ndarray, whole: np.ndarray, rows: list[Row], what: str) -> None:
         bad = np.flatnonzero(values != whole)

@@ -136,17 +136,16 @@ class AveragingFix(ABC):
 
     Attributes
     ----------
+    words : tuple of str
+        What it reads.
     name : str
         Id of the fix.
     """
 
+    words: tuple[str, ...]
+
     def __init__(self, name: str, schedule: Schedule, window: Windows, file: AverageFile, form: str):
         self.name, self._schedule, self._window, self._file, self._form = name, schedule, window, file, form
-
-    @property
-    @abstractmethod
-    def words(self) -> tuple[str, ...]:
-        """What it reads."""
 
     def needs(self, state: DeckState) -> frozenset[str]:
         """Fields of DeckSample that it reads."""

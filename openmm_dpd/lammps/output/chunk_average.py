@@ -32,15 +32,11 @@ class ChunkAverage(AveragingFix):
     def __init__(self, group: str, compute: Compute, words: tuple[str, ...], norm: str, dof: tuple[float, float], *parts):
         super().__init__(*parts)
         self._group, self._compute, self._values, self._norm, (self._adof, self._cdof) = group, compute, words, norm, dof
+        own = {"temp": ("vx", "mass"), "density/number": (), "density/mass": ("mass",)}
+        self.words = (*(part for word in words for part in own.get(word, (word,))), "x")
         self.profile: dict[str, list[float]] | None = None
         self._table = np.zeros((0, 0))
         self.forget()
-
-    @property
-    def words(self) -> tuple[str, ...]:
-        """What is averaged, and the bins."""
-        own = {"temp": ("vx", "mass"), "density/number": (), "density/mass": ("mass",)}
-        return (*(part for word in self._values for part in own.get(word, (word,))), "x")
 
     def forget(self) -> None:
         self._bins: Bins | None = None

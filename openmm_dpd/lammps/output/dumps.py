@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -10,7 +10,6 @@ from ...dcd import DCDWriter
 from ...files import BlockFile, write_whole
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
-from ..state.records import Dump
 from ..values.per_bead import BEAD_WORDS, BeadWord, axis_of
 from ..values.resolver import Resolver
 from .thermo import fields_read
@@ -39,24 +38,53 @@ COLUMNS = BEAD_WORDS | {
 _WHOLE = ("id", "type", "mol", "ix", "iy", "iz")
 
 
-@dataclass(frozen=True)
-class DumpWriter:
-    """Writes the configurations of one dump; what is written already is remembered in ``dump``."""
+@dataclass
+class Dump:
+    """One self.
 
-    dump: Dump
+    Attributes
+    ----------
+    name, group, style : str
+        Its id, group and style.
+    every : int
+        Interval in steps.
+    file : str
+        File name; a ``*`` makes one file per configuration, named after the step.
+    columns : tuple of str
+        Columns of the text styles.
+    append, first, unwrap : bool
+        Settings of dump_modify, and ``formats`` by column.
+    last_step : int or None
+        Step of the last configuration that was written.
+    opened : BlockFile or DCDWriter or None
+        The file, once something is in it.
+    """
+
+    name: str
+    group: str
+    style: str
+    every: int
+    file: str
+    columns: tuple[str, ...] = ()
+    append: bool = False
+    first: bool = False
+    unwrap: bool = False
+    formats: dict[str, str] = field(default_factory=dict)
+    last_step: int | None = None
+    opened: BlockFile | DCDWriter | None = field(default=None, repr=False)
 
     def needs(self, state: DeckState) -> frozenset[str]:
         """Fields of DeckSample that a configuration is written from."""
-        named = fields_read(state, [column for column in self.dump.columns if column not in COLUMNS])
-        return named.union(("positions",), *(COLUMNS[column].needs for column in self.dump.columns if column in COLUMNS))
+        named = fields_read(state, [column for column in self.columns if column not in COLUMNS])
+        return named.union(("positions",), *(COLUMNS[column].needs for column in self.columns if column in COLUMNS))
 
     def due(self, step: int) -> bool:
         """Whether a configuration is written at this step (never twice at one step)."""
-        return step != self.dump.last_step and (step % self.dump.every == 0 or (self.dump.first and self.dump.last_step is None))
+        return step != self.last_step and (step % self.every == 0 or (self.first and self.last_step is None))
 
     def next_due(self, step: int) -> int:
         """The first step after ``step`` at which a configuration is written."""
-        return (step // self.dump.every + 1) * self.dump.every
+        return (step // self.every + 1) * self.every
 
     def write(self, moment: Resolver) -> None:
         """Write the configuration of a moment, whose sample has the fields of :meth:`needs`.
@@ -66,34 +94,34 @@ class DumpWriter:
         OutputError
             If it cannot be written; the configurations before it stay readable.
         """
-        if self.dump.style == "dcd":
+        if self.style == "dcd":
             self._write_dcd(moment)
         else:
             self._write_text(moment)
-        self.dump.last_step = moment.step
+        self.last_step = moment.step
 
     def close(self) -> None:
         """Close the file."""
-        if self.dump.opened is not None:
-            self.dump.opened.close()
-            self.dump.opened = None
+        if self.opened is not None:
+            self.opened.close()
+            self.opened = None
 
     @property
     def _what(self) -> str:
-        return f"the file of dump {self.dump.name},"
+        return f"the file of dump {self.name},"
 
     def _write_text(self, moment: Resolver) -> None:
         state, step, text = moment.state, moment.step, self._text(moment)
-        if "*" in self.dump.file:
-            write_whole(state.output_file(self.dump.file, step), text, self._what)
+        if "*" in self.file:
+            write_whole(state.output_file(self.file, step), text, self._what)
             return
-        if self.dump.opened is None:
-            self.dump.opened = BlockFile(state.output_file(self.dump.file, step), self._what, append=self.dump.append)
-        assert isinstance(self.dump.opened, BlockFile)
-        self.dump.opened.write(text)
+        if self.opened is None:
+            self.opened = BlockFile(state.output_file(self.file, step), self._what, append=self.append)
+        assert isinstance(self.opened, BlockFile)
+        self.opened.write(text)
 
     def _text(self, moment: Resolver) -> str:
-        box, dump, mask = moment.box, self.dump, moment.state.group(self.dump.group)
+        box, mask = moment.box, moment.state.group(self.group)
         lines = [f"ITEM: TIMESTEP\n{moment.step}\nITEM: NUMBER OF ATOMS\n{mask.sum()}\n"]
         if box.triclinic:
             low, high = box.bounds
@@ -102,11 +130,11 @@ class DumpWriter:
         else:
             lines.append("ITEM: BOX BOUNDS " + " ".join("pp" if periodic else "ff" for periodic in box.periodic) + "\n")
             lines += (f"{box.low[k]:.16e} {box.high[k]:.16e}\n" for k in range(3))
-        lines.append(f"ITEM: ATOMS {' '.join(dump.columns)}\n")
+        lines.append(f"ITEM: ATOMS {' '.join(self.columns)}\n")
         forms, values = [], []
-        for name in dump.columns:
+        for name in self.columns:
             whole = name in _WHOLE
-            forms.append(dump.formats.get(name) or dump.formats.get("int" if whole else "float") or ("%d" if whole else "%g"))
+            forms.append(self.formats.get(name) or self.formats.get("int" if whole else "float") or ("%d" if whole else "%g"))
             found = (COLUMNS[name].value(moment) if name in COLUMNS else moment.bead_values(name))[mask]
             values.append(found.astype(np.int64) if whole else found)
         line = " ".join(forms) + " \n"
@@ -114,8 +142,8 @@ class DumpWriter:
         return "".join(lines)
 
     def _write_dcd(self, moment: Resolver) -> None:
-        dump, mask = self.dump, moment.state.group(self.dump.group)
-        if dump.opened is None:
-            dump.opened = DCDWriter(moment.state.output_file(dump.file, 0), int(mask.sum()), self._what)
-        assert isinstance(dump.opened, DCDWriter)
-        dump.opened.write((_unwrapped(moment) if dump.unwrap else moment.folded[0])[mask], moment.box.vectors)
+        mask = moment.state.group(self.group)
+        if self.opened is None:
+            self.opened = DCDWriter(moment.state.output_file(self.file, 0), int(mask.sum()), self._what)
+        assert isinstance(self.opened, DCDWriter)
+        self.opened.write((_unwrapped(moment) if self.unwrap else moment.folded[0])[mask], moment.box.vectors)

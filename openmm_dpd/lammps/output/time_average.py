@@ -27,16 +27,11 @@ class TimeAverage(AveragingFix):
     def __init__(self, words: tuple[str, ...], rows: int | None, off: list[int], *parts):
         super().__init__(*parts)
         # the length of the vectors, None in mode scalar
-        self._words, self._rows, self._off = words, rows, off
+        self.words, self._rows, self._off = words, rows, off
         self._vector = rows is not None
         self.report: dict | None = None
         self._values = np.zeros(0)
         self.forget()
-
-    @property
-    def words(self) -> tuple[str, ...]:
-        """What is averaged."""
-        return self._words
 
     def forget(self) -> None:
         self._sum, self._count, self._latest = np.zeros(0), 0, np.zeros(0)

@@ -11,7 +11,6 @@ from ..commands import beads, bonded, box, fixes, kspace, output, pairs, setup, 
 from ..language import arguments as read
 from ..language.lexer import Line, logical_lines, read_text, split_words
 from ..language.variables import Variables
-from ..output.dumps import DumpWriter
 from ..scene.integration import integration
 from ..state.deck_state import DeckState
 from .request import RunRequest
@@ -203,7 +202,7 @@ def read_deck(
         execute_file(deck, path)
     finally:
         for dump in deck.dumps.values():
-            DumpWriter(dump).close()
+            dump.close()
     if deck.first_run is None:
         if not stop_before_first_run:
             raise DeckError("the deck has no run command: there is nothing to do", str(path))

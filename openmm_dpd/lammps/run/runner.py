@@ -25,7 +25,7 @@ from ..output.thermo import ALWAYS
 from ..state.deck_state import DeckState
 from ..values.resolver import Resolver
 from .building import build_request, connect_barostat
-from .options import RunOptions, overridden
+from .options import FIXED_PRECISION, RunOptions, overridden
 from .request import RunRequest
 from .result import RunResult
 from .sampling import CHEAP, Sampler, arrays
@@ -164,9 +164,8 @@ class DeckRunner:
     def _result(self, request: RunRequest, simulation: app.Simulation, built: Built) -> RunResult:
         platform = simulation.context.getPlatform()
         name = platform.getName()
-        fixed = {"Reference": "double", "CPU": "mixed"}
         words = tuple(dict.fromkeys((*request.thermo.words, *ALWAYS)))
-        precision = fixed[name] if name in fixed else platform.getPropertyValue(simulation.context, "Precision")
+        precision = FIXED_PRECISION.get(name) or platform.getPropertyValue(simulation.context, "Precision")
         return RunResult(request, name, precision, self.options.discard, words)
 
     def _step_through(self, request: RunRequest, scene: Scene, simulation: app.Simulation, built: Built, result: RunResult, bar) -> None:

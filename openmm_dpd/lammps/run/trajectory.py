@@ -62,14 +62,11 @@ class RunTrajectory:
         if scene.n_beads != self._beads:
             self.close()
             self._beads, self._part = scene.n_beads, self._part + 1
-            self._open(scene)
+            write_topology(self._named("topology.psf"), scene)
+            self._file = DCDWriter(self._named("trajectory.dcd"), scene.n_beads, "the trajectory")
         self._built = built
         if self._fields is None and carries_fields(built):
             self._fields = FieldWriter(self._named("fields.npz"))
-
-    def _open(self, scene: Scene) -> None:
-        write_topology(self._named("topology.psf"), scene)
-        self._file = DCDWriter(self._named("trajectory.dcd"), scene.n_beads, "the trajectory")
 
     def _named(self, name: str) -> Path:
         path = self.folder / name

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...errors import ParameterError
 from ...model.electrostatics import SlaterCharges
-from ...units import COULOMB, UnitSystem
+from ...units import COULOMB
 from ..files.atom_styles import CHARGED_STYLES
 from ..language.lexer import located
 from ..state.deck_state import DeckState
@@ -38,7 +38,7 @@ def electrostatics_of(state: DeckState) -> SlaterCharges | None:
         raise located(style.where, f"pair style {style.name} needs periodic boundaries along all axes: its charges repeat along all three")
     _check_flags(state, style)
     settings, units, kspace = style.settings, state.units, state.kspace
-    constant = coulomb_constant(units) / state.dielectric
+    constant = QQR2E[units.name] * units.energy * units.length / state.dielectric
     try:
         return SlaterCharges(
             lamda=settings["lamda"] * units.length,
@@ -76,8 +76,3 @@ def _check_flags(state: DeckState, style: PairStyle) -> None:
     for (i, j), found in sorted(style.coefficients.items()):
         if style.name.startswith("dpd") and found.values["charged"] == "yes" and not {i, j} <= set(charged):
             state.note(f"pair_coeff {i} {j} is marked as charged, but beads of these types have no charge: the flag has no effect")
-
-
-def coulomb_constant(units: UnitSystem) -> float:
-    """Coulomb constant of a unit style in kJ/mol nm/e^2."""
-    return QQR2E[units.name] * units.energy * units.length

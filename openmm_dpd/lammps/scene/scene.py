@@ -5,15 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from ...errors import ParameterError
-from ...model.angles import Angles
-from ...model.bonds import Bonds, FENEBonds, HarmonicBonds
+from ...model.bonds import FENEBonds, HarmonicBonds
 from ...model.scene import Scene, TemperatureRamp
 from ..language.lexer import located
 from ..state.deck_state import DeckState
 from ..state.moment import Window
 from ..state.pair_setup import BondedSetup
 from ..styles.bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedStyle
-from ..styles.pair_tables import pair_tables, type_name
+from ..styles.pair_tables import pair_tables
 from .electrostatics import electrostatics_of
 from .fields import internal_of, internal_scale, sources_of
 from .flow import body_forces_of, walls_of
@@ -56,8 +55,8 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
     vectors = box.reduced_vectors * units.length
     try:
         return Scene(
-            masses={type_name(k): state.masses[k] for k in range(1, state.n_types + 1)},
-            types=[type_name(k) for k in atoms.types.tolist()],
+            masses={str(k): state.masses[k] for k in range(1, state.n_types + 1)},
+            types=[str(k) for k in atoms.types.tolist()],
             positions=atoms.positions * units.length,
             pairs=pair_tables(state),
             kT=deck_kT(state, window),
@@ -65,8 +64,8 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
             velocities=atoms.velocities * units.velocity,
             bead_masses=masses,
             charges=atoms.charges if np.any(atoms.charges) else None,
-            bonds=bond_terms(state),
-            angles=angle_terms(state),
+            bonds=_bonded_terms(state, state.bonds, state.bond, BOND_STYLES, "bond"),
+            angles=_bonded_terms(state, state.angles, state.angle, ANGLE_STYLES, "angle"),
             segments=segments_of(state, compat),
             special=state.special if len(state.bonds) else (1.0, 1.0, 1.0),
             mobile=None if moved.mobile.all() else moved.mobile,
@@ -113,17 +112,8 @@ def deck_kT(state: DeckState, window: Window | None) -> float | TemperatureRamp:
     return TemperatureRamp(start, stop, window.begin - window.first, window.end - window.first)
 
 
-def bond_terms(state: DeckState) -> list[Bonds]:
-    """Bonds by bond type; where the style has no energy they still count for special_bonds."""
-    return _bonded_terms(state, state.bonds, state.bond, BOND_STYLES, "bond")
-
-
-def angle_terms(state: DeckState) -> list[Angles]:
-    """Angles by angle type; those of a style without energy are left out."""
-    return _bonded_terms(state, state.angles, state.angle, ANGLE_STYLES, "angle")
-
-
 def _bonded_terms(state: DeckState, terms: np.ndarray, setup: BondedSetup, known: dict[str, BondedStyle], what: str) -> list:
+    """Bonds or angles by type; bonds of a style without energy still count for special_bonds, such angles are left out."""
     found = []
     for kind in np.unique(terms[:, 0]).tolist():
         style: str = "none"

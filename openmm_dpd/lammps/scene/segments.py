@@ -47,7 +47,7 @@ def segments_of(state: DeckState, compat: str) -> SegmentalRepulsion | None:
             "pair srp min: the nearest points of two bonds are used. LAMMPS moves each point to the end of its bond by itself, which gives "
             "other points and smaller energies (--compat lammps does the same)"
         )
-    if _counts_beads(state):
+    if state.units.normalize if state.thermo.norm is None else state.thermo.norm:
         state.note("pair srp: thermo output is not divided by the number of beads, as in LAMMPS with this style")
         state.thermo.norm = False
     units = state.units
@@ -58,10 +58,6 @@ def segments_of(state: DeckState, compat: str) -> SegmentalRepulsion | None:
         _segments(state, style),
         settings["exclude"],
     )
-
-
-def _counts_beads(state: DeckState) -> bool:
-    return state.units.normalize if state.thermo.norm is None else state.thermo.norm
 
 
 def _segments(state: DeckState, style: PairStyle) -> np.ndarray:

@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from .atoms import Atoms
 from .box import Box
 from .lattice import Lattice, default_lattice
 from .pair_setup import BondedSetup, PairSetup
-from .records import Compute, Dump, Fix, KspaceSetup, ThermoSettings
+from .records import Compute, Fix, KspaceSetup, ThermoSettings
 from .regions import Region
 from .sample import DeckSample
 
@@ -79,6 +80,8 @@ class DeckState:
         Divisor of the Coulomb constant.
     pressure_temps : dict of str to str
         Computes of pressure (``thermo_press`` is one) whose temperature ``thermo_modify temp`` has replaced, and the id of the new one.
+    dumps : dict of str to :class:`~openmm_dpd.lammps.output.dumps.Dump`
+        Dumps that are active.
     timestep : float
         ps.
     step : int
@@ -118,7 +121,7 @@ class DeckState:
     fixes: dict[str, Fix] = field(default_factory=dict)
     computes: dict[str, Compute] = field(default_factory=dict)
     pressure_temps: dict[str, str] = field(default_factory=dict)
-    dumps: dict[str, Dump] = field(default_factory=dict)
+    dumps: dict[str, Any] = field(default_factory=dict)
     thermo: ThermoSettings = field(default_factory=ThermoSettings)
     timestep: float = LJ.timestep
     step: int = 0

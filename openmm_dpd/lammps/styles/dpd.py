@@ -1,4 +1,4 @@
-"""Pair styles of the DPD family: conservative force, friction and noise."""
+"""Pair styles of the DPD family: conservative force, friction and noise, and conduction between beads with internal energies."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from collections.abc import Callable
 import numpy as np
 
 from ...errors import ParameterError
+from ...model.energy_dpd import EnergyDPD
 from ...model.pairs import DPD
 from ...units import UnitSystem
 from ..state.pair_setup import Coefficient, PairStyle, Spec, Term
 from .columns import Columns, seeded
-from .writing import Exports, Pair, PairExport, StyleUse, exact
+from .writing import Exports, Pair, PairExport, StyleUse, exact, plain_use
 
 
 def _dpd(name: str, temperatures: int, columns: Columns) -> Spec:
@@ -28,6 +29,7 @@ def _dpd(name: str, temperatures: int, columns: Columns) -> Spec:
 
 _FORCE, _FRICTION, _NOISE = {"A": "force"}, {"gamma": "friction"}, {"sigma": "noise"}
 _TRANSVERSE = {**_FRICTION, "gamma_perp": "friction", "exponent": "1", "exponent_perp": "1"}
+_ENERGY = Columns({**_FORCE, **_NOISE, "kappa": "energy*kT/time"})
 
 STYLES = {
     "dpd": _dpd("dpd", 1, Columns({**_FORCE, **_FRICTION})),
@@ -35,6 +37,7 @@ STYLES = {
     "dpd/ext": _dpd("dpd/ext", 1, Columns({**_FORCE, **_TRANSVERSE})),
     "dpd/ext/tstat": _dpd("dpd/ext/tstat", 2, Columns(_TRANSVERSE)),
     "dpd/fdt": _dpd("dpd/fdt", 1, Columns({**_FORCE, **_NOISE})),
+    "dpd/fdt/energy": Spec(seeded("dpd/fdt/energy", 0), _ENERGY.coefficient, _ENERGY.builder(EnergyDPD), thermostat=True, atom_style="dpd"),
 }
 
 
@@ -94,4 +97,8 @@ def _export(export: PairExport, entries: dict[Pair, DPD]) -> list[StyleUse]:
     return [use("dpd", f"{{start}} {reach} {{seed}}", lambda pair: f"{exact(A[pair])} {exact(gammas[pair])}")]
 
 
-EXPORTS: Exports = {DPD: _export}
+def _export_energy(export: PairExport, entries: dict[Pair, EnergyDPD]) -> list[StyleUse]:
+    return [plain_use("dpd/fdt/energy", "{cutoff} {seed}", _ENERGY, export, entries)]
+
+
+EXPORTS: Exports = {DPD: _export, EnergyDPD: _export_energy}

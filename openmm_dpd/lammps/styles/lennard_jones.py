@@ -10,7 +10,7 @@ from ...units import UnitSystem
 from ..language import arguments as read
 from ..state.pair_setup import Coefficient, Find, PairStyle, Spec, Term, Values
 from .columns import Columns, cutoff_of
-from .writing import Exports, Pair, PairExport, StyleUse, exact
+from .writing import Exports, Pair, PairExport, StyleUse, plain_use
 
 MIXING = ("geometric", "arithmetic", "sixthpower")
 
@@ -52,14 +52,11 @@ STYLES = {"lj/cut": Spec(_lj_settings, _lj_coefficient, _lj_build, mixed=mixed)}
 
 
 def _export(export: PairExport, entries: dict[Pair, LennardJones]) -> list[StyleUse]:
-    units, found = export.units, []
+    found = []
     for shifted in (False, True):
         mine = {pair: c for pair, c in entries.items() if bool(c.shift) == shifted}
-        if not mine:
-            continue
-        longest = max(c.cutoff for c in mine.values())
-        words = {pair: exact([*_COLUMNS.of(c, units), c.cutoff / units.length]) for pair, c in mine.items()}
-        found.append(StyleUse("lj/cut", exact(longest / units.length), words, longest, "shift yes" if shifted else ""))
+        if mine:
+            found.append(plain_use("lj/cut", "{cutoff}", _COLUMNS, export, mine, "shift yes" if shifted else ""))
     return found
 
 

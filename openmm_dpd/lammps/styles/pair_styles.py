@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from ..language import arguments as read
 from ..state.pair_setup import Spec
-from . import charges, dpd, edpd, energy, lennard_jones, mdpd, srp, table, tdpd
+from . import charges, dpd, edpd, lennard_jones, mdpd, srp, table, tdpd
 from .columns import cutoff_of, no_force
 from .writing import Exports
 
@@ -20,7 +20,7 @@ def _zero_settings(words: list[str]) -> dict:
 
 
 #: Files of styles.
-_FILES = (dpd, energy, edpd, tdpd, mdpd, lennard_jones, table, charges, srp)
+_FILES = (dpd, edpd, tdpd, mdpd, lennard_jones, table, charges, srp)
 
 #: Pair styles by name.
 PAIR_STYLES: dict[str, Spec] = {name: spec for file in _FILES for name, spec in file.STYLES.items()} | {

@@ -17,11 +17,6 @@ from ..state.pair_setup import Coefficient, PairStyle
 Table = dict[tuple[int, int], Coefficient]
 
 
-def type_name(number: int) -> str:
-    """Name that the scene uses for a bead type."""
-    return str(number)
-
-
 def pair_tables(state: DeckState) -> list[PairTable]:
     """One table of pair terms per pair style of the deck.
 
@@ -58,11 +53,11 @@ def pair_tables(state: DeckState) -> list[PairTable]:
         for (i, j), coefficient in sorted(table.items()):
             if id(coefficient) not in terms:
                 terms[id(coefficient)] = _term(state, style, (i, j), coefficient)
-            entries[(type_name(i), type_name(j))] = terms[id(coefficient)]
+            entries[(str(i), str(j))] = terms[id(coefficient)]
         result.append(entries)
     result = result or [{}]
     for i, j in sorted(setup.excluded | between_bonds):
-        result[0].setdefault((type_name(i), type_name(j)), NONE)
+        result[0].setdefault((str(i), str(j)), NONE)
     return [PairTable(entries) for entries in result]
 
 

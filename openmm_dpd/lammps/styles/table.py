@@ -68,12 +68,8 @@ def _rows(c: TabulatedPair) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     r = np.array(c.distances)
     if r[0] == 0:
         r[0] = 1e-6 * r[1]  # LAMMPS has no table that begins at 0
-    forces = c.forces if c.forces is not None else -_slopes(c)
+    forces = c.forces if c.forces is not None else -CubicSpline(c.distances, c.energies).derivative()(c.distances)
     return r, c.energies, forces
-
-
-def _slopes(c: TabulatedPair) -> np.ndarray:
-    return CubicSpline(c.distances, c.energies).derivative()(c.distances)
 
 
 def _table_section(c: TabulatedPair, keyword: str, units: UnitSystem) -> Iterator[str]:

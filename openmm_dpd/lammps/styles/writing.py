@@ -12,6 +12,7 @@ import numpy as np
 from ...errors import ParameterError
 from ...model.scene import Scene
 from ...units import UnitSystem
+from .columns import Columns
 
 Pair = tuple[str, str]
 
@@ -108,6 +109,13 @@ class PairExport:
             raise ParameterError(f"{what} goes with one temperature in LAMMPS, but the scene has a ramp; LAMMPS has ramps for DPD only")
         if self.units.name != "lj":
             raise ParameterError(f"{what} goes with units lj only in LAMMPS, not with units {self.units.name}")
+
+
+def plain_use(name: str, settings: str, columns: Columns, export: PairExport, entries: dict[Pair, Any], modify: str = "") -> StyleUse:
+    """Use of a style whose coefficients are some numbers and the cutoff; ``settings`` has ``{cutoff}`` where the longest one goes."""
+    units, longest = export.units, max(c.cutoff for c in entries.values())
+    words = {pair: exact([*columns.of(c, units), c.cutoff / units.length]) for pair, c in entries.items()}
+    return StyleUse(name, settings.replace("{cutoff}", exact(longest / units.length)), words, longest, modify)
 
 
 #: From the kind of a table of a scene to the styles that say the same.

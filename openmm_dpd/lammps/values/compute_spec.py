@@ -77,10 +77,12 @@ def check_place(compute: Compute, spec: ComputeSpec, row: int | None, column: in
     return row - 1, column - 1
 
 
-def no_arguments(style: str = "style") -> Callable[[DeckState, str, list[str]], None]:
-    """The check of a style that has no arguments."""
+def no_arguments(style: str, atom_style: str | None = None) -> Callable[[DeckState, str, list[str]], None]:
+    """``ComputeSpec.prepare`` of a style that has no arguments, and may need an atom style."""
 
     def check(state: DeckState, group: str, words: list[str]) -> None:
         read.count(words, f"compute ID group {style} (and no more)", 0)
+        if atom_style is not None:
+            state.require_atom_style(atom_style, f"compute {style}")
 
     return check

@@ -17,7 +17,7 @@ from ..state.moment import DeckMoment
 from ..state.records import Compute
 from .chunks import CHUNKS
 from .compute_spec import ComputeSpec, check_place, no_arguments
-from .per_bead import BEAD_WORDS, PER_BEAD, style_only
+from .per_bead import BEAD_WORDS, PER_BEAD
 from .references import reference
 from .structure_computes import STRUCTURE
 
@@ -48,8 +48,9 @@ def _check_pressure(state: DeckState, group: str, words: list[str]) -> None:
 _PARTS = ("pair", "bond", "angle")
 
 
-def _pe(moment: DeckMoment, compute: Compute) -> float:
-    return sum(moment.energy(f"{part}_energy") for part in compute.arguments or _PARTS)
+def potential_energy(moment: DeckMoment, parts: Sequence[str] = _PARTS) -> float:
+    """Sum of these parts of the potential energy, in the deck's units."""
+    return sum(moment.energy(f"{part}_energy") for part in parts)
 
 
 def _pressure(moment: DeckMoment, compute: Compute) -> float:
@@ -57,10 +58,6 @@ def _pressure(moment: DeckMoment, compute: Compute) -> float:
     if "virial" not in compute.arguments[1:]:
         kinetic = moment.kinetic(moment.state.temperature_of_pressure(compute.name))
     return moment.pressure_of(kinetic, 0.0 if "ke" in compute.arguments[1:] else moment.need("virial"))
-
-
-def _centre(moment: DeckMoment, compute: Compute) -> np.ndarray:
-    return moment.state.mass_average(moment.unwrapped, moment.state.group(compute.group))
 
 
 def _kinetic_tensor(moment: DeckMoment, compute: Compute) -> np.ndarray:
@@ -154,7 +151,7 @@ REDUCE = ComputeSpec(
 #: Compute styles by name.
 COMPUTES: dict[str, ComputeSpec] = {
     "temp": ComputeSpec(
-        no_arguments(),
+        no_arguments("temp"),
         lambda moment, compute: moment.temperature(compute),
         _kinetic_tensor,
         extensive_vector=True,
@@ -162,16 +159,26 @@ COMPUTES: dict[str, ComputeSpec] = {
         needs=("velocities",),
     ),
     "ke": ComputeSpec(
-        no_arguments(),
+        no_arguments("ke"),
         lambda moment, compute: moment.kinetic_of(moment.state.group(compute.group)) / moment.units.energy,
         extensive=True,
         needs=("velocities",),
     ),
-    "pe": ComputeSpec(_all_only("pe", _PARTS), _pe, extensive=True, needs=tuple(f"{part}_energy" for part in _PARTS)),
+    "pe": ComputeSpec(
+        _all_only("pe", _PARTS),
+        lambda m, c: potential_energy(m, c.arguments or _PARTS),
+        extensive=True,
+        needs=tuple(f"{part}_energy" for part in _PARTS),
+    ),
     "pressure": ComputeSpec(_check_pressure, _pressure, needs=("virial", "velocities")),
-    "com": ComputeSpec(no_arguments(), vector=_centre, size=lambda compute: 3, needs=("positions",)),
-    "momentum": ComputeSpec(no_arguments(), vector=_momentum, extensive=True, size=lambda compute: 3, needs=("velocities",)),
-    "dpd": ComputeSpec(style_only("dpd", "dpd"), vector=_dpd, size=lambda compute: 5, needs=("fields",)),
+    "com": ComputeSpec(
+        no_arguments("com"),
+        vector=lambda m, c: m.state.mass_average(m.unwrapped, m.state.group(c.group)),
+        size=lambda compute: 3,
+        needs=("positions",),
+    ),
+    "momentum": ComputeSpec(no_arguments("momentum"), vector=_momentum, extensive=True, size=lambda compute: 3, needs=("velocities",)),
+    "dpd": ComputeSpec(no_arguments("dpd", "dpd"), vector=_dpd, size=lambda compute: 5, needs=("fields",)),
     "reduce": REDUCE,
     "chunk/atom": CHUNKS,
     **STRUCTURE,
@@ -194,7 +201,7 @@ class BuiltIn:
 BUILT_IN = {
     "thermo_temp": BuiltIn(lambda moment: moment.temperature(), "temp"),
     "thermo_press": BuiltIn(lambda moment: moment.pressure_with("thermo_press", "virial"), "press"),
-    "thermo_pe": BuiltIn(lambda moment: sum(moment.energy(f"{part}_energy") for part in _PARTS), "pe"),
+    "thermo_pe": BuiltIn(potential_energy, "pe"),
 }
 
 

@@ -97,24 +97,6 @@ def _internal(moment: DeckMoment, compute: Compute) -> np.ndarray:
     return _in_group(moment, compute, np.column_stack(columns))
 
 
-def _temperature(moment: DeckMoment, compute: Compute) -> np.ndarray:
-    return _in_group(moment, compute, moment.field("temperature") / moment.units.thermal_energy)
-
-
-def _concentration(moment: DeckMoment, compute: Compute) -> np.ndarray:
-    return _in_group(moment, compute, moment.field("concentrations")[:, compute.settings])
-
-
-def style_only(style: str, atom_style: str) -> Callable[[DeckState, str, list[str]], None]:
-    """The check of a style that has no arguments and needs an atom style."""
-
-    def check(state: DeckState, group: str, words: list[str]) -> None:
-        no_arguments(style)(state, group, words)
-        state.require_atom_style(atom_style, f"compute {style}")
-
-    return check
-
-
 def _species(state: DeckState, group: str, words: list[str]) -> int:
     read.count(words, "compute ID group tdpd/cc/atom species", 1)
     state.require_atom_style("tdpd", "compute tdpd/cc/atom")
@@ -129,10 +111,14 @@ PER_BEAD: dict[str, ComputeSpec] = {
         columns=lambda compute: len(compute.arguments) if len(compute.arguments) > 1 else 0,
         inputs=lambda compute: compute.arguments,
     ),
-    "ke/atom": ComputeSpec(
-        lambda state, group, words: read.count(words, "compute ID group ke/atom", 0), per_bead=_kinetic, needs=("velocities",)
+    "ke/atom": ComputeSpec(no_arguments("ke/atom"), per_bead=_kinetic, needs=("velocities",)),
+    "dpd/atom": ComputeSpec(no_arguments("dpd/atom", "dpd"), per_bead=_internal, columns=lambda compute: 4, needs=("fields",)),
+    "edpd/temp/atom": ComputeSpec(
+        no_arguments("edpd/temp/atom", "edpd"),
+        per_bead=lambda m, c: _in_group(m, c, m.field("temperature") / m.units.thermal_energy),
+        needs=("fields",),
     ),
-    "dpd/atom": ComputeSpec(style_only("dpd/atom", "dpd"), per_bead=_internal, columns=lambda compute: 4, needs=("fields",)),
-    "edpd/temp/atom": ComputeSpec(style_only("edpd/temp/atom", "edpd"), per_bead=_temperature, needs=("fields",)),
-    "tdpd/cc/atom": ComputeSpec(per_bead=_concentration, needs=("fields",), prepare=_species),
+    "tdpd/cc/atom": ComputeSpec(
+        per_bead=lambda m, c: _in_group(m, c, m.field("concentrations")[:, c.settings]), needs=("fields",), prepare=_species
+    ),
 }

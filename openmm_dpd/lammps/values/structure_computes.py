@@ -112,19 +112,15 @@ class Displacements:
     average: bool
     origin: np.ndarray
     count: int = 1
-    _seen: tuple[Window | None, int] | None = field(default=None, repr=False)
+    _seen: tuple[Window, int] | None = field(default=None, repr=False)
 
     def include(self, moment: DeckMoment, positions: np.ndarray) -> None:
         """Take the positions of a step into the mean, once in a run."""
-        if not self.average or moment.window is None or (self._seen is not None and self._is_seen(moment)):
+        if not self.average or moment.window is None or (self._seen and self._seen[0] is moment.window and self._seen[1] == moment.step):
             return
         self._seen = (moment.window, moment.step)
         self.origin = (self.origin * self.count + positions) / (self.count + 1)
         self.count += 1
-
-    def _is_seen(self, moment: DeckMoment) -> bool:
-        assert self._seen is not None
-        return self._seen[0] is moment.window and self._seen[1] == moment.step
 
 
 def parse_displacements(state: DeckState, group: str, words: list[str]) -> Displacements:

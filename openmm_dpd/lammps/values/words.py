@@ -56,10 +56,6 @@ def _density(moment: DeckMoment) -> float:
     return moment.units.density * mass / moment.box.volume
 
 
-def _conf_temperature(moment: DeckMoment) -> float:
-    return moment.need("kT_conf") / moment.units.thermal_energy
-
-
 def _vector_length(row: int) -> Callable[[DeckMoment], float]:
     return lambda moment: float(np.linalg.norm(moment.box.vectors[row]))
 
@@ -154,5 +150,5 @@ WORDS: dict[str, Word] = {
     "fmax": Word("Fmax", lambda c: c.need("force_max") / c.units.force, needs=("force_max",)),
     "fnorm": Word("Fnorm", lambda c: c.need("force_norm") / c.units.force, needs=("force_norm",)),
     "press_full": Word("PressFull", lambda c: c.pressure("virial_full"), needs=("kinetic", "dof", "virial_full")),
-    "temp_conf": Word("TempConf", _conf_temperature, needs=("kT_conf",)),
+    "temp_conf": Word("TempConf", lambda c: c.need("kT_conf") / c.units.thermal_energy, needs=("kT_conf",)),
 }
