@@ -12,14 +12,14 @@ from ...model.bonds import bonded_neighbours
 from ..files.atom_styles import ARRAYS, BONDED_STYLES
 from ..files.data_file import DataFile, read_data_file
 from ..language import arguments as read
-from ..language.lexer import Line
+from ..language.lexer import Line, errors_at
 from ..state.atoms import Atoms
 from ..state.box import Box
 from ..state.deck_state import DeckState
 from ..state.lattice import parse_lattice
 from ..state.regions import parse_region
+from . import bonded
 from .beads import subset
-from .bonded import angle_coeff, bond_coeff
 from .pairs import pair_coeff
 from .setup import by_name
 
@@ -199,7 +199,9 @@ def _take_atoms(state: DeckState, data: DataFile, path: Path) -> None:
     order = np.argsort(data.columns["id"], kind="stable")
     inside, shifts = state.require_box("read_data").settle(data.positions)
     atoms = Atoms.new(data.columns["id"][order], data.columns["type"][order], inside[order], state.n_species)
-    atoms.images = (_repeated(state, data, path) + shifts)[order]
+    if np.any(data.images[:, ~np.array(state.periodic)]):
+        state.note(f"{path.name}: image flags along axes that do not repeat count as 0")
+    atoms.images = (np.where(state.periodic, data.images, 0) + shifts)[order]
     atoms.velocities = data.velocities[order]
     atoms.slots = order
     for column, name in ARRAYS.items():
@@ -211,28 +213,19 @@ def _take_atoms(state: DeckState, data: DataFile, path: Path) -> None:
     state.bonds, state.angles = data.bonds, data.angles
 
 
-def _repeated(state: DeckState, data: DataFile, path: Path) -> np.ndarray:
-    """(N, 3) image flags, which are 0 along axes that do not repeat, as LAMMPS reads them."""
-    if np.any(data.images[:, ~np.array(state.periodic)]):
-        state.note(f"{path.name}: image flags along axes that do not repeat count as 0")
-    return np.where(state.periodic, data.images, 0)
-
-
 def _take_coefficients(state: DeckState, data: DataFile, path: Path) -> None:
     handlers = {
         "Pair Coeffs": lambda words: pair_coeff(state, [words[0], *words]),
         "PairIJ Coeffs": lambda words: pair_coeff(state, words),
-        "Bond Coeffs": lambda words: bond_coeff(state, words),
-        "Angle Coeffs": lambda words: angle_coeff(state, words),
+        "Bond Coeffs": lambda words: bonded.COMMANDS["bond_coeff"](state, words),
+        "Angle Coeffs": lambda words: bonded.COMMANDS["angle_coeff"](state, words),
     }
     outer = state.here
     for name, rows in data.coefficients.items():
         for number, words in rows:
             state.here = Line(" ".join(words), str(path), number)
-            try:
+            with errors_at(state.here, f"{name}: "):
                 handlers[name](words)
-            except ParameterError as error:
-                raise DeckError(f"{name}: {error}", str(path), number) from None
     state.here = outer
 
 

@@ -16,14 +16,11 @@ from .flow_fixes import FLOW_FIXES
 from .setup import FixReader, by_name
 
 
-def _nve(state: DeckState, group: str, words: list[str]) -> dict:
-    read.count(words, "fix ID group nve", 0)
-    return {"lambda": 0.5}
+def _moving(style: str, most: int) -> FixReader:
+    """A fix that moves beads, with lambda if it takes an argument."""
 
-
-def _mvv(style: str) -> FixReader:
     def reader(state: DeckState, group: str, words: list[str]) -> dict:
-        read.count(words, f"fix ID group {style} [lambda]", 0, 1)
+        read.count(words, f"fix ID group {style}{' [lambda]' * most}", 0, most)
         value = read.number(words[0], "lambda") if words else 0.5
         if not 0 <= value <= 1:
             raise ParameterError(f"lambda must be between 0 and 1, but is {value:g}")
@@ -41,10 +38,10 @@ def _shardlow(state: DeckState, group: str, words: list[str]) -> dict:
 
 #: Fix styles: from (state, group, words) to the fix's parameters.
 FIX_STYLES: dict[str, FixReader] = {
-    "nve": _nve,
-    "mvv/dpd": _mvv("mvv/dpd"),
-    "mvv/edpd": _mvv("mvv/edpd"),
-    "mvv/tdpd": _mvv("mvv/tdpd"),
+    "nve": _moving("nve", 0),
+    "mvv/dpd": _moving("mvv/dpd", 1),
+    "mvv/edpd": _moving("mvv/edpd", 1),
+    "mvv/tdpd": _moving("mvv/tdpd", 1),
     "shardlow": _shardlow,
     **ENERGY_FIXES,
     **FLOW_FIXES,

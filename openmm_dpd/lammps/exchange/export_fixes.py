@@ -43,11 +43,6 @@ class Integrator:
     lam: float = 0.5
     shardlow: bool = False
 
-    @property
-    def vest(self) -> bool:
-        """Whether it needs beads of atom_style mdpd."""
-        return self.fix == "mvv/dpd"
-
 
 def choose_integrator(scene: Scene, scheme: str, lam: float, units: UnitSystem, skin: float, differences: Differences) -> Integrator:
     """The LAMMPS integrator nearest to a scheme; every difference is noted."""
@@ -131,13 +126,12 @@ def eos_lines(scene: Scene, types: BeadTypes, units: UnitSystem, file: str, diff
             capacity = _RESERVOIR if frozen or not isinstance(eos, ConstantHeatCapacity) else eos.capacity
             lines.append(f"fix eos{k} {group} eos/cv {exact(capacity * units.boltzmann)}")
             continue
+        rows = _eos_rows(eos, units)
         if id(eos) not in written:
             written[id(eos)] = f"EOS_{len(written) + 1}"
-            rows = _eos_rows(eos, units)
             table += ["", written[id(eos)], f"N {len(rows)}", ""]
             table += [f"{n} {exact(theta)} {exact(u)}" for n, (theta, u) in enumerate(rows, start=1)]
-        size = len(_eos_rows(eos, units))
-        lines.append(f"fix eos{k} {group} eos/table linear {file} {size} {written[id(eos)]}")
+        lines.append(f"fix eos{k} {group} eos/table linear {file} {len(rows)} {written[id(eos)]}")
     return lines, ["# equations of state written by openmm-dpd, units = " + units.name, *table] if table else []
 
 

@@ -16,7 +16,7 @@ from ...schemes import scheme_of
 from ...units import UnitSystem, to_md, unit_system, whole_number
 from ..styles.writing import Differences
 from .export_beads import BeadTypes, Bonded, atom_styles, lammps_types, longest_cutoff, species_of
-from .export_bonded import angle_types, bond_types, longest_bond
+from .export_bonded import bonded_types, longest_bond
 from .export_fixes import Integrator, choose_integrator
 
 #: What of a Scene is exported; anything else that a scene holds is an error, never left out.
@@ -60,7 +60,7 @@ class Job:
         return self.scene.mobile is not None and not self.scene.mobile.all()
 
 
-def refuse_unknown(scene: Scene) -> None:
+def _refuse_unknown(scene: Scene) -> None:
     for item in fields(scene):
         if not item.init or item.name in _KNOWN:
             continue
@@ -71,6 +71,7 @@ def refuse_unknown(scene: Scene) -> None:
 
 
 def make_job(scene: Scene, name, dt, steps, scheme, lam, seed, every, units, corner, images=None) -> Job:
+    _refuse_unknown(scene)
     if not isinstance(name, str) or not _NAME.fullmatch(name):
         raise ParameterError(f"the name of an export has letters, digits and _ . + - only, not {name!r}")
     if dt is None:
@@ -95,7 +96,7 @@ def make_job(scene: Scene, name, dt, steps, scheme, lam, seed, every, units, cor
     narrow = min(skin, 0.1 * longest)
     integrator = choose_integrator(scene, scheme, weight, system, narrow, differences)
     skin = narrow if integrator.shardlow else skin
-    styles = atom_styles(scene, integrator.vest)
+    styles = atom_styles(scene, integrator.fix == "mvv/dpd")
     return Job(
         scene=scene,
         units=system,
@@ -110,8 +111,8 @@ def make_job(scene: Scene, name, dt, steps, scheme, lam, seed, every, units, cor
         styles=styles,
         differences=differences,
         skin=skin,
-        bonds=bond_types(scene, system),
-        angles=angle_types(scene, system),
+        bonds=bonded_types(scene, "bond", system),
+        angles=bonded_types(scene, "angle", system),
         images=images,
     )
 

@@ -63,7 +63,7 @@ def export_texts(job: Job) -> dict[str, str]:
     eos, eos_table = eos_lines(scene, job.types, units, f"eos.{job.name}", differences)
     velocities, extra = initial_velocities(scene, job.seed), int(segments is not None)
     data = data_file(scene, units, job.types, places, velocities, job.bonds, job.angles, extra)
-    remarks = dict(enumerate([*job.types.names, *["placeholder of bonds"] * extra], start=1))
+    remarks = dict(enumerate([*job.types.names, *["places of bonds"] * extra], start=1))
     title = f"{job.name}, written by openmm-dpd, units = {units.name}"
     lines = data_lines(data, title, job.styles, job.n_species, remarks=remarks)
     charges = charge_use(scene, units, list(dict.fromkeys(job.types.names)), differences)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -25,14 +25,9 @@ def id_words(mask: np.ndarray) -> list[str]:
     return [f"{first}" if first == last else f"{first}:{last}" for first, last in zip(starts.tolist(), ends.tolist(), strict=True)]
 
 
-def in_lines(words: Sequence[str]) -> str:
-    """Words of one command, on several lines if there are many."""
-    lines = [" ".join(words[k : k + _LINE]) for k in range(0, len(words), _LINE)]
-    return " &\n  ".join(lines)
-
-
 def group_lines(name: str, mask: np.ndarray) -> Iterator[str]:
-    """Commands that put beads into a group."""
-    words = id_words(mask)
-    for k in range(0, len(words), _GROUP):
-        yield in_lines(["group", name, "id", *words[k : k + _GROUP]])
+    """Commands that put beads into a group, each on several lines if it is long."""
+    ids = id_words(mask)
+    for k in range(0, len(ids), _GROUP):
+        words = ["group", name, "id", *ids[k : k + _GROUP]]
+        yield " &\n  ".join(" ".join(words[n : n + _LINE]) for n in range(0, len(words), _LINE))

@@ -8,9 +8,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from ...errors import DeckError, DPDError, ParameterError
+from ...errors import ParameterError
 from .arguments import as_float, identifier, known
-from .lexer import Line
+from .lexer import Line, errors_at
 
 STYLES = ("equal", "atom", "string", "index", "loop", "delete")
 
@@ -109,13 +109,8 @@ class Variables:
             raise ParameterError(f"variable {name} refers to itself: {' -> '.join([*self._evaluating, name])}")
         self._evaluating.append(name)
         try:
-            return evaluate(variable.text)
-        except DeckError:
-            raise
-        except DPDError as error:
-            if variable.where is None:
-                raise
-            raise DeckError(f"variable {name}: {error}", variable.where.file, variable.where.number) from None
+            with errors_at(variable.where, f"variable {name}: "):
+                return evaluate(variable.text)
         finally:
             self._evaluating.pop()
 

@@ -7,8 +7,8 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from ...errors import DeckError, DPDError, ParameterError
-from ..language.lexer import located
+from ...errors import ParameterError
+from ..language.lexer import errors_at, located
 from ..language.variables import FORMULAS
 from ..state.deck_state import DeckState
 from ..state.moment import Window
@@ -152,12 +152,8 @@ class Thermo:
         moment = Resolver(self.state, sample, self.window)
         result = {}
         for word in self.words if words is None else words:
-            try:
+            with errors_at(self.state.here, f"thermo output {word}: "):
                 result[word] = self._value(moment, word)
-            except DeckError:
-                raise
-            except DPDError as error:
-                raise located(self.state.here, f"thermo output {word}: {error}") from None
             if not math.isfinite(result[word]):
                 raise located(self.state.here, f"thermo output {word} is {result[word]} at step {sample.step}")
         return result

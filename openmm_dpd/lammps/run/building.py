@@ -6,11 +6,11 @@ from typing import Any
 
 from ...barostat import EnthalpyBarostat, add_barostat
 from ...build import Built, build
-from ...errors import DeckError, DPDError, ParameterError
+from ...errors import ParameterError
 from ...kinds import kind_for
 from ...model.scene import Scene
 from ...schemes import scheme_of
-from ..language.lexer import located
+from ..language.lexer import errors_at
 from .options import RunOptions
 from .request import RunRequest
 
@@ -20,7 +20,7 @@ def build_request(request: RunRequest, scene: Scene, options: RunOptions) -> Bui
     for kind in (kind_for(table.kind) for table in scene.tables if table.kind is not None):
         if scene.compat == "consistent" and kind.unlike_lammps is not None:
             request.state.note(kind.unlike_lammps)
-    try:
+    with errors_at(request.where):
         return build(
             scene,
             dt=request.dt,
@@ -30,10 +30,6 @@ def build_request(request: RunRequest, scene: Scene, options: RunOptions) -> Bui
             platform=options.platform,
             seed=options.seed if options.seed is not None else request.seed,
         )
-    except DPDError as error:
-        if isinstance(error, DeckError) or request.where is None:
-            raise
-        raise located(request.where, str(error)) from None
 
 
 #: Steps between two attempts to change the volume.
@@ -51,9 +47,8 @@ def connect_barostat(request: RunRequest, built: Built) -> EnthalpyBarostat | No
     control = request.barostat
     if control is None:
         return None
-    where = request.where
     pressures = {p for p, used in zip(control.start, control.axes, strict=True) if used}
-    try:
+    with errors_at(request.where):
         if not control.constant or len(pressures) > 1:
             raise ParameterError("fix nph: volume moves have one pressure, the same along all axes and during the whole run")
         choices: dict[str, Any] = {"interval": VOLUME_INTERVAL, "axes": control.axes, "coupled": control.coupled}
@@ -61,5 +56,3 @@ def connect_barostat(request: RunRequest, built: Built) -> EnthalpyBarostat | No
             add_barostat(built, pressures.pop(), **choices)
             return None
         return EnthalpyBarostat(built, pressures.pop(), **choices)
-    except DPDError as error:
-        raise located(where, str(error)) if where else error from None

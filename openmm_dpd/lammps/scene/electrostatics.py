@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...errors import ParameterError
 from ...model.electrostatics import SlaterCharges
 from ...units import COULOMB
 from ..files.atom_styles import CHARGED_STYLES
-from ..language.lexer import located
+from ..language.lexer import errors_at, located
 from ..state.deck_state import DeckState
 from ..state.pair_setup import PairStyle
 from ..styles.charges import QQR2E
@@ -39,7 +38,7 @@ def electrostatics_of(state: DeckState) -> SlaterCharges | None:
     _check_flags(state, style)
     settings, units, kspace = style.settings, state.units, state.kspace
     constant = QQR2E[units.name] * units.energy * units.length / state.dielectric
-    try:
+    with errors_at(style.where, f"pair style {style.name}: "):
         return SlaterCharges(
             lamda=settings["lamda"] * units.length,
             permittivity=COULOMB / constant,
@@ -49,8 +48,6 @@ def electrostatics_of(state: DeckState) -> SlaterCharges | None:
             grid=kspace.mesh,  # type: ignore[arg-type]
             special=state.special_charges if len(state.bonds) else None,
         )
-    except ParameterError as error:
-        raise style.error(str(error)) from None
 
 
 def _check_flags(state: DeckState, style: PairStyle) -> None:

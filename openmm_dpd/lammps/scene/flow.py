@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...errors import DeckError, DPDError, ParameterError
+from ...errors import ParameterError
 from ...model.flow import AXES, SPECULAR, BodyForce, PositionForce, Wall
 from ..language.expressions import evaluate
+from ..language.lexer import errors_at
 from ..language.position_formulas import BEAD_CONSTANTS, Known, depends_on, position_formula
 from ..state.deck_state import DeckState
 from ..state.records import Fix
@@ -19,12 +20,8 @@ def body_forces_of(state: DeckState) -> list[BodyForce | PositionForce]:
     for fix in state.fixes.values():
         if fix.style != "addforce" or not state.group(fix.group).any():
             continue
-        try:
+        with errors_at(fix.where, f"fix {fix.name}: "):
             found += _added(state, fix, state.group(fix.group))
-        except DeckError:
-            raise
-        except DPDError as error:
-            raise fix.error(str(error)) from None
     return found
 
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...errors import ParameterError
 from ...model.bonds import FENEBonds, HarmonicBonds
 from ...model.scene import Scene, TemperatureRamp
-from ..language.lexer import located
+from ..language.lexer import errors_at, located
 from ..state.deck_state import DeckState
 from ..state.moment import Window
 from ..state.pair_setup import BondedSetup
@@ -53,7 +52,7 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
     moved = integration(state)
     atoms, units = state.atoms, state.units
     vectors = box.reduced_vectors * units.length
-    try:
+    with errors_at(state.here):
         return Scene(
             masses={str(k): state.masses[k] for k in range(1, state.n_types + 1)},
             types=[str(k) for k in atoms.types.tolist()],
@@ -77,8 +76,6 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
             walls=walls_of(state, moved.mobile),
             electrostatics=electrostatics_of(state),
         )
-    except ParameterError as error:
-        raise located(state.here, str(error)) from None
 
 
 def deck_kT(state: DeckState, window: Window | None) -> float | TemperatureRamp:

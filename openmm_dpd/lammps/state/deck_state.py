@@ -18,7 +18,7 @@ from ..language.lexer import Line
 from ..language.variables import Variables
 from .atoms import Atoms
 from .box import Box
-from .lattice import Lattice, default_lattice
+from .lattice import Lattice, no_lattice
 from .pair_setup import BondedSetup, PairSetup
 from .records import Compute, Fix, KspaceSetup, ThermoSettings
 from .regions import Region
@@ -109,7 +109,7 @@ class DeckState:
     bonds: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
     angles: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
     groups: dict[str, np.ndarray] = field(default_factory=lambda: {"all": np.zeros(0, dtype=bool)})
-    lattice: Lattice = field(default_factory=default_lattice)
+    lattice: Lattice = field(default_factory=no_lattice)
     regions: dict[str, Region] = field(default_factory=dict)
     pair: PairSetup = field(default_factory=PairSetup)
     bond: BondedSetup = field(default_factory=BondedSetup)

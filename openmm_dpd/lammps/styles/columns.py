@@ -41,18 +41,13 @@ class Columns:
     def __len__(self) -> int:
         return len(self.dimensions)
 
-    @property
-    def usage(self) -> str:
-        """The names."""
-        return " ".join(self.dimensions)
-
     def read(self, words: list[str]) -> dict[str, float]:
         """Values from the words at the beginning of ``words``, in the deck's units."""
         return {name: read.number(word, name) for name, word in zip(self.dimensions, words, strict=False)}
 
     def coefficient(self, style: PairStyle, words: list[str], find: Find) -> Values:
         """Values from all ``words``, and the cutoff that may come behind them: ``Spec.coefficient`` of most styles."""
-        read.count(words, f"{self.usage} [cutoff]", len(self), len(self) + 1)
+        read.count(words, f"{' '.join(self.dimensions)} [cutoff]", len(self), len(self) + 1)
         return self.read(words), cutoff_of(words, len(self))
 
     def to_md(self, values: dict[str, Any], units: UnitSystem) -> dict[str, Any]:

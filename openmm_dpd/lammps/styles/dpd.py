@@ -47,7 +47,7 @@ def _friction(c: DPD, kT: float) -> float:
 
 
 def _export(export: PairExport, entries: dict[Pair, DPD]) -> list[StyleUse]:
-    units, kT = export.units, export.temperature
+    units, kT = export.units, export.scene.initial_kT
     longest = max(c.cutoff for c in entries.values())
     reach = exact(longest / units.length)
     gammas = {pair: _friction(c, kT) / units.friction for pair, c in entries.items()}
@@ -79,7 +79,9 @@ def _export(export: PairExport, entries: dict[Pair, DPD]) -> list[StyleUse]:
             return [thermostat]
         # dpd has no ramp: the repulsion is a style of its own, without friction and noise
         return [use("dpd", f"{{start}} {reach} {{seed}}", lambda pair: f"{exact(A[pair])} 0.0", True), thermostat]
-    if export.shardlow or (len(fixed) == len(entries) and not general and not export.scaled_neighbours):
+    # some bonded neighbours interact in part
+    scaled = bool(len(export.scene.bond_pairs)) and any(0 < factor < 1 for factor in export.scene.special)
+    if export.shardlow or (len(fixed) == len(entries) and not general and not scaled):
 
         def noise(pair: Pair) -> str:
             c = entries[pair]

@@ -6,10 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...errors import ParameterError
 from ...model.pairs import NONE
 from ...model.table import PairTable
-from ..language.lexer import Line, located
+from ..language.lexer import Line, errors_at, located
 from ..state.deck_state import DeckState
 from ..state.pair_setup import Coefficient, PairStyle
 
@@ -64,10 +63,8 @@ def pair_tables(state: DeckState) -> list[PairTable]:
 def _term(state: DeckState, style: PairStyle, pair: tuple[int, int], coefficient: Coefficient) -> object:
     """The pair term of a coefficient; DeckError if it is out of bounds or reaches too far."""
     where = coefficient.where or style.where
-    try:
+    with errors_at(where, f"pair style {style.name}, types {pair[0]} {pair[1]}: "):
         term, remark = style.spec.build(style, coefficient, state.units)
-    except ParameterError as error:
-        raise located(where, f"pair style {style.name}, types {pair[0]} {pair[1]}: {error}") from None
     if remark:
         state.note(remark)
     _check_cutoff(state, term, pair, where)

@@ -88,20 +88,10 @@ class PairExport:
     tables: dict[str, list[str]] = field(default_factory=dict)
 
     @property
-    def temperature(self) -> float:
-        """Thermal energy at the start, kJ/mol."""
-        return self.scene.initial_kT
-
-    @property
     def ramps(self) -> bool:
         """Whether the temperature changes."""
         kT = self.scene.kT
         return not isinstance(kT, float) and kT.start != kT.stop
-
-    @property
-    def scaled_neighbours(self) -> bool:
-        """Whether some bonded neighbours interact in part."""
-        return bool(len(self.scene.bond_pairs)) and any(0 < factor < 1 for factor in self.scene.special)
 
     def require_reduced(self, what: str) -> None:
         """ParameterError if LAMMPS has not this kind of terms with the units, or the temperature, of the scene."""
