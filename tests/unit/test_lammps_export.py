@@ -24,8 +24,8 @@ from openmm_dpd.lammps import (
     read_lammps_dump,
     scene_from_data,
 )
-from openmm_dpd.lammps.exchange.export_words import id_words, lammps_seed
 from openmm_dpd.lammps.styles.pair_styles import PAIR_STYLES
+from openmm_dpd.lammps.styles.writing import id_words, lammps_seed
 
 
 def fluid(**changes) -> dpd.Scene:

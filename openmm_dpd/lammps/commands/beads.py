@@ -55,14 +55,9 @@ def _by_region(state: DeckState, words: list[str]) -> np.ndarray:
     return state.region(words[0]).contains(state.atoms.positions)
 
 
-def _union(state: DeckState, words: list[str]) -> np.ndarray:
-    read.count(words, "union group group ...", 1, None)
-    return np.logical_or.reduce([state.group(name) for name in words])
-
-
-def _intersect(state: DeckState, words: list[str]) -> np.ndarray:
-    read.count(words, "intersect group group ...", 2, None)
-    return np.logical_and.reduce([state.group(name) for name in words])
+def _combined(state: DeckState, words: list[str], name: str, combine: np.ufunc, least: int) -> np.ndarray:
+    read.count(words, f"{name} group group ...", least, None)
+    return combine.reduce([state.group(word) for word in words])
 
 
 #: Group styles: from (state, words) to the beads that are added.
@@ -71,8 +66,8 @@ GROUP_STYLES: dict[str, Callable[[DeckState, list[str]], np.ndarray]] = {
     "id": lambda state, words: _matching(state.atoms.ids, words, "an atom id"),
     "molecule": lambda state, words: _matching(state.atoms.molecules, words, "a molecule id"),
     "region": _by_region,
-    "union": _union,
-    "intersect": _intersect,
+    "union": lambda state, words: _combined(state, words, "union", np.logical_or, 1),
+    "intersect": lambda state, words: _combined(state, words, "intersect", np.logical_and, 2),
     "empty": lambda state, words: np.zeros(len(state.atoms), dtype=bool),
 }
 

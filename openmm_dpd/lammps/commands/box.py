@@ -178,9 +178,8 @@ def read_data(state: DeckState, args: list[str]) -> None:
     ignored = ("extra/bond/per/atom", "extra/angle/per/atom", "extra/special/per/atom", "extra/dihedral/types", "extra/improper/types")
     sizes = {"extra/atom/types": 1, "extra/bond/types": 1, "extra/angle/types": 1, "nocoeff": 0, "group": 1, **dict.fromkeys(ignored, 1)}
     chosen = dict(read.options(args[1:], sizes, "read_data"))
-    state.n_types = data.n_types + read.integer(chosen.get("extra/atom/types", ["0"])[0], "extra/atom/types", 0)
-    state.n_bond_types = data.n_bond_types + read.integer(chosen.get("extra/bond/types", ["0"])[0], "extra/bond/types", 0)
-    state.n_angle_types = data.n_angle_types + read.integer(chosen.get("extra/angle/types", ["0"])[0], "extra/angle/types", 0)
+    for name, option in (("n_types", "extra/atom/types"), ("n_bond_types", "extra/bond/types"), ("n_angle_types", "extra/angle/types")):
+        setattr(state, name, getattr(data, name) + read.integer(chosen.get(option, ["0"])[0], option, 0))
     if state.n_types < 1:
         raise DeckError("the header announces no atom types", str(path))
     hint = data.hints.get("Atoms", "")

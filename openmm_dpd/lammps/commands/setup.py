@@ -74,7 +74,7 @@ def neigh_modify(state: DeckState, args: list[str]) -> None:
     """``neigh_modify``: lists are managed elsewhere, but ``exclude`` would change the forces."""
     if "exclude" in args:
         raise ParameterError("neigh_modify exclude is not supported; use 'pair_coeff i j none' or special_bonds")
-    _note(state, "neigh_modify")
+    _ignored("neigh_modify")(state, args)
 
 
 def run_style(state: DeckState, args: list[str]) -> None:
@@ -90,7 +90,7 @@ def atom_modify(state: DeckState, args: list[str]) -> None:
             raise ParameterError("atom_modify id is not supported: beads always have ids")
         if word == "sort":
             state.sorts = read.integer(values[0], "the interval of sorting", 0) > 0
-    _note(state, "atom_modify")
+    _ignored("atom_modify")(state, args)
 
 
 def restart(state: DeckState, args: list[str]) -> None:
@@ -99,13 +99,9 @@ def restart(state: DeckState, args: list[str]) -> None:
         raise ParameterError("restart files are not supported; the run writes a checkpoint of its own")
 
 
-def _note(state: DeckState, command: str) -> None:
-    state.note(f"{command} has no meaning here and is ignored")
-
-
 def _ignored(command: str) -> Handler:
     def handler(state: DeckState, args: list[str]) -> None:
-        _note(state, command)
+        state.note(f"{command} has no meaning here and is ignored")
 
     return handler
 

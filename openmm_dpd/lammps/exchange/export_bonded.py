@@ -27,7 +27,7 @@ def bonded_types(scene: Scene, what: str, units: UnitSystem) -> Bonded:
         if style is None:
             raise ParameterError(f"{what}s of kind {type(term).__name__} cannot be exported to LAMMPS")
         beads = getattr(term, members)
-        values = np.column_stack(styles[style].of(term, units))
+        values = np.column_stack(styles[style].columns.of(term, units))
         different, which = np.unique(values, axis=0, return_inverse=True)
         numbered = [types.setdefault((style, exact(row)), len(types) + 1) for row in different]
         if len(beads):

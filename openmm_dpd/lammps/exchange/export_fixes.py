@@ -21,9 +21,8 @@ from ...model.sources import Block
 from ...model.tdpd import TDPD
 from ...schemes import scheme_of
 from ...units import UnitSystem
-from ..styles.writing import Differences, exact
+from ..styles.writing import Differences, exact, group_lines
 from .export_beads import BeadTypes, longest_cutoff
-from .export_words import group_lines
 
 #: Heat capacity of beads that never move, in units of k_B: they are reservoirs.
 _RESERVOIR = 1e12

@@ -13,9 +13,8 @@ from ...model.scene import Scene
 from ...units import UnitSystem
 from ..styles.charges import QQR2E
 from ..styles.pair_styles import EXPORTS
-from ..styles.writing import Pair, PairExport, StyleUse, exact
+from ..styles.writing import Pair, PairExport, StyleUse, exact, lammps_seed
 from .export_beads import BeadTypes
-from .export_words import lammps_seed
 
 
 def pair_uses(export: PairExport) -> list[StyleUse]:

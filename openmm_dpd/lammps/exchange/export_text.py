@@ -15,13 +15,12 @@ from ...units import LJ
 from ..files.data_lines import data_lines
 from ..styles.charges import charge_use
 from ..styles.srp import segment_use
-from ..styles.writing import PairExport, StyleUse, exact
+from ..styles.writing import PairExport, StyleUse, exact, group_lines
 from .export_beads import atom_style_line, data_file, lammps_box, longest_cutoff
 from .export_bonded import longest_bond, style_lines
 from .export_fixes import eos_lines, flow_lines, integrator_lines, source_lines
 from .export_job import Job
 from .export_pairs import charge_lines, pair_lines, pair_uses, special_line
-from .export_words import group_lines
 
 #: Names of the files that LAMMPS writes.
 DUMP = "{name}.lammpstrj"

@@ -162,7 +162,13 @@ class LammpsFrames:
         if len(self.ids) != scene.n_beads:
             raise ParameterError(f"{self.path} has {len(self.ids)} beads, but the scene has {scene.n_beads}")
         if self.types is not None:
-            self._check_types(scene)
+            expected = [lammps_types(scene, apart).of_bead for apart in (False, True)]
+            if not any(np.array_equal(self.types, types) for types in [*expected, scene.type_ids + 1]):
+                bead = int(np.argmax(self.types != expected[0]))
+                raise ParameterError(
+                    f"{self.path}: the atom with id {self.ids[bead]} has the type {self.types[bead]}, but bead {bead} of the scene is "
+                    f"{scene.types[bead]!r}, type {expected[0][bead]}; is it the file of another scene?"
+                )
         if self.boxes is not None and scene.box is not None and len(self):
             ratio = np.diag(self.boxes[0]) / np.diag(scene.box)
             if ratio.max() > _LARGEST_RATIO or ratio.min() < 1 / _LARGEST_RATIO:
@@ -170,16 +176,6 @@ class LammpsFrames:
                     f"the box of {self.path} has the edges {np.diag(self.boxes[0]).tolist()} nm, that of the scene "
                     f"{np.diag(scene.box).tolist()} nm; give the units of the file (units='real', for example)"
                 )
-
-    def _check_types(self, scene: Scene) -> None:
-        assert self.types is not None
-        expected = [lammps_types(scene, apart).of_bead for apart in (False, True)]
-        if not any(np.array_equal(self.types, types) for types in [*expected, scene.type_ids + 1]):
-            bead = int(np.argmax(self.types != expected[0]))
-            raise ParameterError(
-                f"{self.path}: the atom with id {self.ids[bead]} has the type {self.types[bead]}, but bead {bead} of the scene is "
-                f"{scene.types[bead]!r}, type {expected[0][bead]}; is it the file of another scene?"
-            )
 
     def _internal(self, scene: Scene, frame: int) -> Internal | None:
         internal, found = scene.internal, {name: values[frame] for name, values in self.fields.items()}

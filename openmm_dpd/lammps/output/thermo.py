@@ -13,9 +13,9 @@ from ..language.variables import FORMULAS
 from ..state.deck_state import DeckState
 from ..state.moment import Window
 from ..state.sample import DeckSample
+from ..values.compute_spec import reference
 from ..values.computes import BUILT_IN, COMPUTES, average_of, check_value, compute_of
 from ..values.per_bead import PROPERTIES
-from ..values.references import reference
 from ..values.resolver import Resolver
 from ..values.words import WORDS
 

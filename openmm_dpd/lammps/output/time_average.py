@@ -7,9 +7,8 @@ import numpy as np
 from ...errors import ParameterError
 from ..language import arguments as read
 from ..state.deck_state import DeckState
-from ..values.compute_spec import check_place
+from ..values.compute_spec import check_place, reference
 from ..values.computes import compute_of, count_of, expanded
-from ..values.references import reference
 from ..values.resolver import Resolver
 from .averages import AveragingFix, common_parts, split_values
 from .thermo import check_word

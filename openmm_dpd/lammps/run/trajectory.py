@@ -17,6 +17,9 @@ from ...model.scene import Scene
 from ...trajectory import write_psf
 from .request import RunRequest
 
+#: About how many frames a run gives.
+FRAMES = 100
+
 
 def write_topology(path: Path, scene: Scene) -> None:
     """The beads of a scene and their bonds as a PSF file."""
@@ -34,8 +37,6 @@ class RunTrajectory:
     ----------
     folder : Path
         Made if it does not exist.
-    frames : int
-        About how many frames a run gives.
 
     Raises
     ------
@@ -43,10 +44,10 @@ class RunTrajectory:
         From all methods, if a file cannot be written; frames that are there stay readable.
     """
 
-    def __init__(self, folder: Path, frames: int = 100):
+    def __init__(self, folder: Path):
         with writing(folder, "the folder"):
             folder.mkdir(parents=True, exist_ok=True)
-        self.folder, self.frames = folder, frames
+        self.folder = folder
         self._file: DCDWriter | None = None
         self._fields: FieldWriter | None = None
         self._beads, self._part = 0, 0
@@ -54,8 +55,8 @@ class RunTrajectory:
         self._every, self._first, self._last = 1, 0, 0
 
     def start(self, scene: Scene, request: RunRequest, built: Built) -> None:
-        """Prepare for a run; about ``frames`` frames, at its first and last step in any case."""
-        self._every = max(1, request.steps // self.frames)
+        """Prepare for a run; about :data:`FRAMES` frames, at its first and last step in any case."""
+        self._every = max(1, request.steps // FRAMES)
         self._first, self._last = request.first_step, request.last_step
         state = request.state
         self._offset = state.atoms.images @ state.require_box("a run").vectors * state.units.length

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...model.pairs import NONE
 from ...model.table import PairTable
-from ..language.lexer import Line, errors_at, located
+from ..language.lexer import errors_at, located
 from ..state.deck_state import DeckState
 from ..state.pair_setup import Coefficient, PairStyle
 
@@ -67,7 +67,15 @@ def _term(state: DeckState, style: PairStyle, pair: tuple[int, int], coefficient
         term, remark = style.spec.build(style, coefficient, state.units)
     if remark:
         state.note(remark)
-    _check_cutoff(state, term, pair, where)
+    length = state.units.length
+    half = 0.5 * float(np.min(np.diag(state.require_box("a run").reduced_vectors))) * length
+    cutoff = max(getattr(term, name, 0.0) for name in ("cutoff", "cutoff_T", "cutoff_c"))
+    if cutoff > half * (1 + 1e-12):
+        raise located(
+            where,
+            f"the cutoff {cutoff / length:g} of types {pair[0]} {pair[1]} is over half the box, {half / length:g}; "
+            "a pair would meet two periodic images of one bead. Use a larger box or a smaller cutoff",
+        )
     return term
 
 
@@ -93,15 +101,3 @@ def _with_densities(styles: list[PairStyle], tables: list[Table]) -> list[tuple[
             raise located(table[alone[0]].where, f"types {i} {j} have no coefficients of {lacking}; both styles need the same type pairs")
     merged = {pair: replace(found, values=found.values | {"cutoff_density": densities[pair].cutoff}) for pair, found in forces.items()}
     return [(style, merged if k == many[0] else tables[k]) for k, style in enumerate(styles) if k != sums[0]]
-
-
-def _check_cutoff(state: DeckState, term, pair: tuple[int, int], where: Line) -> None:
-    length = state.units.length
-    half = 0.5 * float(np.min(np.diag(state.require_box("a run").reduced_vectors))) * length
-    cutoff = max(getattr(term, name, 0.0) for name in ("cutoff", "cutoff_T", "cutoff_c"))
-    if cutoff > half * (1 + 1e-12):
-        raise located(
-            where,
-            f"the cutoff {cutoff / length:g} of types {pair[0]} {pair[1]} is over half the box, {half / length:g}; "
-            "a pair would meet two periodic images of one bead. Use a larger box or a smaller cutoff",
-        )

@@ -16,9 +16,8 @@ from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
 from ..state.records import Compute
 from .chunks import CHUNKS
-from .compute_spec import ComputeSpec, check_place, no_arguments
+from .compute_spec import ComputeSpec, check_place, no_arguments, reference
 from .per_bead import BEAD_WORDS, PER_BEAD
-from .references import reference
 from .structure_computes import STRUCTURE
 
 #: One word for several values: ``c_id[*]``, ``c_id[2*4]``, ``f_id[*]``.

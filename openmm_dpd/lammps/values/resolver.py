@@ -9,10 +9,9 @@ import numpy as np
 from ...errors import ParameterError
 from ..language.expressions import Names, evaluate, evaluate_beads
 from ..state.moment import DeckMoment
-from .compute_spec import check_place
+from .compute_spec import check_place, reference
 from .computes import BUILT_IN, COMPUTES, average_of, check_value, compute_of
 from .per_bead import BEAD_WORDS
-from .references import reference
 from .words import WORDS
 
 
