@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-_FIRST, _SECOND = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
+#: The two axes of each number.
+AXES_OF_TENSOR = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+
+_FIRST, _SECOND = map(list, zip(*AXES_OF_TENSOR, strict=True))
 
 
 def symmetric_products(a: np.ndarray, b: np.ndarray) -> np.ndarray:

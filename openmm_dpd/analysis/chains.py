@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import ParameterError
 from ..stats import Average, block_average
+from ..tensors import AXES_OF_TENSOR
 from .frames import Frame, chunks_of, frames_of, selected, weights_of
 from .molecules import bonds_of, bonds_outwards, molecule_labels
 
@@ -76,13 +77,29 @@ def radius_of_gyration(trajectory: Trajectories, beads: Beads = None) -> Molecul
     kept = group[np.isin(labels, numbers)]
     units = np.searchsorted(numbers, molecule_labels(topology)[kept])
     m = masses[kept]
-    total = np.bincount(units, m)
-    rows = []
-    for frame in frames:
-        x = frame.positions[kept]
-        centre = np.column_stack([np.bincount(units, m * column) for column in x.T]) / total[:, None]
-        rows.append(np.sqrt(np.bincount(units, m * np.sum((x - centre[units]) ** 2, axis=1)) / total))
-    return MoleculeSizes(np.array(rows))
+    return MoleculeSizes(np.array([np.sqrt(gyration_tensors(frame.positions[kept], m, units)[:, :3].sum(axis=1)) for frame in frames]))
+
+
+def gyration_tensors(positions: np.ndarray, masses: np.ndarray, units: np.ndarray) -> np.ndarray:
+    r"""Gyration tensors of molecules, S_ab = sum m (r - r_com)_a (r - r_com)_b/sum m.
+
+    Parameters
+    ----------
+    positions : (N, 3) array
+        Of beads, with molecules whole.
+    masses : (N,) array
+    units : (N,) array of int
+        Number of the molecule of each bead, from 0 to M - 1.
+
+    Returns
+    -------
+    (M, 6) array
+        xx, yy, zz, xy, xz, yz; the first three add up to the square of the radius of gyration.
+    """
+    total = np.bincount(units, masses)
+    centre = np.column_stack([np.bincount(units, masses * column) for column in positions.T]) / total[:, None]
+    d = positions - centre[units]
+    return np.column_stack([np.bincount(units, masses * d[:, a] * d[:, b]) / total for a, b in AXES_OF_TENSOR])
 
 
 def end_to_end_distance(trajectory: Trajectories, ends: np.ndarray | None = None) -> MoleculeSizes:

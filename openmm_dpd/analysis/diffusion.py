@@ -99,14 +99,15 @@ def mean_squared_displacement(
     for x in unwrapped(topology, frames, unwrap):
         moved = x if drift else x - masses @ x / masses.sum()
         kept.append((moved[group] if units is None else _centres(moved[group], masses[group], units))[:, along])
-    rows = _lagged(np.array(kept), lags, "a mean squared displacement", _mean_square)
+    rows = _lagged(np.array(kept), lags, "a mean squared displacement", lambda a, b: mean_squares(a, b).sum(axis=-1))
     curve = _average_lags(rows, interval)
     return MeanSquaredDisplacement(curve.x, curve.y, curve.sem, curve.n_frames, rows[1], len(along))
 
 
-def _mean_square(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    d = b - a
-    return np.einsum("fik,fik->f", d, d) / a.shape[1]
+def mean_squares(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Mean squared displacements along each axis, (..., axes), of beads at (..., beads, axes)."""
+    d = end - start
+    return np.einsum("...ik,...ik->...k", d, d) / start.shape[-2]
 
 
 def _centres(x: np.ndarray, masses: np.ndarray, units: np.ndarray) -> np.ndarray:

@@ -67,12 +67,28 @@ def radial_distribution(
     if pairs <= 0:
         raise ParameterError("there are no pairs of beads to take a radial distribution of")
     edges = np.linspace(0.0, r_max, n_bins + 1)
-    shells = 4 * np.pi / 3 * np.diff(edges**3)
     rows = []
     for frame in frames:
         volume = np.linalg.det(frame.need_box("a radial distribution"))
-        rows.append(_counts(frame, a, b, labels, edges) * volume / (pairs * shells))
+        rows.append(distribution_of_counts(_counts(frame, a, b, labels, edges), edges, float(pairs), volume))
     return curve_of(0.5 * (edges[1:] + edges[:-1]), rows, "g(r)")
+
+
+def distribution_of_counts(counts: np.ndarray, edges: np.ndarray, pairs: float, volume: float) -> np.ndarray:
+    """g(r) of :func:`radial_distribution` in one frame.
+
+    Parameters
+    ----------
+    counts : (B,) array
+        Pairs by distance.
+    edges : (B + 1,) array
+        Edges of the bins.
+    pairs : float
+        Number of all pairs, at any distance.
+    volume : float
+        Of the box, in the cube of the unit of ``edges``.
+    """
+    return counts * volume / (pairs * (4 * np.pi / 3 * np.diff(edges**3)))
 
 
 def _counts(frame: Frame, a: np.ndarray, b: np.ndarray, labels: np.ndarray, edges: np.ndarray) -> np.ndarray:

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import DeckError, ParameterError
-from ..lammps.files.data_file import ATOM_STYLES, DataFile, read_data_file
+from ..lammps.files.atom_styles import ATOM_STYLES
+from ..lammps.files.data_file import DataFile, read_data_file
 from ..lammps.language.lexer import read_text
 from ..lammps.styles.bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedStyle
 from ..model.scene import Scene
@@ -61,7 +62,7 @@ def scene_from_lammps_data(
     numbers = data.columns["type"][order].tolist()
     for what, setups in (("bonds", BOND_STYLES), ("angles", ANGLE_STYLES)):
         if choices.get(what) is None and len(getattr(data, what)) and what not in choices.get("leave_out", ()):
-            ready = _terms_of_file(data, what, setups, ids, system)
+            ready = _terms_of_file(path, data, what, setups, ids, system)
             if ready is not None:
                 choices[what] = ready
     beads = BeadArrays(
@@ -112,7 +113,7 @@ def _names(types, count: int, path: Path) -> dict[int, str]:
     return names
 
 
-def _terms_of_file(data: DataFile, what: str, known: dict[str, BondedStyle], ids: np.ndarray, units: UnitSystem) -> list | None:
+def _terms_of_file(path: Path, data: DataFile, what: str, known: dict[str, BondedStyle], ids: np.ndarray, units: UnitSystem) -> list | None:
     """Bonds or angles with the coefficients of the file; None if it does not say them, or not of which style."""
     section = f"{what[:-1].capitalize()} Coeffs"
     style = data.hints.get(section, "")
@@ -123,15 +124,15 @@ def _terms_of_file(data: DataFile, what: str, known: dict[str, BondedStyle], ids
     for number, words in data.coefficients[section]:
         name = words[1] if style == "hybrid" and len(words) > 1 else style
         if name not in known or known[name].kind is None:
-            raise DeckError(f"the {what[:-1]} style {name!r} has no coefficients here; give {what}={{...}}", str(data.path), number)
+            raise DeckError(f"the {what[:-1]} style {name!r} has no coefficients here; give {what}={{...}}", str(path), number)
         try:
             values = known[name].coefficient(words[2 if style == "hybrid" else 1 :], f"{section}: type", units)
         except ParameterError as error:
-            raise DeckError(str(error), str(data.path), number) from None
+            raise DeckError(str(error), str(path), number) from None
         coefficients[words[0]] = name, values
     for kind in np.unique(rows[:, 0]).tolist():
         if str(kind) not in coefficients:
-            raise DeckError(f"section {section} has no line for {what[:-1]} type {kind}", str(data.path))
+            raise DeckError(f"section {section} has no line for {what[:-1]} type {kind}", str(path))
         name, values = coefficients[str(kind)]
         found.append(known[name].build(np.searchsorted(ids, rows[rows[:, 0] == kind, 1:]), values))
     return found

@@ -338,7 +338,7 @@ velocity all set 1.0 0.5 NULL units box sum yes
         ("region b block 0 1 2 1 0 1", "the region's lower y, 2, is above its upper one, 1"),
         ("region b block 0 1 0 EDGE 0 1", "is EDGE, but there is no box yet"),
         ("region b cone 0", "the region style must be one of"),
-        ("region b union 2 a c", "there is no region 'a' to combine"),
+        ("region b union 2 a c", "there is no region 'a'; defined so far: none"),
         ("create_box 1 b", "there is no region 'b'"),
         ("region b sphere 0 0 0 1\ncreate_box 1 b", "create_box needs a bounded block or prism"),
         ("region b cylinder z 1 1 1 0 1\ncreate_box 1 b", "create_box needs a bounded block or prism"),

@@ -13,7 +13,7 @@ import pytest
 
 from openmm_dpd.errors import DeckError
 from openmm_dpd.lammps import RunOptions, RunRequest, read_deck, run_deck
-from openmm_dpd.lammps.state.sample import Sample
+from openmm_dpd.lammps.state.sample import DeckSample
 from openmm_dpd.lammps.values.resolver import Resolver
 
 BLOCK = "block -2 4 0 5 1 7"
@@ -44,7 +44,7 @@ def request_of(tmp_path, text: str) -> RunRequest:
 def context_of(request: RunRequest, step: int = 0, shift=(0.0, 0.0, 0.0), **values) -> Resolver:
     """Resolver at a step at which all beads have moved by ``shift``."""
     atoms = request.state.atoms
-    sample = Sample(step, positions=atoms.positions + np.array(shift), velocities=atoms.velocities, **values)
+    sample = DeckSample(step, positions=atoms.positions + np.array(shift), velocities=atoms.velocities, **values)
     return Resolver(request.state, sample, request.window)
 
 

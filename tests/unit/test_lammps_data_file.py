@@ -7,7 +7,8 @@ import pytest
 
 from openmm_dpd.errors import DeckError, ParameterError
 from openmm_dpd.lammps import read_deck
-from openmm_dpd.lammps.files.data_file import ATOM_STYLES, read_data_file
+from openmm_dpd.lammps.files.atom_styles import ATOM_STYLES
+from openmm_dpd.lammps.files.data_file import read_data_file
 from openmm_dpd.lammps.state.box import Box
 
 HEADER = """a title that could be anything: 5 atoms
@@ -207,9 +208,9 @@ GOOD = HEADER + "\nMasses\n\n1 1.0\n2 2.0\n\nAtoms\n\n" + "\n".join(ATOMS["atomi
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("2 1 1 2 4", "2 1 1 nan 4", r"data:18: atom 2 has a position that is not finite: '2 1 1 nan 4'"),
-        ("2 1 1 2 4", "2 1 1 inf 4", r"data:18: atom 2 has a position that is not finite"),
-        ("2 1 1 2 4", "2 1 1 2", r"data:18: expected an atom of atom_style atomic: id type x y z \[ix iy iz\], not 4 words"),
+        ("2 1 1 2 4", "2 1 1 nan 4", r"data:18: a value of atom 2 is not finite: '2 1 1 nan 4'"),
+        ("2 1 1 2 4", "2 1 1 inf 4", r"data:18: a value of atom 2 is not finite"),
+        ("2 1 1 2 4", "2 1 1 2", r"data:18: expected an atom of atom_style atomic: id type x y z \[ix iy iz\], not '2 1 1 2'"),
         ("2 1 1 2 4", "2 3 1 2 4", r"data:18: the atom type is out of range; there are 2"),
         ("2 1 1 2 4", "7 1 1 2 4", r"data:18: atom id 7 appears twice"),
         ("2 1 1 2 4", "2.5 1 1 2 4", r"data:18: the id of an atom must be a whole number, not 2.5"),

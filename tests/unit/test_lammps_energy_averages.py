@@ -15,7 +15,7 @@ import pytest
 from openmm_dpd.errors import DeckError
 from openmm_dpd.lammps import RunOptions, RunRequest, read_deck, run_deck
 from openmm_dpd.lammps.output.averages import Schedule
-from openmm_dpd.lammps.state.sample import Sample
+from openmm_dpd.lammps.state.sample import DeckSample
 from openmm_dpd.lammps.values.resolver import Resolver
 
 START = """atom_style {style}
@@ -63,7 +63,7 @@ def request_of(tmp_path, text: str) -> RunRequest:
 def context_of(request: RunRequest, step: int = 0, shift=(0.0, 0.0, 0.0), **values) -> Resolver:
     """Resolver at a step at which all beads have moved by ``shift``."""
     atoms = request.state.atoms
-    sample = Sample(step, positions=atoms.positions + np.array(shift), velocities=atoms.velocities, **{"fields": {}, **values})
+    sample = DeckSample(step, positions=atoms.positions + np.array(shift), velocities=atoms.velocities, **{"fields": {}, **values})
     return Resolver(request.state, sample, request.window)
 
 
@@ -174,10 +174,9 @@ def test_reduce(tmp_path):
 )
 def test_slices(tmp_path, bins, start, count, volume):
     request = request_of(tmp_path, PLAIN.replace("x lower 1.0", bins))
-    all_bins = request.state.computes["ch"].settings.bins(request.state.box)
-    (slices,) = all_bins.axes
-    assert (slices.start, slices.count, all_bins.volume) == (pytest.approx(start), count, pytest.approx(volume))
-    np.testing.assert_allclose(slices.centres, start + (np.arange(count) + 0.5) * slices.thickness)
+    found = request.state.computes["ch"].settings.bins(request.state.box)
+    assert (*found.starts, *found.counts, found.volume) == (pytest.approx(start), count, pytest.approx(volume))
+    np.testing.assert_allclose(found.centres[:, 0], start + (np.arange(count) + 0.5) * found.thicknesses[0])
 
 
 def test_lattice_units_are_the_default(tmp_path):
@@ -371,7 +370,7 @@ def test_nothing_is_written_when_a_deck_is_only_read(tmp_path):
         ("compute x all reduce sum c_y\n", "there is no compute 'y'"),
         ("compute x all reduce sum c_ch[1]\n", "compute ch .style chunk/atom. has one value per bead; use c_ch"),
         ("compute p all property/atom x y\ncompute x all reduce sum c_p\n", "has 2 values per bead; use c_p.1. and so on"),
-        ("compute x all reduce sum c_ch\nthermo_style custom c_ch\n", "compute style chunk/atom has no value"),
+        ("compute x all reduce sum c_ch\nthermo_style custom c_ch\n", "compute ch .style chunk/atom. has values of single beads"),
         ("fix f all ave/chunk 1 1 1 zz vx\n", "'zz' is not the id of a compute chunk/atom; defined are ch"),
         ("fix f all ave/chunk 1 1 1 ch x\n", "expected vx, vy, vz, fx, fy, fz, mass, density/number, density/mass, temp"),
         ("fix f all ave/chunk 1 1 1 ch vx y\n", "'y' is neither a value nor an option"),

@@ -24,8 +24,8 @@ from openmm_dpd.lammps import (
     read_lammps_dump,
     scene_from_data,
 )
-from openmm_dpd.lammps.exchange.export_words import id_words, lammps_seed
 from openmm_dpd.lammps.styles.pair_styles import PAIR_STYLES
+from openmm_dpd.lammps.styles.writing import id_words, lammps_seed
 
 
 def fluid(**changes) -> dpd.Scene:
@@ -431,13 +431,13 @@ def test_broken_data_files(tmp_path):
         written.data.write_text(text.replace(old, new, 1))
         return scene_from_data(written.data, scene)
 
-    with pytest.raises(dpd.DeckError, match="expected an atom of atom_style atomic.*not 'Velocities'"):
+    with pytest.raises(dpd.DeckError, match="section Atoms has 240 lines, but the header announces 241"):
         broken("240 atoms", "241 atoms")
     with pytest.raises(dpd.DeckError, match="expected an atom of atom_style atomic: id type x y z"):
         broken("Atoms # atomic\n\n1 ", "Atoms # atomic\n\nx ")
     with pytest.raises(dpd.ParameterError, match="no velocities"):
         broken("Velocities", "Speeds")
-    with pytest.raises(dpd.DeckError, match="lacks 'xlo xhi'"):
+    with pytest.raises(dpd.DeckError, match="has no line 'xlo xhi'"):
         broken("xlo xhi", "xlow xhigh")
     with pytest.raises(dpd.ParameterError, match="its units are lj, not real"):
         scene_from_data(written.data, scene, units="real")

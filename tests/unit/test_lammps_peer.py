@@ -15,7 +15,8 @@ import lammps_peer
 from lammps_beads import ours, same_beads, theirs
 
 from openmm_dpd.lammps import RunOptions, RunRequest, read_deck, run_deck
-from openmm_dpd.lammps.state.sample import Sample
+from openmm_dpd.lammps.state.sample import DeckSample
+from openmm_dpd.lammps.values.resolver import Resolver
 
 MISSING = lammps_peer.why_missing()
 pytestmark = pytest.mark.skipif(MISSING is not None, reason=str(MISSING))
@@ -226,7 +227,7 @@ def test_thermo_words_and_dumps(tmp_path, units, norm, scale):
         u, n = state.units, scene.n_beads
         kinetic = 0.5 * float(scene.bead_masses @ np.sum(scene.velocities**2, axis=1))
         beads = n if norm == "norm yes" or (units == "lj" and not norm) else 1
-        sample = Sample(
+        sample = DeckSample(
             step=request.first_step,
             kinetic=kinetic,
             dof=3 * n - 3,
@@ -242,7 +243,7 @@ def test_thermo_words_and_dumps(tmp_path, units, norm, scale):
         found.update(request.thermo.values(sample))
         for dump in request.dumps:
             assert dump.due(request.first_step)
-            dump.write(state, request.first_step, scene.positions, scene.velocities)
+            dump.write(Resolver(state, sample, request.window))
 
     path = tmp_path / "in.ours"
     path.write_text(both)

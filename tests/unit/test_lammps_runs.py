@@ -9,7 +9,8 @@ import pytest
 
 from openmm_dpd.errors import DeckError, ParameterError
 from openmm_dpd.lammps import RunRequest, read_deck
-from openmm_dpd.lammps.state.sample import Sample
+from openmm_dpd.lammps.state.sample import DeckSample
+from openmm_dpd.lammps.values.resolver import Resolver
 from openmm_dpd.lammps.values.words import WORDS
 from openmm_dpd.model.temperature import TemperatureRamp
 
@@ -36,13 +37,13 @@ def write(tmp_path, text: str, units: str = "lj") -> Path:
     return path
 
 
-def sample_of(request: RunRequest, step: int | None = None, **values) -> Sample:
+def sample_of(request: RunRequest, step: int | None = None, **values) -> DeckSample:
     scene = request.scene()
     mobile = request.mobile
     kinetic = 0.5 * float(scene.bead_masses[mobile] @ np.sum(scene.velocities[mobile] ** 2, axis=1))
     defaults = {"pair_energy": 100.0, "bond_energy": 10.0, "virial": 300.0, "virial_full": 360.0, "force_norm": 7.0, "force_max": 2.0}
     defaults["fields"] = {}
-    return Sample(request.first_step if step is None else step, kinetic, 3 * int(mobile.sum()) - 3, **{**defaults, **values})
+    return DeckSample(request.first_step if step is None else step, kinetic, 3 * int(mobile.sum()) - 3, **{**defaults, **values})
 
 
 def requests_of(tmp_path, text: str, callback=None, **options) -> list[RunRequest]:
@@ -335,7 +336,7 @@ def test_no_fix_at_all_is_said(tmp_path):
         ("thermo_style custom c_thermo_press[1]\n", r"compute thermo_press has a single value only; use c_thermo_press"),
         ("variable a equal random(0,1,0.5)\nprint $a\n", "the seed of random must be a whole number of at least 1, not 0.5"),
         ("thermo_style custom f_1\n", "f_1: there is no fix '1' with a value; fix ave/time has values"),
-        ("compute m all momentum\nthermo_style custom c_m\n", "compute style momentum has no value"),
+        ("compute m all momentum\nthermo_style custom c_m\n", "compute m .style momentum. has no single value; use c_m.1."),
         ("compute x all vacf\n", "compute style 'vacf' is not supported"),
         ("compute x all dpd\n", "compute dpd needs atom_style dpd"),
         ("thermo_modify norm maybe\n", "expected yes or no for norm"),
@@ -514,7 +515,8 @@ def dump_run(request: RunRequest) -> None:
         x = scene.positions + [0.1 * (step - request.first_step), 0, 0]
         for dump in request.dumps:
             if dump.due(step):
-                dump.write(request.state, step, x, scene.velocities, np.full_like(x, 3.0))
+                sample = DeckSample(step, positions=x, velocities=scene.velocities, forces=np.full_like(x, 3.0))
+                dump.write(Resolver(request.state, sample, request.window))
     request.finish(x, scene.velocities)
 
 
@@ -564,10 +566,10 @@ def test_dcd_dumps_go_on_over_runs(tmp_path):
 def test_forces_must_be_handed_over(tmp_path):
     (request,) = requests_of(tmp_path, "fix 1 all nve\ndump 1 all custom 10 a fx\nrun 1\n")
     (dump,) = request.dumps
-    assert dump.needs_forces
+    assert dump.needs(request.state) == {"positions", "forces"}
     scene = request.scene()
-    with pytest.raises(ParameterError, match="need the forces"):
-        dump.write(request.state, 0, scene.positions, scene.velocities)
+    with pytest.raises(ParameterError, match="did not measure forces"):
+        dump.write(Resolver(request.state, DeckSample(0, positions=scene.positions, velocities=scene.velocities), request.window))
     dump.close()
 
 

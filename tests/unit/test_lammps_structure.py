@@ -71,6 +71,33 @@ def test_displacements_count_from_where_the_compute_stands(tmp_path):
     assert [moved.compute("g", k) for k in range(1, 7)] == pytest.approx(tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
 
 
+def test_values_equal_naive_loops(tmp_path):
+    """g(r) and neighbours of unlike types, squared displacements and gyration tensor, to 1e-10."""
+    text = "compute r all rdf 6 1 2 cutoff 2.4\ncompute m two msd com yes\ncompute g all gyration\n"
+    request = request_of(tmp_path, DECK + text)
+    moment, start = context_of(request), request.state.atoms.positions
+    moment.sample.positions[:] += np.random.default_rng(5).normal(0, 0.3, start.shape)
+    x, edges, masses = moment.sample.positions, np.array([6.0, 5.0, 6.0]), request.state.bead_masses()
+    counts = [0] * 6
+    for a in x[:60]:
+        for b in x[60:]:
+            gap = [(p - q + edge / 2) % edge - edge / 2 for p, q, edge in zip(a, b, edges, strict=True)]
+            r = sum(g * g for g in gap) ** 0.5
+            if r < 2.4:
+                counts[int(r / 0.4)] += 1
+    for k in range(6):
+        shell = 4 * np.pi / 3 * 0.4**3 * ((k + 1) ** 3 - k**3)
+        assert moment.compute("r", k + 1, 2) == pytest.approx(counts[k] * 180.0 / (60 * 40 * shell), rel=1e-10)
+        assert moment.compute("r", k + 1, 3) == pytest.approx(sum(counts[: k + 1]) / 60, rel=1e-10)
+    two = range(60, 100)
+    centres = [sum(masses[k] * y[k] for k in two) / sum(masses[k] for k in two) for y in (start, x)]
+    moved = sum(((x[k] - centres[1]) - (start[k] - centres[0])) ** 2 for k in two) / 40
+    assert [moment.compute("m", k) for k in (1, 2, 3, 4)] == pytest.approx([*moved, sum(moved)], rel=1e-10)
+    centre = sum(m * y for m, y in zip(masses, x, strict=True)) / sum(masses)
+    tensor = sum(m * np.outer(y - centre, y - centre) for m, y in zip(masses, x, strict=True)) / sum(masses)
+    assert [moment.compute("g", k) for k in range(1, 7)] == pytest.approx(tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]], rel=1e-10)
+
+
 def test_mean_positions_are_taken_once_a_step(tmp_path):
     request = request_of(tmp_path, DECK + "compute m all msd average yes\n")
     first = context_of(request, 1, shift=(1.0, 0, 0))
@@ -95,7 +122,7 @@ def test_mean_positions_are_taken_once_a_step(tmp_path):
         ("compute t all temp\nthermo_style custom c_t[1][1]\n", "has no table of values"),
         ("compute t all temp\nvariable a equal c_t[1][1]\nthermo_style custom v_a\nrun 1\n", "has no table of values"),
         ("compute m all msd com maybe\n", "com"),
-        ("compute m all msd\nthermo_style custom c_m\n", "has no value"),
+        ("compute m all msd\nthermo_style custom c_m\n", "has no single value"),
         ("compute m two msd\ngroup two type 1\nthermo_style custom c_m[4]\nrun 1\n", "had 40 when it was defined"),
         ("compute g all gyration x\n", "and no more"),
     ],

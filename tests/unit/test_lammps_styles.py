@@ -76,7 +76,7 @@ def test_bonded_coefficients_come_back(name, units):
     assert style.coefficient(style.words(values, units), "type", units) == pytest.approx(values, rel=1e-14)
     if style.kind is not None:
         terms = style.build(np.arange(beads)[None, :], values)
-        words = [repr(float(column[0])) for column in style.of(terms, units)]
+        words = [repr(float(column[0])) for column in style.columns.of(terms, units)]
         assert style.coefficient(words, "type", units) == pytest.approx(values, rel=1e-15)
 
 

@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 
 from ...errors import ParameterError
-from ..files.data_file import BONDED_STYLES
+from ..files.atom_styles import BONDED_STYLES, CHARGED_STYLES
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..values.resolver import Resolver
-from .setup import Handler
+from .setup import by_name
 
 
 def mass(state: DeckState, args: list[str]) -> None:
@@ -55,14 +55,9 @@ def _by_region(state: DeckState, words: list[str]) -> np.ndarray:
     return state.region(words[0]).contains(state.atoms.positions)
 
 
-def _union(state: DeckState, words: list[str]) -> np.ndarray:
-    read.count(words, "union group group ...", 1, None)
-    return np.logical_or.reduce([state.group(name) for name in words])
-
-
-def _intersect(state: DeckState, words: list[str]) -> np.ndarray:
-    read.count(words, "intersect group group ...", 2, None)
-    return np.logical_and.reduce([state.group(name) for name in words])
+def _combined(state: DeckState, words: list[str], name: str, combine: np.ufunc, least: int) -> np.ndarray:
+    read.count(words, f"{name} group group ...", least, None)
+    return combine.reduce([state.group(word) for word in words])
 
 
 #: Group styles: from (state, words) to the beads that are added.
@@ -71,8 +66,8 @@ GROUP_STYLES: dict[str, Callable[[DeckState, list[str]], np.ndarray]] = {
     "id": lambda state, words: _matching(state.atoms.ids, words, "an atom id"),
     "molecule": lambda state, words: _matching(state.atoms.molecules, words, "a molecule id"),
     "region": _by_region,
-    "union": _union,
-    "intersect": _intersect,
+    "union": lambda state, words: _combined(state, words, "union", np.logical_or, 1),
+    "intersect": lambda state, words: _combined(state, words, "intersect", np.logical_and, 2),
     "empty": lambda state, words: np.zeros(len(state.atoms), dtype=bool),
 }
 
@@ -82,8 +77,7 @@ def group(state: DeckState, args: list[str]) -> None:
     read.count(args, "group ID style values ...", 2, None)
     state.require_box("group")
     name, style, *words = args
-    if not all(char.isascii() and (char.isalnum() or char == "_") for char in name):
-        raise ParameterError(f"the name of a group has letters, digits and underscores only, not '{name}'")
+    read.identifier(name, "the name of a group")
     if name == "all":
         raise ParameterError("group all is fixed: it always holds every bead")
     if style == "delete":
@@ -111,6 +105,9 @@ def group(state: DeckState, args: list[str]) -> None:
         state.groups[name] = present | GROUP_STYLES[style](state, words)
 
 
+Setter = Callable[[DeckState, np.ndarray, list[str]], None]
+
+
 # -- set --------------------------------------------------------------------------------------------------------------------
 def _selected(state: DeckState, style: str, word: str) -> np.ndarray:
     if style == "group":
@@ -124,20 +121,13 @@ def _selected(state: DeckState, style: str, word: str) -> np.ndarray:
     return (values >= first) & (values <= last)
 
 
-def _type(state: DeckState, word: str) -> int:
-    kind = read.integer(word, "the atom type", 1)
-    if kind > state.n_types:
-        raise ParameterError(f"atom type {kind} is out of range: there are {state.n_types}")
-    return kind
-
-
 def _set_type(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
-    state.atoms.types[mask] = _type(state, words[0])
+    state.atoms.types[mask] = state.type_number(words[0])
 
 
 def _set_fraction(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
     fraction, rng = _fraction(words[1]), np.random.default_rng(read.integer(words[2], "the seed", 1))
-    state.atoms.types[mask & (rng.random(len(mask)) < fraction)] = _type(state, words[0])
+    state.atoms.types[mask & (rng.random(len(mask)) < fraction)] = state.type_number(words[0])
 
 
 def _fraction(word: str) -> float:
@@ -148,12 +138,17 @@ def _fraction(word: str) -> float:
 
 
 def _set_subset(state: DeckState, mask: np.ndarray, words: list[str], ratio: bool) -> None:
-    beads = np.flatnonzero(mask)
-    wanted = int(_fraction(words[1]) * len(beads)) if ratio else read.integer(words[1], "the number of beads", 0)
+    chosen = subset(np.flatnonzero(mask), words[1:], ratio)
+    state.atoms.types[chosen] = state.type_number(words[0])
+
+
+def subset(beads: np.ndarray, words: list[str], ratio: bool) -> np.ndarray:
+    """A fraction of the beads, or a number of them, drawn at random; the words are this and a seed."""
+    amount, seed = words
+    wanted = int(_fraction(amount) * len(beads)) if ratio else read.integer(amount, "the number of beads", 0)
     if wanted > len(beads):
-        raise ParameterError(f"set type/subset asks for {wanted} of {len(beads)} beads")
-    rng = np.random.default_rng(read.integer(words[2], "the seed", 1))
-    state.atoms.types[rng.choice(beads, wanted, replace=False)] = _type(state, words[0])
+        raise ParameterError(f"{wanted} of {len(beads)} beads cannot be chosen")
+    return np.random.default_rng(read.integer(seed, "the seed", 1)).choice(beads, wanted, replace=False)
 
 
 def _value(state: DeckState, word: str, what: str) -> float:
@@ -164,13 +159,8 @@ def _value(state: DeckState, word: str, what: str) -> float:
     return Resolver(state, state.last_sample if current else None).variable_alone(word[2:])
 
 
-def _needs_style(state: DeckState, style: str, what: str) -> None:
-    if state.atom_style != style:
-        raise ParameterError(f"atom_style {state.atom_style} has no {what}; it belongs to atom_style {style}")
-
-
 def _set_theta(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
-    _needs_style(state, "dpd", "dpd/theta")
+    state.require_atom_style("dpd", "set dpd/theta")
     if words[0] == "NULL":
         speed2 = np.sum((state.atoms.velocities[mask] * state.units.velocity) ** 2, axis=1)
         values = state.bead_masses()[mask] * speed2 / (3 * state.units.thermal_energy)
@@ -192,24 +182,22 @@ def _positive(value: float, what: str) -> float:
     return value
 
 
-def _set_thermal(what: str, array: str) -> Callable[[DeckState, np.ndarray, list[str]], None]:
+def _set_thermal(what: str, array: str) -> Setter:
     def handler(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
-        _needs_style(state, "edpd", what)
+        state.require_atom_style("edpd", f"set {what}")
         getattr(state.atoms, array)[mask] = _positive(_value(state, words[0], what), what)
 
     return handler
 
 
 def _set_concentration(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
-    _needs_style(state, "tdpd", "cc")
-    species = read.integer(words[0], "the number of the species", 1)
-    if species > state.n_species:
-        raise ParameterError(f"set cc {species}: atom_style tdpd has {state.n_species} species")
-    state.atoms.concentrations[mask, species - 1] = _value(state, words[1], "cc")
+    state.require_atom_style("tdpd", "set cc")
+    species = state.species(words[0], "set cc")
+    state.atoms.concentrations[mask, species] = _value(state, words[1], "cc")
 
 
 def _set_charge(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
-    if state.atom_style not in ("charge", "full"):
+    if state.atom_style not in CHARGED_STYLES:
         raise ParameterError(f"atom_style {state.atom_style} has no charges")
     state.atoms.charges[mask] = read.number(words[0], "the charge")
 
@@ -220,17 +208,10 @@ def _set_molecule(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
     state.atoms.molecules[mask] = read.integer(words[0], "the molecule id", 0)
 
 
-def _set_position(axis: int) -> Callable[[DeckState, np.ndarray, list[str]], None]:
+def _set_vector(array: str, axis: int, what: str) -> Setter:
     def handler(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
-        # outside the box it stays there until the next run begins, for regions and ramps too
-        state.atoms.positions[mask, axis] = read.number(words[0], "the coordinate")
-
-    return handler
-
-
-def _set_velocity(axis: int) -> Callable[[DeckState, np.ndarray, list[str]], None]:
-    def handler(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
-        state.atoms.velocities[mask, axis] = read.number(words[0], "the velocity")
+        # a position outside the box stays there until the next run begins, for regions and ramps too
+        getattr(state.atoms, array)[mask, axis] = read.number(words[0], what)
 
     return handler
 
@@ -249,7 +230,7 @@ def _set_mass(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
 
 
 #: Properties that ``set`` changes: name -> (number of values, handler).
-SETTERS: dict[str, tuple[int, Callable[[DeckState, np.ndarray, list[str]], None]]] = {
+SETTERS: dict[str, tuple[int, Setter]] = {
     "type": (1, _set_type),
     "type/fraction": (3, _set_fraction),
     "type/ratio": (3, lambda state, mask, words: _set_subset(state, mask, words, True)),
@@ -262,8 +243,8 @@ SETTERS: dict[str, tuple[int, Callable[[DeckState, np.ndarray, list[str]], None]
     "edpd/cv": (1, _set_thermal("edpd/cv", "capacities")),
     "cc": (2, _set_concentration),
     "image": (3, _set_image),
-    **{axis: (1, _set_position(k)) for k, axis in enumerate("xyz")},
-    **{f"v{axis}": (1, _set_velocity(k)) for k, axis in enumerate("xyz")},
+    **{axis: (1, _set_vector("positions", k, "the coordinate")) for k, axis in enumerate("xyz")},
+    **{f"v{axis}": (1, _set_vector("velocities", k, "the velocity")) for k, axis in enumerate("xyz")},
 }
 
 
@@ -279,4 +260,4 @@ def set_(state: DeckState, args: list[str]) -> None:
         SETTERS[name][1](state, mask, words)
 
 
-COMMANDS: dict[str, Handler] = {"mass": mass, "group": group, "set": set_}
+COMMANDS = by_name(mass, group, set_)

@@ -2,38 +2,45 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from ...errors import ParameterError
 from ..language import arguments as read
-from ..state.bonded_setup import BondedSetup
 from ..state.deck_state import DeckState
-from ..styles.bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedStyle
+from ..state.pair_setup import BondedSetup
+from ..styles.bonded_styles import ANGLE_STYLES, BOND_STYLES
 from .setup import Handler
 
+#: Styles of bonds and of angles.
+KNOWN = {"bond": BOND_STYLES, "angle": ANGLE_STYLES}
 
-def _setup(state: DeckState, args: list[str], what: str, known: dict[str, BondedStyle], old: BondedSetup) -> BondedSetup:
-    """Setup after ``bond_style`` or ``angle_style``."""
+
+def _style(state: DeckState, args: list[str], what: str) -> None:
+    """``bond_style`` or ``angle_style``: none, zero, a style that is known, or ``hybrid`` with several of them."""
     read.count(args, f"{what}_style style", 1, None)
+    known, old = KNOWN[what], getattr(state, what)
     style = read.choice(args[0], f"the {what} style", ("none", *known, "hybrid"))
+    setup = BondedSetup(style, where=state.here)
     if style == "none":
         read.count(args[1:], f"{what}_style none", 0)
-        return BondedSetup("none", where=state.here)
-    if style == "hybrid":
+    elif style == "hybrid":
         read.count(args[1:], f"{what}_style hybrid style style ...", 1, None)
         for k, name in enumerate(args[1:], start=1):
             read.choice(name, f"a style of {what}_style hybrid", tuple(known))
             if name in args[1:k]:
                 raise ParameterError(f"{what}_style hybrid names {name} twice")
-        return BondedSetup(style, tuple(args[1:]), where=state.here)
-    read.choice(" ".join(args[1:]), f"the argument of {what}_style {style}", ("", "nocoeff") if style == "zero" else ("",))
-    kept = dict(old.coefficients) if old.style == style else {}
-    return BondedSetup(style, (style,), kept, state.here)
+        setup.styles = tuple(args[1:])
+    else:
+        read.choice(" ".join(args[1:]), f"the argument of {what}_style {style}", ("", "nocoeff") if style == "zero" else ("",))
+        setup.styles, setup.coefficients = (style,), dict(old.coefficients) if old.style == style else {}
+    setattr(state, what, setup)
 
 
-def _coefficients(state: DeckState, args: list[str], what: str, known: dict[str, BondedStyle], setup: BondedSetup, types: int) -> None:
-    """Take over a ``bond_coeff`` or ``angle_coeff`` line."""
-    command = f"{what}_coeff"
+def _coeff(state: DeckState, args: list[str], what: str) -> None:
+    """``bond_coeff type [style] values ...``, or ``angle_coeff``."""
+    command, known, setup, types = f"{what}_coeff", KNOWN[what], getattr(state, what), getattr(state, f"n_{what}_types")
     state.require_box(command)
     if setup.style == "none":
         others = "harmonic" if what == "bond" else "cosine"
@@ -60,29 +67,6 @@ def _coefficients(state: DeckState, args: list[str], what: str, known: dict[str,
     setup.coefficients.update(dict.fromkeys(kinds, (style, values)))
 
 
-def bond_style(state: DeckState, args: list[str]) -> None:
-    """``bond_style none|zero|harmonic|fene|morse``, or ``hybrid`` with several of them."""
-    state.bond = _setup(state, args, "bond", BOND_STYLES, state.bond)
-
-
-def bond_coeff(state: DeckState, args: list[str]) -> None:
-    """``bond_coeff type [style] values ...``."""
-    _coefficients(state, args, "bond", BOND_STYLES, state.bond, state.n_bond_types)
-
-
-def angle_style(state: DeckState, args: list[str]) -> None:
-    """``angle_style none|zero|harmonic|cosine``, or ``hybrid`` with several of them."""
-    state.angle = _setup(state, args, "angle", ANGLE_STYLES, state.angle)
-
-
-def angle_coeff(state: DeckState, args: list[str]) -> None:
-    """``angle_coeff type [style] values ...``."""
-    _coefficients(state, args, "angle", ANGLE_STYLES, state.angle, state.n_angle_types)
-
-
 COMMANDS: dict[str, Handler] = {
-    "bond_style": bond_style,
-    "bond_coeff": bond_coeff,
-    "angle_style": angle_style,
-    "angle_coeff": angle_coeff,
+    f"{what}_{end}": partial(handler, what=what) for what in KNOWN for end, handler in (("style", _style), ("coeff", _coeff))
 }

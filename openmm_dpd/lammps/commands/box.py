@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from ...errors import DeckError, ParameterError
 from ...model.bonds import bonded_neighbours
-from ..files.data_file import BONDED_STYLES, DataFile, read_data_file
+from ..files.atom_styles import ARRAYS, BONDED_STYLES
+from ..files.data_file import DataFile, read_data_file
 from ..language import arguments as read
-from ..language.lexer import Line
+from ..language.lexer import Line, errors_at
 from ..state.atoms import Atoms
 from ..state.box import Box
 from ..state.deck_state import DeckState
 from ..state.lattice import parse_lattice
 from ..state.regions import parse_region
-from .bonded import angle_coeff, bond_coeff
+from . import bonded
+from .beads import subset
 from .pairs import pair_coeff
-from .setup import Handler
+from .setup import by_name
 
 
 def lattice(state: DeckState, args: list[str]) -> None:
@@ -76,9 +79,7 @@ def create_atoms(state: DeckState, args: list[str]) -> None:
     """``create_atoms type box | region ID | random N seed ID|NULL | single x y z``, with options."""
     read.count(args, "create_atoms type style ...", 2, None)
     state.require_box("create_atoms")
-    kind = read.integer(args[0], "the atom type", 1)
-    if kind > state.n_types:
-        raise ParameterError(f"atom type {kind} is out of range: there are {state.n_types}")
+    kind = state.type_number(args[0])
     sizes = {"box": 0, "region": 1, "random": 3, "single": 3}
     style = read.choice(args[1], "the style of create_atoms", list(sizes))
     words, rest = args[2 : 2 + sizes[style]], args[2 + sizes[style] :]
@@ -91,8 +92,7 @@ def create_atoms(state: DeckState, args: list[str]) -> None:
         if keyword == "basis":
             basis[read.integer(values[0], "the number of the basis atom", 1)] = read.integer(values[1], "its type", 1)
         options[keyword] = values
-    units = read.choice(options.get("units", ["lattice"])[0], "units", ("lattice", "box"))
-    scale = np.ones(3) if units == "box" else state.lattice.spacing
+    scale = state.spacing(options.get("units", ["lattice"])[0])
     if style == "random":
         points = _random_points(state, words, options)
         types = np.full(len(points), kind)
@@ -122,16 +122,7 @@ def _lattice_points(state: DeckState, kind: int, basis: dict[int, int], words: l
         types[numbers == number - 1] = other
     for keyword in ("ratio", "subset"):
         if keyword in options:
-            amount, seed = options[keyword]
-            rng = np.random.default_rng(read.integer(seed, "the seed", 1))
-            wanted = (
-                int(read.non_negative(amount, "the fraction") * len(points))
-                if keyword == "ratio"
-                else read.integer(amount, "the number of beads", 0)
-            )
-            if wanted > len(points):
-                raise ParameterError(f"{keyword} {amount} asks for more beads than the {len(points)} lattice points")
-            chosen = np.sort(rng.choice(len(points), wanted, replace=False))
+            chosen = np.sort(subset(np.arange(len(points)), options[keyword], keyword == "ratio"))
             points, types = points[chosen], types[chosen]
     return points, types
 
@@ -181,47 +172,38 @@ def read_data(state: DeckState, args: list[str]) -> None:
     read.count(args, "read_data file ...", 1, None)
     if state.box is not None:
         raise ParameterError("read_data must come before any other box is defined (read_data add is not supported)")
-    data = read_data_file(state.find_file(args[0]), state.atom_style, state.n_species)
+    path = state.find_file(args[0])
+    data = read_data_file(path, state.atom_style, state.n_species)
     # how much room LAMMPS reserves is of no interest here
     ignored = ("extra/bond/per/atom", "extra/angle/per/atom", "extra/special/per/atom", "extra/dihedral/types", "extra/improper/types")
     sizes = {"extra/atom/types": 1, "extra/bond/types": 1, "extra/angle/types": 1, "nocoeff": 0, "group": 1, **dict.fromkeys(ignored, 1)}
     chosen = dict(read.options(args[1:], sizes, "read_data"))
-    state.n_types = data.n_types + read.integer(chosen.get("extra/atom/types", ["0"])[0], "extra/atom/types", 0)
-    state.n_bond_types = data.n_bond_types + read.integer(chosen.get("extra/bond/types", ["0"])[0], "extra/bond/types", 0)
-    state.n_angle_types = data.n_angle_types + read.integer(chosen.get("extra/angle/types", ["0"])[0], "extra/angle/types", 0)
+    for name, option in (("n_types", "extra/atom/types"), ("n_bond_types", "extra/bond/types"), ("n_angle_types", "extra/angle/types")):
+        setattr(state, name, getattr(data, name) + read.integer(chosen.get(option, ["0"])[0], option, 0))
     if state.n_types < 1:
-        raise DeckError("the header announces no atom types", str(data.path))
+        raise DeckError("the header announces no atom types", str(path))
     hint = data.hints.get("Atoms", "")
     if hint and hint.split()[0] != state.atom_style:
-        state.note(f"{data.path.name}: the Atoms section says '{hint}', but is read as atom_style {state.atom_style}")
+        state.note(f"{path.name}: the Atoms section says '{hint}', but is read as atom_style {state.atom_style}")
     _set_box(state, data.box)
-    _take_atoms(state, data)
+    _take_atoms(state, data, path)
     if "group" in chosen:
         state.groups[chosen["group"][0]] = np.ones(len(state.atoms), dtype=bool)
     state.masses.update({kind: mass * state.units.mass for kind, mass in data.masses.items()})
     if "nocoeff" not in chosen:
-        _take_coefficients(state, data)
+        _take_coefficients(state, data, path)
 
 
-#: Columns of data files that become arrays of the beads as they are.
-_CARRIED = {
-    "charge": "charges",
-    "molecule": "molecules",
-    "theta": "thetas",
-    "temperature": "temperatures",
-    "capacity": "capacities",
-    "rho": "densities",
-}
-
-
-def _take_atoms(state: DeckState, data: DataFile) -> None:
+def _take_atoms(state: DeckState, data: DataFile, path: Path) -> None:
     order = np.argsort(data.columns["id"], kind="stable")
     inside, shifts = state.require_box("read_data").settle(data.positions)
     atoms = Atoms.new(data.columns["id"][order], data.columns["type"][order], inside[order], state.n_species)
-    atoms.images = (_repeated(state, data) + shifts)[order]
+    if np.any(data.images[:, ~np.array(state.periodic)]):
+        state.note(f"{path.name}: image flags along axes that do not repeat count as 0")
+    atoms.images = (np.where(state.periodic, data.images, 0) + shifts)[order]
     atoms.velocities = data.velocities[order]
     atoms.slots = order
-    for column, name in _CARRIED.items():
+    for column, name in ARRAYS.items():
         if column in data.columns:
             setattr(atoms, name, data.columns[column][order])
     for k in range(state.n_species):
@@ -230,28 +212,19 @@ def _take_atoms(state: DeckState, data: DataFile) -> None:
     state.bonds, state.angles = data.bonds, data.angles
 
 
-def _repeated(state: DeckState, data: DataFile) -> np.ndarray:
-    """(N, 3) image flags, which are 0 along axes that do not repeat, as LAMMPS reads them."""
-    if np.any(data.images[:, ~np.array(state.periodic)]):
-        state.note(f"{data.path.name}: image flags along axes that do not repeat count as 0")
-    return np.where(state.periodic, data.images, 0)
-
-
-def _take_coefficients(state: DeckState, data: DataFile) -> None:
+def _take_coefficients(state: DeckState, data: DataFile, path: Path) -> None:
     handlers = {
         "Pair Coeffs": lambda words: pair_coeff(state, [words[0], *words]),
         "PairIJ Coeffs": lambda words: pair_coeff(state, words),
-        "Bond Coeffs": lambda words: bond_coeff(state, words),
-        "Angle Coeffs": lambda words: angle_coeff(state, words),
+        "Bond Coeffs": lambda words: bonded.COMMANDS["bond_coeff"](state, words),
+        "Angle Coeffs": lambda words: bonded.COMMANDS["angle_coeff"](state, words),
     }
     outer = state.here
     for name, rows in data.coefficients.items():
         for number, words in rows:
-            state.here = Line(" ".join(words), str(data.path), number)
-            try:
+            state.here = Line(" ".join(words), str(path), number)
+            with errors_at(state.here, f"{name}: "):
                 handlers[name](words)
-            except ParameterError as error:
-                raise DeckError(f"{name}: {error}", str(data.path), number) from None
     state.here = outer
 
 
@@ -303,11 +276,4 @@ def delete_atoms(state: DeckState, args: list[str]) -> None:
         state.atoms.ids = np.arange(1, len(kept) + 1)
 
 
-COMMANDS: dict[str, Handler] = {
-    "lattice": lattice,
-    "region": region,
-    "create_box": create_box,
-    "create_atoms": create_atoms,
-    "read_data": read_data,
-    "delete_atoms": delete_atoms,
-}
+COMMANDS = by_name(lattice, region, create_box, create_atoms, read_data, delete_atoms)

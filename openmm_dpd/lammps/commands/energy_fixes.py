@@ -1,8 +1,6 @@
-"""Fixes of beads that carry more than a velocity (equations of state, sources), and of boxes under constant pressure."""
+"""Fixes of the fields of beads (equations of state, sources), and of boxes under constant pressure."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
 
 import numpy as np
 
@@ -13,19 +11,13 @@ from ..files.eos_file import read_eos
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.pressure import parse_nph
-
-FixReader = Callable[[DeckState, str, list[str]], dict]
-
-
-def _needs(state: DeckState, fix: str, style: str) -> None:
-    if state.atom_style != style:
-        raise ParameterError(f"fix {fix} needs atom_style {style}, but the deck has atom_style {state.atom_style}")
+from .setup import FixReader
 
 
 # -- internal energies --------------------------------------------------------------------------------------------------------
 def _eos_cv(state: DeckState, group: str, words: list[str]) -> dict:
     read.count(words, "fix ID group eos/cv cv", 1)
-    _needs(state, "eos/cv", "dpd")
+    state.require_atom_style("dpd", "fix eos/cv")
     # heat capacities of the model are in units of k_B
     capacity = read.positive(words[0], "the heat capacity") / state.units.boltzmann
     return {"eos": ConstantHeatCapacity(capacity), "source": capacity}
@@ -33,7 +25,7 @@ def _eos_cv(state: DeckState, group: str, words: list[str]) -> dict:
 
 def _eos_table(state: DeckState, group: str, words: list[str]) -> dict:
     read.count(words, "fix ID group eos/table linear file N keyword", 4)
-    _needs(state, "eos/table", "dpd")
+    state.require_atom_style("dpd", "fix eos/table")
     read.choice(words[0], "the style of eos/table", ("linear",))
     read.integer(words[2], "the size of the table", 2)
     path = state.find_file(words[1])
@@ -45,7 +37,7 @@ def _eos_table(state: DeckState, group: str, words: list[str]) -> dict:
 
 def _dpd_energy(state: DeckState, group: str, words: list[str]) -> dict:
     read.count(words, "fix ID group dpd/energy", 0)
-    _needs(state, "dpd/energy", "dpd")
+    state.require_atom_style("dpd", "fix dpd/energy")
     if group != "all":
         state.note("fix dpd/energy acts on all beads, whatever its group")
     return {}
@@ -81,19 +73,17 @@ def _place(state: DeckState, words: list[str], style: str) -> tuple[Block | Sphe
 
 
 def _edpd_source(state: DeckState, group: str, words: list[str]) -> dict:
-    _needs(state, "edpd/source", "edpd")
+    state.require_atom_style("edpd", "fix edpd/source")
     region, rate = _place(state, words, "edpd/source")
     return {"region": region, "rate": rate * state.units.thermal_energy / state.units.time, "species": 0}
 
 
 def _tdpd_source(state: DeckState, group: str, words: list[str]) -> dict:
-    _needs(state, "tdpd/source", "tdpd")
+    state.require_atom_style("tdpd", "fix tdpd/source")
     read.count(words, "fix ID group tdpd/source species sphere|cuboid|region ... value", 2, None)
-    species = read.integer(words[0], "the number of the species", 1)
-    if species > state.n_species:
-        raise ParameterError(f"fix tdpd/source names species {species}, but atom_style tdpd has {state.n_species}")
+    species = state.species(words[0], "fix tdpd/source")
     region, rate = _place(state, words[1:], "tdpd/source")
-    return {"region": region, "rate": rate / state.units.time, "species": species - 1}
+    return {"region": region, "rate": rate / state.units.time, "species": species}
 
 
 # -- constant pressure --------------------------------------------------------------------------------------------------------

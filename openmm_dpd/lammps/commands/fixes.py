@@ -6,24 +6,21 @@ from collections.abc import Callable
 
 from ...errors import ParameterError
 from ..language import arguments as read
-from ..output.averages import Average
+from ..output.averages import AveragingFix
 from ..output.chunk_average import parse_ave_chunk
 from ..output.time_average import parse_ave_time
 from ..state.deck_state import DeckState
 from ..state.records import Fix
 from .energy_fixes import ENERGY_FIXES
 from .flow_fixes import FLOW_FIXES
-from .setup import Handler
+from .setup import FixReader, by_name
 
 
-def _nve(state: DeckState, group: str, words: list[str]) -> dict:
-    read.count(words, "fix ID group nve", 0)
-    return {"lambda": 0.5}
+def _moving(style: str, most: int) -> FixReader:
+    """A fix that moves beads, with lambda if it takes an argument."""
 
-
-def _mvv(style: str) -> Callable[[DeckState, str, list[str]], dict]:
     def reader(state: DeckState, group: str, words: list[str]) -> dict:
-        read.count(words, f"fix ID group {style} [lambda]", 0, 1)
+        read.count(words, f"fix ID group {style}{' [lambda]' * most}", 0, most)
         value = read.number(words[0], "lambda") if words else 0.5
         if not 0 <= value <= 1:
             raise ParameterError(f"lambda must be between 0 and 1, but is {value:g}")
@@ -40,11 +37,11 @@ def _shardlow(state: DeckState, group: str, words: list[str]) -> dict:
 
 
 #: Fix styles: from (state, group, words) to the fix's parameters.
-FIX_STYLES: dict[str, Callable[[DeckState, str, list[str]], dict]] = {
-    "nve": _nve,
-    "mvv/dpd": _mvv("mvv/dpd"),
-    "mvv/edpd": _mvv("mvv/edpd"),
-    "mvv/tdpd": _mvv("mvv/tdpd"),
+FIX_STYLES: dict[str, FixReader] = {
+    "nve": _moving("nve", 0),
+    "mvv/dpd": _moving("mvv/dpd", 1),
+    "mvv/edpd": _moving("mvv/edpd", 1),
+    "mvv/tdpd": _moving("mvv/tdpd", 1),
     "shardlow": _shardlow,
     **ENERGY_FIXES,
     **FLOW_FIXES,
@@ -52,7 +49,7 @@ FIX_STYLES: dict[str, Callable[[DeckState, str, list[str]], dict]] = {
 
 
 #: Fixes that average: from (state, id, group, words) to the average.
-AVERAGES: dict[str, Callable[[DeckState, str, str, list[str]], Average]] = {"ave/time": parse_ave_time, "ave/chunk": parse_ave_chunk}
+AVERAGES: dict[str, Callable[[DeckState, str, str, list[str]], AveragingFix]] = {"ave/time": parse_ave_time, "ave/chunk": parse_ave_chunk}
 
 
 def fix(state: DeckState, args: list[str]) -> None:
@@ -60,8 +57,7 @@ def fix(state: DeckState, args: list[str]) -> None:
     read.count(args, "fix ID group style ...", 3, None)
     state.require_box("fix")
     name, group, style, *words = args
-    if not all(char.isalnum() or char == "_" for char in name):
-        raise ParameterError(f"the id of a fix has letters, digits and underscores only, not '{name}'")
+    read.identifier(name, "the id of a fix")
     state.group(group)
     if style not in FIX_STYLES and style not in AVERAGES:
         raise ParameterError(f"fix style '{style}' is not supported; supported are {', '.join([*FIX_STYLES, *AVERAGES])}")
@@ -79,8 +75,8 @@ def fix(state: DeckState, args: list[str]) -> None:
 def unfix(state: DeckState, args: list[str]) -> None:
     """``unfix ID``."""
     read.count(args, "unfix ID", 1)
-    if state.fixes.pop(args[0], None) is None:
-        raise ParameterError(f"there is no fix '{args[0]}'; defined are {', '.join(state.fixes) or 'none'}")
+    read.known(state.fixes, args[0], "fix")
+    del state.fixes[args[0]]
 
 
 def timestep(state: DeckState, args: list[str]) -> None:
@@ -104,9 +100,4 @@ def reset_timestep(state: DeckState, args: list[str]) -> None:
         dump.last_step = None
 
 
-COMMANDS: dict[str, Handler] = {
-    "fix": fix,
-    "unfix": unfix,
-    "timestep": timestep,
-    "reset_timestep": reset_timestep,
-}
+COMMANDS = by_name(fix, unfix, timestep, reset_timestep)

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-import numpy as np
-
 from ...errors import ParameterError
 from ...model.flow import AXES
 from ..language import arguments as read
 from ..state.deck_state import DeckState
-
-FixReader = Callable[[DeckState, str, list[str]], dict]
+from .setup import FixReader
 
 _FACES = tuple(f"{axis}{end}" for axis in AXES for end in ("lo", "hi"))
 
@@ -55,8 +50,7 @@ def _wall_reflect(state: DeckState, group: str, words: list[str]) -> dict:
     faces: dict[str, str] = {}
     for keyword, values in read.options(words, {**dict.fromkeys(_FACES, 1), "units": 1}, "fix wall/reflect"):
         if keyword == "units":
-            if read.choice(values[0], "units", ("box", "lattice")) == "box":
-                scale = np.ones(3)
+            scale = state.spacing(values[0])
         elif keyword in faces:
             raise ParameterError(f"fix wall/reflect names {keyword} twice")
         else:

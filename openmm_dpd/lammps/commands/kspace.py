@@ -8,24 +8,14 @@ from ...errors import ParameterError
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.records import KspaceSetup
-from .setup import Handler
+from .setup import by_name
 
 #: Styles of kspace_style: all of them mean OpenMM's PME here.
 KSPACE_STYLES = ("ewald", "pppm", "pppm/cg")
 
 #: Keywords of kspace_modify that say how LAMMPS computes the sum, and their numbers of values.
-_MANNERS = {
-    "collective": 1,
-    "diff": 1,
-    "fftbench": 1,
-    "kmax/ewald": 3,
-    "minorder": 1,
-    "mix/disp": 1,
-    "order": 1,
-    "overlap": 1,
-    "pressure/scalar": 1,
-    "cutoff/adjust": 1,
-}
+_MANNERS = dict.fromkeys("collective diff fftbench minorder mix/disp order overlap pressure/scalar cutoff/adjust".split(), 1)
+_MANNERS["kmax/ewald"] = 3
 
 
 def kspace_style(state: DeckState, args: list[str]) -> None:
@@ -76,4 +66,4 @@ def dielectric(state: DeckState, args: list[str]) -> None:
     state.dielectric = read.positive(args[0], "the dielectric constant")
 
 
-COMMANDS: dict[str, Handler] = {"kspace_style": kspace_style, "kspace_modify": kspace_modify, "dielectric": dielectric}
+COMMANDS = by_name(kspace_style, kspace_modify, dielectric)

@@ -9,15 +9,15 @@ from ...files import append_block, write_whole
 from ..language import arguments as read
 from ..language.lexer import substitute
 from ..output.data_writer import data_file_lines
-from ..output.dumps import COLUMNS, DumpWriter
+from ..output.dumps import COLUMNS, Dump
 from ..output.dumps import STYLES as DUMP_STYLES
 from ..output.thermo import STYLES as THERMO_STYLES
 from ..output.thermo import check_format, check_word
 from ..state.deck_state import DeckState
-from ..state.records import Compute, Dump, ThermoSettings
+from ..state.records import Compute, ThermoSettings
 from ..values.computes import BUILT_IN, COMPUTES, check_bead_word, expanded
 from ..values.resolver import Resolver
-from .setup import Handler
+from .setup import by_name
 
 
 def expand(state: DeckState, text: str) -> str:
@@ -141,20 +141,16 @@ def compute(state: DeckState, args: list[str]) -> None:
         raise ParameterError(f"compute style '{style}' is not supported; supported are {', '.join(COMPUTES)}")
     if name in state.computes or name in BUILT_IN:
         raise ParameterError(f"there is a compute {name} already")
-    spec = COMPUTES[style]
     words = list(expanded(state, words))
-    if spec.check is not None:
-        spec.check(state, group, words)
-    settings = None if spec.prepare is None else spec.prepare(state, group, words)
-    state.computes[name] = Compute(name, group, style, tuple(words), settings)
+    state.computes[name] = Compute(name, group, style, tuple(words), COMPUTES[style].prepare(state, group, words))
 
 
 def uncompute(state: DeckState, args: list[str]) -> None:
     """``uncompute ID``."""
     read.count(args, "uncompute ID", 1)
+    read.known(state.computes, args[0], "compute")
     state.pressure_temps.pop(args[0], None)
-    if state.computes.pop(args[0], None) is None:
-        raise ParameterError(f"there is no compute '{args[0]}'; defined are {', '.join(state.computes) or 'none'}")
+    del state.computes[args[0]]
 
 
 # -- dumps ------------------------------------------------------------------------------------------------------------------
@@ -182,23 +178,17 @@ def dump(state: DeckState, args: list[str]) -> None:
     state.dumps[name] = Dump(name, group, style, every, file, columns)
 
 
-def _find_dump(state: DeckState, name: str) -> Dump:
-    if name not in state.dumps:
-        raise ParameterError(f"there is no dump '{name}'; defined are {', '.join(state.dumps) or 'none'}")
-    return state.dumps[name]
-
-
 def undump(state: DeckState, args: list[str]) -> None:
     """``undump ID``."""
     read.count(args, "undump ID", 1)
-    DumpWriter(_find_dump(state, args[0])).close()
+    read.known(state.dumps, args[0], "dump").close()
     del state.dumps[args[0]]
 
 
 def dump_modify(state: DeckState, args: list[str]) -> None:
     """``dump_modify ID every|first|append|sort|unwrap|scale|image|format|flush|pbc ... value``."""
     read.count(args, "dump_modify ID keyword value ...", 2, None)
-    found = _find_dump(state, args[0])
+    found = read.known(state.dumps, args[0], "dump")
     sizes = {"every": 1, "first": 1, "append": 1, "sort": 1, "unwrap": 1, "scale": 1, "image": 1, "format": 2, "flush": 1, "pbc": 1}
     for keyword, values in read.options(args[1:], sizes, "dump_modify"):
         word = values[0]
@@ -261,16 +251,4 @@ def print_(state: DeckState, args: list[str]) -> None:
         state.log(text)
 
 
-COMMANDS: dict[str, Handler] = {
-    "thermo": thermo,
-    "thermo_style": thermo_style,
-    "thermo_modify": thermo_modify,
-    "compute": compute,
-    "uncompute": uncompute,
-    "dump": dump,
-    "undump": undump,
-    "dump_modify": dump_modify,
-    "write_data": write_data,
-    "variable": variable,
-    "print": print_,
-}
+COMMANDS = by_name(thermo, thermo_style, thermo_modify, compute, uncompute, dump, undump, dump_modify, write_data, variable, print_)

@@ -11,7 +11,7 @@ from ..state.deck_state import DeckState
 from ..state.pair_setup import Coefficient, PairSetup, PairStyle
 from ..styles.lennard_jones import MIXING
 from ..styles.pair_styles import PAIR_STYLES
-from .setup import Handler
+from .setup import by_name
 
 HYBRID = ("hybrid", "hybrid/overlay")
 
@@ -75,8 +75,8 @@ def _style(state: DeckState, name: str, words: list[str]) -> PairStyle:
         raise _unknown(name)
     assert state.here is not None
     spec = PAIR_STYLES[name]
-    if spec.atom_style not in (None, state.atom_style):
-        raise ParameterError(f"pair style {name} needs atom_style {spec.atom_style}, but the deck has atom_style {state.atom_style}")
+    if spec.atom_style is not None:
+        state.require_atom_style(spec.atom_style, f"pair style {name}")
     style = PairStyle(name, spec, spec.settings(words), state.here)
     if spec.atom_style == "tdpd":
         style.settings["species"] = state.n_species
@@ -189,9 +189,4 @@ def special_bonds(state: DeckState, args: list[str]) -> None:
     state.special, state.special_charges = factors, charges
 
 
-COMMANDS: dict[str, Handler] = {
-    "pair_style": pair_style,
-    "pair_coeff": pair_coeff,
-    "pair_modify": pair_modify,
-    "special_bonds": special_bonds,
-}
+COMMANDS = by_name(pair_style, pair_coeff, pair_modify, special_bonds)

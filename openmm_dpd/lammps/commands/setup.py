@@ -8,11 +8,19 @@ import numpy as np
 
 from ...errors import ParameterError
 from ...units import UNIT_SYSTEMS
-from ..files.data_file import ATOM_STYLES
+from ..files.atom_styles import ATOM_STYLES
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 
 Handler = Callable[[DeckState, list[str]], None]
+
+#: From (state, group, words) to the parameters of a fix.
+FixReader = Callable[[DeckState, str, list[str]], dict]
+
+
+def by_name(*handlers: Handler) -> dict[str, Handler]:
+    """A table of commands by the names of the functions; those that mean something else in Python end with an underscore."""
+    return {handler.__name__.rstrip("_"): handler for handler in handlers}
 
 
 #: Atom styles whose models are written in reduced units.
@@ -66,7 +74,7 @@ def neigh_modify(state: DeckState, args: list[str]) -> None:
     """``neigh_modify``: lists are managed elsewhere, but ``exclude`` would change the forces."""
     if "exclude" in args:
         raise ParameterError("neigh_modify exclude is not supported; use 'pair_coeff i j none' or special_bonds")
-    _note(state, "neigh_modify")
+    _ignored("neigh_modify")(state, args)
 
 
 def run_style(state: DeckState, args: list[str]) -> None:
@@ -82,7 +90,7 @@ def atom_modify(state: DeckState, args: list[str]) -> None:
             raise ParameterError("atom_modify id is not supported: beads always have ids")
         if word == "sort":
             state.sorts = read.integer(values[0], "the interval of sorting", 0) > 0
-    _note(state, "atom_modify")
+    _ignored("atom_modify")(state, args)
 
 
 def restart(state: DeckState, args: list[str]) -> None:
@@ -91,40 +99,15 @@ def restart(state: DeckState, args: list[str]) -> None:
         raise ParameterError("restart files are not supported; the run writes a checkpoint of its own")
 
 
-def _note(state: DeckState, command: str) -> None:
-    state.note(f"{command} has no meaning here and is ignored")
-
-
 def _ignored(command: str) -> Handler:
     def handler(state: DeckState, args: list[str]) -> None:
-        _note(state, command)
+        state.note(f"{command} has no meaning here and is ignored")
 
     return handler
 
 
 #: Commands about how LAMMPS organises its work: read, said once, ignored.
-IGNORED = (
-    "comm_modify",
-    "comm_style",
-    "echo",
-    "info",
-    "log",
-    "neighbor",
-    "newton",
-    "package",
-    "processors",
-    "suffix",
-    "timer",
-)
+IGNORED = tuple("comm_modify comm_style echo info log neighbor newton package processors suffix timer".split())
 
-COMMANDS: dict[str, Handler] = {
-    "units": units,
-    "dimension": dimension,
-    "boundary": boundary,
-    "atom_style": atom_style,
-    "atom_modify": atom_modify,
-    "neigh_modify": neigh_modify,
-    "restart": restart,
-    "run_style": run_style,
-    **{name: _ignored(name) for name in IGNORED},
-}
+COMMANDS = by_name(units, dimension, boundary, atom_style, atom_modify, neigh_modify, restart, run_style)
+COMMANDS |= {name: _ignored(name) for name in IGNORED}

@@ -11,7 +11,7 @@ from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.records import Compute
 from ..values.resolver import Resolver
-from .setup import Handler
+from .setup import by_name
 
 _SIZES = {"dist": 1, "sum": 1, "mom": 1, "rot": 1, "loop": 1, "units": 1, "temp": 1, "bias": 1, "rigid": 1}
 
@@ -35,24 +35,18 @@ def velocity(state: DeckState, args: list[str]) -> None:
     handler(state, args[0], mask, words, options)
 
 
-def _temperature(state: DeckState, group: str, options: dict[str, str]) -> tuple[float, np.ndarray]:
-    """Temperature of the group (or of the compute named by ``temp``) and the beads it is about."""
-    compute = state.temperature_compute(options["temp"]) if "temp" in options else None
-    compute = compute or Compute("velocity", group, "temp")
-    return Resolver(state).temperature(compute), state.group(compute.group)
-
-
 def _rescale(state: DeckState, group: str, mask: np.ndarray, target: float, options: dict[str, str]) -> None:
-    current, _ = _temperature(state, group, options)
+    # of the group, or of the compute that the option names
+    compute = state.temperature_compute(options["temp"]) if "temp" in options else None
+    current = Resolver(state).temperature(compute or Compute("velocity", group, "temp"))
     if current <= 0:
         raise ParameterError(f"the velocities of group {group} cannot be scaled to a temperature: it is 0 (too few beads, or all at rest)")
     state.atoms.velocities[mask] *= np.sqrt(target / current)
 
 
 def _zero_linear(state: DeckState, mask: np.ndarray) -> None:
-    masses = state.bead_masses()[mask]
     if mask.any():
-        state.atoms.velocities[mask] -= masses @ state.atoms.velocities[mask] / masses.sum()
+        state.atoms.velocities[mask] -= state.mass_average(state.atoms.velocities, mask)
 
 
 def _zero_angular(state: DeckState, mask: np.ndarray) -> None:
@@ -60,8 +54,8 @@ def _zero_angular(state: DeckState, mask: np.ndarray) -> None:
     if not mask.any():
         return
     atoms, masses = state.atoms, state.bead_masses()[mask]
-    x = state.require_box("velocity").unwrap(atoms.positions, atoms.images)[mask]
-    x = x - masses @ x / masses.sum()
+    x = state.require_box("velocity").unwrap(atoms.positions, atoms.images)
+    x = x[mask] - state.mass_average(x, mask)
     v = atoms.velocities[mask]
     angular = np.sum(masses[:, None] * np.cross(x, v), axis=0)
     inertia = np.sum(masses * np.sum(x * x, axis=1)) * np.eye(3) - (masses[:, None] * x).T @ x
@@ -121,13 +115,8 @@ def _scramble(word: np.ndarray) -> np.ndarray:
     return word ^ (word >> np.uint64(31))
 
 
-def _scale_of(state: DeckState, options: dict[str, str]) -> np.ndarray:
-    kind = read.choice(options.get("units", "lattice"), "units", ("box", "lattice"))
-    return np.ones(3) if kind == "box" else state.lattice.spacing
-
-
 def _set(state: DeckState, group: str, mask: np.ndarray, words: list[str], options: dict[str, str]) -> None:
-    scale, add = _scale_of(state, options), read.switch(options.get("sum", "no"), "sum")
+    scale, add = state.spacing(options.get("units", "lattice")), read.switch(options.get("sum", "no"), "sum")
     for axis, word in enumerate(words):
         if word == "NULL":
             continue
@@ -142,7 +131,7 @@ def _scale(state: DeckState, group: str, mask: np.ndarray, words: list[str], opt
 def _ramp(state: DeckState, group: str, mask: np.ndarray, words: list[str], options: dict[str, str]) -> None:
     component = read.choice(words[0], "the component of ramp", ("vx", "vy", "vz"))
     direction = "xyz".index(read.choice(words[3], "the direction of ramp", ("x", "y", "z")))
-    axis, scale = "xyz".index(component[1]), _scale_of(state, options)
+    axis, scale = "xyz".index(component[1]), state.spacing(options.get("units", "lattice"))
     start, stop = (read.number(word, "a velocity of ramp") * scale[axis] for word in words[1:3])
     low, high = (read.number(word, "a coordinate of ramp") * scale[direction] for word in words[4:6])
     if high <= low:
@@ -168,4 +157,4 @@ _STYLES: dict[str, tuple[int, Callable[[DeckState, str, np.ndarray, list[str], d
     "zero": (1, _zero),
 }
 
-COMMANDS: dict[str, Handler] = {"velocity": velocity}
+COMMANDS = by_name(velocity)

@@ -15,11 +15,12 @@ import numpy as np
 
 from ...errors import DeckError, ParameterError
 from ...model.scene import Scene
-from ...units import UNIT_SYSTEMS, UnitSystem
+from ...units import UnitSystem, unit_system
+from ..files.text_file import TextFile
 from ..state.box import Box
 from .frames import LammpsFrames
 
-#: Columns for what beads carry, as exported decks and this package's own runs name them.
+#: Columns of the fields of beads, as exported decks and this package's own runs name them.
 NAMES = {
     "c_internal[1]": "u_cond",
     "c_internal[2]": "u_mech",
@@ -31,13 +32,15 @@ NAMES = {
 }
 
 
+#: Columns that may hold words; these become NaN.
+_TEXTS = ("element", "typelabel", "proc")
+
+
 @dataclass(frozen=True, eq=False)
 class _Frame:
     line: int
     step: int
-    box: Box | None
-    corner: np.ndarray
-    vectors: np.ndarray
+    box: Box
     periodic: tuple[bool, bool, bool]
     columns: tuple[str, ...]
     values: np.ndarray
@@ -61,7 +64,7 @@ def read_lammps_dump(
     units : {"lj", "real", "metal"}
         Units of the run that wrote it.
     names : mapping of str to str, optional
-        Columns of your own for what beads carry: {"c_mine[4]": "theta"}; the values are those of :data:`NAMES`, and ``c1``, ``c2``, ...
+        Columns of your own for fields of beads: {"c_mine[4]": "theta"}; the values are those of :data:`NAMES`, and ``c1``, ``c2``, ...
         for concentrations.
 
     Raises
@@ -71,115 +74,119 @@ def read_lammps_dump(
     ParameterError
         If it does not fit the scene.
     """
-    path = Path(path)
-    if units not in UNIT_SYSTEMS:
-        raise ParameterError(f"unknown units {units!r}; they must be one of {', '.join(UNIT_SYSTEMS)}")
-    frames = list(_frames(path))
+    path, system = Path(path), unit_system(units)
+    file = _text(path)
+    frames = list(_frames(file))
     if not frames:
-        raise DeckError("there is no frame in it", str(path))
+        raise file.error("there is no frame in it")
     said = next((frame.units for frame in frames if frame.units), None)
     if said is not None and said != units:
         raise ParameterError(f"{path} says that its units are {said}, not {units}; give units={said!r}")
-    found = _assembled(path, frames, UNIT_SYSTEMS[units], {**NAMES, **(names or {})}, scene)
+    found = _assembled(file, frames, system, {**NAMES, **(names or {})}, scene)
     if scene is not None:
         found.check(scene)
     return found
 
 
 # -- text to frames -----------------------------------------------------------------------------------------------------------
-def _frames(path: Path) -> Iterator[_Frame]:
+@dataclass
+class _Part:
+    """What stands behind a line ``ITEM: ...``: number of that line, the words after the title, and the lines below it."""
+
+    line: int
+    words: list[str]
+    body: list[str]
+
+
+def _text(path: Path) -> TextFile:
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        return TextFile(path, path.read_text(encoding="utf-8").splitlines())
     except UnicodeDecodeError:
         raise DeckError("this is no text dump; binary and compressed dumps are not read", str(path)) from None
     except OSError as error:
         raise DeckError(f"cannot read the file: {error.strerror}", str(path)) from None
-    at, parts, units = 0, dict[str, tuple[int, list[str], list[str]]](), None
+
+
+def _frames(file: TextFile) -> Iterator[_Frame]:
+    lines, at, parts, units = file.lines, 0, dict[str, _Part](), None
     while at < len(lines):
         if not lines[at].strip():
             at += 1
             continue
         if not lines[at].startswith("ITEM: "):
-            raise DeckError(f"expected a line 'ITEM: ...', not '{lines[at][:60]}'", str(path), at + 1)
+            raise file.error(f"expected a line 'ITEM: ...', not '{lines[at][:60]}'", at + 1)
         title, words = _title(lines[at])
-        count = 3 if title == "BOX BOUNDS" else _count(parts, path, at) if title == "ATOMS" else 1
+        count = 3 if title == "BOX BOUNDS" else _count(file, parts, at) if title == "ATOMS" else 1
         body = lines[at + 1 : at + 1 + count]
         if len(body) < count:
-            raise DeckError(f"the file is cut off: {count} lines should follow 'ITEM: {title}', {len(body)} do", str(path), at + 1)
+            raise file.error(f"the file is cut off: {count} lines should follow 'ITEM: {title}', {len(body)} do", at + 1)
         if title == "UNITS":
             units = body[0].strip()
-        parts[title] = (at + 1, words, body)
+        parts[title] = _Part(at + 1, words, body)
         at += 1 + count
         if title == "ATOMS":
-            yield _frame(path, parts, units)
+            yield _frame(file, parts, units)
             parts = {}
     if parts and set(parts) - {"UNITS", "TIME"}:
-        raise DeckError("the file is cut off: its last frame has no atoms", str(path), len(lines))
+        raise file.error("the file is cut off: its last frame has no atoms", len(lines))
 
 
 def _title(line: str) -> tuple[str, list[str]]:
     words = line.split()[1:]
-    for title in ("BOX BOUNDS", "NUMBER OF ATOMS"):
-        if words[:-1] == title.split() or words[: len(title.split())] == title.split():
-            return title, words[len(title.split()) :]
+    for title in (["BOX", "BOUNDS"], ["NUMBER", "OF", "ATOMS"]):
+        if words[: len(title)] == title:
+            return " ".join(title), words[len(title) :]
     return words[0] if words else "", words[1:]
 
 
-def _count(parts: dict, path: Path, at: int) -> int:
+def _count(file: TextFile, parts: dict[str, _Part], at: int) -> int:
     missing = [title for title in ("TIMESTEP", "NUMBER OF ATOMS", "BOX BOUNDS") if title not in parts]
     if missing:
-        raise DeckError(f"'ITEM: ATOMS' without 'ITEM: {missing[0]}' before it", str(path), at + 1)
-    return _whole(parts["NUMBER OF ATOMS"], path)
+        raise file.error(f"'ITEM: ATOMS' without 'ITEM: {missing[0]}' before it", at + 1)
+    return _whole(file, parts["NUMBER OF ATOMS"])
 
 
-def _whole(part: tuple[int, list[str], list[str]], path: Path) -> int:
-    line, _, body = part
-    try:
-        return int(body[0])
-    except ValueError:
-        raise DeckError(f"expected a whole number, not '{body[0]}'", str(path), line + 1) from None
+def _whole(file: TextFile, part: _Part) -> int:
+    return file.integers((part.line + 1, []), part.body, "a whole number")[0]
 
 
-def _frame(path: Path, parts: dict, units: str | None) -> _Frame:
-    line, columns, body = parts["ATOMS"]
-    box, corner, vectors, periodic = _box(path, parts["BOX BOUNDS"])
+def _frame(file: TextFile, parts: dict[str, _Part], units: str | None) -> _Frame:
+    line, columns, body = (atoms := parts["ATOMS"]).line, atoms.words, atoms.body
+    box, periodic = _box(file, parts["BOX BOUNDS"])
     values = np.empty((len(body), len(columns)))
     for k, text in enumerate(body):
         words = text.split()
         if len(words) != len(columns):
-            raise DeckError(f"expected {len(columns)} values ({' '.join(columns)}), not '{text.strip()[:80]}'", str(path), line + 1 + k)
+            raise file.error(f"expected {len(columns)} values ({' '.join(columns)}), not '{text.strip()[:80]}'", line + 1 + k)
         try:
-            values[k] = [float(word) for word in words]
-        except ValueError:
-            values[k] = [_value(word, name, path, line + 1 + k) for word, name in zip(words, columns, strict=True)]
-    return _Frame(line, _whole(parts["TIMESTEP"], path), box, corner, vectors, periodic, tuple(columns), values, units)
+            values[k] = list(map(_number, words, columns))
+        except ValueError as error:
+            raise file.error(str(error), line + 1 + k) from None
+    return _Frame(line, _whole(file, parts["TIMESTEP"]), box, periodic, tuple(columns), values, units)
 
 
-def _value(word: str, column: str, path: Path, line: int) -> float:
-    """A number; names of elements and the like become NaN."""
+def _number(word: str, column: str) -> float:
     try:
         return float(word)
     except ValueError:
-        if column in ("element", "typelabel", "proc"):
-            return float("nan")
-        raise DeckError(f"expected a number in column {column}, not '{word}'", str(path), line) from None
+        if column in _TEXTS:
+            return np.nan
+        raise ValueError(f"expected a number in column {column}, not '{word}'") from None
 
 
-def _box(path: Path, part: tuple[int, list[str], list[str]]) -> tuple[Box | None, np.ndarray, np.ndarray, tuple[bool, bool, bool]]:
-    line, words, body = part
+def _box(file: TextFile, part: _Part) -> tuple[Box, tuple[bool, bool, bool]]:
+    line, words = part.line, part.words
     if words[:2] == ["abc", "origin"]:
-        raise DeckError("boxes of general shape (triclinic/general) are not read; write the dump without it", str(path), line)
+        raise file.error("boxes of general shape (triclinic/general) are not read; write the dump without it", line)
     tilted = words[:3] == ["xy", "xz", "yz"]
     flags = words[3:] if tilted else words
     try:
-        rows = np.array([[float(word) for word in row.split()] for row in body])
+        rows = np.array([[float(word) for word in row.split()] for row in part.body])
         if rows.shape != (3, 3 if tilted else 2) or len(flags) not in (0, 3):
             raise ValueError
     except ValueError:
-        raise DeckError(f"expected three lines 'low high{' tilt' if tilted else ''}' of the box", str(path), line + 1) from None
-    periodic = tuple(flag == "pp" for flag in flags) if flags else (True, True, True)
-    low, high = rows[:, 0].copy(), rows[:, 1].copy()
-    tilt = rows[:, 2] if tilted else np.zeros(3)
+        raise file.error(f"expected three lines 'low high{' tilt' if tilted else ''}' of the box", line + 1) from None
+    low, high, tilt = rows[:, 0].copy(), rows[:, 1].copy(), rows[:, 2] if tilted else np.zeros(3)
     if tilted:
         # the bounds are those of the smallest orthogonal box around the tilted one
         xy, xz, yz = tilt
@@ -187,29 +194,29 @@ def _box(path: Path, part: tuple[int, list[str], list[str]]) -> tuple[Box | None
         low -= [min(shifts), min(0.0, yz), 0.0]
         high -= [max(shifts), max(0.0, yz), 0.0]
     try:
-        box = Box(low, high, tilt, tilted)
+        x, y, z = (flag == "pp" for flag in flags or ["pp"] * 3)
+        return Box(low, high, tilt, tilted), (x, y, z)
     except ParameterError as error:
-        raise DeckError(str(error), str(path), line + 1) from None
-    return box, low, box.vectors, periodic  # type: ignore[return-value]
+        raise file.error(str(error), line + 1) from None
 
 
 # -- frames to arrays ---------------------------------------------------------------------------------------------------------
-def _assembled(path: Path, frames: list[_Frame], units: UnitSystem, names: dict[str, str], scene: Scene | None) -> LammpsFrames:
+def _assembled(file: TextFile, frames: list[_Frame], units: UnitSystem, names: dict[str, str], scene: Scene | None) -> LammpsFrames:
     first = frames[0]
     if "id" not in first.columns:
-        raise DeckError("there is no column id, so the order of the beads is not known", str(path), first.line)
+        raise file.error("there is no column id, so the order of the beads is not known", first.line)
     ids: np.ndarray | None = None
     stacked = np.empty((len(frames), *first.values.shape))
     for k, frame in enumerate(frames):
         if frame.columns != first.columns:
-            raise DeckError(f"the columns change here: {' '.join(frame.columns)}", str(path), frame.line)
+            raise file.error(f"the columns change here: {' '.join(frame.columns)}", frame.line)
         order = np.argsort(frame.values[:, first.columns.index("id")], kind="stable")
         mine = frame.values[order, first.columns.index("id")]
         twice = np.flatnonzero(np.diff(mine) == 0)
         if len(twice):
-            raise DeckError(f"atom id {mine[twice[0]]:g} appears twice in step {frame.step}", str(path), frame.line)
+            raise file.error(f"atom id {mine[twice[0]]:g} appears twice in step {frame.step}", frame.line)
         if ids is not None and not np.array_equal(ids, mine):
-            raise DeckError(f"step {frame.step} holds other beads than step {first.step} (were some lost?)", str(path))
+            raise file.error(f"step {frame.step} holds other beads than step {first.step} (were some lost?)")
         ids, stacked[k] = mine, frame.values[order]
     assert ids is not None
     column = {name: stacked[:, :, k] for k, name in enumerate(first.columns)}
@@ -219,14 +226,13 @@ def _assembled(path: Path, frames: list[_Frame], units: UnitSystem, names: dict[
         return np.stack([column.pop(name) for name in wanted], axis=-1) if all(name in column for name in wanted) else None
 
     images = three("i{}")
-    positions, unwrapped = _positions(path, frames, three, images, units.length)
+    positions, unwrapped = _positions(file, frames, three, images, units.length)
     velocities, forces = three("v{}"), three("f{}")
     kinds = column.pop("type", None)
     column.pop("id")
-    vectors = np.array([frame.vectors for frame in frames]) * units.length
-    carried = _carried(column, names, units)
+    fields = _fields(column, names, units)
     return LammpsFrames(
-        path=path,
+        path=file.path,
         steps=np.array([frame.step for frame in frames]),
         ids=ids.astype(np.int64),
         positions=positions,
@@ -235,35 +241,27 @@ def _assembled(path: Path, frames: list[_Frame], units: UnitSystem, names: dict[
         velocities=None if velocities is None else velocities * units.velocity,
         forces=None if forces is None else forces * units.force,
         types=None if kinds is None else kinds[0].astype(np.int64),
-        boxes=_reduced(vectors, units) if any(first.periodic) else None,
-        corners=np.array([frame.corner for frame in frames]) * units.length,
-        carried=carried,
+        boxes=np.array([frame.box.reduced_vectors for frame in frames]) * units.length if any(first.periodic) else None,
+        corners=np.array([frame.box.low for frame in frames]) * units.length,
+        fields=fields,
         columns=column,
         periodic=first.periodic,
         scene_=scene,
     )
 
 
-def _reduced(vectors: np.ndarray, units: UnitSystem) -> np.ndarray:
-    """The same lattices in OpenMM's reduced form."""
-    return np.array([Box(np.zeros(3), np.diag(v), np.array([v[1, 0], v[2, 0], v[2, 1]])).reduced_vectors for v in vectors])
-
-
-def _positions(path: Path, frames: list[_Frame], three, images, length: float) -> tuple[np.ndarray, np.ndarray | None]:
+def _positions(file: TextFile, frames: list[_Frame], three, images, length: float) -> tuple[np.ndarray, np.ndarray | None]:
     """Positions as they are, and carried to their images if that is known; nm."""
-    vectors = np.array([frame.vectors for frame in frames])
-    corner = np.array([frame.corner for frame in frames])[:, None, :]
+    vectors = np.array([frame.box.vectors for frame in frames])
+    corner = np.array([frame.box.low for frame in frames])[:, None, :]
     found = {pattern: three(pattern) for pattern in ("{}", "{}u", "{}s", "{}su")}
     for scaled, plain in (("{}s", "{}"), ("{}su", "{}u")):
         if found[plain] is None and found[scaled] is not None:
             found[plain] = corner + found[scaled] @ vectors
     inside, outside = found["{}"], found["{}u"]
     if inside is None and outside is None:
-        raise DeckError(
-            f"there are no positions in it: the columns are {' '.join(frames[0].columns)}; let LAMMPS write x y z ix iy iz",
-            str(path),
-            frames[0].line,
-        )
+        columns = " ".join(frames[0].columns)
+        raise file.error(f"there are no positions in it: the columns are {columns}; let LAMMPS write x y z ix iy iz", frames[0].line)
     if outside is None and images is not None:
         outside = inside + images @ vectors
     if inside is None:
@@ -271,7 +269,7 @@ def _positions(path: Path, frames: list[_Frame], three, images, length: float) -
     return inside * length, None if outside is None else outside * length
 
 
-def _carried(column: dict[str, np.ndarray], names: dict[str, str], units: UnitSystem) -> dict[str, np.ndarray]:
+def _fields(column: dict[str, np.ndarray], names: dict[str, str], units: UnitSystem) -> dict[str, np.ndarray]:
     factors = {"u_cond": units.energy, "u_mech": units.energy, "theta": units.thermal_energy, "temperature": units.thermal_energy}
     found = {}
     for name in list(column):

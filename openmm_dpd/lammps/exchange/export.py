@@ -17,7 +17,7 @@ from ...schemes import scheme_of
 from ..run.options import RunOptions, first_request
 from ..run.request import RunRequest
 from ..styles.writing import Differences
-from .export_job import Job, make_job, refuse_unknown
+from .export_job import Job, make_job
 from .export_text import DUMP, FINAL, export_texts
 
 
@@ -110,11 +110,8 @@ def export_lammps(
         source = source.scene
     if not isinstance(source, Scene):
         raise ParameterError(f"expected a Scene, a Plan or what build() made, not {source!r}")
-    refuse_unknown(source)
     job = make_job(source, name, dt, steps, scheme or "mvv", 0.5 if lam is None else lam, seed, every, units, corner)
-    texts = export_texts(job)
-    job.differences.warn(2)
-    return _write(job, Path(directory), texts)
+    return _write(job, Path(directory))
 
 
 def export_deck(
@@ -156,7 +153,6 @@ def export_deck(
         raise ParameterError(f"{target} is the deck itself; give another folder or another name")
     request = first_request(path, RunOptions(dt=dt, steps=steps, scheme=scheme, compat=compat), variables)
     scene = request.scene()
-    refuse_unknown(scene)
     corner = request.state.require_box("an export").low * request.state.units.length
     job = make_job(
         scene,
@@ -172,9 +168,7 @@ def export_deck(
         request.state.atoms.images,
     )
     _say_of_deck(request, job.differences)
-    texts = export_texts(job)
-    job.differences.warn(2)
-    return _write(job, Path(directory), texts)
+    return _write(job, Path(directory))
 
 
 def _say_of_deck(request: RunRequest, differences: Differences) -> None:
@@ -185,7 +179,9 @@ def _say_of_deck(request: RunRequest, differences: Differences) -> None:
     differences.remark(f"this is the first run of {request.state.path.name} only")
 
 
-def _write(job: Job, directory: Path, texts: dict[str, str]) -> LammpsExport:
+def _write(job: Job, directory: Path) -> LammpsExport:
+    texts = export_texts(job)
+    job.differences.warn(3)
     with writing(directory, "the folder"):
         directory.mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():

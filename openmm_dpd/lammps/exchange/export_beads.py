@@ -1,22 +1,22 @@
-"""The data file of an exported scene: bead types, box, beads, velocities, bonds and angles."""
+"""The data file of an exported scene: bead types, box, beads, bonds and angles."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...errors import ParameterError
 from ...kinds import kind_for
+from ...model.eos import thermal_energies
 from ...model.flow import gaps
 from ...model.internal import BeadTemperatures, Concentrations, InternalEnergy
 from ...model.pairs import NONE
 from ...model.scene import Scene
 from ...units import UnitSystem
-from ..files.data_file import ATOM_STYLES, atom_columns
+from ..files.data_file import DataFile
 from ..state.box import Box
-from ..styles.writing import Differences, number, numbers
+from ..styles.writing import Differences
 
 #: Mass of beads that never move, where LAMMPS would let the friction change their velocities or count their mass in heat.
 HEAVY = 1e15
@@ -26,18 +26,6 @@ _LARGEST_IMAGE = 511
 
 #: Largest number of bead types: LAMMPS keeps tables of type pairs.
 _MOST_TYPES = 2000
-
-#: Columns of an Atoms section beyond those of atom_style atomic, in the order of hybrid styles.
-_EXTRA = {
-    "dpd": ("theta",),
-    "edpd": ("temperature", "capacity"),
-    "mdpd": ("rho",),
-    "charge": ("charge",),
-    "bond": ("molecule",),
-    "angle": ("molecule",),
-    "molecular": ("molecule",),
-    "full": ("molecule", "charge"),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +58,7 @@ class BeadTypes:
         return str(mine[0]) if len(mine) == 1 else f"{mine[0]}*{mine[-1]}"
 
 
-def bead_types(scene: Scene, apart: bool = False) -> BeadTypes:
+def lammps_types(scene: Scene, apart: bool = False) -> BeadTypes:
     """Atom types of a scene.
 
     Parameters
@@ -118,7 +106,7 @@ def unused_type(scene: Scene) -> str | None:
     return None if meets else last
 
 
-def atom_style(scene: Scene, vest: bool = False) -> tuple[str, ...]:
+def atom_styles(scene: Scene, vest: bool = False) -> tuple[str, ...]:
     """Atom style of a scene: one name, or several that go behind ``hybrid``.
 
     Parameters
@@ -127,26 +115,26 @@ def atom_style(scene: Scene, vest: bool = False) -> tuple[str, ...]:
     vest : bool
         Whether ``fix mvv/dpd`` will be used, whose beads need atom_style mdpd.
     """
-    carried = {InternalEnergy: "dpd", BeadTemperatures: "edpd", Concentrations: "tdpd"}.get(type(scene.internal))
-    if carried is None and (vest or any(kind_for(table.kind).has_densities for table in scene.tables if table.kind is not None)):
-        carried = "mdpd"
+    own = {InternalEnergy: "dpd", BeadTemperatures: "edpd", Concentrations: "tdpd"}.get(type(scene.internal))
+    if own is None and (vest or any(kind_for(table.kind).has_densities for table in scene.tables if table.kind is not None)):
+        own = "mdpd"
     charged, bonded = scene.charges is not None, bool(len(scene.bond_pairs)) or scene.molecules is not None
     rest: str | None = None
     if bonded or scene.angles:
         rest = "full" if charged else "molecular" if scene.angles else "bond"
     elif charged:
         rest = "charge"
-    return tuple(style for style in (carried, rest) if style) or ("atomic",)
+    return tuple(style for style in (own, rest) if style) or ("atomic",)
 
 
-def columns_of(styles: tuple[str, ...], n_species: int) -> tuple[str, ...]:
-    """Columns of the Atoms section without the image flags."""
-    if len(styles) == 1:
-        return atom_columns(styles[0], n_species)
-    extra = [f"c{k}" for k in range(1, n_species + 1)] if "tdpd" in styles else []
-    for style in styles:
-        extra += _EXTRA.get(style, ())
-    return (*ATOM_STYLES["atomic"], *extra)
+def longest_cutoff(scene: Scene) -> float:
+    """Largest range of the pair terms, nm."""
+    return max((c.cutoff for table in scene.tables for c in table.entries.values()), default=0.0)
+
+
+def species_of(scene: Scene) -> int:
+    """Number of concentrations of each bead of a scene, 0 if there are none."""
+    return scene.internal.n_species if isinstance(scene.internal, Concentrations) else 0
 
 
 def atom_style_line(styles: tuple[str, ...], n_species: int) -> str:
@@ -162,6 +150,11 @@ class Bonded:
     rows: np.ndarray
     types: tuple[tuple[str, str], ...]
 
+    @property
+    def ids(self) -> np.ndarray:
+        """The same rows with the ids that beads have in LAMMPS, which count from 1."""
+        return self.rows + (np.arange(self.rows.shape[1]) > 0)
+
 
 def lammps_box(
     scene: Scene, corner: np.ndarray, differences: Differences, flags: np.ndarray | None = None
@@ -173,7 +166,7 @@ def lammps_box(
         return Box(low, high, np.zeros(3)), x, np.zeros((len(x), 3), dtype=np.int64)
     tilt = np.array([scene.box[1, 0], scene.box[2, 0], scene.box[2, 1]])
     low, edges = np.array(corner, dtype=np.float64), np.diag(scene.box).copy()
-    for axis, gap in gaps(scene.walls, scene.box).items() if scene.walls else ():
+    for axis, gap in gaps(scene.walls, scene.box).items():
         if np.any(tilt):
             raise ParameterError("walls in a tilted box cannot be exported: LAMMPS's tilted boxes are periodic")
         if gap.period is not None and np.all((gap.fold(x[:, axis]) >= gap.low) & (gap.fold(x[:, axis]) <= gap.high)):
@@ -191,84 +184,45 @@ def lammps_box(
     return box, inside, images
 
 
-def data_lines(
+def data_file(
     scene: Scene,
     units: UnitSystem,
-    *,
-    name: str,
     types: BeadTypes,
-    styles: tuple[str, ...],
-    box: Box,
-    positions: np.ndarray,
-    images: np.ndarray,
+    places: tuple[Box, np.ndarray, np.ndarray],
     velocities: np.ndarray,
     bonds: Bonded,
     angles: Bonded,
     extra_types: int = 0,
-) -> Iterator[str]:
-    """Lines of the data file; every number has all of its digits."""
-    scaled = box.scaled(1.0 / units.length)
-    yield f"{name}, written by openmm-dpd, units = {units.name}"
-    yield ""
-    yield f"{scene.n_beads} atoms"
-    yield f"{len(types) + extra_types} atom types"
-    for what, terms in (("bond", bonds), ("angle", angles)):
-        if len(terms.rows):
-            yield f"{len(terms.rows)} {what}s"
-            yield f"{len(terms.types)} {what} types"
-    yield ""
-    for axis, low, high in zip("xyz", scaled.low, scaled.high, strict=True):
-        yield f"{number(low)} {number(high)} {axis}lo {axis}hi"
-    if scaled.triclinic:
-        yield f"{numbers(scaled.tilt)} xy xz yz"
-    yield from ("", "Masses", "")
-    for k, (kind, mass) in enumerate(zip(types.names, types.masses, strict=True), start=1):
-        yield f"{k} {number(mass / units.mass)} # {kind}"
-    for k in range(len(types) + 1, len(types) + extra_types + 1):
-        yield f"{k} 1.0 # places of bonds"
-    yield from _atom_lines(scene, units, types, styles, positions, images)
-    yield from ("", "Velocities", "")
-    for k, row in enumerate((velocities / units.velocity).tolist(), start=1):
-        yield f"{k} {' '.join(map(repr, row))}"
-    for title, terms in (("Bonds", bonds), ("Angles", angles)):
-        if len(terms.rows):
-            yield from ("", title, "")
-            for k, (kind, *beads) in enumerate(terms.rows.tolist(), start=1):
-                yield f"{k} {kind} {' '.join(str(bead + 1) for bead in beads)}"
+) -> DataFile:
+    """The data file of a scene; ``places`` are box, positions and image flags (:func:`lammps_box`), ``extra_types`` stand for bonds."""
+    box, positions, images = places
+    n, count = scene.n_beads, len(types)
+    columns = {"id": np.arange(1, n + 1), "type": types.of_bead, "rho": np.zeros(n)} | _fields(scene, units)
+    columns["molecule"] = np.zeros(n, dtype=np.int64) if scene.molecules is None else scene.molecules
+    columns["charge"] = np.zeros(n) if scene.charges is None else scene.charges
+    masses = [mass / units.mass for mass in types.masses] + [1.0] * extra_types
+    return DataFile(
+        n_types=count + extra_types,
+        box=box.scaled(1.0 / units.length),
+        columns=columns,
+        positions=positions / units.length,
+        images=images,
+        velocities=velocities / units.velocity,
+        masses=dict(enumerate(masses, start=1)),
+        n_bond_types=len(bonds.types),
+        bonds=bonds.ids,
+        n_angle_types=len(angles.types),
+        angles=angles.ids,
+    )
 
 
-def _atom_lines(scene: Scene, units: UnitSystem, types: BeadTypes, styles: tuple[str, ...], positions, images) -> Iterator[str]:
+def _fields(scene: Scene, units: UnitSystem) -> dict[str, np.ndarray]:
     n, internal = scene.n_beads, scene.internal
-    x, y, z = (positions / units.length).T
-    zeros = np.zeros(n)
-    arrays: dict[str, np.ndarray] = {
-        "id": np.arange(1, n + 1),
-        "type": types.of_bead,
-        "molecule": np.zeros(n, dtype=np.int64) if scene.molecules is None else scene.molecules,
-        "charge": zeros if scene.charges is None else scene.charges,
-        "x": x,
-        "y": y,
-        "z": z,
-        "rho": zeros,
-    }
-    n_species = 0
     if isinstance(internal, InternalEnergy):
-        arrays["theta"] = internal_temperatures(internal, n) / units.thermal_energy
-    elif isinstance(internal, BeadTemperatures):
-        arrays["temperature"] = internal.values(n)[:, 0] / units.thermal_energy
-        arrays["capacity"] = internal.heat_capacities(n)
-    elif isinstance(internal, Concentrations):
-        n_species = internal.n_species
-        arrays |= {f"c{k}": column for k, column in enumerate(internal.values.T, start=1)}
-    chosen = columns_of(styles, n_species)
-    columns = [arrays[column].tolist() for column in chosen] + [column.tolist() for column in images.T]
-    yield from ("", f"Atoms # {styles[0] if len(styles) == 1 else 'hybrid'}", "")
-    for row in zip(*columns, strict=True):
-        yield " ".join(map(repr, row))
-
-
-def internal_temperatures(internal: InternalEnergy, n: int) -> np.ndarray:
-    """(N,) internal temperatures at the start, kJ/mol."""
-    from ...model.eos import thermal_energies
-
-    return np.broadcast_to(np.asarray(thermal_energies(internal.thetas, "temperatures"), dtype=np.float64), (n,))
+        theta = np.asarray(thermal_energies(internal.thetas, "temperatures"), dtype=np.float64)
+        return {"theta": np.broadcast_to(theta, (n,)) / units.thermal_energy}
+    if isinstance(internal, BeadTemperatures):
+        return {"temperature": internal.values(n)[:, 0] / units.thermal_energy, "capacity": internal.heat_capacities(n)}
+    if isinstance(internal, Concentrations):
+        return {f"c{k}": column for k, column in enumerate(internal.values.T, start=1)}
+    return {}

@@ -9,41 +9,32 @@ import numpy as np
 from ...errors import ParameterError
 from ...model.scene import Scene
 from ...units import UnitSystem
-from ..styles.bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedStyle
-from ..styles.writing import numbers
+from ..styles.bonded_styles import ANGLE_STYLES, BOND_STYLES
+from ..styles.writing import exact
 from .export_beads import Bonded
 
 #: Most bond or angle types.
 _MOST_TYPES = 100000
 
 
-def _typed(terms, members: str, styles: dict[str, BondedStyle], units: UnitSystem, what: str, width: int) -> Bonded:
-    """Bonds or angles with one type for each set of coefficients."""
+def bonded_types(scene: Scene, what: str, units: UnitSystem) -> Bonded:
+    """The bonds or angles (``what``) of a scene, with one type for each set of coefficients."""
+    terms, members, styles = {"bond": (scene.bonds, "pairs", BOND_STYLES), "angle": (scene.angles, "triples", ANGLE_STYLES)}[what]
     types: dict[tuple[str, str], int] = {}
-    rows = [np.zeros((0, width + 1), dtype=np.int64)]
+    rows = [np.zeros((0, 3 if what == "bond" else 4), dtype=np.int64)]
     for term in terms:
         style = next((name for name, style in styles.items() if style.kind is type(term)), None)
         if style is None:
             raise ParameterError(f"{what}s of kind {type(term).__name__} cannot be exported to LAMMPS")
         beads = getattr(term, members)
-        values = np.column_stack(styles[style].of(term, units))
+        values = np.column_stack(styles[style].columns.of(term, units))
         different, which = np.unique(values, axis=0, return_inverse=True)
-        numbered = [types.setdefault((style, numbers(row)), len(types) + 1) for row in different]
+        numbered = [types.setdefault((style, exact(row)), len(types) + 1) for row in different]
         if len(beads):
             rows.append(np.column_stack([np.array(numbered)[which.ravel()], beads]))
     if len(types) > _MOST_TYPES:
         raise ParameterError(f"the {what}s have {len(types)} different sets of coefficients; at most {_MOST_TYPES} types are exported")
     return Bonded(np.concatenate(rows), tuple(types))
-
-
-def bond_types(scene: Scene, units: UnitSystem) -> Bonded:
-    """All bonds, with a bond type for each set of coefficients."""
-    return _typed(scene.bonds, "pairs", BOND_STYLES, units, "bond", 2)
-
-
-def angle_types(scene: Scene, units: UnitSystem) -> Bonded:
-    """All angles, with an angle type for each set of coefficients."""
-    return _typed(scene.angles, "triples", ANGLE_STYLES, units, "angle", 3)
 
 
 def style_lines(what: str, terms: Bonded) -> Iterator[str]:

@@ -22,9 +22,8 @@ from ...model.tdpd import TDPD
 from ...model.temperature import TemperatureRamp
 from ...schemes import scheme_of
 from ...units import UnitSystem
-from ..styles.writing import Differences, number, numbers
-from .export_beads import BeadTypes
-from .export_words import group_lines
+from ..styles.writing import Differences, exact, group_lines
+from .export_beads import BeadTypes, longest_cutoff
 
 #: Heat capacity of beads that never move, in units of k_B: they are reservoirs.
 _RESERVOIR = 1e12
@@ -37,25 +36,20 @@ _MOST_VECTORS = 50
 
 
 @dataclass(frozen=True)
-class Mover:
+class Integrator:
     """The integrator: LAMMPS's fix and its lambda; whether friction and noise are left to fix shardlow."""
 
     fix: str
     lam: float = 0.5
     shardlow: bool = False
 
-    @property
-    def vest(self) -> bool:
-        """Whether it needs beads of atom_style mdpd."""
-        return self.fix == "mvv/dpd"
 
-
-def choose_mover(scene: Scene, scheme: str, lam: float, units: UnitSystem, skin: float, differences: Differences) -> Mover:
+def choose_integrator(scene: Scene, scheme: str, lam: float, units: UnitSystem, skin: float, differences: Differences) -> Integrator:
     """The LAMMPS integrator nearest to a scheme; every difference is noted."""
     kinds = {table.kind for table in scene.tables} - {None}
     for kind, fix in ((EDPD, "mvv/edpd"), (TDPD, "mvv/tdpd")):
         if kind in kinds:
-            return Mover(fix, lam)
+            return Integrator(fix, lam)
     energy = EnergyDPD in kinds
     chosen = scheme_of(scheme)
     wanted = chosen.shardlow or (energy and chosen.sweeps)
@@ -74,27 +68,23 @@ def choose_mover(scene: Scene, scheme: str, lam: float, units: UnitSystem, skin:
         if any(0 < factor < 1 for factor in scene.bonded_factors) and len(scene.bond_pairs):
             differences.add("LAMMPS's fix shardlow ignores special_bonds: friction and noise of bonded neighbours are not scaled")
         differences.remark(
-            f"fix shardlow needs more than {number(2 * (_longest(scene) + skin) / units.length)} of box per process along each axis"
+            f"fix shardlow needs more than {exact(2 * (longest_cutoff(scene) + skin) / units.length)} of box per process along each axis"
         )
-        return Mover("nve", 0.5, True)
+        return Integrator("nve", 0.5, True)
     if lam != 0.5 and not energy:
         if units.name == "lj":
-            return Mover("mvv/dpd", lam)
+            return Integrator("mvv/dpd", lam)
         differences.add(f"lambda = {lam:g} needs units lj in LAMMPS (fix mvv/dpd); the deck uses fix nve, that is lambda = 0.5")
     elif lam != 0.5:
         differences.add(f"LAMMPS has no lambda for energy-conserving beads; the deck uses fix nve, that is lambda = 0.5, not {lam:g}")
-    return Mover("nve")
-
-
-def _longest(scene: Scene) -> float:
-    return max((c.cutoff for table in scene.tables for c in table.entries.values()), default=0.0)
+    return Integrator("nve")
 
 
 def _no_shardlow(scene: Scene, kinds: set, skin: float) -> str | None:
     """Why LAMMPS's fix shardlow cannot be used, or None."""
     if scene.box is None or np.any(np.tril(scene.box, -1)):
         return "it needs a periodic box without tilt"
-    if np.diag(scene.box).min() <= 2 * (_longest(scene) + skin):
+    if np.diag(scene.box).min() <= 2 * (longest_cutoff(scene) + skin):
         return "it needs box edges above twice the cutoff and the skin"
     if MDPD in kinds or len(kinds & {DPD, EnergyDPD}) != 1 or sum(t.kind in (DPD, EnergyDPD) for t in scene.tables) > 1:
         return "it goes with one table of DPD or of EnergyDPD only"
@@ -109,12 +99,12 @@ def _no_shardlow(scene: Scene, kinds: set, skin: float) -> str | None:
     return None
 
 
-def mover_lines(scene: Scene, mover: Mover, group: str) -> Iterator[str]:
+def integrator_lines(scene: Scene, integrator: Integrator, group: str) -> Iterator[str]:
     """Fixes that move the beads of a group, in LAMMPS's order."""
-    if mover.shardlow:
+    if integrator.shardlow:
         yield "fix sweep all shardlow"
-    yield f"fix move {group} {mover.fix}" + (f" {number(mover.lam)}" if mover.fix.startswith("mvv/") else "")
-    if isinstance(scene.internal, InternalEnergy) and not mover.shardlow:
+    yield f"fix move {group} {integrator.fix}" + (f" {exact(integrator.lam)}" if integrator.fix.startswith("mvv/") else "")
+    if isinstance(scene.internal, InternalEnergy) and not integrator.shardlow:
         yield "fix heat all dpd/energy"
 
 
@@ -134,15 +124,14 @@ def eos_lines(scene: Scene, types: BeadTypes, units: UnitSystem, file: str, diff
         eos = by_name[name]
         if isinstance(eos, ConstantHeatCapacity) or frozen:
             capacity = _RESERVOIR if frozen or not isinstance(eos, ConstantHeatCapacity) else eos.capacity
-            lines.append(f"fix eos{k} {group} eos/cv {number(capacity * units.boltzmann)}")
+            lines.append(f"fix eos{k} {group} eos/cv {exact(capacity * units.boltzmann)}")
             continue
+        rows = _eos_rows(eos, units)
         if id(eos) not in written:
             written[id(eos)] = f"EOS_{len(written) + 1}"
-            rows = _eos_rows(eos, units)
             table += ["", written[id(eos)], f"N {len(rows)}", ""]
-            table += [f"{n} {number(theta)} {number(u)}" for n, (theta, u) in enumerate(rows, start=1)]
-        size = len(_eos_rows(eos, units))
-        lines.append(f"fix eos{k} {group} eos/table linear {file} {size} {written[id(eos)]}")
+            table += [f"{n} {exact(theta)} {exact(u)}" for n, (theta, u) in enumerate(rows, start=1)]
+        lines.append(f"fix eos{k} {group} eos/table linear {file} {len(rows)} {written[id(eos)]}")
     return lines, ["# equations of state written by openmm-dpd, units = " + units.name, *table] if table else []
 
 
@@ -170,25 +159,23 @@ def source_lines(scene: Scene, units: UnitSystem, corner: np.ndarray, difference
         region = source.region
         if isinstance(region, Block):
             ends = np.column_stack([region.low, region.high]) / units.length
-            words = " ".join("INF" if np.isinf(value) else number(value) for value in ends.ravel())
+            words = " ".join("INF" if np.isinf(value) else exact(value) for value in ends.ravel())
             yield f"region source{k} block {words} units box"
         else:
-            yield f"region source{k} sphere {numbers(region.centre / units.length)} {number(region.radius / units.length)} units box"
-        group = "all"
-        if source.beads is not None and not np.all(source.beads):
-            group = f"source{k}"
-            yield from group_lines(group, source.beads)
+            yield f"region source{k} sphere {exact(region.centre / units.length)} {exact(region.radius / units.length)} units box"
+        lines, group = _group(f"source{k}", source.beads)
+        yield from lines
         if heat:
-            yield f"fix source{k} {group} edpd/source region source{k} {number(source.rate * units.time / units.thermal_energy)}"
+            yield f"fix source{k} {group} edpd/source region source{k} {exact(source.rate * units.time / units.thermal_energy)}"
         else:
-            yield f"fix source{k} {group} tdpd/source {source.species + 1} region source{k} {number(source.rate * units.time)}"
+            yield f"fix source{k} {group} tdpd/source {source.species + 1} region source{k} {exact(source.rate * units.time)}"
     if scene.sources:
         differences.remark("LAMMPS's sources do nothing in the first half step of a run")
 
 
 def _fits(scene: Scene, given, corner: np.ndarray) -> bool:
     """Whether positions folded into the box at one corner are those folded at the other; between walls nothing is folded."""
-    walled = list(gaps(scene.walls, scene.box)) if scene.walls else []
+    walled = list(gaps(scene.walls, scene.box))
     return bool(np.all(np.delete(np.asarray(given) == corner, walled)))
 
 
@@ -206,19 +193,19 @@ def flow_lines(scene: Scene, units: UnitSystem, corner: np.ndarray) -> Iterator[
             yield from _body_lines(scene, term, units, f"push{k}")
         else:
             yield from _formula_lines(scene, term, units, corner, f"push{k}")
-    for axis, gap in gaps(scene.walls, scene.box).items() if scene.walls else ():
+    for axis, gap in gaps(scene.walls, scene.box).items():
         if gap.kind != SPECULAR:
             raise ParameterError(
                 f"the walls along {AXES[axis]} turn velocities round (bounce-back), for which LAMMPS has no fix; use frozen beads, or "
                 "specular walls"
             )
         ends = [(side, place) for side, place in (("lo", gap.low), ("hi", gap.high)) if abs(place) < 1e20]
-        yield f"fix wall{AXES[axis]} all wall/reflect " + " ".join(f"{AXES[axis]}{s} {number(p / units.length)}" for s, p in ends)
+        yield f"fix wall{AXES[axis]} all wall/reflect " + " ".join(f"{AXES[axis]}{s} {exact(p / units.length)}" for s, p in ends)
 
 
-def _members(scene: Scene, term, name: str) -> tuple[list[str], str]:
-    mask = Members(term.types, term.beads).mask(scene.type_ids, scene.type_names, "a body force")
-    return ([], "all") if mask.all() else (list(group_lines(name, mask)), name)
+def _group(name: str, mask: np.ndarray | None) -> tuple[list[str], str]:
+    """Commands that make a group of some beads, none if they are all of them, and the name of the group."""
+    return ([], "all") if mask is None or np.all(mask) else (list(group_lines(name, mask)), name)
 
 
 def _body_lines(scene: Scene, term: BodyForce, units: UnitSystem, name: str) -> Iterator[str]:
@@ -229,20 +216,18 @@ def _body_lines(scene: Scene, term: BodyForce, units: UnitSystem, name: str) -> 
         raise ParameterError(f"a body force has {len(acting)} different vectors; at most {_MOST_VECTORS} are exported, each with a fix")
     for number_, row in enumerate(acting):
         label = name if len(acting) == 1 else f"{name}_{number_ + 1}"
-        mask = which.ravel() == row
-        group = "all" if mask.all() else label
-        if group != "all":
-            yield from group_lines(group, mask)
+        lines, group = _group(label, which.ravel() == row)
+        yield from lines
         if term.pattern == "uniform":
-            yield f"fix {label} {group} addforce {numbers(different[row])}"
+            yield f"fix {label} {group} addforce {exact(different[row])}"
             continue
         period, origin = float(scene.box[AXES.index(term.axis)][AXES.index(term.axis)]), term.origin  # type: ignore[index,arg-type]
-        place = f"({term.axis}-({number(origin / units.length)}))/{number(period / units.length)}"
+        place = f"({term.axis}-({exact(origin / units.length)}))/{exact(period / units.length)}"
         shape = f"sin(2.0*PI*{place})" if term.pattern == "sine" else f"(1.0-2.0*(({place}-floor({place}))>=0.5))"
         words = []
         for axis, value in zip("xyz", different[row].tolist(), strict=True):
             if value:
-                yield f'variable {label}{axis} atom "({number(value)})*{shape}"'
+                yield f'variable {label}{axis} atom "({exact(value)})*{shape}"'
             words.append(f"v_{label}{axis}" if value else "0.0")
         yield f"fix {label} {group} addforce {' '.join(words)}"
 
@@ -256,7 +241,8 @@ def _formula_lines(scene: Scene, term: PositionForce, units: UnitSystem, corner:
         raise ParameterError(f"formulas of position forces are written for units lj only, not for units {units.name}")
     if not _fits(scene, term.corner, corner):
         raise ParameterError("the corner of a position force must be that of the box, which is exported with it")
-    lines, group = _members(scene, term, name)
+    mask = Members(term.types, term.beads).mask(scene.type_ids, scene.type_names, "a body force")  # type: ignore[arg-type]
+    lines, group = _group(name, mask)
     yield from lines
     words = []
     for axis, formula in zip("xyz", term.formulas, strict=True):
@@ -265,7 +251,7 @@ def _formula_lines(scene: Scene, term: PositionForce, units: UnitSystem, corner:
             if match[1] not in _FUNCTIONS:
                 raise ParameterError(f"the formula '{formula}' of a position force uses {match[1]}, which LAMMPS does not have")
         try:
-            words.append(number(float(formula)))
+            words.append(exact(float(formula)))
         except ValueError:
             text = re.sub(r"\blog\b", "ln", formula)
             yield f'variable {name}{axis} atom "{text}"'

@@ -13,11 +13,11 @@ from ...model.flow import PositionForce, gaps
 from ...model.internal import InternalEnergy
 from ...model.scene import Scene
 from ...schemes import scheme_of
-from ...units import UNIT_SYSTEMS, UnitSystem, to_md, whole_number
+from ...units import UnitSystem, to_md, unit_system, whole_number
 from ..styles.writing import Differences
-from .export_beads import BeadTypes, Bonded, atom_style, bead_types
-from .export_bonded import angle_types, bond_types, longest_bond
-from .export_fixes import Mover, choose_mover
+from .export_beads import BeadTypes, Bonded, atom_styles, lammps_types, longest_cutoff, species_of
+from .export_bonded import bonded_types, longest_bond
+from .export_fixes import Integrator, choose_integrator
 
 #: What of a Scene is exported; anything else that a scene holds is an error, never left out.
 _KNOWN = frozenset(
@@ -40,7 +40,7 @@ class Job:
     every: int
     seed: int
     corner: np.ndarray
-    mover: Mover
+    integrator: Integrator
     types: BeadTypes
     styles: tuple[str, ...]
     differences: Differences
@@ -49,8 +49,18 @@ class Job:
     angles: Bonded
     images: np.ndarray | None = None
 
+    @property
+    def n_species(self) -> int:
+        """Number of concentrations of each bead."""
+        return species_of(self.scene)
 
-def refuse_unknown(scene: Scene) -> None:
+    @property
+    def some_stay(self) -> bool:
+        """Whether there are beads that never move."""
+        return self.scene.mobile is not None and not self.scene.mobile.all()
+
+
+def _refuse_unknown(scene: Scene) -> None:
     for item in fields(scene):
         if not item.init or item.name in _KNOWN:
             continue
@@ -61,6 +71,7 @@ def refuse_unknown(scene: Scene) -> None:
 
 
 def make_job(scene: Scene, name, dt, steps, scheme, lam, seed, every, units, corner, images=None) -> Job:
+    _refuse_unknown(scene)
     if not isinstance(name, str) or not _NAME.fullmatch(name):
         raise ParameterError(f"the name of an export has letters, digits and _ . + - only, not {name!r}")
     if dt is None:
@@ -69,15 +80,13 @@ def make_job(scene: Scene, name, dt, steps, scheme, lam, seed, every, units, cor
     if not isinstance(step, float) or step <= 0:
         raise ParameterError(f"dt must be one time > 0, not {dt!r}")
     scheme = scheme_of(scheme).name
-    if units not in UNIT_SYSTEMS:
-        raise ParameterError(f"unknown units {units!r}; they must be one of {', '.join(UNIT_SYSTEMS)}")
     weight = to_md(lam, "dimensionless", "lam")
     if not isinstance(weight, float) or not 0 <= weight <= 1:
         raise ParameterError(f"lam (lambda of the modified velocity Verlet scheme) must be between 0 and 1, but is {lam!r}")
     number_of_steps = whole_number(steps, "steps", 0)
     interval = max(1, number_of_steps // 100) if every is None else whole_number(every, "every", 1)
-    system, differences = UNIT_SYSTEMS[units], Differences()
-    longest = max((c.cutoff for table in scene.tables for c in table.entries.values()), default=0.0)
+    system, differences = unit_system(units), Differences()
+    longest = longest_cutoff(scene)
     skin = 0.3 * longest if longest else 0.3 * system.length
     if scene.segments is not None and scene.segments.distance == "min":
         # LAMMPS lists segments by the distance of their midpoints, and misses pairs whose nearest points only are in range
@@ -85,9 +94,9 @@ def make_job(scene: Scene, name, dt, steps, scheme, lam, seed, every, units, cor
         differences.remark("the neighbour skin is wide, so that LAMMPS does not miss segments whose midpoints are far apart")
     # fix shardlow wants room for twice the cutoff and the skin in every process
     narrow = min(skin, 0.1 * longest)
-    mover = choose_mover(scene, scheme, weight, system, narrow, differences)
-    skin = narrow if mover.shardlow else skin
-    styles = atom_style(scene, mover.vest)
+    integrator = choose_integrator(scene, scheme, weight, system, narrow, differences)
+    skin = narrow if integrator.shardlow else skin
+    styles = atom_styles(scene, integrator.fix == "mvv/dpd")
     return Job(
         scene=scene,
         units=system,
@@ -97,13 +106,13 @@ def make_job(scene: Scene, name, dt, steps, scheme, lam, seed, every, units, cor
         every=interval,
         seed=checked_seed(seed),
         corner=_corner(scene, corner),
-        mover=mover,
-        types=bead_types(scene, mover.shardlow or isinstance(scene.internal, InternalEnergy)),
+        integrator=integrator,
+        types=lammps_types(scene, integrator.shardlow or isinstance(scene.internal, InternalEnergy)),
         styles=styles,
         differences=differences,
         skin=skin,
-        bonds=bond_types(scene, system),
-        angles=angle_types(scene, system),
+        bonds=bonded_types(scene, "bond", system),
+        angles=bonded_types(scene, "angle", system),
         images=images,
     )
 
@@ -115,7 +124,7 @@ def _corner(scene: Scene, corner) -> np.ndarray:
     found = np.array(to_md(corner, "length", "corner"), dtype=np.float64)
     if found.shape != (3,):
         raise ParameterError(f"corner must be three lengths, not {corner!r}")
-    for axis, gap in gaps(scene.walls, scene.box).items() if scene.walls else ():
+    for axis, gap in gaps(scene.walls, scene.box).items():
         if gap.period is not None:
             # the box ends in the middle of the solid
             found[axis] = 0.5 * (gap.low + gap.high - gap.period)

@@ -1,16 +1,20 @@
-"""Pair tables of a scene as LAMMPS pair styles."""
+"""Pair tables of a scene as LAMMPS pair styles, and the commands that sum charges up."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import combinations_with_replacement
 
+import numpy as np
+
 from ...errors import ParameterError
 from ...model.pairs import NONE
+from ...model.scene import Scene
+from ...units import UnitSystem
+from ..styles.charges import QQR2E
 from ..styles.pair_styles import EXPORTS
-from ..styles.writing import Pair, PairExport, StyleUse, number
+from ..styles.writing import Pair, PairExport, StyleUse, exact, lammps_seed
 from .export_beads import BeadTypes
-from .export_words import lammps_seed
 
 
 def pair_uses(export: PairExport) -> list[StyleUse]:
@@ -42,15 +46,15 @@ def pair_lines(uses: list[StyleUse], types: BeadTypes, start: float, stop: float
     single = len(uses) == 1 and not bare and uses[0].name not in _HYBRID_ONLY
     words, seeds = list[str](), 0
     for use in uses:
-        ends = ("0.0", "0.0") if use.constant else (number(start), number(stop))
+        ends = ("0.0", "0.0") if use.constant else (exact(start), exact(stop))
         words.append(f"{use.name} {use.settings.format(start=ends[0], stop=ends[1], seed=lammps_seed(seed, seeds))}".strip())
         seeds += "{seed}" in use.settings
     yield f"pair_style {words[0]}" if single else "pair_style hybrid/overlay " + " &\n  ".join(words)
     for first, second in bare:
         yield f"pair_coeff {types.span(first)} {types.span(second)} none"
-    n, places = len(types), any(use.name == "srp" for use in uses)
-    everything = f"1*{n}" if places else "*"
-    if places:
+    n, bond_placeholders = len(types), any(use.name == "srp" for use in uses)
+    everything = f"1*{n}" if bond_placeholders else "*"
+    if bond_placeholders:
         yield f"pair_coeff {everything} {n + 1} none"
     for use in uses:
         label = "" if single else f"{_label(use, uses)} "
@@ -78,3 +82,35 @@ def _label(use: StyleUse, uses: list[StyleUse]) -> str:
 def _acts(use: StyleUse, pair: Pair) -> bool:
     # with fix shardlow LAMMPS leaves out all repulsion if the last pair_coeff line has A = 0
     return not use.coefficients[pair].startswith(("0.0 ", "-0.0 "))
+
+
+# -- charges --------------------------------------------------------------------------------------------------------------------
+def charge_lines(scene: Scene, units: UnitSystem, of_deck: bool) -> Iterator[str]:
+    """The commands dielectric and kspace_style.
+
+    LAMMPS's accuracy is relative to the force between two unit charges at a unit distance without a dielectric; that of a scene is relative
+    to the forces that there are.  A deck keeps its own number.
+    """
+    charges = scene.electrostatics
+    if charges is None:
+        return
+    assert scene.charges is not None
+    strength = charges.coulomb(scene.initial_kT) / (units.energy * units.length)
+    yield f"dielectric {exact(QQR2E[units.name] / strength)}"
+    if scene.box is None:
+        return
+    accuracy = charges.tolerance
+    if not of_deck:
+        charged = scene.charges[scene.charges != 0]
+        distance = (float(np.linalg.det(scene.box)) / max(1, len(charged))) ** (1 / 3) / units.length
+        force = strength * float(np.mean(charged**2)) / distance**2 if len(charged) else 1.0
+        accuracy *= min(1.0, force / QQR2E[units.name])
+    yield f"kspace_style pppm {exact(accuracy)}"
+
+
+def special_line(scene: Scene) -> str:
+    """The special_bonds command; charges may have factors of their own."""
+    factors = getattr(scene.electrostatics, "bonded_factors", None)
+    if factors is None or tuple(factors) == tuple(scene.bonded_factors):
+        return "special_bonds lj/coul " + " ".join(map(exact, scene.bonded_factors))
+    return f"special_bonds lj {' '.join(map(exact, scene.bonded_factors))} coul {' '.join(map(exact, factors))}"

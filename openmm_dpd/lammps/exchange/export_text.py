@@ -12,23 +12,22 @@ from ...model.flow import AXES, gaps
 from ...model.internal import BeadTemperatures, Concentrations, InternalEnergy
 from ...model.temperature import TemperatureRamp
 from ...units import LJ
+from ..files.data_lines import data_lines
 from ..styles.charges import charge_use
 from ..styles.srp import segment_use
-from ..styles.writing import PairExport, StyleUse, number
-from .export_beads import atom_style_line, data_lines, lammps_box
+from ..styles.writing import PairExport, StyleUse, exact, group_lines
+from .export_beads import atom_style_line, data_file, lammps_box, longest_cutoff
 from .export_bonded import longest_bond, style_lines
-from .export_charges import charge_lines, special_line
-from .export_fixes import eos_lines, flow_lines, mover_lines, source_lines
+from .export_fixes import eos_lines, flow_lines, integrator_lines, source_lines
 from .export_job import Job
-from .export_pairs import pair_lines, pair_uses
-from .export_words import group_lines
+from .export_pairs import charge_lines, pair_lines, pair_uses, special_line
 
 #: Names of the files that LAMMPS writes.
 DUMP = "{name}.lammpstrj"
 FINAL = "data.{name}.end"
 
 
-class Phase(NamedTuple):
+class RunCommand(NamedTuple):
     """One run command: steps, temperatures at both ends of the ramp (kJ/mol), and its first and last step, if it is one."""
 
     steps: int
@@ -37,49 +36,40 @@ class Phase(NamedTuple):
     window: tuple[int, int] | None
 
 
-def phases(job: Job) -> list[Phase]:
+def run_commands(job: Job) -> list[RunCommand]:
     """The runs that make one run of the scene: a temperature ramp may begin late or end early."""
     kT, total = job.scene.kT, job.steps
     if not isinstance(kT, TemperatureRamp):
-        return [Phase(total, kT, kT, None)]
+        return [RunCommand(total, kT, kT, None)]
     found = []
     if kT.first_step > 0:
-        found.append(Phase(min(kT.first_step, total), kT.kT_start, kT.kT_start, None))
+        found.append(RunCommand(min(kT.first_step, total), kT.kT_start, kT.kT_start, None))
     if kT.first_step < total and kT.last_step > 0:
         steps = min(kT.last_step, total) - max(kT.first_step, 0)
-        found.append(Phase(steps, kT.kT_start, kT.kT_end, (kT.first_step, kT.last_step)))
+        found.append(RunCommand(steps, kT.kT_start, kT.kT_end, (kT.first_step, kT.last_step)))
     if kT.last_step < total:
-        found.append(Phase(total - max(kT.last_step, 0), kT.kT_end, kT.kT_end, None))
-    return found or [Phase(total, kT.at(0), kT.at(0), None)]
+        found.append(RunCommand(total - max(kT.last_step, 0), kT.kT_end, kT.kT_end, None))
+    return found or [RunCommand(total, kT.at(0), kT.at(0), None)]
 
 
 def export_texts(job: Job) -> dict[str, str]:
     """File name -> text, of everything that is written."""
     scene, units, differences = job.scene, job.units, job.differences
-    export = PairExport(scene, units, job.mover.shardlow, job.name, differences)
+    export = PairExport(scene, units, job.integrator.shardlow, job.name, differences)
     uses = pair_uses(export)
     segments = segment_use(scene, units, job.bonds.rows, len(job.types), differences)
-    box, positions, images = lammps_box(scene, job.corner, differences, job.images)
+    places = lammps_box(scene, job.corner, differences, job.images)
     eos, eos_table = eos_lines(scene, job.types, units, f"eos.{job.name}", differences)
-    data = data_lines(
-        scene,
-        units,
-        name=job.name,
-        types=job.types,
-        styles=job.styles,
-        box=box,
-        positions=positions,
-        images=images,
-        velocities=initial_velocities(scene, job.seed),
-        bonds=job.bonds,
-        angles=job.angles,
-        extra_types=int(segments is not None),
-    )
+    velocities, extra = initial_velocities(scene, job.seed), int(segments is not None)
+    data = data_file(scene, units, job.types, places, velocities, job.bonds, job.angles, extra)
+    remarks = dict(enumerate([*job.types.names, *["places of bonds"] * extra], start=1))
+    title = f"{job.name}, written by openmm-dpd, units = {units.name}"
+    lines = data_lines(data, title, job.styles, job.n_species, remarks=remarks)
     charges = charge_use(scene, units, list(dict.fromkeys(job.types.names)), differences)
     uses += [use for use in (charges, segments) if use is not None]
     # made before the header, which lists what came up
     body = [*_setup(job, uses), *_runs(job, uses, eos)]
-    texts = {f"in.{job.name}": [*_header(job), *body], f"data.{job.name}": list(data)} | export.tables
+    texts = {f"in.{job.name}": [*_header(job), *body], f"data.{job.name}": list(lines)} | export.tables
     if eos_table:
         texts[f"eos.{job.name}"] = eos_table
     return {name: "\n".join(lines) + "\n" for name, lines in texts.items()}
@@ -101,11 +91,11 @@ def _boundary(job: Job) -> str:
     if job.scene.box is None:
         return "boundary s s s"
     words = ["p", "p", "p"]
-    longest = max((c.cutoff for table in job.scene.tables for c in table.entries.values()), default=0.0)
-    for axis, gap in gaps(job.scene.walls, job.scene.box).items() if job.scene.walls else ():
+    longest = longest_cutoff(job.scene)
+    for axis, gap in gaps(job.scene.walls, job.scene.box).items():
         words[axis] = "f"
         solid = gap.period - (gap.high - gap.low) if gap.period is not None else np.inf
-        if solid < longest * (1 if job.scene.mobile is None or job.scene.mobile.all() else 2):
+        if solid < longest * (2 if job.some_stay else 1):
             job.differences.add(
                 f"along {AXES[axis]} the box of LAMMPS ends in the middle of the solid between the walls, thinner than the range of "
                 "the forces: what reaches through it is lost"
@@ -115,40 +105,39 @@ def _boundary(job: Job) -> str:
 
 def _setup(job: Job, uses: list[StyleUse]) -> Iterator[str]:
     scene, length = job.scene, job.units.length
-    n_species = scene.internal.n_species if isinstance(scene.internal, Concentrations) else 0
-    yield from (f"units {job.units.name}", _boundary(job), atom_style_line(job.styles, n_species))
+    yield from (f"units {job.units.name}", _boundary(job), atom_style_line(job.styles, job.n_species))
     reach, bond = max([use.cutoff for use in uses], default=0.0) + job.skin, longest_bond(scene)
     if scene.segments is not None:
         reach += 1.1 * bond
     ghosts = max(reach, 1.5 * bond + job.skin) if len(scene.bond_pairs) or not uses else 0.0
-    yield "comm_modify vel yes" + (f" cutoff {number(ghosts / length)}" if ghosts else "")
-    yield f"neighbor {number(job.skin / length)} bin"
+    yield "comm_modify vel yes" + (f" cutoff {exact(ghosts / length)}" if ghosts else "")
+    yield f"neighbor {exact(job.skin / length)} bin"
     yield "neigh_modify every 1 delay 0 check yes"
     if len(scene.bond_pairs):
         yield special_line(scene)
     yield f"read_data data.{job.name}"
     yield from style_lines("bond", job.bonds)
     yield from style_lines("angle", job.angles)
-    yield f"timestep {number(job.dt / job.units.time)}"
+    yield f"timestep {exact(job.dt / job.units.time)}"
 
 
 def _runs(job: Job, uses: list[StyleUse], eos: list[str]) -> Iterator[str]:
     """Pair styles, fixes, output and runs."""
     unit = job.units.thermal_energy
     # ramps are counted from the first step, and LAMMPS has no steps below 0
-    first = max(0, -min((phase.window[0] for phase in phases(job) if phase.window), default=0))
-    for k, phase in enumerate(phases(job)):
+    first = max(0, -min((command.window[0] for command in run_commands(job) if command.window), default=0))
+    for k, command in enumerate(run_commands(job)):
         yield ""
         if k == 0:
             yield from charge_lines(job.scene, job.units, job.images is not None)
-        yield from pair_lines(uses, job.types, phase.start / unit, phase.stop / unit, job.seed + 1000 * k)
+        yield from pair_lines(uses, job.types, command.start / unit, command.stop / unit, job.seed + 1000 * k)
         if k == 0:
             yield ""
             yield from _fixes(job, eos)
             yield ""
             yield from _output(job, first)
-        window = "" if phase.window is None else f" start {phase.window[0] + first} stop {phase.window[1] + first}"
-        yield f"run {phase.steps}{window}"
+        window = "" if command.window is None else f" start {command.window[0] + first} stop {command.window[1] + first}"
+        yield f"run {command.steps}{window}"
     yield f"write_data {FINAL.format(name=job.name)} nocoeff"
 
 
@@ -157,10 +146,11 @@ def _fixes(job: Job, eos: list[str]) -> Iterator[str]:
     if job.scene.segments is not None:
         group = "beads"
         yield f"group beads type 1:{len(job.types)}"
-    if job.scene.mobile is not None and not job.scene.mobile.all():
+    if job.some_stay:
+        assert job.scene.mobile is not None
         group = "mobile"
         yield from group_lines("mobile", job.scene.mobile) if job.scene.mobile.any() else ["group mobile empty"]
-    yield from mover_lines(job.scene, job.mover, group)
+    yield from integrator_lines(job.scene, job.integrator, group)
     yield from eos
     yield from source_lines(job.scene, job.units, job.corner, job.differences)
     yield from flow_lines(job.scene, job.units, job.corner)
@@ -169,12 +159,11 @@ def _fixes(job: Job, eos: list[str]) -> Iterator[str]:
 
 
 def _output(job: Job, first: int) -> Iterator[str]:
-    computes, columns = carried_columns(job.scene.internal)
-    moving = job.scene.segments is not None or (job.scene.mobile is not None and not job.scene.mobile.all())
+    computes, columns = field_columns(job.scene.internal)
+    moving = job.scene.segments is not None or job.some_stay
     words = "step temp press pe ke etotal vol"
     if isinstance(job.scene.internal, InternalEnergy):
-        still = job.scene.mobile is not None and not job.scene.mobile.all()
-        yield f"compute sums {'mobile' if still else 'all'} dpd"
+        yield f"compute sums {'mobile' if job.some_stay else 'all'} dpd"
         words += " c_sums[1] c_sums[2] c_sums[4]"
     if first:
         yield f"reset_timestep {first}"
@@ -189,8 +178,8 @@ def _output(job: Job, first: int) -> Iterator[str]:
     yield ""
 
 
-def carried_columns(internal: Any) -> tuple[list[str], list[str]]:
-    """Commands and dump columns for what beads carry."""
+def field_columns(internal: Any) -> tuple[list[str], list[str]]:
+    """Commands and dump columns for the fields of beads."""
     if isinstance(internal, InternalEnergy):
         return ["compute internal all dpd/atom"], ["c_internal[1]", "c_internal[2]", "c_internal[4]"]
     if isinstance(internal, BeadTemperatures):

@@ -13,15 +13,18 @@ import numpy as np
 from ...errors import ParameterError
 from ...model.internal import BeadTemperatures, Concentrations, Internal, InternalEnergy
 from ...model.scene import Scene
-from ...trajectory import load_topology, write_psf
+from ...trajectory import load_topology
 from ...units import to_md
-from .export_beads import bead_types
+from ..run.trajectory import write_topology
+from .export_beads import lammps_types
 
 if TYPE_CHECKING:
     import mdtraj
 
 #: Box edges of frames and scene may differ by this factor before the units are thought to be wrong.
 _LARGEST_RATIO = 4.0
+
+_SEE = "(see openmm_dpd.lammps.exchange.dump_reader.NAMES)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +52,7 @@ class LammpsFrames:
         Box vectors; None without a periodic box.
     corners : (F, 3) array
         Lower corners of the box.
-    carried : dict of str to (F, N) arrays
+    fields : dict of str to (F, N) arrays
         ``theta``, ``u_cond``, ``u_mech``, ``temperature``, ``capacity``, ``c1``, ``c2``, ... as far as the file has them.
     columns : dict of str to (F, N) arrays
         All other columns, as they are in the file.
@@ -70,7 +73,7 @@ class LammpsFrames:
     types: np.ndarray | None
     boxes: np.ndarray | None
     corners: np.ndarray
-    carried: Mapping[str, np.ndarray] = field(default_factory=dict)
+    fields: Mapping[str, np.ndarray] = field(default_factory=dict)
     columns: Mapping[str, np.ndarray] = field(default_factory=dict)
     periodic: tuple[bool, bool, bool] = (True, True, True)
     scene_: Scene | None = None
@@ -79,7 +82,7 @@ class LammpsFrames:
         return len(self.steps)
 
     def scene(self, frame: int = -1, scene: Scene | None = None) -> Scene:
-        """The scene with positions, velocities, box and what the beads carry taken from one frame.
+        """The scene with positions, velocities, box and fields of the beads taken from one frame.
 
         Positions are carried to their images where the file tells them.
 
@@ -132,14 +135,7 @@ class LammpsFrames:
         positions = self.unwrapped if unwrap else self.positions
         with TemporaryDirectory() as folder:
             path = Path(folder) / "topology.psf"
-            write_psf(
-                path,
-                names=scene.types,
-                masses=scene.bead_masses,
-                charges=scene.charges,
-                molecules=scene.molecules,
-                bonds=scene.bond_pairs,
-            )
+            write_topology(path, scene)
             topology = load_topology(path)
         time = self.steps * (1.0 if dt is None else float(to_md(dt, "time", "dt")))
         # mdtraj's boxes begin at the origin
@@ -166,7 +162,13 @@ class LammpsFrames:
         if len(self.ids) != scene.n_beads:
             raise ParameterError(f"{self.path} has {len(self.ids)} beads, but the scene has {scene.n_beads}")
         if self.types is not None:
-            self._check_types(scene)
+            expected = [lammps_types(scene, apart).of_bead for apart in (False, True)]
+            if not any(np.array_equal(self.types, types) for types in [*expected, scene.type_ids + 1]):
+                bead = int(np.argmax(self.types != expected[0]))
+                raise ParameterError(
+                    f"{self.path}: the atom with id {self.ids[bead]} has the type {self.types[bead]}, but bead {bead} of the scene is "
+                    f"{scene.types[bead]!r}, type {expected[0][bead]}; is it the file of another scene?"
+                )
         if self.boxes is not None and scene.box is not None and len(self):
             ratio = np.diag(self.boxes[0]) / np.diag(scene.box)
             if ratio.max() > _LARGEST_RATIO or ratio.min() < 1 / _LARGEST_RATIO:
@@ -175,31 +177,19 @@ class LammpsFrames:
                     f"{np.diag(scene.box).tolist()} nm; give the units of the file (units='real', for example)"
                 )
 
-    def _check_types(self, scene: Scene) -> None:
-        assert self.types is not None
-        expected = [bead_types(scene, apart).of_bead for apart in (False, True)]
-        if not any(np.array_equal(self.types, types) for types in [*expected, scene.type_ids + 1]):
-            bead = int(np.argmax(self.types != expected[0]))
-            raise ParameterError(
-                f"{self.path}: the atom with id {self.ids[bead]} has the type {self.types[bead]}, but bead {bead} of the scene is "
-                f"{scene.types[bead]!r}, type {expected[0][bead]}; is it the file of another scene?"
-            )
-
     def _internal(self, scene: Scene, frame: int) -> Internal | None:
-        internal, found = scene.internal, {name: values[frame] for name, values in self.carried.items()}
+        internal, found = scene.internal, {name: values[frame] for name, values in self.fields.items()}
         if isinstance(internal, InternalEnergy):
             if "theta" not in found:
-                raise self.lacking(
-                    "internal temperatures", "c_ID[4] of compute dpd/atom (see openmm_dpd.lammps.exchange.dump_reader.NAMES)"
-                )
+                raise self.lacking("internal temperatures", f"c_ID[4] of compute dpd/atom {_SEE}")
             return InternalEnergy(internal.eos, found["theta"], found.get("u_cond"))
         if isinstance(internal, BeadTemperatures):
             if "temperature" not in found:
-                raise self.lacking("temperatures of beads", "of compute edpd/temp/atom (see openmm_dpd.lammps.exchange.dump_reader.NAMES)")
+                raise self.lacking("temperatures of beads", f"of compute edpd/temp/atom {_SEE}")
             return BeadTemperatures(found["temperature"], found.get("capacity", internal.capacities))
         if isinstance(internal, Concentrations):
             names = [f"c{k}" for k in range(1, internal.n_species + 1)]
             if not set(names) <= set(found):
-                raise self.lacking("concentrations", "of compute tdpd/cc/atom (see openmm_dpd.lammps.exchange.dump_reader.NAMES)")
+                raise self.lacking("concentrations", f"of compute tdpd/cc/atom {_SEE}")
             return Concentrations(np.column_stack([found[name] for name in names]))
         return None

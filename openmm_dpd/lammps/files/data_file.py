@@ -2,41 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from ...errors import DeckError, ParameterError
-from ..language import arguments as read
-from ..language.lexer import read_text
+from ...errors import ParameterError
 from ..state.box import Box
-
-#: Columns of the Atoms section by atom style; ``tdpd`` has its concentrations after them.
-ATOM_STYLES: dict[str, tuple[str, ...]] = {
-    "atomic": ("id", "type", "x", "y", "z"),
-    "charge": ("id", "type", "charge", "x", "y", "z"),
-    "bond": ("id", "molecule", "type", "x", "y", "z"),
-    "angle": ("id", "molecule", "type", "x", "y", "z"),
-    "molecular": ("id", "molecule", "type", "x", "y", "z"),
-    "full": ("id", "molecule", "type", "charge", "x", "y", "z"),
-    "dpd": ("id", "type", "theta", "x", "y", "z"),
-    "mdpd": ("id", "type", "rho", "x", "y", "z"),
-    "edpd": ("id", "type", "temperature", "capacity", "x", "y", "z"),
-    "tdpd": ("id", "type", "x", "y", "z"),
-}
-
-
-def atom_columns(style: str, n_species: int = 0) -> tuple[str, ...]:
-    """Columns of the Atoms section; the concentrations of ``tdpd`` are ``c1``, ``c2``, ..."""
-    return (*ATOM_STYLES[style], *(f"c{k}" for k in range(1, n_species + 1)))
-
-
-#: Atom styles whose beads may be bonded.
-BONDED_STYLES = ("bond", "angle", "molecular", "full")
-
-#: Atom styles whose bonds may have angles between them.
-ANGLE_STYLES = ("angle", "molecular", "full")
+from .atom_styles import ANGLE_STYLES, BONDED_STYLES, atom_columns
+from .text_file import Row, TextFile
 
 SECTIONS = ("Atoms", "Velocities", "Masses", "Bonds", "Angles", "Pair Coeffs", "PairIJ Coeffs", "Bond Coeffs", "Angle Coeffs")
 
@@ -57,8 +32,6 @@ _UNSUPPORTED = ("dihedrals", "impropers")
 #: Largest id, and largest image flag.
 _LARGEST = 2**31 - 1
 
-Row = tuple[int, list[str]]
-
 
 @dataclass
 class DataFile:
@@ -66,8 +39,6 @@ class DataFile:
 
     Attributes
     ----------
-    path : Path
-        The file.
     n_types, n_bond_types, n_angle_types : int
         Numbers of types.
     box : Box
@@ -92,103 +63,101 @@ class DataFile:
         What stands behind ``#`` on section lines.
     """
 
-    path: Path
     n_types: int
-    n_bond_types: int
     box: Box
     columns: dict[str, np.ndarray]
     positions: np.ndarray
     images: np.ndarray
     velocities: np.ndarray
     masses: dict[int, float] = field(default_factory=dict)
+    n_bond_types: int = 0
     bonds: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
-    coefficients: dict[str, list[Row]] = field(default_factory=dict)
-    hints: dict[str, str] = field(default_factory=dict)
     n_angle_types: int = 0
     angles: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
+    coefficients: dict[str, list[Row]] = field(default_factory=dict)
+    hints: dict[str, str] = field(default_factory=dict)
 
 
-class _Reader:
-    def __init__(self, path: Path, atom_style: str, n_species: int = 0):
-        self.path, self.style = path, atom_style
-        self.names = atom_columns(atom_style, n_species)
+class DataReader:
+    """The lines of a data file, sorted into header values and sections; each method reads a part.
+
+    Parameters
+    ----------
+    path : Path
+    lenient : bool, default False
+        Pass over sections and header lines that are not known.
+
+    Attributes
+    ----------
+    file : TextFile
+    sections : dict of str to (line number, rows)
+    hints : dict of str to str
+        What stands behind ``#`` on section lines.
+
+    Raises
+    ------
+    DeckError
+        From all methods, with file and line.
+    """
+
+    def __init__(self, path: Path, lenient: bool = False):
+        self.file = TextFile.read(path, title=True)
+        self.fail = self.file.error
         self.header: dict[tuple[str, ...], list[float]] = {}
         self.sections: dict[str, tuple[int, list[Row]]] = {}
         self.hints: dict[str, str] = {}
-
-    def fail(self, message: str, line: int | None = None) -> DeckError:
-        return DeckError(message, str(self.path), line)
-
-    # -- lines -----------------------------------------------------------------------------------------------------------------
-    def split(self) -> None:
-        """Sort the lines into header values and sections."""
         body: list[Row] | None = None
-        for number, raw in enumerate(read_text(self.path, title=True).splitlines(), start=1):
+        for number, words in self.file.rows():
             if number == 1:
                 continue  # the first line is always a title
-            text, _, comment = raw.partition("#")
-            words = text.split()
-            if not words:
-                continue
-            if words[0][0].isalpha():
-                name = " ".join(words)
-                if name not in SECTIONS:
+            name = " ".join(words)
+            if name.replace(" ", "").isalpha():
+                if name not in SECTIONS and not lenient:
                     raise self.fail(f"section or header line '{name}' is not supported; sections are {', '.join(SECTIONS)}", number)
                 if name in self.sections:
                     raise self.fail(f"section {name} appears twice", number)
                 body = []
                 self.sections[name] = (number, body)
-                self.hints[name] = comment.strip()
-            elif body is None:
-                self.header_line(words, number)
-            else:
+                self.hints[name] = self.file.lines[number - 1].partition("#")[2].strip()
+            elif body is not None:
                 body.append((number, words))
+            elif not self._header_line(words, number) and not lenient:
+                raise self.fail(f"header line '{' '.join(words)}' is not supported", number)
 
-    def header_line(self, words: list[str], number: int) -> None:
-        for size in (1, 2, 3):
-            key = tuple(words[size:])
-            if _HEADERS.get(key) == size:
-                try:
-                    self.header[key] = [read.as_float(word) for word in words[:size]]
-                except ValueError:
-                    raise self.fail(f"expected numbers before '{' '.join(key)}', not '{' '.join(words[:size])}'", number) from None
-                if not np.all(np.isfinite(self.header[key])):
-                    raise self.fail(f"the header value '{' '.join(words)}' is not finite", number)
-                if size == 1 and not (self.header[key][0].is_integer() and self.header[key][0] >= 0):
-                    raise self.fail(f"expected a whole number >= 0 before '{' '.join(key)}', not '{words[0]}'", number)
-                if key[0] in _UNSUPPORTED and len(key) == 1 and self.header[key][0]:
-                    raise self.fail(f"{key[0]} are not supported, but the header announces {words[0]}", number)
-                return
-        raise self.fail(f"header line '{' '.join(words)}' is not supported", number)
+    def _header_line(self, words: list[str], number: int) -> bool:
+        """Take over a header value; False if it is not known."""
+        size = next((size for size in (1, 2, 3) if _HEADERS.get(tuple(words[size:])) == size), None)
+        if size is None:
+            return False
+        key = tuple(words[size:])
+        what = f"the header value before '{' '.join(key)}'"
+        values = self.file.numbers((number, words), words[:size], size, f"numbers before '{' '.join(key)}'", what)
+        if size == 1 and not (values[0].is_integer() and values[0] >= 0):
+            raise self.fail(f"expected a whole number >= 0 before '{' '.join(key)}', not '{words[0]}'", number)
+        if key[0] in _UNSUPPORTED and len(key) == 1 and values[0]:
+            raise self.fail(f"{key[0]} are not supported, but the header announces {words[0]}", number)
+        self.header[key] = values
+        return True
 
     def count(self, *key: str) -> int:
+        """A number of the header, 0 if it is not there."""
         return int(self.header.get(key, [0])[0])
 
-    def rows(self, name: str, expected: int) -> list[Row]:
+    def rows(self, name: str, expected: int, width: int | None = None, usage: str = "") -> list[Row]:
+        """The rows of a section, none if it is not there; they must have ``width`` words."""
         if name not in self.sections:
             return []
         line, body = self.sections[name]
         if len(body) != expected:
             raise self.fail(f"section {name} has {len(body)} lines, but the header announces {expected}", line)
+        for number, words in body if width else ():
+            if len(words) != width:
+                raise self.fail(f"expected '{usage}', not '{' '.join(words)}'", number)
         return body
-
-    def integers(self, words: list[str], number: int, what: str) -> list[int]:
-        try:
-            return [read.as_integer(word) for word in words]
-        except ValueError:
-            raise self.fail(f"expected {what}, not '{' '.join(words)}'", number) from None
-
-    def floats(self, words: list[str], number: int, what: str) -> list[float]:
-        try:
-            values = [read.as_float(word) for word in words]
-        except ValueError:
-            raise self.fail(f"expected {what}, not '{' '.join(words)}'", number) from None
-        if not all(abs(value) < np.inf for value in values):
-            raise self.fail(f"{what}: a value is not finite: '{' '.join(words)}'", number)
-        return values
 
     # -- sections --------------------------------------------------------------------------------------------------------------
     def box(self) -> Box:
+        """The box."""
         edges = []
         for axis in "xyz":
             key = (f"{axis}lo", f"{axis}hi")
@@ -203,60 +172,50 @@ class _Reader:
         except ParameterError as error:
             raise self.fail(str(error)) from None
 
-    def atoms(self, n_types: int) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
-        names, x = self.names, self.names.index("x")
-        n = self.count("atoms")
+    def atoms(self, styles: Sequence[str], n_species: int = 0) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray | None]:
+        """Columns of the Atoms section, positions, and image flags (None if no atom has any); styles as for :func:`atom_columns`."""
+        names, n = atom_columns(styles, n_species), self.count("atoms")
+        x, size = names.index("x"), len(names)
         if n and "Atoms" not in self.sections:
             raise self.fail(f"the header announces {n} atoms, but there is no Atoms section")
         rows = self.rows("Atoms", n)
-        size = len(names)
-        usage = f"an atom of atom_style {self.style}: {' '.join(names)} [ix iy iz]"
+        usage = f"an atom of atom_style {' '.join(styles)}: {' '.join(names)} [ix iy iz]"
         values = np.empty((n, size))
         images = np.zeros((n, 3), dtype=np.int64)
         for k, (number, words) in enumerate(rows):
-            if len(words) not in (size, size + 3):
-                raise self.fail(f"expected {usage}, not {len(words)} words: '{' '.join(words)}'", number)
-            try:
-                values[k] = [read.as_float(word) for word in words[:size]]
-            except ValueError:
-                raise self.fail(f"expected {usage}, not '{' '.join(words)}'", number) from None
+            # three image flags, or none
+            end = size if len(words) == size + 3 else None
+            values[k] = self.file.numbers(rows[k], words[:end], size, usage, f"a value of atom {words[0]}")
             if len(words) > size:
-                flags = self.integers(words[size:], number, "three image flags")
+                flags = self.file.integers(rows[k], words[size:], "three image flags")
                 if max(map(abs, flags)) > _LARGEST:
                     raise self.fail(f"an image flag of atom {words[0]} is beyond {_LARGEST}: '{' '.join(words[size:])}'", number)
                 images[k] = flags
-        self.check_finite(values, rows, x)
         columns: dict[str, np.ndarray] = {}
         for k, name in enumerate(names):
             if name in ("id", "type", "molecule"):
                 columns[name] = np.clip(values[:, k], -_LARGEST, _LARGEST).astype(np.int64)
-                self.check_whole(values[:, k], columns[name], rows, f"the {name} of an atom")
+                self._check_whole(values[:, k], columns[name], rows, f"the {name} of an atom")
             elif name not in ("x", "y", "z"):
                 columns[name] = values[:, k].copy()
-        self.check_atoms(columns, rows, n_types)
-        return columns, values[:, x : x + 3].copy(), images
+        self._check_atoms(columns, rows)
+        return columns, values[:, x : x + 3].copy(), images if any(len(words) > size for _, words in rows) else None
 
-    def check_finite(self, values: np.ndarray, rows: list[Row], x: int) -> None:
-        for columns, what in ((slice(x, x + 3), "position"), (slice(None), "value")):
-            bad = ~np.isfinite(values[:, columns]).all(axis=1)
-            if bad.any():
-                number, words = rows[int(np.argmax(bad))]
-                raise self.fail(f"atom {words[0]} has a {what} that is not finite: '{' '.join(words)}'", number)
-
-    def check_whole(self, values: np.ndarray, whole: np.ndarray, rows: list[Row], what: str) -> None:
+    def _check_whole(self, values: np.ndarray, whole: np.ndarray, rows: list[Row], what: str) -> None:
         bad = np.flatnonzero(values != whole)
         if len(bad):
             limit = f" up to {_LARGEST}" if abs(values[bad[0]]) > _LARGEST else ""
             raise self.fail(f"{what} must be a whole number{limit}, not {values[bad[0]]:g}", rows[bad[0]][0])
 
-    def check_atoms(self, columns: dict[str, np.ndarray], rows: list[Row], n_types: int) -> None:
-        ids, types = columns["id"], columns["type"]
+    def _check_atoms(self, columns: dict[str, np.ndarray], rows: list[Row]) -> None:
+        ids, types, n_types = columns["id"], columns["type"], self.count("atom", "types")
+        ones = np.ones(len(ids))
         for mask, message in (
             (ids < 1, "atom ids start at 1"),
             ((types < 1) | (types > n_types), f"the atom type is out of range; there are {n_types}"),
-            (columns.get("theta", np.ones(len(ids))) <= 0, "the internal temperature (theta) must be > 0"),
-            (columns.get("temperature", np.ones(len(ids))) <= 0, "the temperature of a bead must be > 0"),
-            (columns.get("capacity", np.ones(len(ids))) <= 0, "the heat capacity of a bead must be > 0"),
+            (columns.get("theta", ones) <= 0, "the internal temperature (theta) must be > 0"),
+            (columns.get("temperature", ones) <= 0, "the temperature of a bead must be > 0"),
+            (columns.get("capacity", ones) <= 0, "the heat capacity of a bead must be > 0"),
         ):
             if mask.any():
                 number, words = rows[int(np.argmax(mask))]
@@ -266,25 +225,28 @@ class _Reader:
         if len(twice):
             raise self.fail(f"atom id {ids[order][twice[0]]} appears twice", rows[int(order[twice[0] + 1])][0])
 
-    def velocities(self, ids: np.ndarray) -> np.ndarray:
+    def velocities(self, ids: np.ndarray) -> np.ndarray | None:
+        """(N, 3) velocities of these atoms, None if there is no such section."""
+        if "Velocities" not in self.sections:
+            return None
         found = np.zeros((len(ids), 3))
-        place = {identity: k for k, identity in enumerate(ids.tolist())}
-        for number, words in self.rows("Velocities", len(ids)):
-            if len(words) != 4:
-                raise self.fail(f"expected 'id vx vy vz', not '{' '.join(words)}'", number)
-            identity = self.integers(words[:1], number, "an atom id")[0]
-            if identity not in place:
-                raise self.fail(f"section Velocities names atom {identity}, which does not exist", number)
-            found[place[identity]] = self.floats(words[1:], number, f"the velocity of atom {identity}")
+        left = {identity: k for k, identity in enumerate(ids.tolist())}
+        for row in self.rows("Velocities", len(ids), 4, "id vx vy vz"):
+            number, words = row
+            (identity,) = self.file.integers(row, words[:1], "an atom id")
+            if identity not in left:
+                why = " twice" if identity in ids else ", which does not exist"
+                raise self.fail(f"section Velocities names atom {identity}{why}", number)
+            found[left.pop(identity)] = self.file.numbers(row, words[1:], 3, "'id vx vy vz'", f"the velocity of atom {identity}")
         return found
 
-    def masses(self, n_types: int) -> dict[int, float]:
-        found = {}
-        for number, words in self.rows("Masses", n_types):
-            if len(words) != 2:
-                raise self.fail(f"expected 'type mass', not '{' '.join(words)}'", number)
-            kind = self.integers(words[:1], number, "an atom type")[0]
-            mass = self.floats(words[1:], number, "a mass")[0]
+    def masses(self) -> dict[int, float]:
+        """Mass of each type, if there is such a section."""
+        found, n_types = {}, self.count("atom", "types")
+        for row in self.rows("Masses", n_types, 2, "type mass"):
+            number, words = row
+            (kind,) = self.file.integers(row, words[:1], "an atom type")
+            (mass,) = self.file.numbers(row, words[1:], 1, "'type mass'", f"the mass of type {kind}")
             if not 1 <= kind <= n_types:
                 raise self.fail(f"atom type {kind} is out of range; there are {n_types}", number)
             if mass <= 0:
@@ -292,26 +254,24 @@ class _Reader:
             found[kind] = mass
         return found
 
-    def joined(self, what: str, size: int, n_types: int, ids: np.ndarray, styles: tuple[str, ...]) -> np.ndarray:
-        """Types and ids of the Bonds or Angles section."""
-        section, announced = f"{what.capitalize()}s", self.count(f"{what}s")
-        rows = self.rows(section, announced)
-        if rows and self.style not in styles:
-            raise self.fail(f"atom_style {self.style} has no {what}s; use {' or '.join(styles)}", self.sections[section][0])
+    def joined(self, what: str, size: int, ids: np.ndarray, atom_style: str, styles: tuple[str, ...]) -> np.ndarray:
+        """Types and ids of the Bonds or Angles section, which atoms of ``styles`` may have."""
+        section, announced, n_types = f"{what.capitalize()}s", self.count(f"{what}s"), self.count(what, "types")
+        usage = "id type " + " ".join(f"atom{k}" for k in range(1, size + 1))
+        rows = self.rows(section, announced, 2 + size, usage)
+        if rows and atom_style not in styles:
+            raise self.fail(f"atom_style {atom_style} has no {what}s; use {' or '.join(styles)}", self.sections[section][0])
         if announced and not rows:
             raise self.fail(f"the header announces {announced} {what}s, but there is no {section} section")
         known = set(ids.tolist())
         found = np.zeros((len(rows), 1 + size), dtype=np.int64)
-        usage = "id type " + " ".join(f"atom{k}" for k in range(1, size + 1))
-        for k, (number, words) in enumerate(rows):
-            if len(words) != 2 + size:
-                raise self.fail(f"expected '{usage}', not '{' '.join(words)}'", number)
-            _, kind, *atoms = self.integers(words, number, f"whole numbers '{usage}'")
+        for k, row in enumerate(rows):
+            _, kind, *atoms = self.file.integers(row, row[1], f"whole numbers '{usage}'")
             if not 1 <= kind <= n_types:
-                raise self.fail(f"{what} type {kind} is out of range; there are {n_types}", number)
+                raise self.fail(f"{what} type {kind} is out of range; there are {n_types}", row[0])
             for atom in atoms:
                 if atom not in known:
-                    raise self.fail(f"a{'n' * (what == 'angle')} {what} names atom {atom}, which does not exist", number)
+                    raise self.fail(f"a{'n' * (what == 'angle')} {what} names atom {atom}, which does not exist", row[0])
             found[k] = kind, *atoms
         return found
 
@@ -324,7 +284,7 @@ def read_data_file(path: Path, atom_style: str, n_species: int = 0) -> DataFile:
     path : Path
         The file.
     atom_style : str
-        A key of :data:`ATOM_STYLES`; the style hint behind ``Atoms #`` is optional and only reported.
+        A key of :data:`~openmm_dpd.lammps.files.atom_styles.ATOM_STYLES`; the style hint behind ``Atoms #`` is optional and only reported.
     n_species : int
         Number of concentrations of ``atom_style tdpd``.
 
@@ -334,24 +294,22 @@ def read_data_file(path: Path, atom_style: str, n_species: int = 0) -> DataFile:
         With file and line, for unknown sections, wrong counts, values that are not numbers or not finite, ids that appear
         twice, types out of range.
     """
-    reader = _Reader(path, atom_style, n_species)
-    reader.split()
-    n_types, n_bond_types = reader.count("atom", "types"), reader.count("bond", "types")
-    n_angle_types = reader.count("angle", "types")
-    columns, positions, images = reader.atoms(n_types)
+    reader = DataReader(path)
+    columns, positions, images = reader.atoms((atom_style,), n_species)
+    ids = columns["id"]
+    velocities = reader.velocities(ids)
     return DataFile(
-        path=path,
-        n_types=n_types,
-        n_bond_types=n_bond_types,
+        n_types=reader.count("atom", "types"),
         box=reader.box(),
         columns=columns,
         positions=positions,
-        images=images,
-        velocities=reader.velocities(columns["id"]),
-        masses=reader.masses(n_types),
-        bonds=reader.joined("bond", 2, n_bond_types, columns["id"], BONDED_STYLES),
-        n_angle_types=n_angle_types,
-        angles=reader.joined("angle", 3, n_angle_types, columns["id"], ANGLE_STYLES),
+        images=np.zeros((len(ids), 3), dtype=np.int64) if images is None else images,
+        velocities=np.zeros((len(ids), 3)) if velocities is None else velocities,
+        masses=reader.masses(),
+        n_bond_types=reader.count("bond", "types"),
+        bonds=reader.joined("bond", 2, ids, atom_style, BONDED_STYLES),
+        n_angle_types=reader.count("angle", "types"),
+        angles=reader.joined("angle", 3, ids, atom_style, ANGLE_STYLES),
         coefficients={name: reader.sections[name][1] for name in SECTIONS if "Coeffs" in name and name in reader.sections},
         hints=reader.hints,
     )

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from ...errors import DeckError, ParameterError
+from ...errors import ParameterError
 from ...model.pairs import TabulatedPair
 from ...units import UnitSystem
 from ..language import arguments as read
-from ..language.lexer import read_text
+from .text_file import Row, TextFile
 
 MODES = ("lookup", "linear", "spline", "bitmap")
 
@@ -39,30 +39,21 @@ def read_table(path: Path, keyword: str) -> TableData:
     DeckError
         If the section is missing, incomplete or not numeric.
     """
-    lines = [line.partition("#")[0].split() for line in read_text(path).splitlines()]
-    index, found = 0, list[str]()
+    file = TextFile.read(path)
+    lines, found, index = list(file.rows()), list[str](), 0
     while index < len(lines):
-        if not lines[index]:
-            index += 1
-            continue
-        name, number = lines[index][0], index + 1
-        index += 1
-        while index < len(lines) and not lines[index]:
-            index += 1
-        parameters = _parameters(lines[index] if index < len(lines) else [], path, index + 1, name)
-        index += 1
-        rows: list[tuple[int, list[str]]] = []
-        while index < len(lines) and len(rows) < parameters["N"]:
-            if lines[index]:
-                rows.append((index + 1, lines[index]))
-            index += 1
-        found.append(name)
+        number, (name, *_) = lines[index]
+        parameters = _parameters(file, lines[index + 1] if index + 1 < len(lines) else (len(file.lines) + 1, []), name)
+        rows = lines[index + 2 : index + 2 + parameters["N"]]
         if name == keyword:
-            return _assemble(rows, parameters, path, number, keyword)
-    raise DeckError(f"there is no table {keyword} in it; found {', '.join(found) or 'nothing'}", str(path))
+            return _assemble(file, rows, parameters, number, keyword)
+        found.append(name)
+        index += 2 + len(rows)
+    raise file.error(f"there is no table {keyword} in it; found {', '.join(found) or 'nothing'}")
 
 
-def _parameters(words: list[str], path: Path, line: int, keyword: str) -> dict:
+def _parameters(file: TextFile, row: Row, keyword: str) -> dict:
+    line, words = row
     found: dict = {}
     sizes = {"N": 1, "R": 2, "RSQ": 2, "FPRIME": 2, "BITMAP": 2}
     index = 0
@@ -76,29 +67,22 @@ def _parameters(words: list[str], path: Path, line: int, keyword: str) -> dict:
             found[name] = values
             index += 1
         found["N"] = int(found["N"][0])
+        if found["N"] < 1:
+            raise ValueError
     except (KeyError, ValueError, IndexError):
-        raise DeckError(
-            f"expected the parameters 'N points [R|RSQ low high] [FPRIME low high]' of table {keyword}, not '{' '.join(words)}'",
-            str(path),
-            line,
-        ) from None
+        usage = f"the parameters 'N points [R|RSQ low high] [FPRIME low high]' of table {keyword}"
+        raise file.error(f"expected {usage}, not '{' '.join(words)}'", line) from None
     return found
 
 
-def _assemble(rows: list[tuple[int, list[str]]], parameters: dict, path: Path, line: int, keyword: str) -> TableData:
+def _assemble(file: TextFile, rows: list[Row], parameters: dict, line: int, keyword: str) -> TableData:
     n = parameters["N"]
     if "BITMAP" in parameters:
-        raise DeckError(f"table {keyword} is stored as BITMAP, which is not supported; store it with R", str(path), line)
+        raise file.error(f"table {keyword} is stored as BITMAP, which is not supported; store it with R", line)
     if len(rows) < n:
-        raise DeckError(f"table {keyword} announces {n} rows, but has {len(rows)}", str(path), line)
-    values = np.empty((n, 3))
-    for k, (number, words) in enumerate(rows):
-        try:
-            values[k] = [read.as_float(word) for word in words[1:4]]
-        except ValueError:
-            raise DeckError(f"expected 'index r energy force', not '{' '.join(words)}'", str(path), number) from None
-        if not np.all(np.isfinite(values[k])):
-            raise DeckError(f"a value of table {keyword} is not finite: '{' '.join(words)}'", str(path), number)
+        raise file.error(f"table {keyword} announces {n} rows, but has {len(rows)}", line)
+    usage, what = "'index r energy force'", f"a value of table {keyword}"
+    values = np.array([file.numbers(row, row[1][1:4], 3, usage, what) for row in rows])
     distances = values[:, 0]
     for name in ("R", "RSQ"):
         # with both limits given, LAMMPS computes the distances and ignores the column
@@ -107,7 +91,7 @@ def _assemble(rows: list[tuple[int, list[str]]], parameters: dict, path: Path, l
             distances = np.linspace(low, high, n) if name == "R" else np.sqrt(np.linspace(low**2, high**2, n))
     if np.any(np.diff(distances) <= 0) or distances[0] <= 0:
         worst = int(np.argmin(np.diff(distances))) if distances[0] > 0 else 0
-        raise DeckError(f"the distances of table {keyword} must be > 0 and increase", str(path), rows[worst][0])
+        raise file.error(f"the distances of table {keyword} must be > 0 and increase", rows[worst][0])
     return TableData(distances, values[:, 1], values[:, 2])
 
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import TypeVar
 
 from ...errors import ParameterError
+
+T = TypeVar("T")
 
 
 def as_float(word: str) -> float:
@@ -66,6 +69,20 @@ def switch(word: str, what: str) -> bool:
         return {"yes": True, "on": True, "true": True, "no": False, "off": False, "false": False}[word]
     except KeyError:
         raise ParameterError(f"expected yes or no for {what}, not '{word}'") from None
+
+
+def known(table: Mapping[str, T], name: str, what: str) -> T:
+    """The entry of a table by its name."""
+    if name not in table:
+        raise ParameterError(f"there is no {what} '{name}'; defined so far: {', '.join(table) or 'none'}")
+    return table[name]
+
+
+def identifier(word: str, what: str) -> str:
+    """A name of letters, digits and underscores."""
+    if not word or not all(char.isascii() and (char.isalnum() or char == "_") for char in word):
+        raise ParameterError(f"{what} has letters, digits and underscores only, not '{word}'")
+    return word
 
 
 def choice(word: str, what: str, allowed: Sequence[str]) -> str:

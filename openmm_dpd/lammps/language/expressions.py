@@ -1,4 +1,4 @@
-"""Equal-style formulas: a recursive-descent evaluator with LAMMPS's grammar.
+"""Formulas: a recursive-descent evaluator with LAMMPS's grammar, for one number (equal-style) or one per bead (atom-style).
 
 Operators from loose to tight, all from left to right: ``||``, ``&&``, ``== !=``, ``< <= > >=``, ``+ -``, ``* / %``, ``^``, and
 unary ``-`` and ``!`` which bind tightest of all, so that ``-2^2`` is 4 and ``2^3^2`` is 64.
@@ -9,10 +9,14 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from typing import NoReturn, Protocol
+from typing import NoReturn, TypeVar
+
+import numpy as np
 
 from ...errors import DPDError, ParameterError
-from .operations import FUNCTIONS, LEVELS
+from .operations import FUNCTIONS, LEVELS, LITERAL, UNARY
+
+T = TypeVar("T")
 
 #: Group functions: their arguments are names, not formulas.
 GROUP_FUNCTIONS = ("count", "mass", "charge", "xcm", "vcm", "ke", "bound")
@@ -23,29 +27,57 @@ ATOM_VALUES = ("id", "mass", "type", "mol", "x", "y", "z", "vx", "vy", "vz", "fx
 CONSTANTS = {"PI": math.pi, "yes": 1.0, "on": 1.0, "true": 1.0, "no": 0.0, "off": 0.0, "false": 0.0}
 
 
-class Names(Protocol):
-    """What a formula may refer to; every method raises ParameterError for what it does not know."""
+class Names:
+    """What a formula may refer to.  All of it is refused here; whoever knows some of it says so."""
+
+    def refuse(self, what: str) -> NoReturn:
+        """The error for what is not known."""
+        raise ParameterError(f"'{what}' has no value here")
 
     def thermo(self, word: str) -> float:
         """Value of a thermo word."""
+        self.refuse(word)
 
     def variable(self, name: str) -> float:
         """Value of ``v_name``."""
+        self.refuse(f"v_{name}")
 
     def compute(self, name: str, index: int | None, column: int | None = None) -> float:
         """Value of ``c_name``, ``c_name[index]`` or ``c_name[index][column]``."""
+        self.refuse(f"c_{name}")
 
     def fix(self, name: str, index: int | None, column: int | None = None) -> float:
         """Value of ``f_name``, ``f_name[index]`` or ``f_name[index][column]``."""
+        self.refuse(f"f_{name}")
 
     def group(self, function: str, arguments: list[str]) -> float:
         """Value of a group function such as ``count(all)``."""
+        self.refuse(function)
 
     def atom(self, quantity: str, bead: int) -> float:
         """Value of one bead, such as ``x[17]``."""
+        self.refuse(f"{quantity}[{bead}]")
 
     def call(self, function: str, arguments: list[float]) -> float:
         """Value of a function that depends on the state: ``random``, ``normal``, ``ramp`` ..."""
+        self.refuse(function)
+
+    # -- what atom-style formulas may refer to on top of it ----------------------------------------------------------------------
+    def bead_variable(self, name: str) -> np.ndarray | float:
+        """Value of ``v_name``, one number or one per bead."""
+        self.refuse(f"v_{name}")
+
+    def bead_word(self, word: str) -> np.ndarray | None:
+        """Values of a word such as ``vx``; None if it is not one of single beads."""
+        return None
+
+    def is_bead_compute(self, name: str) -> bool:
+        """Whether ``c_name`` has values of single beads."""
+        return False
+
+    def bead_compute(self, name: str, column: int | None) -> np.ndarray:
+        """Values of ``c_name`` or ``c_name[column]``."""
+        self.refuse(f"c_{name}")
 
 
 #: Functions that need the resolver: name -> number of arguments.
@@ -98,21 +130,6 @@ class Formula:
     def fail(self, why: str) -> NoReturn:
         raise ParameterError(f"cannot evaluate the formula '{self.text}': {why}")
 
-    @staticmethod
-    def number(token: str):
-        """What a number in the text stands for."""
-        return float(token)
-
-    @staticmethod
-    def negative(value):
-        """What a leading minus makes of a value."""
-        return -value
-
-    @staticmethod
-    def negated(value):
-        """What ``!`` makes of a value."""
-        return float(value == 0)
-
     def value(self) -> float:
         """The value."""
         try:
@@ -158,18 +175,14 @@ class Formula:
 
     def unary(self) -> float:
         kind, token = self.take()
-        if token == "-":
-            return self.negative(self.unary())
-        if token == "+":
-            return self.unary()
-        if token == "!":
-            return self.negated(self.unary())
+        if token in UNARY:
+            return getattr(UNARY[token], self.kind)(self.unary())
         if token == "(":
             inside = self.binary(0)
             self.expect(")")
             return inside
         if kind == "number":
-            return self.number(token)
+            return getattr(LITERAL, self.kind)(token)
         if kind == "name":
             return self.name(token)
         self.fail(f"unexpected {token!r}")
@@ -216,19 +229,61 @@ class Formula:
         return self.resolver.call(token, arguments)
 
     def arguments(self) -> list[float]:
+        return self.listed(lambda: self.binary(0))
+
+    def names(self) -> list[str]:
+        return self.listed(lambda: self.take()[1])
+
+    def listed(self, one: Callable[[], T]) -> list[T]:
+        """What stands between parentheses, separated by commas."""
         self.expect("(")
-        found = [self.binary(0)]
+        found = [one()]
         while self.peek()[1] == ",":
             self.take()
-            found.append(self.binary(0))
+            found.append(one())
         self.expect(")")
         return found
 
-    def names(self) -> list[str]:
-        self.expect("(")
-        found = [self.take()[1]]
-        while self.peek()[1] == ",":
-            self.take()
-            found.append(self.take()[1])
-        self.expect(")")
-        return found
+
+class _BeadFormula(Formula):
+    kind = "beads"
+
+    def name(self, token: str):
+        if token in ("random", "normal"):
+            self.fail(f"{token} is supported in equal-style variables only")
+        if token.startswith("v_"):
+            return self.resolver.bead_variable(token[2:])
+        if token.startswith("c_") and self.resolver.is_bead_compute(token[2:]):
+            return self._of_compute(token[2:])
+        following = self.peek()[1]
+        if following == "(" or (following == "[" and token in ATOM_VALUES):
+            return super().name(token)
+        values = self.resolver.bead_word(token)
+        return super().name(token) if values is None else values
+
+    def _of_compute(self, name: str):
+        index = self.index()
+        whole = self.resolver.bead_compute(name, None)
+        if index is None or whole.ndim == 1:
+            if whole.ndim > 1:
+                self.fail(f"compute {name} has {whole.shape[1]} values per bead; use c_{name}[1] and so on")
+            return whole if index is None else self.resolver.compute(name, index)
+        if not 1 <= index <= whole.shape[1]:
+            self.fail(f"c_{name}[{index}] is out of range: compute {name} has {whole.shape[1]} values per bead")
+        return whole[:, index - 1]
+
+
+def evaluate_beads(text: str, resolver: Names, n: int) -> np.ndarray:
+    """(n,) values of an atom-style formula, such as ``0.5*mass*(vx^2+vy^2)``, one for each of n beads.
+
+    Raises
+    ------
+    ParameterError
+        As :func:`evaluate`, for any of the beads.
+    """
+    formula = _BeadFormula(text, resolver)
+    try:
+        with np.errstate(divide="raise", invalid="raise", over="raise"):
+            return np.broadcast_to(np.asarray(formula.value(), dtype=np.float64), (n,))
+    except FloatingPointError as error:
+        raise ParameterError(f"cannot evaluate the formula '{text}': {error}") from None

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...errors import DeckError, ParameterError
+from ...errors import DeckError, DPDError, ParameterError
 
 TRIPLE = '"""'
 
@@ -41,6 +42,17 @@ class Line:
 def located(where: Line | None, message: str) -> DeckError:
     """An error with file and number of a line, if there is one."""
     return DeckError(message) if where is None else DeckError(message, where.file, where.number)
+
+
+@contextmanager
+def errors_at(where: Line | None, prefix: str = "") -> Iterator[None]:
+    """A block whose errors get file and number of a line, and words before them, unless they have a line already."""
+    try:
+        yield
+    except DPDError as error:
+        if where is None or isinstance(error, DeckError):
+            raise
+        raise located(where, f"{prefix}{error}") from None
 
 
 def read_text(path: Path, *, title: bool = False) -> str:
@@ -94,7 +106,7 @@ def logical_lines(text: str, file: str) -> Iterator[Line]:
         If a quote is not closed, or what is no comment has characters of other encodings.
     """
     # splitlines would also cut at form feeds and other separators, which are blanks to LAMMPS
-    physical = text.replace("\r\n", "\n").split("\n")
+    physical = _newlines(text).split("\n")
     index = 0
     while index < len(physical):
         number = index + 1
@@ -153,11 +165,8 @@ def split_words(text: str) -> list[str]:
             words.append(text[index + width : end - width])
             index = end
         else:
-            end = index
-            while end < len(text) and not text[end].isspace():
-                end += 1
-            words.append(text[index:end])
-            index = end
+            words.append(text[index:].split(None, 1)[0])
+            index += len(words[-1])
     return words
 
 

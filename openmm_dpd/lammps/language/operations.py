@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -37,6 +38,16 @@ def _remainder(a: str, b: str) -> str:
     return f"({a}-{b}*select(step({a}/{b}),floor({a}/{b}),ceil({a}/{b})))"
 
 
+#: Operators before a value; they bind tightest of all.
+UNARY = {
+    "+": Operation(lambda a: a, lambda a: a, lambda a: a),
+    "-": Operation(operator.neg, np.negative, lambda a: f"(-{a})"),
+    "!": Operation(lambda a: float(a == 0), _truth(np.logical_not), lambda a: f"delta({a})"),
+}
+
+#: What a number in a formula stands for.
+LITERAL = Operation(float, float, lambda word: repr(float(word)))
+
 #: Operators from loose to tight.
 LEVELS: tuple[dict[str, Operation], ...] = (
     {"||": Operation(lambda a, b: float(a != 0 or b != 0), _truth(np.logical_or), lambda a, b: f"(1-delta({a})*delta({b}))")},
@@ -52,42 +63,43 @@ LEVELS: tuple[dict[str, Operation], ...] = (
         ">=": Operation(lambda a, b: float(a >= b), _truth(np.greater_equal), lambda a, b: f"step({a}-{b})"),
     },
     {
-        "+": Operation(lambda a, b: a + b, np.add, lambda a, b: f"({a}+{b})"),
-        "-": Operation(lambda a, b: a - b, np.subtract, lambda a, b: f"({a}-{b})"),
+        "+": Operation(operator.add, np.add, lambda a, b: f"({a}+{b})"),
+        "-": Operation(operator.sub, np.subtract, lambda a, b: f"({a}-{b})"),
     },
     {
-        "*": Operation(lambda a, b: a * b, np.multiply, lambda a, b: f"({a}*{b})"),
-        "/": Operation(lambda a, b: a / b, np.divide, lambda a, b: f"({a}/{b})"),
+        "*": Operation(operator.mul, np.multiply, lambda a, b: f"({a}*{b})"),
+        "/": Operation(operator.truediv, np.divide, lambda a, b: f"({a}/{b})"),
         "%": Operation(math.fmod, np.fmod, _remainder),
     },
     {"^": Operation(math.pow, _power, lambda a, b: f"({a}^{b})")},
 )
 
 
-def _named(name: str) -> Callable[[str], str]:
-    return lambda a: f"{name}({a})"
+def _plain(name: str, number: Callable[..., float], beads: Callable[..., Any]) -> tuple[int, Operation]:
+    """A function of one argument, by the name that it has in OpenMM."""
+    return 1, Operation(number, beads, lambda a: f"{name}({a})")
 
 
 #: Functions: number of arguments, and what they do.
 FUNCTIONS: dict[str, tuple[int, Operation]] = {
-    "sqrt": (1, Operation(math.sqrt, np.sqrt, _named("sqrt"))),
-    "exp": (1, Operation(math.exp, np.exp, _named("exp"))),
-    "ln": (1, Operation(math.log, np.log, _named("log"))),
+    "sqrt": _plain("sqrt", math.sqrt, np.sqrt),
+    "exp": _plain("exp", math.exp, np.exp),
+    "ln": _plain("log", math.log, np.log),
     "log": (1, Operation(math.log10, np.log10, lambda a: f"(log({a})/log(10))")),
-    "abs": (1, Operation(abs, np.abs, _named("abs"))),
+    "abs": _plain("abs", abs, np.abs),
     "sign": (
         1,
         Operation(lambda x: 1.0 if x >= 0 else -1.0, lambda x: np.where(np.asarray(x) >= 0, 1.0, -1.0), lambda a: f"(2*step({a})-1)"),
     ),
-    "sin": (1, Operation(math.sin, np.sin, _named("sin"))),
-    "cos": (1, Operation(math.cos, np.cos, _named("cos"))),
-    "tan": (1, Operation(math.tan, np.tan, _named("tan"))),
-    "asin": (1, Operation(math.asin, np.arcsin, _named("asin"))),
-    "acos": (1, Operation(math.acos, np.arccos, _named("acos"))),
-    "atan": (1, Operation(math.atan, np.arctan, _named("atan"))),
+    "sin": _plain("sin", math.sin, np.sin),
+    "cos": _plain("cos", math.cos, np.cos),
+    "tan": _plain("tan", math.tan, np.tan),
+    "asin": _plain("asin", math.asin, np.arcsin),
+    "acos": _plain("acos", math.acos, np.arccos),
+    "atan": _plain("atan", math.atan, np.arctan),
     "atan2": (2, Operation(math.atan2, np.arctan2, lambda a, b: f"atan2({a},{b})")),
-    "ceil": (1, Operation(lambda x: float(math.ceil(x)), np.ceil, _named("ceil"))),
-    "floor": (1, Operation(lambda x: float(math.floor(x)), np.floor, _named("floor"))),
+    "ceil": _plain("ceil", lambda x: float(math.ceil(x)), np.ceil),
+    "floor": _plain("floor", lambda x: float(math.floor(x)), np.floor),
     "round": (
         1,
         Operation(

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from ...errors import ParameterError
-from .expressions import CONSTANTS, Formula, evaluate
+from .expressions import CONSTANTS, Formula, Names, evaluate
 from .variables import Variables
 
 #: Words that are one number for all beads of a type.
@@ -18,12 +18,24 @@ BEAD_CONSTANTS = ("type", "mass")
 
 
 @dataclass(frozen=True)
-class Known:
+class Known(Names):
     """What a formula may refer to beside x, y and z: variables, and words that are numbers; ``length`` is nm per unit of the deck."""
 
     variables: Variables
     length: float
     words: dict[str, float]
+
+    def refuse(self, what: str) -> NoReturn:
+        raise ParameterError(
+            f"a force of a variable follows x, y, z, type, mass and the box; '{what}' depends on something else (the step, velocities, "
+            "the state of the run), which is not supported"
+        )
+
+    def thermo(self, word: str) -> float:
+        return self.words[word] if word in self.words else self.refuse(word)
+
+    def variable(self, name: str) -> float:
+        return self.variables.operand(name, lambda text: evaluate(text, self))
 
 
 def depends_on(text: str, variables: Variables, words: set[str], within: tuple[str, ...] = ()) -> bool:
@@ -44,77 +56,23 @@ def position_formula(text: str, known: Known) -> str:
     ParameterError
         If it is malformed, or refers to anything but positions, numbers, and variables made of these.
     """
-    return str(_PositionFormula(text, _NoState(known)).value())
-
-
-def as_number(text: str, known: Known) -> float:
-    """Value of a formula without positions."""
-    return evaluate(text, _NoState(known))
-
-
-class _NoState:
-    """Names of formulas that must not depend on the state of a run."""
-
-    def __init__(self, known: Known):
-        self.known = known
-
-    def thermo(self, word: str) -> float:
-        if word in self.known.words:
-            return self.known.words[word]
-        self._refuse(word)
-
-    def variable(self, name: str) -> float:
-        return self.known.variables.operand(name, lambda text: evaluate(text, self))
-
-    def compute(self, name: str, index: int | None, column: int | None = None) -> float:
-        self._refuse(f"c_{name}")
-
-    def fix(self, name: str, index: int | None, column: int | None = None) -> float:
-        self._refuse(f"f_{name}")
-
-    def group(self, function: str, arguments: list[str]) -> float:
-        self._refuse(function)
-
-    def atom(self, quantity: str, bead: int) -> float:
-        self._refuse(f"{quantity}[{bead}]")
-
-    def call(self, function: str, arguments: list[Any]) -> float:
-        self._refuse(function)
-
-    @staticmethod
-    def _refuse(what: str) -> NoReturn:
-        raise ParameterError(
-            f"a force of a variable follows x, y, z, type, mass and the box; '{what}' depends on something else (the step, velocities, "
-            "the state of the run), which is not supported"
-        )
+    return str(_PositionFormula(text, known).value())
 
 
 class _PositionFormula(Formula):
     kind = "text"
-    resolver: _NoState
-
-    @staticmethod
-    def negated(value):
-        return f"delta({value})"
-
-    @staticmethod
-    def negative(value):
-        return f"(-{value})"
-
-    @staticmethod
-    def number(token: str):
-        return repr(float(token))
+    resolver: Known
 
     def name(self, token: str):
         if self.peek()[1] == "[":
-            self.resolver._refuse(f"{token}[...]")
+            self.resolver.refuse(f"{token}[...]")
         if token in ("x", "y", "z"):
-            return f"({token}/{self.resolver.known.length!r})"
+            return f"({token}/{self.resolver.length!r})"
         if token.startswith("v_"):
-            variables, name = self.resolver.known.variables, token[2:]
+            variables, name = self.resolver.variables, token[2:]
             if variables.get(name).style != "atom":
                 return _number(self.resolver.variable(name))
-            return variables._evaluated(name, variables.get(name), lambda text: position_formula(text, self.resolver.known))
+            return variables._evaluated(name, variables.get(name), lambda text: position_formula(text, self.resolver))
         if token in CONSTANTS and self.peek()[1] != "(":
             return _number(CONSTANTS[token])
         result = super().name(token)

@@ -8,9 +8,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from ...errors import DeckError, DPDError, ParameterError
-from .arguments import as_float
-from .lexer import Line
+from ...errors import ParameterError
+from .arguments import as_float, identifier, known
+from .lexer import Line, errors_at
 
 STYLES = ("equal", "atom", "string", "index", "loop", "delete")
 
@@ -43,23 +43,18 @@ class Variables:
         self._found: dict[str, Variable] = {}
         self._evaluating: list[str] = []
         for name, value in (command_line or {}).items():
-            self._check_name(name)
+            identifier(name, "a variable's name")
             self._found[name] = Variable("index", str(value), None)
 
     def __contains__(self, name: str) -> bool:
         return name in self._found
-
-    @staticmethod
-    def _check_name(name: str) -> None:
-        if not name or not all(char.isascii() and (char.isalnum() or char == "_") for char in name):
-            raise ParameterError(f"a variable's name has letters, digits and underscores only, not {name!r}")
 
     def define(self, args: list[str], where: Line, expand: Callable[[str], str]) -> None:
         """Carry out ``variable name style args``; ``expand`` substitutes ``$`` in the text of string-style variables."""
         if len(args) < 2:
             raise ParameterError("expected 'variable name style value'")
         name, style, *values = args
-        self._check_name(name)
+        identifier(name, "a variable's name")
         if style not in STYLES:
             raise ParameterError(f"variable style '{style}' is not supported; supported are {', '.join(STYLES)}")
         if style == "delete":
@@ -83,10 +78,7 @@ class Variables:
 
     def get(self, name: str) -> Variable:
         """The variable; ParameterError if there is none."""
-        if name not in self._found:
-            known = ", ".join(self._found) or "none"
-            raise ParameterError(f"there is no variable {name!r}; defined so far: {known}")
-        return self._found[name]
+        return known(self._found, name, "variable")
 
     def value(self, name: str, evaluate: Callable[[str], float]) -> float:
         """Number that ``v_name`` stands for; ``evaluate`` gives the values of formulas."""
@@ -117,13 +109,8 @@ class Variables:
             raise ParameterError(f"variable {name} refers to itself: {' -> '.join([*self._evaluating, name])}")
         self._evaluating.append(name)
         try:
-            return evaluate(variable.text)
-        except DeckError:
-            raise
-        except DPDError as error:
-            if variable.where is None:
-                raise
-            raise DeckError(f"variable {name}: {error}", variable.where.file, variable.where.number) from None
+            with errors_at(variable.where, f"variable {name}: "):
+                return evaluate(variable.text)
         finally:
             self._evaluating.pop()
 

@@ -131,25 +131,24 @@ def _lines(lines: Sequence[str]) -> str:
     return "".join(f"{line}\n" for line in lines)
 
 
-class Average(ABC):
+class AveragingFix(ABC):
     """A fix that averages.
 
     Attributes
     ----------
+    words : tuple of str
+        What it reads.
     name : str
         Id of the fix.
     """
 
+    words: tuple[str, ...]
+
     def __init__(self, name: str, schedule: Schedule, window: Windows, file: AverageFile, form: str):
         self.name, self._schedule, self._window, self._file, self._form = name, schedule, window, file, form
 
-    @property
-    @abstractmethod
-    def words(self) -> tuple[str, ...]:
-        """What it reads."""
-
     def needs(self, state: DeckState) -> frozenset[str]:
-        """Fields of Sample that it reads."""
+        """Fields of DeckSample that it reads."""
         return fields_read(state, self.words)
 
     @property
@@ -180,7 +179,7 @@ class Average(ABC):
 
     @abstractmethod
     def close_window(self, moment: Resolver) -> None:
-        """Average, write, and begin anew."""
+        """AveragingFix, write, and begin anew."""
 
     @property
     def size(self) -> int:
@@ -197,11 +196,13 @@ class Average(ABC):
 
 
 # -- arguments ------------------------------------------------------------------------------------------------------------------
-def split_values(
-    args: list[str], starts: tuple[str, ...], sizes: dict[str, int], style: str
-) -> tuple[tuple[str, ...], dict[str, list[str]]]:
-    """Words at the beginning that are values (by how they start), and the options after them."""
-    n = 0
+#: Options that both fixes have.
+_SIZES = {"file": 1, "append": 1, "overwrite": 0, "format": 1, "title1": 1, "title2": 1, "title3": 1}
+
+
+def split_values(args: list[str], starts: tuple[str, ...], own: dict[str, int], style: str) -> tuple[tuple[str, ...], dict[str, list[str]]]:
+    """Words at the beginning that are values (by how they start), and the options after them; ``own`` are those of the style."""
+    n, sizes = 0, _SIZES | own
     while n < len(args) and args[n].startswith(starts):
         n += 1
     rest = args[n:]
@@ -217,20 +218,18 @@ def split_values(
     return tuple(args[:n]), found
 
 
-def file_of(state: DeckState, options: dict[str, list[str]], header: list[str]) -> AverageFile:
-    """The file that the options name, with its header or the given titles."""
+def common_parts(
+    state: DeckState, name: str, style: str, times: list[str], options: dict[str, list[str]], header: list[str], start: int = 0
+) -> tuple[str, Schedule, Windows, AverageFile, str]:
+    """Arguments of :class:`AveragingFix`: ``times`` are ``Nevery Nrepeat Nfreq``."""
     if "file" in options and "append" in options:
         raise ParameterError("the options file and append exclude each other")
-    for k in range(len(header)):
-        header[k] = options.get(f"title{k + 1}", [header[k]])[0]
-    name = options.get("file", options.get("append", [None]))[0]
-    if name is not None:
-        state.output_path(name)  # what is wrong with it is the mistake of this line
-    return AverageFile(name, "append" in options, "overwrite" in options, header)
-
-
-def form_of(options: dict[str, list[str]]) -> str:
-    """Format of one value, with a blank before it."""
+    titles = [options.get(f"title{k}", [line])[0] for k, line in enumerate(header, start=1)]
+    file = options.get("file", options.get("append", [None]))[0]
+    if file is not None:
+        state.output_path(file)  # what is wrong with it is the mistake of this line
     form = options.get("format", [" %g"])[0]
     check_format(form)
-    return form if form.startswith(" ") else f" {form}"
+    written = AverageFile(file, "append" in options, "overwrite" in options, titles)
+    schedule = parse_schedule(state, style, times, start)
+    return name, schedule, Windows(options.get("ave", ["one"])), written, form if form.startswith(" ") else f" {form}"

@@ -12,14 +12,14 @@ from ..values.chunks import Bins, chunk_numbers
 from ..values.computes import check_bead_word, expanded
 from ..values.per_bead import BEAD_WORDS
 from ..values.resolver import Resolver
-from .averages import Average, Windows, file_of, form_of, parse_schedule, split_values
+from .averages import AveragingFix, common_parts, split_values
 
 #: Values of ``fix ave/chunk`` that are more than a mean over beads.
 _OWN = ("density/number", "density/mass", "temp")
 _COMPONENTS = ("vx", "vy", "vz", "fx", "fy", "fz", "mass")
 
 
-class ChunkAverage(Average):
+class ChunkAverage(AveragingFix):
     """``fix ave/chunk``: values of beads, averaged in the bins of a compute chunk/atom.
 
     Attributes
@@ -32,15 +32,11 @@ class ChunkAverage(Average):
     def __init__(self, group: str, compute: Compute, words: tuple[str, ...], norm: str, dof: tuple[float, float], *parts):
         super().__init__(*parts)
         self._group, self._compute, self._values, self._norm, (self._adof, self._cdof) = group, compute, words, norm, dof
+        own = {"temp": ("vx", "mass"), "density/number": (), "density/mass": ("mass",)}
+        self.words = (*(part for word in words for part in own.get(word, (word,))), "x")
         self.profile: dict[str, list[float]] | None = None
         self._table = np.zeros((0, 0))
         self.forget()
-
-    @property
-    def words(self) -> tuple[str, ...]:
-        """What is averaged, and the bins."""
-        own = {"temp": ("vx", "mass"), "density/number": (), "density/mass": ("mass",)}
-        return (*(part for word in self._values for part in own.get(word, (word,))), "x")
 
     def forget(self) -> None:
         self._bins: Bins | None = None
@@ -126,17 +122,14 @@ class ChunkAverage(Average):
         return float(self._table[column - 1, row - 1]) if row <= self._table.shape[1] else 0.0
 
 
-_CHUNK_SIZES = {"norm": 1, "file": 1, "append": 1, "overwrite": 0, "format": 1, "adof": 1, "cdof": 1, "title1": 1, "title2": 1, "title3": 1}
-
-
 def parse_ave_chunk(state: DeckState, name: str, group: str, args: list[str]) -> ChunkAverage:
-    """Average of ``fix ID group ave/chunk Nevery Nrepeat Nfreq chunkID value value ... keyword values ...``."""
+    """AveragingFix of ``fix ID group ave/chunk Nevery Nrepeat Nfreq chunkID value value ... keyword values ...``."""
     read.count(args, "fix ID group ave/chunk Nevery Nrepeat Nfreq chunkID value value ...", 5, None)
     compute = state.computes.get(args[3])
     if compute is None or compute.style != "chunk/atom":
         known = ", ".join(other.name for other in state.computes.values() if other.style == "chunk/atom") or "none"
         raise ParameterError(f"fix ave/chunk: '{args[3]}' is not the id of a compute chunk/atom; defined are {known}")
-    words, options = split_values(args[4:], ("c_", "v_", *_COMPONENTS, *_OWN), _CHUNK_SIZES, "ave/chunk")
+    words, options = split_values(args[4:], ("c_", "v_", *_COMPONENTS, *_OWN), {"norm": 1, "adof": 1, "cdof": 1}, "ave/chunk")
     if not words:
         raise ParameterError(f"fix ave/chunk: expected {', '.join((*_COMPONENTS, *_OWN))}, c_id, c_id[column] or v_name, not '{args[4]}'")
     words = expanded(state, words)
@@ -151,7 +144,5 @@ def parse_ave_chunk(state: DeckState, name: str, group: str, args: list[str]) ->
         "# Timestep Number-of-chunks Total-count",
         f"# Chunk {places} Ncount {' '.join(words)}",
     ]
-    file, window = file_of(state, options, header), Windows(options.get("ave", ["one"]))
-    return ChunkAverage(
-        group, compute, words, norm, dof, name, parse_schedule(state, "ave/chunk", args[:3]), window, file, form_of(options)
-    )
+    parts = common_parts(state, name, "ave/chunk", args[:3], options, header)
+    return ChunkAverage(group, compute, words, norm, dof, *parts)

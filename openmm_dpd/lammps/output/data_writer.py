@@ -1,12 +1,14 @@
-"""Writing LAMMPS data files."""
+"""The present state of a deck as a data file."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ..files.data_file import atom_columns
-from ..state.bonded_setup import BondedSetup
+from ..files.atom_styles import ARRAYS
+from ..files.data_file import DataFile
+from ..files.data_lines import data_lines
 from ..state.deck_state import DeckState
+from ..state.pair_setup import BondedSetup
 from ..styles.bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedStyle
 
 
@@ -21,34 +23,30 @@ def data_file_lines(state: DeckState, *, pair: str | None = "ii") -> Iterator[st
         ``ii``: coefficients of like types, ``ij``: of all pairs, None: no coefficients.  Coefficients of hybrid styles and tables
         do not fit into a data file and are left out.
     """
-    box = state.require_box("write_data")
-    yield f"LAMMPS data file written by openmm-dpd, timestep = {state.step}, units = {state.units.name}"
-    yield ""
-    yield f"{len(state.atoms)} atoms"
-    yield f"{state.n_types} atom types"
-    if len(state.bonds) or state.n_bond_types:
-        yield f"{len(state.bonds)} bonds"
-        yield f"{state.n_bond_types} bond types"
-    if len(state.angles) or state.n_angle_types:
-        yield f"{len(state.angles)} angles"
-        yield f"{state.n_angle_types} angle types"
-    yield ""
-    for axis, low, high in zip("xyz", box.low, box.high, strict=True):
-        yield f"{float(low)!r} {float(high)!r} {axis}lo {axis}hi"
-    if box.triclinic:
-        yield " ".join(repr(float(value)) for value in box.tilt) + " xy xz yz"
-    if len(state.masses) == state.n_types:
-        yield from ("", "Masses", "")
-        yield from (f"{kind} {mass / state.units.mass!r}" for kind, mass in sorted(state.masses.items()))
+    box, atoms = state.require_box("write_data"), state.atoms
+    arrays = {column: getattr(atoms, name) for column, name in ARRAYS.items()}
+    data = DataFile(
+        n_types=state.n_types,
+        box=box,
+        columns={"id": atoms.ids, "type": atoms.types} | arrays | {f"c{k}": c for k, c in enumerate(atoms.concentrations.T, start=1)},
+        positions=atoms.positions,
+        images=atoms.images,
+        velocities=atoms.velocities,
+        masses={kind: mass / state.units.mass for kind, mass in state.masses.items()} if len(state.masses) == state.n_types else {},
+        n_bond_types=state.n_bond_types,
+        bonds=state.bonds,
+        n_angle_types=state.n_angle_types,
+        angles=state.angles,
+    )
+    title = f"LAMMPS data file written by openmm-dpd, timestep = {state.step}, units = {state.units.name}"
+    return data_lines(data, title, (state.atom_style,), state.n_species, coefficients=_coefficients(state, pair))
+
+
+def _coefficients(state: DeckState, pair: str | None) -> Iterator[str]:
     if pair is not None:
         yield from _pair_coefficients(state, pair)
         yield from _bonded_coefficients(state, "Bond", state.bond, BOND_STYLES, state.n_bond_types)
         yield from _bonded_coefficients(state, "Angle", state.angle, ANGLE_STYLES, state.n_angle_types)
-    yield from _atoms(state)
-    for section, terms in (("Bonds", state.bonds), ("Angles", state.angles)):
-        if len(terms):
-            yield from ("", section, "")
-            yield from (f"{k} {' '.join(map(str, row))}" for k, row in enumerate(terms.tolist(), start=1))
 
 
 def _pair_coefficients(state: DeckState, which: str) -> Iterator[str]:
@@ -78,30 +76,3 @@ def _bonded_coefficients(state: DeckState, section: str, setup: BondedSetup, kno
     for kind, (style, values) in sorted(setup.coefficients.items()):
         words = known[style].words(values, state.units) if style != "none" else []
         yield " ".join([str(kind), *([style] if setup.style == "hybrid" else []), *words])
-
-
-def _atoms(state: DeckState) -> Iterator[str]:
-    atoms = state.atoms
-    x, y, z = atoms.positions.T
-    arrays = {
-        "id": atoms.ids,
-        "type": atoms.types,
-        "molecule": atoms.molecules,
-        "charge": atoms.charges,
-        "theta": atoms.thetas,
-        "x": x,
-        "y": y,
-        "z": z,
-        "rho": atoms.densities,
-        "temperature": atoms.temperatures,
-        "capacity": atoms.capacities,
-        **{f"c{k}": column for k, column in enumerate(atoms.concentrations.T, start=1)},
-    }
-    names = atom_columns(state.atom_style, state.n_species)
-    columns = [arrays[name].tolist() for name in names] + [column.tolist() for column in atoms.images.T]
-    yield from ("", f"Atoms # {state.atom_style}", "")
-    for row in zip(*columns, strict=True):
-        yield " ".join(map(repr, row))
-    yield from ("", "Velocities", "")
-    for identity, velocity in zip(atoms.ids.tolist(), atoms.velocities.tolist(), strict=True):
-        yield f"{identity} {' '.join(map(repr, velocity))}"

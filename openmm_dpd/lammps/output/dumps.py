@@ -2,159 +2,127 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ...dcd import DCDWriter
-from ...errors import ParameterError
 from ...files import BlockFile, write_whole
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
-from ..state.records import Dump
-from ..state.sample import Sample
-from ..values.per_bead import BEAD_WORDS, axis_of
+from ..values.per_bead import BEAD_WORDS, BeadWord, axis_of
 from ..values.resolver import Resolver
 from .thermo import fields_read
 
 STYLES = ("atom", "custom", "dcd")
 
 
-def _forces(moment: DeckMoment) -> np.ndarray:
-    if moment.sample is None or moment.sample.forces is None:
-        raise ParameterError("the dump columns fx, fy and fz need the forces, which were not handed over")
-    return moment.sample.forces / moment.units.force
-
-
-def _images(moment: DeckMoment) -> np.ndarray:
-    return moment.state.atoms.images + moment.folded[1]
-
-
 def _unwrapped(moment: DeckMoment) -> np.ndarray:
-    return moment.box.unwrap(moment.folded[0], _images(moment))
+    return moment.box.unwrap(moment.folded[0], moment.state.atoms.images + moment.folded[1])
 
 
-def _columns() -> dict[str, tuple[Callable[[DeckMoment], np.ndarray], str]]:
-    table: dict[str, tuple[Callable[[DeckMoment], np.ndarray], str]] = {
-        "id": (lambda m: m.state.atoms.ids, "%d"),
-        "type": (lambda m: m.state.atoms.types, "%d"),
-        "mol": (lambda m: m.state.atoms.molecules, "%d"),
-        "mass": (BEAD_WORDS["mass"].value, "%g"),
-        "q": (BEAD_WORDS["q"].value, "%g"),
-        "uCond": (lambda m: m.carried("u_cond") / m.units.energy, "%g"),
-        "uMech": (lambda m: m.carried("u_mech") / m.units.energy, "%g"),
-        "dpdTheta": (lambda m: m.carried("theta") / m.units.thermal_energy, "%g"),
-    }
-    arrays: dict[str, tuple[Callable[[DeckMoment], np.ndarray], str]] = {
-        "{}": (lambda m: m.folded[0], "%g"),
-        "{}u": (_unwrapped, "%g"),
-        "{}s": (lambda m: m.box.fractions(m.folded[0]), "%g"),
-        "{}su": (lambda m: m.box.fractions(_unwrapped(m)), "%g"),
-        "i{}": (_images, "%d"),
-        "v{}": (lambda m: m.velocities, "%g"),
-        "f{}": (_forces, "%g"),
-    }
-    for name, (array, form) in arrays.items():
-        for k, axis in enumerate("xyz"):
-            table[name.format(axis)] = (axis_of(array, k), form)
-    return table
+def _field(name: str, unit: str) -> BeadWord:
+    return BeadWord(lambda moment: moment.field(name) / getattr(moment.units, unit), ("fields",))
 
 
-#: Columns of ``dump custom``: their values, and their default format.  ``c_id``, ``c_id[2]`` and ``v_name`` come on top.
-COLUMNS = _columns()
+#: Columns of ``dump custom``.  ``c_id``, ``c_id[2]`` and ``v_name`` come on top.
+COLUMNS = BEAD_WORDS | {
+    **{f"{axis}u": BeadWord(axis_of(_unwrapped, k), ("positions",)) for k, axis in enumerate("xyz")},
+    **{f"{axis}su": BeadWord(axis_of(lambda m: m.box.fractions(_unwrapped(m)), k), ("positions",)) for k, axis in enumerate("xyz")},
+    "uCond": _field("u_cond", "energy"),
+    "uMech": _field("u_mech", "energy"),
+    "dpdTheta": _field("theta", "thermal_energy"),
+}
 
-#: Columns that change during a run without being a position, a velocity or a force.
-CARRIED = ("uCond", "uMech", "dpdTheta")
+#: Those that are whole numbers.
+_WHOLE = ("id", "type", "mol", "ix", "iy", "iz")
 
 
-@dataclass(frozen=True)
-class DumpWriter:
-    """Writes the configurations of one dump; what is written already is remembered in ``dump``."""
+@dataclass
+class Dump:
+    """One self.
 
-    dump: Dump
+    Attributes
+    ----------
+    name, group, style : str
+        Its id, group and style.
+    every : int
+        Interval in steps.
+    file : str
+        File name; a ``*`` makes one file per configuration, named after the step.
+    columns : tuple of str
+        Columns of the text styles.
+    append, first, unwrap : bool
+        Settings of dump_modify, and ``formats`` by column.
+    last_step : int or None
+        Step of the last configuration that was written.
+    opened : BlockFile or DCDWriter or None
+        The file, once something is in it.
+    """
 
-    @property
-    def needs_forces(self) -> bool:
-        """Whether a column is a force."""
-        return any(column in ("fx", "fy", "fz") for column in self.dump.columns)
+    name: str
+    group: str
+    style: str
+    every: int
+    file: str
+    columns: tuple[str, ...] = ()
+    append: bool = False
+    first: bool = False
+    unwrap: bool = False
+    formats: dict[str, str] = field(default_factory=dict)
+    last_step: int | None = None
+    opened: BlockFile | DCDWriter | None = field(default=None, repr=False)
 
     def needs(self, state: DeckState) -> frozenset[str]:
-        """Fields of Sample that the columns read, beside positions, velocities and forces."""
-        found = fields_read(state, [column for column in self.dump.columns if column.startswith(("c_", "v_"))])
-        return found | {"fields"} if set(CARRIED) & set(self.dump.columns) else found
+        """Fields of DeckSample that a configuration is written from."""
+        named = fields_read(state, [column for column in self.columns if column not in COLUMNS])
+        return named.union(("positions",), *(COLUMNS[column].needs for column in self.columns if column in COLUMNS))
 
     def due(self, step: int) -> bool:
         """Whether a configuration is written at this step (never twice at one step)."""
-        return step != self.dump.last_step and (step % self.dump.every == 0 or (self.dump.first and self.dump.last_step is None))
+        return step != self.last_step and (step % self.every == 0 or (self.first and self.last_step is None))
 
     def next_due(self, step: int) -> int:
         """The first step after ``step`` at which a configuration is written."""
-        return (step // self.dump.every + 1) * self.dump.every
+        return (step // self.every + 1) * self.every
 
-    def write(
-        self,
-        state: DeckState,
-        step: int,
-        positions: np.ndarray,
-        velocities: np.ndarray,
-        forces: np.ndarray | None = None,
-        box: np.ndarray | None = None,
-        moment: Resolver | None = None,
-    ) -> None:
-        """Write one configuration.
-
-        Parameters
-        ----------
-        state : DeckState
-            The deck, as it was when the run began.
-        step : int
-            Number of the step.
-        positions, velocities, forces : (N, 3) arrays
-            MD units; positions continuous with those of the scene.
-        box : (3, 3) array, optional
-            Box vectors in nm, if they differ from the deck's.
-        moment : Resolver, optional
-            With a sample of this step that has the fields of :meth:`needs`; the deck's state by default.
+    def write(self, moment: Resolver) -> None:
+        """Write the configuration of a moment, whose sample has the fields of :meth:`needs`.
 
         Raises
         ------
         OutputError
             If it cannot be written; the configurations before it stay readable.
         """
-        moment = moment or Resolver(state)
-        sample = replace(moment.sample or Sample(step), positions=positions, velocities=velocities, forces=forces, box=box)
-        moment = Resolver(state, sample, moment.window)
-        if self.dump.style == "dcd":
+        if self.style == "dcd":
             self._write_dcd(moment)
         else:
-            self._write_text(step, moment)
-        self.dump.last_step = step
+            self._write_text(moment)
+        self.last_step = moment.step
 
     def close(self) -> None:
         """Close the file."""
-        if self.dump.opened is not None:
-            self.dump.opened.close()
-            self.dump.opened = None
+        if self.opened is not None:
+            self.opened.close()
+            self.opened = None
 
     @property
     def _what(self) -> str:
-        return f"the file of dump {self.dump.name},"
+        return f"the file of dump {self.name},"
 
-    def _write_text(self, step: int, moment: Resolver) -> None:
-        state, text = moment.state, self._text(step, moment)
-        if "*" in self.dump.file:
-            write_whole(state.output_file(self.dump.file, step), text, self._what)
+    def _write_text(self, moment: Resolver) -> None:
+        state, step, text = moment.state, moment.step, self._text(moment)
+        if "*" in self.file:
+            write_whole(state.output_file(self.file, step), text, self._what)
             return
-        if self.dump.opened is None:
-            self.dump.opened = BlockFile(state.output_file(self.dump.file, step), self._what, append=self.dump.append)
-        assert isinstance(self.dump.opened, BlockFile)
-        self.dump.opened.write(text)
+        if self.opened is None:
+            self.opened = BlockFile(state.output_file(self.file, step), self._what, append=self.append)
+        assert isinstance(self.opened, BlockFile)
+        self.opened.write(text)
 
-    def _text(self, step: int, moment: Resolver) -> str:
-        box, dump, mask = moment.box, self.dump, moment.state.group(self.dump.group)
-        lines = [f"ITEM: TIMESTEP\n{step}\nITEM: NUMBER OF ATOMS\n{mask.sum()}\n"]
+    def _text(self, moment: Resolver) -> str:
+        box, mask = moment.box, moment.state.group(self.group)
+        lines = [f"ITEM: TIMESTEP\n{moment.step}\nITEM: NUMBER OF ATOMS\n{mask.sum()}\n"]
         if box.triclinic:
             low, high = box.bounds
             lines.append("ITEM: BOX BOUNDS xy xz yz pp pp pp\n")
@@ -162,20 +130,20 @@ class DumpWriter:
         else:
             lines.append("ITEM: BOX BOUNDS " + " ".join("pp" if periodic else "ff" for periodic in box.periodic) + "\n")
             lines += (f"{box.low[k]:.16e} {box.high[k]:.16e}\n" for k in range(3))
-        lines.append(f"ITEM: ATOMS {' '.join(dump.columns)}\n")
-        kinds = {"%g": dump.formats.get("float"), "%d": dump.formats.get("int")}
+        lines.append(f"ITEM: ATOMS {' '.join(self.columns)}\n")
         forms, values = [], []
-        for name in dump.columns:
-            value, form = COLUMNS[name] if name in COLUMNS else (partial(Resolver.bead_values, word=name), "%g")
-            forms.append(dump.formats.get(name) or kinds[form] or form)
-            values.append(value(moment)[mask])
+        for name in self.columns:
+            whole = name in _WHOLE
+            forms.append(self.formats.get(name) or self.formats.get("int" if whole else "float") or ("%d" if whole else "%g"))
+            found = (COLUMNS[name].value(moment) if name in COLUMNS else moment.bead_values(name))[mask]
+            values.append(found.astype(np.int64) if whole else found)
         line = " ".join(forms) + " \n"
         lines += (line % row for row in zip(*values, strict=True))
         return "".join(lines)
 
     def _write_dcd(self, moment: Resolver) -> None:
-        dump, mask = self.dump, moment.state.group(self.dump.group)
-        if dump.opened is None:
-            dump.opened = DCDWriter(moment.state.output_file(dump.file, 0), int(mask.sum()), self._what)
-        assert isinstance(dump.opened, DCDWriter)
-        dump.opened.write((_unwrapped(moment) if dump.unwrap else moment.folded[0])[mask], moment.box.vectors)
+        mask = moment.state.group(self.group)
+        if self.opened is None:
+            self.opened = DCDWriter(moment.state.output_file(self.file, 0), int(mask.sum()), self._what)
+        assert isinstance(self.opened, DCDWriter)
+        self.opened.write((_unwrapped(moment) if self.unwrap else moment.folded[0])[mask], moment.box.vectors)

@@ -7,14 +7,14 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from ...errors import DeckError, DPDError, ParameterError
-from ..language.lexer import located
+from ...errors import ParameterError
+from ..language.lexer import errors_at, located
 from ..language.variables import FORMULAS
 from ..state.deck_state import DeckState
 from ..state.moment import Window
-from ..state.sample import Sample
-from ..values.compute_spec import check_place
-from ..values.computes import BUILT_IN, COMPUTES
+from ..state.sample import DeckSample
+from ..values.compute_spec import reference
+from ..values.computes import BUILT_IN, COMPUTES, average_of, check_value, compute_of
 from ..values.per_bead import PROPERTIES
 from ..values.resolver import Resolver
 from ..values.words import WORDS
@@ -33,8 +33,6 @@ _FORMATS = {"one": ("%10d", "%-14.8g"), "multi": ("%14d", "%14.4f"), "yaml": ("%
 ALWAYS = ("temp", "press", "press_full", "pe", "ke", "etotal", "temp_conf")
 
 _REFERENCE = re.compile(r"[cfv]_\w+(?:\[\d+\])?|[A-Za-z_]\w*", re.ASCII)
-_COMPUTE = re.compile(r"c_(\w+?)(?:\[(\d+)\])?(?:\[(\d+)\])?", re.ASCII)
-_FIX = re.compile(r"f_(\w+?)((?:\[\d+\]){0,2})", re.ASCII)
 _FORMAT = re.compile(r"%[-+ #0-9.]*l{0,2}[dioxXeEfFgG]")
 
 
@@ -46,50 +44,22 @@ def check_word(state: DeckState, word: str) -> None:
             raise ParameterError(f"{word}: variable {word[2:]} is {variable.style}-style; only equal-style ones can be printed")
         return
     if word.startswith("c_"):
-        name, index, column = compute_reference(word)
-        if name in BUILT_IN and index is None:
-            return
-        if name in BUILT_IN:
+        _, name, indices = found = reference(word)
+        if name in BUILT_IN and indices:
             raise ParameterError(f"{word}: compute {name} has a single value only; use c_{name}")
-        if name not in state.computes:
-            raise ParameterError(f"{word}: there is no compute '{name}'; defined are {', '.join([*BUILT_IN, *state.computes])}")
-        spec = COMPUTES[state.computes[name].style]
-        if spec.array is not None:
-            check_place(state.computes[name], spec, index, column)
-            return
-        if column is not None:
-            raise ParameterError(f"{word}: compute style {state.computes[name].style} has no table of values")
-        if (spec.scalar if index is None else spec.vector) is None:
-            raise ParameterError(f"{word}: compute style {state.computes[name].style} has no {'value' if index is None else 'vector'}")
+        if name not in BUILT_IN:
+            check_value(state, name, found.first, found.second, word)
         return
     if word.startswith("f_"):
-        name, *indices = fix_reference(word)
-        if name not in state.fixes or "average" not in state.fixes[name].parameters:
-            raise ParameterError(f"{word}: there is no fix '{name}' with a value; fix ave/time has values, fix ave/chunk f_id[bin][column]")
-        state.fixes[name].parameters["average"].check_index(*indices)
+        _, name, indices = reference(word)
+        average_of(state, name).check_index(*indices)
         return
     if word not in WORDS:
         raise ParameterError(f"thermo word '{word}' is not supported; supported are {', '.join(WORDS)}, v_name, c_id and c_id[i]")
 
 
-def compute_reference(word: str) -> tuple[str, int | None, int | None]:
-    """Id and indices of ``c_id``, ``c_id[index]`` or ``c_id[row][column]``."""
-    match = _COMPUTE.fullmatch(word)
-    if match is None:
-        raise ParameterError(f"expected c_id or c_id[index], not '{word}'")
-    return match[1], *(None if index is None else int(index) for index in match.groups()[1:])  # type: ignore[return-value]
-
-
-def fix_reference(word: str) -> tuple:
-    """Id and indices of ``f_id``, ``f_id[index]`` or ``f_id[row][column]``."""
-    match = _FIX.fullmatch(word)
-    if match is None:
-        raise ParameterError(f"expected f_id, f_id[index] or f_id[row][column], not '{word}'")
-    return (match[1], *map(int, re.findall(r"\d+", match[2])))
-
-
 def _needs(state: DeckState, word: str, seen: set[str]) -> set[str]:
-    """Fields of Sample that a word reads, through variables and computes."""
+    """Fields of DeckSample that a word reads, through variables and computes."""
     if word in seen:
         return set()
     seen.add(word)
@@ -104,11 +74,11 @@ def _needs(state: DeckState, word: str, seen: set[str]) -> set[str]:
             found.add("positions")
         if re.search(r"\b(vcm|ke\()", variable.text):
             found.add("velocities")
-        for reference in _REFERENCE.findall(variable.text):
-            found |= _needs(state, reference, seen)
+        for name in _REFERENCE.findall(variable.text):
+            found |= _needs(state, name, seen)
         return found
     if word.startswith("c_"):
-        name, _, _ = compute_reference(word)
+        name = reference(word).name
         if name in BUILT_IN:
             return _needs(state, BUILT_IN[name].word, seen)
         if name not in state.computes:
@@ -128,7 +98,7 @@ def _needs(state: DeckState, word: str, seen: set[str]) -> set[str]:
 
 
 def fields_read(state: DeckState, words: Iterable[str]) -> frozenset[str]:
-    """Fields of :class:`Sample` that words read: thermo words, ``c_``, ``v_``, and values of single beads."""
+    """Fields of :class:`DeckSample` that words read: thermo words, ``c_``, ``v_``, and values of single beads."""
     seen: set[str] = set()
     return frozenset().union(*(_needs(state, word, seen) for word in words))
 
@@ -159,7 +129,7 @@ class Thermo:
 
     @property
     def needs(self) -> frozenset[str]:
-        """Fields of :class:`Sample` that the columns read."""
+        """Fields of :class:`DeckSample` that the columns read."""
         return fields_read(self.state, self.words)
 
     def due(self, step: int) -> bool:
@@ -171,7 +141,7 @@ class Thermo:
         following = (step // self.every + 1) * self.every if self.every > 0 else self.last
         return min(following, self.last)
 
-    def values(self, sample: Sample, words: tuple[str, ...] | None = None) -> dict[str, float]:
+    def values(self, sample: DeckSample, words: tuple[str, ...] | None = None) -> dict[str, float]:
         """Value of each column (or of each of ``words``), in the deck's units and normalised as LAMMPS prints it.
 
         Raises
@@ -182,12 +152,8 @@ class Thermo:
         moment = Resolver(self.state, sample, self.window)
         result = {}
         for word in self.words if words is None else words:
-            try:
+            with errors_at(self.state.here, f"thermo output {word}: "):
                 result[word] = self._value(moment, word)
-            except DeckError:
-                raise
-            except DPDError as error:
-                raise located(self.state.here, f"thermo output {word}: {error}") from None
             if not math.isfinite(result[word]):
                 raise located(self.state.here, f"thermo output {word} is {result[word]} at step {sample.step}")
         return result
@@ -197,14 +163,15 @@ class Thermo:
         if word.startswith("v_"):
             return moment.variable_alone(word[2:])
         if word.startswith("c_"):
-            name, index, column = compute_reference(word)
+            _, name, indices = found = reference(word)
             if name in BUILT_IN:
                 return moment.thermo(BUILT_IN[name].word)
-            value = moment.compute(name, index, column)
-            compute = moment.state.computes[name]
-            return value / moment.norm if COMPUTES[compute.style].is_extensive(compute, index is not None) else value
+            value = moment.compute(name, found.first, found.second)
+            compute, spec = compute_of(moment.state, name)
+            return value / moment.norm if spec.is_extensive(compute, bool(indices)) else value
         if word.startswith("f_"):
-            return moment.fix(*fix_reference(word))
+            _, name, indices = reference(word)
+            return moment.fix(name, *indices)
         return moment.thermo(word)
 
     # -- text ----------------------------------------------------------------------------------------------------------------
@@ -221,7 +188,7 @@ class Thermo:
         """The line behind the last row: yaml needs one to tell the documents of several runs apart."""
         return "..." if self.state.thermo.layout == "yaml" else ""
 
-    def row(self, values: dict[str, float], sample: Sample) -> str:
+    def row(self, values: dict[str, float], sample: DeckSample) -> str:
         """The line (or block, for style multi) with the values of one step."""
         numbers = [values[word] for word in self.words]
         if self.state.thermo.layout == "multi":
@@ -258,7 +225,7 @@ class Thermo:
             ]
         return [re.sub(r"l+(?=[a-zA-Z]$)", "", form) for form in found]
 
-    def _block(self, numbers: list[float], sample: Sample) -> str:
+    def _block(self, numbers: list[float], sample: DeckSample) -> str:
         texts = self._texts(numbers)
         cells = [f"{self._title(k, word):<8} = {texts[k]}" for k, word in enumerate(self.words)]
         rows = [" ".join(cells[k : k + 3]) for k in range(0, len(cells), 3)]

@@ -7,14 +7,14 @@ import numpy as np
 from ...errors import ParameterError
 from ..language import arguments as read
 from ..state.deck_state import DeckState
-from ..values.compute_spec import check_place
-from ..values.computes import COMPUTES, count_of, expanded
+from ..values.compute_spec import check_place, reference
+from ..values.computes import compute_of, count_of, expanded
 from ..values.resolver import Resolver
-from .averages import Average, Windows, file_of, form_of, parse_schedule, split_values
-from .thermo import check_word, compute_reference, fix_reference
+from .averages import AveragingFix, common_parts, split_values
+from .thermo import check_word
 
 
-class TimeAverage(Average):
+class TimeAverage(AveragingFix):
     """``fix ave/time``: single numbers (mode scalar), or whole vectors side by side (mode vector).
 
     Attributes
@@ -26,28 +26,22 @@ class TimeAverage(Average):
     def __init__(self, words: tuple[str, ...], rows: int | None, off: list[int], *parts):
         super().__init__(*parts)
         # the length of the vectors, None in mode scalar
-        self._words, self._rows, self._off = words, rows, off
+        self.words, self._rows, self._off = words, rows, off
         self._vector = rows is not None
         self.report: dict | None = None
         self._values = np.zeros(0)
         self.forget()
 
-    @property
-    def words(self) -> tuple[str, ...]:
-        """What is averaged."""
-        return self._words
-
     def forget(self) -> None:
         self._sum, self._count, self._latest = np.zeros(0), 0, np.zeros(0)
 
     def _read(self, moment: Resolver, word: str) -> np.ndarray:
-        if word.startswith("v_"):
-            return np.array(moment.variable_alone(word[2:]))
-        if word.startswith("f_"):
-            name, *indices = fix_reference(word)
+        kind, name, indices = found = reference(word)
+        if kind == "v":
+            return np.array(moment.variable_alone(name))
+        if kind == "f":
             return moment.fix_vector(name) if self._vector else np.array(moment.fix(name, *indices))
-        name, index, column = compute_reference(word)
-        return moment.compute_vector(name, index) if self._vector else np.array(moment.compute(name, index, column))
+        return moment.compute_vector(name, found.first) if self._vector else np.array(moment.compute(name, found.first, found.second))
 
     def sample(self, moment: Resolver) -> None:
         values = np.stack([self._read(moment, word) for word in self.words], axis=-1)
@@ -105,13 +99,10 @@ class TimeAverage(Average):
         return self._values.ravel() if self._values.size else np.zeros(self.size)
 
 
-_TIME_SIZES = {"off": 1, "mode": 1, "file": 1, "append": 1, "start": 1, "overwrite": 0, "format": 1, "title1": 1, "title2": 1, "title3": 1}
-
-
 def parse_ave_time(state: DeckState, name: str, group: str, args: list[str]) -> TimeAverage:
-    """Average of ``fix ID group ave/time Nevery Nrepeat Nfreq value value ... keyword values ...``."""
+    """AveragingFix of ``fix ID group ave/time Nevery Nrepeat Nfreq value value ... keyword values ...``."""
     read.count(args, "fix ID group ave/time Nevery Nrepeat Nfreq value value ...", 4, None)
-    words, options = split_values(args[3:], ("c_", "f_", "v_"), _TIME_SIZES, "ave/time")
+    words, options = split_values(args[3:], ("c_", "f_", "v_"), {"off": 1, "mode": 1, "start": 1}, "ave/time")
     vector = read.choice(options.get("mode", ["scalar"])[0], "mode", ("scalar", "vector")) == "vector"
     if not words:
         raise ParameterError(f"fix ave/time: expected c_id, c_id[i], f_id or v_name, not '{args[3]}'")
@@ -128,27 +119,24 @@ def parse_ave_time(state: DeckState, name: str, group: str, args: list[str]) -> 
     header = [f"# Time-averaged data for fix {name}", f"# TimeStep {' '.join(words)}"]
     if vector:
         header[1:] = ["# TimeStep Number-of-rows", f"# Row {' '.join(words)}"]
-    file = file_of(state, options, header)
-    window = Windows(options.get("ave", ["one"]))
-    return TimeAverage(words, rows.pop(), off, name, parse_schedule(state, "ave/time", args[:3], start), window, file, form_of(options))
+    return TimeAverage(words, rows.pop(), off, *common_parts(state, name, "ave/time", args[:3], options, header, start))
 
 
 def _rows(state: DeckState, word: str) -> int:
     """Length of the vector that a word names; ParameterError if it is none."""
-    if word.startswith("f_"):
-        name, *indices = fix_reference(word)
+    kind, name, indices = reference(word)
+    if kind == "f":
         average = state.fixes[name].parameters.get("average") if name in state.fixes else None
         if indices or not isinstance(average, TimeAverage) or not average.size:
             raise ParameterError(f"fix ave/time mode vector: {word} is not a fix ave/time with a vector")
         return average.size
-    reference, index, column = compute_reference(word) if word.startswith("c_") else ("", 0, 0)
-    compute = state.computes.get(reference)
-    spec = None if compute is None else COMPUTES[compute.style]
-    if compute is not None and spec is not None and spec.array is not None and index is not None and column is None:
-        # a column of a table
-        check_place(compute, spec, 1, index)
-        return spec.rows(compute)
-    if index is not None:
+    if kind == "c" and len(indices) < 2 and name in state.computes:
+        compute, spec = compute_of(state, name)
+        if spec.array is not None and indices:
+            # a column of a table
+            check_place(compute, spec, 1, indices[0])
+            return spec.rows(compute)
+    if kind == "v" or indices:
         raise ParameterError(f"fix ave/time mode vector: expected a compute or fix with a vector (c_id, f_id), not '{word}'")
-    check_word(state, f"c_{reference}[1]")
-    return count_of(state, "c", reference)
+    check_word(state, f"c_{name}[1]")
+    return count_of(state, "c", name)

@@ -11,7 +11,6 @@ from ..commands import beads, bonded, box, fixes, kspace, output, pairs, setup, 
 from ..language import arguments as read
 from ..language.lexer import Line, logical_lines, read_text, split_words
 from ..language.variables import Variables
-from ..output.dumps import DumpWriter
 from ..scene.integration import integration
 from ..state.deck_state import DeckState
 from .request import RunRequest
@@ -66,7 +65,7 @@ def quit_(deck: Deck, args: list[str]) -> None:
     deck.finished = True
 
 
-def run(deck: Deck, args: list[str]) -> None:
+def run_command(deck: Deck, args: list[str]) -> None:
     """``run N [upto] [start N] [stop N] [pre yes|no] [post yes|no]``."""
     read.count(args, "run N ...", 1, None)
     deck.require_box("run")
@@ -115,7 +114,7 @@ COMMANDS: dict[str, Callable[[Deck, list[str]], None]] = {
     **kspace.COMMANDS,
     **fixes.COMMANDS,
     **output.COMMANDS,
-    "run": run,
+    "run": run_command,
     "include": include,
     "quit": quit_,
 }
@@ -203,7 +202,7 @@ def read_deck(
         execute_file(deck, path)
     finally:
         for dump in deck.dumps.values():
-            DumpWriter(dump).close()
+            dump.close()
     if deck.first_run is None:
         if not stop_before_first_run:
             raise DeckError("the deck has no run command: there is nothing to do", str(path))

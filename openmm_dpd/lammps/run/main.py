@@ -17,9 +17,11 @@ from ...model.scene import Scene
 from ...pictures import thermo_picture
 from ...recommend import advice
 from ...signals import Signals
+from .building import build_request
 from .deck import read_deck
 from .options import RunOptions, first_request
-from .runner import DeckRunner, RunResult, build_request, results_json
+from .result import RunResult, results_json
+from .runner import DeckRunner
 
 _LOGGER = logging.getLogger("openmm_dpd")
 
@@ -147,7 +149,7 @@ def deck_forces(
     Returns
     -------
     dict of (N, 3) arrays
-        ``conservative``, ``dissipative``, ``random``, and ``bond`` if there are bonds or angles.  They add up to the total.  If beads carry
+        ``conservative``, ``dissipative``, ``random``, and ``bond`` if there are bonds or angles.  They add up to the total.  If beads have
         energies, temperatures or concentrations, ``rates_dissipative`` and ``rates_random`` (N, K) are the changes of these per time.
     """
     options = options or RunOptions()
@@ -156,8 +158,8 @@ def deck_forces(
     built = build_request(request, request.scene(), options)
     terms = force_terms(built, properties=options.properties(built.plan.platform or ""))
     units, internal = request.state.units, built.plan.scene.internal
-    carried = {InternalEnergy: units.energy, BeadTemperatures: units.thermal_energy}.get(type(internal), 1.0)
-    return {name: values / (carried / units.time if name.startswith("rates") else units.force) for name, values in terms.items()}
+    unit = {InternalEnergy: units.energy, BeadTemperatures: units.thermal_energy}.get(type(internal), 1.0)
+    return {name: values / (unit / units.time if name.startswith("rates") else units.force) for name, values in terms.items()}
 
 
 def explain_deck(path: str | Path, options: RunOptions | None = None, *, variables: Mapping[str, str] | None = None) -> str:

@@ -11,6 +11,9 @@ from ...kernels.engine import get_threads
 from .deck import read_deck
 from .request import RunRequest
 
+#: Platforms that have one precision only.
+FIXED_PRECISION = {"Reference": "double", "CPU": "mixed"}
+
 
 @dataclass(frozen=True)
 class RunOptions:
@@ -61,21 +64,22 @@ class RunOptions:
 
     def properties(self, platform: str) -> dict[str, str]:
         """Platform properties."""
-        if platform == "CPU":
-            if self.precision not in (None, "mixed"):
-                raise ParameterError(f"the CPU platform has one precision (mixed); it cannot run in {self.precision}")
-            return {"Threads": str(get_threads())}
-        if platform == "Reference":
-            if self.precision not in (None, "double"):
-                raise ParameterError(f"the Reference platform has one precision (double); it cannot run in {self.precision}")
-            return {}
+        fixed = FIXED_PRECISION.get(platform)
+        if fixed and self.precision not in (None, fixed):
+            raise ParameterError(f"the {platform} platform has one precision ({fixed}); it cannot run in {self.precision}")
+        if fixed:
+            return {"Threads": str(get_threads())} if platform == "CPU" else {}
         return {"Precision": self.precision} if self.precision else {}
 
 
 def first_request(path: str | Path, options: RunOptions, variables: Mapping[str, str] | None) -> RunRequest:
     """The request of a deck's first run, with what the options override."""
     state = read_deck(path, variables=variables or {}, stop_before_first_run=True)
-    request = state.first_run
-    assert request is not None
-    dt = None if options.dt is None else options.dt * state.units.time
+    assert state.first_run is not None
+    return overridden(state.first_run, options)
+
+
+def overridden(request: RunRequest, options: RunOptions) -> RunRequest:
+    """The request with what the options override."""
+    dt = None if options.dt is None else options.dt * request.state.units.time
     return request.override(steps=options.steps, dt=dt, scheme=options.scheme, compat=options.compat)

@@ -9,20 +9,19 @@ import numpy as np
 
 from ...model.scene import Scene
 from ..language.lexer import Line
-from ..output.averages import Average
-from ..output.dumps import DumpWriter
+from ..output.averages import AveragingFix
+from ..output.dumps import Dump
 from ..output.thermo import Thermo
 from ..scene.integration import Integration
 from ..scene.scene import build_scene
 from ..state.deck_state import DeckState
 from ..state.moment import Window
-from ..state.pressure import PressureControl
-from ..state.sample import Sample
+from ..state.sample import DeckSample
 
 
-@dataclass(frozen=True)
-class RunRequest:
-    """One run of a deck.
+@dataclass(frozen=True, kw_only=True)
+class RunRequest(Integration):
+    """One run of a deck: how its beads are moved, and for how long.
 
     The callback of :func:`~openmm_dpd.lammps.read_deck` gets it, steps the scene, and calls :meth:`finish`.
 
@@ -38,20 +37,12 @@ class RunRequest:
         Number of the step before the first.
     begin, end : int or None
         Steps of ``start`` and ``stop``; None where the deck does not give them (then the run itself).
-    scheme : str
-        ``mvv`` or ``shardlow``.
-    lambda_ : float
-        Weight of ``mvv``.
-    mobile : (N,) array of bool
-        Beads that are integrated.
     seed : int or None
         Seed of the first thermostatting pair style.
     where : Line
         The run command.
     number : int
         Number of this run in the deck, from 0.
-    barostat : PressureControl or None
-        The pressure that the box follows.
     compat : str
         ``consistent``, or ``lammps`` for the heat of edpd as LAMMPS computes it.
     """
@@ -62,13 +53,9 @@ class RunRequest:
     first_step: int
     begin: int | None
     end: int | None
-    scheme: str
-    lambda_: float
-    mobile: np.ndarray
     seed: int | None
     where: Line | None
     number: int = 0
-    barostat: PressureControl | None = None
     compat: str = "consistent"
 
     @classmethod
@@ -76,19 +63,16 @@ class RunRequest:
         """Request for ``steps`` steps from the deck's present state."""
         seeds = [style.settings["seed"] for style in state.pair.styles if style.spec.thermostat]
         return cls(
+            **vars(moved),
             state=state,
             steps=steps,
             dt=state.timestep,
             first_step=state.step,
             begin=begin,
             end=end,
-            scheme=moved.scheme,
-            lambda_=moved.lambda_,
-            mobile=moved.mobile,
             seed=seeds[0] if seeds else None,
             where=state.here,
             number=state.runs,
-            barostat=moved.barostat,
         )
 
     @property
@@ -109,14 +93,14 @@ class RunRequest:
         return Thermo(self.state, self.window, self.last_step, tuple(settings.words), settings.every)
 
     @property
-    def averages(self) -> Sequence[Average]:
+    def averages(self) -> Sequence[AveragingFix]:
         """Averages of fix ave/time and ave/chunk, in the order of the deck."""
         return tuple(fix.parameters["average"] for fix in self.state.fixes.values() if "average" in fix.parameters)
 
     @property
-    def dumps(self) -> Sequence[DumpWriter]:
+    def dumps(self) -> Sequence[Dump]:
         """Dumps that are active during this run."""
-        return tuple(DumpWriter(dump) for dump in self.state.dumps.values())
+        return tuple(self.state.dumps.values())
 
     def scene(self) -> Scene:
         """The scene at the first step; see :func:`~openmm_dpd.lammps.scene.scene.build_scene`."""
@@ -128,13 +112,8 @@ class RunRequest:
         """The request with another number of steps, time step (ps), scheme or ``compat``; a given dt becomes the deck's as well."""
         if dt is not None and dt != self.state.timestep:
             self.state.set_timestep(dt)
-        return replace(
-            self,
-            steps=self.steps if steps is None else steps,
-            dt=self.dt if dt is None else dt,
-            scheme=self.scheme if scheme is None else scheme,
-            compat=self.compat if compat is None else compat,
-        )
+        given = {"steps": steps, "dt": dt, "scheme": scheme, "compat": compat}
+        return replace(self, **{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
 
     def finish(
         self,
@@ -142,23 +121,19 @@ class RunRequest:
         velocities: np.ndarray,
         *,
         box: np.ndarray | None = None,
-        sample: Sample | None = None,
-        carried: Mapping[str, np.ndarray] | None = None,
+        sample: DeckSample | None = None,
+        fields: Mapping[str, np.ndarray] | None = None,
     ) -> None:
         """Hand the result back to the deck: its step becomes ``last_step``.
 
         Parameters
         ----------
-        positions, velocities : (N, 3) arrays
-            nm (continuous with ``scene().positions``) and nm/ps.
-        box : (3, 3) array, optional
-            Box vectors, if they may have changed.
-        sample : Sample, optional
+        positions, velocities, box, fields
+            As for :meth:`~openmm_dpd.lammps.state.deck_state.DeckState.write_back`.
+        sample : DeckSample, optional
             Measurement at the last step, for formulas evaluated before the next run.
-        carried : mapping, optional
-            What the beads carry, as :func:`openmm_dpd.fields.read_fields` gives it; the next run goes on from there.
         """
-        self.state.write_back(positions, velocities, box, carried)
+        self.state.write_back(positions, velocities, box, fields)
         self.state.step = self.last_step
         if sample is not None:
             self.state.last_sample = replace(sample, positions=None, velocities=None, fields=None)

@@ -8,16 +8,16 @@ from openmm import unit
 
 from ...build import BuiltSystem
 from ...fields import read_fields
-from ...measure import Sample as Measurement
+from ...measure import Sample
 from ...measure.scene_samples import SceneSampler
 from ...schemes import scheme_of
 from ..scene.flow import held_beads
-from ..state.sample import Sample
+from ..state.sample import DeckSample
 from .request import RunRequest
 
 _NM, _V = unit.nanometer, unit.nanometer / unit.picosecond
 
-#: Fields of Sample that need no forces and no energies.
+#: Fields of DeckSample that need no forces and no energies.
 CHEAP = frozenset(("positions", "velocities", "fields"))
 
 
@@ -43,7 +43,7 @@ class Sampler:
         self.observer = SceneSampler(built)
         self.held = held_beads(request.state)
 
-    def full(self, step: int, needs: frozenset[str], cpu: float) -> tuple[Sample, Measurement]:
+    def full(self, step: int, needs: frozenset[str], cpu: float) -> tuple[DeckSample, Sample]:
         """A sample with energies and virial, and the fields of ``needs``.
 
         ``virial`` counts what LAMMPS counts: the dissipative and random parts only if they are forces.
@@ -53,7 +53,7 @@ class Sampler:
         # of all beads, as LAMMPS has them: those that do not move feel forces too, but for those that fix setforce has taken
         forces = np.where(self.held[:, None], 0.0, measured.forces)
         full = measured.virial_conservative + measured.virial_dissipative + measured.virial_random
-        sample = Sample(
+        sample = DeckSample(
             step=step,
             kinetic=measured.kinetic,
             dof=measured.dof,
@@ -74,11 +74,11 @@ class Sampler:
         )
         return sample, measured
 
-    def cheap(self, step: int, needs: frozenset[str], cpu: float) -> Sample:
+    def cheap(self, step: int, needs: frozenset[str], cpu: float) -> DeckSample:
         """A sample with values of beads and the box only."""
         box = self.context.getState().getPeriodicBoxVectors(asNumpy=True).value_in_unit(_NM)
         energies = dict.fromkeys(("short_energy", "lattice_energy", "bond_energy", "angle_energy"))
-        return Sample(step=step, box=box, cpu=cpu, **energies, **self._of_beads(needs))
+        return DeckSample(step=step, box=box, cpu=cpu, **energies, **self._of_beads(needs))
 
     def _of_beads(self, needs: frozenset[str]) -> dict:
         found: dict = {}

@@ -17,9 +17,18 @@ from ...model.scene import Scene
 from ...trajectory import write_psf
 from .request import RunRequest
 
+#: About how many frames a run gives.
+FRAMES = 100
+
+
+def write_topology(path: Path, scene: Scene) -> None:
+    """The beads of a scene and their bonds as a PSF file."""
+    bonds = scene.bond_pairs
+    write_psf(path, names=scene.types, masses=scene.bead_masses, charges=scene.charges, molecules=scene.molecules, bonds=bonds)
+
 
 class RunTrajectory:
-    """Writes ``trajectory.dcd``, ``topology.psf`` and ``final_state.xml`` into a folder, and ``fields.npz`` with what beads carry.
+    """Writes ``trajectory.dcd``, ``topology.psf`` and ``final_state.xml`` into a folder, and ``fields.npz`` with the fields of beads.
 
     All runs go to one file; a new one (``trajectory-2.dcd``, ``topology-2.psf``) begins when the number of beads changes.  Positions
     are continuous: they are not folded back into the box.
@@ -28,8 +37,6 @@ class RunTrajectory:
     ----------
     folder : Path
         Made if it does not exist.
-    frames : int
-        About how many frames a run gives.
 
     Raises
     ------
@@ -37,10 +44,10 @@ class RunTrajectory:
         From all methods, if a file cannot be written; frames that are there stay readable.
     """
 
-    def __init__(self, folder: Path, frames: int = 100):
+    def __init__(self, folder: Path):
         with writing(folder, "the folder"):
             folder.mkdir(parents=True, exist_ok=True)
-        self.folder, self.frames = folder, frames
+        self.folder = folder
         self._file: DCDWriter | None = None
         self._fields: FieldWriter | None = None
         self._beads, self._part = 0, 0
@@ -48,31 +55,23 @@ class RunTrajectory:
         self._every, self._first, self._last = 1, 0, 0
 
     def start(self, scene: Scene, request: RunRequest, built: BuiltSystem) -> None:
-        """Prepare for a run; about ``frames`` frames, at its first and last step in any case."""
-        self._every = max(1, request.steps // self.frames)
+        """Prepare for a run; about :data:`FRAMES` frames, at its first and last step in any case."""
+        self._every = max(1, request.steps // FRAMES)
         self._first, self._last = request.first_step, request.last_step
         state = request.state
         self._offset = state.atoms.images @ state.require_box("a run").vectors * state.units.length
         if scene.n_beads != self._beads:
             self.close()
             self._beads, self._part = scene.n_beads, self._part + 1
-            self._open(scene)
+            write_topology(self._named("topology.psf"), scene)
+            self._file = DCDWriter(self._named("trajectory.dcd"), scene.n_beads, "the trajectory")
         self._built = built
         if self._fields is None and has_fields(built):
-            suffix = "" if self._part == 1 else f"-{self._part}"
-            self._fields = FieldWriter(self.folder / f"fields{suffix}.npz")
+            self._fields = FieldWriter(self._named("fields.npz"))
 
-    def _open(self, scene: Scene) -> None:
-        suffix = "" if self._part == 1 else f"-{self._part}"
-        write_psf(
-            self.folder / f"topology{suffix}.psf",
-            names=list(scene.types),
-            masses=scene.bead_masses,
-            charges=scene.charges,
-            molecules=scene.molecules,
-            bonds=scene.bond_pairs,
-        )
-        self._file = DCDWriter(self.folder / f"trajectory{suffix}.dcd", scene.n_beads, "the trajectory")
+    def _named(self, name: str) -> Path:
+        path = self.folder / name
+        return path if self._part == 1 else path.with_stem(f"{path.stem}-{self._part}")
 
     def due(self, step: int) -> bool:
         """Whether a frame belongs to this step."""
@@ -83,7 +82,7 @@ class RunTrajectory:
         return self._first + ((step - self._first) // self._every + 1) * self._every
 
     def write(self, x: np.ndarray, box: np.ndarray, context: openmm.Context, step: int) -> None:
-        """Write one frame (nm), and what beads carry."""
+        """Write one frame (nm), and the fields of beads."""
         if self._fields is not None:
             time = context.getTime().value_in_unit(unit.picosecond)
             self._fields.write(time, step, read_fields(context, self._built.plan))

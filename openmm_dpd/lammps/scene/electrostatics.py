@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...errors import ParameterError
 from ...model.electrostatics import SlaterCharges
-from ...units import COULOMB, UnitSystem
-from ..language.lexer import located
+from ...units import COULOMB
+from ..files.atom_styles import CHARGED_STYLES
+from ..language.lexer import errors_at, located
 from ..state.deck_state import DeckState
 from ..state.pair_setup import PairStyle
 from ..styles.charges import QQR2E
-
-#: Atom styles whose beads have charges.
-CHARGED_STYLES = ("charge", "full")
 
 
 def electrostatics_of(state: DeckState) -> SlaterCharges | None:
@@ -40,8 +37,8 @@ def electrostatics_of(state: DeckState) -> SlaterCharges | None:
         raise located(style.where, f"pair style {style.name} needs periodic boundaries along all axes: its charges repeat along all three")
     _check_flags(state, style)
     settings, units, kspace = style.settings, state.units, state.kspace
-    constant = coulomb_constant(units) / state.dielectric
-    try:
+    constant = QQR2E[units.name] * units.energy * units.length / state.dielectric
+    with errors_at(style.where, f"pair style {style.name}: "):
         return SlaterCharges(
             lamda=settings["lamda"] * units.length,
             permittivity=COULOMB / constant,
@@ -51,8 +48,6 @@ def electrostatics_of(state: DeckState) -> SlaterCharges | None:
             grid=kspace.mesh,  # type: ignore[arg-type]
             bonded_factors=state.special_charges if len(state.bonds) else None,
         )
-    except ParameterError as error:
-        raise located(style.where, f"pair style {style.name}: {error}") from None
 
 
 def _check_flags(state: DeckState, style: PairStyle) -> None:
@@ -74,12 +69,7 @@ def _check_flags(state: DeckState, style: PairStyle) -> None:
                 f"holds all charges, and without the real-space part their interaction would be wrong; {remedy}",
             )
     if not charged:
-        raise located(style.where, f"pair style {style.name}: no bead has a charge; read charges from the data file, or use 'set type'")
+        raise style.error("no bead has a charge; read charges from the data file, or use 'set type'")
     for (i, j), found in sorted(style.coefficients.items()):
         if style.name.startswith("dpd") and found.values["charged"] == "yes" and not {i, j} <= set(charged):
             state.note(f"pair_coeff {i} {j} is marked as charged, but beads of these types have no charge: the flag has no effect")
-
-
-def coulomb_constant(units: UnitSystem) -> float:
-    """Coulomb constant of a unit style in kJ/mol nm/e^2."""
-    return QQR2E[units.name] * units.energy * units.length

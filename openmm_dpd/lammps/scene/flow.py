@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...errors import DeckError, DPDError, ParameterError
+from ...errors import ParameterError
 from ...model.flow import AXES, SPECULAR, BodyForce, PositionForce, Wall
-from ..language.position_formulas import BEAD_CONSTANTS, Known, as_number, depends_on, position_formula
+from ..language.expressions import evaluate
+from ..language.lexer import errors_at
+from ..language.position_formulas import BEAD_CONSTANTS, Known, depends_on, position_formula
 from ..state.deck_state import DeckState
 from ..state.records import Fix
 
@@ -18,12 +20,8 @@ def body_forces_of(state: DeckState) -> list[BodyForce | PositionForce]:
     for fix in state.fixes.values():
         if fix.style != "addforce" or not state.group(fix.group).any():
             continue
-        try:
+        with errors_at(fix.where, f"fix {fix.name}: "):
             found += _added(state, fix, state.group(fix.group))
-        except DeckError:
-            raise
-        except DPDError as error:
-            raise fix.error(str(error)) from None
     return found
 
 
@@ -31,7 +29,7 @@ def _added(state: DeckState, fix: Fix, members: np.ndarray) -> list[BodyForce | 
     words: list[str] = fix.parameters["force"]
     texts = [state.variables.get(word[2:]).text if word.startswith("v_") else word for word in words]
     if not any(depends_on(text, state.variables, {*AXES, *BEAD_CONSTANTS}) for text in texts):
-        force = [as_number(text, _known(state, 1)) * state.units.force for text in texts]
+        force = [evaluate(text, _known(state, 1)) * state.units.force for text in texts]
         return [BodyForce(np.array(force), beads=members)] if any(force) else []
     box = state.require_box("fix addforce")
     if np.any(np.abs(box.reduced_vectors - box.vectors) > 1e-9 * box.edges.max()) and all(state.periodic):

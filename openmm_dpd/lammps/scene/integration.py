@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..language.lexer import located
 from ..state.deck_state import DeckState
-from ..state.pressure import PressureControl, with_thermostat
+from ..state.pressure import PressureControl
 from ..state.records import Fix
 from .flow import still_beads
 
@@ -18,7 +18,7 @@ INTEGRATORS = ("nve", "mvv/dpd", "mvv/edpd", "mvv/tdpd", "nph")
 #: Pair styles that fix shardlow takes over.
 SHARDLOW_PAIRS = ("dpd/fdt", "dpd/fdt/energy")
 
-#: Pair styles whose beads carry something that only one fix advances.
+#: Pair styles with a field of the beads that only one fix advances.
 ADVANCED_BY = {"edpd": ("mvv/edpd", "temperatures"), "tdpd": ("mvv/tdpd", "concentrations")}
 
 
@@ -120,7 +120,7 @@ def _barostat(state: DeckState, owners: list[Fix]) -> PressureControl | None:
         raise fixes[1].error(f"there is a fix nph already ({fixes[0].name}); a box follows one pressure")
     state.note("fix nph: Monte Carlo moves of the volume replace LAMMPS's motion of the box; averages compare, the path does not")
     isothermal = any("start" in style.settings for style in state.pair.styles if style.spec.thermostat)
-    return with_thermostat(fixes[0].parameters["pressure"], isothermal)
+    return replace(fixes[0].parameters["pressure"], isothermal=isothermal)
 
 
 def _check_shardlow(state: DeckState, shardlow: list[Fix], owners: list[Fix]) -> None:

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...errors import ParameterError
-from ...model.angles import Angles
-from ...model.bonds import Bonds, FENEBonds, HarmonicBonds
+from ...model.bonds import FENEBonds, HarmonicBonds
 from ...model.scene import Scene
 from ...model.temperature import TemperatureRamp
-from ..language.lexer import located
-from ..state.bonded_setup import BondedSetup
+from ..language.lexer import errors_at, located
 from ..state.deck_state import DeckState
 from ..state.moment import Window
+from ..state.pair_setup import BondedSetup
 from ..styles.bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedStyle
-from ..styles.pair_tables import pair_tables, type_name
-from .carried import internal_of, internal_scale, sources_of
+from ..styles.pair_tables import pair_tables
 from .electrostatics import electrostatics_of
+from .fields import internal_of, internal_scale, sources_of
 from .flow import body_forces_of, walls_of
 from .integration import integration
 from .segments import segments_of
@@ -55,19 +53,19 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
     moved = integration(state)
     atoms, units = state.atoms, state.units
     vectors = box.reduced_vectors * units.length
-    try:
+    with errors_at(state.here):
         return Scene(
-            masses={type_name(k): state.masses[k] for k in range(1, state.n_types + 1)},
-            types=[type_name(k) for k in atoms.types.tolist()],
+            masses={str(k): state.masses[k] for k in range(1, state.n_types + 1)},
+            types=[str(k) for k in atoms.types.tolist()],
             positions=atoms.positions * units.length,
             pairs=pair_tables(state),
-            kT=thermal_energy(state, window),
+            kT=deck_kT(state, window),
             box=vectors,
             velocities=atoms.velocities * units.velocity,
             bead_masses=masses,
             charges=atoms.charges if np.any(atoms.charges) else None,
-            bonds=bond_terms(state),
-            angles=angle_terms(state),
+            bonds=_bonded_terms(state, state.bonds, state.bond, BOND_STYLES, "bond"),
+            angles=_bonded_terms(state, state.angles, state.angle, ANGLE_STYLES, "angle"),
             segments=segments_of(state, compat),
             bonded_factors=state.special if len(state.bonds) else (1.0, 1.0, 1.0),
             mobile=None if moved.mobile.all() else moved.mobile,
@@ -79,11 +77,9 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
             walls=walls_of(state, moved.mobile),
             electrostatics=electrostatics_of(state),
         )
-    except ParameterError as error:
-        raise located(state.here, str(error)) from None
 
 
-def thermal_energy(state: DeckState, window: Window | None) -> float | TemperatureRamp:
+def deck_kT(state: DeckState, window: Window | None) -> float | TemperatureRamp:
     """The one temperature (or ramp) of all thermostatting pair styles, as an energy; 0 if there is none.
 
     Where beads have internal temperatures and no style sets another, it is the mean of these (the scale of a trial step).
@@ -114,17 +110,8 @@ def thermal_energy(state: DeckState, window: Window | None) -> float | Temperatu
     return TemperatureRamp(start, stop, window.begin - window.first, window.end - window.first)
 
 
-def bond_terms(state: DeckState) -> list[Bonds]:
-    """Bonds by bond type; where the style has no energy they still count for special_bonds."""
-    return _bonded_terms(state, state.bonds, state.bond, BOND_STYLES, "bond")
-
-
-def angle_terms(state: DeckState) -> list[Angles]:
-    """Angles by angle type; those of a style without energy are left out."""
-    return _bonded_terms(state, state.angles, state.angle, ANGLE_STYLES, "angle")
-
-
 def _bonded_terms(state: DeckState, terms: np.ndarray, setup: BondedSetup, known: dict[str, BondedStyle], what: str) -> list:
+    """Bonds or angles by type; bonds of a style without energy still count for special_bonds, such angles are left out."""
     found = []
     for kind in np.unique(terms[:, 0]).tolist():
         style: str = "none"

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
-from ...errors import DeckError
 from ...model.segments import SegmentalRepulsion
-from ..language.lexer import located
 from ..state.deck_state import DeckState
+from ..state.pair_setup import PairStyle
 
 
 def segments_of(state: DeckState, compat: str) -> SegmentalRepulsion | None:
@@ -24,29 +21,25 @@ def segments_of(state: DeckState, compat: str) -> SegmentalRepulsion | None:
     if not styles:
         return None
     style, settings = styles[0], styles[0].settings
-
-    def complain(message: str) -> DeckError:
-        return located(style.where, f"pair style srp: {message}")
-
     if len(styles) > 1:
-        raise complain("it can be used once only")
-    placeholder = state.n_types if settings["bptype"] is None else settings["bptype"]
-    if placeholder > state.n_types:
-        raise complain(f"bptype {placeholder} is out of range: there are {state.n_types} atom types")
-    wrong = sorted(pair for pair in style.coefficients if pair != (placeholder, placeholder))
+        raise style.error("it can be used once only")
+    kind = state.n_types if settings["bptype"] is None else settings["bptype"]
+    if kind > state.n_types:
+        raise style.error(f"bptype {kind} is out of range: there are {state.n_types} atom types")
+    wrong = sorted(pair for pair in style.coefficients if pair != (kind, kind))
     if wrong:
-        raise complain(f"it has coefficients for types {wrong[0][0]} {wrong[0][1]}; they belong to {placeholder} {placeholder}, its bptype")
+        raise style.error(f"it has coefficients for types {wrong[0][0]} {wrong[0][1]}; they belong to {kind} {kind}, its bptype")
     if not style.coefficients:
-        raise complain(f"there is no 'pair_coeff {placeholder} {placeholder} srp A [cutoff]'")
+        raise style.error(f"there is no 'pair_coeff {kind} {kind} srp A [cutoff]'")
     for other in state.pair.styles:
-        met = sorted(pair for pair in other.coefficients if other is not style and placeholder in pair)
+        met = sorted(pair for pair in other.coefficients if other is not style and kind in pair)
         if met:
             i, j = met[0]
-            raise complain(f"type {placeholder} stands for bonds (bptype), but types {i} {j} have coefficients of {other.name}; use none")
-    if np.any(state.atoms.types == placeholder):
-        count = int(np.sum(state.atoms.types == placeholder))
-        raise complain(f"type {placeholder} stands for bonds (bptype), but {count} beads have it (LAMMPS would delete them)")
-    coefficient = style.coefficients[(placeholder, placeholder)]
+            raise style.error(f"type {kind} stands for bonds (bptype), but types {i} {j} have coefficients of {other.name}; use none")
+    if np.any(state.atoms.types == kind):
+        count = int(np.sum(state.atoms.types == kind))
+        raise style.error(f"type {kind} stands for bonds (bptype), but {count} beads have it (LAMMPS would delete them)")
+    coefficient = style.coefficients[(kind, kind)]
     cutoff = style.cutoff(coefficient)
     assert cutoff is not None
     if compat != "lammps" and settings["distance"] == "min":
@@ -54,7 +47,7 @@ def segments_of(state: DeckState, compat: str) -> SegmentalRepulsion | None:
             "pair srp min: the nearest points of two bonds are used. LAMMPS moves each point to the end of its bond by itself, which gives "
             "other points and smaller energies (--compat lammps does the same)"
         )
-    if _counts_beads(state):
+    if state.units.normalize if state.thermo.norm is None else state.thermo.norm:
         state.note("pair srp: thermo output is not divided by the number of beads, as in LAMMPS with this style")
         state.thermo.norm = False
     units = state.units
@@ -62,20 +55,17 @@ def segments_of(state: DeckState, compat: str) -> SegmentalRepulsion | None:
         coefficient.values["A"] * units.force,
         cutoff * units.length,
         settings["distance"],
-        _segments(state, settings["bond_type"], complain),
+        _segments(state, style),
         settings["exclude"],
     )
 
 
-def _counts_beads(state: DeckState) -> bool:
-    return state.units.normalize if state.thermo.norm is None else state.thermo.norm
-
-
-def _segments(state: DeckState, kind: int | None, complain: Callable[[str], DeckError]) -> np.ndarray:
+def _segments(state: DeckState, style: PairStyle) -> np.ndarray:
     """Bead indices of the bonds of one type, or of all."""
+    kind = style.settings["bond_type"]
     if kind is not None and kind > state.n_bond_types:
-        raise complain(f"bond type {kind} is out of range: there are {state.n_bond_types}")
+        raise style.error(f"bond type {kind} is out of range: there are {state.n_bond_types}")
     ids = state.bonds[(state.bonds[:, 0] == kind) if kind is not None else slice(None), 1:]
     if not len(ids):
-        raise complain("there are no bonds" + ("" if kind is None else f" of type {kind}"))
+        raise style.error("there are no bonds" + ("" if kind is None else f" of type {kind}"))
     return state.atoms.index_of(ids.ravel()).reshape(-1, 2)

@@ -68,23 +68,13 @@ class Atoms:
     def new(cls, ids: np.ndarray, types: np.ndarray, positions: np.ndarray, n_species: int = 0) -> Atoms:
         """Beads at rest with no images, charges or molecules; temperature 1 and heat capacity 1e5, as LAMMPS creates them."""
         n = len(ids)
-        return cls(
-            np.asarray(ids, dtype=np.int64),
-            np.asarray(types, dtype=np.int64),
-            np.asarray(positions, dtype=np.float64).reshape(n, 3),
-            np.zeros((n, 3), dtype=np.int64),
-            np.zeros((n, 3)),
-            np.zeros(n),
-            np.zeros(n, dtype=np.int64),
-            thetas=np.zeros(n),
-            u_cond=np.zeros(n),
-            u_mech=np.zeros(n),
-            temperatures=np.full(n, 1.0),
-            capacities=np.full(n, 1e5),
-            concentrations=np.zeros((n, n_species)),
-            densities=np.zeros(n),
-            slots=np.arange(n),
-        )
+        atoms = cls(concentrations=np.zeros((0, n_species)))
+        for item in fields(cls):
+            empty = getattr(atoms, item.name)
+            setattr(atoms, item.name, np.zeros((n, *empty.shape[1:]), dtype=empty.dtype))
+        atoms.ids[:], atoms.types[:], atoms.positions[:], atoms.slots[:] = ids, types, positions, np.arange(n)
+        atoms.temperatures[:], atoms.capacities[:] = 1.0, 1e5
+        return atoms
 
     def append(self, other: Atoms) -> None:
         """Add beads whose ids are all larger than the present ones."""
@@ -113,13 +103,9 @@ class Atoms:
     def index_of(self, ids: np.ndarray) -> np.ndarray:
         """Indices of beads by id; KeyError with the first id that does not exist."""
         ids = np.asarray(ids, dtype=np.int64)
+        # with a number that is no id behind the last, so that there is always one to compare with
         found = np.searchsorted(self.ids, ids)
-        if not len(self.ids):
-            found[:] = 0
-            missing = np.ones(len(ids), dtype=bool)
-        else:
-            found = np.minimum(found, len(self.ids) - 1)
-            missing = self.ids[found] != ids
+        missing = np.append(self.ids, np.iinfo(np.int64).min)[found] != ids
         if missing.any():
             raise KeyError(int(ids[np.argmax(missing)]))
         return found

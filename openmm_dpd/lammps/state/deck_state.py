@@ -6,25 +6,26 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ...errors import ParameterError
 from ...files import writing
 from ...units import LJ, UnitSystem
+from ..language import arguments as read
 from ..language.lexer import Line
 from ..language.variables import Variables
 from .atoms import Atoms
-from .bonded_setup import BondedSetup
 from .box import Box
-from .lattice import Lattice, default_lattice
-from .pair_setup import PairSetup
-from .records import Compute, Dump, Fix, KspaceSetup, ThermoSettings
+from .lattice import Lattice, no_lattice
+from .pair_setup import BondedSetup, PairSetup
+from .records import Compute, Fix, KspaceSetup, ThermoSettings
 from .regions import Region
-from .sample import Sample
+from .sample import DeckSample
 
 
-def carried_places(units: UnitSystem) -> dict[str, tuple[str, float]]:
+def bead_fields(units: UnitSystem) -> dict[str, tuple[str, float]]:
     """Names of :func:`openmm_dpd.fields.read_fields` -> the array of Atoms that holds the values, and its unit."""
     return {
         "u_cond": ("u_cond", 1.0),
@@ -79,6 +80,8 @@ class DeckState:
         Divisor of the Coulomb constant.
     pressure_temps : dict of str to str
         Computes of pressure (``thermo_press`` is one) whose temperature ``thermo_modify temp`` has replaced, and the id of the new one.
+    dumps : dict of str to :class:`~openmm_dpd.lammps.output.dumps.Dump`
+        Dumps that are active.
     timestep : float
         ps.
     step : int
@@ -87,7 +90,7 @@ class DeckState:
         The variables.
     notes : list of str
         What was accepted without having a meaning here, each said once.
-    last_sample : Sample or None
+    last_sample : DeckSample or None
         The last row of the last run, for formulas evaluated between runs.
     """
 
@@ -106,7 +109,7 @@ class DeckState:
     bonds: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
     angles: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
     groups: dict[str, np.ndarray] = field(default_factory=lambda: {"all": np.zeros(0, dtype=bool)})
-    lattice: Lattice = field(default_factory=default_lattice)
+    lattice: Lattice = field(default_factory=no_lattice)
     regions: dict[str, Region] = field(default_factory=dict)
     pair: PairSetup = field(default_factory=PairSetup)
     bond: BondedSetup = field(default_factory=BondedSetup)
@@ -118,7 +121,7 @@ class DeckState:
     fixes: dict[str, Fix] = field(default_factory=dict)
     computes: dict[str, Compute] = field(default_factory=dict)
     pressure_temps: dict[str, str] = field(default_factory=dict)
-    dumps: dict[str, Dump] = field(default_factory=dict)
+    dumps: dict[str, Any] = field(default_factory=dict)
     thermo: ThermoSettings = field(default_factory=ThermoSettings)
     timestep: float = LJ.timestep
     step: int = 0
@@ -126,7 +129,7 @@ class DeckState:
     variables: Variables = field(default_factory=Variables)
     notes: list[str] = field(default_factory=list)
     runs: int = 0
-    last_sample: Sample | None = None
+    last_sample: DeckSample | None = None
     here: Line | None = None
     output: Path = field(default_factory=Path)
     log: Callable[[str], None] = lambda _: None
@@ -144,17 +147,36 @@ class DeckState:
         if self.box is not None:
             raise ParameterError(f"{command} must come before the simulation box is defined")
 
+    def require_atom_style(self, style: str, what: str) -> None:
+        """ParameterError unless the deck has the atom style that something needs."""
+        if self.atom_style != style:
+            raise ParameterError(f"{what} needs atom_style {style}, but the deck has atom_style {self.atom_style}")
+
+    def species(self, word: str, what: str) -> int:
+        """Index of a species from its number in the deck, which counts from 1."""
+        number = read.integer(word, "the number of the species", 1)
+        if number > self.n_species:
+            raise ParameterError(f"{what}: there is no species {number}; atom_style tdpd has {self.n_species}")
+        return number - 1
+
+    def type_number(self, word: str) -> int:
+        """A type of beads."""
+        kind = read.integer(word, "the atom type", 1)
+        if kind > self.n_types:
+            raise ParameterError(f"atom type {kind} is out of range: there are {self.n_types}")
+        return kind
+
+    def spacing(self, units: str) -> np.ndarray:
+        """What the options ``units box`` and ``units lattice`` mean along each axis."""
+        return np.ones(3) if read.choice(units, "units", ("box", "lattice")) == "box" else self.lattice.spacing
+
     def group(self, name: str) -> np.ndarray:
         """Members of a group as a mask."""
-        if name not in self.groups:
-            raise ParameterError(f"there is no group '{name}'; defined so far: {', '.join(self.groups)}")
-        return self.groups[name]
+        return read.known(self.groups, name, "group")
 
     def region(self, name: str) -> Region:
         """A region by its name."""
-        if name not in self.regions:
-            raise ParameterError(f"there is no region '{name}'; defined so far: {', '.join(self.regions) or 'none'}")
-        return self.regions[name]
+        return read.known(self.regions, name, "region")
 
     def temperature_compute(self, name: str) -> Compute | None:
         """The compute of style temp with this id, None for ``thermo_temp``; ParameterError if it is none."""
@@ -176,6 +198,11 @@ class DeckState:
             listing = ", ".join(map(str, missing))
             raise ParameterError(f"no mass is set for atom type {listing}; use the mass command or a Masses section")
         return np.array([self.masses[k] for k in range(1, self.n_types + 1)])[self.atoms.types - 1]
+
+    def mass_average(self, vectors: np.ndarray, mask: np.ndarray) -> np.ndarray:
+        """Average of (N, 3) vectors over the beads of a mask, each with its mass: centre of mass, or its velocity."""
+        masses = self.bead_masses()[mask]
+        return masses @ vectors[mask] / masses.sum()
 
     def in_deck_units(self, positions: np.ndarray) -> np.ndarray:
         """(N, 3) positions of a simulation (nm) in the deck's unit; where a bead has not moved, the deck's own numbers to the last bit.
@@ -287,7 +314,7 @@ class DeckState:
         positions: np.ndarray,
         velocities: np.ndarray,
         box: np.ndarray | None = None,
-        carried: Mapping[str, np.ndarray] | None = None,
+        fields: Mapping[str, np.ndarray] | None = None,
     ) -> None:
         """Take over the result of a run.
 
@@ -299,8 +326,8 @@ class DeckState:
             nm/ps.
         box : (3, 3) array, optional
             New box vectors, if the box has changed; its lower corner stays.
-        carried : mapping, optional
-            What the beads carry, as :func:`openmm_dpd.fields.read_fields` gives it.
+        fields : mapping, optional
+            The beads' fields, as :func:`openmm_dpd.fields.read_fields` gives it.
         """
         if box is not None:
             self.box = self.require_box("a run").following(np.asarray(box) / self.units.length)
@@ -309,7 +336,7 @@ class DeckState:
         # walls keep beads inside to the rounding of the platform; the next run wants them inside to the last bit
         self._take_inside(np.where(own.periodic, inside, np.clip(inside, own.low, np.nextafter(own.high, own.low))), shifts)
         self.atoms.velocities = np.asarray(velocities, dtype=np.float64) / self.units.velocity
-        places = carried_places(self.units)
-        for name, values in (carried or {}).items():
+        places = bead_fields(self.units)
+        for name, values in (fields or {}).items():
             place, unit = places[name]
             setattr(self.atoms, place, np.array(values, dtype=np.float64) / unit)

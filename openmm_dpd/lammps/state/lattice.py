@@ -93,13 +93,9 @@ def _times(matrix: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     return np.stack([row[0] * x + row[1] * y + row[2] * z for row in matrix], axis=-1)
 
 
-def _trivial(style: str, spacing: float) -> Lattice:
-    return Lattice(style, np.eye(3), 1.0, np.eye(3), np.zeros((0, 3)), np.zeros(3), np.full(3, spacing))
-
-
-def default_lattice() -> Lattice:
-    """What ``units lattice`` means before any lattice command: one unit of length."""
-    return _trivial("none", 1.0)
+def no_lattice(spacing: float = 1.0) -> Lattice:
+    """Lattice without points; one unit of length is what ``units lattice`` means before any lattice command."""
+    return Lattice("none", np.eye(3), 1.0, np.eye(3), np.zeros((0, 3)), np.zeros(3), np.full(3, spacing))
 
 
 def parse_lattice(args: list[str], reduced: bool) -> Lattice:
@@ -121,7 +117,7 @@ def parse_lattice(args: list[str], reduced: bool) -> Lattice:
     style = read.choice(args[0], "the lattice style", [*CELLS, "custom", "none"])
     scale = read.positive(args[1], "the scale of the lattice")
     if style == "none":
-        return _trivial("none", scale)
+        return no_lattice(scale)
     cell, basis = (a.copy() for a in CELLS.get(style, (_CUBE, np.zeros((0, 3)))))
     origin, orient = np.zeros(3), np.eye(3)
     spacing: np.ndarray | None = None

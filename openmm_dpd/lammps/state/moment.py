@@ -11,9 +11,9 @@ import numpy as np
 from ...errors import ParameterError
 from ...units import UnitSystem
 from .box import Box
-from .deck_state import DeckState, carried_places
+from .deck_state import DeckState, bead_fields
 from .records import Compute
-from .sample import Sample
+from .sample import DeckSample
 
 
 @dataclass(frozen=True)
@@ -35,15 +35,15 @@ class DeckMoment(ABC):
     ----------
     state : DeckState
         The deck.
-    sample : Sample, optional
+    sample : DeckSample, optional
         What was measured.  Without it only words that need no forces or velocities have a value.
     window : Window, optional
         The run in progress.
     """
 
-    def __init__(self, state: DeckState, sample: Sample | None = None, window: Window | None = None):
+    def __init__(self, state: DeckState, sample: DeckSample | None = None, window: Window | None = None):
         self.state: DeckState = state
-        self.sample: Sample | None = sample
+        self.sample: DeckSample | None = sample
         self.window: Window | None = window
 
     @property
@@ -103,8 +103,8 @@ class DeckMoment(ABC):
             raise ParameterError(f"the simulation did not measure {name.replace('_', ' ')}")
         return value
 
-    def carried(self, name: str) -> np.ndarray:
-        """What the beads carry, by its name in :func:`openmm_dpd.fields.read_fields` and in the same units.
+    def field(self, name: str) -> np.ndarray:
+        """A field of the beads, by its name in :func:`openmm_dpd.fields.read_fields` and in the same units.
 
         It is that of the deck where the simulation does not change it; ParameterError if it does, but was not asked.
         """
@@ -113,7 +113,7 @@ class DeckMoment(ABC):
             return fields[name]
         if fields is None and self.window is not None and any(style.spec.atom_style for style in self.state.pair.styles):
             raise ParameterError(f"the simulation did not measure {name.replace('_', ' ')}")
-        attribute, unit = carried_places(self.units)[name]
+        attribute, unit = bead_fields(self.units)[name]
         return getattr(self.state.atoms, attribute) * unit
 
     def energy(self, name: str) -> float:

@@ -1,13 +1,15 @@
-"""The pair styles of a deck and their coefficients, as data; what the styles are is in :mod:`~openmm_dpd.lammps.styles.pair_styles`."""
+"""The pair, bond and angle styles of a deck and their coefficients, as data; the styles themselves are in the folder ``styles``."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
+from ...errors import DeckError
 from ...units import UnitSystem
-from ..language.lexer import Line
+from ..language.lexer import Line, located
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,16 @@ class Coefficient:
     values: dict
     cutoff: float | None
     where: Line | None
+
+
+#: Values of a coefficient, and its cutoff or None.
+Values = tuple[dict, float | None]
+
+#: A term of the model, and a remark or None.
+Term = tuple[Any, str | None]
+
+#: From the name of a file in the deck to the file.
+Find = Callable[[str], Path]
 
 
 @dataclass
@@ -56,6 +68,10 @@ class PairStyle:
     coefficients: dict[tuple[int, int], Coefficient] = field(default_factory=dict)
     mix: str = "geometric"
     shift: bool = False
+
+    def error(self, message: str) -> DeckError:
+        """An error about this style."""
+        return located(self.where, f"pair style {self.name}: {message}")
 
     def cutoff(self, coefficient: Coefficient) -> float | None:
         """Cutoff of a coefficient, the style's if it has none of its own."""
@@ -104,8 +120,8 @@ class Spec:
     """
 
     settings: Callable[[list[str]], dict]
-    coefficient: Callable[[PairStyle, list[str], Callable[[str], Path]], tuple[dict, float | None]]
-    build: Callable[[PairStyle, Coefficient, UnitSystem], tuple[object, str | None]]
+    coefficient: Callable[[PairStyle, list[str], Find], Values]
+    build: Callable[[PairStyle, Coefficient, UnitSystem], Term]
     write: Callable[[PairStyle, Coefficient], list[str]] | None = None
     thermostat: bool = False
     mixed: Callable[[PairStyle, Coefficient, Coefficient], Coefficient] | None = None
@@ -158,3 +174,25 @@ class PairSetup:
             assert mixed is not None
             tables[n][(i, j)] = mixed(self.styles[n], tables[n][(i, i)], tables[n][(j, j)])
         return True
+
+
+@dataclass
+class BondedSetup:
+    """Style of the bonds, or of the angles, and the coefficients of each type.
+
+    Attributes
+    ----------
+    style : str
+        ``none``, the style, or ``hybrid``.
+    styles : tuple of str
+        The styles of hybrid, or the one style.
+    coefficients : dict
+        By type: the name of its style and the arguments of its class in MD units.
+    where : Line or None
+        The line of the style.
+    """
+
+    style: str = "none"
+    styles: tuple[str, ...] = ()
+    coefficients: dict[int, tuple[str, dict[str, float]]] = field(default_factory=dict)
+    where: Line | None = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from ...errors import ParameterError
 from ...units import UnitSystem
@@ -78,8 +78,3 @@ def parse_nph(words: list[str], units: UnitSystem) -> tuple[PressureControl, lis
     if coupled and not (all(axes) and len(set(low)) == len(set(high)) == 1):
         raise ParameterError("fix nph: edges that change together (couple xyz) need the same pressure along x, y and z")
     return PressureControl(axes, coupled, low, high), unused  # type: ignore[arg-type]
-
-
-def with_thermostat(control: PressureControl | None, isothermal: bool) -> PressureControl | None:
-    """The same, with what else holds the temperature."""
-    return None if control is None else replace(control, isothermal=isothermal)

@@ -1,13 +1,11 @@
-"""What single commands of a deck say, as plain data: fixes, computes, dumps, thermo output, the sum over charges."""
+"""What single commands of a deck say, as plain data: fixes, computes, thermo output, the sum over charges."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from typing import Any
 
-from ...dcd import DCDWriter
 from ...errors import DeckError
-from ...files import BlockFile
 from ..language.lexer import Line, located
 
 
@@ -35,42 +33,6 @@ class Compute:
     style: str
     arguments: tuple[str, ...] = ()
     settings: Any = None
-
-
-@dataclass
-class Dump:
-    """One dump.
-
-    Attributes
-    ----------
-    name, group, style : str
-        Its id, group and style.
-    every : int
-        Interval in steps.
-    file : str
-        File name; a ``*`` makes one file per configuration, named after the step.
-    columns : tuple of str
-        Columns of the text styles.
-    append, first, unwrap : bool
-        Settings of dump_modify, and ``formats`` by column.
-    last_step : int or None
-        Step of the last configuration that was written.
-    opened : BlockFile or DCDWriter or None
-        The file, once something is in it.
-    """
-
-    name: str
-    group: str
-    style: str
-    every: int
-    file: str
-    columns: tuple[str, ...] = ()
-    append: bool = False
-    first: bool = False
-    unwrap: bool = False
-    formats: dict[str, str] = field(default_factory=dict)
-    last_step: int | None = None
-    opened: BlockFile | DCDWriter | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)

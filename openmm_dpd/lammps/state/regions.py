@@ -164,10 +164,7 @@ def parse_region(args: list[str], spacing: np.ndarray, box: Box | None, known: d
 
 
 def _combined(style: str, names: list[str], known: dict[str, Region]) -> Region:
-    for name in names:
-        if name not in known:
-            raise ParameterError(f"there is no region '{name}' to combine; defined so far: {', '.join(known) or 'none'}")
-    parts = [known[name] for name in names]
+    parts = [read.known(known, name, "region") for name in names]
     combine = np.logical_or if style == "union" else np.logical_and
     corners = [part.bounds for part in parts]
     bounds = None

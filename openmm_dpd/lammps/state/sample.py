@@ -9,7 +9,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Sample:
+class DeckSample:
     """One measurement, in MD units (nm, Da, ps, kJ/mol).  None means not measured; a thermo word that needs it then raises.
 
     Which optional fields a run needs is listed by ``RunRequest.thermo.needs``.
@@ -44,7 +44,7 @@ class Sample:
     forces : (N, 3) array, optional
         Total forces, with friction and noise where they are forces (``mvv``).
     fields : dict of arrays, optional
-        What the beads carry, as :func:`openmm_dpd.fields.read_fields` gives it; empty if they carry nothing.
+        The beads' fields, as :func:`openmm_dpd.fields.read_fields` gives them; empty if there are none.
     cpu : float
         Seconds since the run began.
     """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from ...model.angles import CosineAngles, HarmonicAngles
 from ...model.bonds import FENEBonds, HarmonicBonds, MorseBonds
 from ...units import UnitSystem
 from ..language import arguments as read
-from .columns import FACTORS
+from .columns import Columns
 
 
 @dataclass(frozen=True)
@@ -23,35 +24,34 @@ class BondedStyle:
     ----------
     kind : type or None
         Class of the model, None for a style without energy.
-    columns : dict
-        Argument of that class by the name that LAMMPS's manual gives the coefficient: (argument, dimension).
+    columns : Columns
+        Arguments of that class and their dimensions.
+    labels : tuple of str
+        What LAMMPS's manual calls them.
     """
 
     kind: type | None
-    columns: dict[str, tuple[str, str]] = field(default_factory=dict)
+    columns: Columns = field(default_factory=lambda: Columns({}))
+    labels: tuple[str, ...] = ()
 
     def coefficient(self, words: list[str], usage: str, units: UnitSystem) -> dict[str, float]:
         """Arguments of the class, in MD units, from the words of a coefficient command that begins as ``usage`` says."""
         if self.kind is None:
             return {}
-        read.count(words, f"{usage} {' '.join(self.columns)}", len(self.columns))
+        read.count(words, f"{usage} {' '.join(self.labels)}", len(self.labels))
         values = {}
-        for word, (label, (name, dimension)) in zip(words, self.columns.items(), strict=True):
-            number = read.positive(word, label) if label in ("R0",) else read.non_negative(word, label)
-            values[name] = number * FACTORS[dimension](units)
+        for name, label, word in zip(self.columns.dimensions, self.labels, words, strict=True):
+            values[name] = read.positive(word, label) if label == "R0" else read.non_negative(word, label)
+        values = self.columns.to_md(values, units)
         if self.kind is FENEBonds and values["sigma"] == 0.0:
             if values["epsilon"] > 0.0:
                 raise ParameterError("sigma must be > 0 where epsilon is")
-            values["sigma"] = FACTORS["length"](units)  # of no consequence
+            values["sigma"] = units.length  # of no consequence
         return values
 
     def words(self, values: dict[str, float], units: UnitSystem) -> list[str]:
         """The words of a coefficient command, in the deck's units."""
-        return [f"{values[name] / FACTORS[dimension](units):.15g}" for name, dimension in self.columns.values()]
-
-    def of(self, terms: Any, units: UnitSystem) -> list[np.ndarray]:
-        """The coefficients of bonds or angles of the model, in the deck's units."""
-        return [getattr(terms, name) / FACTORS[dimension](units) for name, dimension in self.columns.values()]
+        return [f"{value:.15g}" for value in self.columns.of(SimpleNamespace(**values), units)]
 
     def build(self, beads: np.ndarray, values: dict[str, float]) -> Any:
         """The bonds or angles of the model."""
@@ -59,18 +59,17 @@ class BondedStyle:
         return self.kind(beads, **values)
 
 
+_FENE = Columns({"k": "energy/length^2", "R0": "length", "epsilon": "energy", "sigma": "length"})
+
 BOND_STYLES = {
-    "harmonic": BondedStyle(HarmonicBonds, {"K": ("k", "energy/length^2"), "r0": ("r0", "length")}),
-    "fene": BondedStyle(
-        FENEBonds,
-        {"K": ("k", "energy/length^2"), "R0": ("R0", "length"), "epsilon": ("epsilon", "energy"), "sigma": ("sigma", "length")},
-    ),
-    "morse": BondedStyle(MorseBonds, {"D": ("D", "energy"), "alpha": ("alpha", "1/length"), "r0": ("r0", "length")}),
+    "harmonic": BondedStyle(HarmonicBonds, Columns({"k": "energy/length^2", "r0": "length"}), ("K", "r0")),
+    "fene": BondedStyle(FENEBonds, _FENE, ("K", "R0", "epsilon", "sigma")),
+    "morse": BondedStyle(MorseBonds, Columns({"D": "energy", "alpha": "1/length", "r0": "length"}), ("D", "alpha", "r0")),
     "zero": BondedStyle(None),
 }
 
 ANGLE_STYLES = {
-    "harmonic": BondedStyle(HarmonicAngles, {"K": ("k", "energy"), "theta0": ("theta0", "degrees")}),
-    "cosine": BondedStyle(CosineAngles, {"K": ("k", "energy")}),
+    "harmonic": BondedStyle(HarmonicAngles, Columns({"k": "energy", "theta0": "degrees"}), ("K", "theta0")),
+    "cosine": BondedStyle(CosineAngles, Columns({"k": "energy"}), ("K",)),
     "zero": BondedStyle(None),
 }

@@ -9,19 +9,19 @@ import numpy as np
 
 from ...errors import ParameterError
 from ...model.electrostatics import GaussianCharges, SlaterCharges, ewald_sum
-from ...model.pairs import NONE
 from ...model.scene import Scene
 from ...units import UnitSystem
 from ..language import arguments as read
-from ..state.pair_setup import Coefficient, PairStyle, Spec
+from ..state.pair_setup import Find, PairStyle, Spec, Values
+from .columns import cutoff_of, no_force
 from .dpd import STYLES as DPD_STYLES
-from .writing import Differences, StyleUse, number
+from .writing import Differences, StyleUse, exact
 
 #: Coulomb constant of LAMMPS's unit styles, energy times length per squared charge.
 QQR2E = {"lj": 1.0, "real": 332.06371, "metal": 14.399645}
 
 
-def _both_settings(words: list[str]) -> dict:
+def _dpd_slater_settings(words: list[str]) -> dict:
     """``dpd/coul/slater/long T cut_dpd seed lambda cut_coul``."""
     read.count(words, "dpd/coul/slater/long T cut_dpd seed lambda cut_coul", 5)
     name = "of dpd/coul/slater/long"
@@ -36,12 +36,12 @@ def _both_settings(words: list[str]) -> dict:
     }
 
 
-def _both_coefficient(style: PairStyle, words: list[str], _) -> tuple[dict, float | None]:
+def _dpd_slater_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
     """``A gamma [yes|no] [cutoff]``."""
     read.count(words, "A gamma [yes|no] [cutoff]", 2, 4)
     values: dict = {key: read.number(word, key) for key, word in zip(("A", "gamma"), words, strict=False)}
     values["charged"] = "yes" if len(words) > 2 and read.switch(words[2], "whether the pair is charged") else "no"
-    return values, read.positive(words[3], "the cutoff") if len(words) > 3 else None
+    return values, cutoff_of(words, 3)
 
 
 def _slater_settings(words: list[str]) -> dict:
@@ -51,20 +51,16 @@ def _slater_settings(words: list[str]) -> dict:
     return {"lamda": lamda, "cutoff_charges": cutoff}
 
 
-def _slater_coefficient(style: PairStyle, words: list[str], _) -> tuple[dict, float | None]:
+def _slater_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
     """No coefficients: ``pair_coeff * *``."""
     read.count(words, "pair_coeff i j (coul/slater/long has no coefficients)", 0)
     return {}, None
 
 
-def _both_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> tuple[object, str | None]:
-    """The DPD part; the charges are those of the beads (charges.py)."""
-    return DPD_STYLES["dpd"].build(style, found, units)
-
-
 STYLES = {
-    "dpd/coul/slater/long": Spec(_both_settings, _both_coefficient, _both_build, thermostat=True),
-    "coul/slater/long": Spec(_slater_settings, _slater_coefficient, lambda *_: (NONE, None), own_cutoffs=True),
+    # its build makes the DPD part; charges are those of the beads
+    "dpd/coul/slater/long": Spec(_dpd_slater_settings, _dpd_slater_coefficient, DPD_STYLES["dpd"].build, thermostat=True),
+    "coul/slater/long": Spec(_slater_settings, _slater_coefficient, no_force, own_cutoffs=True),
 }
 
 
@@ -87,11 +83,11 @@ def charge_use(scene: Scene, units: UnitSystem, types: list[str], differences: D
     if scene.box is None:
         # no cutoff in the scene, so one that no pair reaches
         reach = 2.0 * float(np.linalg.norm(np.ptp(scene.positions, axis=0))) + 10 * width
-        differences.remark(f"charges interact up to a distance of {number(reach / units.length)}, which should be beyond all pairs")
-        return StyleUse("coul/slater/cut", f"{number(width / units.length)} {number(reach / units.length)}", words, reach)
+        differences.remark(f"charges interact up to a distance of {exact(reach / units.length)}, which should be beyond all pairs")
+        return StyleUse("coul/slater/cut", f"{exact(width / units.length)} {exact(reach / units.length)}", words, reach)
     assert scene.charges is not None
     reach = ewald_sum(charges, scene.box, int(np.count_nonzero(scene.charges))).cutoff
-    return StyleUse("coul/slater/long", f"{number(width / units.length)} {number(reach / units.length)}", words, reach)
+    return StyleUse("coul/slater/long", f"{exact(width / units.length)} {exact(reach / units.length)}", words, reach)
 
 
 def _width(charges, differences: Differences) -> float:

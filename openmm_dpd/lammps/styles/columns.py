@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from ...model.pairs import NONE
 from ...units import UnitSystem
 from ..language import arguments as read
+from ..state.pair_setup import Coefficient, Find, PairStyle, Term, Values
 
 #: MD units per unit of the deck, by dimension.
 FACTORS: dict[str, Callable[[UnitSystem], float]] = {
@@ -39,27 +41,40 @@ class Columns:
     def __len__(self) -> int:
         return len(self.dimensions)
 
-    @property
-    def usage(self) -> str:
-        """The names."""
-        return " ".join(self.dimensions)
-
     def read(self, words: list[str]) -> dict[str, float]:
         """Values from the words at the beginning of ``words``, in the deck's units."""
         return {name: read.number(word, name) for name, word in zip(self.dimensions, words, strict=False)}
 
-    def read_with_cutoff(self, words: list[str]) -> tuple[dict, float | None]:
-        """Values from all ``words``, and the cutoff that may come behind them."""
-        read.count(words, f"{self.usage} [cutoff]", len(self), len(self) + 1)
-        return self.read(words), read.positive(words[-1], "the cutoff") if len(words) > len(self) else None
+    def coefficient(self, style: PairStyle, words: list[str], find: Find) -> Values:
+        """Values from all ``words``, and the cutoff that may come behind them: ``Spec.coefficient`` of most styles."""
+        read.count(words, f"{' '.join(self.dimensions)} [cutoff]", len(self), len(self) + 1)
+        return self.read(words), cutoff_of(words, len(self))
 
     def to_md(self, values: dict[str, Any], units: UnitSystem) -> dict[str, Any]:
-        """Values in MD units; those without a dimension here stay what they are."""
-        return {name: value * FACTORS[self.dimensions[name]](units) if name in self.dimensions else value for name, value in values.items()}
+        """Those of the values that have a name here, in MD units."""
+        return {name: values[name] * FACTORS[dimension](units) for name, dimension in self.dimensions.items() if name in values}
+
+    def builder(self, kind: Callable[..., object]) -> Callable[[PairStyle, Coefficient, UnitSystem], Term]:
+        """``Spec.build`` of a style whose terms are ``kind(**values, cutoff=...)``."""
+
+        def build(style: PairStyle, found: Coefficient, units: UnitSystem) -> Term:
+            return kind(**self.to_md(found.values, units), cutoff=style.cutoff(found) * units.length), None  # type: ignore[operator]
+
+        return build
 
     def of(self, term: Any, units: UnitSystem) -> list:
         """The same fields of a term of the model, in the deck's units."""
         return [getattr(term, name) / FACTORS[dimension](units) for name, dimension in self.dimensions.items()]
+
+
+def cutoff_of(words: list[str], at: int, what: str = "the cutoff") -> float | None:
+    """The cutoff, if there is a word at this place."""
+    return read.positive(words[at], what) if len(words) > at else None
+
+
+def no_force(style: PairStyle, found: Coefficient, units: UnitSystem) -> Term:
+    """``Spec.build`` of a style that puts no force between pairs of beads."""
+    return NONE, None
 
 
 def seeded(name: str, temperatures: int) -> Callable[[list[str]], dict]:

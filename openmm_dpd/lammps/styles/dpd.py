@@ -1,38 +1,35 @@
-"""Pair styles of the DPD family: conservative force, friction and noise."""
+"""Pair styles of the DPD family: conservative force, friction and noise, and conduction between beads with internal energies."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 
 from ...errors import ParameterError
+from ...model.energy_dpd import EnergyDPD
 from ...model.pairs import DPD
 from ...units import UnitSystem
-from ..state.pair_setup import Coefficient, PairStyle, Spec
+from ..state.pair_setup import Coefficient, PairStyle, Spec, Term
 from .columns import Columns, seeded
-from .writing import Exports, Pair, PairExport, StyleUse, number
+from .writing import Exports, Pair, PairExport, StyleUse, exact, plain_use
 
 
 def _dpd(name: str, temperatures: int, columns: Columns) -> Spec:
     """A style of the DPD family."""
 
-    def coefficient(style: PairStyle, words: list[str], _: Callable[[str], Path]) -> tuple[dict, float | None]:
-        return columns.read_with_cutoff(words)
-
-    def build(style: PairStyle, found: Coefficient, units: UnitSystem) -> tuple[object, str | None]:
-        values = columns.to_md({name: found.values[name] for name in columns.dimensions}, units)
-        term = DPD(**values, cutoff=style.cutoff(found) * units.length)  # type: ignore[operator]
+    def build(style: PairStyle, found: Coefficient, units: UnitSystem) -> Term:
+        term, _ = columns.builder(DPD)(style, found, units)
         for temperature in (style.settings["start"], style.settings["stop"]):
             term.check_temperature(temperature * units.thermal_energy)
         return term, None
 
-    return Spec(seeded(name, temperatures), coefficient, build, thermostat=True)
+    return Spec(seeded(name, temperatures), columns.coefficient, build, thermostat=True)
 
 
 _FORCE, _FRICTION, _NOISE = {"A": "force"}, {"gamma": "friction"}, {"sigma": "noise"}
 _TRANSVERSE = {**_FRICTION, "gamma_perp": "friction", "exponent": "1", "exponent_perp": "1"}
+_ENERGY = Columns({**_FORCE, **_NOISE, "kappa": "energy*kT/time"})
 
 STYLES = {
     "dpd": _dpd("dpd", 1, Columns({**_FORCE, **_FRICTION})),
@@ -40,6 +37,7 @@ STYLES = {
     "dpd/ext": _dpd("dpd/ext", 1, Columns({**_FORCE, **_TRANSVERSE})),
     "dpd/ext/tstat": _dpd("dpd/ext/tstat", 2, Columns(_TRANSVERSE)),
     "dpd/fdt": _dpd("dpd/fdt", 1, Columns({**_FORCE, **_NOISE})),
+    "dpd/fdt/energy": Spec(seeded("dpd/fdt/energy", 0), _ENERGY.coefficient, _ENERGY.builder(EnergyDPD), thermostat=True, atom_style="dpd"),
 }
 
 
@@ -49,12 +47,12 @@ def _friction(c: DPD, kT: float) -> float:
 
 
 def _export(export: PairExport, entries: dict[Pair, DPD]) -> list[StyleUse]:
-    units, kT = export.units, export.temperature
+    units, kT = export.units, export.scene.initial_kT
     longest = max(c.cutoff for c in entries.values())
-    reach = number(longest / units.length)
+    reach = exact(longest / units.length)
     gammas = {pair: _friction(c, kT) / units.friction for pair, c in entries.items()}
     A = {pair: c.A / units.force for pair, c in entries.items()}
-    cutoffs = {pair: number(c.cutoff / units.length) for pair, c in entries.items()}
+    cutoffs = {pair: exact(c.cutoff / units.length) for pair, c in entries.items()}
     general = any(c.gamma_perp or c.exponent != 1 or (c.exponent_perp != 1 and c.gamma_perp) for c in entries.values())
     fixed = {pair: c for pair, c in entries.items() if c.sigma and c.gamma is None}
 
@@ -64,7 +62,7 @@ def _export(export: PairExport, entries: dict[Pair, DPD]) -> list[StyleUse]:
 
     def transverse(pair: Pair) -> str:
         c = entries[pair]
-        return f"{number(gammas[pair])} {number(c.gamma_perp / units.friction)} {number(c.exponent)} {number(c.exponent_perp)}"
+        return f"{exact(gammas[pair])} {exact(c.gamma_perp / units.friction)} {exact(c.exponent)} {exact(c.exponent_perp)}"
 
     if export.ramps:
         if fixed:
@@ -75,28 +73,34 @@ def _export(export: PairExport, entries: dict[Pair, DPD]) -> list[StyleUse]:
         thermostat = use(
             "dpd/ext/tstat" if general else "dpd/tstat",
             f"{{start}} {{stop}} {reach} {{seed}}",
-            transverse if general else lambda pair: number(gammas[pair]),
+            transverse if general else lambda pair: exact(gammas[pair]),
         )
         if not any(A.values()):
             return [thermostat]
         # dpd has no ramp: the repulsion is a style of its own, without friction and noise
-        return [use("dpd", f"{{start}} {reach} {{seed}}", lambda pair: f"{number(A[pair])} 0.0", True), thermostat]
-    if export.shardlow or (len(fixed) == len(entries) and not general and not export.scaled_neighbours):
+        return [use("dpd", f"{{start}} {reach} {{seed}}", lambda pair: f"{exact(A[pair])} 0.0", True), thermostat]
+    # some bonded neighbours interact in part
+    scaled = bool(len(export.scene.bond_pairs)) and any(0 < factor < 1 for factor in export.scene.bonded_factors)
+    if export.shardlow or (len(fixed) == len(entries) and not general and not scaled):
 
         def noise(pair: Pair) -> str:
             c = entries[pair]
             sigma = c.sigma if c.sigma is not None and c.gamma is None else np.sqrt(2 * kT * _friction(c, kT))
-            return f"{number(A[pair])} {number(sigma / units.noise)}"
+            return f"{exact(A[pair])} {exact(sigma / units.noise)}"
 
         return [use("dpd/fdt", f"{{start}} {reach} {{seed}}", noise)]
     bare = not any(A.values())
     if general and bare:
         return [use("dpd/ext/tstat", f"{{start}} {{stop}} {reach} {{seed}}", transverse)]
     if general:
-        return [use("dpd/ext", f"{{start}} {reach} {{seed}}", lambda pair: f"{number(A[pair])} {transverse(pair)}")]
+        return [use("dpd/ext", f"{{start}} {reach} {{seed}}", lambda pair: f"{exact(A[pair])} {transverse(pair)}")]
     if bare:
-        return [use("dpd/tstat", f"{{start}} {{stop}} {reach} {{seed}}", lambda pair: number(gammas[pair]))]
-    return [use("dpd", f"{{start}} {reach} {{seed}}", lambda pair: f"{number(A[pair])} {number(gammas[pair])}")]
+        return [use("dpd/tstat", f"{{start}} {{stop}} {reach} {{seed}}", lambda pair: exact(gammas[pair]))]
+    return [use("dpd", f"{{start}} {reach} {{seed}}", lambda pair: f"{exact(A[pair])} {exact(gammas[pair])}")]
 
 
-EXPORTS: Exports = {DPD: _export}
+def _export_energy(export: PairExport, entries: dict[Pair, EnergyDPD]) -> list[StyleUse]:
+    return [plain_use("dpd/fdt/energy", "{cutoff} {seed}", _ENERGY, export, entries)]
+
+
+EXPORTS: Exports = {DPD: _export, EnergyDPD: _export_energy}

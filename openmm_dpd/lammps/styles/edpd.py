@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-
 from ...errors import ParameterError
 from ...model.edpd import EDPD
 from ...units import UnitSystem
 from ..language import arguments as read
-from ..state.pair_setup import Coefficient, PairStyle, Spec
+from ..state.pair_setup import Coefficient, Find, PairStyle, Spec, Term, Values
 from .columns import Columns, seeded
-from .writing import Exports, Pair, PairExport, StyleUse, number, numbers
+from .writing import Exports, Pair, PairExport, StyleUse, exact
 
 _COLUMNS = Columns(
     {
@@ -26,7 +23,7 @@ _COLUMNS = Columns(
 )
 
 
-def _edpd_coefficient(style: PairStyle, words: list[str], _: Callable[[str], Path]) -> tuple[dict, float | None]:
+def _edpd_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
     read.count(words, "A gamma power_f cutoff kappa power_T cutoff_T [power c1 c2 c3 c4] [kappa c1 c2 c3 c4]", 7, None)
     values: dict = _COLUMNS.read(words)
     for keyword, given in read.options(words[7:], {"power": 4, "kappa": 4}, "pair_coeff of edpd"):
@@ -35,8 +32,9 @@ def _edpd_coefficient(style: PairStyle, words: list[str], _: Callable[[str], Pat
     return values, None
 
 
-def _edpd_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> tuple[object, str | None]:
-    term = EDPD(**_COLUMNS.to_md(found.values, units))
+def _edpd_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> Term:
+    polynomials: dict = {name: values for name, values in found.values.items() if isinstance(values, tuple)}
+    term = EDPD(**_COLUMNS.to_md(found.values, units), **polynomials)
     remark = "pair edpd: forces and heat have different cutoffs, which LAMMPS does not compute correctly; here each has its own"
     return term, remark if term.cutoff_T != term.cutoff else None
 
@@ -58,10 +56,10 @@ def _export(export: PairExport, entries: dict[Pair, EDPD]) -> list[StyleUse]:
             )
         if c.cutoff_T > c.cutoff:
             export.differences.add(f"types {pair}: LAMMPS's edpd ends the exchange of heat at the cutoff of the forces, {c.cutoff:g}")
-        words[pair] = numbers(_COLUMNS.of(c, export.units))
+        words[pair] = exact(_COLUMNS.of(c, export.units))
         for keyword, polynomial in (("power", c.exponent_polynomial), ("kappa", c.kappa_polynomial)):
             if any(polynomial):
-                words[pair] += f" {keyword} {numbers(polynomial)}"
+                words[pair] += f" {keyword} {exact(polynomial)}"
     n = len(export.scene.type_names)
     different = len(set(words.values())) > 1 or len(words) < n * (n + 1) // 2
     if different and any(any(c.exponent_polynomial) or any(c.kappa_polynomial) for c in entries.values()):
@@ -77,7 +75,7 @@ def _export(export: PairExport, entries: dict[Pair, EDPD]) -> list[StyleUse]:
     if len(set(export.scene.bead_masses.tolist())) > 1:
         export.differences.add("LAMMPS's edpd takes the mass of one bead of a pair for both, which is wrong for beads of different masses")
     longest = max(c.cutoff for c in entries.values())
-    return [StyleUse("edpd", f"{number(longest)} {{seed}}", words, longest)]
+    return [StyleUse("edpd", f"{exact(longest)} {{seed}}", words, longest)]
 
 
 EXPORTS: Exports = {EDPD: _export}

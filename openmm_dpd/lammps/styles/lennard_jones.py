@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
+from functools import partial
 
 from ...model.pairs import LennardJones
 from ...units import UnitSystem
 from ..language import arguments as read
-from ..state.pair_setup import Coefficient, PairStyle, Spec
-from .columns import Columns
-from .writing import Exports, Pair, PairExport, StyleUse, number, numbers
+from ..state.pair_setup import Coefficient, Find, PairStyle, Spec, Term, Values
+from .columns import Columns, cutoff_of
+from .writing import Exports, Pair, PairExport, StyleUse, plain_use
 
 MIXING = ("geometric", "arithmetic", "sixthpower")
 
@@ -22,15 +22,14 @@ def _lj_settings(words: list[str]) -> dict:
     return {"cutoff": read.positive(words[0], "the cutoff of lj/cut")}
 
 
-def _lj_coefficient(style: PairStyle, words: list[str], _: Callable[[str], Path]) -> tuple[dict, float | None]:
+def _lj_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
     read.count(words, "epsilon sigma [cutoff]", 2, 3)
     values = {"epsilon": read.non_negative(words[0], "epsilon"), "sigma": read.positive(words[1], "sigma")}
-    return values, read.positive(words[2], "the cutoff") if len(words) > 2 else None
+    return values, cutoff_of(words, 2)
 
 
-def _lj_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> tuple[object, str | None]:
-    cutoff = style.cutoff(found) * units.length  # type: ignore[operator]
-    return LennardJones(**_COLUMNS.to_md(found.values, units), cutoff=cutoff, shift=style.shift), None
+def _lj_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> Term:
+    return _COLUMNS.builder(partial(LennardJones, shift=style.shift))(style, found, units)
 
 
 def mixed(style: PairStyle, first: Coefficient, second: Coefficient) -> Coefficient:
@@ -53,14 +52,11 @@ STYLES = {"lj/cut": Spec(_lj_settings, _lj_coefficient, _lj_build, mixed=mixed)}
 
 
 def _export(export: PairExport, entries: dict[Pair, LennardJones]) -> list[StyleUse]:
-    units, found = export.units, []
+    found = []
     for shifted in (False, True):
         mine = {pair: c for pair, c in entries.items() if bool(c.shift) == shifted}
-        if not mine:
-            continue
-        longest = max(c.cutoff for c in mine.values())
-        words = {pair: numbers([*_COLUMNS.of(c, units), c.cutoff / units.length]) for pair, c in mine.items()}
-        found.append(StyleUse("lj/cut", number(longest / units.length), words, longest, "shift yes" if shifted else ""))
+        if mine:
+            found.append(plain_use("lj/cut", "{cutoff}", _COLUMNS, export, mine, "shift yes" if shifted else ""))
     return found
 
 

@@ -5,13 +5,10 @@ A style is one entry of the ``STYLES`` of its file; the commands in ``commands/p
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-
-from ...model.pairs import NONE
 from ..language import arguments as read
-from ..state.pair_setup import PairStyle, Spec
-from . import charges, dpd, edpd, energy, lennard_jones, mdpd, srp, table, tdpd
+from ..state.pair_setup import Spec
+from . import charges, dpd, edpd, lennard_jones, mdpd, srp, table, tdpd
+from .columns import cutoff_of, no_force
 from .writing import Exports
 
 
@@ -22,31 +19,13 @@ def _zero_settings(words: list[str]) -> dict:
     return {"cutoff": read.positive(words[0], "the cutoff of zero")}
 
 
-def _zero_coefficient(style: PairStyle, words: list[str], _: Callable[[str], Path]) -> tuple[dict, float | None]:
-    return {}, read.positive(words[0], "the cutoff") if words else None
-
+#: Files of styles.
+_FILES = (dpd, edpd, tdpd, mdpd, lennard_jones, table, charges, srp)
 
 #: Pair styles by name.
-PAIR_STYLES: dict[str, Spec] = {
-    **dpd.STYLES,
-    **energy.STYLES,
-    **edpd.STYLES,
-    **tdpd.STYLES,
-    **mdpd.STYLES,
-    **lennard_jones.STYLES,
-    **table.STYLES,
-    **charges.STYLES,
-    **srp.STYLES,
-    "zero": Spec(_zero_settings, _zero_coefficient, lambda *_: (NONE, None)),
+PAIR_STYLES: dict[str, Spec] = {name: spec for file in _FILES for name, spec in file.STYLES.items()} | {
+    "zero": Spec(_zero_settings, lambda style, words, find: ({}, cutoff_of(words, 0)), no_force)
 }
 
 #: From the kind of a table of a scene to the styles that say the same.
-EXPORTS: Exports = {
-    **dpd.EXPORTS,
-    **energy.EXPORTS,
-    **edpd.EXPORTS,
-    **tdpd.EXPORTS,
-    **mdpd.EXPORTS,
-    **lennard_jones.EXPORTS,
-    **table.EXPORTS,
-}
+EXPORTS: Exports = {kind: export for file in _FILES for kind, export in getattr(file, "EXPORTS", {}).items()}

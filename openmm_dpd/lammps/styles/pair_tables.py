@@ -6,20 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...errors import ParameterError
 from ...model.pairs import NONE
 from ...model.table import PairTable
-from ..language.lexer import Line, located
+from ..language.lexer import errors_at, located
 from ..state.deck_state import DeckState
 from ..state.pair_setup import Coefficient, PairStyle
 
 #: Coefficients of one pair style by type pair.
 Table = dict[tuple[int, int], Coefficient]
-
-
-def type_name(number: int) -> str:
-    """Name that the scene uses for a bead type."""
-    return str(number)
 
 
 def pair_tables(state: DeckState) -> list[PairTable]:
@@ -58,24 +52,30 @@ def pair_tables(state: DeckState) -> list[PairTable]:
         for (i, j), coefficient in sorted(table.items()):
             if id(coefficient) not in terms:
                 terms[id(coefficient)] = _term(state, style, (i, j), coefficient)
-            entries[(type_name(i), type_name(j))] = terms[id(coefficient)]
+            entries[(str(i), str(j))] = terms[id(coefficient)]
         result.append(entries)
     result = result or [{}]
     for i, j in sorted(setup.excluded | between_bonds):
-        result[0].setdefault((type_name(i), type_name(j)), NONE)
+        result[0].setdefault((str(i), str(j)), NONE)
     return [PairTable(entries) for entries in result]
 
 
 def _term(state: DeckState, style: PairStyle, pair: tuple[int, int], coefficient: Coefficient) -> object:
     """The pair term of a coefficient; DeckError if it is out of bounds or reaches too far."""
     where = coefficient.where or style.where
-    try:
+    with errors_at(where, f"pair style {style.name}, types {pair[0]} {pair[1]}: "):
         term, remark = style.spec.build(style, coefficient, state.units)
-    except ParameterError as error:
-        raise located(where, f"pair style {style.name}, types {pair[0]} {pair[1]}: {error}") from None
     if remark:
         state.note(remark)
-    _check_cutoff(state, term, pair, where)
+    length = state.units.length
+    half = 0.5 * float(np.min(np.diag(state.require_box("a run").reduced_vectors))) * length
+    cutoff = max(getattr(term, name, 0.0) for name in ("cutoff", "cutoff_T", "cutoff_c"))
+    if cutoff > half * (1 + 1e-12):
+        raise located(
+            where,
+            f"the cutoff {cutoff / length:g} of types {pair[0]} {pair[1]} is over half the box, {half / length:g}; "
+            "a pair would meet two periodic images of one bead. Use a larger box or a smaller cutoff",
+        )
     return term
 
 
@@ -101,15 +101,3 @@ def _with_densities(styles: list[PairStyle], tables: list[Table]) -> list[tuple[
             raise located(table[alone[0]].where, f"types {i} {j} have no coefficients of {lacking}; both styles need the same type pairs")
     merged = {pair: replace(found, values=found.values | {"cutoff_density": densities[pair].cutoff}) for pair, found in forces.items()}
     return [(style, merged if k == many[0] else tables[k]) for k, style in enumerate(styles) if k != sums[0]]
-
-
-def _check_cutoff(state: DeckState, term, pair: tuple[int, int], where: Line) -> None:
-    length = state.units.length
-    half = 0.5 * float(np.min(np.diag(state.require_box("a run").reduced_vectors))) * length
-    cutoff = max(getattr(term, name, 0.0) for name in ("cutoff", "cutoff_T", "cutoff_c"))
-    if cutoff > half * (1 + 1e-12):
-        raise located(
-            where,
-            f"the cutoff {cutoff / length:g} of types {pair[0]} {pair[1]} is over half the box, {half / length:g}; "
-            "a pair would meet two periodic images of one bead. Use a larger box or a smaller cutoff",
-        )

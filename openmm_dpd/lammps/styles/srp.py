@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 
 from ...errors import ParameterError
-from ...model.pairs import NONE
 from ...model.scene import Scene
 from ...model.segments import DISTANCES
 from ...units import UnitSystem
 from ..language import arguments as read
-from ..state.pair_setup import PairStyle, Spec
-from .writing import Differences, StyleUse, number
+from ..state.pair_setup import Find, PairStyle, Spec, Values
+from .columns import cutoff_of, no_force
+from .writing import Differences, StyleUse, exact
 
 #: Words of the style that are no numbers.
 _WORDS = frozenset(("*", *DISTANCES, "exclude", "bptype", "yes", "no"))
@@ -40,13 +37,13 @@ def srp_settings(words: list[str]) -> dict:
     return found
 
 
-def _srp_coefficient(style: PairStyle, words: list[str], _: Callable[[str], Path]) -> tuple[dict, float | None]:
+def _srp_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
     """``A [cutoff]``."""
     read.count(words, "A [cutoff]", 1, 2)
-    return {"A": read.non_negative(words[0], "A")}, read.positive(words[1], "the cutoff") if len(words) > 1 else None
+    return {"A": read.non_negative(words[0], "A")}, cutoff_of(words, 1)
 
 
-STYLES = {"srp": Spec(srp_settings, _srp_coefficient, lambda *_: (NONE, None), words=_WORDS, of_bonds=True)}
+STYLES = {"srp": Spec(srp_settings, _srp_coefficient, no_force, words=_WORDS, of_bonds=True)}
 
 
 def segment_use(scene: Scene, units: UnitSystem, bonds: np.ndarray, n_types: int, differences: Differences) -> StyleUse | None:
@@ -78,7 +75,7 @@ def segment_use(scene: Scene, units: UnitSystem, bonds: np.ndarray, n_types: int
     if segments.distance == "min" and scene.compat != "lammps":
         differences.add("LAMMPS's srp limits the two nearest points one by one, which is not always the least distance (compat='lammps')")
     exclude = "yes" if segments.exclude_adjoining else "no"
-    reach = number(segments.cutoff / units.length)
+    reach = exact(segments.cutoff / units.length)
     settings = f"{reach} {kind} {segments.distance} exclude {exclude} bptype {n_types + 1}"
-    words = f"{number(segments.A / units.force)} {reach}"
+    words = f"{exact(segments.A / units.force)} {reach}"
     return StyleUse("srp", settings, {("*", "*"): words}, segments.cutoff)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Iterator
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -13,8 +12,9 @@ from ...model.pairs import TabulatedPair
 from ...units import UnitSystem
 from ..files.table_file import MODES, read_table, tabulated_pair
 from ..language import arguments as read
-from ..state.pair_setup import Coefficient, PairStyle, Spec
-from .writing import Exports, Pair, PairExport, StyleUse, number
+from ..state.pair_setup import Coefficient, Find, PairStyle, Spec, Term, Values
+from .columns import cutoff_of
+from .writing import Exports, Pair, PairExport, StyleUse, exact
 
 #: Points of LAMMPS's own tables.
 _TABLE_POINTS = 100000
@@ -27,10 +27,10 @@ def _table_settings(words: list[str]) -> dict:
     return {"mode": read.choice(words[0], "the table style", MODES), "points": read.integer(words[1], "the size of the table", 2)}
 
 
-def _table_coefficient(style: PairStyle, words: list[str], find: Callable[[str], Path]) -> tuple[dict, float | None]:
+def _table_coefficient(style: PairStyle, words: list[str], find: Find) -> Values:
     read.count(words, "file keyword [cutoff]", 2, 3)
     values = {"file": words[0], "keyword": words[1], "data": read_table(find(words[0]), words[1])}
-    return values, read.positive(words[2], "the cutoff") if len(words) > 2 else None
+    return values, cutoff_of(words, 2)
 
 
 def _table_words(style: PairStyle, found: Coefficient) -> list[str]:
@@ -38,7 +38,7 @@ def _table_words(style: PairStyle, found: Coefficient) -> list[str]:
     return [found.values["file"], found.values["keyword"], *cutoff]
 
 
-def _table_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> tuple[object, str | None]:
+def _table_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> Term:
     term, remark = tabulated_pair(found.values["data"], found.cutoff, units)
     return term, remark and f"pair table {found.values['keyword']} of {found.values['file']}: {remark}"
 
@@ -55,9 +55,9 @@ def _export(export: PairExport, entries: dict[Pair, TabulatedPair]) -> list[Styl
             keyword = f"TABLE_{1 + sum(line.startswith('TABLE_') for line in lines)}"
             written[id(c)] = keyword
             lines += _table_section(c, keyword, units)
-        words[pair] = f"{file} {written[id(c)]} {number(c.cutoff / units.length)}"  # type: ignore[operator]
+        words[pair] = f"{file} {written[id(c)]} {exact(c.cutoff / units.length)}"  # type: ignore[operator]
         export.differences.remark(
-            f"LAMMPS stops where two beads of types {pair} are nearer than {number(_rows(c)[0][0] / units.length)}, where the table begins"
+            f"LAMMPS stops where two beads of types {pair} are nearer than {exact(_rows(c)[0][0] / units.length)}, where the table begins"
         )
     longest = max(float(c.cutoff) for c in entries.values())  # type: ignore[arg-type]
     return [StyleUse("table", f"spline {_TABLE_POINTS}", words, longest)]
@@ -68,12 +68,8 @@ def _rows(c: TabulatedPair) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     r = np.array(c.distances)
     if r[0] == 0:
         r[0] = 1e-6 * r[1]  # LAMMPS has no table that begins at 0
-    forces = c.forces if c.forces is not None else -_slopes(c)
+    forces = c.forces if c.forces is not None else -CubicSpline(c.distances, c.energies).derivative()(c.distances)
     return r, c.energies, forces
-
-
-def _slopes(c: TabulatedPair) -> np.ndarray:
-    return CubicSpline(c.distances, c.energies).derivative()(c.distances)
 
 
 def _table_section(c: TabulatedPair, keyword: str, units: UnitSystem) -> Iterator[str]:

@@ -2,32 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 
 from ...model.tdpd import TDPD
 from ...units import UnitSystem
 from ..language import arguments as read
-from ..state.pair_setup import Coefficient, PairStyle, Spec
+from ..state.pair_setup import Coefficient, Find, PairStyle, Spec, Term, Values
 from .columns import Columns, seeded
-from .writing import Exports, Pair, PairExport, StyleUse, number, numbers
+from .writing import Exports, Pair, PairExport, StyleUse, exact
 
 _COLUMNS = Columns({"A": "force", "gamma": "friction", "exponent": "1", "cutoff": "length", "cutoff_c": "length"})
 
 
-def _tdpd_coefficient(style: PairStyle, words: list[str], _: Callable[[str], Path]) -> tuple[dict, float | None]:
+def _tdpd_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
     n = style.settings["species"]
     each = " ".join(f"kappa_{k} epsilon_{k} power_{k}" for k in range(1, n + 1))
     read.count(words, f"A gamma power_f cutoff cutoff_c {each}", 5 + 3 * n)
     return _COLUMNS.read(words) | {"species": tuple(read.number(word, "a coefficient of a species") for word in words[5:])}, None
 
 
-def _tdpd_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> tuple[object, str | None]:
+def _tdpd_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> Term:
     kappa, epsilon, exponents = (found.values["species"][k::3] for k in range(3))
     term = TDPD(
-        **_COLUMNS.to_md({name: found.values[name] for name in _COLUMNS.dimensions}, units),
+        **_COLUMNS.to_md(found.values, units),
         kappa=tuple(k / units.time for k in kappa),
         epsilon=tuple(e / units.time**0.5 for e in epsilon),
         exponent_c=exponents,
@@ -48,9 +45,9 @@ def _export(export: PairExport, entries: dict[Pair, TDPD]) -> list[StyleUse]:
         if c.cutoff_c > c.cutoff:  # type: ignore[operator]
             export.differences.add(f"types {pair}: LAMMPS's tdpd ends the exchange of species at the cutoff of the forces, {c.cutoff:g}")
         species = np.column_stack([c.kappa, c.epsilon, c.exponent_c])
-        words[pair] = f"{numbers(_COLUMNS.of(c, export.units))} {numbers(species)}"
+        words[pair] = f"{exact(_COLUMNS.of(c, export.units))} {exact(species)}"
     longest = max(c.cutoff for c in entries.values())
-    return [StyleUse("tdpd", f"{{start}} {number(longest)} {{seed}}", words, longest)]
+    return [StyleUse("tdpd", f"{{start}} {exact(longest)} {{seed}}", words, longest)]
 
 
 EXPORTS: Exports = {TDPD: _export}

@@ -1,9 +1,9 @@
-"""What styles write, and what they say about it: numbers, coefficients, differences between a scene and LAMMPS."""
+"""What styles write, and what they say about it: numbers, groups, coefficients, differences between a scene and LAMMPS."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from ...errors import ParameterError
 from ...model.scene import Scene
 from ...units import UnitSystem
+from .columns import Columns
 
 Pair = tuple[str, str]
 
@@ -43,16 +44,40 @@ class Differences:
             warnings.warn(text, ExportWarning, stacklevel=stacklevel + 1)
 
 
-def number(value: float) -> str:
-    """The shortest text that reads back as the same double."""
-    return repr(float(value))
+def exact(values) -> str:
+    """A number, or several with spaces between them: the shortest texts that read back as the same doubles."""
+    return " ".join(repr(value) for value in np.ravel(values).astype(float).tolist())
 
 
-def numbers(values) -> str:
-    """Several numbers with spaces between them."""
-    return " ".join(number(value) for value in np.ravel(values))
+# -- beads by their ids, and seeds ----------------------------------------------------------------------------------------------
+#: Words on one physical line of a deck.
+_LINE = 16
+
+#: Words in one group command.
+_GROUP = 400
 
 
+def lammps_seed(seed: int, offset: int = 0) -> int:
+    """A seed that LAMMPS takes, 1 to 900000000."""
+    return (int(seed) + offset - 1) % 900_000_000 + 1
+
+
+def id_words(mask: np.ndarray) -> list[str]:
+    """Ids (counted from 1) of the True entries as words ``n`` and ``n:m``."""
+    padded = np.concatenate([[False], np.asarray(mask, bool), [False]]).astype(np.int8)
+    starts, ends = np.flatnonzero(np.diff(padded) == 1) + 1, np.flatnonzero(np.diff(padded) == -1)
+    return [f"{first}" if first == last else f"{first}:{last}" for first, last in zip(starts.tolist(), ends.tolist(), strict=True)]
+
+
+def group_lines(name: str, mask: np.ndarray) -> Iterator[str]:
+    """Commands that put beads into a group, each on several lines if it is long."""
+    ids = id_words(mask)
+    for k in range(0, len(ids), _GROUP):
+        words = ["group", name, "id", *ids[k : k + _GROUP]]
+        yield " &\n  ".join(" ".join(words[n : n + _LINE]) for n in range(0, len(words), _LINE))
+
+
+# -- styles ---------------------------------------------------------------------------------------------------------------------
 @dataclass
 class StyleUse:
     """One pair style and its coefficients.
@@ -92,20 +117,10 @@ class PairExport:
     tables: dict[str, list[str]] = field(default_factory=dict)
 
     @property
-    def temperature(self) -> float:
-        """Thermal energy at the start, kJ/mol."""
-        return self.scene.initial_kT
-
-    @property
     def ramps(self) -> bool:
         """Whether the temperature changes."""
         kT = self.scene.kT
         return not isinstance(kT, float) and kT.kT_start != kT.kT_end
-
-    @property
-    def scaled_neighbours(self) -> bool:
-        """Whether some bonded neighbours interact in part."""
-        return bool(len(self.scene.bond_pairs)) and any(0 < factor < 1 for factor in self.scene.bonded_factors)
 
     def require_reduced(self, what: str) -> None:
         """ParameterError if LAMMPS has not this kind of terms with the units, or the temperature, of the scene."""
@@ -113,6 +128,13 @@ class PairExport:
             raise ParameterError(f"{what} goes with one temperature in LAMMPS, but the scene has a ramp; LAMMPS has ramps for DPD only")
         if self.units.name != "lj":
             raise ParameterError(f"{what} goes with units lj only in LAMMPS, not with units {self.units.name}")
+
+
+def plain_use(name: str, settings: str, columns: Columns, export: PairExport, entries: dict[Pair, Any], modify: str = "") -> StyleUse:
+    """Use of a style whose coefficients are some numbers and the cutoff; ``settings`` has ``{cutoff}`` where the longest one goes."""
+    units, longest = export.units, max(c.cutoff for c in entries.values())
+    words = {pair: exact([*columns.of(c, units), c.cutoff / units.length]) for pair, c in entries.items()}
+    return StyleUse(name, settings.replace("{cutoff}", exact(longest / units.length)), words, longest, modify)
 
 
 #: From the kind of a table of a scene to the styles that say the same.

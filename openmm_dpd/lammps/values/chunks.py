@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -45,8 +46,8 @@ class Slicing:
     reduced: bool = False
     bound: tuple[float | None, float | None] = (None, None)
 
-    def slices(self, box: Box) -> Slices:
-        """The slices in a box (deck units)."""
+    def slices(self, box: Box) -> tuple[float, int, float]:
+        """Where the first slice begins, how many there are in a box (deck units), and the part of its volume that each has."""
         low, high = (0.0, 1.0) if self.reduced else (float(box.low[self.axis]), float(box.high[self.axis]))
         edge = high - low
         low, high = (end if end is not None else of_box for end, of_box in zip(self.bound, (low, high), strict=True))
@@ -60,22 +61,7 @@ class Slicing:
             raise ParameterError(
                 f"compute chunk/atom: a thickness of {self.thickness:g} gives {last - first:g} slices between {low:g} and {high:g}"
             )
-        return Slices(float(origin + first * self.thickness), self.thickness, int(last - first), self.thickness / edge)
-
-
-@dataclass(frozen=True)
-class Slices:
-    """``count`` slices of one thickness, from ``start`` on, each with the same fraction of the volume of the box."""
-
-    start: float
-    thickness: float
-    count: int
-    fraction: float
-
-    @property
-    def centres(self) -> np.ndarray:
-        """Coordinates of the middle of each slice."""
-        return self.start + (np.arange(self.count) + 0.5) * self.thickness
+        return float(origin + first * self.thickness), int(last - first), self.thickness / edge
 
 
 @dataclass(frozen=True)
@@ -99,8 +85,8 @@ class Binning:
 
     def bins(self, box: Box) -> Bins:
         """The bins in a box (deck units)."""
-        axes = tuple(axis.slices(box) for axis in self.axes)
-        bins = Bins(axes, box.volume * float(np.prod([slices.fraction for slices in axes])))
+        starts, counts, fractions = zip(*(axis.slices(box) for axis in self.axes), strict=True)
+        bins = Bins(starts, tuple(axis.thickness for axis in self.axes), counts, box.volume * float(np.prod(fractions)))
         if bins.count > _MOST:
             raise ParameterError(f"compute chunk/atom: {bins.count} bins are too many")
         return bins
@@ -108,20 +94,23 @@ class Binning:
 
 @dataclass(frozen=True)
 class Bins:
-    """Bins of one volume, those along the last axis one after the other."""
+    """Bins of one volume, those along the last axis one after the other: first face, thickness and number of slices of each axis."""
 
-    axes: tuple[Slices, ...]
+    starts: tuple[float, ...]
+    thicknesses: tuple[float, ...]
+    counts: tuple[int, ...]
     volume: float
 
     @property
     def count(self) -> int:
         """Number of bins."""
-        return int(np.prod([slices.count for slices in self.axes], dtype=object))
+        return math.prod(self.counts)
 
     @property
     def centres(self) -> np.ndarray:
         """(count, axes) coordinates of the middle of each bin."""
-        grids = np.meshgrid(*(slices.centres for slices in self.axes), indexing="ij")
+        axes = zip(self.starts, self.thicknesses, self.counts, strict=True)
+        grids = np.meshgrid(*(start + (np.arange(count) + 0.5) * thickness for start, thickness, count in axes), indexing="ij")
         return np.stack([grid.ravel() for grid in grids], axis=1)
 
 
@@ -201,14 +190,14 @@ def chunk_numbers(moment: DeckMoment, compute: Compute, bins: Bins) -> np.ndarra
     if binning.region is not None:
         counted = counted & moment.state.region(binning.region).contains(positions)
     total = np.zeros(len(positions), dtype=np.int64)
-    for axis, slices in zip(binning.axes, bins.axes, strict=True):
+    for axis, start, count in zip(binning.axes, bins.starts, bins.counts, strict=True):
         # times the inverse, as LAMMPS has it: a bead on a face belongs to one slice or the other by the last bit
-        number = np.floor((fractions[:, axis.axis] - slices.start) * (1 / slices.thickness)).astype(np.int64)
-        beyond = (number < 0, number >= slices.count)
+        number = np.floor((fractions[:, axis.axis] - start) * (1 / axis.thickness)).astype(np.int64)
+        beyond = (number < 0, number >= count)
         for outside, end in zip(beyond, axis.bound, strict=True):
             if binning.discard == "yes" or (binning.discard == "mixed" and end is not None):
                 counted = counted & ~outside
-        total = total * slices.count + np.clip(number, 0, slices.count - 1)
+        total = total * count + np.clip(number, 0, count - 1)
     return np.where(counted, total, -1)
 
 

@@ -1,10 +1,11 @@
-"""The description of a compute style."""
+"""The description of a compute style, and the words that name values: ``c_id``, ``f_id`` and ``v_name``, perhaps with indices."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,8 +22,8 @@ class ComputeSpec:
 
     Attributes
     ----------
-    check : callable or None
-        Raises ParameterError if the arguments (state, group, words) are not supported; None where ``prepare`` does.
+    prepare : callable
+        Turns (state, group, words) into ``Compute.settings``, once; ParameterError if they are not supported.
     scalar : callable or None
         From (moment, compute) to its value in deck units, not normalised.
     vector : callable or None
@@ -42,14 +43,12 @@ class ComputeSpec:
     size : callable
         Number of values of the vector.
     needs : tuple of str
-        Fields of Sample that it reads.
+        Fields of DeckSample that it reads.
     inputs : callable
         Words (``c_id``, ``vx``, ...) of the beads' values that it is made of.
-    prepare : callable or None
-        Turns (state, group, words) into ``Compute.settings``, once.
     """
 
-    check: Callable[[DeckState, str, list[str]], None] | None = None
+    prepare: Callable[[DeckState, str, list[str]], Any]
     scalar: Callable[[DeckMoment, Compute], float] | None = None
     vector: Callable[[DeckMoment, Compute], np.ndarray] | None = None
     per_bead: Callable[[DeckMoment, Compute], np.ndarray] | None = None
@@ -61,7 +60,6 @@ class ComputeSpec:
     size: Callable[[Compute], int] = lambda compute: 0
     needs: tuple[str, ...] = ()
     inputs: Callable[[Compute], tuple[str, ...]] = lambda compute: ()
-    prepare: Callable[[DeckState, str, list[str]], Any] | None = None
 
     def is_extensive(self, compute: Compute, indexed: bool = False) -> bool:
         """Whether the value of this compute (or those of its vector) are sums over beads."""
@@ -80,10 +78,43 @@ def check_place(compute: Compute, spec: ComputeSpec, row: int | None, column: in
     return row - 1, column - 1
 
 
-def no_arguments(style: str = "style") -> Callable[[DeckState, str, list[str]], None]:
-    """The check of a style that has no arguments."""
+def no_arguments(style: str, atom_style: str | None = None) -> Callable[[DeckState, str, list[str]], None]:
+    """``ComputeSpec.prepare`` of a style that has no arguments, and may need an atom style."""
 
     def check(state: DeckState, group: str, words: list[str]) -> None:
         read.count(words, f"compute ID group {style} (and no more)", 0)
+        if atom_style is not None:
+            state.require_atom_style(atom_style, f"compute {style}")
 
     return check
+
+
+# -- words that name values ----------------------------------------------------------------------------------------------------
+_FORM = re.compile(r"([cfv])_(\w+?)((?:\[\d+\]){0,2})", re.ASCII)
+
+
+class Reference(NamedTuple):
+    """What a word names: kind (``c``, ``f`` or ``v``), id, and its indices."""
+
+    kind: str
+    name: str
+    indices: tuple[int, ...]
+
+    @property
+    def first(self) -> int | None:
+        """The first index, None without one."""
+        return self.indices[0] if self.indices else None
+
+    @property
+    def second(self) -> int | None:
+        """The second one."""
+        return self.indices[1] if len(self.indices) > 1 else None
+
+
+def reference(word: str) -> Reference:
+    """The parts of a word that begins with ``c_``, ``f_`` or ``v_``; ParameterError if it is malformed."""
+    match = _FORM.fullmatch(word)
+    if match is None:
+        start = word[:2]
+        raise ParameterError(f"expected {start}id, {start}id[index] or {start}id[row][column], not '{word}'")
+    return Reference(match[1], match[2], tuple(map(int, re.findall(r"\d+", match[3]))))

@@ -5,23 +5,23 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ...errors import ParameterError
+from ...tensors import AXES_OF_TENSOR
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
 from ..state.records import Compute
 from .chunks import CHUNKS
-from .compute_spec import ComputeSpec, no_arguments
-from .per_bead import BEAD_WORDS, PER_BEAD, require_atom_style
+from .compute_spec import ComputeSpec, check_place, no_arguments, reference
+from .per_bead import BEAD_WORDS, PER_BEAD
 from .structure_computes import STRUCTURE
 
 #: One word for several values: ``c_id[*]``, ``c_id[2*4]``, ``f_id[*]``.
 _WILD = re.compile(r"([cf])_(\w+)\[(\d*\*\d*)\]", re.ASCII)
-
-_REFERENCE = re.compile(r"c_(\w+)(?:\[(\d+)\])?", re.ASCII)
 
 
 def _all_only(style: str, allowed: tuple[str, ...]) -> Callable[[DeckState, str, list[str]], None]:
@@ -47,8 +47,9 @@ def _check_pressure(state: DeckState, group: str, words: list[str]) -> None:
 _PARTS = ("pair", "bond", "angle")
 
 
-def _pe(moment: DeckMoment, compute: Compute) -> float:
-    return sum(moment.energy(f"{part}_energy") for part in compute.arguments or _PARTS)
+def potential_energy(moment: DeckMoment, parts: Sequence[str] = _PARTS) -> float:
+    """Sum of these parts of the potential energy, in the deck's units."""
+    return sum(moment.energy(f"{part}_energy") for part in parts)
 
 
 def _pressure(moment: DeckMoment, compute: Compute) -> float:
@@ -58,17 +59,12 @@ def _pressure(moment: DeckMoment, compute: Compute) -> float:
     return moment.pressure_of(kinetic, 0.0 if "ke" in compute.arguments[1:] else moment.need("virial"))
 
 
-def _centre(moment: DeckMoment, compute: Compute) -> np.ndarray:
-    mask, masses = moment.state.group(compute.group), moment.state.bead_masses()
-    return masses[mask] @ moment.unwrapped[mask] / masses[mask].sum()
-
-
 def _kinetic_tensor(moment: DeckMoment, compute: Compute) -> np.ndarray:
     """Sums of m v_a v_b over the group: xx, yy, zz, xy, xz, yz."""
     mask, masses = moment.state.group(compute.group), moment.state.bead_masses()
     velocities = moment.velocities[mask] * moment.units.velocity
     tensor = (masses[mask][:, None] * velocities).T @ velocities / moment.units.energy
-    return tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    return np.array([tensor[axes] for axes in AXES_OF_TENSOR])
 
 
 def _momentum(moment: DeckMoment, compute: Compute) -> np.ndarray:
@@ -78,27 +74,14 @@ def _momentum(moment: DeckMoment, compute: Compute) -> np.ndarray:
 
 def _dpd(moment: DeckMoment, compute: Compute) -> np.ndarray:
     mask, units = moment.state.group(compute.group), moment.units
-    conductive, mechanical = (float(moment.carried(name)[mask].sum()) / units.energy for name in ("u_cond", "u_mech"))
-    thetas = moment.carried("theta")[mask] / units.thermal_energy
+    conductive, mechanical = (float(moment.field(name)[mask].sum()) / units.energy for name in ("u_cond", "u_mech"))
+    thetas = moment.field("theta")[mask] / units.thermal_energy
     harmonic = len(thetas) / np.sum(1 / thetas) if len(thetas) and np.all(thetas > 0) else 0.0
     # LAMMPS's third energy is chemical: there are no reactions here
     return np.array([conductive, mechanical, 0.0, harmonic, float(len(thetas))])
 
 
-def _check_dpd(state: DeckState, group: str, words: list[str]) -> None:
-    no_arguments()(state, group, words)
-    require_atom_style(state, "dpd", "dpd")
-
-
 # -- values of single beads, by name -------------------------------------------------------------------------------------------
-def bead_reference(word: str) -> tuple[str, int | None]:
-    """Id and column of ``c_id`` or ``c_id[column]``."""
-    match = _REFERENCE.fullmatch(word)
-    if match is None:
-        raise ParameterError(f"expected c_id or c_id[column], not '{word}'")
-    return match[1], None if match[2] is None else int(match[2])
-
-
 def check_bead_word(state: DeckState, word: str, allowed: tuple[str, ...] = tuple(BEAD_WORDS), what: str = "a value of the beads") -> None:
     """Raise ParameterError unless a word names a value that every bead has."""
     if word.startswith("v_"):
@@ -109,17 +92,14 @@ def check_bead_word(state: DeckState, word: str, allowed: tuple[str, ...] = tupl
     if not word.startswith("c_"):
         read.choice(word, what, [*allowed, "c_id", "c_id[column]", "v_name"])
         return
-    name, column = bead_reference(word)
-    if name not in state.computes:
-        raise ParameterError(f"{word}: there is no compute '{name}'; defined are {', '.join(state.computes) or 'none'}")
-    compute = state.computes[name]
-    spec = COMPUTES[compute.style]
+    _, name, indices = reference(word)
+    compute, spec = compute_of(state, name, word)
     if spec.per_bead is None:
         raise ParameterError(f"{word}: compute style {compute.style} has no values of single beads")
     columns = spec.columns(compute)
-    if columns == 0 and column is not None:
+    if columns == 0 and indices:
         raise ParameterError(f"{word}: compute {name} (style {compute.style}) has one value per bead; use c_{name}")
-    if columns and (column is None or not 1 <= column <= columns):
+    if columns and (len(indices) != 1 or not 1 <= indices[0] <= columns):
         raise ParameterError(f"{word}: compute {name} (style {compute.style}) has {columns} values per bead; use c_{name}[1] and so on")
 
 
@@ -170,7 +150,7 @@ REDUCE = ComputeSpec(
 #: Compute styles by name.
 COMPUTES: dict[str, ComputeSpec] = {
     "temp": ComputeSpec(
-        no_arguments(),
+        no_arguments("temp"),
         lambda moment, compute: moment.temperature(compute),
         _kinetic_tensor,
         extensive_vector=True,
@@ -178,16 +158,26 @@ COMPUTES: dict[str, ComputeSpec] = {
         needs=("velocities",),
     ),
     "ke": ComputeSpec(
-        no_arguments(),
+        no_arguments("ke"),
         lambda moment, compute: moment.kinetic_of(moment.state.group(compute.group)) / moment.units.energy,
         extensive=True,
         needs=("velocities",),
     ),
-    "pe": ComputeSpec(_all_only("pe", _PARTS), _pe, extensive=True, needs=tuple(f"{part}_energy" for part in _PARTS)),
+    "pe": ComputeSpec(
+        _all_only("pe", _PARTS),
+        lambda m, c: potential_energy(m, c.arguments or _PARTS),
+        extensive=True,
+        needs=tuple(f"{part}_energy" for part in _PARTS),
+    ),
     "pressure": ComputeSpec(_check_pressure, _pressure, needs=("virial", "velocities")),
-    "com": ComputeSpec(no_arguments(), vector=_centre, size=lambda compute: 3, needs=("positions",)),
-    "momentum": ComputeSpec(no_arguments(), vector=_momentum, extensive=True, size=lambda compute: 3, needs=("velocities",)),
-    "dpd": ComputeSpec(_check_dpd, vector=_dpd, size=lambda compute: 5, needs=("fields",)),
+    "com": ComputeSpec(
+        no_arguments("com"),
+        vector=lambda m, c: m.state.mass_average(m.unwrapped, m.state.group(c.group)),
+        size=lambda compute: 3,
+        needs=("positions",),
+    ),
+    "momentum": ComputeSpec(no_arguments("momentum"), vector=_momentum, extensive=True, size=lambda compute: 3, needs=("velocities",)),
+    "dpd": ComputeSpec(no_arguments("dpd", "dpd"), vector=_dpd, size=lambda compute: 5, needs=("fields",)),
     "reduce": REDUCE,
     "chunk/atom": CHUNKS,
     **STRUCTURE,
@@ -210,11 +200,45 @@ class BuiltIn:
 BUILT_IN = {
     "thermo_temp": BuiltIn(lambda moment: moment.temperature(), "temp"),
     "thermo_press": BuiltIn(lambda moment: moment.pressure_with("thermo_press", "virial"), "press"),
-    "thermo_pe": BuiltIn(lambda moment: sum(moment.energy(f"{part}_energy") for part in _PARTS), "pe"),
+    "thermo_pe": BuiltIn(potential_energy, "pe"),
 }
 
 
-# -- names of several values ---------------------------------------------------------------------------------------------------
+# -- names of values -----------------------------------------------------------------------------------------------------------
+def compute_of(state: DeckState, name: str, word: str = "") -> tuple[Compute, ComputeSpec]:
+    """A compute of the deck and its style; ParameterError, which begins with ``word``, if there is none."""
+    if name not in state.computes:
+        known = ", ".join([*BUILT_IN, *state.computes])
+        raise ParameterError(f"{word}{': ' if word else ''}there is no compute '{name}'; defined are {known}")
+    compute = state.computes[name]
+    return compute, COMPUTES[compute.style]
+
+
+def average_of(state: DeckState, name: str) -> Any:
+    """The :class:`~openmm_dpd.lammps.output.averages.AveragingFix` of this name; ParameterError if there is none."""
+    average = state.fixes[name].parameters.get("average") if name in state.fixes else None
+    if average is None:
+        raise ParameterError(f"f_{name}: there is no fix '{name}' with a value; fix ave/time has values, fix ave/chunk f_id[bin][column]")
+    return average
+
+
+def check_value(state: DeckState, name: str, index: int | None, column: int | None, word: str = "") -> tuple[Compute, ComputeSpec]:
+    """The compute and its style; ParameterError unless ``c_name``, ``c_name[index]`` or ``c_name[index][column]`` may be a number."""
+    compute, spec = compute_of(state, name, word)
+    what = f"{word}{': ' if word else ''}compute {name} (style {compute.style})"
+    if spec.array is not None:
+        check_place(compute, spec, index, column)
+    elif column is not None:
+        raise ParameterError(f"{what} has no table of values")
+    elif spec.per_bead is not None:
+        raise ParameterError(f"{what} has values of single beads; use c_{name}[id] in a formula, compute reduce or fix ave/chunk")
+    elif index is None and spec.scalar is None:
+        raise ParameterError(f"{what} has no single value; use c_{name}[1]")
+    elif index is not None and spec.vector is None:
+        raise ParameterError(f"{what} has no vector; use c_{name}")
+    return compute, spec
+
+
 def expanded(state: DeckState, words: Sequence[str], tables: bool = False) -> tuple[str, ...]:
     """The words with every ``*`` in an index written out; with ``tables`` only columns of the tables of computes.
 
@@ -246,8 +270,5 @@ def count_of(state: DeckState, kind: str, name: str) -> int:
         fix = state.fixes.get(name)
         average = None if fix is None else fix.parameters.get("average")
         return 0 if average is None else average.size
-    compute = state.computes.get(name)
-    if compute is None:
-        raise ParameterError(f"there is no compute '{name}'; defined are {', '.join(state.computes) or 'none'}")
-    spec = COMPUTES[compute.style]
+    compute, spec = compute_of(state, name)
     return spec.columns(compute) if spec.per_bead is not None or spec.array is not None else spec.size(compute)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...errors import ParameterError
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
@@ -17,7 +16,7 @@ from .compute_spec import ComputeSpec, no_arguments
 
 @dataclass(frozen=True)
 class BeadWord:
-    """A value that every bead has: from a moment to (N,) in the deck's units, and the fields of Sample that it reads."""
+    """A value that every bead has: from a moment to (N,) in the deck's units, and the fields of DeckSample that it reads."""
 
     value: Callable[[DeckMoment], np.ndarray]
     needs: tuple[str, ...] = ()
@@ -59,7 +58,7 @@ BEAD_WORDS = _words()
 
 
 def _density(moment: DeckMoment) -> np.ndarray:
-    return moment.carried("density") * moment.units.length**3 / moment.units.mass
+    return moment.field("density") * moment.units.length**3 / moment.units.mass
 
 
 #: What compute property/atom knows: on top of these the local density of mdpd.
@@ -82,7 +81,7 @@ def _check_property(state: DeckState, group: str, words: list[str]) -> None:
     for word in words:
         read.choice(word, "a value of compute property/atom", list(PROPERTIES))
         if word == "rho":
-            require_atom_style(state, "property/atom rho", "mdpd")
+            state.require_atom_style("mdpd", "compute property/atom rho")
 
 
 def _kinetic(moment: DeckMoment, compute: Compute) -> np.ndarray:
@@ -92,40 +91,16 @@ def _kinetic(moment: DeckMoment, compute: Compute) -> np.ndarray:
 
 def _internal(moment: DeckMoment, compute: Compute) -> np.ndarray:
     units = moment.units
-    conductive, mechanical, theta = (moment.carried(name) for name in ("u_cond", "u_mech", "theta"))
+    conductive, mechanical, theta = (moment.field(name) for name in ("u_cond", "u_mech", "theta"))
     # the third column is LAMMPS's chemical energy: there are no reactions here
     columns = (conductive / units.energy, mechanical / units.energy, np.zeros(len(theta)), theta / units.thermal_energy)
     return _in_group(moment, compute, np.column_stack(columns))
 
 
-def _temperature(moment: DeckMoment, compute: Compute) -> np.ndarray:
-    return _in_group(moment, compute, moment.carried("temperature") / moment.units.thermal_energy)
-
-
-def _concentration(moment: DeckMoment, compute: Compute) -> np.ndarray:
-    return _in_group(moment, compute, moment.carried("concentrations")[:, compute.settings])
-
-
-def _style_only(style: str, atom_style: str) -> Callable[[DeckState, str, list[str]], None]:
-    def check(state: DeckState, group: str, words: list[str]) -> None:
-        no_arguments(style)(state, group, words)
-        require_atom_style(state, style, atom_style)
-
-    return check
-
-
-def require_atom_style(state: DeckState, style: str, atom_style: str) -> None:
-    """Raise ParameterError unless the deck has the atom style that a compute needs."""
-    if state.atom_style != atom_style:
-        raise ParameterError(f"compute {style} needs atom_style {atom_style}, but the deck has atom_style {state.atom_style}")
-
-
-def _check_concentration(state: DeckState, group: str, words: list[str]) -> None:
+def _species(state: DeckState, group: str, words: list[str]) -> int:
     read.count(words, "compute ID group tdpd/cc/atom species", 1)
-    require_atom_style(state, "tdpd/cc/atom", "tdpd")
-    species = read.integer(words[0], "the number of the species", 1)
-    if species > state.n_species:
-        raise ParameterError(f"compute tdpd/cc/atom: there is no species {species}; atom_style tdpd has {state.n_species}")
+    state.require_atom_style("tdpd", "compute tdpd/cc/atom")
+    return state.species(words[0], "compute tdpd/cc/atom")
 
 
 #: Computes with values of single beads.
@@ -136,12 +111,14 @@ PER_BEAD: dict[str, ComputeSpec] = {
         columns=lambda compute: len(compute.arguments) if len(compute.arguments) > 1 else 0,
         inputs=lambda compute: compute.arguments,
     ),
-    "ke/atom": ComputeSpec(
-        lambda state, group, words: read.count(words, "compute ID group ke/atom", 0), per_bead=_kinetic, needs=("velocities",)
+    "ke/atom": ComputeSpec(no_arguments("ke/atom"), per_bead=_kinetic, needs=("velocities",)),
+    "dpd/atom": ComputeSpec(no_arguments("dpd/atom", "dpd"), per_bead=_internal, columns=lambda compute: 4, needs=("fields",)),
+    "edpd/temp/atom": ComputeSpec(
+        no_arguments("edpd/temp/atom", "edpd"),
+        per_bead=lambda m, c: _in_group(m, c, m.field("temperature") / m.units.thermal_energy),
+        needs=("fields",),
     ),
-    "dpd/atom": ComputeSpec(_style_only("dpd/atom", "dpd"), per_bead=_internal, columns=lambda compute: 4, needs=("fields",)),
-    "edpd/temp/atom": ComputeSpec(_style_only("edpd/temp/atom", "edpd"), per_bead=_temperature, needs=("fields",)),
     "tdpd/cc/atom": ComputeSpec(
-        _check_concentration, per_bead=_concentration, needs=("fields",), prepare=lambda state, group, words: int(words[0]) - 1
+        per_bead=lambda m, c: _in_group(m, c, m.field("concentrations")[:, c.settings]), needs=("fields",), prepare=_species
     ),
 }

@@ -7,17 +7,16 @@ import math
 import numpy as np
 
 from ...errors import ParameterError
-from ..language.bead_formulas import evaluate_beads
-from ..language.expressions import evaluate
+from ..language.expressions import Names, evaluate, evaluate_beads
 from ..state.moment import DeckMoment
-from .compute_spec import check_place
-from .computes import BUILT_IN, COMPUTES, bead_reference
+from .compute_spec import check_place, reference
+from .computes import BUILT_IN, COMPUTES, average_of, check_value, compute_of
 from .per_bead import BEAD_WORDS
 from .words import WORDS
 
 
-class Resolver(DeckMoment):
-    """A moment at which names have values, those of :class:`~openmm_dpd.lammps.language.bead_formulas.BeadNames`."""
+class Resolver(DeckMoment, Names):
+    """A moment at which names have values, those of :class:`~openmm_dpd.lammps.language.expressions.Names`."""
 
     def formula(self, text: str) -> float:
         """Value of a formula."""
@@ -41,23 +40,15 @@ class Resolver(DeckMoment):
         """Value of ``c_name``, ``c_name[index]`` or ``c_name[index][column]``, not normalised."""
         if name in BUILT_IN and index is None:
             return BUILT_IN[name].value(self)
-        if name not in self.state.computes:
-            known = ", ".join([*BUILT_IN, *self.state.computes])
-            raise ParameterError(f"there is no compute '{name}'{'' if index is None else ' with a vector'}; defined are {known}")
-        compute = self.state.computes[name]
-        spec = COMPUTES[compute.style]
+        if column is None and self.is_bead_compute(name):
+            return self._of_bead(name, index)
+        compute, spec = check_value(self.state, name, index, column)
         if spec.array is not None:
             return float(spec.array(self, compute)[check_place(compute, spec, index, column)])
-        if column is not None:
-            raise ParameterError(f"c_{name}[{index}][{column}]: compute {name} (style {compute.style}) has no table of values")
-        if spec.per_bead is not None:
-            return self._of_bead(name, index)
         if index is None:
-            if spec.scalar is None:
-                raise ParameterError(f"compute {name} (style {compute.style}) has no single value; use c_{name}[1]")
+            assert spec.scalar is not None
             return float(spec.scalar(self, compute))
-        if spec.vector is None:
-            raise ParameterError(f"compute {name} (style {compute.style}) has no vector; use c_{name}")
+        assert spec.vector is not None
         values = spec.vector(self, compute)
         if not 1 <= index <= len(values):
             raise ParameterError(f"c_{name}[{index}] is out of range: compute {compute.style} has {len(values)} values")
@@ -65,20 +56,18 @@ class Resolver(DeckMoment):
 
     def compute_vector(self, name: str, column: int | None = None) -> np.ndarray:
         """All values of ``c_name``, or of ``c_name[column]`` of a table; ParameterError if the compute has no vector."""
-        compute = self.state.computes.get(name)
-        spec = None if compute is None else COMPUTES[compute.style]
-        if compute is not None and spec is not None and spec.array is not None and column is not None:
+        compute, spec = compute_of(self.state, name)
+        if spec.array is not None and column is not None:
             return spec.array(self, compute)[:, column - 1]
-        if compute is None or spec is None or spec.vector is None:
-            raise ParameterError(f"there is no compute '{name}' with a vector")
+        if spec.vector is None:
+            raise ParameterError(f"compute {name} (style {compute.style}) has no vector")
         return spec.vector(self, compute)
 
     def bead_compute(self, name: str, column: int | None) -> np.ndarray:
         """(N,) values of ``c_name`` or ``c_name[column]``, a compute with values of single beads."""
-        compute = self.state.computes.get(name)
-        spec = None if compute is None else COMPUTES[compute.style]
-        if compute is None or spec is None or spec.per_bead is None:
-            raise ParameterError(f"there is no compute '{name}' with values of single beads")
+        compute, spec = compute_of(self.state, name)
+        if spec.per_bead is None:
+            raise ParameterError(f"compute {name} (style {compute.style}) has no values of single beads")
         values = spec.per_bead(self, compute)
         return values if column is None else values[:, column - 1]
 
@@ -89,35 +78,34 @@ class Resolver(DeckMoment):
         values = self.bead_compute(name, None)
         if values.ndim > 1:
             raise ParameterError(f"compute {name} has {values.shape[1]} values per bead; only computes with one can be asked for a bead")
+        return float(values[self._bead(bead, f"c_{name}")])
+
+    def _bead(self, identity: int, what: str) -> int:
+        """Index of the bead with an id."""
         try:
-            return float(values[self.state.atoms.index_of(np.array([bead]))[0]])
+            return int(self.state.atoms.index_of(np.array([identity]))[0])
         except KeyError:
-            raise ParameterError(f"c_{name}[{bead}]: there is no bead with the id {bead}") from None
+            raise ParameterError(f"{what}[{identity}]: there is no bead with the id {identity}") from None
 
     def fix(self, name: str, index: int | None = None, column: int | None = None) -> float:
         """Value of ``f_name``, ``f_name[index]`` or ``f_name[index][column]``: that of the last average, 0 before the first."""
-        found = self.state.fixes.get(name)
-        average = None if found is None else found.parameters.get("average")
-        if average is None:
-            raise ParameterError(
-                f"f_{name}: there is no fix '{name}' with a value; fix ave/time has values, fix ave/chunk f_id[bin][column]"
-            )
-        return average.value(*(k for k in (index, column) if k is not None))
+        return average_of(self.state, name).value(*(k for k in (index, column) if k is not None))
 
     def fix_vector(self, name: str) -> np.ndarray:
         """All values of ``f_name``; ParameterError if it has no vector."""
-        average = self.state.fixes[name].parameters.get("average") if name in self.state.fixes else None
-        if average is None or not average.size:
+        average = average_of(self.state, name)
+        if not average.size:
             raise ParameterError(f"there is no fix '{name}' with a vector")
         return average.vector
 
-    # -- values of all beads (bead_formulas.BeadNames) ----------------------------------------------------------------------------
+    # -- values of all beads ----------------------------------------------------------------------------
     def bead_values(self, word: str) -> np.ndarray:
         """(N,) values of a word: one of :data:`BEAD_WORDS`, ``c_id``, ``c_id[column]``, or ``v_name`` of an atom-style variable."""
         if word.startswith("v_"):
             return np.asarray(self.bead_variable(word[2:]))
         if word.startswith("c_"):
-            return self.bead_compute(*bead_reference(word))
+            _, name, indices = reference(word)
+            return self.bead_compute(name, *indices or (None,))
         return BEAD_WORDS[word].value(self)
 
     def bead_variable(self, name: str) -> np.ndarray | float:
@@ -151,7 +139,7 @@ class Resolver(DeckMoment):
         if function == "bound":
             return self._bound(self.folded[0][mask], arguments)
         vectors = self.velocities if function == "vcm" else self.unwrapped
-        return float((masses @ vectors[mask] / masses.sum())["xyz".index(arguments[1])])
+        return float(self.state.mass_average(vectors, mask)["xyz".index(arguments[1])])
 
     def _members(self, function: str, arguments: list[str]) -> np.ndarray:
         """Beads that a group function is about, after a check of its arguments."""
@@ -174,19 +162,9 @@ class Resolver(DeckMoment):
 
     def atom(self, quantity: str, bead: int) -> float:
         """Value of one bead, by its id."""
-        atoms = self.state.atoms
-        try:
-            index = int(atoms.index_of(np.array([bead]))[0])
-        except KeyError:
-            raise ParameterError(f"{quantity}[{bead}]: there is no bead with the id {bead}") from None
-        if quantity in ("x", "y", "z"):
-            return float(self.folded[0][index]["xyz".index(quantity)])
-        if quantity in ("vx", "vy", "vz"):
-            return float(self.velocities[index]["xyz".index(quantity[1])])
-        if quantity in ("fx", "fy", "fz"):
-            return float(self.need("forces")[index]["xyz".index(quantity[1])]) / self.units.force
-        arrays = {"id": atoms.ids, "type": atoms.types, "mol": atoms.molecules, "q": atoms.charges}
-        return float(arrays[quantity][index]) if quantity in arrays else float(self.state.bead_masses()[index]) / self.units.mass
+        atoms, index = self.state.atoms, self._bead(bead, quantity)
+        integers = {"id": atoms.ids, "type": atoms.types, "mol": atoms.molecules}
+        return float(integers[quantity][index] if quantity in integers else BEAD_WORDS[quantity].value(self)[index])
 
     def call(self, function: str, arguments: list[float]) -> float:
         """Functions that depend on the step or on random numbers."""

@@ -6,6 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ...analysis.chains import gyration_tensors
+from ...analysis.diffusion import mean_squares
+from ...analysis.distances import distribution_of_counts
 from ...analysis.neighbours import pairs_within
 from ...errors import ParameterError
 from ...model.bonds import bonded_neighbours
@@ -77,14 +80,13 @@ def _distribution(moment: DeckMoment, compute: Compute) -> np.ndarray:
     inside = bins < settings.bins
     i, j, bins = i[inside], j[inside], bins[inside]
     edges = np.arange(settings.bins + 1) * (reach / settings.bins)
-    shells = 4 * np.pi / 3 * np.diff(edges**3) / box.volume
     columns = [0.5 * (edges[1:] + edges[:-1])]
     for first, second in settings.types:
         a, b = np.isin(types, first), np.isin(types, second)
-        counts = sum(np.bincount(bins[a[one] & b[two]], minlength=settings.bins) for one, two in ((i, j), (j, i)))
+        counts = np.bincount(np.concatenate([bins[a[i] & b[j]], bins[a[j] & b[i]]]), minlength=settings.bins)
         # a bead is no neighbour of itself
         pairs = a.sum() * b.sum() - (a & b).sum()
-        columns.append(counts / (pairs * shells) if pairs > 0 else np.zeros(settings.bins))
+        columns.append(distribution_of_counts(counts, edges, float(pairs), box.volume) if pairs > 0 else np.zeros(settings.bins))
         columns.append(np.cumsum(counts) / a.sum() if pairs > 0 else np.zeros(settings.bins))
     return np.column_stack(columns)
 
@@ -110,19 +112,15 @@ class Displacements:
     average: bool
     origin: np.ndarray
     count: int = 1
-    _seen: tuple[Window | None, int] | None = field(default=None, repr=False)
+    _seen: tuple[Window, int] | None = field(default=None, repr=False)
 
     def include(self, moment: DeckMoment, positions: np.ndarray) -> None:
         """Take the positions of a step into the mean, once in a run."""
-        if not self.average or moment.window is None or (self._seen is not None and self._is_seen(moment)):
+        if not self.average or moment.window is None or (self._seen and self._seen[0] is moment.window and self._seen[1] == moment.step):
             return
         self._seen = (moment.window, moment.step)
         self.origin = (self.origin * self.count + positions) / (self.count + 1)
         self.count += 1
-
-    def _is_seen(self, moment: DeckMoment) -> bool:
-        assert self._seen is not None
-        return self._seen[0] is moment.window and self._seen[1] == moment.step
 
 
 def parse_displacements(state: DeckState, group: str, words: list[str]) -> Displacements:
@@ -137,9 +135,8 @@ def parse_displacements(state: DeckState, group: str, words: list[str]) -> Displ
 
 def _members(state: DeckState, unwrapped: np.ndarray, group: str, com: bool) -> np.ndarray:
     """Positions of a group, of those of all beads on continuous paths: from its centre of mass or from the origin."""
-    mask, masses = state.group(group), state.bead_masses()
-    positions = unwrapped[mask]
-    return positions - masses[mask] @ positions / masses[mask].sum() if com and mask.any() else positions
+    mask = state.group(group)
+    return unwrapped[mask] - (state.mass_average(unwrapped, mask) if com and mask.any() else 0.0)
 
 
 def _displacements(moment: DeckMoment, compute: Compute) -> np.ndarray:
@@ -153,19 +150,17 @@ def _displacements(moment: DeckMoment, compute: Compute) -> np.ndarray:
     if not len(positions):
         return np.zeros(4)
     settings.include(moment, positions)
-    squares = np.mean((positions - settings.origin) ** 2, axis=0)
+    squares = mean_squares(settings.origin, positions)
     return np.append(squares, squares.sum())
 
 
 # -- compute gyration ---------------------------------------------------------------------------------------------------------
 def _gyration_tensor(moment: DeckMoment, compute: Compute) -> np.ndarray:
-    """xx, yy, zz, xy, xz, yz of the mean of the products of the distances from the centre of mass, each bead with its mass."""
+    """xx, yy, zz, xy, xz, yz of the gyration tensor of the group."""
     mask = moment.state.group(compute.group)
     if not mask.any():
         return np.zeros(6)
-    positions, weights = _members(moment.state, moment.unwrapped, compute.group, com=True), moment.state.bead_masses()[mask]
-    tensor = (weights[:, None] * positions).T @ positions / weights.sum()
-    return tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    return gyration_tensors(moment.unwrapped[mask], moment.state.bead_masses()[mask], np.zeros(mask.sum(), dtype=np.int64))[0]
 
 
 #: Computes of structure and motion.

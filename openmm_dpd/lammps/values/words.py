@@ -24,7 +24,7 @@ class Word:
     integer : bool
         Whether it is a whole number.
     needs : tuple of str
-        Fields of Sample that it reads.
+        Fields of DeckSample that it reads.
     """
 
     header: str
@@ -54,10 +54,6 @@ def _enthalpy(moment: DeckMoment) -> float:
 def _density(moment: DeckMoment) -> float:
     mass = moment.state.bead_masses().sum() / moment.units.mass
     return moment.units.density * mass / moment.box.volume
-
-
-def _conf_temperature(moment: DeckMoment) -> float:
-    return moment.need("kT_conf") / moment.units.thermal_energy
 
 
 def _vector_length(row: int) -> Callable[[DeckMoment], float]:
@@ -154,5 +150,5 @@ WORDS: dict[str, Word] = {
     "fmax": Word("Fmax", lambda c: c.need("force_max") / c.units.force, needs=("force_max",)),
     "fnorm": Word("Fnorm", lambda c: c.need("force_norm") / c.units.force, needs=("force_norm",)),
     "press_full": Word("PressFull", lambda c: c.pressure("virial_full"), needs=("kinetic", "dof", "virial_full")),
-    "temp_conf": Word("TempConf", _conf_temperature, needs=("kT_conf",)),
+    "temp_conf": Word("TempConf", lambda c: c.need("kT_conf") / c.units.thermal_energy, needs=("kT_conf",)),
 }

@@ -1,14 +1,13 @@
-"""What the beads of a deck carry beside position and velocity, and where it is fed, as parts of a Scene."""
+"""Fields of the beads of a deck (energies, temperatures, concentrations) and their sources, as parts of a Scene."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from ...errors import ParameterError
 from ...model.eos import EquationOfState
 from ...model.internal import BeadTemperatures, Concentrations, Internal, InternalEnergy
 from ...model.sources import Source
-from ..language.lexer import located
+from ..language.lexer import errors_at, located
 from ..state.deck_state import DeckState
 from ..state.records import Fix
 
@@ -110,7 +109,7 @@ def sources_of(state: DeckState, box: np.ndarray) -> list[Source]:
         if pair not in names:
             raise fix.error(f"{fix.style} needs pair style {pair}; the deck has {', '.join(names) or 'none'}")
         group = state.group(fix.group)
-        try:
+        with errors_at(fix.where, f"fix {fix.name}: "):
             source = Source(
                 fix.parameters["region"],
                 fix.parameters["rate"],
@@ -119,7 +118,5 @@ def sources_of(state: DeckState, box: np.ndarray) -> list[Source]:
                 state.require_box("a run").low * state.units.length,
             )
             source.check(box, len(state.atoms), max(1, state.n_species))
-        except ParameterError as error:
-            raise fix.error(str(error)) from None
         found.append(source)
     return found

@@ -1,0 +1,56 @@
+"""Atom styles: what beads have beside position and velocity, and the columns of data files that say so."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+#: Columns of the Atoms section by atom style; ``tdpd`` has its concentrations after them.
+ATOM_STYLES: dict[str, tuple[str, ...]] = {
+    "atomic": ("id", "type", "x", "y", "z"),
+    "charge": ("id", "type", "charge", "x", "y", "z"),
+    "bond": ("id", "molecule", "type", "x", "y", "z"),
+    "angle": ("id", "molecule", "type", "x", "y", "z"),
+    "molecular": ("id", "molecule", "type", "x", "y", "z"),
+    "full": ("id", "molecule", "type", "charge", "x", "y", "z"),
+    "dpd": ("id", "type", "theta", "x", "y", "z"),
+    "mdpd": ("id", "type", "rho", "x", "y", "z"),
+    "edpd": ("id", "type", "temperature", "capacity", "x", "y", "z"),
+    "tdpd": ("id", "type", "x", "y", "z"),
+}
+
+#: Atom styles whose beads may be bonded.
+BONDED_STYLES = ("bond", "angle", "molecular", "full")
+
+#: Atom styles whose bonds may have angles between them.
+ANGLE_STYLES = ("angle", "molecular", "full")
+
+#: Atom styles whose beads have charges.
+CHARGED_STYLES = ("charge", "full")
+
+#: Arrays of :class:`~openmm_dpd.lammps.state.atoms.Atoms` by their column in data files.
+ARRAYS = {
+    "charge": "charges",
+    "molecule": "molecules",
+    "theta": "thetas",
+    "temperature": "temperatures",
+    "capacity": "capacities",
+    "rho": "densities",
+}
+
+
+def atom_columns(styles: Sequence[str], n_species: int = 0) -> tuple[str, ...]:
+    """Columns of the Atoms section, without image flags.
+
+    Parameters
+    ----------
+    styles : sequence of str
+        The atom style, or several that stand behind ``hybrid``.
+    n_species : int
+        Number of concentrations of ``tdpd``: columns ``c1``, ``c2``, ...
+    """
+    plain = ATOM_STYLES["atomic"]
+    columns = list(ATOM_STYLES[styles[0]] if len(styles) == 1 else plain)
+    for style in styles:
+        columns += [name for name in ATOM_STYLES[style] if len(styles) > 1 and name not in plain]
+        columns += [f"c{k}" for k in range(1, n_species + 1)] if style == "tdpd" else []
+    return tuple(columns)

@@ -1,0 +1,58 @@
+"""From the request of a run to what carries it out: System, integrator and barostat."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ...barostat import EnthalpyBarostat, add_barostat
+from ...build import BuiltSystem, build
+from ...errors import ParameterError
+from ...kinds import kind_for
+from ...model.scene import Scene
+from ...schemes import scheme_of
+from ..language.lexer import errors_at
+from .options import RunOptions
+from .request import RunRequest
+
+
+def build_request(request: RunRequest, scene: Scene, options: RunOptions) -> BuiltSystem:
+    """Build the scene of a run; what cannot be built is an error at the deck's run command."""
+    for kind in (kind_for(table.kind) for table in scene.tables if table.kind is not None):
+        if scene.compat == "consistent" and kind.unlike_lammps is not None:
+            request.state.note(kind.unlike_lammps)
+    with errors_at(request.where):
+        return build(
+            scene,
+            dt=request.dt,
+            scheme=request.scheme,
+            lam=request.lambda_ if scheme_of(request.scheme).predicts else 0.5,
+            conservative=options.conservative,
+            platform=options.platform,
+            seed=options.seed if options.seed is not None else request.seed,
+        )
+
+
+#: Steps between two attempts to change the volume.
+VOLUME_INTERVAL = 10
+
+
+def connect_barostat(request: RunRequest, built: BuiltSystem) -> EnthalpyBarostat | None:
+    """The barostat of ``request.barostat``: OpenMM's goes into ``built.system``, before there is a Context; ours is returned.
+
+    Raises
+    ------
+    DeckError
+        If the pressure changes during the run, or is not the same along all axes.
+    """
+    control = request.barostat
+    if control is None:
+        return None
+    pressures = {p for p, used in zip(control.start, control.axes, strict=True) if used}
+    with errors_at(request.where):
+        if not control.constant or len(pressures) > 1:
+            raise ParameterError("fix nph: volume moves have one pressure, the same along all axes and during the whole run")
+        choices: dict[str, Any] = {"interval": VOLUME_INTERVAL, "axes": control.axes, "coupled": control.coupled}
+        if control.isothermal:
+            add_barostat(built, pressures.pop(), **choices)
+            return None
+        return EnthalpyBarostat(built, pressures.pop(), **choices)

@@ -1,0 +1,172 @@
+"""What the runs of a deck gave: rows, averages with their errors, and the object of the JSON file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ...errors import DeckError, ParameterError
+from ...kernels.engine import get_threads
+from ...measure import Sample
+from ...measure.watch import temperature_warning
+from ...stats import MIN_BLOCKS, block_average, ratio_average
+from ..output.chunk_average import ChunkAverage
+from ..output.time_average import TimeAverage
+from .request import RunRequest
+
+
+@dataclass
+class RunResult:
+    """What one run command gave.
+
+    Attributes
+    ----------
+    request : RunRequest
+    platform, precision : str
+    seconds : float
+        Wall time of stepping and thermo, without compilation, trajectory and pictures.
+    steps_done : list of int
+        Step numbers of the rows.
+    rows : dict of str to list
+        Values of each column, in the deck's units.
+    conf : list of (gradient2, laplacian)
+        Numerator and denominator of the configurational temperature at each row.
+    no_laplacian : str or None
+        Why there is no configurational temperature.
+    target_kT : list of float
+        Thermal energy (kJ/mol) that the thermostat is set to at each row.
+    kinetic_kT : list of float
+        That of the motion of all mobile beads, whatever compute ``temp`` stands for.
+    momentum : float
+        Largest component of the total momentum at the end, in the deck's units.
+    steps_taken : int
+        Steps that were carried out.
+    stopped : str or None
+        Why these are not all.
+    profiles : dict
+        The last block of every fix ave/chunk: {id: {"coord": [...], "ncount": [...], value: [...]}}.
+    time_averages : dict
+        The last average of every fix ave/time: {id: {"step": ..., value: ...}}.
+    temperature_warning : str or None
+        What is wrong with the mean temperature, see :func:`openmm_dpd.watch.temperature_warning`.
+    """
+
+    request: RunRequest
+    platform: str
+    precision: str
+    discard: int
+    words: tuple[str, ...]
+    seconds: float = 0.0
+    steps_taken: int = 0
+    stopped: str | None = None
+    steps_done: list[int] = field(default_factory=list)
+    rows: dict[str, list[float]] = field(default_factory=dict)
+    conf: list[tuple[float, float]] = field(default_factory=list)
+    no_laplacian: str | None = None
+    target_kT: list[float] = field(default_factory=list)
+    kinetic_kT: list[float] = field(default_factory=list)
+    momentum: float = 0.0
+    profiles: dict[str, dict[str, list[float]]] = field(default_factory=dict)
+    time_averages: dict[str, dict[str, Any]] = field(default_factory=dict)
+    temperature_warning: str | None = None
+
+    def add(self, step: int, values: dict[str, float], measured: Sample) -> None:
+        """Append a row."""
+        self.steps_done.append(step)
+        for word, value in values.items():
+            self.rows.setdefault(word, []).append(value)
+        self.target_kT.append(measured.target_kT)
+        self.kinetic_kT.append(measured.kT)
+        units = self.request.state.units
+        self.momentum = float(np.abs(measured.momentum).max()) / units.mass / units.velocity
+        if measured.laplacian is not None:
+            self.conf.append((measured.gradient2, measured.laplacian))
+
+    def take_averages(self) -> None:
+        """Take over what the averages of the deck have got so far."""
+        averages = self.request.averages
+        self.profiles = {average.name: average.profile for average in averages if isinstance(average, ChunkAverage) and average.profile}
+        self.time_averages = {average.name: average.report for average in averages if isinstance(average, TimeAverage) and average.report}
+
+    def averages(self) -> dict[str, dict[str, float | None] | None]:
+        """{word: {mean, sem, first, last}}; ``temp_conf`` is None if there is no configurational temperature."""
+        kept = self._kept()
+        result: dict[str, dict[str, float | None] | None] = {}
+        for word in self.words:
+            if word == "temp_conf":
+                result[word] = self._configurational(kept)[0]
+                continue
+            values = np.array(self.rows[word], dtype=float)
+            average = block_average(values[kept])
+            result[word] = {"mean": average.mean, "sem": average.sem, "first": float(values[0]), "last": float(values[-1])}
+        return result
+
+    def _kept(self) -> np.ndarray:
+        """Which rows averages are taken over."""
+        return np.array(self.steps_done) - self.request.first_step >= self.discard
+
+    def check_temperature(self, target_kT: float, dof: int) -> None:
+        """Compare the temperature with the one that was set."""
+        kelvin = self.request.state.units.thermal_energy
+        self.temperature_warning = temperature_warning(np.array(self.kinetic_kT)[self._kept()] / kelvin, target_kT / kelvin, dof)
+
+    def _configurational(self, kept: np.ndarray) -> tuple[dict[str, float | None] | None, str | None]:
+        """The average, and why there is none, or no error of it."""
+        if self.no_laplacian is not None:
+            return None, self.no_laplacian
+        kelvin = self.request.state.units.thermal_energy
+        gradient2, laplacian = np.array(self.conf).T
+        if kept.any() and not laplacian[kept].any():
+            return None, "no conservative force acts in the rows that are averaged, so the Laplacian is 0"
+        try:
+            average = ratio_average(gradient2[kept], laplacian[kept], name="the configurational temperature")
+        except ParameterError as error:
+            return None, str(error)
+        lacking = average.sem is None and np.count_nonzero(kept) >= MIN_BLOCKS
+        first, last = (float(gradient2[k] / laplacian[k] / kelvin) if laplacian[k] else None for k in (0, -1))
+        return {
+            "mean": None if average.mean is None else average.mean / kelvin,
+            "sem": None if average.sem is None else average.sem / kelvin,
+            "first": first,
+            "last": last,
+        }, "the Laplacian is 0 in all blocks of rows but one, so the standard error is not defined" if lacking else None
+
+    def summary(self) -> dict[str, Any]:
+        """One object of the JSON file."""
+        request = self.request
+        summary: dict[str, Any] = {
+            "steps": self.steps_taken,
+            "stopped": self.stopped,
+            "dt": request.dt / request.state.units.time,
+            "seconds_per_step": self.seconds / self.steps_taken if self.steps_taken else None,
+            "thermo": self.averages(),
+            "profiles": self.profiles,
+            "averages": self.time_averages,
+            "temperature_warning": self.temperature_warning,
+        }
+        reason = self._configurational(self._kept())[1]
+        if reason is not None:
+            summary["temp_conf_reason"] = reason
+        return summary
+
+
+def results_json(results: list[RunResult]) -> dict:
+    """The object that ``--json`` writes; runs that were cut short before their first row are left out."""
+    results = [result for result in results if result.steps_done]
+    if not results:
+        raise DeckError("the deck has no run")
+    last = results[-1]
+    runs = [result.summary() for result in results]
+    return {
+        "natoms": len(last.request.state.atoms),
+        "units": last.request.state.units.name,
+        "scheme": last.request.scheme,
+        "platform": last.platform,
+        "precision": last.precision,
+        "threads": get_threads(),
+        "momentum": last.momentum,
+        "runs": runs,
+        **runs[-1],
+    }
