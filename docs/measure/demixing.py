@@ -33,9 +33,9 @@ SKIN = 2.5
 GUESS = 0.11
 
 
-def fluid(density: float, dA: float, box: tuple[float, float, float], slab: bool, seed: int) -> dpd.Built:
+def fluid(density: float, dA: float, box: tuple[float, float, float], slab: bool, seed: int, A: float | None = None) -> dpd.Built:
     """Half of the beads of each kind: a slab of one in the other, near the compositions expected, or well mixed."""
-    A = 75.0 / density
+    A = 75.0 / density if A is None else A
     count = 2 * round(density * np.prod(box) / 2)
     rng = np.random.default_rng(seed)
     x = rng.random((count, 3)) * box
@@ -52,7 +52,7 @@ def fluid(density: float, dA: float, box: tuple[float, float, float], slab: bool
     like, unlike = dpd.DPD(A=A, gamma=4.5), dpd.DPD(A=A + dA, gamma=4.5)
     pairs = {("P", "P"): like, ("Q", "Q"): like, ("P", "Q"): unlike}
     scene = dpd.Scene({"P": 1.0, "Q": 1.0}, np.where(inside, "P", "Q").tolist(), x, pairs, kT=1.0, box=list(box))
-    return dpd.build(scene, dt=0.05, scheme="bababo", platform="CPU", seed=seed)
+    return dpd.build(scene, dt=0.05 * min(1.0, (75.0 / density / A) ** 0.5), scheme="bababo", platform="CPU", seed=seed)
 
 
 def positions(simulation) -> np.ndarray:
@@ -60,15 +60,16 @@ def positions(simulation) -> np.ndarray:
     return simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
 
 
-def demixed_chi(density: float, dA: float, *, edge=8.0, length=24.0, time=400.0, settle=80.0, seed=1) -> tuple[float, float]:
+def demixed_chi(density: float, dA: float, *, A=None, edge=8.0, length=24.0, time=400.0, settle=80.0, seed=1) -> tuple[float, float]:
     """chi and its standard error, from the compositions further than SKIN from both interfaces."""
-    built = fluid(density, dA, (edge, edge, length), True, seed)
+    built = fluid(density, dA, (edge, edge, length), True, seed, A)
     simulation = built.simulation()
     kind = np.array(built.plan.scene.types) == "P"
-    simulation.step(round(settle / 0.05))
+    every = round(1.0 / built.plan.options.dt)
+    simulation.step(round(settle) * every)
     minority, whole = [], []
     for _ in range(round(time)):
-        simulation.step(20)
+        simulation.step(every)
         z = positions(simulation)[:, 2]
         # the middle of the slab, wherever it drifts
         middle = np.angle(np.sum(np.exp(2j * np.pi * z[kind] / length))) * length / (2 * np.pi)

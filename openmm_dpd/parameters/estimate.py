@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ..errors import ParameterError
+from ..model.pairs import checked
 
 #: Lowest and highest value of each variable that a relation holds for.
 Bounds = Mapping[str, tuple[float, float]]
@@ -40,6 +41,11 @@ class Estimate:
 
     def __float__(self) -> float:
         return self.value
+
+
+def reduced_number(value, name: str, *, positive: bool = False) -> float:
+    """One reduced number >= 0 (or > 0), bare or an Estimate."""
+    return checked(value.value if isinstance(value, Estimate) else value, "dimensionless", name, positive=positive)
 
 
 def outside(values: Mapping[str, float], bounds: Bounds, source: str, extrapolate: bool) -> bool:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 
+from openmm import unit
 from scipy.optimize import brentq
 
+from ..barostat import md_pressure
 from ..errors import ParameterError
 from ..model.pairs import checked
-from ..units import BOLTZMANN, to_md
+from ..units import BOLTZMANN, DIMENSIONS, to_md
+from .estimate import reduced_number
 
 
 def chi_from_composition(phi: float) -> float:
@@ -77,6 +80,20 @@ def composition_from_chi(chi: float) -> float:
     return 1 / (1 + math.exp(odds))
 
 
+def _per_bead(value):
+    """A volume for each bead, from a molar one too."""
+    if unit.is_quantity(value) and (value.unit * unit.mole).is_compatible(DIMENSIONS["volume"]):
+        return value / unit.AVOGADRO_CONSTANT_NA
+    return value
+
+
+def _cohesion(value, name: str) -> float:
+    """A solubility parameter in (kJ/mol/nm^3)^(1/2)."""
+    if unit.is_quantity(value):
+        return md_pressure(value * value) ** 0.5
+    return reduced_number(value, name)
+
+
 def chi_from_solubility(volume, delta1, delta2, temperature) -> float:
     r"""chi of two liquids from their Hildebrand solubility parameters,
 
@@ -103,7 +120,16 @@ def chi_from_solubility(volume, delta1, delta2, temperature) -> float:
 
     References
     ----------
-    J. H. Hildebrand and R. L. Scott, The Solubility of Nonelectrolytes (1950); for DPD: R. D. Groot and K. L. Rabone, Biophys. J. 81,
-    725 (2001) discuss where it falls short.
+    J. H. Hildebrand and R. L. Scott, The Solubility of Nonelectrolytes (1950).
+
+    Examples
+    --------
+    >>> from openmm import unit
+    >>> root = unit.megapascal**0.5
+    >>> round(chi_from_solubility(100 * unit.centimeter**3 / unit.mole, 20 * root, 16 * root, 298.15), 3)
+    0.645
     """
-    raise NotImplementedError
+    per_bead = checked(_per_bead(volume), "volume", "volume", positive=True)
+    first, second = (_cohesion(value, name) for value, name in ((delta1, "delta1"), (delta2, "delta2")))
+    kT = BOLTZMANN * checked(temperature, "temperature", "temperature", positive=True)
+    return per_bead / kT * (first - second) ** 2

@@ -11,7 +11,7 @@ from ..errors import ParameterError
 from ..model.owned import keep
 from ..model.pairs import DPD, checked
 from ..units import BOLTZMANN, DIMENSIONS, to_md, whole_number
-from .estimate import Estimate
+from .estimate import Estimate, reduced_number
 from .state import repulsion_from_compressibility
 
 #: Powers of mass, length and time in each dimension.
@@ -51,7 +51,7 @@ def _per_mole(value, dimension: str):
 def _per_pressure(value) -> float:
     """A compressibility in nm^3/(kJ/mol)."""
     if not unit.is_quantity(value):
-        value = checked(value, "dimensionless", "compressibility", positive=True)
+        value = reduced_number(value, "compressibility", positive=True)
     return 1.0 / checked(md_pressure(1.0 / value), "dimensionless", "the inverse of the compressibility", positive=True)
 
 
@@ -177,7 +177,7 @@ class BeadMapping:
         """
         if self.diffusion is None:
             raise ParameterError("this mapping has no diffusion coefficient of the molecules; make it with diffusion=...")
-        reduced = checked(float(D) if isinstance(D, Estimate) else D, "dimensionless", "D", positive=True)
+        reduced = reduced_number(D, "D", positive=True)
         return self.molecules * reduced * self.cutoff**2 / self.diffusion * unit.picosecond
 
     def _scale(self, dimension: str) -> float:
@@ -233,7 +233,7 @@ class BeadMapping:
         >>> water = water_mapping(3)
         >>> pair = water.coefficient(water.repulsion(), gamma=4.5)
         >>> round(pair.cutoff, 4), round(pair.A), round(pair.gamma, 1)
-        (0.6464, 296, 80.6)
+        (0.6464, 299, 80.6)
         """
         return DPD(
             A=self.quantity(A, "force"),
@@ -277,7 +277,7 @@ def water_mapping(
     >>> round(water.mass, 3), round(water.cutoff, 4), round(water.time, 3)
     (54.046, 0.6464, 3.018)
     >>> round(water.inverse_compressibility, 1)
-    48.2
+    48.3
     """
     kelvin = checked(temperature, "temperature", "temperature", positive=True)
     given = {"mass_density": mass_density, "compressibility": compressibility, "diffusion": diffusion}

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..build import build
-from ..errors import RunError
 from ..measure import Observer
-from ..model.pairs import DPD, checked
+from ..model.pairs import DPD
 from ..model.scene import Scene
 from ..stats import Average, block_average
 from ..units import whole_number
+from .estimate import reduced_number
 
 #: Time before samples are taken and between two of them, in units of rc (m/kT)^(1/2): soft beads forget their start in a few of these.
 SETTLE, EVERY = 5.0, 0.25
@@ -64,13 +64,13 @@ def measured_pressure(
     ParameterError
         If a value is out of bounds, or the box is shorter than two cutoffs.
     """
-    A, density = checked(A, "dimensionless", "A"), checked(density, "dimensionless", "density", positive=True)
-    time = checked(time, "dimensionless", "time", positive=True)
-    step = 0.05 * min(1.0, (75.0 / max(A * density, 1e-300)) ** 0.5) if dt is None else checked(dt, "dimensionless", "dt", positive=True)
+    A, density = reduced_number(A, "A"), reduced_number(density, "density", positive=True)
+    time = reduced_number(time, "time", positive=True)
+    step = 0.05 * min(1.0, (75.0 / max(A * density, 1e-300)) ** 0.5) if dt is None else reduced_number(dt, "dt", positive=True)
     count = whole_number(beads, "beads", least=1)
     edge = (count / density) ** (1 / 3)
     positions = np.random.default_rng(seed).random((count, 3)) * edge
-    scene = Scene({"W": 1.0}, ["W"] * count, positions, {("W", "W"): DPD(A=A, gamma=4.5)}, kT=1.0, box=[edge] * 3)
+    scene = Scene({"W": 1.0}, ["W"] * count, positions, {("W", "W"): DPD(A=A, gamma=4.5)}, kT=1.0, box=np.full(3, edge))
     built = build(scene, dt=step, scheme="bababo", platform=platform, seed=seed)
     simulation, observer = built.simulation(), Observer(built)
     every = max(1, round(EVERY / step))
@@ -79,10 +79,7 @@ def measured_pressure(
     for _ in range(max(1, round(time / step / every))):
         simulation.step(every)
         sample = observer.sample(simulation.context)
-        if sample.pressure is None:
-            raise RunError("a box has a pressure, but none was measured")
-        # the kinetic part is known: kT at every bead
-        ideal = (count - 1) / sample.volume
-        rows.append((ideal + sample.virial_conservative / (3 * sample.volume), sample.potential / count))
+        # the kinetic part is known, kT at every bead; what is left is (sum of r . F)/(3 V)
+        rows.append((((count - 1) + sample.virial_conservative / 3) / edge**3, sample.potential / count))
     pressure, energy = np.array(rows).T
     return MeasuredPressure(block_average(pressure, name="the pressure"), block_average(energy, name="the energy"))

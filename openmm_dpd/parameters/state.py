@@ -16,8 +16,7 @@ from scipy.interpolate import RectBivariateSpline
 from scipy.optimize import brentq
 
 from ..errors import ParameterError
-from ..model.pairs import checked
-from .estimate import Bounds, Estimate, outside
+from .estimate import Bounds, Estimate, outside, reduced_number
 
 #: Coefficients of B2/A and of the dense limit: eqs 10 and 14 of Liyana-Arachchi et al.
 _B2 = (9.755e-2, -4.912e-3, 1.556e-4, -2.585e-6, 1.705e-8)
@@ -117,8 +116,8 @@ def _equation(name: str) -> _Equation:
 
 
 def _arguments(A, density, equation: _Equation, extrapolate: bool) -> tuple[float, float, bool]:
-    A = checked(A, "dimensionless", "A", positive=True)
-    density = checked(density, "dimensionless", "density", positive=True)
+    A = reduced_number(A, "A", positive=True)
+    density = reduced_number(density, "density", positive=True)
     return A, density, outside({"density": density, "A": A}, equation.bounds, equation.source, extrapolate)
 
 
@@ -237,8 +236,8 @@ def repulsion_from_compressibility(inverse, density=3.0, *, equation: str = "mea
     24.75
     """
     chosen = _equation(equation)
-    inverse = checked(inverse, "dimensionless", "inverse", positive=True)
-    density = checked(density, "dimensionless", "density", positive=True)
+    inverse = reduced_number(inverse, "inverse", positive=True)
+    density = reduced_number(density, "density", positive=True)
     outside({"density": density}, chosen.bounds, chosen.source, False)
     low, high = chosen.bounds["A"]
     least, most = _slope(chosen, low, density), _slope(chosen, high, density)
