@@ -29,6 +29,9 @@ from openmm_dpd.stats import block_average, ratio_average
 DEMIXED, MIXED = (27.0, 33.0, 42.0, 54.0), (0.0, 4.0, 8.0, 12.0, 16.0)
 SKIN = 2.5
 
+#: Beyond this chi the mixed fluid begins to demix, and has fewer unlike pairs for that.
+STILL_MIXED = 1.9
+
 #: Roughly chi over dA times the density.
 GUESS = 0.11
 
@@ -118,8 +121,9 @@ def main() -> None:
         weights = np.array([1, 4, 1] if number == 2 else [1, 4, 2, 4, 1]) * h / 3
         chi = 4 * sum(w * m[0] for w, m in zip(weights, mixed, strict=False))
         error = 4 * np.sqrt(sum((w * m[1]) ** 2 for w, m in zip(weights, mixed, strict=False)))
-        rows.append([options.density, MIXED[number] / options.density, round(float(chi), 5), round(float(error), 5), "mixed"])
-        print(*rows[-1], flush=True)
+        if chi < STILL_MIXED:
+            rows.append([options.density, MIXED[number] / options.density, round(float(chi), 5), round(float(error), 5), "mixed"])
+            print(*rows[-1], flush=True)
     rows.append([options.density, 0.0, round(4 * mixed[0][0], 5), round(4 * mixed[0][1], 5), "slope"])
     print(*rows[-1], flush=True)
     for k, value in enumerate(DEMIXED):
