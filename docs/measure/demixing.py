@@ -108,6 +108,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--density", type=float, default=3.0)
     parser.add_argument("--time", type=float, default=400.0)
+    parser.add_argument("--points", type=float, nargs="+", help="measure only these slabs: dA times the density")
     parser.add_argument("--write", help="JSON file, read and added to")
     options = parser.parse_args()
     rows: list[list] = []
@@ -115,20 +116,11 @@ def main() -> None:
         with open(options.write, encoding="utf-8") as file:
             rows = json.load(file)["rows"]
     seed = 1000 * round(options.density)
-    mixed = [unlike_overlap(options.density, value / options.density, seed=seed + k) for k, value in enumerate(MIXED)]
-    for number in (2, 4):  # Simpson's rule over 2 and 4 intervals
-        h = (MIXED[1] - MIXED[0]) / options.density
-        weights = np.array([1, 4, 1] if number == 2 else [1, 4, 2, 4, 1]) * h / 3
-        chi = 4 * sum(w * m[0] for w, m in zip(weights, mixed, strict=False))
-        error = 4 * np.sqrt(sum((w * m[1]) ** 2 for w, m in zip(weights, mixed, strict=False)))
-        if chi < STILL_MIXED:
-            rows.append([options.density, MIXED[number] / options.density, round(float(chi), 5), round(float(error), 5), "mixed"])
-            print(*rows[-1], flush=True)
-    rows.append([options.density, 0.0, round(4 * mixed[0][0], 5), round(4 * mixed[0][1], 5), "slope"])
-    print(*rows[-1], flush=True)
-    for k, value in enumerate(DEMIXED):
+    if options.points is None:
+        rows += mixed_rows(options.density, seed)
+    for k, value in enumerate(options.points or DEMIXED):
         dA = value / options.density
-        chi, error = demixed_chi(options.density, dA, time=options.time, seed=seed + 10 + k)
+        chi, error = demixed_chi(options.density, dA, time=options.time, seed=seed + (10 if options.points is None else 20) + k)
         rows.append([options.density, round(dA, 6), round(chi, 5), round(error, 5), "demixed"])
         print(*rows[-1], flush=True)
     if options.write:
@@ -136,6 +128,23 @@ def main() -> None:
         text = json.dumps(head)[:-1] + ', "columns": ["density", "dA", "chi", "error", "from"], "rows": [\n'
         with open(options.write, "w", encoding="utf-8") as file:
             file.write(text + ",\n".join(json.dumps(row) for row in rows) + "\n]}\n")
+
+
+def mixed_rows(density: float, seed: int) -> list[list]:
+    """Rows of the table from free energies of mixing, and the slope at dA = 0."""
+    rows: list[list] = []
+    mixed = [unlike_overlap(density, value / density, seed=seed + k) for k, value in enumerate(MIXED)]
+    for number in (2, 4):  # Simpson's rule over 2 and 4 intervals
+        h = (MIXED[1] - MIXED[0]) / density
+        weights = np.array([1, 4, 1] if number == 2 else [1, 4, 2, 4, 1]) * h / 3
+        chi = 4 * sum(w * m[0] for w, m in zip(weights, mixed, strict=False))
+        error = 4 * np.sqrt(sum((w * m[1]) ** 2 for w, m in zip(weights, mixed, strict=False)))
+        if chi < STILL_MIXED:
+            rows.append([density, MIXED[number] / density, round(float(chi), 5), round(float(error), 5), "mixed"])
+            print(*rows[-1], flush=True)
+    rows.append([density, 0.0, round(4 * mixed[0][0], 5), round(4 * mixed[0][1], 5), "slope"])
+    print(*rows[-1], flush=True)
+    return rows
 
 
 if __name__ == "__main__":

@@ -52,7 +52,7 @@ def compressibility_from_volume(water: parameters.BeadMapping, *, beads: int, ti
     v = np.array(volumes)
     square = block_average((v - v.mean()) ** 2)
     # <dV^2>/(kT <V>) in nm^3/(kJ/mol)
-    found, error = (x / (water.kT * v.mean()) for x in (square.mean, square.sem))
+    found, error = (x / (water.thermal_energy * v.mean()) for x in (square.mean, square.sem))
     per_pascal = (unit.AVOGADRO_CONSTANT_NA * unit.nanometer**3 / unit.kilojoule).value_in_unit(unit.mole**-1 / unit.pascal)
     gram = beads * water.mass / v.mean() / 6.02214076e23 * 1e21
     return found * per_pascal, error * per_pascal, gram * 1e3
@@ -69,9 +69,13 @@ def water(options: argparse.Namespace) -> None:
         print(f"from the volume: {1e10 * found:.3f}({1e10 * error:.3f})e-10 1/Pa, wanted 4.525; density {mass:.1f} kg/m^3, wanted 997.05")
 
 
+#: Density, wanted chi, A.
+STATES = ((3.0, 3.0, None), (3.0, 4.0, None), (3.0, 3.5, 78.0), (5.0, 3.0, None), (5.0, 4.0, None))
+
+
 def chi(options: argparse.Namespace) -> None:
-    """Slabs at densities 3 and 5, and at a density and a repulsion that no calibration run had."""
-    for density, wanted, A in ((3.0, 3.0, None), (3.0, 4.0, None), (5.0, 3.0, None), (5.0, 4.0, None), (3.5, 3.5, None), (3.0, 3.5, 78.0)):
+    """Slabs at densities 3 and 5, and at a repulsion that no calibration run had."""
+    for density, wanted, A in STATES:
         dA = parameters.repulsion_from_chi(wanted, density, A=A)
         found, error = demixed_chi(density, dA.value, A=A, time=options.time, seed=501)
         print(f"density {density:g}, A {A}: chi wanted {wanted:g}, dA = {dA.value:.3f}, found {found:.3f}({error:.3f})", flush=True)
@@ -95,7 +99,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("water", "chi", "transport"))
     parser.add_argument("--beads", type=int, default=1500)
-    parser.add_argument("--time", type=float, default=300.0, help="length of each run, in units of rc (m/kT)^(1/2)")
+    parser.add_argument("--time", type=float, default=400.0, help="length of each run, in units of rc (m/kT)^(1/2)")
     parser.add_argument("--volume", type=float, default=0.0, help="length of the run at constant pressure")
     options = parser.parse_args()
     {"water": water, "chi": chi, "transport": transport}[options.what](options)

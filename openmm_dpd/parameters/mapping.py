@@ -116,7 +116,7 @@ class BeadMapping:
         )
 
     @property
-    def kT(self) -> float:
+    def thermal_energy(self) -> float:
         """Thermal energy, kJ/mol."""
         return BOLTZMANN * self.temperature
 
@@ -133,7 +133,7 @@ class BeadMapping:
     @property
     def time(self) -> float:
         """tau = rc (m/kT)^(1/2), ps: the unit of time that goes with the units of mass, length and energy."""
-        return float(self.cutoff * (self.mass / self.kT) ** 0.5)
+        return float(self.cutoff * (self.mass / self.thermal_energy) ** 0.5)
 
     @property
     def inverse_compressibility(self) -> float:
@@ -142,7 +142,7 @@ class BeadMapping:
         It is (1/kT) dp/drho for beads: with N_m molecules in each of them there are fewer to carry the same pressure, so it grows with N_m.
         """
         molecules = self.mass_density / self.molecule_mass
-        return self.molecules / (molecules * self.kT * self.compressibility)
+        return self.molecules / (molecules * self.thermal_energy * self.compressibility)
 
     def repulsion(self, *, equation: str = "measured") -> Estimate:
         """A rc/kT between beads of this kind, from :func:`openmm_dpd.parameters.repulsion_from_compressibility`."""

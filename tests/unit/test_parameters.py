@@ -44,7 +44,7 @@ def test_water_has_the_units_of_the_manual_of_dl_poly():
     )
     assert water.mass == pytest.approx(54.04584)
     assert water.cutoff == pytest.approx(0.646378, rel=1e-5)
-    assert water.kT == pytest.approx(2.478957, rel=1e-6)
+    assert water.thermal_energy == pytest.approx(2.478957, rel=1e-6)
     assert water.time == pytest.approx(3.01810, rel=1e-5)
     assert water.diffusion_time(0.1707).value_in_unit(unit.picosecond) == pytest.approx(93.1, abs=0.05)
 
@@ -62,8 +62,8 @@ def test_quantities_and_back():
     water = water_mapping(3)
     for dimension in ("length", "mass", "time", "energy", "force", "friction", "noise", "pressure", "viscosity", "diffusion"):
         assert water.reduced(water.quantity(2.5, dimension), dimension) == pytest.approx(2.5, rel=1e-12), dimension
-    assert water.quantity(1.0, "energy") / unit.kilojoule_per_mole == pytest.approx(water.kT, rel=1e-12)
-    assert water.reduced(1.0 * unit.bar, "pressure") == pytest.approx(0.0060221408 * 10 * water.cutoff**3 / water.kT, rel=1e-6)
+    assert water.quantity(1.0, "energy") / unit.kilojoule_per_mole == pytest.approx(water.thermal_energy, rel=1e-12)
+    assert water.reduced(1.0 * unit.bar, "pressure") == pytest.approx(0.0060221408 * 10 * water.cutoff**3 / water.thermal_energy, rel=1e-6)
     # m/(rc tau) = 54.05 Da/(0.6464 nm 3.018 ps) = 4.600e-5 Pa s
     assert water.reduced(4.600e-5 * unit.pascal * unit.second, "viscosity") == pytest.approx(1.0, rel=1e-3)
     assert np.allclose(water.quantity([1.0, 2.0], "time").value_in_unit(unit.picosecond), [water.time, 2 * water.time])
@@ -73,8 +73,8 @@ def test_a_coefficient_in_openmm_units_is_the_reduced_one():
     """Force, friction and noise between two beads, in units of the mapping."""
     water = water_mapping(3)
     pair = water.coefficient(78.0, 4.5, gamma_perp=1.5, exponent=0.5)
-    assert pair.A == pytest.approx(78.0 * water.kT / water.cutoff)
-    assert pair.gamma == pytest.approx(4.5 * math.sqrt(water.mass * water.kT) / water.cutoff)
+    assert pair.A == pytest.approx(78.0 * water.thermal_energy / water.cutoff)
+    assert pair.gamma == pytest.approx(4.5 * math.sqrt(water.mass * water.thermal_energy) / water.cutoff)
     assert pair.gamma_perp == pytest.approx(pair.gamma / 3)
     assert (pair.exponent, pair.exponent_perp, pair.cutoff) == (0.5, 0.5, water.cutoff)
 
@@ -180,6 +180,13 @@ def test_chi_of_groot_and_warren():
     for density, chi in ((3.0, 3.0), (3.0, 4.5), (5.0, 3.0), (5.0, 4.5)):
         theirs = repulsion_from_chi(chi, density, relation="groot-warren").value
         assert repulsion_from_chi(chi, density).value == pytest.approx(theirs, rel=0.1)
+
+
+def test_chi_at_a_density_between_those_of_the_table():
+    """What docs/measure/demixing.py --density 4 finds: one by the free energy of mixing, three by demixed slabs."""
+    for dA, chi, error in ((2.0, 1.07265, 0.001), (6.75, 3.350, 0.024), (8.25, 4.100, 0.079), (10.5, 5.235, 0.099)):
+        found = chi_from_repulsion(dA, 4.0)
+        assert abs(found.value - chi) < 2 * math.hypot(found.error, error), dA
 
 
 def test_chi_there_and_back_and_its_small_limit():
