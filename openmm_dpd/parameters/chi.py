@@ -78,7 +78,7 @@ def _relation(density, A) -> _Relation:
     rho = reduced_number(density, "density", positive=True)
     repulsion = 75.0 / rho if A is None else reduced_number(A, "A", positive=True)
     limits = {"density": (min(table.curves), max(table.curves)), "A": bounds["A"]}
-    outside({"density": rho, "A": repulsion}, limits, _SOURCE, False)
+    outside({"density": rho, "A": repulsion}, limits, _SOURCE, None)
     found = _Relation(overlap_energy(repulsion, rho), rho, limits)
     return _Relation(found.slope, rho, {**limits, "dA": (0.0, found.largest), "chi": (0.0, found(found.largest))})
 

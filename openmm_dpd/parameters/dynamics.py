@@ -111,7 +111,7 @@ def _chosen(values: Mapping[str, float]) -> tuple[_Plane, str]:
     return _planes()[name], name
 
 
-def _at(friction: float, values: Mapping[str, float], extrapolate: bool) -> Transport:
+def _at(friction: float, values: Mapping[str, float], extrapolate: bool | None) -> Transport:
     plane, name = _chosen(values)
     beyond = outside({"drag": friction, name: values[name]}, plane.bounds, _SOURCE, extrapolate)
     log_d, log_eta, d_error, eta_error = plane(friction, values[name])
@@ -206,7 +206,7 @@ def friction_for(*, schmidt=None, viscosity=None, diffusion=None, exponent=1.0, 
     low, high = _chosen(values)[0].bounds["drag"]
 
     def off(log_drag: float) -> float:
-        return math.log(getattr(_at(math.exp(log_drag), values, False), name).value / target)
+        return math.log(getattr(_at(math.exp(log_drag), values, None), name).value / target)
 
     ends = (math.log(low), math.log(high))
     if off(ends[0]) * off(ends[1]) > 0:
@@ -216,4 +216,4 @@ def friction_for(*, schmidt=None, viscosity=None, diffusion=None, exponent=1.0, 
         )
     friction = math.exp(brentq(off, *ends))
     total = friction / drag(1.0, DENSITY, exponent)
-    return Friction(total * (1 - transverse), total * transverse / 2, exponent, _at(friction, values, False))
+    return Friction(total * (1 - transverse), total * transverse / 2, exponent, _at(friction, values, None))

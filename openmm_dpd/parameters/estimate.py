@@ -48,8 +48,8 @@ def reduced_number(value, name: str, *, positive: bool = False) -> float:
     return checked(value.value if isinstance(value, Estimate) else value, "dimensionless", name, positive=positive)
 
 
-def outside(values: Mapping[str, float], bounds: Bounds, source: str, extrapolate: bool) -> bool:
-    """Whether a value is outside of its bounds.
+def outside(values: Mapping[str, float], bounds: Bounds, source: str, extrapolate: bool | None) -> bool:
+    """Whether a value is outside of its bounds; ``extrapolate`` is None where a caller cannot go on beyond them.
 
     Raises
     ------
@@ -62,7 +62,6 @@ def outside(values: Mapping[str, float], bounds: Bounds, source: str, extrapolat
         if not low - slack <= value <= high + slack:
             if extrapolate:
                 return True
-            raise ParameterError(
-                f"{name} = {value:g} is outside of {low:g} to {high:g}, which is what {source} covers; extrapolate=True goes on regardless"
-            )
+            way_out = "" if extrapolate is None else "; extrapolate=True goes on regardless"
+            raise ParameterError(f"{name} = {value:g} is outside of {low:g} to {high:g}, which is what {source} covers{way_out}")
     return False

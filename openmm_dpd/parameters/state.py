@@ -54,6 +54,10 @@ class _Surface:
         return float(self.spline(np.log(density), np.log(A))[0, 0])
 
     def slope(self, density: float, A: float) -> float:
+        """By the density; 0 beyond the table, where the spline stays what it is at the bound."""
+        knots = self.spline.get_knots()[0]
+        if not knots[0] <= np.log(density) <= knots[-1]:
+            return 0.0
         return float(self.spline(np.log(density), np.log(A), dx=1)[0, 0]) / density
 
 
@@ -238,7 +242,7 @@ def repulsion_from_compressibility(inverse, density=3.0, *, equation: str = "mea
     chosen = _equation(equation)
     inverse = reduced_number(inverse, "inverse", positive=True)
     density = reduced_number(density, "density", positive=True)
-    outside({"density": density}, chosen.bounds, chosen.source, False)
+    outside({"density": density}, chosen.bounds, chosen.source, None)
     low, high = chosen.bounds["A"]
     least, most = _slope(chosen, low, density), _slope(chosen, high, density)
     if not least <= inverse <= most:

@@ -232,3 +232,13 @@ def test_transport_outside_of_its_table():
         friction_for(schmidt=3, viscosity=1)
     with pytest.raises(ParameterError, match="both 0"):
         transport(0.0)
+
+
+def test_errors_offer_what_can_be_done():
+    with pytest.raises(ParameterError) as found:
+        repulsion_from_chi(3.0, 7.0)
+    assert "density = 7 is outside of 3 to 5" in str(found.value) and "extrapolate" not in str(found.value)
+    with pytest.raises(ParameterError) as found:
+        friction_for(schmidt=2.0, exponent=3.0)
+    assert "exponent = 3 is outside of 0.25 to 1" in str(found.value) and "extrapolate" not in str(found.value)
+    assert inverse_compressibility(25, 1.0, extrapolate=True).value == pytest.approx(1 + 2 * (pressure(25, 1.0, extrapolate=True).value - 1))
