@@ -23,17 +23,18 @@ from scipy.spatial import cKDTree
 
 import openmm_dpd as dpd
 from openmm_dpd.parameters.flory_huggins import composition_from_chi
+from openmm_dpd.parameters.state import overlap_energy
 from openmm_dpd.stats import block_average, ratio_average
 
 #: Steps of dA times the density: demixed ones, and the mixed ones that the integral runs over.
-DEMIXED, MIXED = (27.0, 33.0, 42.0, 54.0), (0.0, 4.0, 8.0, 12.0, 16.0)
+DEMIXED, MIXED = (24.5, 27.0, 33.0, 42.0), (0.0, 4.0, 8.0, 12.0, 16.0)
 SKIN = 2.5
 
 #: Beyond this chi the mixed fluid begins to demix, and has fewer unlike pairs for that.
 STILL_MIXED = 1.9
 
-#: Roughly chi over dA times the density.
-GUESS = 0.11
+#: Roughly chi over what it is to first order in dA; a slab that starts far off takes longer to settle.
+GUESS = 0.87
 
 
 def fluid(density: float, dA: float, box: tuple[float, float, float], slab: bool, seed: int, A: float | None = None) -> dpd.Built:
@@ -47,7 +48,7 @@ def fluid(density: float, dA: float, box: tuple[float, float, float], slab: bool
         inside = np.zeros(count, bool)
         inside[order[: count // 2]] = True
         # about as many change sides as will be there in the end, which saves the time to get there
-        swapped = round(composition_from_chi(GUESS * density * dA) * count / 2)
+        swapped = round(composition_from_chi(GUESS * overlap_energy(A, density) * dA) * count / 2)
         inside[rng.choice(order[: count // 2], swapped, replace=False)] = False
         inside[rng.choice(order[count // 2 :], swapped, replace=False)] = True
     else:
@@ -63,7 +64,7 @@ def positions(simulation) -> np.ndarray:
     return simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
 
 
-def demixed_chi(density: float, dA: float, *, A=None, edge=8.0, length=24.0, time=400.0, settle=80.0, seed=1) -> tuple[float, float]:
+def demixed_chi(density: float, dA: float, *, A=None, edge=8.0, length=24.0, time=400.0, settle=100.0, seed=1) -> tuple[float, float]:
     """chi and its standard error, from the compositions further than SKIN from both interfaces."""
     built = fluid(density, dA, (edge, edge, length), True, seed, A)
     simulation = built.simulation()

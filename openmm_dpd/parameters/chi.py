@@ -25,8 +25,8 @@ _SOURCE = "docs/measure/demixing.py"
 _GROOT_WARREN = "Groot and Warren, J. Chem. Phys. 107, 4423 (1997)"
 _RELATIONS = ("measured", "groot-warren")
 
-#: Relative error between the points of the table and at other repulsions: docs/validation.md.
-_BETWEEN = 0.03
+#: Relative errors at A = 75/density and at other repulsions: docs/validation.md.
+_BETWEEN, _ELSEWHERE = 0.03, 0.07
 
 
 @dataclass(frozen=True)
@@ -62,6 +62,7 @@ class _Relation:
 
     slope: float
     density: float
+    error: float
     bounds: Bounds
 
     def __call__(self, dA: float) -> float:
@@ -79,8 +80,9 @@ def _relation(density, A) -> _Relation:
     repulsion = 75.0 / rho if A is None else reduced_number(A, "A", positive=True)
     limits = {"density": (min(table.curves), max(table.curves)), "A": bounds["A"]}
     outside({"density": rho, "A": repulsion}, limits, _SOURCE, None)
-    found = _Relation(overlap_energy(repulsion, rho), rho, limits)
-    return _Relation(found.slope, rho, {**limits, "dA": (0.0, found.largest), "chi": (0.0, found(found.largest))})
+    error = _BETWEEN if A is None else _ELSEWHERE
+    found = _Relation(overlap_energy(repulsion, rho), rho, error, limits)
+    return _Relation(found.slope, rho, error, {**limits, "dA": (0.0, found.largest), "chi": (0.0, found(found.largest))})
 
 
 def _published(relation: str, A) -> bool:
@@ -138,7 +140,7 @@ def repulsion_from_chi(chi, density=3.0, *, A=None, relation: str = "measured", 
     if beyond:
         return Estimate(target * largest / found(largest), None, _SOURCE, found.bounds, True)
     value = float(brentq(lambda dA: found(dA) - target, 0.0, largest * (1 + 1e-9)))
-    return Estimate(value, _BETWEEN * value, _SOURCE, found.bounds)
+    return Estimate(value, found.error * value, _SOURCE, found.bounds)
 
 
 def chi_from_repulsion(dA, density=3.0, *, A=None, relation: str = "measured", extrapolate: bool = False) -> Estimate:
@@ -174,4 +176,4 @@ def chi_from_repulsion(dA, density=3.0, *, A=None, relation: str = "measured", e
     found = _relation(density, A)
     beyond = outside({"dA": extra}, found.bounds, _SOURCE, extrapolate)
     value = extra / found.largest * found(found.largest) if beyond else found(extra)
-    return Estimate(value, None if beyond else _BETWEEN * value, _SOURCE, found.bounds, beyond)
+    return Estimate(value, None if beyond else found.error * value, _SOURCE, found.bounds, beyond)

@@ -45,7 +45,7 @@ def test_two_fluids_demix_as_their_chi_says(density):
 
 @pytest.mark.slow
 def test_transport_between_the_points_of_the_table():
-    found = transport_table.measure({**transport_table.BASE, "drag": 8.0}, 60.0, 5, beads=1536)
+    found = transport_table.measure({**transport_table.BASE, "drag": 8.0}, 120.0, 5)
     said = parameters.transport(8.0)
     assert abs(found["eta"] - said.viscosity.value) < 4 * math.hypot(found["eta_error"], said.viscosity.error)
     assert abs(found["D"] - said.diffusion.value) < 4 * math.hypot(found["D_error"], said.diffusion.error)

@@ -241,4 +241,6 @@ def test_errors_offer_what_can_be_done():
     with pytest.raises(ParameterError) as found:
         friction_for(schmidt=2.0, exponent=3.0)
     assert "exponent = 3 is outside of 0.25 to 1" in str(found.value) and "extrapolate" not in str(found.value)
-    assert inverse_compressibility(25, 1.0, extrapolate=True).value == pytest.approx(1 + 2 * (pressure(25, 1.0, extrapolate=True).value - 1))
+    assert inverse_compressibility(25, 1.0, extrapolate=True).value == pytest.approx(
+        1 + 2 * (pressure(25, 1.0, extrapolate=True).value - 1)
+    )
