@@ -123,7 +123,7 @@ def repulsion_from_chi(chi, density=3.0, *, A=None, relation: str = "measured", 
     Notes
     -----
     x = 2 u dA/A, with u the energy of a bead in the fluid of one kind, is chi to first order in dA.  f(x) is measured: below chi = 1.9 from
-    the free energy of mixing equal parts, above 2.4 from the bulk compositions of demixed slabs.  Near 2 there is a critical point, where
+    the free energy of mixing equal parts, above 2.3 from the bulk compositions of demixed slabs.  Near 2 there is a critical point, where
     Flory-Huggins theory holds for no fluid.
 
     References
