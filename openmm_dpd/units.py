@@ -47,6 +47,10 @@ DIMENSIONS = {
     "angle_constant": _E / unit.radian**2,
     "conduction": _E**2 / _T,  # kappa of energy-conserving DPD times k_B
     "charge": unit.elementary_charge,
+    "volume": _L**3,
+    "mass_density": _M / _L**3,
+    "diffusion": _L**2 / _T,
+    "viscosity": _M / _L / _T,
     "dimensionless": unit.dimensionless,
 }
 

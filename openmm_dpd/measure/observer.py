@@ -8,11 +8,12 @@ r_ij . F_ij.  OpenMM's own reporters use 3N degrees of freedom, kelvin, and no p
 
 from __future__ import annotations
 
+from typing import Any
+
 import openmm
 
 from ..built import BuiltSystem
 from ..errors import ParameterError, what_is
-from .sample import SystemSample
 from .scene_samples import SceneSampler
 from .system_samples import SystemSampler
 from .temperature import check_context
@@ -49,8 +50,8 @@ class Observer:
         """Names of forces that do not count in virials and pressures, because somebody else added them to the System; None without any."""
         return self._sampler.uncounted
 
-    def sample(self, context: openmm.Context) -> SystemSample:
-        """Measure the present state of a Context."""
+    def sample(self, context: openmm.Context) -> Any:
+        """Measure the present state of a Context: a :class:`Sample` of a scene, a :class:`SystemSample` of a System made elsewhere."""
         check_context(context)
         return self._sampler.sample(context)
 

@@ -1,0 +1,127 @@
+"""Diffusion and viscosity of one-component fluids at density 3: what openmm_dpd/data/transport.json holds.
+
+    python docs/measure/transport_table.py --plane exponent --write openmm_dpd/data/transport.json
+
+Each point is one run of 3,000 beads in a cubic box, driven by a force f sin(2 pi z/L) along x.  Viscosity: the amplitude v of the flow,
+eta = rho f/(k^2 v), k = 2 pi/L.  Diffusion: mean squared displacements along y and z, across the flow, with the correction for the
+finite box.  Reduced units, rc = m = kT = 1.  Points are added to the file; a point that it has is not measured again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+
+import mdtraj
+import numpy as np
+from openmm import unit
+
+import openmm_dpd as dpd
+from openmm_dpd.analysis import diffusion_coefficient, mean_squared_displacement
+from openmm_dpd.stability_table import drag
+from openmm_dpd.stats import block_average
+
+#: Drag of a bead in its surroundings, as the gamma that gives it with the exponent 1 and without transverse friction.
+DRAGS = (2.0, 4.5, 13.5, 40.5, 120.0)
+
+#: Planes through the base fluid, each with all drags: exponent of the noise weights, part of the drag that is transverse, repulsion.
+PLANES = {"exponent": (1.0, 0.5, 0.25), "transverse": (0.5, 1.0), "A": (50.0, 80.0)}
+BASE = {"A": 25.0, "exponent": 1.0, "transverse": 0.0}
+DENSITY, BEADS = 3.0, 3000
+
+#: Time between samples and first and last lag of the fit.
+EVERY, FIT = 0.5, (4.0, 12.0)
+
+
+def coefficient(point: dict) -> dpd.DPD:
+    """Pair coefficients of a point: 2 gamma_perp weighs as much as gamma, for there are two directions across."""
+    unit_drag = drag(1.0, DENSITY, point["exponent"])
+    gamma = point["drag"] * (1 - point["transverse"]) / unit_drag
+    gamma_perp = point["drag"] * point["transverse"] / 2 / unit_drag
+    exponent = point["exponent"]
+    return dpd.DPD(A=point["A"], gamma=gamma, gamma_perp=gamma_perp, exponent=exponent, exponent_perp=exponent)
+
+
+def step_of(point: dict) -> float:
+    """At most 0.05, shorter for stiffer fluids; the friction rate of a bead times the step stays below 1/3."""
+    rate = 4 * np.pi / 30 * DENSITY / 3.0 * point["drag"]
+    return float(min(0.05 * min(1.0, (25.0 / point["A"]) ** 0.5), 0.33 / rate))
+
+
+def measure(point: dict, time: float, seed: int, beads: int = BEADS, dt: float | None = None) -> dict:
+    """Diffusion coefficient and viscosity, each with its standard error."""
+    edge = (beads / DENSITY) ** (1 / 3)
+    wave = 2 * np.pi / edge
+    guess = 0.85 * (1 + 0.02 * point["drag"])
+    push = 0.3 * guess * wave**2 / DENSITY
+    force = dpd.BodyForce([push, 0, 0], pattern="sine", axis="z")
+    scene = dpd.Scene(
+        {"W": 1.0},
+        ["W"] * beads,
+        np.random.default_rng(seed).random((beads, 3)) * edge,
+        {("W", "W"): coefficient(point)},
+        kT=1.0,
+        box=[edge] * 3,
+        body_forces=[force],
+    )
+    step = step_of(point) if dt is None else dt
+    every = max(1, round(EVERY / step))
+    built = dpd.build(scene, dt=EVERY / every, scheme="bababo", platform="CPU", seed=seed)
+    simulation = built.simulation()
+    simulation.step(round(30.0 / EVERY) * every)
+    frames = round(time / EVERY)
+    paths, flow = np.empty((frames, beads, 3), np.float32), np.empty(frames)
+    for k in range(frames):
+        simulation.step(every)
+        state = simulation.context.getState(positions=True, velocities=True)
+        x = state.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+        v = state.getVelocities(asNumpy=True).value_in_unit(unit.nanometer / unit.picosecond)
+        paths[k], flow[k] = x, 2 * np.mean(v[:, 0] * np.sin(wave * x[:, 2]))
+    amplitude = block_average(flow)
+    eta = DENSITY * push / (wave**2 * amplitude.mean)
+    eta_error = eta * amplitude.sem / amplitude.mean
+    lags = np.arange(round(FIT[0] / EVERY), round(FIT[1] / EVERY) + 1, 4)
+    moved = mean_squared_displacement(
+        mdtraj.Trajectory(paths, mdtraj.Topology.from_openmm(built.topology)), interval=EVERY, lags=lags, axes="yz", unwrap=False
+    )
+    found = diffusion_coefficient(moved, FIT, kT=1.0, viscosity=eta, edge=edge)
+    return {"D": found.mean, "D_error": found.sem, "eta": eta, "eta_error": eta_error, "dt": EVERY / every, "amplitude": amplitude.mean}
+
+
+def points_of(plane: str) -> list[dict]:
+    """All points of a plane."""
+    return [{**BASE, plane: value, "drag": friction} for value in PLANES[plane] for friction in DRAGS]
+
+
+def main() -> None:
+    """Measure, print and write."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--plane", choices=list(PLANES), default="exponent")
+    parser.add_argument("--time", type=float, default=300.0, help="length of a run")
+    parser.add_argument("--write", help="JSON file, read and added to")
+    options = parser.parse_args()
+    rows: list[dict] = []
+    if options.write and os.path.exists(options.write):
+        with open(options.write, encoding="utf-8") as file:
+            rows = json.load(file)["rows"]
+    for point in points_of(options.plane):
+        if any(all(row[name] == value for name, value in point.items()) for row in rows):
+            continue
+        seed = len(rows) + 1
+        found = measure(point, options.time, seed)
+        rows.append({**point, **{name: round(value, 5) for name, value in found.items()}, "time": options.time, "seed": seed})
+        print(rows[-1], flush=True)
+        if options.write:
+            _write(options.write, rows)
+
+
+def _write(path: str, rows: list[dict]) -> None:
+    head = {"script": "docs/measure/transport_table.py", "density": DENSITY, "beads": BEADS, "scheme": "bababo"}
+    text = json.dumps(head)[:-1] + ', "rows": [\n' + ",\n".join(json.dumps(row) for row in rows) + "\n]}\n"
+    with open(path, "w", encoding="utf-8") as file:
+        file.write(text)
+
+
+if __name__ == "__main__":
+    main()

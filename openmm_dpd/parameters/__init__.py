@@ -1,0 +1,34 @@
+"""From measured numbers to coefficients: units of a model, repulsion, friction.
+
+Every answer is an :class:`Estimate`, with its source and the range it holds for; outside of that range there is an error.
+"""
+
+from __future__ import annotations
+
+from .chi import chi_from_repulsion, repulsion_from_chi
+from .dynamics import Friction, Transport, friction_for, transport
+from .estimate import Estimate
+from .flory_huggins import chi_from_composition, chi_from_solubility, composition_from_chi
+from .mapping import BeadMapping, water_mapping
+from .measured import MeasuredPressure, measured_pressure
+from .state import inverse_compressibility, pressure, repulsion_from_compressibility
+
+__all__ = [
+    "BeadMapping",
+    "Estimate",
+    "Friction",
+    "MeasuredPressure",
+    "Transport",
+    "chi_from_composition",
+    "chi_from_repulsion",
+    "chi_from_solubility",
+    "composition_from_chi",
+    "friction_for",
+    "inverse_compressibility",
+    "measured_pressure",
+    "pressure",
+    "repulsion_from_chi",
+    "repulsion_from_compressibility",
+    "transport",
+    "water_mapping",
+]

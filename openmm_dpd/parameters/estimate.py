@@ -1,0 +1,67 @@
+"""What a relation or a table says: the number, and what is known about it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ..errors import ParameterError
+from ..model.pairs import checked
+
+#: Lowest and highest value of each variable that a relation holds for.
+Bounds = Mapping[str, tuple[float, float]]
+
+#: Room for rounding at a bound.
+_SLACK = 1e-9
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number from a relation or a table.
+
+    Attributes
+    ----------
+    value : float
+        Reduced, rc = m = kT = 1, unless the function that gave it says otherwise.
+    error : float or None
+        Standard error, as far as it is known.
+    source : str
+        Where the relation was published, or the script that measured it.
+    bounds : mapping of str to (float, float)
+        What it holds for.
+    extrapolated : bool
+        Whether it was asked for outside of its bounds.
+    """
+
+    value: float
+    error: float | None
+    source: str
+    bounds: Bounds
+    extrapolated: bool = False
+
+    def __float__(self) -> float:
+        return self.value
+
+
+def reduced_number(value, name: str, *, positive: bool = False) -> float:
+    """One reduced number >= 0 (or > 0), bare or an Estimate."""
+    return checked(value.value if isinstance(value, Estimate) else value, "dimensionless", name, positive=positive)
+
+
+def outside(values: Mapping[str, float], bounds: Bounds, source: str, extrapolate: bool | None) -> bool:
+    """Whether a value is outside of its bounds; ``extrapolate`` is None where a caller cannot go on beyond them.
+
+    Raises
+    ------
+    ParameterError
+        If one is, unless ``extrapolate``; it names the value, the bounds and the source.
+    """
+    for name, value in values.items():
+        low, high = bounds[name]
+        slack = _SLACK * max(abs(low), abs(high))
+        if not low - slack <= value <= high + slack:
+            if extrapolate:
+                return True
+            way_out = "" if extrapolate is None else "; extrapolate=True goes on regardless"
+            raise ParameterError(f"{name} = {value:g} is outside of {low:g} to {high:g}, which is what {source} covers{way_out}")
+    return False

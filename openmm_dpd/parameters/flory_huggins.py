@@ -1,0 +1,135 @@
+"""Flory-Huggins theory of two fluids, and chi from solubility parameters."""
+
+from __future__ import annotations
+
+import math
+
+from openmm import unit
+from scipy.optimize import brentq
+
+from ..barostat import md_pressure
+from ..errors import ParameterError
+from ..model.pairs import checked
+from ..units import BOLTZMANN, DIMENSIONS, to_md
+from .estimate import reduced_number
+
+
+def chi_from_composition(phi: float) -> float:
+    r"""chi of two fluids of single beads in coexistence,
+
+    .. math:: \chi = \frac{1}{1 - 2\phi} \ln\frac{1 - \phi}{\phi},
+
+    where phi is the part of the minority in either bulk phase.
+
+    Parameters
+    ----------
+    phi : float
+        0 < phi < 1/2.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    ParameterError
+        If phi is out of bounds.
+
+    References
+    ----------
+    P. J. Flory, Principles of Polymer Chemistry (1953); for beads: R. D. Groot and P. B. Warren, J. Chem. Phys. 107, 4423 (1997).
+
+    Examples
+    --------
+    >>> round(chi_from_composition(0.1), 4)
+    2.7465
+    """
+    phi = to_md(phi, "dimensionless", "phi")
+    if not isinstance(phi, float) or not 0 < phi < 0.5:
+        raise ParameterError(f"phi, the part of the minority, must be between 0 and 1/2, but is {phi!r}")
+    return math.log((1 - phi) / phi) / (1 - 2 * phi)
+
+
+def composition_from_chi(chi: float) -> float:
+    """The part of the minority in either phase, the inverse of :func:`chi_from_composition`.
+
+    Parameters
+    ----------
+    chi : float
+        Above 2, where two phases are.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    ParameterError
+        If chi is not above 2: the fluids mix.
+
+    Examples
+    --------
+    >>> round(composition_from_chi(2.7465), 4)
+    0.1
+    """
+    chi = to_md(chi, "dimensionless", "chi")
+    if not isinstance(chi, float) or not 2 < chi < 700:
+        raise ParameterError(f"two fluids of single beads demix at a chi above 2 (and below 700 here), not {chi!r}")
+    # in the logarithm L of the odds: phi = 1/(1 + e^L), chi tanh(L/2) = L
+    odds = brentq(lambda x: x - chi * math.tanh(x / 2), math.sqrt(12 * (1 - 2 / chi)) / 2, chi)
+    return 1 / (1 + math.exp(odds))
+
+
+def _per_bead(value):
+    """A volume for each bead, from a molar one too."""
+    if unit.is_quantity(value) and (value.unit * unit.mole).is_compatible(DIMENSIONS["volume"]):
+        return value / unit.AVOGADRO_CONSTANT_NA
+    return value
+
+
+def _cohesion(value, name: str) -> float:
+    """A solubility parameter in (kJ/mol/nm^3)^(1/2)."""
+    if unit.is_quantity(value):
+        return md_pressure(value * value) ** 0.5
+    return reduced_number(value, name)
+
+
+def chi_from_solubility(volume, delta1, delta2, temperature) -> float:
+    r"""chi of two liquids from their Hildebrand solubility parameters,
+
+    .. math:: \chi = \frac{V}{k_B T} (\delta_1 - \delta_2)^2.
+
+    Parameters
+    ----------
+    volume : volume
+        Of a bead, nm^3; a Quantity may be a molar volume.
+    delta1, delta2 : (energy/volume)^(1/2)
+        A Quantity such as MPa^(1/2), or (kJ/mol/nm^3)^(1/2).
+    temperature : temperature
+        Kelvin, or a Quantity.
+
+    Returns
+    -------
+    float
+        >= 0: the theory knows no attraction between unlike kinds.
+
+    Raises
+    ------
+    ParameterError
+        If a value is out of bounds or has another unit.
+
+    References
+    ----------
+    J. H. Hildebrand and R. L. Scott, The Solubility of Nonelectrolytes (1950).
+
+    Examples
+    --------
+    >>> from openmm import unit
+    >>> root = unit.megapascal**0.5
+    >>> round(chi_from_solubility(100 * unit.centimeter**3 / unit.mole, 20 * root, 16 * root, 298.15), 3)
+    0.645
+    """
+    per_bead = checked(_per_bead(volume), "volume", "volume", positive=True)
+    first, second = (_cohesion(value, name) for value, name in ((delta1, "delta1"), (delta2, "delta2")))
+    kT = BOLTZMANN * checked(temperature, "temperature", "temperature", positive=True)
+    return per_bead / kT * (first - second) ** 2

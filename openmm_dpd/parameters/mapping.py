@@ -1,0 +1,295 @@
+"""Physical units of a reduced model: what a bead stands for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from openmm import unit
+
+from ..barostat import md_pressure
+from ..errors import ParameterError
+from ..model.owned import keep
+from ..model.pairs import DPD, checked
+from ..units import BOLTZMANN, DIMENSIONS, to_md, whole_number
+from .estimate import Estimate, reduced_number
+from .state import repulsion_from_compressibility
+
+#: Powers of mass, length and time in each dimension.
+_POWERS = {
+    "length": (0, 1, 0),
+    "mass": (1, 0, 0),
+    "time": (0, 0, 1),
+    "energy": (1, 2, -2),
+    "velocity": (0, 1, -1),
+    "force": (1, 1, -2),
+    "friction": (1, 0, -1),
+    "noise": (1, 1, -1.5),
+    "force_constant": (1, 0, -2),
+    "inverse_length": (0, -1, 0),
+    "volume": (0, 3, 0),
+    "diffusion": (0, 2, -1),
+    "viscosity": (1, -1, -1),
+    "pressure": (1, -1, -2),
+}
+
+#: Temperature at which the numbers of water below were measured, K.
+_ROOM = 298.15
+
+#: Water at 298.15 K and 1 bar: Da; kg/m^3 and 1/Pa; m^2/s.
+_WATER_MASS = 18.01528
+_WATER_DENSITY, _WATER_COMPRESSIBILITY = 997.05, 4.525e-10
+_WATER_DIFFUSION = 2.299e-9
+
+
+def _per_mole(value, dimension: str):
+    """A Quantity of a bulk property, kg/m^3 or Pa s, in the units of this package, whose masses and energies are per mole."""
+    if unit.is_quantity(value) and (value.unit / unit.mole).is_compatible(DIMENSIONS[dimension]):
+        return value * unit.AVOGADRO_CONSTANT_NA
+    return value
+
+
+def _per_pressure(value) -> float:
+    """A compressibility in nm^3/(kJ/mol)."""
+    if not unit.is_quantity(value):
+        value = reduced_number(value, "compressibility", positive=True)
+    return 1.0 / checked(md_pressure(1.0 / value), "dimensionless", "the inverse of the compressibility", positive=True)
+
+
+@dataclass(frozen=True)
+class BeadMapping:
+    r"""What beads of one kind of molecule are in nm, Da and ps.
+
+    A bead is ``molecules`` molecules.  With ``density`` beads in rc^3 and the mass density d of the liquid
+
+    .. math:: m = N_m M, \quad r_c = (\rho\, m/d)^{1/3}, \quad \tau = r_c \sqrt{m/k_BT}.
+
+    Parameters
+    ----------
+    molecules : int
+        Molecules in a bead, N_m.
+    molecule_mass : mass
+        Of one molecule, Da.
+    mass_density : mass/volume
+        Of the liquid, Da/nm^3, or a Quantity such as kg/m^3.
+    temperature : temperature
+        Kelvin, or a Quantity.
+    compressibility : 1/pressure
+        Isothermal, of the liquid: a Quantity such as 1/pascal or 1/bar, or nm^3/(kJ/mol).
+    diffusion : length^2/time, optional
+        Self-diffusion coefficient of the molecules, nm^2/ps or a Quantity such as m^2/s; for :meth:`diffusion_time`.
+    density : float, default 3
+        Beads in rc^3.
+
+    Attributes
+    ----------
+    mass, cutoff, time : float
+        m (Da), rc (nm) and tau (ps): the units of the reduced model.
+
+    Raises
+    ------
+    ParameterError
+        If a value is out of bounds, not finite, or has the wrong unit.
+
+    References
+    ----------
+    R. D. Groot and P. B. Warren, J. Chem. Phys. 107, 4423 (1997); R. D. Groot and K. L. Rabone, Biophys. J. 81, 725 (2001).
+    """
+
+    molecules: int
+    molecule_mass: float
+    mass_density: float
+    temperature: float
+    compressibility: float
+    diffusion: float | None = None
+    density: float = 3.0
+
+    def __post_init__(self):
+        keep(
+            self,
+            molecules=whole_number(self.molecules, "molecules", least=1),
+            molecule_mass=checked(self.molecule_mass, "mass", "molecule_mass", positive=True),
+            mass_density=checked(_per_mole(self.mass_density, "mass_density"), "mass_density", "mass_density", positive=True),
+            temperature=checked(self.temperature, "temperature", "temperature", positive=True),
+            compressibility=_per_pressure(self.compressibility),
+            diffusion=None if self.diffusion is None else checked(self.diffusion, "diffusion", "diffusion", positive=True),
+            density=checked(self.density, "dimensionless", "density", positive=True),
+        )
+
+    @property
+    def thermal_energy(self) -> float:
+        """Thermal energy, kJ/mol."""
+        return BOLTZMANN * self.temperature
+
+    @property
+    def mass(self) -> float:
+        """Mass of a bead, Da."""
+        return self.molecules * self.molecule_mass
+
+    @property
+    def cutoff(self) -> float:
+        """rc, nm."""
+        return float((self.density * self.mass / self.mass_density) ** (1 / 3))
+
+    @property
+    def time(self) -> float:
+        """tau = rc (m/kT)^(1/2), ps: the unit of time that goes with the units of mass, length and energy."""
+        return float(self.cutoff * (self.mass / self.thermal_energy) ** 0.5)
+
+    @property
+    def inverse_compressibility(self) -> float:
+        r"""The target for the model, N_m/(n kT kappa_T) with n molecules in a volume.
+
+        It is (1/kT) dp/drho for beads: with N_m molecules in each of them there are fewer to carry the same pressure, so it grows with N_m.
+        """
+        molecules = self.mass_density / self.molecule_mass
+        return self.molecules / (molecules * self.thermal_energy * self.compressibility)
+
+    def repulsion(self, *, equation: str = "measured") -> Estimate:
+        """A rc/kT between beads of this kind, from :func:`openmm_dpd.parameters.repulsion_from_compressibility`."""
+        return repulsion_from_compressibility(self.inverse_compressibility, self.density, equation=equation)
+
+    def diffusion_time(self, D) -> unit.Quantity:
+        r"""The time that a unit of reduced time stands for if beads are to diffuse as the molecules do.
+
+        .. math:: \tau_D = \frac{N_m D\, r_c^2}{D_{exp}},
+
+        where D is the reduced diffusion coefficient of a bead.  The mean of N_m molecules diffuses N_m times slower than each of them.  A
+        soft fluid diffuses fast: this time is many times tau, and only stands for the pace of what diffusion drives.
+
+        Parameters
+        ----------
+        D : float or Estimate
+            Of a bead, in rc^2/tau: measured, or from :func:`openmm_dpd.parameters.transport`.
+
+        Returns
+        -------
+        Quantity
+            ps.
+
+        Raises
+        ------
+        ParameterError
+            If the mapping has no diffusion coefficient.
+
+        References
+        ----------
+        R. D. Groot and K. L. Rabone, Biophys. J. 81, 725 (2001).
+        """
+        if self.diffusion is None:
+            raise ParameterError("this mapping has no diffusion coefficient of the molecules; make it with diffusion=...")
+        reduced = reduced_number(D, "D", positive=True)
+        return self.molecules * reduced * self.cutoff**2 / self.diffusion * unit.picosecond
+
+    def _scale(self, dimension: str) -> float:
+        if dimension not in _POWERS:
+            raise ParameterError(f"the dimension must be one of {', '.join(_POWERS)}, not {dimension!r}")
+        mass, length, time = _POWERS[dimension]
+        return float(self.mass**mass * self.cutoff**length * self.time**time)
+
+    def quantity(self, value, dimension: str) -> unit.Quantity:
+        """A reduced number as an OpenMM Quantity.
+
+        Parameters
+        ----------
+        value : float, array or Estimate
+            In units of rc, m and kT.
+        dimension : str
+            ``length``, ``time``, ``force`` (A), ``friction`` (gamma), ``force_constant`` (springs), ``pressure``, ``viscosity``, ...
+
+        Returns
+        -------
+        Quantity
+            In nm, Da, ps, kJ/mol.
+
+        Raises
+        ------
+        ParameterError
+            If the dimension is not known or the value is no number.
+        """
+        scale = self._scale(dimension)
+        number = to_md(float(value) if isinstance(value, Estimate) else value, "dimensionless", "the reduced value")
+        md = DIMENSIONS["energy"] / DIMENSIONS["volume"] if dimension == "pressure" else DIMENSIONS[dimension]
+        return number * scale * md
+
+    def reduced(self, value, dimension: str):
+        """A Quantity, or a bare number in nm, Da, ps, kJ/mol, as a reduced number: the inverse of :meth:`quantity`.
+
+        Bulk units are fine: a pressure in bar, a viscosity in Pa s.
+
+        Raises
+        ------
+        ParameterError
+            If the dimension is not known or the unit does not fit.
+        """
+        scale = self._scale(dimension)
+        number = md_pressure(value) if dimension == "pressure" else to_md(_per_mole(value, dimension), dimension, f"the {dimension}")
+        return number / scale
+
+    def coefficient(self, A, gamma, *, gamma_perp=0.0, exponent: float = 1.0) -> DPD:
+        """Pair coefficients in OpenMM's units, from reduced A, gamma and gamma_perp; the cutoff is rc.
+
+        Examples
+        --------
+        >>> water = water_mapping(3)
+        >>> pair = water.coefficient(water.repulsion(), gamma=4.5)
+        >>> round(pair.cutoff, 4), round(pair.A), round(pair.gamma, 1)
+        (0.6464, 299, 80.6)
+        """
+        return DPD(
+            A=self.quantity(A, "force"),
+            gamma=self.quantity(gamma, "friction"),
+            gamma_perp=self.quantity(gamma_perp, "friction"),
+            exponent=exponent,
+            exponent_perp=exponent,
+            cutoff=self.cutoff,
+        )
+
+
+def water_mapping(
+    molecules: int = 3, density: float = 3.0, *, temperature=_ROOM, mass_density=None, compressibility=None, diffusion=None
+) -> BeadMapping:
+    """Beads of water.
+
+    Parameters
+    ----------
+    molecules : int, default 3
+        Water molecules in a bead.
+    density : float, default 3
+        Beads in rc^3.
+    temperature : temperature, default 298.15 K
+    mass_density, compressibility, diffusion : optional
+        By default those of water at 298.15 K and 1 bar: 997.05 kg/m^3 and 4.525e-10 1/Pa (G. S. Kell, J. Chem. Eng. Data 20, 97 (1975)),
+        2.299e-9 m^2/s (M. Holz, S. R. Heil and A. Sacco, Phys. Chem. Chem. Phys. 2, 4740 (2000)).  At another temperature all three are
+        needed.
+
+    Returns
+    -------
+    BeadMapping
+
+    Raises
+    ------
+    ParameterError
+        If a value is out of bounds, or one is missing at a temperature other than 298.15 K.
+
+    Examples
+    --------
+    >>> water = water_mapping(3)
+    >>> round(water.mass, 3), round(water.cutoff, 4), round(water.time, 3)
+    (54.046, 0.6464, 3.018)
+    >>> round(water.inverse_compressibility, 1)
+    48.3
+    """
+    kelvin = checked(temperature, "temperature", "temperature", positive=True)
+    given = {"mass_density": mass_density, "compressibility": compressibility, "diffusion": diffusion}
+    missing = [name for name, value in given.items() if value is None]
+    if abs(kelvin - _ROOM) > 0.01 and missing:
+        raise ParameterError(f"water is known here at {_ROOM} K; at {kelvin:g} K it needs {', '.join(missing)}")
+    return BeadMapping(
+        molecules,
+        _WATER_MASS,
+        _WATER_DENSITY * unit.kilogram / unit.meter**3 if mass_density is None else mass_density,
+        kelvin,
+        _WATER_COMPRESSIBILITY / unit.pascal if compressibility is None else compressibility,
+        _WATER_DIFFUSION * unit.meter**2 / unit.second if diffusion is None else diffusion,
+        density,
+    )

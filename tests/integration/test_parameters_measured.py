@@ -1,0 +1,52 @@
+"""Short versions of docs/measure/parameters_check.py: parameters give what they were asked for."""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+
+import pytest
+
+from openmm_dpd import parameters
+from openmm_dpd.parameters import measured_pressure, repulsion_from_chi, water_mapping
+
+sys.path.append(str(Path(__file__).parents[2] / "docs" / "measure"))
+import demixing  # noqa: E402
+import transport_table  # noqa: E402
+
+
+def test_pressure_between_the_points_of_the_table():
+    found = measured_pressure(33.0, 3.3, beads=600, time=30.0, seed=3)
+    said = parameters.pressure(33.0, 3.3)
+    assert abs(found.pressure.mean - said.value) < 4 * math.hypot(found.pressure.sem, said.error)
+    assert found.pressure.sem < 2e-3 * said.value
+    # the energy of a bead is A/2 times the overlap that chi is made of
+    assert abs(2 * found.energy.mean / 33.0 - parameters.state.overlap_energy(33.0, 3.3)) < 4 * 2 * found.energy.sem / 33.0 + 1e-3
+
+
+def test_water_is_as_compressible_as_water():
+    water = water_mapping(3)
+    A = water.repulsion().value
+    low, high = (measured_pressure(A, 3.0 + side * 0.15, beads=800, time=30.0, seed=7 + side).pressure for side in (-1, 1))
+    slope, error = (high.mean - low.mean) / 0.3, math.hypot(low.sem, high.sem) / 0.3
+    assert error < 0.012 * slope
+    assert abs(slope - water.inverse_compressibility) < 0.05 * water.inverse_compressibility
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("density", [3.0, 5.0])
+def test_two_fluids_demix_as_their_chi_says(density):
+    dA = repulsion_from_chi(3.5, density)
+    found, error = demixing.demixed_chi(density, dA.value, edge=6.0, length=18.0, time=100.0, settle=30.0, seed=9)
+    assert error < 0.03 * 3.5
+    assert abs(found - 3.5) < 0.1 * 3.5
+
+
+@pytest.mark.slow
+def test_transport_between_the_points_of_the_table():
+    found = transport_table.measure({**transport_table.BASE, "drag": 8.0}, 120.0, 5)
+    said = parameters.transport(8.0)
+    assert abs(found["eta"] - said.viscosity.value) < 4 * math.hypot(found["eta_error"], said.viscosity.error)
+    assert abs(found["D"] - said.diffusion.value) < 4 * math.hypot(found["D_error"], said.diffusion.error)
+    assert found["D_error"] < 0.03 * found["D"]
