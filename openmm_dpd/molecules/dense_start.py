@@ -55,7 +55,7 @@ class DenseStart:
     energy_before, energy_after : Quantity
         Potential energy of the force field itself (infinite where it is not a number).
     resolved : tuple of Piercing
-        Bonds that went through rings and do no longer.
+        Bonds that went through rings, at the start or on the way, and do no longer.
     unresolved : tuple of Piercing
         Those that still do.
     replaced : tuple of str

@@ -156,8 +156,8 @@ def _crosses(corners: np.ndarray, start: np.ndarray, along: np.ndarray) -> bool:
         q = np.cross(start, a)
         v = (q @ along) / det
         t = np.einsum("kd,kd->k", b, q) / det
-    # NaN where the segment lies in the plane of a triangle: such a bond goes beside the ring's plane, not through it
-    return bool(np.any((u >= 0) & (v >= 0) & (u + v <= 1) & (t >= 0) & (t <= 1)))
+        # NaN where the segment lies in the plane of a triangle: such a bond goes beside the ring's plane, not through it
+        return bool(np.any((u >= 0) & (v >= 0) & (u + v <= 1) & (t >= 0) & (t <= 1)))
 
 
 def pushed_out(

@@ -65,8 +65,8 @@ def relax_dense(
     between all pairs that the force field does not exclude, with :math:`\sigma_{ij}` the mean of their van der Waals diameters.
     Bonded forces, external forces, virtual sites and frozen atoms stay.  Molecules move with pairwise friction and noise (exact pair
     updates) while E rises in nine stages from 10 to 1000 kJ/mol; first they pass through each other, in the end they stand apart.  A
-    stage that flies apart is repeated with half the step.  Then rings with bonds through them are looked for, such bonds are pushed out
-    over an edge of the ring, and the system is relaxed again.
+    stage that flies apart is repeated with half the step.  The repulsion drives bonds out of rings of up to about ten atoms by itself;
+    where one is still in a ring afterwards, it is pushed out over an edge of the ring, and the system is relaxed again.
 
     Parameters
     ----------
@@ -132,16 +132,16 @@ def relax_dense(
     whole_number(steps, "steps", least=1)
     whole_number(max_ring, "max_ring", least=3)
     before, x = work.force_field(work.start)[0], work.start
+    met = work.piercings(x, max_ring)
     stages = []
     x = work.minimised(x, STRENGTHS[0])
     for strength in STRENGTHS:
         x, stage = work.stage(x, strength, steps)
         stages.append(stage)
     x = work.minimised(x, STRENGTHS[-1])
-    met: dict[tuple, Piercing] = {}
     left = work.piercings(x, max_ring)
     for turn in range(ATTEMPTS):
-        met |= {(found.ring, found.bond): found for found in left}
+        met += left
         if not left:
             break
         pushed = pushed_out(x, [(found.ring, found.bond) for found in left], work.bonds, work.box, work.mobile, turn=turn)
@@ -149,8 +149,6 @@ def relax_dense(
         stages.append(stage)
         x = work.minimised(x, STRENGTHS[-1])
         left = work.piercings(x, max_ring)
-    for found in left:
-        met.pop((found.ring, found.bond), None)
     if left:
         warnings.warn(f"{len(left)} bonds still pass through rings: {'; '.join(map(str, left))}", PiercingWarning, stacklevel=2)
     after, x = work.force_field(x, exact=True)
@@ -161,7 +159,7 @@ def relax_dense(
         overlap_after=largest_overlap(x, work.sizes, work.excluded, work.box),
         energy_before=before * unit.kilojoule_per_mole,
         energy_after=after * unit.kilojoule_per_mole,
-        resolved=tuple(met.values()),
+        resolved=tuple(found for found in dict.fromkeys(met) if found not in left),
         unresolved=tuple(left),
         replaced=tuple(work.replaced),
         seconds=time.perf_counter() - begun,
