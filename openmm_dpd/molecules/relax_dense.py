@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
+from collections.abc import Sequence
 
 import numpy as np
 import openmm
@@ -52,6 +53,7 @@ def relax_dense(
     temperature=300 * unit.kelvin,
     steps: int = 200,
     diameters=None,
+    fixed: Sequence[int] = (),
     max_ring: int = 8,
     platform: str | None = None,
     seed: int = 1,
@@ -85,6 +87,9 @@ def relax_dense(
     diameters : (N,) array of lengths, optional
         Van der Waals diameters; 0 for particles that repel nothing.  By default sigma of the NonbondedForce where it has a well depth;
         where not, 0 for virtual sites, 0.1 nm for hydrogens, the element's radius for other atoms.
+    fixed : sequence of int
+        Atoms that stay where they are here beside those of mass 0: a folded protein, say, which loses some of its shape otherwise (no
+        charges hold it).
     max_ring : int, default 8
         Largest rings that are looked at; see :func:`find_piercings`.
     platform : str, optional
@@ -128,7 +133,7 @@ def relax_dense(
     (True, True)
     """
     begun = time.perf_counter()
-    work = _Work(system, topology, positions, diameters, to_md(temperature, "temperature", "temperature"), platform, seed)
+    work = _Work(system, topology, positions, diameters, fixed, to_md(temperature, "temperature", "temperature"), platform, seed)
     whole_number(steps, "steps", least=1)
     whole_number(max_ring, "max_ring", least=3)
     before, x = work.force_field(work.start)[0], work.start
@@ -169,7 +174,7 @@ def relax_dense(
 class _Work:
     """The checked System, its soft copy, and what is done with both."""
 
-    def __init__(self, system, topology, positions, given, temperature, platform, seed):
+    def __init__(self, system, topology, positions, given, fixed, temperature, platform, seed):
         if not isinstance(system, openmm.System):
             raise ParameterError(f"expected an openmm.System, not {what_is(system)}")
         n = system.getNumParticles()
@@ -184,7 +189,7 @@ class _Work:
         periodic = nonbonded_of(system).usesPeriodicBoundaryConditions()
         self.box = _box(system, topology, periodic)
         self.bonds = _bonds(system, topology, self.start, self.box)
-        self.mobile = masses_of(system) > 0
+        self.mobile = (masses_of(system) > 0) & ~_marked(fixed, n)
         self.sizes, self.excluded = atom_diameters(system, topology, given), excluded_pairs(system)
         if not np.any(self.sizes[self.mobile] > 0):
             raise ParameterError("no atom that moves has a van der Waals diameter, so nothing would repel anything")
@@ -195,7 +200,7 @@ class _Work:
                 "take a larger box"
             )
         self.platform = openmm.Platform.getPlatformByName(platform or fastest_platform())
-        soft = soft_system(system, self.sizes, REACH, periodic=periodic)
+        soft = soft_system(system, self.sizes, REACH, mobile=self.mobile, periodic=periodic)
         friction = DPD(gamma=FRICTION, cutoff=reach)
         self.integrator = add_thermostat(soft, friction, temperature * unit.kelvin, STEP, platform=self.platform.getName(), seed=self.seed)
         self.simulation = app.Simulation(topology, soft, self.integrator, self.platform)
@@ -255,6 +260,16 @@ class _Work:
         energy = state.getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)
         found = state.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
         return energy if np.isfinite(energy) else float("inf"), np.array(found, dtype=np.float64)
+
+
+def _marked(fixed, n: int) -> np.ndarray:
+    """Which of n particles are fixed."""
+    atoms = np.asarray(fixed)
+    if atoms.size and (atoms.ndim != 1 or atoms.dtype.kind not in "iu" or atoms.min() < 0 or atoms.max() >= n):
+        raise ParameterError(f"fixed must hold indices of atoms from 0 to {n - 1}, not {what_is(fixed)}")
+    marked = np.zeros(n, dtype=bool)
+    marked[atoms.astype(int)] = True
+    return marked
 
 
 def _box(system: openmm.System, topology: app.Topology, periodic: bool) -> np.ndarray | None:

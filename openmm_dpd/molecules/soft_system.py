@@ -10,7 +10,7 @@ from openmm import app, unit
 
 from ..analysis.neighbours import pairs_within
 from ..errors import ParameterError, PlanError
-from ..integrators import BAROSTATS, masses_of
+from ..integrators import BAROSTATS
 from ..units import to_md
 
 #: Context parameter with the energy (kJ/mol) of a pair at distance 0.
@@ -115,13 +115,13 @@ def nonbonded_of(system: openmm.System) -> openmm.NonbondedForce:
 
 
 def excluded_pairs(system: openmm.System) -> np.ndarray:
-    """Pairs with an exception in the NonbondedForce or an exclusion in a CustomNonbondedForce, (E, 2), sorted, each once."""
+    """Pairs with an exception in the NonbondedForce, (E, 2), sorted: neighbours over up to three bonds, as a rule.
+
+    Other forces between all atoms exclude the same pairs, which the CPU and GPU platforms ask of them.
+    """
     force = nonbonded_of(system)
-    pairs = {tuple(sorted(force.getExceptionParameters(k)[:2])) for k in range(force.getNumExceptions())}
-    for other in system.getForces():
-        if isinstance(other, openmm.CustomNonbondedForce):
-            pairs |= {tuple(sorted(other.getExclusionParticles(k))) for k in range(other.getNumExclusions())}
-    return np.array(sorted(pairs), dtype=np.int64).reshape(-1, 2)
+    pairs = sorted(tuple(sorted(force.getExceptionParameters(k)[:2])) for k in range(force.getNumExceptions()))
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
 def replaced_forces(system: openmm.System) -> list[str]:
@@ -140,8 +140,8 @@ def replaced_forces(system: openmm.System) -> list[str]:
     return sorted({type(force).__name__ for force in system.getForces() if isinstance(force, REPLACED)})
 
 
-def soft_system(system: openmm.System, sizes: np.ndarray, reach: float, *, periodic: bool) -> openmm.System:
-    r"""A copy with bonded forces, virtual sites and frozen atoms as they were, and soft repulsion
+def soft_system(system: openmm.System, sizes: np.ndarray, reach: float, *, mobile: np.ndarray, periodic: bool) -> openmm.System:
+    r"""A copy with bonded forces and virtual sites as they were, and soft repulsion
 
     .. math:: U(r) = \frac{E}{2} \left(1 - \frac{r}{r_c}\right)^2 \quad (r < r_c), \qquad r_c = c\,\frac{\sigma_i + \sigma_j}{2},
 
@@ -157,6 +157,8 @@ def soft_system(system: openmm.System, sizes: np.ndarray, reach: float, *, perio
         Diameters sigma, nm; 0 for none.
     reach : float
         The factor c.
+    mobile : (N,) array of bool
+        Which particles move by themselves: no virtual sites.
     periodic : bool
         Whether repulsion acts across the faces of the box.
     """
@@ -171,8 +173,8 @@ def soft_system(system: openmm.System, sizes: np.ndarray, reach: float, *, perio
         bonds.addBond(*system.getConstraintParameters(k), BOND)
         soft.removeConstraint(k)
     soft.addForce(bonds)
-    for k in np.flatnonzero(masses_of(system) > 0).tolist():
-        soft.setParticleMass(k, MASS)
+    for k, moves in enumerate(mobile):
+        soft.setParticleMass(k, MASS if moves else 0.0)
     repulsion = openmm.CustomNonbondedForce(f"0.5*{STRENGTH}*step(rc-r)*(1-r/rc)^2; rc=radius1+radius2")
     repulsion.addGlobalParameter(STRENGTH, 0.0)
     repulsion.addPerParticleParameter("radius")
