@@ -222,7 +222,8 @@ def _words(topology: app.Topology, ring: tuple[int, ...], bond: tuple[int, int])
 def _named(atoms: list[app.topology.Atom], between: str) -> str:
     """Atoms with their residues, and chains where the topology has several."""
     residues = list(dict.fromkeys(atom.residue for atom in atoms))
-    chain = f" of chain {atoms[0].residue.chain.id}" if len(list(residues[0].chain.topology.chains())) > 1 else ""
+    chains, own = list(residues[0].chain.topology.chains()), residues[0].chain
+    chain = f" of chain {own.id.strip() or own.index + 1}" if len(chains) > 1 else ""
     return f"{between.join(atom.name for atom in atoms)} of {'/'.join(f'{r.name} {r.id}' for r in residues)}{chain}"
 
 
