@@ -88,8 +88,8 @@ def relax_dense(
         Van der Waals diameters; 0 for particles that repel nothing.  By default sigma of the NonbondedForce where it has a well depth;
         where not, 0 for virtual sites, 0.1 nm for hydrogens, the element's radius for other atoms.
     fixed : sequence of int
-        Atoms that stay where they are here beside those of mass 0: a folded protein, say, which loses some of its shape otherwise (no
-        charges hold it).
+        Atoms that stay where they are, beside those of mass 0: a folded protein, say, which loses some of its shape otherwise (no
+        charges hold it).  Constraints to other atoms may move them by some picometers in the end.
     max_ring : int, default 8
         Largest rings that are looked at; see :func:`find_piercings`.
     platform : str, optional

@@ -101,6 +101,28 @@ def test_atoms_of_one_element_need_no_bonds():
     assert done.resolved == done.unresolved == () and done.replaced == ("NonbondedForce",)
 
 
+def test_peptides_keep_their_handedness():
+    """Two peptides in each other: every C-alpha as it was, every peptide bond trans."""
+    topology, system, x = dense.solution(app.ForceField(*dense.AMBER), [dense.piece("test.pdb", 0, 12)] * 2, 0, 1.9, 1)
+    done = relax_dense(system, topology, x, steps=20, platform="CPU")
+    assert done.overlap_before > 0.6 and done.overlap_after < 0.3
+    y, residues = array(done.positions), list(topology.residues())
+    places = [{atom.name: atom.index for atom in residue.atoms()} for residue in residues]
+
+    def hand(z, at) -> float:
+        arms = [z[at[name]] - z[at["CA"]] for name in ("N", "C", "CB")]
+        return np.sign(np.linalg.det(arms))
+
+    def trans(z, one, other) -> bool:
+        ca, c, n, ca2 = z[one["CA"]], z[one["C"]], z[other["N"]], z[other["CA"]]
+        return np.dot(np.cross(c - ca, n - c), np.cross(n - c, ca2 - n)) < 0
+
+    chiral = [at for at in places if "CB" in at]
+    assert len(chiral) > 20 and all(hand(y, at) == hand(x, at) for at in chiral)
+    peptide_bonds = [(one, other) for one, other in zip(places, places[1:], strict=False) if "OXT" not in one]
+    assert len(peptide_bonds) == 22 and all(trans(x, *ends) and trans(y, *ends) for ends in peptide_bonds)
+
+
 def threaded(size: int):
     """A chain of united atoms through a ring of them."""
     edge, angle = 3.0, 2 * np.pi * np.arange(size) / size
@@ -166,7 +188,8 @@ def test_sizes_of_elements():
     for _ in range(18):
         other.addParticle()
     other.setNonbondedMethod(other.CutoffPeriodic)
-    system.addForce(other)
+    for further in (other, openmm.MonteCarloBarostat(1, 300), openmm.CMMotionRemover()):
+        system.addForce(further)
     for i, j in excluded_pairs(system).tolist():
         other.addExclusion(i, j)
     list(topology.atoms())[5].element = app.element.hydrogen
