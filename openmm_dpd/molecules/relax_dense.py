@@ -5,13 +5,14 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Sequence
+from types import SimpleNamespace
 
 import numpy as np
 import openmm
 from openmm import app, unit
 
 from ..analysis.frames import widths
-from ..build import fastest_platform
+from ..build import fastest_platform, new_simulation
 from ..errors import ParameterError, RunError, what_is
 from ..integrators import masses_of
 from ..model.bonds import minimum_image
@@ -199,11 +200,12 @@ class _Work:
                 f"the repulsion reaches {reach:.3g} nm, more than half the smallest width of the box, {widths(self.box).min():.3g} nm; "
                 "take a larger box"
             )
-        self.platform = openmm.Platform.getPlatformByName(platform or fastest_platform())
+        platform = platform or fastest_platform()
         soft = soft_system(system, self.sizes, REACH, mobile=self.mobile, periodic=periodic)
         friction = DPD(gamma=FRICTION, cutoff=reach)
-        self.integrator = add_thermostat(soft, friction, temperature * unit.kelvin, STEP, platform=self.platform.getName(), seed=self.seed)
-        self.simulation = app.Simulation(topology, soft, self.integrator, self.platform)
+        self.integrator = add_thermostat(soft, friction, temperature * unit.kelvin, STEP, platform=platform, seed=self.seed)
+        made = SimpleNamespace(topology=topology, system=soft, integrator=self.integrator)
+        self.simulation = new_simulation(made, platform, None, again="")
         self.context = self.simulation.context
         self.freedom = degrees_of_freedom(soft)
 
@@ -251,7 +253,7 @@ class _Work:
 
     def force_field(self, x: np.ndarray, exact: bool = False) -> tuple[float, np.ndarray]:
         """Energy of the force field itself, with the positions; ``exact`` puts constraints right."""
-        context = openmm.Context(self.system, openmm.VerletIntegrator(0.001), self.platform)
+        context = openmm.Context(self.system, openmm.VerletIntegrator(0.001), self.context.getPlatform())
         context.setPositions(x * unit.nanometer)
         if exact:
             context.applyConstraints(1e-6)
