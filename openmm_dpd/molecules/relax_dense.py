@@ -15,14 +15,13 @@ from ..analysis.frames import widths
 from ..build import fastest_platform, new_simulation
 from ..errors import ParameterError, RunError, what_is
 from ..integrators import masses_of
-from ..model.bonds import minimum_image
 from ..model.pairs import DPD
-from ..model.scene import box_vectors
 from ..thermostat import add_thermostat, degrees_of_freedom
 from ..units import BOLTZMANN, to_md, whole_number
+from .dense_checks import common_box, marked, whole_bonds
 from .dense_start import DenseStart, PiercingWarning, Stage
-from .piercings import Piercing, bonds_of_topology, checked_positions, find_piercings, pushed_out
-from .soft_system import KEPT, STRENGTH, atom_diameters, excluded_pairs, largest_overlap, nonbonded_of, replaced_forces, soft_system
+from .piercings import Piercing, checked_positions, find_piercings, pushed_out
+from .soft_system import STRENGTH, atom_diameters, excluded_pairs, largest_overlap, nonbonded_of, replaced_forces, soft_system
 
 #: Energies of two atoms at one place, kJ/mol: from a few kT, where molecules pass through each other, to what keeps them apart.
 STRENGTHS = tuple(float(e) for e in np.geomspace(10, 1000, 9))
@@ -41,6 +40,12 @@ HOT = 5.0
 
 #: Halvings of the step, and attempts to free rings.
 HALVINGS, ATTEMPTS = 5, 6
+
+#: Piercings that a warning names; all are in the result.
+NAMED = 5
+
+#: Random displacement of all atoms at the start, nm: between two at one place no force has a direction.
+SHAKE = 1e-4
 
 #: Iterations of the minimiser before, between and after the dynamics.
 ITERATIONS = 100
@@ -134,13 +139,13 @@ def relax_dense(
     (True, True)
     """
     begun = time.perf_counter()
-    work = _Work(system, topology, positions, diameters, fixed, to_md(temperature, "temperature", "temperature"), platform, seed)
     whole_number(steps, "steps", least=1)
     whole_number(max_ring, "max_ring", least=3)
-    before, x = work.force_field(work.start)[0], work.start
-    met = work.piercings(x, max_ring)
+    work = _Work(system, topology, positions, diameters, fixed, to_md(temperature, "temperature", "temperature"), platform, seed)
+    before, _ = work.force_field(work.start)
+    met = work.piercings(work.start, max_ring)
     stages = []
-    x = work.minimised(x, STRENGTHS[0])
+    x = work.minimised(work.shaken(), STRENGTHS[0])
     for strength in STRENGTHS:
         x, stage = work.stage(x, strength, steps)
         stages.append(stage)
@@ -156,7 +161,8 @@ def relax_dense(
         x = work.minimised(x, STRENGTHS[-1])
         left = work.piercings(x, max_ring)
     if left:
-        warnings.warn(f"{len(left)} bonds still pass through rings: {'; '.join(map(str, left))}", PiercingWarning, stacklevel=2)
+        named = "; ".join([*map(str, left[:NAMED]), *(["..."] if len(left) > NAMED else [])])
+        warnings.warn(f"rings that bonds still pass through: {len(left)}: {named}", PiercingWarning, stacklevel=2)
     after, x = work.force_field(x, exact=True)
     return DenseStart(
         positions=x * unit.nanometer,
@@ -188,9 +194,9 @@ class _Work:
         self.start = checked_positions(positions, n)
         self.replaced = replaced_forces(system)
         periodic = nonbonded_of(system).usesPeriodicBoundaryConditions()
-        self.box = _box(system, topology, periodic)
-        self.bonds = _bonds(system, topology, self.start, self.box)
-        self.mobile = (masses_of(system) > 0) & ~_marked(fixed, n)
+        self.box = common_box(system, topology, periodic)
+        self.bonds = whole_bonds(system, topology, self.start, self.box)
+        self.mobile = (masses_of(system) > 0) & ~marked(fixed, n)
         self.sizes, self.excluded = atom_diameters(system, topology, given), excluded_pairs(system)
         if not np.any(self.sizes[self.mobile] > 0):
             raise ParameterError("no atom that moves has a van der Waals diameter, so nothing would repel anything")
@@ -208,6 +214,11 @@ class _Work:
         self.simulation = new_simulation(made, platform, None, again="")
         self.context = self.simulation.context
         self.freedom = degrees_of_freedom(soft)
+
+    def shaken(self) -> np.ndarray:
+        """The positions at the start, a tenth of a picometer off."""
+        away = np.random.default_rng(self.seed).normal(0.0, SHAKE, self.start.shape)
+        return self.start + np.where(self.mobile[:, None], away, 0.0)
 
     def _place(self, x: np.ndarray, strength: float) -> None:
         self.context.setParameter(STRENGTH, strength)
@@ -262,54 +273,6 @@ class _Work:
         energy = state.getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)
         found = state.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
         return energy if np.isfinite(energy) else float("inf"), np.array(found, dtype=np.float64)
-
-
-def _marked(fixed, n: int) -> np.ndarray:
-    """Which of n particles are fixed."""
-    atoms = np.asarray(fixed)
-    if atoms.size and (atoms.ndim != 1 or atoms.dtype.kind not in "iu" or atoms.min() < 0 or atoms.max() >= n):
-        raise ParameterError(f"fixed must hold indices of atoms from 0 to {n - 1}, not {what_is(fixed)}")
-    marked = np.zeros(n, dtype=bool)
-    marked[atoms.astype(int)] = True
-    return marked
-
-
-def _box(system: openmm.System, topology: app.Topology, periodic: bool) -> np.ndarray | None:
-    """Box vectors of the System, on which the topology agrees."""
-    named = topology.getPeriodicBoxVectors()
-    if not periodic:
-        if named is not None:
-            raise ParameterError(
-                "the Topology has a periodic box, but the NonbondedForce is not periodic; make the System with nonbondedMethod=PME, or "
-                "call topology.setPeriodicBoxVectors(None)"
-            )
-        return None
-    box, named = box_vectors(system.getDefaultPeriodicBoxVectors()), box_vectors(named)
-    assert box is not None
-    if named is None or not np.allclose(named, box, atol=1e-5):
-        has = "no box" if named is None else f"one with the diagonal {np.diag(named).round(5).tolist()}"
-        raise ParameterError(f"the System has a box with the diagonal {np.diag(box).round(5).tolist()} nm, but the Topology has {has}")
-    return box
-
-
-def _bonds(system: openmm.System, topology: app.Topology, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
-    """Bonds of the topology, which must not be cut by the box where bonded forces do not reach across it."""
-    bonds = bonds_of_topology(topology)
-    bonded = [force for force in system.getForces() if isinstance(force, KEPT)]
-    if not len(bonds) and (system.getNumConstraints() or any(isinstance(f, openmm.HarmonicBondForce) and f.getNumBonds() for f in bonded)):
-        raise ParameterError("the System has bonds, but the Topology has none, so that pierced rings could not be found; give it the bonds")
-    if box is None or not len(bonds) or any(force.usesPeriodicBoundaryConditions() for force in bonded):
-        return bonds
-    along = x[bonds[:, 1]] - x[bonds[:, 0]]
-    long, short = np.linalg.norm(along, axis=1), np.linalg.norm(minimum_image(along, box), axis=1)
-    worst = int(np.argmax(long - short))
-    if long[worst] > short[worst] + 1e-6:
-        names = " and ".join(f"{a.name} of {a.residue.name} {a.residue.id}" for a in topology.atoms() if a.index in bonds[worst])
-        raise ParameterError(
-            f"the bond of {names} is {long[worst]:.3g} nm long, and {short[worst]:.3g} nm to the nearest image: the box cuts the molecule; "
-            "give molecules in one piece"
-        )
-    return bonds
 
 
 __all__ = ["relax_dense"]
