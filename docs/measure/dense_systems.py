@@ -284,5 +284,5 @@ SYSTEMS: dict[str, Callable[[], Packed]] = {
     "water TIP4P-Ew, 500": lambda: solution(app.ForceField("amber14/tip4pew.xml"), [], 500, 2.47, 1),
     "salt water, 30 NaCl, 600 TIP3P": lambda: salt_water(30, 600, 2.68, 1),
     "protein of 35 residues, 500 TIP3P": lambda: protein(35, 500, 2.75, 1),
-    "lipids DLPC, 10, 250 TIP3P (CHARMM36)": lambda: lipids(10, 250, 2.7, 1),
+    "lipids DLPC, 6, 150 TIP3P (CHARMM36)": lambda: lipids(6, 150, 2.2, 1),
 }
