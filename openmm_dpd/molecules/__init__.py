@@ -3,27 +3,35 @@
 from __future__ import annotations
 
 from .builders import bead, block_copolymer, branched, linear, lipid, ring, star, surfactant
+from .dense_start import DenseStart, PiercingWarning, Stage
 from .mixture import Mixture
 from .molecule import Molecule, formula, join, sequence
 from .pack import Bilayer, Scattered, pack
+from .piercings import Piercing, find_piercings
 from .published import Model, grafmueller_2009, like_repulsion, unlike_repulsion
 from .relax import relax
+from .relax_dense import relax_dense
 from .terms import Bend, CosineBend, FENESpring, MorseSpring, Spring
 
 __all__ = [
     "Bend",
     "Bilayer",
     "CosineBend",
+    "DenseStart",
     "FENESpring",
     "Mixture",
     "Model",
     "Molecule",
     "MorseSpring",
+    "Piercing",
+    "PiercingWarning",
     "Scattered",
     "Spring",
+    "Stage",
     "bead",
     "block_copolymer",
     "branched",
+    "find_piercings",
     "formula",
     "grafmueller_2009",
     "join",
@@ -32,6 +40,7 @@ __all__ = [
     "lipid",
     "pack",
     "relax",
+    "relax_dense",
     "ring",
     "sequence",
     "star",

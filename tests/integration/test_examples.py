@@ -203,3 +203,25 @@ def test_reverse_poiseuille(tmp_path, monkeypatch):
     # pressure 23.611 (0.006).  The standard error of the pressure of such a run is 0.01; box and step make 0.02
     assert found["pressure"] == pytest.approx(23.64, abs=4 * 0.01 + 0.02)
     assert is_picture(tmp_path / "profile.png")
+
+
+def test_dense_melt(monkeypatch):
+    """Fewer, shorter chains: no overlaps, an energy per atom like that of any melt, no explosion at constant pressure."""
+    module = example("12_dense_melt", monkeypatch, CHAINS=6, LENGTH=70, STEPS=50)
+    found = module.main()
+    assert found["energy of the walks"] > 1e6
+    assert found["largest overlap after the soft start"] < 0.25
+    assert found["energy after minimising from there"] < found["energy after the soft start"] < 0
+    assert 0.6 < found["density at the end"] < 0.9
+    assert found["seconds of the soft start"] > 0
+
+
+@pytest.mark.slow
+def test_peptides_in_water(monkeypatch):
+    """Two peptides in less water."""
+    module = example("13_peptides_in_water", monkeypatch, COPIES=2, WATERS=300, EDGE=2.3, STEPS=100)
+    found = module.main()
+    assert found["energy after minimising from there"] < found["energy after the soft start"] < 1e-3 * found["energy of the random places"]
+    assert found["energy after minimising from there"] < -30 * 300
+    assert found["bonds through rings at the end"] == 0
+    assert 2.1 < found["edge of the box at the end"] < 2.5

@@ -1,0 +1,230 @@
+"""Rings with a bond through them: a state that no minimisation leaves, because a bond would have to pass through another one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from openmm import app
+
+from ..analysis.frames import widths
+from ..analysis.neighbours import pairs_within
+from ..errors import ParameterError, what_is
+from ..model.bonds import minimum_images
+from ..model.scene import box_vectors
+from ..units import to_md, whole_number
+from .rings import neighbours_of, small_rings, within_bonds
+
+#: How far beyond the edge of a ring a bond is pushed that was in it, nm: about the radius of a carbon atom.
+BEYOND = 0.15
+
+#: Atoms so many bonds away from a bond that is pushed go with it, each bond away a smaller part of the way.
+REACH = 4
+
+
+@dataclass(frozen=True)
+class Piercing:
+    """A bond through a ring.
+
+    Attributes
+    ----------
+    ring : tuple of int
+        Atoms of the ring, in the order of its bonds.
+    bond : (int, int)
+        The atoms of the bond.
+    text : str
+        Both in words: chains, residues and atoms.
+    """
+
+    ring: tuple[int, ...]
+    bond: tuple[int, int]
+    text: str
+
+    def __str__(self) -> str:
+        return self.text
+
+
+def find_piercings(topology: app.Topology, positions, box=None, *, max_ring: int = 8) -> list[Piercing]:
+    """Bonds that pass through rings.
+
+    The surface of a ring is the fan of triangles from its centroid to its bonds.  A bond that has no atom in the ring and crosses one of
+    the triangles pierces it.  All distances are minimum images, so molecules may be whole or wrapped.
+
+    Parameters
+    ----------
+    topology : openmm.app.Topology
+        Its bonds are the ones that are looked at.
+    positions : (N, 3) array of lengths
+    box : (3,) or (3, 3) array of lengths, optional
+        Edges or box vectors; by default those of the topology, if it has any.
+    max_ring : int, default 8
+        Atoms of the largest rings.  Of rings that share bonds the smallest through each bond count.
+
+    Returns
+    -------
+    list of Piercing
+
+    Raises
+    ------
+    ParameterError
+        If the topology has no bonds, positions have another shape or are not finite, or a ring or bond is too long for minimum images
+        in this box.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from openmm import app
+    >>> from openmm_dpd.molecules import find_piercings
+    >>> topology = app.Topology()
+    >>> chain = topology.addChain()
+    >>> ring, thread = (topology.addResidue(name, chain) for name in ("BNZ", "ETH"))
+    >>> atoms = [topology.addAtom(f"C{k}", app.element.carbon, ring if k < 6 else thread) for k in range(8)]
+    >>> for k in range(6):
+    ...     topology.addBond(atoms[k], atoms[(k + 1) % 6])
+    >>> topology.addBond(atoms[6], atoms[7])
+    >>> angle = np.arange(6) * np.pi / 3
+    >>> hexagon = 0.14 * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    >>> print(find_piercings(topology, np.vstack([hexagon, [[0, 0, -0.08], [0, 0.02, 0.07]]]))[0])
+    the bond C6-C7 of ETH 2 passes through the ring C0 C5 C4 C3 C2 C1 of BNZ 1
+    """
+    bonds = bonds_of_topology(topology)
+    if not len(bonds):
+        raise ParameterError("the Topology has no bonds, so nothing is known of its rings; createStandardBonds() makes some")
+    x = finite_positions(positions, topology.getNumAtoms())
+    vectors = box_vectors(topology.getPeriodicBoxVectors() if box is None else box)
+    rings = small_rings(bonds, len(x), whole_number(max_ring, "max_ring", least=3))
+    return [Piercing(ring, bond, _words(topology, ring, bond)) for ring, bond in crossings(rings, bonds, x, vectors)]
+
+
+def finite_positions(positions, n: int) -> np.ndarray:
+    """Positions as an (n, 3) array of nm."""
+    x = np.asarray(to_md(positions, "length", "positions"), dtype=np.float64)
+    if x.shape != (n, 3):
+        raise ParameterError(f"positions must have shape ({n}, 3), as there are {n} atoms, not {x.shape}")
+    return x
+
+
+def bonds_of_topology(topology: app.Topology) -> np.ndarray:
+    """Pairs of atoms, (B, 2)."""
+    if not isinstance(topology, app.Topology):
+        raise ParameterError(f"expected an openmm.app.Topology, not {what_is(topology)}")
+    return np.array([(bond[0].index, bond[1].index) for bond in topology.bonds()], dtype=np.int64).reshape(-1, 2)
+
+
+def crossings(
+    rings: list[tuple[int, ...]], bonds: np.ndarray, x: np.ndarray, box: np.ndarray | None
+) -> list[tuple[tuple[int, ...], tuple[int, int]]]:
+    """Rings and the bonds through them."""
+    if not rings:
+        return []
+    along = minimum_images(x[bonds[:, 1]] - x[bonds[:, 0]], box)
+    corners = [_around(ring, x, box) for ring in rings]
+    centres = np.array([corner.mean(axis=0) for corner in corners])
+    extent = max(float(np.linalg.norm(corner - centre, axis=1).max()) for corner, centre in zip(corners, centres, strict=True))
+    reach = extent + 0.5 * float(np.linalg.norm(along, axis=1).max())
+    if box is not None and reach > 0.5 * widths(box).min():
+        raise ParameterError(
+            f"the longest bond and the largest ring reach {reach:.3g} nm, more than half the smallest width of the box, "
+            f"{widths(box).min():.3g} nm: minimum images do not say where they are"
+        )
+    found = []
+    near, which, _ = pairs_within(centres, x[bonds[:, 0]] + 0.5 * along, box, reach)
+    for r, b in zip(near.tolist(), which.tolist(), strict=True):
+        i, j = bonds[b].tolist()
+        if i in rings[r] or j in rings[r]:
+            continue
+        start = minimum_images((x[i] + 0.5 * along[b] - centres[r])[None], box)[0] - 0.5 * along[b]
+        if _crosses(corners[r] - centres[r], start, along[b]):
+            found.append((rings[r], (i, j)))
+    return sorted(found)
+
+
+def _around(ring: tuple[int, ...], x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
+    """Atoms of a ring in one piece."""
+    atoms = list(ring)
+    steps = minimum_images(np.diff(x[atoms], axis=0), box)
+    return x[atoms[0]] + np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+
+
+def _crosses(corners: np.ndarray, start: np.ndarray, along: np.ndarray) -> bool:
+    """Whether a segment meets a triangle of the fan around the origin (Moeller and Trumbore, J. Graphics Tools 2, 21 (1997))."""
+    a, b = corners, np.roll(corners, -1, axis=0)
+    h = np.cross(along, b)
+    det = np.einsum("kd,kd->k", a, h)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u = (h @ start) / det
+        q = np.cross(start, a)
+        v = (q @ along) / det
+        t = np.einsum("kd,kd->k", b, q) / det
+        # NaN where the segment lies in the plane of a triangle: such a bond goes beside the ring's plane, not through it
+        return bool(np.any((u >= 0) & (v >= 0) & (u + v <= 1) & (t >= 0) & (t <= 1)))
+
+
+def pushed_out(
+    x: np.ndarray,
+    found: list[tuple[tuple[int, ...], tuple[int, int]]],
+    bonds: np.ndarray,
+    box: np.ndarray | None,
+    mobile: np.ndarray,
+    *,
+    turn: int = 0,
+) -> np.ndarray:
+    """Positions with pierced rings and bonds moved apart, in the plane of the ring, over one of its edges.
+
+    The bond goes past the edge that is the ``turn``-th nearest; atoms up to four bonds from it go a part of the way, so that the chain
+    is bent and not torn.  If the bond cannot move, the ring does, the other way.
+
+    Parameters
+    ----------
+    x : (N, 3) array, nm
+    found : list of (ring, bond)
+        As :func:`crossings` gives them.
+    bonds, box
+        As there.
+    mobile : (N,) array of bool
+        Which atoms may be moved.
+    turn : int
+        Another way out at each further attempt.
+
+    Returns
+    -------
+    (N, 3) array
+    """
+    x = x.copy()
+    neighbours = neighbours_of(bonds, len(x))
+    for ring, bond in found:
+        corners = _around(ring, x, box)
+        centre = corners.mean(axis=0)
+        corners -= centre
+        along = minimum_images((x[bond[1]] - x[bond[0]])[None], box)[0]
+        start = minimum_images((x[bond[0]] + 0.5 * along - centre)[None], box)[0] - 0.5 * along
+        normal = np.linalg.svd(corners)[2][2]
+        rise = float(along @ normal)
+        point = start + along * np.clip(-float(start @ normal) / rise if rise else 0.5, 0, 1)
+        point -= (point @ normal) * normal
+        ways = 0.5 * (corners + np.roll(corners, -1, axis=0)) - point  # to the middles of the edges
+        ways -= np.outer(ways @ normal, normal)
+        length = np.linalg.norm(ways, axis=1)
+        edge = np.argsort(length)[turn % len(ring)]
+        away = ways[edge] * (1 + BEYOND / max(length[edge], 1e-6))
+        moved, sign, held = (bond, 1.0, ring) if np.all(mobile[list(bond)]) else (ring, -1.0, bond)
+        for atom, steps in within_bonds(neighbours, moved, REACH).items():
+            if mobile[atom] and atom not in held:
+                x[atom] += sign * (1 - steps / (REACH + 1)) * away
+    return x
+
+
+def _words(topology: app.Topology, ring: tuple[int, ...], bond: tuple[int, int]) -> str:
+    atoms = list(topology.atoms())
+    return f"the bond {_named([atoms[k] for k in bond], '-')} passes through the ring {_named([atoms[k] for k in ring], ' ')}"
+
+
+def _named(atoms: list[app.topology.Atom], between: str) -> str:
+    """Atoms with their residues, and chains where the topology has several."""
+    residues = list(dict.fromkeys(atom.residue for atom in atoms))
+    chains, own = list(residues[0].chain.topology.chains()), residues[0].chain
+    chain = f" of chain {own.id.strip() or own.index + 1}" if len(chains) > 1 else ""
+    return f"{between.join(atom.name for atom in atoms)} of {'/'.join(f'{r.name} {r.id}' for r in residues)}{chain}"
+
+
+__all__ = ["Piercing", "find_piercings"]
