@@ -31,7 +31,7 @@ from .reporters import DPDReporter
 from .serialized import load_xml
 from .thermostat import add_thermostat, degrees_of_freedom
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "BeadTemperatures",
