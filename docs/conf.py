@@ -7,7 +7,7 @@ import re
 import openmm_dpd
 
 project = "openmm_dpd"
-author = "the openmm_dpd authors"
+author = "the openmm_dpd developers"
 copyright = author  # noqa: A001
 release = version = openmm_dpd.__version__
 

@@ -35,7 +35,7 @@ from .recommend import Choice, Recommendation, recommend
 from .serialized import load_xml
 from .thermostat import add_thermostat
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "BeadTemperatures",

@@ -22,7 +22,7 @@ from openmm_dpd.names import Phase
 from openmm_dpd.schemes import SCHEMES
 
 ROOT = Path(__file__).resolve().parents[2]
-TEXTS = [ROOT / "README.md", ROOT / "ARCHITECTURE.md", *sorted((ROOT / "docs").rglob("*.md"))]
+TEXTS = [*(ROOT / name for name in ("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 DECKS = (ROOT / "docs" / "decks.md").read_text(encoding="utf-8")
 
