@@ -17,9 +17,8 @@ from .errors import ParameterError
 from .kernels.engine import PairEngine
 from .kernels.fields import ENERGY, TEMPERATURE, FieldSpec
 from .model.internal import InternalEnergy
-from .model.temperature import thermal_energies
 from .names import FIELD
-from .units import to_md
+from .units import thermal_energies, to_md
 
 if TYPE_CHECKING:
     from .plan import Plan

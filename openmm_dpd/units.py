@@ -1,8 +1,9 @@
 """Units: what enters is turned into OpenMM's MD units (nm, Da, ps, kJ/mol) once, at the border.
 
-Two things live here, and nothing else converts:
+Three things live here, and nothing else converts:
 
 - :func:`to_md` takes a bare number (already in MD units, as everywhere in OpenMM) or an ``openmm.unit.Quantity``;
+- :func:`thermal_energy` takes an energy or a temperature for kT;
 - :class:`UnitSystem` holds the LAMMPS unit styles *lj*, *real* and *metal*.  A reduced scene is run with 1 nm, 1 Da,
   1 ps and an energy unit of 1 kJ/mol, so that kT = 1 is 1 kJ/mol (a kinetic temperature of 120.27 K for OpenMM's own
   reporters) and a reduced pressure of 1 is 16.605 bar.
@@ -132,6 +133,21 @@ def whole_number(value, name: str, least: int | None = None) -> int:
     if least is not None and value < least:
         raise ParameterError(f"{name} must be at least {least}, not {value}")
     return int(value)
+
+
+def thermal_energy(value, name: str = "kT") -> float:
+    """Thermal energy in kJ/mol from an energy (bare numbers: kJ/mol) or from a temperature given as a Quantity."""
+    kT = thermal_energies(value, name)
+    if not isinstance(kT, float) or kT < 0:
+        raise ParameterError(f"{name} must be a single number >= 0, but is {value!r}")
+    return kT
+
+
+def thermal_energies(value, name: str):
+    """Thermal energies in kJ/mol from energies (bare numbers: kJ/mol) or from temperatures given as a Quantity."""
+    if unit.is_quantity(value) and value.unit.is_compatible(unit.kelvin):
+        return to_md(value, "temperature", name) * BOLTZMANN
+    return to_md(value, "energy", name)
 
 
 @dataclass(frozen=True)

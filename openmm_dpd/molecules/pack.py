@@ -11,8 +11,7 @@ from openmm import unit
 from ..errors import ParameterError, what_is
 from ..model.scene import box_vectors
 from ..model.sources import Block, Sphere
-from ..model.temperature import thermal_energy
-from ..units import to_md, whole_number
+from ..units import thermal_energy, to_md, whole_number
 from .mixture import Mixture
 from .molecule import Molecule
 from .shapes import random_shapes, upright_shape
