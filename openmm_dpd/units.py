@@ -33,6 +33,7 @@ _E, _L, _T, _M = unit.kilojoule_per_mole, unit.nanometer, unit.picosecond, unit.
 #: Quantities by name: the MD unit of each.
 DIMENSIONS = {
     "length": _L,
+    "area": _L**2,
     "mass": _M,
     "time": _T,
     "energy": _E,

@@ -9,6 +9,7 @@ from .pack import Bilayer, Scattered, pack
 from .published import Model, grafmueller_2009, like_repulsion, unlike_repulsion
 from .relax import relax
 from .terms import Bend, CosineBend, FENESpring, MorseSpring, Spring
+from .vesicles import Vesicle
 
 __all__ = [
     "Bend",
@@ -21,6 +22,7 @@ __all__ = [
     "MorseSpring",
     "Scattered",
     "Spring",
+    "Vesicle",
     "bead",
     "block_copolymer",
     "branched",
