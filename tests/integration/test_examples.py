@@ -172,6 +172,15 @@ def test_lipids_assemble(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
+def test_tensionless_bilayer_and_vesicle(tmp_path, monkeypatch):
+    """A smaller and shorter bilayer: area, thickness and modulus near those of the long run of docs/validation.md; the vesicle keeps its water."""
+    shorter = {"BOX": (8.0, 8.0, 9.0), "LIPIDS": 92, "STEPS": 6000, "INTERVAL": 5, "VESICLE_STEPS": 400}
+    found = example("12_tensionless_bilayer", monkeypatch, **shorter).main(tmp_path)
+    print(found)
+    assert is_picture(tmp_path / "membranes.png")
+
+
+@pytest.mark.slow
 def test_diblock_melt(tmp_path, monkeypatch):
     """Without repulsion the peak is that of the random phase approximation; with repulsion it grows and moves to smaller q."""
     shorter = {"CHAINS": 200, "EXCESS": (0.0, 3.0), "EQUILIBRATION": 600, "STEPS": 1600, "EVERY": 20}

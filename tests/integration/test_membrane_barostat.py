@@ -10,7 +10,7 @@ from openmm import unit
 import openmm_dpd as dpd
 from openmm_dpd import ParameterError, PlanError
 from openmm_dpd.analysis import StressReporter, surface_tension
-from openmm_dpd.molecules import Bilayer, grafmueller_2009, pack, relax
+from openmm_dpd.molecules import Bilayer, Spring, grafmueller_2009, lipid, pack, relax
 from openmm_dpd.stats import block_average
 from openmm_dpd.units import BAR_PER_MD_PRESSURE, BOLTZMANN
 
@@ -33,7 +33,7 @@ def build(scene=None, **options) -> dpd.Built:
 def test_the_system_has_the_numbers_in_openmms_units():
     built = build()
     barostat = dpd.add_barostat(built, 20.0, surface_tension=0.5, interval=7, xymode="anisotropic", zmode="fixed")
-    assert built.system.getForces()[-1].this == barostat.this or isinstance(built.system.getForces()[-1], Membrane)
+    assert sum(isinstance(force, Membrane) for force in built.system.getForces()) == 1
     assert isinstance(barostat, Membrane) and barostat.getFrequency() == 7
     assert barostat.getDefaultPressure() / unit.bar == pytest.approx(20 * 16.6054, rel=1e-5)
     assert barostat.getDefaultSurfaceTension() / (unit.bar * unit.nanometer) == pytest.approx(0.5 * 16.6054, rel=1e-5)
@@ -48,7 +48,6 @@ def test_the_system_has_the_numbers_in_openmms_units():
         0.5,
         0.5 * unit.kilojoule_per_mole / unit.nanometer**2,
         0.5 * BAR_PER_MD_PRESSURE * unit.bar * unit.nanometer,
-        0.5 * BAR_PER_MD_PRESSURE * 0.1 * unit.millinewton / unit.meter if hasattr(unit, "millinewton") else 0.5,
         0.5 * BAR_PER_MD_PRESSURE * 1e-4 * unit.newton / unit.meter,
         0.5 * BAR_PER_MD_PRESSURE * 1e-4 * unit.joule / unit.meter**2,
     ],
@@ -137,25 +136,55 @@ def test_a_restart_has_box_and_step_and_takes_the_new_temperature(tmp_path):
             assert np.linalg.det(now) == pytest.approx(64.0) and now[0, 0] != edges[0, 0]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("tension", [0.0, 1.0])
-def test_a_bilayer_has_the_pressure_and_the_tension_that_were_set(tension):
-    """Pressure along z and tension of 41 lipids, free edges, 600 units of time, within 4 standard errors (and these below 0.25).
+@pytest.mark.parametrize("tension", [1.5, -1.5])
+def test_the_area_of_an_ideal_gas_is_exact(tension):
+    """Beads that do not repel each other: p(A) ~ A^N exp(-(P L_z - gamma) A), a gamma distribution; mean within 4 standard errors."""
+    n = 64
+    positions = np.random.default_rng(1).random((n, 3)) * 4
+    pairs = {("W", "W"): dpd.DPD(A=0.0, gamma=4.5, cutoff=0.5)}
+    built = build(dpd.Scene({"W": 1.0}, ["W"] * n, positions, pairs, kT=1.0, box=[4.0] * 3))
+    dpd.add_barostat(built, 1.0, surface_tension=tension, zmode="fixed", interval=1)
+    simulation, areas = built.simulation(), []
+    simulation.step(200)
+    for _ in range(800):
+        simulation.step(4)
+        edges = np.diag(simulation.context.getState().getPeriodicBoxVectors(asNumpy=True)._value)
+        areas.append(edges[0] * edges[1])
+    area = block_average(areas)
+    exact = (n + 1) / (4.0 - tension)
+    assert area.converged and area.sem < 0.02 * exact
+    assert abs(area.mean - exact) < 4 * area.sem, (area, exact)
 
-    ``middle`` at this step is 0.3 % off in the kinetic temperature: 0.01 in a pressure of 18.
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tension", [0.0, 2.0])
+def test_a_bilayer_has_the_pressure_and_the_tension_that_were_set(tension):
+    """Within 4 standard errors, from eight blocks of 20 units of time, in which the area forgets where it was.
+
+    Soft springs and no bends, so that velocities at full steps are nearly as hot as the beads (1 % of a kinetic pressure of 3 is allowed).
+    The mean of L_z (P_z - P_xy) is the tension less kT <1/A>, as integration by parts says.
     """
     model, pressure = grafmueller_2009(), 17.5
-    mixture = pack({model.molecule: Bilayer(34)}, solvent="W", density=model.density, box=[5.0, 5.0, 9.0], seed=1)
-    built = dpd.build(relax(mixture.scene(pairs=model.pairs(), kT=1.0)), dt=0.04, scheme="middle", seed=1, platform="CPU")
-    dpd.add_barostat(built, pressure, surface_tension=tension, interval=10)
+    soft = lipid("H3", ["T4", "T4"], Spring(16.0, 0.5))
+    mixture = pack({soft: Bilayer(30)}, solvent="W", density=model.density, box=[5.0, 5.0, 8.0], seed=1)
+    built = build(relax(mixture.scene(pairs=model.pairs(), kT=1.0)), dt=0.02)
+    dpd.add_barostat(built, pressure, surface_tension=tension, interval=1)
     simulation = built.simulation()
-    simulation.step(1500)
-    stress = StressReporter(3, built)
+    simulation.step(2000)
+    stress = StressReporter(4, built)
     simulation.reporters.append(stress)
-    simulation.step(12_000)
-    measured = surface_tension(stress.pressures, stress.edges[:, 2], axis="z", interfaces=1)
-    along = block_average(stress.pressures[:, 2])
-    print(tension, measured, along, stress.edges.mean(axis=0))
+    simulation.step(8000)
     assert np.ptp(stress.edges[:, 0]) > 0 and np.ptp(stress.edges[:, 2]) > 0
-    assert measured.sem < 0.25 and abs(measured.mean - tension) < 4 * measured.sem
-    assert along.sem < 0.1 and abs(along.mean - pressure) < 4 * along.sem + 0.02
+
+    def blocks(series):
+        means = np.array([block.mean() for block in np.array_split(series, 8)])
+        return means.mean(), means.std(ddof=1) / 8**0.5
+
+    across, height = stress.pressures[:, :2].mean(axis=1), stress.edges[:, 2]
+    measured, error = blocks(height * (stress.pressures[:, 2] - across))
+    assert measured == pytest.approx(surface_tension(stress.pressures, height, axis="z", interfaces=1).mean)
+    along, its_error = blocks(stress.pressures[:, 2])
+    expected = tension - np.mean(1 / np.prod(stress.edges[:, :2], axis=1))
+    print(f"tension {measured:.3f}({error:.3f}), expected {expected:.3f}; along z {along:.3f}({its_error:.3f}), expected {pressure}")
+    assert error < 0.4 and abs(measured - expected) < 4 * error
+    assert its_error < 0.05 and abs(along - pressure) < 4 * its_error + 0.03
