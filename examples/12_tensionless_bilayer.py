@@ -48,22 +48,28 @@ def flat(out: Path) -> mdtraj.Trajectory:
     return trajectory[int(BEGIN * len(trajectory)) :]
 
 
-def vesicle(area: float) -> dict[str, np.ndarray]:
-    """Beads of a vesicle after a short run, by their types, from its middle."""
+def vesicle(area: float) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Beads of a vesicle by their types, from its middle, as packed and after a short run."""
     shell = Vesicle(radius=RADIUS, area_per_lipid=area, thickness=MEMBRANE)
     mixture = pack({MODEL.molecule: shell}, solvent="W", density=MODEL.density, box=[VESICLE_BOX] * 3, seed=SEED)
     simulation = dpd.build(relax(mixture.scene(pairs=MODEL.pairs(), kT=1.0)), dt=DT, scheme="middle", seed=SEED).simulation()
     simulation.step(VESICLE_STEPS)
-    x = simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
-    x = x - x[mixture.beads(MODEL.molecule)].mean(axis=(0, 1))
-    types = np.array(mixture.types)
-    return {name: x[types == name] - VESICLE_BOX * np.round(x[types == name] / VESICLE_BOX) for name in ("W", "T", "H")}
+    after = simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+    lipids, types = mixture.beads(MODEL.molecule), np.array(mixture.types)
+
+    def by_type(x: np.ndarray) -> dict[str, np.ndarray]:
+        x = x - x[lipids].mean(axis=(0, 1))
+        x -= VESICLE_BOX * np.round(x / VESICLE_BOX)
+        return {name: x[types == name] for name in ("W", "T", "H")}
+
+    return by_type(mixture.positions), by_type(np.array(after))
 
 
 def picture(path: Path, trajectory: mdtraj.Trajectory, spectrum: HeightSpectrum, fit: BendingModulus, beads: dict[str, np.ndarray]) -> None:
     """The area over time, the spectrum with its fit, and a slice of the vesicle."""
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
+    from matplotlib.ticker import NullFormatter
 
     figure, axes = plt.subplots(1, 3, figsize=(11.0, 3.6), layout="constrained", dpi=150)
     area = 2 * np.prod(trajectory.unitcell_lengths[:, :2], axis=1) / LIPIDS
@@ -73,6 +79,7 @@ def picture(path: Path, trajectory: mdtraj.Trajectory, spectrum: HeightSpectrum,
     axes[1].errorbar(curve.x, curve.y, curve.sem, fmt="o", ms=4, color="#1f5a99")
     axes[1].plot(q, fit(q), color="#c9a227", label=rf"$\kappa$ = {fit.kappa.mean:.1f}({fit.kappa.sem:.1f}) kT")
     axes[1].set(xscale="log", yscale="log", xlabel="q", ylabel=r"$A\,\langle|h_q|^2\rangle$")
+    axes[1].yaxis.set_minor_formatter(NullFormatter())
     axes[1].legend(frameon=False)
     for name, colour in (("W", "#cfe2ef"), ("T", "#c9a227"), ("H", "#1f5a99")):
         near = np.abs(beads[name][:, 1]) < 0.75
@@ -92,17 +99,17 @@ def main(out: Path = OUT) -> dict[str, float]:
     area, thickness = area_per_lipid(trajectory, "H"), bilayer_thickness(trajectory, "H", "T")
     spectrum = height_spectrum(trajectory, "H", "T", q_max=Q_MAX)
     fit = bending_modulus(spectrum, kT=1.0, tension=0)
-    beads = vesicle(area.mean)
+    packed, beads = vesicle(area.mean)
     picture(out / "membranes.png", trajectory, spectrum, fit, beads)
-    radii = {name: np.linalg.norm(x, axis=1) for name, x in beads.items()}
+    inside = [np.sum(np.linalg.norm(x["W"], axis=1) < RADIUS - 0.5) for x in (packed, beads)]
     return {
         "area_per_lipid": area.mean,
         "area_per_lipid_error": area.sem or 0.0,
         "thickness": thickness.mean,
         "bending_modulus": fit.kappa.mean,
         "bending_modulus_error": fit.kappa.sem or 0.0,
-        "vesicle_radius_of_tails": float(radii["T"].mean()),
-        "water_inside": float(np.sum(radii["W"] < RADIUS - 0.5)),
+        "water_packed_inside": float(inside[0]),
+        "water_inside": float(inside[1]),
     }
 
 

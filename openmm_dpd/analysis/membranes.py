@@ -252,14 +252,11 @@ def _waves(reciprocal: np.ndarray, largest: float) -> np.ndarray:
     n = np.stack(np.meshgrid(*[np.arange(-r, r + 1) for r in reach], indexing="ij"), axis=-1).reshape(-1, 2)
     n = n[(n[:, 0] > 0) | ((n[:, 0] == 0) & (n[:, 1] > 0))]
     q = np.linalg.norm(reciprocal @ n.T, axis=0)
-    if not np.any(q <= largest * (1 + 1e-9)):
-        raise ParameterError(f"q_max is {largest:g}/nm, below the shortest wave vector of this box; take at least {_least(reciprocal):g}")
-    return n[q <= largest * (1 + 1e-9)]
-
-
-def _least(reciprocal: np.ndarray) -> float:
-    """Shortest wave number of the edges."""
-    return float(np.linalg.norm(reciprocal, axis=0).min())
+    used = q <= largest * (1 + 1e-9)
+    if not used.any():
+        least = np.linalg.norm(reciprocal, axis=0).min()
+        raise ParameterError(f"q_max is {largest:g}/nm, below the shortest wave vector of this box, {least:g}/nm")
+    return n[used]
 
 
 def _squared_heights(place: np.ndarray, height: np.ndarray, upper: np.ndarray, waves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -297,8 +294,8 @@ def bending_modulus(spectrum: HeightSpectrum, kT, *, q_max=None, tension=None) -
     kT : energy or temperature
         Thermal energy.
     q_max : 1/length, optional
-        Largest wave number of the fit; by default all of the spectrum.  Look how the result depends on it: on lengths of the thickness
-        lipids tilt and stick out, and the fluctuations are larger than the formula says.
+        Largest wave number of the fit; by default all of the spectrum.  Look how the result depends on it: where waves are about as short
+        as the bilayer is thick, lipids tilt, and the fluctuations are larger than the formula says.
     tension : energy/area, optional
         sigma, if it is known, such as 0 of a bilayer under a barostat; bare numbers: kJ/mol/nm^2.  By default it is fitted.
 

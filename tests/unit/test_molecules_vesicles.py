@@ -131,7 +131,7 @@ def encloses(tails: np.ndarray, box: float, cells: int) -> bool:
 
 @pytest.mark.slow
 def test_a_vesicle_stays_closed():
-    """50 units of time, in which a bead of water moves by its diameter some ten times: one closed shell, no water goes in or out."""
+    """51 units of time, in which a bead of water moves by almost ten of its diameters: one closed shell, no water goes in or out."""
     mixture = packed(box=13.5)
     built = dpd.build(relax(mixture.scene(pairs=MODEL.pairs(), kT=1.0)), dt=0.03, scheme="middle", seed=1, platform="CPU")
     simulation = built.simulation()
