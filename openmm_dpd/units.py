@@ -34,6 +34,7 @@ _E, _L, _T, _M = unit.kilojoule_per_mole, unit.nanometer, unit.picosecond, unit.
 #: Quantities by name: the MD unit of each.
 DIMENSIONS = {
     "length": _L,
+    "area": _L**2,
     "mass": _M,
     "time": _T,
     "energy": _E,
@@ -148,6 +149,30 @@ def thermal_energies(value, name: str):
     if unit.is_quantity(value) and value.unit.is_compatible(unit.kelvin):
         return to_md(value, "temperature", name) * BOLTZMANN
     return to_md(value, "energy", name)
+
+
+def md_pressure(value) -> float:
+    """Pressure in kJ/mol/nm^3 from a bare number or from a Quantity (bar, atmosphere, pascal, or energy/volume)."""
+    return _molar(value, unit.bar, unit.kilojoule_per_mole / unit.nanometer**3, "the pressure")
+
+
+def md_tension(value) -> float:
+    """Surface tension in kJ/mol/nm^2 from a bare number or from a Quantity (bar*nm, mN/m, or energy/area)."""
+    return _molar(value, unit.bar * unit.nanometer, unit.kilojoule_per_mole / unit.nanometer**2, "the surface tension")
+
+
+def _molar(value, plain: unit.Unit, molar: unit.Unit, name: str) -> float:
+    """A number in ``molar`` units; ``plain`` is made of bar and nm, which OpenMM's units tell from an energy per mole."""
+    if unit.is_quantity(value) and value.unit.is_compatible(plain):
+        value = value.value_in_unit(plain) / BAR_PER_MD_PRESSURE
+    elif unit.is_quantity(value):
+        if not value.unit.is_compatible(molar):
+            raise ParameterError(f"{name} has the unit {value.unit}; expected something like {plain} or {molar}")
+        value = value.value_in_unit(molar)
+    number = to_md(value, "dimensionless", name)
+    if not isinstance(number, float):
+        raise ParameterError(f"{name} must be a single number, not an array of shape {number.shape}")
+    return number
 
 
 @dataclass(frozen=True)
