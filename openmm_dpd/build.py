@@ -165,6 +165,3 @@ def _step_spec(plan: Plan) -> StepSpec:
         ramp=None if ramp is None else Ramp(ramp.kT_start, ramp.kT_end, ramp.first_step, ramp.last_step),
         field_shown=options.field_shown,
     )
-
-
-__all__ = ["BuiltSystem", "build", "build_plan", "initial_velocities", "run_in"]

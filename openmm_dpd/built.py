@@ -102,6 +102,3 @@ class BuiltSystem:
                 again = "this scene" if self.plan.host is None else "this System"
                 raise PlanError(f"{again} has a Simulation already; build it again for another one") from None
             raise ParameterError(f"no Simulation on platform {name!r} with properties {properties!r}: {error}") from None
-
-
-__all__ = ["BuiltSystem"]

@@ -76,6 +76,3 @@ def check_cutoffs(box: np.ndarray | None, tables: Iterable[Mapping]) -> None:
                     f"for types ({a}, {b}): the cutoff {coefficient.cutoff:g} nm is over half the box, "
                     f"whose smallest width is {2 * half:g} nm"
                 )
-
-
-__all__ = ["PLATFORMS", "check_cutoffs", "checked_interval", "checked_lam", "checked_seed", "checked_step", "platform_name", "predicting"]

@@ -68,6 +68,3 @@ def _record(content: bytes) -> bytes:
     """A Fortran record: its length on both sides."""
     length = struct.pack("<i", len(content))
     return length + content + length
-
-
-__all__ = ["DCDWriter"]

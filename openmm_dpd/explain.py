@@ -146,6 +146,3 @@ def _describe_box(box: np.ndarray) -> str:
     edges = " x ".join(f"{edge:g}" for edge in np.diag(box))
     tilt = f", tilt {box[1, 0]:g} {box[2, 0]:g} {box[2, 1]:g}" if np.any(np.tril(box, -1)) else ""
     return f"{edges} nm{tilt}"
-
-
-__all__ = ["explain_plan"]

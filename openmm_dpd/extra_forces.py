@@ -12,9 +12,7 @@ import numpy as np
 
 from .forces.expressions import type_pairs
 from .forces.segments import segment_spec
-from .kernels import angles as angle_kernel
-from .kernels import bonded as bond_kernel
-from .kernels import external
+from .kernels import angles as angle_kernel, bonded as bond_kernel, external
 from .kernels.angles import AngleTerms
 from .kernels.bonded import BondTerms
 from .kernels.external import BodyTerms

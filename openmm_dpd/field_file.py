@@ -166,6 +166,3 @@ def has_fields(built: BuiltSystem) -> bool:
     """Whether there is anything to write."""
     plan = built.plan
     return plan.spec.fields is not None or any(kind.has_densities for kind in plan.kinds)
-
-
-__all__ = ["FieldReporter", "FieldWriter", "has_fields", "load_fields"]

@@ -148,6 +148,3 @@ def _per_bead(value, shape: tuple[int, ...], name: str) -> np.ndarray:
     if array.ndim and array.shape != shape:
         raise ParameterError(f"{name} must be one number or an array of shape {shape}, not {array.shape}")
     return np.broadcast_to(array, shape)
-
-
-__all__ = ["field_variables", "per_dof", "raw_fields", "read_fields", "write_fields"]

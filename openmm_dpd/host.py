@@ -84,6 +84,3 @@ def degrees_of_freedom(system: openmm.System, *, momentum: bool = True) -> int:
     tied = [system.getConstraintParameters(k)[:2] for k in range(system.getNumConstraints())]
     found = 3 * int(moves.sum()) - sum(bool(moves[i] or moves[j]) for i, j in tied)
     return found - 3 if momentum and not frozen and found > 3 else found
-
-
-__all__ = ["Host", "box_of", "check_system", "degrees_of_freedom"]

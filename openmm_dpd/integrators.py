@@ -194,6 +194,3 @@ class NativeIntegrator(Watching, openmm.DPDIntegrator):
 #: Why a temperature cannot be set.
 RAMPED = "the temperature of this Context follows a ramp, which would overwrite it at the next step"
 _NOT_SETTABLE = "there is no temperature to set: nothing has friction or noise, or the beads have temperatures of their own (write_fields)"
-
-
-__all__ = ["NativeIntegrator", "PairIntegrator"]

@@ -184,6 +184,3 @@ def keep_on_disk(dispatcher: Any) -> None:
         _say("place", f"kernels are compiled at every start, since there is no place to keep them ({error}); {_REMEDY}")
     finally:
         config.CACHE_DIR = given  # type: ignore[attr-defined]
-
-
-__all__ = ["KernelCache", "KernelFiles", "cache_folder", "keep_on_disk", "why_unusable"]

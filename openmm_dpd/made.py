@@ -209,6 +209,3 @@ def masses_of(system: openmm.System) -> np.ndarray:
 def virtual_sites(system: openmm.System) -> np.ndarray:
     """(N,) which particles are virtual sites."""
     return np.array([system.isVirtualSite(k) for k in range(system.getNumParticles())], dtype=bool)
-
-
-__all__ = ["BAROSTATS", "Made", "acting", "groups_of", "masses_of", "origin", "refuse_thermostat", "variables_number", "virtual_sites"]

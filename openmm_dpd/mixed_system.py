@@ -296,6 +296,3 @@ def _whole(scene: Scene, system: openmm.System, x: np.ndarray, classes: list[str
         compat=scene.compat,
     )
     return whole
-
-
-__all__ = ["MixedSystem", "create_mixed_system", "kinetic_kT"]

@@ -28,6 +28,3 @@ def may_miss_pairs(box: np.ndarray | None, cutoff: float) -> bool:
 def listed(platform: str | None, box: np.ndarray | None, cutoff: float) -> bool:
     """Whether OpenMM's pair forces with this cutoff can take their pairs from a neighbour list; they go through all pairs otherwise."""
     return platform != "Reference" or not may_miss_pairs(box, cutoff)
-
-
-__all__ = ["listed", "may_miss_pairs"]

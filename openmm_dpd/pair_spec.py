@@ -66,6 +66,3 @@ def pair_spec(
         fields=fields,
         sweeps=scheme.sweeps,
     )
-
-
-__all__ = ["Factors", "neighbour_factors", "compressed_exceptions", "longest", "pair_spec"]

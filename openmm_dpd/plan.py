@@ -271,6 +271,3 @@ def _split_tables(scene: Scene):
     found: list[ResolvedTable] = [table for table in resolved if any(c is not NONE for c in table.values())]
     layers = [table for table in found if resolved_kind(table).overlay is None]
     return layers, [table for table in found if resolved_kind(table).overlay is not None]
-
-
-__all__ = ["Plan", "ResolvedTable", "make_plan"]

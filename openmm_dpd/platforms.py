@@ -47,6 +47,3 @@ def opencl_is_a_gpu(platform: openmm.Platform) -> bool:
     except openmm.OpenMMException:
         return False
     return "Portable Computing Language" not in device and "pocl" not in device.lower()
-
-
-__all__ = ["fastest_platform", "opencl_is_a_gpu", "platform_here"]

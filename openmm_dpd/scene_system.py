@@ -122,6 +122,3 @@ def _add_pair_expressions(system: openmm.System, plan: Plan, expressions: list[P
                 force.setForceGroup((VIRIAL_GROUP if virial else POTENTIAL_GROUP) - number)
                 system.addForce(force)
     return POTENTIAL_GROUP - len(groups)
-
-
-__all__ = ["scene_system"]

@@ -228,6 +228,3 @@ def scheme_of(text: str | Scheme) -> Scheme:
 
 
 _CHOICES = f"one of {', '.join(SCHEMES)}, or a word such as 'B/2 A/2 O A/2 B/2'"
-
-
-__all__ = ["DEFAULT", "LETTERS", "SCHEMES", "SWEEPS", "Letter", "Scheme", "read_word", "scheme_of", "spelt"]

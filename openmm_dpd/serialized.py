@@ -109,6 +109,3 @@ def deserialized(root: ElementTree.Element) -> Any:
         return openmm.XmlSerializer.deserialize(ElementTree.tostring(root, encoding="unicode"))
     except (openmm.OpenMMException, ValueError) as error:
         raise ParameterError(f"OpenMM cannot read this file: {error}") from None
-
-
-__all__ = ["load_xml"]

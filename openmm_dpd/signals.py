@@ -63,6 +63,3 @@ class Signals:
     def status(self) -> int:
         """Exit status that tells of it."""
         return 128 + (self.seen[0] if self.seen else int(signal.SIGINT))
-
-
-__all__ = ["Signals"]

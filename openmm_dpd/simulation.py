@@ -119,6 +119,3 @@ class PoclSimulation(DPDSimulation):
         here.setPositions(state.getPositions(asNumpy=True))
         openmm.LocalEnergyMinimizer.minimize(here, tolerance, maxIterations, reporter)
         self.context.setPositions(here.getState(positions=True).getPositions(asNumpy=True))
-
-
-__all__ = ["DPDSimulation", "PoclSimulation"]

@@ -191,6 +191,3 @@ def _types(friction, types, masses: np.ndarray) -> tuple[PairTable, list[str | N
         raise ParameterError("every particle is left out of the thermostat")
     require_complete([table], names)
     return table, list(types)
-
-
-__all__ = ["UNSEEN", "add_thermostat", "checked_positions"]

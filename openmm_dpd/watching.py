@@ -188,6 +188,3 @@ class Watching:
 
     def _take_kT(self, context: openmm.Context, kT: float) -> None:
         """Go on at another thermal energy."""
-
-
-__all__ = ["PIECE", "Watching", "interrupts", "reported"]

@@ -219,6 +219,3 @@ class WholeSteps:
         if held and stamp == integrator.getGlobalVariableByName(STAMP):
             return held
         return {name: per_dof(integrator, name) for name in names}
-
-
-__all__ = ["WholeSteps"]

@@ -159,6 +159,3 @@ def whole_frames(trajectory: Trajectories) -> tuple[mdtraj.Topology, Iterator[Fr
             yield chunk if chunk.unitcell_vectors is None else chunk.make_molecules_whole(inplace=False, sorted_bonds=tree)
 
     return frames_of(whole())
-
-
-__all__ = ["MoleculeSizes", "end_to_end_distance", "radius_of_gyration"]

@@ -122,6 +122,3 @@ def cluster_sizes(trajectory: Trajectories, beads: Beads = None, *, cutoff: floa
         ratio_average(moments[1], moments[0], name="the mean size of clusters"),
         ratio_average(moments[2], moments[1], name="the weighted mean size of clusters"),
     )
-
-
-__all__ = ["Clusters", "cluster_labels", "cluster_sizes"]

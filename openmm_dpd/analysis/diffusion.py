@@ -253,6 +253,3 @@ def velocity_autocorrelation(
         kept.append(v if group is None else v[group])
     rows = _lagged(np.array(kept), lags, "a velocity autocorrelation", lambda a, b: np.einsum("fik,fik->f", a, b) / a.shape[1])
     return _average_lags(rows, interval)
-
-
-__all__ = ["MeanSquaredDisplacement", "diffusion_coefficient", "mean_squared_displacement", "velocity_autocorrelation"]

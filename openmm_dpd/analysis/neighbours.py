@@ -87,6 +87,3 @@ def _images(s: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         points = np.concatenate([points, points[low] + step, points[high] - step])
         owner = np.concatenate([owner, owner[low], owner[high]])
     return points, owner
-
-
-__all__ = ["pairs_within"]

@@ -153,6 +153,3 @@ def _write(figure: Any, axis: Any, path: str | os.PathLike, x_label: str, y_labe
 
 def _label(name: str, unit: str) -> str:
     return f"{name} [{unit}]" if unit else name
-
-
-__all__ = ["cluster_picture", "displacement_picture", "profile_picture", "radial_distribution_picture", "structure_factor_picture"]

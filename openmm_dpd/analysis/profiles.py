@@ -269,6 +269,3 @@ def velocity_frames(velocities: Iterable[np.ndarray], beads: int | None) -> Iter
         if not np.all(np.isfinite(array)):
             raise ParameterError("a velocity is not finite")
         yield from array
-
-
-__all__ = ["density_profile", "periodic_centre", "temperature_profile", "velocity_profile"]

@@ -132,6 +132,3 @@ def density_waves(fractions: np.ndarray, limits: np.ndarray, block: int = 4096) 
             cut = slice(part, part + step)
             total += x[cut].T @ (y[cut, :, None] * z[cut, None, :]).reshape(len(s[cut]), -1)
     return total.reshape(2 * nx + 1, 2 * ny + 1, nz + 1)
-
-
-__all__ = ["density_waves", "largest_indices", "structure_factor"]

@@ -27,6 +27,3 @@ def read_velocities(file: str | os.PathLike) -> Iterator[np.ndarray]:
     with opened as archive:
         for member in sorted(name for name in archive.files if name.startswith("velocities/")):
             yield archive[member]
-
-
-__all__ = ["read_velocities"]

@@ -14,9 +14,8 @@ import numpy as np
 from ..errors import RunError
 from ..kernel_cache import cache_folder
 from . import motion
-from .dpd import TermTable
 from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, Call, Layer, PairSpec
-from .threads import get_threads, set_threads
+from .threads import get_threads
 
 
 class PairEngine:
@@ -237,17 +236,3 @@ def _use_all(spec: PairSpec) -> None:
     if spec.sweeps:
         engine.sweep(np.zeros((len(few), 3)), 1.0, 1e-6, 0, 0, field_values)
     engine.laplacian()
-
-
-__all__ = [
-    "CONSERVATIVE",
-    "DISSIPATIVE",
-    "RANDOM",
-    "STRESS",
-    "PairEngine",
-    "PairSpec",
-    "TermTable",
-    "get_threads",
-    "set_threads",
-    "warm_up",
-]

@@ -359,6 +359,3 @@ class StepLoop:
         motion.accelerate(m.acc.ravel(), m.v.ravel(), self.force.ravel(), self._inv_mass, kick)
         if values is not None:
             m.rates = np.where(self.inv_mass[:, None] > 0.0, self.engine.rates, 0.0)
-
-
-__all__ = ["Moment", "Ramp", "StepLoop", "StepSpec", "Walls"]

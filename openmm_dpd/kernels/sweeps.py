@@ -210,6 +210,3 @@ _any_sweep = over_pairs("any_sweep", _any, _updates, first=_gather, last=_scatte
 def sweep(pairs: PairList, terms: Sweep, transverse: bool) -> None:
     """Update the velocities; ``transverse`` says whether there are transverse terms."""
     (_any_sweep if transverse else _central_sweep)(pairs, terms)
-
-
-__all__ = ["EXACT", "SHARDLOW", "Sweep", "decay", "halvings", "sweep"]

@@ -218,6 +218,3 @@ class ProfileReporter(_Reporter):
         return VelocityProfile(
             (np.arange(self.bins) + 0.5) * width, width, velocity, error, self._count / n / volume, kT, rows, self.length
         )
-
-
-__all__ = ["COMPONENTS", "ProfileReporter", "StressReporter", "on_step_velocities"]

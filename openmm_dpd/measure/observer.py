@@ -62,6 +62,3 @@ def require_built(built, what: str) -> None:
         raise ParameterError(
             f"{what} wants as built what openmm_dpd.build(), add_thermostat() or create_mixed_system() returned, not {what_is(built)}"
         )
-
-
-__all__ = ["Observer", "require_built"]

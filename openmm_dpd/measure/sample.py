@@ -122,6 +122,3 @@ class Sample(SystemSample):
             return None
         virial = self.virial_conservative + ((self.virial_dissipative + self.virial_random) if full else 0.0)
         return (2.0 * self.kinetic + virial) / (3.0 * self.volume)
-
-
-__all__ = ["Sample", "SystemSample"]

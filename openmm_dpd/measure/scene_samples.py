@@ -248,6 +248,3 @@ class Part(NamedTuple):
     energy: float
     force: np.ndarray
     virial: float
-
-
-__all__ = ["SceneSampler"]

@@ -199,6 +199,3 @@ class _LatticeStress:
         self._context.setPeriodicBoxVectors(*box)
         self._context.setPositions(x)
         return self._context.getState(energy=True).getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)
-
-
-__all__ = ["Part", "charge_virial", "engine_spec", "stress_parts"]

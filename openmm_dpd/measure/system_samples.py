@@ -49,6 +49,3 @@ class SystemSampler:
             kT_atoms=kT["atoms"],
             kT_beads=kT["beads"] if len(mass) > plan.n_atoms else None,
         )
-
-
-__all__ = ["SystemSampler"]

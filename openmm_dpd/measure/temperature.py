@@ -84,6 +84,3 @@ def set_kT(context: openmm.Context, kT) -> None:
 def kelvin(kT: float) -> float:
     """Temperature in kelvin of a thermal energy in kJ/mol."""
     return kT / BOLTZMANN
-
-
-__all__ = ["check_context", "kelvin", "noise_state", "set_kT", "set_temperature"]

@@ -98,6 +98,3 @@ def _forces(context: openmm.Context, groups) -> np.ndarray:
     if not groups:
         return np.zeros((context.getSystem().getNumParticles(), 3))
     return context.getState(forces=True, groups=groups).getForces(asNumpy=True).value_in_unit(unit.kilojoule_per_mole / unit.nanometer)
-
-
-__all__ = ["force_terms"]

@@ -36,6 +36,3 @@ class VelocityReporter:
         velocities = state.getVelocities(asNumpy=True).value_in_unit(unit.nanometer / unit.picosecond)
         time = state.getTime().value_in_unit(unit.picosecond)
         self._writer.write(time, simulation.currentStep, {"velocities": velocities.astype(np.float32)})
-
-
-__all__ = ["VelocityReporter"]

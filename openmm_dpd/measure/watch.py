@@ -101,6 +101,3 @@ class TemperatureWatch:
         wrong = temperature_warning(self._rows, self._target, sample.dof, " kJ/mol")
         self._quiet = wrong is not None
         return wrong
-
-
-__all__ = ["TemperatureWatch", "has_set_temperature", "temperature_warning"]

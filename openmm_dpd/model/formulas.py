@@ -117,6 +117,3 @@ def _value(node: ast.expr, variables: Mapping[str, np.ndarray]):
         return np.power(left, right) if isinstance(node.op, ast.Pow) else _OPERATORS[type(node.op)](left, right)
     assert isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
     return FUNCTIONS[node.func.id][1](*(_value(part, variables) for part in node.args))
-
-
-__all__ = ["FUNCTIONS", "read_formula", "values"]

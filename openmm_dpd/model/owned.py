@@ -19,6 +19,3 @@ def keep(instance, **values) -> None:
     """
     for name, value in values.items():
         object.__setattr__(instance, name, owned(value) if isinstance(value, np.ndarray) else value)
-
-
-__all__ = ["keep", "owned"]

@@ -27,6 +27,3 @@ def make_program(options: ProgramOptions) -> Program:
     program.finish()
     program.check()
     return program
-
-
-__all__ = ["Program", "make_program"]
