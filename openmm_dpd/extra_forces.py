@@ -18,7 +18,6 @@ from .kernels.bonded import BondTerms
 from .kernels.external import BodyTerms
 from .kernels.extras import Extra
 from .kernels.radial import RadialTerms
-from .kernels.segment_terms import SegmentTerms
 from .kinds import resolved_kind
 from .model.angles import CosineAngles, HarmonicAngles
 from .model.bonds import FENEBonds, HarmonicBonds, MorseBonds
@@ -60,7 +59,7 @@ def extras(scene: Scene, overlays: Sequence[dict], exceptions: dict[tuple[int, i
     found += [radial_terms(table, scene.type_ids, scene.type_names, exceptions) for table in overlays]
     segments = segment_spec(scene)
     if segments is not None and len(segments.pairs):
-        found.append(SegmentTerms(segments))
+        found.append(segments)
     found += [body_terms(term, scene) for term in scene.body_forces if isinstance(term, BodyForce)]
     return tuple(found)
 

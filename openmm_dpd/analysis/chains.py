@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import ParameterError
+from ..geometry import AXES_OF_TENSOR
 from ..stats import Average, block_average
-from ..tensors import AXES_OF_TENSOR
 from .frames import Frame, chunks_of, frames_of, selected, weights_of
 from .molecules import bonds_of, bonds_outwards, molecule_labels
 

@@ -331,9 +331,7 @@ class PairForceFunction:
     def _sweep(self, local, update: int, conditions: tuple) -> np.ndarray:
         """Impulses/dt of a sweep at the prepared positions."""
         engine, v, dt = local.engine, local.v, conditions[1]
-        change = local.result
-        engine.swept(v, *conditions, change, update)
-        change -= engine.seen(v)
+        change = engine.sweep(v, *conditions, local.result, update)
         if local.fields is not None:
             local.fields.last = engine.increments
             if self.balanced:

@@ -148,6 +148,17 @@ def push(f, i, j, fx, fy, fz):
     f[j, 2] -= fz
 
 
+@inlined
+def change(v, i, j, wi, wj, dx, dy, dz):
+    """Give wi (dx, dy, dz) to bead i, and take wj (dx, dy, dz) from bead j."""
+    v[i, 0] += wi * dx
+    v[i, 1] += wi * dy
+    v[i, 2] += wi * dz
+    v[j, 0] -= wj * dx
+    v[j, 1] -= wj * dy
+    v[j, 2] -= wj * dz
+
+
 @helper
 def clear(pairs, data, begin, end):
     """Begin with no force ``f`` (M, 3)."""

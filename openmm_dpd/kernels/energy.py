@@ -31,7 +31,7 @@ import numpy as np
 
 from ..errors import RunError
 from . import forces
-from .columns import approach, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
+from .columns import approach, change, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
 from .compiled import compiled, helper, inlined
 from .eos import CONSTANT, RESERVOIR, EOSTable, curvature, entropy_change, exp_below, in_range, inverse_temperature, log_ratio
 from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, PairSpec, SortedMotion, Sums
@@ -390,12 +390,7 @@ def _pair_exchange(pairs, data, scratch, n, k, column):
             new = ev * (1.0 - lost) + np.sqrt(lost * (2.0 - lost) * theta * im) * xi
             gain = 0.25 * (ev - new) * (ev + new) / im
         wi, wj = (new - ev) * inv_mass[i] / im, (new - ev) * inv_mass[j] / im
-        v[i, 0] += wi * g[0, n]
-        v[i, 1] += wi * g[1, n]
-        v[i, 2] += wi * g[2, n]
-        v[j, 0] -= wj * g[0, n]
-        v[j, 1] -= wj * g[1, n]
-        v[j, 2] -= wj * g[2, n]
+        change(v, i, j, wi, wj, g[0, n], g[1, n], g[2, n])
         # each bead gets half of what the motion loses
         u[i] += gain
         u[j] += gain
@@ -406,15 +401,15 @@ def _pair_exchange(pairs, data, scratch, n, k, column):
         xi, drawn = normal(pair, HEAT), uniform(pair, HEAT_TEST)
         xi = -xi if order[i] > order[j] else xi
         if constants:
-            change = _conduction_of_constants(u[i], u[j], exchange, xi, drawn, ci, cj)
+            flow = _conduction_of_constants(u[i], u[j], exchange, xi, drawn, ci, cj)
         elif update == EXACT:
-            change = _exact_conduction(u[i], u[j], exchange, xi, drawn, states, curves)
+            flow = _exact_conduction(u[i], u[j], exchange, xi, drawn, states, curves)
         else:
-            change = np.sqrt(2.0 * exchange) * xi + exchange * (frozen[i] - frozen[j])
-        u[i] += change
-        u[j] -= change
-        changes[i, 0] += change
-        changes[j, 0] -= change
+            flow = np.sqrt(2.0 * exchange) * xi + exchange * (frozen[i] - frozen[j])
+        u[i] += flow
+        u[j] -= flow
+        changes[i, 0] += flow
+        changes[j, 0] -= flow
     return 0.0, 0.0
 
 

@@ -141,23 +141,9 @@ class PairEngine:
                 source.add_to(self.rates, self._x, self._box)
         return energy, force, virial
 
-    def sweep(
-        self,
-        v: np.ndarray,
-        kT: float,
-        dt: float,
-        seed: int,
-        counter: int,
-        field_values: np.ndarray | None = None,
-        out: np.ndarray | None = None,
-        update: int | None = None,
-    ) -> np.ndarray:
-        """Change of the velocities (N, 3) by one sweep of pair updates at the prepared positions, written to ``out`` if that is given.
-
-        ``update`` is EXACT or SHARDLOW, None for that of the spec.
-        """
-        swept = np.empty_like(v) if out is None else out
-        self.swept(v, kT, dt, seed, counter, field_values, swept, update)
+    def sweep(self, v: np.ndarray, *conditions) -> np.ndarray:
+        """Change of the velocities (N, 3) by a sweep; all arguments are those of :meth:`swept`."""
+        swept = self.swept(v, *conditions)
         swept -= self.seen(v)
         return swept
 
@@ -168,18 +154,23 @@ class PairEngine:
         dt: float,
         seed: int,
         counter: int,
-        field_values: np.ndarray | None,
-        out: np.ndarray,
+        field_values: np.ndarray | None = None,
+        out: np.ndarray | None = None,
         update: int | None = None,
-    ) -> None:
-        """Velocities after such a sweep, written to ``out``, which may be v."""
+    ) -> np.ndarray:
+        """Velocities (N, 3) after one sweep of pair updates at the prepared positions, written to ``out`` (v, say) if that is given.
+
+        ``update`` is EXACT or SHARDLOW, None for that of the spec.
+        """
         before = self.seen(v)
+        out = np.empty_like(v) if out is None else out
         if out is not before:
             out[...] = before
         self.increments[...] = 0.0
         call = Call(DISSIPATIVE | RANDOM, None, kT, dt, seed, counter, field_values, self.spec.update if update is None else update)
         for layer in self.layers:
             layer.sweep(call, out, self.increments)
+        return out
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy at the prepared positions."""

@@ -25,12 +25,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import ParameterError
-from ..tensors import symmetric_products
+from ..geometry import symmetric_products
 from .columns import approach, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
 from .compiled import helper, inlined
-from .dpd import Sweeper
+from .dpd import SweptLayer
 from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, GAMMA, SIGMA, A
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, PairSpec, SortedMotion, Sums
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, PairSpec, Sums
 from .noise import draw
 from .pairs import PairList
 
@@ -107,28 +107,17 @@ class ManyBodyTable:
         return ManyBodyLayer(self, spec, number)
 
 
-class ManyBodyLayer:
+class ManyBodyLayer(SweptLayer):
     """Evaluates a :class:`ManyBodyTable`."""
 
     def __init__(self, table: ManyBodyTable, spec: PairSpec, number: int):
-        self.table, self.number = table, number
         start, bead, factor = spec.exceptions
         factor = np.maximum(factor, _NO_FORCE) if table.lucy else factor
-        self.pairs = PairList(spec.types, spec.inv_mass, table.cutoff, (start, bead, factor))
-        self._motion = SortedMotion(len(self.pairs.order))
-        self._sweeper = Sweeper(self.pairs, self.pairs.alike, transverse=False)
+        pairs = PairList(spec.types, spec.inv_mass, table.cutoff, (start, bead, factor))
+        super().__init__(table, number, pairs, pairs.alike, transverse=False)
         self._types, self._n_beads = spec.types, len(spec.types)
         # the kernels are compiled on a handful of beads, which take the masses of the first ones
         self._mass = np.resize(table.mass, self._n_beads).astype(np.float64)
-        # of the last two temperatures, as in the layer of DPD
-        self._coefficients: dict[float, np.ndarray] = {}
-
-    def _at(self, kT: float) -> np.ndarray:
-        if kT not in self._coefficients:
-            if len(self._coefficients) > 1:
-                self._coefficients.clear()
-            self._coefficients[kT] = self.table.coefficients(kT)
-        return self._coefficients[kT]
 
     def _sorted_densities(self, coefficients: np.ndarray) -> np.ndarray:
         """Densities in the order of the pair list."""
@@ -162,10 +151,6 @@ class ManyBodyLayer:
         share = 0.5 if self.table.lucy else 0.25
         motion = self._motion.arrays(call, out, add)
         return Sums(*many_body_forces(pairs, ManyBody(which, *noise, share, coefficients, rho, *motion)))
-
-    def sweep(self, call: Call, v: np.ndarray, increments: np.ndarray | None) -> None:
-        """Update the velocities (N, 3) pair by pair, in place."""
-        self._sweeper(call, self.number, self._at(call.kT), v)
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy; NaN with the Lucy kernel, whose force has no potential."""

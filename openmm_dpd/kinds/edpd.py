@@ -9,7 +9,6 @@ from ..model.internal import BeadTemperatures
 from ..model.scene import Scene
 from .arrays import symmetric_arrays
 from .record import BeadData, Kind, Resolved, register
-from .sources import field_sources
 
 
 def _terms(table: Resolved, beads: BeadData) -> ThermalTable:
@@ -35,7 +34,7 @@ def _fields(scene: Scene) -> FieldSpec:
     internal = scene.internal
     assert isinstance(internal, BeadTemperatures)
     capacity = internal.heat_capacities(scene.n_beads)
-    return FieldSpec(TEMPERATURE, internal.values(scene.n_beads), scene.immobile, capacity=capacity, sources=field_sources(scene))
+    return FieldSpec(TEMPERATURE, internal.values(scene.n_beads), scene.immobile, capacity=capacity, sources=tuple(scene.sources))
 
 
 register(

@@ -10,7 +10,6 @@ from ..model.scene import Scene
 from ..model.tdpd import TDPD
 from .arrays import symmetric_arrays
 from .record import BeadData, Kind, Resolved, register
-from .sources import field_sources
 
 
 def _terms(table: Resolved, beads: BeadData) -> SpeciesTable:
@@ -34,7 +33,7 @@ def _terms(table: Resolved, beads: BeadData) -> SpeciesTable:
 def _fields(scene: Scene) -> FieldSpec:
     internal = scene.internal
     assert isinstance(internal, Concentrations)
-    return FieldSpec(SPECIES, internal.values.copy(), scene.immobile, sources=field_sources(scene))
+    return FieldSpec(SPECIES, internal.values.copy(), scene.immobile, sources=tuple(scene.sources))
 
 
 register(

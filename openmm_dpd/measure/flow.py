@@ -8,10 +8,10 @@ from openmm import unit
 from ..analysis.viscosity import VelocityProfile
 from ..built import BuiltSystem
 from ..errors import ParameterError
+from ..geometry import symmetric_products
 from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, STRESS, PairEngine
 from ..model.flow import AXES, require_plain_axis
 from ..stats import block_average
-from ..tensors import symmetric_products
 from ..units import whole_number
 from .observer import require_built
 from .stress_parts import engine_spec, stress_parts

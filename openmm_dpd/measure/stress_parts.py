@@ -17,16 +17,15 @@ from openmm import unit
 
 from ..forces.electrostatics import lattice_force
 from ..forces.segments import segment_spec
+from ..geometry import minimum_images, symmetric_products
 from ..kernels.engine import PairEngine, PairSpec
 from ..kernels.layer import Table
 from ..kernels.pairs import PairList
 from ..kernels.segments import SegmentEngine
 from ..kinds import resolved_kind
-from ..model.bonds import minimum_images
 from ..model.electrostatics import GaussianCharges, SlaterCharges, SmearedCharges
 from ..pair_spec import compressed_exceptions
 from ..plan import Plan
-from ..tensors import symmetric_products
 from .bonded_sums import bonded_stress
 
 Part = Callable[[np.ndarray, np.ndarray], np.ndarray]

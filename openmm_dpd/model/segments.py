@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import ParameterError
+from ..geometry import minimum_images
 from ..units import to_md
-from .bonds import bead_indices, minimum_images
+from .bonds import bead_indices
 from .owned import keep
 
 #: What the distance of two segments is.
