@@ -17,7 +17,7 @@ from .forces.bonded import MOLECULES
 from .forces.expressions import VIRIAL
 from .forces.pair_force import PairForceFunction
 from .integrators import PairIntegrator
-from .kernels.steps import Ramp, StepSpec, Walls
+from .kernels.steps import StepSpec
 from .made import Made
 from .model.bonds import FENEBonds
 from .model.flow import gaps
@@ -149,19 +149,18 @@ def _pair_function(plan: Plan) -> PairForceFunction:
 def _step_spec(plan: Plan) -> StepSpec:
     """What a whole step is."""
     scene, options = plan.scene, plan.options
-    scheme, ramp = options.scheme, options.ramp
     predicts = options.predicting
     mobile = plan.spec.inv_mass > 0
     found = walls.planes(gaps(scene.walls, scene.box)) if scene.walls else {}
     return StepSpec(
-        letters=() if predicts else tuple((letter, float(part)) for letter, part in scheme.steps(options.thermostat)),
+        letters=() if predicts else tuple((letter, float(part)) for letter, part in options.scheme.steps(options.thermostat)),
         mass=np.where(mobile, scene.bead_masses, 0.0),
         slow_kicks=options.slow_kicks,
         slow_every=options.slow_every,
         thermostat=options.thermostat,
         lam=options.lam,
         field_lam=options.field_lam,
-        walls=Walls(*(found[name] for name in walls.CONSTANTS)) if found else None,
-        ramp=None if ramp is None else Ramp(ramp.kT_start, ramp.kT_end, ramp.first_step, ramp.last_step),
+        walls=tuple(found[name] for name in walls.CONSTANTS) if found else None,
+        ramp=options.ramp,
         field_shown=options.field_shown,
     )

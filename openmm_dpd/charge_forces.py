@@ -13,7 +13,7 @@ import numpy as np
 
 from .kernels.charge_pairs import Quintics
 from .kernels.charges import ChargeTerms, cost, pme_cost
-from .model.electrostatics import EwaldSum, SlaterCharges, SmearedCharges, erf_series, ewald_sum
+from .model.electrostatics import EwaldSum, SlaterCharges, SmearedCharges, ewald_sum, short_series
 from .model.scene import Scene
 from .pair_spec import Factors, neighbour_factors
 
@@ -165,13 +165,9 @@ def _whole(charges: SmearedCharges) -> Radial:
 def _difference(charges: SmearedCharges, ewald: EwaldSum) -> Radial:
     """s(r) - erf(alpha r)/r, without a difference of nearly equal numbers at any distance."""
     scale = min(1.0 / charges.steepness, 1.0 / ewald.alpha, ewald.cutoff)
-    first, second = charges.series(scale), erf_series(ewald.alpha, scale)
-    series = np.zeros(max(len(first), len(second)))
-    series[: len(first)] += first
-    series[: len(second)] -= second
 
     def outer(r):
         rows = zip(_error_function(ewald.alpha, r), _cloud(charges, r), strict=True)
         return _over_r(r, *(image - cloud for image, cloud in rows))
 
-    return _joined(series, scale, outer)
+    return _joined(short_series(charges, ewald.alpha, scale), scale, outer)

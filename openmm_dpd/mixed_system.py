@@ -152,10 +152,8 @@ def create_mixed_system(
 
 # -- checks --------------------------------------------------------------------------------------------------------------------------
 def _check_scene(scene: Scene) -> None:
-    refused = {"walls": scene.walls, "body_forces": scene.body_forces, "internal": scene.internal, "sources": scene.sources}
-    refused |= {name: getattr(scene, name, None) for name in ("electrostatics",)}
-    for name, value in refused.items():
-        if value is not None and value != ():
+    for name in ("walls", "body_forces", "internal", "sources", "electrostatics"):
+        if getattr(scene, name) not in (None, ()):
             raise PlanError(f"a scene with `{name}` cannot be put beside atoms")
     for table in scene.tables:
         if table.kind is not None and not kind_for(table.kind).beside_atoms:

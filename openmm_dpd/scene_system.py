@@ -6,7 +6,7 @@ import numpy as np
 import openmm
 
 from .errors import PlanError
-from .forces.bonded import angle_forces, bond_forces, molecules
+from .forces.bonded import bonded_forces, molecules
 from .forces.electrostatics import electrostatic_forces, needs_list
 from .forces.expressions import PairExpression, exception_force, nonbonded_force
 from .forces.external import external_force
@@ -52,7 +52,7 @@ def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, func
         if len(scene.bond_pairs):
             system.addForce(molecules(scene.bond_pairs))
     else:
-        for force in (*bond_forces(scene.bonds, periodic), *angle_forces(scene.angles, periodic)):
+        for force in bonded_forces(scene.bonds, scene.angles, periodic):
             force.setForceGroup(BONDED_GROUP)
             system.addForce(force)
         segments = segment_spec(scene)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import logging
 import os
+from collections.abc import Callable
 from xml.etree import ElementTree
 
 import openmm
@@ -30,21 +31,11 @@ class DPDSimulation(app.Simulation):
         OutputError
             If a file cannot be written; one that was there stays, and nothing is left behind.
         """
-        if isinstance(file, (str, os.PathLike)):
-            text = io.StringIO()
-            super().saveState(text)
-            write_whole(file, text.getvalue(), "the state")
-        else:
-            super().saveState(file)
+        _save_whole(super().saveState, file, io.StringIO(), "the state")
 
     def saveCheckpoint(self, file):
         """Save a checkpoint, to a file by its name or to an open one; OutputError as :meth:`saveState`."""
-        if isinstance(file, (str, os.PathLike)):
-            content = io.BytesIO()
-            super().saveCheckpoint(content)
-            write_whole(file, content.getvalue(), "the checkpoint")
-        else:
-            super().saveCheckpoint(file)
+        _save_whole(super().saveCheckpoint, file, io.BytesIO(), "the checkpoint")
 
     def loadState(self, file):
         """Load a state in XML, from a file's name or an open file.
@@ -83,6 +74,15 @@ class DPDSimulation(app.Simulation):
         """
         super().loadCheckpoint(file)
         self.integrator.settle(self.context)
+
+
+def _save_whole(save: Callable, file, content: io.StringIO | io.BytesIO, what: str) -> None:
+    """Save to an open file, or by way of ``content`` to one by its name."""
+    if not isinstance(file, (str, os.PathLike)):
+        save(file)
+        return
+    save(content)
+    write_whole(file, content.getvalue(), what)
 
 
 def _take_unknown_out(root: ElementTree.Element, integrator: openmm.Integrator) -> bool:

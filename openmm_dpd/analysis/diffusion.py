@@ -12,7 +12,7 @@ from ..errors import ParameterError
 from ..model.scene import thermal_energy
 from ..stats import Average, block_average
 from ..units import to_md
-from .curves import Curve
+from .curves import Curve, curve_of_averages
 from .frames import axis_number, frames_of, indices, positive_number, selected, weights_of
 from .molecules import molecule_labels
 from .profiles import velocity_frames
@@ -138,8 +138,7 @@ def _lagged(values: np.ndarray, lags: Sequence[int] | None, what: str, mean_of) 
 def _average_lags(rows: tuple[np.ndarray, np.ndarray], interval: float) -> Curve:
     lags, table = rows
     averages = [block_average(column[: len(table) - lag]) for lag, column in zip(lags.tolist(), table.T, strict=True)]
-    sem = np.array([np.nan if average.sem is None else average.sem for average in averages])
-    return Curve(lags * interval, np.array([average.mean for average in averages]), sem, len(table))
+    return curve_of_averages(lags * interval, averages, len(table))
 
 
 def diffusion_coefficient(

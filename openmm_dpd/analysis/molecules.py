@@ -21,12 +21,17 @@ def _graph(bonds: np.ndarray, count: int) -> coo_array:
     return coo_array((np.ones(len(bonds), dtype=np.int8), (bonds[:, 0], bonds[:, 1])), shape=(count, count))
 
 
+def connected(bonds: np.ndarray, count: int) -> np.ndarray:
+    """Number of the connected part of each of ``count`` vertices, from 0."""
+    return connected_components(_graph(bonds, count), directed=False)[1]
+
+
 def molecule_labels(topology: mdtraj.Topology) -> np.ndarray:
     """Number of the molecule of each bead, (N,), from 0: beads connected by bonds, or residues if the topology has no bonds."""
     bonds = bonds_of(topology)
     if not len(bonds):
         return np.array([atom.residue.index for atom in topology.atoms], dtype=np.int64)
-    return connected_components(_graph(bonds, topology.n_atoms), directed=False)[1].astype(np.int64)
+    return connected(bonds, topology.n_atoms).astype(np.int64)
 
 
 def bonds_outwards(topology: mdtraj.Topology) -> np.ndarray:

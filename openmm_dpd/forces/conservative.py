@@ -4,22 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from .expressions import PairExpression, parameters, type_pairs
+from .expressions import PairExpression, radial_expression
 
 
 def dpd_expression(table: Mapping, names: list[str]) -> PairExpression:
     """Expression of one table of coefficients with A and cutoff."""
-    text, functions = parameters(
-        {
-            "A": type_pairs(table, names, lambda c: c.A, 0.0),
-            "rc": type_pairs(table, names, lambda c: c.cutoff, 1.0),
-        }
-    )
-    return PairExpression(
-        name="DPD conservative",
-        energy=f"step(rc-r)*0.5*A*rc*(1-r/rc)^2{text}",
-        virial=f"step(rc-r)*A*r*(1-r/rc){text}",
-        cutoff=max(c.cutoff for c in table.values()),
-        functions=functions,
-        skips_coincident=True,
-    )
+    energy, virial, columns = "0.5*A*rc*(1-r/rc)^2", "A*r*(1-r/rc)", {"A": (lambda c: c.A, 0.0)}
+    return radial_expression("DPD conservative", table, names, energy, virial, columns, skips_coincident=True)

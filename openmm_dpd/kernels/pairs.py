@@ -19,6 +19,16 @@ def no_exceptions() -> Exceptions:
     return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
 
 
+def compressed_exceptions(factors: dict[tuple[int, int], float], n_beads: int) -> Exceptions:
+    """Factors of pairs of beads as exceptions, which stand there in both directions."""
+    if not factors:
+        return no_exceptions()
+    rows = sorted([(i, j, f) for (i, j), f in factors.items()] + [(j, i, f) for (i, j), f in factors.items()])
+    first = np.array([row[0] for row in rows])
+    start = np.concatenate([[0], np.cumsum(np.bincount(first, minlength=n_beads))])
+    return start.astype(np.int64), np.array([row[1] for row in rows], np.int64), np.array([row[2] for row in rows])
+
+
 class Pairs(NamedTuple):
     """What the loops over pairs read, M beads sorted into cells.
 

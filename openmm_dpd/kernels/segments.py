@@ -23,7 +23,7 @@ from ..errors import RunError
 from ..geometry import minimum_images
 from .columns import over_pairs
 from .compiled import helper, inlined
-from .pairs import PairList, no_exceptions
+from .pairs import PairList, compressed_exceptions, no_exceptions
 
 MID, NEAREST, CLAMPED = range(3)
 
@@ -74,12 +74,8 @@ def adjoining(pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     for segment, ends in enumerate(pairs.tolist()):
         for bead in ends:
             at.setdefault(bead, []).append(segment)
-    both = {pair for segments in at.values() for pair in combinations(segments, 2)}
-    if not both:
-        return no_exceptions()
-    rows = np.array(sorted(both | {(j, i) for i, j in both}), dtype=np.int64)
-    start = np.concatenate([[0], np.cumsum(np.bincount(rows[:, 0], minlength=len(pairs)))]).astype(np.int64)
-    return start, rows[:, 1].copy(), np.zeros(len(rows))
+    both = {pair: 0.0 for segments in at.values() for pair in combinations(segments, 2)}
+    return compressed_exceptions(both, len(pairs))
 
 
 @inlined

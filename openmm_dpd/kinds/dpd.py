@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ..forces.conservative import dpd_expression
 from ..kernels.dpd import TermTable
 from ..model.pairs import DPD
@@ -12,19 +14,18 @@ from .record import BeadData, Kind, Resolved, register
 def dpd_table(table: Resolved, names: list[str]) -> TermTable:
     """Arrays of isothermal DPD coefficients."""
 
-    def values(c: DPD) -> dict:
-        fixed_sigma = c.sigma is not None and c.gamma is None
-        return {
-            "A": c.A,
-            "gamma": float("nan") if fixed_sigma else c.gamma or 0.0,
-            "sigma": c.sigma if fixed_sigma else float("nan"),
-            "gamma_perp": c.gamma_perp,
-            "exponent": c.exponent,
-            "exponent_perp": c.exponent_perp,
-            "cutoff": c.cutoff,
-        }
+    def fixed_sigma(c: DPD) -> bool:
+        return c.sigma is not None and c.gamma is None
 
-    return TermTable(**symmetric_arrays(table, names, values))
+    return TermTable(
+        **symmetric_arrays(
+            table,
+            names,
+            "A gamma_perp exponent exponent_perp cutoff",
+            gamma=lambda c: np.nan if fixed_sigma(c) else c.gamma or 0.0,
+            sigma=lambda c: c.sigma if fixed_sigma(c) else np.nan,
+        )
+    )
 
 
 def _terms(table: Resolved, beads: BeadData) -> TermTable:

@@ -12,22 +12,9 @@ from .record import BeadData, Kind, Resolved, register
 
 
 def _terms(table: Resolved, beads: BeadData) -> ThermalTable:
-    def values(c: EDPD) -> dict:
-        assert c.cutoff_T is not None
-        return {
-            "A": c.A,
-            "gamma": c.gamma,
-            "kappa": c.kappa,
-            "exponent": c.exponent,
-            "exponent_T": c.exponent_T,
-            "cutoff_F": c.cutoff,
-            "cutoff_T": c.cutoff_T,
-            "cutoff": max(c.cutoff, c.cutoff_T),
-            "exponent_polynomial": c.exponent_polynomial,
-            "kappa_polynomial": c.kappa_polynomial,
-        }
-
-    return ThermalTable(**symmetric_arrays(table, beads.names, values), lammps=beads.compat == "lammps")
+    same = "A gamma kappa exponent exponent_T cutoff_T exponent_polynomial kappa_polynomial"
+    ranges = {"cutoff_F": lambda c: c.cutoff, "cutoff": lambda c: max(c.cutoff, c.cutoff_T)}
+    return ThermalTable(**symmetric_arrays(table, beads.names, same, **ranges), lammps=beads.compat == "lammps")
 
 
 def _fields(scene: Scene) -> FieldSpec:

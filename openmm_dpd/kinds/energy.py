@@ -17,8 +17,7 @@ from .record import BeadData, Kind, Resolved, register
 
 
 def _terms(table: Resolved, beads: BeadData) -> EnergyTable:
-    values = symmetric_arrays(table, beads.names, lambda c: {"A": c.A, "sigma": c.sigma, "kappa": c.kappa, "cutoff": c.cutoff})
-    return EnergyTable(**values)
+    return EnergyTable(**symmetric_arrays(table, beads.names, "A sigma kappa cutoff"))
 
 
 def _fields(scene: Scene) -> FieldSpec:

@@ -17,19 +17,8 @@ from .record import BeadData, Kind, Resolved, register
 
 
 def _terms(table: Resolved, beads: BeadData) -> ManyBodyTable:
-    def values(c: MDPD) -> dict:
-        return {
-            "A": c.A,
-            "B": c.B,
-            "gamma": c.gamma,
-            "cutoff": c.cutoff,
-            "cutoff_A": c.cutoff,
-            "cutoff_B": c.cutoff_B,
-            "cutoff_density": c.cutoff_density,
-        }
-
-    lucy = check_many_body(table).kernel == "lucy"
-    return ManyBodyTable(**symmetric_arrays(table, beads.names, values), lucy=lucy, mass=beads.masses.copy())
+    arrays = symmetric_arrays(table, beads.names, "A B gamma cutoff cutoff_B cutoff_density", cutoff_A=lambda c: c.cutoff)
+    return ManyBodyTable(**arrays, lucy=check_many_body(table).kernel == "lucy", mass=beads.masses.copy())
 
 
 def _why_kernel_only(table: Resolved, scene: Scene, exceptions: dict[tuple[int, int], float], platform: str | None) -> str | None:

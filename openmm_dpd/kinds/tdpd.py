@@ -13,21 +13,8 @@ from .record import BeadData, Kind, Resolved, register
 
 
 def _terms(table: Resolved, beads: BeadData) -> SpeciesTable:
-    def values(c: TDPD) -> dict:
-        assert c.cutoff_c is not None
-        return {
-            "A": c.A,
-            "gamma": c.gamma,
-            "exponent": c.exponent,
-            "cutoff_F": c.cutoff,
-            "cutoff_c": c.cutoff_c,
-            "cutoff": max(c.cutoff, c.cutoff_c),
-            "kappa": c.kappa,
-            "epsilon": c.epsilon,
-            "exponent_c": c.exponent_c,
-        }
-
-    return SpeciesTable(**symmetric_arrays(table, beads.names, values))
+    ranges = {"cutoff_F": lambda c: c.cutoff, "cutoff": lambda c: max(c.cutoff, c.cutoff_c)}
+    return SpeciesTable(**symmetric_arrays(table, beads.names, "A gamma exponent cutoff_c kappa epsilon exponent_c", **ranges))
 
 
 def _fields(scene: Scene) -> FieldSpec:

@@ -7,6 +7,7 @@ from openmm import unit
 
 from ..analysis.viscosity import VelocityProfile
 from ..built import BuiltSystem
+from ..cadence import Cadence
 from ..errors import ParameterError
 from ..geometry import symmetric_products
 from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, STRESS, PairEngine
@@ -32,19 +33,16 @@ def on_step_velocities(built: BuiltSystem, state) -> np.ndarray:
     return scheme.on_step(v, state.getForces(asNumpy=True).value_in_unit(_F), built.plan.spec.inv_mass, dt)
 
 
-class _Reporter:
+class _Reporter(Cadence):
     """What reporters of a built scene share."""
 
     def __init__(self, interval: int, built: BuiltSystem):
         require_built(built, type(self).__name__)
         if built.plan.host is not None:
             raise ParameterError(f"{type(self).__name__} knows the terms of a scene alone, not those of a System made elsewhere")
-        self.interval, self.built = whole_number(interval, "the interval between samples, in steps,", least=1), built
+        super().__init__(interval, "samples")
+        self.built = built
         self._groups = built.integrator.getIntegrationForceGroups()
-
-    def describeNextReport(self, simulation):
-        """Steps until the next sample; nothing is wanted in the State that OpenMM hands over."""
-        return {"steps": self.interval - simulation.currentStep % self.interval, "periodic": None, "include": []}
 
     def _state(self, context):
         lags = self.built.plan.options.scheme.lag != 0.0

@@ -13,9 +13,10 @@ from typing import Any, TextIO
 import numpy as np
 
 from ..built import BuiltSystem
+from ..cadence import Cadence
 from ..errors import ParameterError
 from ..kernels.fields import ENERGY, TEMPERATURE
-from ..units import BAR_PER_MD_PRESSURE, whole_number
+from ..units import BAR_PER_MD_PRESSURE
 from .observer import Observer, require_built
 from .temperature import kelvin
 from .watch import TemperatureWatch
@@ -82,7 +83,7 @@ def _reasons(observer: Observer, columns: Sequence[str]) -> dict[str, list[str]]
     return reasons
 
 
-class DPDReporter:
+class DPDReporter(Cadence):
     """Writes measured quantities to a CSV file, for ``simulation.reporters``.
 
     After 20 rows, 40, 80, ..., it compares the kinetic temperature of their second half with the set one, and says once, through
@@ -140,7 +141,7 @@ class DPDReporter:
         if absent:
             where = "a scene alone" if built.plan.host is None else "a System made elsewhere"
             raise ParameterError(f"columns {', '.join(absent)} are not measured for {where}; choose among {', '.join(able)}")
-        self._interval = whole_number(interval, "the interval between reports, in steps,", least=1)
+        super().__init__(interval)
         self._columns, self._observer, self._watch = tuple(columns), Observer(built), TemperatureWatch(built.plan)
         if not isinstance(file, (str, os.PathLike)) and not hasattr(file, "write"):
             raise ParameterError(f"file must be a path or a text file open for writing, not {file!r}")
@@ -172,11 +173,6 @@ class DPDReporter:
                     f"cannot append to {os.fspath(path)}: its header is {header!r}, the columns are {','.join(self._columns)!r}"
                 )
         return begun
-
-    def describeNextReport(self, simulation):
-        """Steps until the next row; nothing is wanted in the State that OpenMM hands over."""
-        steps = self._interval - simulation.currentStep % self._interval
-        return {"steps": steps, "periodic": None, "include": []}
 
     def report(self, simulation, state):
         """Write one row."""

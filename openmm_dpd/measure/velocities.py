@@ -7,11 +7,11 @@ import os
 import numpy as np
 from openmm import unit
 
+from ..cadence import Cadence
 from ..field_file import FieldWriter
-from ..units import whole_number
 
 
-class VelocityReporter:
+class VelocityReporter(Cadence):
     """Writes velocities to a file, for ``simulation.reporters``; give it the interval of the trajectory, and frames match.
 
     Parameters
@@ -22,14 +22,11 @@ class VelocityReporter:
         Steps between frames.
     """
 
-    def __init__(self, file: str | os.PathLike, interval: int):
-        self._interval = whole_number(interval, "the interval between reports, in steps,", least=1)
-        self._writer = FieldWriter(file)
+    _INCLUDE = ("velocities",)
 
-    def describeNextReport(self, simulation):
-        """Steps until the next frame, with velocities."""
-        steps = self._interval - simulation.currentStep % self._interval
-        return {"steps": steps, "periodic": None, "include": ["velocities"]}
+    def __init__(self, file: str | os.PathLike, interval: int):
+        super().__init__(interval)
+        self._writer = FieldWriter(file)
 
     def report(self, simulation, state):
         """Write one frame."""

@@ -91,6 +91,11 @@ class BondedTerms:
         beads = bead_indices(getattr(self, name), width, f"{what} {name}")
         keep(self, **{name: beads}, **term_values(self, len(beads), self._DIMENSIONS, what))
 
+    @property
+    def beads(self) -> np.ndarray:
+        """Beads of each term."""
+        return getattr(self, self._BEADS[0])
+
     def curve(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Energy of each bond at these lengths, or of each angle at these angles, its first and its second derivative."""
         raise NotImplementedError
