@@ -10,6 +10,11 @@ AXES_OF_TENSOR = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 _FIRST, _SECOND = map(list, zip(*AXES_OF_TENSOR, strict=True))
 
 
+def widths(box: np.ndarray) -> np.ndarray:
+    """Distances between opposite faces of a box, (3,): its edges unless it is tilted."""
+    return 1.0 / np.linalg.norm(np.linalg.inv(box), axis=0)
+
+
 def minimum_images(d: np.ndarray, box: np.ndarray | None) -> np.ndarray:
     """Distance vectors (K, 3) by minimum image; as they are without a box."""
     return _shifted(d, box, np.rint)

@@ -13,10 +13,10 @@ from .forces.external import external_force
 from .forces.pair_force import PairForceFunction, pair_force
 from .forces.segments import segment_force, segment_spec
 from .integrators import NativeIntegrator, PairIntegrator
-from .kernels.cells import coincident_pairs
 from .kinds import resolved_kind
 from .model.flow import PositionForce
 from .names import BONDED_GROUP, LAST_POTENTIAL_GROUP, POTENTIAL_GROUP, VIRIAL_GROUP
+from .neighbours import coincident_pairs
 from .pair_spec import Factors
 from .plan import Plan
 from .programs.native import native_marker

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import ParameterError
+from ..neighbours import pairs_within
 from ..stats import Average, ratio_average
 from ..units import whole_number
 from .frames import frames_of, positive_number, selected
 from .molecules import connected, molecule_labels
-from .neighbours import pairs_within
 
 if TYPE_CHECKING:
     from .frames import Beads, Trajectories

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import ParameterError
+from ..neighbours import pairs_within
 from ..units import whole_number
 from .curves import Curve, curve_of
 from .frames import Frame, frames_of, positive_number, selected
 from .molecules import molecule_labels
-from .neighbours import pairs_within
 
 if TYPE_CHECKING:
     from .frames import Beads, Trajectories

@@ -178,11 +178,6 @@ def axis_number(axis: str | int) -> int:
     raise ParameterError(f"axis must be 'x', 'y', 'z' or 0, 1, 2, not {axis!r}")
 
 
-def widths(box: np.ndarray) -> np.ndarray:
-    """Distances between opposite faces of a box, (3,): its edges unless it is tilted."""
-    return 1.0 / np.linalg.norm(np.linalg.inv(box), axis=0)
-
-
 def positive_number(value, name: str) -> float:
     """A finite number above 0; ParameterError for anything else."""
     try:

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import ParameterError
+from ..geometry import widths
 from ..stats import Average, block_average
-from .frames import axis_number, frames_of, selected, weights_of, widths
+from .frames import axis_number, frames_of, selected, weights_of
 from .molecules import molecule_labels
 from .profiles import periodic_centre
 

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import ParameterError
+from ..geometry import widths
 from ..units import whole_number
 from .curves import Curve, curve_of, ratio_curve
-from .frames import Frame, axis_number, frames_of, selected, type_names, weights_of, widths
+from .frames import Frame, axis_number, frames_of, selected, type_names, weights_of
 
 if TYPE_CHECKING:
     from .frames import Beads, Trajectories

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import RunError
+from ..geometry import widths
 from . import cells, listing
 from .threads import dispatch, get_threads
 
@@ -137,12 +138,12 @@ class PairList:
             if len(bad):
                 raise RunError(f"the position of bead {self.beads[bad[0]]} is not finite: {used[bad[0]].tolist()}")
             origin = used.min(axis=0)
-            widths = np.maximum(used.max(axis=0) - origin, self.cutoff) * (1 + 1e-9)
-            extent = np.diag(widths)
+            wide = np.maximum(used.max(axis=0) - origin, self.cutoff) * (1 + 1e-9)
+            extent = np.diag(wide)
         else:
             origin, extent = np.zeros(3), box.copy()
-            widths = 1.0 / np.linalg.norm(np.linalg.inv(box), axis=0)
-        ncell = np.maximum((widths / self.cutoff).astype(np.int64), 1)
+            wide = widths(box)
+        ncell = np.maximum((wide / self.cutoff).astype(np.int64), 1)
         while np.prod(ncell, dtype=float) > max(64, 2 * len(self.beads)) and ncell.max() > 3:
             ncell[ncell.argmax()] = max(3, int(ncell.max() * 0.8))
         if box is not None and ncell.min() < 3:

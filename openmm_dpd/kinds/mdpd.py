@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from ..forces.manybody import attraction_expression, density_force
-from ..kernels.cells import coincident_pairs
 from ..kernels.dpd import TermTable
 from ..kernels.manybody import ManyBodyLayer, ManyBodyTable
 from ..model.mdpd import MDPD, check_many_body, why_no_openmm_force
 from ..model.pairs import NONE
 from ..model.scene import Scene
 from ..neighbour_list import listed
+from ..neighbours import coincident_pairs
 from .arrays import symmetric_arrays
 from .record import BeadData, Kind, Resolved, register
 

@@ -13,10 +13,10 @@ from openmm import unit
 
 from ..errors import PlanError
 from ..integrators import NativeIntegrator
-from ..kernels.cells import coincident_pairs
 from ..made import origin
 from ..model.pairs import NONE
 from ..neighbour_list import may_miss_pairs
+from ..neighbours import coincident_pairs
 from ..plan import Plan
 from ..program_options import DOUBLE_PLATFORMS, ProgramOptions
 from ..units import BOLTZMANN

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..errors import ParameterError
-from .frames import widths
+from .errors import ParameterError
+from .geometry import widths
 
 
 def pairs_within(
@@ -48,6 +48,12 @@ def pairs_within(
     # trees of two sets are an order of magnitude slower than one tree of both
     mixed = (i < len(x)) & (j >= len(x))
     return i[mixed], j[mixed] - len(x), r[mixed]
+
+
+def coincident_pairs(x: np.ndarray, box: np.ndarray | None, distance: float) -> list[tuple[int, int]]:
+    """Pairs (i < j) of beads closer than a (very short) distance, through the periodic box."""
+    i, j, _ = pairs_within(x, None, box, distance)
+    return sorted(zip(i.tolist(), j.tolist(), strict=True))
 
 
 def _among(x: np.ndarray, box: np.ndarray | None, distance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
