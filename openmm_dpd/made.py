@@ -140,16 +140,12 @@ class Made:
             )
         changed = np.flatnonzero(virtual_sites(system) != self.virtual)
         if len(changed):
-            raise PlanError(
-                f"particle {changed[0]} has become a virtual site, or is none any more, since {maker} made the integrator; "
-                f"{self._remedy('a scene has none', 'do that')}"
-            )
+            what = f"particle {changed[0]} has become a virtual site, or is none any more, since {maker} made the integrator"
+            raise PlanError(f"{what}; {self._remedy('a scene has none', 'do that')}")
         changed = np.flatnonzero(masses_of(system) != self.masses)
         if len(changed):
-            raise PlanError(
-                f"the mass of particle {changed[0]} is not what it was when {maker} made the integrator; "
-                f"{self._remedy('give the scene its masses', 'change it')}"
-            )
+            what = f"the mass of particle {changed[0]} is not what it was when {maker} made the integrator"
+            raise PlanError(f"{what}; {self._remedy('give the scene its masses', 'change it')}")
         return self._foreign(system)
 
     def check_writer(self, parameters: Mapping[str, float]) -> None:

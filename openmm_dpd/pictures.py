@@ -69,9 +69,6 @@ def thermo_picture(
     OutputError
         If the file cannot be written.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     if not isinstance(columns, Mapping):
         raise ParameterError(f"expected a mapping of words to rows, not {reprlib.repr(columns)}")
     data = {word: _numbers(values, f"the column {word!r}") for word, values in columns.items()}
@@ -80,8 +77,7 @@ def thermo_picture(
     level = _level(target, len(data[x]))
     labels = labels or {}
     spans = _spans(data[x], runs)
-    figure = Figure(figsize=(8.0, 0.9 + 1.9 * len(panels)), dpi=150, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(8.0, 0.9 + 1.9 * len(panels))
     axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     for axis, (name, words) in zip(axes, panels, strict=True):
         for number, (word, label) in enumerate(words.items()):
@@ -98,6 +94,16 @@ def thermo_picture(
     if title:
         figure.suptitle(title, fontsize=12)
     write_picture(path, figure)
+
+
+def new_figure(width: float, height: float) -> Any:
+    """A matplotlib figure of so many inches, outside of its global state."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), dpi=150, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
 
 
 def write_picture(path: str | os.PathLike, figure: Any) -> None:

@@ -91,16 +91,14 @@ def _take_unknown_out(root: ElementTree.Element, integrator: openmm.Integrator) 
         return False
     known = {integrator.getGlobalVariableName(k) for k in range(integrator.getNumGlobalVariables())}
     known_per_dof = {integrator.getPerDofVariableName(k) for k in range(integrator.getNumPerDofVariables())}
-    found = False
-    for node in root.iterfind("IntegratorParameters/GlobalVariables"):
-        for name in set(node.attrib) - known:
-            del node.attrib[name]
-            found = True
-    for node in root.iterfind("IntegratorParameters/PerDofVariables"):
-        for child in [child for child in node if child.tag not in known_per_dof]:
-            node.remove(child)
-            found = True
-    return found
+    single = [(node, name) for node in root.iterfind("IntegratorParameters/GlobalVariables") for name in set(node.attrib) - known]
+    per_dof = [(node, child) for node in root.iterfind("IntegratorParameters/PerDofVariables") for child in node]
+    per_dof = [(node, child) for node, child in per_dof if child.tag not in known_per_dof]
+    for node, name in single:
+        del node.attrib[name]
+    for node, child in per_dof:
+        node.remove(child)
+    return bool(single or per_dof)
 
 
 class PoclSimulation(DPDSimulation):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import ParameterError
-from ..pictures import finish_axis, write_picture
+from ..pictures import finish_axis, new_figure, write_picture
 from .clusters import Clusters
 from .curves import Curve
 from .diffusion import MeanSquaredDisplacement, diffusion_coefficient
@@ -124,11 +124,7 @@ def cluster_picture(path: str | os.PathLike, clusters: Clusters, *, title: str =
 
 # -- what they share -------------------------------------------------------------------------------------------------------------
 def _axes() -> tuple[Any, Any]:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6.4, 4.0), dpi=150, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(6.4, 4.0)
     return figure, figure.subplots()
 
 

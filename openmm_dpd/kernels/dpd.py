@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from . import forces, sweeps
-from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, GAMMA, GAMMA_PERP, SIGMA, SIGMA_PERP, A
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, Call, PairSpec, SortedMotion, Sums
+from .forces import GAMMA
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, Call, PairSpec, SortedMotion, Sums, table_of
 from .pairs import PairList
 
 _TERMS = CONSERVATIVE | DISSIPATIVE | RANDOM
@@ -34,24 +34,13 @@ class TermTable:
     cutoff: np.ndarray
 
     def coefficients(self, kT: float) -> np.ndarray:
-        """(T*T, 8) table at the thermal energy kT: sigma^2 = 2 kT gamma, whichever of the two is fixed."""
+        """(T*T, 8) table, columns as in :mod:`.forces`, at the thermal energy kT: sigma^2 = 2 kT gamma, whichever of the two is fixed."""
         fixed_sigma = np.isnan(self.gamma)
-        table = np.zeros((self.A.size, 8))
         with np.errstate(divide="ignore", invalid="ignore"):
             gamma = np.where(fixed_sigma, np.where(self.sigma > 0, self.sigma**2 / (2 * kT), 0.0), self.gamma)
         sigma = np.where(fixed_sigma, self.sigma, np.sqrt(2 * kT * np.where(fixed_sigma, 0.0, self.gamma)))
-        for column, values in (
-            (A, self.A),
-            (CUTOFF, self.cutoff),
-            (GAMMA, gamma),
-            (SIGMA, sigma),
-            (GAMMA_PERP, self.gamma_perp),
-            (SIGMA_PERP, np.sqrt(2 * kT * self.gamma_perp)),
-            (EXPONENT, self.exponent),
-            (EXPONENT_PERP, self.exponent_perp),
-        ):
-            table[:, column] = values.ravel()
-        return table
+        perpendicular = self.gamma_perp, np.sqrt(2 * kT * self.gamma_perp)
+        return table_of(self.A, self.cutoff, gamma, sigma, *perpendicular, self.exponent, self.exponent_perp)
 
     def layer(self, spec: PairSpec, number: int) -> DPDLayer:
         """The layer that evaluates these coefficients."""

@@ -34,7 +34,7 @@ from . import forces
 from .columns import approach, change, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
 from .compiled import compiled, helper, inlined
 from .eos import CONSTANT, RESERVOIR, EOSTable, curvature, entropy_change, exp_below, in_range, inverse_temperature, log_ratio
-from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, PairSpec, SortedMotion, Sums
+from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, PairSpec, SortedMotion, Sums, table_of
 from .noise import normal, pair_key, uniform
 from .pairs import PairList
 from .sweeps import decay
@@ -67,7 +67,7 @@ class EnergyLayer:
         assert spec.fields is not None and isinstance(spec.fields.eos, EOSTable)
         self.fields, self.eos, self.number = spec.fields, spec.fields.eos, number
         self.pairs = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions)
-        self.coefficients = np.column_stack([table.A.ravel(), table.cutoff.ravel(), table.sigma.ravel(), table.kappa.ravel()])
+        self.coefficients = table_of(table.A, table.cutoff, table.sigma, table.kappa)
         # scratch, in the order of the pair list
         m = len(self.pairs.order)
         self._motion = SortedMotion(m)

@@ -93,16 +93,8 @@ class PairEngine:
 
         Parameters
         ----------
-        which : int
-            Sum of CONSERVATIVE, DISSIPATIVE, RANDOM, and STRESS for the tensor in ``stress``.
-        v : (N, 3) array
-            Velocities the friction sees (not needed for conservative and random forces).
-        kT, dt : float
-            Thermal energy and time step; the noise has the amplitude sigma/sqrt(dt).
-        seed, counter : int
-            Key of the noise.
-        field_values : (N, K) array, optional
-            Values of the fields of the spec.
+        which, v, kT, dt, seed, counter, field_values
+            See :class:`.layer.Call`; v is what the friction sees.
         out : (N, 3) array, optional
             Where the forces are written.
 

@@ -29,14 +29,13 @@ from ..geometry import symmetric_products
 from .columns import approach, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
 from .compiled import helper, inlined
 from .dpd import SweptLayer
-from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, GAMMA, SIGMA, A
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, PairSpec, Sums
+from .forces import CUTOFF, GAMMA, SIGMA, A
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, PairSpec, Sums, table_of
 from .noise import draw
 from .pairs import PairList
 
 #: Columns of the coefficient table after the eight of :mod:`.forces`, which the sweep reads.
 B, CUTOFF_B, CUTOFF_DENSITY = 8, 9, 10
-_COLUMNS = 11
 
 #: Stands for the factor 0 of bonded neighbours: a pair list leaves pairs of factor 0 out, but LAMMPS's density counts them.
 #: Forces times this are lost in rounding.
@@ -87,20 +86,9 @@ class ManyBodyTable:
 
     def coefficients(self, kT: float) -> np.ndarray:
         """(T*T, 11) table at the thermal energy kT: sigma^2 = 2 kT gamma."""
-        table = np.zeros((self.A.size, _COLUMNS))
-        for column, values in (
-            (A, self.A),
-            (CUTOFF, self.cutoff_A),
-            (GAMMA, self.gamma),
-            (SIGMA, np.sqrt(2.0 * kT * self.gamma)),
-            (EXPONENT, np.ones_like(self.A)),
-            (EXPONENT_PERP, np.ones_like(self.A)),
-            (B, self.B),
-            (CUTOFF_B, self.cutoff_B),
-            (CUTOFF_DENSITY, self.cutoff_density),
-        ):
-            table[:, column] = values.ravel()
-        return table
+        zero, one = np.zeros_like(self.A), np.ones_like(self.A)
+        of_dpd = self.A, self.cutoff_A, self.gamma, np.sqrt(2.0 * kT * self.gamma), zero, zero, one, one
+        return table_of(*of_dpd, self.B, self.cutoff_B, self.cutoff_density)
 
     def layer(self, spec: PairSpec, number: int) -> ManyBodyLayer:
         """The layer that evaluates these coefficients."""

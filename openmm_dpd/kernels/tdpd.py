@@ -21,7 +21,7 @@ from .columns import approach, deliver, factor_of, gather_and_clear, over_pairs,
 from .compiled import inlined
 from .edpd import clamped
 from .forces import power
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, PairSpec, SortedMotion, Sums
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, PairSpec, SortedMotion, Sums, table_of
 from .noise import normal, pair_key
 from .pairs import PairList
 
@@ -61,8 +61,7 @@ class SpeciesLayer:
         assert spec.fields is not None and spec.fields.n_values == table.kappa.shape[-1]
         self.pairs, self.number = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions), number
         self._motion = SortedMotion(len(self.pairs.order))
-        columns = (table.A, table.cutoff_F, table.gamma, table.exponent, table.cutoff_c)
-        self.coefficients = np.column_stack([array.ravel() for array in columns])
+        self.coefficients = table_of(table.A, table.cutoff_F, table.gamma, table.exponent, table.cutoff_c)
         per_species = (table.kappa, table.epsilon, table.exponent_c)
         # (T*T, K, 3): kappa, epsilon and the exponent of the noise weight of each species
         self.exchange = np.stack([array.reshape(-1, array.shape[-1]) for array in per_species], axis=-1)

@@ -66,6 +66,13 @@ class _OnBeads:
         return chosen
 
 
+def _length(value, what: str) -> float:
+    length = to_md(value, "length", what)
+    if not isinstance(length, float):
+        raise ParameterError(f"{what} must be one length, not {value!r}")
+    return length
+
+
 def _axis(value, what: str) -> int:
     if value not in AXES:
         raise ParameterError(f"the axis of {what} must be 'x', 'y' or 'z', not {value!r}")
@@ -131,10 +138,7 @@ class BodyForce(_OnBeads):
             raise ParameterError("a uniform body force has no axis; for reverse Poiseuille flow say pattern='halves'")
         if self.pattern != "uniform":
             _axis(self.axis, f"a body force with the pattern {self.pattern!r}")
-        origin = to_md(self.origin, "length", "the origin of a body force")
-        if not isinstance(origin, float):
-            raise ParameterError(f"the origin of a body force must be one length, not {self.origin!r}")
-        keep(self, origin=origin)
+        keep(self, origin=_length(self.origin, "the origin of a body force"))
 
     def vectors(self, type_ids: np.ndarray, type_names: list[str], box: np.ndarray | None) -> np.ndarray:
         """(N, 3) force of each bead before the pattern; ParameterError if it does not fit the scene."""
@@ -240,10 +244,7 @@ class Wall:
 
     def __post_init__(self):
         _axis(self.axis, "a wall")
-        position = to_md(self.position, "length", "the position of a wall")
-        if not isinstance(position, float):
-            raise ParameterError(f"the position of a wall must be one length, not {self.position!r}")
-        keep(self, position=position)
+        keep(self, position=_length(self.position, "the position of a wall"))
         if self.side not in ("above", "below"):
             raise ParameterError(f"the side of a wall is where the beads are, 'above' or 'below', not {self.side!r}")
         if self.kind not in KINDS:
