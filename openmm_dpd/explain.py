@@ -20,7 +20,8 @@ def explain_plan(plan: Plan) -> str:
     lines = [
         *_particle_lines(plan),
         "box: none" if scene.box is None else "box: " + _describe_box(scene.box),
-        f"scheme: {options.scheme} ({options.scheme.what}), dt = {options.dt:g} ps" + _lambda_text(plan),
+        f"scheme: {options.scheme} ({options.scheme.what}), dt = {options.dt:g} ps"
+        + (f", lambda = {options.lam:g}" if options.scheme.predicts else ""),
         _temperature_text(plan),
         f"seed of the noise: {options.seed}",
         "pair terms:",
@@ -112,10 +113,6 @@ def _field_text(plan: Plan) -> str:
     if fields.kind == TEMPERATURE and plan.scene.compat == "lammps":
         text += "; heat as LAMMPS computes it (compat), which does not conserve energy"
     return text + (f"; {len(fields.sources)} source(s)" if fields.sources else "")
-
-
-def _lambda_text(plan: Plan) -> str:
-    return f", lambda = {plan.options.lam:g}" if plan.options.scheme.predicts else ""
 
 
 def _temperature_text(plan: Plan) -> str:

@@ -7,7 +7,7 @@ states hold them.
 from __future__ import annotations
 
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import openmm
@@ -19,10 +19,8 @@ from .kernels.fields import ENERGY, TEMPERATURE, FieldSpec
 from .model.internal import InternalEnergy
 from .model.temperature import thermal_energies
 from .names import FIELD
+from .plan import Plan
 from .units import to_md
-
-if TYPE_CHECKING:
-    from .plan import Plan
 
 
 def field_variables(values: np.ndarray) -> dict[str, np.ndarray]:

@@ -1,8 +1,10 @@
-"""Pairs of beads within a distance in any box."""
+"""Pairs of beads within a distance in any box, and what they connect."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from .errors import ParameterError
@@ -48,6 +50,16 @@ def pairs_within(
     # trees of two sets are an order of magnitude slower than one tree of both
     mixed = (i < len(x)) & (j >= len(x))
     return i[mixed], j[mixed] - len(x), r[mixed]
+
+
+def graph(bonds: np.ndarray, count: int) -> coo_array:
+    """Bonds (B, 2) between ``count`` beads as scipy has them."""
+    return coo_array((np.ones(len(bonds), dtype=np.int8), (bonds[:, 0], bonds[:, 1])), shape=(count, count))
+
+
+def connected(bonds: np.ndarray, count: int) -> np.ndarray:
+    """Number of the connected part that each bead is in, from 0."""
+    return connected_components(graph(bonds, count), directed=False)[1]
 
 
 def coincident_pairs(x: np.ndarray, box: np.ndarray | None, distance: float) -> list[tuple[int, int]]:

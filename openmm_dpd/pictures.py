@@ -88,9 +88,9 @@ def thermo_picture(
             axis.plot(data[x], level, color="black", linewidth=1.2, linestyle=(0, (5, 3)), label="set", zorder=3.9)
         for start in runs:
             axis.axvline(start, color="0.6", linewidth=0.8, linestyle=":", zorder=0)
-        finish_axis(axis, _with_unit(name, labels, "\n"), legend=len(words) > 1 or set_level)
+        finish_axis(axis, with_unit(name, labels.get(name), "\n"), legend=len(words) > 1 or set_level)
     figure.align_ylabels(axes)
-    axes[-1].set_xlabel(_with_unit(x, labels), fontsize=11)
+    axes[-1].set_xlabel(with_unit(x, labels.get(x)), fontsize=11)
     if title:
         figure.suptitle(title, fontsize=12)
     write_picture(path, figure)
@@ -225,5 +225,6 @@ def finish_axis(axis: Any, name: str, legend: bool) -> None:
         )
 
 
-def _with_unit(name: str, labels: Mapping[str, str], separator: str = " ") -> str:
-    return f"{name}{separator}[{labels[name]}]" if labels.get(name) else name
+def with_unit(name: str, unit: str | None, separator: str = " ") -> str:
+    """Name of an axis with its unit in brackets, if it has one."""
+    return f"{name}{separator}[{unit}]" if unit else name

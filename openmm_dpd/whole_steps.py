@@ -6,8 +6,6 @@ integrator does the same step by step, with the same bits; this way positions an
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import openmm
 
@@ -15,13 +13,11 @@ from . import names as shared
 from .errors import RunError
 from .fields import per_dof
 from .forces.pair_force import Fields, PairForceFunction, fingerprint, unfolded
+from .integrators import PairIntegrator
 from .kernels import motion
 from .kernels.steps import Moment, StepSpec
 from .names import FIELD, RATES
 from .units import BOLTZMANN
-
-if TYPE_CHECKING:
-    from .integrators import PairIntegrator
 
 
 class WholeSteps:

@@ -11,13 +11,11 @@ import numpy as np
 from ..errors import ParameterError
 from ..geometry import AXES_OF_TENSOR
 from ..stats import Average, block_average
-from .frames import Frame, chunks_of, frames_of, selected, weights_of
+from .frames import Beads, Frame, Trajectories, chunks_of, frames_of, selected, weights_of
 from .molecules import bonds_of, bonds_outwards, molecule_labels
 
 if TYPE_CHECKING:
     import mdtraj
-
-    from .frames import Beads, Trajectories
 
 
 @dataclass(frozen=True, eq=False)

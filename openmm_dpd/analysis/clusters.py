@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import ParameterError
-from ..neighbours import pairs_within
+from ..neighbours import connected, pairs_within
 from ..stats import Average, ratio_average
 from ..units import whole_number
-from .frames import frames_of, positive_number, selected
-from .molecules import connected, molecule_labels
-
-if TYPE_CHECKING:
-    from .frames import Beads, Trajectories
+from .frames import Beads, Trajectories, frames_of, positive_number, selected
+from .molecules import molecule_labels
 
 
 @dataclass(frozen=True, eq=False)

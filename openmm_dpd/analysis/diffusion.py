@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,13 +12,10 @@ from ..model.scene import thermal_energy
 from ..stats import Average, block_average
 from ..units import to_md
 from .curves import Curve, curve_of_averages
-from .frames import axis_number, frames_of, indices, positive_number, selected, weights_of
+from .frames import Beads, Trajectories, axis_number, frames_of, indices, positive_number, selected, weights_of
 from .molecules import molecule_labels
 from .profiles import velocity_frames
 from .unwrapping import unwrapped
-
-if TYPE_CHECKING:
-    from .frames import Beads, Trajectories
 
 #: Lags that are taken if none are given.
 LAGS = 50

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ..errors import ParameterError
 from ..neighbours import pairs_within
 from ..units import whole_number
 from .curves import Curve, curve_of
-from .frames import Frame, frames_of, positive_number, selected
+from .frames import Beads, Frame, Trajectories, frames_of, positive_number, selected
 from .molecules import molecule_labels
-
-if TYPE_CHECKING:
-    from .frames import Beads, Trajectories
 
 
 def radial_distribution(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,10 +11,7 @@ from ..errors import ParameterError
 from ..geometry import widths
 from ..units import whole_number
 from .curves import Curve, curve_of, ratio_curve
-from .frames import Frame, axis_number, frames_of, selected, type_names, weights_of
-
-if TYPE_CHECKING:
-    from .frames import Beads, Trajectories
+from .frames import Beads, Frame, Trajectories, axis_number, frames_of, selected, type_names, weights_of
 
 #: Length of the mean of exp(2 pi i s) below which beads are spread too evenly to have a centre.
 LEAST_RESULTANT = 0.05

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ..errors import ParameterError
 from .curves import Curve, curve_of
-from .frames import Frame, frames_of, positive_number, selected
-
-if TYPE_CHECKING:
-    from .frames import Beads, Trajectories
+from .frames import Beads, Frame, Trajectories, frames_of, positive_number, selected
 
 #: More wave vectors than that are a mistake.
 MOST_VECTORS = 5_000_000

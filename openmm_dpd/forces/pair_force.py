@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING
 
 import numpy as np
 import openmm
@@ -19,11 +18,9 @@ from ..kernels.fields import ENERGY, TEMPERATURE, FieldSpec
 from ..kernels.steps import Moment, StepLoop, StepSpec
 from ..made import origin
 from ..names import RATES, Phase
+from ..program_options import ProgramOptions
 from ..watching import interrupts
 from .runaway import NEAR, runaway
-
-if TYPE_CHECKING:
-    from ..program_options import ProgramOptions
 
 #: Phases that store the positions.
 KEEPING = (Phase.STORE, Phase.FINGERPRINT, Phase.CONSERVE)
@@ -226,16 +223,13 @@ class PairForceFunction:
         if not self.conservative:
             return 0.0, self._zero
         local.engine.prepare(x, box)
-        if local.conserved_at != local.engine.number or self._warm_repulsion:
+        # a repulsion may depend on the temperatures of the beads
+        warm = self.spec.fields is not None and self.spec.fields.kind == TEMPERATURE
+        if local.conserved_at != local.engine.number or warm:
             field_values = None if local.fields is None else local.fields.values
             local.conserved_energy = local.engine.forces(CONSERVATIVE, None, 0.0, 1.0, 0, 0, field_values, local.conserved)[0]
             local.conserved_at = local.engine.number
         return local.conserved_energy, local.conserved
-
-    @property
-    def _warm_repulsion(self) -> bool:
-        """Whether the conservative force depends on the temperatures of the beads."""
-        return self.spec.fields is not None and self.spec.fields.kind == TEMPERATURE
 
     def _in_step(self, local, phase: int, x: np.ndarray, box: np.ndarray | None, parameters: dict) -> np.ndarray:
         kept, block = local.kept, phase % 100

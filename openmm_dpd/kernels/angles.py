@@ -19,7 +19,7 @@ import numpy as np
 from numba import njit
 
 from .compiled import compiled
-from .extras import CHUNK, TermEvaluator, by_rows, inverse_edges, minimum_image
+from .extras import CHUNK, Extra, TermEvaluator, by_rows, inverse_edges, minimum_image
 
 HARMONIC, COSINE = range(2)
 
@@ -154,7 +154,7 @@ class AngleTerms:
         """What computes it."""
         return TermEvaluator(self, self.triples, (_angles, _angles_parallel), _what_is_wrong)
 
-    def few(self) -> tuple[AngleTerms, np.ndarray, np.ndarray]:
+    def few(self) -> tuple[Extra, np.ndarray, np.ndarray]:
         """One angle of three beads."""
         one = AngleTerms(np.array([[0, 1, 2]], np.uint32), np.array([HARMONIC], np.uint8), np.ones((1, 2)))
         return one, np.array([[0.0, 0, 0], [1.0, 0, 0], [1.0, 1.0, 0]]), np.diag([4.0] * 3)

@@ -20,7 +20,7 @@ from numba import njit
 from ..geometry import minimum_images
 from .columns import push
 from .compiled import compiled
-from .extras import CHUNK, TermEvaluator, by_rows, inverse_edges, minimum_image
+from .extras import CHUNK, Extra, TermEvaluator, by_rows, inverse_edges, minimum_image
 
 HARMONIC, FENE, MORSE = range(3)
 
@@ -127,7 +127,7 @@ class BondTerms:
         """What computes it."""
         return TermEvaluator(self, self.pairs, (_bonds, _bonds_parallel), _what_is_wrong)
 
-    def few(self) -> tuple[BondTerms, np.ndarray, np.ndarray]:
+    def few(self) -> tuple[Extra, np.ndarray, np.ndarray]:
         """One bond of two beads."""
         one = BondTerms(np.array([[0, 1]], np.uint32), np.array([HARMONIC], np.uint8), np.ones((1, 4)))
         return one, np.array([[0.0, 0, 0], [1.0, 0, 0]]), np.diag([4.0] * 3)

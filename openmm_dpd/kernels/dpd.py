@@ -9,7 +9,7 @@ import numpy as np
 
 from . import forces, sweeps
 from .forces import GAMMA
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, Call, PairSpec, SortedMotion, Sums, table_of
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, Call, Layer, PairSpec, SortedMotion, Sums, table_of
 from .pairs import PairList
 
 _TERMS = CONSERVATIVE | DISSIPATIVE | RANDOM
@@ -42,7 +42,7 @@ class TermTable:
         perpendicular = self.gamma_perp, np.sqrt(2 * kT * self.gamma_perp)
         return table_of(self.A, self.cutoff, gamma, sigma, *perpendicular, self.exponent, self.exponent_perp)
 
-    def layer(self, spec: PairSpec, number: int) -> DPDLayer:
+    def layer(self, spec: PairSpec, number: int) -> Layer:
         """The layer that evaluates these coefficients."""
         return DPDLayer(self, spec, number)
 

@@ -24,7 +24,7 @@ from ..errors import RunError
 from .columns import approach, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
 from .compiled import inlined
 from .forces import power
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, PairSpec, SortedMotion, Sums, table_of
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
 from .noise import normal, pair_key
 from .pairs import PairList
 
@@ -63,7 +63,7 @@ class ThermalTable:
         single = self.A, self.cutoff_F, self.gamma, self.exponent, self.kappa, self.exponent_T, self.cutoff_T
         return table_of(*single, self.exponent_polynomial, self.kappa_polynomial)
 
-    def layer(self, spec: PairSpec, number: int) -> ThermalLayer:
+    def layer(self, spec: PairSpec, number: int) -> Layer:
         """The layer that evaluates these coefficients."""
         return ThermalLayer(self, spec, number)
 

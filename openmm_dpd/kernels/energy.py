@@ -34,7 +34,7 @@ from . import forces
 from .columns import approach, change, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
 from .compiled import compiled, helper, inlined
 from .eos import CONSTANT, RESERVOIR, EOSTable, curvature, entropy_change, exp_below, in_range, inverse_temperature, log_ratio
-from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, PairSpec, SortedMotion, Sums, table_of
+from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
 from .noise import normal, pair_key, uniform
 from .pairs import PairList
 from .sweeps import decay
@@ -55,7 +55,7 @@ class EnergyTable:
     kappa: np.ndarray
     cutoff: np.ndarray
 
-    def layer(self, spec: PairSpec, number: int) -> EnergyLayer:
+    def layer(self, spec: PairSpec, number: int) -> Layer:
         """The layer that evaluates these coefficients."""
         return EnergyLayer(self, spec, number)
 

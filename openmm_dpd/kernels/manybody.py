@@ -30,7 +30,7 @@ from .columns import approach, deliver, factor_of, gather_and_clear, over_pairs,
 from .compiled import helper, inlined
 from .dpd import SweptLayer
 from .forces import CUTOFF, GAMMA, SIGMA, A
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, PairSpec, Sums, table_of
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Layer, PairSpec, Sums, table_of
 from .noise import draw
 from .pairs import PairList
 
@@ -90,7 +90,7 @@ class ManyBodyTable:
         of_dpd = self.A, self.cutoff_A, self.gamma, np.sqrt(2.0 * kT * self.gamma), zero, zero, one, one
         return table_of(*of_dpd, self.B, self.cutoff_B, self.cutoff_density)
 
-    def layer(self, spec: PairSpec, number: int) -> ManyBodyLayer:
+    def layer(self, spec: PairSpec, number: int) -> Layer:
         """The layer that evaluates these coefficients."""
         return ManyBodyLayer(self, spec, number)
 
@@ -254,7 +254,7 @@ def _pair_laplacian(pairs, data, scratch, n, k, column):
     second = factor * c[row, A] * (1.0 / rc - 2.0 * (1.0 - r / rc) / r)
     if r < h:
         wd = 1.0 - r / h
-        scale = _gradient_scale(c, row)
+        scale = 15.0 * c[row, B] / (np.pi * c[row, CUTOFF_B] ** 4)  # 2c (15/(pi h^4))^2, see many_body_laplacian
         second += scale * (factor * wd) ** 2 + factor * c[row, B] * (rho[i] + rho[j]) * (1.0 / h - 2.0 * wd / r)
         # the same scale for all pairs that have one
         scale = np.sqrt(scale) * factor * wd
@@ -262,12 +262,6 @@ def _pair_laplacian(pairs, data, scratch, n, k, column):
             data.slope[i, a] += scale * g[a, n]
             data.slope[j, a] -= scale * g[a, n]
     return ((pairs.inv_mass[i] > 0.0) + (pairs.inv_mass[j] > 0.0)) * second, 0.0
-
-
-@inlined
-def _gradient_scale(c, row):
-    """2c (15/(pi h^4))^2, see :func:`many_body_laplacian`."""
-    return 15.0 * c[row, B] / (np.pi * c[row, CUTOFF_B] ** 4)
 
 
 _laplacian_of_pairs = over_pairs("many_body_laplacian", _pair_laplacian, parallel=False)

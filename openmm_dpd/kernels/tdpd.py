@@ -21,7 +21,7 @@ from .columns import approach, deliver, factor_of, gather_and_clear, over_pairs,
 from .compiled import inlined
 from .edpd import clamped
 from .forces import power
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, PairSpec, SortedMotion, Sums, table_of
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
 from .noise import normal, pair_key
 from .pairs import PairList
 
@@ -49,7 +49,7 @@ class SpeciesTable:
     epsilon: np.ndarray
     exponent_c: np.ndarray
 
-    def layer(self, spec: PairSpec, number: int) -> SpeciesLayer:
+    def layer(self, spec: PairSpec, number: int) -> Layer:
         """The layer that evaluates these coefficients."""
         return SpeciesLayer(self, spec, number)
 

@@ -11,25 +11,16 @@ from .arrays import symmetric_arrays
 from .record import BeadData, Kind, Resolved, register
 
 
-def dpd_table(table: Resolved, names: list[str]) -> TermTable:
-    """Arrays of isothermal DPD coefficients."""
-
-    def fixed_sigma(c: DPD) -> bool:
-        return c.sigma is not None and c.gamma is None
-
-    return TermTable(
-        **symmetric_arrays(
-            table,
-            names,
-            "A gamma_perp exponent exponent_perp cutoff",
-            gamma=lambda c: np.nan if fixed_sigma(c) else c.gamma or 0.0,
-            sigma=lambda c: c.sigma if fixed_sigma(c) else np.nan,
-        )
-    )
+def _fixed_sigma(c: DPD) -> bool:
+    return c.sigma is not None and c.gamma is None
 
 
 def _terms(table: Resolved, beads: BeadData) -> TermTable:
-    return dpd_table(table, beads.names)
+    fixed = {
+        "gamma": lambda c: np.nan if _fixed_sigma(c) else c.gamma or 0.0,
+        "sigma": lambda c: c.sigma if _fixed_sigma(c) else np.nan,
+    }
+    return TermTable(**symmetric_arrays(table, beads.names, "A gamma_perp exponent exponent_perp cutoff", **fixed))
 
 
 def _why_not_native(c: DPD) -> str | None:

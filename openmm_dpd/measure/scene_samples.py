@@ -29,6 +29,14 @@ from .temperature import noise_state
 _NM, _KJ, _V = unit.nanometer, unit.kilojoule_per_mole, unit.nanometer / unit.picosecond
 
 
+class Part(NamedTuple):
+    """Energy, forces (N, 3) and virial of one kind of pair term."""
+
+    energy: float
+    force: np.ndarray
+    virial: float
+
+
 class SceneSampler:
     """Temperatures, energies, virials and momentum of a scene."""
 
@@ -240,11 +248,3 @@ def charge_energies(context: openmm.Context) -> tuple[float, float]:
 
 def _names(forces: list[openmm.Force]) -> str:
     return ", ".join(dict.fromkeys(force.getName() for force in forces))
-
-
-class Part(NamedTuple):
-    """Energy, forces (N, 3) and virial of one kind of pair term."""
-
-    energy: float
-    force: np.ndarray
-    virial: float

@@ -164,7 +164,8 @@ class Scene:
         put("molecules", self._flags("molecules", np.integer, "one whole number"))
         put("residues", self._checked_residues())
         self._check_bonds()
-        self._check_angles()
+        self._check_kinds("angles", ANGLE_KINDS)
+        check_angles(self.angles, self.n_beads)
         self._check_segments()
         put("bonded_factors", special_factors(self.bonded_factors, "bonded_factors"))
         put("tables", self._checked_pairs())
@@ -322,10 +323,6 @@ class Scene:
         for entry in given:
             if not isinstance(entry, kinds):
                 raise ParameterError(f"{name} must be a sequence of {names}, not of {type(entry).__name__}")
-
-    def _check_angles(self) -> None:
-        self._check_kinds("angles", ANGLE_KINDS)
-        check_angles(self.angles, self.n_beads)
 
     def _check_segments(self) -> None:
         if self.segments is None:
