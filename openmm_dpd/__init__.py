@@ -1,7 +1,5 @@
 """Dissipative particle dynamics for OpenMM."""
 
-from __future__ import annotations
-
 from .barostat import EnthalpyBarostat as EnthalpyBarostat, add_barostat as add_barostat
 from .build import build as build, build_plan as build_plan
 from .built import BuiltSystem as BuiltSystem

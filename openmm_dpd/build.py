@@ -1,7 +1,5 @@
 """Plan -> OpenMM: the only place that makes a System and an integrator together."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """What is handed to ``openmm.app.Simulation``, whichever way it was made."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import openmm

@@ -1,7 +1,5 @@
 """How often a reporter reports."""
 
-from __future__ import annotations
-
 from .units import whole_number
 
 

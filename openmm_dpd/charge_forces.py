@@ -4,8 +4,6 @@ OpenMM's PME has the error that its grid has.  The kernel goes through all waves
 scene's tolerance, or of 1e-6 if that is less, so that what remains is the error of the cutoff in real space.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """Checks of what a script chooses beside the scene: step size, weight of the prediction, seed, platform, and cutoffs beside the box."""
 
-from __future__ import annotations
-
 import secrets
 from collections.abc import Iterable, Mapping, Sequence
 

@@ -1,7 +1,5 @@
 """DCD trajectories: float32 angstrom, in a file that is whole after every frame."""
 
-from __future__ import annotations
-
 import os
 import struct
 

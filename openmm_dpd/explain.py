@@ -1,7 +1,5 @@
 """A plan in words."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from .kernels.fields import ENERGY, TEMPERATURE

@@ -4,8 +4,6 @@ They are the same forces as those that :mod:`openmm_dpd.forces` makes of OpenMM'
 itself.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Per-bead fields over time: a file beside the trajectory."""
 
-from __future__ import annotations
-
 import io
 import os
 import zipfile

@@ -4,8 +4,6 @@ They are per-DOF variables of the integrator (``field0``, ``field1``, ..., three
 states hold them.
 """
 
-from __future__ import annotations
-
 from itertools import chain
 from typing import Any
 

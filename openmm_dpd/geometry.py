@@ -1,7 +1,5 @@
 """Vectors in a box of reduced (lower triangular) vectors, and symmetric tensors as six numbers: xx, yy, zz, xy, xz, yz."""
 
-from __future__ import annotations
-
 import numpy as np
 
 #: The two axes of each number of a tensor.

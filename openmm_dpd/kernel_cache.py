@@ -4,8 +4,6 @@ What is in the files is unpickled and run, so a folder that somebody else can wr
 never in the way: the kernels are compiled, and that is said once.
 """
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import logging

@@ -11,8 +11,6 @@ is added:
 All of them exclude the same pairs and have one cutoff in each force group, as GPU platforms want it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 

@@ -6,8 +6,6 @@ if no shift leads further than one box to the side.  Otherwise it can miss pairs
 without a list (a CustomNonbondedForce with an interaction group) so are their sums.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 #: Room for a barostat: boxes are judged as if they were smaller by this factor.

@@ -1,7 +1,5 @@
 """Pairs of beads within a distance in any box, and what they connect."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components

@@ -1,7 +1,5 @@
 """Scene -> what the pair engine has to know of it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The picture of a run: temperature, pressure and energies against time, drawn with matplotlib but without its global state."""
 
-from __future__ import annotations
-
 import io
 import os
 import reprlib

@@ -1,7 +1,5 @@
 """Scene + choices -> Plan: the least that this scene needs, decided before anything is built."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Platforms of OpenMM: the fastest one here, and whether OpenCL is a GPU."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What a program is written for."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

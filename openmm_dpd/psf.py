@@ -1,7 +1,5 @@
 """PSF files: topologies with names, masses, charges, molecules, bonds and angles."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field

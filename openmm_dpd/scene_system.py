@@ -1,7 +1,5 @@
 """Plan -> System: all forces that the scene needs, each in its group."""
 
-from __future__ import annotations
-
 import numpy as np
 import openmm
 

@@ -4,8 +4,6 @@
 three fifths of it.  To add a scheme: one entry of :data:`SCHEMES`.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from fractions import Fraction

@@ -4,8 +4,6 @@ A PythonForce is written as a pickled Python object, and to unpickle is to run: 
 whatever a file of unknown origin says.
 """
 
-from __future__ import annotations
-
 import importlib
 import io
 import os

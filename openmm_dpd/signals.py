@@ -1,7 +1,5 @@
 """SIGINT and SIGTERM (from a batch system, for example): a run ends without losing results."""
 
-from __future__ import annotations
-
 import signal
 import threading
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """app.Simulation with what OpenMM leaves out: states of other schemes are refused in plain words, and minimising works through PoCL."""
 
-from __future__ import annotations
-
 import io
 import logging
 import os

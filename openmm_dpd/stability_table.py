@@ -5,8 +5,6 @@ for every scheme, the steps at which the configurational and the kinetic tempera
 a plane friction times repulsion and on lines of density, mass ratio, exponent and heat capacity (benchmarks/stability.py makes it).
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 Unlike Langevin friction, pairwise friction conserves momentum and leaves hydrodynamics intact.
 """
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Mapping, Sequence
 

@@ -8,8 +8,6 @@ Two things live here, and nothing else converts:
   reporters) and a reduced pressure of 1 is 16.605 bar.
 """
 
-from __future__ import annotations
-
 import math
 import reprlib
 from dataclasses import dataclass

@@ -9,8 +9,6 @@ to look: their steps are right beside any force, but nobody checks the System, c
 script, or takes a failed step back.
 """
 
-from __future__ import annotations
-
 import gc
 import logging
 import threading

@@ -4,8 +4,6 @@
 integrator does the same step by step, with the same bits; this way positions and velocities are copied once for many steps.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import openmm
 

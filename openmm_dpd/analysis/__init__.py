@@ -1,7 +1,5 @@
 """Analysis of mdtraj trajectories, in memory or streamed in chunks: structure, transport, molecules, interfaces."""
 
-from __future__ import annotations
-
 from .chains import MoleculeSizes as MoleculeSizes, end_to_end_distance as end_to_end_distance, radius_of_gyration as radius_of_gyration
 from .clusters import Clusters as Clusters, cluster_labels as cluster_labels, cluster_sizes as cluster_sizes
 from .curves import Curve as Curve

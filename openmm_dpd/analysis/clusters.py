@@ -1,7 +1,5 @@
 """Clusters of beads or molecules: micelles, droplets, domains."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

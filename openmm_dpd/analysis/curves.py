@@ -1,7 +1,5 @@
 """What an analysis returns: a curve with its standard errors, or the average of one number."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Motion of beads and molecules: mean squared displacements, diffusion coefficients, velocity autocorrelation."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Radial distribution functions."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..errors import ParameterError

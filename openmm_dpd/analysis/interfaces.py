@@ -1,7 +1,5 @@
 """Tension of flat interfaces."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..errors import ParameterError

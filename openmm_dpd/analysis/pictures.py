@@ -1,7 +1,5 @@
 """Pictures of what the analysis returns: one function for each, drawn with matplotlib but without its global state."""
 
-from __future__ import annotations
-
 import os
 import reprlib
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Profiles along an axis of the box: densities, velocities and temperatures in slices."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 

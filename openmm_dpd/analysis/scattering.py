@@ -1,7 +1,5 @@
 """Static structure factors on the wave vectors of the box."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..errors import ParameterError

@@ -1,7 +1,5 @@
 """Velocities over time from the file of a :class:`openmm_dpd.measure.VelocityReporter`."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """Viscosity of a fluid: from its flow, and from fluctuations of its stress at rest (derivations in docs/theory_flow.md)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

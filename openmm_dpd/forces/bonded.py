@@ -1,7 +1,5 @@
 """Bonds and angles as forces of OpenMM."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import openmm

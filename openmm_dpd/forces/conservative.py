@@ -1,7 +1,5 @@
 """The conservative DPD force as a CustomNonbondedForce: U = A rc (1 - r/rc)^2 / 2 for r < rc, zero at the cutoff."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from .expressions import PairExpression, radial_expression

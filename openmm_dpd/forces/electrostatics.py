@@ -13,8 +13,6 @@ distance of the width of the charges the expression is one polynomial, and above
 which is smooth to the rounding of its coefficients, and finite everywhere.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

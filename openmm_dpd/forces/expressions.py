@@ -4,8 +4,6 @@ Every radial potential becomes one :class:`PairExpression`; the same text serves
 scaled or coincident pairs, and the virial.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 

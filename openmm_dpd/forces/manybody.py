@@ -4,8 +4,6 @@ The attraction is a CustomNonbondedForce.  The repulsion is a CustomGBForce: a c
 pi B h^4 rho_i^2/30 of each bead.  With the Lucy kernel there is no potential, and the pair kernel computes the force.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

@@ -3,8 +3,6 @@
 To add one: a coefficient class in ``model/pairs.py``, an expression here, a record in ``kinds/overlays.py``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The PythonForce that stands between OpenMM and the pair kernel."""
 
-from __future__ import annotations
-
 import threading
 
 import numpy as np

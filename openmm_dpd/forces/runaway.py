@@ -4,8 +4,6 @@ The soft repulsion of DPD is bounded, so a scheme that has become unstable never
 run goes on as an ideal gas.  What gives it away are beads that cross more than a cutoff in one step.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..kernels import motion

@@ -1,7 +1,5 @@
 """The PythonForce of segmental repulsion."""
 
-from __future__ import annotations
-
 import threading
 
 import numpy as np

@@ -10,8 +10,6 @@ Threads share the work as they do for bonds (:class:`.extras.TermEvaluator`).  A
 the arithmetic is one vectorised loop over the chunk, and then the forces are handed out.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

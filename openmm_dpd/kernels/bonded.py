@@ -9,8 +9,6 @@ OpenMM.  The kinds::
     MORSE       D, alpha, r0           U = D (1 - exp(-alpha (r - r0)))^2
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

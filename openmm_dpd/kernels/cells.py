@@ -5,8 +5,6 @@ columns are coloured so that two blocks of one colour never touch the same bead:
 and the sums and sweeps come out bit for bit the same for any number of threads.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

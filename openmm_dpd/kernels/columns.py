@@ -10,8 +10,6 @@ It stands here once.  What is done with a column and with a pair is put in when 
 ``pairs`` is a :class:`.pairs.Pairs`, ``data`` a NamedTuple of the caller's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

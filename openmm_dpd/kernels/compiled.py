@@ -1,7 +1,5 @@
 """How kernels are compiled and kept on disk."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable
 from pathlib import Path

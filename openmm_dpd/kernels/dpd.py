@@ -1,7 +1,5 @@
 """The layer of isothermal DPD terms: repulsion, friction and noise, radial and transverse."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -22,8 +22,6 @@ each bead gets half of what K loses, so that the energy is conserved to rounding
 For bonded neighbours with a factor f the forces have f A, f sigma^2 (so that friction and noise stay in balance); conduction has no factor.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

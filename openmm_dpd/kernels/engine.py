@@ -4,8 +4,6 @@
 :class:`PairEngine` holds scratch arrays and the pair lists of the last positions it saw, nothing that could not be recomputed.
 """
 
-from __future__ import annotations
-
 import logging
 import threading
 

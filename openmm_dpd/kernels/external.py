@@ -4,8 +4,6 @@ s = 1 (``UNIFORM``), or with the place u = (r - origin)/L along an axis, less it
 s = sin(2 pi u) (``SINE``).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

@@ -11,8 +11,6 @@ written down::
 Each lane is plain arithmetic on float64, in the order in which it stands, on every processor.
 """
 
-from __future__ import annotations
-
 import operator
 
 from llvmlite import ir

@@ -17,8 +17,6 @@ A first pass over the pairs adds up the densities rho_i at the listed positions;
 Friction and noise are those of DPD, so a sweep is that of :mod:`.sweeps`.  A pair closer than the list's shortest distance counts nowhere.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """The pairs of one layer of terms at one set of positions, in coloured columns (see :mod:`.cells` and :mod:`.listing`)."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -5,8 +5,6 @@ friction is a force.  What a step begins with has passed through OpenMM's positi
 is rounded so before each step, so that a run gives the same bits however it is cut.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any

@@ -11,8 +11,6 @@ is the closed form of Shardlow's two halves (Shardlow, SIAM J. Sci. Comput. 24, 
 equals the first with q = (1 - x/2)/(1 + x/2).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

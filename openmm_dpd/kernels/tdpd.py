@@ -8,8 +8,6 @@ Per pair, with w = 1 - r/cutoff, w_c = 1 - r/cutoff_c, f the factor of bonded ne
 xi_k is clamped to [-5, 5] and belongs to the bead with the lower index.  Fluxes have no factor.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 They are written as plain LLVM instructions, which exist on every processor; the compiler picks the best that the present one has.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from llvmlite import ir

@@ -1,7 +1,5 @@
 """Coefficients of type pairs as symmetric arrays."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from operator import attrgetter
 from typing import Any

@@ -1,7 +1,5 @@
 """Isothermal DPD."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..forces.conservative import dpd_expression

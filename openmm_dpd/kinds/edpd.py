@@ -1,7 +1,5 @@
 """eDPD: coefficients that depend on the temperatures of the beads."""
 
-from __future__ import annotations
-
 from ..kernels.edpd import ThermalTable
 from ..kernels.fields import TEMPERATURE, FieldSpec
 from ..model.edpd import EDPD

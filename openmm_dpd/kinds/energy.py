@@ -1,7 +1,5 @@
 """DPD with conserved energy, and the equations of state of its beads."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..forces.conservative import dpd_expression

@@ -1,7 +1,5 @@
 """Many-body DPD."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..forces.manybody import attraction_expression, density_force

@@ -1,7 +1,5 @@
 """Radial potentials that DPD thermostats are laid over: Lennard-Jones and tabulated."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..forces.expressions import type_pairs

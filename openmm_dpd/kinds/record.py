@@ -1,7 +1,5 @@
 """The properties of a kind of pair coefficients, as one record, and the register of all kinds."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """tDPD: species that diffuse between beads."""
 
-from __future__ import annotations
-
 from ..forces.conservative import dpd_expression
 from ..kernels.fields import SPECIES, FieldSpec
 from ..kernels.tdpd import SpeciesTable

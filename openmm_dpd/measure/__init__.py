@@ -1,7 +1,5 @@
 """Numbers from a live Context: temperatures, energies, pressures, momentum, forces term by term, stress, velocities; and reporters."""
 
-from __future__ import annotations
-
 from .flow import ProfileReporter as ProfileReporter, StressReporter as StressReporter
 from .observer import Observer as Observer
 from .reporters import DPDReporter as DPDReporter

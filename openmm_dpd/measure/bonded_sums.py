@@ -1,7 +1,5 @@
 """Energies, virials, stress tensors and Laplacians of bonds and angles, summed in double precision."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..geometry import minimum_images, symmetric_products

@@ -1,7 +1,5 @@
 """What is recorded during a run to get viscosities: stress tensors, and velocities in slabs."""
 
-from __future__ import annotations
-
 import numpy as np
 from openmm import unit
 

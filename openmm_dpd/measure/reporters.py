@@ -3,8 +3,6 @@
 OpenMM's StateDataReporter works as always; it prints kelvin, divides by 3N, and has no pressure.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 from collections.abc import Callable, Sequence

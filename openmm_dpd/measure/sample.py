@@ -1,7 +1,5 @@
 """What a configuration says, as numbers: what :class:`openmm_dpd.Observer` gives."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """Samples of a scene, term by term."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 Each part is a function (x, box) -> (6,) sums of r F (xx, yy, zz, xy, xz, yz; kJ/mol), in double precision on every platform.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Samples of a System made elsewhere, alone or with beads in it."""
 
-from __future__ import annotations
-
 import numpy as np
 import openmm
 from openmm import unit

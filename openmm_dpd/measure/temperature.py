@@ -1,7 +1,5 @@
 """Thermal energies of a Context: what is set, and setting it."""
 
-from __future__ import annotations
-
 import openmm
 from openmm import unit
 

@@ -1,7 +1,5 @@
 """Forces of a scene term by term, at given positions and velocities."""
 
-from __future__ import annotations
-
 import numpy as np
 import openmm
 from openmm import unit

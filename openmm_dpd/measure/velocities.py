@@ -1,7 +1,5 @@
 """Velocities over time: a file beside the trajectory, since DCD and XTC files have none."""
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

@@ -3,8 +3,6 @@
 Beads that run away stop a run (``forces/runaway.py``); between these steps and those that are right a fluid is steadily too hot.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Angles between two bonds."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

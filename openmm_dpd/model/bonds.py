@@ -1,7 +1,5 @@
 """Bonds between beads."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

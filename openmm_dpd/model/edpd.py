@@ -1,7 +1,5 @@
 """Energy-conserving DPD with temperature-dependent coefficients (LAMMPS: edpd)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from ..errors import ParameterError

@@ -1,7 +1,5 @@
 """Smeared charges: their parameters and potentials, and the settings of the Ewald sum."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """DPD with conserved energy (LAMMPS: dpd/fdt/energy)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from .internal import InternalEnergy

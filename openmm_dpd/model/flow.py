@@ -1,7 +1,5 @@
 """Flows: forces on single beads, and walls that reflect beads."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple

@@ -4,8 +4,6 @@ OpenMM reports a syntax error together with the whole expression it stands in, n
 back from a formula whose constants give NaN, such as ``sqrt(-1)*x``: its optimiser compares until two results agree.
 """
 
-from __future__ import annotations
-
 import ast
 import operator
 from collections.abc import Callable, Mapping

@@ -4,8 +4,6 @@ During a run they are state of the Context (per-DOF variables of the integrator,
 hold the values at the start.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

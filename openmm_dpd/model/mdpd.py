@@ -1,7 +1,5 @@
 """Many-body DPD: liquids with a free surface (LAMMPS: mdpd with mdpd/rhosum)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

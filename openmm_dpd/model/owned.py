@@ -1,7 +1,5 @@
 """How frozen classes store their arguments."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -8,8 +8,6 @@ Each kind keeps its own table of type pairs; its properties are in its record in
 :mod:`openmm_dpd.kinds`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """The whole input as one value."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 

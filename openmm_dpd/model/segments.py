@@ -1,7 +1,5 @@
 """Segmental repulsion: bonds that do not pass through each other."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """DPD with diffusing species (LAMMPS: tdpd)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

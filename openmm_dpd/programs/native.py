@@ -5,8 +5,6 @@ On GPU platforms it updates all pairs at once from the old velocities, which is 
 10 % too high there, on the same script.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import openmm
 from openmm import unit

@@ -4,8 +4,6 @@ On its Reference and CPU platforms OpenMM evaluates a misspelt name in an integr
 is checked here.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
