@@ -22,7 +22,6 @@ from .model.flow import gaps
 from .model.scene import Scene
 from .plan import Plan, make_plan
 from .platforms import platform_here
-from .program_options import ProgramOptions
 from .programs import make_program, walls
 from .programs.native import native_integrator
 from .scene_system import scene_system
@@ -110,19 +109,16 @@ def initial_velocities(scene: Scene, seed: int) -> np.ndarray:
     return v
 
 
-def _integration_groups(forces: Sequence[openmm.Force], options: ProgramOptions) -> set[int]:
-    """The force groups that an integrator uses: all but those of the forces that only measure or tell of bonds, and of impulses.
-
-    Users put forces of their own into any group, before the Context is made, and all of them have to act.
-    """
-    silent = {force.getForceGroup() for force in forces if force.getName().endswith(VIRIAL) or force.getName() == MOLECULES}
-    return set(range(32)) - silent - (set() if options.kernel_conservative else {options.pair_group})
-
-
 def run_in(built: BuiltSystem, system: openmm.System, own: Sequence[openmm.Force], maker: str) -> None:
-    """Have the integrator of something built run another System, where ``own`` are the forces it was built with."""
+    """Have the integrator of something built run another System, where ``own`` are the forces it was built with.
+
+    It uses the force groups of all but the forces that only measure or tell of bonds, and of impulses: users put forces of their own into
+    any group, before the Context is made, and all of them have to act.
+    """
     options = built.plan.options
-    built.integrator.setIntegrationForceGroups(_integration_groups(own, options))
+    silent = {force.getForceGroup() for force in own if force.getName().endswith(VIRIAL) or force.getName() == MOLECULES}
+    silent |= set() if options.kernel_conservative else {options.pair_group}
+    built.integrator.setIntegrationForceGroups(set(range(32)) - silent)
     built.integrator.made = Made.of(maker, system, own, options)
     built.system = system
 

@@ -71,13 +71,11 @@ class BuiltSystem:
         simulation = self._new_simulation(platform, properties)
         context = simulation.context
         context.setPositions(self.positions)
-        if self.plan.host is None:
-            context.setVelocities(self.velocities)
-            return simulation
-        context.applyConstraints(1e-6)
-        context.computeVirtualSites()
         context.setVelocities(self.velocities)
-        context.applyVelocityConstraints(1e-6)
+        if self.plan.host is not None:
+            context.applyConstraints(1e-6)
+            context.computeVirtualSites()
+            context.applyVelocityConstraints(1e-6)
         return simulation
 
     def view(self, **choices):

@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+from scipy.special import erfc
 
 from .kernels.charge_pairs import Quintics
 from .kernels.charges import ChargeTerms, cost, pme_cost
@@ -134,8 +135,6 @@ def _over_r(r, g, g1, g2):
 
 def _error_function(steepness: float, r):
     """erfc(steepness r) and its derivatives."""
-    from scipy.special import erfc
-
     slope = -2 * steepness / math.sqrt(math.pi) * np.exp(-((steepness * r) ** 2))
     return erfc(steepness * r), slope, -2 * steepness**2 * r * slope
 

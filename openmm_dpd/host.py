@@ -38,14 +38,10 @@ class Host:
     def of(cls, system: openmm.System, left_out: np.ndarray) -> Host:
         """Look at a System; PlanError if all its force groups are taken."""
         constrained = system.getNumConstraints() > 0 or bool(virtual_sites(system).any())
-        return cls(masses_of(system), left_out, constrained, _free_group(system))
-
-
-def _free_group(system: openmm.System) -> int:
-    free = set(range(32)).difference(*map(groups_of, system.getForces()))
-    if not free:
-        raise PlanError("the forces of the System are in all 32 force groups, and the pair terms need one for themselves")
-    return max(free)
+        free = set(range(32)).difference(*map(groups_of, system.getForces()))
+        if not free:
+            raise PlanError("the forces of the System are in all 32 force groups, and the pair terms need one for themselves")
+        return cls(masses_of(system), left_out, constrained, max(free))
 
 
 def check_system(system: openmm.System) -> None:

@@ -266,8 +266,7 @@ def _whole(scene: Scene, system: openmm.System, x: np.ndarray, classes: list[str
     n = len(x)
     mass = masses_of(system)
     names = [UNSEEN if name is None else name for name in classes]
-    mobile = ~scene.immobile
-    mobile = np.concatenate([mass > 0, mobile])
+    mobile = np.concatenate([mass > 0, ~scene.immobile])
     velocities = None
     if scene.velocities is not None:
         drawn = np.random.default_rng(0xA70).normal(size=(n, 3)) * np.sqrt(scene.initial_kT / np.where(mass > 0, mass, 1.0))[:, None]
@@ -275,7 +274,7 @@ def _whole(scene: Scene, system: openmm.System, x: np.ndarray, classes: list[str
     segments = scene.segments
     if segments is not None and segments.bonds is not None:
         segments = replace(segments, bonds=segments.bonds + n)
-    whole = Scene(
+    return Scene(
         masses={**dict.fromkeys([*sorted(set(names) - {UNSEEN}), UNSEEN], 1.0), **scene.masses},
         types=[*names, *scene.types],
         positions=np.concatenate([x, scene.positions]),
@@ -291,4 +290,3 @@ def _whole(scene: Scene, system: openmm.System, x: np.ndarray, classes: list[str
         segments=segments,
         compat=scene.compat,
     )
-    return whole

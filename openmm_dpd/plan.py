@@ -159,7 +159,10 @@ def make_plan(
     lam = checked_lam(lam, chosen)
     if conservative not in ("auto", "openmm", "kernel"):
         raise ParameterError(f"conservative must be 'auto', 'openmm' or 'kernel', not {conservative!r}")
-    layers, overlays = _split_tables(scene)
+    resolved = [table.resolve(scene.type_names) for table in scene.tables]
+    tables: list[ResolvedTable] = [table for table in resolved if any(c is not NONE for c in table.values())]
+    layers = [table for table in tables if resolved_kind(table).overlay is None]
+    overlays = [table for table in tables if resolved_kind(table).overlay is not None]
     kinds = list(map(resolved_kind, layers))
     check_cutoffs(scene.box, [*layers, *overlays])
     for kind in kinds:
@@ -253,11 +256,3 @@ def _conservative_place(conservative: str, repulsive: bool, thermostat: bool, on
     if scheme.native and where == "kernel":
         raise PlanError("the native scheme has no pair kernel; use conservative='openmm'")
     return where
-
-
-def _split_tables(scene: Scene):
-    """Resolved tables of what the pair kernel evaluates, and those of overlays."""
-    resolved = [table.resolve(scene.type_names) for table in scene.tables]
-    found: list[ResolvedTable] = [table for table in resolved if any(c is not NONE for c in table.values())]
-    layers = [table for table in found if resolved_kind(table).overlay is None]
-    return layers, [table for table in found if resolved_kind(table).overlay is not None]

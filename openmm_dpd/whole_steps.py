@@ -66,22 +66,19 @@ class WholeSteps:
         try:
             moment = self._moment(integrator, state, parameters, dt, own)
             loop = own.loop
-            if slow:
-                used = integrator.getIntegrationForceGroups()
-                groups = {group for group in range(32) if used >> group & 1} - {self.pair_group}
+            used = integrator.getIntegrationForceGroups()
+            groups = {group for group in range(32) if used >> group & 1} - {self.pair_group}
 
-                def forces(m: Moment, done: int) -> np.ndarray:
-                    if done:
-                        context.setPositions(m.x)
-                        context.setStepCount(count + done)
-                        context.setTime(clock[done])
-                        if self.spec.ramp is not None:
-                            context.setParameter(shared.KT, m.kT)
-                    return context.getState(forces=True, groups=groups).getForces(asNumpy=True)._value
+            def forces(m: Moment, done: int) -> np.ndarray:
+                if done:
+                    context.setPositions(m.x)
+                    context.setStepCount(count + done)
+                    context.setTime(clock[done])
+                    if self.spec.ramp is not None:
+                        context.setParameter(shared.KT, m.kT)
+                return context.getState(forces=True, groups=groups).getForces(asNumpy=True)._value
 
-                loop.run(moment, n, forces)
-            else:
-                loop.run(moment, n)
+            loop.run(moment, n, forces if slow else None)
         except RunError as error:
             raise RunError(f"step {count + getattr(error, 'steps_done', 0) + 1}: {error}") from error
         reached = (count, clock[0]) if barostats else (count + n, clock[-1])

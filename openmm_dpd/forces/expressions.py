@@ -99,6 +99,12 @@ def radial_expression(
     return PairExpression(name, energy, virial, max(c.cutoff for c in table.values()), functions, **choices)
 
 
+def dpd_expression(table: Mapping, names: list[str]) -> PairExpression:
+    """U = A rc (1 - r/rc)^2/2 for r < rc, of one table of coefficients with A and cutoff; zero at the cutoff."""
+    energy, virial, columns = "0.5*A*rc*(1-r/rc)^2", "A*r*(1-r/rc)", {"A": (lambda c: c.A, 0.0)}
+    return radial_expression("DPD conservative", table, names, energy, virial, columns, skips_coincident=True)
+
+
 def nonbonded_force(
     expression: PairExpression,
     types: np.ndarray,

@@ -11,8 +11,7 @@ import numpy as np
 import openmm
 
 from ..model.mdpd import check_many_body
-from .conservative import dpd_expression
-from .expressions import PairExpression, type_pairs, type_table
+from .expressions import PairExpression, dpd_expression, type_pairs, type_table
 
 
 def attraction_expression(table: Mapping, names: list[str]) -> PairExpression:

@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from ..forces.conservative import dpd_expression
+from ..forces.expressions import dpd_expression
 from ..kernels.dpd import TermTable
 from ..model.pairs import DPD
-from .arrays import symmetric_arrays
-from .record import BeadData, Kind, Resolved, register
+from .record import BeadData, Kind, Resolved, register, symmetric_arrays
 
 
 def _fixed_sigma(c: DPD) -> bool:

@@ -5,8 +5,7 @@ from ..kernels.fields import TEMPERATURE, FieldSpec
 from ..model.edpd import EDPD
 from ..model.internal import BeadTemperatures
 from ..model.scene import Scene
-from .arrays import symmetric_arrays
-from .record import BeadData, Kind, Resolved, register
+from .record import BeadData, Kind, Resolved, register, symmetric_arrays
 
 
 def _terms(table: Resolved, beads: BeadData) -> ThermalTable:

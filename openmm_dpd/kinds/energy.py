@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..forces.conservative import dpd_expression
+from ..forces.expressions import dpd_expression
 from ..kernels.energy import EnergyTable
 from ..kernels.eos import CONSTANT, RESERVOIR, EOSTable
 from ..kernels.fields import ENERGY, FieldSpec
@@ -10,8 +10,7 @@ from ..model.energy_dpd import EnergyDPD
 from ..model.eos import ConstantHeatCapacity
 from ..model.internal import InternalEnergy
 from ..model.scene import Scene
-from .arrays import symmetric_arrays
-from .record import BeadData, Kind, Resolved, register
+from .record import BeadData, Kind, Resolved, register, symmetric_arrays
 
 
 def _terms(table: Resolved, beads: BeadData) -> EnergyTable:

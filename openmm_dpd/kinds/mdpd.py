@@ -10,8 +10,7 @@ from ..model.pairs import NONE
 from ..model.scene import Scene
 from ..neighbour_list import listed
 from ..neighbours import coincident_pairs
-from .arrays import symmetric_arrays
-from .record import BeadData, Kind, Resolved, register
+from .record import BeadData, Kind, Resolved, register, symmetric_arrays
 
 
 def _terms(table: Resolved, beads: BeadData) -> ManyBodyTable:
@@ -28,16 +27,13 @@ def _why_kernel_only(table: Resolved, scene: Scene, exceptions: dict[tuple[int, 
     return reason
 
 
-def _why_no_laplacian(table: Resolved) -> str | None:
-    lucy = check_many_body(table).kernel == "lucy"
-    return "the many-body force of the Lucy kernel derives from no potential" if lucy else None
-
-
 def _attraction_terms(table: ManyBodyTable) -> TermTable:
     """Attraction and friction, which are those of DPD."""
     one, zero = np.ones_like(table.A), np.zeros_like(table.A)
     return TermTable(table.A, table.gamma, np.full_like(table.A, np.nan), zero, one, one, table.cutoff)
 
+
+_NO_POTENTIAL = "the many-body force of the Lucy kernel derives from no potential"
 
 register(
     Kind(
@@ -46,7 +42,7 @@ register(
         potential=attraction_expression,
         density_force=density_force,
         why_kernel_only=_why_kernel_only,
-        why_no_laplacian=_why_no_laplacian,
+        why_no_laplacian=lambda table: _NO_POTENTIAL if check_many_body(table).kernel == "lucy" else None,
         stress_terms=_attraction_terms,
         more_stress=ManyBodyLayer.density_stress,
         has_densities=True,

@@ -1,13 +1,12 @@
 """tDPD: species that diffuse between beads."""
 
-from ..forces.conservative import dpd_expression
+from ..forces.expressions import dpd_expression
 from ..kernels.fields import SPECIES, FieldSpec
 from ..kernels.tdpd import SpeciesTable
 from ..model.internal import Concentrations
 from ..model.scene import Scene
 from ..model.tdpd import TDPD
-from .arrays import symmetric_arrays
-from .record import BeadData, Kind, Resolved, register
+from .record import BeadData, Kind, Resolved, register, symmetric_arrays
 
 
 def _terms(table: Resolved, beads: BeadData) -> SpeciesTable:

@@ -2,8 +2,7 @@
 
 from .flow import ProfileReporter as ProfileReporter, StressReporter as StressReporter
 from .observer import Observer as Observer
-from .reporters import DPDReporter as DPDReporter
+from .reporters import DPDReporter as DPDReporter, VelocityReporter as VelocityReporter
 from .sample import Sample as Sample, SystemSample as SystemSample
 from .temperature import kelvin as kelvin, set_kT as set_kT, set_temperature as set_temperature
 from .terms import force_terms as force_terms
-from .velocities import VelocityReporter as VelocityReporter

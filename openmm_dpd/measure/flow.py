@@ -88,10 +88,8 @@ class StressReporter(_Reporter):
         if reason is not None:
             raise ParameterError(f"no stress tensor of this scene: {reason}")
         self._engine, self._parts = PairEngine(engine_spec(plan)), stress_parts(plan)
-        self._regular: list[np.ndarray] = []
-        self._friction: list[np.ndarray] = []
-        self._moment: list[float] = []
-        self._edges: list[np.ndarray] = []
+        #: of each sample: kinetic and conservative part, dissipative part, moment of the friction, edges of the box
+        self._rows: list[tuple[np.ndarray, np.ndarray, float, np.ndarray]] = []
         self.kT = plan.options.kT
 
     def report(self, simulation, state):
@@ -107,25 +105,23 @@ class StressReporter(_Reporter):
         for part in self._parts:
             regular += part(x, box)
         engine.forces(DISSIPATIVE | STRESS, v, self.kT, dt, seed, counter)
-        self._regular.append(regular)
-        self._friction.append(engine.stress.copy())
-        self._moment.append(sum(layer.friction_moment(self.kT) for layer in engine.layers))  # type: ignore[attr-defined]
-        self._edges.append(np.diag(box))
+        moment = sum(layer.friction_moment(self.kT) for layer in engine.layers)  # type: ignore[attr-defined]
+        self._rows.append((regular, engine.stress.copy(), moment, np.diag(box)))
 
     @property
     def regular(self) -> np.ndarray:
         """(n, 6) kinetic and conservative part of S (xx, yy, zz, xy, xz, yz), kJ/mol."""
-        return np.array(self._regular).reshape(-1, 6)
+        return np.array([row[0] for row in self._rows]).reshape(-1, 6)
 
     @property
     def friction(self) -> np.ndarray:
         """(n, 6) dissipative part of S."""
-        return np.array(self._friction).reshape(-1, 6)
+        return np.array([row[1] for row in self._rows]).reshape(-1, 6)
 
     @property
     def instantaneous(self) -> float:
         r"""Viscosity of the friction alone, :math:`\langle\sum\gamma w^2 r^2\rangle/15V`, kJ/mol ps/nm^3."""
-        return float(np.mean(np.array(self._moment) / self._volumes)) / 15.0
+        return float(np.mean(np.array([row[2] for row in self._rows]) / self._volumes)) / 15.0
 
     @property
     def pressures(self) -> np.ndarray:
@@ -135,7 +131,7 @@ class StressReporter(_Reporter):
     @property
     def edges(self) -> np.ndarray:
         """(n, 3) lengths of the box along x, y and z, nm."""
-        return np.array(self._edges).reshape(-1, 3)
+        return np.array([row[3] for row in self._rows]).reshape(-1, 3)
 
     @property
     def volume(self) -> float:

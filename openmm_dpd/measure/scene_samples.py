@@ -1,6 +1,5 @@
 """Samples of a scene, term by term."""
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ from ..forces.segments import segment_spec
 from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
 from ..kernels.fields import ENERGY, TEMPERATURE
 from ..kernels.segments import SegmentEngine
-from ..kinds import Resolved, resolved_kind
+from ..kinds import resolved_kind
 from ..made import groups_of, masses_of
 from ..model.bonds import FENEBonds
 from ..names import COULOMB_GROUP, COULOMB_VIRIAL_GROUP, EXTERNAL_GROUP, LATTICE_GROUP, SLOW_STEP, VIRIAL_GROUP
@@ -54,7 +53,10 @@ class SceneSampler:
         others = self._others(self.built.system)
         if others:
             return f"the System has forces that are not the scene's ({_names(others)}), whose Laplacian is not known"
-        overlays, terms = map(_without_laplacian, (self.plan.overlays, self.plan.layers))
+        overlays, terms = (
+            next(filter(None, (resolved_kind(table).why_no_laplacian(table) for table in tables)), None)
+            for tables in (self.plan.overlays, self.plan.layers)
+        )
         if overlays:
             return overlays
         if self._segments is not None:
@@ -220,11 +222,6 @@ class SceneSampler:
         if self._segments is not None:
             parts[0] = parts[0]._replace(virial=parts[0].virial + self._segments.forces(x, box)[2])
         return parts
-
-
-def _without_laplacian(tables: Iterable[Resolved]) -> str | None:
-    """Why one of some tables of pair terms has no Laplacian, or None."""
-    return next(filter(None, (resolved_kind(table).no_laplacian(table) for table in tables)), None)
 
 
 def _switched_energy(context: openmm.Context, *groups: int) -> float:

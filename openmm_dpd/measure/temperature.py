@@ -5,10 +5,10 @@ from openmm import unit
 
 from ..errors import ParameterError
 from ..integrators import RAMPED, PairIntegrator
-from ..model.temperature import thermal_energy
+from ..model.temperature import thermal_energy, thermal_energy_of
 from ..names import COUNTER, KT, RAMP_STEP, SEED, TEMPERATURE, VOLUME_MOVES
 from ..plan import Plan
-from ..units import BOLTZMANN, to_md
+from ..units import BOLTZMANN
 
 
 def noise_state(context: openmm.Context, plan: Plan) -> tuple[float, int, int, float]:
@@ -41,9 +41,7 @@ def set_temperature(context: openmm.Context, temperature) -> None:
     ParameterError
         If the value is out of bounds, or the Context has no such parameter or a ramp that would overwrite it.
     """
-    if not unit.is_quantity(temperature):
-        temperature = to_md(temperature, "temperature", "temperature") * unit.kelvin
-    set_kT(context, thermal_energy(temperature, "temperature"))
+    set_kT(context, thermal_energy_of(temperature))
 
 
 def set_kT(context: openmm.Context, kT) -> None:

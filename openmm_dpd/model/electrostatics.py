@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from scipy.special import erf
 
 from ..errors import ParameterError, what_is
 from ..units import COULOMB, to_md, whole_number
@@ -223,8 +224,6 @@ class GaussianCharges(SmearedCharges):
         return erf_series(0.5 / self.width, scale)
 
     def potential(self, r):
-        from scipy.special import erf
-
         scale = 2 * self.width
         return _direct(r, scale, self.series(scale), lambda x: erf(0.5 * x / self.width) / x)
 

@@ -9,27 +9,17 @@ import operator
 from collections.abc import Callable, Mapping
 
 import numpy as np
+from scipy.special import erf
 
 from ..errors import ParameterError
-
-
-def _step(x):
-    return np.where(np.asarray(x) >= 0, 1.0, 0.0)
-
-
-def _erf(x):
-    from scipy.special import erf
-
-    return erf(x)
-
 
 #: OpenMM's functions: number of arguments, and the same in numpy.
 FUNCTIONS: dict[str, tuple[int, Callable]] = {
     **{name: (1, getattr(np, name)) for name in ("sqrt", "exp", "log", "sin", "cos", "tan", "sinh", "cosh", "tanh", "floor", "ceil")},
     **{name: (1, getattr(np, f"arc{name[1:]}")) for name in ("asin", "acos", "atan")},
     "atan2": (2, np.arctan2),
-    "erf": (1, _erf),
-    "step": (1, _step),
+    "erf": (1, erf),
+    "step": (1, lambda x: np.where(np.asarray(x) >= 0, 1.0, 0.0)),
     "delta": (1, lambda x: np.where(np.asarray(x) == 0, 1.0, 0.0)),
     "square": (1, np.square),
     "cube": (1, lambda x: x * x * x),

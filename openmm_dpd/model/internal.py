@@ -117,11 +117,8 @@ class BeadTemperatures:
     capacities: float | np.ndarray
 
     def __post_init__(self):
-        keep(
-            self,
-            thetas=thermal_energies(self.thetas, "thetas"),
-            capacities=heat_capacity(self.capacities, "capacities"),
-        )
+        keep(self, thetas=thermal_energies(self.thetas, "thetas"))
+        keep(self, capacities=heat_capacity(self.capacities, "capacities"))
 
     def values(self, n: int) -> np.ndarray:
         """(N, 1) temperatures, kJ/mol."""

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from openmm import unit
+
 from ..errors import ParameterError
 from ..units import BOLTZMANN, to_md, whole_number
 from .owned import keep
@@ -57,10 +59,15 @@ def thermal_energy(value, name: str = "kT") -> float:
     return kT
 
 
+def thermal_energy_of(temperature) -> float:
+    """Thermal energy in kJ/mol of a temperature (bare numbers: kelvin), or of an energy given as a Quantity."""
+    if not unit.is_quantity(temperature):
+        temperature = to_md(temperature, "temperature", "temperature") * unit.kelvin
+    return thermal_energy(temperature, "temperature")
+
+
 def thermal_energies(value, name: str):
     """Thermal energies in kJ/mol from energies (bare numbers: kJ/mol) or from temperatures given as a Quantity."""
-    from openmm import unit
-
     if unit.is_quantity(value) and value.unit.is_compatible(unit.kelvin):
         return to_md(value, "temperature", name) * BOLTZMANN
     return to_md(value, "energy", name)
