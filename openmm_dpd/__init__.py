@@ -1,107 +1,51 @@
 """Dissipative particle dynamics for OpenMM."""
 
-from __future__ import annotations
-
-from .barostat import EnthalpyBarostat, add_barostat
-from .build import build, build_plan
-from .built import BuiltSystem
-from .errors import DeckError, DPDError, OutputError, ParameterError, PlanError, ProgramError, RunError
-from .explain import explain_plan
-from .field_file import FieldReporter, load_fields
-from .fields import read_fields, write_fields
-from .host import degrees_of_freedom
-from .kernels.threads import get_threads, set_threads
-from .measure import DPDReporter, Observer, Sample, force_terms, set_kT, set_temperature
-from .mixed_system import MixedSystem, create_mixed_system
-from .model.angles import CosineAngles, HarmonicAngles
-from .model.bonds import FENEBonds, HarmonicBonds, MorseBonds
-from .model.edpd import EDPD
-from .model.electrostatics import GaussianCharges, SlaterCharges
-from .model.energy_dpd import EnergyDPD
-from .model.eos import ConstantHeatCapacity, TabulatedEOS
-from .model.flow import BodyForce, PositionForce, Wall
-from .model.internal import BeadTemperatures, Concentrations, InternalEnergy
-from .model.mdpd import MDPD
-from .model.pairs import DPD, NONE, LennardJones, TabulatedPair
-from .model.scene import Scene
-from .model.segments import SegmentalRepulsion
-from .model.sources import Block, Source, Sphere
-from .model.table import PairTable
-from .model.tdpd import TDPD
-from .model.temperature import TemperatureRamp
-from .plan import Plan, make_plan
-from .platforms import fastest_platform
-from .recommend import Choice, Recommendation, recommend
-from .serialized import load_xml
-from .thermostat import add_thermostat
+from .barostat import EnthalpyBarostat as EnthalpyBarostat, add_barostat as add_barostat
+from .build import build as build, build_plan as build_plan
+from .built import BuiltSystem as BuiltSystem
+from .errors import (
+    DeckError as DeckError,
+    DPDError as DPDError,
+    OutputError as OutputError,
+    ParameterError as ParameterError,
+    PlanError as PlanError,
+    ProgramError as ProgramError,
+    RunError as RunError,
+)
+from .explain import explain_plan as explain_plan
+from .field_file import FieldReporter as FieldReporter, load_fields as load_fields
+from .fields import read_fields as read_fields, write_fields as write_fields
+from .host import degrees_of_freedom as degrees_of_freedom
+from .kernels.threads import get_threads as get_threads, set_threads as set_threads
+from .measure import (
+    DPDReporter as DPDReporter,
+    Observer as Observer,
+    Sample as Sample,
+    force_terms as force_terms,
+    set_kT as set_kT,
+    set_temperature as set_temperature,
+)
+from .mixed_system import MixedSystem as MixedSystem, create_mixed_system as create_mixed_system
+from .model.angles import CosineAngles as CosineAngles, HarmonicAngles as HarmonicAngles
+from .model.bonds import FENEBonds as FENEBonds, HarmonicBonds as HarmonicBonds, MorseBonds as MorseBonds
+from .model.edpd import EDPD as EDPD
+from .model.electrostatics import GaussianCharges as GaussianCharges, SlaterCharges as SlaterCharges
+from .model.energy_dpd import EnergyDPD as EnergyDPD
+from .model.eos import ConstantHeatCapacity as ConstantHeatCapacity, TabulatedEOS as TabulatedEOS
+from .model.flow import BodyForce as BodyForce, PositionForce as PositionForce, Wall as Wall
+from .model.internal import BeadTemperatures as BeadTemperatures, Concentrations as Concentrations, InternalEnergy as InternalEnergy
+from .model.mdpd import MDPD as MDPD
+from .model.pairs import DPD as DPD, NONE as NONE, LennardJones as LennardJones, TabulatedPair as TabulatedPair
+from .model.scene import Scene as Scene
+from .model.segments import SegmentalRepulsion as SegmentalRepulsion
+from .model.sources import Block as Block, Source as Source, Sphere as Sphere
+from .model.table import PairTable as PairTable
+from .model.tdpd import TDPD as TDPD
+from .model.temperature import TemperatureRamp as TemperatureRamp
+from .plan import Plan as Plan, make_plan as make_plan
+from .platforms import fastest_platform as fastest_platform
+from .recommend import Choice as Choice, Recommendation as Recommendation, recommend as recommend
+from .serialized import load_xml as load_xml
+from .thermostat import add_thermostat as add_thermostat
 
 __version__ = "0.2.0"
-
-__all__ = [
-    "BeadTemperatures",
-    "Block",
-    "BodyForce",
-    "BuiltSystem",
-    "Choice",
-    "Concentrations",
-    "ConstantHeatCapacity",
-    "CosineAngles",
-    "DPD",
-    "DPDError",
-    "DPDReporter",
-    "DeckError",
-    "EDPD",
-    "EnergyDPD",
-    "EnthalpyBarostat",
-    "FENEBonds",
-    "FieldReporter",
-    "GaussianCharges",
-    "HarmonicAngles",
-    "HarmonicBonds",
-    "InternalEnergy",
-    "LennardJones",
-    "MDPD",
-    "MixedSystem",
-    "MorseBonds",
-    "NONE",
-    "Observer",
-    "OutputError",
-    "PairTable",
-    "ParameterError",
-    "Plan",
-    "PlanError",
-    "PositionForce",
-    "ProgramError",
-    "Recommendation",
-    "RunError",
-    "Sample",
-    "Scene",
-    "SegmentalRepulsion",
-    "SlaterCharges",
-    "Source",
-    "Sphere",
-    "TDPD",
-    "TabulatedEOS",
-    "TabulatedPair",
-    "TemperatureRamp",
-    "Wall",
-    "add_barostat",
-    "add_thermostat",
-    "build",
-    "build_plan",
-    "create_mixed_system",
-    "degrees_of_freedom",
-    "explain_plan",
-    "fastest_platform",
-    "force_terms",
-    "get_threads",
-    "load_fields",
-    "load_xml",
-    "make_plan",
-    "read_fields",
-    "recommend",
-    "set_kT",
-    "set_temperature",
-    "set_threads",
-    "write_fields",
-]

@@ -18,6 +18,3 @@ def bead_masses(topology: mdtraj.Topology) -> np.ndarray:
 def bead_charges(topology: mdtraj.Topology) -> np.ndarray:
     """Charges (e) of all beads of a topology from :func:`load_topology`, (N,)."""
     return np.array([atom.element.charge for atom in topology.atoms])
-
-
-__all__ = ["bead_charges", "bead_masses"]

@@ -1,7 +1,5 @@
 """Plan -> OpenMM: the only place that makes a System and an integrator together."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -17,14 +15,13 @@ from .forces.bonded import MOLECULES
 from .forces.expressions import VIRIAL
 from .forces.pair_force import PairForceFunction
 from .integrators import PairIntegrator
-from .kernels.steps import Ramp, StepSpec, Walls
+from .kernels.steps import StepSpec
 from .made import Made
 from .model.bonds import FENEBonds
 from .model.flow import gaps
 from .model.scene import Scene
 from .plan import Plan, make_plan
 from .platforms import platform_here
-from .program_options import ProgramOptions
 from .programs import make_program, walls
 from .programs.native import native_integrator
 from .scene_system import scene_system
@@ -112,19 +109,16 @@ def initial_velocities(scene: Scene, seed: int) -> np.ndarray:
     return v
 
 
-def _integration_groups(forces: Sequence[openmm.Force], options: ProgramOptions) -> set[int]:
-    """The force groups that an integrator uses: all but those of the forces that only measure or tell of bonds, and of impulses.
-
-    Users put forces of their own into any group, before the Context is made, and all of them have to act.
-    """
-    silent = {force.getForceGroup() for force in forces if force.getName().endswith(VIRIAL) or force.getName() == MOLECULES}
-    return set(range(32)) - silent - (set() if options.kernel_conservative else {options.pair_group})
-
-
 def run_in(built: BuiltSystem, system: openmm.System, own: Sequence[openmm.Force], maker: str) -> None:
-    """Have the integrator of something built run another System, where ``own`` are the forces it was built with."""
+    """Have the integrator of something built run another System, where ``own`` are the forces it was built with.
+
+    It uses the force groups of all but the forces that only measure or tell of bonds, and of impulses: users put forces of their own into
+    any group, before the Context is made, and all of them have to act.
+    """
     options = built.plan.options
-    built.integrator.setIntegrationForceGroups(_integration_groups(own, options))
+    silent = {force.getForceGroup() for force in own if force.getName().endswith(VIRIAL) or force.getName() == MOLECULES}
+    silent |= set() if options.kernel_conservative else {options.pair_group}
+    built.integrator.setIntegrationForceGroups(set(range(32)) - silent)
     built.integrator.made = Made.of(maker, system, own, options)
     built.system = system
 
@@ -149,22 +143,18 @@ def _pair_function(plan: Plan) -> PairForceFunction:
 def _step_spec(plan: Plan) -> StepSpec:
     """What a whole step is."""
     scene, options = plan.scene, plan.options
-    scheme, ramp = options.scheme, options.ramp
     predicts = options.predicting
     mobile = plan.spec.inv_mass > 0
     found = walls.planes(gaps(scene.walls, scene.box)) if scene.walls else {}
     return StepSpec(
-        letters=() if predicts else tuple((letter, float(part)) for letter, part in scheme.steps(options.thermostat)),
+        letters=() if predicts else tuple((letter, float(part)) for letter, part in options.scheme.steps(options.thermostat)),
         mass=np.where(mobile, scene.bead_masses, 0.0),
         slow_kicks=options.slow_kicks,
         slow_every=options.slow_every,
         thermostat=options.thermostat,
         lam=options.lam,
         field_lam=options.field_lam,
-        walls=Walls(*(found[name] for name in walls.CONSTANTS)) if found else None,
-        ramp=None if ramp is None else Ramp(ramp.kT_start, ramp.kT_end, ramp.first_step, ramp.last_step),
+        walls=tuple(found[name] for name in walls.CONSTANTS) if found else None,
+        ramp=options.ramp,
         field_shown=options.field_shown,
     )
-
-
-__all__ = ["BuiltSystem", "build", "build_plan", "initial_velocities", "run_in"]

@@ -1,7 +1,5 @@
 """What is handed to ``openmm.app.Simulation``, whichever way it was made."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import openmm
@@ -73,13 +71,11 @@ class BuiltSystem:
         simulation = self._new_simulation(platform, properties)
         context = simulation.context
         context.setPositions(self.positions)
-        if self.plan.host is None:
-            context.setVelocities(self.velocities)
-            return simulation
-        context.applyConstraints(1e-6)
-        context.computeVirtualSites()
         context.setVelocities(self.velocities)
-        context.applyVelocityConstraints(1e-6)
+        if self.plan.host is not None:
+            context.applyConstraints(1e-6)
+            context.computeVirtualSites()
+            context.applyVelocityConstraints(1e-6)
         return simulation
 
     def view(self, **choices):
@@ -102,6 +98,3 @@ class BuiltSystem:
                 again = "this scene" if self.plan.host is None else "this System"
                 raise PlanError(f"{again} has a Simulation already; build it again for another one") from None
             raise ParameterError(f"no Simulation on platform {name!r} with properties {properties!r}: {error}") from None
-
-
-__all__ = ["BuiltSystem"]

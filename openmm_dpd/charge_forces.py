@@ -4,16 +4,15 @@ OpenMM's PME has the error that its grid has.  The kernel goes through all waves
 scene's tolerance, or of 1e-6 if that is less, so that what remains is the error of the cutoff in real space.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 
 import numpy as np
+from scipy.special import erfc
 
 from .kernels.charge_pairs import Quintics
 from .kernels.charges import ChargeTerms, cost, pme_cost
-from .model.electrostatics import EwaldSum, SlaterCharges, SmearedCharges, erf_series, ewald_sum
+from .model.electrostatics import EwaldSum, SlaterCharges, SmearedCharges, ewald_sum, short_series
 from .model.scene import Scene
 from .pair_spec import Factors, neighbour_factors
 
@@ -136,8 +135,6 @@ def _over_r(r, g, g1, g2):
 
 def _error_function(steepness: float, r):
     """erfc(steepness r) and its derivatives."""
-    from scipy.special import erfc
-
     slope = -2 * steepness / math.sqrt(math.pi) * np.exp(-((steepness * r) ** 2))
     return erfc(steepness * r), slope, -2 * steepness**2 * r * slope
 
@@ -165,13 +162,9 @@ def _whole(charges: SmearedCharges) -> Radial:
 def _difference(charges: SmearedCharges, ewald: EwaldSum) -> Radial:
     """s(r) - erf(alpha r)/r, without a difference of nearly equal numbers at any distance."""
     scale = min(1.0 / charges.steepness, 1.0 / ewald.alpha, ewald.cutoff)
-    first, second = charges.series(scale), erf_series(ewald.alpha, scale)
-    series = np.zeros(max(len(first), len(second)))
-    series[: len(first)] += first
-    series[: len(second)] -= second
 
     def outer(r):
         rows = zip(_error_function(ewald.alpha, r), _cloud(charges, r), strict=True)
         return _over_r(r, *(image - cloud for image, cloud in rows))
 
-    return _joined(series, scale, outer)
+    return _joined(short_series(charges, ewald.alpha, scale), scale, outer)

@@ -1,7 +1,5 @@
 """Checks of what a script chooses beside the scene: step size, weight of the prediction, seed, platform, and cutoffs beside the box."""
 
-from __future__ import annotations
-
 import secrets
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -76,6 +74,3 @@ def check_cutoffs(box: np.ndarray | None, tables: Iterable[Mapping]) -> None:
                     f"for types ({a}, {b}): the cutoff {coefficient.cutoff:g} nm is over half the box, "
                     f"whose smallest width is {2 * half:g} nm"
                 )
-
-
-__all__ = ["PLATFORMS", "check_cutoffs", "checked_interval", "checked_lam", "checked_seed", "checked_step", "platform_name", "predicting"]

@@ -1,7 +1,5 @@
 """DCD trajectories: float32 angstrom, in a file that is whole after every frame."""
 
-from __future__ import annotations
-
 import os
 import struct
 
@@ -68,6 +66,3 @@ def _record(content: bytes) -> bytes:
     """A Fortran record: its length on both sides."""
     length = struct.pack("<i", len(content))
     return length + content + length
-
-
-__all__ = ["DCDWriter"]

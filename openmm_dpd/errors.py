@@ -1,7 +1,5 @@
 """The errors this package raises: all are ``ValueError``, all say what is wrong, where, and what would be right."""
 
-from __future__ import annotations
-
 import reprlib
 
 _SHORT = reprlib.Repr()

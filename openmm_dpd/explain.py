@@ -1,7 +1,5 @@
 """A plan in words."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from .kernels.fields import ENERGY, TEMPERATURE
@@ -15,12 +13,16 @@ from .plan import Plan
 
 def explain_plan(plan: Plan) -> str:
     """Half a page: what will be built, and why."""
-    scene, options = plan.scene, plan.options
+    scene, options, box = plan.scene, plan.options, "none"
+    if scene.box is not None:
+        tilt = ", tilt {:g} {:g} {:g}".format(*scene.box[(1, 2, 2), (0, 0, 1)]) if np.any(np.tril(scene.box, -1)) else ""
+        box = " x ".join(f"{edge:g}" for edge in np.diag(scene.box)) + f" nm{tilt}"
     frozen = int(scene.immobile.sum()) if plan.host is None else 0
     lines = [
         *_particle_lines(plan),
-        "box: none" if scene.box is None else "box: " + _describe_box(scene.box),
-        f"scheme: {options.scheme} ({options.scheme.what}), dt = {options.dt:g} ps" + _lambda_text(plan),
+        f"box: {box}",
+        f"scheme: {options.scheme} ({options.scheme.what}), dt = {options.dt:g} ps"
+        + (f", lambda = {options.lam:g}" if options.scheme.predicts else ""),
         _temperature_text(plan),
         f"seed of the noise: {options.seed}",
         "pair terms:",
@@ -114,10 +116,6 @@ def _field_text(plan: Plan) -> str:
     return text + (f"; {len(fields.sources)} source(s)" if fields.sources else "")
 
 
-def _lambda_text(plan: Plan) -> str:
-    return f", lambda = {plan.options.lam:g}" if plan.options.scheme.predicts else ""
-
-
 def _temperature_text(plan: Plan) -> str:
     ramp = plan.options.ramp
     if ramp is None:
@@ -140,12 +138,3 @@ def _looped(slow_every: int) -> str:
         f"steps: up to ten at once in compiled loops; forces that stay OpenMM's kick before and after {often}, a barostat acts at the end "
         "of such a piece, which is no longer than its interval"
     )
-
-
-def _describe_box(box: np.ndarray) -> str:
-    edges = " x ".join(f"{edge:g}" for edge in np.diag(box))
-    tilt = f", tilt {box[1, 0]:g} {box[2, 0]:g} {box[2, 1]:g}" if np.any(np.tril(box, -1)) else ""
-    return f"{edges} nm{tilt}"
-
-
-__all__ = ["explain_plan"]

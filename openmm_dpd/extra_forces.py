@@ -4,29 +4,24 @@ They are the same forces as those that :mod:`openmm_dpd.forces` makes of OpenMM'
 itself.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
 
 from .forces.expressions import type_pairs
 from .forces.segments import segment_spec
-from .kernels import angles as angle_kernel
-from .kernels import bonded as bond_kernel
-from .kernels import external
+from .kernels import angles as angle_kernel, bonded as bond_kernel, external
 from .kernels.angles import AngleTerms
 from .kernels.bonded import BondTerms
 from .kernels.external import BodyTerms
 from .kernels.extras import Extra
+from .kernels.pairs import compressed_exceptions
 from .kernels.radial import RadialTerms
-from .kernels.segment_terms import SegmentTerms
 from .kinds import resolved_kind
 from .model.angles import CosineAngles, HarmonicAngles
 from .model.bonds import FENEBonds, HarmonicBonds, MorseBonds
 from .model.flow import AXES, BodyForce
 from .model.scene import Scene
-from .pair_spec import compressed_exceptions
 
 #: Kind of bonds or angles -> its number in the kernel and the names of its coefficients, in the kernel's order.
 _BONDS: dict[type, tuple[int, tuple[str, ...]]] = {
@@ -56,26 +51,25 @@ def extras(scene: Scene, overlays: Sequence[dict], exceptions: dict[tuple[int, i
     # PositionForce (formulas given as text) has no kernel: OpenMM evaluates it.  Charges are in charge_forces.py.
     found: list[Extra] = []
     if sum(len(group.pairs) for group in scene.bonds):
-        found.append(BondTerms(*_rows(scene.bonds, _BONDS, "pairs", 2, 4)))
+        found.append(BondTerms(*_rows(scene.bonds, _BONDS, 2, 4)))
     if sum(len(group.triples) for group in scene.angles):
-        found.append(AngleTerms(*_rows(scene.angles, _ANGLES, "triples", 3, 2)))
+        found.append(AngleTerms(*_rows(scene.angles, _ANGLES, 3, 2)))
     found += [radial_terms(table, scene.type_ids, scene.type_names, exceptions) for table in overlays]
     segments = segment_spec(scene)
     if segments is not None and len(segments.pairs):
-        found.append(SegmentTerms(segments))
+        found.append(segments)
     found += [body_terms(term, scene) for term in scene.body_forces if isinstance(term, BodyForce)]
     return tuple(found)
 
 
-def _rows(groups, kinds: dict[type, tuple[int, tuple[str, ...]]], beads: str, width: int, most: int):
+def _rows(groups, kinds: dict[type, tuple[int, tuple[str, ...]]], width: int, most: int):
     """Beads, kind and coefficients of all terms of several groups."""
     members, numbers, values = [np.zeros((0, width), np.uint32)], [np.zeros(0, np.uint8)], [np.zeros((0, most))]
     for group in groups:
         number, names = kinds[type(group)]
-        rows = getattr(group, beads)
-        members.append(rows.astype(np.uint32))
-        numbers.append(np.full(len(rows), number, np.uint8))
-        coefficients = np.zeros((len(rows), most))
+        members.append(group.beads.astype(np.uint32))
+        numbers.append(np.full(len(group.beads), number, np.uint8))
+        coefficients = np.zeros((len(group.beads), most))
         for column, name in enumerate(names):
             coefficients[:, column] = getattr(group, name)
         values.append(coefficients)

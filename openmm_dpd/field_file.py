@@ -1,7 +1,5 @@
 """Per-bead fields over time: a file beside the trajectory."""
 
-from __future__ import annotations
-
 import io
 import os
 import zipfile
@@ -12,10 +10,10 @@ import numpy as np
 from openmm import unit
 
 from .built import BuiltSystem
+from .cadence import Cadence
 from .errors import ParameterError, what_is
 from .fields import read_fields
 from .files import writing
-from .units import whole_number
 
 _WHAT = "the file of fields"
 
@@ -109,7 +107,7 @@ def load_fields(file: str | os.PathLike) -> dict[str, np.ndarray]:
         return {name: np.array([archive[member] for member in members if member.split("/")[0] == name]) for name in names}
 
 
-class FieldReporter:
+class FieldReporter(Cadence):
     """Writes the per-bead fields to a file, for ``simulation.reporters``; give it the interval of the trajectory, and frames match.
 
     Parameters
@@ -144,17 +142,12 @@ class FieldReporter:
     """
 
     def __init__(self, file: str | os.PathLike, interval: int, built: BuiltSystem, append: bool = False):
-        interval = whole_number(interval, "the interval between reports, in steps,", least=1)
+        super().__init__(interval)
         if not isinstance(built, BuiltSystem):
             raise ParameterError(f"FieldReporter needs what openmm_dpd.build() returned, not {what_is(built)}")
         if not has_fields(built):
             raise ParameterError("the beads of this scene have no internal energies, temperatures, concentrations or local densities")
-        self._writer, self._interval, self._built = FieldWriter(file, append), interval, built
-
-    def describeNextReport(self, simulation):
-        """Steps until the next frame; no part of the State is needed."""
-        steps = self._interval - simulation.currentStep % self._interval
-        return {"steps": steps, "periodic": None, "include": []}
+        self._writer, self._built = FieldWriter(file, append), built
 
     def report(self, simulation, state):
         """Write one frame."""
@@ -166,6 +159,3 @@ def has_fields(built: BuiltSystem) -> bool:
     """Whether there is anything to write."""
     plan = built.plan
     return plan.spec.fields is not None or any(kind.has_densities for kind in plan.kinds)
-
-
-__all__ = ["FieldReporter", "FieldWriter", "has_fields", "load_fields"]

@@ -4,10 +4,8 @@ They are per-DOF variables of the integrator (``field0``, ``field1``, ..., three
 states hold them.
 """
 
-from __future__ import annotations
-
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import openmm
@@ -18,10 +16,8 @@ from .kernels.engine import PairEngine
 from .kernels.fields import ENERGY, TEMPERATURE, FieldSpec
 from .model.internal import InternalEnergy
 from .names import FIELD
+from .plan import Plan
 from .units import thermal_energies, to_md
-
-if TYPE_CHECKING:
-    from .plan import Plan
 
 
 def field_variables(values: np.ndarray) -> dict[str, np.ndarray]:
@@ -145,6 +141,3 @@ def _per_bead(value, shape: tuple[int, ...], name: str) -> np.ndarray:
     if array.ndim and array.shape != shape:
         raise ParameterError(f"{name} must be one number or an array of shape {shape}, not {array.shape}")
     return np.broadcast_to(array, shape)
-
-
-__all__ = ["field_variables", "per_dof", "raw_fields", "read_fields", "write_fields"]

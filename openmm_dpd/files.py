@@ -127,6 +127,3 @@ def _write_all(stream, data: bytes) -> None:
     rest = memoryview(data)
     while rest:
         rest = rest[stream.write(rest) :]
-
-
-__all__ = ["BlockFile", "append_block", "write_whole", "writing"]

@@ -38,14 +38,10 @@ class Host:
     def of(cls, system: openmm.System, left_out: np.ndarray) -> Host:
         """Look at a System; PlanError if all its force groups are taken."""
         constrained = system.getNumConstraints() > 0 or bool(virtual_sites(system).any())
-        return cls(masses_of(system), left_out, constrained, _free_group(system))
-
-
-def _free_group(system: openmm.System) -> int:
-    free = set(range(32)).difference(*map(groups_of, system.getForces()))
-    if not free:
-        raise PlanError("the forces of the System are in all 32 force groups, and the pair terms need one for themselves")
-    return max(free)
+        free = set(range(32)).difference(*map(groups_of, system.getForces()))
+        if not free:
+            raise PlanError("the forces of the System are in all 32 force groups, and the pair terms need one for themselves")
+        return cls(masses_of(system), left_out, constrained, max(free))
 
 
 def check_system(system: openmm.System) -> None:
@@ -84,6 +80,3 @@ def degrees_of_freedom(system: openmm.System, *, momentum: bool = True) -> int:
     tied = [system.getConstraintParameters(k)[:2] for k in range(system.getNumConstraints())]
     found = 3 * int(moves.sum()) - sum(bool(moves[i] or moves[j]) for i, j in tied)
     return found - 3 if momentum and not frozen and found > 3 else found
-
-
-__all__ = ["Host", "box_of", "check_system", "degrees_of_freedom"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import secrets
 from dataclasses import replace
 from typing import Any, Protocol
 
@@ -10,14 +9,11 @@ import numpy as np
 import openmm
 from openmm import unit
 
+from .choices import checked_seed
 from .errors import ParameterError
 from .names import BY_SEED, KT, RAMP_STEP, SEED, SEEN_KT, SEEN_TEMPERATURE, SLOW_STEP, STAMP, TEMPERATURE
 from .units import BOLTZMANN, to_md
 from .watching import Watching, reported
-
-
-def _drawn_seed() -> int:
-    return secrets.randbelow(2**31 - 1) + 1
 
 
 class StepsAtOnce(Protocol):
@@ -81,7 +77,7 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
                 kT = BOLTZMANN * kelvin
             self.agree(context, kT, kelvin)
         if self._begun and self.made.seed is None and SEED in parameters and parameters[SEED] == parameters[BY_SEED]:
-            context.setParameter(SEED, _drawn_seed())  # nobody asked for the same noise in every Context
+            context.setParameter(SEED, checked_seed(None))  # nobody asked for the same noise in every Context
 
     def agree(self, context: openmm.Context, kT: float, kelvin: float) -> None:
         """Set thermal energy (kJ/mol) and temperature, which have to fit, at once: whatever is set next is then known to be later."""
@@ -171,7 +167,7 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
         """
         super().setRandomNumberSeed(seed)
         if self.made is not None:
-            chosen, context = int(seed) % 2**31 or _drawn_seed(), self.context()
+            chosen, context = int(seed) % 2**31 or checked_seed(None), self.context()
             self.made = replace(self.made, seed=chosen)
             if context is not None:
                 self.settle(context)
@@ -194,6 +190,3 @@ class NativeIntegrator(Watching, openmm.DPDIntegrator):
 #: Why a temperature cannot be set.
 RAMPED = "the temperature of this Context follows a ramp, which would overwrite it at the next step"
 _NOT_SETTABLE = "there is no temperature to set: nothing has friction or noise, or the beads have temperatures of their own (write_fields)"
-
-
-__all__ = ["NativeIntegrator", "PairIntegrator"]

@@ -4,8 +4,6 @@ What is in the files is unpickled and run, so a folder that somebody else can wr
 never in the way: the kernels are compiled, and that is said once.
 """
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import logging
@@ -184,6 +182,3 @@ def keep_on_disk(dispatcher: Any) -> None:
         _say("place", f"kernels are compiled at every start, since there is no place to keep them ({error}); {_REMEDY}")
     finally:
         config.CACHE_DIR = given  # type: ignore[attr-defined]
-
-
-__all__ = ["KernelCache", "KernelFiles", "cache_folder", "keep_on_disk", "why_unusable"]

@@ -140,16 +140,12 @@ class Made:
             )
         changed = np.flatnonzero(virtual_sites(system) != self.virtual)
         if len(changed):
-            raise PlanError(
-                f"particle {changed[0]} has become a virtual site, or is none any more, since {maker} made the integrator; "
-                f"{self._remedy('a scene has none', 'do that')}"
-            )
+            what = f"particle {changed[0]} has become a virtual site, or is none any more, since {maker} made the integrator"
+            raise PlanError(f"{what}; {self._remedy('a scene has none', 'do that')}")
         changed = np.flatnonzero(masses_of(system) != self.masses)
         if len(changed):
-            raise PlanError(
-                f"the mass of particle {changed[0]} is not what it was when {maker} made the integrator; "
-                f"{self._remedy('give the scene its masses', 'change it')}"
-            )
+            what = f"the mass of particle {changed[0]} is not what it was when {maker} made the integrator"
+            raise PlanError(f"{what}; {self._remedy('give the scene its masses', 'change it')}")
         return self._foreign(system)
 
     def check_writer(self, parameters: Mapping[str, float]) -> None:
@@ -209,6 +205,3 @@ def masses_of(system: openmm.System) -> np.ndarray:
 def virtual_sites(system: openmm.System) -> np.ndarray:
     """(N,) which particles are virtual sites."""
     return np.array([system.isVirtualSite(k) for k in range(system.getNumParticles())], dtype=bool)
-
-
-__all__ = ["BAROSTATS", "Made", "acting", "groups_of", "masses_of", "origin", "refuse_thermostat", "variables_number", "virtual_sites"]

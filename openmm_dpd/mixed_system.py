@@ -11,8 +11,6 @@ is added:
 All of them exclude the same pairs and have one cutoff in each force group, as GPU platforms want it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 
@@ -152,10 +150,8 @@ def create_mixed_system(
 
 # -- checks --------------------------------------------------------------------------------------------------------------------------
 def _check_scene(scene: Scene) -> None:
-    refused = {"walls": scene.walls, "body_forces": scene.body_forces, "internal": scene.internal, "sources": scene.sources}
-    refused |= {name: getattr(scene, name, None) for name in ("electrostatics",)}
-    for name, value in refused.items():
-        if value is not None and value != ():
+    for name in ("walls", "body_forces", "internal", "sources", "electrostatics"):
+        if getattr(scene, name) not in (None, ()):
             raise PlanError(f"a scene with `{name}` cannot be put beside atoms")
     for table in scene.tables:
         if table.kind is not None and not kind_for(table.kind).beside_atoms:
@@ -270,8 +266,7 @@ def _whole(scene: Scene, system: openmm.System, x: np.ndarray, classes: list[str
     n = len(x)
     mass = masses_of(system)
     names = [UNSEEN if name is None else name for name in classes]
-    mobile = ~scene.immobile
-    mobile = np.concatenate([mass > 0, mobile])
+    mobile = np.concatenate([mass > 0, ~scene.immobile])
     velocities = None
     if scene.velocities is not None:
         drawn = np.random.default_rng(0xA70).normal(size=(n, 3)) * np.sqrt(scene.initial_kT / np.where(mass > 0, mass, 1.0))[:, None]
@@ -279,7 +274,7 @@ def _whole(scene: Scene, system: openmm.System, x: np.ndarray, classes: list[str
     segments = scene.segments
     if segments is not None and segments.bonds is not None:
         segments = replace(segments, bonds=segments.bonds + n)
-    whole = Scene(
+    return Scene(
         masses={**dict.fromkeys([*sorted(set(names) - {UNSEEN}), UNSEEN], 1.0), **scene.masses},
         types=[*names, *scene.types],
         positions=np.concatenate([x, scene.positions]),
@@ -295,7 +290,3 @@ def _whole(scene: Scene, system: openmm.System, x: np.ndarray, classes: list[str
         segments=segments,
         compat=scene.compat,
     )
-    return whole
-
-
-__all__ = ["MixedSystem", "create_mixed_system", "kinetic_kT"]

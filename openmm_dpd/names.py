@@ -1,7 +1,5 @@
 """Names that programs and forces share: phases, context parameters and force groups."""
 
-from __future__ import annotations
-
 from enum import IntEnum
 
 

@@ -6,8 +6,6 @@ if no shift leads further than one box to the side.  Otherwise it can miss pairs
 without a list (a CustomNonbondedForce with an interaction group) so are their sums.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 #: Room for a barostat: boxes are judged as if they were smaller by this factor.
@@ -28,6 +26,3 @@ def may_miss_pairs(box: np.ndarray | None, cutoff: float) -> bool:
 def listed(platform: str | None, box: np.ndarray | None, cutoff: float) -> bool:
     """Whether OpenMM's pair forces with this cutoff can take their pairs from a neighbour list; they go through all pairs otherwise."""
     return platform != "Reference" or not may_miss_pairs(box, cutoff)
-
-
-__all__ = ["listed", "may_miss_pairs"]

@@ -1,13 +1,12 @@
 """Scene -> what the pair engine has to know of it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
 
 from .kernels.engine import PairSpec
 from .kernels.fields import FieldSpec
+from .kernels.pairs import compressed_exceptions
 from .kernels.sweeps import EXACT, SHARDLOW
 from .kinds import BeadData, Kind
 from .model.bonds import bonded_neighbours
@@ -29,16 +28,6 @@ def neighbour_factors(scene: Scene, factors: tuple[float, float, float]) -> Fact
 def longest(layers: Sequence[dict]) -> float:
     """The longest cutoff of some tables."""
     return max((c.cutoff for table in layers for c in table.values()), default=0.0)
-
-
-def compressed_exceptions(exceptions: Factors, n_beads: int):
-    """Exceptions as compressed rows (start, bead, factor), both directions; empty arrays if there are none."""
-    if not exceptions:
-        return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
-    rows = sorted([(i, j, f) for (i, j), f in exceptions.items()] + [(j, i, f) for (i, j), f in exceptions.items()])
-    first = np.array([row[0] for row in rows])
-    start = np.concatenate([[0], np.cumsum(np.bincount(first, minlength=n_beads))])
-    return start.astype(np.int64), np.array([row[1] for row in rows], np.int64), np.array([row[2] for row in rows])
 
 
 def pair_spec(
@@ -66,6 +55,3 @@ def pair_spec(
         fields=fields,
         sweeps=scheme.sweeps,
     )
-
-
-__all__ = ["Factors", "neighbour_factors", "compressed_exceptions", "longest", "pair_spec"]

@@ -1,7 +1,5 @@
 """The picture of a run: temperature, pressure and energies against time, drawn with matplotlib but without its global state."""
 
-from __future__ import annotations
-
 import io
 import os
 import reprlib
@@ -69,9 +67,6 @@ def thermo_picture(
     OutputError
         If the file cannot be written.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     if not isinstance(columns, Mapping):
         raise ParameterError(f"expected a mapping of words to rows, not {reprlib.repr(columns)}")
     data = {word: _numbers(values, f"the column {word!r}") for word, values in columns.items()}
@@ -80,8 +75,7 @@ def thermo_picture(
     level = _level(target, len(data[x]))
     labels = labels or {}
     spans = _spans(data[x], runs)
-    figure = Figure(figsize=(8.0, 0.9 + 1.9 * len(panels)), dpi=150, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(8.0, 0.9 + 1.9 * len(panels))
     axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     for axis, (name, words) in zip(axes, panels, strict=True):
         for number, (word, label) in enumerate(words.items()):
@@ -92,12 +86,22 @@ def thermo_picture(
             axis.plot(data[x], level, color="black", linewidth=1.2, linestyle=(0, (5, 3)), label="set", zorder=3.9)
         for start in runs:
             axis.axvline(start, color="0.6", linewidth=0.8, linestyle=":", zorder=0)
-        finish_axis(axis, _with_unit(name, labels, "\n"), legend=len(words) > 1 or set_level)
+        finish_axis(axis, with_unit(name, labels.get(name), "\n"), legend=len(words) > 1 or set_level)
     figure.align_ylabels(axes)
-    axes[-1].set_xlabel(_with_unit(x, labels), fontsize=11)
+    axes[-1].set_xlabel(with_unit(x, labels.get(x)), fontsize=11)
     if title:
         figure.suptitle(title, fontsize=12)
     write_picture(path, figure)
+
+
+def new_figure(width: float, height: float) -> Any:
+    """A matplotlib figure of so many inches, outside of its global state."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), dpi=150, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
 
 
 def write_picture(path: str | os.PathLike, figure: Any) -> None:
@@ -219,5 +223,6 @@ def finish_axis(axis: Any, name: str, legend: bool) -> None:
         )
 
 
-def _with_unit(name: str, labels: Mapping[str, str], separator: str = " ") -> str:
-    return f"{name}{separator}[{labels[name]}]" if labels.get(name) else name
+def with_unit(name: str, unit: str | None, separator: str = " ") -> str:
+    """Name of an axis with its unit in brackets, if it has one."""
+    return f"{name}{separator}[{unit}]" if unit else name

@@ -1,7 +1,5 @@
 """Scene + choices -> Plan: the least that this scene needs, decided before anything is built."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -161,10 +159,15 @@ def make_plan(
     lam = checked_lam(lam, chosen)
     if conservative not in ("auto", "openmm", "kernel"):
         raise ParameterError(f"conservative must be 'auto', 'openmm' or 'kernel', not {conservative!r}")
-    layers, overlays = _split_tables(scene)
+    resolved = [table.resolve(scene.type_names) for table in scene.tables]
+    tables: list[ResolvedTable] = [table for table in resolved if any(c is not NONE for c in table.values())]
+    layers = [table for table in tables if resolved_kind(table).overlay is None]
+    overlays = [table for table in tables if resolved_kind(table).overlay is not None]
     kinds = list(map(resolved_kind, layers))
     check_cutoffs(scene.box, [*layers, *overlays])
-    _check_scheme(chosen, kinds)
+    for kind in kinds:
+        if kind.no_sweep and not chosen.predicts:
+            raise PlanError(f"{kind.name} {kind.no_sweep}; only scheme={predicting()} runs it, not {chosen.name!r}")
     exceptions = neighbour_factors(scene, scene.bonded_factors)
     repulsive = any(c is not NONE and c.has_conservative for table in layers for c in table.values())
     thermostat = any(c is not NONE and c.has_thermostat for table in layers for c in table.values())
@@ -217,30 +220,20 @@ def make_plan(
     )
 
 
-def _check_scheme(scheme: Scheme, kinds: list[Kind]) -> None:
-    """Raise PlanError if a scheme cannot run these pair terms."""
-    for kind in kinds:
-        if kind.no_sweep and not scheme.predicts:
-            raise PlanError(f"{kind.name} {kind.no_sweep}; only scheme={predicting()} runs it, not {scheme.name!r}")
-
-
 def _why_no_loop(
     where: str, thermostat: bool, scheme: Scheme, platform: str | None, loop: bool, compensated: bool, host: Host | None
 ) -> str | None:
     """Why the pair kernel cannot carry out whole steps by itself, or None."""
-    if host is not None:
-        return "the forces of a System made elsewhere act as well"
-    if not loop:
-        return "switched off"
-    if scheme.native:
-        return "OpenMM's own integrator steps"
-    if where == "openmm":
-        return "the conservative force is a CustomNonbondedForce"
-    if where == "none" and not (thermostat and platform in DOUBLE_PLATFORMS):
-        return "the pair kernel holds no conservative force"
-    if compensated:
-        return f"velocities on the platform {platform} are less than double precision, so that the program balances the energies"
-    return None
+    less = f"velocities on the platform {platform} are less than double precision, so that the program balances the energies"
+    reasons = {
+        "the forces of a System made elsewhere act as well": host is not None,
+        "switched off": not loop,
+        "OpenMM's own integrator steps": scheme.native,
+        "the conservative force is a CustomNonbondedForce": where == "openmm",
+        "the pair kernel holds no conservative force": where == "none" and not (thermostat and platform in DOUBLE_PLATFORMS),
+        less: compensated,
+    }
+    return next((reason for reason, holds in reasons.items() if holds), None)
 
 
 def _conservative_place(conservative: str, repulsive: bool, thermostat: bool, only: str | None, faster: bool, scheme: Scheme) -> str:
@@ -263,14 +256,3 @@ def _conservative_place(conservative: str, repulsive: bool, thermostat: bool, on
     if scheme.native and where == "kernel":
         raise PlanError("the native scheme has no pair kernel; use conservative='openmm'")
     return where
-
-
-def _split_tables(scene: Scene):
-    """Resolved tables of what the pair kernel evaluates, and those of overlays."""
-    resolved = [table.resolve(scene.type_names) for table in scene.tables]
-    found: list[ResolvedTable] = [table for table in resolved if any(c is not NONE for c in table.values())]
-    layers = [table for table in found if resolved_kind(table).overlay is None]
-    return layers, [table for table in found if resolved_kind(table).overlay is not None]
-
-
-__all__ = ["Plan", "ResolvedTable", "make_plan"]

@@ -1,7 +1,5 @@
 """Platforms of OpenMM: the fastest one here, and whether OpenCL is a GPU."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from pathlib import Path
 
@@ -47,6 +45,3 @@ def opencl_is_a_gpu(platform: openmm.Platform) -> bool:
     except openmm.OpenMMException:
         return False
     return "Portable Computing Language" not in device and "pocl" not in device.lower()
-
-
-__all__ = ["fastest_platform", "opencl_is_a_gpu", "platform_here"]

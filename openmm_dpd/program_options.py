@@ -1,7 +1,5 @@
 """What a program is written for."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -167,6 +165,3 @@ def field_options(scene: Scene, fields: FieldSpec | None, cutoff: float, platfor
         "field_scale": 1.0 if double else float(2.0 ** (np.floor(np.log2(typical)) - 10)),
         "compensated": not double and fields.kind == ENERGY,
     }
-
-
-__all__ = ["DOUBLE_PLATFORMS", "ProgramOptions", "field_options", "tau_ratio"]

@@ -1,7 +1,5 @@
 """PSF files: topologies with names, masses, charges, molecules, bonds and angles."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,6 +8,7 @@ import numpy as np
 
 from .errors import ParameterError
 from .files import write_whole
+from .neighbours import connected
 from .units import to_md
 
 #: Residue and segment name of all beads.  No reader knows "MOL" as an amino acid, nucleotide, water or solvent.
@@ -209,13 +208,9 @@ def _indices(lines: list[str], title: str, what: str, width: int, path) -> np.nd
 def molecule_numbers(molecules, bonds: np.ndarray, count: int) -> np.ndarray:
     """Molecule numbers, (N,); where none are given, those of the beads connected by bonds, counted from 1."""
     if molecules is None:
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
-
         if not len(bonds):
             return np.arange(1, count + 1)
-        joined = coo_array((np.ones(len(bonds), dtype=np.int8), (bonds[:, 0], bonds[:, 1])), shape=(count, count))
-        label = connected_components(joined, directed=False)[1]
+        label = connected(bonds, count)
         # numbered in the order of their first beads
         _, first, position = np.unique(label, return_index=True, return_inverse=True)
         return (np.argsort(np.argsort(first)) + 1)[position]

@@ -1,7 +1,5 @@
 """Which scheme and which step: from the measured table of :mod:`openmm_dpd.stability_table`.  Nothing here changes a scene or a run."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A scene in the dimensionless groups of the table of steps: friction and repulsion of all its layers together, bonds, charges."""
 
-from __future__ import annotations
-
 from itertools import combinations_with_replacement
 
 import numpy as np

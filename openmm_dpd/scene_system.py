@@ -1,22 +1,20 @@
 """Plan -> System: all forces that the scene needs, each in its group."""
 
-from __future__ import annotations
-
 import numpy as np
 import openmm
 
 from .errors import PlanError
-from .forces.bonded import angle_forces, bond_forces, molecules
+from .forces.bonded import bonded_forces, molecules
 from .forces.electrostatics import electrostatic_forces, needs_list
 from .forces.expressions import PairExpression, exception_force, nonbonded_force
 from .forces.external import external_force
 from .forces.pair_force import PairForceFunction, pair_force
 from .forces.segments import segment_force, segment_spec
 from .integrators import NativeIntegrator, PairIntegrator
-from .kernels.cells import coincident_pairs
 from .kinds import resolved_kind
 from .model.flow import PositionForce
 from .names import BONDED_GROUP, LAST_POTENTIAL_GROUP, POTENTIAL_GROUP, VIRIAL_GROUP
+from .neighbours import coincident_pairs
 from .pair_spec import Factors
 from .plan import Plan
 from .programs.native import native_marker
@@ -52,7 +50,7 @@ def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, func
         if len(scene.bond_pairs):
             system.addForce(molecules(scene.bond_pairs))
     else:
-        for force in (*bond_forces(scene.bonds, periodic), *angle_forces(scene.angles, periodic)):
+        for force in bonded_forces(scene.bonds, scene.angles, periodic):
             force.setForceGroup(BONDED_GROUP)
             system.addForce(force)
         segments = segment_spec(scene)
@@ -122,6 +120,3 @@ def _add_pair_expressions(system: openmm.System, plan: Plan, expressions: list[P
                 force.setForceGroup((VIRIAL_GROUP if virial else POTENTIAL_GROUP) - number)
                 system.addForce(force)
     return POTENTIAL_GROUP - len(groups)
-
-
-__all__ = ["scene_system"]

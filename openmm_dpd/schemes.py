@@ -4,8 +4,6 @@
 three fifths of it.  To add a scheme: one entry of :data:`SCHEMES`.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from fractions import Fraction
@@ -228,6 +226,3 @@ def scheme_of(text: str | Scheme) -> Scheme:
 
 
 _CHOICES = f"one of {', '.join(SCHEMES)}, or a word such as 'B/2 A/2 O A/2 B/2'"
-
-
-__all__ = ["DEFAULT", "LETTERS", "SCHEMES", "SWEEPS", "Letter", "Scheme", "read_word", "scheme_of", "spelt"]

@@ -4,8 +4,6 @@ A PythonForce is written as a pickled Python object, and to unpickle is to run: 
 whatever a file of unknown origin says.
 """
 
-from __future__ import annotations
-
 import importlib
 import io
 import os
@@ -109,6 +107,3 @@ def deserialized(root: ElementTree.Element) -> Any:
         return openmm.XmlSerializer.deserialize(ElementTree.tostring(root, encoding="unicode"))
     except (openmm.OpenMMException, ValueError) as error:
         raise ParameterError(f"OpenMM cannot read this file: {error}") from None
-
-
-__all__ = ["load_xml"]

@@ -1,7 +1,5 @@
 """SIGINT and SIGTERM (from a batch system, for example): a run ends without losing results."""
 
-from __future__ import annotations
-
 import signal
 import threading
 from collections.abc import Iterator
@@ -63,6 +61,3 @@ class Signals:
     def status(self) -> int:
         """Exit status that tells of it."""
         return 128 + (self.seen[0] if self.seen else int(signal.SIGINT))
-
-
-__all__ = ["Signals"]

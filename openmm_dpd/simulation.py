@@ -1,10 +1,9 @@
 """app.Simulation with what OpenMM leaves out: states of other schemes are refused in plain words, and minimising works through PoCL."""
 
-from __future__ import annotations
-
 import io
 import logging
 import os
+from collections.abc import Callable
 from xml.etree import ElementTree
 
 import openmm
@@ -30,21 +29,11 @@ class DPDSimulation(app.Simulation):
         OutputError
             If a file cannot be written; one that was there stays, and nothing is left behind.
         """
-        if isinstance(file, (str, os.PathLike)):
-            text = io.StringIO()
-            super().saveState(text)
-            write_whole(file, text.getvalue(), "the state")
-        else:
-            super().saveState(file)
+        _save_whole(super().saveState, file, io.StringIO(), "the state")
 
     def saveCheckpoint(self, file):
         """Save a checkpoint, to a file by its name or to an open one; OutputError as :meth:`saveState`."""
-        if isinstance(file, (str, os.PathLike)):
-            content = io.BytesIO()
-            super().saveCheckpoint(content)
-            write_whole(file, content.getvalue(), "the checkpoint")
-        else:
-            super().saveCheckpoint(file)
+        _save_whole(super().saveCheckpoint, file, io.BytesIO(), "the checkpoint")
 
     def loadState(self, file):
         """Load a state in XML, from a file's name or an open file.
@@ -85,22 +74,29 @@ class DPDSimulation(app.Simulation):
         self.integrator.settle(self.context)
 
 
+def _save_whole(save: Callable, file, content: io.StringIO | io.BytesIO, what: str) -> None:
+    """Save to an open file, or by way of ``content`` to one by its name."""
+    if not isinstance(file, (str, os.PathLike)):
+        save(file)
+        return
+    save(content)
+    write_whole(file, content.getvalue(), what)
+
+
 def _take_unknown_out(root: ElementTree.Element, integrator: openmm.Integrator) -> bool:
     """Take variables out of a state that a CustomIntegrator does not know; whether there are any."""
     if not isinstance(integrator, openmm.CustomIntegrator):
         return False
     known = {integrator.getGlobalVariableName(k) for k in range(integrator.getNumGlobalVariables())}
     known_per_dof = {integrator.getPerDofVariableName(k) for k in range(integrator.getNumPerDofVariables())}
-    found = False
-    for node in root.iterfind("IntegratorParameters/GlobalVariables"):
-        for name in set(node.attrib) - known:
-            del node.attrib[name]
-            found = True
-    for node in root.iterfind("IntegratorParameters/PerDofVariables"):
-        for child in [child for child in node if child.tag not in known_per_dof]:
-            node.remove(child)
-            found = True
-    return found
+    single = [(node, name) for node in root.iterfind("IntegratorParameters/GlobalVariables") for name in set(node.attrib) - known]
+    per_dof = [(node, child) for node in root.iterfind("IntegratorParameters/PerDofVariables") for child in node]
+    per_dof = [(node, child) for node, child in per_dof if child.tag not in known_per_dof]
+    for node, name in single:
+        del node.attrib[name]
+    for node, child in per_dof:
+        node.remove(child)
+    return bool(single or per_dof)
 
 
 class PoclSimulation(DPDSimulation):
@@ -119,6 +115,3 @@ class PoclSimulation(DPDSimulation):
         here.setPositions(state.getPositions(asNumpy=True))
         openmm.LocalEnergyMinimizer.minimize(here, tolerance, maxIterations, reporter)
         self.context.setPositions(here.getState(positions=True).getPositions(asNumpy=True))
-
-
-__all__ = ["DPDSimulation", "PoclSimulation"]

@@ -5,8 +5,6 @@ for every scheme, the steps at which the configurational and the kinetic tempera
 a plane friction times repulsion and on lines of density, mass ratio, exponent and heat capacity (benchmarks/stability.py makes it).
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -92,16 +90,14 @@ class StabilityTable:
     def outside(self, at: Groups) -> list[str]:
         """What is beyond the table, as sentences."""
         found = []
-        ranges = {"gamma": self._frictions, "a": self._repulsions} | {n: self._values(n) for n in _LINES}
-        values = {"gamma": at.friction, "a": at.a, "rho": at.rho, "mass": at.mass, "s": at.s, "cv": at.cv}
-        names = {"gamma": "friction", "a": "repulsion", "rho": "density", "mass": "mass ratio", "s": "exponent", "cv": "heat capacity"}
-        for name, known in ranges.items():
-            value = values[name]
-            if value is None or (name == "cv" and len(known) and value > known.max()):
+        lines = zip(("density", "mass ratio", "exponent", "heat capacity"), _LINES, strict=True)
+        rows = [("friction", self._frictions, at.friction), ("repulsion", self._repulsions, at.a)]
+        for name, known, value in [*rows, *((name, self._values(n), getattr(at, n)) for name, n in lines)]:
+            if value is None or (name == "heat capacity" and len(known) and value > known.max()):
                 continue  # beyond the largest heat capacity beads are thermostats
             if not len(known) or not known.min() * (1 - 1e-9) <= value <= known.max() * (1 + 1e-9):
                 span = f"from {known.min():g} to {known.max():g}" if len(known) else "not at all"
-                found.append(f"the {names[name]} {value:.3g} (reduced units); the table has it {span}")
+                found.append(f"the {name} {value:.3g} (reduced units); the table has it {span}")
         return found
 
     def _values(self, name: str) -> np.ndarray:

@@ -1,7 +1,5 @@
 """Averages of correlated series, with standard errors from blocks whose length is chosen from the data."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -3,8 +3,6 @@
 Unlike Langevin friction, pairwise friction conserves momentum and leaves hydrodynamics intact.
 """
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Mapping, Sequence
 
@@ -25,7 +23,7 @@ from .model.table import PairTable, require_complete
 from .model.temperature import TemperatureRamp
 from .plan import make_plan
 from .schemes import scheme_of
-from .units import thermal_energy, to_md
+from .units import thermal_energy_of, to_md
 
 #: Class of particles without friction and noise.
 UNSEEN = "(unseen)"
@@ -118,7 +116,7 @@ def add_thermostat(
         types=[name or UNSEEN for name in classes],
         positions=np.zeros((len(masses), 3)) if x is None else x,
         pairs=PairTable({**friction_of, **unseen}),
-        kT=_temperature(temperature),
+        kT=temperature if isinstance(temperature, TemperatureRamp) else thermal_energy_of(temperature),
         box=box_of(system),
         bead_masses=np.where(moves, masses, 1.0),
         mobile=None if moves.all() else moves,
@@ -145,15 +143,6 @@ def checked_positions(topology, system: openmm.System, positions) -> np.ndarray:
     if x.shape != (n, 3):
         raise ParameterError(f"positions must have shape ({n}, 3), as the System has {n} particles, not {x.shape}")
     return x
-
-
-def _temperature(temperature) -> TemperatureRamp | float:
-    """The ramp, if it is one, or the thermal energy."""
-    if isinstance(temperature, TemperatureRamp):
-        return temperature
-    if not unit.is_quantity(temperature):
-        temperature = to_md(temperature, "temperature", "temperature") * unit.kelvin
-    return thermal_energy(temperature, "temperature")
 
 
 def _check_friction(table: Mapping) -> None:
@@ -191,6 +180,3 @@ def _types(friction, types, masses: np.ndarray) -> tuple[PairTable, list[str | N
         raise ParameterError("every particle is left out of the thermostat")
     require_complete([table], names)
     return table, list(types)
-
-
-__all__ = ["UNSEEN", "add_thermostat", "checked_positions"]

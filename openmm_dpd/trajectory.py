@@ -20,32 +20,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from openmm import app, unit
 
-from .bead_elements import bead_charges, bead_masses
+from .bead_elements import bead_charges as bead_charges, bead_masses
 from .errors import ParameterError
 from .model.scene import box_vectors
-from .psf import RESIDUE, SEGMENT, Beads, checked_bonds, molecule_numbers, read_psf, residue_names, runs, write_psf
+from .psf import SEGMENT, Beads, checked_bonds, molecule_numbers, read_psf, residue_names, runs, write_psf as write_psf
 
 if TYPE_CHECKING:
     import mdtraj
-
-__all__ = [
-    "CHAIN",
-    "RESIDUE",
-    "SEGMENT",
-    "SYMBOL",
-    "Beads",
-    "bead_charges",
-    "bead_element",
-    "bead_masses",
-    "load",
-    "load_topology",
-    "mdtraj_topology",
-    "openmm_topology",
-    "compute_rg",
-    "read_psf",
-    "short_names",
-    "write_psf",
-]
 
 #: Symbol of the elements made here: mdtraj's own for "no element", so that no file written from them can name a chemical one.
 SYMBOL = "VS"

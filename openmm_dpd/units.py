@@ -9,8 +9,6 @@ Three things live here, and nothing else converts:
   reporters) and a reduced pressure of 1 is 16.605 bar.
 """
 
-from __future__ import annotations
-
 import math
 import reprlib
 from dataclasses import dataclass
@@ -142,6 +140,13 @@ def thermal_energy(value, name: str = "kT") -> float:
     if not isinstance(kT, float) or kT < 0:
         raise ParameterError(f"{name} must be a single number >= 0, but is {value!r}")
     return kT
+
+
+def thermal_energy_of(temperature) -> float:
+    """Thermal energy in kJ/mol of a temperature (bare numbers: kelvin), or of an energy given as a Quantity."""
+    if not unit.is_quantity(temperature):
+        temperature = to_md(temperature, "temperature", "temperature") * unit.kelvin
+    return thermal_energy(temperature, "temperature")
 
 
 def thermal_energies(value, name: str):

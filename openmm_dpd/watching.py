@@ -9,14 +9,13 @@ to look: their steps are right beside any force, but nobody checks the System, c
 script, or takes a failed step back.
 """
 
-from __future__ import annotations
-
 import gc
 import logging
 import threading
 import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cached_property
 
 import openmm
 
@@ -54,7 +53,6 @@ class Watching:
     _barostats = True
     _piece = PIECE
     _begun = False
-    _numbered: float | None = None
 
     def context(self) -> openmm.Context | None:
         """The Context that this integrator belongs to, None before there is one.
@@ -155,7 +153,7 @@ class Watching:
             self._begin(context)
             self._begun = True
         made.check_writer(parameters)
-        if parameters[BY_VARIABLES] != self._variables_number():
+        if parameters[BY_VARIABLES] != self._variables_number:
             raise PlanError(
                 "the state was written by an integrator of this scheme with other variables (on another platform, or with a temperature "
                 "ramp, say), and a checkpoint cannot go from one to the other; save and load an XML state instead, by "
@@ -181,13 +179,9 @@ class Watching:
             context.setParameter(SEED, seed)
         context.setParameter(BY_SEED, seed)
 
+    @cached_property
     def _variables_number(self) -> float:
-        if self._numbered is None:
-            self._numbered = variables_number(self)  # type: ignore[arg-type]
-        return self._numbered
+        return variables_number(self)  # type: ignore[arg-type]
 
     def _take_kT(self, context: openmm.Context, kT: float) -> None:
         """Go on at another thermal energy."""
-
-
-__all__ = ["PIECE", "Watching", "interrupts", "reported"]

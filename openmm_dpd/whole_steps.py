@@ -4,40 +4,18 @@
 integrator does the same step by step, with the same bits; this way positions and velocities are copied once for many steps.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 import openmm
 
+from . import names as shared
 from .errors import RunError
 from .fields import per_dof
 from .forces.pair_force import Fields, PairForceFunction, fingerprint, unfolded
+from .integrators import PairIntegrator
 from .kernels import motion
 from .kernels.steps import Moment, StepSpec
-from .names import (
-    ACCELERATION,
-    AHEAD,
-    COUNTER,
-    DT,
-    FIELD,
-    KT,
-    RAMP_STEP,
-    RATES,
-    SEED,
-    SEEN_KT,
-    SEEN_TEMPERATURE,
-    SHOWN,
-    SLOW_STEP,
-    STAMP,
-    TAU,
-    TEMPERATURE,
-)
+from .names import FIELD, RATES
 from .units import BOLTZMANN
-
-if TYPE_CHECKING:
-    from .integrators import PairIntegrator
 
 
 class WholeSteps:
@@ -81,29 +59,26 @@ class WholeSteps:
         dt = integrator.getStepSize()._value
         state = context.getState(positions=True, velocities=True, parameters=True)
         # the step size as the program would set it first
-        count, parameters = state.getStepCount(), {**state.getParameters(), DT: dt}
+        count, parameters = state.getStepCount(), {**state.getParameters(), shared.DT: dt}
         clock = [state.getTime()._value]
         for _ in range(n):  # as OpenMM adds it up
             clock.append(clock[-1] + dt)
         try:
             moment = self._moment(integrator, state, parameters, dt, own)
             loop = own.loop
-            if slow:
-                used = integrator.getIntegrationForceGroups()
-                groups = {group for group in range(32) if used >> group & 1} - {self.pair_group}
+            used = integrator.getIntegrationForceGroups()
+            groups = {group for group in range(32) if used >> group & 1} - {self.pair_group}
 
-                def forces(m: Moment, done: int) -> np.ndarray:
-                    if done:
-                        context.setPositions(m.x)
-                        context.setStepCount(count + done)
-                        context.setTime(clock[done])
-                        if self.spec.ramp is not None:
-                            context.setParameter(KT, m.kT)
-                    return context.getState(forces=True, groups=groups).getForces(asNumpy=True)._value
+            def forces(m: Moment, done: int) -> np.ndarray:
+                if done:
+                    context.setPositions(m.x)
+                    context.setStepCount(count + done)
+                    context.setTime(clock[done])
+                    if self.spec.ramp is not None:
+                        context.setParameter(shared.KT, m.kT)
+                return context.getState(forces=True, groups=groups).getForces(asNumpy=True)._value
 
-                loop.run(moment, n, forces)
-            else:
-                loop.run(moment, n)
+            loop.run(moment, n, forces if slow else None)
         except RunError as error:
             raise RunError(f"step {count + getattr(error, 'steps_done', 0) + 1}: {error}") from error
         reached = (count, clock[0]) if barostats else (count + n, clock[-1])
@@ -113,21 +88,21 @@ class WholeSteps:
             self._give_back(integrator, context, state, moment, own, reached)  # all of it, wherever that was interrupted
             raise
         if barostats:
-            openmm.CustomIntegrator.setGlobalVariableByName(integrator, AHEAD, float(n))
+            openmm.CustomIntegrator.setGlobalVariableByName(integrator, shared.AHEAD, float(n))
             try:
                 openmm.CustomIntegrator.step(integrator, n)
             finally:
-                openmm.CustomIntegrator.setGlobalVariableByName(integrator, AHEAD, 0.0)
+                openmm.CustomIntegrator.setGlobalVariableByName(integrator, shared.AHEAD, 0.0)
 
     def _settle_temperature(self, integrator: PairIntegrator, context: openmm.Context) -> None:
         """Which of the temperature in kelvin and the thermal energy was set since the last step holds, as the program has it."""
-        if TEMPERATURE not in integrator.variables():
+        if shared.TEMPERATURE not in integrator.variables():
             return
         get = integrator.getGlobalVariableByName
-        kelvin, kT = get(TEMPERATURE), context.getParameter(KT)
-        if kelvin != get(SEEN_TEMPERATURE):
+        kelvin, kT = get(shared.TEMPERATURE), context.getParameter(shared.KT)
+        if kelvin != get(shared.SEEN_TEMPERATURE):
             integrator.agree(context, BOLTZMANN * kelvin, kelvin)
-        elif kT != get(SEEN_KT):
+        elif kT != get(shared.SEEN_KT):
             integrator.agree(context, kT, kT / BOLTZMANN)
 
     def _moment(self, integrator: PairIntegrator, state, parameters, dt: float, own) -> Moment:
@@ -140,11 +115,11 @@ class WholeSteps:
         v = state.getVelocities(asNumpy=True)._value.copy()
         v[function.spec.inv_mass == 0.0] = 0.0
         kT = function.thermal_energy(parameters)
-        moment = Moment(x.copy(), v, box, dt, kT, int(parameters[SEED]), int(parameters[COUNTER]))
+        moment = Moment(x.copy(), v, box, dt, kT, int(parameters[shared.SEED]), int(parameters[shared.COUNTER]))
         if spec.slow_every > 1:
-            moment.slow_step = int(integrator.getGlobalVariableByName(SLOW_STEP))
+            moment.slow_step = int(integrator.getGlobalVariableByName(shared.SLOW_STEP))
         if spec.ramp is not None:
-            moment.ramped = integrator.getGlobalVariableByName(RAMP_STEP)
+            moment.ramped = integrator.getGlobalVariableByName(shared.RAMP_STEP)
         values = self._values(integrator, list(self._variables()))
         fields = function.spec.fields
         if fields is not None:
@@ -176,15 +151,15 @@ class WholeSteps:
             moment.v[still] = state.getVelocities(asNumpy=True)._value[still]
         context.setPositions(moment.x)
         context.setVelocities(moment.v)
-        context.setParameter(COUNTER, float(moment.counter))
-        context.setParameter(TAU, SHOWN)
-        context.setParameter(DT, moment.dt)
+        context.setParameter(shared.COUNTER, float(moment.counter))
+        context.setParameter(shared.TAU, shared.SHOWN)
+        context.setParameter(shared.DT, moment.dt)
         if spec.slow_every > 1:
-            put(integrator, SLOW_STEP, float(moment.slow_step))
+            put(integrator, shared.SLOW_STEP, float(moment.slow_step))
         if spec.ramp is not None:
             assert moment.ramped is not None
-            context.setParameter(KT, moment.kT)
-            put(integrator, RAMP_STEP, moment.ramped)
+            context.setParameter(shared.KT, moment.kT)
+            put(integrator, shared.RAMP_STEP, moment.ramped)
         if moment.values is not None:
             own.fields.values = moment.values
         held = {name: moment.block(block) for name, block in self._variables().items()}
@@ -199,7 +174,7 @@ class WholeSteps:
             openmm.CustomIntegrator.setPerDofVariableByName(integrator, name, values)
         if held:
             stamp = fingerprint(np.concatenate(list(held.values())), np.zeros(0))
-            put(integrator, STAMP, stamp)
+            put(integrator, shared.STAMP, stamp)
             self._held = stamp, held
         context.setStepCount(reached[0])
         context.setTime(reached[1])
@@ -209,16 +184,13 @@ class WholeSteps:
         fields, predicts = self.function.spec.fields, self.spec.predicts
         blocks = range(0 if fields is None else fields.n_blocks)
         names = {f"{FIELD}{k}": k for k in blocks}
-        return names | {f"rate{k}": RATES + k for k in blocks} | {"acc": ACCELERATION} if predicts else names
+        return names | {f"rate{k}": RATES + k for k in blocks} | {"acc": shared.ACCELERATION} if predicts else names
 
     def _values(self, integrator: PairIntegrator, names: list[str]) -> dict[str, np.ndarray]:
         """Their values.  Reading them from OpenMM takes longer than some steps, so those written last are kept, with a fingerprint."""
         if not names:
             return {}
         stamp, held = self._held
-        if held and stamp == integrator.getGlobalVariableByName(STAMP):
+        if held and stamp == integrator.getGlobalVariableByName(shared.STAMP):
             return held
         return {name: per_dof(integrator, name) for name in names}
-
-
-__all__ = ["WholeSteps"]

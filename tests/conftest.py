@@ -17,7 +17,7 @@ import openmm
 import pytest
 from devices import DEVICES, MARKS, Device
 
-from openmm_dpd.kernels.engine import set_threads
+from openmm_dpd.kernels.threads import set_threads
 
 
 @cache

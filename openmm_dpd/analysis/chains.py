@@ -9,15 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import ParameterError
+from ..geometry import AXES_OF_TENSOR
 from ..stats import Average, block_average
-from ..tensors import AXES_OF_TENSOR
-from .frames import Frame, chunks_of, frames_of, selected, weights_of
+from .frames import Beads, Frame, Trajectories, chunks_of, frames_of, selected, weights_of
 from .molecules import bonds_of, bonds_outwards, molecule_labels
 
 if TYPE_CHECKING:
     import mdtraj
-
-    from .frames import Beads, Trajectories
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +157,3 @@ def whole_frames(trajectory: Trajectories) -> tuple[mdtraj.Topology, Iterator[Fr
             yield chunk if chunk.unitcell_vectors is None else chunk.make_molecules_whole(inplace=False, sorted_bonds=tree)
 
     return frames_of(whole())
-
-
-__all__ = ["MoleculeSizes", "end_to_end_distance", "radius_of_gyration"]

@@ -1,24 +1,16 @@
 """Clusters of beads or molecules: micelles, droplets, domains."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from ..errors import ParameterError
+from ..neighbours import connected, pairs_within
 from ..stats import Average, ratio_average
 from ..units import whole_number
-from .frames import frames_of, positive_number, selected
+from .frames import Beads, Trajectories, frames_of, positive_number, selected
 from .molecules import molecule_labels
-from .neighbours import pairs_within
-
-if TYPE_CHECKING:
-    from .frames import Beads, Trajectories
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +60,7 @@ def cluster_labels(
     i, j, _ = pairs_within(np.asarray(positions, dtype=np.float64), None, box, positive_number(cutoff, "cutoff"))
     units = np.arange(len(positions)) if molecules is None else np.unique(molecules, return_inverse=True)[1]
     count = int(units.max()) + 1 if len(units) else 0
-    joined = coo_array((np.ones(len(i), dtype=np.int8), (units[i], units[j])), shape=(count, count))
-    label = connected_components(joined, directed=False)[1]
+    label = connected(np.column_stack([units[i], units[j]]), count)
     rank = np.empty(int(label.max()) + 1 if count else 0, dtype=np.int64)
     rank[np.argsort(-np.bincount(label), kind="stable")] = np.arange(len(rank))
     return rank[label][units]
@@ -122,6 +113,3 @@ def cluster_sizes(trajectory: Trajectories, beads: Beads = None, *, cutoff: floa
         ratio_average(moments[1], moments[0], name="the mean size of clusters"),
         ratio_average(moments[2], moments[1], name="the weighted mean size of clusters"),
     )
-
-
-__all__ = ["Clusters", "cluster_labels", "cluster_sizes"]

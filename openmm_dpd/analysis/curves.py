@@ -1,7 +1,5 @@
 """What an analysis returns: a curve with its standard errors, or the average of one number."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -33,14 +31,14 @@ class Curve:
 def curve_of(x, rows: Sequence[np.ndarray], name: str = "the series") -> Curve:
     """Curve of means over rows (F, K), one row for each frame, with block errors column by column."""
     table = np.asarray(rows, dtype=np.float64)
-    return _curve(x, [block_average(column, name=name) for column in table.T], len(table))
+    return curve_of_averages(x, [block_average(column, name=name) for column in table.T], len(table))
 
 
 def ratio_curve(x, above: np.ndarray, below: np.ndarray, name: str = "the ratio") -> Curve:
     """Curve of ratios of means of two series (F, K), with jackknife errors over blocks; NaN where ``below`` is 0 throughout."""
     nothing = Average(np.nan, None, 0, None)
     columns = [ratio_average(a, b, name=name) if _divides(b) else nothing for a, b in zip(above.T, below.T, strict=True)]
-    return _curve(x, columns, len(above))
+    return curve_of_averages(x, columns, len(above))
 
 
 def _divides(series: np.ndarray) -> bool:
@@ -48,7 +46,8 @@ def _divides(series: np.ndarray) -> bool:
     return bool(np.count_nonzero(series) > len(series) // 2) or (0 < len(series) < 5 and bool(series.any()))
 
 
-def _curve(x, averages: list[Average], frames: int) -> Curve:
+def curve_of_averages(x, averages: list[Average], frames: int) -> Curve:
+    """Curve of averages over so many frames."""
     y = np.array([average.mean for average in averages], dtype=np.float64)
     sem = np.array([np.nan if average.sem is None else average.sem for average in averages], dtype=np.float64)
     return Curve(np.asarray(x, dtype=np.float64), y, sem, frames)

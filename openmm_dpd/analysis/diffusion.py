@@ -1,24 +1,18 @@
 """Motion of beads and molecules: mean squared displacements, diffusion coefficients, velocity autocorrelation."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import ParameterError
 from ..stats import Average, block_average
 from ..units import thermal_energy, to_md
-from .curves import Curve
-from .frames import axis_number, frames_of, indices, positive_number, selected, weights_of
+from .curves import Curve, curve_of_averages
+from .frames import Beads, Trajectories, axis_number, frames_of, indices, positive_number, selected, weights_of
 from .molecules import molecule_labels
 from .profiles import velocity_frames
 from .unwrapping import unwrapped
-
-if TYPE_CHECKING:
-    from .frames import Beads, Trajectories
 
 #: Lags that are taken if none are given.
 LAGS = 50
@@ -137,8 +131,7 @@ def _lagged(values: np.ndarray, lags: Sequence[int] | None, what: str, mean_of) 
 def _average_lags(rows: tuple[np.ndarray, np.ndarray], interval: float) -> Curve:
     lags, table = rows
     averages = [block_average(column[: len(table) - lag]) for lag, column in zip(lags.tolist(), table.T, strict=True)]
-    sem = np.array([np.nan if average.sem is None else average.sem for average in averages])
-    return Curve(lags * interval, np.array([average.mean for average in averages]), sem, len(table))
+    return curve_of_averages(lags * interval, averages, len(table))
 
 
 def diffusion_coefficient(
@@ -252,6 +245,3 @@ def velocity_autocorrelation(
         kept.append(v if group is None else v[group])
     rows = _lagged(np.array(kept), lags, "a velocity autocorrelation", lambda a, b: np.einsum("fik,fik->f", a, b) / a.shape[1])
     return _average_lags(rows, interval)
-
-
-__all__ = ["MeanSquaredDisplacement", "diffusion_coefficient", "mean_squared_displacement", "velocity_autocorrelation"]

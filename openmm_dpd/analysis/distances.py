@@ -1,20 +1,13 @@
 """Radial distribution functions."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ..errors import ParameterError
+from ..neighbours import pairs_within
 from ..units import whole_number
 from .curves import Curve, curve_of
-from .frames import Frame, frames_of, positive_number, selected
+from .frames import Beads, Frame, Trajectories, frames_of, positive_number, selected
 from .molecules import molecule_labels
-from .neighbours import pairs_within
-
-if TYPE_CHECKING:
-    from .frames import Beads, Trajectories
 
 
 def radial_distribution(
@@ -97,6 +90,3 @@ def _counts(frame: Frame, a: np.ndarray, b: np.ndarray, labels: np.ndarray, edge
     i, j, r = pairs_within(frame.positions[a], None if same else frame.positions[b], frame.box, edges[-1])
     # each pair of equal beads stands for (i, j) and (j, i)
     return (2 if same else 1) * np.histogram(r[labels[a[i]] != labels[b[j]]], len(edges) - 1, (0.0, edges[-1]))[0]
-
-
-__all__ = ["radial_distribution"]

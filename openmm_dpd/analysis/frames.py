@@ -15,10 +15,11 @@ from ..errors import ParameterError
 if TYPE_CHECKING:
     import mdtraj
 
-    #: A trajectory in memory, or chunks of one, as from ``mdtraj.iterload``.
-    Trajectories: TypeAlias = mdtraj.Trajectory | Iterable[mdtraj.Trajectory]
-    #: Beads: a type, several types, or what ``numpy`` indexes an array of beads with; None for all.
-    Beads: TypeAlias = str | Sequence[str] | Sequence[int] | np.ndarray | None
+#: A trajectory in memory, or chunks of one, as from ``mdtraj.iterload``.
+Trajectories: TypeAlias = "mdtraj.Trajectory | Iterable[mdtraj.Trajectory]"
+
+#: Beads: a type, several types, or what ``numpy`` indexes an array of beads with; None for all.
+Beads: TypeAlias = str | Sequence[str] | Sequence[int] | np.ndarray | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,11 +177,6 @@ def axis_number(axis: str | int) -> int:
     if isinstance(axis, (int, np.integer)) and not isinstance(axis, bool) and 0 <= axis <= 2:
         return int(axis)
     raise ParameterError(f"axis must be 'x', 'y', 'z' or 0, 1, 2, not {axis!r}")
-
-
-def widths(box: np.ndarray) -> np.ndarray:
-    """Distances between opposite faces of a box, (3,): its edges unless it is tilted."""
-    return 1.0 / np.linalg.norm(np.linalg.inv(box), axis=0)
 
 
 def positive_number(value, name: str) -> float:

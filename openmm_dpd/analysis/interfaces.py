@@ -1,7 +1,5 @@
 """Tension of flat interfaces."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..errors import ParameterError
@@ -57,6 +55,3 @@ def surface_tension(pressure, length, *, axis: str | int = "z", interfaces: int 
     k = axis_number(axis)
     across = [other for other in range(3) if other != k]
     return block_average(edge * (tensor[:, k] - tensor[:, across].mean(axis=1)) / interfaces, name="the surface tension")
-
-
-__all__ = ["surface_tension"]

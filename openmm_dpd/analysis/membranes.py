@@ -9,10 +9,11 @@ import numpy as np
 from scipy.optimize import minimize
 
 from ..errors import ParameterError
+from ..geometry import widths
 from ..stats import Average, block_average
 from ..units import md_tension, thermal_energy, to_md
 from .curves import Curve, curve_of
-from .frames import Frame, axis_number, frames_of, positive_number, selected, weights_of, widths
+from .frames import Frame, axis_number, frames_of, positive_number, selected, weights_of
 from .molecules import molecule_labels
 from .profiles import periodic_centre
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components
+from scipy.sparse.csgraph import breadth_first_order
+
+from ..neighbours import connected, graph
 
 if TYPE_CHECKING:
     import mdtraj
@@ -17,16 +18,12 @@ def bonds_of(topology: mdtraj.Topology) -> np.ndarray:
     return np.array([(bond[0].index, bond[1].index) for bond in topology.bonds], dtype=np.int64).reshape(-1, 2)
 
 
-def _graph(bonds: np.ndarray, count: int) -> coo_array:
-    return coo_array((np.ones(len(bonds), dtype=np.int8), (bonds[:, 0], bonds[:, 1])), shape=(count, count))
-
-
 def molecule_labels(topology: mdtraj.Topology) -> np.ndarray:
     """Number of the molecule of each bead, (N,), from 0: beads connected by bonds, or residues if the topology has no bonds."""
     bonds = bonds_of(topology)
     if not len(bonds):
         return np.array([atom.residue.index for atom in topology.atoms], dtype=np.int64)
-    return connected_components(_graph(bonds, topology.n_atoms), directed=False)[1].astype(np.int64)
+    return connected(bonds, topology.n_atoms).astype(np.int64)
 
 
 def bonds_outwards(topology: mdtraj.Topology) -> np.ndarray:
@@ -43,6 +40,6 @@ def bonds_outwards(topology: mdtraj.Topology) -> np.ndarray:
     labels = molecule_labels(topology)
     roots = np.unique(labels, return_index=True)[1]
     joined = np.concatenate([bonds, np.column_stack([np.full(len(roots), count), roots])])
-    order, parents = breadth_first_order(_graph(joined, count + 1).tocsr(), count, directed=False)
+    order, parents = breadth_first_order(graph(joined, count + 1).tocsr(), count, directed=False)
     tree = np.column_stack([parents[order[1:]], order[1:]]).astype(np.int64)
     return tree[tree[:, 0] != count]

@@ -1,7 +1,5 @@
 """Pictures of what the analysis returns: one function for each, drawn with matplotlib but without its global state."""
 
-from __future__ import annotations
-
 import os
 import reprlib
 from collections.abc import Mapping
@@ -10,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import ParameterError
-from ..pictures import finish_axis, write_picture
+from ..pictures import finish_axis, new_figure, with_unit, write_picture
 from .clusters import Clusters
 from .curves import Curve
 from .diffusion import MeanSquaredDisplacement, diffusion_coefficient
@@ -42,14 +40,14 @@ def radial_distribution_picture(
         axis.axvline(cutoff, color="0.6", linewidth=0.8, linestyle=":", zorder=1)
     _lines(axis, curves)
     axis.set_ylim(bottom=0)
-    _write(figure, axis, path, _label("distance $r$", unit), "$g(r)$", title)
+    _write(figure, axis, path, with_unit("distance $r$", unit), "$g(r)$", title)
 
 
 def structure_factor_picture(path: str | os.PathLike, curves: Curve | Mapping[str, Curve], *, unit: str = "nm", title: str = "") -> None:
     """Draw S(q), one curve or several by their names; arguments as for :func:`radial_distribution_picture`."""
     figure, axis = _axes()
     _lines(axis, curves, marker="o")
-    _write(figure, axis, path, _label("wave number $q$", f"1/{unit}" if unit else ""), "$S(q)$", title)
+    _write(figure, axis, path, with_unit("wave number $q$", f"1/{unit}" if unit else ""), "$S(q)$", title)
 
 
 def profile_picture(
@@ -65,7 +63,7 @@ def profile_picture(
     """Draw profiles along an axis: those of :func:`density_profile`, or of velocities or temperatures with their ``quantity``."""
     figure, axis = _axes()
     _lines(axis, curves)
-    _write(figure, axis, path, _label(f"${axis_name}$", unit), _label(quantity, quantity_unit), title)
+    _write(figure, axis, path, with_unit(f"${axis_name}$", unit), with_unit(quantity, quantity_unit), title)
 
 
 def displacement_picture(
@@ -91,7 +89,7 @@ def displacement_picture(
         # the line through the middle of what was fitted
         offset = np.mean(shown.y[inside] - slope * shown.x[inside]) if inside.sum() > 1 else 0.0
         error = "" if found.sem is None else rf" $\pm$ {found.sem:.2g}"
-        label = _label(f"$D$ = {found.mean:.4g}{error}", f"{unit}$^2$/{time_unit}" if unit else "")
+        label = with_unit(f"$D$ = {found.mean:.4g}{error}", f"{unit}$^2$/{time_unit}" if unit else "")
         axis.plot(
             shown.x[inside], slope * shown.x[inside] + offset, color="black", linewidth=1.2, linestyle=(0, (5, 3)), label=label, zorder=5
         )
@@ -100,8 +98,8 @@ def displacement_picture(
         figure,
         axis,
         path,
-        _label("time", time_unit if unit else ""),
-        _label("mean squared displacement", f"{unit}$^2$" if unit else ""),
+        with_unit("time", time_unit if unit else ""),
+        with_unit("mean squared displacement", f"{unit}$^2$" if unit else ""),
         title,
     )
 
@@ -124,11 +122,7 @@ def cluster_picture(path: str | os.PathLike, clusters: Clusters, *, title: str =
 
 # -- what they share -------------------------------------------------------------------------------------------------------------
 def _axes() -> tuple[Any, Any]:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6.4, 4.0), dpi=150, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(6.4, 4.0)
     return figure, figure.subplots()
 
 
@@ -149,10 +143,3 @@ def _write(figure: Any, axis: Any, path: str | os.PathLike, x_label: str, y_labe
     if title:
         figure.suptitle(title, fontsize=12)
     write_picture(path, figure)
-
-
-def _label(name: str, unit: str) -> str:
-    return f"{name} [{unit}]" if unit else name
-
-
-__all__ = ["cluster_picture", "displacement_picture", "profile_picture", "radial_distribution_picture", "structure_factor_picture"]

@@ -1,20 +1,15 @@
 """Profiles along an axis of the box: densities, velocities and temperatures in slices."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import ParameterError
+from ..geometry import widths
 from ..units import whole_number
 from .curves import Curve, curve_of, ratio_curve
-from .frames import Frame, axis_number, frames_of, selected, type_names, weights_of, widths
-
-if TYPE_CHECKING:
-    from .frames import Beads, Trajectories
+from .frames import Beads, Frame, Trajectories, axis_number, frames_of, selected, type_names, weights_of
 
 #: Length of the mean of exp(2 pi i s) below which beads are spread too evenly to have a centre.
 LEAST_RESULTANT = 0.05
@@ -269,6 +264,3 @@ def velocity_frames(velocities: Iterable[np.ndarray], beads: int | None) -> Iter
         if not np.all(np.isfinite(array)):
             raise ParameterError("a velocity is not finite")
         yield from array
-
-
-__all__ = ["density_profile", "periodic_centre", "temperature_profile", "velocity_profile"]

@@ -1,17 +1,10 @@
 """Static structure factors on the wave vectors of the box."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ..errors import ParameterError
 from .curves import Curve, curve_of
-from .frames import Frame, frames_of, positive_number, selected
-
-if TYPE_CHECKING:
-    from .frames import Beads, Trajectories
+from .frames import Beads, Frame, Trajectories, frames_of, positive_number, selected
 
 #: More wave vectors than that are a mistake.
 MOST_VECTORS = 5_000_000
@@ -132,6 +125,3 @@ def density_waves(fractions: np.ndarray, limits: np.ndarray, block: int = 4096) 
             cut = slice(part, part + step)
             total += x[cut].T @ (y[cut, :, None] * z[cut, None, :]).reshape(len(s[cut]), -1)
     return total.reshape(2 * nx + 1, 2 * ny + 1, nz + 1)
-
-
-__all__ = ["density_waves", "largest_indices", "structure_factor"]

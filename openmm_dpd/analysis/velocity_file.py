@@ -1,7 +1,5 @@
 """Velocities over time from the file of a :class:`openmm_dpd.measure.VelocityReporter`."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 
@@ -27,6 +25,3 @@ def read_velocities(file: str | os.PathLike) -> Iterator[np.ndarray]:
     with opened as archive:
         for member in sorted(name for name in archive.files if name.startswith("velocities/")):
             yield archive[member]
-
-
-__all__ = ["read_velocities"]

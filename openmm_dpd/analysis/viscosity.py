@@ -1,7 +1,5 @@
 """Viscosity of a fluid: from its flow, and from fluctuations of its stress at rest (derivations in docs/theory_flow.md)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -269,6 +267,3 @@ def _correlation(first: np.ndarray, second: np.ndarray, lags: int) -> np.ndarray
     size = 1 << int(np.ceil(np.log2(2 * n)))
     spectrum = np.conj(np.fft.rfft(first, size, axis=0)) * np.fft.rfft(second, size, axis=0)
     return np.fft.irfft(spectrum, size, axis=0)[:lags].mean(axis=1) / (n - np.arange(lags))
-
-
-__all__ = ["GreenKubo", "PoiseuilleFit", "VelocityProfile", "green_kubo_viscosity", "poiseuille_viscosity"]

@@ -1,8 +1,6 @@
 """Bonds and angles as forces of OpenMM."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import openmm
 
@@ -11,22 +9,15 @@ from ..model.bonds import WCA_END, Bonds, FENEBonds, HarmonicBonds, MorseBonds
 from ..names import MOLECULE_GROUP
 
 
-def bond_forces(bonds: Sequence[Bonds], periodic: bool) -> list[openmm.Force]:
-    """Forces of all bonds, one of each kind that there is."""
-    makers = {HarmonicBonds: _harmonic_bonds, FENEBonds: _fene_bonds, MorseBonds: _morse_bonds}
-    return _forces(bonds, makers, lambda group: len(group.pairs), periodic)
-
-
-def angle_forces(angles: Sequence[Angles], periodic: bool) -> list[openmm.Force]:
-    """Forces of all angles, one of each kind that there is."""
-    makers = {HarmonicAngles: _harmonic_angles, CosineAngles: _cosine_angles}
-    return _forces(angles, makers, lambda group: len(group.triples), periodic)
-
-
-def _forces(groups, makers, size, periodic: bool) -> list[openmm.Force]:
+def bonded_forces(bonds: Sequence[Bonds], angles: Sequence[Angles], periodic: bool) -> list[openmm.Force]:
+    """Forces of all bonds and angles, those of each kind that there is."""
+    makers: dict[type, Callable[[Sequence], list[openmm.Force]]] = {
+        **{HarmonicBonds: _harmonic_bonds, FENEBonds: _fene_bonds, MorseBonds: _morse_bonds},
+        **{HarmonicAngles: _harmonic_angles, CosineAngles: _cosine_angles},
+    }
     made: list[openmm.Force] = []
     for kind, maker in makers.items():
-        chosen = [group for group in groups if isinstance(group, kind) and size(group)]
+        chosen = [group for group in (*bonds, *angles) if isinstance(group, kind) and len(group.beads)]
         made += maker(chosen) if chosen else []
     for force in made:
         force.setUsesPeriodicBoundaryConditions(periodic)
@@ -47,13 +38,19 @@ def molecules(pairs) -> openmm.CustomBondForce:
     return force
 
 
+def _rows(groups, *columns: str):
+    """Beads and coefficients of all terms of some groups."""
+    for group in groups:
+        beads, *values = (getattr(group, column).tolist() for column in columns)
+        yield from zip(beads, *values, strict=True)
+
+
 def _harmonic_bonds(groups: Sequence[HarmonicBonds]) -> list[openmm.Force]:
     """U = k (r - r0)^2; OpenMM's own constant is 2k."""
     force = openmm.HarmonicBondForce()
     force.setName("harmonic bonds")
-    for group in groups:
-        for (i, j), k, r0 in zip(group.pairs.tolist(), group.k.tolist(), group.r0.tolist(), strict=True):
-            force.addBond(i, j, r0, 2 * k)
+    for (i, j), k, r0 in _rows(groups, "pairs", "k", "r0"):
+        force.addBond(i, j, r0, 2 * k)
     return [force]
 
 
@@ -71,20 +68,18 @@ def _fene_bonds(groups: Sequence[FENEBonds]) -> list[openmm.Force]:
     repulsion = _custom_bonds(
         f"step({WCA_END!r}*sigma-r)*epsilon*(4*s6*(s6-1)+1); s6=(sigma/r)^6", ("epsilon", "sigma"), "repulsion of FENE bonds"
     )
-    for group in groups:
-        rows = zip(*(array.tolist() for array in (group.pairs, group.k, group.R0, group.epsilon, group.sigma)), strict=True)
-        for (i, j), k, longest, epsilon, sigma in rows:
-            spring.addBond(i, j, [k, longest])
-            if epsilon > 0:
-                repulsion.addBond(i, j, [epsilon, sigma])
+    for (i, j), k, longest, epsilon, sigma in _rows(groups, "pairs", "k", "R0", "epsilon", "sigma"):
+        spring.addBond(i, j, [k, longest])
+        if epsilon > 0:
+            repulsion.addBond(i, j, [epsilon, sigma])
     return [spring, repulsion] if repulsion.getNumBonds() else [spring]
 
 
 def _morse_bonds(groups: Sequence[MorseBonds]) -> list[openmm.Force]:
-    force = _custom_bonds("D*(1-exp(-alpha*(r-r0)))^2", ("D", "alpha", "r0"), "Morse bonds")
-    for group in groups:
-        for (i, j), *values in zip(*(array.tolist() for array in (group.pairs, group.D, group.alpha, group.r0)), strict=True):
-            force.addBond(i, j, values)
+    names = "D", "alpha", "r0"
+    force = _custom_bonds("D*(1-exp(-alpha*(r-r0)))^2", names, "Morse bonds")
+    for (i, j), *values in _rows(groups, "pairs", *names):
+        force.addBond(i, j, values)
     return [force]
 
 
@@ -92,9 +87,8 @@ def _harmonic_angles(groups: Sequence[HarmonicAngles]) -> list[openmm.Force]:
     """U = k (theta - theta0)^2; OpenMM's own constant is 2k."""
     force = openmm.HarmonicAngleForce()
     force.setName("harmonic angles")
-    for group in groups:
-        for (i, j, m), k, theta0 in zip(group.triples.tolist(), group.k.tolist(), group.theta0.tolist(), strict=True):
-            force.addAngle(i, j, m, theta0, 2 * k)
+    for beads, k, theta0 in _rows(groups, "triples", "k", "theta0"):
+        force.addAngle(*beads, theta0, 2 * k)
     return [force]
 
 
@@ -102,7 +96,6 @@ def _cosine_angles(groups: Sequence[CosineAngles]) -> list[openmm.Force]:
     force = openmm.CustomAngleForce("k*(1+cos(theta))")
     force.setName("cosine angles")
     force.addPerAngleParameter("k")
-    for group in groups:
-        for (i, j, m), k in zip(group.triples.tolist(), group.k.tolist(), strict=True):
-            force.addAngle(i, j, m, [k])
+    for beads, k in _rows(groups, "triples", "k"):
+        force.addAngle(*beads, [k])
     return [force]

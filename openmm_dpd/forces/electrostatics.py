@@ -13,15 +13,13 @@ distance of the width of the charges the expression is one polynomial, and above
 which is smooth to the rounding of its coefficients, and finite everywhere.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
 import numpy as np
 import openmm
 
-from ..model.electrostatics import EwaldSum, SlaterCharges, SmearedCharges, erf_series
+from ..model.electrostatics import EwaldSum, SlaterCharges, SmearedCharges, erf_series, short_series
 from ..names import COULOMB_GROUP, COULOMB_VIRIAL_GROUP, LATTICE_GROUP
 from ..units import COULOMB
 from .expressions import VIRIAL, VIRIAL_SWITCH
@@ -74,11 +72,7 @@ def difference(charges: SmearedCharges, alpha: float, scale: float) -> Radial:
     """s(r) - erf(alpha r)/r, without a difference of nearly equal numbers at any distance."""
     k = charges.steepness
     cloud = f"(1+{k!r}*far)*exp({-2 * k!r}*far)" if isinstance(charges, SlaterCharges) else f"erfc({k!r}*far)"
-    first, second = charges.series(scale), erf_series(alpha, scale)
-    coefficients = np.zeros(max(len(first), len(second)))
-    coefficients[: len(first)] += first
-    coefficients[: len(second)] -= second
-    return Radial(coefficients, f"(erfc({alpha!r}*far)-{cloud})/far", scale)
+    return Radial(short_series(charges, alpha, scale), f"(erfc({alpha!r}*far)-{cloud})/far", scale)
 
 
 def width_derivative(charges: SmearedCharges) -> str:

@@ -4,8 +4,6 @@ Every radial potential becomes one :class:`PairExpression`; the same text serves
 scaled or coincident pairs, and the virial.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
@@ -83,6 +81,30 @@ def parameters(arrays: dict[str, np.ndarray]) -> tuple[str, dict]:
     return text, functions
 
 
+def radial_expression(
+    name: str, table: Mapping, names: list[str], energy: str, virial: str, columns: dict[str, tuple[Callable, float]], **choices
+) -> PairExpression:
+    """Expression of one table, which is 0 from the cutoff ``rc`` on.
+
+    Parameters
+    ----------
+    energy, virial : str
+        Below the cutoff.
+    columns : dict
+        Names in these, what they are of a coefficient, and where there is no interaction.
+    """
+    columns = {**columns, "rc": (lambda c: c.cutoff, 1.0)}
+    text, functions = parameters({key: type_pairs(table, names, *column) for key, column in columns.items()})
+    energy, virial = (f"step(rc-r)*{part}{text}" for part in (energy, virial))
+    return PairExpression(name, energy, virial, max(c.cutoff for c in table.values()), functions, **choices)
+
+
+def dpd_expression(table: Mapping, names: list[str]) -> PairExpression:
+    """U = A rc (1 - r/rc)^2/2 for r < rc, of one table of coefficients with A and cutoff; zero at the cutoff."""
+    energy, virial, columns = "0.5*A*rc*(1-r/rc)^2", "A*r*(1-r/rc)", {"A": (lambda c: c.A, 0.0)}
+    return radial_expression("DPD conservative", table, names, energy, virial, columns, skips_coincident=True)
+
+
 def nonbonded_force(
     expression: PairExpression,
     types: np.ndarray,
@@ -97,11 +119,7 @@ def nonbonded_force(
     Without a neighbour list (``listed`` False) it goes through all pairs: a platform makes no list for an interaction group.
     """
     force = openmm.CustomNonbondedForce(_switched(expression.virial) if virial else expression.energy)
-    force.setName(expression.name + (f" {VIRIAL}" if virial else ""))
-    if virial:
-        force.addGlobalParameter(VIRIAL_SWITCH, 0.0)
-    for name, make in expression.functions.items():
-        force.addTabulatedFunction(name, make())
+    _name(force, expression, "", virial)
     if expression.typed:
         force.addPerParticleParameter("type")
     for kind in types.tolist():
@@ -130,11 +148,7 @@ def exception_force(
     gate = f"step(apart-{COINCIDENT!r})*" if expression.skips_coincident else ""
     text = ";".join([f"{gate}factor*({head})", *definitions, f" r=max(apart, {COINCIDENT!r})", " apart=distance(p1, p2)"])
     force = openmm.CustomCompoundBondForce(2, _switched(text) if virial else text)
-    force.setName(expression.name + " (exceptions)" + (f" {VIRIAL}" if virial else ""))
-    if virial:
-        force.addGlobalParameter(VIRIAL_SWITCH, 0.0)
-    for name, make in expression.functions.items():
-        force.addTabulatedFunction(name, make())
+    _name(force, expression, " (exceptions)", virial)
     force.addPerBondParameter("factor")
     if expression.typed:
         force.addPerBondParameter("type1")
@@ -143,6 +157,15 @@ def exception_force(
         force.addBond([i, j], [factor, int(types[i]), int(types[j])] if expression.typed else [factor])
     force.setUsesPeriodicBoundaryConditions(periodic)
     return force
+
+
+def _name(force: openmm.Force, expression: PairExpression, what: str, virial: bool) -> None:
+    """Name, switch and functions of a force made from an expression."""
+    force.setName(expression.name + what + (f" {VIRIAL}" if virial else ""))
+    if virial:
+        force.addGlobalParameter(VIRIAL_SWITCH, 0.0)
+    for name, make in expression.functions.items():
+        force.addTabulatedFunction(name, make())
 
 
 def _switched(text: str) -> str:

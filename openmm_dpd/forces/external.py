@@ -5,8 +5,6 @@ expression is -f.(x - q(x)) with q(x) = floor(S x)/S, whose derivative is 0: the
 modulates the force is a function of q as well, so that it adds no derivative.
 """
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -4,8 +4,6 @@ The attraction is a CustomNonbondedForce.  The repulsion is a CustomGBForce: a c
 pi B h^4 rho_i^2/30 of each bead.  With the Lucy kernel there is no potential, and the pair kernel computes the force.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -13,8 +11,7 @@ import numpy as np
 import openmm
 
 from ..model.mdpd import check_many_body
-from .conservative import dpd_expression
-from .expressions import PairExpression, type_pairs, type_table
+from .expressions import PairExpression, dpd_expression, type_pairs, type_table
 
 
 def attraction_expression(table: Mapping, names: list[str]) -> PairExpression:

@@ -1,7 +1,5 @@
 """Two Systems as one: atoms with the forces of a force field, and beads that these forces do not see."""
 
-from __future__ import annotations
-
 import copy
 
 import openmm

@@ -3,8 +3,6 @@
 To add one: a coefficient class in ``model/pairs.py``, an expression here, a record in ``kinds/overlays.py``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np
@@ -12,7 +10,7 @@ import openmm
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from ..model.pairs import LennardJones, TabulatedPair
-from .expressions import PairExpression, parameters, type_pairs, type_table
+from .expressions import PairExpression, radial_expression, type_pairs, type_table
 
 #: Points of a resampled table: the spline through them differs from the original one by less than float32 rounding.
 _POINTS = 4000
@@ -26,22 +24,10 @@ def lennard_jones_shift(c: LennardJones) -> float:
 
 def lennard_jones_expression(table: Mapping, names: list[str]) -> PairExpression:
     """U = 4 epsilon ((sigma/r)^12 - (sigma/r)^6) - shift for r < rc."""
-    text, functions = parameters(
-        {
-            "epsilon": type_pairs(table, names, lambda c: c.epsilon, 0.0),
-            # 0 where there is no interaction: (1/r)^12 would overflow where soft beads overlap
-            "sigma": type_pairs(table, names, lambda c: c.sigma, 0.0),
-            "rc": type_pairs(table, names, lambda c: c.cutoff, 1.0),
-            "shift": type_pairs(table, names, lennard_jones_shift, 0.0),
-        }
-    )
-    return PairExpression(
-        name="Lennard-Jones",
-        energy=f"step(rc-r)*(4*epsilon*(s6*s6-s6)-shift); s6=(sigma/r)^6{text}",
-        virial=f"step(rc-r)*24*epsilon*(2*s6*s6-s6); s6=(sigma/r)^6{text}",
-        cutoff=max(c.cutoff for c in table.values()),
-        functions=functions,
-    )
+    energy, virial = (f"{head}; s6=(sigma/r)^6" for head in ("(4*epsilon*(s6*s6-s6)-shift)", "24*epsilon*(2*s6*s6-s6)"))
+    # sigma is 0 where there is no interaction: (1/r)^12 would overflow where soft beads overlap
+    columns = {"epsilon": (lambda c: c.epsilon, 0.0), "sigma": (lambda c: c.sigma, 0.0), "shift": (lennard_jones_shift, 0.0)}
+    return radial_expression("Lennard-Jones", table, names, energy, virial, columns)
 
 
 def energy_spline(pair: TabulatedPair) -> CubicSpline | CubicHermiteSpline:

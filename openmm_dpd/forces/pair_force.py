@@ -1,14 +1,12 @@
 """The PythonForce that stands between OpenMM and the pair kernel."""
 
-from __future__ import annotations
-
 import threading
-from typing import TYPE_CHECKING
 
 import numpy as np
 import openmm
 from openmm import unit
 
+from .. import names
 from ..errors import RunError
 from ..kernels import motion
 from ..kernels.compiled import compiled, inlined
@@ -17,29 +15,10 @@ from ..kernels.extras import warm_up_extras
 from ..kernels.fields import ENERGY, TEMPERATURE, FieldSpec
 from ..kernels.steps import Moment, StepLoop, StepSpec
 from ..made import origin
-from ..names import (
-    ACCELERATION,
-    BODY_FORCE,
-    COUNTER,
-    DT,
-    KT,
-    PAIR_FORCE,
-    PHASE,
-    PREDICTED,
-    RATES,
-    SEED,
-    TAU,
-    VOLATILE,
-    VOLUME_ACCEPTED,
-    VOLUME_MOVES,
-    VOLUME_STEP,
-    Phase,
-)
+from ..names import RATES, Phase
+from ..program_options import ProgramOptions
 from ..watching import interrupts
 from .runaway import NEAR, runaway
-
-if TYPE_CHECKING:
-    from ..program_options import ProgramOptions
 
 #: Phases that store the positions.
 KEEPING = (Phase.STORE, Phase.FINGERPRINT, Phase.CONSERVE)
@@ -186,11 +165,11 @@ class PairForceFunction:
 
     def __call__(self, state):
         parameters = state.getParameters()
-        phase = int(parameters[PHASE])
+        phase = int(parameters[names.PHASE])
         if phase == Phase.IDLE and not self.conservative:
             return 0.0, self._zero
         local = self.thread_state()
-        here = (phase, parameters[COUNTER])
+        here = (phase, parameters[names.COUNTER])
         if phase != Phase.IDLE and here == local.failed:
             # a step failed and its phase is still set: a call from outside gets what IDLE gives, but a new step may begin so too
             phase = phase if phase in KEEPING else int(Phase.IDLE)
@@ -226,7 +205,7 @@ class PairForceFunction:
 
     def fingerprint(self, local, x: np.ndarray, box: np.ndarray | None, parameters: dict) -> float:
         """Fingerprint of positions, parameters and box; that of the last call if beads were only wrapped into the box since."""
-        stable = np.array([value for name, value in sorted(parameters.items()) if name not in VOLATILE])
+        stable = np.array([value for name, value in sorted(parameters.items()) if name not in names.VOLATILE])
         if box is not None:
             stable = np.append(stable, box.ravel())
         value = fingerprint(x, stable)
@@ -242,24 +221,21 @@ class PairForceFunction:
         if not self.conservative:
             return 0.0, self._zero
         local.engine.prepare(x, box)
-        if local.conserved_at != local.engine.number or self._warm_repulsion:
+        # a repulsion may depend on the temperatures of the beads
+        warm = self.spec.fields is not None and self.spec.fields.kind == TEMPERATURE
+        if local.conserved_at != local.engine.number or warm:
             field_values = None if local.fields is None else local.fields.values
             local.conserved_energy = local.engine.forces(CONSERVATIVE, None, 0.0, 1.0, 0, 0, field_values, local.conserved)[0]
             local.conserved_at = local.engine.number
         return local.conserved_energy, local.conserved
-
-    @property
-    def _warm_repulsion(self) -> bool:
-        """Whether the conservative force depends on the temperatures of the beads."""
-        return self.spec.fields is not None and self.spec.fields.kind == TEMPERATURE
 
     def _in_step(self, local, phase: int, x: np.ndarray, box: np.ndarray | None, parameters: dict) -> np.ndarray:
         kept, block = local.kept, phase % 100
         phase -= block if phase >= Phase.SWEEP_SEEN else 0
         if kept is None:
             raise RunError(f"phase {phase} of the pair force came before any positions were stored: no integrator of openmm_dpd does that")
-        if not parameters[DT] > 0.0:
-            raise RunError(f"the step size must be > 0, but the integrator's is {parameters[DT]:g} ps")
+        if not parameters[names.DT] > 0.0:
+            raise RunError(f"the step size must be > 0, but the integrator's is {parameters[names.DT]:g} ps")
         fields: Fields | None = local.fields
         if phase == Phase.TELL:
             return local.moment.block(block)
@@ -267,14 +243,14 @@ class PairForceFunction:
             assert fields is not None
             return fields.changes(block) / self.scale
         if phase == Phase.READ:
-            shown = (x - kept) / parameters[TAU]
+            shown = (x - kept) / parameters[names.TAU]
             local.read[block] = shown
             if block < RATES:
                 assert fields is not None
                 fields.read(block, shown)
             return self._zero
-        dt, tau, kT = parameters[DT], parameters[TAU], self.thermal_energy(parameters)
-        key = (int(parameters[SEED]), int(parameters[COUNTER]))
+        dt, tau, kT = parameters[names.DT], parameters[names.TAU], self.thermal_energy(parameters)
+        key = (int(parameters[names.SEED]), int(parameters[names.COUNTER]))
         motion.seen_velocities(x, kept, tau, local.v)
         if phase == Phase.RUN:
             return self._run(local, Moment(kept.copy(), local.v.copy(), box, dt, kT, *key))
@@ -285,16 +261,16 @@ class PairForceFunction:
 
     def scale_body_forces(self, local, parameters) -> None:
         """Take the factor of body forces over from the Context."""
-        scale = parameters[BODY_FORCE] if BODY_FORCE in parameters else 1.0
+        scale = parameters[names.BODY_FORCE] if names.BODY_FORCE in parameters else 1.0
         if scale != local.engine.body_scale:
             local.engine.body_scale = scale
             local.engine.number += 1
 
     def thermal_energy(self, parameters) -> float:
         """kT of the Context; RunError if it is none."""
-        kT = parameters[KT]
+        kT = parameters[names.KT]
         if not 0.0 <= kT < np.inf:
-            raise RunError(f"the context parameter {KT} must be >= 0 and finite, but is {kT}")
+            raise RunError(f"the context parameter {names.KT} must be >= 0 and finite, but is {kT}")
         return kT
 
     def _run(self, local, moment: Moment) -> np.ndarray:
@@ -304,7 +280,7 @@ class PairForceFunction:
             moment.values = local.fields.values.copy()
             if RATES in read:
                 moment.rates = unfolded([read[RATES + k] for k in range(fields.n_blocks)], fields)
-        moment.acc, moment.unkicked = read.get(ACCELERATION), read.get(PREDICTED)
+        moment.acc, moment.unkicked = read.get(names.ACCELERATION), read.get(names.PREDICTED)
         local.moment = moment
         local.loop.run(moment, 1, shown=True)
         return moment.x
@@ -331,9 +307,7 @@ class PairForceFunction:
     def _sweep(self, local, update: int, conditions: tuple) -> np.ndarray:
         """Impulses/dt of a sweep at the prepared positions."""
         engine, v, dt = local.engine, local.v, conditions[1]
-        change = local.result
-        engine.swept(v, *conditions, change, update)
-        change -= engine.seen(v)
+        change = engine.sweep(v, *conditions, local.result, update)
         if local.fields is not None:
             local.fields.last = engine.increments
             if self.balanced:
@@ -365,14 +339,21 @@ def unfolded(blocks: list[np.ndarray], spec: FieldSpec) -> np.ndarray:
 
 def pair_force(function: PairForceFunction, *, options: ProgramOptions, integrator: openmm.Integrator) -> openmm.PythonForce:
     """PythonForce that evaluates the pair terms, with its context parameters (see :mod:`openmm_dpd.names`)."""
-    parameters = {PHASE: float(Phase.IDLE), TAU: options.dt, DT: options.dt, KT: options.kT, COUNTER: 0.0, SEED: float(options.seed)}
+    parameters = {
+        names.PHASE: float(Phase.IDLE),
+        names.TAU: options.dt,
+        names.DT: options.dt,
+        names.KT: options.kT,
+        names.COUNTER: 0.0,
+        names.SEED: float(options.seed),
+    }
     parameters |= origin(options, integrator)
     if function.spec.fields is not None and function.spec.fields.kind == ENERGY:
-        parameters |= {VOLUME_MOVES: 0.0, VOLUME_STEP: 0.01, VOLUME_ACCEPTED: 0.0}
+        parameters |= {names.VOLUME_MOVES: 0.0, names.VOLUME_STEP: 0.01, names.VOLUME_ACCEPTED: 0.0}
     if any(extra.term == "external" for extra in function.spec.extras):
-        parameters[BODY_FORCE] = 1.0
+        parameters[names.BODY_FORCE] = 1.0
     force = openmm.PythonForce(function, parameters)
-    force.setName(PAIR_FORCE)
+    force.setName(names.PAIR_FORCE)
     force.setForceGroup(options.pair_group)
     # true exactly when the scene is periodic: only then are the positions handed over meaningful on GPU platforms
     force.setUsesPeriodicBoundaryConditions(function.periodic)

@@ -4,8 +4,6 @@ The soft repulsion of DPD is bounded, so a scheme that has become unstable never
 run goes on as an ideal gas.  What gives it away are beads that cross more than a cutoff in one step.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..kernels import motion
@@ -48,10 +46,6 @@ def runaway(v: np.ndarray, inv_mass: np.ndarray, kT: float, dt: float, cutoff: f
     bead = int(np.argmax(ratio))
     if ratio[bead] <= 1.0:
         return None
-    hot = "" if kT <= 0 else f"; the kinetic temperature is {_kinetic(square, inv_mass, moving) / kT:.3g} times what it should be"
+    kinetic = float(np.mean(square[moving] / inv_mass[moving]) / 3.0)
+    hot = "" if kT <= 0 else f"; the kinetic temperature is {kinetic / kT:.3g} times what it should be"
     return f"bead {bead} moves {square[bead] ** 0.5 * dt:.3g} nm in one step of {dt:g} ps, more than the cutoff of {cutoff:g} nm{hot}"
-
-
-def _kinetic(square: np.ndarray, inv_mass: np.ndarray, moving: np.ndarray) -> float:
-    """Mean m v^2/3 of the beads that move."""
-    return float(np.mean(square[moving] / inv_mass[moving]) / 3.0)

@@ -1,13 +1,12 @@
 """The PythonForce of segmental repulsion."""
 
-from __future__ import annotations
-
 import threading
 
 import numpy as np
 import openmm
 from openmm import unit
 
+from ..kernels.extras import warm_up_extras
 from ..kernels.segments import CLAMPED, MID, NEAREST, SegmentEngine, SegmentSpec
 from ..model.scene import Scene
 from ..names import SEGMENT_GROUP
@@ -49,12 +48,7 @@ class SegmentFunction:
 def warm_up_segments(scene: Scene) -> None:
     """Compile what a run of the scene needs for its segments (or load it from the cache)."""
     spec = segment_spec(scene)
-    if spec is None:
-        return
-    half = 0.25 * spec.cutoff
-    x = np.array([[0.0, 0, 0], [half, 0, 0], [0, half, 0], [half, half, half]]) + spec.cutoff
-    small = SegmentSpec(4, np.array([[0, 1], [2, 3]]), spec.A, spec.cutoff, spec.rule, spec.exclude_adjoining)
-    SegmentEngine(small).forces(x, np.diag([8.0 * spec.cutoff] * 3))
+    warm_up_extras([] if spec is None else [spec])
 
 
 def segment_force(spec: SegmentSpec, periodic: bool) -> openmm.PythonForce:

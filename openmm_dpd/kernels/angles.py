@@ -6,22 +6,18 @@ With a = x_i - x_j, b = x_k - x_j and p = a x b, the angle of the beads i, j, k 
     HARMONIC    k, theta0    U = k (theta - theta0)^2
     COSINE      k            U = k (1 + cos theta)
 
-Threads share the work as they do for bonds (:mod:`.bonded`).  Angles are taken a chunk at a time: their arms are collected, the arithmetic
-is one vectorised loop over the chunk, and then the forces are handed out.
+Threads share the work as they do for bonds (:class:`.extras.TermEvaluator`).  Angles are taken a chunk at a time: their arms are collected,
+the arithmetic is one vectorised loop over the chunk, and then the forces are handed out.
 """
 
-from __future__ import annotations
-
-import math
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
-from ..errors import RunError
 from .compiled import compiled
-from .extras import CHUNK, FEW, add_row, bead_rows, box_array, energy_chunks, inverse_edges, minimum_image, run_terms
+from .extras import CHUNK, Extra, TermEvaluator, by_rows, inverse_edges, minimum_image
 
 HARMONIC, COSINE = range(2)
 
@@ -114,31 +110,22 @@ def _angles(x, box, triples, kinds, p, rows, start, slots, parts, energies, forc
     return total
 
 
-def _angles_by_rows(x, box, triples, kinds, p, rows, start, slots, parts, energies, force):
-    """The same by several threads."""
-    inverse, total = inverse_edges(box), 0.0
-    for chunk in prange(len(energies)):
-        work = np.empty((8, CHUNK))
-        energy, first = 0.0, chunk * CHUNK
-        count = min(CHUNK, len(triples) - first)
-        _arms(x, box, inverse, triples, p, first, count, work)
-        _forces_on_ends(kinds, first, count, work)
-        for q in range(count):
-            n = 3 * (first + q)
-            fx, fy, fz, gx, gy, gz = work[0, q], work[1, q], work[2, q], work[3, q], work[4, q], work[5, q]
-            energy += work[6, q]
-            parts[n, 0], parts[n, 1], parts[n, 2] = fx, fy, fz
-            parts[n + 1, 0], parts[n + 1, 1], parts[n + 1, 2] = -(fx + gx), -(fy + gy), -(fz + gz)
-            parts[n + 2, 0], parts[n + 2, 1], parts[n + 2, 2] = gx, gy, gz
-        energies[chunk] = energy
-    for row in prange(len(rows)):
-        add_row(force, rows[row], start[row], start[row + 1], slots, parts)
-    for chunk in range(len(energies)):
-        total += energies[chunk]
-    return total
+@njit(error_model="numpy")
+def _part(x, box, inverse, triples, kinds, p, begin, end, parts):
+    work, energy, count = np.empty((8, CHUNK)), 0.0, end - begin
+    _arms(x, box, inverse, triples, p, begin, count, work)
+    _forces_on_ends(kinds, begin, count, work)
+    for q in range(count):
+        n = 3 * (begin + q)
+        fx, fy, fz, gx, gy, gz = work[0, q], work[1, q], work[2, q], work[3, q], work[4, q], work[5, q]
+        energy += work[6, q]
+        parts[n, 0], parts[n, 1], parts[n, 2] = fx, fy, fz
+        parts[n + 1, 0], parts[n + 1, 1], parts[n + 1, 2] = -(fx + gx), -(fy + gy), -(fz + gz)
+        parts[n + 2, 0], parts[n + 2, 1], parts[n + 2, 2] = gx, gy, gz
+    return energy
 
 
-_angles_parallel = compiled(_angles_by_rows, parallel=True)
+_angles_parallel = by_rows("angles_by_rows", _part)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,42 +148,17 @@ class AngleTerms:
     kinds: np.ndarray
     parameters: np.ndarray
 
-    def evaluator(self) -> AngleEvaluator:
+    def evaluator(self) -> TermEvaluator:
         """What computes it."""
-        return AngleEvaluator(self)
+        return TermEvaluator(self, self.triples, (_angles, _angles_parallel), _what_is_wrong)
 
-    def few(self) -> tuple[AngleTerms, np.ndarray, np.ndarray]:
+    def few(self) -> tuple[Extra, np.ndarray, np.ndarray]:
         """One angle of three beads."""
         one = AngleTerms(np.array([[0, 1, 2]], np.uint32), np.array([HARMONIC], np.uint8), np.ones((1, 2)))
         return one, np.array([[0.0, 0, 0], [1.0, 0, 0], [1.0, 1.0, 0]]), np.diag([4.0] * 3)
 
 
-class AngleEvaluator:
-    """Computes :class:`AngleTerms`.
-
-    Attributes
-    ----------
-    fewest : int
-        Terms from which on several threads share the work.
-    """
-
-    def __init__(self, terms: AngleTerms):
-        self.terms, self.fewest = terms, FEW
-        scratch = np.zeros((terms.triples.size, 3)), energy_chunks(len(terms.triples))
-        self._arguments = terms.triples, terms.kinds, terms.parameters, *bead_rows(terms.triples), *scratch
-
-    def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
-        """See :class:`.extras.Evaluator`.
-
-        Raises
-        ------
-        RunError
-            If the position of a bead is not finite.
-        """
-        many = len(self.terms.triples) >= self.fewest
-        energy = run_terms(_angles, _angles_parallel, many, x, box_array(box), *self._arguments, force)
-        if not math.isfinite(energy):
-            beads = self.terms.triples[~np.isfinite(x[self.terms.triples]).all(axis=(1, 2))]
-            which = f"of the beads {beads[0].tolist()} (counted from 0) " if len(beads) else ""
-            raise RunError(f"an angle {which}has no finite energy")
-        return energy
+def _what_is_wrong(terms: AngleTerms, x: np.ndarray, box: np.ndarray | None) -> str:
+    beads = terms.triples[~np.isfinite(x[terms.triples]).all(axis=(1, 2))]
+    which = f"of the beads {beads[0].tolist()} (counted from 0) " if len(beads) else ""
+    return f"an angle {which}has no finite energy"

@@ -7,23 +7,18 @@ OpenMM.  The kinds::
     FENE        k, R0, epsilon, sigma  U = -1/2 k R0^2 ln(1 - (r/R0)^2), + 4 epsilon [(sigma/r)^12 - (sigma/r)^6] + epsilon
                                        for r < 2^(1/6) sigma
     MORSE       D, alpha, r0           U = D (1 - exp(-alpha (r - r0)))^2
-
-One thread adds each term to the forces on its beads as it goes.  Several first write down what each term does; then each takes a bead and
-adds up its row of terms, in the same order.
 """
 
-from __future__ import annotations
-
-import math
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
-from ..errors import RunError
+from ..geometry import minimum_images
+from .columns import push
 from .compiled import compiled
-from .extras import CHUNK, FEW, add_row, bead_rows, box_array, energy_chunks, inverse_edges, minimum_image, run_terms
+from .extras import CHUNK, Extra, TermEvaluator, by_rows, inverse_edges, minimum_image
 
 HARMONIC, FENE, MORSE = range(3)
 
@@ -87,35 +82,23 @@ def _bonds(x, box, pairs, kinds, p, rows, start, slots, parts, energies, force):
             i, j = pairs[n, 0], pairs[n, 1]
             u, fx, fy, fz = _bond_force(x, box, inverse, i, j, kinds[n], p, n)
             energy += u
-            force[i, 0] += fx
-            force[i, 1] += fy
-            force[i, 2] += fz
-            force[j, 0] -= fx
-            force[j, 1] -= fy
-            force[j, 2] -= fz
+            push(force, i, j, fx, fy, fz)
         total += energy
     return total
 
 
-def _bonds_by_rows(x, box, pairs, kinds, p, rows, start, slots, parts, energies, force):
-    """The same by several threads."""
-    inverse, total = inverse_edges(box), 0.0
-    for chunk in prange(len(energies)):
-        energy = 0.0
-        for n in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(pairs))):
-            u, fx, fy, fz = _bond_force(x, box, inverse, pairs[n, 0], pairs[n, 1], kinds[n], p, n)
-            energy += u
-            parts[2 * n, 0], parts[2 * n, 1], parts[2 * n, 2] = fx, fy, fz
-            parts[2 * n + 1, 0], parts[2 * n + 1, 1], parts[2 * n + 1, 2] = -fx, -fy, -fz
-        energies[chunk] = energy
-    for row in prange(len(rows)):
-        add_row(force, rows[row], start[row], start[row + 1], slots, parts)
-    for chunk in range(len(energies)):
-        total += energies[chunk]
-    return total
+@njit(error_model="numpy")
+def _part(x, box, inverse, pairs, kinds, p, begin, end, parts):
+    energy = 0.0
+    for n in range(begin, end):
+        u, fx, fy, fz = _bond_force(x, box, inverse, pairs[n, 0], pairs[n, 1], kinds[n], p, n)
+        energy += u
+        parts[2 * n, 0], parts[2 * n, 1], parts[2 * n, 2] = fx, fy, fz
+        parts[2 * n + 1, 0], parts[2 * n + 1, 1], parts[2 * n + 1, 2] = -fx, -fy, -fz
+    return energy
 
 
-_bonds_parallel = compiled(_bonds_by_rows, parallel=True)
+_bonds_parallel = by_rows("bonds_by_rows", _part)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,53 +121,23 @@ class BondTerms:
     kinds: np.ndarray
     parameters: np.ndarray
 
-    def evaluator(self) -> BondEvaluator:
+    def evaluator(self) -> TermEvaluator:
         """What computes it."""
-        return BondEvaluator(self)
+        return TermEvaluator(self, self.pairs, (_bonds, _bonds_parallel), _what_is_wrong)
 
-    def few(self) -> tuple[BondTerms, np.ndarray, np.ndarray]:
+    def few(self) -> tuple[Extra, np.ndarray, np.ndarray]:
         """One bond of two beads."""
         one = BondTerms(np.array([[0, 1]], np.uint32), np.array([HARMONIC], np.uint8), np.ones((1, 4)))
         return one, np.array([[0.0, 0, 0], [1.0, 0, 0]]), np.diag([4.0] * 3)
 
 
-class BondEvaluator:
-    """Computes :class:`BondTerms`.
-
-    Attributes
-    ----------
-    fewest : int
-        Terms from which on several threads share the work.
-    """
-
-    def __init__(self, terms: BondTerms):
-        self.terms, self.fewest = terms, FEW
-        scratch = np.zeros((terms.pairs.size, 3)), energy_chunks(len(terms.pairs))
-        self._arguments = terms.pairs, terms.kinds, terms.parameters, *bead_rows(terms.pairs), *scratch
-
-    def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
-        """See :class:`.extras.Evaluator`.
-
-        Raises
-        ------
-        RunError
-            If a bond has no finite energy: its length is not finite, it is as long as R0 or longer, or so short that there is no number
-            for its repulsion.
-        """
-        many = len(self.terms.pairs) >= self.fewest
-        energy = run_terms(_bonds, _bonds_parallel, many, x, box_array(box), *self._arguments, force)
-        if not math.isfinite(energy):
-            raise RunError(f"{what_is_wrong(self.terms, x, box)}; the step size may be too large")
-        return energy
+def _what_is_wrong(terms: BondTerms, x: np.ndarray, box: np.ndarray | None) -> str:
+    return f"{_bad_bond(terms, x, box)}; the step size may be too large"
 
 
-def what_is_wrong(terms: BondTerms, x: np.ndarray, box: np.ndarray | None) -> str:
+def _bad_bond(terms: BondTerms, x: np.ndarray, box: np.ndarray | None) -> str:
     """Which bond has no finite energy at the positions x, in the words in which a scene with such a bond is refused."""
-    d = x[terms.pairs[:, 0]] - x[terms.pairs[:, 1]]
-    if box is not None:
-        for k in (2, 1, 0):
-            d -= np.outer(np.rint(d[:, k] / box[k, k]), box[k])
-    r = np.linalg.norm(d, axis=1)
+    r = np.linalg.norm(minimum_images(x[terms.pairs[:, 0]] - x[terms.pairs[:, 1]], box), axis=1)
     fene, (_, longest, epsilon, _) = terms.kinds == FENE, terms.parameters.T
     bad = np.flatnonzero(fene & ~(r < longest))
     if len(bad):

@@ -5,13 +5,10 @@ columns are coloured so that two blocks of one colour never touch the same bead:
 and the sums and sweeps come out bit for bit the same for any number of threads.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
 from numba import prange
-from scipy.spatial import cKDTree
 
 from .compiled import helper, inlined, serial_and_parallel
 
@@ -194,25 +191,3 @@ def colours(ny: int, nz: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     block_start = np.concatenate([[0], np.cumsum([len(block) for block in ordered])]).astype(np.int64)
     colour_start = np.concatenate([[0], np.cumsum([len(colour) for colour in blocks if colour])]).astype(np.int64)
     return columns, block_start, colour_start
-
-
-def coincident_pairs(x: np.ndarray, box: np.ndarray | None, distance: float) -> list[tuple[int, int]]:
-    """Pairs (i < j) of beads closer than a (very short) distance, through the periodic box."""
-    if box is None:
-        tree = cKDTree(x)
-    else:
-        fractional = np.linalg.solve(box.T, x.T).T % 1.0
-        # beads on two sides of a face are copied across it, so that the search itself needs no periodicity
-        margin = distance / np.diag(box).min() * 4
-        copies, owners = [fractional], [np.arange(len(x))]
-        for axis in range(3):
-            points, owner = np.concatenate(copies), np.concatenate(owners)
-            near = points[:, axis] < margin
-            shifted = points[near].copy()
-            shifted[:, axis] += 1.0
-            copies.append(shifted)
-            owners.append(owner[near])
-        tree, owner = cKDTree(np.concatenate(copies) @ box), np.concatenate(owners)
-        found = {tuple(sorted((int(owner[i]), int(owner[j])))) for i, j in tree.query_pairs(distance)}
-        return sorted((i, j) for i, j in found if i != j)
-    return sorted((int(i), int(j)) for i, j in tree.query_pairs(distance))

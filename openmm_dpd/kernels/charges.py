@@ -16,6 +16,7 @@ from numba import prange
 
 from ..errors import RunError
 from .charge_pairs import SHARES, Quintics, charge_row, exception
+from .columns import push
 from .compiled import helper, serial_and_parallel
 from .extras import box_array, inverse_edges, minimum_image, run_terms
 from .lanes import LANES, load_lanes, splat, store_lanes
@@ -210,14 +211,7 @@ def _exceptions(beads, q, constant, pairs, factors, box, law, xs, force):
         pull = -qq * slope / r if r > 0.0 else 0.0
         total_energy += qq * value
         total_virial += pull * r2
-        a, b = beads[i], beads[j]
-        fx, fy, fz = pull * dx, pull * dy, pull * dz
-        force[a, 0] += fx
-        force[a, 1] += fy
-        force[a, 2] += fz
-        force[b, 0] -= fx
-        force[b, 1] -= fy
-        force[b, 2] -= fz
+        push(force, beads[i], beads[j], pull * dx, pull * dy, pull * dz)
     return total_energy, total_virial
 
 

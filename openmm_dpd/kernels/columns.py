@@ -10,8 +10,6 @@ It stands here once.  What is done with a column and with a pair is put in when 
 ``pairs`` is a :class:`.pairs.Pairs`, ``data`` a NamedTuple of the caller's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -146,6 +144,17 @@ def push(f, i, j, fx, fy, fz):
     f[j, 0] -= fx
     f[j, 1] -= fy
     f[j, 2] -= fz
+
+
+@inlined
+def change(v, i, j, wi, wj, dx, dy, dz):
+    """Give wi (dx, dy, dz) to bead i, and take wj (dx, dy, dz) from bead j."""
+    v[i, 0] += wi * dx
+    v[i, 1] += wi * dy
+    v[i, 2] += wi * dz
+    v[j, 0] -= wj * dx
+    v[j, 1] -= wj * dy
+    v[j, 2] -= wj * dz
 
 
 @helper

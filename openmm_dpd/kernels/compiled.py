@@ -1,7 +1,5 @@
 """How kernels are compiled and kept on disk."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable
 from pathlib import Path
@@ -12,15 +10,8 @@ import numba
 
 from ..kernel_cache import keep_on_disk
 
-
-def _digest() -> str:
-    """Hash of all kernel sources."""
-    sources = sorted(Path(__file__).parent.glob("*.py"))
-    return hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:12]
-
-
-_DIGEST = _digest()
-
+#: Hash of all kernel sources.
+_DIGEST = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()[:12]
 
 #: Division by zero gives inf or nan, as in numpy: a loop with an exception in it is never vectorised.
 _SEMANTICS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}

@@ -1,14 +1,13 @@
 """The layer of isothermal DPD terms: repulsion, friction and noise, radial and transverse."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from . import forces, sweeps
-from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, GAMMA, GAMMA_PERP, SIGMA, SIGMA_PERP, A
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, Call, PairSpec, SortedMotion, Sums
+from .forces import GAMMA
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, Call, Layer, PairSpec, SortedMotion, Sums, table_of
 from .pairs import PairList
 
 _TERMS = CONSERVATIVE | DISSIPATIVE | RANDOM
@@ -33,42 +32,41 @@ class TermTable:
     cutoff: np.ndarray
 
     def coefficients(self, kT: float) -> np.ndarray:
-        """(T*T, 8) table at the thermal energy kT: sigma^2 = 2 kT gamma, whichever of the two is fixed."""
+        """(T*T, 8) table, columns as in :mod:`.forces`, at the thermal energy kT: sigma^2 = 2 kT gamma, whichever of the two is fixed."""
         fixed_sigma = np.isnan(self.gamma)
-        table = np.zeros((self.A.size, 8))
         with np.errstate(divide="ignore", invalid="ignore"):
             gamma = np.where(fixed_sigma, np.where(self.sigma > 0, self.sigma**2 / (2 * kT), 0.0), self.gamma)
         sigma = np.where(fixed_sigma, self.sigma, np.sqrt(2 * kT * np.where(fixed_sigma, 0.0, self.gamma)))
-        for column, values in (
-            (A, self.A),
-            (CUTOFF, self.cutoff),
-            (GAMMA, gamma),
-            (SIGMA, sigma),
-            (GAMMA_PERP, self.gamma_perp),
-            (SIGMA_PERP, np.sqrt(2 * kT * self.gamma_perp)),
-            (EXPONENT, self.exponent),
-            (EXPONENT_PERP, self.exponent_perp),
-        ):
-            table[:, column] = values.ravel()
-        return table
+        perpendicular = self.gamma_perp, np.sqrt(2 * kT * self.gamma_perp)
+        return table_of(self.A, self.cutoff, gamma, sigma, *perpendicular, self.exponent, self.exponent_perp)
 
-    def layer(self, spec: PairSpec, number: int) -> DPDLayer:
+    def layer(self, spec: PairSpec, number: int) -> Layer:
         """The layer that evaluates these coefficients."""
         return DPDLayer(self, spec, number)
 
 
-class DPDLayer:
-    """Evaluates a :class:`TermTable` (see :mod:`.forces` and :mod:`.sweeps` for the formulas)."""
+class SweptLayer:
+    """What layers whose friction and noise are those of DPD have in common.
 
-    def __init__(self, table: TermTable, spec: PairSpec, number: int):
-        self.table, self.number = table, number
-        self.pairs = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions)
-        self._plain = bool(self.pairs.alike and table.exponent.flat[0] == 1.0)
-        self._transverse = bool(np.any(table.gamma_perp != 0.0))
+    Parameters
+    ----------
+    table : table with ``coefficients(kT)``, whose first columns are those of :mod:`.forces`
+    number : int
+        Of the layer.
+    pairs : PairList
+    plain : bool
+        As in :class:`.forces.Terms`.
+    transverse : bool
+        Whether there are transverse terms.
+    """
+
+    def __init__(self, table: Any, number: int, pairs: PairList, plain: bool, transverse: bool):
+        self.table, self.number, self.pairs = table, number, pairs
+        self._plain, self._transverse, self._motion = plain, transverse, SortedMotion(len(pairs.order))
         # of the last two temperatures: a step asks for conservative forces, at 0, and for friction
         self._coefficients: dict[float, np.ndarray] = {}
-        self._sweeper = Sweeper(self.pairs, self._plain, self._transverse)
-        self._motion = SortedMotion(len(self.pairs.order))
+        self._v = np.zeros((len(pairs.order), 3))  # scratch, in the order of the list
+        self._inv_mass = (pairs.common_inv_mass or None) if plain else None
 
     def _at(self, kT: float) -> np.ndarray:
         if kT not in self._coefficients:
@@ -76,6 +74,24 @@ class DPDLayer:
                 self._coefficients.clear()
             self._coefficients[kT] = self.table.coefficients(kT)
         return self._coefficients[kT]
+
+    def sweep(self, call: Call, v: np.ndarray, increments: np.ndarray | None) -> None:
+        """Update the velocities (N, 3) pair by pair, in place."""
+        coefficients, inv_mass, halvings = self._at(call.kT), self._inv_mass, 0
+        if inv_mass is not None:
+            halvings = sweeps.halvings(call.update, coefficients[0, GAMMA] * 2.0 * inv_mass * call.dt)
+        plain = inv_mass is not None and halvings <= _MOST_HALVINGS
+        noise = call.kT, call.dt, call.key(self.number)
+        sweeps.sweep(self.pairs, sweeps.Sweep(call.update, plain, halvings, *noise, coefficients, v, self._v), self._transverse)
+
+
+class DPDLayer(SweptLayer):
+    """Evaluates a :class:`TermTable` (see :mod:`.forces` and :mod:`.sweeps` for the formulas)."""
+
+    def __init__(self, table: TermTable, spec: PairSpec, number: int):
+        pairs = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions)
+        plain = bool(pairs.alike and table.exponent.flat[0] == 1.0)
+        super().__init__(table, number, pairs, plain, bool(np.any(table.gamma_perp != 0.0)))
 
     def forces(self, call: Call, out: np.ndarray, add: bool) -> Sums:
         """Force form at the listed positions, written or added to ``out``."""
@@ -86,10 +102,6 @@ class DPDLayer:
         energy, virial = forces.pair_forces(pairs, terms, self._transverse)
         return Sums(energy, virial, stress=stress.sum(axis=0) if len(stress) else None)
 
-    def sweep(self, call: Call, v: np.ndarray, increments: np.ndarray | None) -> None:
-        """Update the velocities (N, 3) pair by pair, in place."""
-        self._sweeper(call, self.number, self._at(call.kT), v)
-
     def friction_moment(self, kT: float) -> float:
         """Sum over pairs of f gamma w^(2s) r^2 (radial friction)."""
         return forces.friction_moment(self.pairs, self._at(kT))
@@ -97,21 +109,3 @@ class DPDLayer:
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy."""
         return forces.soft_laplacian(self.pairs, self._at(0.0))
-
-
-class Sweeper:
-    """Sweeps over a list of pairs; ``plain`` as in :class:`.forces.Terms`; ``transverse``: whether there are transverse terms."""
-
-    def __init__(self, pairs: PairList, plain: bool, transverse: bool):
-        self.pairs, self.transverse = pairs, transverse
-        self.v = np.zeros((len(pairs.order), 3))  # scratch, in the order of the list
-        self._inv_mass = (pairs.common_inv_mass or None) if plain else None
-
-    def __call__(self, call: Call, number: int, coefficients: np.ndarray, v: np.ndarray) -> None:
-        """Update velocities (N, 3) pair by pair, in place."""
-        pairs, inv_mass, halvings = self.pairs, self._inv_mass, 0
-        if inv_mass is not None:
-            halvings = sweeps.halvings(call.update, coefficients[0, GAMMA] * 2.0 * inv_mass * call.dt)
-        plain = inv_mass is not None and halvings <= _MOST_HALVINGS
-        noise = call.kT, call.dt, call.key(number)
-        sweeps.sweep(pairs, sweeps.Sweep(call.update, plain, halvings, *noise, coefficients, v, self.v), self.transverse)

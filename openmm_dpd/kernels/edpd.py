@@ -13,8 +13,6 @@ q_visc = {w^s [gamma (e.v)^2 - sigma^2/m_i] - sigma w^(s/2) (e.v) xi}/(C_i + C_j
 noise of the force has f, not sqrt(f); and no heat of either kind flows at r >= min(cutoff, cutoff_T).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -24,7 +22,7 @@ from ..errors import RunError
 from .columns import approach, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
 from .compiled import inlined
 from .forces import power
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, PairSpec, SortedMotion, Sums
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
 from .noise import normal, pair_key
 from .pairs import PairList
 
@@ -60,11 +58,10 @@ class ThermalTable:
 
     def coefficients(self) -> np.ndarray:
         """(T*T, 15) table."""
-        single = (self.A, self.cutoff_F, self.gamma, self.exponent, self.kappa, self.exponent_T, self.cutoff_T)
-        four = (self.exponent_polynomial.reshape(-1, 4), self.kappa_polynomial.reshape(-1, 4))
-        return np.ascontiguousarray(np.column_stack([*(array.ravel() for array in single), *four]))
+        single = self.A, self.cutoff_F, self.gamma, self.exponent, self.kappa, self.exponent_T, self.cutoff_T
+        return table_of(*single, self.exponent_polynomial, self.kappa_polynomial)
 
-    def layer(self, spec: PairSpec, number: int) -> ThermalLayer:
+    def layer(self, spec: PairSpec, number: int) -> Layer:
         """The layer that evaluates these coefficients."""
         return ThermalLayer(self, spec, number)
 

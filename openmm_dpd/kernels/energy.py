@@ -22,8 +22,6 @@ each bead gets half of what K loses, so that the energy is conserved to rounding
 For bonded neighbours with a factor f the forces have f A, f sigma^2 (so that friction and noise stay in balance); conduction has no factor.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -31,10 +29,10 @@ import numpy as np
 
 from ..errors import RunError
 from . import forces
-from .columns import approach, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
+from .columns import approach, change, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
 from .compiled import compiled, helper, inlined
 from .eos import CONSTANT, RESERVOIR, EOSTable, curvature, entropy_change, exp_below, in_range, inverse_temperature, log_ratio
-from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, PairSpec, SortedMotion, Sums
+from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
 from .noise import normal, pair_key, uniform
 from .pairs import PairList
 from .sweeps import decay
@@ -55,7 +53,7 @@ class EnergyTable:
     kappa: np.ndarray
     cutoff: np.ndarray
 
-    def layer(self, spec: PairSpec, number: int) -> EnergyLayer:
+    def layer(self, spec: PairSpec, number: int) -> Layer:
         """The layer that evaluates these coefficients."""
         return EnergyLayer(self, spec, number)
 
@@ -67,7 +65,7 @@ class EnergyLayer:
         assert spec.fields is not None and isinstance(spec.fields.eos, EOSTable)
         self.fields, self.eos, self.number = spec.fields, spec.fields.eos, number
         self.pairs = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions)
-        self.coefficients = np.column_stack([table.A.ravel(), table.cutoff.ravel(), table.sigma.ravel(), table.kappa.ravel()])
+        self.coefficients = table_of(table.A, table.cutoff, table.sigma, table.kappa)
         # scratch, in the order of the pair list
         m = len(self.pairs.order)
         self._motion = SortedMotion(m)
@@ -390,12 +388,7 @@ def _pair_exchange(pairs, data, scratch, n, k, column):
             new = ev * (1.0 - lost) + np.sqrt(lost * (2.0 - lost) * theta * im) * xi
             gain = 0.25 * (ev - new) * (ev + new) / im
         wi, wj = (new - ev) * inv_mass[i] / im, (new - ev) * inv_mass[j] / im
-        v[i, 0] += wi * g[0, n]
-        v[i, 1] += wi * g[1, n]
-        v[i, 2] += wi * g[2, n]
-        v[j, 0] -= wj * g[0, n]
-        v[j, 1] -= wj * g[1, n]
-        v[j, 2] -= wj * g[2, n]
+        change(v, i, j, wi, wj, g[0, n], g[1, n], g[2, n])
         # each bead gets half of what the motion loses
         u[i] += gain
         u[j] += gain
@@ -406,15 +399,15 @@ def _pair_exchange(pairs, data, scratch, n, k, column):
         xi, drawn = normal(pair, HEAT), uniform(pair, HEAT_TEST)
         xi = -xi if order[i] > order[j] else xi
         if constants:
-            change = _conduction_of_constants(u[i], u[j], exchange, xi, drawn, ci, cj)
+            flow = _conduction_of_constants(u[i], u[j], exchange, xi, drawn, ci, cj)
         elif update == EXACT:
-            change = _exact_conduction(u[i], u[j], exchange, xi, drawn, states, curves)
+            flow = _exact_conduction(u[i], u[j], exchange, xi, drawn, states, curves)
         else:
-            change = np.sqrt(2.0 * exchange) * xi + exchange * (frozen[i] - frozen[j])
-        u[i] += change
-        u[j] -= change
-        changes[i, 0] += change
-        changes[j, 0] -= change
+            flow = np.sqrt(2.0 * exchange) * xi + exchange * (frozen[i] - frozen[j])
+        u[i] += flow
+        u[j] -= flow
+        changes[i, 0] += flow
+        changes[j, 0] -= flow
     return 0.0, 0.0
 
 

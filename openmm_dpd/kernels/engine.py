@@ -4,8 +4,6 @@
 :class:`PairEngine` holds scratch arrays and the pair lists of the last positions it saw, nothing that could not be recomputed.
 """
 
-from __future__ import annotations
-
 import logging
 import threading
 
@@ -14,9 +12,8 @@ import numpy as np
 from ..errors import RunError
 from ..kernel_cache import cache_folder
 from . import motion
-from .dpd import TermTable
 from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, Call, Layer, PairSpec
-from .threads import get_threads, set_threads
+from .threads import get_threads
 
 
 class PairEngine:
@@ -94,16 +91,8 @@ class PairEngine:
 
         Parameters
         ----------
-        which : int
-            Sum of CONSERVATIVE, DISSIPATIVE, RANDOM, and STRESS for the tensor in ``stress``.
-        v : (N, 3) array
-            Velocities the friction sees (not needed for conservative and random forces).
-        kT, dt : float
-            Thermal energy and time step; the noise has the amplitude sigma/sqrt(dt).
-        seed, counter : int
-            Key of the noise.
-        field_values : (N, K) array, optional
-            Values of the fields of the spec.
+        which, v, kT, dt, seed, counter, field_values
+            See :class:`.layer.Call`; v is what the friction sees.
         out : (N, 3) array, optional
             Where the forces are written.
 
@@ -142,23 +131,9 @@ class PairEngine:
                 source.add_to(self.rates, self._x, self._box)
         return energy, force, virial
 
-    def sweep(
-        self,
-        v: np.ndarray,
-        kT: float,
-        dt: float,
-        seed: int,
-        counter: int,
-        field_values: np.ndarray | None = None,
-        out: np.ndarray | None = None,
-        update: int | None = None,
-    ) -> np.ndarray:
-        """Change of the velocities (N, 3) by one sweep of pair updates at the prepared positions, written to ``out`` if that is given.
-
-        ``update`` is EXACT or SHARDLOW, None for that of the spec.
-        """
-        swept = np.empty_like(v) if out is None else out
-        self.swept(v, kT, dt, seed, counter, field_values, swept, update)
+    def sweep(self, v: np.ndarray, *conditions) -> np.ndarray:
+        """Change of the velocities (N, 3) by a sweep; all arguments are those of :meth:`swept`."""
+        swept = self.swept(v, *conditions)
         swept -= self.seen(v)
         return swept
 
@@ -169,18 +144,23 @@ class PairEngine:
         dt: float,
         seed: int,
         counter: int,
-        field_values: np.ndarray | None,
-        out: np.ndarray,
+        field_values: np.ndarray | None = None,
+        out: np.ndarray | None = None,
         update: int | None = None,
-    ) -> None:
-        """Velocities after such a sweep, written to ``out``, which may be v."""
+    ) -> np.ndarray:
+        """Velocities (N, 3) after one sweep of pair updates at the prepared positions, written to ``out`` (v, say) if that is given.
+
+        ``update`` is EXACT or SHARDLOW, None for that of the spec.
+        """
         before = self.seen(v)
+        out = np.empty_like(v) if out is None else out
         if out is not before:
             out[...] = before
         self.increments[...] = 0.0
         call = Call(DISSIPATIVE | RANDOM, None, kT, dt, seed, counter, field_values, self.spec.update if update is None else update)
         for layer in self.layers:
             layer.sweep(call, out, self.increments)
+        return out
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy at the prepared positions."""
@@ -237,17 +217,3 @@ def _use_all(spec: PairSpec) -> None:
     if spec.sweeps:
         engine.sweep(np.zeros((len(few), 3)), 1.0, 1e-6, 0, 0, field_values)
     engine.laplacian()
-
-
-__all__ = [
-    "CONSERVATIVE",
-    "DISSIPATIVE",
-    "RANDOM",
-    "STRESS",
-    "PairEngine",
-    "PairSpec",
-    "TermTable",
-    "get_threads",
-    "set_threads",
-    "warm_up",
-]

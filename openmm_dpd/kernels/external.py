@@ -4,8 +4,6 @@ s = 1 (``UNIFORM``), or with the place u = (r - origin)/L along an axis, less it
 s = sin(2 pi u) (``SINE``).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -13,7 +11,7 @@ import numpy as np
 from numba import njit, prange
 
 from .compiled import serial_and_parallel
-from .extras import CHUNK, FEW, energy_chunks, run_terms
+from .extras import CHUNK, FEW, Evaluator, Extra, energy_chunks, run_terms
 
 UNIFORM, HALVES, SINE = range(3)
 
@@ -47,11 +45,11 @@ class BodyTerms:
     origin: float = 0.0
     period: float = 1.0
 
-    def evaluator(self) -> BodyEvaluator:
+    def evaluator(self) -> Evaluator:
         """What computes it."""
         return BodyEvaluator(self)
 
-    def few(self) -> tuple[BodyTerms, np.ndarray, np.ndarray]:
+    def few(self) -> tuple[Extra, np.ndarray, np.ndarray]:
         """One bead."""
         return BodyTerms(np.zeros(1, np.uint32), np.ones((1, 3))), np.zeros((1, 3)), np.diag([1.0] * 3)
 

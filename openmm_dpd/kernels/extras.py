@@ -5,12 +5,15 @@ An :class:`Extra` describes one kind of force, an :class:`Evaluator` computes it
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import ClassVar, Protocol
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
 
+from ..errors import RunError
+from .compiled import compiled, renamed
 from .threads import dispatch, get_threads
 
 #: Fewer terms than this are not worth waking a second thread for: one takes about 10 ns, waking some 10 us where it goes well.
@@ -133,6 +136,57 @@ def add_row(force, bead, begin, end, slots, parts):
         fy += parts[slot, 1]
         fz += parts[slot, 2]
     force[bead, 0], force[bead, 1], force[bead, 2] = fx, fy, fz
+
+
+def _by_rows(x, box, beads, kinds, p, rows, start, slots, parts, energies, force):
+    inverse, total = inverse_edges(box), 0.0
+    for chunk in prange(len(energies)):
+        energies[chunk] = _part(x, box, inverse, beads, kinds, p, chunk * CHUNK, min((chunk + 1) * CHUNK, len(beads)), parts)
+    for row in prange(len(rows)):
+        add_row(force, rows[row], start[row], start[row + 1], slots, parts)
+    for chunk in range(len(energies)):
+        total += energies[chunk]
+    return total
+
+
+# what by_rows() puts in
+_part: Any = None
+
+
+def by_rows(name: str, part: Callable) -> Any:
+    """Adds forces by several threads: ``part`` writes down what some terms do to their beads, and gives their energy."""
+    return compiled(renamed(_by_rows, name, {"_part": part}), parallel=True)
+
+
+class TermEvaluator:
+    """Computes terms between a few beads each, such as bonds.
+
+    One thread adds each term to the forces on its beads as it goes.  Several first write down what each term does; then each takes a bead
+    and adds up its row of terms, in the same order.
+
+    Attributes
+    ----------
+    fewest : int
+        Terms from which on several threads share the work.
+    """
+
+    def __init__(self, terms: Any, beads: np.ndarray, kernels: tuple[Any, Any], what_is_wrong: Callable[..., str]):
+        self.terms, self.fewest, self._kernels, self._what_is_wrong = terms, FEW, kernels, what_is_wrong
+        self._arguments = beads, terms.kinds, terms.parameters, *bead_rows(beads), np.zeros((beads.size, 3)), energy_chunks(len(beads))
+
+    def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
+        """See :class:`Evaluator`.
+
+        Raises
+        ------
+        RunError
+            If a term has no finite energy: the position of a bead is not finite, or a bond has a length at which there is none.
+        """
+        many = len(self._arguments[0]) >= self.fewest
+        energy = run_terms(*self._kernels, many, x, box_array(box), *self._arguments, force)
+        if not math.isfinite(energy):
+            raise RunError(self._what_is_wrong(self.terms, x, box))
+        return energy
 
 
 def warm_up_extras(extras: Sequence[Extra]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -12,24 +13,11 @@ from .eos import EOSTable
 ENERGY, TEMPERATURE, SPECIES = "energy", "temperature", "species"
 
 
-@dataclass(frozen=True, eq=False)
-class FieldSource:
-    """A rate added to one value of the beads in a region, see :class:`openmm_dpd.model.sources.Source`."""
-
-    region: object
-    rate: float
-    column: int
-    beads: np.ndarray | None
-    corner: np.ndarray
+class FieldSource(Protocol):
+    """What changes the fields besides the pair terms (:class:`openmm_dpd.model.sources.Source`)."""
 
     def add_to(self, rates: np.ndarray, x: np.ndarray, box: np.ndarray | None) -> None:
-        """Add the rate to ``rates`` (N, K) of the beads in the region."""
-        folded = x - self.corner
-        if box is not None:
-            for k in (2, 1, 0):
-                folded = folded - np.outer(np.floor(folded[:, k] / box[k, k]), box[k])
-        inside = self.region.contains(folded + self.corner)  # type: ignore[attr-defined]
-        rates[inside if self.beads is None else inside & self.beads, self.column] += self.rate
+        """Add to the rates (N, K) at positions x (N, 3)."""
 
 
 @dataclass(frozen=True, eq=False)

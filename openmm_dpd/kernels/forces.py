@@ -9,8 +9,6 @@ Per listed pair, with w = 1 - r/rc and f the factor of bonded neighbours::
 The transverse noise vector is the force on the bead with the lower index.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -11,21 +11,15 @@ written down::
 Each lane is plain arithmetic on float64, in the order in which it stands, on every processor.
 """
 
-from __future__ import annotations
-
 import operator
-from typing import Any
 
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic, models, overload, register_model
+from numba.extending import models, overload, register_model
 
-LANES = 8
+from .vectors import LANES, instruction, lanes_at, splatted
 
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
-
-#: Its arguments are values when it is called, and types when it is compiled.
-_instruction: Any = intrinsic
 
 
 class Lanes(types.Type):
@@ -44,44 +38,38 @@ class _LanesModel(models.PrimitiveModel):
         super().__init__(manager, kind, _VECTOR)
 
 
-def _pointer(context, builder, kind, array, index):
-    data = context.make_array(kind)(context, builder, array).data
-    return builder.bitcast(builder.gep(data, [index]), _VECTOR.as_pointer())
-
-
-@_instruction
+@instruction
 def load_lanes(typing, array, index):
     """array[index:index + 8] of a contiguous array of float64."""
 
     def code(context, builder, signature, arguments):
-        return builder.load(_pointer(context, builder, signature.args[0], *arguments), align=8)
+        return builder.load(lanes_at(context, builder, signature.args[0], arguments[0], arguments[1], _VECTOR), align=8)
 
     return lanes(array, types.intp), code
 
 
-@_instruction
+@instruction
 def store_lanes(typing, array, index, value):
     """array[index:index + 8] = value."""
 
     def code(context, builder, signature, arguments):
-        builder.store(arguments[2], _pointer(context, builder, signature.args[0], *arguments[:2]), align=8)
+        builder.store(arguments[2], lanes_at(context, builder, signature.args[0], arguments[0], arguments[1], _VECTOR), align=8)
         return context.get_dummy_value()
 
     return types.void(array, types.intp, lanes), code
 
 
-@_instruction
+@instruction
 def splat(typing, value):
     """Eight times the same number."""
 
     def code(context, builder, signature, arguments):
-        one = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), arguments[0], ir.Constant(ir.IntType(32), 0))
-        return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
+        return splatted(builder, arguments[0], _VECTOR)
 
     return lanes(types.float64), code
 
 
-@_instruction
+@instruction
 def floor(typing, value):
     """The largest whole numbers that are not larger."""
 
@@ -92,7 +80,7 @@ def floor(typing, value):
     return lanes(lanes), code
 
 
-@_instruction
+@instruction
 def total(typing, value):
     """The sum of the eight, one after the other."""
 
@@ -108,8 +96,8 @@ def total(typing, value):
 def _arithmetic(word, build: str) -> None:
     """Let an operator work on two Lanes."""
 
-    @_instruction
-    def instruction(typing, first, second):
+    @instruction
+    def of_two(typing, first, second):
         def code(context, builder, signature, arguments):
             return getattr(builder, build)(*arguments)
 
@@ -118,7 +106,7 @@ def _arithmetic(word, build: str) -> None:
     @overload(word)
     def _operator(first, second):
         if isinstance(first, Lanes) and isinstance(second, Lanes):
-            return lambda first, second: instruction(first, second)
+            return lambda first, second: of_two(first, second)
 
 
 _arithmetic(operator.add, "fadd")

@@ -118,6 +118,12 @@ class Layer(Protocol):
         """Sum over mobile beads of the Laplacian of the conservative energy."""
 
 
+def table_of(*columns: np.ndarray) -> np.ndarray:
+    """Table of coefficients with a row for each pair of types, from arrays (T, T) or (T, T, K)."""
+    types = columns[0].size
+    return np.ascontiguousarray(np.concatenate([column.reshape(types, -1) for column in columns], axis=1))
+
+
 class Table(Protocol):
     """Coefficients of one layer, immutable: it is pickled into the System."""
 

@@ -6,8 +6,6 @@ bits give the indices of the hits, a fixed number at a time; the hits of many be
 branch that the processor could not foresee, and that is what makes them fast.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

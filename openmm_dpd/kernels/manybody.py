@@ -17,26 +17,23 @@ A first pass over the pairs adds up the densities rho_i at the listed positions;
 Friction and noise are those of DPD, so a sweep is that of :mod:`.sweeps`.  A pair closer than the list's shortest distance counts nowhere.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from ..errors import ParameterError
-from ..tensors import symmetric_products
+from ..geometry import symmetric_products
 from .columns import approach, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
 from .compiled import helper, inlined
-from .dpd import Sweeper
-from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, GAMMA, SIGMA, A
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, PairSpec, SortedMotion, Sums
+from .dpd import SweptLayer
+from .forces import CUTOFF, GAMMA, SIGMA, A
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Layer, PairSpec, Sums, table_of
 from .noise import draw
 from .pairs import PairList
 
 #: Columns of the coefficient table after the eight of :mod:`.forces`, which the sweep reads.
 B, CUTOFF_B, CUTOFF_DENSITY = 8, 9, 10
-_COLUMNS = 11
 
 #: Stands for the factor 0 of bonded neighbours: a pair list leaves pairs of factor 0 out, but LAMMPS's density counts them.
 #: Forces times this are lost in rounding.
@@ -87,48 +84,26 @@ class ManyBodyTable:
 
     def coefficients(self, kT: float) -> np.ndarray:
         """(T*T, 11) table at the thermal energy kT: sigma^2 = 2 kT gamma."""
-        table = np.zeros((self.A.size, _COLUMNS))
-        for column, values in (
-            (A, self.A),
-            (CUTOFF, self.cutoff_A),
-            (GAMMA, self.gamma),
-            (SIGMA, np.sqrt(2.0 * kT * self.gamma)),
-            (EXPONENT, np.ones_like(self.A)),
-            (EXPONENT_PERP, np.ones_like(self.A)),
-            (B, self.B),
-            (CUTOFF_B, self.cutoff_B),
-            (CUTOFF_DENSITY, self.cutoff_density),
-        ):
-            table[:, column] = values.ravel()
-        return table
+        zero, one = np.zeros_like(self.A), np.ones_like(self.A)
+        of_dpd = self.A, self.cutoff_A, self.gamma, np.sqrt(2.0 * kT * self.gamma), zero, zero, one, one
+        return table_of(*of_dpd, self.B, self.cutoff_B, self.cutoff_density)
 
-    def layer(self, spec: PairSpec, number: int) -> ManyBodyLayer:
+    def layer(self, spec: PairSpec, number: int) -> Layer:
         """The layer that evaluates these coefficients."""
         return ManyBodyLayer(self, spec, number)
 
 
-class ManyBodyLayer:
+class ManyBodyLayer(SweptLayer):
     """Evaluates a :class:`ManyBodyTable`."""
 
     def __init__(self, table: ManyBodyTable, spec: PairSpec, number: int):
-        self.table, self.number = table, number
         start, bead, factor = spec.exceptions
         factor = np.maximum(factor, _NO_FORCE) if table.lucy else factor
-        self.pairs = PairList(spec.types, spec.inv_mass, table.cutoff, (start, bead, factor))
-        self._motion = SortedMotion(len(self.pairs.order))
-        self._sweeper = Sweeper(self.pairs, self.pairs.alike, transverse=False)
+        pairs = PairList(spec.types, spec.inv_mass, table.cutoff, (start, bead, factor))
+        super().__init__(table, number, pairs, pairs.alike, transverse=False)
         self._types, self._n_beads = spec.types, len(spec.types)
         # the kernels are compiled on a handful of beads, which take the masses of the first ones
         self._mass = np.resize(table.mass, self._n_beads).astype(np.float64)
-        # of the last two temperatures, as in the layer of DPD
-        self._coefficients: dict[float, np.ndarray] = {}
-
-    def _at(self, kT: float) -> np.ndarray:
-        if kT not in self._coefficients:
-            if len(self._coefficients) > 1:
-                self._coefficients.clear()
-            self._coefficients[kT] = self.table.coefficients(kT)
-        return self._coefficients[kT]
 
     def _sorted_densities(self, coefficients: np.ndarray) -> np.ndarray:
         """Densities in the order of the pair list."""
@@ -162,10 +137,6 @@ class ManyBodyLayer:
         share = 0.5 if self.table.lucy else 0.25
         motion = self._motion.arrays(call, out, add)
         return Sums(*many_body_forces(pairs, ManyBody(which, *noise, share, coefficients, rho, *motion)))
-
-    def sweep(self, call: Call, v: np.ndarray, increments: np.ndarray | None) -> None:
-        """Update the velocities (N, 3) pair by pair, in place."""
-        self._sweeper(call, self.number, self._at(call.kT), v)
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy; NaN with the Lucy kernel, whose force has no potential."""
@@ -281,7 +252,7 @@ def _pair_laplacian(pairs, data, scratch, n, k, column):
     second = factor * c[row, A] * (1.0 / rc - 2.0 * (1.0 - r / rc) / r)
     if r < h:
         wd = 1.0 - r / h
-        scale = _gradient_scale(c, row)
+        scale = 15.0 * c[row, B] / (np.pi * c[row, CUTOFF_B] ** 4)  # 2c (15/(pi h^4))^2, see many_body_laplacian
         second += scale * (factor * wd) ** 2 + factor * c[row, B] * (rho[i] + rho[j]) * (1.0 / h - 2.0 * wd / r)
         # the same scale for all pairs that have one
         scale = np.sqrt(scale) * factor * wd
@@ -289,12 +260,6 @@ def _pair_laplacian(pairs, data, scratch, n, k, column):
             data.slope[i, a] += scale * g[a, n]
             data.slope[j, a] -= scale * g[a, n]
     return ((pairs.inv_mass[i] > 0.0) + (pairs.inv_mass[j] > 0.0)) * second, 0.0
-
-
-@inlined
-def _gradient_scale(c, row):
-    """2c (15/(pi h^4))^2, see :func:`many_body_laplacian`."""
-    return 15.0 * c[row, B] / (np.pi * c[row, CUTOFF_B] ** 4)
 
 
 _laplacian_of_pairs = over_pairs("many_body_laplacian", _pair_laplacian, parallel=False)

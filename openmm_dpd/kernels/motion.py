@@ -4,8 +4,6 @@ Each is one pass without temporary arrays: an array of numpy's that lives for a 
 memory comes from the operating system page by page.  Several threads share a pass where there are beads enough for them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

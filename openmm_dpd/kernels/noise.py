@@ -7,8 +7,6 @@ Steele, Lea and Flood, OOPSLA 2014, doi:10.1145/2660193.2660195); its bits are t
 distribution function: Gaussian to 1e-6.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import ndtri
 

@@ -1,12 +1,11 @@
 """The pairs of one layer of terms at one set of positions, in coloured columns (see :mod:`.cells` and :mod:`.listing`)."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
 
 from ..errors import RunError
+from ..geometry import widths
 from . import cells, listing
 from .threads import dispatch, get_threads
 
@@ -17,6 +16,16 @@ Exceptions = tuple[np.ndarray, np.ndarray, np.ndarray]
 def no_exceptions() -> Exceptions:
     """Exceptions of beads that have none: the rows have no start."""
     return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
+
+
+def compressed_exceptions(factors: dict[tuple[int, int], float], n_beads: int) -> Exceptions:
+    """Factors of pairs of beads as exceptions, which stand there in both directions."""
+    if not factors:
+        return no_exceptions()
+    rows = sorted([(i, j, f) for (i, j), f in factors.items()] + [(j, i, f) for (i, j), f in factors.items()])
+    first = np.array([row[0] for row in rows])
+    start = np.concatenate([[0], np.cumsum(np.bincount(first, minlength=n_beads))])
+    return start.astype(np.int64), np.array([row[1] for row in rows], np.int64), np.array([row[2] for row in rows])
 
 
 class Pairs(NamedTuple):
@@ -127,12 +136,12 @@ class PairList:
             if len(bad):
                 raise RunError(f"the position of bead {self.beads[bad[0]]} is not finite: {used[bad[0]].tolist()}")
             origin = used.min(axis=0)
-            widths = np.maximum(used.max(axis=0) - origin, self.cutoff) * (1 + 1e-9)
-            extent = np.diag(widths)
+            wide = np.maximum(used.max(axis=0) - origin, self.cutoff) * (1 + 1e-9)
+            extent = np.diag(wide)
         else:
             origin, extent = np.zeros(3), box.copy()
-            widths = 1.0 / np.linalg.norm(np.linalg.inv(box), axis=0)
-        ncell = np.maximum((widths / self.cutoff).astype(np.int64), 1)
+            wide = widths(box)
+        ncell = np.maximum((wide / self.cutoff).astype(np.int64), 1)
         while np.prod(ncell, dtype=float) > max(64, 2 * len(self.beads)) and ncell.max() > 3:
             ncell[ncell.argmax()] = max(3, int(ncell.max() * 0.8))
         if box is not None and ncell.min() < 3:

@@ -7,17 +7,14 @@ two beads at the same point leave each other alone.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from .columns import clear, deliver, factor_of, over_pairs, push_apart
 from .compiled import helper, inlined
-from .pairs import PairList
-
-#: No exceptions, in compressed rows.
-NO_EXCEPTIONS = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
+from .pairs import Exceptions, PairList, no_exceptions
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +72,7 @@ class RadialTerms:
     which: np.ndarray
     lennard_jones: np.ndarray
     tables: Tables
-    exceptions: tuple[np.ndarray, np.ndarray, np.ndarray] = NO_EXCEPTIONS
+    exceptions: Exceptions = field(default_factory=no_exceptions)
 
     def evaluator(self) -> RadialEvaluator:
         """What computes it."""
@@ -87,11 +84,6 @@ class RadialTerms:
         x = np.array([[0.0, 0, 0], [2.0, 0, 0], [0, 2.0, 0], [2.0, 2.0, 2.0]]) * reach
         types = np.zeros(len(x), np.int32)
         return RadialTerms(types, self.cutoff, self.which, self.lennard_jones, self.tables), x, np.diag([4.0 * reach] * 3)
-
-
-def pair_list(types: np.ndarray, cutoff: np.ndarray, exceptions: tuple[np.ndarray, np.ndarray, np.ndarray]) -> PairList:
-    """The pairs of beads within the cutoff (T, T) of their types."""
-    return PairList(types, np.ones(len(types)), cutoff, exceptions)
 
 
 @inlined
@@ -153,7 +145,7 @@ class RadialEvaluator:
 
     def __init__(self, terms: RadialTerms):
         self.terms = terms
-        self._pairs = pair_list(terms.types, terms.cutoff, terms.exceptions)
+        self._pairs = PairList(terms.types, np.ones(len(terms.types)), terms.cutoff, terms.exceptions)
         tables, f = terms.tables, np.zeros((len(self._pairs.beads), 3))
         self._potential = Potential(terms.which, terms.lennard_jones, tables.start, tables.knots, tables.cubics, f, f)
 

@@ -13,16 +13,17 @@ the nearest points, and the force is not quite the gradient of U.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from ..errors import RunError
+from ..geometry import minimum_images
 from .columns import over_pairs
 from .compiled import helper, inlined
-from .pairs import PairList, no_exceptions
+from .pairs import PairList, compressed_exceptions, no_exceptions
 
 MID, NEAREST, CLAMPED = range(3)
 
@@ -32,7 +33,7 @@ D_MIN = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class SegmentSpec:
-    """The part of the kernel's input that never changes.
+    """Repulsion between bonds: the part of the kernel's input that never changes, an :class:`.extras.Extra`.
 
     Attributes
     ----------
@@ -47,12 +48,24 @@ class SegmentSpec:
         Whether segments that share a bead leave each other alone.
     """
 
+    term: ClassVar[str] = "conservative"
+
     n_beads: int
     pairs: np.ndarray
     A: float
     cutoff: float
     rule: int
     exclude_adjoining: bool = True
+
+    def evaluator(self) -> SegmentEngine:
+        """What computes it."""
+        return SegmentEngine(self)
+
+    def few(self) -> tuple[SegmentSpec, np.ndarray, np.ndarray]:
+        """Two bonds."""
+        half = 0.25 * self.cutoff
+        x = np.array([[0.0, 0, 0], [half, 0, 0], [0, half, 0], [half, half, half]]) + self.cutoff
+        return replace(self, n_beads=4, pairs=np.array([[0, 1], [2, 3]])), x, np.diag([8.0 * self.cutoff] * 3)
 
 
 def adjoining(pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -61,17 +74,22 @@ def adjoining(pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     for segment, ends in enumerate(pairs.tolist()):
         for bead in ends:
             at.setdefault(bead, []).append(segment)
-    both = {pair for segments in at.values() for pair in combinations(segments, 2)}
-    if not both:
-        return no_exceptions()
-    rows = np.array(sorted(both | {(j, i) for i, j in both}), dtype=np.int64)
-    start = np.concatenate([[0], np.cumsum(np.bincount(rows[:, 0], minlength=len(pairs)))]).astype(np.int64)
-    return start, rows[:, 1].copy(), np.zeros(len(rows))
+    both = {pair: 0.0 for segments in at.values() for pair in combinations(segments, 2)}
+    return compressed_exceptions(both, len(pairs))
 
 
 @inlined
 def _clamp(t):
     return min(0.5, max(-0.5, t))
+
+
+@inlined
+def _products(px, py, pz, a, b, i, j):
+    """Products of two arms with themselves, with each other, and with p."""
+    aa = a[i, 0] * a[i, 0] + a[i, 1] * a[i, 1] + a[i, 2] * a[i, 2]
+    bb = b[j, 0] * b[j, 0] + b[j, 1] * b[j, 1] + b[j, 2] * b[j, 2]
+    ab = a[i, 0] * b[j, 0] + a[i, 1] * b[j, 1] + a[i, 2] * b[j, 2]
+    return aa, bb, ab, a[i, 0] * px + a[i, 1] * py + a[i, 2] * pz, b[j, 0] * px + b[j, 1] * py + b[j, 2] * pz
 
 
 @helper
@@ -80,11 +98,7 @@ def _nearest(px, py, pz, a, b, i, j):
 
     Where the segments are parallel it is the middle of the stretch along which they are equally near.
     """
-    aa = a[i, 0] * a[i, 0] + a[i, 1] * a[i, 1] + a[i, 2] * a[i, 2]
-    bb = b[j, 0] * b[j, 0] + b[j, 1] * b[j, 1] + b[j, 2] * b[j, 2]
-    ab = a[i, 0] * b[j, 0] + a[i, 1] * b[j, 1] + a[i, 2] * b[j, 2]
-    ap = a[i, 0] * px + a[i, 1] * py + a[i, 2] * pz
-    bp = b[j, 0] * px + b[j, 1] * py + b[j, 2] * pz
+    aa, bb, ab, ap, bp = _products(px, py, pz, a, b, i, j)
     if aa < 1e-30 or bb < 1e-30:  # a segment without a length is a point
         s = _clamp(-ap / aa) if aa >= 1e-30 else 0.0
         t = _clamp(bp / bb) if bb >= 1e-30 else 0.0
@@ -105,11 +119,7 @@ def _nearest(px, py, pz, a, b, i, j):
 @helper
 def _clamped(px, py, pz, a, b, i, j):
     """Places of the contact points as LAMMPS's srp has them: each moved to the end of its segment by itself; midpoints where parallel."""
-    aa = a[i, 0] * a[i, 0] + a[i, 1] * a[i, 1] + a[i, 2] * a[i, 2]
-    bb = b[j, 0] * b[j, 0] + b[j, 1] * b[j, 1] + b[j, 2] * b[j, 2]
-    ab = a[i, 0] * b[j, 0] + a[i, 1] * b[j, 1] + a[i, 2] * b[j, 2]
-    ap = a[i, 0] * px + a[i, 1] * py + a[i, 2] * pz
-    bp = b[j, 0] * px + b[j, 1] * py + b[j, 2] * pz
+    aa, bb, ab, ap, bp = _products(px, py, pz, a, b, i, j)
     det = aa * bb - ab * ab
     if abs(det) < 1e-10:
         det = np.inf
@@ -213,13 +223,16 @@ class SegmentEngine:
         self._last = x.copy(), None if box is None else box.copy(), result
         return result
 
+    def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
+        """See :class:`.extras.Evaluator`; RunError as :meth:`forces`."""
+        energy, on_beads, _ = self.forces(x, box)
+        force += on_beads
+        return energy
+
     def _evaluate(self, x: np.ndarray, box: np.ndarray | None) -> tuple[float, np.ndarray, float]:
         spec, pairs = self.spec, self._list
         first = x[spec.pairs[:, 0]]
-        arm = x[spec.pairs[:, 1]] - first
-        if box is not None:
-            for k in (2, 1, 0):
-                arm -= np.outer(np.rint(arm[:, k] / box[k, k]), box[k])
+        arm = minimum_images(x[spec.pairs[:, 1]] - first, box)
         length2 = np.sum(arm * arm, axis=1)
         if not np.all(np.isfinite(length2)):
             i, j = spec.pairs[int(np.argmin(np.isfinite(length2)))]

@@ -5,10 +5,9 @@ friction is a force.  What a step begins with has passed through OpenMM's positi
 is rounded so before each step, so that a run gives the same bits however it is cut.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -22,31 +21,10 @@ from .sweeps import EXACT, SHARDLOW
 UPDATES = {"O": EXACT, "S": SHARDLOW}
 
 
-@dataclass(frozen=True, eq=False)
-class Walls:
-    """Planes that beads do not pass, as three values each, one for every axis (see :mod:`openmm_dpd.programs.walls`)."""
-
-    low: np.ndarray
-    high: np.ndarray
-    start: np.ndarray
-    period: np.ndarray
-    back: np.ndarray
-
-
-@dataclass(frozen=True)
-class Ramp:
-    """Thermal energy that changes linearly between two steps."""
-
-    kT_start: float
-    kT_end: float
-    first_step: int
-    last_step: int
-
-    def at(self, steps: float) -> float:
-        """Thermal energy after some steps; as :func:`openmm_dpd.programs.program.ramp_expression` has it, to the bit."""
-        return self.kT_start + (self.kT_end - self.kT_start) * min(
-            1.0, max(0.0, (steps - self.first_step) * (1.0 / (self.last_step - self.first_step)))
-        )
+def ramped_energy(ramp: Any, steps: float) -> float:
+    """Thermal energy on a temperature ramp after some steps; as :func:`openmm_dpd.programs.program.ramp_expression` has it, to the bit."""
+    part = (steps - ramp.first_step) * (1.0 / (ramp.last_step - ramp.first_step))
+    return ramp.kT_start + (ramp.kT_end - ramp.kT_start) * min(1.0, max(0.0, part))
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +45,9 @@ class StepSpec:
         Whether there is friction or noise.
     lam, field_lam : float
         Weights of the prediction of velocities and of fields in that scheme.
-    walls : Walls or None
-    ramp : Ramp or None
+    walls : five arrays (3,), or None
+        Planes that beads do not pass: low, high, start, period, back (see :mod:`openmm_dpd.programs.walls`).
+    ramp : openmm_dpd.model.temperature.TemperatureRamp or None
     field_shown : float
         Displacement by which a program shows a field, or a rate, of 1.
     """
@@ -80,8 +59,8 @@ class StepSpec:
     thermostat: bool = True
     lam: float = 0.5
     field_lam: float = 0.5
-    walls: Walls | None = None
-    ramp: Ramp | None = None
+    walls: tuple[np.ndarray, ...] | None = None
+    ramp: Any = None
     field_shown: float = 1.0
 
     @property
@@ -277,9 +256,7 @@ class StepLoop:
         if walls is not None:
             # the last one puts the positions back
             for k, v in enumerate(velocities):
-                motion.reflect_beads(
-                    m.x, v, self.inv_mass, walls.low, walls.high, walls.start, walls.period, walls.back, k == len(velocities) - 1
-                )
+                motion.reflect_beads(m.x, v, self.inv_mass, *walls, k == len(velocities) - 1)
 
     def _conserve(self, m: Moment) -> None:
         """Conservative force at x, unless it is there already."""
@@ -301,7 +278,7 @@ class StepLoop:
         """The thermal energy of this step."""
         if self.spec.ramp is not None and m.ramped is not None and self.spec.thermostat:
             m.ramped += 1.0
-            m.kT = self.spec.ramp.at(m.ramped)
+            m.kT = ramped_energy(self.spec.ramp, m.ramped)
 
     # -- modified velocity Verlet ----------------------------------------------------------------------------------------------------
     def _predicting(self, m: Moment, show: bool) -> None:
@@ -359,6 +336,3 @@ class StepLoop:
         motion.accelerate(m.acc.ravel(), m.v.ravel(), self.force.ravel(), self._inv_mass, kick)
         if values is not None:
             m.rates = np.where(self.inv_mass[:, None] > 0.0, self.engine.rates, 0.0)
-
-
-__all__ = ["Moment", "Ramp", "StepLoop", "StepSpec", "Walls"]

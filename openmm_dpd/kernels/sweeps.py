@@ -11,13 +11,11 @@ is the closed form of Shardlow's two halves (Shardlow, SIAM J. Sci. Comput. 24, 
 equals the first with q = (1 - x/2)/(1 + x/2).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
 
-from .columns import approach, factor_of, over_pairs, row_of
+from .columns import approach, change, factor_of, over_pairs, row_of
 from .compiled import helper, inlined
 from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, GAMMA, GAMMA_PERP, power
 from .layer import EXACT, SHARDLOW
@@ -154,18 +152,6 @@ def _transverse_impulse(pairs, data, key, n, i, j):
 
 
 @inlined
-def _change(pairs, v, n, i, j, dx, dy, dz):
-    """Give an impulse to bead i, and the opposite one to bead j."""
-    wi, wj = pairs.inv_mass[i], pairs.inv_mass[j]
-    v[i, 0] += wi * dx
-    v[i, 1] += wi * dy
-    v[i, 2] += wi * dz
-    v[j, 0] -= wj * dx
-    v[j, 1] -= wj * dy
-    v[j, 2] -= wj * dz
-
-
-@inlined
 def _central(pairs, data, scratch, n, k, column):
     i, j, g, v = pairs.pi[n], pairs.pj[n], pairs.geometry, data.v
     ex, ey, ez = g[0, n], g[1, n], g[2, n]
@@ -180,10 +166,10 @@ def _central(pairs, data, scratch, n, k, column):
 
 @inlined
 def _any(pairs, data, scratch, n, k, column):
-    i, j, g, v = pairs.pi[n], pairs.pj[n], pairs.geometry, data.v
+    i, j, g, v, inv_mass = pairs.pi[n], pairs.pj[n], pairs.geometry, data.v, pairs.inv_mass
     impulse = scratch.values[_KICK, k] - scratch.values[_LOST, k] * approach(pairs, v, n, i, j)
     tx, ty, tz = _transverse_impulse(pairs, data, scratch.bits[k], n, i, j)
-    _change(pairs, v, n, i, j, impulse * g[0, n] + tx, impulse * g[1, n] + ty, impulse * g[2, n] + tz)
+    change(v, i, j, inv_mass[i], inv_mass[j], impulse * g[0, n] + tx, impulse * g[1, n] + ty, impulse * g[2, n] + tz)
     return 0.0, 0.0
 
 
@@ -210,6 +196,3 @@ _any_sweep = over_pairs("any_sweep", _any, _updates, first=_gather, last=_scatte
 def sweep(pairs: PairList, terms: Sweep, transverse: bool) -> None:
     """Update the velocities; ``transverse`` says whether there are transverse terms."""
     (_any_sweep if transverse else _central_sweep)(pairs, terms)
-
-
-__all__ = ["EXACT", "SHARDLOW", "Sweep", "decay", "halvings", "sweep"]

@@ -8,8 +8,6 @@ Per pair, with w = 1 - r/cutoff, w_c = 1 - r/cutoff_c, f the factor of bonded ne
 xi_k is clamped to [-5, 5] and belongs to the bead with the lower index.  Fluxes have no factor.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -21,7 +19,7 @@ from .columns import approach, deliver, factor_of, gather_and_clear, over_pairs,
 from .compiled import inlined
 from .edpd import clamped
 from .forces import power
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, PairSpec, SortedMotion, Sums
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
 from .noise import normal, pair_key
 from .pairs import PairList
 
@@ -49,7 +47,7 @@ class SpeciesTable:
     epsilon: np.ndarray
     exponent_c: np.ndarray
 
-    def layer(self, spec: PairSpec, number: int) -> SpeciesLayer:
+    def layer(self, spec: PairSpec, number: int) -> Layer:
         """The layer that evaluates these coefficients."""
         return SpeciesLayer(self, spec, number)
 
@@ -61,8 +59,7 @@ class SpeciesLayer:
         assert spec.fields is not None and spec.fields.n_values == table.kappa.shape[-1]
         self.pairs, self.number = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions), number
         self._motion = SortedMotion(len(self.pairs.order))
-        columns = (table.A, table.cutoff_F, table.gamma, table.exponent, table.cutoff_c)
-        self.coefficients = np.column_stack([array.ravel() for array in columns])
+        self.coefficients = table_of(table.A, table.cutoff_F, table.gamma, table.exponent, table.cutoff_c)
         per_species = (table.kappa, table.epsilon, table.exponent_c)
         # (T*T, K, 3): kappa, epsilon and the exponent of the noise weight of each species
         self.exchange = np.stack([array.reshape(-1, array.shape[-1]) for array in per_species], axis=-1)

@@ -1,7 +1,5 @@
 """How many threads the kernels use, and how they are called with them."""
 
-from __future__ import annotations
-
 import os
 import threading
 import time

@@ -1,34 +1,23 @@
 """Isothermal DPD."""
 
-from __future__ import annotations
+import numpy as np
 
-from ..forces.conservative import dpd_expression
+from ..forces.expressions import dpd_expression
 from ..kernels.dpd import TermTable
 from ..model.pairs import DPD
-from .arrays import symmetric_arrays
-from .record import BeadData, Kind, Resolved, register
+from .record import BeadData, Kind, Resolved, register, symmetric_arrays
 
 
-def dpd_table(table: Resolved, names: list[str]) -> TermTable:
-    """Arrays of isothermal DPD coefficients."""
-
-    def values(c: DPD) -> dict:
-        fixed_sigma = c.sigma is not None and c.gamma is None
-        return {
-            "A": c.A,
-            "gamma": float("nan") if fixed_sigma else c.gamma or 0.0,
-            "sigma": c.sigma if fixed_sigma else float("nan"),
-            "gamma_perp": c.gamma_perp,
-            "exponent": c.exponent,
-            "exponent_perp": c.exponent_perp,
-            "cutoff": c.cutoff,
-        }
-
-    return TermTable(**symmetric_arrays(table, names, values))
+def _fixed_sigma(c: DPD) -> bool:
+    return c.sigma is not None and c.gamma is None
 
 
 def _terms(table: Resolved, beads: BeadData) -> TermTable:
-    return dpd_table(table, beads.names)
+    fixed = {
+        "gamma": lambda c: np.nan if _fixed_sigma(c) else c.gamma or 0.0,
+        "sigma": lambda c: c.sigma if _fixed_sigma(c) else np.nan,
+    }
+    return TermTable(**symmetric_arrays(table, beads.names, "A gamma_perp exponent exponent_perp cutoff", **fixed))
 
 
 def _why_not_native(c: DPD) -> str | None:

@@ -1,41 +1,24 @@
 """eDPD: coefficients that depend on the temperatures of the beads."""
 
-from __future__ import annotations
-
 from ..kernels.edpd import ThermalTable
 from ..kernels.fields import TEMPERATURE, FieldSpec
 from ..model.edpd import EDPD
 from ..model.internal import BeadTemperatures
 from ..model.scene import Scene
-from .arrays import symmetric_arrays
-from .record import BeadData, Kind, Resolved, register
-from .sources import field_sources
+from .record import BeadData, Kind, Resolved, register, symmetric_arrays
 
 
 def _terms(table: Resolved, beads: BeadData) -> ThermalTable:
-    def values(c: EDPD) -> dict:
-        assert c.cutoff_T is not None
-        return {
-            "A": c.A,
-            "gamma": c.gamma,
-            "kappa": c.kappa,
-            "exponent": c.exponent,
-            "exponent_T": c.exponent_T,
-            "cutoff_F": c.cutoff,
-            "cutoff_T": c.cutoff_T,
-            "cutoff": max(c.cutoff, c.cutoff_T),
-            "exponent_polynomial": c.exponent_polynomial,
-            "kappa_polynomial": c.kappa_polynomial,
-        }
-
-    return ThermalTable(**symmetric_arrays(table, beads.names, values), lammps=beads.compat == "lammps")
+    same = "A gamma kappa exponent exponent_T cutoff_T exponent_polynomial kappa_polynomial"
+    ranges = {"cutoff_F": lambda c: c.cutoff, "cutoff": lambda c: max(c.cutoff, c.cutoff_T)}
+    return ThermalTable(**symmetric_arrays(table, beads.names, same, **ranges), lammps=beads.compat == "lammps")
 
 
 def _fields(scene: Scene) -> FieldSpec:
     internal = scene.internal
     assert isinstance(internal, BeadTemperatures)
     capacity = internal.heat_capacities(scene.n_beads)
-    return FieldSpec(TEMPERATURE, internal.values(scene.n_beads), scene.immobile, capacity=capacity, sources=field_sources(scene))
+    return FieldSpec(TEMPERATURE, internal.values(scene.n_beads), scene.immobile, capacity=capacity, sources=tuple(scene.sources))
 
 
 register(

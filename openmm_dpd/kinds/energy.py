@@ -1,10 +1,8 @@
 """DPD with conserved energy, and the equations of state of its beads."""
 
-from __future__ import annotations
-
 import numpy as np
 
-from ..forces.conservative import dpd_expression
+from ..forces.expressions import dpd_expression
 from ..kernels.energy import EnergyTable
 from ..kernels.eos import CONSTANT, RESERVOIR, EOSTable
 from ..kernels.fields import ENERGY, FieldSpec
@@ -12,13 +10,11 @@ from ..model.energy_dpd import EnergyDPD
 from ..model.eos import ConstantHeatCapacity
 from ..model.internal import InternalEnergy
 from ..model.scene import Scene
-from .arrays import symmetric_arrays
-from .record import BeadData, Kind, Resolved, register
+from .record import BeadData, Kind, Resolved, register, symmetric_arrays
 
 
 def _terms(table: Resolved, beads: BeadData) -> EnergyTable:
-    values = symmetric_arrays(table, beads.names, lambda c: {"A": c.A, "sigma": c.sigma, "kappa": c.kappa, "cutoff": c.cutoff})
-    return EnergyTable(**values)
+    return EnergyTable(**symmetric_arrays(table, beads.names, "A sigma kappa cutoff"))
 
 
 def _fields(scene: Scene) -> FieldSpec:

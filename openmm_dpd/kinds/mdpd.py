@@ -1,35 +1,21 @@
 """Many-body DPD."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..forces.manybody import attraction_expression, density_force
-from ..kernels.cells import coincident_pairs
 from ..kernels.dpd import TermTable
 from ..kernels.manybody import ManyBodyLayer, ManyBodyTable
 from ..model.mdpd import MDPD, check_many_body, why_no_openmm_force
 from ..model.pairs import NONE
 from ..model.scene import Scene
 from ..neighbour_list import listed
-from .arrays import symmetric_arrays
-from .record import BeadData, Kind, Resolved, register
+from ..neighbours import coincident_pairs
+from .record import BeadData, Kind, Resolved, register, symmetric_arrays
 
 
 def _terms(table: Resolved, beads: BeadData) -> ManyBodyTable:
-    def values(c: MDPD) -> dict:
-        return {
-            "A": c.A,
-            "B": c.B,
-            "gamma": c.gamma,
-            "cutoff": c.cutoff,
-            "cutoff_A": c.cutoff,
-            "cutoff_B": c.cutoff_B,
-            "cutoff_density": c.cutoff_density,
-        }
-
-    lucy = check_many_body(table).kernel == "lucy"
-    return ManyBodyTable(**symmetric_arrays(table, beads.names, values), lucy=lucy, mass=beads.masses.copy())
+    arrays = symmetric_arrays(table, beads.names, "A B gamma cutoff cutoff_B cutoff_density", cutoff_A=lambda c: c.cutoff)
+    return ManyBodyTable(**arrays, lucy=check_many_body(table).kernel == "lucy", mass=beads.masses.copy())
 
 
 def _why_kernel_only(table: Resolved, scene: Scene, exceptions: dict[tuple[int, int], float], platform: str | None) -> str | None:
@@ -41,16 +27,13 @@ def _why_kernel_only(table: Resolved, scene: Scene, exceptions: dict[tuple[int, 
     return reason
 
 
-def _why_no_laplacian(table: Resolved) -> str | None:
-    lucy = check_many_body(table).kernel == "lucy"
-    return "the many-body force of the Lucy kernel derives from no potential" if lucy else None
-
-
 def _attraction_terms(table: ManyBodyTable) -> TermTable:
     """Attraction and friction, which are those of DPD."""
     one, zero = np.ones_like(table.A), np.zeros_like(table.A)
     return TermTable(table.A, table.gamma, np.full_like(table.A, np.nan), zero, one, one, table.cutoff)
 
+
+_NO_POTENTIAL = "the many-body force of the Lucy kernel derives from no potential"
 
 register(
     Kind(
@@ -59,7 +42,7 @@ register(
         potential=attraction_expression,
         density_force=density_force,
         why_kernel_only=_why_kernel_only,
-        why_no_laplacian=_why_no_laplacian,
+        why_no_laplacian=lambda table: _NO_POTENTIAL if check_many_body(table).kernel == "lucy" else None,
         stress_terms=_attraction_terms,
         more_stress=ManyBodyLayer.density_stress,
         has_densities=True,

@@ -1,7 +1,5 @@
 """Radial potentials that DPD thermostats are laid over: Lennard-Jones and tabulated."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..forces.expressions import type_pairs
@@ -34,23 +32,16 @@ def _tabulated_virial(c: TabulatedPair, r: np.ndarray) -> np.ndarray:
     return -r * energy_spline(c)(np.maximum(r, c.distances[0]), 1)
 
 
-_NO_LAPLACIAN = "a conservative term (Lennard-Jones or tabulated) has no Laplacian here"
-
-register(
-    Kind(
-        coefficient=LennardJones,
-        overlay=Overlay(_lennard_jones_curves, _lennard_jones_virial),
-        potential=lennard_jones_expression,
-        why_no_laplacian=lambda _: _NO_LAPLACIAN,
-        beside_atoms=True,
+for _coefficient, _overlay, _potential in (
+    (LennardJones, Overlay(_lennard_jones_curves, _lennard_jones_virial), lennard_jones_expression),
+    (TabulatedPair, Overlay(_tabulated_curves, _tabulated_virial), tabulated_expression),
+):
+    register(
+        Kind(
+            coefficient=_coefficient,
+            overlay=_overlay,
+            potential=_potential,
+            why_no_laplacian=lambda _: "a conservative term (Lennard-Jones or tabulated) has no Laplacian here",
+            beside_atoms=True,
+        )
     )
-)
-register(
-    Kind(
-        coefficient=TabulatedPair,
-        overlay=Overlay(_tabulated_curves, _tabulated_virial),
-        potential=tabulated_expression,
-        why_no_laplacian=lambda _: _NO_LAPLACIAN,
-        beside_atoms=True,
-    )
-)

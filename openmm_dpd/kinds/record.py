@@ -1,9 +1,8 @@
-"""The properties of a kind of pair coefficients, as one record, and the register of all kinds."""
-
-from __future__ import annotations
+"""The properties of a kind of pair coefficients, as one record; the register of all kinds; coefficients as arrays."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -82,7 +81,7 @@ class Kind:
         Why no scheme with sweeps runs it, a part of a sentence that begins with its name.
     why_not_native : function of a coefficient, optional
         Why OpenMM's DPDIntegrator cannot apply its friction, a part of a sentence, or None.
-    why_no_laplacian : function of a resolved table, optional
+    why_no_laplacian : function of a resolved table
         Why there is no Laplacian of the potential, hence no configurational temperature, or None.
     stress_terms : function of a kernel table, optional
         The same terms, or what the engine can sum the stress tensor of, as a table of isothermal DPD.
@@ -111,7 +110,7 @@ class Kind:
     field_text: str = ""
     no_sweep: str | None = None
     why_not_native: Callable[[Any], str | None] | None = None
-    why_no_laplacian: Callable[[Resolved], str | None] | None = None
+    why_no_laplacian: Callable[[Resolved], str | None] = lambda _: None
     stress_terms: Callable[[Any], TermTable] | None = None
     more_stress: Callable[[Any], np.ndarray] | None = None
     has_densities: bool = False
@@ -138,10 +137,6 @@ class Kind:
         if self.potential is None and self.why_kernel_only is None:
             return f"there is no OpenMM force for {self.name}"
         return self.why_kernel_only(table, scene, exceptions, platform) if self.why_kernel_only else None
-
-    def no_laplacian(self, table: Resolved) -> str | None:
-        """Why there is no Laplacian of its potential, or None."""
-        return self.why_no_laplacian(table) if self.why_no_laplacian else None
 
 
 #: All kinds, by the class of their coefficients.
@@ -177,3 +172,18 @@ def kind_for(coefficient: type[PairCoefficient]) -> Kind:
 def resolved_kind(table: Resolved) -> Kind:
     """The kind of a resolved table that is not empty."""
     return kind_for(next(type(c) for c in table.values() if c is not NONE))
+
+
+def symmetric_arrays(table: Resolved, names: list[str], fields: str, **others: Callable[[Any], Any]) -> dict[str, Any]:
+    """(T, T, ...) symmetric arrays of these fields of the coefficients, and of what others are; zeros for pairs without a coefficient."""
+    place = {name: k for k, name in enumerate(names)}
+    found = [(place[a], place[b], c) for (a, b), c in table.items() if c is not NONE]
+    arrays: dict[str, np.ndarray] = {}
+    if found:
+        first, second, coefficients = zip(*found, strict=True)
+        for key, value in ({name: attrgetter(name) for name in fields.split()} | others).items():
+            given = np.array([value(c) for c in coefficients], dtype=float)
+            array = np.zeros((len(names), len(names), *given.shape[1:]))
+            array[first, second] = array[second, first] = given
+            arrays[key] = array
+    return arrays

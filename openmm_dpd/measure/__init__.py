@@ -1,25 +1,8 @@
 """Numbers from a live Context: temperatures, energies, pressures, momentum, forces term by term, stress, velocities; and reporters."""
 
-from __future__ import annotations
-
-from .flow import ProfileReporter, StressReporter
-from .observer import Observer
-from .reporters import DPDReporter
-from .sample import Sample, SystemSample
-from .temperature import kelvin, set_kT, set_temperature
-from .terms import force_terms
-from .velocities import VelocityReporter
-
-__all__ = [
-    "DPDReporter",
-    "Observer",
-    "ProfileReporter",
-    "Sample",
-    "StressReporter",
-    "SystemSample",
-    "VelocityReporter",
-    "force_terms",
-    "kelvin",
-    "set_kT",
-    "set_temperature",
-]
+from .flow import ProfileReporter as ProfileReporter, StressReporter as StressReporter
+from .observer import Observer as Observer
+from .reporters import DPDReporter as DPDReporter, VelocityReporter as VelocityReporter
+from .sample import Sample as Sample, SystemSample as SystemSample
+from .temperature import kelvin as kelvin, set_kT as set_kT, set_temperature as set_temperature
+from .terms import force_terms as force_terms

@@ -1,12 +1,9 @@
 """Energies, virials, stress tensors and Laplacians of bonds and angles, summed in double precision."""
 
-from __future__ import annotations
-
 import numpy as np
 
-from ..model.bonds import minimum_images
+from ..geometry import minimum_images, symmetric_products
 from ..plan import Plan
-from ..tensors import symmetric_products
 
 
 def bond_sums(plan: Plan, x: np.ndarray, box: np.ndarray | None, mobile: np.ndarray) -> tuple[float, float, float]:

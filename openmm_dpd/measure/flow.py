@@ -1,17 +1,16 @@
 """What is recorded during a run to get viscosities: stress tensors, and velocities in slabs."""
 
-from __future__ import annotations
-
 import numpy as np
 from openmm import unit
 
 from ..analysis.viscosity import VelocityProfile
 from ..built import BuiltSystem
+from ..cadence import Cadence
 from ..errors import ParameterError
+from ..geometry import symmetric_products
 from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, STRESS, PairEngine
 from ..model.flow import AXES, require_plain_axis
 from ..stats import block_average
-from ..tensors import symmetric_products
 from ..units import whole_number
 from .observer import require_built
 from .stress_parts import engine_spec, stress_parts
@@ -32,19 +31,16 @@ def on_step_velocities(built: BuiltSystem, state) -> np.ndarray:
     return scheme.on_step(v, state.getForces(asNumpy=True).value_in_unit(_F), built.plan.spec.inv_mass, dt)
 
 
-class _Reporter:
+class _Reporter(Cadence):
     """What reporters of a built scene share."""
 
     def __init__(self, interval: int, built: BuiltSystem):
         require_built(built, type(self).__name__)
         if built.plan.host is not None:
             raise ParameterError(f"{type(self).__name__} knows the terms of a scene alone, not those of a System made elsewhere")
-        self.interval, self.built = whole_number(interval, "the interval between samples, in steps,", least=1), built
+        super().__init__(interval, "samples")
+        self.built = built
         self._groups = built.integrator.getIntegrationForceGroups()
-
-    def describeNextReport(self, simulation):
-        """Steps until the next sample; nothing is wanted in the State that OpenMM hands over."""
-        return {"steps": self.interval - simulation.currentStep % self.interval, "periodic": None, "include": []}
 
     def _state(self, context):
         lags = self.built.plan.options.scheme.lag != 0.0
@@ -92,10 +88,8 @@ class StressReporter(_Reporter):
         if reason is not None:
             raise ParameterError(f"no stress tensor of this scene: {reason}")
         self._engine, self._parts = PairEngine(engine_spec(plan)), stress_parts(plan)
-        self._regular: list[np.ndarray] = []
-        self._friction: list[np.ndarray] = []
-        self._moment: list[float] = []
-        self._edges: list[np.ndarray] = []
+        #: of each sample: kinetic and conservative part, dissipative part, moment of the friction, edges of the box
+        self._rows: list[tuple[np.ndarray, np.ndarray, float, np.ndarray]] = []
         self.kT = plan.options.kT
 
     def report(self, simulation, state):
@@ -111,25 +105,23 @@ class StressReporter(_Reporter):
         for part in self._parts:
             regular += part(x, box)
         engine.forces(DISSIPATIVE | STRESS, v, self.kT, dt, seed, counter)
-        self._regular.append(regular)
-        self._friction.append(engine.stress.copy())
-        self._moment.append(sum(layer.friction_moment(self.kT) for layer in engine.layers))  # type: ignore[attr-defined]
-        self._edges.append(np.diag(box))
+        moment = sum(layer.friction_moment(self.kT) for layer in engine.layers)  # type: ignore[attr-defined]
+        self._rows.append((regular, engine.stress.copy(), moment, np.diag(box)))
 
     @property
     def regular(self) -> np.ndarray:
         """(n, 6) kinetic and conservative part of S (xx, yy, zz, xy, xz, yz), kJ/mol."""
-        return np.array(self._regular).reshape(-1, 6)
+        return np.array([row[0] for row in self._rows]).reshape(-1, 6)
 
     @property
     def friction(self) -> np.ndarray:
         """(n, 6) dissipative part of S."""
-        return np.array(self._friction).reshape(-1, 6)
+        return np.array([row[1] for row in self._rows]).reshape(-1, 6)
 
     @property
     def instantaneous(self) -> float:
         r"""Viscosity of the friction alone, :math:`\langle\sum\gamma w^2 r^2\rangle/15V`, kJ/mol ps/nm^3."""
-        return float(np.mean(np.array(self._moment) / self._volumes)) / 15.0
+        return float(np.mean(np.array([row[2] for row in self._rows]) / self._volumes)) / 15.0
 
     @property
     def pressures(self) -> np.ndarray:
@@ -139,7 +131,7 @@ class StressReporter(_Reporter):
     @property
     def edges(self) -> np.ndarray:
         """(n, 3) lengths of the box along x, y and z, nm."""
-        return np.array(self._edges).reshape(-1, 3)
+        return np.array([row[3] for row in self._rows]).reshape(-1, 3)
 
     @property
     def volume(self) -> float:
@@ -218,6 +210,3 @@ class ProfileReporter(_Reporter):
         return VelocityProfile(
             (np.arange(self.bins) + 0.5) * width, width, velocity, error, self._count / n / volume, kT, rows, self.length
         )
-
-
-__all__ = ["COMPONENTS", "ProfileReporter", "StressReporter", "on_step_velocities"]

@@ -6,8 +6,6 @@ Phys. Rev. Lett. 78, 772 (1997); Allen, J. Phys. Chem. B 110, 3823 (2006)).  Pre
 r_ij . F_ij.  OpenMM's own reporters use 3N degrees of freedom, kelvin, and no pair term.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import openmm
@@ -62,6 +60,3 @@ def require_built(built, what: str) -> None:
         raise ParameterError(
             f"{what} wants as built what openmm_dpd.build(), add_thermostat() or create_mixed_system() returned, not {what_is(built)}"
         )
-
-
-__all__ = ["Observer", "require_built"]

@@ -1,9 +1,7 @@
-"""A reporter that knows DPD: 3N - 3 degrees of freedom, configurational temperature, pressure with all pair terms, momentum.
+"""A reporter that knows DPD: 3N - 3 degrees of freedom, configurational temperature, pressure with all pair terms, momentum; velocities.
 
 OpenMM's StateDataReporter works as always; it prints kelvin, divides by 3N, and has no pressure.
 """
-
-from __future__ import annotations
 
 import logging
 import os
@@ -11,11 +9,14 @@ from collections.abc import Callable, Sequence
 from typing import Any, TextIO
 
 import numpy as np
+from openmm import unit
 
 from ..built import BuiltSystem
+from ..cadence import Cadence
 from ..errors import ParameterError
+from ..field_file import FieldWriter
 from ..kernels.fields import ENERGY, TEMPERATURE
-from ..units import BAR_PER_MD_PRESSURE, whole_number
+from ..units import BAR_PER_MD_PRESSURE
 from .observer import Observer, require_built
 from .temperature import kelvin
 from .watch import TemperatureWatch
@@ -59,13 +60,6 @@ SYSTEM_COLUMNS = (
 DEFAULT_COLUMNS = ("step", "time", "kT", "kT_conf", "potential_energy", "kinetic_energy", "pressure", "pressure_conservative", "momentum")
 
 
-def _columns_of(built: BuiltSystem) -> list[str]:
-    """The columns that something built has."""
-    plan = built.plan
-    parts = {"kT_atoms", "kT_beads"} if plan.host is None or plan.n_atoms == plan.scene.n_beads else set()
-    return [name for name in (COLUMNS if plan.host is None else SYSTEM_COLUMNS) if name not in parts]
-
-
 def _reasons(observer: Observer, columns: Sequence[str]) -> dict[str, list[str]]:
     """Columns that can only be NaN, by the reason why."""
     scene, reasons = observer.plan.scene, dict[str, list[str]]()
@@ -82,7 +76,7 @@ def _reasons(observer: Observer, columns: Sequence[str]) -> dict[str, list[str]]
     return reasons
 
 
-class DPDReporter:
+class DPDReporter(Cadence):
     """Writes measured quantities to a CSV file, for ``simulation.reporters``.
 
     After 20 rows, 40, 80, ..., it compares the kinetic temperature of their second half with the set one, and says once, through
@@ -128,7 +122,9 @@ class DPDReporter:
         append: bool = False,
     ):
         require_built(built, "DPDReporter")
-        able = _columns_of(built)
+        plan = built.plan
+        parts = {"kT_atoms", "kT_beads"} if plan.host is None or plan.n_atoms == plan.scene.n_beads else set()
+        able = [name for name in (COLUMNS if plan.host is None else SYSTEM_COLUMNS) if name not in parts]
         if columns is None:
             columns = DEFAULT_COLUMNS if built.plan.host is None else [name for name in able if name != "temperature"]
         if isinstance(columns, str) or not isinstance(columns, Sequence) or not columns:
@@ -140,7 +136,7 @@ class DPDReporter:
         if absent:
             where = "a scene alone" if built.plan.host is None else "a System made elsewhere"
             raise ParameterError(f"columns {', '.join(absent)} are not measured for {where}; choose among {', '.join(able)}")
-        self._interval = whole_number(interval, "the interval between reports, in steps,", least=1)
+        super().__init__(interval)
         self._columns, self._observer, self._watch = tuple(columns), Observer(built), TemperatureWatch(built.plan)
         if not isinstance(file, (str, os.PathLike)) and not hasattr(file, "write"):
             raise ParameterError(f"file must be a path or a text file open for writing, not {file!r}")
@@ -173,11 +169,6 @@ class DPDReporter:
                 )
         return begun
 
-    def describeNextReport(self, simulation):
-        """Steps until the next row; nothing is wanted in the State that OpenMM hands over."""
-        steps = self._interval - simulation.currentStep % self._interval
-        return {"steps": steps, "periodic": None, "include": []}
-
     def report(self, simulation, state):
         """Write one row."""
         sample = self._observer.sample(simulation.context)
@@ -194,3 +185,27 @@ class DPDReporter:
     def __del__(self):
         if self._owned:
             self._out.close()
+
+
+class VelocityReporter(Cadence):
+    """Writes velocities to a file, for ``simulation.reporters``; give it the interval of the trajectory, and frames match.
+
+    Parameters
+    ----------
+    file : str or path
+        ``velocities.npz``, say: a zip archive with an array for each frame, beside a trajectory in a format without velocities.
+    interval : int
+        Steps between frames.
+    """
+
+    _INCLUDE = ("velocities",)
+
+    def __init__(self, file: str | os.PathLike, interval: int):
+        super().__init__(interval)
+        self._writer = FieldWriter(file)
+
+    def report(self, simulation, state):
+        """Write one frame."""
+        velocities = state.getVelocities(asNumpy=True).value_in_unit(unit.nanometer / unit.picosecond)
+        time = state.getTime().value_in_unit(unit.picosecond)
+        self._writer.write(time, simulation.currentStep, {"velocities": velocities.astype(np.float32)})

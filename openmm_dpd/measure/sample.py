@@ -1,7 +1,5 @@
 """What a configuration says, as numbers: what :class:`openmm_dpd.Observer` gives."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -122,6 +120,3 @@ class Sample(SystemSample):
             return None
         virial = self.virial_conservative + ((self.virial_dissipative + self.virial_random) if full else 0.0)
         return (2.0 * self.kinetic + virial) / (3.0 * self.volume)
-
-
-__all__ = ["Sample", "SystemSample"]

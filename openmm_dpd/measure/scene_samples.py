@@ -1,8 +1,5 @@
 """Samples of a scene, term by term."""
 
-from __future__ import annotations
-
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +15,7 @@ from ..forces.segments import segment_spec
 from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
 from ..kernels.fields import ENERGY, TEMPERATURE
 from ..kernels.segments import SegmentEngine
-from ..kinds import Resolved, resolved_kind
+from ..kinds import resolved_kind
 from ..made import groups_of, masses_of
 from ..model.bonds import FENEBonds
 from ..names import COULOMB_GROUP, COULOMB_VIRIAL_GROUP, EXTERNAL_GROUP, LATTICE_GROUP, SLOW_STEP, VIRIAL_GROUP
@@ -27,6 +24,14 @@ from .sample import Sample
 from .temperature import noise_state
 
 _NM, _KJ, _V = unit.nanometer, unit.kilojoule_per_mole, unit.nanometer / unit.picosecond
+
+
+class Part(NamedTuple):
+    """Energy, forces (N, 3) and virial of one kind of pair term."""
+
+    energy: float
+    force: np.ndarray
+    virial: float
 
 
 class SceneSampler:
@@ -48,7 +53,10 @@ class SceneSampler:
         others = self._others(self.built.system)
         if others:
             return f"the System has forces that are not the scene's ({_names(others)}), whose Laplacian is not known"
-        overlays, terms = map(_without_laplacian, (self.plan.overlays, self.plan.layers))
+        overlays, terms = (
+            next(filter(None, (resolved_kind(table).why_no_laplacian(table) for table in tables)), None)
+            for tables in (self.plan.overlays, self.plan.layers)
+        )
         if overlays:
             return overlays
         if self._segments is not None:
@@ -216,11 +224,6 @@ class SceneSampler:
         return parts
 
 
-def _without_laplacian(tables: Iterable[Resolved]) -> str | None:
-    """Why one of some tables of pair terms has no Laplacian, or None."""
-    return next(filter(None, (resolved_kind(table).no_laplacian(table) for table in tables)), None)
-
-
 def _switched_energy(context: openmm.Context, *groups: int) -> float:
     """Sum of the "energies" of virial forces."""
     context.setParameter(VIRIAL_SWITCH, 1.0)
@@ -240,14 +243,3 @@ def charge_energies(context: openmm.Context) -> tuple[float, float]:
 
 def _names(forces: list[openmm.Force]) -> str:
     return ", ".join(dict.fromkeys(force.getName() for force in forces))
-
-
-class Part(NamedTuple):
-    """Energy, forces (N, 3) and virial of one kind of pair term."""
-
-    energy: float
-    force: np.ndarray
-    virial: float
-
-
-__all__ = ["SceneSampler"]

@@ -3,8 +3,6 @@
 Each part is a function (x, box) -> (6,) sums of r F (xx, yy, zz, xy, xz, yz; kJ/mol), in double precision on every platform.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,16 +15,14 @@ from openmm import unit
 
 from ..forces.electrostatics import lattice_force
 from ..forces.segments import segment_spec
+from ..geometry import AXES_OF_TENSOR, minimum_images, symmetric_products
 from ..kernels.engine import PairEngine, PairSpec
 from ..kernels.layer import Table
-from ..kernels.pairs import PairList
+from ..kernels.pairs import PairList, compressed_exceptions
 from ..kernels.segments import SegmentEngine
 from ..kinds import resolved_kind
-from ..model.bonds import minimum_images
 from ..model.electrostatics import GaussianCharges, SlaterCharges, SmearedCharges
-from ..pair_spec import compressed_exceptions
 from ..plan import Plan
-from ..tensors import symmetric_products
 from .bonded_sums import bonded_stress
 
 Part = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -42,8 +38,9 @@ def stress_parts(plan: Plan) -> list[Part]:
     parts: list[Part] = []
     if scene.bonds or scene.angles:
         parts.append(partial(bonded_stress, plan))
-    if scene.segments is not None:
-        parts.append(_SegmentStress(plan))
+    segments = segment_spec(scene)
+    if segments is not None:
+        parts.append(partial(_segment_stress, SegmentEngine(segments)))
     more = [(table, kind.more_stress) for table, kind in zip(plan.spec.terms, plan.kinds, strict=True) if kind.more_stress is not None]
     if more:
         parts.append(_LayerStress(plan, more))
@@ -59,17 +56,9 @@ def engine_spec(plan: Plan) -> PairSpec:
     return replace(plan.spec, terms=tuple(terms))
 
 
-class _SegmentStress:
-    """Segmental repulsion."""
-
-    def __init__(self, plan: Plan):
-        spec = segment_spec(plan.scene)
-        assert spec is not None
-        self._engine = SegmentEngine(spec)
-
-    def __call__(self, x: np.ndarray, box: np.ndarray) -> np.ndarray:
-        self._engine.forces(x, box)
-        return self._engine.stress
+def _segment_stress(engine: SegmentEngine, x: np.ndarray, box: np.ndarray) -> np.ndarray:
+    engine.forces(x, box)
+    return engine.stress
 
 
 class _LayerStress:
@@ -87,17 +76,15 @@ class _LayerStress:
         return stress
 
 
-class _PairSum:
-    """Sums over pairs of beads within reach."""
+def _pair_list(types: np.ndarray, cutoff: np.ndarray, exceptions: dict[tuple[int, int], float]) -> PairList:
+    return PairList(types, np.ones(len(types)), cutoff, compressed_exceptions(exceptions, len(types)))
 
-    def __init__(self, types: np.ndarray, cutoff: np.ndarray, exceptions: dict[tuple[int, int], float]):
-        self._pairs = PairList(types, np.ones(len(types)), cutoff, compressed_exceptions(exceptions, len(types)))
 
-    def __call__(self, x: np.ndarray, box: np.ndarray, virial: Callable) -> np.ndarray:
-        """The sum of f r F e e with r F = virial(i, j, r)."""
-        self._pairs.build(x, box)
-        i, j, e, r, factor = self._pairs.listed()
-        return symmetric_products((factor * virial(i, j, r))[:, None] * e, e)
+def _pair_sum(pairs: PairList, x: np.ndarray, box: np.ndarray, virial: Callable) -> np.ndarray:
+    """The sum of f r F e e over pairs of beads within reach, with r F = virial(i, j, r)."""
+    pairs.build(x, box)
+    i, j, e, r, factor = pairs.listed()
+    return symmetric_products((factor * virial(i, j, r))[:, None] * e, e)
 
 
 class _OverlayStress:
@@ -112,7 +99,7 @@ class _OverlayStress:
         cutoff = np.zeros((len(names), len(names)))
         for (a, b), c in self._kinds.items():
             cutoff[a, b] = cutoff[b, a] = c.cutoff
-        self._sum, self._types = _PairSum(scene.type_ids, cutoff, plan.exceptions), scene.type_ids
+        self._pairs, self._types = _pair_list(scene.type_ids, cutoff, plan.exceptions), scene.type_ids
 
     def __call__(self, x: np.ndarray, box: np.ndarray) -> np.ndarray:
         def virial(i, j, r):
@@ -123,7 +110,7 @@ class _OverlayStress:
                 found[chosen] = self._virial(coefficient, r[chosen])
             return found
 
-        return self._sum(x, box, virial)
+        return _pair_sum(self._pairs, x, box, virial)
 
 
 def charge_virial(charges: SmearedCharges, r: np.ndarray) -> np.ndarray:
@@ -146,10 +133,10 @@ class _ShortChargeStress:
         bonded = {pair: f for pair, f in plan.charge_exceptions.items() if self._q[pair[0]] * self._q[pair[1]] != 0}
         self._bonded, self._factors = np.array(list(bonded), np.int64).reshape(-1, 2), np.array(list(bonded.values()))
         types = np.where(self._q != 0, 0, -1).astype(np.int32)
-        self._sum = _PairSum(types, np.array([[ewald.cutoff]]), dict.fromkeys(bonded, 0.0))
+        self._pairs = _pair_list(types, np.array([[ewald.cutoff]]), dict.fromkeys(bonded, 0.0))
 
     def __call__(self, x: np.ndarray, box: np.ndarray) -> np.ndarray:
-        stress = self._sum(x, box, lambda i, j, r: self._virial(i, j, r, 1.0))
+        stress = _pair_sum(self._pairs, x, box, lambda i, j, r: self._virial(i, j, r, 1.0))
         i, j = self._bonded.T
         d = minimum_images(x[i] - x[j], box)
         r = np.maximum(np.linalg.norm(d, axis=1), 1e-10)
@@ -184,7 +171,7 @@ class _LatticeStress:
 
     def __call__(self, x: np.ndarray, box: np.ndarray) -> np.ndarray:
         found = []
-        for first, second in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)):
+        for first, second in AXES_OF_TENSOR:
             energies = []
             for step in (STRAIN, -STRAIN):
                 strain = np.eye(3)
@@ -199,6 +186,3 @@ class _LatticeStress:
         self._context.setPeriodicBoxVectors(*box)
         self._context.setPositions(x)
         return self._context.getState(energy=True).getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)
-
-
-__all__ = ["Part", "charge_virial", "engine_spec", "stress_parts"]

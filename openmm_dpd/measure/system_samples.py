@@ -1,7 +1,5 @@
 """Samples of a System made elsewhere, alone or with beads in it."""
 
-from __future__ import annotations
-
 import numpy as np
 import openmm
 from openmm import unit
@@ -49,6 +47,3 @@ class SystemSampler:
             kT_atoms=kT["atoms"],
             kT_beads=kT["beads"] if len(mass) > plan.n_atoms else None,
         )
-
-
-__all__ = ["SystemSampler"]

@@ -1,7 +1,5 @@
 """Thermal energies of a Context: what is set, and setting it."""
 
-from __future__ import annotations
-
 import openmm
 from openmm import unit
 
@@ -9,7 +7,7 @@ from ..errors import ParameterError
 from ..integrators import RAMPED, PairIntegrator
 from ..names import COUNTER, KT, RAMP_STEP, SEED, TEMPERATURE, VOLUME_MOVES
 from ..plan import Plan
-from ..units import BOLTZMANN, thermal_energy, to_md
+from ..units import BOLTZMANN, thermal_energy, thermal_energy_of
 
 
 def noise_state(context: openmm.Context, plan: Plan) -> tuple[float, int, int, float]:
@@ -42,9 +40,7 @@ def set_temperature(context: openmm.Context, temperature) -> None:
     ParameterError
         If the value is out of bounds, or the Context has no such parameter or a ramp that would overwrite it.
     """
-    if not unit.is_quantity(temperature):
-        temperature = to_md(temperature, "temperature", "temperature") * unit.kelvin
-    set_kT(context, thermal_energy(temperature, "temperature"))
+    set_kT(context, thermal_energy_of(temperature))
 
 
 def set_kT(context: openmm.Context, kT) -> None:
@@ -83,6 +79,3 @@ def set_kT(context: openmm.Context, kT) -> None:
 def kelvin(kT: float) -> float:
     """Temperature in kelvin of a thermal energy in kJ/mol."""
     return kT / BOLTZMANN
-
-
-__all__ = ["check_context", "kelvin", "noise_state", "set_kT", "set_temperature"]

@@ -1,7 +1,5 @@
 """Forces of a scene term by term, at given positions and velocities."""
 
-from __future__ import annotations
-
 import numpy as np
 import openmm
 from openmm import unit
@@ -98,6 +96,3 @@ def _forces(context: openmm.Context, groups) -> np.ndarray:
     if not groups:
         return np.zeros((context.getSystem().getNumParticles(), 3))
     return context.getState(forces=True, groups=groups).getForces(asNumpy=True).value_in_unit(unit.kilojoule_per_mole / unit.nanometer)
-
-
-__all__ = ["force_terms"]

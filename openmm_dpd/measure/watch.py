@@ -3,8 +3,6 @@
 Beads that run away stop a run (``forces/runaway.py``); between these steps and those that are right a fluid is steadily too hot.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -101,6 +99,3 @@ class TemperatureWatch:
         wrong = temperature_warning(self._rows, self._target, sample.dof, " kJ/mol")
         self._quiet = wrong is not None
         return wrong
-
-
-__all__ = ["TemperatureWatch", "has_set_temperature", "temperature_warning"]

@@ -1,26 +1,18 @@
 """Angles between two bonds."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import ParameterError
-from .bonds import bead_indices, minimum_images, term_values
-from .owned import keep
+from ..geometry import minimum_images
+from .bonds import BondedTerms, check_members
 
 
-class _Angles:
-    """What all kinds of angles have in common: ``triples`` and coefficients for each of them."""
-
+class _Angles(BondedTerms):
     triples: np.ndarray
-    _DIMENSIONS: dict[str, tuple[str, str]] = {}
-
-    def __post_init__(self):
-        keep(self, triples=bead_indices(self.triples, 3, "angle triples"))
-        keep(self, **term_values(self, len(self.triples), self._DIMENSIONS, "angle"))
+    _BEADS = ("triples", 3, "angle")
 
     def arms(self, x: np.ndarray, box: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Angles (radians) at positions x (N, 3), and the lengths (nm) of their arms; (K,) each, by minimum image."""
@@ -28,10 +20,6 @@ class _Angles:
         a, b = minimum_images(x[i] - x[j], box), minimum_images(x[k] - x[j], box)
         theta = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1))
         return theta, np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)
-
-    def curve(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Energy of each angle theta (K,), its first and its second derivative."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +57,6 @@ class HarmonicAngles(_Angles):
             )
 
     def curve(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Energy of each angle theta (K,), its first and its second derivative."""
         return self.k * (theta - self.theta0) ** 2, 2 * self.k * (theta - self.theta0), 2 * self.k
 
 
@@ -96,7 +83,6 @@ class CosineAngles(_Angles):
     _DIMENSIONS = {"k": ("energy", ">= 0")}
 
     def curve(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Energy of each angle theta (K,), its first and its second derivative."""
         return self.k * (1 + np.cos(theta)), -self.k * np.sin(theta), -self.k * np.cos(theta)
 
 
@@ -110,9 +96,5 @@ ANGLE_KINDS = (HarmonicAngles, CosineAngles)
 def check_angles(groups: Sequence[Angles], n_beads: int) -> None:
     """Raise ParameterError if an angle names a bead that does not exist, or is listed twice."""
     triples = np.concatenate([angles.triples for angles in groups]) if groups else np.zeros((0, 3), dtype=np.int64)
-    if triples.size and triples.max() >= n_beads:
-        raise ParameterError(f"an angle names bead {triples.max()}, but there are only {n_beads} beads, counted from 0")
     triples = np.where((triples[:, 0] > triples[:, 2])[:, None], triples[:, ::-1], triples)
-    different, counts = np.unique(triples, axis=0, return_counts=True)
-    if np.any(counts > 1):
-        raise ParameterError("the angle of beads {}, {} and {} is listed twice".format(*different[counts > 1][0]))
+    check_members(triples, n_beads, "an angle", "the angle of beads {}, {} and {}")

@@ -1,27 +1,17 @@
 """Bonds between beads."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from ..errors import ParameterError
+from ..geometry import minimum_images
 from ..units import to_md
 from .owned import keep
 
 #: r/sigma where the repulsion of a FENE bond ends, the minimum of Lennard-Jones.
 WCA_END = 2.0 ** (1.0 / 6.0)
-
-
-def minimum_images(d: np.ndarray, box: np.ndarray | None) -> np.ndarray:
-    """Distance vectors (K, 3) by minimum image in a box of reduced vectors; as they are without a box."""
-    if box is None:
-        return d
-    d = d.copy()
-    for k in (2, 1, 0):
-        d -= np.outer(np.rint(d[:, k] / box[k, k]), box[k])
-    return d
 
 
 def bead_indices(value, width: int, what: str) -> np.ndarray:
@@ -78,23 +68,44 @@ def term_values(term, count: int, dimensions: dict[str, tuple[str, str]], what: 
     return values
 
 
-class _Bonds:
-    """What all kinds of bonds have in common: ``pairs`` and coefficients for each of them."""
+def check_members(beads: np.ndarray, n_beads: int, what: str, which: str) -> None:
+    """Raise ParameterError if a row of beads names one that does not exist, or stands there twice; ``which`` is formatted with it."""
+    if beads.size and beads.max() >= n_beads:
+        raise ParameterError(f"{what} names bead {beads.max()}, but there are only {n_beads} beads, counted from 0")
+    different, counts = np.unique(beads, axis=0, return_counts=True)
+    if np.any(counts > 1):
+        raise ParameterError(f"{which} is listed twice".format(*different[counts > 1][0]))
 
-    pairs: np.ndarray
-    _DIMENSIONS: dict[str, tuple[str, str]] = {}
+
+class BondedTerms:
+    """What all kinds of bonds and angles have in common: beads, and coefficients for each."""
+
+    #: Name of the beads, how many a term has, and what a term is called.
+    _BEADS: ClassVar[tuple[str, int, str]]
+    _DIMENSIONS: ClassVar[dict[str, tuple[str, str]]] = {}
 
     def __post_init__(self):
-        keep(self, pairs=bead_indices(self.pairs, 2, "bond pairs"))
-        keep(self, **term_values(self, len(self.pairs), self._DIMENSIONS, "bond"))
+        name, width, what = self._BEADS
+        beads = bead_indices(getattr(self, name), width, f"{what} {name}")
+        keep(self, **{name: beads}, **term_values(self, len(beads), self._DIMENSIONS, what))
+
+    @property
+    def beads(self) -> np.ndarray:
+        """Beads of each term."""
+        return getattr(self, self._BEADS[0])
+
+    def curve(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Energy of each bond at these lengths, or of each angle at these angles, its first and its second derivative."""
+        raise NotImplementedError
+
+
+class _Bonds(BondedTerms):
+    pairs: np.ndarray
+    _BEADS = ("pairs", 2, "bond")
 
     def lengths(self, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
         """(B,) lengths (nm) at positions x (N, 3), by minimum image."""
         return np.linalg.norm(minimum_images(x[self.pairs[:, 0]] - x[self.pairs[:, 1]], box), axis=1)
-
-    def curve(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Energy of each bond at the lengths r (B,), its first and its second derivative."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +134,6 @@ class HarmonicBonds(_Bonds):
     _DIMENSIONS = {"k": ("force_constant", ">= 0"), "r0": ("length", ">= 0")}
 
     def curve(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Energy of each bond at the lengths r (B,), its first and its second derivative."""
         return self.k * (r - self.r0) ** 2, 2 * self.k * (r - self.r0), 2 * self.k
 
 
@@ -175,7 +185,6 @@ class FENEBonds(_Bonds):
         return None
 
     def curve(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Energy of each bond at the lengths r (B,), its first and its second derivative."""
         with np.errstate(divide="ignore", invalid="ignore"):
             rest = 1 - (r / self.R0) ** 2
             energy = -0.5 * self.k * self.R0**2 * np.log(rest)
@@ -217,7 +226,6 @@ class MorseBonds(_Bonds):
     _DIMENSIONS = {"D": ("energy", ">= 0"), "alpha": ("inverse_length", ">= 0"), "r0": ("length", ">= 0")}
 
     def curve(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Energy of each bond at the lengths r (B,), its first and its second derivative."""
         e = np.exp(-self.alpha * (r - self.r0))
         return self.D * (1 - e) ** 2, 2 * self.D * self.alpha * e * (1 - e), 2 * self.D * self.alpha**2 * e * (2 * e - 1)
 

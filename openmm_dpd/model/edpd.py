@@ -1,14 +1,12 @@
 """Energy-conserving DPD with temperature-dependent coefficients (LAMMPS: edpd)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from ..errors import ParameterError
 from ..units import to_md
 from .internal import BeadTemperatures
 from .owned import keep
-from .pairs import PairCoefficient, checked, checked_amplitude
+from .pairs import PairCoefficient
 
 
 def four_coefficients(value, name: str) -> tuple[float, float, float, float]:
@@ -70,20 +68,17 @@ class EDPD(PairCoefficient):
     exponent_polynomial: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     kappa_polynomial: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
 
+    _DIMENSIONS = {
+        **{"A": ("dimensionless", ""), "gamma": ("friction", ">= 0"), "cutoff": ("length", "> 0"), "cutoff_T": ("length", "> 0")},
+        **dict.fromkeys(("kappa", "exponent", "exponent_T"), ("dimensionless", ">= 0")),
+    }
+
     def __post_init__(self):
-        cutoff = checked(self.cutoff, "length", "cutoff", positive=True)
-        values = {
-            "A": checked_amplitude(self.A, "dimensionless", "A"),
-            "gamma": checked(self.gamma, "friction", "gamma"),
-            "kappa": checked(self.kappa, "dimensionless", "kappa"),
-            "cutoff": cutoff,
-            "exponent": checked(self.exponent, "dimensionless", "exponent"),
-            "exponent_T": checked(self.exponent_T, "dimensionless", "exponent_T"),
-            "cutoff_T": cutoff if self.cutoff_T is None else checked(self.cutoff_T, "length", "cutoff_T", positive=True),
-            "exponent_polynomial": four_coefficients(self.exponent_polynomial, "exponent_polynomial"),
-            "kappa_polynomial": four_coefficients(self.kappa_polynomial, "kappa_polynomial"),
-        }
-        keep(self, **values)
+        super().__post_init__()
+        if self.cutoff_T is None:
+            keep(self, cutoff_T=self.cutoff)
+        for name in ("exponent_polynomial", "kappa_polynomial"):
+            keep(self, **{name: four_coefficients(getattr(self, name), name)})
 
     has_thermostat = True
     internal = BeadTemperatures

@@ -1,12 +1,12 @@
 """Smeared charges: their parameters and potentials, and the settings of the Ewald sum."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
+from scipy.special import erf
 
 from ..errors import ParameterError, what_is
 from ..units import COULOMB, to_md, whole_number
@@ -46,8 +46,12 @@ class SmearedCharges:
     grid: tuple[int, int, int] | None = None
     bonded_factors: tuple[float, float, float] | None = None
 
+    #: Name of the width of the clouds.
+    _WIDTH: ClassVar[str]
+
     def __post_init__(self):
         what = f"of {type(self).__name__}"
+        keep(self, **{self._WIDTH: _positive(getattr(self, self._WIDTH), "length", f"{self._WIDTH} {what}")})
         given = [name for name in ("permittivity", "bjerrum_length") if getattr(self, name) is not None]
         if len(given) != 1:
             got = "both are given" if given else "neither is given"
@@ -163,9 +167,7 @@ class SlaterCharges(SmearedCharges):
 
     lamda: float
 
-    def __post_init__(self):
-        keep(self, lamda=_positive(self.lamda, "length", "lamda of SlaterCharges"))
-        super().__post_init__()
+    _WIDTH = "lamda"
 
     @property
     def steepness(self) -> float:
@@ -212,9 +214,7 @@ class GaussianCharges(SmearedCharges):
 
     width: float
 
-    def __post_init__(self):
-        keep(self, width=_positive(self.width, "length", "width of GaussianCharges"))
-        super().__post_init__()
+    _WIDTH = "width"
 
     @property
     def steepness(self) -> float:
@@ -224,8 +224,6 @@ class GaussianCharges(SmearedCharges):
         return erf_series(0.5 / self.width, scale)
 
     def potential(self, r):
-        from scipy.special import erf
-
         scale = 2 * self.width
         return _direct(r, scale, self.series(scale), lambda x: erf(0.5 * x / self.width) / x)
 
@@ -243,6 +241,11 @@ def erf_series(steepness: float, scale: float) -> np.ndarray:
     found = np.zeros(61)
     found[::2] = [(-1) ** n * t ** (2 * n) / (math.factorial(n) * (2 * n + 1)) for n in range(31)]
     return found * 2 * steepness / math.sqrt(math.pi)
+
+
+def short_series(charges: SmearedCharges, alpha: float, scale: float) -> np.ndarray:
+    """Coefficients of s(r) - erf(alpha r)/r in powers of r/scale, with s the potential of the charges."""
+    return np.polynomial.polynomial.polysub(charges.series(scale), erf_series(alpha, scale))
 
 
 @dataclass(frozen=True)

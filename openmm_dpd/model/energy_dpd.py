@@ -1,16 +1,13 @@
 """DPD with conserved energy (LAMMPS: dpd/fdt/energy)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from .internal import InternalEnergy
-from .owned import keep
-from .pairs import PairCoefficient, checked, checked_amplitude
+from .pairs import SoftRepulsion
 
 
 @dataclass(frozen=True)
-class EnergyDPD(PairCoefficient):
+class EnergyDPD(SoftRepulsion):
     r"""Energy-conserving dissipative particle dynamics: friction heats the beads, and beads exchange heat.
 
     With w = 1 - r/cutoff, theta_i the internal temperature of bead i (as a thermal energy) and their harmonic mean
@@ -45,19 +42,7 @@ class EnergyDPD(PairCoefficient):
     kappa: float = 0.0
     cutoff: float = 1.0
 
-    def __post_init__(self):
-        values = {
-            "A": checked_amplitude(self.A, "force", "A"),
-            "sigma": checked(self.sigma, "noise", "sigma"),
-            "kappa": checked(self.kappa, "conduction", "kappa"),
-            "cutoff": checked(self.cutoff, "length", "cutoff", positive=True),
-        }
-        keep(self, **values)
-
-    @property
-    def has_conservative(self) -> bool:
-        """Whether there is a conservative term."""
-        return self.A != 0.0
+    _DIMENSIONS = {"A": ("force", ""), "sigma": ("noise", ">= 0"), "kappa": ("conduction", ">= 0"), "cutoff": ("length", "> 0")}
 
     has_thermostat = True
     internal = InternalEnergy

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from openmm import unit
 from scipy.interpolate import PchipInterpolator
 
 from ..errors import ParameterError
@@ -20,8 +21,6 @@ from .owned import keep
 
 def heat_capacity(value, name: str):
     """Heat capacity in units of k_B from a bare number or from a Quantity (energy/temperature)."""
-    from openmm import unit
-
     if unit.is_quantity(value) and not value.unit.is_compatible(unit.dimensionless):
         per_kelvin = unit.kilojoule_per_mole / unit.kelvin
         if not value.unit.is_compatible(per_kelvin):

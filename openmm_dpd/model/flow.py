@@ -1,17 +1,17 @@
 """Flows: forces on single beads, and walls that reflect beads."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from ..errors import ParameterError, what_is
+from ..geometry import folded
 from ..units import to_md
 from .formulas import read_formula, values
 from .owned import keep
+from .sources import point
 
 AXES = ("x", "y", "z")
 
@@ -26,15 +26,30 @@ KINDS = (SPECULAR, BOUNCE_BACK)
 NOWHERE = 1e30
 
 
-class Members(NamedTuple):
-    """Bead types (a name or several) and a mask; None means all."""
+class _OnBeads:
+    """What forces on single beads have in common: bead types (a name or several) and a mask; None means all."""
 
-    types: tuple[str, ...] | None
+    types: str | Sequence[str] | None
     beads: np.ndarray | None
+    _WHAT: ClassVar[str]
 
-    def mask(self, scene_types: np.ndarray, type_names: list[str], what: str) -> np.ndarray:
-        """(N,) bool; ParameterError for unknown types and masks of another length."""
-        chosen = np.ones(len(scene_types), bool)
+    def _keep_beads(self) -> None:
+        types, beads, what = self.types, self.beads, self._WHAT
+        if types is not None:
+            types = (types,) if isinstance(types, str) else tuple(types) if isinstance(types, Iterable) else types
+            if not isinstance(types, tuple) or not types or not all(isinstance(name, str) for name in types):
+                raise ParameterError(f"{what}: types must be the name of a bead type or several, not {what_is(types)}")
+        if beads is not None:
+            beads = np.asarray(beads)
+            if beads.dtype != np.bool_ or beads.ndim != 1:
+                raise ParameterError(
+                    f"{what}: beads must be one True or False per bead (for indices: numpy.isin(numpy.arange(N), indices))"
+                )
+        keep(self, types=types, beads=beads)
+
+    def mask(self, scene_types: np.ndarray, type_names: list[str]) -> np.ndarray:
+        """(N,) bool: beads it acts on; ParameterError for unknown types and masks of another length."""
+        what, chosen = self._WHAT, np.ones(len(scene_types), bool)
         if self.types is not None:
             unknown = [name for name in self.types if name not in type_names]
             if unknown:
@@ -49,16 +64,11 @@ class Members(NamedTuple):
         return chosen
 
 
-def _members(types, beads, what: str) -> Members:
-    if types is not None:
-        types = (types,) if isinstance(types, str) else tuple(types) if isinstance(types, Iterable) else types
-        if not isinstance(types, tuple) or not types or not all(isinstance(name, str) for name in types):
-            raise ParameterError(f"{what}: types must be the name of a bead type or several, not {what_is(types)}")
-    if beads is not None:
-        beads = np.asarray(beads)
-        if beads.dtype != np.bool_ or beads.ndim != 1:
-            raise ParameterError(f"{what}: beads must be one True or False per bead (for indices: numpy.isin(numpy.arange(N), indices))")
-    return Members(types, beads)
+def _length(value, what: str) -> float:
+    length = to_md(value, "length", what)
+    if not isinstance(length, float):
+        raise ParameterError(f"{what} must be one length, not {value!r}")
+    return length
 
 
 def _axis(value, what: str) -> int:
@@ -78,7 +88,7 @@ def require_plain_axis(box: np.ndarray | None, axis: str, what: str) -> float | 
 
 
 @dataclass(frozen=True, eq=False)
-class BodyForce:
+class BodyForce(_OnBeads):
     r"""A force on every bead of a kind, the same everywhere or with a sign that follows the position.
 
     .. math:: \mathbf F_i = s(r_i)\,\mathbf f_i
@@ -112,27 +122,25 @@ class BodyForce:
     axis: str | None = None
     origin: float = 0.0
 
+    _WHAT = "a body force"
+
     def __post_init__(self):
         force = np.asarray(to_md(self.force, "force", "a body force"))
         if force.shape != (3,) and not (force.ndim == 2 and force.shape[1] == 3):
             raise ParameterError(f"a body force must be three components, or three for each bead, not an array of shape {force.shape}")
         keep(self, force=force)
-        members = _members(self.types, self.beads, "a body force")
-        keep(self, types=members.types, beads=members.beads)
+        self._keep_beads()
         if self.pattern not in PATTERNS:
             raise ParameterError(f"the pattern of a body force must be one of {', '.join(PATTERNS)}, not {self.pattern!r}")
         if self.pattern == "uniform" and self.axis is not None:
             raise ParameterError("a uniform body force has no axis; for reverse Poiseuille flow say pattern='halves'")
         if self.pattern != "uniform":
             _axis(self.axis, f"a body force with the pattern {self.pattern!r}")
-        origin = to_md(self.origin, "length", "the origin of a body force")
-        if not isinstance(origin, float):
-            raise ParameterError(f"the origin of a body force must be one length, not {self.origin!r}")
-        keep(self, origin=origin)
+        keep(self, origin=_length(self.origin, "the origin of a body force"))
 
     def vectors(self, type_ids: np.ndarray, type_names: list[str], box: np.ndarray | None) -> np.ndarray:
         """(N, 3) force of each bead before the pattern; ParameterError if it does not fit the scene."""
-        chosen = Members(self.types, self.beads).mask(type_ids, type_names, "a body force")  # type: ignore[arg-type]
+        chosen = self.mask(type_ids, type_names)
         if self.force.ndim == 2 and len(self.force) != len(type_ids):
             raise ParameterError(f"a body force has {len(self.force)} vectors, but the scene has {len(type_ids)} beads")
         if self.pattern != "uniform":
@@ -148,7 +156,7 @@ class BodyForce:
 
 
 @dataclass(frozen=True, eq=False)
-class PositionForce:
+class PositionForce(_OnBeads):
     """A force on single beads, given as a formula of the position wrapped into the box.
 
     It has no potential energy, and none is reported.
@@ -168,6 +176,8 @@ class PositionForce:
     beads: np.ndarray | None = None
     corner: np.ndarray | tuple[float, float, float] = (0.0, 0.0, 0.0)
 
+    _WHAT = "a position force"
+
     def __post_init__(self):
         formulas = self.formulas
         if (
@@ -179,20 +189,12 @@ class PositionForce:
         for text in formulas:
             read_formula(text, AXES, "a position force")
         keep(self, formulas=tuple(formulas))
-        members = _members(self.types, self.beads, "a position force")
-        keep(self, types=members.types, beads=members.beads)
-        corner = np.asarray(to_md(self.corner, "length", "the corner of a position force"))
-        if corner.shape != (3,):
-            raise ParameterError("the corner of a position force must be three lengths")
-        keep(self, corner=corner)
+        self._keep_beads()
+        keep(self, corner=point(self.corner, "the corner of a position force"))
 
     def check_values(self, x: np.ndarray, members: np.ndarray, box: np.ndarray | None) -> None:
         """Raise ParameterError if the force on one of these beads is not finite at its place."""
-        place = x - np.asarray(self.corner)
-        if box is not None:
-            for k in (2, 1, 0):
-                place = place - np.outer(np.floor(place[:, k] / box[k, k]), box[k])
-        place = place + np.asarray(self.corner)
+        place = folded(x - self.corner, box) + self.corner
         variables = dict(zip(AXES, place.T, strict=True))
         for text in self.formulas:
             found = np.broadcast_to(values(read_formula(text, AXES, "a position force"), variables), len(x))
@@ -203,10 +205,6 @@ class PositionForce:
                     f"the formula '{text}' of a position force gives {found[bad[0]]:g} for bead {bad[0]} at {where}; "
                     "the force must be finite everywhere"
                 )
-
-    def mask(self, type_ids: np.ndarray, type_names: list[str]) -> np.ndarray:
-        """(N,) bool: beads it acts on."""
-        return Members(self.types, self.beads).mask(type_ids, type_names, "a position force")  # type: ignore[arg-type]
 
     def __str__(self) -> str:
         return f"({', '.join(self.formulas)}) kJ/mol/nm"
@@ -244,10 +242,7 @@ class Wall:
 
     def __post_init__(self):
         _axis(self.axis, "a wall")
-        position = to_md(self.position, "length", "the position of a wall")
-        if not isinstance(position, float):
-            raise ParameterError(f"the position of a wall must be one length, not {self.position!r}")
-        keep(self, position=position)
+        keep(self, position=_length(self.position, "the position of a wall"))
         if self.side not in ("above", "below"):
             raise ParameterError(f"the side of a wall is where the beads are, 'above' or 'below', not {self.side!r}")
         if self.kind not in KINDS:

@@ -4,34 +4,22 @@ OpenMM reports a syntax error together with the whole expression it stands in, n
 back from a formula whose constants give NaN, such as ``sqrt(-1)*x``: its optimiser compares until two results agree.
 """
 
-from __future__ import annotations
-
 import ast
 import operator
 from collections.abc import Callable, Mapping
 
 import numpy as np
+from scipy.special import erf
 
 from ..errors import ParameterError
-
-
-def _step(x):
-    return np.where(np.asarray(x) >= 0, 1.0, 0.0)
-
-
-def _erf(x):
-    from scipy.special import erf
-
-    return erf(x)
-
 
 #: OpenMM's functions: number of arguments, and the same in numpy.
 FUNCTIONS: dict[str, tuple[int, Callable]] = {
     **{name: (1, getattr(np, name)) for name in ("sqrt", "exp", "log", "sin", "cos", "tan", "sinh", "cosh", "tanh", "floor", "ceil")},
     **{name: (1, getattr(np, f"arc{name[1:]}")) for name in ("asin", "acos", "atan")},
     "atan2": (2, np.arctan2),
-    "erf": (1, _erf),
-    "step": (1, _step),
+    "erf": (1, erf),
+    "step": (1, lambda x: np.where(np.asarray(x) >= 0, 1.0, 0.0)),
     "delta": (1, lambda x: np.where(np.asarray(x) == 0, 1.0, 0.0)),
     "square": (1, np.square),
     "cube": (1, lambda x: x * x * x),
@@ -117,6 +105,3 @@ def _value(node: ast.expr, variables: Mapping[str, np.ndarray]):
         return np.power(left, right) if isinstance(node.op, ast.Pow) else _OPERATORS[type(node.op)](left, right)
     assert isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
     return FUNCTIONS[node.func.id][1](*(_value(part, variables) for part in node.args))
-
-
-__all__ = ["FUNCTIONS", "read_formula", "values"]

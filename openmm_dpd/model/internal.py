@@ -4,8 +4,6 @@ During a run they are state of the Context (per-DOF variables of the integrator,
 hold the values at the start.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -118,11 +116,8 @@ class BeadTemperatures:
     capacities: float | np.ndarray
 
     def __post_init__(self):
-        keep(
-            self,
-            thetas=thermal_energies(self.thetas, "thetas"),
-            capacities=heat_capacity(self.capacities, "capacities"),
-        )
+        keep(self, thetas=thermal_energies(self.thetas, "thetas"))
+        keep(self, capacities=heat_capacity(self.capacities, "capacities"))
 
     def values(self, n: int) -> np.ndarray:
         """(N, 1) temperatures, kJ/mol."""

@@ -1,13 +1,11 @@
 """Many-body DPD: liquids with a free surface (LAMMPS: mdpd with mdpd/rhosum)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ..errors import ParameterError
 from .owned import keep
-from .pairs import NONE, PairCoefficient, checked, checked_amplitude
+from .pairs import NONE, PairCoefficient
 
 #: Weight functions of the local density, normalised in three dimensions; h is the cutoff of the density.
 DENSITY_KERNELS = {
@@ -58,19 +56,15 @@ class MDPD(PairCoefficient):
     cutoff_density: float = None  # type: ignore[assignment]  # filled from cutoff_B
     kernel: str = "quadratic"
 
+    _DIMENSIONS = {
+        **{"A": ("force", ""), "B": ("dimensionless", ""), "gamma": ("friction", ">= 0")},
+        **dict.fromkeys(("cutoff", "cutoff_B", "cutoff_density"), ("length", "> 0")),
+    }
+
     def __post_init__(self):
-        cutoff_B = checked(self.cutoff_B, "length", "cutoff_B", positive=True)
-        values = {
-            "A": checked_amplitude(self.A, "force", "A"),
-            "B": checked_amplitude(self.B, "dimensionless", "B"),
-            "gamma": checked(self.gamma, "friction", "gamma"),
-            "cutoff": checked(self.cutoff, "length", "cutoff", positive=True),
-            "cutoff_B": cutoff_B,
-            "cutoff_density": cutoff_B
-            if self.cutoff_density is None
-            else checked(self.cutoff_density, "length", "cutoff_density", positive=True),
-        }
-        keep(self, **values)
+        super().__post_init__()
+        if self.cutoff_density is None:
+            keep(self, cutoff_density=self.cutoff_B)
         if self.kernel not in DENSITY_KERNELS:
             raise ParameterError(f"kernel must be one of {', '.join(DENSITY_KERNELS)}, not {self.kernel!r}")
         if self.cutoff_B > self.cutoff:
@@ -82,7 +76,6 @@ class MDPD(PairCoefficient):
 
     @property
     def has_thermostat(self) -> bool:
-        """Whether there is friction and noise."""
         return self.gamma > 0.0
 
 

@@ -1,7 +1,5 @@
 """How frozen classes store their arguments."""
 
-from __future__ import annotations
-
 import numpy as np
 
 
@@ -19,6 +17,3 @@ def keep(instance, **values) -> None:
     """
     for name, value in values.items():
         object.__setattr__(instance, name, owned(value) if isinstance(value, np.ndarray) else value)
-
-
-__all__ = ["keep", "owned"]

@@ -8,8 +8,6 @@ Each kind keeps its own table of type pairs; its properties are in its record in
 :mod:`openmm_dpd.kinds`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from typing import ClassVar
 
@@ -46,6 +44,15 @@ class PairCoefficient:
     #: Its per-bead fields: a class of :mod:`openmm_dpd.model.internal`.
     internal: ClassVar[type | None] = None
 
+    #: Coefficients that are one number: dimension, and bound, ``">= 0"``, ``"> 0"`` or ``""``.  None is left where it is the default.
+    _DIMENSIONS: ClassVar[dict[str, tuple[str, str]]] = {}
+
+    def __post_init__(self):
+        for name, (dimension, bound) in self._DIMENSIONS.items():
+            value = getattr(self, name)
+            if value is not None or getattr(type(self), name, 0) is not None:
+                keep(self, **{name: checked(value, dimension, name, positive=bound == "> 0", signed=not bound)})
+
     @property
     def has_conservative(self) -> bool:
         """Whether there is a conservative term."""
@@ -60,26 +67,28 @@ class PairCoefficient:
         """Raise ParameterError if the coefficients contradict the thermal energy kT (kJ/mol)."""
 
 
-def checked(value, dimension: str, name: str, *, positive: bool = False) -> float:
-    """One finite number >= 0 (or > 0) in MD units."""
+class SoftRepulsion(PairCoefficient):
+    """Kinds whose conservative term is A w alone."""
+
+    A: float
+
+    @property
+    def has_conservative(self) -> bool:
+        return self.A != 0.0
+
+
+def checked(value, dimension: str, name: str, *, positive: bool = False, signed: bool = False) -> float:
+    """One finite number >= 0 (or > 0, or of either sign) in MD units."""
     number = to_md(value, dimension, name)
     if not isinstance(number, float):
         raise ParameterError(f"{name} must be a single number, not an array of shape {number.shape}")
-    if number < 0 or (positive and number == 0):
+    if not signed and (number < 0 or (positive and number == 0)):
         raise ParameterError(f"{name} must be {'> 0' if positive else '>= 0'}, but is {number:g}")
     return number
 
 
-def checked_amplitude(value, dimension: str, name: str) -> float:
-    """One finite number of either sign, in MD units."""
-    number = to_md(value, dimension, name)
-    if not isinstance(number, float):
-        raise ParameterError(f"{name} must be a single number, not an array of shape {number.shape}")
-    return number
-
-
 @dataclass(frozen=True)
-class DPD(PairCoefficient):
+class DPD(SoftRepulsion):
     r"""Dissipative particle dynamics between two bead types: soft repulsion, friction and noise.
 
     With w = 1 - r/cutoff, w_par = w^exponent, w_perp = w^exponent_perp and P = 1 - e e^T::
@@ -136,30 +145,16 @@ class DPD(PairCoefficient):
     exponent_perp: float = 1.0
     cutoff: float = 1.0
 
-    def __post_init__(self):
-        values = {
-            "A": checked_amplitude(self.A, "force", "A"),
-            "gamma": None if self.gamma is None else checked(self.gamma, "friction", "gamma"),
-            "sigma": None if self.sigma is None else checked(self.sigma, "noise", "sigma"),
-            "gamma_perp": checked(self.gamma_perp, "friction", "gamma_perp"),
-            "exponent": checked(self.exponent, "dimensionless", "exponent"),
-            "exponent_perp": checked(self.exponent_perp, "dimensionless", "exponent_perp"),
-            "cutoff": checked(self.cutoff, "length", "cutoff", positive=True),
-        }
-        keep(self, **values)
-
-    @property
-    def has_conservative(self) -> bool:
-        """Whether there is a conservative term."""
-        return self.A != 0.0
+    _DIMENSIONS = {
+        **{"A": ("force", ""), "gamma": ("friction", ">= 0"), "sigma": ("noise", ">= 0"), "gamma_perp": ("friction", ">= 0")},
+        **{"exponent": ("dimensionless", ">= 0"), "exponent_perp": ("dimensionless", ">= 0"), "cutoff": ("length", "> 0")},
+    }
 
     @property
     def has_thermostat(self) -> bool:
-        """Whether there is any friction or noise."""
         return bool(self.gamma or self.sigma or self.gamma_perp)
 
     def check_temperature(self, kT: float) -> None:
-        """Raise ParameterError if gamma and sigma contradict the thermal energy kT (kJ/mol)."""
         if self.gamma is not None and self.sigma is not None:
             expected = np.sqrt(2 * kT * self.gamma)
             if not np.isclose(self.sigma, expected, rtol=1e-6, atol=1e-300):
@@ -192,15 +187,12 @@ class LennardJones(PairCoefficient):
     cutoff: float
     shift: bool = False
 
+    _DIMENSIONS = {"epsilon": ("energy", ">= 0"), "sigma": ("length", "> 0"), "cutoff": ("length", "> 0")}
+
     def __post_init__(self):
         if not isinstance(self.shift, (bool, np.bool_)):
             raise ParameterError(f"shift must be True or False, not {self.shift!r}")
-        keep(
-            self,
-            epsilon=checked(self.epsilon, "energy", "epsilon"),
-            sigma=checked(self.sigma, "length", "sigma", positive=True),
-            cutoff=checked(self.cutoff, "length", "cutoff", positive=True),
-        )
+        super().__post_init__()
 
 
 @dataclass(frozen=True, eq=False)

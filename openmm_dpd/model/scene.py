@@ -1,7 +1,5 @@
 """The whole input as one value."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -11,8 +9,8 @@ from ..errors import ParameterError, what_is
 from ..html import fact_table
 from ..units import thermal_energy, to_md
 from .angles import ANGLE_KINDS, Angles, check_angles
-from .bonds import BOND_KINDS, Bonds, FENEBonds
-from .electrostatics import GaussianCharges, SlaterCharges, check_electrostatics
+from .bonds import BOND_KINDS, Bonds, FENEBonds, check_members
+from .electrostatics import GaussianCharges, SlaterCharges, check_electrostatics, special_factors
 from .flow import BodyForce, PositionForce, Wall, check_inside, gaps
 from .internal import Internal, check_internal
 from .owned import keep
@@ -164,9 +162,10 @@ class Scene:
         put("molecules", self._flags("molecules", np.integer, "one whole number"))
         put("residues", self._checked_residues())
         self._check_bonds()
-        self._check_angles()
+        self._check_kinds("angles", ANGLE_KINDS)
+        check_angles(self.angles, self.n_beads)
         self._check_segments()
-        put("bonded_factors", self._checked_bonded_factors())
+        put("bonded_factors", special_factors(self.bonded_factors, "bonded_factors"))
         put("tables", self._checked_pairs())
         put("pairs", self.tables)
         if not isinstance(self.sources, Sequence):
@@ -308,12 +307,7 @@ class Scene:
 
     def _check_bonds(self) -> None:
         self._check_kinds("bonds", BOND_KINDS)
-        pairs = np.sort(self.bond_pairs, axis=1)
-        if pairs.size and pairs.max() >= self.n_beads:
-            raise ParameterError(f"a bond names bead {pairs.max()}, but there are only {self.n_beads} beads, counted from 0")
-        different, counts = np.unique(pairs, axis=0, return_counts=True)
-        if np.any(counts > 1):
-            raise ParameterError("the bond between beads {} and {} is listed twice".format(*different[counts > 1][0]))
+        check_members(np.sort(self.bond_pairs, axis=1), self.n_beads, "a bond", "the bond between beads {} and {}")
         for bonds in self.bonds:
             wrong = bonds.overstretched(self.positions, self.box) if isinstance(bonds, FENEBonds) else None
             if wrong is not None:
@@ -327,10 +321,6 @@ class Scene:
         for entry in given:
             if not isinstance(entry, kinds):
                 raise ParameterError(f"{name} must be a sequence of {names}, not of {type(entry).__name__}")
-
-    def _check_angles(self) -> None:
-        self._check_kinds("angles", ANGLE_KINDS)
-        check_angles(self.angles, self.n_beads)
 
     def _check_segments(self) -> None:
         if self.segments is None:
@@ -350,17 +340,6 @@ class Scene:
             mobile = np.ones(self.n_beads, bool) if self.mobile is None else self.mobile
             check_inside(gaps(self.walls, self.box), self.positions, mobile)
         keep(self, walls=tuple(self.walls))
-
-    def _checked_bonded_factors(self) -> tuple[float, float, float]:
-        try:
-            factors = tuple(float(factor) for factor in self.bonded_factors)
-        except (TypeError, ValueError):
-            factors = ()
-        if len(factors) != 3 or not all(0 <= factor <= 1 for factor in factors):
-            raise ParameterError(
-                f"bonded_factors must be three factors between 0 and 1 (for 1-2, 1-3 and 1-4 pairs), not {self.bonded_factors!r}"
-            )
-        return factors
 
     def _checked_pairs(self) -> tuple[PairTable, ...]:
         tables = self.pairs

@@ -1,14 +1,13 @@
 """Segmental repulsion: bonds that do not pass through each other."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import ParameterError
+from ..geometry import minimum_images
 from ..units import to_md
-from .bonds import bead_indices, minimum_images
+from .bonds import bead_indices
 from .owned import keep
 
 #: What the distance of two segments is.

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import ParameterError, what_is
+from ..geometry import folded
 from ..units import to_md
 from .owned import keep
 
 
-def _point(value, name: str) -> np.ndarray:
+def point(value, name: str) -> np.ndarray:
+    """Three lengths, nm."""
     array = np.asarray(to_md(value, "length", name))
     if array.shape != (3,):
         raise ParameterError(f"{name} must be three lengths, not an array of shape {array.shape}")
@@ -46,7 +48,7 @@ class Block:
     @classmethod
     def centred(cls, centre, edges) -> Block:
         """The block with this centre and these edges."""
-        centre, edges = _point(centre, "centre"), _point(edges, "edges")
+        centre, edges = point(centre, "centre"), point(edges, "edges")
         return cls(centre - edges / 2, centre + edges / 2)
 
     def contains(self, x: np.ndarray) -> np.ndarray:
@@ -72,7 +74,7 @@ class Sphere:
     radius: float
 
     def __post_init__(self):
-        keep(self, centre=_point(self.centre, "centre"), radius=to_md(self.radius, "length", "radius"))
+        keep(self, centre=point(self.centre, "centre"), radius=to_md(self.radius, "length", "radius"))
         if not isinstance(self.radius, float) or self.radius <= 0:
             raise ParameterError(f"the radius of a sphere must be > 0, but is {self.radius!r}")
 
@@ -114,11 +116,16 @@ class Source:
     def __post_init__(self):
         if not isinstance(self.region, (Block, Sphere)):
             raise ParameterError(f"the region of a source must be a Block or a Sphere, not {what_is(self.region)}")
-        keep(self, rate=to_md(self.rate, "dimensionless", "the rate of a source"), corner=_point(self.corner, "corner"))
+        keep(self, rate=to_md(self.rate, "dimensionless", "the rate of a source"), corner=point(self.corner, "corner"))
         if isinstance(self.species, bool) or not isinstance(self.species, (int, np.integer)) or self.species < 0:
             raise ParameterError(f"the species of a source must be a number counted from 0, not {self.species!r}")
         if self.beads is not None:
             keep(self, beads=np.asarray(self.beads, dtype=bool))
+
+    def add_to(self, rates: np.ndarray, x: np.ndarray, box: np.ndarray | None) -> None:
+        """Add the rate to ``rates`` (N, K) of the beads in the region at positions x (N, 3)."""
+        inside = self.region.contains(folded(x - self.corner, box) + self.corner)
+        rates[inside if self.beads is None else inside & self.beads, self.species] += self.rate
 
     def check(self, box: np.ndarray | None, n_beads: int, n_values: int) -> None:
         """Raise ParameterError if the source does not fit a scene."""

@@ -1,7 +1,5 @@
 """The symmetric table type x type -> pair coefficient."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from itertools import combinations_with_replacement
 

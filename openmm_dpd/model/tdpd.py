@@ -1,7 +1,5 @@
 """DPD with diffusing species (LAMMPS: tdpd)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +8,7 @@ from ..errors import ParameterError
 from ..units import to_md
 from .internal import Concentrations
 from .owned import keep
-from .pairs import PairCoefficient, checked, checked_amplitude
+from .pairs import SoftRepulsion
 
 
 def _per_species(value, name: str) -> tuple[float, ...]:
@@ -21,7 +19,7 @@ def _per_species(value, name: str) -> tuple[float, ...]:
 
 
 @dataclass(frozen=True)
-class TDPD(PairCoefficient):
+class TDPD(SoftRepulsion):
     r"""tDPD of Li et al.: an isothermal DPD fluid whose beads have concentrations that diffuse.
 
     With w = 1 - r/cutoff, w_c = 1 - r/cutoff_c, and for every species k::
@@ -58,35 +56,27 @@ class TDPD(PairCoefficient):
     cutoff_c: float | None = None
     exponent_c: tuple[float, ...] = (2.0,)
 
+    _DIMENSIONS = {
+        **{"A": ("force", ""), "gamma": ("friction", ">= 0"), "exponent": ("dimensionless", ">= 0")},
+        **dict.fromkeys(("cutoff", "cutoff_c"), ("length", "> 0")),
+    }
+
     def __post_init__(self):
-        cutoff = checked(self.cutoff, "length", "cutoff", positive=True)
+        super().__post_init__()
         kappa = _per_species(self.kappa, "kappa")
-        values = {
-            "A": checked_amplitude(self.A, "force", "A"),
-            "gamma": checked(self.gamma, "friction", "gamma"),
-            "kappa": kappa,
-            "exponent": checked(self.exponent, "dimensionless", "exponent"),
-            "cutoff": cutoff,
-            "cutoff_c": cutoff if self.cutoff_c is None else checked(self.cutoff_c, "length", "cutoff_c", positive=True),
-        }
+        keep(self, kappa=kappa, cutoff_c=self.cutoff if self.cutoff_c is None else self.cutoff_c)
         for name in ("epsilon", "exponent_c"):
             given = _per_species(getattr(self, name), name)
             if len(given) == 1:
                 given = given * len(kappa)
             if len(given) != len(kappa):
                 raise ParameterError(f"{name} names {len(given)} species, but kappa names {len(kappa)}")
-            values[name] = given
-        keep(self, **values)
+            keep(self, **{name: given})
 
     @property
     def n_species(self) -> int:
         """Number of species."""
         return len(self.kappa)
-
-    @property
-    def has_conservative(self) -> bool:
-        """Whether there is a conservative term."""
-        return self.A != 0.0
 
     has_thermostat = True
     internal = Concentrations

@@ -1,7 +1,5 @@
 """Thermal energies: single ones, and those that change during a run."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from ..errors import ParameterError

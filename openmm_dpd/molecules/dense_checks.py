@@ -7,7 +7,7 @@ import openmm
 from openmm import app
 
 from ..errors import ParameterError, what_is
-from ..model.bonds import minimum_images
+from ..geometry import minimum_images
 from ..model.scene import box_vectors
 from .piercings import bonds_of_topology
 from .soft_system import KEPT

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from openmm import app
 
-from ..analysis.frames import widths
-from ..analysis.neighbours import pairs_within
 from ..errors import ParameterError, what_is
-from ..model.bonds import minimum_images
+from ..geometry import minimum_images, widths
 from ..model.scene import box_vectors
+from ..neighbours import pairs_within
 from ..units import to_md, whole_number
 from .rings import neighbours_of, small_rings, within_bonds
 

@@ -10,8 +10,8 @@ import numpy as np
 import openmm
 from openmm import app, unit
 
-from ..analysis.frames import widths
 from ..errors import ParameterError, RunError, what_is
+from ..geometry import widths
 from ..host import degrees_of_freedom
 from ..made import masses_of
 from ..model.pairs import DPD

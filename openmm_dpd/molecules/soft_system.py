@@ -8,9 +8,9 @@ import numpy as np
 import openmm
 from openmm import app, unit
 
-from ..analysis.neighbours import pairs_within
 from ..errors import ParameterError, PlanError
 from ..made import BAROSTATS
+from ..neighbours import pairs_within
 from ..units import to_md
 
 #: Context parameter with the energy (kJ/mol) of a pair at distance 0.

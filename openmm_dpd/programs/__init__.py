@@ -1,7 +1,5 @@
 """Integrator programs of schemes (:mod:`openmm_dpd.schemes`)."""
 
-from __future__ import annotations
-
 from ..errors import PlanError
 from ..program_options import ProgramOptions
 from ..schemes import SCHEMES
@@ -27,6 +25,3 @@ def make_program(options: ProgramOptions) -> Program:
     program.finish()
     program.check()
     return program
-
-
-__all__ = ["Program", "make_program"]

@@ -15,8 +15,6 @@ alone is not detected: the friction force of the old velocities acts for half a 
 the box (when they reorder atoms), which counts as a change.  The noise is that of the last half kick in any case.
 """
 
-from __future__ import annotations
-
 from ..names import Phase
 from ..program_options import ProgramOptions
 from .program import Program

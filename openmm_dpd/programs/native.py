@@ -5,18 +5,16 @@ On GPU platforms it updates all pairs at once from the old velocities, which is 
 10 % too high there, on the same script.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import openmm
 from openmm import unit
 
 from ..errors import PlanError
 from ..integrators import NativeIntegrator
-from ..kernels.cells import coincident_pairs
 from ..made import origin
 from ..model.pairs import NONE
 from ..neighbour_list import may_miss_pairs
+from ..neighbours import coincident_pairs
 from ..plan import Plan
 from ..program_options import DOUBLE_PLATFORMS, ProgramOptions
 from ..units import BOLTZMANN

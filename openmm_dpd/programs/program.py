@@ -4,8 +4,6 @@ On its Reference and CPU platforms OpenMM evaluates a misspelt name in an integr
 is checked here.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -357,7 +355,9 @@ class Program:
                 "sum": f"{step.target} <- sum of {step.expression}",
                 "if": f"if {step.expression}:",
             }.get(step.kind, step.kind.replace("_", " "))
-            lines.append(f"  {number:3d}  {'  ' * indent}{text:<{52 - 2 * indent}}{_comment(text, 52 - 2 * indent, step.why)}".rstrip())
+            width = 52 - 2 * indent
+            why = f"{'' if len(text) < width else '  '}# {step.why}" if step.why else ""
+            lines.append(f"  {number:3d}  {'  ' * indent}{text:<{width}}{why}".rstrip())
             indent += step.kind == "if"
         return "\n".join(lines)
 
@@ -366,7 +366,3 @@ def ramp_expression(ramp, steps: str) -> str:
     """Thermal energy on a temperature ramp after some steps, with the reciprocal of its length: so OpenMM divides by constants."""
     part = f"({steps}-({ramp.first_step}))*{1.0 / (ramp.last_step - ramp.first_step)!r}"
     return f"{ramp.kT_start!r}+({ramp.kT_end - ramp.kT_start!r})*min(1, max(0, {part}))"
-
-
-def _comment(text: str, width: int, why: str) -> str:
-    return f"{'' if len(text) < width else '  '}# {why}" if why else ""

@@ -6,8 +6,6 @@ the same positions is stored as an acceleration: across the end of a step with a
 are merged with the sweep between them.
 """
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 from ..names import Phase

@@ -10,8 +10,6 @@ Only the second needs a vector function, which costs as much as five other steps
 velocities to the pair force must not be reflected before it was seen, so the schemes show them by a trial drift where there are walls.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..model.flow import BOUNCE_BACK, MIXED, NOWHERE, SPECULAR, Gap, kind_of

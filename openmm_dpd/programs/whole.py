@@ -5,8 +5,6 @@ The program passes positions, velocities and stored values to the pair force, ea
 them (``ahead``), so that barostats act.  Both ways give the same bits.  Forces that OpenMM computes kick before and after each step.
 """
 
-from __future__ import annotations
-
 from contextlib import nullcontext
 
 from ..names import ACCELERATION, PREDICTED, RATES, SHOWN, SLOW_STEP, VELOCITY, Phase

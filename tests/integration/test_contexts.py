@@ -12,7 +12,7 @@ from devices import DEVICES
 from scenes import BOXES, EXTENDED, beads, chains, fluid, run_of, same_bits, state_of
 
 import openmm_dpd as dpd
-from openmm_dpd.kernels.engine import set_threads
+from openmm_dpd.kernels.threads import set_threads
 
 SCHEMES = {
     "mvv": {"scheme": "mvv"},

@@ -19,11 +19,11 @@ import openmm_dpd as dpd
 from openmm_dpd import kinds
 from openmm_dpd.errors import ParameterError, PlanError
 from openmm_dpd.forces.expressions import PairExpression, parameters, type_pairs
+from openmm_dpd.geometry import minimum_images
 from openmm_dpd.kernels.dpd import DPDLayer, TermTable
 from openmm_dpd.kernels.layer import CONSERVATIVE
 from openmm_dpd.lammps import export_lammps
 from openmm_dpd.measure import StressReporter
-from openmm_dpd.model.bonds import minimum_images
 from openmm_dpd.model.pairs import PairCoefficient
 from openmm_dpd.schemes import SCHEMES
 

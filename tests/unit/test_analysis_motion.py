@@ -373,8 +373,7 @@ def test_bad_requests_for_displacements():
 
 # -- pictures ------------------------------------------------------------------------------------------------------------------
 def test_every_result_has_a_picture(tmp_path):
-    from openmm_dpd.analysis import Curve, cluster_sizes, density_profile, radial_distribution, structure_factor
-    from openmm_dpd.analysis import pictures as draw
+    from openmm_dpd.analysis import Curve, cluster_sizes, density_profile, pictures as draw, radial_distribution, structure_factor
 
     trajectory = random_trajectory(1, 60, 8, BOXES["edges"], ["A"] * 20 + ["B"] * 40)
     displacement = mean_squared_displacement(trajectory_of(walk(1, 5, 60, 0.1), ["A"] * 5), interval=1)

@@ -12,7 +12,7 @@ from scenes import beads
 import openmm_dpd as dpd
 from openmm_dpd.errors import RunError
 from openmm_dpd.extra_forces import extras
-from openmm_dpd.forces.bonded import angle_forces, bond_forces
+from openmm_dpd.forces.bonded import bonded_forces
 from openmm_dpd.kernels.angles import _angle
 from openmm_dpd.kernels.extras import warm_up_extras
 from openmm_dpd.kernels.threads import set_threads
@@ -61,7 +61,7 @@ def terms_of(scene):
 @EVERY_BOX
 def test_openmm_gives_the_same(kind, box):
     scene, x, vectors = chain_scene(kind, box)
-    forces = bond_forces(scene.bonds, vectors is not None) + angle_forces(scene.angles, vectors is not None)
+    forces = bonded_forces(scene.bonds, scene.angles, vectors is not None)
     check.check_agreement(terms_of(scene), forces, x, vectors)
 
 
@@ -113,7 +113,7 @@ def test_beads_at_the_same_point(rest):
     for bond in (dpd.HarmonicBonds([(0, 1)], 20.0, rest), dpd.MorseBonds([(0, 1)], 5.0, 2.0, rest), dpd.FENEBonds([(0, 1)], 20.0, 1.0)):
         scene = pair(bond)
         energy, force = check.evaluate(terms_of(scene), x, scene.box)
-        expected, expected_force = check.reference(bond_forces(scene.bonds, True), x, scene.box)
+        expected, expected_force = check.reference(bonded_forces(scene.bonds, (), True), x, scene.box)
         assert energy == pytest.approx(expected, rel=1e-14, abs=1e-14) and not force.any() and not expected_force.any()
 
 
@@ -126,7 +126,7 @@ def test_angles_of_beads_in_line(kind):
         x = np.array([[place, 0.3 * place, 0.2] for place in places])
         scene = beads(3, positions=x, box=None, angles=[kind([(0, 1, 2)])])
         energy, force = check.evaluate(terms_of(scene), x, None)
-        expected, expected_force = check.reference(angle_forces(scene.angles, False), x, None)
+        expected, expected_force = check.reference(bonded_forces((), scene.angles, False), x, None)
         assert energy == pytest.approx(expected, rel=1e-7, abs=1e-9)
         np.testing.assert_allclose(force, expected_force, atol=1e-6)
     x = np.array([[1.0, 1, 1], [1.0, 1, 1], [1.5, 1, 1]])

@@ -11,7 +11,9 @@ from scenes import BOXES, EXTENDED, TABLES, chains, factor_of, fluid, listed_pai
 
 from openmm_dpd import RunError
 from openmm_dpd.kernels import cells
-from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, PairSpec, TermTable, set_threads
+from openmm_dpd.kernels.dpd import TermTable
+from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, PairSpec
+from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.plan import make_plan
 
 BOX = pytest.mark.parametrize("box", BOXES.values(), ids=BOXES.keys())

@@ -10,7 +10,8 @@ from scenes import BOXES, MASSES, chains, fluid, noise_of
 import openmm_dpd as dpd
 from openmm_dpd.errors import RunError
 from openmm_dpd.kernels.edpd import clamped
-from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, set_threads
+from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
+from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.model.edpd import EDPD
 from openmm_dpd.model.internal import BeadTemperatures
 from openmm_dpd.plan import make_plan

@@ -10,7 +10,8 @@ from scipy import stats
 
 import openmm_dpd as dpd
 from openmm_dpd.errors import ParameterError, RunError
-from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, set_threads
+from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
+from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.model.energy_dpd import EnergyDPD
 from openmm_dpd.model.eos import ConstantHeatCapacity, TabulatedEOS
 from openmm_dpd.model.internal import InternalEnergy

@@ -17,7 +17,7 @@ from openmm_dpd.kernels.bonded import BondTerms
 from openmm_dpd.kernels.external import BodyTerms
 from openmm_dpd.kernels.extras import warm_up_extras
 from openmm_dpd.kernels.radial import RadialTerms
-from openmm_dpd.kernels.segment_terms import SegmentTerms
+from openmm_dpd.kernels.segments import SegmentSpec
 from openmm_dpd.names import BODY_FORCE, PAIR_FORCE
 
 PUSH = (0.7, -1.3, 2.1)
@@ -125,7 +125,7 @@ def test_everything_of_a_scene(box, two_threads):
     scene = everything(box)
     built = dpd.build(scene, dt=0.01, platform="Reference", conservative="kernel", seed=1, loop=False)
     terms = extras(scene, built.plan.overlays, built.plan.exceptions)
-    assert [type(term) for term in terms] == [BondTerms, AngleTerms, RadialTerms, RadialTerms, SegmentTerms, BodyTerms, BodyTerms]
+    assert [type(term) for term in terms] == [BondTerms, AngleTerms, RadialTerms, RadialTerms, SegmentSpec, BodyTerms, BodyTerms]
     forces = [force for force in built.system.getForces() if force.getName() not in (PAIR_FORCE, "position force")]
     x = scene.positions.copy()
     energy, force = check.evaluate(terms, x, scene.box)

@@ -8,7 +8,8 @@ import pytest
 from scenes import BOXES, EXTENDED, PLAIN, TABLES, D, chains, factor_of, fluid, noise_of, oracle_params
 
 import openmm_dpd as dpd
-from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, set_threads
+from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
+from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.plan import make_plan
 
 BOX = pytest.mark.parametrize("box", BOXES.values(), ids=BOXES.keys())

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 import reference_forces as check
 from reference_forces import BOXES
-from scenes import BOXES as MORE_BOXES
-from scenes import MASSES, beads
+from scenes import BOXES as MORE_BOXES, MASSES, beads
 
 import openmm_dpd as dpd
 from openmm_dpd.errors import RunError

@@ -8,8 +8,9 @@ import pytest
 from scenes import BOXES, EXTENDED, TABLES, D, beads, chains, factor_of, fluid, listed_pairs, noise_of, oracle_params
 
 import openmm_dpd as dpd
-from openmm_dpd.kernels.engine import PairEngine, set_threads
+from openmm_dpd.kernels.engine import PairEngine
 from openmm_dpd.kernels.layer import EXACT, SHARDLOW
+from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.plan import make_plan
 
 BOX = pytest.mark.parametrize("box", BOXES.values(), ids=BOXES.keys())

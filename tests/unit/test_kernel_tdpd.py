@@ -12,7 +12,8 @@ import openmm_dpd as dpd
 from openmm_dpd.errors import RunError
 from openmm_dpd.kernels import noise as hashed
 from openmm_dpd.kernels.compiled import compiled
-from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, set_threads
+from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
+from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.model.internal import Concentrations
 from openmm_dpd.model.tdpd import TDPD
 from openmm_dpd.plan import make_plan

@@ -64,7 +64,7 @@ def test_the_model_knows_no_openmm_force():
 
 def test_analysis_knows_no_context():
     """It reads trajectories and arrays: beside numpy, scipy, mdtraj and matplotlib it needs the lowest layers only."""
-    lowest = {f"openmm_dpd.{name}" for name in ("bead_elements", "errors", "pictures", "stats", "tensors", "units")}
+    lowest = {f"openmm_dpd.{name}" for name in ("bead_elements", "errors", "geometry", "neighbours", "pictures", "stats", "units")}
     for module in TREES:
         if module.startswith("openmm_dpd.analysis"):
             own = {name for name in GRAPH[module] if name.startswith(("openmm", "openmm_dpd"))}

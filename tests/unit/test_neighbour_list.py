@@ -10,7 +10,7 @@ from openmm import unit
 import openmm_dpd as dpd
 from openmm_dpd import PlanError
 from openmm_dpd.forces.expressions import PairExpression, nonbonded_force
-from openmm_dpd.model.bonds import minimum_images
+from openmm_dpd.geometry import minimum_images
 from openmm_dpd.neighbour_list import may_miss_pairs
 
 BOX = np.array([[4.0, 0, 0], [1.8, 4.0, 0], [-0.6, 1.4, 4.0]])

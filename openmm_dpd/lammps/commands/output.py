@@ -9,10 +9,8 @@ from ...files import append_block, write_whole
 from ..language import arguments as read
 from ..language.lexer import substitute
 from ..output.data_writer import data_file_lines
-from ..output.dumps import COLUMNS, Dump
-from ..output.dumps import STYLES as DUMP_STYLES
-from ..output.thermo import STYLES as THERMO_STYLES
-from ..output.thermo import check_format, check_word
+from ..output.dumps import COLUMNS, STYLES as DUMP_STYLES, Dump
+from ..output.thermo import STYLES as THERMO_STYLES, check_format, check_word
 from ..state.deck_state import DeckState
 from ..state.records import Compute, ThermoSettings
 from ..values.computes import BUILT_IN, COMPUTES, check_bead_word, expanded

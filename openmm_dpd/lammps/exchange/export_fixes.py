@@ -12,7 +12,7 @@ from ...errors import ParameterError
 from ...model.edpd import EDPD
 from ...model.energy_dpd import EnergyDPD
 from ...model.eos import ConstantHeatCapacity, TabulatedEOS
-from ...model.flow import AXES, SPECULAR, BodyForce, Members, PositionForce, gaps
+from ...model.flow import AXES, SPECULAR, BodyForce, PositionForce, gaps
 from ...model.internal import BeadTemperatures, InternalEnergy
 from ...model.mdpd import MDPD
 from ...model.pairs import DPD
@@ -241,7 +241,7 @@ def _formula_lines(scene: Scene, term: PositionForce, units: UnitSystem, corner:
         raise ParameterError(f"formulas of position forces are written for units lj only, not for units {units.name}")
     if not _fits(scene, term.corner, corner):
         raise ParameterError("the corner of a position force must be that of the box, which is exported with it")
-    mask = Members(term.types, term.beads).mask(scene.type_ids, scene.type_names, "a body force")  # type: ignore[arg-type]
+    mask = term.mask(scene.type_ids, scene.type_names)
     lines, group = _group(name, mask)
     yield from lines
     words = []

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import OutputError
-from ...kernels.engine import set_threads
+from ...kernels.threads import set_threads
 from ...measure import force_terms
 from ...model.internal import BeadTemperatures, InternalEnergy
 from ...model.scene import Scene

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...errors import ParameterError
-from ...kernels.engine import get_threads
+from ...kernels.threads import get_threads
 from .deck import read_deck
 from .request import RunRequest
 

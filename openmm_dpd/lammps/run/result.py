@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import DeckError, ParameterError
-from ...kernels.engine import get_threads
+from ...kernels.threads import get_threads
 from ...measure import Sample
 from ...measure.watch import temperature_warning
 from ...stats import MIN_BLOCKS, block_average, ratio_average

@@ -15,7 +15,8 @@ from ...build import BuiltSystem
 from ...errors import OutputError, RunError
 from ...fields import read_fields
 from ...forces.segments import warm_up_segments
-from ...kernels.engine import set_threads, warm_up
+from ...kernels.engine import warm_up
+from ...kernels.threads import set_threads
 from ...measure.watch import has_set_temperature
 from ...model.scene import Scene
 from ...names import COUNTER

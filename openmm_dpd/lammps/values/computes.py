@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import ParameterError
-from ...tensors import AXES_OF_TENSOR
+from ...geometry import AXES_OF_TENSOR
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment

@@ -1,12 +1,12 @@
-"""Pairs of beads within a distance in any box."""
-
-from __future__ import annotations
+"""Pairs of beads within a distance in any box, and what they connect."""
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from ..errors import ParameterError
-from .frames import widths
+from .errors import ParameterError
+from .geometry import widths
 
 
 def pairs_within(
@@ -50,6 +50,22 @@ def pairs_within(
     return i[mixed], j[mixed] - len(x), r[mixed]
 
 
+def graph(bonds: np.ndarray, count: int) -> coo_array:
+    """Bonds (B, 2) between ``count`` beads as scipy has them."""
+    return coo_array((np.ones(len(bonds), dtype=np.int8), (bonds[:, 0], bonds[:, 1])), shape=(count, count))
+
+
+def connected(bonds: np.ndarray, count: int) -> np.ndarray:
+    """Number of the connected part that each bead is in, from 0."""
+    return connected_components(graph(bonds, count), directed=False)[1]
+
+
+def coincident_pairs(x: np.ndarray, box: np.ndarray | None, distance: float) -> list[tuple[int, int]]:
+    """Pairs (i < j) of beads closer than a (very short) distance, through the periodic box."""
+    i, j, _ = pairs_within(x, None, box, distance)
+    return sorted(zip(i.tolist(), j.tolist(), strict=True))
+
+
 def _among(x: np.ndarray, box: np.ndarray | None, distance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Pairs among beads, i < j."""
     if box is None:
@@ -87,6 +103,3 @@ def _images(s: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         points = np.concatenate([points, points[low] + step, points[high] - step])
         owner = np.concatenate([owner, owner[low], owner[high]])
     return points, owner
-
-
-__all__ = ["pairs_within"]
