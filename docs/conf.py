@@ -21,6 +21,7 @@ nb_execution_mode = "off"  # notebooks show the outputs that are stored in them;
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
+maximum_signature_line_length = 100  # longer ones have a line for each argument
 autoclass_content = "class"
 napoleon_google_docstring = False
 napoleon_numpy_docstring = True
@@ -29,7 +30,7 @@ napoleon_use_ivar = True
 
 html_theme = "furo"
 html_static_path = ["_static"]
-html_css_files = ["tables.css"]
+html_css_files = ["page.css"]
 html_title = "openmm_dpd"
 
 

@@ -1,7 +1,7 @@
 """The pictures of docs/gallery.md: those that the examples and a deck draw, made small.
 
-    python docs/measure/gallery.py                     # all, a quarter of an hour
-    python docs/measure/gallery.py 04_two_fluids in.dpd
+python docs/measure/gallery.py                     # all, a quarter of an hour
+python docs/measure/gallery.py 04_two_fluids in.dpd
 """
 
 from __future__ import annotations

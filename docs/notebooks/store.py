@@ -1,7 +1,7 @@
 """Run the notebooks and store their outputs in them: the documentation shows these, it runs nothing.
 
-    python docs/notebooks/store.py                   # all
-    python docs/notebooks/store.py first_fluid.ipynb
+python docs/notebooks/store.py                   # all
+python docs/notebooks/store.py first_fluid.ipynb
 """
 
 from __future__ import annotations
