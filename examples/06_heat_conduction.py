@@ -52,7 +52,7 @@ def run(out: Path, seed: int) -> tuple[np.ndarray, np.ndarray, float]:
     simulation = built.simulation()
     simulation.step(EQUILIBRATION)
     # the fluid has found its structure: heat starts from here
-    dpd.write_fields(simulation.context, built.plan, temperature=1.0)
+    dpd.write_fields(simulation.context, built.plan, theta=1.0)
     # a reporter counts steps from the beginning: its frames are those of the loop if EQUILIBRATION is a multiple of EVERY
     file = out / f"fields{seed}.npz"
     simulation.reporters.append(dpd.FieldReporter(file, EVERY, built))
@@ -61,12 +61,12 @@ def run(out: Path, seed: int) -> tuple[np.ndarray, np.ndarray, float]:
         simulation.step(EVERY)
         positions = simulation.context.getState(positions=True).getPositions(asNumpy=True)
         frames.append(positions.value_in_unit(unit.nanometer)[:, 1])
-    final = dpd.read_fields(simulation.context, built.plan)["temperature"].mean()
+    final = dpd.read_fields(simulation.context, built.plan)["theta"].mean()
     fields = dpd.load_fields(file)
     # y = 0, between sink and source, is the middle of the box; positions are not folded into it
     slices = (np.mod(frames, 2 * L) * SLICES / (2 * L)).astype(int) % SLICES
     late = slice(len(frames) // 2, None)
-    pairs = zip(slices[late], fields["temperature"][late], strict=True)
+    pairs = zip(slices[late], fields["theta"][late], strict=True)
     rows = [np.bincount(s, temperatures, SLICES) / np.bincount(s, minlength=SLICES) for s, temperatures in pairs]
     return fields["time"][late] - EQUILIBRATION * DT, np.mean(rows, axis=0), float(final)
 

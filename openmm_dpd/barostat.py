@@ -30,28 +30,13 @@ from .kernels.fields import ENERGY
 from .kernels.noise import call_key, uniform
 from .made import BAROSTATS
 from .names import FIELD, SEED, VOLUME_ACCEPTED, VOLUME_MOVES, VOLUME_STEP
-from .units import BAR_PER_MD_PRESSURE, BOLTZMANN, to_md
+from .units import BAR_PER_MD_PRESSURE, BOLTZMANN, md_pressure, md_tension
 
 #: Layer number under which volume moves draw their noise: far from those of pair terms.
 _NOISE_LAYER = 1 << 20
 
 #: Moves between two adjustments of the length of the moves.
 _ADJUST = 20
-
-
-def md_pressure(value) -> float:
-    """Pressure in kJ/mol/nm^3 from a bare number or from a Quantity (bar, atmosphere, pascal, or energy/volume)."""
-    if unit.is_quantity(value) and value.unit.is_compatible(unit.bar):
-        value = value.value_in_unit(unit.bar) / BAR_PER_MD_PRESSURE
-    elif unit.is_quantity(value):
-        wanted = unit.kilojoule_per_mole / unit.nanometer**3
-        if not value.unit.is_compatible(wanted):
-            raise ParameterError(f"the pressure has the unit {value.unit}; expected something like bar or {wanted}")
-        value = value.value_in_unit(wanted)
-    number = to_md(value, "dimensionless", "the pressure")
-    if not isinstance(number, float):
-        raise ParameterError(f"the pressure must be a single number, not an array of shape {number.shape}")
-    return number
 
 
 def _check(built: BuiltSystem, interval: int, axes: tuple[bool, bool, bool]) -> None:
@@ -71,26 +56,51 @@ def _check(built: BuiltSystem, interval: int, axes: tuple[bool, bool, bool]) -> 
 
 
 def add_barostat(
-    built: BuiltSystem, pressure, *, interval: int = 25, axes: tuple[bool, bool, bool] = (True, True, True), coupled: bool = True
+    built: BuiltSystem,
+    pressure=None,
+    *,
+    interval: int = 25,
+    axes: tuple[bool, bool, bool] = (True, True, True),
+    coupled: bool = True,
+    surface_tension=None,
+    xymode: str = "isotropic",
+    zmode: str = "free",
 ) -> openmm.Force:
-    """Add OpenMM's Monte Carlo barostat to an isothermal scene, before its Context is made.
+    r"""Add one of OpenMM's Monte Carlo barostats to an isothermal scene, before its Context is made.
 
-    OpenMM's conventions for temperature (kelvin) and pressure (bar) are taken care of.  The counters and the random numbers of OpenMM's
-    barostats are not part of checkpoints, so a restart continues a correct run, but not the same one.  They draw from a generator that all
-    Contexts of a process share and that a new Context seeds: with the seed of the plan a run repeats, if no other Context runs beside it.
+    With a surface tension it is the one for membranes and other flat interfaces across z: a trial move of the box is judged by
+
+    .. math:: \Delta U + P\,\Delta V - \gamma\,\Delta A - N k_B T \ln(V'/V),
+
+    with A the area of the box in the plane of x and y and N the number of molecules, which move as wholes.  So the tension counts *all*
+    interfaces together: a bilayer is one (``surface_tension(..., interfaces=1)`` of :mod:`openmm_dpd.analysis` measures what is set
+    here), and a slab with two faces wants twice the tension of either.  0 makes a bilayer tensionless.
+
+    OpenMM's conventions for temperature (kelvin), pressure (bar) and tension (bar*nm) are taken care of.  The counters and the random
+    numbers of OpenMM's barostats are not part of checkpoints, so a restart continues a correct run, but not the same one.  They draw from
+    a generator that all Contexts of a process share and that a new Context seeds: with the seed of the plan a run repeats, if no other
+    Context runs beside it.
 
     Parameters
     ----------
     built : BuiltSystem
         An isothermal scene (no internal energies) in a box, all of whose beads move.
     pressure : pressure
-        Bare numbers: kJ/mol/nm^3 (the reduced pressure of a reduced scene).
+        Bare numbers: kJ/mol/nm^3 (the reduced pressure of a reduced scene).  With a surface tension it is the pressure along z.  Needed
+        always, but for a constant volume, where it must be left out.
     interval : int, default 25
         Steps between two attempts.
     axes : three bool
         Axes that may change.
     coupled : bool, default True
         True: all axes change by one factor (MonteCarloBarostat); False: each by itself (MonteCarloAnisotropicBarostat).
+    surface_tension : energy/area, optional
+        gamma; bare numbers: kJ/mol/nm^2; Quantities as in bar*nm, mN/m.  Takes MonteCarloMembraneBarostat, which needs an orthorhombic
+        box and has modes in the place of ``axes`` and ``coupled``.
+    xymode : {"isotropic", "anisotropic"}
+        Whether x and y change by one factor or each by itself.
+    zmode : {"free", "fixed", "constant volume"}
+        Whether z changes by itself, stays, or follows the area so that the volume stays.
 
     Returns
     -------
@@ -101,7 +111,11 @@ def add_barostat(
     ------
     ParameterError, PlanError
         If the scene has internal energies (use :class:`EnthalpyBarostat`), a temperature ramp or one of 0, no box, immobile beads, a
-        barostat or a Context already, or a value is wrong.
+        barostat or a Context already, a value is wrong, or an argument would have no effect.
+
+    References
+    ----------
+    Y. Zhang, S. E. Feller, B. R. Brooks and R. W. Pastor, J. Chem. Phys. 103, 10252 (1995).
     """
     _check(built, interval, axes)
     plan = built.plan
@@ -118,16 +132,55 @@ def add_barostat(
         raise PlanError("OpenMM's barostats have one temperature; a temperature ramp cannot be combined with them")
     if plan.options.kT == 0:
         raise PlanError("OpenMM's barostats sample volumes at a temperature, and that of the scene is 0")
-    bar, kelvin = md_pressure(pressure) * BAR_PER_MD_PRESSURE, plan.options.kT / BOLTZMANN
-    if coupled and all(axes):
-        barostat = openmm.MonteCarloBarostat(bar, kelvin, interval)
-    elif coupled:
-        raise PlanError("axes that change by one factor while another stays are not supported; use coupled=False")
+    kelvin = plan.options.kT / BOLTZMANN
+    if surface_tension is not None:
+        if not all(axes) or coupled is not True:
+            raise ParameterError("axes and coupled do not go with a surface_tension; say xymode and zmode instead")
+        assert plan.scene.box is not None  # _check
+        barostat = _membrane_barostat(plan.scene.box, pressure, surface_tension, xymode, zmode, kelvin, interval)
     else:
-        barostat = openmm.MonteCarloAnisotropicBarostat(openmm.Vec3(bar, bar, bar), kelvin, *map(bool, axes), interval)
+        if (xymode, zmode) != ("isotropic", "free"):
+            raise ParameterError("xymode and zmode go with a surface_tension alone; without one say axes and coupled (0 is a tension)")
+        barostat = _pressure_barostat(pressure, axes, coupled, kelvin, interval)
     barostat.setRandomNumberSeed(plan.options.openmm_seed)
     built.system.addForce(barostat)
     return barostat
+
+
+def _pressure_barostat(pressure, axes: tuple[bool, bool, bool], coupled: bool, kelvin: float, interval: int) -> openmm.Force:
+    if pressure is None:
+        raise ParameterError("a barostat needs a pressure")
+    bar = md_pressure(pressure) * BAR_PER_MD_PRESSURE
+    if coupled and all(axes):
+        return openmm.MonteCarloBarostat(bar, kelvin, interval)
+    if coupled:
+        raise PlanError("axes that change by one factor while another stays are not supported; use coupled=False")
+    return openmm.MonteCarloAnisotropicBarostat(openmm.Vec3(bar, bar, bar), kelvin, *map(bool, axes), interval)
+
+
+_XY_MODES = {"isotropic": openmm.MonteCarloMembraneBarostat.XYIsotropic, "anisotropic": openmm.MonteCarloMembraneBarostat.XYAnisotropic}
+_CONSTANT_VOLUME = "constant volume"
+_Z_MODES = {
+    "free": openmm.MonteCarloMembraneBarostat.ZFree,
+    "fixed": openmm.MonteCarloMembraneBarostat.ZFixed,
+    _CONSTANT_VOLUME: openmm.MonteCarloMembraneBarostat.ConstantVolume,
+}
+
+
+def _membrane_barostat(box: np.ndarray, pressure, tension, xymode: str, zmode: str, kelvin: float, interval: int) -> openmm.Force:
+    for name, mode, known in (("xymode", xymode, _XY_MODES), ("zmode", zmode, _Z_MODES)):
+        if mode not in known:
+            raise ParameterError(f"{name} must be one of {', '.join(map(repr, known))}, not {mode!r}")
+    if np.any(box != np.diag(np.diag(box))):
+        raise PlanError("a surface tension across z needs an orthorhombic box")
+    if zmode == _CONSTANT_VOLUME:
+        if pressure is not None:
+            raise ParameterError(f"a pressure has no effect at constant volume; leave it out, or take another zmode than {zmode!r}")
+        pressure = 0.0
+    elif pressure is None:
+        raise ParameterError(f"zmode={zmode!r} changes the volume and needs a pressure")
+    bar, bar_nm = md_pressure(pressure) * BAR_PER_MD_PRESSURE, md_tension(tension) * BAR_PER_MD_PRESSURE
+    return openmm.MonteCarloMembraneBarostat(bar, bar_nm, kelvin, _XY_MODES[xymode], _Z_MODES[zmode], interval)
 
 
 class EnthalpyBarostat:
@@ -266,4 +319,4 @@ def _entropy_gain(u, share, capacity, curve, start, nodes, pieces):
     return total
 
 
-__all__ = ["EnthalpyBarostat", "add_barostat", "md_pressure"]
+__all__ = ["EnthalpyBarostat", "add_barostat"]

@@ -17,9 +17,8 @@ from .errors import ParameterError
 from .kernels.engine import PairEngine
 from .kernels.fields import ENERGY, TEMPERATURE, FieldSpec
 from .model.internal import InternalEnergy
-from .model.temperature import thermal_energies
 from .names import FIELD
-from .units import to_md
+from .units import thermal_energies, to_md
 
 if TYPE_CHECKING:
     from .plan import Plan
@@ -63,7 +62,7 @@ def read_fields(context: openmm.Context, plan: Plan) -> dict[str, np.ndarray]:
     Returns
     -------
     dict of arrays
-        InternalEnergy: ``u_cond``, ``u_mech`` and ``theta``, each (N,), kJ/mol.  BeadTemperatures: ``temperature`` (N,), kJ/mol.
+        InternalEnergy: ``u_cond``, ``u_mech`` and ``theta``, each (N,), kJ/mol.  BeadTemperatures: ``theta`` (N,), kJ/mol.
         Concentrations: ``concentrations`` (N, K).  MDPD: ``density`` (N,), the local densities at the present positions.  Empty for a
         scene without any of these.
     """
@@ -74,7 +73,7 @@ def read_fields(context: openmm.Context, plan: Plan) -> dict[str, np.ndarray]:
     if spec.kind == ENERGY:
         assert spec.eos is not None
         return {"u_cond": values[:, 0], "u_mech": values[:, 1], "theta": spec.eos.thetas(values.sum(axis=1))}
-    return {"temperature": values[:, 0]} if spec.kind == TEMPERATURE else {"concentrations": values}
+    return {"theta": values[:, 0]} if spec.kind == TEMPERATURE else {"concentrations": values}
 
 
 def _densities(context: openmm.Context, plan: Plan) -> dict[str, np.ndarray]:
@@ -105,9 +104,7 @@ def write_fields(context: openmm.Context, plan: Plan, **values: Any) -> None:
         If the scene has no such field, a shape is wrong, or a temperature or energy is outside the equation of state (the bead is named).
     """
     spec = plan.spec.fields
-    known = (
-        () if spec is None else {ENERGY: ("theta", "u_cond", "u_mech"), TEMPERATURE: ("temperature",)}.get(spec.kind, ("concentrations",))
-    )
+    known = () if spec is None else {ENERGY: ("theta", "u_cond", "u_mech"), TEMPERATURE: ("theta",)}.get(spec.kind, ("concentrations",))
     for name in values:
         if name not in known:
             raise ParameterError(f"the beads of this scene have no {name!r}; their fields are: {', '.join(known) or 'none'}")
@@ -130,9 +127,9 @@ def write_fields(context: openmm.Context, plan: Plan, **values: Any) -> None:
         if len(bad):
             raise ParameterError(f"the internal energy {new[bad[0]].sum():g} of bead {bad[0]} is outside its equation of state")
     elif spec.kind == TEMPERATURE:
-        new[:, 0] = _per_bead(thermal_energies(values["temperature"], "temperature"), (n,), "temperature")
+        new[:, 0] = _per_bead(thermal_energies(values["theta"], "theta"), (n,), "theta")
         if np.any(new <= 0):
-            raise ParameterError(f"the temperature of bead {int(np.argmin(new[:, 0]))} is {new.min():g}; it must be > 0")
+            raise ParameterError(f"the theta of bead {int(np.argmin(new[:, 0]))} is {new.min():g}; it must be > 0")
     else:
         new[...] = _per_bead(to_md(values["concentrations"], "dimensionless", "concentrations"), new.shape, "concentrations")
     integrator = context.getIntegrator()

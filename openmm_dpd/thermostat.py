@@ -22,10 +22,10 @@ from .made import masses_of
 from .model.pairs import DPD, NONE, PairCoefficient, describe
 from .model.scene import Scene
 from .model.table import PairTable, require_complete
-from .model.temperature import TemperatureRamp, thermal_energy
+from .model.temperature import TemperatureRamp
 from .plan import make_plan
 from .schemes import scheme_of
-from .units import to_md
+from .units import thermal_energy, to_md
 
 #: Class of particles without friction and noise.
 UNSEEN = "(unseen)"

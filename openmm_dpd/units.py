@@ -1,8 +1,9 @@
 """Units: what enters is turned into OpenMM's MD units (nm, Da, ps, kJ/mol) once, at the border.
 
-Two things live here, and nothing else converts:
+Three things live here, and nothing else converts:
 
 - :func:`to_md` takes a bare number (already in MD units, as everywhere in OpenMM) or an ``openmm.unit.Quantity``;
+- :func:`thermal_energy` takes an energy or a temperature for kT;
 - :class:`UnitSystem` holds the LAMMPS unit styles *lj*, *real* and *metal*.  A reduced scene is run with 1 nm, 1 Da,
   1 ps and an energy unit of 1 kJ/mol, so that kT = 1 is 1 kJ/mol (a kinetic temperature of 120.27 K for OpenMM's own
   reporters) and a reduced pressure of 1 is 16.605 bar.
@@ -33,6 +34,7 @@ _E, _L, _T, _M = unit.kilojoule_per_mole, unit.nanometer, unit.picosecond, unit.
 #: Quantities by name: the MD unit of each.
 DIMENSIONS = {
     "length": _L,
+    "area": _L**2,
     "mass": _M,
     "time": _T,
     "energy": _E,
@@ -132,6 +134,45 @@ def whole_number(value, name: str, least: int | None = None) -> int:
     if least is not None and value < least:
         raise ParameterError(f"{name} must be at least {least}, not {value}")
     return int(value)
+
+
+def thermal_energy(value, name: str = "kT") -> float:
+    """Thermal energy in kJ/mol from an energy (bare numbers: kJ/mol) or from a temperature given as a Quantity."""
+    kT = thermal_energies(value, name)
+    if not isinstance(kT, float) or kT < 0:
+        raise ParameterError(f"{name} must be a single number >= 0, but is {value!r}")
+    return kT
+
+
+def thermal_energies(value, name: str):
+    """Thermal energies in kJ/mol from energies (bare numbers: kJ/mol) or from temperatures given as a Quantity."""
+    if unit.is_quantity(value) and value.unit.is_compatible(unit.kelvin):
+        return to_md(value, "temperature", name) * BOLTZMANN
+    return to_md(value, "energy", name)
+
+
+def md_pressure(value) -> float:
+    """Pressure in kJ/mol/nm^3 from a bare number or from a Quantity (bar, atmosphere, pascal, or energy/volume)."""
+    return _molar(value, unit.bar, unit.kilojoule_per_mole / unit.nanometer**3, "the pressure")
+
+
+def md_tension(value) -> float:
+    """Surface tension in kJ/mol/nm^2 from a bare number or from a Quantity (bar*nm, mN/m, or energy/area)."""
+    return _molar(value, unit.bar * unit.nanometer, unit.kilojoule_per_mole / unit.nanometer**2, "the surface tension")
+
+
+def _molar(value, plain: unit.Unit, molar: unit.Unit, name: str) -> float:
+    """A number in ``molar`` units; ``plain`` is made of bar and nm, which OpenMM's units tell from an energy per mole."""
+    if unit.is_quantity(value) and value.unit.is_compatible(plain):
+        value = value.value_in_unit(plain) / BAR_PER_MD_PRESSURE
+    elif unit.is_quantity(value):
+        if not value.unit.is_compatible(molar):
+            raise ParameterError(f"{name} has the unit {value.unit}; expected something like {plain} or {molar}")
+        value = value.value_in_unit(molar)
+    number = to_md(value, "dimensionless", name)
+    if not isinstance(number, float):
+        raise ParameterError(f"{name} must be a single number, not an array of shape {number.shape}")
+    return number
 
 
 @dataclass(frozen=True)

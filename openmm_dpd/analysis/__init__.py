@@ -8,21 +8,24 @@ from .curves import Curve
 from .diffusion import MeanSquaredDisplacement, diffusion_coefficient, mean_squared_displacement, velocity_autocorrelation
 from .distances import radial_distribution
 from .interfaces import surface_tension
-from .membranes import area_per_lipid, bilayer_thickness
+from .membranes import BendingModulus, HeightSpectrum, area_per_lipid, bending_modulus, bilayer_thickness, height_spectrum
 from .profiles import density_profile, temperature_profile, velocity_profile
 from .scattering import structure_factor
 from .velocity_file import read_velocities
 from .viscosity import GreenKubo, PoiseuilleFit, VelocityProfile, green_kubo_viscosity, poiseuille_viscosity
 
 __all__ = [
+    "BendingModulus",
     "Clusters",
     "Curve",
     "GreenKubo",
+    "HeightSpectrum",
     "MeanSquaredDisplacement",
     "MoleculeSizes",
     "PoiseuilleFit",
     "VelocityProfile",
     "area_per_lipid",
+    "bending_modulus",
     "bilayer_thickness",
     "cluster_labels",
     "cluster_sizes",
@@ -30,6 +33,7 @@ __all__ = [
     "diffusion_coefficient",
     "end_to_end_distance",
     "green_kubo_viscosity",
+    "height_spectrum",
     "mean_squared_displacement",
     "poiseuille_viscosity",
     "radial_distribution",

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import ParameterError
-from ..model.scene import thermal_energy
 from ..stats import Average, block_average
-from ..units import to_md
+from ..units import thermal_energy, to_md
 from .curves import Curve
 from .frames import axis_number, frames_of, indices, positive_number, selected, weights_of
 from .molecules import molecule_labels

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import ParameterError
-from ..model.scene import thermal_energy
 from ..stats import block_average
-from ..units import to_md
+from ..units import thermal_energy, to_md
 
 
 @dataclass(frozen=True, eq=False)

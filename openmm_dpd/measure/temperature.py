@@ -7,10 +7,9 @@ from openmm import unit
 
 from ..errors import ParameterError
 from ..integrators import RAMPED, PairIntegrator
-from ..model.temperature import thermal_energy
 from ..names import COUNTER, KT, RAMP_STEP, SEED, TEMPERATURE, VOLUME_MOVES
 from ..plan import Plan
-from ..units import BOLTZMANN, to_md
+from ..units import BOLTZMANN, thermal_energy, to_md
 
 
 def noise_state(context: openmm.Context, plan: Plan) -> tuple[float, int, int, float]:

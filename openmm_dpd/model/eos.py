@@ -14,9 +14,8 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from ..errors import ParameterError
-from ..units import BOLTZMANN, to_md
+from ..units import BOLTZMANN, thermal_energies, to_md
 from .owned import keep
-from .temperature import thermal_energies
 
 
 def heat_capacity(value, name: str):

@@ -12,12 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import ParameterError, what_is
-from ..units import to_md
+from ..units import thermal_energies, to_md
 from .eos import ConstantHeatCapacity, EquationOfState, TabulatedEOS, heat_capacity
 from .owned import keep
 from .pairs import NONE
 from .sources import Source
-from .temperature import thermal_energies
 
 
 def _per_bead(values, n: int, name: str) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import ParameterError, what_is
 from ..html import fact_table
-from ..units import to_md
+from ..units import thermal_energy, to_md
 from .angles import ANGLE_KINDS, Angles, check_angles
 from .bonds import BOND_KINDS, Bonds, FENEBonds
 from .electrostatics import GaussianCharges, SlaterCharges, check_electrostatics
@@ -20,7 +20,7 @@ from .pairs import NONE
 from .segments import SegmentalRepulsion, check_segments
 from .sources import Source
 from .table import PairTable, require_complete
-from .temperature import TemperatureRamp, thermal_energy
+from .temperature import TemperatureRamp
 
 
 def box_vectors(box) -> np.ndarray | None:

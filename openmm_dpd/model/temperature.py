@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..errors import ParameterError
-from ..units import BOLTZMANN, to_md, whole_number
+from ..units import thermal_energy, whole_number
 from .owned import keep
 
 
@@ -49,20 +49,3 @@ class TemperatureRamp:
         return self.kT_start + (self.kT_end - self.kT_start) * min(
             1.0, max(0.0, (step - self.first_step) / (self.last_step - self.first_step))
         )
-
-
-def thermal_energy(value, name: str = "kT") -> float:
-    """Thermal energy in kJ/mol from an energy (bare numbers: kJ/mol) or from a temperature given as a Quantity."""
-    kT = thermal_energies(value, name)
-    if not isinstance(kT, float) or kT < 0:
-        raise ParameterError(f"{name} must be a single number >= 0, but is {value!r}")
-    return kT
-
-
-def thermal_energies(value, name: str):
-    """Thermal energies in kJ/mol from energies (bare numbers: kJ/mol) or from temperatures given as a Quantity."""
-    from openmm import unit
-
-    if unit.is_quantity(value) and value.unit.is_compatible(unit.kelvin):
-        return to_md(value, "temperature", name) * BOLTZMANN
-    return to_md(value, "energy", name)

@@ -12,6 +12,7 @@ from .published import Model, grafmueller_2009, like_repulsion, unlike_repulsion
 from .relax import relax
 from .relax_dense import relax_dense
 from .terms import Bend, CosineBend, FENESpring, MorseSpring, Spring
+from .vesicles import Vesicle
 
 __all__ = [
     "Bend",
@@ -28,6 +29,7 @@ __all__ = [
     "Scattered",
     "Spring",
     "Stage",
+    "Vesicle",
     "bead",
     "block_copolymer",
     "branched",

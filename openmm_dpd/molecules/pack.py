@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,16 +11,13 @@ from openmm import unit
 from ..errors import ParameterError, what_is
 from ..model.scene import box_vectors
 from ..model.sources import Block, Sphere
-from ..model.temperature import thermal_energy
-from ..units import to_md, whole_number
+from ..units import thermal_energy, to_md, whole_number
 from .mixture import Mixture
 from .molecule import Molecule
-from .shapes import random_shapes, upright_shape
+from .shapes import GAP, random_shapes, upright_shape
+from .vesicles import Shell, Vesicle, vesicle_beads
 
 AXES = {"x": 0, "y": 1, "z": 2}
-
-#: Clear distance between the middle of a bilayer and the lowest beads of its leaflets, in units of the distance between beads.
-GAP = 0.5
 
 
 @dataclass(frozen=True)
@@ -78,7 +75,7 @@ class Bilayer:
 
 
 def pack(
-    molecules: Mapping[Molecule, int | Scattered | Bilayer],
+    molecules: Mapping[Molecule, int | Scattered | Bilayer | Vesicle],
     *,
     box=None,
     density=3.0,
@@ -95,7 +92,7 @@ def pack(
     Parameters
     ----------
     molecules : mapping
-        Each kind of molecule to its number, or to an arrangement: :class:`Scattered` with a region, :class:`Bilayer`.
+        Each kind of molecule to its number, or to an arrangement: :class:`Scattered` with a region, :class:`Bilayer`, :class:`Vesicle`.
     box : (3,) or (3, 3) array of lengths, optional
         Edges or box vectors, nm.  Without solvent it may be left out: a cube of the given density.
     density : 1/volume, default 3
@@ -114,7 +111,8 @@ def pack(
     Raises
     ------
     ParameterError
-        If the molecules do not fit, a bilayer is thicker than the box, a region is empty, or a value is out of bounds.
+        If the molecules do not fit, a bilayer or a vesicle is thicker than the box, membranes overlap, a region is empty, or a value is
+        out of bounds.
 
     Examples
     --------
@@ -135,27 +133,31 @@ def pack(
     filling = _filling(vectors, rho, beads, filler)
     energy, spacing = thermal_energy(kT), float(rho ** (-1 / 3))
     slabs, placed = _leaflets(wanted, vectors, spacing, rng)
+    shells = _vesicles(wanted, vectors, spacing, placed, rng)
+    _check_apart(slabs, shells, vectors)
+    free = _Free(vectors, tuple(slabs), tuple(shells))
     groups: list[tuple[Molecule, np.ndarray]] = []
     for number, (molecule, arrangement) in enumerate(wanted):
         if isinstance(arrangement, Scattered):
             shapes = random_shapes(molecule, arrangement.count, rng, spacing=spacing, kT=energy)
-            centres = _places(arrangement.count, vectors, arrangement.region, slabs, rng)
+            where = free.anywhere if arrangement.region is None else arrangement.region.contains
+            centres = _places(arrangement.count, vectors, where, arrangement.region or "what the membranes leave", rng)
             placed[number] = shapes + centres[:, None]
         groups.append((molecule, placed[number]))
     if filler is not None and filling:
         shapes = random_shapes(filler, filling, rng, spacing=spacing, kT=energy)
-        groups.append((filler, shapes + _places(filling, vectors, None, slabs, rng)[:, None]))
+        groups.append((filler, shapes + free.solvent(filling, rng)[:, None]))
     return Mixture.of(groups, vectors, seed)
 
 
-def _arrangements(molecules) -> list[tuple[Molecule, Scattered | Bilayer]]:
+def _arrangements(molecules) -> list[tuple[Molecule, Scattered | Bilayer | Vesicle]]:
     if not isinstance(molecules, Mapping):
         raise ParameterError(f"molecules must map each kind of molecule to its number, as {{chain: 20}}, not {what_is(molecules)}")
     wanted = []
     for molecule, given in molecules.items():
         if not isinstance(molecule, Molecule):
             raise ParameterError(f"molecules must map Molecules to numbers; one key is {what_is(molecule)} (a single bead: `bead('W')`)")
-        wanted.append((molecule, given if isinstance(given, (Scattered, Bilayer)) else Scattered(given)))
+        wanted.append((molecule, given if isinstance(given, (Scattered, Bilayer, Vesicle)) else Scattered(given)))
     return wanted
 
 
@@ -198,22 +200,78 @@ def _filling(vectors: np.ndarray, rho: float, beads: int, filler: Molecule | Non
 
 
 # -- places ------------------------------------------------------------------------------------------------------------------------
-def _places(count: int, vectors: np.ndarray, region, slabs: list[tuple[int, float, float]], rng: np.random.Generator) -> np.ndarray:
-    """Random points of the box, in the region if there is one, else outside the bilayers; (count, 3)."""
+@dataclass(frozen=True, eq=False)
+class _Free:
+    """The room that membranes leave: slabs (axis, centre, half of the thickness) and shells of vesicles."""
+
+    vectors: np.ndarray
+    slabs: tuple[tuple[int, float, float], ...]
+    shells: tuple[Shell, ...]
+
+    def outside(self, points: np.ndarray) -> np.ndarray:
+        """Mask of the points out of all bilayers and vesicles."""
+        keep = np.ones(len(points), bool)
+        for axis, centre, half in self.slabs:
+            edge = self.vectors[axis, axis]
+            keep &= np.abs((points[:, axis] - centre + edge / 2) % edge - edge / 2) > half
+        for shell in self.shells:
+            keep &= shell.outside(points)
+        return keep
+
+    def anywhere(self, points: np.ndarray) -> np.ndarray:
+        """Mask of the points out of all membranes, the insides of vesicles included."""
+        keep = self.outside(points)
+        for shell in self.shells:
+            keep |= shell.inside(points)
+        return keep
+
+    def solvent(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Places of the solvent, (count, 3): each vesicle holds its share by volume."""
+        box = float(np.prod(np.diag(self.vectors)))
+        slabs = sum(2 * half / self.vectors[axis, axis] for axis, _, half in self.slabs) * box
+        volume = box - slabs - sum(shell.ball - shell.lumen for shell in self.shells)
+        shares = [round(count * shell.lumen / volume) for shell in self.shells]
+        parts = [
+            _places(share, self.vectors, shell.inside, "the inside of a vesicle", rng)
+            for share, shell in zip(shares, self.shells, strict=True)
+        ]
+        parts.append(_places(count - sum(shares), self.vectors, self.outside, "what the membranes leave", rng))
+        return np.concatenate(parts)
+
+
+def _places(count: int, vectors: np.ndarray, allowed: Callable[[np.ndarray], np.ndarray], where, rng: np.random.Generator) -> np.ndarray:
+    """Random points of the box where they are allowed, (count, 3)."""
     found: list[np.ndarray] = []
     missing, tries = count, 0
     while missing > 0:
         points = rng.random((max(64, 2 * missing), 3)) @ vectors
-        keep = np.ones(len(points), bool) if region is None else region.contains(points)
-        for axis, centre, half in slabs if region is None else ():
-            edge = vectors[axis, axis]
-            keep &= np.abs((points[:, axis] - centre + edge / 2) % edge - edge / 2) > half
-        found.append(points[keep][:missing])
+        found.append(points[allowed(points)][:missing])
         missing -= len(found[-1])
         tries += len(points)
         if tries > 1000 * (count + 1000):
-            raise ParameterError(f"no room: {region or 'what the bilayers leave'} has next to no volume in the box")
+            raise ParameterError(f"no room: {where} has next to no volume in the box")
     return np.concatenate(found) if found else np.zeros((0, 3))
+
+
+def _vesicles(wanted, vectors: np.ndarray, spacing: float, placed: dict[int, np.ndarray], rng: np.random.Generator) -> list[Shell]:
+    """Shells of the vesicles, whose molecules are added to ``placed``."""
+    shells = []
+    for number, (molecule, arrangement) in enumerate(wanted):
+        if isinstance(arrangement, Vesicle):
+            shells.append(Shell.of(arrangement, vectors))
+            placed[number] = vesicle_beads(molecule, arrangement, shells[-1], spacing, rng)
+    return shells
+
+
+def _check_apart(slabs: list[tuple[int, float, float]], shells: list[Shell], vectors: np.ndarray) -> None:
+    for k, shell in enumerate(shells):
+        for other in shells[:k]:
+            if other.distances(shell.centre[None])[0] < shell.outer + other.outer:
+                raise ParameterError("two vesicles overlap; give them other centres, or a larger box")
+        for axis, centre, half in slabs:
+            edge = vectors[axis, axis]
+            if abs((shell.centre[axis] - centre + edge / 2) % edge - edge / 2) < shell.outer + half:
+                raise ParameterError("a vesicle and a bilayer overlap; give them other centres, or a larger box")
 
 
 def _leaflets(

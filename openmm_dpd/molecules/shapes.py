@@ -9,6 +9,9 @@ import numpy as np
 from ..errors import ParameterError
 from .molecule import Molecule
 
+#: Clear distance between the middle of a bilayer and the innermost beads of its leaflets, in units of the distance between beads.
+GAP = 0.5
+
 
 def random_shapes(molecule: Molecule, count: int, rng: np.random.Generator, *, spacing: float, kT: float) -> np.ndarray:
     """Random walks along the bonds, centred: (count, n, 3) in nm.

@@ -7,10 +7,9 @@ import math
 from openmm import unit
 from scipy.optimize import brentq
 
-from ..barostat import md_pressure
 from ..errors import ParameterError
 from ..model.pairs import checked
-from ..units import BOLTZMANN, DIMENSIONS, to_md
+from ..units import BOLTZMANN, DIMENSIONS, md_pressure, to_md
 from .estimate import reduced_number
 
 

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 from openmm import unit
 
-from ..barostat import md_pressure
 from ..errors import ParameterError
 from ..model.owned import keep
 from ..model.pairs import DPD, checked
-from ..units import BOLTZMANN, DIMENSIONS, to_md, whole_number
+from ..units import BOLTZMANN, DIMENSIONS, md_pressure, to_md, whole_number
 from .estimate import Estimate, reduced_number
 from .state import repulsion_from_compressibility
 

@@ -56,7 +56,7 @@ WRONG = {
         r"\('B', 'A'\) and \('A', 'B'\) differ|\('A', 'B'\) and \('B', 'A'\) differ",
     ),
     "a BuiltSystem for a Scene": (lambda: build(build()), "expected a Scene, not a BuiltSystem$"),
-    "a method for a Scene": (lambda: build(dpd.Plan.explain), "expected a Scene, not the function explain; call it: explain\\(\\)$"),
+    "a method for a Scene": (lambda: build(dpd.BuiltSystem.explain), "expected a Scene, not the function explain; call it: explain\\(\\)$"),
     "advice about a BuiltSystem": (lambda: dpd.recommend(build()), "expected a Scene, not a BuiltSystem$"),
     "barostat of a Scene": (lambda: dpd.add_barostat(scene(), 20.0), r"build\(\).* or create_mixed_system\(\) returned, not a Scene$"),
     "no pairs": (lambda: scene(pairs={}), "at least one"),

@@ -172,6 +172,21 @@ def test_lipids_assemble(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
+def test_tensionless_bilayer_and_vesicle(tmp_path, monkeypatch):
+    """A smaller and shorter bilayer: near the long run of docs/validation.md, whose own errors do not count here; the vesicle keeps its water."""
+    shorter = {"BOX": (8.0, 8.0, 9.0), "LIPIDS": 92, "STEPS": 6000, "INTERVAL": 5, "VESICLE_STEPS": 400}
+    found = example("14_tensionless_bilayer", monkeypatch, **shorter).main(tmp_path)
+    # 240 units of time: the area fluctuates by 2.8 % (modulus 20) and forgets itself in 20 units, so the error of its mean is 0.016
+    assert found["area_per_lipid"] == pytest.approx(1.406, abs=4 * 0.016)
+    # lipids keep their volume
+    assert found["thickness"] == pytest.approx(3.586, abs=4 * 0.016 / 1.406 * 3.586)
+    # waves of this box are in the range where the long run has 3.0 to 3.1
+    assert found["bending_modulus"] == pytest.approx(3.05, abs=4 * found["bending_modulus_error"]) and found["bending_modulus_error"] < 0.6
+    assert found["water_inside"] == found["water_packed_inside"] > 40
+    assert is_picture(tmp_path / "membranes.png")
+
+
+@pytest.mark.slow
 def test_diblock_melt(tmp_path, monkeypatch):
     """Without repulsion the peak is that of the random phase approximation; with repulsion it grows and moves to smaller q."""
     shorter = {"CHAINS": 200, "EXCESS": (0.0, 3.0), "EQUILIBRATION": 600, "STEPS": 1600, "EVERY": 20}

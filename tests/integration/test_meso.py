@@ -145,7 +145,7 @@ def test_sources_act_on_beads_that_crossed_the_box():
     )  # fmt: skip
     simulation = running(scene, DEVICES[1], dt=0.001)
     simulation.step(4000)  # ten times through the box
-    temperature = read_fields(simulation.context, simulation.built.plan)["temperature"]
+    temperature = read_fields(simulation.context, simulation.built.plan)["theta"]
     # half of the time in the source, to a step or two at its faces
     np.testing.assert_allclose(temperature, 1.0 + 4.0 / 2, atol=0.02)
 
@@ -169,10 +169,10 @@ def test_restart_is_exact(host, make, how, tmp_path):
 def test_setting_values_acts_at_once():
     simulation = running(heat_scene(frozen=False), DEVICES[1])
     simulation.step(3)
-    write_fields(simulation.context, simulation.built.plan, temperature=1.0)
-    assert np.all(read_fields(simulation.context, simulation.built.plan)["temperature"] == 1.0)
+    write_fields(simulation.context, simulation.built.plan, theta=1.0)
+    assert np.all(read_fields(simulation.context, simulation.built.plan)["theta"] == 1.0)
     with pytest.raises(ParameterError, match="it must be > 0"):
-        write_fields(simulation.context, simulation.built.plan, temperature=np.zeros(N))
+        write_fields(simulation.context, simulation.built.plan, theta=np.zeros(N))
     species = running(species_scene(), DEVICES[1])
     with pytest.raises(ParameterError, match=r"shape \(90, 4\)"):
         write_fields(species.context, species.built.plan, concentrations=np.zeros(N))

@@ -60,3 +60,12 @@ def test_the_model_knows_no_openmm_force():
     for module in TREES:
         if module.startswith("openmm_dpd.model"):
             assert not [name for name in GRAPH[module] if name.startswith(("openmm_dpd.forces", "openmm_dpd.kernels"))]
+
+
+def test_analysis_knows_no_context():
+    """It reads trajectories and arrays: beside numpy, scipy, mdtraj and matplotlib it needs the lowest layers only."""
+    lowest = {f"openmm_dpd.{name}" for name in ("bead_elements", "errors", "pictures", "stats", "tensors", "units")}
+    for module in TREES:
+        if module.startswith("openmm_dpd.analysis"):
+            own = {name for name in GRAPH[module] if name.startswith(("openmm", "openmm_dpd"))}
+            assert not {name for name in own if not name.startswith("openmm_dpd.analysis")} - lowest, module

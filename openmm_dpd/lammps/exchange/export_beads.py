@@ -8,12 +8,11 @@ import numpy as np
 
 from ...errors import ParameterError
 from ...kinds import kind_for
-from ...model.eos import thermal_energies
 from ...model.flow import gaps
 from ...model.internal import BeadTemperatures, Concentrations, InternalEnergy
 from ...model.pairs import NONE
 from ...model.scene import Scene
-from ...units import UnitSystem
+from ...units import UnitSystem, thermal_energies
 from ..files.data_file import DataFile
 from ..state.box import Box
 from ..styles.writing import Differences

@@ -25,13 +25,12 @@ from .regions import Region
 from .sample import DeckSample
 
 
-def bead_fields(units: UnitSystem) -> dict[str, tuple[str, float]]:
+def bead_fields(atom_style: str, units: UnitSystem) -> dict[str, tuple[str, float]]:
     """Names of :func:`openmm_dpd.fields.read_fields` -> the array of Atoms that holds the values, and its unit."""
     return {
         "u_cond": ("u_cond", 1.0),
         "u_mech": ("u_mech", 1.0),
-        "theta": ("thetas", units.thermal_energy),
-        "temperature": ("temperatures", units.thermal_energy),
+        "theta": ("temperatures" if atom_style == "edpd" else "thetas", units.thermal_energy),
         "concentrations": ("concentrations", 1.0),
         "density": ("densities", units.mass / units.length**3),
     }
@@ -336,7 +335,7 @@ class DeckState:
         # walls keep beads inside to the rounding of the platform; the next run wants them inside to the last bit
         self._take_inside(np.where(own.periodic, inside, np.clip(inside, own.low, np.nextafter(own.high, own.low))), shifts)
         self.atoms.velocities = np.asarray(velocities, dtype=np.float64) / self.units.velocity
-        places = bead_fields(self.units)
+        places = bead_fields(self.atom_style, self.units)
         for name, values in (fields or {}).items():
             place, unit = places[name]
             setattr(self.atoms, place, np.array(values, dtype=np.float64) / unit)

@@ -113,7 +113,7 @@ class DeckMoment(ABC):
             return fields[name]
         if fields is None and self.window is not None and any(style.spec.atom_style for style in self.state.pair.styles):
             raise ParameterError(f"the simulation did not measure {name.replace('_', ' ')}")
-        attribute, unit = bead_fields(self.units)[name]
+        attribute, unit = bead_fields(self.state.atom_style, self.units)[name]
         return getattr(self.state.atoms, attribute) * unit
 
     def energy(self, name: str) -> float:

@@ -115,7 +115,7 @@ PER_BEAD: dict[str, ComputeSpec] = {
     "dpd/atom": ComputeSpec(no_arguments("dpd/atom", "dpd"), per_bead=_internal, columns=lambda compute: 4, needs=("fields",)),
     "edpd/temp/atom": ComputeSpec(
         no_arguments("edpd/temp/atom", "edpd"),
-        per_bead=lambda m, c: _in_group(m, c, m.field("temperature") / m.units.thermal_energy),
+        per_bead=lambda m, c: _in_group(m, c, m.field("theta") / m.units.thermal_energy),
         needs=("fields",),
     ),
     "tdpd/cc/atom": ComputeSpec(
