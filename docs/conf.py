@@ -11,27 +11,26 @@ author = "the openmm_dpd developers"
 copyright = author  # noqa: A001
 release = version = openmm_dpd.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax"]
+# myst_nb reads pages and notebooks; the offline MathJax is a copy of its own, so that mathematics needs no network
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax", "sphinx-mathjax-offline"]
 myst_enable_extensions = ["dollarmath", "amsmath"]
 myst_heading_anchors = 3
-source_suffix = {".md": "markdown"}
+source_suffix = {".md": "myst-nb", ".ipynb": "myst-nb"}
 exclude_patterns = ["_build", "measure"]
+nb_execution_mode = "off"  # notebooks show the outputs that are stored in them; a test runs them
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
+maximum_signature_line_length = 100  # longer ones have a line for each argument
 autoclass_content = "class"
 napoleon_google_docstring = False
 napoleon_numpy_docstring = True
 napoleon_use_rtype = False
 napoleon_use_ivar = True
 
-html_theme = "alabaster"
-html_theme_options = {
-    "description": "Dissipative particle dynamics for OpenMM",
-    "page_width": "1080px",
-    "sidebar_width": "240px",
-    "fixed_sidebar": True,
-}
+html_theme = "furo"
+html_static_path = ["_static"]
+html_css_files = ["page.css"]
 html_title = "openmm_dpd"
 
 

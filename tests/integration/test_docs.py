@@ -23,7 +23,6 @@ from openmm_dpd.schemes import SCHEMES
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXTS = [*(ROOT / name for name in ("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md")), *sorted((ROOT / "docs").rglob("*.md"))]
-README = (ROOT / "README.md").read_text(encoding="utf-8")
 DECKS = (ROOT / "docs" / "decks.md").read_text(encoding="utf-8")
 
 
@@ -36,13 +35,6 @@ WITH_SCRIPTS = [path for path in TEXTS if path.name != "README.md" and blocks(pa
 
 
 # -- scripts ---------------------------------------------------------------------------------------------------------------------
-def test_readme_script_is_the_first_example():
-    """... which test_examples.py runs; at most 15 lines of code."""
-    (script,) = blocks(README, "python")
-    assert script == (ROOT / "examples" / "01_dpd_fluid.py").read_text(encoding="utf-8")
-    assert len([line for line in script.splitlines() if line.strip()]) <= 15
-
-
 @pytest.mark.parametrize("path", WITH_SCRIPTS, ids=lambda path: path.stem)
 def test_scripts_of_a_page_run(path, tmp_path, monkeypatch):
     """All Python blocks of a page, in their order, as one script."""
@@ -58,25 +50,18 @@ def test_scripts_of_a_page_run(path, tmp_path, monkeypatch):
 
 
 def test_pages_that_ought_to_have_scripts_have_them():
-    expected = "run_deck build_scene inputs look thermostat restart analyse temperature contexts schemes units"
+    expected = "start run_deck build_scene inputs look thermostat restart analyse temperature contexts schemes units"
     assert {path.stem for path in WITH_SCRIPTS} >= set(expected.split())
 
 
 # -- commands --------------------------------------------------------------------------------------------------------------------
-def test_readme_has_two_command_blocks():
-    """One sets up and runs the main job on a deck, one sets up and tests."""
-    run, test = blocks(README, "bash")
-    assert "pip install ." in run and "openmm-dpd run examples/decks/" in run
-    assert "pip install -e" in test and "pytest" in test
-
-
 LINES = {line for path in TEXTS for block in blocks(path.read_text(encoding="utf-8"), "bash") for line in block.splitlines()}
 COMMAND_LINES = sorted(line for line in LINES if line.startswith("openmm-dpd"))
 
 
 @pytest.mark.parametrize("line", COMMAND_LINES)
 def test_command_lines_are_accepted(line):
-    """The parser takes them, and their decks exist."""
+    """The parser takes them, and their decks exist; tests/integration/test_readme.py runs those of the README."""
     options = cli._parser().parse_args(shlex.split(line)[1:])
     assert (ROOT / options.deck).is_file()
 
@@ -198,12 +183,30 @@ def test_files_named_in_a_text_exist(path):
     assert not missing
 
 
+def test_gallery_has_every_example_and_small_pictures():
+    page, folder = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8"), ROOT / "docs" / "figures" / "gallery"
+    examples = sorted((ROOT / "examples").glob("[0-9]*.py"))
+    assert examples and not [path.name for path in examples if f"<../examples/{path.name}>" not in page]
+    drawing = {path.stem for path in examples if "savefig" in path.read_text(encoding="utf-8")} | {"in.dpd"}
+    pictures = {path.name.removesuffix(".png"): path for path in folder.glob("*.png")}
+    assert set(pictures) == drawing and not [name for name in pictures if f"(figures/gallery/{name}.png)" not in page]
+    assert max(path.stat().st_size for path in pictures.values()) < 60_000
+
+
 @pytest.mark.slow
-def test_documentation_builds_without_warnings(tmp_path):
-    pytest.importorskip("sphinx", reason="sphinx is not installed: pip install -e '.[docs]'")
-    pytest.importorskip("myst_parser", reason="myst-parser is not installed: pip install -e '.[docs]'")
+def test_documentation_builds_without_warnings_and_needs_no_network(tmp_path):
+    for module in ("sphinx", "myst_nb", "furo", "sphinx-mathjax-offline"):
+        pytest.importorskip(module, reason=f"{module} is not installed: pip install -e '.[docs]'")
     options = ["-W", "--keep-going", "-q", "-b", "html", "-d", str(tmp_path / "trees")]
     command = [sys.executable, "-m", "sphinx", *options, str(ROOT / "docs"), str(tmp_path / "html")]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert (tmp_path / "html" / "api" / "build.html").is_file()
+    pages = {
+        path.relative_to(tmp_path / "html").as_posix(): path.read_text(encoding="utf-8") for path in (tmp_path / "html").rglob("*.html")
+    }
+    assert {"api/build.html", "search.html", "notebooks/first_fluid.html"} <= set(pages)
+    loaded = [source for page in pages.values() for source in re.findall(r"<(?:script|link|img)[^>]* (?:src|href)=\"([^\"]*)\"", page)]
+    assert loaded and not [source for source in loaded if source.startswith(("http", "//"))]
+    (mathematics,) = set(re.findall(r"src=\"([^\"?]*mathjax[^\"?]*)", pages["theory.html"]))
+    assert (tmp_path / "html" / mathematics).stat().st_size > 1_000_000
+    assert "<img" in pages["notebooks/first_fluid.html"].partition("Two temperatures")[0]  # a stored picture
