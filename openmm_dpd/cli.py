@@ -187,7 +187,7 @@ def _run(options: argparse.Namespace, signals: Signals) -> None:
             restart=options.restart,
         )
     except KeyboardInterrupt as error:
-        if len(error.args) == 2:  # a run had begun
+        if error.args:  # the deck was being read
             stopped, remedy = error.args
             raise KeyboardInterrupt(f"{stopped}; what was computed until then is in {out}/; {remedy}") from None
         raise

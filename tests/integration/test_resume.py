@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import pickle
+import shutil
 import signal
 from pathlib import Path
 
@@ -11,6 +13,9 @@ import pytest
 from interrupted_runs import contents, interrupted, signal_at
 
 from openmm_dpd.cli import main
+from openmm_dpd.files import BlockFile
+
+DECKS = Path(__file__).parents[2] / "examples" / "decks"
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals")
 
@@ -52,7 +57,6 @@ undump d
 dump d all custom 15 dump.d id x y z
 velocity all scale ${hot}
 write_data data.between
-reset_timestep 60
 run 45
 print "temperature $(temp)" append said.txt
 """
@@ -77,7 +81,7 @@ def arguments(deck: Path, out: Path, platform: str, *more: str) -> list[str]:
     ]
 
 
-def interrupt_and_resume(deck: Path, platform: str, moments: int, *options: str, seed: int = 1) -> None:
+def interrupt_and_resume(deck: Path, platform: str, moments: int, *options: str, seed: int = 1, first: float = 0.1) -> None:
     """Interrupt a run at random moments by each signal in turn, each time resume it, and compare all files; every moment begins anew."""
     whole = deck.parent / "whole"
     with signal_at(0, 0) as calls:
@@ -85,7 +89,7 @@ def interrupt_and_resume(deck: Path, platform: str, moments: int, *options: str,
     expected = contents(whole)
     assert "log.txt" in expected and not (whole / "checkpoint").exists()
     begun, rng = 0, np.random.default_rng(seed)
-    for k, call in enumerate(rng.integers(calls[0] // 10, calls[0], moments)):
+    for k, call in enumerate(rng.integers(int(first * calls[0]), calls[0], moments)):
         number, out = SIGNALS[k % 3], deck.parent / f"out-{k}"
         status = interrupted(int(call), number, arguments(deck, out, platform, *options))
         assert status in (-number, 128 + number), (k, status)
@@ -109,5 +113,130 @@ def deck(tmp_path) -> Path:
 
 
 @pytest.mark.parametrize("platform", ["Reference", "CPU"])
-def test_three_interruptions_change_nothing(deck, platform):
+def test_three_interruptions_change_nothing(deck, platform, monkeypatch):
+    monkeypatch.setattr("openmm_dpd.lammps.run.main.thermo_picture", lambda *_, **__: None)  # most of the time
     interrupt_and_resume(deck, platform, 3, "--checkpoint", "20")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("options", [("--checkpoint", "7"), ("--format", "xtc", "--every", "4")], ids=["often", "only at signals"])
+@pytest.mark.parametrize("platform", ["Reference", "CPU"])
+def test_ten_interruptions_change_nothing(deck, platform, options):
+    """Without --checkpoint, a run that is killed goes on where the last one ended."""
+    interrupt_and_resume(deck, platform, 10, *options, seed=2)
+
+
+#: Example decks with few beads: what is changed of them.
+SMALL = {
+    "in.edpd": {"-10 10 -10 10 -5 5 units": "-3 3 -3 3 -3 3 units", "random 16000": "random 400"},
+    "in.dpdh-pressure": {"0 9 0 9 0 10": "0 4 0 4 0 4"},
+    "in.mdpd": {"-20 20 -7.5 7.5 -2 2 units": "-4 4 -4 4 -2 2 units"},
+    "in.srp": {},
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SMALL)
+def test_fields_volumes_and_densities_are_resumed(tmp_path, name):
+    """Bead fields and their file, moves of the volume, densities, forces between bonds."""
+    for path in DECKS.iterdir():
+        shutil.copy(path, tmp_path / path.name)
+    text = (DECKS / name).read_text(encoding="utf-8")
+    for old, new in SMALL[name].items():
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / name).write_text(text, encoding="utf-8")
+    interrupt_and_resume(tmp_path / name, "CPU", 4, "--steps", "60", "--checkpoint", "10", "--var", "every", "10", first=0.6)
+
+
+def stopped(deck: Path, *more: str) -> Path:
+    """A run that was interrupted in its second half."""
+    out = deck.parent / "out"
+    with signal_at(0, 0) as calls:
+        assert main(arguments(deck, deck.parent / "whole", "CPU", *more)) == 0
+    assert interrupted(3 * calls[0] // 4, signal.SIGTERM, arguments(deck, out, "CPU", *more)) == 143
+    return out
+
+
+def error_of(capsys, *words: str) -> str:
+    capsys.readouterr()
+    assert main(["run", *words, "--quiet"]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("openmm-dpd: error: ") and error.count("\n") == 1
+    return error
+
+
+def test_what_cannot_be_resumed_is_said_with_the_remedy(deck, capsys):
+    """Other options, another deck, files that have gone, checkpoints that are none; and then it goes on after all."""
+    out = stopped(deck)
+    assert f"go on with --restart {out}" in capsys.readouterr().err
+    again = (str(deck), "--restart", str(out))
+    assert "--dt 0.02 cannot be combined with --restart: the interrupted run had none; leave it out" in error_of(
+        capsys, *again, "--dt", "0.02"
+    )
+    assert "--platform Reference cannot be combined" in error_of(capsys, *again, "--platform", "Reference")
+    assert "--var cannot be changed by --restart" in error_of(capsys, *again, "--var", "x", "1")
+    assert "cannot be another folder" in error_of(capsys, *again, "--out", str(deck.parent / "elsewhere"))
+    deck.write_text(TINY.replace("0.01", "0.02"), encoding="utf-8")
+    assert "is not the deck of the interrupted run, or has changed since" in error_of(capsys, *again)
+    deck.write_text(TINY, encoding="utf-8")
+    log = (out / "log.txt").read_bytes()
+    (out / "log.txt").write_bytes(log[:-1])
+    assert "at the checkpoint: the run cannot go on with it; put the file back" in error_of(capsys, *again)
+    (out / "log.txt").write_bytes(log)
+    latest = (out / "checkpoint" / "latest").read_bytes()
+    for content in (latest[:-10], b"", pickle.dumps({"format": "else"})):
+        (out / "checkpoint" / "latest").write_bytes(content)
+        assert "latest is no checkpoint" in error_of(capsys, *again)
+    (out / "checkpoint" / "latest").write_bytes(latest)
+    # by a file of it, with what may change
+    assert main(["run", str(deck), "--restart", str(out / "checkpoint" / "latest"), "--threads", "2", "--checkpoint", "10", "--quiet"]) == 0
+    (out / "report.json").write_bytes((deck.parent / "whole" / "report.json").read_bytes())
+    assert contents(out) == contents(deck.parent / "whole")
+    assert "there is no checkpoint in" in error_of(capsys, *again)
+
+
+def test_code_in_a_checkpoint_is_not_run(deck, capsys):
+    """Neither a function, nor a class that would write."""
+    out = deck.parent / "out"
+    (out / "checkpoint").mkdir(parents=True)
+
+    class Planted:
+        def __init__(self, call, *words):
+            self.made = call, words
+
+        def __reduce__(self):
+            return self.made
+
+    target = deck.parent / "planted"
+    for planted in (Planted(os.system, f"touch {target}"), Planted(BlockFile, str(target), "x"), Planted(Path.touch, target)):
+        (out / "checkpoint" / "latest").write_bytes(pickle.dumps({"format": "openmm-dpd checkpoint 1", "deck": planted}))
+        assert "does not belong into a checkpoint" in error_of(capsys, str(deck), "--restart", str(out))
+    assert not target.exists()
+
+
+def test_volume_moves_of_openmm_are_refused(capsys, tmp_path):
+    deck = DECKS / "in.dpdp-pressure"
+    words = [str(deck), "--platform", "CPU", "--threads", "1", "--out", str(tmp_path), "--checkpoint", "10"]
+    error = error_of(capsys, *words)
+    assert "--checkpoint: this run could not be resumed: OpenMM's MonteCarlo" in error and "leave the option out" in error
+
+
+def test_forces_of_openmm_on_the_cpu_platform_are_not_bit_for_bit(deck, capsys):
+    words = [
+        "run",
+        str(deck),
+        "--platform",
+        "CPU",
+        "--threads",
+        "1",
+        "--out",
+        str(deck.parent / "out"),
+        "--steps",
+        "2",
+        "--checkpoint",
+        "1",
+    ]
+    for more, said in (([], False), (["--conservative", "openmm"], True)):
+        assert main([*words, *more]) == 0
+        assert ("not bit for bit" in capsys.readouterr().out) == said

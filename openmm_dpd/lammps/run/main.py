@@ -133,7 +133,8 @@ def _carried_out(path: Path, runner: DeckRunner, folder: Path | None, keep: Call
         runner.log(averages_text(runner.results))
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt) and runner.checkpoints is not None:
-            error.args = (*error.args, runner.checkpoints.remedy(runner.not_resumable))
+            stopped = error.args[0] if error.args else f"interrupted by {signals.name}"
+            error.args = (stopped, runner.checkpoints.remedy(runner.not_resumable))
         if any(result.steps_done for result in runner.results):
             with signals.later():
                 try:

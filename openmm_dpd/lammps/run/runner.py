@@ -96,6 +96,7 @@ class DeckRunner:
         scene = request.scene()
         built = build_request(request, scene, options)
         barostat = connect_barostat(request, built)
+        self._check_resumable(request, built)
         self.say_notes(state)
         warm_up(built.plan.spec, self.log)
         warm_up_segments(scene)
@@ -105,7 +106,6 @@ class DeckRunner:
         if COUNTER in simulation.context.getParameters():
             # every run draws new noise
             simulation.context.setParameter(COUNTER, self.counter)
-        self._check_resumable(request, built)
         result = self._result(request, simulation, present)
         self.results.append(result)
         with self.signals.later():
@@ -202,6 +202,10 @@ class DeckRunner:
         self.not_resumable = _why_not(request, built)
         if self.not_resumable is not None and self.options.checkpoint:
             raise RunError(f"{_where(request)}--checkpoint: this run could not be resumed: {self.not_resumable}; leave the option out")
+        if self.options.checkpoint and not _exact(built):
+            request.state.note(
+                "a run that is resumed agrees with one that was not interrupted to the rounding of this platform's forces, not bit for bit"
+            )
 
     def _kept(self, request: RunRequest, result: RunResult) -> dict[str, Any]:
         """What belongs into a checkpoint of a run, done or not."""
@@ -250,6 +254,14 @@ class DeckRunner:
 
 def _fingerprint(request: RunRequest) -> tuple:
     return request.first_step, request.steps, request.dt, request.scheme, len(request.state.atoms)
+
+
+def _exact(built: BuiltSystem) -> bool:
+    """Whether forces have the same bits after a restart: those of OpenMM have not in single precision, from a list with a history."""
+    plan = built.plan
+    return plan.platform == "Reference" or (
+        plan.platform == "CPU" and plan.options.whole_steps and (plan.ewald is None or plan.charges_held)
+    )
 
 
 def _why_not(request: RunRequest, built: BuiltSystem) -> str | None:
