@@ -97,7 +97,7 @@ class FileLedger:
     def _note(self, name: str, entry: _Entry) -> None:
         self.journal.parent.mkdir(parents=True, exist_ok=True)
         with open(self.journal, "a", encoding="utf-8") as stream:
-            stream.write(json.dumps([name, entry.grows, entry.begun, entry.before]) + "\n")
+            stream.write(_line(name, entry))
 
     # -- checkpoints --------------------------------------------------------------------------------------------------------------
     def lengths(self) -> dict[str, dict[str, Any]]:
@@ -119,6 +119,7 @@ class FileLedger:
             If a file has gone, or is shorter than it was.
         """
         now = self._read_journal()
+        self.journal.parent.mkdir(parents=True, exist_ok=True)
         for name, was in lengths.items():
             path = self.root / name
             if not was["grows"] or "length" not in was or now.get(name, (True, was["begun"]))[:2] != (True, was["begun"]):
@@ -144,9 +145,9 @@ class FileLedger:
         self._entries = {name: _Entry(was["grows"], was["begun"], was["before"]) for name, was in lengths.items()}
         for name, was in lengths.items():
             self._entries[name].regions = {start: len(part) for start, part in was.get("parts", {}).items()}
-        self.journal.unlink(missing_ok=True)
-        for name, entry in self._entries.items():
-            self._note(name, entry)
+        beside = self.journal.with_name(f"{self.journal.name}.new")
+        beside.write_text("".join(_line(name, entry) for name, entry in self._entries.items()), encoding="utf-8")
+        os.replace(beside, self.journal)
 
     def _read_journal(self) -> dict[str, tuple[bool, int, int | None]]:
         """For each file whether it grows, how often it was begun, and its length before the first time."""
@@ -158,6 +159,10 @@ class FileLedger:
                 continue  # cut short together with the run
             found[name] = (grows, begun, found[name][2] if name in found else before)
         return found
+
+
+def _line(name: str, entry: _Entry) -> str:
+    return json.dumps([name, entry.grows, entry.begun, entry.before]) + "\n"
 
 
 def _parts(path: Path, regions: dict[int, int]) -> dict[int, bytes]:

@@ -14,6 +14,7 @@ from interrupted_runs import contents, interrupted, signal_at
 
 from openmm_dpd.cli import main
 from openmm_dpd.files import BlockFile
+from openmm_dpd.lammps.run.checkpoint import Checkpoints
 
 DECKS = Path(__file__).parents[2] / "examples" / "decks"
 
@@ -105,6 +106,26 @@ def interrupt_and_resume(deck: Path, platform: str, moments: int, *options: str,
     assert begun > moments // 2
 
 
+def interrupt_again_and_again(deck: Path, platform: str, times: int, *options: str, seed: int) -> None:
+    """Interrupt one run by each signal in turn, go on with it until the next one comes, and compare all files at its end."""
+    whole, out = deck.parent / "whole", deck.parent / "out"
+    with signal_at(0, 0) as calls:
+        assert main(arguments(deck, whole, platform, *options)) == 0
+    begun = arguments(deck, out, platform, *options)
+    resumed = ["run", str(deck), "--restart", str(out), "--json", str(out / "report.json"), "--quiet"]
+    words, rng, reached = begun, np.random.default_rng(seed), []
+    for k in range(times):
+        # far enough that there is a checkpoint, or a new one; what is done is recalled in few calls
+        call = int(calls[0] * (rng.uniform(0.2, 0.3) if k == 0 else 0.05 + rng.uniform(0.5, 1.0) / times))
+        assert interrupted(call, SIGNALS[k % 3], words) in (-SIGNALS[k % 3], 128 + SIGNALS[k % 3]), (k, reached)
+        latest = Checkpoints(out).latest()
+        reached.append((latest.runs, latest.present and latest.present["step"]))
+        words = resumed
+    assert len(set(reached)) > times // 2, reached
+    assert main(resumed) == 0
+    assert contents(out) == contents(whole)
+
+
 @pytest.fixture
 def deck(tmp_path) -> Path:
     path = tmp_path / "in.tiny"
@@ -113,9 +134,9 @@ def deck(tmp_path) -> Path:
 
 
 @pytest.mark.parametrize("platform", ["Reference", "CPU"])
-def test_three_interruptions_change_nothing(deck, platform, monkeypatch):
+def test_three_interruptions_of_one_run_change_nothing(deck, platform, monkeypatch):
     monkeypatch.setattr("openmm_dpd.lammps.run.main.thermo_picture", lambda *_, **__: None)  # most of the time
-    interrupt_and_resume(deck, platform, 3, "--checkpoint", "20")
+    interrupt_again_and_again(deck, platform, 3, "--checkpoint", "10", seed=1)
 
 
 @pytest.mark.slow
@@ -124,6 +145,12 @@ def test_three_interruptions_change_nothing(deck, platform, monkeypatch):
 def test_ten_interruptions_change_nothing(deck, platform, options):
     """Without --checkpoint, a run that is killed goes on where the last one ended."""
     interrupt_and_resume(deck, platform, 10, *options, seed=2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("platform", ["Reference", "CPU"])
+def test_ten_interruptions_of_one_run_change_nothing(deck, platform):
+    interrupt_again_and_again(deck, platform, 10, "--checkpoint", "5", seed=3)
 
 
 #: Example decks with few beads: what is changed of them.
@@ -146,7 +173,7 @@ def test_fields_volumes_and_densities_are_resumed(tmp_path, name):
         assert old in text
         text = text.replace(old, new)
     (tmp_path / name).write_text(text, encoding="utf-8")
-    interrupt_and_resume(tmp_path / name, "CPU", 4, "--steps", "60", "--checkpoint", "10", "--var", "every", "10", first=0.6)
+    interrupt_and_resume(tmp_path / name, "CPU", 3, "--steps", "60", "--checkpoint", "10", "--var", "every", "10", first=0.6)
 
 
 def stopped(deck: Path, *more: str) -> Path:

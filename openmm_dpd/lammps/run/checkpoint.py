@@ -115,8 +115,9 @@ class Checkpoints:
 
     @staticmethod
     def at(place: Path) -> Path:
-        """Folder of the results from what ``--restart`` says: that folder, or a file of its checkpoint."""
-        folder = place.parent.parent if place.is_file() and place.parent.name == FOLDER else place
+        """Folder of the results from what ``--restart`` says: that folder, its checkpoint, or a file of that."""
+        folder = place.parent if place.is_file() else place
+        folder = folder.parent if folder.name == FOLDER else folder
         if not (folder / FOLDER / "latest").is_file():
             done = " (a run that has come to its end has none any more)" if folder.is_dir() else ""
             raise ParameterError(f"--restart: there is no checkpoint in {folder}{done}; give the --out folder of the interrupted run")
@@ -150,7 +151,7 @@ class Checkpoints:
     def clear(self) -> None:
         """Take all of it away: there is nothing to resume."""
         if self.folder.is_dir():
-            for path in [self.folder / "latest", *self.folder.glob("run-*"), self.ledger.journal]:
+            for path in [self.folder / "latest", *self.folder.glob("run-*"), *self.folder.glob("files*")]:
                 path.unlink(missing_ok=True)
             with suppress(OSError):
                 self.folder.rmdir()
