@@ -64,7 +64,7 @@ def contents(out: Path) -> dict[str, object]:
             found[name] = without_times(json.loads(path.read_text(encoding="utf-8")))
         elif name == "log.txt":
             lines = path.read_text(encoding="utf-8").splitlines()
-            found[name] = [line for line in lines if not line.startswith(("run ", "compiling"))]
+            found[name] = [line for line in lines if not line.startswith(("Loop time", "compiling"))]
         else:
             found[name] = path.read_bytes()
     return found

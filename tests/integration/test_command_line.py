@@ -67,8 +67,11 @@ def test_run_writes_everything(deck, tmp_path, capsys):
     assert sum("Step" in line and "v_twice" in line for line in printed) == 2
     # everything is in the log as well, and what it took
     assert (out / "log.txt").read_text(encoding="utf-8").splitlines() == printed[:-1]
-    speeds = [re.fullmatch(r"run (\d): (\d+) steps of 192 beads in \S+ s, (\S+) steps/s, (\S+) bead-steps/s", line) for line in printed]
-    assert [(found[1], found[2]) for found in speeds if found] == [("1", "50"), ("2", "30")]
+    speeds = [
+        re.fullmatch(r"Loop time of \S+ s for (\d+) steps of 192 beads \(run (\d)\): (\S+) steps/s, (\S+) bead-steps/s", line)
+        for line in printed
+    ]
+    assert [(found[2], found[1]) for found in speeds if found] == [("1", "50"), ("2", "30")]
     assert all(float(found[4]) == pytest.approx(192 * float(found[3]), rel=0.01) for found in speeds if found)
     temperature = report["thermo"]["temp"]
     assert "averages of run 2 over 4 rows, steps 50 to 80, with standard errors:" in printed

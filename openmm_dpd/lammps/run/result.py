@@ -134,13 +134,13 @@ class RunResult:
         }, "the Laplacian is 0 in all blocks of rows but one, so the standard error is not defined" if lacking else None
 
     def speed(self) -> str:
-        """How many steps were taken, and how fast."""
-        request, seconds = self.request, self.seconds
-        head = f"run {request.number + 1}: {self.steps_taken} steps of {len(request.state.atoms)} beads in {seconds:.3g} s"
+        """How long the steps took; the line begins as LAMMPS's, by which readers of its logs find the end of the rows."""
+        beads, seconds = len(self.request.state.atoms), self.seconds
+        head = f"Loop time of {seconds:.3g} s for {self.steps_taken} steps of {beads} beads (run {self.request.number + 1})"
         if not self.steps_taken or not seconds:
             return head
         rate = self.steps_taken / seconds
-        return f"{head}, {rate:.4g} steps/s, {rate * len(request.state.atoms):.3g} bead-steps/s"
+        return f"{head}: {rate:.4g} steps/s, {rate * beads:.3g} bead-steps/s"
 
     def summary(self) -> dict[str, Any]:
         """One object of the JSON file."""
