@@ -1,4 +1,4 @@
-"""The command line, ``openmm-dpd run | forces | explain | export``: thin over :mod:`openmm_dpd.lammps`."""
+"""The command line, ``openmm-dpd run | forces | explain | recommend | export``: thin over :mod:`openmm_dpd.lammps`."""
 
 from __future__ import annotations
 
@@ -11,72 +11,108 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
+import openmm
+
+from . import __version__
 from .errors import DPDError, OutputError, ParameterError
 from .files import write_whole
 from .signals import Signals
 
+#: Options of several commands: their names, and what argparse is told.
+_SHARED = {
+    "deck": ("deck", {"type": Path, "metavar": "DECK", "help": "LAMMPS input script"}),
+    "var": (
+        ("--var", "-var"),
+        {"nargs": 2, "action": "append", "default": [], "metavar": ("NAME", "VALUE"), "help": "set an index variable of the deck"},
+    ),
+    "scheme": ("--scheme", {"metavar": "S", "help": "integration scheme, a name or a word (default: what the deck's fixes say)"}),
+    "dt": ("--dt", {"type": float, "metavar": "DT", "help": "time step, in the deck's units (default: the deck's)"}),
+    "steps": ("--steps", {"type": int, "metavar": "N", "help": "number of steps of every run (default: the deck's)"}),
+    "seed": ("--seed", {"type": int, "metavar": "K", "help": "seed of the noise (default: the deck's)"}),
+    "compat": (
+        "--compat",
+        {
+            "choices": ("consistent", "lammps"),
+            "default": "consistent",
+            "help": "heat of pair style edpd: so that energy is conserved (default), or as LAMMPS computes it",
+        },
+    ),
+    "platform": ("--platform", {"metavar": "P", "help": "Reference, CPU, OpenCL or CUDA (default: the fastest there is)"}),
+    "precision": ("--precision", {"choices": ("single", "mixed", "double"), "help": "precision of a GPU platform"}),
+    "threads": ("--threads", {"type": int, "metavar": "N", "help": "threads of OpenMM and of the pair kernel (default: all cores)"}),
+    "conservative": (
+        "--conservative",
+        {
+            "choices": ("auto", "openmm", "kernel"),
+            "default": "auto",
+            "help": "what computes the conservative force: CustomNonbondedForce of OpenMM, or the pair kernel (default: auto)",
+        },
+    ),
+}
+
+
+def _add(parser: argparse.ArgumentParser, names: str) -> None:
+    """Add options of :data:`_SHARED`."""
+    for name in names.split():
+        called, told = _SHARED[name]
+        parser.add_argument(*([called] if isinstance(called, str) else called), **told)  # type: ignore[arg-type]
+
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="openmm-dpd", description="Dissipative particle dynamics with OpenMM, from LAMMPS decks.")
-    commands = parser.add_subparsers(dest="command", required=True)
-    run = commands.add_parser("run", help="run a deck", description="Run a LAMMPS deck.")
-    run.add_argument(
-        "--scheme",
-        help="integration scheme of every run, a name or a word (default: what the deck's fixes say)",
+    about = "Dissipative particle dynamics with OpenMM, from LAMMPS input scripts (decks)."
+    parser = argparse.ArgumentParser(
+        prog="openmm-dpd", description=about, epilog="openmm-dpd COMMAND --help shows the options of a command"
     )
-    run.add_argument("--dt", type=float, metavar="DT", help="time step of every run, in the deck's units")
-    run.add_argument("--steps", type=int, metavar="N", help="number of steps of every run")
-    run.add_argument("--discard", type=int, default=0, metavar="N", help="leave the first N steps of each run out of averages")
-    run.add_argument(
-        "--out", type=Path, metavar="DIR", help="folder for all files that are written but those with absolute names (default: out/NAME)"
+    parser.add_argument("--version", action="version", version=f"openmm-dpd {__version__}, OpenMM {openmm.__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    def command(name: str, text: str, shared: str) -> argparse.ArgumentParser:
+        added = commands.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
+        _add(added, shared)
+        return added
+
+    run = command("run", "run a deck", "deck scheme dt steps seed var platform precision threads conservative compat")
+    _add_run_options(run)
+    forces = command(
+        "forces",
+        "write the forces at the first configuration of a deck, term by term",
+        "deck seed var platform precision threads conservative compat",
     )
-    run.add_argument("--quiet", action="store_true", help="print nothing but errors")
-    forces = commands.add_parser("forces", help="forces term by term at the first configuration of a deck")
-    export = commands.add_parser("export", help="write the first run of a deck as in.NAME and data.NAME, for LAMMPS on a cluster")
-    explain = commands.add_parser("explain", help="print what would be built for the first run of a deck")
-    explain.add_argument("--scheme", help="integration scheme, a name or a word (default: what the deck's fixes say)")
-    explain.add_argument("--dt", type=float, metavar="DT", help="time step, in the deck's units")
-    for command in (run, forces, explain):
-        command.add_argument("deck", type=Path, metavar="DECK", help="LAMMPS input file")
-        command.add_argument("--platform", metavar="P", help="Reference, CPU, OpenCL or CUDA (default: the fastest there is)")
-        command.add_argument("--seed", type=int, metavar="K", help="seed of the noise (default: the deck's)")
-        command.add_argument("--threads", type=int, metavar="N", help="threads of OpenMM and of the pair kernel (default: all cores)")
-        command.add_argument(
-            "--conservative",
-            choices=("auto", "openmm", "kernel"),
-            default="auto",
-            help="where the conservative force is computed: CustomNonbondedForce or pair kernel",
-        )
-        command.add_argument(
-            "--compat",
-            choices=("consistent", "lammps"),
-            default="consistent",
-            help="heat of pair style edpd: so that energy is conserved (default), or as LAMMPS computes it",
-        )
-        command.add_argument(
-            "--var", "-var", nargs=2, action="append", default=[], metavar=("NAME", "VALUE"), help="set an index variable of the deck"
-        )
-    _add_export_options(export)
-    for command in (run, forces):
-        command.add_argument("--precision", choices=("single", "mixed", "double"), help="precision of a GPU platform")
-        command.add_argument("--json", type=Path, metavar="FILE", required=command is forces, help="write results to this file")
+    forces.add_argument("--json", type=Path, metavar="FILE", required=True, help="file for the forces")
+    command(
+        "explain", "print what would be built for the first run of a deck", "deck scheme dt seed var platform threads conservative compat"
+    )
+    advice = command("recommend", "print which scheme and time step suit the first run of a deck", "deck scheme dt var")
+    advice.add_argument(
+        "--error", type=float, default=0.01, metavar="E", help="relative error of the temperatures to accept (default: 0.01)"
+    )
+    export = command("export", "write the first run of a deck as in.NAME and data.NAME, for LAMMPS on a cluster", "deck")
+    export.add_argument("directory", type=Path, metavar="DIR", help="folder to write to")
+    export.add_argument("--name", metavar="NAME", help="files are in.NAME and data.NAME (default: the deck's name without 'in.')")
+    export.add_argument("--every", type=int, metavar="N", help="steps between two frames (default: a hundredth of the steps)")
+    _add(export, "scheme dt steps seed compat var")
     return parser
 
 
-def _add_export_options(export: argparse.ArgumentParser) -> None:
-    export.add_argument("deck", type=Path, metavar="DECK", help="LAMMPS input file")
-    export.add_argument("directory", type=Path, metavar="DIR", help="folder to write to")
-    export.add_argument("--name", metavar="NAME", help="files are in.NAME and data.NAME (default: the deck's name without 'in.')")
-    export.add_argument("--scheme", help="integration scheme, a name or a word; what LAMMPS does not have is replaced by what is nearest")
-    export.add_argument("--dt", type=float, metavar="DT", help="time step, in the deck's units")
-    export.add_argument("--steps", type=int, metavar="N", help="number of steps")
-    export.add_argument("--every", type=int, metavar="N", help="steps between two frames (default: a hundredth of the steps)")
-    export.add_argument("--seed", type=int, metavar="K", help="seed of the noise (default: the deck's)")
-    export.add_argument(
-        "--compat", choices=("consistent", "lammps"), default="consistent", help="what the scene means where LAMMPS differs on purpose"
+def _add_run_options(run: argparse.ArgumentParser) -> None:
+    results = run.add_argument_group("results")
+    results.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for all files that are written but those with absolute names (default: out/NAME)"
     )
-    export.add_argument(
-        "--var", "-var", nargs=2, action="append", default=[], metavar=("NAME", "VALUE"), help="set an index variable of the deck"
+    results.add_argument("--json", type=Path, metavar="FILE", help="write averages and profiles to this file")
+    results.add_argument("--discard", type=int, default=0, metavar="N", help="leave the first N steps of each run out of averages")
+    results.add_argument("--every", type=int, metavar="N", help="steps between two frames of the trajectory (default: 100 frames a run)")
+    results.add_argument("--format", choices=("dcd", "xtc"), default="dcd", help="format of the trajectory (default: dcd)")
+    results.add_argument("--quiet", action="store_true", help="print nothing but errors; all rows are in DIR/log.txt")
+    kept = run.add_argument_group("interruptions")
+    kept.add_argument(
+        "--checkpoint",
+        type=int,
+        metavar="N",
+        help="store a checkpoint every N steps (default: where a run ends, and on Ctrl-C or SIGTERM)",
+    )
+    kept.add_argument(
+        "--restart", type=Path, metavar="DIR", help="go on with an interrupted run, with its options, in its folder DIR (the --out of it)"
     )
 
 
@@ -89,7 +125,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     signals = Signals()
     with signals.caught():
         try:
-            {"run": _run, "forces": _forces, "explain": _explain, "export": _export}[options.command](options, signals)
+            {"run": _run, "forces": _forces, "explain": _explain, "recommend": _recommend, "export": _export}[options.command](
+                options, signals
+            )
         except KeyboardInterrupt as error:
             return _interrupted(signals, str(error))
         except DPDError as error:
@@ -111,17 +149,22 @@ def _options(options: argparse.Namespace):
     from .lammps import RunOptions
 
     names = RunOptions.__dataclass_fields__
-    return RunOptions(**{name: value for name, value in vars(options).items() if name in names})
+    try:
+        return RunOptions(**{name: value for name, value in vars(options).items() if name in names})
+    except ParameterError as error:
+        raise ParameterError(f"--{error}") from None  # it begins with the name
 
 
 def _run(options: argparse.Namespace, signals: Signals) -> None:
     from tqdm import tqdm
 
     from .lammps import run_deck
+    from .lammps.run.checkpoint import Checkpoints
 
     # lines above the progress bar, not through it
     log = (lambda _: None) if options.quiet else tqdm.write
-    out = options.out or Path("out") / options.deck.name.removeprefix("in.")
+    default = Path("out") / options.deck.name.removeprefix("in.")
+    out = Checkpoints.at(options.restart) if options.restart else options.out or default
     _make_folder(out, "--out")
     if options.json:
         _check_target(options.json)
@@ -132,10 +175,21 @@ def _run(options: argparse.Namespace, signals: Signals) -> None:
 
     chosen, variables, progress = _options(options), dict(options.var), not options.quiet
     try:
-        run_deck(options.deck, chosen, out=out, log=log, variables=variables, progress=progress, keep=keep, signals=signals)
+        run_deck(
+            options.deck,
+            chosen,
+            out=options.out if options.restart else out,
+            log=log,
+            variables=variables,
+            progress=progress,
+            keep=keep,
+            signals=signals,
+            restart=options.restart,
+        )
     except KeyboardInterrupt as error:
-        if error.args:  # a run had begun
-            raise KeyboardInterrupt(f"{error}; what was computed until then is in {out}/") from None
+        if error.args:  # the deck was being read
+            stopped, remedy = error.args
+            raise KeyboardInterrupt(f"{stopped}; what was computed until then is in {out}/; {remedy}") from None
         raise
     log(f"files are in {out}/")
 
@@ -152,6 +206,12 @@ def _explain(options: argparse.Namespace, signals: Signals) -> None:
     from .lammps import explain_deck
 
     print(explain_deck(options.deck, _options(options), variables=dict(options.var)))
+
+
+def _recommend(options: argparse.Namespace, signals: Signals) -> None:
+    from .lammps import recommend_deck
+
+    print(recommend_deck(options.deck, _options(options), error=options.error, variables=dict(options.var)))
 
 
 def _export(options: argparse.Namespace, signals: Signals) -> None:

@@ -5,7 +5,7 @@ import struct
 
 import numpy as np
 
-from .files import BlockFile
+from .files import BlockFile, writing
 
 #: Where the header holds the number of frames.
 _COUNT_AT = 8
@@ -19,11 +19,12 @@ class DCDWriter:
     Parameters
     ----------
     path : path-like
-        Written anew.
     n_beads : int
         Number of beads of every frame.
     what : str
         What it is, for errors.
+    append : bool, default False
+        Go on with the frames of a file that this class has written; otherwise the file is written anew.
 
     Raises
     ------
@@ -31,8 +32,15 @@ class DCDWriter:
         If it cannot be written.
     """
 
-    def __init__(self, path: str | os.PathLike, n_beads: int, what: str):
-        self._file, self._frames, self._n_beads = BlockFile(path, what), 0, n_beads
+    def __init__(self, path: str | os.PathLike, n_beads: int, what: str, append: bool = False):
+        self._frames, self._n_beads = 0, n_beads
+        if append:
+            with writing(path, what), open(path, "rb") as stream:
+                stream.seek(_COUNT_AT)
+                (self._frames,) = struct.unpack("<i", stream.read(4))
+        self._file = BlockFile(path, what, append)
+        if append:
+            return
         # 20 numbers: frames, first step and interval among them; the last one is CHARMM's version, the eleventh says that there is a box
         control = struct.pack("<9if10i", 0, 0, 1, 0, 0, 0, 0, 0, 0, 1.0, 1, *[0] * 8, 24)
         title = struct.pack("<i80s80s", 2, b"openmm-dpd".ljust(80), b"".ljust(80))

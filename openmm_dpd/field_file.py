@@ -13,6 +13,7 @@ from .built import BuiltSystem
 from .cadence import Cadence
 from .errors import ParameterError, what_is
 from .fields import read_fields
+from .file_ledger import ledger_in_use
 from .files import writing
 
 _WHAT = "the file of fields"
@@ -41,11 +42,15 @@ class FieldWriter:
     def __init__(self, file: str | os.PathLike, append: bool = False):
         self.file, self.frames = os.fspath(file), 0
         self._shapes: dict[str, tuple[int, ...]] = {}
+        ledger = ledger_in_use()
+        if ledger is not None:
+            ledger.touch(self.file, grows=True, anew=not append)
         if append and os.path.exists(self.file):
             self._continue()
         else:
             with writing(self.file, _WHAT), zipfile.ZipFile(self.file, "w"):
                 pass
+            self._report(0)
 
     def _continue(self) -> None:
         """Count the frames that are there and look at the last one."""
@@ -69,6 +74,13 @@ class FieldWriter:
                     np.save(buffer, values)
                     archive.writestr(f"{name}/{self.frames:08d}.npy", buffer.getvalue())
         self.frames, self._shapes = self.frames + 1, shapes
+        self._report(archive.start_dir)
+
+    def _report(self, directory: int) -> None:
+        """Tell a ledger where the archive's directory begins, which the next frame overwrites."""
+        ledger = ledger_in_use()
+        if ledger is not None:
+            ledger.tail(self.file, directory)
 
 
 @contextmanager

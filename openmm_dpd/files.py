@@ -10,6 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from .errors import OutputError
+from .file_ledger import ledger_in_use
 
 #: What helps, by the kind of error; writing elsewhere helps against all others.
 _REMEDIES = {
@@ -46,9 +47,14 @@ def write_whole(path: str | os.PathLike, content: str | bytes, what: str) -> Non
         If it cannot be written; nothing is left behind then.
     """
     data = content.encode() if isinstance(content, str) else content
+    ledger = ledger_in_use()
+    if ledger is not None and ledger.replaying:
+        return  # the file is there already
     # a link stays one
     target = Path(os.path.realpath(path))
     with writing(path, what):
+        if ledger is not None:
+            ledger.touch(target, grows=False, anew=True)
         if target.exists() and not target.is_file():
             with open(target, "wb", buffering=0) as stream:  # a device or a pipe has nothing to keep
                 _write_all(stream, data)
@@ -82,9 +88,15 @@ class BlockFile:
     """
 
     def __init__(self, path: str | os.PathLike, what: str, append: bool = False):
-        self.path, self._what = path, what
+        self.path, self._what, self._ledger = path, what, ledger_in_use()
         with writing(path, what):
-            self._stream = open(path, "ab" if append else "wb", buffering=0)
+            if self._ledger is not None:
+                self._ledger.touch(path, grows=True, anew=not append)
+            self._stream = open(path, "wb", buffering=0, opener=_opener(append or self._replaying))
+
+    @property
+    def _replaying(self) -> bool:
+        return self._ledger is not None and self._ledger.replaying
 
     def __enter__(self) -> BlockFile:
         return self
@@ -94,6 +106,8 @@ class BlockFile:
 
     def write(self, block: str | bytes) -> None:
         """Add a block at the end."""
+        if self._replaying:
+            return
         stream = self._stream
         with writing(self.path, self._what):
             end = stream.seek(0, os.SEEK_END) if stream.seekable() else None
@@ -106,6 +120,10 @@ class BlockFile:
 
     def replace(self, start: int, part: bytes) -> None:
         """Write over bytes that are there."""
+        if self._replaying:
+            return
+        if self._ledger is not None:
+            self._ledger.overwritten(self.path, start, len(part))
         with writing(self.path, self._what):
             self._stream.seek(start)
             _write_all(self._stream, part)
@@ -114,6 +132,12 @@ class BlockFile:
         """Close the file."""
         with writing(self.path, self._what):
             self._stream.close()
+
+
+def _opener(keeping: bool):
+    """How a file is opened to be written anywhere: with what it holds, or empty."""
+    flags = os.O_WRONLY | os.O_CREAT | getattr(os, "O_BINARY", 0) | (0 if keeping else os.O_TRUNC)
+    return lambda path, _: os.open(path, flags, 0o666)
 
 
 def append_block(path: str | os.PathLike, block: str, what: str, *, anew: bool = False) -> None:

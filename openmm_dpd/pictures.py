@@ -22,6 +22,9 @@ PANELS = (
 #: Colours (dark for means, light for rows), told apart by colour-blind readers too.
 COLOURS = (("#1f5a99", "#a9c6e3"), ("#b3541e", "#efc9ae"))
 
+#: What the lines are.
+CAPTION = "light: rows of the thermo output; dark: mean over a tenth of the run around each row; dotted: a new run begins"
+
 #: Most rows that are drawn one by one; longer series show every so many.
 MOST_ROWS = 20_000
 
@@ -38,8 +41,8 @@ def thermo_picture(
 ) -> None:
     """Draw thermo columns against time into a PNG file.
 
-    Rows are light lines, means over a sliding window (a tenth of a run, at least 5 rows) dark ones.  Panels without a column are left
-    out.
+    Rows are light lines (dots as well if they are few), means over a sliding window (a tenth of a run, at least 5 rows) dark ones; a line
+    at the foot says so.  Towards the ends of a run the window shrinks to a single row.  Panels without a column are left out.
 
     Parameters
     ----------
@@ -89,6 +92,7 @@ def thermo_picture(
         finish_axis(axis, with_unit(name, labels.get(name), "\n"), legend=len(words) > 1 or set_level)
     figure.align_ylabels(axes)
     axes[-1].set_xlabel(with_unit(x, labels.get(x)), fontsize=11)
+    figure.supxlabel(CAPTION, fontsize=9, color="0.35")
     if title:
         figure.suptitle(title, fontsize=12)
     write_picture(path, figure)
@@ -168,7 +172,7 @@ def _spans(x: np.ndarray, runs: Sequence[float]) -> list[slice]:
 
 
 def _sliding_mean(values: np.ndarray, window: int) -> np.ndarray:
-    """Centred mean over ``window`` rows, over down to a quarter of them towards the ends, NaN beyond; NaN rows do not count."""
+    """Centred mean over ``window`` rows, over fewer towards the ends, where it is the row itself; NaN rows do not count."""
     good = np.isfinite(values)
     total = np.concatenate([[0.0], np.cumsum(np.where(good, values, 0.0))])
     count = np.concatenate([[0], np.cumsum(good)])
@@ -177,17 +181,16 @@ def _sliding_mean(values: np.ndarray, window: int) -> np.ndarray:
     half = np.minimum(np.minimum(row, row[::-1]), window // 2)
     low, high = row - half, row + half + 1
     rows = count[high] - count[low]
-    enough = (rows > 0) & (half >= window // 8)
-    return np.divide(total[high] - total[low], rows, out=np.full(len(values), np.nan), where=enough)
+    return np.divide(total[high] - total[low], rows, out=np.full(len(values), np.nan), where=rows > 0)
 
 
 def _draw(axis: Any, x: np.ndarray, values: np.ndarray, spans: list[slice], label: str, colours: tuple[str, str], depth: int) -> None:
     """One column: rows light, sliding means dark; few rows are dots."""
     dark, light = colours
+    few = all(span.stop - span.start <= 60 for span in spans)
     for number, span in enumerate(spans):
         rows = span.stop - span.start
         step = max(1, rows // MOST_ROWS)
-        few = rows <= 60
         axis.plot(
             x[span][::step], values[span][::step], color=light, linewidth=0.9, marker="o" if few else None, markersize=3.5, zorder=depth
         )

@@ -70,11 +70,18 @@ class Recommendation:
     notes: tuple[str, ...] = ()
 
     def __str__(self) -> str:
+        return self.text()
+
+    def text(self, unit: float = 1.0, name: str = " ps") -> str:
+        """The recommendation in words, with steps in units of ``unit`` (ps), which is written as ``name``."""
         lines = [f"note: {note}" for note in self.notes]
-        if self.scheme is None:
+        if self.scheme is None or self.dt is None:
             return "\n".join(["no recommendation", *lines])
-        head = f"for temperatures within {100 * self.error:g} %: {self.scheme} at dt = {self.dt:.2g} ps"
-        table = [f"  {c.scheme:10s} dt {c.dt:.2g} ps, {c.relative_cost:.2f} times the time of mvv, set by {c.limit}" for c in self.choices]
+        head = f"for temperatures within {100 * self.error:g} %: {self.scheme} at dt = {self.dt / unit:.2g}{name}"
+        table = [
+            f"  {one.scheme:10s} dt {one.dt / unit:.2g}{name}, {one.relative_cost:.2f} times the time of mvv, set by {one.limit}"
+            for one in self.choices
+        ]
         return "\n".join([head, *table, *lines])
 
 

@@ -7,7 +7,7 @@ from .exchange.dump_reader import read_lammps_dump
 from .exchange.export import LammpsExport, export_deck, export_lammps
 from .exchange.frames import LammpsFrames
 from .run.deck import read_deck
-from .run.main import deck_forces, deck_scene, explain_deck, run_deck
+from .run.main import deck_forces, deck_scene, explain_deck, recommend_deck, run_deck
 from .run.options import RunOptions
 from .run.request import RunRequest
 from .styles.writing import ExportWarning
@@ -26,6 +26,7 @@ __all__ = [
     "read_deck",
     "read_lammps_data",
     "read_lammps_dump",
+    "recommend_deck",
     "run_deck",
     "scene_from_data",
 ]

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import signal
 import sys
 from pathlib import Path
 
 import numpy as np
+import openmm
 import pytest
 from fluid_deck import FLUID
 
+import openmm_dpd as dpd
 from openmm_dpd import cli
 from openmm_dpd.cli import main
 from openmm_dpd.errors import RunError
-from openmm_dpd.lammps import RunOptions, deck_forces, explain_deck, run_deck
+from openmm_dpd.lammps import RunOptions, deck_forces, deck_scene, explain_deck, run_deck
+from openmm_dpd.trajectory import load
 
 DECKS = Path(__file__).parents[2] / "examples" / "decks"
 
@@ -59,12 +63,78 @@ def test_run_writes_everything(deck, tmp_path, capsys):
     assert report["runs"][1]["thermo"]["pe"]["first"] == pytest.approx(report["runs"][0]["thermo"]["pe"]["last"], rel=1e-9)
     for name in ("trajectory.dcd", "topology.psf", "final_state.xml", "thermo.png"):
         assert (out / name).stat().st_size > 0
-    printed = capsys.readouterr().out
-    assert printed.count("v_twice") == 2
+    printed = capsys.readouterr().out.splitlines()
+    assert sum("Step" in line and "v_twice" in line for line in printed) == 2
+    # everything is in the log as well, and what it took
+    assert (out / "log.txt").read_text(encoding="utf-8").splitlines() == printed[:-1]
+    speeds = [
+        re.fullmatch(r"Loop time of \S+ s for (\d+) steps of 192 beads \(run (\d)\): (\S+) steps/s, (\S+) bead-steps/s", line)
+        for line in printed
+    ]
+    assert [(found[2], found[1]) for found in speeds if found] == [("1", "50"), ("2", "30")]
+    assert all(float(found[4]) == pytest.approx(192 * float(found[3]), rel=0.01) for found in speeds if found)
+    temperature = report["thermo"]["temp"]
+    assert "averages of run 2 over 4 rows, steps 50 to 80, with standard errors:" in printed
+    (line,) = (line for line in printed if line.startswith("  temp "))
+    assert line.split()[1] == f"{temperature['mean']:.8g}" and (temperature["sem"] is None) == ("+-" not in line)
+    assert not (out / "checkpoint").exists()  # there is nothing to resume
+
+
+def test_version(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        main(["--version"])
+    assert capsys.readouterr().out == f"openmm-dpd {dpd.__version__}, OpenMM {openmm.__version__}\n"
+
+
+def test_recommend_speaks_in_the_units_of_the_deck(tmp_path, capsys):
+    deck = tmp_path / "in.fluid"
+    deck.write_text(FLUID, encoding="utf-8")
+    assert main(["recommend", str(deck), "--error", "0.02"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    best = dpd.recommend(deck_scene(deck), 0.02)
+    assert lines[0] == f"for temperatures within 2 %: {best.scheme} at dt = {best.dt:.2g}"
+    assert len(lines) == 1 + len(best.choices) + len(best.notes) + 1
+    assert lines[-1].startswith("as the deck says: your dt 0.01 with mvv: ")
+    assert best.text(0.001, " fs").splitlines()[0].endswith(f"dt = {best.dt / 0.001:.2g} fs")
+    assert main(["recommend", str(deck), "--scheme", "middle", "--dt", "0.03"]) == 0
+    assert "your dt 0.03 with middle" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("form", ["dcd", "xtc"])
+def test_frames_at_chosen_steps(deck, tmp_path, form):
+    """Multiples of --every, each once, although the second run begins where the first one ends."""
+    words = ["run", str(deck), "--platform", "CPU", "--threads", "1", "--out", str(tmp_path), "--format", form, "--every", "25", "--quiet"]
+    dump = "dump d all custom 25 dump.d xu yu zu\ndump_modify d format float %.9g\nrun 50"
+    deck.write_text(FLUID.replace("run 50", dump), encoding="utf-8")
+    assert main(words) == 0
+    frames = load(tmp_path / f"trajectory.{form}", tmp_path / "topology.psf")
+    dumped = (tmp_path / "dump.d").read_text(encoding="utf-8").split("ITEM: TIMESTEP\n")[1:]
+    assert [int(frame.split()[0]) for frame in dumped] == [0, 25, 50, 75]
+    expected = np.array([np.loadtxt(frame.splitlines()[8:]) for frame in dumped])
+    np.testing.assert_allclose(frames.xyz, expected, atol=6e-4 if form == "xtc" else 1e-6)
+    assert np.abs(expected[1:] - expected[:-1]).max() > 0.1
+    np.testing.assert_allclose(frames.unitcell_lengths, 4.0, atol=1e-6)
+    if form == "xtc":
+        np.testing.assert_allclose(frames.time, [0.0, 0.25, 0.5, 0.75], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--steps", "-4"], "--steps must be at least 0, but is -4"),
+        (["--checkpoint", "0"], "--checkpoint must be at least 1, but is 0"),
+        (["--every", "0"], "--every must be at least 1, but is 0"),
+        (["--dt", "nan"], "--dt must be > 0, but is nan"),
+        (["--restart", "nowhere"], "--restart: there is no checkpoint in nowhere; give the --out folder of the interrupted run"),
+    ],
+)
+def test_wrong_options_are_named(deck, capsys, words, message):
+    assert main(["run", str(deck), "--out", str(deck.parent / "out"), *words]) == 1
+    assert capsys.readouterr().err == f"openmm-dpd: error: {message}\n"
 
 
 def test_trajectory_opens_in_mdtraj_with_the_right_masses(deck, tmp_path):
-    from openmm_dpd.trajectory import bead_masses, load
+    from openmm_dpd.trajectory import bead_masses
 
     run_deck(deck, RunOptions(platform="CPU", threads=1), out=tmp_path)
     trajectory = load(tmp_path / "trajectory.dcd", tmp_path / "topology.psf")

@@ -163,7 +163,7 @@ def test_a_run_that_is_asked_to_end_keeps_what_is_there(deck, number, status, sc
     taken = report["steps"]
     text = f"interrupted by {number.name} after step {taken} of 100000000"
     assert report["stopped"] == text and taken >= 100
-    assert error.splitlines()[-1] == f"openmm-dpd: {text}; what was computed until then is in {out}/"
+    assert error.splitlines()[-1] == f"openmm-dpd: {text}; what was computed until then is in {out}/; go on with --restart {out}"
     dump = (out / "dump.d").read_text().split("ITEM: TIMESTEP\n")[1:]
     assert len(dump) == taken // 10 + 1 and all(len(frame.splitlines()) == 8 + 192 for frame in dump)
     rows = np.loadtxt(out / "mean.txt", ndmin=2)

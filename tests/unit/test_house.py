@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import re
 from collections import defaultdict
 
 from import_graph import PATHS, ROOT, TREES, circles
@@ -89,10 +88,14 @@ def test_files_are_short():
     assert {path.rpartition("/")[2] for path in long} <= LONG and len(long) <= len(LONG)
 
 
+#: Where features have been added since the core was cleaned up.
+GROWN = (
+    *("inputs/", "outputs/", "parameters/", "molecules/", "lammps/", "view.py", "optional.py", "cli.py", "barostat.py"),
+    *("analysis/membranes.py", "file_ledger.py", "xtc.py", "files.py", "dcd.py", "field_file.py"),
+)
+
+
 def test_the_core_stays_short():
-    """It had 35,281 lines when its clean-up began; 21,250 of these stood where no feature has been added since."""
-    grown = re.compile(
-        r"^openmm_dpd/(inputs/|outputs/|parameters/|view\.py|optional\.py|molecules/|lammps/|cli\.py|barostat\.py|analysis/membranes\.py)"
-    )
-    core = [path for path in PATHS.values() if not grown.match(path)]
-    assert len(core) > 120 and sum(len((ROOT / path).read_text(encoding="utf-8").splitlines()) for path in core) < 21_250
+    """The package had 35,281 lines when its clean-up began; 20,882 of these stood where no feature has been added since."""
+    core = [path for path in PATHS.values() if not path.removeprefix("openmm_dpd/").startswith(GROWN)]
+    assert len(core) > 120 and sum(len((ROOT / path).read_text(encoding="utf-8").splitlines()) for path in core) < 20_882

@@ -9,7 +9,7 @@ from test_lammps_chunks import BEADS, BLOCK, DECK, FLUID, FREE, PRISM, QUICK, be
 
 from openmm_dpd.analysis import radial_distribution
 from openmm_dpd.errors import DeckError
-from openmm_dpd.lammps import run_deck
+from openmm_dpd.lammps import RunOptions, run_deck
 from openmm_dpd.neighbours import pairs_within
 
 
@@ -104,6 +104,18 @@ def test_mean_positions_are_taken_once_a_step(tmp_path):
     # the mean of the origin and these positions is 1/2
     assert [first.compute("m", 1) for _ in range(3)] == pytest.approx([0.25] * 3)
     assert context_of(request, 2, shift=(4.0, 0, 0)).compute("m", 4) == pytest.approx((4 - 5 / 3) ** 2)
+
+
+def test_mean_positions_do_not_depend_on_who_reads_them(tmp_path):
+    """An average that is due at the step of a row does not count its positions twice."""
+    text = DECK + "compute m all msd average yes\nthermo 1\nthermo_style custom step c_m[4]\nthermo_modify format float %.17g\n{}run 6\n"
+    found = []
+    for more in ("", "fix a all ave/time 1 1 1 c_m[4]\n"):
+        (tmp_path / "in.deck").write_text(text.format(more), encoding="utf-8")
+        lines: list[str] = []
+        run_deck(tmp_path / "in.deck", RunOptions(platform="Reference", threads=1), log=lines.append)
+        found.append([line for line in lines if line.split()[:1] in [[str(step)] for step in range(7)]])
+    assert found[0] == found[1] and len(found[0]) == 7 and float(found[0][-1].split()[1]) > 0
 
 
 @pytest.mark.parametrize(

@@ -88,12 +88,24 @@ def test_runs_are_kept_apart():
 def test_sliding_mean():
     line = 3.0 * np.arange(50) - 7
     mean = _sliding_mean(line, 11)
-    assert np.isfinite(mean).tolist() == [False] + [True] * 48 + [False]
-    assert np.allclose(mean[1:-1], line[1:-1], rtol=1e-12)  # a straight line stays one, up to its ends
+    assert np.allclose(mean, line, rtol=1e-12)  # a straight line stays one, up to its ends
     values = np.random.default_rng(2).standard_normal(50)
     assert _sliding_mean(values, 11)[20] == pytest.approx(values[15:26].mean(), rel=1e-12)
     values[17] = np.nan
     assert _sliding_mean(values, 11)[20] == pytest.approx(np.nanmean(values[15:26]), rel=1e-12)
+    assert _sliding_mean(values, 11)[[0, 1, -1]] == pytest.approx([values[0], values[:3].mean(), values[-1]], rel=1e-12)
+
+
+def test_lines_are_explained_and_the_start_is_not_cut(tmp_path, drawn):
+    """A peak in the first row is in the mean as well; runs of few and of many rows are drawn alike."""
+    columns = rows(200)
+    columns["temp"][0] = 3.0
+    thermo_picture(tmp_path / "run.png", columns, runs=[10.0])
+    (figure,) = drawn
+    assert "light: rows" in figure.get_supxlabel() and "dark: mean" in figure.get_supxlabel()
+    lines = figure.axes[0].lines
+    assert lines[1].get_ydata()[0] == 3.0
+    assert {line.get_marker() for line in lines} == {"None"}
 
 
 @pytest.mark.parametrize(

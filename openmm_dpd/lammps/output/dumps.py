@@ -58,6 +58,8 @@ class Dump:
         Step of the last configuration that was written.
     opened : BlockFile or DCDWriter or None
         The file, once something is in it.
+    begun : bool
+        Whether something was in it before a run that is resumed now, which goes on with it.
     """
 
     name: str
@@ -72,6 +74,10 @@ class Dump:
     formats: dict[str, str] = field(default_factory=dict)
     last_step: int | None = None
     opened: BlockFile | DCDWriter | None = field(default=None, repr=False)
+    begun: bool = False
+
+    def __getstate__(self) -> dict:
+        return vars(self) | {"opened": None, "begun": self.begun or self.opened is not None}
 
     def needs(self, state: DeckState) -> frozenset[str]:
         """Fields of DeckSample that a configuration is written from."""
@@ -116,7 +122,7 @@ class Dump:
             write_whole(state.output_file(self.file, step), text, self._what)
             return
         if self.opened is None:
-            self.opened = BlockFile(state.output_file(self.file, step), self._what, append=self.append)
+            self.opened = BlockFile(state.output_file(self.file, step), self._what, append=self.append or self.begun)
         assert isinstance(self.opened, BlockFile)
         self.opened.write(text)
 
@@ -144,6 +150,6 @@ class Dump:
     def _write_dcd(self, moment: Resolver) -> None:
         mask = moment.state.group(self.group)
         if self.opened is None:
-            self.opened = DCDWriter(moment.state.output_file(self.file, 0), int(mask.sum()), self._what)
+            self.opened = DCDWriter(moment.state.output_file(self.file, 0), int(mask.sum()), self._what, append=self.begun)
         assert isinstance(self.opened, DCDWriter)
         self.opened.write((_unwrapped(moment) if self.unwrap else moment.folded[0])[mask], moment.box.vectors)

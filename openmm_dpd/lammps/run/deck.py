@@ -197,6 +197,7 @@ def read_deck(
         output=Path(output),
         log=log,
         reading=[path.resolve()],
+        inputs=[path],
     )
     try:
         execute_file(deck, path)

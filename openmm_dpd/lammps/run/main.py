@@ -5,22 +5,25 @@ from __future__ import annotations
 import logging
 import sys
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
 
-from ...errors import OutputError
+from ...errors import OutputError, ParameterError
 from ...kernels.threads import set_threads
 from ...measure import force_terms
 from ...model.internal import BeadTemperatures, InternalEnergy
 from ...model.scene import Scene
 from ...pictures import thermo_picture
-from ...recommend import advice
+from ...recommend import advice, recommend
 from ...signals import Signals
 from .building import build_request
+from .checkpoint import Checkpoints
 from .deck import read_deck
+from .log import RunLog
 from .options import RunOptions, first_request
-from .result import RunResult, results_json
+from .result import RunResult, averages_text, results_json
 from .runner import DeckRunner
 
 _LOGGER = logging.getLogger("openmm_dpd")
@@ -43,6 +46,7 @@ def run_deck(
     progress: bool = False,
     keep: Callable[[dict], None] = lambda _: None,
     signals: Signals | None = None,
+    restart: str | Path | None = None,
 ) -> dict:
     """Run a LAMMPS deck.
 
@@ -53,8 +57,8 @@ def run_deck(
     options : RunOptions, optional
         What overrides the deck.
     out : str or Path, optional
-        Folder for trajectory (``trajectory.dcd``, ``topology.psf``), final state, picture (``thermo.png``) and whatever the deck writes;
-        by default the deck's own files go to the working directory, and nothing else is written.
+        Folder for trajectory (``trajectory.dcd``, ``topology.psf``), log (``log.txt``), checkpoint, final state, picture (``thermo.png``)
+        and whatever the deck writes; by default the deck's own files go to the working directory, and nothing else is written.
     log : callable, optional
         Takes the lines of output.
     variables : mapping, optional
@@ -65,6 +69,9 @@ def run_deck(
         Takes what is returned; of a run that is cut short too, with what was computed until then.
     signals : Signals, optional
         Those that may cut a run short (:mod:`openmm_dpd.signals`).
+    restart : str or Path, optional
+        Folder of a run that was interrupted, or a file of its ``checkpoint``: go on with it, with the options that it had.  ``options`` and
+        ``variables`` may repeat these; only ``threads`` and ``checkpoint`` may be others.
 
     Returns
     -------
@@ -82,16 +89,52 @@ def run_deck(
     RunError
         If something goes wrong while stepping, or what the run writes cannot be written any more.  Trajectories, dumps and averages are
         whole then, and the state of the last step is kept.
+    ParameterError
+        If there is nothing to resume, or not with these options, or with this deck.
     OutputError
-        If the run is complete, but its picture cannot be written.
+        If the run is complete, but its picture cannot be written; if a file has gone that a resumed run would go on with.
     """
-    folder = None if out is None else Path(out)
-    signals = signals or Signals()
-    runner = DeckRunner(options or RunOptions(), log, folder, _bar if progress else None, signals)
+    options, folder = options or RunOptions(), None if out is None else Path(out)
+    signals, variables, latest = signals or Signals(), dict(variables or {}), None
+    if restart is not None:
+        folder = Checkpoints.at(Path(restart))
+        if out is not None and folder.resolve() != Path(out).resolve():
+            raise ParameterError(f"--restart {restart} goes on in {folder}, so --out {out} cannot be another folder; leave it out")
+    checkpoints = None if folder is None else Checkpoints(folder)
+    if checkpoints is not None and restart is not None:
+        latest = checkpoints.latest()
+        options = latest.merged(options)
+        latest.check(Path(path), variables, checkpoints.ledger)
+        variables = latest.variables
+        checkpoints.resume(latest)
+    elif checkpoints is not None:
+        checkpoints.clear()
+    elif options.checkpoint:
+        raise ParameterError("checkpoints need a folder to be written to: give out")
+    with nullcontext() if checkpoints is None else checkpoints.ledger.in_use():
+        said = RunLog(log, folder, append=latest is not None)
+        bar = _bar if progress else None
+        runner = DeckRunner(options, said, folder, bar, signals, variables, checkpoints, latest)
+        try:
+            report = _carried_out(Path(path), runner, folder, keep)
+        finally:
+            said.close()
+    if checkpoints is not None:
+        checkpoints.clear()
+    return report
+
+
+def _carried_out(path: Path, runner: DeckRunner, folder: Path | None, keep: Callable[[dict], None]) -> dict:
+    """Read the deck with its runs; the report."""
+    signals = runner.signals
     try:
-        state = read_deck(path, run_callback=runner, variables=variables or {}, output=folder or Path("."), log=log)
+        state = read_deck(path, run_callback=runner, variables=runner.variables, output=folder or Path("."), log=runner.log)
         runner.say_notes(state)
-    except BaseException:
+        runner.log(averages_text(runner.results))
+    except BaseException as error:
+        if isinstance(error, KeyboardInterrupt) and runner.checkpoints is not None:
+            stopped = error.args[0] if error.args else f"interrupted by {signals.name}"
+            error.args = (stopped, runner.checkpoints.remedy(runner.not_resumable))
         if any(result.steps_done for result in runner.results):
             with signals.later():
                 try:
@@ -121,11 +164,11 @@ def _hand_over(runner: DeckRunner, folder: Path | None, keep: Callable[[dict], N
     return report
 
 
-def _bar(total: int):
+def _bar(total: int, done: int):
     from tqdm import tqdm
 
     # disable=None: not into the file that standard error is in a batch job
-    return tqdm(total=total, unit="step", file=sys.stderr, leave=False, dynamic_ncols=True, disable=None)
+    return tqdm(total=total, initial=done, unit="step", file=sys.stderr, leave=False, dynamic_ncols=True, disable=None)
 
 
 def deck_scene(path: str | Path, *, variables: Mapping[str, str] | None = None) -> Scene:
@@ -170,6 +213,33 @@ def explain_deck(path: str | Path, options: RunOptions | None = None, *, variabl
     # dt in the deck's units
     step = "step: " + advice(built.plan.scene, request.scheme, request.dt, unit=request.state.units.time)
     return "\n".join([built.explain(), step, *(f"note: {note}" for note in request.state.notes)])
+
+
+def recommend_deck(
+    path: str | Path, options: RunOptions | None = None, *, error: float = 0.01, variables: Mapping[str, str] | None = None
+) -> str:
+    """What the table of steps says about the scene of a deck's first run: a scheme and a step for an error, and what the deck's own give.
+
+    Parameters
+    ----------
+    path : str or Path
+    options : RunOptions, optional
+        ``scheme`` and ``dt`` replace those of the deck.
+    error : float, default 0.01
+        Relative error of the temperatures that is accepted; see :func:`openmm_dpd.recommend`.
+    variables : mapping, optional
+        Index variables of the deck.
+
+    Returns
+    -------
+    str
+        Steps are in the deck's units.
+    """
+    request = first_request(path, options or RunOptions(), variables)
+    scene, units = request.scene(), request.state.units
+    name = {"lj": "", "real": " fs", "metal": " ps"}[units.name]
+    own = advice(scene, request.scheme, request.dt, unit=units.time)
+    return recommend(scene, error).text(units.time, name) + f"\nas the deck says: {own}"
 
 
 def _picture(path: Path, results: list[RunResult]) -> None:

@@ -10,6 +10,7 @@ from ...errors import ParameterError
 from ...kernels.threads import get_threads
 from .deck import read_deck
 from .request import RunRequest
+from .trajectory import FORMATS
 
 #: Platforms that have one precision only.
 FIXED_PRECISION = {"Reference": "double", "CPU": "mixed"}
@@ -39,6 +40,12 @@ class RunOptions:
         Where the conservative force is computed, see :func:`openmm_dpd.plan.make_plan`.
     compat : str
         ``consistent``, or ``lammps`` for the heat of pair style edpd as LAMMPS computes it.
+    checkpoint : int
+        Steps between two checkpoints; by default there is one where a run ends or is interrupted.
+    every : int
+        Steps between two frames of the trajectory (default: a hundredth of the run).
+    format : str
+        Of the trajectory: ``dcd`` or ``xtc``.
     """
 
     platform: str | None = None
@@ -51,11 +58,16 @@ class RunOptions:
     discard: int = 0
     conservative: str = "auto"
     compat: str = "consistent"
+    checkpoint: int | None = None
+    every: int | None = None
+    format: str = "dcd"
 
     def __post_init__(self):
         if self.compat not in ("consistent", "lammps"):
             raise ParameterError(f"compat must be 'consistent' or 'lammps', not {self.compat!r}")
-        for name, low in (("steps", 0), ("threads", 1), ("discard", 0), ("seed", 0)):
+        if self.format not in FORMATS:
+            raise ParameterError(f"format must be {' or '.join(FORMATS)}, not {self.format!r}")
+        for name, low in (("steps", 0), ("threads", 1), ("discard", 0), ("seed", 0), ("checkpoint", 1), ("every", 1)):
             value = getattr(self, name)
             if value is not None and value < low:
                 raise ParameterError(f"{name} must be at least {low}, but is {value}")

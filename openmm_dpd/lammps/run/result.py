@@ -133,6 +133,15 @@ class RunResult:
             "last": last,
         }, "the Laplacian is 0 in all blocks of rows but one, so the standard error is not defined" if lacking else None
 
+    def speed(self) -> str:
+        """How long the steps took; the line begins as LAMMPS's, by which readers of its logs find the end of the rows."""
+        beads, seconds = len(self.request.state.atoms), self.seconds
+        head = f"Loop time of {seconds:.3g} s for {self.steps_taken} steps of {beads} beads (run {self.request.number + 1})"
+        if not self.steps_taken or not seconds:
+            return head
+        rate = self.steps_taken / seconds
+        return f"{head}: {rate:.4g} steps/s, {rate * beads:.3g} bead-steps/s"
+
     def summary(self) -> dict[str, Any]:
         """One object of the JSON file."""
         request = self.request
@@ -150,6 +159,25 @@ class RunResult:
         if reason is not None:
             summary["temp_conf_reason"] = reason
         return summary
+
+
+def averages_text(results: list[RunResult]) -> str:
+    """Averages of the last run, with standard errors."""
+    result = next((result for result in reversed(results) if result.steps_done), None)
+    if result is None:
+        return ""
+    kept = np.array(result.steps_done)[result._kept()]
+    lines = [f"averages of run {result.request.number + 1} over {len(kept)} rows, steps {kept[0]} to {kept[-1]}, with standard errors:"]
+    for word, found in result.averages().items():
+        if word in _NO_AVERAGE or found is None or found["mean"] is None:
+            continue
+        error = "" if found["sem"] is None else f" +- {found['sem']:.2g}"
+        lines.append(f"  {word:<12} {found['mean']:.8g}{error}")
+    return "\n".join(lines)
+
+
+#: Thermo words whose average nobody wants to read.
+_NO_AVERAGE = ("step", "elapsed", "elaplong", "dt", "time", "cpu", "tpcpu", "spcpu", "atoms", "bonds", "angles")
 
 
 def results_json(results: list[RunResult]) -> dict:

@@ -3,59 +3,37 @@
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import openmm
 from openmm import app
 
 from ...build import BuiltSystem
-from ...errors import OutputError, RunError
-from ...fields import read_fields
+from ...errors import OutputError, ParameterError, RunError
 from ...forces.segments import warm_up_segments
 from ...kernels.engine import warm_up
 from ...kernels.threads import set_threads
-from ...measure.watch import has_set_temperature
-from ...model.scene import Scene
+from ...made import BAROSTATS
 from ...names import COUNTER
 from ...signals import Signals
-from ...watching import PIECE
 from ..output.thermo import ALWAYS
 from ..state.deck_state import DeckState
-from ..values.resolver import Resolver
 from .building import build_request, connect_barostat
+from .checkpoint import Checkpoints, Latest
+from .memory import recall, recorded, to_bytes
 from .options import FIXED_PRECISION, RunOptions, overridden
 from .request import RunRequest
 from .result import RunResult
-from .sampling import CHEAP, Sampler, arrays
+from .stepping import Stepper
 from .trajectory import RunTrajectory
 
 _LOGGER = logging.getLogger("openmm_dpd")
 
 
-class Pace:
-    """How many steps to take before signals are looked at: as many as take about half a second, and at most 640.
-
-    Whole pieces of those steps that an integrator takes back together, so that looking does not change what is computed together.
-    """
-
-    LEAST, MOST, SECONDS = PIECE, 64 * PIECE, 0.5
-
-    def __init__(self) -> None:
-        self.steps = self.LEAST
-
-    def took(self, steps: int, seconds: float) -> None:
-        """Learn from the time of some steps."""
-        if steps == self.steps and seconds < 0.5 * self.SECONDS:
-            self.steps = min(2 * self.steps, self.MOST)
-        elif seconds > 2 * self.SECONDS:
-            self.steps = max(self.steps // 2, self.LEAST)
-
-
 class DeckRunner:
-    """The callback of :func:`openmm_dpd.lammps.read_deck`: steps each run, prints thermo rows, writes trajectories.
+    """The callback of :func:`openmm_dpd.lammps.read_deck`: steps each run, prints thermo rows, writes trajectories and checkpoints.
 
     Parameters
     ----------
@@ -65,9 +43,21 @@ class DeckRunner:
     out : Path, optional
         Folder for trajectory, topology and final state; nothing is written without it.
     progress : callable, optional
-        ``progress(total)`` returns an object with ``update(steps)`` and ``close()``, such as a tqdm bar.
+        ``progress(total, done)`` returns an object with ``update(steps)`` and ``close()``, such as a tqdm bar.
     signals : Signals, optional
         Those that may end a run early.
+    variables : dict, optional
+        Those of the command line, for checkpoints.
+    checkpoints : Checkpoints, optional
+    latest : Latest, optional
+        Where an interrupted run is resumed; until then, runs are recalled and not carried out.
+
+    Attributes
+    ----------
+    results : list of RunResult
+        One for each run that was begun.
+    not_resumable : str or None
+        Why a run that is interrupted cannot be resumed.
     """
 
     def __init__(
@@ -77,24 +67,37 @@ class DeckRunner:
         out: Path | None = None,
         progress=None,
         signals: Signals | None = None,
+        variables: dict[str, str] | None = None,
+        checkpoints: Checkpoints | None = None,
+        latest: Latest | None = None,
     ):
         self.options, self.log, self.progress, self.signals = options, log, progress, signals or Signals()
+        self.variables, self.checkpoints, self.latest = variables or {}, checkpoints, latest
         self.results: list[RunResult] = []
+        self.not_resumable: str | None = None
         self.counter = 0.0
-        self.trajectory = None if out is None else RunTrajectory(out)
+        self.trajectory = None if out is None else RunTrajectory(out, options.format, options.every)
         self._notes = 0
         set_threads(options.threads)
 
     def __call__(self, request: RunRequest) -> None:
-        """Carry out one run."""
-        options, state = self.options, request.state
+        """Carry out one run, or recall it."""
+        options, state, latest = self.options, request.state, self.latest
         request = overridden(request, options)
+        if latest is not None and request.number < latest.runs:
+            self._recall(request, latest)
+            return
+        present = None if latest is None or request.number > latest.runs else latest.present
+        if present is not None:
+            self._check_same(request, present)
+            recall(state, present["memory"])
         if options.discard > request.steps:
             # the last step has a row always
             raise RunError(f"{_where(request)}--discard {options.discard} leaves nothing to average of a run of {request.steps} steps")
         scene = request.scene()
         built = build_request(request, scene, options)
         barostat = connect_barostat(request, built)
+        self._check_resumable(request, built)
         self.say_notes(state)
         warm_up(built.plan.spec, self.log)
         warm_up_segments(scene)
@@ -104,15 +107,17 @@ class DeckRunner:
         if COUNTER in simulation.context.getParameters():
             # every run draws new noise
             simulation.context.setParameter(COUNTER, self.counter)
-        result = self._result(request, simulation, built)
+        result = self._result(request, simulation, present)
         self.results.append(result)
         with self.signals.later():
-            self._carry_out(request, scene, simulation, built, result)
+            self._carry_out(request, scene, simulation, built, result, present)
+            if COUNTER in simulation.context.getParameters():
+                self.counter = simulation.context.getParameter(COUNTER)
+            self._keep_run(request, result)
         self.signals.check()
         if result.temperature_warning is not None:
             _LOGGER.warning("%s%s", _where(request), result.temperature_warning)
-        if COUNTER in simulation.context.getParameters():
-            self.counter = simulation.context.getParameter(COUNTER)
+        self.log(result.speed())
 
     def close(self) -> None:
         """Close the trajectory."""
@@ -125,18 +130,37 @@ class DeckRunner:
             self.log(f"note: {note}")
         self._notes = len(state.notes)
 
-    def _carry_out(self, request: RunRequest, scene: Scene, simulation: app.Simulation, built: BuiltSystem, result: RunResult) -> None:
+    # -- one run ------------------------------------------------------------------------------------------------------------------
+    def _carry_out(self, request: RunRequest, scene, simulation: app.Simulation, built: BuiltSystem, result: RunResult, present) -> None:
         """Take the steps; whatever ends them early, the result and the state of the last step are kept."""
-        bar = self.progress(request.steps) if self.progress else None
-        begun = simulation.context.getStepCount()
+        first = request.first_step if present is None else present["step"]
+        bar = self.progress(request.steps, first - request.first_step) if self.progress else None
         try:
-            self._step_through(request, scene, simulation, built, result, bar)
+            stepper = Stepper(
+                request,
+                simulation,
+                built,
+                result,
+                log=self.log,
+                trajectory=self.trajectory,
+                signals=self.signals,
+                keep=self._keep_present,
+                interval=self.options.checkpoint,
+            )
+            if present is None:
+                stepper.begin(scene)
+            else:
+                self._go_live(present)
+                stepper.resume(scene, present)
+            stepper.step_from(first, (lambda _: None) if bar is None else bar.update)
+            stepper.finish()
             result.steps_taken = request.steps
             result.take_averages()
             if self.trajectory is not None:
                 self.trajectory.save_state(simulation)
         except BaseException as error:
-            result.steps_taken = simulation.context.getStepCount() - begun
+            # a Context counts from the beginning of its run, a resumed one too
+            result.steps_taken = simulation.context.getStepCount()
             result.take_averages()
             done = f"after step {request.first_step + result.steps_taken} of {request.last_step}"
             if isinstance(error, KeyboardInterrupt):
@@ -162,80 +186,95 @@ class DeckRunner:
         except (OutputError, openmm.OpenMMException) as error:
             _LOGGER.warning("%s", error)
 
-    def _result(self, request: RunRequest, simulation: app.Simulation, built: BuiltSystem) -> RunResult:
+    def _result(self, request: RunRequest, simulation: app.Simulation, present: dict[str, Any] | None) -> RunResult:
+        if present is not None:
+            return RunResult(request, **present["result"])
         platform = simulation.context.getPlatform()
         name = platform.getName()
         words = tuple(dict.fromkeys((*request.thermo.words, *ALWAYS)))
         precision = FIXED_PRECISION.get(name) or platform.getPropertyValue(simulation.context, "Precision")
         return RunResult(request, name, precision, self.options.discard, words)
 
-    def _step_through(
-        self, request: RunRequest, scene: Scene, simulation: app.Simulation, built: BuiltSystem, result: RunResult, bar
-    ) -> None:
-        thermo, dumps, context = request.thermo, request.dumps, simulation.context
-        sampler, averages = Sampler(request, built, context), request.averages
-        result.no_laplacian = sampler.observer.no_laplacian
-        for average in averages:
-            average.begin(request.state, request.first_step)
-        if thermo.header():
-            self.log(thermo.header())
-        if self.trajectory is not None:
-            self.trajectory.start(scene, request, built)
-        step, started, measured, pace = request.first_step, time.perf_counter(), None, Pace()
-        while True:
-            begun = time.perf_counter()
-            sample, due = None, [average for average in averages if average.next_due == step]
-            needs = frozenset().union(*(average.needs(request.state) for average in due))
-            if thermo.due(step) or not needs <= CHEAP:
-                sample, measured = sampler.full(step, needs | thermo.needs, begun - started)
-            elif due:
-                sample = sampler.cheap(step, needs, begun - started)
-            for average in due:
-                average.take(Resolver(request.state, sample, request.window))
-            if thermo.due(step):
-                assert sample is not None and measured is not None
-                values = thermo.values(sample, tuple(w for w in result.words if w != "temp_conf"))
-                result.add(step, values, measured)
-                self.log(thermo.row(values | {"temp_conf": sample.kT_conf or float("nan")}, sample))
-            result.seconds += time.perf_counter() - begun if step > request.first_step else 0.0
-            self._write_frames(request, sampler, step)
-            if step == request.last_step:
-                break
-            self.signals.check()
-            stop = min([thermo.next_due(step), request.last_step, step + pace.steps, *(dump.next_due(step) for dump in dumps)])
-            if self.trajectory is not None:
-                stop = min(stop, self.trajectory.next_due(step))
-            stop = min([stop, *(average.next_due for average in averages if average.next_due > step)])
-            begun = time.perf_counter()
-            simulation.step(stop - step)
-            spent = time.perf_counter() - begun
-            result.seconds += spent
-            pace.took(stop - step, spent)
-            if bar is not None:
-                bar.update(stop - step)
-            step = stop
-        if thermo.footer():
-            self.log(thermo.footer())
-        assert measured is not None
-        if has_set_temperature(built.plan):
-            result.check_temperature(measured.target_kT, measured.dof)
-        x, v, box = arrays(context)
-        last = None if sample is None else replace(sample, forces=None)
-        request.finish(x, v, box=box, sample=last, fields=read_fields(context, built.plan))
-
-    def _write_frames(self, request: RunRequest, sampler: Sampler, step: int) -> None:
-        due = [dump for dump in request.dumps if dump.due(step)]
-        framed = self.trajectory is not None and self.trajectory.due(step)
-        if not due and not framed:
+    # -- checkpoints --------------------------------------------------------------------------------------------------------------
+    def _check_resumable(self, request: RunRequest, built: BuiltSystem) -> None:
+        """Find out whether a run can be resumed; RunError if not, but checkpoints are asked for."""
+        if self.checkpoints is None or self.not_resumable is not None:
             return
-        needs = frozenset(("positions",)).union(*(dump.needs(request.state) for dump in due))
-        sample = sampler.cheap(step, needs, 0.0) if needs <= CHEAP else sampler.full(step, needs, 0.0)[0]
-        moment = Resolver(request.state, sample, request.window)
-        for dump in due:
-            dump.write(moment)
-        if framed and self.trajectory is not None:
-            assert sample.positions is not None and sample.box is not None
-            self.trajectory.write(sample.positions, sample.box, sampler.context, step)
+        self.not_resumable = _why_not(request, built)
+        if self.not_resumable is not None and self.options.checkpoint:
+            raise RunError(f"{_where(request)}--checkpoint: this run could not be resumed: {self.not_resumable}; leave the option out")
+        if self.options.checkpoint and not _exact(built):
+            request.state.note(
+                "a run that is resumed agrees with one that was not interrupted to the rounding of this platform's forces, not bit for bit"
+            )
+
+    def _kept(self, request: RunRequest, result: RunResult) -> dict[str, Any]:
+        """What belongs into a checkpoint of a run, done or not."""
+        return {
+            "run": _fingerprint(request),
+            "memory": recorded(request.state),
+            "result": {name: value for name, value in vars(result).items() if name != "request"},
+            "notes": self._notes,
+            "trajectory": self.trajectory and self.trajectory.progress,
+        }
+
+    def _keep_present(self, stepper: Stepper, step: int) -> None:
+        if self.checkpoints is not None and self.not_resumable is None:
+            request = stepper.request
+            present = self._kept(request, stepper.result) | stepper.present(step)
+            self.checkpoints.save(request.state, self.options, self.variables, request.number, present)
+
+    def _keep_run(self, request: RunRequest, result: RunResult) -> None:
+        if self.checkpoints is not None and self.not_resumable is None:
+            self.checkpoints.save_run(request.number, self._kept(request, result) | {"counter": self.counter})
+            self.checkpoints.save(request.state, self.options, self.variables, request.number + 1, None)
+
+    def _recall(self, request: RunRequest, latest: Latest) -> None:
+        """Bring the deck to the end of a run that was carried out before."""
+        assert self.checkpoints is not None
+        kept = self.checkpoints.run(request.number)
+        self._check_same(request, kept)
+        recall(request.state, kept["memory"])
+        self.results.append(RunResult(request, **kept["result"]))
+        self.counter, self._notes = kept["counter"], kept["notes"]
+        if latest.present is None and request.number + 1 == latest.runs:
+            self._go_live(kept)
+
+    def _go_live(self, kept: dict[str, Any]) -> None:
+        """The place where the run was interrupted is reached: from here on everything is written."""
+        assert self.checkpoints is not None
+        self.checkpoints.ledger.replaying, self._notes = False, kept["notes"]
+        if self.trajectory is not None and kept["trajectory"] is not None:
+            self.trajectory.resume(kept["trajectory"])
+
+    @staticmethod
+    def _check_same(request: RunRequest, kept: dict[str, Any]) -> None:
+        if _fingerprint(request) != kept["run"]:
+            raise RunError(f"{_where(request)}this run is not the one of the checkpoint; the deck does not do the same thing twice")
+
+
+def _fingerprint(request: RunRequest) -> tuple:
+    return request.first_step, request.steps, request.dt, request.scheme, len(request.state.atoms)
+
+
+def _exact(built: BuiltSystem) -> bool:
+    """Whether forces have the same bits after a restart: those of OpenMM have not in single precision, from a list with a history."""
+    plan = built.plan
+    return plan.platform == "Reference" or (
+        plan.platform == "CPU" and plan.options.whole_steps and (plan.ewald is None or plan.charges_held)
+    )
+
+
+def _why_not(request: RunRequest, built: BuiltSystem) -> str | None:
+    """Why a run could not be resumed."""
+    barostat = next((type(force).__name__ for force in built.system.getForces() if isinstance(force, BAROSTATS)), None)
+    if barostat is not None:
+        return f"OpenMM's {barostat} has random numbers and a length of moves that no checkpoint holds"
+    try:
+        to_bytes(recorded(request.state))
+    except ParameterError as error:
+        return f"the deck has something that cannot be stored ({error})"
+    return None
 
 
 def _where(request: RunRequest) -> str:

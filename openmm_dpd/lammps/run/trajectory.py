@@ -1,4 +1,4 @@
-"""The trajectory of a deck: DCD with a PSF topology, and the final state, in one folder."""
+"""The trajectory of a deck: DCD or XTC with a PSF topology, and the final state, in one folder."""
 
 from __future__ import annotations
 
@@ -15,10 +15,14 @@ from ...fields import read_fields
 from ...files import writing
 from ...model.scene import Scene
 from ...trajectory import write_psf
+from ...xtc import XTCWriter
 from .request import RunRequest
 
-#: About how many frames a run gives.
+#: About how many frames a run gives, unless it is said how many.
 FRAMES = 100
+
+#: Formats of trajectories.
+FORMATS: dict[str, type[DCDWriter] | type[XTCWriter]] = {"dcd": DCDWriter, "xtc": XTCWriter}
 
 
 def write_topology(path: Path, scene: Scene) -> None:
@@ -28,7 +32,8 @@ def write_topology(path: Path, scene: Scene) -> None:
 
 
 class RunTrajectory:
-    """Writes ``trajectory.dcd``, ``topology.psf`` and ``final_state.xml`` into a folder, and ``fields.npz`` with the fields of beads.
+    """Writes ``trajectory.dcd`` (or ``.xtc``), ``topology.psf`` and ``final_state.xml`` into a folder, and ``fields.npz`` with the fields
+    of beads.
 
     All runs go to one file; a new one (``trajectory-2.dcd``, ``topology-2.psf``) begins when the number of beads changes.  Positions
     are continuous: they are not folded back into the box.
@@ -37,6 +42,10 @@ class RunTrajectory:
     ----------
     folder : Path
         Made if it does not exist.
+    form : str
+        One of :data:`FORMATS`.
+    every : int, optional
+        Frames are at multiples of so many steps, each once.  By default about :data:`FRAMES` of each run, the first and last step included.
 
     Raises
     ------
@@ -44,27 +53,44 @@ class RunTrajectory:
         From all methods, if a file cannot be written; frames that are there stay readable.
     """
 
-    def __init__(self, folder: Path):
+    def __init__(self, folder: Path, form: str = "dcd", every: int | None = None):
         with writing(folder, "the folder"):
             folder.mkdir(parents=True, exist_ok=True)
-        self.folder = folder
-        self._file: DCDWriter | None = None
+        self.folder, self._form, self._given = folder, form, every
+        self._file: DCDWriter | XTCWriter | None = None
         self._fields: FieldWriter | None = None
         self._beads, self._part = 0, 0
         self._offset: np.ndarray = np.zeros((0, 3))
         self._every, self._first, self._last = 1, 0, 0
+        self._written: int | None = None
+
+    @property
+    def progress(self) -> tuple[int, int, int | None]:
+        """What :meth:`resume` needs to go on with the files as they are now."""
+        return self._beads, self._part, self._written
+
+    def resume(self, progress: tuple[int, int, int | None]) -> None:
+        """Go on with files of before."""
+        self._beads, self._part, self._written = progress
+        if self._part:
+            self._file = self._open(append=True)
+            if self._named("fields.npz").exists():
+                self._fields = FieldWriter(self._named("fields.npz"), append=True)
+
+    def _open(self, append: bool) -> DCDWriter | XTCWriter:
+        return FORMATS[self._form](self._named(f"trajectory.{self._form}"), self._beads, "the trajectory", append)
 
     def start(self, scene: Scene, request: RunRequest, built: BuiltSystem) -> None:
-        """Prepare for a run; about :data:`FRAMES` frames, at its first and last step in any case."""
-        self._every = max(1, request.steps // FRAMES)
-        self._first, self._last = request.first_step, request.last_step
-        state = request.state
+        """Prepare for a run."""
+        self._every = self._given or max(1, request.steps // FRAMES)
+        self._first, self._last = (0, -1) if self._given else (request.first_step, request.last_step)
+        self._state = state = request.state
         self._offset = state.atoms.images @ state.require_box("a run").vectors * state.units.length
         if scene.n_beads != self._beads:
             self.close()
             self._beads, self._part = scene.n_beads, self._part + 1
             write_topology(self._named("topology.psf"), scene)
-            self._file = DCDWriter(self._named("trajectory.dcd"), scene.n_beads, "the trajectory")
+            self._file = self._open(append=False)
         self._built = built
         if self._fields is None and has_fields(built):
             self._fields = FieldWriter(self._named("fields.npz"))
@@ -75,6 +101,8 @@ class RunTrajectory:
 
     def due(self, step: int) -> bool:
         """Whether a frame belongs to this step."""
+        if self._given and step == self._written:
+            return False
         return step == self._last or (step - self._first) % self._every == 0
 
     def next_due(self, step: int) -> int:
@@ -86,16 +114,20 @@ class RunTrajectory:
         if self._fields is not None:
             time = context.getTime().value_in_unit(unit.picosecond)
             self._fields.write(time, step, read_fields(context, self._built.plan))
-        assert self._file is not None
-        # DCD files are in Angstrom
-        self._file.write(10 * (x + self._offset), 10 * box)
+        if isinstance(self._file, XTCWriter):
+            self._file.write(x + self._offset, box, self._state.time_at(step), step)
+        else:
+            assert self._file is not None
+            # DCD files are in Angstrom
+            self._file.write(10 * (x + self._offset), 10 * box)
+        self._written = step
 
     def save_state(self, simulation: app.Simulation) -> None:
         """Write the final state, from which OpenMM can continue exactly."""
         simulation.saveState(self.folder / "final_state.xml")
 
     def close(self) -> None:
-        """Close the DCD file."""
+        """Close the files."""
         if self._file is not None:
             self._file.close()
             self._file = None

@@ -89,6 +89,8 @@ class DeckState:
         The variables.
     notes : list of str
         What was accepted without having a meaning here, each said once.
+    inputs : list of Path
+        The deck, and the files that it has read.
     last_sample : DeckSample or None
         The last row of the last run, for formulas evaluated between runs.
     """
@@ -133,6 +135,7 @@ class DeckState:
     output: Path = field(default_factory=Path)
     log: Callable[[str], None] = lambda _: None
     generators: dict[str, np.random.Generator] = field(default_factory=dict)
+    inputs: list[Path] = field(default_factory=list)
 
     # -- questions -----------------------------------------------------------------------------------------------------------
     def require_box(self, command: str) -> Box:
@@ -230,6 +233,7 @@ class DeckState:
         """A file named in the deck: relative to the deck's folder, or else to the working directory."""
         for candidate in (self.path.parent / name, Path(name)):
             if candidate.is_file():
+                self.inputs.append(candidate)
                 return candidate
         raise ParameterError(f"there is no file '{name}' (looked in {self.path.parent} and in the working directory)")
 

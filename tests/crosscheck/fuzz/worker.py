@@ -17,7 +17,7 @@ _NOISE = re.compile(r"WARNING|^Generated|^Last command|^For more information|^Ne
 
 
 def _thermo_of_log(text: str) -> str:
-    """Thermo output of a LAMMPS log: what stands between the mark before a run and the loop time."""
+    """Thermo output of a log: what stands between the mark before a run and the loop time."""
     found: list[str] = []
     for part in text.split(MARK)[1:]:
         body = part.split("Loop time of")[0]
@@ -58,7 +58,7 @@ def _with_ours(deck: str, options: dict) -> tuple[str, str, str]:
     except Exception:
         status, message = "crashed", traceback.format_exc()
     rows = "\n".join(lines).splitlines()
-    return status, message, "\n".join(row for row in rows if row.strip() and not row.startswith(("note:", "compiling ")))
+    return status, message, _thermo_of_log("\n".join(row for row in rows if not row.startswith(("note:", "compiling "))))
 
 
 SIDES: dict[str, Callable[[str, dict], tuple[str, str, str]]] = {"lammps": _with_lammps, "ours": _with_ours}

@@ -1,0 +1,188 @@
+"""Checkpoints of a deck: what its runs have reached, in a folder beside the results.
+
+``run-K`` has what the K-th run made of the deck, written once when it ended.  ``latest`` is replaced whole: how many runs are done, where
+the present one is, and how long all files were.  To resume, the deck is read again from its first line; runs that are done are not carried
+out but recalled, and nothing is written until the place of ``latest`` is reached.  So loops, formulas and conditions of the deck need
+nothing of their own.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from ...errors import ParameterError
+from ...file_ledger import FileLedger
+from ...files import write_whole, writing
+from .memory import from_bytes, to_bytes
+from .options import RunOptions
+
+#: Name of the folder.
+FOLDER = "checkpoint"
+
+_FORMAT = "openmm-dpd checkpoint 1"
+
+#: Options that a resumed run may have anew: they do not change what is computed.
+_FREE = ("threads", "checkpoint")
+
+
+@dataclass(frozen=True)
+class Latest:
+    """Where a deck was interrupted.
+
+    Attributes
+    ----------
+    deck : str
+        Its file.
+    options : dict
+        The RunOptions.
+    variables : dict
+        Variables of the command line.
+    inputs : dict
+        SHA-256 of each file that was read.
+    files : dict
+        What :meth:`openmm_dpd.file_ledger.FileLedger.put_back` needs.
+    runs : int
+        Runs that are done.
+    present : dict or None
+        The one that was interrupted, None between two runs.
+    """
+
+    deck: str
+    options: dict[str, Any]
+    variables: dict[str, str]
+    inputs: dict[str, str]
+    files: dict[str, Any]
+    runs: int
+    present: dict[str, Any] | None
+
+    def merged(self, options: RunOptions) -> RunOptions:
+        """The options of the run to be resumed; ParameterError if others were asked for."""
+        chosen = dict(self.options)
+        for name, value in asdict(options).items():
+            if value == getattr(RunOptions, name) or (name not in _FREE and value == chosen[name]):
+                continue
+            if name not in _FREE:
+                raise ParameterError(
+                    f"--{name} {value} cannot be combined with --restart: the interrupted run had {_said(chosen[name])}; leave it out"
+                )
+            chosen[name] = value
+        return RunOptions(**chosen)
+
+    def check(self, deck: Path, variables: Mapping[str, str], ledger: FileLedger) -> None:
+        """ParameterError if it is another deck now, or reads other files, or has other variables."""
+        if variables and dict(variables) != self.variables:
+            raise ParameterError(f"--var cannot be changed by --restart: the interrupted run had {self.variables or 'none'}; leave it out")
+        for name, digest in self.inputs.items():
+            path = deck if name == self.deck else Path(name)
+            if not ledger.holds(path) and _digest(path) != digest:
+                what = "is not the deck of the interrupted run" if name == self.deck else "is not what the interrupted run has read"
+                raise ParameterError(f"--restart: {path} {what}, or has changed since; put it back, or begin anew without --restart")
+
+
+def _said(value: Any) -> str:
+    return "none" if value is None else str(value)
+
+
+def _digest(path: Path) -> str:
+    with suppress(OSError):
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    return ""
+
+
+class Checkpoints:
+    """The checkpoints of one deck.
+
+    Parameters
+    ----------
+    out : Path
+        Folder of the results.
+
+    Attributes
+    ----------
+    ledger : FileLedger
+        What is written there.
+    """
+
+    def __init__(self, out: Path):
+        self.folder = out / FOLDER
+        self.ledger = FileLedger(out, self.folder / "files")
+        self._inputs: dict[str, str] = {}
+
+    @staticmethod
+    def at(place: Path) -> Path:
+        """Folder of the results from what ``--restart`` says: that folder, its checkpoint, or a file of that."""
+        folder = place.parent if place.is_file() else place
+        folder = folder.parent if folder.name == FOLDER else folder
+        if not (folder / FOLDER / "latest").is_file():
+            done = " (a run that has come to its end has none any more)" if folder.is_dir() else ""
+            raise ParameterError(f"--restart: there is no checkpoint in {folder}{done}; give the --out folder of the interrupted run")
+        return folder
+
+    # -- writing ------------------------------------------------------------------------------------------------------------------
+    def save_run(self, number: int, content: dict[str, Any]) -> None:
+        """Store what a run has made of the deck."""
+        self._write(f"run-{number + 1}", content)
+
+    def save(self, state: Any, options: RunOptions, variables: dict[str, str], runs: int, present: dict[str, Any] | None) -> None:
+        """Store where the deck is now."""
+        for path in state.inputs:
+            if str(path.resolve()) not in self._inputs:
+                self._inputs[str(path.resolve())] = _digest(path)
+        content = Latest(str(state.path.resolve()), asdict(options), variables, dict(self._inputs), self.ledger.lengths(), runs, present)
+        self._write("latest", vars(content))
+
+    def _write(self, name: str, content: dict[str, Any]) -> None:
+        with writing(self.folder, "the folder"):
+            self.folder.mkdir(parents=True, exist_ok=True)
+        write_whole(self.folder / name, to_bytes({"format": _FORMAT, **content}), "the checkpoint")
+
+    def remedy(self, reason: str | None) -> str:
+        """How an interrupted run can go on, if it can."""
+        if (self.folder / "latest").exists():
+            where = "" if reason is None else f", from before the run that cannot be resumed: {reason}"
+            return f"go on with --restart {self.folder.parent}{where}"
+        return f"it cannot be resumed: {reason or 'nothing had been computed'}"
+
+    def clear(self) -> None:
+        """Take all of it away: there is nothing to resume."""
+        if self.folder.is_dir():
+            for path in [self.folder / "latest", *self.folder.glob("run-*"), *self.folder.glob("files*")]:
+                path.unlink(missing_ok=True)
+            with suppress(OSError):
+                self.folder.rmdir()
+
+    def resume(self, latest: Latest) -> None:
+        """Make all files what they were, and keep them so until the ledger's ``replaying`` ends."""
+        self.ledger.put_back(latest.files)
+        self._inputs = dict(latest.inputs)
+        self.ledger.replaying = True
+
+    # -- reading ------------------------------------------------------------------------------------------------------------------
+    def latest(self) -> Latest:
+        """Where the deck was interrupted."""
+        content = self._read("latest")
+        try:
+            return Latest(**content)
+        except TypeError as error:
+            raise ParameterError(f"--restart: {self.folder / 'latest'} is no checkpoint of this version ({error})") from None
+
+    def run(self, number: int) -> dict[str, Any]:
+        """What a run has made of the deck."""
+        return self._read(f"run-{number + 1}")
+
+    def _read(self, name: str) -> dict[str, Any]:
+        path = self.folder / name
+        try:
+            content = from_bytes(path.read_bytes())
+        except OSError as error:
+            raise ParameterError(f"--restart: {path} cannot be read ({error.strerror})") from None
+        except ParameterError as error:
+            raise ParameterError(f"--restart: {path} is no checkpoint, or damaged ({error})") from None
+        if not isinstance(content, dict) or content.pop("format", None) != _FORMAT:
+            raise ParameterError(f"--restart: {path} is no checkpoint of this version")
+        return content

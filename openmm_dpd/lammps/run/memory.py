@@ -1,0 +1,72 @@
+"""What a run changes in the state of a deck, as bytes, and back.
+
+The commands of a deck are carried out again when it is resumed, so what they do need not be stored.  What runs do is all in
+:data:`PARTS`: beads and box, averages, dumps and computes that remember, random numbers of formulas.
+"""
+
+from __future__ import annotations
+
+import io
+import pickle
+from typing import Any
+
+from ...errors import ParameterError
+from ..state.deck_state import DeckState
+
+#: Attributes of :class:`~openmm_dpd.lammps.state.deck_state.DeckState` that runs change, or what is in them.
+PARTS = ("atoms", "box", "step", "time_origin", "last_sample", "generators", "notes", "fixes", "computes", "dumps")
+
+#: Classes of these packages hold data only: unpickling them cannot do anything else.
+_PACKAGES = tuple(
+    f"openmm_dpd.{name}" for name in ("model.", "units", *(f"lammps.{part}." for part in "language state output values styles".split()))
+)
+
+#: What numpy and the standard library need.
+_OTHERS = {
+    "collections": ("deque",),
+    "numpy": ("dtype", "ndarray"),
+    **{f"numpy.{core}.multiarray": ("_reconstruct", "scalar") for core in ("core", "_core")},
+    **{f"numpy.{core}.numeric": ("_frombuffer",) for core in ("core", "_core")},
+    "numpy.random._pickle": ("__generator_ctor", "__bit_generator_ctor"),
+    "numpy.random._pcg64": ("PCG64",),
+    "numpy.random.bit_generator": ("SeedSequence", "__pyx_unpickle_SeedSequence"),
+    **{module: ("Path", "PosixPath", "WindowsPath") for module in ("pathlib", "pathlib._local")},
+}
+
+
+class _DataOnly(pickle.Unpickler):
+    def find_class(self, module: str, name: str) -> Any:
+        if name in _OTHERS.get(module, ()):
+            return super().find_class(module, name)
+        if module.startswith(_PACKAGES) and "." not in name:
+            found = super().find_class(module, name)
+            if isinstance(found, type) and found.__module__ == module:
+                return found
+        raise pickle.UnpicklingError(f"{module}.{name} does not belong into a checkpoint")
+
+
+def to_bytes(value: Any) -> bytes:
+    """Anything that consists of data; ParameterError with what does not."""
+    try:
+        return pickle.dumps(value, protocol=5)
+    except (pickle.PicklingError, TypeError, AttributeError) as error:
+        raise ParameterError(str(error)) from None
+
+
+def from_bytes(content: bytes) -> Any:
+    """What :func:`to_bytes` was given; no code is run, whoever wrote it; ParameterError if it is none."""
+    try:
+        return _DataOnly(io.BytesIO(content)).load()
+    except (pickle.UnpicklingError, EOFError, AttributeError, ImportError, IndexError, KeyError, TypeError, ValueError) as error:
+        raise ParameterError(str(error)) from None
+
+
+def recorded(state: DeckState) -> dict[str, Any]:
+    """What the runs until now have made of a deck, to be stored at once: it is not a copy."""
+    return {name: getattr(state, name) for name in PARTS}
+
+
+def recall(state: DeckState, parts: dict[str, Any]) -> None:
+    """Bring a deck to where its runs had brought it."""
+    for name in PARTS:
+        setattr(state, name, parts[name])

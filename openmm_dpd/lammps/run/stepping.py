@@ -1,0 +1,190 @@
+"""The steps of one run: when something is measured, written or looked at, and that nothing is lost when they end early."""
+
+from __future__ import annotations
+
+import io
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import openmm
+from openmm import app
+
+from ...build import BuiltSystem
+from ...errors import RunError
+from ...fields import read_fields
+from ...measure import Sample
+from ...measure.watch import has_set_temperature
+from ...model.scene import Scene
+from ...signals import Signals
+from ...watching import PIECE
+from ..state.sample import DeckSample
+from ..values.resolver import Resolver
+from .request import RunRequest
+from .result import RunResult
+from .sampling import CHEAP, Sampler, arrays
+from .trajectory import RunTrajectory
+
+
+class Pace:
+    """How many steps to take before signals are looked at: as many as take about half a second, and at most 640.
+
+    Whole pieces of those steps that an integrator takes back together, so that looking does not change what is computed together.
+    """
+
+    LEAST, MOST, SECONDS = PIECE, 64 * PIECE, 0.5
+
+    def __init__(self) -> None:
+        self.steps = self.LEAST
+
+    def took(self, steps: int, seconds: float) -> None:
+        """Learn from the time of some steps."""
+        if steps == self.steps and seconds < 0.5 * self.SECONDS:
+            self.steps = min(2 * self.steps, self.MOST)
+        elif seconds > 2 * self.SECONDS:
+            self.steps = max(self.steps // 2, self.LEAST)
+
+
+class Stepper:
+    """One run that is being carried out.
+
+    Parameters
+    ----------
+    request : RunRequest
+    simulation : app.Simulation
+    built : BuiltSystem
+    result : RunResult
+        Takes the rows.
+    log : callable
+        Takes the lines of thermo output.
+    trajectory : RunTrajectory, optional
+    signals : Signals
+        Those that may end the run after any step.
+    keep : callable
+        ``keep(stepper, step)`` may store everything, where a signal has come or ``interval`` steps have gone by.
+    interval : int, optional
+    """
+
+    def __init__(
+        self,
+        request: RunRequest,
+        simulation: app.Simulation,
+        built: BuiltSystem,
+        result: RunResult,
+        *,
+        log: Callable[[str], None],
+        trajectory: RunTrajectory | None,
+        signals: Signals,
+        keep: Callable[[Stepper, int], None],
+        interval: int | None,
+    ):
+        self.request, self.simulation, self.built, self.result = request, simulation, built, result
+        self.log, self.trajectory, self.signals, self.keep, self.interval = log, trajectory, signals, keep, interval
+        self.thermo, self.dumps, self.averages = request.thermo, request.dumps, request.averages
+        self.sampler = Sampler(request, built, simulation.context)
+        result.no_laplacian = self.sampler.observer.no_laplacian
+        self._sample: DeckSample | None = None
+        self._measured: Sample | None = None
+
+    def begin(self, scene: Scene) -> None:
+        """Everything that is due before the first step."""
+        for average in self.averages:
+            average.begin(self.request.state, self.request.first_step)
+        if self.thermo.header():
+            self.log(self.thermo.header())
+        if self.trajectory is not None:
+            self.trajectory.start(scene, self.request, self.built)
+        self._started = time.perf_counter()
+        self._look(self.request.first_step)
+        self.result.seconds = 0.0
+
+    def resume(self, scene: Scene, present: dict[str, Any]) -> None:
+        """Go to where an interrupted run was when it was stored."""
+        try:
+            self.simulation.loadCheckpoint(io.BytesIO(present["context"]))
+        except openmm.OpenMMException as error:
+            raise RunError(f"the checkpoint was written by another version of OpenMM, or on another kind of device ({error})") from None
+        if self.trajectory is not None:
+            self.trajectory.start(scene, self.request, self.built)
+        self._started = time.perf_counter() - present["elapsed"]
+
+    def present(self, step: int) -> dict[str, Any]:
+        """What :meth:`resume` needs."""
+        elapsed = time.perf_counter() - self._started
+        return {"step": step, "context": self.simulation.context.createCheckpoint(), "elapsed": elapsed}
+
+    def step_from(self, step: int, update: Callable[[int], None]) -> None:
+        """Take all steps from one on; ``update`` hears how many were taken."""
+        pace, last = Pace(), self.request.last_step
+        while step < last:
+            if self.signals.seen or (self.interval and step % self.interval == 0):
+                self.keep(self, step)
+            self.signals.check()
+            stop = min(step + pace.steps, self._next(step))
+            begun = time.perf_counter()
+            self.simulation.step(stop - step)
+            spent = time.perf_counter() - begun
+            self.result.seconds += spent
+            pace.took(stop - step, spent)
+            update(stop - step)
+            step = stop
+            self._look(step)
+
+    def finish(self) -> None:
+        """Everything that is due after the last step: the deck takes the beads over."""
+        if self.thermo.footer():
+            self.log(self.thermo.footer())
+        assert self._measured is not None
+        if has_set_temperature(self.built.plan):
+            self.result.check_temperature(self._measured.target_kT, self._measured.dof)
+        context = self.simulation.context
+        x, v, box = arrays(context)
+        last = None if self._sample is None else replace(self._sample, forces=None)
+        self.request.finish(x, v, box=box, sample=last, fields=read_fields(context, self.built.plan))
+
+    def _next(self, step: int) -> int:
+        """The next step at which something is due."""
+        due = [self.request.last_step, self.thermo.next_due(step), *(dump.next_due(step) for dump in self.dumps)]
+        due += [average.next_due for average in self.averages if average.next_due > step]
+        if self.trajectory is not None:
+            due.append(self.trajectory.next_due(step))
+        if self.interval:
+            due.append((step // self.interval + 1) * self.interval)
+        return min(due)
+
+    def _look(self, step: int) -> None:
+        """Measure, average, print and write what is due at a step."""
+        begun = time.perf_counter()
+        state, sampler, thermo, result = self.request.state, self.sampler, self.thermo, self.result
+        due = [average for average in self.averages if average.next_due == step]
+        needs = frozenset().union(*(average.needs(state) for average in due))
+        self._sample, elapsed = None, begun - self._started
+        if thermo.due(step) or not needs <= CHEAP:
+            self._sample, self._measured = sampler.full(step, needs | thermo.needs, elapsed)
+        elif due:
+            self._sample = sampler.cheap(step, needs, elapsed)
+        for average in due:
+            average.take(Resolver(state, self._sample, thermo.window))
+        if thermo.due(step):
+            assert self._sample is not None and self._measured is not None
+            values = thermo.values(self._sample, tuple(w for w in result.words if w != "temp_conf"))
+            result.add(step, values, self._measured)
+            self.log(thermo.row(values | {"temp_conf": self._sample.kT_conf or float("nan")}, self._sample))
+        result.seconds += time.perf_counter() - begun
+        self._write_frames(step)
+
+    def _write_frames(self, step: int) -> None:
+        request, sampler = self.request, self.sampler
+        due = [dump for dump in self.dumps if dump.due(step)]
+        framed = self.trajectory is not None and self.trajectory.due(step)
+        if not due and not framed:
+            return
+        needs = frozenset(("positions",)).union(*(dump.needs(request.state) for dump in due))
+        sample = sampler.cheap(step, needs, 0.0) if needs <= CHEAP else sampler.full(step, needs, 0.0)[0]
+        moment = Resolver(request.state, sample, self.thermo.window)
+        for dump in due:
+            dump.write(moment)
+        if framed and self.trajectory is not None:
+            assert sample.positions is not None and sample.box is not None
+            self.trajectory.write(sample.positions, sample.box, sampler.context, step)

@@ -1,0 +1,269 @@
+"""Decks that are interrupted anywhere and resumed: every file is, bit for bit, that of a run that was not interrupted."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import shutil
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+from interrupted_runs import contents, interrupted, signal_at
+
+from openmm_dpd.cli import main
+from openmm_dpd.files import BlockFile
+from openmm_dpd.lammps.run.checkpoint import Checkpoints
+
+DECKS = Path(__file__).parents[2] / "examples" / "decks"
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals")
+
+#: Two runs with everything that remembers: averages of every kind, displacements, random numbers of formulas, files that grow, that are
+#: written again and that are begun anew, commands between the runs that depend on the first.
+TINY = """# everything that remembers
+units lj
+atom_style atomic
+comm_modify vel yes
+region box block 0 3 0 3 0 3 units box
+create_box 2 box
+create_atoms 1 random 40 4243 box
+create_atoms 2 random 32 4244 box
+mass 1 1.0
+mass 2 2.0
+pair_style dpd 1.0 1.0 34387
+pair_coeff * * 25.0 4.5
+velocity all create 1.0 87287
+fix move all nve
+timestep 0.01
+thermo 10
+variable noise equal "random(0,1,77)"
+compute m all msd average yes
+compute origin all msd
+compute cc all chunk/atom bin/1d x lower 0.25 units reduced
+fix mean all ave/time 5 4 20 c_m[4] v_noise file mean.txt ave running
+fix over all ave/time 10 2 40 c_thermo_temp file over.txt overwrite
+fix prof all ave/chunk 3 5 30 cc vx density/number file prof.txt ave window 3
+thermo_style custom step temp press pe c_m[4] c_origin[4] v_noise f_mean[1] f_prof[1][3]
+thermo_modify format float %.17g
+dump d all custom 15 dump.d id x y z vx vy vz
+dump s all atom 25 dump.*.s
+dump b all dcd 10 dump.dcd
+print "begin" file said.txt
+run 60
+print "temperature $(temp) $(v_noise)" append said.txt
+variable hot equal $(temp)
+undump d
+dump d all custom 15 dump.d id x y z
+velocity all scale ${hot}
+write_data data.between
+run 45
+print "temperature $(temp)" append said.txt
+"""
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
+
+
+def arguments(deck: Path, out: Path, platform: str, *more: str) -> list[str]:
+    return [
+        "run",
+        str(deck),
+        "--platform",
+        platform,
+        "--threads",
+        "1",
+        "--out",
+        str(out),
+        "--json",
+        str(out / "report.json"),
+        "--quiet",
+        *more,
+    ]
+
+
+def interrupt_and_resume(deck: Path, platform: str, moments: int, *options: str, seed: int = 1, first: float = 0.1) -> None:
+    """Interrupt a run at random moments by each signal in turn, each time resume it, and compare all files; every moment begins anew."""
+    whole = deck.parent / "whole"
+    with signal_at(0, 0) as calls:
+        assert main(arguments(deck, whole, platform, *options)) == 0
+    expected = contents(whole)
+    assert "log.txt" in expected and not (whole / "checkpoint").exists()
+    begun, rng = 0, np.random.default_rng(seed)
+    for k, call in enumerate(rng.integers(int(first * calls[0]), calls[0], moments)):
+        number, out = SIGNALS[k % 3], deck.parent / f"out-{k}"
+        status = interrupted(int(call), number, arguments(deck, out, platform, *options))
+        assert status in (-number, 128 + number), (k, status)
+        if not (out / "checkpoint" / "latest").exists():
+            continue
+        begun += 1
+        resumed = ["run", str(deck), "--restart", str(out), "--json", str(out / "report.json"), "--quiet"]
+        assert main(resumed) == 0
+        found = contents(out)
+        assert sorted(found) == sorted(expected), (k, call)
+        differing = [name for name in expected if found[name] != expected[name]]
+        assert not differing, (k, call, number, differing)
+    assert begun > moments // 2
+
+
+def interrupt_again_and_again(deck: Path, platform: str, times: int, *options: str, seed: int) -> None:
+    """Interrupt one run by each signal in turn, go on with it until the next one comes, and compare all files at its end."""
+    whole, out = deck.parent / "whole", deck.parent / "out"
+    with signal_at(0, 0) as calls:
+        assert main(arguments(deck, whole, platform, *options)) == 0
+    begun = arguments(deck, out, platform, *options)
+    resumed = ["run", str(deck), "--restart", str(out), "--json", str(out / "report.json"), "--quiet"]
+    words, rng, reached = begun, np.random.default_rng(seed), []
+    for k in range(times):
+        # far enough that there is a checkpoint, or a new one; what is done is recalled in few calls
+        call = int(calls[0] * (rng.uniform(0.2, 0.3) if k == 0 else 0.05 + rng.uniform(0.5, 1.0) / times))
+        assert interrupted(call, SIGNALS[k % 3], words) in (-SIGNALS[k % 3], 128 + SIGNALS[k % 3]), (k, reached)
+        latest = Checkpoints(out).latest()
+        reached.append((latest.runs, latest.present and latest.present["step"]))
+        words = resumed
+    assert len(set(reached)) > times // 2, reached
+    assert main(resumed) == 0
+    assert contents(out) == contents(whole)
+
+
+@pytest.fixture
+def deck(tmp_path) -> Path:
+    path = tmp_path / "in.tiny"
+    path.write_text(TINY, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("platform", ["Reference", "CPU"])
+def test_three_interruptions_of_one_run_change_nothing(deck, platform, monkeypatch):
+    monkeypatch.setattr("openmm_dpd.lammps.run.main.thermo_picture", lambda *_, **__: None)  # most of the time
+    interrupt_again_and_again(deck, platform, 3, "--checkpoint", "10", seed=1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("options", [("--checkpoint", "7"), ("--format", "xtc", "--every", "4")], ids=["often", "only at signals"])
+@pytest.mark.parametrize("platform", ["Reference", "CPU"])
+def test_ten_interruptions_change_nothing(deck, platform, options):
+    """Without --checkpoint, a run that is killed goes on where the last one ended."""
+    interrupt_and_resume(deck, platform, 10, *options, seed=2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("platform", ["Reference", "CPU"])
+def test_ten_interruptions_of_one_run_change_nothing(deck, platform):
+    interrupt_again_and_again(deck, platform, 10, "--checkpoint", "5", seed=3)
+
+
+#: Example decks with few beads: what is changed of them.
+SMALL = {
+    "in.edpd": {"-10 10 -10 10 -5 5 units": "-3 3 -3 3 -3 3 units", "random 16000": "random 400"},
+    "in.dpdh-pressure": {"0 9 0 9 0 10": "0 4 0 4 0 4"},
+    "in.mdpd": {"-20 20 -7.5 7.5 -2 2 units": "-4 4 -4 4 -2 2 units"},
+    "in.srp": {},
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SMALL)
+def test_fields_volumes_and_densities_are_resumed(tmp_path, name):
+    """Bead fields and their file, moves of the volume, densities, forces between bonds."""
+    for path in DECKS.iterdir():
+        shutil.copy(path, tmp_path / path.name)
+    text = (DECKS / name).read_text(encoding="utf-8")
+    for old, new in SMALL[name].items():
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / name).write_text(text, encoding="utf-8")
+    interrupt_and_resume(tmp_path / name, "CPU", 3, "--steps", "60", "--checkpoint", "10", "--var", "every", "10", first=0.6)
+
+
+def stopped(deck: Path, *more: str) -> Path:
+    """A run that was interrupted in its second half."""
+    out = deck.parent / "out"
+    with signal_at(0, 0) as calls:
+        assert main(arguments(deck, deck.parent / "whole", "CPU", *more)) == 0
+    assert interrupted(3 * calls[0] // 4, signal.SIGTERM, arguments(deck, out, "CPU", *more)) == 143
+    return out
+
+
+def error_of(capsys, *words: str) -> str:
+    capsys.readouterr()
+    assert main(["run", *words, "--quiet"]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("openmm-dpd: error: ") and error.count("\n") == 1
+    return error
+
+
+def test_what_cannot_be_resumed_is_said_with_the_remedy(deck, capsys):
+    """Other options, another deck, files that have gone, checkpoints that are none; and then it goes on after all."""
+    out = stopped(deck)
+    assert f"go on with --restart {out}" in capsys.readouterr().err
+    again = (str(deck), "--restart", str(out))
+    assert "--dt 0.02 cannot be combined with --restart: the interrupted run had none; leave it out" in error_of(
+        capsys, *again, "--dt", "0.02"
+    )
+    assert "--platform Reference cannot be combined" in error_of(capsys, *again, "--platform", "Reference")
+    assert "--var cannot be changed by --restart" in error_of(capsys, *again, "--var", "x", "1")
+    assert "cannot be another folder" in error_of(capsys, *again, "--out", str(deck.parent / "elsewhere"))
+    deck.write_text(TINY.replace("0.01", "0.02"), encoding="utf-8")
+    assert "is not the deck of the interrupted run, or has changed since" in error_of(capsys, *again)
+    deck.write_text(TINY, encoding="utf-8")
+    log = (out / "log.txt").read_bytes()
+    (out / "log.txt").write_bytes(log[:-1])
+    assert "at the checkpoint: the run cannot go on with it; put the file back" in error_of(capsys, *again)
+    (out / "log.txt").write_bytes(log)
+    latest = (out / "checkpoint" / "latest").read_bytes()
+    for content in (latest[:-10], b"", pickle.dumps({"format": "else"})):
+        (out / "checkpoint" / "latest").write_bytes(content)
+        assert "latest is no checkpoint" in error_of(capsys, *again)
+    (out / "checkpoint" / "latest").write_bytes(latest)
+    # by a file of it, with what may change
+    assert main(["run", str(deck), "--restart", str(out / "checkpoint" / "latest"), "--threads", "2", "--checkpoint", "10", "--quiet"]) == 0
+    (out / "report.json").write_bytes((deck.parent / "whole" / "report.json").read_bytes())
+    assert contents(out) == contents(deck.parent / "whole")
+    assert "there is no checkpoint in" in error_of(capsys, *again)
+
+
+def test_code_in_a_checkpoint_is_not_run(deck, capsys):
+    """Neither a function, nor a class that would write."""
+    out = deck.parent / "out"
+    (out / "checkpoint").mkdir(parents=True)
+
+    class Planted:
+        def __init__(self, call, *words):
+            self.made = call, words
+
+        def __reduce__(self):
+            return self.made
+
+    target = deck.parent / "planted"
+    for planted in (Planted(os.system, f"touch {target}"), Planted(BlockFile, str(target), "x"), Planted(Path.touch, target)):
+        (out / "checkpoint" / "latest").write_bytes(pickle.dumps({"format": "openmm-dpd checkpoint 1", "deck": planted}))
+        assert "does not belong into a checkpoint" in error_of(capsys, str(deck), "--restart", str(out))
+    assert not target.exists()
+
+
+def test_volume_moves_of_openmm_are_refused(capsys, tmp_path):
+    deck = DECKS / "in.dpdp-pressure"
+    words = [str(deck), "--platform", "CPU", "--threads", "1", "--out", str(tmp_path), "--checkpoint", "10"]
+    error = error_of(capsys, *words)
+    assert "--checkpoint: this run could not be resumed: OpenMM's MonteCarlo" in error and "leave the option out" in error
+
+
+def test_forces_of_openmm_on_the_cpu_platform_are_not_bit_for_bit(deck, capsys):
+    words = [
+        "run",
+        str(deck),
+        "--platform",
+        "CPU",
+        "--threads",
+        "1",
+        "--out",
+        str(deck.parent / "out"),
+        "--steps",
+        "2",
+        "--checkpoint",
+        "1",
+    ]
+    for more, said in (([], False), (["--conservative", "openmm"], True)):
+        assert main([*words, *more]) == 0
+        assert ("not bit for bit" in capsys.readouterr().out) == said

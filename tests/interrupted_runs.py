@@ -1,0 +1,82 @@
+"""Runs of decks that get a signal at a chosen moment: the moment is a call of a function, so any line of the run can be hit, and again.
+
+python interrupted_runs.py CALL SIGNAL ARGUMENTS OF openmm-dpd ...
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+import openmm_dpd.lammps  # before calls are counted
+from openmm_dpd.cli import main
+from openmm_dpd.field_file import load_fields
+
+PACKAGE = Path(openmm_dpd.lammps.__file__).parents[1]
+
+#: Files whose calls are counted: all that a run of a deck does beside its steps.
+COUNTED = (str(PACKAGE / "lammps"), *(str(PACKAGE / f"{name}.py") for name in ("files", "file_ledger", "dcd", "xtc", "field_file")))
+
+
+@contextmanager
+def signal_at(call: int, number: int) -> Iterator[list[int]]:
+    """Within, this process gets a signal at the ``call``-th call of a counted function (0: never); counts them."""
+    seen = [0]
+
+    def profile(frame, event, _):
+        if event == "call" and frame.f_code.co_filename.startswith(COUNTED):
+            seen[0] += 1
+            if seen[0] == call:
+                os.kill(os.getpid(), number)
+
+    sys.setprofile(profile)
+    try:
+        yield seen
+    finally:
+        sys.setprofile(None)
+
+
+def interrupted(call: int, number: int, arguments: list[str]) -> int:
+    """Run until a call, and return the exit status; in a process of its own where nothing else would survive."""
+    if number == signal.SIGKILL:
+        command = [sys.executable, __file__, str(call), str(number), *arguments]
+        return subprocess.run(command, capture_output=True, text=True).returncode
+    with signal_at(call, number):
+        return main(arguments)
+
+
+def contents(out: Path) -> dict[str, object]:
+    """Everything in a folder of results, without what tells of wall time."""
+    found: dict[str, object] = {}
+    for path in sorted(path for path in out.rglob("*") if path.is_file()):
+        name = str(path.relative_to(out))
+        if path.suffix == ".npz":
+            found[name] = {key: np.asarray(values).tobytes() for key, values in load_fields(path).items()}
+        elif path.suffix == ".json":
+            found[name] = without_times(json.loads(path.read_text(encoding="utf-8")))
+        elif name == "log.txt":
+            lines = path.read_text(encoding="utf-8").splitlines()
+            found[name] = [line for line in lines if not line.startswith(("Loop time", "compiling"))]
+        else:
+            found[name] = path.read_bytes()
+    return found
+
+
+def without_times(report: dict) -> dict:
+    """A report without seconds."""
+    runs = [{key: value for key, value in run.items() if key != "seconds_per_step"} for run in report["runs"]]
+    return {key: value for key, value in report.items() if key != "seconds_per_step"} | {"runs": runs}
+
+
+if __name__ == "__main__":
+    with signal_at(int(sys.argv[1]), int(sys.argv[2])):
+        status = main(sys.argv[3:])
+    sys.exit(status)
