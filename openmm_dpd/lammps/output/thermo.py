@@ -14,7 +14,7 @@ from ..state.deck_state import DeckState
 from ..state.moment import Window
 from ..state.sample import DeckSample
 from ..values.compute_spec import reference
-from ..values.computes import BUILT_IN, COMPUTES, average_of, check_value, compute_of
+from ..values.computes import BUILT_IN, COMPUTES, average_of, check_built_in, check_value, compute_of
 from ..values.per_bead import PROPERTIES
 from ..values.resolver import Resolver
 from ..values.words import WORDS
@@ -46,7 +46,7 @@ def check_word(state: DeckState, word: str) -> None:
     if word.startswith("c_"):
         _, name, indices = found = reference(word)
         if name in BUILT_IN and indices:
-            raise ParameterError(f"{word}: compute {name} has a single value only; use c_{name}")
+            check_built_in(name, indices, word)
         if name not in BUILT_IN:
             check_value(state, name, found.first, found.second, word)
         return
@@ -79,21 +79,27 @@ def _needs(state: DeckState, word: str, seen: set[str]) -> set[str]:
         return found
     if word.startswith("c_"):
         name = reference(word).name
+        indexed = bool(reference(word).indices)
         if name in BUILT_IN:
-            return _needs(state, BUILT_IN[name].word, seen)
+            # the six values of both come with the pressure tensor
+            return _needs(state, "pxx" if indexed else BUILT_IN[name].word, seen)
         if name not in state.computes:
             return set()
         compute = state.computes[name]
         spec = COMPUTES[compute.style]
-        return set(spec.needs).union(*(_needs(state, other, seen) for other in spec.inputs(compute)))
+        own = spec.vector_needs if indexed and spec.vector_needs is not None else spec.needs
+        return set(own).union(*(_needs(state, other, seen) for other in spec.inputs(compute)))
     if word in PROPERTIES and word not in WORDS:
         return set(PROPERTIES[word].needs)
     found = set(WORDS[word].needs) if word in WORDS else set()
     # a temperature taken from a compute on a group needs the velocities of its beads
-    if "kinetic" in found and (state.thermo.temp != "thermo_temp" or state.pressure_temps):
+    if found & {"kinetic", "virial_tensor"} and (state.thermo.temp != "thermo_temp" or state.pressure_temps):
         found.add("velocities")
-    if "virial" in found and state.thermo.press != "thermo_press":
-        found |= _needs(state, "c_" + state.thermo.press, seen)
+    if state.thermo.press != "thermo_press":
+        if "virial" in found:
+            found |= _needs(state, "c_" + state.thermo.press, seen)
+        if "virial_tensor" in found:
+            found |= _needs(state, f"c_{state.thermo.press}[1]", seen)
     return found
 
 
@@ -165,7 +171,8 @@ class Thermo:
         if word.startswith("c_"):
             _, name, indices = found = reference(word)
             if name in BUILT_IN:
-                return moment.thermo(BUILT_IN[name].word)
+                column = BUILT_IN[name].column
+                return moment.thermo(BUILT_IN[name].word) if not indices or column is None else column(moment, indices[0] - 1)
             value = moment.compute(name, found.first, found.second)
             compute, spec = compute_of(moment.state, name)
             return value / moment.norm if spec.is_extensive(compute, bool(indices)) else value

@@ -102,6 +102,11 @@ class RunRequest(Integration):
         """Dumps that are active during this run."""
         return tuple(self.state.dumps.values())
 
+    @property
+    def needs(self) -> frozenset[str]:
+        """Fields of DeckSample that anything reads during this run."""
+        return self.thermo.needs.union(*(reader.needs(self.state) for reader in (*self.averages, *self.dumps)))
+
     def scene(self) -> Scene:
         """The scene at the first step; see :func:`~openmm_dpd.lammps.scene.scene.build_scene`."""
         return build_scene(self.state, self.window, self.compat)

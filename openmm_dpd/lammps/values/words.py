@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...tensors import AXES_OF_TENSOR
 from ..state.moment import DeckMoment
 
 
@@ -115,6 +116,14 @@ def _box_words() -> dict[str, Word]:
     return words
 
 
+def _tensor_words() -> dict[str, Word]:
+    needs = ("virial_tensor",)
+    return {
+        f"p{'xyz'[a]}{'xyz'[b]}": Word(f"P{'xyz'[a]}{'xyz'[b]}", lambda moment, k=k: moment.pressure_component(k), needs=needs)
+        for k, (a, b) in enumerate(AXES_OF_TENSOR)
+    }
+
+
 #: Thermo words.  The last two are not LAMMPS's.
 WORDS: dict[str, Word] = {
     "step": Word("Step", lambda c: c.step, integer=True),
@@ -130,6 +139,7 @@ WORDS: dict[str, Word] = {
     "angles": Word("Angles", lambda c: len(c.state.angles), integer=True),
     "temp": Word("Temp", lambda c: c.temperature(c.thermo_compute()), needs=("kinetic", "dof")),
     "press": Word("Press", lambda c: c.pressure(), needs=_PRESSURE),
+    **_tensor_words(),
     "pe": Word("PotEng", _per_bead(*_ENERGIES), needs=_ENERGIES),
     "ke": Word("KinEng", _kinetic, needs=("kinetic",)),
     "etotal": Word("TotEng", _total, needs=("kinetic", *_ENERGIES)),
