@@ -88,6 +88,8 @@ class DeckState:
         Number of the current step.
     variables : Variables
         The variables.
+    skips_jump : bool
+        Whether the next jump is skipped, because ``next`` has come to the end of a series.
     notes : list of str
         What was accepted without having a meaning here, each said once.
     last_sample : DeckSample or None
@@ -127,6 +129,7 @@ class DeckState:
     step: int = 0
     time_origin: tuple[float, int] = (0.0, 0)
     variables: Variables = field(default_factory=Variables)
+    skips_jump: bool = False
     notes: list[str] = field(default_factory=list)
     runs: int = 0
     last_sample: DeckSample | None = None

@@ -17,14 +17,16 @@ _NOISE = re.compile(r"WARNING|^Generated|^Last command|^For more information|^Ne
 
 
 def _thermo_of_log(text: str) -> str:
-    """Thermo output of a LAMMPS log: what stands between the mark before a run and the loop time."""
+    """Thermo output of a LAMMPS log: what stands between the mark before a run and the loop time, or the loop times of its pieces."""
     found: list[str] = []
     for part in text.split(MARK)[1:]:
-        body = part.split("Loop time of")[0]
-        if "Per MPI rank memory" in body:
-            body = body.split("Per MPI rank memory")[-1].partition("\n")[2]
         found.append(MARK)
-        found += [line for line in body.splitlines() if line.strip() and not _NOISE.search(line) and not line.startswith("ERROR")]
+        for number, body in enumerate(part.split("Loop time of")):
+            if "Per MPI rank memory" in body:
+                body = body.split("Per MPI rank memory")[-1].partition("\n")[2]
+            elif number:
+                continue
+            found += [line for line in body.splitlines() if line.strip() and not _NOISE.search(line) and not line.startswith("ERROR")]
     return "\n".join(found)
 
 
