@@ -97,19 +97,27 @@ def if_(deck: Deck, args: list[str]) -> None:
     read.count(args, usage, 3, None)
     if args[1] != "then":
         raise ParameterError(f"expected '{usage}', but '{args[1]}' stands in the place of then")
-    rest = ["elif", args[0], *args[2:]]
-    while rest:
+    for condition, commands in _branches(args):
         # a condition in quotes has its variables still
-        holds = rest[0] == "else" or condition_holds(output.expand(deck, rest[1]))
-        first = 1 if rest[0] == "else" else 2
-        last = next((k for k, word in enumerate(rest) if k >= first and word in ("elif", "else")), len(rest))
-        if last == first or (rest[0] == "else" and last < len(rest)) or (rest[last:] and len(rest) - last < 2):
-            raise ParameterError(f"if: expected commands behind '{rest[0]}', and an 'else' only at the end")
-        if holds:
-            for command in rest[first:last]:
+        if condition is None or condition_holds(output.expand(deck, condition)):
+            for command in commands:
                 execute_text(deck, command)
             return
+
+
+def _branches(args: list[str]) -> list[tuple[str | None, list[str]]]:
+    """Conditions of an if command, None for else, each with its commands."""
+    rest, found = ["elif", args[0], *args[2:]], list[tuple[str | None, list[str]]]()
+    while rest:
+        word, first = rest[0], 1 if rest[0] == "else" else 2
+        last = next((k for k, other in enumerate(rest) if k >= first and other in ("elif", "else")), len(rest))
+        if last <= first:
+            raise ParameterError(f"if: expected {'a condition and ' * (first == 2)}commands behind '{word}'")
+        if first == 1 and last < len(rest):
+            raise ParameterError(f"if: '{rest[last]}' behind the else; it is the last one")
+        found.append((rest[1] if first == 2 else None, rest[first:last]))
         rest = rest[last:]
+    return found
 
 
 def run_command(deck: Deck, args: list[str]) -> None:

@@ -105,7 +105,8 @@ class RunRequest(Integration):
     @property
     def needs(self) -> frozenset[str]:
         """Fields of DeckSample that anything reads during this run."""
-        return self.thermo.needs.union(*(reader.needs(self.state) for reader in (*self.averages, *self.dumps)))
+        averages, dumps = (frozenset[str]().union(*(each.needs(self.state) for each in kind)) for kind in (self.averages, self.dumps))
+        return self.thermo.needs | averages | dumps
 
     def scene(self) -> Scene:
         """The scene at the first step; see :func:`~openmm_dpd.lammps.scene.scene.build_scene`."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import openmm
 from openmm import unit
@@ -79,7 +81,7 @@ class Sampler:
         )
         return sample, measured
 
-    def _tensors(self) -> dict[str, np.ndarray]:
+    def _tensors(self) -> dict[str, Any]:
         """The two parts of the pressure tensor."""
         assert self._stress is not None
         mass = masses_of(self.built.system)[:, None]

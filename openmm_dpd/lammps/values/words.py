@@ -116,12 +116,13 @@ def _box_words() -> dict[str, Word]:
     return words
 
 
+def _pressure_component(index: int) -> Callable[[DeckMoment], float]:
+    return lambda moment: moment.pressure_component(index)
+
+
 def _tensor_words() -> dict[str, Word]:
-    needs = ("virial_tensor",)
-    return {
-        f"p{'xyz'[a]}{'xyz'[b]}": Word(f"P{'xyz'[a]}{'xyz'[b]}", lambda moment, k=k: moment.pressure_component(k), needs=needs)
-        for k, (a, b) in enumerate(AXES_OF_TENSOR)
-    }
+    names = [f"{'xyz'[a]}{'xyz'[b]}" for a, b in AXES_OF_TENSOR]
+    return {f"p{name}": Word(f"P{name}", _pressure_component(k), needs=("virial_tensor",)) for k, name in enumerate(names)}
 
 
 #: Thermo words.  The last two are not LAMMPS's.
