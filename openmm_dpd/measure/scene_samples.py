@@ -41,6 +41,8 @@ class SceneSampler:
         self._charges = None if charges is None else charges.evaluator()
         self._groups = built.integrator.getIntegrationForceGroups()
         self._mass = masses_of(built.system)
+        #: (N, 3) that was added to the velocities after the last step, whose forces have not seen it.
+        self.changed: np.ndarray | None = None
 
     @property
     def no_laplacian(self) -> str | None:
@@ -184,6 +186,8 @@ class SceneSampler:
         """
         integrator, options, mobile = context.getIntegrator(), self.plan.options, self._mass > 0
         v = context.getState(velocities=True).getVelocities(asNumpy=True).value_in_unit(_V)
+        if self.changed is not None:
+            v = v - self.changed
         acc = per_dof(integrator, "acc")  # 0 where there is no history yet
         if options.lam == 0.5:
             dt = integrator.getStepSize().value_in_unit(unit.picosecond)

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from ...errors import ParameterError
-from ..language.lexer import errors_at, located
+from ..language.lexer import errors_at, located, substitute
 from ..language.variables import FORMULAS
 from ..state.deck_state import DeckState
 from ..state.moment import Window
@@ -69,14 +69,7 @@ def _needs(state: DeckState, word: str, seen: set[str]) -> set[str]:
         variable = state.variables.get(word[2:])
         if variable.style not in FORMULAS:
             return set()
-        found: set[str] = set()
-        if re.search(r"\b(xcm|bound|count\([^)]*,)", variable.text):
-            found.add("positions")
-        if re.search(r"\b(vcm|ke\()", variable.text):
-            found.add("velocities")
-        for name in _REFERENCE.findall(variable.text):
-            found |= _needs(state, name, seen)
-        return found
+        return _formula_needs(state, variable.text, seen)
     if word.startswith("c_"):
         name = reference(word).name
         indexed = bool(reference(word).indices)
@@ -101,6 +94,24 @@ def _needs(state: DeckState, word: str, seen: set[str]) -> set[str]:
         if "virial_tensor" in found:
             found |= _needs(state, f"c_{state.thermo.press}[1]", seen)
     return found
+
+
+def _formula_needs(state: DeckState, text: str, seen: set[str]) -> set[str]:
+    """The same of a formula."""
+    found: set[str] = set()
+    if re.search(r"\b(xcm|bound|count\([^)]*,)", text):
+        found.add("positions")
+    if re.search(r"\b(vcm|ke\()", text):
+        found.add("velocities")
+    return found.union(*(_needs(state, name, seen) for name in _REFERENCE.findall(text)))
+
+
+def fields_of_text(state: DeckState, text: str) -> frozenset[str]:
+    """Fields of :class:`DeckSample` that the substitutions in a text read."""
+    formulas: list[str] = []
+    substitute(text, lambda name: formulas.append(f"v_{name}") or "", lambda formula: formulas.append(formula) or 0.0)  # type: ignore[func-returns-value]
+    seen: set[str] = set()
+    return frozenset().union(*(_formula_needs(state, formula, seen) for formula in formulas))
 
 
 def fields_read(state: DeckState, words: Iterable[str]) -> frozenset[str]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from ...errors import DeckError, OutputError, ParameterError
-from ..commands import beads, bonded, box, fixes, kspace, output, pairs, setup, velocity
+from ..commands import beads, bonded, box, fixes, kspace, moving, output, pairs, setup, velocity
 from ..language import arguments as read
 from ..language.booleans import condition_holds
 from ..language.lexer import Line, split_words, strip_comment
@@ -192,6 +192,7 @@ COMMANDS: dict[str, Callable[[Deck, list[str]], None]] = {
     **box.COMMANDS,
     **beads.COMMANDS,
     **velocity.COMMANDS,
+    **moving.COMMANDS,
     **pairs.COMMANDS,
     **bonded.COMMANDS,
     **kspace.COMMANDS,

@@ -11,6 +11,7 @@ from ...model.scene import Scene
 from ..language.lexer import Line
 from ..output.averages import AveragingFix
 from ..output.dumps import Dump
+from ..output.print_fix import PrintFix
 from ..output.thermo import Thermo
 from ..scene.integration import Integration
 from ..scene.scene import build_scene
@@ -98,6 +99,11 @@ class RunRequest(Integration):
         return tuple(fix.parameters["average"] for fix in self.state.fixes.values() if "average" in fix.parameters)
 
     @property
+    def readers(self) -> Sequence[AveragingFix | PrintFix]:
+        """Fixes that read values at the end of steps, the averages among them, in the order of the deck."""
+        return tuple(fix.parameters["reader"] for fix in self.state.fixes.values() if "reader" in fix.parameters)
+
+    @property
     def dumps(self) -> Sequence[Dump]:
         """Dumps that are active during this run."""
         return tuple(self.state.dumps.values())
@@ -105,8 +111,8 @@ class RunRequest(Integration):
     @property
     def needs(self) -> frozenset[str]:
         """Fields of DeckSample that anything reads during this run."""
-        averages, dumps = (frozenset[str]().union(*(each.needs(self.state) for each in kind)) for kind in (self.averages, self.dumps))
-        return self.thermo.needs | averages | dumps
+        readers, dumps = (frozenset[str]().union(*(each.needs(self.state) for each in kind)) for kind in (self.readers, self.dumps))
+        return self.thermo.needs | readers | dumps
 
     def scene(self) -> Scene:
         """The scene at the first step; see :func:`~openmm_dpd.lammps.scene.scene.build_scene`."""

@@ -25,6 +25,7 @@ from ..output.thermo import ALWAYS
 from ..state.deck_state import DeckState
 from ..values.resolver import Resolver
 from .building import build_request, connect_barostat
+from .momentum import MomentumFixes
 from .options import FIXED_PRECISION, RunOptions, overridden
 from .request import RunRequest
 from .result import RunResult
@@ -172,25 +173,25 @@ class DeckRunner:
         self, request: RunRequest, scene: Scene, simulation: app.Simulation, built: BuiltSystem, result: RunResult, bar
     ) -> None:
         thermo, dumps, context = request.thermo, request.dumps, simulation.context
-        sampler, averages = Sampler(request, built, context), request.averages
+        sampler, readers, momentum = Sampler(request, built, context), request.readers, MomentumFixes(request, context)
         result.no_laplacian = sampler.observer.no_laplacian
-        for average in averages:
-            average.begin(request.state, request.first_step)
-        if thermo.header():
-            self.log(thermo.header())
+        for reader in readers:
+            reader.begin(request.state, request.first_step)
         if self.trajectory is not None:
             self.trajectory.start(scene, request, built)
         step, started, measured, pace = request.first_step, time.perf_counter(), None, Pace()
         while True:
             begun = time.perf_counter()
-            sample, due = None, [average for average in averages if average.next_due == step]
-            needs = frozenset().union(*(average.needs(request.state) for average in due))
+            sample, due = None, [reader for reader in readers if reader.next_due == step]
+            needs = frozenset().union(*(reader.needs(request.state) for reader in due))
             if thermo.due(step) or not needs <= CHEAP:
                 sample, measured = sampler.full(step, needs | thermo.needs, begun - started)
             elif due:
                 sample = sampler.cheap(step, needs, begun - started)
-            for average in due:
-                average.take(Resolver(request.state, sample, request.window))
+            for reader in due:
+                reader.take(Resolver(request.state, sample, request.window))
+            if step == request.first_step and thermo.header():
+                self.log(thermo.header())
             if thermo.due(step):
                 assert sample is not None and measured is not None
                 values = thermo.values(sample, tuple(w for w in result.words if w != "temp_conf"))
@@ -204,9 +205,10 @@ class DeckRunner:
             stop = min([thermo.next_due(step), request.last_step, step + pace.steps, *(dump.next_due(step) for dump in dumps)])
             if self.trajectory is not None:
                 stop = min(stop, self.trajectory.next_due(step))
-            stop = min([stop, *(average.next_due for average in averages if average.next_due > step)])
+            stop = min([stop, momentum.next_due(step), *(reader.next_due for reader in readers if reader.next_due > step)])
             begun = time.perf_counter()
             simulation.step(stop - step)
+            sampler.observer.changed = momentum.act(stop)
             spent = time.perf_counter() - begun
             result.seconds += spent
             pace.took(stop - step, spent)

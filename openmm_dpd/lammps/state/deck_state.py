@@ -306,9 +306,10 @@ class DeckState:
         if command == "run" and self.sorts and box.triclinic:
             # LAMMPS sorts by place in between, for which it goes to coordinates and back to fractions
             inside = box.places(box.fractions(inside))
-        self._take_inside(inside, shifts)
+        self.take_inside(inside, shifts)
 
-    def _take_inside(self, positions: np.ndarray, shifts: np.ndarray) -> None:
+    def take_inside(self, positions: np.ndarray, shifts: np.ndarray) -> None:
+        """Take over what :meth:`Box.settle` gives: positions in the box, and by how many boxes each was moved."""
         self.atoms.positions = positions
         self.atoms.images = self.atoms.images + shifts
 
@@ -337,7 +338,7 @@ class DeckState:
         own = self.require_box("a run")
         inside, shifts = self.folded(self.in_deck_units(positions), own)
         # walls keep beads inside to the rounding of the platform; the next run wants them inside to the last bit
-        self._take_inside(np.where(own.periodic, inside, np.clip(inside, own.low, np.nextafter(own.high, own.low))), shifts)
+        self.take_inside(np.where(own.periodic, inside, np.clip(inside, own.low, np.nextafter(own.high, own.low))), shifts)
         self.atoms.velocities = np.asarray(velocities, dtype=np.float64) / self.units.velocity
         places = bead_fields(self.units)
         for name, values in (fields or {}).items():

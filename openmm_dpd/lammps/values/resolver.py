@@ -8,6 +8,7 @@ import numpy as np
 
 from ...errors import ParameterError
 from ..language.expressions import Names, evaluate, evaluate_beads
+from ..language.lexer import substitute
 from ..state.moment import DeckMoment
 from .compute_spec import check_place, reference
 from .computes import BUILT_IN, COMPUTES, average_of, check_built_in, check_value, compute_of
@@ -21,6 +22,10 @@ class Resolver(DeckMoment, Names):
     def formula(self, text: str) -> float:
         """Value of a formula."""
         return evaluate(text, self)
+
+    def substituted(self, text: str) -> str:
+        """Text with ``$`` substituted."""
+        return substitute(text, lambda name: self.state.variables.text(name, self.formula), self.formula)
 
     def thermo(self, word: str) -> float:
         """Value of a thermo word."""

@@ -15,6 +15,7 @@ from .flow import flow
 from .formulas import formulas
 from .meso import meso
 from .mistakes import mistakes
+from .moving import moving
 from .output import output
 from .pairs import pairs
 from .runs import runs
@@ -34,6 +35,7 @@ AREAS: dict[str, tuple[float, Callable[[Draw], Deck]]] = {
     "thermostats": (0.5, thermostats),
     "runs": (2.0, runs),
     "control": (1.5, control),
+    "moving": (1.5, moving),
     "data": (1.0, data),
     "output": (1.0, output),
     "mistakes": (2.0, mistakes),
