@@ -12,8 +12,10 @@ from ..language import arguments as read
 from ..language.booleans import condition_holds
 from ..language.lexer import Line, split_words, strip_comment
 from ..language.variables import Variables
-from ..scene.integration import integration
+from ..scene.flow import held_beads
+from ..scene.integration import Integration, integration
 from ..state.deck_state import DeckState
+from ..state.minimization import StoppingRule
 from .request import RunRequest
 from .script import Script
 
@@ -186,6 +188,23 @@ def _run(deck: Deck, steps: int, begin: int | None, end: int | None) -> None:
     deck.runs += 1
 
 
+def minimize(deck: Deck, args: list[str]) -> None:
+    """``minimize etol ftol maxiter maxeval``: all beads move, whatever fixes say, but for those that fix setforce holds."""
+    read.count(args, "minimize etol ftol maxiter maxeval", 4)
+    deck.require_box("minimize")
+    if deck.pair.where is None:
+        raise ParameterError("minimize needs a pair_style before it")
+    etol, ftol = (read.non_negative(word, name) for word, name in zip(args[:2], ("etol", "ftol"), strict=True))
+    most, evaluations = (read.integer(word, name, 0) for word, name in zip(args[2:], ("maxiter", "maxeval"), strict=True))
+    rule = StoppingRule(etol, ftol, most, evaluations, deck.force_norm)
+    if deck.run_callback is None:
+        deck.note("minimize is not carried out: beads stay where they are")
+        return
+    deck.settle("minimize")
+    request = RunRequest.of(deck, 0, Integration("mvv", 0.5, ~held_beads(deck)))
+    deck.run_callback(replace(request, minimization=rule))
+
+
 #: Every command of a deck.  Another command is another entry of one of the tables in ``commands/``.
 COMMANDS: dict[str, Callable[[Deck, list[str]], None]] = {
     **setup.COMMANDS,
@@ -199,6 +218,7 @@ COMMANDS: dict[str, Callable[[Deck, list[str]], None]] = {
     **fixes.COMMANDS,
     **output.COMMANDS,
     "run": run_command,
+    "minimize": minimize,
     "include": include,
     "quit": quit_,
     "label": label,
@@ -309,7 +329,7 @@ def read_deck(
             dump.close()
     if deck.first_run is None:
         if not stop_before_first_run:
-            raise DeckError("the deck has no run command: there is nothing to do", str(path))
+            raise DeckError("the deck has no run command: there is nothing to do; 'run 0' is one", str(path))
         if deck.box is None:
             raise DeckError("the deck makes no simulation box: there is nothing to look at", str(path))
         deck.first_run = RunRequest.of(deck, 0, integration(deck))

@@ -16,6 +16,7 @@ from ..output.thermo import Thermo
 from ..scene.integration import Integration
 from ..scene.scene import build_scene
 from ..state.deck_state import DeckState
+from ..state.minimization import StoppingRule
 from ..state.moment import Window
 from ..state.sample import DeckSample
 
@@ -46,6 +47,8 @@ class RunRequest(Integration):
         Number of this run in the deck, from 0.
     compat : str
         ``consistent``, or ``lammps`` for the heat of edpd as LAMMPS computes it.
+    minimization : StoppingRule or None
+        Of ``minimize``, whose steps are iterations; None for ``run``.
     """
 
     state: DeckState
@@ -58,6 +61,7 @@ class RunRequest(Integration):
     where: Line | None
     number: int = 0
     compat: str = "consistent"
+    minimization: StoppingRule | None = None
 
     @classmethod
     def of(cls, state: DeckState, steps: int, moved: Integration, begin: int | None = None, end: int | None = None) -> RunRequest:
@@ -116,7 +120,7 @@ class RunRequest(Integration):
 
     def scene(self) -> Scene:
         """The scene at the first step; see :func:`~openmm_dpd.lammps.scene.scene.build_scene`."""
-        return build_scene(self.state, self.window, self.compat)
+        return build_scene(self.state, self.window, self.compat, self)
 
     def override(
         self, *, steps: int | None = None, dt: float | None = None, scheme: str | None = None, compat: str | None = None

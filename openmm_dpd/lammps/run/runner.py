@@ -25,6 +25,7 @@ from ..output.thermo import ALWAYS
 from ..state.deck_state import DeckState
 from ..values.resolver import Resolver
 from .building import build_request, connect_barostat
+from .minimizing import carry_out_minimization
 from .momentum import MomentumFixes
 from .options import FIXED_PRECISION, RunOptions, overridden
 from .request import RunRequest
@@ -88,6 +89,12 @@ class DeckRunner:
     def __call__(self, request: RunRequest) -> None:
         """Carry out one run."""
         options, state = self.options, request.state
+        if request.minimization is not None:
+            self.say_notes(state)
+            with self.signals.later():
+                carry_out_minimization(request, request.minimization, options, self.log)
+            self.signals.check()
+            return
         request = overridden(request, options)
         if options.discard > request.steps:
             # the last step has a row always

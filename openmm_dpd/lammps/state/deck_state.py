@@ -90,6 +90,8 @@ class DeckState:
         The variables.
     skips_jump : bool
         Whether the next jump is skipped, because ``next`` has come to the end of a series.
+    force_norm : str
+        By what ``minimize`` measures forces.
     notes : list of str
         What was accepted without having a meaning here, each said once.
     last_sample : DeckSample or None
@@ -130,6 +132,7 @@ class DeckState:
     time_origin: tuple[float, int] = (0.0, 0)
     variables: Variables = field(default_factory=Variables)
     skips_jump: bool = False
+    force_norm: str = "two"
     notes: list[str] = field(default_factory=list)
     runs: int = 0
     last_sample: DeckSample | None = None
