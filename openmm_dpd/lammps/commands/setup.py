@@ -24,6 +24,20 @@ def by_name(*handlers: Handler) -> dict[str, Handler]:
     return {handler.__name__.rstrip("_"): handler for handler in handlers}
 
 
+def remembered(table: dict[str, Handler]) -> dict[str, Handler]:
+    """The same commands, which are remembered in ``DeckState.setup`` once they are carried out."""
+
+    def remembering(name: str, handler: Handler) -> Handler:
+        def carry_out(state: DeckState, args: list[str]) -> None:
+            words = list(args)
+            handler(state, args)
+            state.setup.append((name, words))
+
+        return carry_out
+
+    return {name: remembering(name, handler) for name, handler in table.items()}
+
+
 #: Atom styles whose models are written in reduced units.
 REDUCED = ("edpd", "tdpd", "mdpd")
 
@@ -130,12 +144,6 @@ def min_modify(state: DeckState, args: list[str]) -> None:
             state.note(f"min_modify {keyword} has no meaning here and is ignored")
 
 
-def restart(state: DeckState, args: list[str]) -> None:
-    """``restart 0``: no restart files."""
-    if args != ["0"]:
-        raise ParameterError("restart files are not supported; the run writes a checkpoint of its own")
-
-
 def _ignored(command: str) -> Handler:
     def handler(state: DeckState, args: list[str]) -> None:
         state.note(f"{command} has no meaning here and is ignored")
@@ -146,5 +154,5 @@ def _ignored(command: str) -> Handler:
 #: Commands about how LAMMPS organises its work: read, said once, ignored.
 IGNORED = tuple("comm_modify comm_style echo info log neighbor newton package processors suffix timer".split())
 
-COMMANDS = by_name(units, dimension, boundary, atom_style, atom_modify, neigh_modify, min_style, min_modify, restart, run_style)
+COMMANDS = by_name(units, dimension, boundary, atom_style, atom_modify, neigh_modify, min_style, min_modify, run_style)
 COMMANDS |= {name: _ignored(name) for name in IGNORED}

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from ...errors import DeckError, OutputError, ParameterError
-from ..commands import beads, bonded, box, fixes, kspace, moving, output, pairs, setup, velocity
+from ..commands import beads, bonded, box, fixes, kspace, moving, output, pairs, restarts, setup, velocity
 from ..language import arguments as read
 from ..language.booleans import condition_holds
 from ..language.lexer import Line, split_words, strip_comment
@@ -215,6 +215,7 @@ COMMANDS: dict[str, Callable[[Deck, list[str]], None]] = {
     **pairs.COMMANDS,
     **bonded.COMMANDS,
     **kspace.COMMANDS,
+    **restarts.COMMANDS,
     **fixes.COMMANDS,
     **output.COMMANDS,
     "run": run_command,

@@ -29,6 +29,7 @@ from .minimizing import carry_out_minimization
 from .momentum import MomentumFixes
 from .options import FIXED_PRECISION, RunOptions, overridden
 from .request import RunRequest
+from .restarts import RestartFiles
 from .result import RunResult
 from .sampling import CHEAP, Sampler, arrays
 from .trajectory import RunTrajectory
@@ -81,7 +82,6 @@ class DeckRunner:
     ):
         self.options, self.log, self.progress, self.signals = options, log, progress, signals or Signals()
         self.results: list[RunResult] = []
-        self.counter = 0.0
         self.trajectory = None if out is None else RunTrajectory(out)
         self._notes = 0
         set_threads(options.threads)
@@ -110,7 +110,7 @@ class DeckRunner:
             simulation.reporters.append(barostat)
         if COUNTER in simulation.context.getParameters():
             # every run draws new noise
-            simulation.context.setParameter(COUNTER, self.counter)
+            simulation.context.setParameter(COUNTER, state.noise_counter)
         result = self._result(request, simulation, built)
         self.results.append(result)
         with self.signals.later():
@@ -119,7 +119,7 @@ class DeckRunner:
         if result.temperature_warning is not None:
             _LOGGER.warning("%s%s", _where(request), result.temperature_warning)
         if COUNTER in simulation.context.getParameters():
-            self.counter = simulation.context.getParameter(COUNTER)
+            state.noise_counter = simulation.context.getParameter(COUNTER)
 
     def close(self) -> None:
         """Close the trajectory."""
@@ -186,6 +186,7 @@ class DeckRunner:
             reader.begin(request.state, request.first_step)
         if self.trajectory is not None:
             self.trajectory.start(scene, request, built)
+        restarts = RestartFiles(request, built, context)
         step, started, measured, pace = request.first_step, time.perf_counter(), None, Pace()
         while True:
             begun = time.perf_counter()
@@ -206,13 +207,16 @@ class DeckRunner:
                 self.log(thermo.row(values | {"temp_conf": sample.kT_conf or float("nan")}, sample))
             result.seconds += time.perf_counter() - begun if step > request.first_step else 0.0
             self._write_frames(request, sampler, step)
+            restarts.write(step)
             if step == request.last_step:
                 break
             self.signals.check()
             stop = min([thermo.next_due(step), request.last_step, step + pace.steps, *(dump.next_due(step) for dump in dumps)])
             if self.trajectory is not None:
                 stop = min(stop, self.trajectory.next_due(step))
-            stop = min([stop, momentum.next_due(step), *(reader.next_due for reader in readers if reader.next_due > step)])
+            stop = min(
+                [stop, momentum.next_due(step), restarts.next_due(step), *(reader.next_due for reader in readers if reader.next_due > step)]
+            )
             begun = time.perf_counter()
             simulation.step(stop - step)
             sampler.observer.changed = momentum.act(stop)

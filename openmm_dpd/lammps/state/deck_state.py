@@ -20,7 +20,7 @@ from .atoms import Atoms
 from .box import Box
 from .lattice import Lattice, no_lattice
 from .pair_setup import BondedSetup, PairSetup
-from .records import Compute, Fix, KspaceSetup, ThermoSettings
+from .records import Compute, Fix, KspaceSetup, RestartSettings, ThermoSettings
 from .regions import Region
 from .sample import DeckSample
 
@@ -92,6 +92,12 @@ class DeckState:
         Whether the next jump is skipped, because ``next`` has come to the end of a series.
     force_norm : str
         By what ``minimize`` measures forces.
+    setup : list of (str, list of str)
+        The commands about interactions until now, with their words.
+    noise_counter : float
+        Random numbers of pairs that runs have used: every run draws new ones.
+    restarts : RestartSettings
+        What ``restart`` said.
     notes : list of str
         What was accepted without having a meaning here, each said once.
     last_sample : DeckSample or None
@@ -133,6 +139,9 @@ class DeckState:
     variables: Variables = field(default_factory=Variables)
     skips_jump: bool = False
     force_norm: str = "two"
+    setup: list[tuple[str, list[str]]] = field(default_factory=list)
+    noise_counter: float = 0.0
+    restarts: RestartSettings = field(default_factory=RestartSettings)
     notes: list[str] = field(default_factory=list)
     runs: int = 0
     last_sample: DeckSample | None = None

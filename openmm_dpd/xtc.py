@@ -1,0 +1,88 @@
+"""XTC trajectories: compressed positions in nm, in a file that is whole after every frame."""
+
+from __future__ import annotations
+
+import errno
+import os
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from openmm.app.internal.xtc_utils import xtc_write_frame
+
+from .errors import RunError
+from .files import BlockFile, writing
+
+#: Largest coordinate (nm) that the format holds: whole numbers of 0.001 nm in 32 bits.
+_LARGEST = (2**31 - 1) / 1000
+
+
+class XTCWriter:
+    """Writes an XTC file, frame by frame: 0.001 nm apart, as GROMACS's and mdtraj's by default.
+
+    A frame that cannot be written leaves the file as it was before.
+
+    Parameters
+    ----------
+    path : path-like
+    n_beads : int
+        Number of beads of every frame.
+    what : str
+        What it is, for errors.
+    append : bool, default False
+        Go on with what is there.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+
+    def __init__(self, path: str | os.PathLike, n_beads: int, what: str, append: bool = False):
+        self._file, self._n_beads, self._what = BlockFile(path, what, append), n_beads, what
+
+    def write(self, positions: np.ndarray, box: np.ndarray, time: float, step: int) -> None:
+        """Add a frame.
+
+        Parameters
+        ----------
+        positions : (N, 3) array
+            nm.
+        box : (3, 3) array
+            Box vectors, nm.
+        time : float
+            ps.
+        step : int
+            Number of the step; the format has 32 bits for it, larger ones begin again at 0.
+
+        Raises
+        ------
+        RunError
+            If a position is too large for the format.
+        """
+        assert len(positions) == self._n_beads
+        if not np.abs(positions).max(initial=0.0) < _LARGEST:
+            raise RunError(f"a position beyond {_LARGEST:.4g} nm does not fit into an XTC file; write a DCD file")
+        arrays = (np.array(values, dtype=np.float32, order="C") for values in (positions, box))
+        with writing(self._file.path, self._what), tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "frame.xtc"  # the library writes files by name only
+            xtc_write_frame(os.fsencode(path), *arrays, np.float32(time), np.int32(step % 2**31))
+            frame = path.read_bytes()
+            if len(frame) != _length(frame):  # the library does not say so
+                raise OSError(errno.ENOSPC, f"no space in the folder for temporary files, {folder}")
+        self._file.write(frame)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+def _length(frame: bytes) -> int:
+    """Bytes that a frame must have: up to nine beads are not compressed, of others the header says how long they are."""
+    beads = int.from_bytes(frame[52:56], "big")
+    if beads <= 9:
+        return 56 + 12 * beads
+    return 92 + (int.from_bytes(frame[88:92], "big") + 3) // 4 * 4
+
+
+__all__ = ["XTCWriter"]
