@@ -8,13 +8,13 @@ from openmm import unit
 from ..analysis.viscosity import VelocityProfile
 from ..built import BuiltSystem
 from ..errors import ParameterError
-from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, STRESS, PairEngine
+from ..kernels.engine import DISSIPATIVE
 from ..model.flow import AXES, require_plain_axis
 from ..stats import block_average
 from ..tensors import symmetric_products
 from ..units import whole_number
 from .observer import require_built
-from .stress_parts import engine_spec, stress_parts
+from .stress_sums import StressSums
 from .temperature import noise_state
 
 _NM, _V, _F = unit.nanometer, unit.nanometer / unit.picosecond, unit.kilojoule_per_mole / unit.nanometer
@@ -79,19 +79,13 @@ class StressReporter(_Reporter):
     def __init__(self, interval: int, built: BuiltSystem):
         super().__init__(interval, built)
         plan, reason = built.plan, None
-        if plan.scene.box is None:
-            reason = "there is no periodic box"
-        elif plan.spec.fields is not None:
-            reason = "its beads have energies, temperatures or concentrations"
-        elif any(kind.stress_terms is None for kind in plan.kinds):
-            reason = f"that of {next(kind.name for kind in plan.kinds if kind.stress_terms is None)} is not known"
-        elif any(np.any(getattr(term, "gamma_perp", 0) > 0) for term in plan.spec.terms):
+        self._sums = StressSums(plan)
+        if any(np.any(getattr(term, "gamma_perp", 0) > 0) for term in plan.spec.terms):
             reason = "transverse friction makes it asymmetric"
         elif np.any(plan.spec.inv_mass == 0) or plan.scene.walls:
             reason = "walls take up momentum"
         if reason is not None:
             raise ParameterError(f"no stress tensor of this scene: {reason}")
-        self._engine, self._parts = PairEngine(engine_spec(plan)), stress_parts(plan)
         self._regular: list[np.ndarray] = []
         self._friction: list[np.ndarray] = []
         self._moment: list[float] = []
@@ -100,20 +94,14 @@ class StressReporter(_Reporter):
 
     def report(self, simulation, state):
         """Take one sample."""
-        context, plan, engine = simulation.context, self.built.plan, self._engine
+        context, plan, sums = simulation.context, self.built.plan, self._sums
         state = self._state(context)
         x, v = state.getPositions(asNumpy=True).value_in_unit(_NM), on_step_velocities(self.built, state)
         box = state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(_NM)
-        self.kT, seed, counter, dt = noise_state(context, plan)
-        engine.prepare(x, box)
-        engine.forces(CONSERVATIVE | STRESS, None, self.kT, dt, seed, counter)
-        regular = engine.stress + symmetric_products(plan.scene.bead_masses[:, None] * v, v)
-        for part in self._parts:
-            regular += part(x, box)
-        engine.forces(DISSIPATIVE | STRESS, v, self.kT, dt, seed, counter)
-        self._regular.append(regular)
-        self._friction.append(engine.stress.copy())
-        self._moment.append(sum(layer.friction_moment(self.kT) for layer in engine.layers))  # type: ignore[attr-defined]
+        self.kT = noise_state(context, plan)[0]
+        self._regular.append(sums.conservative(x, box) + symmetric_products(plan.scene.bead_masses[:, None] * v, v))
+        self._friction.append(sums.of_friction(context, DISSIPATIVE, v))
+        self._moment.append(sum(layer.friction_moment(self.kT) for layer in sums.engine.layers))  # type: ignore[attr-defined]
         self._edges.append(np.diag(box))
 
     @property
