@@ -140,10 +140,10 @@ def _add_stress(stress, column, rx, ry, rz, fx, fy, fz):
     stress[column, 0] += rx * fx
     stress[column, 1] += ry * fy
     stress[column, 2] += rz * fz
-    # central forces make these symmetric; transverse ones on average only
-    stress[column, 3] += 0.5 * (rx * fy + ry * fx)
-    stress[column, 4] += 0.5 * (rx * fz + rz * fx)
-    stress[column, 5] += 0.5 * (ry * fz + rz * fy)
+    # central forces make these symmetric; transverse ones on average only, and LAMMPS takes this half
+    stress[column, 3] += rx * fy
+    stress[column, 4] += rx * fz
+    stress[column, 5] += ry * fz
 
 
 @inlined

@@ -8,12 +8,12 @@ from ..built import BuiltSystem
 from ..cadence import Cadence
 from ..errors import ParameterError
 from ..geometry import symmetric_products
-from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, STRESS, PairEngine
+from ..kernels.engine import DISSIPATIVE
 from ..model.flow import AXES, require_plain_axis
 from ..stats import block_average
 from ..units import whole_number
 from .observer import require_built
-from .stress_parts import engine_spec, stress_parts
+from .stress_sums import StressSums
 from .temperature import noise_state
 
 _NM, _V, _F = unit.nanometer, unit.nanometer / unit.picosecond, unit.kilojoule_per_mole / unit.nanometer
@@ -75,38 +75,28 @@ class StressReporter(_Reporter):
     def __init__(self, interval: int, built: BuiltSystem):
         super().__init__(interval, built)
         plan, reason = built.plan, None
-        if plan.scene.box is None:
-            reason = "there is no periodic box"
-        elif plan.spec.fields is not None:
-            reason = "its beads have energies, temperatures or concentrations"
-        elif any(kind.stress_terms is None for kind in plan.kinds):
-            reason = f"that of {next(kind.name for kind in plan.kinds if kind.stress_terms is None)} is not known"
-        elif any(np.any(getattr(term, "gamma_perp", 0) > 0) for term in plan.spec.terms):
+        self._sums = StressSums(plan)
+        if any(np.any(getattr(term, "gamma_perp", 0) > 0) for term in plan.spec.terms):
             reason = "transverse friction makes it asymmetric"
         elif np.any(plan.spec.inv_mass == 0) or plan.scene.walls:
             reason = "walls take up momentum"
         if reason is not None:
             raise ParameterError(f"no stress tensor of this scene: {reason}")
-        self._engine, self._parts = PairEngine(engine_spec(plan)), stress_parts(plan)
         #: of each sample: kinetic and conservative part, dissipative part, moment of the friction, edges of the box
         self._rows: list[tuple[np.ndarray, np.ndarray, float, np.ndarray]] = []
         self.kT = plan.options.kT
 
     def report(self, simulation, state):
         """Take one sample."""
-        context, plan, engine = simulation.context, self.built.plan, self._engine
+        context, plan, sums = simulation.context, self.built.plan, self._sums
         state = self._state(context)
         x, v = state.getPositions(asNumpy=True).value_in_unit(_NM), on_step_velocities(self.built, state)
         box = state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(_NM)
-        self.kT, seed, counter, dt = noise_state(context, plan)
-        engine.prepare(x, box)
-        engine.forces(CONSERVATIVE | STRESS, None, self.kT, dt, seed, counter)
-        regular = engine.stress + symmetric_products(plan.scene.bead_masses[:, None] * v, v)
-        for part in self._parts:
-            regular += part(x, box)
-        engine.forces(DISSIPATIVE | STRESS, v, self.kT, dt, seed, counter)
-        moment = sum(layer.friction_moment(self.kT) for layer in engine.layers)  # type: ignore[attr-defined]
-        self._rows.append((regular, engine.stress.copy(), moment, np.diag(box)))
+        self.kT = noise_state(context, plan)[0]
+        regular = sums.conservative(x, box) + symmetric_products(plan.scene.bead_masses[:, None] * v, v)
+        friction = sums.of_friction(context, DISSIPATIVE, v)
+        moment = sum(layer.friction_moment(self.kT) for layer in sums.engine.layers)  # type: ignore[attr-defined]
+        self._rows.append((regular, friction, moment, np.diag(box)))
 
     @property
     def regular(self) -> np.ndarray:

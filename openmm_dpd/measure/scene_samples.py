@@ -46,6 +46,8 @@ class SceneSampler:
         self._charges = None if charges is None else charges.evaluator()
         self._groups = built.integrator.getIntegrationForceGroups()
         self._mass = masses_of(built.system)
+        #: (N, 3) that was added to the velocities after the last step, whose forces have not seen it.
+        self.changed: np.ndarray | None = None
 
     @property
     def no_laplacian(self) -> str | None:
@@ -183,12 +185,22 @@ class SceneSampler:
             on_step = v.copy()
             on_step[mobile] = options.scheme.on_step(v[mobile], force, 1.0 / mass[:, 0], dt)
             return on_step, on_step
-        # the friction in the force saw half-step or predicted velocities; LAMMPS's pressure counts it so (no history yet: acc is 0)
-        acc = per_dof(integrator, "acc")
+        return self.force_velocities(context), v
+
+    def force_velocities(self, context: openmm.Context) -> np.ndarray:
+        """(N, 3) velocities (nm/ps) that the friction in the forces of ``mvv`` saw: half-step or predicted ones.
+
+        LAMMPS's pressure counts friction with these.
+        """
+        integrator, options, mobile = context.getIntegrator(), self.plan.options, self._mass > 0
+        v = context.getState(velocities=True).getVelocities(asNumpy=True).value_in_unit(_V)
+        if self.changed is not None:
+            v = v - self.changed
+        acc = per_dof(integrator, "acc")  # 0 where there is no history yet
         if options.lam == 0.5:
-            return v - 0.5 * dt * acc - self._slow_kick(context, dt), v
-        predicted = per_dof(integrator, "vp")
-        return np.where(np.any(acc != 0) & mobile[:, None], predicted, v), v
+            dt = integrator.getStepSize().value_in_unit(unit.picosecond)
+            return v - 0.5 * dt * acc - self._slow_kick(context, dt)
+        return np.where(np.any(acc != 0) & mobile[:, None], per_dof(integrator, "vp"), v)
 
     def _slow_kick(self, context: openmm.Context, dt: float) -> np.ndarray | float:
         """What forces that stay OpenMM's have added to the velocities after the last step, where the pair force carries out steps."""

@@ -36,6 +36,7 @@ pair_style dpd 1.0 1.0 34387
 pair_coeff * * 25.0 4.5
 velocity all create 1.0 87287
 fix move all nve
+fix still all momentum 9 linear 1 1 1
 timestep 0.01
 thermo 10
 variable noise equal "random(0,1,77)"
@@ -50,8 +51,20 @@ thermo_modify format float %.17g
 dump d all custom 15 dump.d id x y z vx vy vz
 dump s all atom 25 dump.*.s
 dump b all dcd 10 dump.dcd
+fix say all print 7 "at $(step) $(temp) $(v_noise)" file say.txt screen no
+restart 13 a.restart b.restart
+minimize 1e-3 1e-3 20 50
 print "begin" file said.txt
-run 60
+run 20
+variable k loop 3
+label again
+run 15
+print "loop $k $(temp)" append said.txt
+if "$k >= 2" then "jump SELF out"
+next k
+jump SELF again
+label out
+run 10
 print "temperature $(temp) $(v_noise)" append said.txt
 variable hot equal $(temp)
 undump d

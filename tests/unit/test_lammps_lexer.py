@@ -166,7 +166,7 @@ def test_delete_forgets_a_variable():
     ("text", "message"),
     [
         ("a equal 1 + 2", "put a formula with blanks into quotes"),
-        ("a getenv HOME", "variable style 'getenv' is not supported"),
+        ("a python f", "variable style 'python' is not supported"),
         ("a-b equal 1", "letters, digits and underscores"),
         ("a equal", "expected one value"),
         ("outer equal 2", "is index-style already and cannot become equal-style; a value given on the command line"),

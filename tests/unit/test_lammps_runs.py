@@ -42,7 +42,7 @@ def sample_of(request: RunRequest, step: int | None = None, **values) -> DeckSam
     mobile = request.mobile
     kinetic = 0.5 * float(scene.bead_masses[mobile] @ np.sum(scene.velocities[mobile] ** 2, axis=1))
     defaults = {"pair_energy": 100.0, "bond_energy": 10.0, "virial": 300.0, "virial_full": 360.0, "force_norm": 7.0, "force_max": 2.0}
-    defaults["fields"] = {}
+    defaults |= {"fields": {}, "virial_tensor": np.arange(6.0), "kinetic_tensor": np.ones(6)}
     return DeckSample(request.first_step if step is None else step, kinetic, 3 * int(mobile.sum()) - 3, **{**defaults, **values})
 
 
@@ -322,18 +322,18 @@ def test_no_fix_at_all_is_said(tmp_path):
         ("run\n", "expected 'run N ...', but found 0 arguments"),
         ("run -5\n", "the number of steps must be at least 0"),
         ("run 1e3\n", "expected a whole number for the number of steps, not '1e3'"),
-        ("run 10 every 5 NULL\n", "run has no option 'every' here"),
+        ("run 10 every 0 NULL\n", "every must be at least 1"),
         ("reset_timestep 50\nrun 10 upto\n", "the present step, 50, is beyond it"),
         ("run 10 start 5\n", "start 5 lies after the first step of the run, 0"),
         ("run 10 stop 5\n", "stop 5 lies before the last step of the run, 10"),
         ("timestep 0\n", "the time step must be > 0"),
         ("minimize 0 0 100 100\n", "in.deck:13: unknown or unsupported command 'minimize'"),
         ("mass 1 nan\n", "the mass must be finite"),
-        ("thermo_style custom step pxx\n", "thermo word 'pxx' is not supported; supported are step"),
+        ("thermo_style custom step pyx\n", "thermo word 'pyx' is not supported; supported are step"),
         ("thermo_style custom v_x\n", "there is no variable 'x'"),
         ("variable x index 1\nthermo_style custom v_x\n", "variable x is index-style; only equal-style ones can be printed"),
         ("thermo_style custom c_x\n", "there is no compute 'x'; defined are thermo_temp"),
-        ("thermo_style custom c_thermo_press[1]\n", r"compute thermo_press has a single value only; use c_thermo_press"),
+        ("thermo_style custom c_thermo_pe[1]\n", r"compute thermo_pe has a single value only; use c_thermo_pe"),
         ("variable a equal random(0,1,0.5)\nprint $a\n", "the seed of random must be a whole number of at least 1, not 0.5"),
         ("thermo_style custom f_1\n", "f_1: there is no fix '1' with a value; fix ave/time has values"),
         ("compute m all momentum\nthermo_style custom c_m\n", "compute m .style momentum. has no single value; use c_m.1."),

@@ -11,7 +11,7 @@ from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.pair_setup import BondedSetup
 from ..styles.bonded_styles import ANGLE_STYLES, BOND_STYLES
-from .setup import Handler
+from .setup import remembered
 
 #: Styles of bonds and of angles.
 KNOWN = {"bond": BOND_STYLES, "angle": ANGLE_STYLES}
@@ -67,6 +67,6 @@ def _coeff(state: DeckState, args: list[str], what: str) -> None:
     setup.coefficients.update(dict.fromkeys(kinds, (style, values)))
 
 
-COMMANDS: dict[str, Handler] = {
-    f"{what}_{end}": partial(handler, what=what) for what in KNOWN for end, handler in (("style", _style), ("coeff", _coeff))
-}
+COMMANDS = remembered(
+    {f"{what}_{end}": partial(handler, what=what) for what in KNOWN for end, handler in (("style", _style), ("coeff", _coeff))}
+)

@@ -18,9 +18,8 @@ from ..state.box import Box
 from ..state.deck_state import DeckState
 from ..state.lattice import parse_lattice
 from ..state.regions import parse_region
-from . import bonded
+from . import bonded, pairs
 from .beads import subset
-from .pairs import pair_coeff
 from .setup import by_name
 
 
@@ -214,8 +213,8 @@ def _take_atoms(state: DeckState, data: DataFile, path: Path) -> None:
 
 def _take_coefficients(state: DeckState, data: DataFile, path: Path) -> None:
     handlers = {
-        "Pair Coeffs": lambda words: pair_coeff(state, [words[0], *words]),
-        "PairIJ Coeffs": lambda words: pair_coeff(state, words),
+        "Pair Coeffs": lambda words: pairs.COMMANDS["pair_coeff"](state, [words[0], *words]),
+        "PairIJ Coeffs": lambda words: pairs.COMMANDS["pair_coeff"](state, words),
         "Bond Coeffs": lambda words: bonded.COMMANDS["bond_coeff"](state, words),
         "Angle Coeffs": lambda words: bonded.COMMANDS["angle_coeff"](state, words),
     }

@@ -8,11 +8,13 @@ from ...errors import ParameterError
 from ..language import arguments as read
 from ..output.averages import AveragingFix
 from ..output.chunk_average import parse_ave_chunk
+from ..output.print_fix import parse_print
 from ..output.time_average import parse_ave_time
 from ..state.deck_state import DeckState
 from ..state.records import Fix
 from .energy_fixes import ENERGY_FIXES
 from .flow_fixes import FLOW_FIXES
+from .motion_fixes import MOTION_FIXES
 from .setup import FixReader, by_name
 
 
@@ -45,6 +47,8 @@ FIX_STYLES: dict[str, FixReader] = {
     "shardlow": _shardlow,
     **ENERGY_FIXES,
     **FLOW_FIXES,
+    **MOTION_FIXES,
+    "print": lambda state, group, words: {"reader": parse_print(state, group, words)},
 }
 
 
@@ -66,7 +70,8 @@ def fix(state: DeckState, args: list[str]) -> None:
         raise ParameterError(f"there is a fix {name} of style {old.style} already; unfix it first, or use another id")
     assert state.here is not None
     if style in AVERAGES:
-        parameters: dict = {"average": AVERAGES[style](state, name, group, words)}
+        average = AVERAGES[style](state, name, group, words)
+        parameters: dict = {"average": average, "reader": average}
     else:
         parameters = FIX_STYLES[style](state, group, words)
     state.fixes[name] = Fix(name, group, style, parameters, state.here)

@@ -8,7 +8,7 @@ from ...errors import ParameterError
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.records import KspaceSetup
-from .setup import by_name
+from .setup import by_name, remembered
 
 #: Styles of kspace_style: all of them mean OpenMM's PME here.
 KSPACE_STYLES = ("ewald", "pppm", "pppm/cg")
@@ -66,4 +66,4 @@ def dielectric(state: DeckState, args: list[str]) -> None:
     state.dielectric = read.positive(args[0], "the dielectric constant")
 
 
-COMMANDS = by_name(kspace_style, kspace_modify, dielectric)
+COMMANDS = remembered(by_name(kspace_style, kspace_modify, dielectric))

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from ...errors import ParameterError
 from ...files import append_block, write_whole
 from ..language import arguments as read
-from ..language.lexer import substitute
 from ..output.data_writer import data_file_lines
 from ..output.dumps import COLUMNS, STYLES as DUMP_STYLES, Dump
 from ..output.thermo import STYLES as THERMO_STYLES, check_format, check_word
@@ -20,8 +19,8 @@ from .setup import by_name
 
 def expand(state: DeckState, text: str) -> str:
     """Text with ``$`` substituted."""
-    moment = Resolver(state, state.last_sample if state.last_sample and state.last_sample.step == state.step else None)
-    return substitute(text, lambda name: state.variables.text(name, moment.formula), moment.formula)
+    sample = state.last_sample if state.last_sample and state.last_sample.step == state.step else None
+    return Resolver(state, sample).substituted(text)
 
 
 # -- thermo -----------------------------------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ from ..state.deck_state import DeckState
 from ..state.pair_setup import Coefficient, PairSetup, PairStyle
 from ..styles.lennard_jones import MIXING
 from ..styles.pair_styles import PAIR_STYLES
-from .setup import by_name
+from .setup import by_name, remembered
 
 HYBRID = ("hybrid", "hybrid/overlay")
 
@@ -189,4 +189,4 @@ def special_bonds(state: DeckState, args: list[str]) -> None:
     state.special, state.special_charges = factors, charges
 
 
-COMMANDS = by_name(pair_style, pair_coeff, pair_modify, special_bonds)
+COMMANDS = remembered(by_name(pair_style, pair_coeff, pair_modify, special_bonds))

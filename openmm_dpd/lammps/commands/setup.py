@@ -11,6 +11,7 @@ from ...units import UNIT_SYSTEMS
 from ..files.atom_styles import ATOM_STYLES
 from ..language import arguments as read
 from ..state.deck_state import DeckState
+from ..state.minimization import NORMS
 
 Handler = Callable[[DeckState, list[str]], None]
 
@@ -21,6 +22,20 @@ FixReader = Callable[[DeckState, str, list[str]], dict]
 def by_name(*handlers: Handler) -> dict[str, Handler]:
     """A table of commands by the names of the functions; those that mean something else in Python end with an underscore."""
     return {handler.__name__.rstrip("_"): handler for handler in handlers}
+
+
+def remembered(table: dict[str, Handler]) -> dict[str, Handler]:
+    """The same commands, which are remembered in ``DeckState.setup`` once they are carried out."""
+
+    def remembering(name: str, handler: Handler) -> Handler:
+        def carry_out(state: DeckState, args: list[str]) -> None:
+            words = list(args)
+            handler(state, args)
+            state.setup.append((name, words))
+
+        return carry_out
+
+    return {name: remembering(name, handler) for name, handler in table.items()}
 
 
 #: Atom styles whose models are written in reduced units.
@@ -93,10 +108,40 @@ def atom_modify(state: DeckState, args: list[str]) -> None:
     _ignored("atom_modify")(state, args)
 
 
-def restart(state: DeckState, args: list[str]) -> None:
-    """``restart 0``: no restart files."""
-    if args != ["0"]:
-        raise ParameterError("restart files are not supported; the run writes a checkpoint of its own")
+def min_style(state: DeckState, args: list[str]) -> None:
+    """``min_style style``: there is one minimiser."""
+    read.count(args, "min_style style", 1, None)
+    read.choice(args[0], "the style of min_style", ("cg", "hftn", "sd", "quickmin", "fire", "fire/old"))
+    state.note(f"min_style {' '.join(args)}: OpenMM's minimiser (L-BFGS) is used for all styles")
+
+
+def min_modify(state: DeckState, args: list[str]) -> None:
+    """``min_modify norm two|max|inf``; what is about steps of LAMMPS's minimisers has no meaning."""
+    sizes = dict.fromkeys(
+        (
+            "dmax",
+            "line",
+            "tmax",
+            "tmin",
+            "delaystep",
+            "dtgrow",
+            "dtshrink",
+            "alpha0",
+            "alphashrink",
+            "vdfmax",
+            "halfstepback",
+            "initialdelay",
+            "integrator",
+            "norm",
+            "abcfire",
+        ),
+        1,
+    )
+    for keyword, values in read.options(args, sizes, "min_modify"):
+        if keyword == "norm":
+            state.force_norm = read.choice(values[0], "norm", list(NORMS))
+        else:
+            state.note(f"min_modify {keyword} has no meaning here and is ignored")
 
 
 def _ignored(command: str) -> Handler:
@@ -109,5 +154,5 @@ def _ignored(command: str) -> Handler:
 #: Commands about how LAMMPS organises its work: read, said once, ignored.
 IGNORED = tuple("comm_modify comm_style echo info log neighbor newton package processors suffix timer".split())
 
-COMMANDS = by_name(units, dimension, boundary, atom_style, atom_modify, neigh_modify, restart, run_style)
+COMMANDS = by_name(units, dimension, boundary, atom_style, atom_modify, neigh_modify, min_style, min_modify, run_style)
 COMMANDS |= {name: _ignored(name) for name in IGNORED}

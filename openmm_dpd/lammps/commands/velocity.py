@@ -9,6 +9,7 @@ import numpy as np
 from ...errors import ParameterError
 from ..language import arguments as read
 from ..state.deck_state import DeckState
+from ..state.momentum import without_rotation
 from ..state.records import Compute
 from ..values.resolver import Resolver
 from .setup import by_name
@@ -53,14 +54,9 @@ def _zero_angular(state: DeckState, mask: np.ndarray) -> None:
     """Take the rotation about the centre of mass out (positions carried to their images)."""
     if not mask.any():
         return
-    atoms, masses = state.atoms, state.bead_masses()[mask]
+    atoms = state.atoms
     x = state.require_box("velocity").unwrap(atoms.positions, atoms.images)
-    x = x[mask] - state.mass_average(x, mask)
-    v = atoms.velocities[mask]
-    angular = np.sum(masses[:, None] * np.cross(x, v), axis=0)
-    inertia = np.sum(masses * np.sum(x * x, axis=1)) * np.eye(3) - (masses[:, None] * x).T @ x
-    omega = np.linalg.lstsq(inertia, angular, rcond=None)[0]
-    atoms.velocities[mask] = v - np.cross(omega, x)
+    atoms.velocities[mask] = without_rotation(x[mask], atoms.velocities[mask], state.bead_masses()[mask])
 
 
 def _create(state: DeckState, group: str, mask: np.ndarray, words: list[str], options: dict[str, str]) -> None:

@@ -1,21 +1,29 @@
-"""Storage of the ``variable`` command: equal, string, index and loop styles."""
+"""Storage of the ``variable`` command, and ``next``."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import os
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
 
 from ...errors import ParameterError
-from .arguments import as_float, identifier, known
+from .arguments import as_float, identifier, integer, known
 from .lexer import Line, errors_at
 
-STYLES = ("equal", "atom", "string", "index", "loop", "delete")
+STYLES = ("equal", "atom", "string", "index", "loop", "format", "getenv", "delete")
 
 #: Styles whose text is a formula.
 FORMULAS = ("equal", "atom")
+
+#: Styles that have several values, one after the other.
+SERIES = ("index", "loop")
+
+#: What a format-style variable may print a number with.
+_FORMAT = re.compile(r"[^%]*%[-+ #0]*\d*(?:\.\d+)?l?[eEfFgG][^%]*", re.ASCII)
 
 
 T = TypeVar("T")
@@ -23,11 +31,36 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Variable:
-    """One variable: its style, its text (the formula of an equal-style one) and where it was defined."""
+    """One variable.
+
+    Attributes
+    ----------
+    style : str
+        One of :data:`STYLES`.
+    content : str
+        Formula, string, or name in the environment; of style format the name of the variable that is printed.
+    where : Line or None
+        Where it was defined.
+    values : tuple of str or range
+        All values of an index- or loop-style one; ``at`` is the place of the present one, ``width`` the least number of digits.
+    form : str
+        Of style format.
+    """
 
     style: str
-    text: str
+    content: str
     where: Line | None
+    values: Sequence[str] | range = ()
+    at: int = 0
+    width: int = 0
+    form: str = ""
+
+    @property
+    def text(self) -> str:
+        """What it says: the formula of an equal-style one, otherwise its present value."""
+        if self.style in SERIES:
+            return str(self.values[self.at]).zfill(self.width)
+        return os.environ.get(self.content, "") if self.style == "getenv" else self.content
 
 
 class Variables:
@@ -44,7 +77,7 @@ class Variables:
         self._evaluating: list[str] = []
         for name, value in (command_line or {}).items():
             identifier(name, "a variable's name")
-            self._found[name] = Variable("index", str(value), None)
+            self._found[name] = Variable("index", "", None, (str(value),))
 
     def __contains__(self, name: str) -> bool:
         return name in self._found
@@ -60,21 +93,48 @@ class Variables:
         if style == "delete":
             self._found.pop(name, None)
             return
-        if not values or (style in (*FORMULAS, "string", "loop") and len(values) > 1):
+        least, most = {"loop": (1, 3), "index": (1, None), "format": (2, 2)}.get(style, (1, 1))
+        if len(values) < least or (most is not None and len(values) > most):
             hint = "; put a formula with blanks into quotes" if style in FORMULAS else ""
-            raise ParameterError(f"variable {name} {style}: expected one value, but found {len(values)}{hint}")
+            wanted = "one value" if most == 1 else f"{least} to {most} values" if most else "values"
+            raise ParameterError(f"variable {name} {style}: expected {wanted}, but found {len(values)}{hint}")
         old = self._found.get(name)
-        if style in ("index", "loop"):
-            # an index variable that exists keeps its value, so that the command line can override a deck
+        if style in SERIES:
+            # one that exists keeps its value, so that the command line can override a deck, and a loop goes on
             if old is None:
-                self._found[name] = Variable(style, values[0] if style == "index" else "1", where)
+                self._found[name] = _loop(name, values, where) if style == "loop" else Variable(style, "", where, tuple(values))
             return
         if old is not None and old.style != style:
             raise ParameterError(
                 f"variable {name} is {old.style}-style already and cannot become {style}-style"
                 + ("; a value given on the command line replaces index-style variables only" if old.where is None else "")
             )
-        self._found[name] = Variable(style, expand(values[0]) if style == "string" else values[0], where)
+        if style == "format" and not _FORMAT.fullmatch(values[1]):
+            raise ParameterError(f"variable {name} format: expected a format such as %12.6f, not '{values[1]}'")
+        content = expand(values[0]) if style == "string" else values[0]
+        self._found[name] = Variable(style, content, where, form=values[1] if style == "format" else "")
+
+    def advance(self, names: list[str]) -> bool:
+        """Carry out ``next``: whether all have another value; those that have none are deleted.
+
+        Raises
+        ------
+        ParameterError
+            If a variable is not index- or loop-style, or they are not all of one style.
+        """
+        found = [(name, self.get(name)) for name in names]
+        for name, variable in found:
+            if variable.style not in SERIES:
+                raise ParameterError(f"next: variable {name} is {variable.style}-style; only {' and '.join(SERIES)} have further values")
+        if len({variable.style for _, variable in found}) > 1:
+            raise ParameterError(f"next: the variables {', '.join(names)} must all be of one style")
+        ended = [name for name, variable in found if variable.at + 1 == len(variable.values)]
+        for name, variable in found:
+            if name in ended:
+                self._found.pop(name, None)
+            else:
+                self._found[name] = replace(variable, at=variable.at + 1)
+        return not ended
 
     def get(self, name: str) -> Variable:
         """The variable; ParameterError if there is none."""
@@ -86,10 +146,11 @@ class Variables:
         if variable.style == "atom":
             raise ParameterError(f"variable {name} is atom-style: it has a value for every bead; use compute reduce or fix ave/chunk")
         if variable.style != "equal":
+            text = self.text(name, evaluate)
             try:
-                return as_float(variable.text)
+                return as_float(text)
             except ValueError:
-                raise ParameterError(f"variable {name} is '{variable.text}', which is not a number") from None
+                raise ParameterError(f"variable {name} is '{text}', which is not a number") from None
         return self._evaluated(name, variable, evaluate)
 
     def operand(self, name: str, evaluate: Callable[[str], float]) -> float:
@@ -117,4 +178,18 @@ class Variables:
     def text(self, name: str, evaluate: Callable[[str], float]) -> str:
         """Text that ``${name}`` stands for."""
         variable = self.get(name)
+        if variable.style == "format":
+            return variable.form.replace("l", "") % self._evaluated(name, variable, lambda shown: self.value(shown, evaluate))
         return f"{self.value(name, evaluate):.15g}" if variable.style in FORMULAS else variable.text
+
+
+def _loop(name: str, words: list[str], where: Line) -> Variable:
+    """Variable of ``loop N``, ``loop N pad``, ``loop N1 N2`` or ``loop N1 N2 pad``."""
+    padded = words[-1] == "pad"
+    numbers = [integer(word, f"an end of the loop {name}", 1 if len(words) - padded == 1 else 0) for word in words[: len(words) - padded]]
+    if not 1 <= len(numbers) <= 2:
+        raise ParameterError(f"variable {name} loop: expected 'loop N [pad]' or 'loop N1 N2 [pad]', not 'loop {' '.join(words)}'")
+    first, last = numbers if len(numbers) == 2 else (1, numbers[0])
+    if first > last:
+        raise ParameterError(f"variable {name} loop: {first} is more than {last}")
+    return Variable("loop", "", where, range(first, last + 1), width=len(str(last)) if padded else 0)

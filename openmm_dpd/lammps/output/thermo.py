@@ -8,13 +8,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from ...errors import ParameterError
-from ..language.lexer import errors_at, located
+from ..language.lexer import errors_at, located, substitute
 from ..language.variables import FORMULAS
 from ..state.deck_state import DeckState
 from ..state.moment import Window
 from ..state.sample import DeckSample
 from ..values.compute_spec import reference
-from ..values.computes import BUILT_IN, COMPUTES, average_of, check_value, compute_of
+from ..values.computes import BUILT_IN, COMPUTES, average_of, check_built_in, check_value, compute_of
 from ..values.per_bead import PROPERTIES
 from ..values.resolver import Resolver
 from ..values.words import WORDS
@@ -46,7 +46,7 @@ def check_word(state: DeckState, word: str) -> None:
     if word.startswith("c_"):
         _, name, indices = found = reference(word)
         if name in BUILT_IN and indices:
-            raise ParameterError(f"{word}: compute {name} has a single value only; use c_{name}")
+            check_built_in(name, indices, word)
         if name not in BUILT_IN:
             check_value(state, name, found.first, found.second, word)
         return
@@ -69,32 +69,49 @@ def _needs(state: DeckState, word: str, seen: set[str]) -> set[str]:
         variable = state.variables.get(word[2:])
         if variable.style not in FORMULAS:
             return set()
-        found: set[str] = set()
-        if re.search(r"\b(xcm|bound|count\([^)]*,)", variable.text):
-            found.add("positions")
-        if re.search(r"\b(vcm|ke\()", variable.text):
-            found.add("velocities")
-        for name in _REFERENCE.findall(variable.text):
-            found |= _needs(state, name, seen)
-        return found
+        return _formula_needs(state, variable.text, seen)
     if word.startswith("c_"):
         name = reference(word).name
+        indexed = bool(reference(word).indices)
         if name in BUILT_IN:
-            return _needs(state, BUILT_IN[name].word, seen)
+            # the six values of both come with the pressure tensor
+            return _needs(state, "pxx" if indexed else BUILT_IN[name].word, seen)
         if name not in state.computes:
             return set()
         compute = state.computes[name]
         spec = COMPUTES[compute.style]
-        return set(spec.needs).union(*(_needs(state, other, seen) for other in spec.inputs(compute)))
+        own = spec.vector_needs if indexed and spec.vector_needs is not None else spec.needs
+        return set(own).union(*(_needs(state, other, seen) for other in spec.inputs(compute)))
     if word in PROPERTIES and word not in WORDS:
         return set(PROPERTIES[word].needs)
     found = set(WORDS[word].needs) if word in WORDS else set()
     # a temperature taken from a compute on a group needs the velocities of its beads
-    if "kinetic" in found and (state.thermo.temp != "thermo_temp" or state.pressure_temps):
+    if found & {"kinetic", "virial_tensor"} and (state.thermo.temp != "thermo_temp" or state.pressure_temps):
         found.add("velocities")
-    if "virial" in found and state.thermo.press != "thermo_press":
-        found |= _needs(state, "c_" + state.thermo.press, seen)
+    if state.thermo.press != "thermo_press":
+        if "virial" in found:
+            found |= _needs(state, "c_" + state.thermo.press, seen)
+        if "virial_tensor" in found:
+            found |= _needs(state, f"c_{state.thermo.press}[1]", seen)
     return found
+
+
+def _formula_needs(state: DeckState, text: str, seen: set[str]) -> set[str]:
+    """The same of a formula."""
+    found: set[str] = set()
+    if re.search(r"\b(xcm|bound|count\([^)]*,)", text):
+        found.add("positions")
+    if re.search(r"\b(vcm|ke\()", text):
+        found.add("velocities")
+    return found.union(*(_needs(state, name, seen) for name in _REFERENCE.findall(text)))
+
+
+def fields_of_text(state: DeckState, text: str) -> frozenset[str]:
+    """Fields of :class:`DeckSample` that the substitutions in a text read."""
+    formulas: list[str] = []
+    substitute(text, lambda name: formulas.append(f"v_{name}") or "", lambda formula: formulas.append(formula) or 0.0)  # type: ignore[func-returns-value]
+    seen: set[str] = set()
+    return frozenset().union(*(_formula_needs(state, formula, seen) for formula in formulas))
 
 
 def fields_read(state: DeckState, words: Iterable[str]) -> frozenset[str]:
@@ -165,7 +182,8 @@ class Thermo:
         if word.startswith("c_"):
             _, name, indices = found = reference(word)
             if name in BUILT_IN:
-                return moment.thermo(BUILT_IN[name].word)
+                column = BUILT_IN[name].column
+                return moment.thermo(BUILT_IN[name].word) if not indices or column is None else column(moment, indices[0] - 1)
             value = moment.compute(name, found.first, found.second)
             compute, spec = compute_of(moment.state, name)
             return value / moment.norm if spec.is_extensive(compute, bool(indices)) else value

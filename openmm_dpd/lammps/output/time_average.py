@@ -11,7 +11,7 @@ from ..values.compute_spec import check_place, reference
 from ..values.computes import compute_of, count_of, expanded
 from ..values.resolver import Resolver
 from .averages import AveragingFix, common_parts, split_values
-from .thermo import check_word
+from .thermo import check_word, fields_read
 
 
 class TimeAverage(AveragingFix):
@@ -31,6 +31,10 @@ class TimeAverage(AveragingFix):
         self.report: dict | None = None
         self._values = np.zeros(0)
         self.forget()
+
+    def needs(self, state: DeckState) -> frozenset[str]:
+        vectors = [f"{word}[1]" if self._vector and word[0] == "c" and "[" not in word else word for word in self.words]
+        return fields_read(state, vectors)
 
     def forget(self) -> None:
         self._sum, self._count, self._latest = np.zeros(0), 0, np.zeros(0)

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from ...errors import DeckError, OutputError, ParameterError
-from ..commands import beads, bonded, box, fixes, kspace, output, pairs, setup, velocity
+from ..commands import beads, bonded, box, fixes, kspace, moving, output, pairs, restarts, setup, velocity
 from ..language import arguments as read
-from ..language.lexer import Line, logical_lines, read_text, split_words
+from ..language.booleans import condition_holds
+from ..language.lexer import Line, split_words, strip_comment
 from ..language.variables import Variables
-from ..scene.integration import integration
+from ..scene.flow import held_beads
+from ..scene.integration import Integration, integration
 from ..state.deck_state import DeckState
+from ..state.minimization import StoppingRule
 from .request import RunRequest
+from .script import Script
 
 
 @dataclass
@@ -30,15 +34,15 @@ class Deck(DeckState):
         The first run, once it is reached.
     finished : bool
         Whether the rest of the deck is not read.
-    reading : list of Path
-        The deck and the files whose include is being carried out.
+    scripts : list of Script
+        The deck and the files whose include is being carried out, and the place in each.
     """
 
     run_callback: Callable[[RunRequest], None] | None = None
     stop_before_first_run: bool = False
     first_run: RunRequest | None = None
     finished: bool = False
-    reading: list[Path] = field(default_factory=list)
+    scripts: list[Script] = field(default_factory=list)
 
 
 #: Files that may be read one inside the other.
@@ -49,24 +53,100 @@ def include(deck: Deck, args: list[str]) -> None:
     """``include file``."""
     read.count(args, "include file", 1)
     path = deck.find_file(args[0])
-    if len(deck.reading) > MOST_INCLUDES:
+    if len(deck.scripts) > MOST_INCLUDES:
         raise ParameterError(f"include '{args[0]}': files include each other {MOST_INCLUDES} deep already, and no deeper is supported")
-    if path.resolve() in deck.reading:
+    if path.resolve() in [script.path.resolve() for script in deck.scripts]:
         raise ParameterError(f"include '{args[0]}': this file is being read already, it would include itself without end")
     outer = deck.here
-    deck.reading.append(path.resolve())
     execute_file(deck, path)
-    deck.reading.pop()
     deck.here = outer
 
 
 def quit_(deck: Deck, args: list[str]) -> None:
-    """``quit``: the rest of the deck is not read."""
+    """``quit [0]``: the rest of the deck is not read."""
+    read.count(args, "quit [status]", 0, 1)
+    if args and read.integer(args[0], "the exit status", 0):
+        raise ParameterError(f"quit {args[0]}: the deck ends here, with an exit status that means an error")
     deck.finished = True
 
 
+def label(deck: Deck, args: list[str]) -> None:
+    """``label name``: a place that jump goes to."""
+    read.count(args, "label name", 1)
+
+
+def jump(deck: Deck, args: list[str]) -> None:
+    """``jump file|SELF [label]``: go on there, in the place of the present file; nothing right after a series of variables has ended."""
+    read.count(args, "jump file|SELF [label]", 1, 2)
+    if deck.skips_jump:
+        deck.skips_jump = False
+        return
+    script = deck.scripts[-1] if args[0] == "SELF" else Script(deck.find_file(args[0]))
+    script.seek(args[1] if len(args) > 1 else None)
+    deck.scripts[-1] = script
+
+
+def next_(deck: Deck, args: list[str]) -> None:
+    """``next name name ...``: the next value of these variables; if one has none, the next jump is skipped."""
+    read.count(args, "next variable ...", 1, None)
+    if not deck.variables.advance(args):
+        deck.skips_jump = True
+
+
+def if_(deck: Deck, args: list[str]) -> None:
+    """``if condition then command ... [elif condition command ...] [else command ...]``."""
+    usage = "if condition then command ... elif condition command ... else command ..."
+    read.count(args, usage, 3, None)
+    if args[1] != "then":
+        raise ParameterError(f"expected '{usage}', but '{args[1]}' stands in the place of then")
+    for condition, commands in _branches(args):
+        # a condition in quotes has its variables still
+        if condition is None or condition_holds(output.expand(deck, condition)):
+            for command in commands:
+                execute_text(deck, command)
+            return
+
+
+def _branches(args: list[str]) -> list[tuple[str | None, list[str]]]:
+    """Conditions of an if command, None for else, each with its commands."""
+    rest, found = ["elif", args[0], *args[2:]], list[tuple[str | None, list[str]]]()
+    while rest:
+        word, first = rest[0], 1 if rest[0] == "else" else 2
+        last = next((k for k, other in enumerate(rest) if k >= first and other in ("elif", "else")), len(rest))
+        if last <= first:
+            raise ParameterError(f"if: expected {'a condition and ' * (first == 2)}commands behind '{word}'")
+        if first == 1 and last < len(rest):
+            raise ParameterError(f"if: '{rest[last]}' behind the else; it is the last one")
+        found.append((rest[1] if first == 2 else None, rest[first:last]))
+        rest = rest[last:]
+    return found
+
+
 def run_command(deck: Deck, args: list[str]) -> None:
-    """``run N [upto] [start N] [stop N] [pre yes|no] [post yes|no]``."""
+    """``run N [upto] [start N] [stop N] [pre yes|no] [post yes|no] [every M command ... | every M NULL]``."""
+    at = args.index("every") if "every" in args else len(args)
+    commands = args[at + 2 :]
+    if at < len(args) and not commands:
+        raise ParameterError("expected 'run N ... every M \"command\" ...' or 'every M NULL'")
+    steps, begin, end = _extent(deck, args[:at])
+    if at == len(args):
+        _run(deck, steps, begin, end)
+        return
+    every = read.integer(args[at + 1], "every", 1)
+    last = deck.step + steps
+    while True:
+        # as in LAMMPS each piece is a run with ramps of its own, unless start and stop say otherwise
+        _run(deck, min(every, last - deck.step), begin, end)
+        where = deck.here
+        for command in commands if commands != ["NULL"] else []:
+            execute_text(deck, command)
+            deck.here = where
+        if deck.finished or deck.step >= last:
+            return
+
+
+def _extent(deck: Deck, args: list[str]) -> tuple[int, int | None, int | None]:
+    """Number of steps of a run, and the steps of its options start and stop."""
     read.count(args, "run N ...", 1, None)
     deck.require_box("run")
     if deck.pair.where is None:
@@ -88,6 +168,11 @@ def run_command(deck: Deck, args: list[str]) -> None:
         raise ParameterError(f"run: start {begin} lies after the first step of the run, {deck.step}")
     if end is not None and end < deck.step + steps:
         raise ParameterError(f"run: stop {end} lies before the last step of the run, {deck.step + steps}")
+    return steps, begin, end
+
+
+def _run(deck: Deck, steps: int, begin: int | None, end: int | None) -> None:
+    """Hand one run over."""
     deck.settle("run")
     request = RunRequest.of(deck, steps, integration(deck), begin, end)
     if deck.first_run is None:
@@ -103,21 +188,60 @@ def run_command(deck: Deck, args: list[str]) -> None:
     deck.runs += 1
 
 
+def minimize(deck: Deck, args: list[str]) -> None:
+    """``minimize etol ftol maxiter maxeval``: all beads move, whatever fixes say, but for those that fix setforce holds."""
+    read.count(args, "minimize etol ftol maxiter maxeval", 4)
+    deck.require_box("minimize")
+    if deck.pair.where is None:
+        raise ParameterError("minimize needs a pair_style before it")
+    etol, ftol = (read.non_negative(word, name) for word, name in zip(args[:2], ("etol", "ftol"), strict=True))
+    most, evaluations = (read.integer(word, name, 0) for word, name in zip(args[2:], ("maxiter", "maxeval"), strict=True))
+    rule = StoppingRule(etol, ftol, most, evaluations, deck.force_norm)
+    if deck.run_callback is None:
+        deck.note("minimize is not carried out: beads stay where they are")
+        return
+    deck.settle("minimize")
+    request = RunRequest.of(deck, 0, Integration("mvv", 0.5, ~held_beads(deck)))
+    deck.run_callback(replace(request, minimization=rule))
+
+
 #: Every command of a deck.  Another command is another entry of one of the tables in ``commands/``.
 COMMANDS: dict[str, Callable[[Deck, list[str]], None]] = {
     **setup.COMMANDS,
     **box.COMMANDS,
     **beads.COMMANDS,
     **velocity.COMMANDS,
+    **moving.COMMANDS,
     **pairs.COMMANDS,
     **bonded.COMMANDS,
     **kspace.COMMANDS,
+    **restarts.COMMANDS,
     **fixes.COMMANDS,
     **output.COMMANDS,
     "run": run_command,
+    "minimize": minimize,
     "include": include,
     "quit": quit_,
+    "label": label,
+    "jump": jump,
+    "next": next_,
+    "if": if_,
 }
+
+#: Commands that are no oversight.
+REFUSED = {
+    "shell": "a deck runs no programs and moves no files here; do that outside of it",
+    "python": "a deck runs no Python here; write a script with openmm_dpd.lammps.read_deck or deck_scene instead",
+    "partition": "there is one partition here; run the decks one after the other",
+    "clear": "one deck sets up one system here; put what follows into a deck of its own",
+}
+
+
+def execute_text(deck: Deck, text: str) -> None:
+    """Carry out a command that is an argument of another one; errors have the line of that."""
+    assert deck.here is not None
+    if not deck.finished:
+        execute(deck, replace(deck.here, text=strip_comment(text)))
 
 
 def execute(deck: Deck, line: Line) -> None:
@@ -133,6 +257,8 @@ def execute(deck: Deck, line: Line) -> None:
         words = split_words(output.expand(deck, line.text))
         if not words:
             return
+        if words[0] in REFUSED:
+            raise ParameterError(f"{words[0]}: {REFUSED[words[0]]}")
         if words[0] not in COMMANDS:
             raise ParameterError(f"unknown or unsupported command '{words[0]}'")
         COMMANDS[words[0]](deck, words[1:])
@@ -145,11 +271,11 @@ def execute(deck: Deck, line: Line) -> None:
 
 
 def execute_file(deck: Deck, path: Path) -> None:
-    """Carry out every line of a file."""
-    for line in logical_lines(read_text(path), str(path)):
+    """Carry out every line of a file, and of those that it jumps to."""
+    deck.scripts.append(Script(path))
+    while not deck.finished and (line := deck.scripts[-1].take()) is not None:
         execute(deck, line)
-        if deck.finished:
-            return
+    deck.scripts.pop()
 
 
 def read_deck(
@@ -196,7 +322,6 @@ def read_deck(
         stop_before_first_run=stop_before_first_run,
         output=Path(output),
         log=log,
-        reading=[path.resolve()],
         inputs=[path],
     )
     try:
@@ -206,7 +331,7 @@ def read_deck(
             dump.close()
     if deck.first_run is None:
         if not stop_before_first_run:
-            raise DeckError("the deck has no run command: there is nothing to do", str(path))
+            raise DeckError("the deck has no run command: there is nothing to do; 'run 0' is one", str(path))
         if deck.box is None:
             raise DeckError("the deck makes no simulation box: there is nothing to look at", str(path))
         deck.first_run = RunRequest.of(deck, 0, integration(deck))

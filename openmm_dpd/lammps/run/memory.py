@@ -14,7 +14,20 @@ from ...errors import ParameterError
 from ..state.deck_state import DeckState
 
 #: Attributes of :class:`~openmm_dpd.lammps.state.deck_state.DeckState` that runs change, or what is in them.
-PARTS = ("atoms", "box", "step", "time_origin", "last_sample", "generators", "notes", "fixes", "computes", "dumps")
+PARTS = (
+    "atoms",
+    "box",
+    "step",
+    "noise_counter",
+    "restarts",
+    "time_origin",
+    "last_sample",
+    "generators",
+    "notes",
+    "fixes",
+    "computes",
+    "dumps",
+)
 
 #: Classes of these packages hold data only: unpickling them cannot do anything else.
 _PACKAGES = tuple(
@@ -68,5 +81,7 @@ def recorded(state: DeckState) -> dict[str, Any]:
 
 def recall(state: DeckState, parts: dict[str, Any]) -> None:
     """Bring a deck to where its runs had brought it."""
+    for dump in state.dumps.values():
+        dump.close()  # it is replaced
     for name in PARTS:
         setattr(state, name, parts[name])

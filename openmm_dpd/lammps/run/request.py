@@ -11,10 +11,12 @@ from ...model.scene import Scene
 from ..language.lexer import Line
 from ..output.averages import AveragingFix
 from ..output.dumps import Dump
+from ..output.print_fix import PrintFix
 from ..output.thermo import Thermo
 from ..scene.integration import Integration
 from ..scene.scene import build_scene
 from ..state.deck_state import DeckState
+from ..state.minimization import StoppingRule
 from ..state.moment import Window
 from ..state.sample import DeckSample
 
@@ -45,6 +47,8 @@ class RunRequest(Integration):
         Number of this run in the deck, from 0.
     compat : str
         ``consistent``, or ``lammps`` for the heat of edpd as LAMMPS computes it.
+    minimization : StoppingRule or None
+        Of ``minimize``, whose steps are iterations; None for ``run``.
     """
 
     state: DeckState
@@ -57,6 +61,7 @@ class RunRequest(Integration):
     where: Line | None
     number: int = 0
     compat: str = "consistent"
+    minimization: StoppingRule | None = None
 
     @classmethod
     def of(cls, state: DeckState, steps: int, moved: Integration, begin: int | None = None, end: int | None = None) -> RunRequest:
@@ -98,13 +103,24 @@ class RunRequest(Integration):
         return tuple(fix.parameters["average"] for fix in self.state.fixes.values() if "average" in fix.parameters)
 
     @property
+    def readers(self) -> Sequence[AveragingFix | PrintFix]:
+        """Fixes that read values at the end of steps, the averages among them, in the order of the deck."""
+        return tuple(fix.parameters["reader"] for fix in self.state.fixes.values() if "reader" in fix.parameters)
+
+    @property
     def dumps(self) -> Sequence[Dump]:
         """Dumps that are active during this run."""
         return tuple(self.state.dumps.values())
 
+    @property
+    def needs(self) -> frozenset[str]:
+        """Fields of DeckSample that anything reads during this run."""
+        readers, dumps = (frozenset[str]().union(*(each.needs(self.state) for each in kind)) for kind in (self.readers, self.dumps))
+        return self.thermo.needs | readers | dumps
+
     def scene(self) -> Scene:
         """The scene at the first step; see :func:`~openmm_dpd.lammps.scene.scene.build_scene`."""
-        return build_scene(self.state, self.window, self.compat)
+        return build_scene(self.state, self.window, self.compat, self)
 
     def override(
         self, *, steps: int | None = None, dt: float | None = None, scheme: str | None = None, compat: str | None = None

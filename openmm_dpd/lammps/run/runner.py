@@ -23,6 +23,7 @@ from ..state.deck_state import DeckState
 from .building import build_request, connect_barostat
 from .checkpoint import Checkpoints, Latest
 from .memory import recall, recorded, to_bytes
+from .minimizing import carry_out_minimization
 from .options import FIXED_PRECISION, RunOptions, overridden
 from .request import RunRequest
 from .result import RunResult
@@ -75,7 +76,6 @@ class DeckRunner:
         self.variables, self.checkpoints, self.latest = variables or {}, checkpoints, latest
         self.results: list[RunResult] = []
         self.not_resumable: str | None = None
-        self.counter = 0.0
         self.trajectory = None if out is None else RunTrajectory(out, options.format, options.every)
         self._notes = 0
         set_threads(options.threads)
@@ -83,6 +83,12 @@ class DeckRunner:
     def __call__(self, request: RunRequest) -> None:
         """Carry out one run, or recall it."""
         options, state, latest = self.options, request.state, self.latest
+        if request.minimization is not None:
+            self.say_notes(state)
+            with self.signals.later():
+                carry_out_minimization(request, request.minimization, options, self.log)
+            self.signals.check()
+            return
         request = overridden(request, options)
         if latest is not None and request.number < latest.runs:
             self._recall(request, latest)
@@ -106,13 +112,13 @@ class DeckRunner:
             simulation.reporters.append(barostat)
         if COUNTER in simulation.context.getParameters():
             # every run draws new noise
-            simulation.context.setParameter(COUNTER, self.counter)
+            simulation.context.setParameter(COUNTER, state.noise_counter)
         result = self._result(request, simulation, present)
         self.results.append(result)
         with self.signals.later():
             self._carry_out(request, scene, simulation, built, result, present)
             if COUNTER in simulation.context.getParameters():
-                self.counter = simulation.context.getParameter(COUNTER)
+                state.noise_counter = simulation.context.getParameter(COUNTER)
             self._keep_run(request, result)
         self.signals.check()
         if result.temperature_warning is not None:
@@ -226,7 +232,7 @@ class DeckRunner:
 
     def _keep_run(self, request: RunRequest, result: RunResult) -> None:
         if self.checkpoints is not None and self.not_resumable is None:
-            self.checkpoints.save_run(request.number, self._kept(request, result) | {"counter": self.counter})
+            self.checkpoints.save_run(request.number, self._kept(request, result))
             self.checkpoints.save(request.state, self.options, self.variables, request.number + 1, None)
 
     def _recall(self, request: RunRequest, latest: Latest) -> None:
@@ -236,7 +242,7 @@ class DeckRunner:
         self._check_same(request, kept)
         recall(request.state, kept["memory"])
         self.results.append(RunResult(request, **kept["result"]))
-        self.counter, self._notes = kept["counter"], kept["notes"]
+        self._notes = kept["notes"]
         if latest.present is None and request.number + 1 == latest.runs:
             self._go_live(kept)
 

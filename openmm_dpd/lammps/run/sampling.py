@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import openmm
 from openmm import unit
 
 from ...build import BuiltSystem
 from ...fields import read_fields
+from ...made import masses_of
 from ...measure import Sample
 from ...measure.scene_samples import SceneSampler
+from ...measure.stress_sums import StressSums
 from ...schemes import scheme_of
+from ...tensors import symmetric_products
 from ..scene.flow import held_beads
 from ..state.sample import DeckSample
 from .request import RunRequest
@@ -42,6 +47,7 @@ class Sampler:
         self.request, self.built, self.context = request, built, context
         self.observer = SceneSampler(built)
         self.held = held_beads(request.state)
+        self._stress = StressSums(built.plan) if "virial_tensor" in request.needs else None
 
     def full(self, step: int, needs: frozenset[str], cpu: float) -> tuple[DeckSample, Sample]:
         """A sample with energies and virial, and the fields of ``needs``.
@@ -71,8 +77,19 @@ class Sampler:
             cpu=cpu,
             forces=forces if "forces" in needs else None,
             **self._of_beads(needs),
+            **(self._tensors() if "virial_tensor" in needs else {}),
         )
         return sample, measured
+
+    def _tensors(self) -> dict[str, Any]:
+        """The two parts of the pressure tensor."""
+        assert self._stress is not None
+        mass = masses_of(self.built.system)[:, None]
+        velocities = arrays(self.context)[1]
+        return {
+            "virial_tensor": self._stress.counted(self.context, self.observer),
+            "kinetic_tensor": symmetric_products(mass * velocities, velocities),
+        }
 
     def cheap(self, step: int, needs: frozenset[str], cpu: float) -> DeckSample:
         """A sample with values of beads and the box only."""

@@ -21,7 +21,9 @@ from ...signals import Signals
 from ...watching import PIECE
 from ..state.sample import DeckSample
 from ..values.resolver import Resolver
+from .momentum import MomentumFixes
 from .request import RunRequest
+from .restarts import RestartFiles
 from .result import RunResult
 from .sampling import CHEAP, Sampler, arrays
 from .trajectory import RunTrajectory
@@ -81,7 +83,8 @@ class Stepper:
     ):
         self.request, self.simulation, self.built, self.result = request, simulation, built, result
         self.log, self.trajectory, self.signals, self.keep, self.interval = log, trajectory, signals, keep, interval
-        self.thermo, self.dumps, self.averages = request.thermo, request.dumps, request.averages
+        self.thermo, self.dumps, self.readers = request.thermo, request.dumps, request.readers
+        self.momentum, self.restarts = MomentumFixes(request, simulation.context), RestartFiles(request, built, simulation.context)
         self.sampler = Sampler(request, built, simulation.context)
         result.no_laplacian = self.sampler.observer.no_laplacian
         self._sample: DeckSample | None = None
@@ -89,10 +92,8 @@ class Stepper:
 
     def begin(self, scene: Scene) -> None:
         """Everything that is due before the first step."""
-        for average in self.averages:
-            average.begin(self.request.state, self.request.first_step)
-        if self.thermo.header():
-            self.log(self.thermo.header())
+        for reader in self.readers:
+            reader.begin(self.request.state, self.request.first_step)
         if self.trajectory is not None:
             self.trajectory.start(scene, self.request, self.built)
         self._started = time.perf_counter()
@@ -124,6 +125,7 @@ class Stepper:
             stop = min(step + pace.steps, self._next(step))
             begun = time.perf_counter()
             self.simulation.step(stop - step)
+            self.sampler.observer.changed = self.momentum.act(stop)
             spent = time.perf_counter() - begun
             self.result.seconds += spent
             pace.took(stop - step, spent)
@@ -145,8 +147,14 @@ class Stepper:
 
     def _next(self, step: int) -> int:
         """The next step at which something is due."""
-        due = [self.request.last_step, self.thermo.next_due(step), *(dump.next_due(step) for dump in self.dumps)]
-        due += [average.next_due for average in self.averages if average.next_due > step]
+        due = [
+            self.request.last_step,
+            self.thermo.next_due(step),
+            self.momentum.next_due(step),
+            self.restarts.next_due(step),
+            *(dump.next_due(step) for dump in self.dumps),
+        ]
+        due += [reader.next_due for reader in self.readers if reader.next_due > step]
         if self.trajectory is not None:
             due.append(self.trajectory.next_due(step))
         if self.interval:
@@ -157,15 +165,17 @@ class Stepper:
         """Measure, average, print and write what is due at a step."""
         begun = time.perf_counter()
         state, sampler, thermo, result = self.request.state, self.sampler, self.thermo, self.result
-        due = [average for average in self.averages if average.next_due == step]
-        needs = frozenset().union(*(average.needs(state) for average in due))
+        due = [reader for reader in self.readers if reader.next_due == step]
+        needs = frozenset().union(*(reader.needs(state) for reader in due))
         self._sample, elapsed = None, begun - self._started
         if thermo.due(step) or not needs <= CHEAP:
             self._sample, self._measured = sampler.full(step, needs | thermo.needs, elapsed)
         elif due:
             self._sample = sampler.cheap(step, needs, elapsed)
-        for average in due:
-            average.take(Resolver(state, self._sample, thermo.window))
+        for reader in due:
+            reader.take(Resolver(state, self._sample, thermo.window))
+        if step == self.request.first_step and thermo.header():
+            self.log(thermo.header())
         if thermo.due(step):
             assert self._sample is not None and self._measured is not None
             values = thermo.values(self._sample, tuple(w for w in result.words if w != "temp_conf"))
@@ -173,6 +183,7 @@ class Stepper:
             self.log(thermo.row(values | {"temp_conf": self._sample.kT_conf or float("nan")}, self._sample))
         result.seconds += time.perf_counter() - begun
         self._write_frames(step)
+        self.restarts.write(step)
 
     def _write_frames(self, step: int) -> None:
         request, sampler = self.request, self.sampler

@@ -16,11 +16,11 @@ from ..styles.pair_tables import pair_tables
 from .electrostatics import electrostatics_of
 from .fields import internal_of, internal_scale, sources_of
 from .flow import body_forces_of, walls_of
-from .integration import integration
+from .integration import Integration, integration
 from .segments import segments_of
 
 
-def build_scene(state: DeckState, window: Window | None = None, compat: str = "consistent") -> Scene:
+def build_scene(state: DeckState, window: Window | None = None, compat: str = "consistent", moved: Integration | None = None) -> Scene:
     """The scene that the deck describes at this point.
 
     Parameters
@@ -31,6 +31,8 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
         Steps between which temperature ramps go; the ramp starts now if absent.
     compat : {"consistent", "lammps"}
         How the heat of edpd is computed.
+    moved : Integration, optional
+        Which beads move; by default those of the integrating fixes.
 
     Raises
     ------
@@ -50,7 +52,7 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
         and any(style.name in ("dpd/fdt", "dpd/fdt/energy") for style in state.pair.styles)
     ):
         state.note("dpd/fdt: the noise of bonded neighbours goes with the root of the special_bonds factor (LAMMPS: with the factor)")
-    moved = integration(state)
+    moved = integration(state) if moved is None else moved
     atoms, units = state.atoms, state.units
     vectors = box.reduced_vectors * units.length
     with errors_at(state.here):

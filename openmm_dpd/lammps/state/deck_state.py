@@ -20,7 +20,7 @@ from .atoms import Atoms
 from .box import Box
 from .lattice import Lattice, no_lattice
 from .pair_setup import BondedSetup, PairSetup
-from .records import Compute, Fix, KspaceSetup, ThermoSettings
+from .records import Compute, Fix, KspaceSetup, RestartSettings, ThermoSettings
 from .regions import Region
 from .sample import DeckSample
 
@@ -87,6 +87,16 @@ class DeckState:
         Number of the current step.
     variables : Variables
         The variables.
+    skips_jump : bool
+        Whether the next jump is skipped, because ``next`` has come to the end of a series.
+    force_norm : str
+        By what ``minimize`` measures forces.
+    setup : list of (str, list of str)
+        The commands about interactions until now, with their words.
+    noise_counter : float
+        Random numbers of pairs that runs have used: every run draws new ones.
+    restarts : RestartSettings
+        What ``restart`` said.
     notes : list of str
         What was accepted without having a meaning here, each said once.
     inputs : list of Path
@@ -128,6 +138,11 @@ class DeckState:
     step: int = 0
     time_origin: tuple[float, int] = (0.0, 0)
     variables: Variables = field(default_factory=Variables)
+    skips_jump: bool = False
+    force_norm: str = "two"
+    setup: list[tuple[str, list[str]]] = field(default_factory=list)
+    noise_counter: float = 0.0
+    restarts: RestartSettings = field(default_factory=RestartSettings)
     notes: list[str] = field(default_factory=list)
     runs: int = 0
     last_sample: DeckSample | None = None
@@ -306,9 +321,10 @@ class DeckState:
         if command == "run" and self.sorts and box.triclinic:
             # LAMMPS sorts by place in between, for which it goes to coordinates and back to fractions
             inside = box.places(box.fractions(inside))
-        self._take_inside(inside, shifts)
+        self.take_inside(inside, shifts)
 
-    def _take_inside(self, positions: np.ndarray, shifts: np.ndarray) -> None:
+    def take_inside(self, positions: np.ndarray, shifts: np.ndarray) -> None:
+        """Take over what :meth:`Box.settle` gives: positions in the box, and by how many boxes each was moved."""
         self.atoms.positions = positions
         self.atoms.images = self.atoms.images + shifts
 
@@ -337,7 +353,7 @@ class DeckState:
         own = self.require_box("a run")
         inside, shifts = self.folded(self.in_deck_units(positions), own)
         # walls keep beads inside to the rounding of the platform; the next run wants them inside to the last bit
-        self._take_inside(np.where(own.periodic, inside, np.clip(inside, own.low, np.nextafter(own.high, own.low))), shifts)
+        self.take_inside(np.where(own.periodic, inside, np.clip(inside, own.low, np.nextafter(own.high, own.low))), shifts)
         self.atoms.velocities = np.asarray(velocities, dtype=np.float64) / self.units.velocity
         places = bead_fields(self.atom_style, self.units)
         for name, values in (fields or {}).items():

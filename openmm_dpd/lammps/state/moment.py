@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ...errors import ParameterError
+from ...tensors import symmetric_products
 from ...units import UnitSystem
 from .box import Box
 from .deck_state import DeckState, bead_fields
@@ -157,6 +158,28 @@ class DeckMoment(ABC):
         """Pressure from a kinetic energy and a virial (kJ/mol)."""
         volume = self.box.volume * self.units.length**3
         return (2 * kinetic + virial) / (3 * volume) / self.units.pressure
+
+    def kinetic_tensor(self, compute: Compute | None) -> np.ndarray:
+        """(6,) sums of m v v (kJ/mol) over all mobile beads, or over the group of a compute: xx, yy, zz, xy, xz, yz."""
+        if compute is None:
+            return self.need("kinetic_tensor")
+        mask = self.state.group(compute.group)
+        velocities = self.velocities[mask] * self.units.velocity
+        return symmetric_products(self.state.bead_masses()[mask][:, None] * velocities, velocities)
+
+    def pressure_tensor(self, name: str, kinetic: bool = True, virial: bool = True) -> np.ndarray:
+        """(6,) pressure tensor of a compute of pressure, of one or both parts: xx, yy, zz, xy, xz, yz."""
+        parts = np.zeros(6)
+        if kinetic:
+            parts += self.kinetic_tensor(self.state.temperature_of_pressure(name))
+        if virial:
+            parts += self.need("virial_tensor")
+        return parts / (self.box.volume * self.units.length**3) / self.units.pressure
+
+    def pressure_component(self, index: int) -> float:
+        """Component (0 to 5) of the pressure tensor that thermo output prints."""
+        name = self.state.thermo.press
+        return self.compute(name, index + 1) if name != "thermo_press" else float(self.pressure_tensor(name)[index])
 
     # -- names ----------------------------------------------------------------------------------------------------------------
     @abstractmethod

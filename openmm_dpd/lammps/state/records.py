@@ -46,6 +46,15 @@ class KspaceSetup:
 
 
 @dataclass
+class RestartSettings:
+    """What ``restart`` said: interval (0: none), names of files, of which ``*`` becomes the step, and how many are written already."""
+
+    every: int = 0
+    files: tuple[str, ...] = ()
+    written: int = 0
+
+
+@dataclass
 class ThermoSettings:
     """What thermo output looks like: columns, interval, normalisation, computes to use and formats."""
 

@@ -33,6 +33,8 @@ class DeckSample:
         dissipative and random parts as well.
     virial_full : float, optional
         The same, always with the dissipative and random parts.
+    virial_tensor, kinetic_tensor : (6,) arrays, optional
+        xx, yy, zz, xy, xz, yz of what ``virial`` counts, and of the sum of m v v over the mobile beads.
     force_norm, force_max : float, optional
         Euclidean norm of all force components, and the largest absolute one.
     kT_conf : float, optional
@@ -59,6 +61,8 @@ class DeckSample:
     angle_energy: float | None = 0.0
     virial: float | None = None
     virial_full: float | None = None
+    virial_tensor: np.ndarray | None = None
+    kinetic_tensor: np.ndarray | None = None
     force_norm: float | None = None
     force_max: float | None = None
     kT_conf: float | None = None

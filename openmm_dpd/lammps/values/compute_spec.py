@@ -44,6 +44,8 @@ class ComputeSpec:
         Number of values of the vector.
     needs : tuple of str
         Fields of DeckSample that it reads.
+    vector_needs : tuple of str
+        Those that the values of its vector read, if these are others.
     inputs : callable
         Words (``c_id``, ``vx``, ...) of the beads' values that it is made of.
     """
@@ -59,6 +61,7 @@ class ComputeSpec:
     extensive_vector: bool = False
     size: Callable[[Compute], int] = lambda compute: 0
     needs: tuple[str, ...] = ()
+    vector_needs: tuple[str, ...] | None = None
     inputs: Callable[[Compute], tuple[str, ...]] = lambda compute: ()
 
     def is_extensive(self, compute: Compute, indexed: bool = False) -> bool:

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from ...errors import ParameterError
-from ...geometry import AXES_OF_TENSOR
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
@@ -59,12 +58,9 @@ def _pressure(moment: DeckMoment, compute: Compute) -> float:
     return moment.pressure_of(kinetic, 0.0 if "ke" in compute.arguments[1:] else moment.need("virial"))
 
 
-def _kinetic_tensor(moment: DeckMoment, compute: Compute) -> np.ndarray:
-    """Sums of m v_a v_b over the group: xx, yy, zz, xy, xz, yz."""
-    mask, masses = moment.state.group(compute.group), moment.state.bead_masses()
-    velocities = moment.velocities[mask] * moment.units.velocity
-    tensor = (masses[mask][:, None] * velocities).T @ velocities / moment.units.energy
-    return np.array([tensor[axes] for axes in AXES_OF_TENSOR])
+def _pressure_tensor(moment: DeckMoment, compute: Compute) -> np.ndarray:
+    words = compute.arguments[1:]
+    return moment.pressure_tensor(compute.name, "virial" not in words or "ke" in words, "ke" not in words)
 
 
 def _momentum(moment: DeckMoment, compute: Compute) -> np.ndarray:
@@ -152,7 +148,7 @@ COMPUTES: dict[str, ComputeSpec] = {
     "temp": ComputeSpec(
         no_arguments("temp"),
         lambda moment, compute: moment.temperature(compute),
-        _kinetic_tensor,
+        lambda moment, compute: moment.kinetic_tensor(compute) / moment.units.energy,
         extensive_vector=True,
         size=lambda compute: 6,
         needs=("velocities",),
@@ -169,7 +165,14 @@ COMPUTES: dict[str, ComputeSpec] = {
         extensive=True,
         needs=tuple(f"{part}_energy" for part in _PARTS),
     ),
-    "pressure": ComputeSpec(_check_pressure, _pressure, needs=("virial", "velocities")),
+    "pressure": ComputeSpec(
+        _check_pressure,
+        _pressure,
+        _pressure_tensor,
+        size=lambda compute: 6,
+        needs=("virial", "velocities"),
+        vector_needs=("virial_tensor", "velocities"),
+    ),
     "com": ComputeSpec(
         no_arguments("com"),
         vector=lambda m, c: m.state.mass_average(m.unwrapped, m.state.group(c.group)),
@@ -190,18 +193,43 @@ class BuiltIn:
     """A compute that exists without being defined: its value, not normalised, and the thermo word whose column ``c_id`` is.
 
     That word may stand for another compute (``thermo_modify temp`` and ``press``); outside the columns of thermo output the
-    built-in one is meant.
+    built-in one is meant.  ``vector`` has the six values of ``c_id[1]`` and so on, ``column`` such a one as thermo output prints it.
     """
 
     value: Callable[[DeckMoment], float]
     word: str
+    vector: Callable[[DeckMoment], np.ndarray] | None = None
+    column: Callable[[DeckMoment, int], float] | None = None
+
+
+def _temperature_tensor(moment: DeckMoment) -> np.ndarray:
+    return moment.kinetic_tensor(None) / moment.units.energy
 
 
 BUILT_IN = {
-    "thermo_temp": BuiltIn(lambda moment: moment.temperature(), "temp"),
-    "thermo_press": BuiltIn(lambda moment: moment.pressure_with("thermo_press", "virial"), "press"),
+    "thermo_temp": BuiltIn(
+        lambda moment: moment.temperature(),
+        "temp",
+        _temperature_tensor,
+        # that of the built-in compute, whatever thermo_modify temp says
+        lambda moment, index: float(_temperature_tensor(moment)[index]) / moment.norm,
+    ),
+    "thermo_press": BuiltIn(
+        lambda moment: moment.pressure_with("thermo_press", "virial"),
+        "press",
+        lambda moment: moment.pressure_tensor("thermo_press"),
+        lambda moment, index: moment.pressure_component(index),
+    ),
     "thermo_pe": BuiltIn(potential_energy, "pe"),
 }
+
+
+def check_built_in(name: str, indices: tuple[int, ...], word: str) -> None:
+    """Raise ParameterError unless ``c_name[index]`` is a value of a built-in compute."""
+    if BUILT_IN[name].vector is None:
+        raise ParameterError(f"{word}: compute {name} has a single value only; use c_{name}")
+    if len(indices) != 1 or not 1 <= indices[0] <= 6:
+        raise ParameterError(f"{word}: compute {name} has 6 values; use c_{name}[1] to c_{name}[6]")
 
 
 # -- names of values -----------------------------------------------------------------------------------------------------------
@@ -270,5 +298,7 @@ def count_of(state: DeckState, kind: str, name: str) -> int:
         fix = state.fixes.get(name)
         average = None if fix is None else fix.parameters.get("average")
         return 0 if average is None else average.size
+    if name in BUILT_IN:
+        return 6 if BUILT_IN[name].vector is not None else 0
     compute, spec = compute_of(state, name)
     return spec.columns(compute) if spec.per_bead is not None or spec.array is not None else spec.size(compute)

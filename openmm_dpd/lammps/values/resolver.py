@@ -8,9 +8,10 @@ import numpy as np
 
 from ...errors import ParameterError
 from ..language.expressions import Names, evaluate, evaluate_beads
+from ..language.lexer import substitute
 from ..state.moment import DeckMoment
 from .compute_spec import check_place, reference
-from .computes import BUILT_IN, COMPUTES, average_of, check_value, compute_of
+from .computes import BUILT_IN, COMPUTES, average_of, check_built_in, check_value, compute_of
 from .per_bead import BEAD_WORDS
 from .words import WORDS
 
@@ -21,6 +22,10 @@ class Resolver(DeckMoment, Names):
     def formula(self, text: str) -> float:
         """Value of a formula."""
         return evaluate(text, self)
+
+    def substituted(self, text: str) -> str:
+        """Text with ``$`` substituted."""
+        return substitute(text, lambda name: self.state.variables.text(name, self.formula), self.formula)
 
     def thermo(self, word: str) -> float:
         """Value of a thermo word."""
@@ -38,8 +43,11 @@ class Resolver(DeckMoment, Names):
 
     def compute(self, name: str, index: int | None, column: int | None = None) -> float:
         """Value of ``c_name``, ``c_name[index]`` or ``c_name[index][column]``, not normalised."""
-        if name in BUILT_IN and index is None:
-            return BUILT_IN[name].value(self)
+        if name in BUILT_IN:
+            if index is None:
+                return BUILT_IN[name].value(self)
+            check_built_in(name, (index,) if column is None else (index, column), f"c_{name}[{index}]")
+            return float(self.compute_vector(name)[index - 1])
         if column is None and self.is_bead_compute(name):
             return self._of_bead(name, index)
         compute, spec = check_value(self.state, name, index, column)
@@ -56,6 +64,9 @@ class Resolver(DeckMoment, Names):
 
     def compute_vector(self, name: str, column: int | None = None) -> np.ndarray:
         """All values of ``c_name``, or of ``c_name[column]`` of a table; ParameterError if the compute has no vector."""
+        built_in = BUILT_IN[name].vector if name in BUILT_IN else None
+        if built_in is not None and column is None:
+            return built_in(self)
         compute, spec = compute_of(self.state, name)
         if spec.array is not None and column is not None:
             return spec.array(self, compute)[:, column - 1]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...tensors import AXES_OF_TENSOR
 from ..state.moment import DeckMoment
 
 
@@ -115,6 +116,15 @@ def _box_words() -> dict[str, Word]:
     return words
 
 
+def _pressure_component(index: int) -> Callable[[DeckMoment], float]:
+    return lambda moment: moment.pressure_component(index)
+
+
+def _tensor_words() -> dict[str, Word]:
+    names = [f"{'xyz'[a]}{'xyz'[b]}" for a, b in AXES_OF_TENSOR]
+    return {f"p{name}": Word(f"P{name}", _pressure_component(k), needs=("virial_tensor",)) for k, name in enumerate(names)}
+
+
 #: Thermo words.  The last two are not LAMMPS's.
 WORDS: dict[str, Word] = {
     "step": Word("Step", lambda c: c.step, integer=True),
@@ -130,6 +140,7 @@ WORDS: dict[str, Word] = {
     "angles": Word("Angles", lambda c: len(c.state.angles), integer=True),
     "temp": Word("Temp", lambda c: c.temperature(c.thermo_compute()), needs=("kinetic", "dof")),
     "press": Word("Press", lambda c: c.pressure(), needs=_PRESSURE),
+    **_tensor_words(),
     "pe": Word("PotEng", _per_bead(*_ENERGIES), needs=_ENERGIES),
     "ke": Word("KinEng", _kinetic, needs=("kinetic",)),
     "etotal": Word("TotEng", _total, needs=("kinetic", *_ENERGIES)),

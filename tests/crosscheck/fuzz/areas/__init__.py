@@ -9,11 +9,13 @@ from ..draw import Draw
 from .averages import averages
 from .bonded import bonded
 from .charges import charges
+from .control import control
 from .data import data
 from .flow import flow
 from .formulas import formulas
 from .meso import meso
 from .mistakes import mistakes
+from .moving import moving
 from .output import output
 from .pairs import pairs
 from .runs import runs
@@ -32,6 +34,8 @@ AREAS: dict[str, tuple[float, Callable[[Draw], Deck]]] = {
     "flow": (1.0, flow),
     "thermostats": (0.5, thermostats),
     "runs": (2.0, runs),
+    "control": (1.5, control),
+    "moving": (1.5, moving),
     "data": (1.0, data),
     "output": (1.0, output),
     "mistakes": (2.0, mistakes),

@@ -39,6 +39,7 @@ class Values:
         elif style == "pe":
             group, words = "all", draw.pick([[], [], ["pair"], ["bond"], ["pair", "bond"]])
         elif style == "pressure":
+            size = 6
             group, words = (
                 "all",
                 [

@@ -144,14 +144,19 @@ WORDS = (
     "xy xz yz cella cellb cellc cellalpha cellbeta cellgamma fmax fnorm elapsed elaplong dt time atoms bonds angles"
 ).split()
 
+#: The pressure tensor, which is not known of beads with fields.
+TENSOR = "pxx pyy pzz pxy pxz pyz".split()
+_WITH_FIELDS = ("dpd", "edpd", "tdpd")
+
 
 def thermo(deck: Deck, *more: str, every: int = 1, most: int = 12) -> None:
     """Thermo output: some words and ``more``."""
     draw = deck.draw
     if deck.partial and draw.chance(0.3):
         more = (*more, "c_movers")
+    words = [*WORDS, *([] if deck.style in _WITH_FIELDS else TENSOR)]
     deck.add("thermo", every)
-    deck.add("thermo_style", "custom", "step", *draw.some(["temp", "press", "pe", "ke"], 2), *draw.some(WORDS, 2, most), *more)
+    deck.add("thermo_style", "custom", "step", *draw.some(["temp", "press", "pe", "ke"], 2), *draw.some(words, 2, most), *more)
     deck.add("thermo_modify", "format", "float", "%.15g", *draw.pick([[], [], ["norm", "yes"], ["norm", "no"]]))
     if deck.partial:
         deck.add("thermo_modify", "temp", "everything")

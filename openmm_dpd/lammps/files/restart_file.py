@@ -1,0 +1,94 @@
+"""Restart files: what of a deck a later one can go on from, in a format of this package (a zip of numpy arrays and one JSON text)."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import ParameterError
+from ...units import UNIT_SYSTEMS
+from ..state.atoms import Atoms
+from ..state.box import Box
+from ..state.deck_state import DeckState
+
+#: What the file says it is; another number where its contents change.
+FORMAT = "openmm-dpd restart 1"
+
+#: Attributes of DeckState that are plain numbers and words.
+_PLAIN = ("atom_style", "sorts", "n_types", "n_bond_types", "n_angle_types", "n_species", "timestep", "step", "runs", "noise_counter")
+
+#: How LAMMPS's own files begin.
+_LAMMPS = b"LammpS RestartT"
+
+
+def restart_bytes(state: DeckState) -> bytes:
+    """Contents of a restart file: box, beads, bonds, groups, step and time, the commands about interactions, and where the noise stands.
+
+    All numbers with all their bits.
+    """
+    box = state.require_box("a restart file")
+    header = {name: getattr(state, name) for name in _PLAIN} | {
+        "format": FORMAT,
+        "units": state.units.name,
+        "periodic": list(state.periodic),
+        "time_origin": list(state.time_origin),
+        "box": [box.low.tolist(), box.high.tolist(), box.tilt.tolist(), box.triclinic],
+        "masses": sorted(state.masses.items()),
+        "groups": list(state.groups),
+        "setup": state.setup,
+    }
+    arrays = {f"atoms/{item.name}": getattr(state.atoms, item.name) for item in fields(Atoms)}
+    arrays |= {f"group/{k}": mask for k, mask in enumerate(state.groups.values())}
+    arrays |= {"bonds": state.bonds, "angles": state.angles, "header": np.array(json.dumps(header))}
+    content = io.BytesIO()
+    np.savez(content, **arrays)
+    return content.getvalue()
+
+
+def load_restart(state: DeckState, path: Path) -> list[tuple[str, list[str]]]:
+    """Take over what a restart file holds; the commands about interactions are returned.
+
+    Raises
+    ------
+    ParameterError
+        If it is no such file; LAMMPS's own are not.
+    """
+    content = path.read_bytes()
+    if content.startswith(_LAMMPS):
+        raise ParameterError(
+            f"'{path.name}' is a restart file of LAMMPS, in a format of each of its versions; turn it into a data file, by "
+            "'lmp -restart2data FILE DATA', and read that"
+        )
+    try:
+        with np.load(io.BytesIO(content), allow_pickle=False) as found:
+            arrays = {name: found[name] for name in found.files}
+        header = json.loads(str(arrays.pop("header")))
+        if header["format"] != FORMAT:
+            raise ParameterError(f"'{path.name}' has the format '{header['format']}'; this version reads '{FORMAT}'")
+        _take(state, header, arrays)
+        return [(name, list(words)) for name, words in header["setup"]]
+    except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        if isinstance(error, ParameterError):
+            raise
+        raise ParameterError(f"'{path.name}' is no restart file of this package, or not whole ({error})") from None
+
+
+def _take(state: DeckState, header: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+    low, high, tilt, triclinic = header["box"]
+    x, y, z = header["periodic"]
+    for name in _PLAIN:
+        setattr(state, name, header[name])
+    state.units, state.periodic = UNIT_SYSTEMS[header["units"]], (x, y, z)
+    state.box = Box(low, high, tilt, triclinic, state.periodic)
+    time, step = header["time_origin"]
+    state.time_origin = (time, step)
+    state.masses = {kind: mass for kind, mass in header["masses"]}
+    state.atoms = Atoms(**{item.name: arrays[f"atoms/{item.name}"] for item in fields(Atoms)})
+    state.bonds, state.angles = arrays["bonds"], arrays["angles"]
+    state.groups = {name: arrays[f"group/{k}"] for k, name in enumerate(header["groups"])}

@@ -1,0 +1,104 @@
+"""Carrying out ``minimize`` with OpenMM's minimiser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import openmm
+from openmm import unit
+
+from ...errors import ParameterError
+from ..language.lexer import errors_at
+from ..state.minimization import NORMS, StoppingRule
+from ..values.resolver import Resolver
+from .building import build_request
+from .options import RunOptions
+from .request import RunRequest
+from .sampling import Sampler, arrays
+
+_KJ, _F = unit.kilojoule_per_mole, unit.kilojoule_per_mole / unit.nanometer
+
+#: Pair styles whose forces are no slope of an energy that the minimiser sees, and why.
+_NO_ENERGY = {
+    "edpd": "its forces follow the temperatures of the beads",
+    "mdpd": "the many-body force of its densities derives from no potential",
+}
+
+
+class _Watch(openmm.MinimizationReporter):
+    """Stops by LAMMPS's rule."""
+
+    def __init__(self, rule: StoppingRule, energy: float, units, mobile: np.ndarray):
+        super().__init__()
+        self._rule, self._before, self._units, self._mobile = rule, energy, units, mobile
+        self.iterations, self.reason = 0, "linesearch alpha is zero"
+
+    def report(self, iteration, x, grad, args):
+        self.iterations += 1
+        energy = args["system energy"] / self._units.energy
+        force = np.asarray(grad).reshape(-1, 3)[self._mobile] / self._units.force
+        reason = self._rule.reached(self.iterations, self._before, energy, force)
+        self._before = energy
+        if reason is not None:
+            self.reason = reason
+        return reason is not None
+
+
+def carry_out_minimization(request: RunRequest, rule: StoppingRule, options: RunOptions, log: Callable[[str], None]) -> None:
+    """Minimise the potential energy of a deck: a row of thermo output at the beginning and one at the end, as steps that were taken.
+
+    Raises
+    ------
+    DeckError
+        If the deck has forces that derive from no energy.
+    """
+    state = request.state
+    with errors_at(request.where):
+        for style in state.pair.styles:
+            if style.name in _NO_ENERGY:
+                raise ParameterError(f"minimize with pair style {style.name} is not supported: {_NO_ENERGY[style.name]}")
+        for fix in state.fixes.values():
+            if fix.style == "addforce":
+                raise ParameterError(f"minimize beside fix addforce ({fix.name}) is not supported: the energy of its force does not count")
+    built = build_request(request, request.scene(), options)
+    simulation = built.simulation(properties=options.properties(built.plan.platform or ""))
+    context, mobile = simulation.context, request.mobile
+    first = _row(request, Sampler(request, built, context), log, title=True)
+    found = context.getState(energy=True, forces=True, groups=built.integrator.getIntegrationForceGroups())
+    energy = found.getPotentialEnergy().value_in_unit(_KJ) / state.units.energy
+    force = found.getForces(asNumpy=True).value_in_unit(_F)[mobile] / state.units.force
+    watch = _Watch(rule, energy, state.units, mobile)
+    if NORMS[rule.norm](force) < rule.force:
+        watch.reason = "force tolerance"
+    elif not min(rule.iterations, rule.evaluations):
+        watch.reason = "max iterations" if not rule.iterations else "max force evaluations"
+    else:
+        # the rule stops it, or the minimiser where it finds no way down
+        simulation.minimizeEnergy(1e-10, 0, watch)
+    done = replace(request, steps=watch.iterations)
+    sampler = Sampler(done, built, context)
+    last = _row(done, sampler, log)
+    log(f"minimize: {watch.reason} after {watch.iterations} iterations; potential energy {first:.10g} before and {last:.10g} after")
+    x, v, box = arrays(context)
+    sample = sampler.full(done.last_step, done.thermo.needs, 0.0)[0]
+    done.finish(x, v, box=box, sample=replace(sample, forces=None))
+
+
+def _row(request: RunRequest, sampler: Sampler, log: Callable[[str], None], title: bool = False) -> float:
+    """Log a row at the last step of a request; the potential energy, as thermo output prints it."""
+    thermo = request.thermo
+    if title and thermo.header():
+        log(thermo.header())
+    step = request.last_step
+    # as in LAMMPS the end is in every dump, whatever its interval
+    dumps = [dump for dump in request.dumps if (dump.due(step) if title else dump.last_step != step)]
+    sample = sampler.full(step, thermo.needs.union(("positions",), *(dump.needs(request.state) for dump in dumps)), 0.0)[0]
+    for dump in dumps:
+        dump.write(Resolver(request.state, sample, request.window))
+    values = thermo.values(sample, tuple(dict.fromkeys((*thermo.words, "pe"))))
+    log(thermo.row(values, sample))
+    if not title and thermo.footer():
+        log(thermo.footer())
+    return values["pe"]

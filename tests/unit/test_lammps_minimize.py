@@ -1,0 +1,130 @@
+"""minimize: where it ends, beside a live LAMMPS where there is one minimum, and when it stops."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import lammps_peer
+from test_lammps_moving import chains
+
+from openmm_dpd.errors import DeckError
+from openmm_dpd.lammps import RunOptions, run_deck
+
+NO_LAMMPS = lammps_peer.why_missing()
+LAMMPS = pytest.mark.skipif(NO_LAMMPS is not None, reason=str(NO_LAMMPS))
+
+CRYSTAL = """lattice fcc 1.1
+region b block 0 3 0 3 0 3
+create_box 1 b
+create_atoms 1 box
+mass 1 1
+comm_modify vel yes
+pair_style lj/cut 2.0
+pair_coeff 1 1 1 1
+variable jx atom 0.03*sin(id*1.3)
+variable jy atom 0.03*cos(id*2.1)
+displace_atoms all move v_jx v_jy 0.02
+group held id 1
+fix h held setforce 0 0 0
+"""
+CHAINS = """units real
+atom_style molecular
+special_bonds lj 0 0 0
+bond_style harmonic
+angle_style harmonic
+read_data start.data
+bond_coeff 1 30 0.7
+angle_coeff 1 4 110
+mass 1 1
+comm_modify vel yes cutoff 3
+pair_style zero 1.2
+pair_coeff * *
+"""
+
+
+def ours(folder: Path, text: str) -> tuple[list[list[float]], list[str]]:
+    """Rows of thermo output, and all lines."""
+    (folder / "in").write_text(text, encoding="utf-8")
+    (folder / "start.data").write_text(chains(), encoding="utf-8")
+    lines: list[str] = []
+    run_deck(folder / "in", RunOptions(platform="Reference"), out=folder, log=lines.append)
+    return [[float(w) for w in line.split()] for line in lines if line.split()[:1] and line.split()[0].isdigit()], lines
+
+
+@LAMMPS
+@pytest.mark.parametrize(("start", "words"), [(CRYSTAL, "pe press pxx pxy fnorm"), (CHAINS, "pe ebond eangle")], ids=["crystal", "chains"])
+@pytest.mark.parametrize("style", ["cg", "fire"])
+def test_the_minimum_is_lammps_s(tmp_path, monkeypatch, start, words, style):
+    """The first row, and the last one as far as the tolerance of the forces says."""
+    text = f"{start}thermo_style custom step {words}\nthermo_modify format float %.12g\nmin_style {style}\nminimize 0 1e-4 5000 50000\n"
+    rows, lines = ours(tmp_path, text + "run 0\n")
+    monkeypatch.chdir(tmp_path)
+    with lammps_peer.instance() as lmp:
+        lmp.commands_string(f"{text}\nvariable last equal step")
+        expected = [lmp.get_thermo(word) for word in words.split()]
+    assert any("force tolerance after" in line for line in lines)
+    assert len(rows) == 3 and rows[1] == pytest.approx(rows[2], abs=1e-9)
+    np.testing.assert_allclose(rows[1][1:], expected, atol=2e-4 * max(1, np.abs(expected).max()))
+    assert rows[1][1] == pytest.approx(expected[0], abs=1e-8 * max(1, abs(expected[0])))
+    assert rows[0][1] > rows[1][1]
+
+
+@pytest.mark.parametrize(
+    ("numbers", "reason"),
+    [
+        ("0 0 5 1000", "max iterations after 5 iterations"),
+        ("0 0 1000 4", "max force evaluations after 4 iterations"),
+        ("0 0 0 9", "max iterations after 0 iterations"),
+        ("0.5 0 100 100", "energy tolerance after 1 iterations"),
+        ("0 1e9 100 100", "force tolerance after 0 iterations"),
+    ],
+)
+def test_when_it_stops(tmp_path, numbers, reason):
+    """The step has advanced by the iterations, and dumps have beginning and end."""
+    text = f"{CRYSTAL}dump d all custom 1000 d.txt id x y z\nminimize {numbers}\nundump d\nrun 0\n"
+    rows, lines = ours(tmp_path, text)
+    assert any(reason in line for line in lines)
+    steps = int(reason.split()[-2])
+    assert [row[0] for row in rows] == [0, steps, steps]
+    frames = (tmp_path / "d.txt").read_text().count("TIMESTEP")
+    assert frames == (2 if steps else 1)
+
+
+def test_held_beads_stay_and_velocities_do_not_change(tmp_path):
+    text = f"{CRYSTAL}write_data a.data\nvelocity all set 1 2 3 units box\nminimize 0 1e-3 100 100\nwrite_data b.data\nrun 0\n"
+    ours(tmp_path, text)
+    first, last = ((tmp_path / name).read_text() for name in ("a.data", "b.data"))
+    place = [[line.split()[2:5] for line in text.splitlines() if line.startswith("1 1 ")][0] for text in (first, last)]
+    assert place[0] == place[1] and first.split("Velocities")[0] != last.split("Velocities")[0]
+    assert {tuple(line.split()[1:]) for line in last.split("Velocities")[1].splitlines() if line} == {("1.0", "2.0", "3.0")}
+
+
+@pytest.mark.parametrize("norm", ["two", "max", "inf"])
+def test_norms(tmp_path, norm):
+    """The force that is left is below the tolerance in the norm that was chosen, and not far below."""
+    text = f"{CRYSTAL}unfix h\nthermo_style custom step fnorm fmax\nthermo_modify norm no\nmin_modify norm {norm} dmax 0.2\nminimize 0 0.1 500 5000\nrun 0\n"
+    rows, _ = ours(tmp_path, text)
+    total, largest = rows[1][1:]
+    assert total < 0.1 if norm == "two" else largest < 0.1 < total if norm == "inf" else largest < 0.1
+
+
+WRONG = {
+    "minimize 0 0 10\n": "expected 'minimize etol ftol maxiter maxeval'",
+    "minimize -1 0 10 10\n": "etol must be >= 0",
+    "min_style lbfgs\n": "the style of min_style must be one of",
+    "min_modify norm three\n": "norm must be one of",
+    "fix a all addforce 1 0 0\nminimize 0 0 1 1\n": "beside fix addforce",
+    "minimize 0 1 1 1\n": "has no run command",
+}
+
+
+@pytest.mark.parametrize("text", WRONG)
+def test_mistakes(tmp_path, text):
+    with pytest.raises(DeckError, match=WRONG[text]):
+        ours(tmp_path, CRYSTAL + text)

@@ -1,0 +1,112 @@
+"""Restart files of decks: a deck that reads one goes on bit for bit as the one that has written it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import lammps_peer
+from test_lammps_moving import chains
+
+from openmm_dpd.errors import DeckError
+from openmm_dpd.lammps import RunOptions, run_deck
+
+#: How beads are made and what moves them, which a restart file does not hold.
+SYSTEMS = {
+    "dpd": (
+        "units real\nregion b prism 0 20 1 21 0 22 3 0 2 units box\ncreate_box 2 b\ncreate_atoms 1 random 60 5 NULL\n"
+        "create_atoms 2 random 30 6 NULL\nmass 1 40\nmass 2 60\ngroup ga id 1:20\n"
+        "pair_style dpd 300 5 11\npair_coeff * * 2 0.01\npair_coeff 1 2 3 0.02 4.5\nvelocity all create 300 3\ntimestep 20\n",
+        "fix 1 all nve\nfix p ga addforce 0.001 0 0\n",
+    ),
+    "chains": (
+        "atom_style molecular\nspecial_bonds lj 0.5 0.25 1\nbond_style harmonic\nangle_style harmonic\nread_data start.data\n"
+        "mass 1 1\nbond_coeff 1 30 0.7\nangle_coeff 1 4 150\npair_style dpd 1.0 1.0 7\npair_coeff 1 1 25 4.5\ntimestep 0.01\n",
+        "fix 1 all nve\n",
+    ),
+    "energy": (
+        "atom_style dpd\nregion b block 0 4 0 4 0 4\ncreate_box 1 b\ncreate_atoms 1 random 80 5 NULL\nmass 1 1\nset atom * dpd/theta 1\n"
+        "pair_style dpd/fdt/energy 1 9\npair_coeff 1 1 25 3 0.5 1\nvelocity all create 1 3\ntimestep 0.02\n",
+        "fix e all eos/cv 10\nfix s all shardlow\nfix 1 all nve\n",
+    ),
+    "species": (
+        "atom_style tdpd 2\nregion b block 0 4 0 4 0 4\ncreate_box 1 b\ncreate_atoms 1 random 80 5 NULL\nmass 1 1\n"
+        "set atom 1*40 cc 1 2.0\nset atom 30*70 cc 2 1.0\npair_style tdpd 1 1 7\n"
+        "pair_coeff 1 1 25 4.5 0.5 1 1 0.1 0 2 0.2 0 2\nvelocity all create 1 3\ntimestep 0.02\n",
+        "fix 1 all mvv/tdpd\n",
+    ),
+}
+ROWS = "thermo 2\nthermo_style custom step time temp pe press vol\nthermo_modify format float %.17g\n"
+
+
+def rows(folder: Path, name: str, text: str, platform: str = "Reference") -> list[str]:
+    """Rows of thermo output of a deck; its last configuration is in ``NAME.data``."""
+    (folder / f"in.{name}").write_text(text + f"write_data {name}.data\nrun 0\n", encoding="utf-8")
+    (folder / "start.data").write_text(chains(), encoding="utf-8")
+    lines: list[str] = []
+    run_deck(folder / f"in.{name}", RunOptions(platform=platform, threads=1), out=folder, log=lines.append)
+    return [line for line in lines if line.split()[:1] and line.split()[0].isdigit()]
+
+
+@pytest.mark.parametrize("platform", ["Reference", "CPU"])
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_runs_go_on_bit_for_bit(tmp_path, system, platform):
+    """From write_restart between two runs, and from restart N in the middle of one: as the second of two runs."""
+    start, fixes = SYSTEMS[system]
+    whole = rows(tmp_path, "whole", f"{start}{fixes}{ROWS}run 6\nwrite_restart between.*\nrun 6\n", platform)
+    after = rows(tmp_path, "after", f"read_restart between.6\n{fixes}{ROWS}run 6\n", platform)
+    assert after == whole[4:] and len(after) == 5
+    rows(tmp_path, "long", f"{start}{fixes}{ROWS}restart 6 point\nrun 10\n", platform)
+    middle = rows(tmp_path, "middle", f"read_restart point.6\n{fixes}{ROWS}run 6\n", platform)
+    assert middle == after
+    last = [(tmp_path / f"{name}.data").read_bytes() for name in ("whole", "after", "middle")]
+    assert last[0] == last[1] == last[2]
+
+
+def test_groups_masses_and_types_come_back_and_fixes_do_not(tmp_path):
+    start, fixes = SYSTEMS["dpd"]
+    rows(tmp_path, "first", f"{start}{fixes}run 2\nwrite_restart r\n")
+    path = tmp_path / "in.second"
+    path.write_text("read_restart r\nprint '$(count(ga)) $(mass(all)) $(step) $(dt)'\nfix 1 all nve\nrun 0\n", encoding="utf-8")
+    lines: list[str] = []
+    state = run_deck(path, RunOptions(platform="Reference"), out=tmp_path, log=lines.append)
+    assert "20 4200 2 20" in lines and state["natoms"] == 90
+
+
+def test_two_files_in_turn_and_no_more(tmp_path):
+    start, fixes = SYSTEMS["chains"]
+    rows(tmp_path, "turns", f"{start}{fixes}restart 2 a b\nrun 5\nrestart 0\nrun 5\n")
+    found = {name: rows(tmp_path, f"from_{name}", f"read_restart {name}\n{fixes}run 0\n") for name in ("a", "b")}
+    assert [found[name][0].split()[0] for name in ("a", "b")] == ["2", "4"]
+    assert sorted(path.name for path in tmp_path.glob("[ab]*")) == ["a", "b"]
+
+
+WRONG = {
+    "read_restart text\n": "is no restart file of this package",
+    "read_restart theirs\n": "is a restart file of LAMMPS",
+    "read_restart r.*\n": "name one file",
+    "read_restart nothing\n": "there is no file 'nothing'",
+    "region b block 0 4 0 4 0 4\ncreate_box 1 b\nread_restart text\n": "must come before the simulation box",
+    "write_restart r\n": "needs a simulation box",
+    "restart 10\n": "expected 'restart N file",
+    "restart 10 ../../r\n": "would lie outside of the output folder",
+}
+
+
+@pytest.mark.parametrize("text", WRONG)
+def test_mistakes(tmp_path, text):
+    (tmp_path / "text").write_text("no restart\n", encoding="utf-8")
+    if lammps_peer.why_missing() is None:
+        with lammps_peer.instance() as lmp:
+            lmp.commands_string(
+                f"region b block 0 4 0 4 0 4\ncreate_box 1 b\nmass 1 1\npair_style zero 1\npair_coeff * *\nwrite_restart {tmp_path}/theirs"
+            )
+    elif "theirs" in text:
+        pytest.skip("no LAMMPS to write one")
+    (tmp_path / "in.bad").write_text(text, encoding="utf-8")
+    with pytest.raises(DeckError, match=WRONG[text]):
+        run_deck(tmp_path / "in.bad", RunOptions(platform="Reference"), out=tmp_path / "out")

@@ -1,0 +1,155 @@
+"""The pressure tensor of decks beside a live LAMMPS: which parts count, with which velocities, and through which words."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import lammps_peer
+from test_lammps_thermo_live import both
+
+from openmm_dpd.errors import DeckError
+from openmm_dpd.lammps import RunOptions, run_deck
+
+MISSING = lammps_peer.why_missing()
+LAMMPS = pytest.mark.skipif(MISSING is not None, reason=str(MISSING))
+
+WORDS = "pxx pyy pzz pxy pxz pyz"
+BEADS = """region box {box}
+create_box 2 box
+create_atoms 1 random 90 33 NULL overlap 0.3 maxtry 500
+set atom 1*40 type 2
+group ga id 1:50
+mass 1 1.0
+mass 2 1.7
+comm_modify vel yes
+velocity ga set 1 -0.7 0.4
+velocity all ramp vy -1 1 z 0 4 sum yes
+timestep 0.01
+"""
+BOXES = {"orthogonal": "block 0 4 0 4.5 0 4.2", "tilted": "prism 0 4 0 4.5 0 4.2 0.7 -1.1 0.6"}
+STYLES = {
+    "dpd": "pair_style dpd 0.0 1.0 3\npair_coeff * * 25 4.5\npair_coeff 1 2 40 2\nfix 1 all nve\n",
+    "predicted": "pair_style dpd 0.0 1.0 3\npair_coeff * * 25 4.5\nfix 1 all mvv/dpd 0.65\n",
+    "transverse": "pair_style dpd/ext 0.0 1.0 3\npair_coeff * * 25 4.5 3.0 0.5 1.0 1.0\nfix 1 all nve\n",
+    "two thermostats": "pair_style hybrid/overlay lj/cut 1.0 dpd/tstat 0.0 0.0 1.0 3\npair_coeff * * lj/cut 1 0.4\n"
+    "pair_coeff * * dpd/tstat 2.0\nfix 1 all nve\n",
+    "frozen": "pair_style dpd 0.0 1.0 3\npair_coeff * * 25 4.5\nvelocity ga set 0 0 0\nfix 0 ga setforce 0 0 0\nfix 1 all nve\n",
+}
+
+
+def values(path: Path) -> np.ndarray:
+    """All numbers of a file of averages."""
+    return np.array([word for line in path.read_text().splitlines() if line[0] != "#" for word in line.split()], float)
+
+
+def decks(folder: Path, style: str, box: str = "orthogonal") -> str:
+    """Create the beads once, in LAMMPS, so that both sides have the same; the beginning of a deck."""
+    atoms = f"atom_style {'mdpd' if style == 'predicted' else 'atomic'}\n"
+    with lammps_peer.instance() as lmp:
+        lmp.commands_string(atoms)
+        lmp.commands_string(BEADS.format(box=BOXES[box]))
+        lmp.command(f"write_data {folder}/start.data nocoeff")
+    return f"{atoms}read_data {folder}/start.data\ncomm_modify vel yes\ngroup ga id 1:50\ntimestep 0.01\n{STYLES[style]}"
+
+
+@LAMMPS
+@pytest.mark.parametrize("box", BOXES)
+@pytest.mark.parametrize("style", STYLES)
+def test_words_and_computes(tmp_path, style, box):
+    """Rows of a run: friction counts with the velocities that the forces saw, and computes and averages say the same."""
+    text = f"""{decks(tmp_path, style, box)}
+compute ta ga temp
+compute pp all pressure ta
+compute pv all pressure NULL virial
+compute pk all pressure thermo_temp ke
+compute pb all pressure thermo_temp
+variable mean equal (pxx+pyy+pzz)/3
+variable v equal c_pv[4]+c_pb[6]
+fix a all ave/time 1 2 2 c_pv[1] c_pv[*] c_pb[5] v_mean c_thermo_press[2] file f.scalars format " %.10g"
+fix b all ave/time 2 1 2 c_pp c_pk c_thermo_press mode vector file f.vectors format " %.10g"
+thermo 1
+thermo_style custom step press {WORDS} c_pp[*] c_pk[1] c_pk[4] c_pv[2] c_pv[6] v_mean v_v c_thermo_press[4] c_thermo_temp[1] c_thermo_temp[5] c_ta[4]
+thermo_modify format float %.12g
+run 4
+"""
+    theirs, ours = both(tmp_path, text)
+    a, b = (np.array([row.split() for row in rows[1:]], float) for rows in (theirs, ours))
+    assert a.shape == b.shape == (5, 24)
+    np.testing.assert_allclose(b, a, rtol=0, atol=2e-10 * np.abs(a).max())
+    for name in ("f.scalars", "f.vectors"):
+        there, here = (values(tmp_path / side / name) for side in ("theirs", "ours"))
+        np.testing.assert_allclose(here, there, rtol=0, atol=2e-9 * np.abs(there).max())
+
+
+@LAMMPS
+@pytest.mark.parametrize("modify", ["temp ta", "press pp", "temp ta press pq", "press pq temp ta"])
+def test_chosen_temperatures_and_pressures(tmp_path, modify):
+    text = f"""{decks(tmp_path, "dpd")}
+compute ta ga temp
+compute pp all pressure ta
+compute pq all pressure thermo_temp ke
+thermo_style custom step temp press {WORDS} c_pp[1] c_pq[4] c_thermo_press[1] c_thermo_temp[2]
+thermo_modify {modify} format float %.12g
+run 0
+"""
+    theirs, ours = both(tmp_path, text)
+    a, b = (np.array(rows[1].split(), float) for rows in (theirs, ours))
+    np.testing.assert_allclose(b, a, rtol=0, atol=2e-10 * np.abs(a).max())
+
+
+def test_noise_is_symmetric_and_counts(tmp_path):
+    """With noise no trajectory is LAMMPS's: the trace is three times the pressure, and without friction in the forces it is left out."""
+    text = """region box block 0 4 0 4 0 4
+create_box 1 box
+create_atoms 1 random 100 5 NULL
+mass 1 1
+velocity all create 1 4
+pair_style dpd/fdt 1 1 7
+pair_coeff 1 1 25 3
+{}
+fix 1 all nve
+thermo 2
+thermo_style custom step press pxx pyy pzz
+run 6
+"""
+    for fix in ("", "fix s all shardlow"):
+        (tmp_path / "in.noise").write_text(text.format(fix), encoding="utf-8")
+        lines: list[str] = []
+        run_deck(tmp_path / "in.noise", RunOptions(platform="Reference"), log=lines.append)
+        rows = np.array([line.split() for line in lines if line.split()[0].isdigit()], float)
+        assert len(rows) == 4
+        np.testing.assert_allclose(rows[:, 2:].sum(axis=1), 3 * rows[:, 1], rtol=1e-6)
+
+
+def test_scenes_without_a_tensor_are_refused_at_their_run(tmp_path):
+    (tmp_path / "in.energy").write_text(
+        """atom_style tdpd 1
+region box block 0 4 0 4 0 4
+create_box 1 box
+create_atoms 1 random 50 5 NULL
+mass 1 1
+pair_style tdpd 1 1 7
+pair_coeff 1 1 25 4.5 0.5 1 1 0.1 0.0 2
+fix 1 all mvv/tdpd
+thermo_style custom step press pxy
+run 2
+""",
+        encoding="utf-8",
+    )
+    with pytest.raises(DeckError, match=r"in.energy:10: no stress tensor of this scene: its beads have energies"):
+        run_deck(tmp_path / "in.energy", RunOptions(platform="Reference"))
+
+
+@pytest.mark.parametrize("word", ["c_thermo_press[7]", "c_thermo_pe[1]", "c_thermo_temp[1][2]", "pyx"])
+def test_words_that_are_none(tmp_path, word):
+    (tmp_path / "in.bad").write_text(
+        f"region b block 0 4 0 4 0 4\ncreate_box 1 b\nthermo_style custom step {word}\nrun 0\n", encoding="utf-8"
+    )
+    with pytest.raises(DeckError, match=r"in.bad:3: "):
+        run_deck(tmp_path / "in.bad")
