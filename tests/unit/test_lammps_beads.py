@@ -379,7 +379,7 @@ velocity all set 1.0 0.5 NULL units box sum yes
         ("neigh_modify exclude type 1 1", "neigh_modify exclude is not supported"),
         ("run_style respa 2 2", "only run_style verlet"),
         ("atom_modify id no", "atom_modify id is not supported"),
-        ("restart 100 a b", "restart files are not supported"),
+        ("restart 100", r"expected 'restart N file \[file\]'"),
     ],
 )
 def test_errors(tmp_path, text, message):

@@ -14,7 +14,7 @@ import lammps_peer
 from test_lammps_moving import chains
 
 from openmm_dpd.errors import DeckError
-from openmm_dpd.lammps import RunOptions, run_deck
+from openmm_dpd.lammps import RunOptions, explain_deck, run_deck
 
 NO_LAMMPS = lammps_peer.why_missing()
 LAMMPS = pytest.mark.skipif(NO_LAMMPS is not None, reason=str(NO_LAMMPS))
@@ -112,6 +112,13 @@ def test_norms(tmp_path, norm):
     rows, _ = ours(tmp_path, text)
     total, largest = rows[1][1:]
     assert total < 0.1 if norm == "two" else largest < 0.1 < total if norm == "inf" else largest < 0.1
+
+
+def test_what_does_not_run_says_that_it_does_not_minimise_either(tmp_path, caplog):
+    path = tmp_path / "in.shown"
+    path.write_text(f"{CRYSTAL}minimize 0 0 5 5\nfix 1 all nve\nrun 0\n", encoding="utf-8")
+    assert "note: minimize is not carried out here" in explain_deck(path)
+    assert f"{path}:14: minimize is not carried out here" in caplog.text
 
 
 WRONG = {

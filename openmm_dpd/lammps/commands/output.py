@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 from ...errors import ParameterError
 from ...files import append_block, write_whole
 from ..language import arguments as read
 from ..output.data_writer import data_file_lines
-from ..output.dumps import COLUMNS, STYLES as DUMP_STYLES, Dump
+from ..output.dumps import BINARY, COLUMNS, STYLES as DUMP_STYLES, Dump
 from ..output.thermo import STYLES as THERMO_STYLES, check_format, check_word
 from ..state.deck_state import DeckState
 from ..state.records import Compute, ThermoSettings
@@ -152,7 +153,7 @@ def uncompute(state: DeckState, args: list[str]) -> None:
 
 # -- dumps ------------------------------------------------------------------------------------------------------------------
 def dump(state: DeckState, args: list[str]) -> None:
-    """``dump ID group atom|custom|dcd N file [columns ...]``."""
+    """``dump ID group atom|custom|dcd|xtc|xyz N file [columns ...]``."""
     read.count(args, "dump ID group style N file ...", 5, None)
     name, group, style, interval, file, *words = args
     state.group(group)
@@ -170,8 +171,10 @@ def dump(state: DeckState, args: list[str]) -> None:
         read.count(words, f"dump ID group {style} N file", 0)
     if file.endswith((".gz", ".bz2", ".zst", ".bin")):
         raise ParameterError(f"dump file '{file}': compressed and binary files are not supported")
+    if style in BINARY and "*" in file:
+        raise ParameterError(f"dump {style} '{file}': all frames go into one file, leave the * out")
     state.output_path(file)  # what is wrong with its name is the mistake of this line
-    columns = {"atom": ("id", "type", "xs", "ys", "zs"), "custom": tuple(words), "dcd": ()}[style]
+    columns = {"atom": ("id", "type", "xs", "ys", "zs"), "custom": tuple(words)}.get(style, ())
     state.dumps[name] = Dump(name, group, style, every, file, columns)
 
 
@@ -183,12 +186,15 @@ def undump(state: DeckState, args: list[str]) -> None:
 
 
 def dump_modify(state: DeckState, args: list[str]) -> None:
-    """``dump_modify ID every|first|append|sort|unwrap|scale|image|format|flush|pbc ... value``."""
+    """``dump_modify ID keyword value ...``."""
     read.count(args, "dump_modify ID keyword value ...", 2, None)
     found = read.known(state.dumps, args[0], "dump")
-    sizes = {"every": 1, "first": 1, "append": 1, "sort": 1, "unwrap": 1, "scale": 1, "image": 1, "format": 2, "flush": 1, "pbc": 1}
+    once = ("every", "first", "append", "sort", "unwrap", "scale", "image", "flush", "pbc", "precision", "sfactor", "tfactor")
+    sizes = dict.fromkeys(once, 1) | {"format": 2, "element": state.n_types}
     for keyword, values in read.options(args[1:], sizes, "dump_modify"):
         word = values[0]
+        if keyword in _OF_STYLES and found.style not in _OF_STYLES[keyword]:
+            raise ParameterError(f"dump_modify {keyword} is for dump style {' and '.join(_OF_STYLES[keyword])}")
         if keyword == "every":
             found.every = read.integer(word, "the interval of the dump", 1)
         elif keyword in ("first", "append", "unwrap"):
@@ -196,19 +202,44 @@ def dump_modify(state: DeckState, args: list[str]) -> None:
         elif keyword in ("scale", "image"):
             _atom_columns(found, keyword, read.switch(word, keyword))
         elif keyword == "format":
-            if word not in ("int", "float", *found.columns):
-                raise ParameterError(f"dump_modify format: expected int, float or a column, not '{word}'")
-            check_format(values[1])
-            found.formats[word] = values[1]
+            _dump_format(found, word, values[1])
+        elif keyword == "element":
+            found.elements = tuple(values)
+        elif keyword in ("sfactor", "tfactor"):
+            found.factors[keyword] = read.positive(word, keyword)
+        elif keyword == "precision" and read.integer(word, keyword, 1) != 1000:
+            raise ParameterError("dump_modify precision: frames of dump xtc have the precision 1000 here, and no other one")
         elif keyword == "sort" and word not in ("id", "off"):
             raise ParameterError("dump_modify sort: beads are written in the order of their ids; only 'sort id' is supported")
-    if found.append and found.style == "dcd":
-        raise ParameterError("dump_modify append is not supported for dcd")
+    if found.append and found.style in BINARY:
+        raise ParameterError(f"dump_modify append is not supported for {found.style}")
+
+
+#: Keywords of dump_modify that some styles have.
+_OF_STYLES = {
+    "unwrap": BINARY,
+    "scale": ("atom",),
+    "image": ("atom",),
+    "format": ("atom", "custom", "xyz"),
+    "element": ("xyz",),
+    "precision": ("xtc",),
+    "sfactor": ("xtc",),
+    "tfactor": ("xtc",),
+}
+
+
+def _dump_format(found: Dump, word: str, form: str) -> None:
+    if found.style == "xyz":
+        if word != "line" or not re.fullmatch(r"[^%]*%-?\d*s" + 3 * r"[^%]*%[-+ #0]*\d*(?:\.\d+)?[eEfFgG]" + "[^%]*", form):
+            raise ParameterError(f"dump_modify format: style xyz has a line such as '%s %g %g %g', not '{word} {form}'")
+    elif word not in ("int", "float", *found.columns):
+        raise ParameterError(f"dump_modify format: expected int, float or a column, not '{word}'")
+    else:
+        check_format(form)
+    found.formats[word] = form
 
 
 def _atom_columns(found: Dump, keyword: str, value: bool) -> None:
-    if found.style != "atom":
-        raise ParameterError(f"dump_modify {keyword} is for dump style atom")
     if keyword == "scale":
         found.columns = (*found.columns[:2], *(("xs", "ys", "zs") if value else ("x", "y", "z")), *found.columns[5:])
     else:

@@ -1,4 +1,4 @@
-"""Dumps: trajectory files of the deck (styles atom, custom and dcd)."""
+"""Dumps: trajectory files of the deck (styles atom, custom, dcd, xtc and xyz)."""
 
 from __future__ import annotations
 
@@ -8,13 +8,18 @@ import numpy as np
 
 from ...dcd import DCDWriter
 from ...files import BlockFile, write_whole
+from ...units import UnitSystem
+from ...xtc import XTCWriter
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
 from ..values.per_bead import BEAD_WORDS, BeadWord, axis_of
 from ..values.resolver import Resolver
 from .thermo import fields_read
 
-STYLES = ("atom", "custom", "dcd")
+STYLES = ("atom", "custom", "dcd", "xtc", "xyz")
+
+#: Those with all frames in one file that is no text.
+BINARY = ("dcd", "xtc")
 
 
 def _unwrapped(moment: DeckMoment) -> np.ndarray:
@@ -40,7 +45,7 @@ _WHOLE = ("id", "type", "mol", "ix", "iy", "iz")
 
 @dataclass
 class Dump:
-    """One self.
+    """One dump.
 
     Attributes
     ----------
@@ -54,9 +59,13 @@ class Dump:
         Columns of the text styles.
     append, first, unwrap : bool
         Settings of dump_modify, and ``formats`` by column.
+    elements : tuple of str
+        Names of the types in style xyz; their numbers without any.
+    factors : dict of str to float
+        What ``sfactor`` and ``tfactor`` say: factors of lengths and times of style xtc.
     last_step : int or None
         Step of the last configuration that was written.
-    opened : BlockFile or DCDWriter or None
+    opened : BlockFile, DCDWriter, XTCWriter or None
         The file, once something is in it.
     begun : bool
         Whether something was in it before a run that is resumed now, which goes on with it.
@@ -72,8 +81,10 @@ class Dump:
     first: bool = False
     unwrap: bool = False
     formats: dict[str, str] = field(default_factory=dict)
+    elements: tuple[str, ...] = ()
+    factors: dict[str, float] = field(default_factory=dict)
     last_step: int | None = None
-    opened: BlockFile | DCDWriter | None = field(default=None, repr=False)
+    opened: BlockFile | DCDWriter | XTCWriter | None = field(default=None, repr=False)
     begun: bool = False
 
     def __getstate__(self) -> dict:
@@ -102,6 +113,8 @@ class Dump:
         """
         if self.style == "dcd":
             self._write_dcd(moment)
+        elif self.style == "xtc":
+            self._write_xtc(moment)
         else:
             self._write_text(moment)
         self.last_step = moment.step
@@ -117,7 +130,8 @@ class Dump:
         return f"the file of dump {self.name},"
 
     def _write_text(self, moment: Resolver) -> None:
-        state, step, text = moment.state, moment.step, self._text(moment)
+        state, step = moment.state, moment.step
+        text = self._xyz_text(moment) if self.style == "xyz" else self._text(moment)
         if "*" in self.file:
             write_whole(state.output_file(self.file, step), text, self._what)
             return
@@ -147,9 +161,32 @@ class Dump:
         lines += (line % row for row in zip(*values, strict=True))
         return "".join(lines)
 
+    def _xyz_text(self, moment: Resolver) -> str:
+        mask = moment.state.group(self.group)
+        types = moment.state.atoms.types[mask].tolist()
+        names = [self.elements[kind - 1] for kind in types] if self.elements else map(str, types)
+        form = self.formats.get("line", "%s %g %g %g")
+        rows = [form % (name, *place) for name, place in zip(names, moment.folded[0][mask].tolist(), strict=True)]
+        return "\n".join([str(len(rows)), f" Atoms. Timestep: {moment.step}", *rows]) + "\n"
+
+    def _write_xtc(self, moment: Resolver) -> None:
+        state, mask = moment.state, moment.state.group(self.group)
+        if self.opened is None:
+            self.opened = XTCWriter(state.output_file(self.file, 0), int(mask.sum()), self._what, append=self.begun)
+        assert isinstance(self.opened, XTCWriter)
+        factors = xtc_factors(state.units) | self.factors
+        x = (_unwrapped(moment) if self.unwrap else moment.folded[0])[mask]
+        time = moment.step * state.timestep / state.units.time * factors["tfactor"]
+        self.opened.write(factors["sfactor"] * x, factors["sfactor"] * moment.box.vectors, time, moment.step)
+
     def _write_dcd(self, moment: Resolver) -> None:
         mask = moment.state.group(self.group)
         if self.opened is None:
             self.opened = DCDWriter(moment.state.output_file(self.file, 0), int(mask.sum()), self._what, append=self.begun)
         assert isinstance(self.opened, DCDWriter)
         self.opened.write((_unwrapped(moment) if self.unwrap else moment.folded[0])[mask], moment.box.vectors)
+
+
+def xtc_factors(units: UnitSystem) -> dict[str, float]:
+    """Factors of lengths and times of dump xtc where dump_modify says nothing: to nm and ps, but for units lj."""
+    return {"sfactor": 1.0, "tfactor": 1.0} if units.name == "lj" else {"sfactor": units.length, "tfactor": units.time}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,6 +19,8 @@ from ..state.deck_state import DeckState
 from ..state.minimization import StoppingRule
 from .request import RunRequest
 from .script import Script
+
+_LOGGER = logging.getLogger("openmm_dpd")
 
 
 @dataclass
@@ -198,7 +201,9 @@ def minimize(deck: Deck, args: list[str]) -> None:
     most, evaluations = (read.integer(word, name, 0) for word, name in zip(args[2:], ("maxiter", "maxeval"), strict=True))
     rule = StoppingRule(etol, ftol, most, evaluations, deck.force_norm)
     if deck.run_callback is None:
-        deck.note("minimize is not carried out: beads stay where they are")
+        note = "minimize is not carried out here: beads stay where they are, as before it"
+        deck.note(note)
+        _LOGGER.warning("%s:%d: %s", *((deck.here.file, deck.here.number) if deck.here else (deck.path, 0)), note)
         return
     deck.settle("minimize")
     request = RunRequest.of(deck, 0, Integration("mvv", 0.5, ~held_beads(deck)))

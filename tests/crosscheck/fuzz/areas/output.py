@@ -46,10 +46,23 @@ def output(draw: Draw) -> Deck:
         options += [["format", "float", "%12.5f"], ["format", "int", "%6d"], ["format", 1, "%8d"]]
     for _ in range(draw.whole(0, 2)):
         deck.add("dump_modify", "d", *draw.pick(options))
+    _xyz(deck)
     deck.run(draw.whole(0, 4))
     deck.tell(f"step $(step) $(step:%08.3f) {draw.pick(['a', 'b'])} \\t")
     deck.run(draw.whole(0, 3))
     return deck
+
+
+def _xyz(deck: Deck) -> None:
+    """A dump xyz, one or two frames in a file."""
+    draw = deck.draw
+    deck.add("dump", "z", deck.group(), "xyz", draw.whole(1, 3), draw.pick(["dump.xyz", "dump.*.xyz"]))
+    options: list[object] = ["sort", "id"]
+    if draw.chance(0.5):
+        options += ["element", *draw.choices(["C", "O", "W_1"], k=deck.types)]
+    if draw.chance(0.4):
+        options += ["format", "line", draw.pick(['"%s %12.5f %g %.3e"', '"%s %8.3f %8.3f %8.3f"', '"%-4s %g %g %g"'])]
+    deck.add("dump_modify", "z", *options)
 
 
 def _thermo_option(deck: Deck, style: str, words: list[str]) -> list[object]:

@@ -1,0 +1,91 @@
+"""Dump styles xtc and xyz: what other programs read from them; the fuzzer compares the text of xyz with LAMMPS's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mdtraj
+import numpy as np
+import pytest
+from mdtraj.formats import XTCTrajectoryFile
+
+from openmm_dpd.errors import DeckError
+from openmm_dpd.lammps import RunOptions, run_deck
+
+BEADS = """units {units}
+region b prism 0 20 1 21 0 22 3 0 2 units box
+create_box 2 b
+create_atoms 1 random 14 5 NULL
+create_atoms 2 random 6 6 NULL
+mass * 40
+group g type 2
+pair_style zero 5
+pair_coeff * *
+velocity all set 0.05 -0.08 0.11 units box
+fix 1 all nve
+timestep 40
+dump t all custom 2 all.txt id type x y z xu yu zu
+dump_modify t format float %.10g
+"""
+
+
+def run(folder: Path, units: str, text: str) -> np.ndarray:
+    """(frames, beads, 8) columns of the text dump."""
+    (folder / "in").write_text(BEADS.format(units=units) + text + "run 5\n", encoding="utf-8")
+    run_deck(folder / "in", RunOptions(platform="Reference"), out=folder)
+    frames = (folder / "all.txt").read_text().split("ITEM: ATOMS")[1:]
+    return np.array([[line.split() for line in frame.splitlines()[1:21]] for frame in frames], float)
+
+
+@pytest.mark.parametrize(("units", "length", "time"), [("real", 0.1, 0.001), ("lj", 1.0, 1.0)])
+def test_xtc(tmp_path, units, length, time):
+    """In nm and ps but for units lj, of all beads or of a group, wrapped or not, to the precision of the format."""
+    rows = run(tmp_path, units, "dump a all xtc 2 a.xtc\ndump_modify a unwrap yes sort id precision 1000\ndump b g xtc 4 b.xtc\n")
+    with XTCTrajectoryFile(str(tmp_path / "a.xtc")) as file:
+        x, times, steps, box = file.read()
+    np.testing.assert_allclose(x, length * rows[:, :, 5:], atol=6e-4)
+    np.testing.assert_allclose(times, time * 40 * np.array([0, 2, 4]), rtol=1e-6)
+    assert steps.tolist() == [0, 2, 4]
+    np.testing.assert_allclose(box[0], length * np.array([[20, 0, 0], [3, 20, 0], [0, 2, 22]]), atol=1e-6)
+    with XTCTrajectoryFile(str(tmp_path / "b.xtc")) as file:
+        x = file.read()[0]
+    np.testing.assert_allclose(x, length * rows[::2, 14:, 2:5], atol=6e-4)
+
+
+def test_factors_of_xtc(tmp_path):
+    rows = run(tmp_path, "real", "dump a all xtc 5 a.xtc\ndump_modify a sfactor 0.5 tfactor 2\n")
+    with XTCTrajectoryFile(str(tmp_path / "a.xtc")) as file:
+        x, times, _, box = file.read()
+    np.testing.assert_allclose(x[0], 0.5 * rows[0, :, 2:5], atol=6e-4)
+    assert times.tolist() == [0, 400] and box[0, 2, 2] == 11
+
+
+def test_xyz(tmp_path):
+    """Names of the elements, and what mdtraj reads of it (in angstrom)."""
+    rows = run(
+        tmp_path, "real", "dump a all xyz 2 a.xyz\ndump_modify a element C O format line '%s %.6f %.6f %.6f'\ndump b g xyz 5 b.*.xyz\n"
+    )
+    trajectory = mdtraj.formats.XYZTrajectoryFile(str(tmp_path / "a.xyz"))
+    np.testing.assert_allclose(trajectory.read(), rows[:, :, 2:5], atol=1e-5)
+    assert [line.split()[0] for line in (tmp_path / "a.xyz").read_text().splitlines()[2:22]] == 14 * ["C"] + 6 * ["O"]
+    assert sorted(path.name for path in tmp_path.glob("b.*")) == ["b.0.xyz", "b.5.xyz"]
+    assert (tmp_path / "b.5.xyz").read_text().splitlines()[:3][1] == " Atoms. Timestep: 5"
+
+
+WRONG = {
+    "dump a all xtc 2 a.*.xtc\n": "all frames go into one file",
+    "dump a all dcd 2 a.*.dcd\n": "all frames go into one file",
+    "dump a all xtc 2 a.xtc\ndump_modify a precision 100\n": "have the precision 1000",
+    "dump a all xtc 2 a.xtc\ndump_modify a append yes\n": "append is not supported for xtc",
+    "dump a all xyz 2 a.xyz\ndump_modify a element C\n": "needs 2 values",
+    "dump a all xyz 2 a.xyz\ndump_modify a unwrap yes\n": "unwrap is for dump style dcd and xtc",
+    "dump a all xyz 2 a.xyz\ndump_modify a format line '%s %g %g'\n": "style xyz has a line such as",
+    "dump_modify t element C O\n": "element is for dump style xyz",
+    "dump_modify t sfactor 2\n": "sfactor is for dump style xtc",
+}
+
+
+@pytest.mark.parametrize("text", WRONG)
+def test_mistakes(tmp_path, text):
+    with pytest.raises(DeckError, match=WRONG[text]):
+        run(tmp_path, "real", text)
