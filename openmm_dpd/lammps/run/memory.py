@@ -68,5 +68,7 @@ def recorded(state: DeckState) -> dict[str, Any]:
 
 def recall(state: DeckState, parts: dict[str, Any]) -> None:
     """Bring a deck to where its runs had brought it."""
+    for dump in state.dumps.values():
+        dump.close()  # it is replaced
     for name in PARTS:
         setattr(state, name, parts[name])
