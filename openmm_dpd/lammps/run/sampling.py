@@ -10,12 +10,12 @@ from openmm import unit
 
 from ...build import BuiltSystem
 from ...fields import read_fields
+from ...geometry import symmetric_products
 from ...made import masses_of
 from ...measure import Sample
 from ...measure.scene_samples import SceneSampler
 from ...measure.stress_sums import StressSums
 from ...schemes import scheme_of
-from ...tensors import symmetric_products
 from ..scene.flow import held_beads
 from ..state.sample import DeckSample
 from .request import RunRequest

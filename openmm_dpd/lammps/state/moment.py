@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ...errors import ParameterError
-from ...tensors import symmetric_products
+from ...geometry import symmetric_products
 from ...units import UnitSystem
 from .box import Box
 from .deck_state import DeckState, bead_fields

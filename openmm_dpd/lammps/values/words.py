@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...tensors import AXES_OF_TENSOR
+from ...geometry import AXES_OF_TENSOR
 from ..state.moment import DeckMoment
 
 
