@@ -41,7 +41,9 @@ def _momentum(deck: Deck) -> None:
     flags = [draw.whole(0, 1) for _ in range(3)]
     words = ["linear", *flags] if any(flags) else [] if angular else ["linear", 1, 1, 1]
     words += ["angular"] if angular else []
-    deck.add("fix", deck.name("m"), group, "momentum", draw.whole(1, 3), *words, *draw.pick([[], [], ["rescale"] if group == "all" else []]))
+    deck.add(
+        "fix", deck.name("m"), group, "momentum", draw.whole(1, 3), *words, *draw.pick([[], [], ["rescale"] if group == "all" else []])
+    )
 
 
 def moving(draw: Draw) -> Deck:
