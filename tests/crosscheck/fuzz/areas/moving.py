@@ -36,12 +36,14 @@ def _displace(deck: Deck) -> None:
 
 def _momentum(deck: Deck) -> None:
     draw, group = deck.draw, deck.group()
-    # LAMMPS divides rounding errors by each other where beads lie on one line
+    # LAMMPS divides rounding errors by each other where beads lie on one line, and scales them up where there is one bead
     angular = group == "all" and deck.beads > 2 and draw.chance(0.5)
     flags = [draw.whole(0, 1) for _ in range(3)]
     words = ["linear", *flags] if any(flags) else [] if angular else ["linear", 1, 1, 1]
     words += ["angular"] if angular else []
-    deck.add("fix", deck.name("m"), group, "momentum", draw.whole(1, 3), *words, *draw.pick([[], [], ["rescale"]]))
+    deck.add(
+        "fix", deck.name("m"), group, "momentum", draw.whole(1, 3), *words, *draw.pick([[], [], ["rescale"] if group == "all" else []])
+    )
 
 
 def moving(draw: Draw) -> Deck:
