@@ -92,8 +92,8 @@ def _units(path: Path, title: str, units: str | None) -> UnitSystem:
 
 def _styles(reader: DataReader, scene: Scene) -> tuple[str, ...]:
     hint, line = reader.hints["Atoms"], reader.sections["Atoms"][0]
-    for vest in (False, True):
-        mine = atom_styles(scene, vest)
+    for mdpd in (False, True):
+        mine = atom_styles(scene, mdpd)
         if not hint or hint == (mine[0] if len(mine) == 1 else "hybrid"):
             return mine
     if hint == "hybrid":

@@ -105,17 +105,17 @@ def unused_type(scene: Scene) -> str | None:
     return None if meets else last
 
 
-def atom_styles(scene: Scene, vest: bool = False) -> tuple[str, ...]:
+def atom_styles(scene: Scene, mdpd: bool = False) -> tuple[str, ...]:
     """Atom style of a scene: one name, or several that go behind ``hybrid``.
 
     Parameters
     ----------
     scene : Scene
-    vest : bool
+    mdpd : bool
         Whether ``fix mvv/dpd`` will be used, whose beads need atom_style mdpd.
     """
     own = {InternalEnergy: "dpd", BeadTemperatures: "edpd", Concentrations: "tdpd"}.get(type(scene.internal))
-    if own is None and (vest or any(kind_for(table.kind).has_densities for table in scene.tables if table.kind is not None)):
+    if own is None and (mdpd or any(kind_for(table.kind).has_densities for table in scene.tables if table.kind is not None)):
         own = "mdpd"
     charged, bonded = scene.charges is not None, bool(len(scene.bond_pairs)) or scene.molecules is not None
     rest: str | None = None
