@@ -14,6 +14,7 @@ from openmm_dpd.kernels import cells
 from openmm_dpd.kernels.dpd import TermTable
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, PairSpec
 from openmm_dpd.kernels.threads import set_threads
+from openmm_dpd.neighbours import coincident_pairs
 from openmm_dpd.plan import make_plan
 
 BOX = pytest.mark.parametrize("box", BOXES.values(), ids=BOXES.keys())
@@ -305,4 +306,4 @@ def test_coincident_pairs_across_faces(box):
     if box is not None:
         x[51] = x[50] - [1e-5, 0, 0] + frame[0]
         x[20] += 2 * frame[2]
-    assert cells.coincident_pairs(x, box, 1e-4) == [(3, 10), (4, 20), (4, 30), (5, 40), (20, 30), (50, 51)]
+    assert coincident_pairs(x, box, 1e-4) == [(3, 10), (4, 20), (4, 30), (5, 40), (20, 30), (50, 51)]

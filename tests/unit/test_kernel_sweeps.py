@@ -115,9 +115,9 @@ def test_the_update_may_be_chosen_for_each_call():
     scene = fluid(EXTENDED, kT=KT)
     middle, shardlow = prepared(scene, "middle"), prepared(scene, "shardlow")
     arguments = (scene.velocities, KT, 0.05, SEED, COUNTER)
-    assert np.array_equal(middle.sweep(*arguments, update=SHARDLOW), shardlow.sweep(*arguments))
-    assert np.array_equal(shardlow.sweep(*arguments, update=EXACT), middle.sweep(*arguments))
-    assert not np.array_equal(middle.sweep(*arguments), shardlow.sweep(*arguments))
+    assert np.array_equal(middle.swept(*arguments, update=SHARDLOW), shardlow.swept(*arguments))
+    assert np.array_equal(shardlow.swept(*arguments, update=EXACT), middle.swept(*arguments))
+    assert not np.array_equal(middle.swept(*arguments), shardlow.swept(*arguments))
 
 
 @UPDATE
