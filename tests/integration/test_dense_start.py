@@ -253,8 +253,12 @@ def test_bad_input():
     refused("the System has bonds, but the Topology has none", topology=bare)
 
 
+#: Those that continuous integration runs: chains, rings and a protein.
+SHORT = [name for name in dense.SYSTEMS if name.startswith(("benzene", "protein", "polyethylene"))]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", dense.SYSTEMS)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=() if name in SHORT else pytest.mark.long) for name in dense.SYSTEMS])
 def test_ten_systems(name):
     """Those of docs/howto/dense_start.md, with a shorter run at constant pressure."""
     topology, system, x = dense.SYSTEMS[name]()
