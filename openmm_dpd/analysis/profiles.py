@@ -52,6 +52,14 @@ class Slicer:
         return ((np.arange(self.n_bins) + 0.5) / self.n_bins - (0.5 if self.centre is not None else 0.0)) * width
 
 
+def sums_in_slices(number: np.ndarray, weights: np.ndarray | None, count: int) -> np.ndarray:
+    """Sums of ``weights`` over the beads in each of ``count`` slices, (count,); without weights the numbers of beads.
+
+    ``number`` (K,) is the slice of each bead.
+    """
+    return np.bincount(number, weights, count).astype(np.float64)
+
+
 def periodic_centre(fractions: np.ndarray, weights: np.ndarray) -> float:
     r"""Centre of mass of beads in a periodic direction, as a fraction of the box.
 
@@ -138,7 +146,7 @@ def density_profile(
         width.append(widths(box)[slicer.axis])
         number, volume = slicer.slices(frame), np.linalg.det(box) / slicer.n_bins
         for name, group in groups.items():
-            rows[name].append(np.bincount(number[group], weights[group], minlength=slicer.n_bins) / volume)
+            rows[name].append(sums_in_slices(number[group], weights[group], slicer.n_bins) / volume)
     x = slicer.coordinates(float(np.mean(width)))
     return {name: curve_of(x, found, f"the density of {name}") for name, found in rows.items()}
 
@@ -240,11 +248,11 @@ def _velocity_sums(trajectory, velocities, beads, axis, n_bins, centre) -> tuple
             raise ParameterError(f"there are velocities of {len(width)} frames only; the trajectory has more")
         v, number = v[group], slicer.slices(frame)[group]
         width.append(widths(frame.need_box("a profile"))[slicer.axis])
-        of_slice = [np.bincount(number, w, slicer.n_bins) for w in (m, *(m * v.T), m * np.sum(v**2, axis=1))]
+        of_slice = [sums_in_slices(number, w, slicer.n_bins) for w in (m, *(m * v.T), m * np.sum(v**2, axis=1))]
         rows["mass"].append(of_slice[0])
         rows["momentum"].append(np.column_stack(of_slice[1:4]))
         rows["square"].append(of_slice[4])
-        rows["count"].append(np.bincount(number, minlength=slicer.n_bins))
+        rows["count"].append(sums_in_slices(number, None, slicer.n_bins))
     if next(streamed, None) is not None:
         raise ParameterError(f"there are velocities of more frames than the {len(width)} of the trajectory")
     return slicer.coordinates(float(np.mean(width))), {name: np.array(found, dtype=np.float64) for name, found in rows.items()}

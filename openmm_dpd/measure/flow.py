@@ -3,6 +3,7 @@
 import numpy as np
 from openmm import unit
 
+from ..analysis.profiles import sums_in_slices
 from ..analysis.viscosity import VelocityProfile
 from ..built import BuiltSystem
 from ..cadence import Cadence
@@ -177,10 +178,10 @@ class ProfileReporter(_Reporter):
         v = on_step_velocities(self.built, state)[self._mobile]
         mass = self.built.plan.scene.bead_masses[self._mobile]
         slab = np.minimum((self.bins * (x - np.floor(x))).astype(np.int64), self.bins - 1)
-        self._momentum.append(np.bincount(slab, mass * v[:, self._component], self.bins))
-        self._mass += np.bincount(slab, mass, self.bins)
-        self._count += np.bincount(slab, minlength=self.bins)
-        self._square += np.bincount(slab, mass * np.sum(v**2, axis=1), self.bins)
+        self._momentum.append(sums_in_slices(slab, mass * v[:, self._component], self.bins))
+        self._mass += sums_in_slices(slab, mass, self.bins)
+        self._count += sums_in_slices(slab, None, self.bins)
+        self._square += sums_in_slices(slab, mass * np.sum(v**2, axis=1), self.bins)
 
     @property
     def profile(self) -> VelocityProfile:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...analysis.profiles import sums_in_slices
 from ...errors import ParameterError
 from ..language import arguments as read
 from ..state.deck_state import DeckState
@@ -51,7 +52,7 @@ class ChunkAverage(AveragingFix):
         number = chunk_numbers(moment, self._compute, bins)
         kept = (number >= 0) & moment.state.group(self._group)
         number = number[kept]
-        counts = np.bincount(number, minlength=bins.count).astype(float)
+        counts = sums_in_slices(number, None, bins.count)
         for k, word in enumerate(self._values):
             sums = self._of_beads(moment, word, number, kept, bins.count)
             self._sums[k] += sums if self._norm == "all" else self._normalised(moment, word, sums, counts, 1)
@@ -70,7 +71,7 @@ class ChunkAverage(AveragingFix):
             values = moment.state.bead_masses()[kept] * np.sum(velocities**2, axis=1) / moment.units.thermal_energy
         else:
             values = moment.bead_values(word)[kept]
-        return np.bincount(number, weights=values, minlength=count).astype(float)  # of no beads it is an array of integers
+        return sums_in_slices(number, values, count)
 
     def _normalised(self, moment: Resolver, word: str, sums: np.ndarray, counts: np.ndarray, samples: int) -> np.ndarray:
         """Sums over the beads of ``samples`` samples, divided by what belongs to the value; 0 for bins without beads."""
