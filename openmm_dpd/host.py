@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import openmm
-from openmm import unit
+from openmm import app, unit
 
 from .errors import ParameterError, PlanError
 from .made import groups_of, masses_of, refuse_thermostat, virtual_sites
 from .names import PAIR_FORCE
+from .units import to_md
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,3 +81,33 @@ def degrees_of_freedom(system: openmm.System, *, momentum: bool = True) -> int:
     tied = [system.getConstraintParameters(k)[:2] for k in range(system.getNumConstraints())]
     found = 3 * int(moves.sum()) - sum(bool(moves[i] or moves[j]) for i, j in tied)
     return found - 3 if momentum and not frozen and found > 3 else found
+
+
+class Freedom:
+    """Masses and degrees of freedom of a System whose particles from ``n_atoms`` on are beads: they do not change in a run.
+
+    The three that the conserved momentum takes are shared between atoms and beads in proportion to what each of them has.
+    """
+
+    def __init__(self, system: openmm.System, n_atoms: int):
+        self.mass, self.n_atoms, total = masses_of(system), n_atoms, degrees_of_freedom(system)
+        part = 3 * int(np.sum(self.mass[n_atoms:] > 0)) / degrees_of_freedom(system, momentum=False)
+        self.shares = {"atoms": total * (1 - part), "beads": total * part, "all": total}
+
+    def kinetic_kT(self, v: np.ndarray) -> dict[str, float]:
+        """Kinetic temperatures, as energies, of ``atoms``, ``beads`` and of ``all``, for velocities (N, 3), nm/ps."""
+        twice = self.mass * np.sum(v**2, axis=1)
+        sums = {"atoms": twice[: self.n_atoms].sum(), "beads": twice[self.n_atoms :].sum(), "all": twice.sum()}
+        return {name: float(sums[name]) / share if share else 0.0 for name, share in self.shares.items()}
+
+
+def checked_positions(topology, system: openmm.System, positions) -> np.ndarray:
+    """(N, 3) positions, nm, of the particles of a System, which the Topology must have as its atoms."""
+    n = system.getNumParticles()
+    if not isinstance(topology, app.Topology) or topology.getNumAtoms() != n:
+        what = f"has {topology.getNumAtoms()} atoms" if isinstance(topology, app.Topology) else f"is a {type(topology).__name__}"
+        raise ParameterError(f"the Topology must have the {n} particles of the System as its atoms, but it {what}")
+    x = np.asarray(to_md(positions, "length", "positions"), dtype=float)
+    if x.shape != (n, 3):
+        raise ParameterError(f"positions must have shape ({n}, 3), as the System has {n} particles, not {x.shape}")
+    return x

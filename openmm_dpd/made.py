@@ -24,6 +24,22 @@ BAROSTATS = (
 )
 
 
+#: Forces that list the particles they act on, so that others do not concern them.
+LISTED = (
+    openmm.HarmonicBondForce,
+    openmm.HarmonicAngleForce,
+    openmm.PeriodicTorsionForce,
+    openmm.RBTorsionForce,
+    openmm.CMAPTorsionForce,
+    openmm.CustomBondForce,
+    openmm.CustomAngleForce,
+    openmm.CustomTorsionForce,
+    openmm.CustomCompoundBondForce,
+    openmm.CustomCentroidBondForce,
+    openmm.CustomExternalForce,
+)
+
+
 def text_number(text: str) -> float:
     """What stands for a text in a context parameter; 0 for an empty one."""
     return float(crc32(text.encode()))

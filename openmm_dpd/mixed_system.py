@@ -23,7 +23,7 @@ from .built import BuiltSystem
 from .choices import platform_name
 from .errors import ParameterError, PlanError, what_is
 from .forces.merging import merged_systems
-from .host import Host, box_of, check_system, degrees_of_freedom
+from .host import Freedom, Host, box_of, check_system, checked_positions
 from .kinds import KINDS, kind_for
 from .made import masses_of, virtual_sites
 from .model.pairs import NONE
@@ -32,7 +32,7 @@ from .model.table import PairTable
 from .plan import make_plan
 from .platforms import fastest_platform
 from .schemes import scheme_of
-from .thermostat import UNSEEN, checked_positions
+from .thermostat import UNSEEN
 from .trajectory import openmm_topology
 from .units import BOLTZMANN
 
@@ -58,19 +58,7 @@ class MixedSystem(BuiltSystem):
         """
         state = context.getState(velocities=True)
         v = state.getVelocities(asNumpy=True).value_in_unit(unit.nanometer / unit.picosecond)
-        return {name: kT / BOLTZMANN for name, kT in kinetic_kT(self.system, self.n_atoms, v).items()}
-
-
-def kinetic_kT(system: openmm.System, n_atoms: int, v: np.ndarray) -> dict[str, float]:
-    """Kinetic temperatures, as energies, of ``atoms``, ``beads`` and of ``all``, for velocities (N, 3), nm/ps."""
-    mass = masses_of(system)
-    twice = mass * np.sum(v**2, axis=1)
-    total = degrees_of_freedom(system)
-    beads = 3 * int(np.sum(mass[n_atoms:] > 0))
-    part = beads / degrees_of_freedom(system, momentum=False)
-    shares = {"atoms": total * (1 - part), "beads": total * part, "all": total}
-    sums = {"atoms": twice[:n_atoms].sum(), "beads": twice[n_atoms:].sum(), "all": twice.sum()}
-    return {name: float(sums[name]) / shares[name] if shares[name] else 0.0 for name in sums}
+        return {name: kT / BOLTZMANN for name, kT in Freedom(self.system, self.n_atoms).kinetic_kT(v).items()}
 
 
 def create_mixed_system(

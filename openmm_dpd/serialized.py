@@ -8,6 +8,7 @@ import importlib
 import io
 import os
 import pickle
+from collections.abc import Container
 from pathlib import Path
 from typing import Any, TextIO
 from xml.etree import ElementTree
@@ -16,11 +17,8 @@ import openmm
 
 from .errors import ParameterError
 
-#: Modules whose classes the forces of this package are made of.
-_OWN = ("openmm_dpd.forces.", "openmm_dpd.kernels.", "openmm_dpd.model.")
-
 #: What arrays are made of, in NumPy 1 and 2.
-_ARRAYS = {
+ARRAYS = {
     ("numpy", "ndarray"),
     ("numpy", "dtype"),
     *((f"numpy.{core}.multiarray", name) for core in ("core", "_core") for name in ("_reconstruct", "scalar")),
@@ -28,20 +26,25 @@ _ARRAYS = {
 }
 
 
-class _Unpickler(pickle.Unpickler):
-    """Accepts plain values, arrays, and classes (not functions) of this package's forces."""
+class DataUnpickler(pickle.Unpickler):
+    """Accepts plain values, ``others``, and classes (not functions) that modules of ``packages`` define."""
+
+    #: Those of forces, by default.
+    packages: tuple[str, ...] = ("openmm_dpd.forces.", "openmm_dpd.kernels.", "openmm_dpd.model.")
+    others: Container[tuple[str, str]] = ARRAYS
+    refusal = "it asks for {}"
 
     def find_class(self, module: str, name: str) -> Any:
-        if (module, name) in _ARRAYS:
+        if (module, name) in self.others:
             return super().find_class(module, name)
-        if module.startswith(_OWN) and "." not in name:
+        if module.startswith(self.packages) and "." not in name:
             try:
                 found = getattr(importlib.import_module(module), name, None)
             except ImportError:
                 found = None
             if isinstance(found, type) and found.__module__ == module:
                 return found
-        raise pickle.UnpicklingError(f"it asks for {module}.{name}")
+        raise pickle.UnpicklingError(self.refusal.format(f"{module}.{name}"))
 
 
 def checked_xml(text: str) -> ElementTree.Element:
@@ -60,7 +63,7 @@ def checked_xml(text: str) -> ElementTree.Element:
         if node.get("type") != "PythonForce":
             continue
         try:
-            _Unpickler(io.BytesIO(bytes.fromhex(node.get("function", "")))).load()
+            DataUnpickler(io.BytesIO(bytes.fromhex(node.get("function", "")))).load()
         except Exception as error:  # what is pickled badly can fail in any way
             raise ParameterError(
                 f"the file holds a Python object that is not a force of this package ({error}), and to read it would be to run it; "

@@ -14,7 +14,7 @@ from .build import build_plan, run_in
 from .built import BuiltSystem
 from .choices import platform_name
 from .errors import ParameterError, what_is
-from .host import Host, box_of, check_system
+from .host import Host, box_of, check_system, checked_positions
 from .kinds import kind_for
 from .made import masses_of
 from .model.pairs import DPD, NONE, PairCoefficient, describe
@@ -23,7 +23,7 @@ from .model.table import PairTable, require_complete
 from .model.temperature import TemperatureRamp
 from .plan import make_plan
 from .schemes import scheme_of
-from .units import thermal_energy_of, to_md
+from .units import thermal_energy_of
 
 #: Class of particles without friction and noise.
 UNSEEN = "(unseen)"
@@ -131,18 +131,6 @@ def add_thermostat(
     run_in(built, system, [force], "add_thermostat()")
     built.topology, built.positions = topology, None if x is None else x * unit.nanometer
     return built
-
-
-def checked_positions(topology, system: openmm.System, positions) -> np.ndarray:
-    """(N, 3) positions, nm, of the particles of a System, which the Topology must have as its atoms."""
-    n = system.getNumParticles()
-    if not isinstance(topology, app.Topology) or topology.getNumAtoms() != n:
-        what = f"has {topology.getNumAtoms()} atoms" if isinstance(topology, app.Topology) else f"is a {type(topology).__name__}"
-        raise ParameterError(f"the Topology must have the {n} particles of the System as its atoms, but it {what}")
-    x = np.asarray(to_md(positions, "length", "positions"), dtype=float)
-    if x.shape != (n, 3):
-        raise ParameterError(f"positions must have shape ({n}, 3), as the System has {n} particles, not {x.shape}")
-    return x
 
 
 def _check_friction(table: Mapping) -> None:

@@ -5,28 +5,14 @@ import copy
 import openmm
 
 from ..errors import PlanError
-from ..made import BAROSTATS, groups_of
+from ..made import BAROSTATS, LISTED, groups_of
 from .expressions import VIRIAL
 
 #: Per-particle parameter that says whether a particle of a CustomNonbondedForce is an atom.
 _ATOM = "dpd_atom"
 
-#: Forces that list the particles they act on, or act on none.
-_LISTED = (
-    openmm.HarmonicBondForce,
-    openmm.HarmonicAngleForce,
-    openmm.PeriodicTorsionForce,
-    openmm.RBTorsionForce,
-    openmm.CMAPTorsionForce,
-    openmm.CustomBondForce,
-    openmm.CustomAngleForce,
-    openmm.CustomTorsionForce,
-    openmm.CustomCompoundBondForce,
-    openmm.CustomCentroidBondForce,
-    openmm.CustomExternalForce,
-    openmm.CustomHbondForce,
-    *BAROSTATS,
-)
+#: Forces that need nothing for further particles.
+_LISTED = (*LISTED, openmm.CustomHbondForce, *BAROSTATS)
 
 
 def merged_systems(atoms: openmm.System, beads: openmm.System, pair_group: int) -> tuple[openmm.System, list[openmm.Force]]:

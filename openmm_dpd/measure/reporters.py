@@ -80,7 +80,7 @@ class DPDReporter(Cadence):
     """Writes measured quantities to a CSV file, for ``simulation.reporters``.
 
     After 20 rows, 40, 80, ..., it compares the kinetic temperature of their second half with the set one, and says once, through
-    ``logging.getLogger("openmm_dpd")``, if it is off (:mod:`openmm_dpd.watch`).
+    ``logging.getLogger("openmm_dpd")``, if it is off (:mod:`openmm_dpd.measure.watch`).
 
     Parameters
     ----------

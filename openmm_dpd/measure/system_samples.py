@@ -6,9 +6,7 @@ from openmm import unit
 
 from ..built import BuiltSystem
 from ..errors import RunError
-from ..host import degrees_of_freedom
-from ..made import masses_of
-from ..mixed_system import kinetic_kT
+from ..host import Freedom
 from ..names import KT
 from .sample import SystemSample
 
@@ -21,23 +19,23 @@ class SystemSampler:
 
     def __init__(self, built: BuiltSystem):
         self.built, self.plan = built, built.plan
+        self._freedom = Freedom(built.system, built.plan.n_atoms)
 
     def sample(self, context: openmm.Context) -> SystemSample:
         """Measure the present state of a Context."""
-        system, plan = self.built.system, self.plan
+        plan, mass = self.plan, self._freedom.mass
         state = context.getState(velocities=True, energy=True, groups=self.built.integrator.getIntegrationForceGroups())
-        mass, v = masses_of(system), state.getVelocities(asNumpy=True).value_in_unit(unit.nanometer / unit.picosecond)
+        v = state.getVelocities(asNumpy=True).value_in_unit(unit.nanometer / unit.picosecond)
         potential = state.getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)
         if not (np.isfinite(potential) and np.all(np.isfinite(v))):
             raise RunError(f"the energy or a velocity is not finite at step {state.getStepCount()}; the step size may be too large")
-        kT = kinetic_kT(system, plan.n_atoms, v)
-        periodic = plan.scene.box is not None
-        box = state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer) if periodic else None
+        kT = self._freedom.kinetic_kT(v)
+        box = None if plan.scene.box is None else state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer)
         return SystemSample(
             step=state.getStepCount(),
             time=state.getTime().value_in_unit(unit.picosecond),
             n_mobile=int(np.sum(mass > 0)),
-            dof=degrees_of_freedom(system),
+            dof=int(self._freedom.shares["all"]),
             kinetic=0.5 * float(mass @ np.sum(v**2, axis=1)),
             potential=potential,
             volume=None if box is None else float(np.prod(np.diag(box))),

@@ -8,9 +8,9 @@ from openmm import app
 
 from ..errors import ParameterError, what_is
 from ..geometry import minimum_images
+from ..made import LISTED
 from ..model.scene import box_vectors
 from .piercings import bonds_of_topology
-from .soft_system import KEPT
 
 
 def marked(fixed, n: int) -> np.ndarray:
@@ -44,7 +44,7 @@ def common_box(system: openmm.System, topology: app.Topology, periodic: bool) ->
 def whole_bonds(system: openmm.System, topology: app.Topology, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
     """Bonds of the topology, which must not be cut by the box where bonded forces do not reach across it."""
     bonds = bonds_of_topology(topology)
-    bonded = [force for force in system.getForces() if isinstance(force, KEPT)]
+    bonded = [force for force in system.getForces() if isinstance(force, LISTED)]
     if not len(bonds) and (system.getNumConstraints() or any(isinstance(f, openmm.HarmonicBondForce) and f.getNumBonds() for f in bonded)):
         raise ParameterError("the System has bonds, but the Topology has none, so that pierced rings could not be found; give it the bonds")
     if box is None or not len(bonds) or any(force.usesPeriodicBoundaryConditions() for force in bonded):

@@ -12,7 +12,7 @@ from openmm import app, unit
 
 from ..errors import ParameterError, RunError, what_is
 from ..geometry import widths
-from ..host import degrees_of_freedom
+from ..host import checked_positions, degrees_of_freedom
 from ..made import masses_of
 from ..model.pairs import DPD
 from ..platforms import platform_here
@@ -20,7 +20,7 @@ from ..thermostat import add_thermostat
 from ..units import BOLTZMANN, to_md, whole_number
 from .dense_checks import common_box, marked, whole_bonds
 from .dense_start import DenseStart, PiercingWarning, Stage
-from .piercings import Piercing, find_piercings, finite_positions, pushed_out
+from .piercings import Piercing, find_piercings, pushed_out
 from .soft_system import STRENGTH, atom_diameters, excluded_pairs, largest_overlap, nonbonded_of, replaced_forces, soft_system
 
 #: Energies of two atoms at one place, kJ/mol: from a few kT, where molecules pass through each other, to what keeps them apart.
@@ -184,14 +184,10 @@ class _Work:
     def __init__(self, system, topology, positions, given, fixed, temperature, platform, seed):
         if not isinstance(system, openmm.System):
             raise ParameterError(f"expected an openmm.System, not {what_is(system)}")
-        n = system.getNumParticles()
-        if not isinstance(topology, app.Topology) or topology.getNumAtoms() != n:
-            what = f"has {topology.getNumAtoms()} atoms" if isinstance(topology, app.Topology) else f"is {what_is(topology)}"
-            raise ParameterError(f"the Topology must have the {n} particles of the System as its atoms, but it {what}")
+        self.start, n = checked_positions(topology, system, positions), system.getNumParticles()
         if not isinstance(temperature, float) or temperature <= 0:
             raise ParameterError(f"temperature must be one temperature > 0, not {temperature!r} K")
         self.system, self.topology, self.temperature, self.seed = system, topology, temperature, whole_number(seed, "seed", least=1)
-        self.start = finite_positions(positions, n)
         self.replaced = replaced_forces(system)
         periodic = nonbonded_of(system).usesPeriodicBoundaryConditions()
         self.box = common_box(system, topology, periodic)

@@ -9,27 +9,12 @@ import openmm
 from openmm import app, unit
 
 from ..errors import ParameterError, PlanError
-from ..made import BAROSTATS
+from ..made import BAROSTATS, LISTED
 from ..neighbours import pairs_within
 from ..units import to_md
 
 #: Context parameter with the energy (kJ/mol) of a pair at distance 0.
 STRENGTH = "soft_strength"
-
-#: Forces that stay: each lists the atoms it acts on.
-KEPT = (
-    openmm.HarmonicBondForce,
-    openmm.HarmonicAngleForce,
-    openmm.PeriodicTorsionForce,
-    openmm.RBTorsionForce,
-    openmm.CMAPTorsionForce,
-    openmm.CustomBondForce,
-    openmm.CustomAngleForce,
-    openmm.CustomTorsionForce,
-    openmm.CustomCompoundBondForce,
-    openmm.CustomCentroidBondForce,
-    openmm.CustomExternalForce,
-)
 
 #: Forces between all atoms, which soft repulsion stands for.
 REPLACED = (
@@ -133,7 +118,7 @@ def replaced_forces(system: openmm.System) -> list[str]:
         If there is a force that can neither stay nor be replaced.
     """
     for force in system.getForces():
-        if not isinstance(force, (*KEPT, *REPLACED, *LEFT_OUT)):
+        if not isinstance(force, (*LISTED, *REPLACED, *LEFT_OUT)):
             raise PlanError(
                 f"the System has a {type(force).__name__}, and a soft start does not know whether that may stay; relax a System without it"
             )
@@ -164,7 +149,7 @@ def soft_system(system: openmm.System, sizes: np.ndarray, reach: float, *, mobil
     """
     soft = copy.deepcopy(system)
     for k in reversed(range(system.getNumForces())):
-        if isinstance(soft.getForce(k), KEPT):
+        if isinstance(soft.getForce(k), LISTED):
             soft.getForce(k).setForceGroup(0)
         else:
             soft.removeForce(k)
@@ -197,4 +182,4 @@ def largest_overlap(x: np.ndarray, sizes: np.ndarray, excluded: np.ndarray, box:
     return float(np.max(1 - r[free] / (0.5 * (sizes[i[free]] + sizes[j[free]])), initial=0.0))
 
 
-__all__ = ["KEPT", "STRENGTH", "atom_diameters", "excluded_pairs", "largest_overlap", "nonbonded_of", "replaced_forces", "soft_system"]
+__all__ = ["STRENGTH", "atom_diameters", "excluded_pairs", "largest_overlap", "nonbonded_of", "replaced_forces", "soft_system"]

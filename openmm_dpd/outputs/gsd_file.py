@@ -12,8 +12,8 @@ from ..errors import ParameterError
 from ..files import writing
 from ..model.scene import Scene
 from ..optional import optional_package
-from ..units import unit_system, whole_number
-from .snapshot import Snapshot, next_report, scene_of
+from ..units import unit_system
+from .snapshot import FrameReporter, Snapshot, scene_of
 
 #: Where molecule numbers are: OVITO takes logged values of particles for properties of particles.
 MOLECULES = "particles/molecule"
@@ -57,7 +57,7 @@ def write_gsd(path: str | os.PathLike, source, *, state=None, units: str = "lj")
         beside.unlink(missing_ok=True)
 
 
-class GSDReporter:
+class GSDReporter(FrameReporter):
     """Writes frames to a GSD file, for ``simulation.reporters``; every frame is in the file when the step is over.
 
     Parameters
@@ -81,7 +81,7 @@ class GSDReporter:
     """
 
     def __init__(self, file: str | os.PathLike, interval: int, built, *, units: str = "lj", append: bool = False):
-        self._interval = whole_number(interval, "the interval between reports, in steps,", least=1)
+        super().__init__(interval)
         self._built, self._path = built, os.fspath(file)
         self._frames = _Frames(scene_of(built), units)
         append = append and os.path.exists(file)
@@ -90,10 +90,6 @@ class GSDReporter:
         else:
             with writing(file, _WHAT), self._frames.opened(self._path, "w"):
                 pass
-
-    def describeNextReport(self, simulation):
-        """Steps until the next frame, with positions and velocities."""
-        return next_report(simulation, self._interval)
 
     def report(self, simulation, state):
         """Write one frame."""

@@ -8,6 +8,7 @@ import numpy as np
 import openmm
 from openmm import unit
 
+from ..cadence import Cadence
 from ..errors import ParameterError, what_is
 from ..model.scene import Scene
 
@@ -78,10 +79,10 @@ def scene_of(source) -> Scene:
     return scene
 
 
-def next_report(simulation, interval: int) -> dict:
-    """What a reporter of positions and velocities answers to ``describeNextReport``; positions not folded into the box."""
-    steps = interval - simulation.currentStep % interval
-    return {"steps": steps, "periodic": False, "include": ["positions", "velocities"]}
+class FrameReporter(Cadence):
+    """Base of reporters that write positions, not folded into the box, and velocities."""
+
+    _INCLUDE, _FOLDED = ("positions", "velocities"), False
 
 
-__all__ = ["Snapshot", "next_report", "scene_of"]
+__all__ = ["FrameReporter", "Snapshot", "scene_of"]

@@ -10,8 +10,8 @@ import numpy as np
 from ..errors import ParameterError, what_is
 from ..files import append_block, write_whole
 from ..model.scene import Scene
-from ..units import UnitSystem, unit_system, whole_number
-from .snapshot import Snapshot, next_report, scene_of
+from ..units import UnitSystem, unit_system
+from .snapshot import FrameReporter, Snapshot, scene_of
 
 _WHAT = "the XYZ file"
 
@@ -45,7 +45,7 @@ def write_xyz(path: str | os.PathLike, source, *, state=None, units: str = "lj",
     write_whole(path, _block(now, unit_system(units), _species(now.scene, species)), _WHAT)
 
 
-class XYZReporter:
+class XYZReporter(FrameReporter):
     """Writes frames to an extended XYZ file, for ``simulation.reporters``.
 
     Parameters
@@ -71,17 +71,13 @@ class XYZReporter:
     """
 
     def __init__(self, file: str | os.PathLike, interval: int, built, *, units: str = "lj", species=None, append: bool = False):
-        self._interval = whole_number(interval, "the interval between reports, in steps,", least=1)
+        super().__init__(interval)
         self._built, self._units = built, unit_system(units)
         self._species = _species(scene_of(built), species)
         if append:
             _check_file(file, self._species)
         self._path = os.fspath(file)
         append_block(self._path, "", _WHAT, anew=not append)
-
-    def describeNextReport(self, simulation):
-        """Steps until the next frame, with positions and velocities."""
-        return next_report(simulation, self._interval)
 
     def report(self, simulation, state):
         """Write one frame."""

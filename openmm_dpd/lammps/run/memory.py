@@ -11,6 +11,7 @@ import pickle
 from typing import Any
 
 from ...errors import ParameterError
+from ...serialized import ARRAYS, DataUnpickler
 from ..state.deck_state import DeckState
 
 #: Attributes of :class:`~openmm_dpd.lammps.state.deck_state.DeckState` that runs change, or what is in them.
@@ -35,27 +36,17 @@ _PACKAGES = tuple(
 )
 
 #: What numpy and the standard library need.
-_OTHERS = {
-    "collections": ("deque",),
-    "numpy": ("dtype", "ndarray"),
-    **{f"numpy.{core}.multiarray": ("_reconstruct", "scalar") for core in ("core", "_core")},
-    **{f"numpy.{core}.numeric": ("_frombuffer",) for core in ("core", "_core")},
-    "numpy.random._pickle": ("__generator_ctor", "__bit_generator_ctor"),
-    "numpy.random._pcg64": ("PCG64",),
-    "numpy.random.bit_generator": ("SeedSequence", "__pyx_unpickle_SeedSequence"),
-    **{module: ("Path", "PosixPath", "WindowsPath") for module in ("pathlib", "pathlib._local")},
+_OTHERS = ARRAYS | {
+    ("collections", "deque"),
+    *(("numpy.random._pickle", name) for name in ("__generator_ctor", "__bit_generator_ctor")),
+    ("numpy.random._pcg64", "PCG64"),
+    *(("numpy.random.bit_generator", name) for name in ("SeedSequence", "__pyx_unpickle_SeedSequence")),
+    *((module, name) for module in ("pathlib", "pathlib._local") for name in ("Path", "PosixPath", "WindowsPath")),
 }
 
 
-class _DataOnly(pickle.Unpickler):
-    def find_class(self, module: str, name: str) -> Any:
-        if name in _OTHERS.get(module, ()):
-            return super().find_class(module, name)
-        if module.startswith(_PACKAGES) and "." not in name:
-            found = super().find_class(module, name)
-            if isinstance(found, type) and found.__module__ == module:
-                return found
-        raise pickle.UnpicklingError(f"{module}.{name} does not belong into a checkpoint")
+class _StateUnpickler(DataUnpickler):
+    packages, others, refusal = _PACKAGES, _OTHERS, "{} does not belong into a checkpoint"
 
 
 def to_bytes(value: Any) -> bytes:
@@ -69,7 +60,7 @@ def to_bytes(value: Any) -> bytes:
 def from_bytes(content: bytes) -> Any:
     """What :func:`to_bytes` was given; no code is run, whoever wrote it; ParameterError if it is none."""
     try:
-        return _DataOnly(io.BytesIO(content)).load()
+        return _StateUnpickler(io.BytesIO(content)).load()
     except (pickle.UnpicklingError, EOFError, AttributeError, ImportError, IndexError, KeyError, TypeError, ValueError) as error:
         raise ParameterError(str(error)) from None
 

@@ -50,7 +50,7 @@ class RunResult:
     time_averages : dict
         The last average of every fix ave/time: {id: {"step": ..., value: ...}}.
     temperature_warning : str or None
-        What is wrong with the mean temperature, see :func:`openmm_dpd.watch.temperature_warning`.
+        What is wrong with the mean temperature, see :func:`openmm_dpd.measure.watch.temperature_warning`.
     """
 
     request: RunRequest
