@@ -51,7 +51,9 @@ def check(topology, system, x, picoseconds: float, iterations: int, **options):
         i, j, distance = system.getConstraintParameters(k)
         assert np.linalg.norm(array(done.positions)[i] - array(done.positions)[j]) == pytest.approx(distance.value_in_unit(NM), rel=1e-5)
     run = openmm.XmlSerializer.deserialize(before)
-    run.addForce(openmm.MonteCarloBarostat(1 * unit.bar, 300 * unit.kelvin, 25))
+    barostat = openmm.MonteCarloBarostat(1 * unit.bar, 300 * unit.kelvin, 25)
+    barostat.setRandomNumberSeed(1)
+    run.addForce(barostat)
     integrator = openmm.LangevinMiddleIntegrator(300, 1, 0.002)
     integrator.setRandomNumberSeed(1)
     simulation = app.Simulation(topology, run, integrator, openmm.Platform.getPlatformByName("CPU"))
@@ -76,9 +78,9 @@ def test_benzene():
 
 
 def test_water_with_virtual_sites():
-    """TIP4P-Ew: the site is where its atoms say."""
+    """TIP4P-Ew: the site is where its atoms say.  After 40 iterations of the minimiser the water still heats itself, to 380 K."""
     topology, system, x = dense.solution(app.ForceField("amber14/tip4pew.xml"), [], 290, 2.06, 3)
-    done, temperature = check(topology, system, x, 0.1, 40, steps=30)
+    done, temperature = check(topology, system, x, 0.1, 120, steps=30)
     o, h1, h2, m = array(done.positions).reshape(-1, 4, 3).transpose(1, 0, 2)
     assert np.abs((h1 + h2 - 2 * o) * np.linalg.norm(m[0] - o[0]) / np.linalg.norm(h1 + h2 - 2 * o, axis=1)[:, None] - (m - o)).max() < 1e-5
     assert 100 < temperature < 400
