@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import openmm
 import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -13,7 +14,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from scenes import beads
 
 import openmm_dpd as dpd
+from openmm_dpd.lammps import RunOptions, run_deck
 from openmm_dpd.measure import ProfileReporter, StressReporter
+from openmm_dpd.measure.stress_sums import StressSums
 from openmm_dpd.stats import block_average
 
 DT, PERIOD = 0.04, 10
@@ -96,3 +99,36 @@ def test_stiff_dimers_have_the_temperature_that_was_set(scheme, colder):
     assert pressing.mean - on_step.mean == pytest.approx(colder, abs=0.003)
     # about a mean velocity that is measured: N - 1 of N
     assert abs(profile.profile.kT.mean() * n / (n - 1) - 1.0) < 4 * pressing.sem
+
+
+DECK = """units lj
+atom_style atomic
+comm_modify vel yes
+region box block 0 4 0 4 0 4 units box
+create_box 1 box
+create_atoms 1 random 192 4243 box
+mass 1 1.0
+pair_style dpd 1.0 1.0 34387
+pair_coeff 1 1 25.0 4.5
+velocity all create 1.0 87287
+fix move all nve
+timestep 0.05
+thermo 20
+thermo_style custom step temp press pxx pyy pzz pxy pxz pyz
+run 20
+"""
+
+
+@pytest.mark.parametrize("scheme", ["middle", "aboba"])
+def test_decks_print_what_lammps_defines(scheme, tmp_path):
+    """Pressures of their last row are those of velocities as they stand in the state that the run leaves."""
+    (tmp_path / "in.fluid").write_text(DECK, encoding="utf-8")
+    found = run_deck(tmp_path / "in.fluid", RunOptions(scheme=scheme, platform="Reference"), out=tmp_path / "out")["runs"][0]["thermo"]
+    state = openmm.XmlSerializer.deserialize((tmp_path / "out" / "final_state.xml").read_text(encoding="utf-8"))
+    x, v = state.getPositions(asNumpy=True)._value, state.getVelocities(asNumpy=True)._value
+    scene = beads(192, positions=x, edge=4.0, table={("*", "*"): dpd.DPD(A=25, gamma=4.5)})
+    tensor = (v.T @ v)[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    tensor += StressSums(dpd.make_plan(scene, dt=0.05, platform="Reference")).conservative(x, scene.box)
+    columns = ("pxx", "pyy", "pzz", "pxy", "pxz", "pyz")
+    np.testing.assert_allclose([found[name]["last"] for name in columns], tensor / 4.0**3, rtol=1e-9, atol=1e-9)
+    assert found["press"]["last"] == pytest.approx(tensor[:3].sum() / (3 * 4.0**3), rel=1e-9)
