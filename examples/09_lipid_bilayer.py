@@ -2,7 +2,7 @@
 
 The lipid is that of Grafmueller, Shillcock and Lipowsky, Biophys. J. 96, 2658 (2009): three head beads and two stiff tails of four.  The
 numbers of the model are in ``openmm_dpd.molecules.grafmueller_2009``.  The box is longer along z than across, and the number of lipids is
-such that a bilayer across z has an area per lipid of 1.40, near 1.39 where its tension vanishes.  For comparison a bilayer is put
+such that a bilayer across z has an area per lipid of 1.40, near 1.38 where its tension vanishes.  For comparison a bilayer is put
 together from upright lipids; both must end up equally thick.  The thickness is the distance between the mean heights of the heads in the
 two leaflets.
 

@@ -90,17 +90,22 @@ class Scheme:
         Each kick counts with the drift that follows it, less half a step in all: where kicks stand evenly between the drifts that is half
         of what the kick before the first drift has more than the one after the last.
         """
-        left, behind = Fraction(1), Fraction(0)
-        for letter, part in self.letters:
+        left, behind = Fraction(1), Fraction(-1, 2)
+        for letter, part in self.motion:
             if letter == "A":
                 left -= part
             elif letter == "B":
                 behind += part * left
-        return float(behind - Fraction(1, 2)) if self.letters else 0.0
+        return float(behind)
 
     def on_step(self, v, force, inv_mass, dt: float):
         """Velocities (N, 3) of the same moment as the positions, from those at a whole step and the force there."""
         return v + self.lag * dt * inv_mass[:, None] * force if self.lag else v
+
+    @property
+    def motion(self) -> tuple[Letter, ...]:
+        """The letters of a step, also of the schemes that are no words."""
+        return self.letters or (_MIDDLE if self.native else _VERLET)
 
     def steps(self, thermostat: bool = True) -> tuple[Letter, ...]:
         """The letters; drifts or kicks that follow each other are put together, and without friction and noise sweeps are left out.
@@ -108,7 +113,7 @@ class Scheme:
         What is no word is velocity Verlet then.
         """
         kept: list[Letter] = []
-        for letter, part in self.letters or _VERLET:
+        for letter, part in self.motion:
             if letter in SWEEPS and not thermostat:
                 continue
             if kept and kept[-1][0] == letter and letter not in SWEEPS:  # two sweeps are not one of their length
@@ -149,6 +154,9 @@ def read_word(text: str) -> tuple[Letter, ...]:
 
 
 _VERLET = (("B", Fraction(1, 2)), ("A", Fraction(1)), ("B", Fraction(1, 2)))
+
+#: That of OpenMM's DPDIntegrator.
+_MIDDLE = read_word("B A/2 O A/2")
 
 
 def _word(name: str, word: str, reference: str, what: str, **properties) -> Scheme:

@@ -30,7 +30,7 @@ STEPS = 20
 #: What is hashed of a sample.
 MEASURED = (
     *("kinetic", "kinetic_on_step", "potential", "total", "bond", "angle", "other", "momentum", "forces", "gradient2", "laplacian"),
-    *("virial_conservative", "virial_dissipative", "virial_random", "internal", "conductive", "theta"),
+    *("virial_conservative", "virial_dissipative", "virial_random", "internal", "conductive", "theta", "kinetic_pressure"),
 )
 
 

@@ -8,28 +8,19 @@ from ..analysis.viscosity import VelocityProfile
 from ..built import BuiltSystem
 from ..cadence import Cadence
 from ..errors import ParameterError
-from ..geometry import symmetric_products
 from ..kernels.engine import DISSIPATIVE
 from ..model.flow import AXES, require_plain_axis
 from ..stats import block_average
 from ..units import whole_number
+from .kinetic_stress import kinetic_stress_of, needs_forces, on_step_velocities
 from .observer import require_built
 from .stress_sums import StressSums
 from .temperature import noise_state
 
-_NM, _V, _F = unit.nanometer, unit.nanometer / unit.picosecond, unit.kilojoule_per_mole / unit.nanometer
+_NM = unit.nanometer
 
 #: Components of a stress tensor, in this order.
 COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
-
-
-def on_step_velocities(built: BuiltSystem, state) -> np.ndarray:
-    """Velocities of the same moment as the positions: those of some schemes are a part of a kick behind."""
-    v, scheme = state.getVelocities(asNumpy=True).value_in_unit(_V), built.plan.options.scheme
-    if not scheme.lag:
-        return v
-    dt = built.integrator.getStepSize().value_in_unit(unit.picosecond)
-    return scheme.on_step(v, state.getForces(asNumpy=True).value_in_unit(_F), built.plan.spec.inv_mass, dt)
 
 
 class _Reporter(Cadence):
@@ -44,20 +35,20 @@ class _Reporter(Cadence):
         self._groups = built.integrator.getIntegrationForceGroups()
 
     def _state(self, context):
-        lags = self.built.plan.options.scheme.lag != 0.0
-        return context.getState(positions=True, velocities=True, forces=lags, groups=self._groups)
+        forces = needs_forces(self.built.plan.options.scheme)
+        return context.getState(positions=True, velocities=True, forces=forces, groups=self._groups)
 
 
 class StressReporter(_Reporter):
     r"""Records stress tensors, for ``simulation.reporters``; for :func:`.green_kubo_viscosity` and :func:`.surface_tension`.
 
-    A sample is S = sum m v v + sum over pairs, bonds, angles, bonded segments and charges of r F, the pressure tensor times the volume, in
-    kJ/mol.  The random force is left out: what it contributes to a viscosity is known beforehand (see :doc:`/theory_flow`), and to a
-    pressure nothing.
+    A sample is S = K + sum over pairs, bonds, angles, bonded segments and charges of r F, the pressure tensor times the volume, in
+    kJ/mol.  K is the sum of m v v, corrected for what the scheme makes of velocities at full steps (:doc:`/theory`).  The random force is
+    left out: what it contributes to a viscosity is known beforehand (:doc:`/theory_flow`), and to a pressure nothing.
 
     All of it is summed in double precision on the host, from the positions and velocities of the run, which goes on as it would without a
-    reporter.  A sample costs about two evaluations of the pair terms, and with charges twelve of the lattice sum on the Reference platform
-    (half a second for 800 charges on a grid of 75^3).
+    reporter.  A sample costs two or three evaluations of the pair terms, and with charges twelve of the lattice sum on the Reference
+    platform (half a second for 800 charges on a grid of 75^3).
 
     Parameters
     ----------
@@ -94,7 +85,7 @@ class StressReporter(_Reporter):
         x, v = state.getPositions(asNumpy=True).value_in_unit(_NM), on_step_velocities(self.built, state)
         box = state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(_NM)
         self.kT = noise_state(context, plan)[0]
-        regular = sums.conservative(x, box) + symmetric_products(plan.scene.bead_masses[:, None] * v, v)
+        regular = sums.conservative(x, box) + kinetic_stress_of(self.built, state, v)
         friction = sums.of_friction(context, DISSIPATIVE, v)
         moment = sum(layer.friction_moment(self.kT) for layer in sums.engine.layers)  # type: ignore[attr-defined]
         self._rows.append((regular, friction, moment, np.diag(box)))
@@ -175,13 +166,14 @@ class ProfileReporter(_Reporter):
         """Take one sample."""
         state = self._state(simulation.context)
         x = state.getPositions(asNumpy=True).value_in_unit(_NM)[self._mobile, self._axis] / self.length
-        v = on_step_velocities(self.built, state)[self._mobile]
+        v = on_step_velocities(self.built, state)
         mass = self.built.plan.scene.bead_masses[self._mobile]
         slab = np.minimum((self.bins * (x - np.floor(x))).astype(np.int64), self.bins - 1)
-        self._momentum.append(sums_in_slices(slab, mass * v[:, self._component], self.bins))
+        self._momentum.append(sums_in_slices(slab, mass * v[self._mobile, self._component], self.bins))
         self._mass += sums_in_slices(slab, mass, self.bins)
         self._count += sums_in_slices(slab, None, self.bins)
-        self._square += sums_in_slices(slab, mass * np.sum(v**2, axis=1), self.bins)
+        squares = kinetic_stress_of(self.built, state, v, lambda a, b: np.sum(a * b, axis=1))
+        self._square += sums_in_slices(slab, squares[self._mobile], self.bins)
 
     @property
     def profile(self) -> VelocityProfile:

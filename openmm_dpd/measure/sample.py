@@ -77,6 +77,8 @@ class Sample(SystemSample):
         ``mvv``)
     laplacian : sum over mobile beads of the Laplacian of the potential energy, or None (see ``no_laplacian``)
     kinetic_on_step : kinetic energy with the velocities of the same moment as the positions (``middle`` keeps them half a kick behind)
+    kinetic_pressure : kinetic energy that pressures count: that of velocities of the moment of the positions, corrected for what the scheme
+        makes of these (see :doc:`/theory`)
     forces : (N, 3) all forces, of frozen beads as well (with friction and noise where they are forces, in ``mvv``)
     internal : sum of the internal energies, u (EnergyDPD) or C T (EDPD); None if the beads have none
     conductive : the conductive part of it (EnergyDPD)
@@ -97,6 +99,7 @@ class Sample(SystemSample):
     force_max: float
     laplacian: float | None
     kinetic_on_step: float
+    kinetic_pressure: float
     forces: np.ndarray
     internal: float | None = None
     conductive: float | None = None
@@ -115,8 +118,8 @@ class Sample(SystemSample):
         return None if not self.laplacian else self.gradient2 / self.laplacian
 
     def pressure(self, full: bool = True) -> float | None:
-        """(2K + W)/(3V) with all pair terms, or with the conservative ones only; None without a box."""
+        """(2K + W)/(3V), K = ``kinetic_pressure``, with all pair terms or with the conservative ones only; None without a box."""
         if self.volume is None:
             return None
         virial = self.virial_conservative + ((self.virial_dissipative + self.virial_random) if full else 0.0)
-        return (2.0 * self.kinetic + virial) / (3.0 * self.volume)
+        return (2.0 * self.kinetic_pressure + virial) / (3.0 * self.volume)

@@ -20,6 +20,7 @@ from ..made import groups_of, masses_of
 from ..model.bonds import FENEBonds
 from ..names import COULOMB_GROUP, COULOMB_VIRIAL_GROUP, EXTERNAL_GROUP, LATTICE_GROUP, SLOW_STEP, VIRIAL_GROUP
 from .bonded_sums import angle_sums, bond_sums
+from .kinetic_stress import kinetic_stress
 from .sample import Sample
 from .temperature import noise_state
 
@@ -99,7 +100,8 @@ class SceneSampler:
         angle, angle_laplacian = angle_sums(plan, x, box, mobile)
         mass = self._mass[mobile][:, None]
         values = None if plan.spec.fields is None else raw_fields(context, plan.spec.fields)
-        seen, on_step = self._seen_velocities(context, v, force, mass, mobile)
+        target_kT, _, _, dt = noise_state(context, plan)
+        seen, on_step = self._seen_velocities(context, v, force, dt)
         parts = self._pair_parts(context, x, seen, box, values)
         short, lattice, virial = self._charge_sums(context, x, box)
         parts[0] = parts[0]._replace(virial=parts[0].virial + virial)
@@ -144,8 +146,9 @@ class SceneSampler:
             if others or self.no_laplacian or self._engine is None
             else self._engine.laplacian() + bond_laplacian + angle_laplacian,
             momentum=np.sum(mass * v[mobile], axis=0),
-            target_kT=noise_state(context, plan)[0],
+            target_kT=target_kT,
             kinetic_on_step=0.5 * float(np.sum(mass * on_step[mobile] ** 2)),
+            kinetic_pressure=0.5 * float(np.sum(kinetic_stress(plan.options.scheme, mass[:, 0], on_step[mobile], force, dt)[:3])),
             forces=every,
             **self._internal(values, mobile),
         )
@@ -176,14 +179,12 @@ class SceneSampler:
             sums = {"internal": float(values[mobile].sum()), "conductive": float(values[mobile, 0].sum())}
         return sums | {"theta": float(len(theta) / np.sum(1.0 / theta))}
 
-    def _seen_velocities(self, context, v, force, mass, mobile) -> tuple[np.ndarray, np.ndarray]:
+    def _seen_velocities(self, context, v, force, dt) -> tuple[np.ndarray, np.ndarray]:
         """Velocities the friction saw last, and those of the same moment as the positions."""
-        options, integrator = self.plan.options, context.getIntegrator()
-        dt = integrator.getStepSize().value_in_unit(unit.picosecond)
-        if not options.predicting:
+        if not self.plan.options.predicting:
             # velocities behind the positions would show as a spurious drag of pairs that repel
-            on_step = v.copy()
-            on_step[mobile] = options.scheme.on_step(v[mobile], force, 1.0 / mass[:, 0], dt)
+            on_step, mobile = v.copy(), self._mass > 0
+            on_step[mobile] = self.plan.options.scheme.on_step(v[mobile], force, 1.0 / self._mass[mobile], dt)
             return on_step, on_step
         return self.force_velocities(context), v
 

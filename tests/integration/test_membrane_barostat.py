@@ -11,7 +11,7 @@ import openmm_dpd as dpd
 from openmm_dpd import ParameterError, PlanError
 from openmm_dpd.analysis import surface_tension
 from openmm_dpd.measure import StressReporter
-from openmm_dpd.molecules import Bilayer, Spring, grafmueller_2009, lipid, pack, relax
+from openmm_dpd.molecules import Bilayer, grafmueller_2009, pack, relax
 from openmm_dpd.stats import block_average
 from openmm_dpd.units import BAR_PER_MD_PRESSURE, BOLTZMANN
 
@@ -162,19 +162,18 @@ def test_the_area_of_an_ideal_gas_is_exact(tension):
 def test_a_bilayer_has_the_pressure_and_the_tension_that_were_set(tension):
     """Within 4 standard errors, from eight blocks of 20 units of time, in which the area forgets where it was.
 
-    Soft springs and no bends, so that velocities at full steps are nearly as hot as the beads (1 % of a kinetic pressure of 3 is allowed).
-    The mean of L_z (P_z - P_xy) is the tension less kT <1/A>, as integration by parts says.
+    The bonds of this lipid are so stiff for the step that velocities at full steps alone would make pressures 0.2 too low.  The mean of
+    L_z (P_z - P_xy) is the tension less kT <1/A>, as integration by parts says.
     """
     model, pressure = grafmueller_2009(), 17.5
-    soft = lipid("H3", ["T4", "T4"], Spring(16.0, 0.5))
-    mixture = pack({soft: Bilayer(30)}, solvent="W", density=model.density, box=[5.0, 5.0, 8.0], seed=1)
-    built = build(relax(mixture.scene(pairs=model.pairs(), kT=1.0)), dt=0.02)
+    mixture = pack({model.molecule: Bilayer(30)}, solvent="W", density=model.density, box=[5.0, 5.0, 8.0], seed=1)
+    built = build(relax(mixture.scene(pairs=model.pairs(), kT=1.0)), dt=0.04)
     dpd.add_barostat(built, pressure, surface_tension=tension, interval=1)
     simulation = built.simulation()
-    simulation.step(2000)
-    stress = StressReporter(4, built)
+    simulation.step(1500)
+    stress = StressReporter(2, built)
     simulation.reporters.append(stress)
-    simulation.step(8000)
+    simulation.step(4000)
     assert np.ptp(stress.edges[:, 0]) > 0 and np.ptp(stress.edges[:, 2]) > 0
 
     def blocks(series):
@@ -188,4 +187,4 @@ def test_a_bilayer_has_the_pressure_and_the_tension_that_were_set(tension):
     expected = tension - np.mean(1 / np.prod(stress.edges[:, :2], axis=1))
     print(f"tension {measured:.3f}({error:.3f}), expected {expected:.3f}; along z {along:.3f}({its_error:.3f}), expected {pressure}")
     assert error < 0.4 and abs(measured - expected) < 4 * error
-    assert its_error < 0.05 and abs(along - pressure) < 4 * its_error + 0.03
+    assert its_error < 0.05 and abs(along - pressure) < 4 * its_error

@@ -1,0 +1,101 @@
+"""The kinetic part of stress tensors and pressures, of the right mean where velocities at full steps are too cold or too hot."""
+
+from fractions import Fraction
+
+import numpy as np
+from openmm import unit
+
+from ..built import BuiltSystem
+from ..geometry import symmetric_products
+from ..schemes import SWEEPS, Letter, Scheme
+
+_V, _F = unit.nanometer / unit.picosecond, unit.kilojoule_per_mole / unit.nanometer
+
+
+def kinetic_deficit(scheme: Scheme) -> float:
+    """What velocities of the moment of the positions lack in <m v^2>, in units of dt^2 <F^2/m>.
+
+    A sweep sets the temperature of the velocities that it is shown; to second order in the step a harmonic bond says what those of whole
+    steps have.  One step is a linear map there, and read from any place of the word it conserves a quadratic form, in which the weight of
+    v^2 goes with how far a velocity drifts in a step: 1 - (omega dt)^2 times the sum of a b a' over all drifts a, kicks b and drifts a' in
+    this order.  This is the difference of these sums, read from the sweeps and from whole steps: 1/4 for ``middle``, -1/4 for ``aboba``,
+    whose velocities are too hot, 0 for ``bababo`` and ``shardlow``, which sweep at whole steps.  It holds at any friction where the letters
+    on both sides of a sweep mirror each other, else at weak friction.  Where friction is a force (``mvv``) velocities of whole steps are
+    taken as they are.
+    """
+    letters = scheme.motion
+    places = [(n, part) for n, (name, part) in enumerate(letters) if name in SWEEPS]
+    swept = sum((part * _drift_kick_drift(letters[n:] + letters[:n]) for n, part in places), Fraction(0))
+    return float(swept - _drift_kick_drift(letters)) if places else 0.0
+
+
+def _drift_kick_drift(letters: tuple[Letter, ...]) -> Fraction:
+    """The sum of a b a' over drifts a, kicks b and drifts a' in this order."""
+    drifted, kicked, found = Fraction(0), Fraction(0), Fraction(0)
+    for name, part in letters:
+        if name == "A":
+            found += kicked * part
+            drifted += part
+        elif name == "B":
+            kicked += drifted * part
+    return found
+
+
+def kinetic_stress(scheme: Scheme, mass: np.ndarray, v: np.ndarray, force: np.ndarray | None, dt: float, product=symmetric_products):
+    r"""Kinetic part of the stress.
+
+    .. math:: \mathbf K = \sum m \mathbf v \mathbf v + c\, \Delta t^2 \sum \mathbf F \mathbf F/m
+
+    with c from :func:`kinetic_deficit`.  For ``middle``, c = 1/4, it is the mean over the half steps before and after, as leapfrog programs
+    have it, and of a harmonic bond exactly kT in each direction.
+
+    Parameters
+    ----------
+    scheme : Scheme
+    mass : (N,) array
+        Da.
+    v : (N, 3) array
+        Velocities of the moment of the positions, nm/ps.
+    force : (N, 3) array or None
+        Conservative forces there, kJ/mol/nm; None only where c is 0.
+    dt : float
+        Step size, ps.
+    product : function
+        Of two (N, 3) arrays: what is made of m v and v, and of F/m and F.
+
+    Returns
+    -------
+    what ``product`` returns
+        By default (6,) sums: xx, yy, zz, xy, xz, yz, kJ/mol.
+    """
+    m, c = mass[:, None], kinetic_deficit(scheme)
+    stress = product(m * v, v)
+    return stress if not c or force is None else stress + c * dt**2 * product(force / m, force)
+
+
+def needs_forces(scheme: Scheme) -> bool:
+    """Whether what is asked of a State below depends on forces."""
+    return scheme.lag != 0.0 or kinetic_deficit(scheme) != 0.0
+
+
+def on_step_velocities(built: BuiltSystem, state) -> np.ndarray:
+    """Velocities of the same moment as the positions: those of some schemes are a part of a kick behind."""
+    plan, v = built.plan, state.getVelocities(asNumpy=True).value_in_unit(_V)
+    if not plan.options.scheme.lag:
+        return v
+    return plan.options.scheme.on_step(v, _forces(state), plan.spec.inv_mass, _step_size(built))
+
+
+def kinetic_stress_of(built: BuiltSystem, state, v: np.ndarray, product=symmetric_products):
+    """:func:`kinetic_stress` of all beads of a State with such velocities."""
+    plan = built.plan
+    force = _forces(state) if needs_forces(plan.options.scheme) else None
+    return kinetic_stress(plan.options.scheme, plan.scene.bead_masses, v, force, _step_size(built), product)
+
+
+def _forces(state) -> np.ndarray:
+    return state.getForces(asNumpy=True).value_in_unit(_F)
+
+
+def _step_size(built: BuiltSystem) -> float:
+    return built.integrator.getStepSize().value_in_unit(unit.picosecond)
