@@ -15,8 +15,6 @@ and a move to an energy out of range is rejected.  For large heat capacities the
 Metropolis test of the isothermal ensemble at the beads' own (harmonic mean) temperature.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import openmm
 from openmm import unit

@@ -1,7 +1,5 @@
 """The command line, ``openmm-dpd run | forces | explain | recommend | export``: thin over :mod:`openmm_dpd.lammps`."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

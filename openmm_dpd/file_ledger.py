@@ -1,7 +1,5 @@
 """Which files a run has written, and how long they were at a checkpoint: so that a run that is resumed finds them as they were then."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Iterator

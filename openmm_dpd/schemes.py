@@ -155,8 +155,7 @@ def read_word(text: str) -> tuple[Letter, ...]:
 
 _VERLET = (("B", Fraction(1, 2)), ("A", Fraction(1)), ("B", Fraction(1, 2)))
 
-#: That of OpenMM's DPDIntegrator.
-_MIDDLE = read_word("B A/2 O A/2")
+_MIDDLE = read_word("B A/2 O A/2")  # that of OpenMM's DPDIntegrator
 
 
 def _word(name: str, word: str, reference: str, what: str, **properties) -> Scheme:

@@ -27,9 +27,8 @@ ARRAYS = {
 
 
 class DataUnpickler(pickle.Unpickler):
-    """Accepts plain values, ``others``, and classes (not functions) that modules of ``packages`` define."""
+    """Accepts plain values, ``others``, and classes (not functions) of ``packages``, by default those of forces."""
 
-    #: Those of forces, by default.
     packages: tuple[str, ...] = ("openmm_dpd.forces.", "openmm_dpd.kernels.", "openmm_dpd.model.")
     others: Container[tuple[str, str]] = ARRAYS
     refusal = "it asks for {}"

@@ -1,7 +1,5 @@
 """Beads in a notebook, with nglview."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

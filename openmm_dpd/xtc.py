@@ -1,7 +1,5 @@
 """XTC trajectories: compressed positions in nm, in a file that is whole after every frame."""
 
-from __future__ import annotations
-
 import errno
 import os
 import tempfile

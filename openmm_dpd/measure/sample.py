@@ -77,8 +77,7 @@ class Sample(SystemSample):
         ``mvv``)
     laplacian : sum over mobile beads of the Laplacian of the potential energy, or None (see ``no_laplacian``)
     kinetic_on_step : kinetic energy with the velocities of the same moment as the positions (``middle`` keeps them half a kick behind)
-    kinetic_pressure : kinetic energy that pressures count: that of velocities of the moment of the positions, corrected for what the scheme
-        makes of these (see :doc:`/theory`)
+    kinetic_pressure : kinetic energy that pressures count, ``kinetic_on_step`` corrected for the scheme (see :doc:`/theory`)
     forces : (N, 3) all forces, of frozen beads as well (with friction and noise where they are forces, in ``mvv``)
     internal : sum of the internal energies, u (EnergyDPD) or C T (EDPD); None if the beads have none
     conductive : the conductive part of it (EnergyDPD)

@@ -1,7 +1,5 @@
 """The stress tensor of the forces of a scene, summed in double precision from positions and velocities of a Context."""
 
-from __future__ import annotations
-
 import numpy as np
 import openmm
 from openmm import unit
