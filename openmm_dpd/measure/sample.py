@@ -78,6 +78,7 @@ class Sample(SystemSample):
     laplacian : sum over mobile beads of the Laplacian of the potential energy, or None (see ``no_laplacian``)
     kinetic_on_step : kinetic energy with the velocities of the same moment as the positions (``middle`` keeps them half a kick behind)
     forces : (N, 3) all forces, of frozen beads as well (with friction and noise where they are forces, in ``mvv``)
+    untaken : (N, 3) the same as if all forces acted on all beads (see ``Scene.interacting``)
     internal : sum of the internal energies, u (EnergyDPD) or C T (EDPD); None if the beads have none
     conductive : the conductive part of it (EnergyDPD)
     theta : harmonic mean of the internal temperatures, N/sum(1/theta), as an energy
@@ -98,6 +99,7 @@ class Sample(SystemSample):
     laplacian: float | None
     kinetic_on_step: float
     forces: np.ndarray
+    untaken: np.ndarray
     internal: float | None = None
     conductive: float | None = None
     theta: float | None = None

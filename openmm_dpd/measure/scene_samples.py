@@ -53,6 +53,8 @@ class SceneSampler:
     def no_laplacian(self) -> str | None:
         """Why there is no configurational temperature, or None."""
         others = self._others(self.built.system)
+        if self.plan.scene.interacting is not None:
+            return "on some beads only body forces act"
         if others:
             return f"the System has forces that are not the scene's ({_names(others)}), whose Laplacian is not known"
         overlays, terms = (
@@ -109,7 +111,12 @@ class SceneSampler:
             force = every[mobile]
         if plan.options.predicting:
             every = every + parts[1].force + parts[2].force
-        shown = every[mobile]
+        pushed = every
+        if plan.scene.interacting is not None:
+            state = context.getState(forces=True, groups={EXTERNAL_GROUP})
+            pushes = state.getForces(asNumpy=True).value_in_unit(_KJ / _NM)
+            pushed = np.where(plan.scene.interacting, every, pushes)
+        shown = pushed[mobile]
         others = self._others(context.getSystem())
         other, theirs = 0.0, set().union(*map(groups_of, others))
         if others:
@@ -146,7 +153,8 @@ class SceneSampler:
             momentum=np.sum(mass * v[mobile], axis=0),
             target_kT=noise_state(context, plan)[0],
             kinetic_on_step=0.5 * float(np.sum(mass * on_step[mobile] ** 2)),
-            forces=every,
+            forces=pushed,
+            untaken=every,
             **self._internal(values, mobile),
         )
 

@@ -95,7 +95,11 @@ GROWN = (
 )
 
 
+#: Lines of features that have since been added to files of the core: beads on which only body forces act (``Scene.interacting``).
+ADDED = 60
+
+
 def test_the_core_stays_short():
     """The package had 35,281 lines when its clean-up began; 20,882 of these stood where no feature has been added since."""
     core = [path for path in PATHS.values() if not path.removeprefix("openmm_dpd/").startswith(GROWN)]
-    assert len(core) > 120 and sum(len((ROOT / path).read_text(encoding="utf-8").splitlines()) for path in core) < 20_882
+    assert len(core) > 120 and sum(len((ROOT / path).read_text(encoding="utf-8").splitlines()) for path in core) < 20_882 + ADDED
