@@ -16,7 +16,7 @@ from ..state.moment import DeckMoment
 from ..state.records import FORCE_FIXES, Compute, ForceVector
 from .chunks import CHUNKS
 from .compute_spec import ComputeSpec, check_place, no_arguments, reference
-from .per_bead import BEAD_WORDS, PER_BEAD
+from .per_bead import BEAD_WORDS, PER_BEAD, check_carried
 from .structure_computes import STRUCTURE
 
 #: One word for several values: ``c_id[*]``, ``c_id[2*4]``, ``f_id[*]``.
@@ -87,6 +87,7 @@ def check_bead_word(state: DeckState, word: str, allowed: tuple[str, ...] = tupl
         return
     if not word.startswith("c_"):
         read.choice(word, what, [*allowed, "c_id", "c_id[column]", "v_name"])
+        check_carried(state, word)
         return
     _, name, indices = reference(word)
     compute, spec = compute_of(state, name, word)

@@ -13,7 +13,7 @@ from ..state.moment import DeckMoment
 from ..state.records import ForceVector
 from .compute_spec import check_place, reference
 from .computes import BUILT_IN, COMPUTES, average_of, check_built_in, check_value, compute_of
-from .per_bead import BEAD_WORDS
+from .per_bead import BEAD_WORDS, check_carried
 from .words import WORDS
 
 
@@ -149,6 +149,7 @@ class Resolver(DeckMoment, Names):
         if function == "count":
             return float(mask.sum())
         if function == "charge":
+            check_carried(self.state, "q")
             return float(self.state.atoms.charges[mask].sum())
         masses = self.state.bead_masses()[mask]
         if function == "mass":
@@ -184,7 +185,7 @@ class Resolver(DeckMoment, Names):
     def atom(self, quantity: str, bead: int) -> float:
         """Value of one bead, by its id."""
         atoms, index = self.state.atoms, self._bead(bead, quantity)
-        integers = {"id": atoms.ids, "type": atoms.types, "mol": atoms.molecules}
+        integers = {"id": atoms.ids, "type": atoms.types}
         return float(integers[quantity][index] if quantity in integers else BEAD_WORDS[quantity].value(self)[index])
 
     def call(self, function: str, arguments: list[float]) -> float:
