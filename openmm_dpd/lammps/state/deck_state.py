@@ -91,6 +91,8 @@ class DeckState:
         Whether the next jump is skipped, because ``next`` has come to the end of a series.
     force_norm : str
         By what ``minimize`` measures forces.
+    min_style : str
+        What ``min_style`` said.
     setup : list of (str, list of str)
         The commands about interactions until now, with their words.
     noise_counter : float
@@ -142,6 +144,7 @@ class DeckState:
     variables: Variables = field(default_factory=Variables)
     skips_jump: bool = False
     force_norm: str = "two"
+    min_style: str = "cg"
     setup: list[tuple[str, list[str]]] = field(default_factory=list)
     noise_counter: float = 0.0
     restarts: RestartSettings = field(default_factory=RestartSettings)
