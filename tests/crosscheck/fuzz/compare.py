@@ -18,7 +18,7 @@ TABULATED, LATTICE_SUM = 2e-3, 6e-3
 #: natural units of force, the forces themselves, which may be the small difference of a push and of something else.
 ROUNDED_POSITIONS, ROUNDED_FORCES = 1e-5, 1e-5
 
-_FORCES = re.compile(r"f[xyz]|Fmax|Fnorm|f_pu(sh|t)\d*\[\d\]")
+_FORCES = re.compile(r"f[xyz]|Fmax|Fnorm|f_(push|put|hold)\d*\[\d\]")
 
 _TIME = re.compile(r"CPU =\s*\S+")
 
