@@ -74,7 +74,7 @@ def _down(deck: Deck) -> None:
     angles = [[1, k, k + 1, k + 2] for k in range(1, count - 1)] if draw.chance(0.7) else []
     beads(deck, count, bonds=bonds, angles=angles, carried={"mol": [1] * count}, places=places)
     deck.add("special_bonds", "lj", 0.0, 0.0, 0.0)
-    style = "harmonic" if angles else draw.pick(["harmonic", "morse"])
+    style = "harmonic" if angles or count > 2 else draw.pick(["harmonic", "morse"])
     length, stiff = natural.length * draw.real(0.5, 0.8), natural.energy / natural.length**2
     deck.add("bond_style", style)
     if style == "harmonic":
@@ -87,7 +87,8 @@ def _down(deck: Deck) -> None:
     deck.add("pair_style", "zero", 0.5 * natural.length)
     deck.add("pair_coeff", "*", "*")
     deck.add("comm_modify", "cutoff", 3.0 * natural.length)
-    _style(deck, ["cg", "sd", "fire", "hftn"])
+    # LAMMPS's cg goes to and fro about some minima until its iterations are used up
+    deck.add("min_style", draw.pick(["fire", "hftn"]))
     held = draw.chance(0.4)
     if held:
         deck.add("group", "held", "id", draw.whole(1, count))
