@@ -333,6 +333,7 @@ class Scene:
         self._check_kinds("bonds", BOND_KINDS)
         check_members(np.sort(self.bond_pairs, axis=1), self.n_beads, "a bond", "the bond between beads {} and {}")
         for bonds in self.bonds:
+            bonds.check_box(self.box)
             wrong = bonds.overstretched(self.positions, self.box) if isinstance(bonds, FENEBonds) else None
             if wrong is not None:
                 raise ParameterError(f"{wrong}; move the beads, or use other bonds until they are close enough")

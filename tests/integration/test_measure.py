@@ -11,6 +11,7 @@ import pytest
 from openmm import unit
 
 import openmm_dpd as dpd
+from openmm_dpd.errors import ParameterError
 from openmm_dpd.measure.bonded_sums import bond_sums
 from openmm_dpd.stats import block_average
 
@@ -257,3 +258,20 @@ def test_temperatures_of_few_beads(tied):
         kinetic.append(simulation.context.getState(energy=True).getKineticEnergy()._value)
     average = block_average(2 * np.array(kinetic) / dof)
     assert abs(average.mean - 1) < 4 * average.sem < 0.09
+
+
+def test_an_observer_is_for_one_system():
+    few = _few_beads("nothing")
+    with pytest.raises(ParameterError, match="the Context has 120 particles, but this Observer is for a System of 8"):
+        dpd.Observer(few).sample(dpd.build(fluid(), dt=0.01, platform="Reference").simulation().context)
+
+
+def test_bonds_fit_into_the_box():
+    x = [[0.5, 0.5, 0.5], [1.0, 0.5, 0.5], [1.5, 0.5, 0.5]]
+    bonds = dpd.HarmonicBonds([[0, 1], [1, 2]], k=[10.0, 10.0], r0=[0.5, 2.1])
+    pairs = {("W", "W"): dpd.DPD(A=25, gamma=4.5)}
+    with pytest.raises(
+        ParameterError, match="the bond between beads 1 and 2 has the rest length 2.1 nm, over half the box, whose width is 4 nm"
+    ):
+        dpd.Scene({"W": 1.0}, ["W"] * 3, x, pairs, kT=1.0, box=[4, 5, 5], bonds=[bonds])
+    dpd.Scene({"W": 1.0}, ["W"] * 3, x, pairs, kT=1.0, bonds=[bonds])

@@ -101,6 +101,7 @@ ADDED = {
     "beads on which only body forces act (Scene.interacting)": 60,
     "one temperature of thermostat and barostats": 22,
     "degrees of freedom by what takes up momentum": 17,
+    "rest lengths over half the box, Contexts of other Systems": 14,
 }
 
 
