@@ -1,13 +1,17 @@
 """Flory-Huggins parameters of binary fluids of beads and of chains: what openmm_dpd/data/chi.json holds, and the tables of docs/validation.md.
 
     python docs/measure/demixing.py --all --write openmm_dpd/data/chi.json
-    python docs/measure/demixing.py --density 3 --beads 4 --spring 2 0
+    python docs/measure/demixing.py --density 3 --beads 4 --spring 2 0 --points 2.3 3 --mixed 1.6
+    python docs/measure/demixing.py --density 3 --beads 4 --spring 2 0 --mixed 3 --dilute 0.02
 
 Molecules of two kinds with the same repulsion A among themselves and A + dA between them, A = 75/density.  Where they demix, a slab of one
 in the other gives chi = ln((1 - phi)/phi)/(1 - 2 phi)/beads from the bulk compositions phi (a part of the beads) on both sides.  Where they
 mix, the free energy of mixing does: with half of each kind,
 
     chi = integral of 4 <sum of (1 - r)^2/2 over unlike pairs>/N from 0 to dA.
+
+With few molecules of one kind (--dilute) the same integral is the free energy of moving one of them from its own fluid into the other, per
+bead: chi at infinite dilution, beyond where equal parts demix.
 
 Reduced units, rc = m = kT = 1.
 """
@@ -16,6 +20,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -58,8 +63,8 @@ class Model:
         return 75.0 / self.density if self.A is None else self.A
 
 
-def fluid(model: Model, dA: float, box: tuple[float, float, float], slab: bool, seed: int) -> dpd.BuiltSystem:
-    """Half of the molecules of each kind: a slab of one in the other, near the compositions expected, or well mixed."""
+def fluid(model: Model, dA: float, box: tuple[float, float, float], slab: bool, seed: int, part: float = 0.5) -> dpd.BuiltSystem:
+    """Two kinds: a slab of one half in the other, near the compositions expected, or well mixed, with this part of the first kind."""
     half = round(model.density * np.prod(box) / model.beads / 2)
     chain = linear(["P"] * model.beads, model.spring or Spring(0.0, 0.0))
     mixture = pack({chain: 2 * half}, box=list(box), solvent=None, seed=seed)
@@ -75,7 +80,7 @@ def fluid(model: Model, dA: float, box: tuple[float, float, float], slab: bool, 
         inside[rng.choice(order[:half], swapped, replace=False)] = False
         inside[rng.choice(order[half:], swapped, replace=False)] = True
     else:
-        inside = rng.permutation(2 * half) < half
+        inside = rng.permutation(2 * half) < round(2 * half * part)
     types = np.where(np.repeat(inside, model.beads), "P", "Q").tolist()
     like, unlike = dpd.DPD(A=model.like, gamma=4.5), dpd.DPD(A=model.like + dA, gamma=4.5)
     pairs = {("P", "P"): like, ("Q", "Q"): like, ("P", "Q"): unlike}
@@ -128,11 +133,11 @@ def demixed_seeds(model: Model, dA: float, *, time: float, seeds: range) -> tupl
     return float(found[:, 0].mean()), max(series, scatter)
 
 
-def mixed_chi(model: Model, points: list[float], *, edge=8.0, time=100.0, seed=1) -> list[tuple[float, float]]:
+def mixed_chi(model: Model, points: list[float], *, edge=8.0, time=100.0, seed=1, part=0.5) -> list[tuple[float, float]]:
     """chi and its standard error at the third and the fifth of five points, equally far from each other, of which the first is 0."""
     derivatives = []
     for k, dA in enumerate(points):
-        built = fluid(model, dA, (edge,) * 3, False, seed + k)
+        built = fluid(model, dA, (edge,) * 3, False, seed + k, part)
         every = per_time(built)
         mean = measured_chi_slope(built, "P", "Q", steps=round(time * every), every=every // 2, settle=20 * every)
         # a molecule has one partner fewer of its own kind than of the other: none of this in an infinite box
@@ -146,24 +151,44 @@ def mixed_chi(model: Model, points: list[float], *, edge=8.0, time=100.0, seed=1
     return found
 
 
-def row(model: Model, dA: float, found: tuple[float, float], kind: str, time: float, seeds: int = 1) -> list:
-    """A row of the table, printed."""
-    values = [model.density, round(dA, 6), round(found[0], 5), round(found[1], 5), kind, time, seeds]
-    print(*values, flush=True)
-    return values
+class Rows:
+    """Rows of the table, printed and written one by one; those that the file has already are not measured again."""
+
+    def __init__(self, path: str | None):
+        self.path, self.rows = path, []
+        if path and os.path.exists(path):
+            with open(path, encoding="utf-8") as file:
+                self.rows = json.load(file)["rows"]
+
+    def has(self, model: Model, dA: float, kind: str) -> bool:
+        """Whether this one is there."""
+        return any(found[:2] == [model.density, round(dA, 6)] and found[4] == kind for found in self.rows)
+
+    def add(self, model: Model, dA: float, found: tuple[float, float], kind: str, time: float, seeds: int = 1) -> None:
+        """One more."""
+        self.rows.append([model.density, round(dA, 6), round(found[0], 5), round(found[1], 5), kind, time, seeds])
+        print(*self.rows[-1], flush=True)
+        if self.path:
+            head = {"script": "docs/measure/demixing.py --all", "A": "75/density", "scheme": "bababo", "dt": 0.05, "columns": COLUMNS}
+            text = ",\n".join(json.dumps(values) for values in sorted(self.rows))
+            with open(self.path, "w", encoding="utf-8") as file:
+                file.write(json.dumps(head)[:-1] + ', "rows": [\n' + text + "\n]}\n")
 
 
-def measure(model: Model, slabs, mixed: list[float], *, time: float, seeds: int) -> list[list]:
+def measure(rows: Rows, model: Model, slabs, mixed: list[float], *, time: float, seeds: int) -> None:
     """All rows of a model."""
     first = 1000 * round(model.density)
-    rows = [row(model, 0.0, slope(model, time=1.5 * time, seed=first), "slope", 1.5 * time)]
-    for dA, found in zip(mixed[2::2], mixed_chi(model, mixed, time=time, seed=first + 1), strict=True):
-        if found[0] * model.beads < STILL_MIXED:
-            rows.append(row(model, dA, found, "mixed", time))
+    if not rows.has(model, 0.0, "slope"):
+        rows.add(model, 0.0, slope(model, time=1.5 * time, seed=first), "slope", 1.5 * time)
+    if not rows.has(model, mixed[2], "mixed"):
+        for dA, found in zip(mixed[2::2], mixed_chi(model, mixed, time=time, seed=first + 1), strict=True):
+            if found[0] * model.beads < STILL_MIXED:
+                rows.add(model, dA, found, "mixed", time)
     for k, dA in enumerate(slabs):
         start = first + 100 * (k + 1)
-        rows.append(row(model, dA, demixed_seeds(model, dA, time=4 * time, seeds=range(start, start + seeds)), "demixed", 4 * time, seeds))
-    return rows
+        if not rows.has(model, dA, "demixed"):
+            found = demixed_seeds(model, dA, time=4 * time, seeds=range(start, start + seeds))
+            rows.add(model, dA, found, "demixed", 4 * time, seeds)
 
 
 def main() -> None:
@@ -177,19 +202,21 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=3, help="slabs at each point")
     parser.add_argument("--points", type=float, nargs="+", help="dA of the slabs")
     parser.add_argument("--mixed", type=float, help="largest dA of the mixed fluids")
-    parser.add_argument("--write", help="JSON file")
+    parser.add_argument("--dilute", type=float, help="part of the molecules of the first kind, for chi at infinite dilution and no slabs")
+    parser.add_argument("--write", help="JSON file; rows that it has are kept")
     options = parser.parse_args()
-    rows: list[list] = []
+    rows = Rows(options.write)
     for density in sorted(DEMIXED) if options.all else [options.density]:
         spring = Spring(*options.spring) if options.beads > 1 else None
         slabs = [value / density for value in DEMIXED.get(density, ())] if options.points is None else options.points
         end = MIXED[-1] / density if options.mixed is None else options.mixed
         mixed = [end * value / MIXED[-1] for value in MIXED]
-        rows += measure(Model(density, beads=options.beads, spring=spring), slabs, mixed, time=options.time, seeds=options.seeds)
-    if options.write:
-        head = {"script": "docs/measure/demixing.py --all", "A": "75/density", "scheme": "bababo", "dt": 0.05, "columns": COLUMNS}
-        with open(options.write, "w", encoding="utf-8") as file:
-            file.write(json.dumps(head)[:-1] + ', "rows": [\n' + ",\n".join(json.dumps(values) for values in rows) + "\n]}\n")
+        model = Model(density, beads=options.beads, spring=spring)
+        if options.dilute is not None:
+            for dA, found in zip(mixed[2::2], mixed_chi(model, mixed, time=options.time, seed=500, part=options.dilute), strict=True):
+                rows.add(model, dA, found, "dilute", options.time)
+            continue
+        measure(rows, model, slabs, mixed, time=options.time, seeds=options.seeds)
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ Every answer is an :class:`Estimate`, with its source and the range it holds for
 
 from __future__ import annotations
 
+from .chains import chain_chi_slope
 from .chi import chi_from_repulsion, repulsion_from_chi
 from .contacts import chi_slope, measured_chi_slope
 from .dynamics import Friction, Transport, friction_for, transport
@@ -20,6 +21,7 @@ __all__ = [
     "Friction",
     "MeasuredPressure",
     "Transport",
+    "chain_chi_slope",
     "chi_from_composition",
     "chi_from_repulsion",
     "chi_from_solubility",

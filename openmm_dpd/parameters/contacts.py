@@ -155,7 +155,9 @@ def _chosen(scene: Scene, beads: Beads, what: str) -> np.ndarray:
     if array.ndim == 1 and array.dtype.kind == "U":
         for name in array:
             if name not in scene.types:
-                raise ParameterError(f"{what}: no bead is of type {str(name)!r}; there are {', '.join(map(repr, dict.fromkeys(scene.types)))}")
+                raise ParameterError(
+                    f"{what}: no bead is of type {str(name)!r}; there are {', '.join(map(repr, dict.fromkeys(scene.types)))}"
+                )
         return np.flatnonzero(np.isin(scene.types, array))
     return indices(array, scene.n_beads, what, "a type, several types, ")
 
