@@ -7,7 +7,7 @@ A melt of one kind, A = 75/density, is measured by openmm_dpd.parameters.measure
 rows that the file has.  --check: springs, lengths and a density between those of the table, beside what the package says of them.
 
 Reduced units, rc = m = kT = 1; each row: density, k and r0 of the bonds U = k (r - r0)^2, beads of a chain, chi/dA, its standard error, mean
-squared distance of the ends of a chain.
+squared distance of the ends of a chain, and of the run beads and time.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ CHECKS = (
 )
 
 
-def measured(density: float, k: float, r0: float, beads: int, seed: int, time: float) -> tuple[float, float, float]:
-    """chi/dA, its standard error, and the mean squared distance of the ends, of about 3000 beads."""
-    edge = (3000 / density) ** (1 / 3)
+def measured(density: float, k: float, r0: float, beads: int, seed: int, size: int, time: float) -> tuple[float, float, float]:
+    """chi/dA, its standard error, and the mean squared distance of the ends, of about so many beads."""
+    edge = (size / density) ** (1 / 3)
     built = fluid(Model(density, beads=beads, spring=Spring(k, r0)), 0.0, (edge,) * 3, False, seed)
     simulation, step = built.simulation(), per_time(built)
     simulation.step((30 if beads < 10 else 100) * step)
@@ -71,12 +71,12 @@ def table(options: argparse.Namespace) -> None:
     # single beads have no spring
     wanted = [(rho, *spring, n) for rho in DENSITIES for spring in SPRINGS for n in LENGTHS if n > 1 or spring == SPRINGS[0]]
     for number, (density, k, r0, beads) in enumerate(wanted[len(rows) :], len(rows)):
-        found = measured(density, k, r0, beads, 100 + number, options.time)
-        rows.append([density, k, r0, beads, *(round(value, 5) for value in found)])
+        found = measured(density, k, r0, beads, 100 + number, options.size, options.time)
+        rows.append([density, k, r0, beads, *(round(value, 5) for value in found), options.size, options.time])
         print(*rows[-1], flush=True)
         if options.write:
-            head = {"script": "docs/measure/chain_slopes.py", "A": "75/density", "beads": 3000, "time": options.time, "scheme": "bababo"}
-            columns = json.dumps({**head, "columns": ["density", "k", "r0", "beads", "slope", "error", "size"]})[:-1]
+            head = {"script": "docs/measure/chain_slopes.py", "A": "75/density", "scheme": "bababo", "dt": 0.05}
+            columns = json.dumps({**head, "columns": ["density", "k", "r0", "beads", "slope", "error", "ends", "size", "time"]})[:-1]
             with open(options.write, "w", encoding="utf-8") as file:
                 file.write(columns + ', "rows": [\n' + ",\n".join(json.dumps(row) for row in rows) + "\n]}\n")
 
@@ -84,7 +84,7 @@ def table(options: argparse.Namespace) -> None:
 def check(options: argparse.Namespace) -> None:
     """Runs beside the table."""
     for number, (density, k, r0, beads) in enumerate(CHECKS):
-        found, error, _ = measured(density, k, r0, beads, 900 + number, options.time)
+        found, error, _ = measured(density, k, r0, beads, 900 + number, options.size, options.time)
         said = chain_chi_slope(beads, Spring(k, r0), density)
         print(
             f"density {density:g}, k {k:g}, r0 {r0:g}, {beads} beads: {found:.4f}({error:.4f}), table {said.value:.4f}({said.error:.4f})",
@@ -96,6 +96,7 @@ def main() -> None:
     """Choose and run."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--check", action="store_true", help="between the points of the table")
+    parser.add_argument("--size", type=int, default=3000, help="beads of a run")
     parser.add_argument("--time", type=float, default=100.0, help="length of a run, in units of rc (m/kT)^(1/2)")
     parser.add_argument("--write", help="JSON file, gone on with if it is there")
     options = parser.parse_args()

@@ -57,19 +57,19 @@ class _Table:
     @property
     def bounds(self) -> Bounds:
         column = next(iter(self.ratios.values()))
-        ends = {"beads": column.lengths, "density": sorted(self.ratios), "k": column.k, "r0": column.r0}
-        return {name: (float(values[0]), float(values[-1])) for name, values in ends.items()} | {"beads": (1.0, float(column.lengths[-1]))}
+        ends = {"density": sorted(self.ratios), "k": column.k, "r0": column.r0}
+        return {"beads": (1.0, float(column.lengths[-1])), **{name: (values[0], values[-1]) for name, values in ends.items()}}
 
 
 @lru_cache(maxsize=1)
 def _table() -> _Table:
     rows = json.loads(files("openmm_dpd").joinpath("data/chi_chains.json").read_text(encoding="utf-8"))["rows"]
-    single = {rho: slope for rho, _, _, n, slope, _, _ in rows if n == 1}
+    single = {rho: slope for rho, _, _, n, slope, *_ in rows if n == 1}
     ratios: dict[float, dict] = {rho: {} for rho in sorted(single)}
     bonds: dict[float, dict] = {rho: {} for rho in sorted(single)}
-    for rho, k, r0, n, slope, _, size in rows:
+    for rho, k, r0, n, slope, _, ends, *_ in rows:
         if n > 1:
-            ratios[rho][k, r0, n], bonds[rho][k, r0, n] = slope / single[rho], size / (n - 1)
+            ratios[rho][k, r0, n], bonds[rho][k, r0, n] = slope / single[rho], ends / (n - 1)
     return _Table({rho: _Column(found) for rho, found in ratios.items()}, {rho: _Column(found) for rho, found in bonds.items()})
 
 
@@ -79,12 +79,9 @@ def _between(columns: dict[float, _Column], spring: Spring, beads: int, density:
     return float(np.interp(1 / density, [1 / rho for rho in rhos], [columns[rho](spring, beads) for rho in rhos]))
 
 
-def chains_in_one(beads: int, bond: Spring | None, density: float) -> float:
-    """How many chains are in the cube of the distance of the ends of one; no check of bounds."""
-    if bond is None:
-        return 0.0
-    squared = (beads - 1) * _between(_table().bonds, bond, beads, density)
-    return density * squared**1.5 / beads
+def volume_per_bead(beads: int, bond: Spring | None, density: float) -> float:
+    """Cube of the root mean squared distance of the ends of a chain over its beads, 0 for single beads; no check of bounds."""
+    return 0.0 if bond is None else ((beads - 1) * _between(_table().bonds, bond, beads, density)) ** 1.5 / beads
 
 
 def chain_chi_slope(beads: int, bond: Spring | None = None, density=3.0) -> Estimate:

@@ -20,7 +20,7 @@ from scipy.optimize import brentq
 from ..errors import ParameterError
 from ..molecules.published import like_repulsion, unlike_repulsion
 from ..molecules.terms import Spring
-from .chains import chain_chi_slope, chains_in_one
+from .chains import chain_chi_slope, volume_per_bead
 from .estimate import Bounds, Estimate, outside, reduced_number
 from .state import measured_bounds, overlap_energy
 
@@ -31,8 +31,8 @@ _RELATIONS = ("measured", "groot-warren")
 #: Relative errors at A = 75/density and at other repulsions, and those of chains: docs/validation.md.
 _BETWEEN, _ELSEWHERE, _CHAINS = 0.03, 0.07, 0.04
 
-#: So many chains in the cube of the distance of the ends of one, and f deviates from 1 half as much as for single beads.
-_HALF = 4.5
+#: Volume over which a chain spreads, per bead in rc^3, where f deviates from 1 half as much as for single beads.
+_HALF = 1.5
 
 
 @dataclass(frozen=True)
@@ -96,8 +96,7 @@ def _relation(density, A, beads: int, bond: Spring | None) -> _Relation:
     if bond is not None:
         if A is not None:
             raise ParameterError("chains were measured at A = 75/density; leave A out, or take measured_chi_slope")
-        error = float(np.hypot(_CHAINS, slope.error / slope.value))
-        return _Relation(slope.value, rho, error, slope.bounds, beads, 1 / (1 + chains_in_one(beads, bond, rho) / _HALF))
+        return _Relation(slope.value, rho, _CHAINS, slope.bounds, beads, 1 / (1 + volume_per_bead(beads, bond, rho) / _HALF))
     repulsion = 75.0 / rho if A is None else reduced_number(A, "A", positive=True)
     outside({"A": repulsion}, limits, _SOURCE, None)
     return _Relation(overlap_energy(repulsion, rho), rho, _BETWEEN if A is None else _ELSEWHERE, limits)
@@ -152,9 +151,9 @@ def repulsion_from_chi(
     the free energy of mixing equal parts, above 2.3 from the bulk compositions of demixed slabs.  Near 2 there is a critical point, where
     Flory-Huggins theory holds for no fluid.
 
-    For chains of n beads x = dA :func:`chain_chi_slope`, and chi = x (1 - (1 - f(n x))/(1 + c/4.5)): what brings f below 1 are fluctuations
-    of the composition, which set in as the fluids come near to demixing and are the weaker the more chains meet.  c is the number of chains
-    in the cube of the distance of the ends of one.  The form and the 4.5 are fitted to chains of 2 to 10 beads.
+    For chains of n beads x is dA times :func:`chain_chi_slope`, and chi = x (1 - (1 - f(n x))/(1 + v/1.5)): what brings f below 1 are
+    fluctuations of the composition, which set in as the fluids come near to demixing, and are the weaker the more chains meet.  v is the
+    cube of the distance of the ends of a chain over n.  The form and the 1.5 are fitted to chains of 2 to 10 beads.
 
     References
     ----------

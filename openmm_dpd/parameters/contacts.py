@@ -10,7 +10,7 @@ from ..analysis.molecules import molecule_labels
 from ..built import BuiltSystem
 from ..errors import ParameterError
 from ..measure.observer import require_built
-from ..model.pairs import DPD
+from ..model.pairs import SoftRepulsion
 from ..model.scene import Scene
 from ..neighbours import connected, pairs_within
 from ..stats import Average, block_average
@@ -100,7 +100,8 @@ def measured_chi_slope(
     Parameters
     ----------
     built : BuiltSystem
-        From :func:`openmm_dpd.build`: molecules of any kinds, with :class:`openmm_dpd.DPD` between the beads in question.
+        From :func:`openmm_dpd.build`: molecules of any kinds, with a repulsion A (1 - r/rc) between the beads in question, as in
+        :class:`openmm_dpd.DPD`.
     beads, other : str, sequence of str, array of int, or None
         Types (or indices) a and b; all beads by default, and b = a.
     steps, every, settle : int
@@ -116,7 +117,7 @@ def measured_chi_slope(
     Raises
     ------
     ParameterError
-        If there is no box, no pair of different molecules, or the beads do not repel as DPD with one cutoff.
+        If there is no box, no pair of different molecules, or the beads do not repel with A (1 - r/rc) and one cutoff.
     """
     require_built(built, "measured_chi_slope")
     scene = built.plan.scene
@@ -169,10 +170,11 @@ def _cutoff(scene: Scene, first: np.ndarray, second: np.ndarray) -> float:
     for a in np.unique(scene.type_ids[first]):
         for b in np.unique(scene.type_ids[second]):
             pair = (names[min(a, b)], names[max(a, b)])
-            terms = [term for table in scene.tables if isinstance(term := table.resolve(names).get(pair), DPD)]
-            if not terms:
-                raise ParameterError(f"{_NAME} is that of DPD beads, but types {pair[0]} and {pair[1]} have no DPD between them")
-            found |= {term.cutoff for term in terms}
+            terms = [table.resolve(names).get(pair) for table in scene.tables]
+            cutoffs = {term.cutoff for term in terms if isinstance(term, SoftRepulsion)}
+            if not cutoffs:
+                raise ParameterError(f"{_NAME} goes with a repulsion A (1 - r/rc) alone, which types {pair[0]} and {pair[1]} do not have")
+            found |= cutoffs
     if len(found) > 1:
         raise ParameterError(f"{_NAME} needs one cutoff for all of the beads; they have {', '.join(f'{c:g}' for c in sorted(found))} nm")
     return found.pop()

@@ -100,7 +100,7 @@ def test_bad_input_of_slopes():
     measured_chi_slope(other, "T", "W", steps=1, settle=0)
     tables = [dpd.PairTable({**pairs, ("H", "W"): dpd.NONE}), dpd.PairTable({("H", "W"): dpd.LennardJones(1.0, 0.3, 0.9)})]
     none = dpd.build(mix.scene(pairs=tables, kT=1.0), dt=0.001, scheme="bababo", platform="CPU", seed=3)
-    with pytest.raises(ParameterError, match="types H and W have no DPD between them"):
+    with pytest.raises(ParameterError, match="which types H and W do not have"):
         measured_chi_slope(none, "H", "W")
 
 
