@@ -74,9 +74,9 @@ def _table() -> _Table:
 
 
 def _between(columns: dict[float, _Column], spring: Spring, beads: int, density: float) -> float:
-    """Over the inverse density, with which what deviates from a dense fluid goes."""
+    """The logarithm over the inverse density, with which what deviates from a dense fluid goes."""
     rhos = sorted(columns, reverse=True)
-    return float(np.interp(1 / density, [1 / rho for rho in rhos], [columns[rho](spring, beads) for rho in rhos]))
+    return float(np.exp(np.interp(1 / density, [1 / rho for rho in rhos], [np.log(columns[rho](spring, beads)) for rho in rhos])))
 
 
 def volume_per_bead(beads: int, bond: Spring | None, density: float) -> float:
@@ -125,7 +125,10 @@ def chain_chi_slope(beads: int, bond: Spring | None = None, density=3.0) -> Esti
         return Estimate(first, _AT * first, _SOURCE, table.bounds)
     if not isinstance(bond, Spring):
         raise ParameterError(f"bond must be a Spring, which is what {_SOURCE} covers, not {bond!r}; measured_chi_slope takes any")
-    if (bond.k, bond.r0) not in next(iter(table.ratios.values())).alone:
+    column = next(iter(table.ratios.values()))
+    alone = (bond.k, bond.r0) in column.alone
+    if not alone:
         outside({"k": bond.k, "r0": bond.r0}, table.bounds, _SOURCE, None)
     value = first * _between(table.ratios, bond, count, rho)
-    return Estimate(value, (_AT if rho in table.ratios else _BETWEEN) * value, _SOURCE, table.bounds)
+    there = rho in table.ratios and (alone or (bond.k in column.k and bond.r0 in column.r0))
+    return Estimate(value, (_AT if there else _BETWEEN) * value, _SOURCE, table.bounds)

@@ -73,10 +73,11 @@ def chi_slope(trajectory: Trajectories, beads: Beads = None, other: Beads = None
     The free energy of mixing per bead is chi_ab times the parts of a and b of all beads, so this is its derivative by the repulsion
     between a and b, at the repulsion that the trajectory was made with.  With labels P and Q on whole molecules of a fluid of one kind,
     chi of P and Q is what all beads have with all: chi = dA rho integral (1 - r)^2/2 g(r) d^3r with g of beads of other molecules.
+    Contacts inside of a molecule, which two types on one molecule have as well, change its free energy wherever it is, and do not count.
 
     References
     ----------
-    First-order perturbation theory, as D. C. Morse and J. K. Chung use it, J. Chem. Phys. 130, 224901 (2009).
+    First-order perturbation theory, as in D. C. Morse and J. K. Chung, arXiv:0810.5389 (2008).
     """
     topology, frames = frames_of(trajectory)
     first = selected(topology, beads, "beads")
