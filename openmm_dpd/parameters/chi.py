@@ -155,8 +155,8 @@ def repulsion_from_chi(
     fluctuations of the composition, which set in as the fluids come near to demixing, and are the weaker the more chains meet.  v is the
     cube of the distance of the ends of a chain over n.  The form and the 1.5 are fitted to chains of 2 to 10 beads.
 
-    chi depends on the composition: of a few molecules in a fluid of the other kind it is larger, by some 4 % where equal parts mix well and
-    by 10 to 17 % where they demix (docs/validation.md).
+    chi depends on the composition: of a few molecules in a fluid of the other kind it is larger, by 3 to 6 % where equal parts mix and by
+    10 to 13 % where they demix (docs/validation.md).
 
     References
     ----------
