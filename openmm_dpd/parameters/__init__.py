@@ -9,26 +9,33 @@ from .chi import chi_from_repulsion, repulsion_from_chi
 from .dynamics import Friction, Transport, friction_for, transport
 from .estimate import Estimate
 from .flory_huggins import chi_from_composition, chi_from_solubility, composition_from_chi
+from .insertion import ExcessChemicalPotential, excess_chemical_potential
 from .mapping import BeadMapping, water_mapping
 from .measured import MeasuredPressure, measured_pressure
+from .partition import chi_from_log_p, log_p, repulsion_from_log_p
 from .state import inverse_compressibility, pressure, repulsion_from_compressibility
 
 __all__ = [
     "BeadMapping",
     "Estimate",
+    "ExcessChemicalPotential",
     "Friction",
     "MeasuredPressure",
     "Transport",
     "chi_from_composition",
+    "chi_from_log_p",
     "chi_from_repulsion",
     "chi_from_solubility",
     "composition_from_chi",
+    "excess_chemical_potential",
     "friction_for",
     "inverse_compressibility",
+    "log_p",
     "measured_pressure",
     "pressure",
     "repulsion_from_chi",
     "repulsion_from_compressibility",
+    "repulsion_from_log_p",
     "transport",
     "water_mapping",
 ]
