@@ -54,7 +54,7 @@ WIJMANS = {2: 0.699745, 4: 1.370293, 8: 2.6384122, 12: 3.7897591, 16: 4.853515, 
 
 #: log P as the package chemicals has them (butane: SYRRES, 2006; octane: CRC Handbook, 95th ed., 2014), and beads of three waters by volume.
 ALKANES = {"butane": (2.89, 2), "octane": (5.15, 3)}
-SPRING = Spring(k=50.0, r0=0.5)
+SPRING = Spring(k=20.0, r0=0.5)
 
 
 def box_of(edge: float, A: float, *, own: float = 25.0) -> dpd.Scene:
@@ -81,20 +81,20 @@ def monomers(options: argparse.Namespace) -> None:
 
 def flexible(A: int, k: float, r0: float, own: float) -> float:
     """mu_ex of two beads on a spring from that of rigid ones, -ln <exp(-mu_ex(r))> over the molecule alone."""
-    r = np.linspace(1e-3, 1.0, 4000)
-    weight = r**2 * np.exp(-k * (r - r0) ** 2 - 0.5 * own * (1 - r) ** 2)
+    r = np.linspace(1e-3, 1.6, 4000)
+    weight = r**2 * np.exp(-k * (r - r0) ** 2 - 0.5 * own * np.maximum(0, 1 - r) ** 2)
     rigid = np.interp(r, np.linspace(0, 1, 11), RIGID[A])
     return float(-np.log(np.sum(weight * np.exp(-rigid)) / np.sum(weight)))
 
 
 def dimers(options: argparse.Namespace) -> None:
-    """Two beads on a spring, which keeps them within 1."""
+    """Two beads on a spring, nearly always within 1: beyond, mu_ex is the one at 1 to 0.1."""
     for A in RIGID:
         for own in (0.0, 25.0):
-            chain = linear("A2", Spring(k=50.0, r0=0.5))
+            chain = linear("A2", SPRING)
             found = excess_chemical_potential(chain, box_of(7.0, A, own=own), time=options.time, seed=options.seed)
             print(
-                f"A = {A}, {own:g} within: {found.value:.3f}({found.error:.3f}), Warren's rigid ones {flexible(A, 50.0, 0.5, own):.3f}",
+                f"A = {A}, {own:g} within: {found.value:.3f}({found.error:.3f}), Warren's rigid ones {flexible(A, SPRING.k, SPRING.r0, own):.3f}",
                 flush=True,
             )
 
@@ -116,7 +116,7 @@ def chains(options: argparse.Namespace) -> None:
 def size(options: argparse.Namespace) -> None:
     """Three bonded beads in two boxes."""
     for edge, copies in ((6.5, 6), (9.0, 6), (9.0, 12)):
-        chain = linear("A3", Spring(k=10.0, r0=0.5))
+        chain = linear("A3", SPRING)
         found = excess_chemical_potential(chain, box_of(edge, 40.0), time=options.time, copies=copies, seed=options.seed)
         print(f"edge {edge}, {copies} copies: {found.value:.3f}({found.error:.3f}), density {found.densities.mean():.5f}", flush=True)
 

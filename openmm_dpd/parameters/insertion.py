@@ -35,10 +35,10 @@ _STEEPNESS, _STEEPNESS_ERROR = 1.2, 0.25
 _EVERY = 0.2
 
 #: Step over the inverse frequency of the stiffest bond.
-_BOND_STEP = 0.7
+_BOND_STEP = 0.4
 
 #: Points along an edge of the box that its part far from all copies is counted with.
-_GRID = 12
+_GRID = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ class ExcessChemicalPotential:
         return self.value
 
     @property
-    def energy(self) -> unit.Quantity:
+    def molar_energy(self) -> unit.Quantity:
         """The value as a molar energy."""
         return self.value * self.kT * unit.kilojoule_per_mole
 
@@ -143,7 +143,7 @@ def excess_chemical_potential(
     time : float, default 300
         Length of the run in units of rc (m/kT)^(1/2), with the longest cutoff rc and the smallest mass m.
     settle : float, default 30
-        Time before, in the same unit; nine times that is run in all, see Notes.
+        Time before, in the same unit; 4.4 times that is run in all, see Notes.
     copies : int, default 6
         Copies of the molecule in the box, one for each point of a Gauss-Legendre rule in lambda, 3 to 32.
     dt : time, optional
@@ -198,12 +198,12 @@ def excess_chemical_potential(
     def run(turn: int, rest: float, long: float) -> _Run:
         return _Run(made, step, seed + turn, platform).advance(rest * second).sample(long * second, _EVERY * second)
 
-    for turn in range(2):
-        done = run(turn, before, 2 * before)
+    for turn, (rest, long) in enumerate(((before, before), (0.2 * before, 2 * before))):
+        done = run(turn, rest, long)
         grown = float(np.mean(done.densities(density))) ** (1 / 3)
         scene = replace(made.scene, positions=_scaled(made, done.positions(), grown), box=made.scene.box * grown)
         made = replace(made, scene=scene)
-    done = run(2, before, length)
+    done = run(2, 0.2 * before, length)
     return ExcessChemicalPotential(parts, np.array(done.energies)[:, np.argsort(order)] / solvent.kT, done.densities(density), solvent.kT)
 
 

@@ -173,10 +173,10 @@ def _placed(molecule: Molecule, solvent: Scene, copies: int, seed: int) -> tuple
     beads = mixture.positions.reshape(copies, molecule.n_beads, 3)
     steps = shortest_path(graph(molecule.bond_pairs, molecule.n_beads).tocsr(), directed=False, unweighted=True)
     anchor = int(np.argmin(steps.max(axis=1)))
-    return beads + (lattice(copies, box) - beads[:, anchor])[:, None, :], anchor
+    return beads + (lattice_points(copies, box) - beads[:, anchor])[:, None, :], anchor
 
 
-def lattice(count: int, box: np.ndarray) -> np.ndarray:
+def lattice_points(count: int, box: np.ndarray) -> np.ndarray:
     """So many points, (count, 3), of the lattice of rank one, k (1, a, b)/count, whose points are furthest apart."""
     multiples = np.arange(count)[:, None]
     best, chosen = -1.0, np.zeros((count, 3))

@@ -23,7 +23,7 @@ from openmm_dpd.parameters import (
     repulsion_from_log_p,
 )
 from openmm_dpd.parameters.insertion import weights
-from openmm_dpd.parameters.insertion_scene import insertion, lattice
+from openmm_dpd.parameters.insertion_scene import insertion, lattice_points
 
 MASSES = {"W": 1.0, "V": 1.0, "A": 2.0, "B": 1.0}
 PAIRS = {
@@ -67,14 +67,14 @@ def test_copies_are_molecules_held_by_the_middle():
     bonds = made.scene.bond_pairs
     assert len(bonds) == 60 + 9 and np.all((bonds < made.solvent).all(axis=1) | (bonds >= made.solvent).all(axis=1))
     points = made.scene.positions[made.scene.immobile]
-    assert np.allclose(points, lattice(3, made.scene.box))
+    assert np.allclose(points, lattice_points(3, made.scene.box))
 
 
 @pytest.mark.parametrize("count, least", [(2, 27**0.5), (3, 12**0.5), (6, 3.0), (8, 3.0), (12, 2.4)])
 def test_lattice_keeps_points_apart(count, least):
     """In a cube of edge 6: two are half a diagonal apart, three a third of one, eight no nearer than on a cubic lattice."""
     box = np.diag([6.0, 6.0, 6.0])
-    points = lattice(count, box)
+    points = lattice_points(count, box)
     i, j = np.triu_indices(count, 1)
     apart = np.linalg.norm(minimum_images(points[i] - points[j], box), axis=1).min()
     assert apart >= least - 1e-9
@@ -103,7 +103,7 @@ def test_values_errors_and_units():
     expected = math.sqrt(np.sum((0.5 * np.polynomial.legendre.leggauss(5)[1]) ** 2) / 4000)
     assert found.error == pytest.approx(expected, rel=0.1)
     assert abs(found.value - 8.0) < 4 * expected
-    assert found.energy.value_in_unit(unit.kilojoule_per_mole) == pytest.approx(2 * found.value)
+    assert found.molar_energy.value_in_unit(unit.kilojoule_per_mole) == pytest.approx(2 * found.value)
     assert abs(found.at(0.5).value - 4.5) < 4 * found.at(0.5).error
     assert found.at(1.0, 0.5).value == pytest.approx(found.value - found.at(0.5).value)
     assert found.at(1.0, 0.5).error < math.hypot(found.error, found.at(0.5).error)
