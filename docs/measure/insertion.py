@@ -104,7 +104,7 @@ def chains(options: argparse.Namespace) -> None:
     top = 40.0
     for (beads, r0), pairs in HENDRIKSE.items():
         chain = linear(f"A{beads}", Spring(k=options.stiffness, r0=r0))
-        found = excess_chemical_potential(chain, box_of(7.5, top), time=options.time, seed=options.seed)
+        found = excess_chemical_potential(chain, box_of(7.5, top, own=options.own), time=options.time, seed=options.seed)
         for (one, other), (published, error) in pairs.items():
             here = found.at(other / top, one / top)
             print(
@@ -152,6 +152,7 @@ def main() -> None:
     parser.add_argument("what", choices=tuple(tasks))
     parser.add_argument("--time", type=float, default=1000.0, help="length of each run, in units of rc (m/kT)^(1/2)")
     parser.add_argument("--stiffness", type=float, default=4.0, help="k of k (r - r0)^2")
+    parser.add_argument("--own", type=float, default=25.0, help="repulsion of the beads of a chain among themselves")
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     tasks[options.what](options)

@@ -25,8 +25,9 @@ _SCHEME = "bababo"
 #: The step is the one that :func:`openmm_dpd.recommend` gives for this error of the temperature.
 _STEP_ERROR = 0.003
 
-#: Beads further than so many cutoffs from every copy stand for the solvent as it is without them, if they have this part of the box.
-_FAR, _LEAST_FAR = 1.5, 0.15
+#: Beads further than so many cutoffs from every copy stand for the solvent as it is without them, if they have this part of the box.  From 1.5
+#: to 1.8 the solvent is a percent denser.
+_FAR, _LEAST_FAR = 1.8, 0.15
 
 #: Time between samples, in units of rc (m/kT)^(1/2).
 _EVERY = 0.2
@@ -172,7 +173,7 @@ def excess_chemical_potential(
     not repel each other, would share a cavity.
 
     The copies take room, and so compress the solvent.  After ``settle`` the density of the solvent is measured where no bead of a copy is
-    within 1.5 cutoffs, and the box is scaled to give it the density of the scene, twice.  What is left of the deviation is corrected to
+    within 1.8 cutoffs, and the box is scaled to give it the density of the scene, twice.  What is left of the deviation is corrected to
     first order with d mu_ex/d ln rho in the middle between mu_ex, which it is in a thin solvent, and <U_sv> at lambda = 0, which it is at
     mean field; half of the difference counts as its error.  Measured ones, at density 3: 1.22 mu_ex of a bead among its like at A = 25,
     1.34 at A = 78, 1.4 of three beads with 40; the middle is 1.15, 1.18 and 1.36.  So the result holds for a solvent at the density of the
@@ -196,6 +197,8 @@ def excess_chemical_potential(
     assert solvent.box is not None and isinstance(solvent.kT, float)
     reach, width = made.reach, float(widths(solvent.box).min())
     density = solvent.n_beads / float(np.prod(np.diag(solvent.box)))
+    if reach == 0:
+        raise ParameterError(f"nothing acts between {molecule.name} and this solvent; its excess chemical potential is 0")
     if width < 2 * _FAR * reach:
         raise ParameterError(f"the box must be at least {2 * _FAR:g} cutoffs wide, {2 * _FAR * reach:g}, not {width:g}")
     second = reach * (min(made.scene.bead_masses) / solvent.kT) ** 0.5

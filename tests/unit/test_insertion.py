@@ -138,8 +138,11 @@ def test_what_cannot_be_switched_is_refused():
     for message, molecule, given in cases:
         with pytest.raises(ParameterError, match=message):
             excess_chemical_potential(molecule, given)
-    with pytest.raises(ParameterError, match="at least 3 cutoffs wide, 3.9"):
-        excess_chemical_potential(one, replace(scene, box=np.diag([3.5, 5.0, 5.5])))
+    with pytest.raises(ParameterError, match="at least 3.6 cutoffs wide, 4.68"):
+        excess_chemical_potential(one, replace(scene, box=np.diag([4.0, 5.0, 5.5])))
+    unseen = pack({}, box=[5.0] * 3, solvent="W", seed=1).scene(pairs=PAIRS, kT=1.0, masses=MASSES)
+    with pytest.raises(ParameterError, match="nothing acts between B1? and this solvent"):
+        excess_chemical_potential(Molecule(("B",)), unseen)
     with pytest.raises(ParameterError, match="copies must be 3 to 32, not 40"):
         excess_chemical_potential(one, scene, copies=40)
     with pytest.raises(ParameterError, match="a time of 2 at least, not 1"):
