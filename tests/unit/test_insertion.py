@@ -101,7 +101,8 @@ def made_up(density: float = 1.0) -> ExcessChemicalPotential:
 def test_values_errors_and_units():
     found = made_up()
     expected = math.sqrt(np.sum((0.5 * np.polynomial.legendre.leggauss(5)[1]) ** 2) / 4000)
-    assert found.error == pytest.approx(expected, rel=0.1)
+    layers = 0.001 * 9
+    assert found.error == pytest.approx(math.hypot(expected, layers), rel=0.1)
     assert abs(found.value - 8.0) < 4 * expected
     assert found.molar_energy.value_in_unit(unit.kilojoule_per_mole) == pytest.approx(2 * found.value)
     assert abs(found.at(0.5).value - 4.5) < 4 * found.at(0.5).error
@@ -138,7 +139,7 @@ def test_what_cannot_be_switched_is_refused():
     for message, molecule, given in cases:
         with pytest.raises(ParameterError, match=message):
             excess_chemical_potential(molecule, given)
-    with pytest.raises(ParameterError, match="at least 3.6 cutoffs wide, 4.68"):
+    with pytest.raises(ParameterError, match="at least 3.3 cutoffs wide, 4.29"):
         excess_chemical_potential(one, replace(scene, box=np.diag([4.0, 5.0, 5.5])))
     unseen = pack({}, box=[5.0] * 3, solvent="W", seed=1).scene(pairs=PAIRS, kT=1.0, masses=MASSES)
     with pytest.raises(ParameterError, match="nothing acts between B1? and this solvent"):
