@@ -46,30 +46,45 @@ def run(out: Path, steps: int, edge: float, seed: int) -> None:
     simulation.saveCheckpoint(str(checkpoint))
 
 
+def joined(out: Path, topology, every: float, left_out: float) -> mdtraj.Trajectory:
+    """All pieces, frames ``every`` so long, but for the time at the beginning."""
+    trajectory = mdtraj.join([mdtraj.load(str(piece), top=topology) for piece in sorted(out.glob("piece_*.dcd"))])
+    return trajectory[round(left_out / every) :]
+
+
+def print_sizes(trajectory: mdtraj.Trajectory, every: float) -> None:
+    """Time, area per lipid and thickness."""
+    area, thickness = area_per_lipid(trajectory, "H"), bilayer_thickness(trajectory, "H", "T")
+    print(f"{trajectory.n_frames} frames, {trajectory.n_frames * every:g} units of time")
+    print(f"area per lipid  {area.mean:.4f}({area.sem:.4f})")
+    print(f"thickness       {thickness.mean:.4f}({thickness.sem:.4f})")
+
+
+def print_spectrum(trajectory: mdtraj.Trajectory, largest: tuple[float, ...]) -> None:
+    """Height fluctuations, and kappa/kT from waves up to each of the ``largest`` wave numbers."""
+    spectrum = height_spectrum(trajectory, "H", "T", q_max=largest[-1])
+    curve = spectrum.curve
+    print("\nq       A<|h_q|^2>  error    kT/(q^4 A<|h_q|^2>)")
+    for q, power, error in zip(curve.x, curve.y, curve.sem, strict=True):
+        print(f"{q:.3f}  {power:9.4f}  {error:8.4f}  {1 / (power * q**4):6.2f}")
+    print("\nq_max   kappa/kT, tension fitted     kappa/kT, tension 0")
+    for q_max in largest:
+        free, zero = (bending_modulus(spectrum, 1.0, q_max=q_max, tension=tension) for tension in (None, 0.0))
+        fitted = f"{free.kappa.mean:.2f}({free.kappa.sem:.2f}), {free.tension.mean:+.2f}({free.tension.sem:.2f})"
+        print(f"{q_max:.2f}    {fitted:28s} {zero.kappa.mean:.3f}({zero.kappa.sem:.3f})")
+
+
 def analyse(out: Path) -> None:
     """Print what all pieces together say."""
     topology = load_topology(out / "bilayer.psf")
-    trajectory = mdtraj.join([mdtraj.load(str(piece), top=topology) for piece in sorted(out.glob("piece_*.dcd"))])
-    trajectory = trajectory[round(EQUILIBRATION / (DT * EVERY)) :]
-    area, thickness = area_per_lipid(trajectory, "H"), bilayer_thickness(trajectory, "H", "T")
-    print(f"{trajectory.n_frames} frames, {trajectory.n_frames * EVERY * DT:g} units of time")
-    print(f"area per lipid  {area.mean:.4f}({area.sem:.4f})")
-    print(f"thickness       {thickness.mean:.4f}({thickness.sem:.4f})")
+    trajectory = joined(out, topology, EVERY * DT, EQUILIBRATION)
+    print_sizes(trajectory, EVERY * DT)
     water = density_profile(trajectory, "W", n_bins=60, centre="T")["W"].y
     far = water[[0, 1, 2, -3, -2, -1]].mean()
     edges = trajectory.unitcell_lengths.mean(axis=0)
     count = len(topology.select("name W"))
     print(f"water           {far:.3f} far from the bilayer, which takes {edges[2] - count / (far * edges[0] * edges[1]):.3f} of the height")
-    spectrum = height_spectrum(trajectory, "H", "T", q_max=1.4)
-    curve = spectrum.curve
-    print("\nq       A<|h_q|^2>  error    kT/(q^4 A<|h_q|^2>)")
-    for q, power, error in zip(curve.x, curve.y, curve.sem, strict=True):
-        print(f"{q:.3f}  {power:9.4f}  {error:8.4f}  {1 / (power * q**4):6.2f}")
-    print("\nq_max   kappa, tension fitted        kappa, tension 0")
-    for q_max in (0.7, 0.95, 1.05, 1.4):
-        free, zero = (bending_modulus(spectrum, 1.0, q_max=q_max, tension=tension) for tension in (None, 0.0))
-        fitted = f"{free.kappa.mean:.2f}({free.kappa.sem:.2f}), {free.tension.mean:+.2f}({free.tension.sem:.2f})"
-        print(f"{q_max:.2f}    {fitted:28s} {zero.kappa.mean:.3f}({zero.kappa.sem:.3f})")
+    print_spectrum(trajectory, (0.7, 0.95, 1.05, 1.4))
 
 
 def main() -> None:

@@ -17,10 +17,10 @@ from pathlib import Path
 import mdtraj
 import numpy as np
 import openmm
+from bending_modulus import joined, print_sizes, print_spectrum
 from openmm import app, unit
 
 import openmm_dpd as dpd
-from openmm_dpd.analysis import area_per_lipid, bending_modulus, bilayer_thickness, height_spectrum
 
 KT, RANGE, DT, EVERY, EQUILIBRATION = 1.1, 1.6, 0.01, 200, 500.0
 AREA, HEIGHT = 1.21, 24.0
@@ -97,23 +97,9 @@ def run(out: Path, steps: int, edge: float, seed: int) -> None:
 
 def analyse(out: Path, edge: float) -> None:
     """Print what all pieces together say."""
-    topology = mdtraj.Topology.from_openmm(membrane(edge)[0])
-    trajectory = mdtraj.join([mdtraj.load(str(piece), top=topology) for piece in sorted(out.glob("piece_*.dcd"))])
-    trajectory = trajectory[round(EQUILIBRATION / (DT * EVERY)) :]
-    area, thickness = area_per_lipid(trajectory, "H"), bilayer_thickness(trajectory, "H", "T")
-    print(f"{trajectory.n_frames} frames, {trajectory.n_frames * EVERY * DT:g} units of time")
-    print(f"area per lipid  {area.mean:.4f}({area.sem:.4f})")
-    print(f"thickness       {thickness.mean:.4f}({thickness.sem:.4f})")
-    spectrum = height_spectrum(trajectory, "H", "T", q_max=1.2)
-    curve = spectrum.curve
-    print("\nq       A<|h_q|^2>  error    kT/(q^4 A<|h_q|^2>) in kT")
-    for q, power, error in zip(curve.x, curve.y, curve.sem, strict=True):
-        print(f"{q:.3f}  {power:9.4f}  {error:8.4f}  {1 / (power * q**4):6.2f}")
-    print("\nq_max   kappa/kT, tension fitted     kappa/kT, tension 0")
-    for q_max in (0.55, 0.7, 0.85, 1.2):
-        free, zero = (bending_modulus(spectrum, 1.0, q_max=q_max, tension=tension) for tension in (None, 0.0))
-        fitted = f"{free.kappa.mean:.2f}({free.kappa.sem:.2f}), {free.tension.mean:+.2f}({free.tension.sem:.2f})"
-        print(f"{q_max:.2f}    {fitted:28s} {zero.kappa.mean:.2f}({zero.kappa.sem:.2f})")
+    trajectory = joined(out, mdtraj.Topology.from_openmm(membrane(edge)[0]), EVERY * DT, EQUILIBRATION)
+    print_sizes(trajectory, EVERY * DT)
+    print_spectrum(trajectory, (0.55, 0.75, 1.2))
 
 
 def main() -> None:
