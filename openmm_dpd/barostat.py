@@ -47,6 +47,8 @@ def _check(built: BuiltSystem, interval: int, axes: tuple[bool, bool, bool]) -> 
         raise PlanError("a scene without a box has no pressure to hold constant")
     if scene.mobile is not None and not scene.mobile.all():
         raise PlanError("a barostat would scale the positions of immobile beads; it needs a scene where all beads move")
+    if scene.interacting is not None:
+        raise PlanError("a barostat needs a scene where all forces act on all beads; `interacting` takes some away")
     if isinstance(interval, bool) or not isinstance(interval, (int, np.integer)) or interval < 1:
         raise ParameterError(f"the interval of volume moves must be a number of steps >= 1, not {interval!r}")
     if len(axes) != 3 or not any(axes):

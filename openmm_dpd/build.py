@@ -20,6 +20,7 @@ from .made import Made
 from .model.bonds import FENEBonds
 from .model.flow import gaps
 from .model.scene import Scene
+from .names import ALONE
 from .plan import Plan, make_plan
 from .platforms import platform_here
 from .programs import make_program, walls
@@ -79,6 +80,8 @@ def build_plan(plan: Plan) -> BuiltSystem:
     if scene.walls and not options.whole_steps:
         for name, values in walls.variables(gaps(scene.walls, scene.box), scene.n_beads).items():
             integrator.setPerDofVariableByName(name, values)
+    if scene.interacting is not None:
+        integrator.setPerDofVariableByName(ALONE, (~scene.interacting).astype(float))
     built = BuiltSystem(
         system=system,
         integrator=integrator,

@@ -4,9 +4,10 @@ import argparse
 import json
 import math
 import os
+import re
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import openmm
@@ -14,6 +15,8 @@ import openmm
 from . import __version__
 from .errors import DPDError, OutputError, ParameterError
 from .files import write_whole
+from .platforms import platform_here
+from .schemes import SCHEMES, scheme_of
 from .signals import Signals
 
 #: Options of several commands: their names, and what argparse is told.
@@ -21,11 +24,23 @@ _SHARED = {
     "deck": ("deck", {"type": Path, "metavar": "DECK", "help": "LAMMPS input script"}),
     "var": (
         ("--var", "-var"),
-        {"nargs": 2, "action": "append", "default": [], "metavar": ("NAME", "VALUE"), "help": "set an index variable of the deck"},
+        {
+            "nargs": 2,
+            "action": "append",
+            "default": [],
+            "metavar": ("NAME", "VALUE"),
+            "help": "set an index variable of the deck; may be repeated",
+        },
     ),
-    "scheme": ("--scheme", {"metavar": "S", "help": "integration scheme, a name or a word (default: what the deck's fixes say)"}),
+    "scheme": (
+        "--scheme",
+        {
+            "metavar": "S",
+            "help": f"integration scheme: {', '.join(SCHEMES)}, or a word such as 'B/2 A/2 O A/2 B/2' (default: what the deck's fixes say)",
+        },
+    ),
     "dt": ("--dt", {"type": float, "metavar": "DT", "help": "time step, in the deck's units (default: the deck's)"}),
-    "steps": ("--steps", {"type": int, "metavar": "N", "help": "number of steps of every run (default: the deck's)"}),
+    "steps": ("--steps", {"type": int, "metavar": "N", "help": "number of steps of every run command (default: the deck's)"}),
     "seed": ("--seed", {"type": int, "metavar": "K", "help": "seed of the noise (default: the deck's)"}),
     "compat": (
         "--compat",
@@ -35,8 +50,14 @@ _SHARED = {
             "help": "heat of pair style edpd: so that energy is conserved (default), or as LAMMPS computes it",
         },
     ),
-    "platform": ("--platform", {"metavar": "P", "help": "Reference, CPU, OpenCL or CUDA (default: the fastest there is)"}),
-    "precision": ("--precision", {"choices": ("single", "mixed", "double"), "help": "precision of a GPU platform"}),
+    "platform": (
+        "--platform",
+        {"metavar": "P", "help": "Reference, CPU, OpenCL, CUDA or HIP (default: the fastest there is)"},
+    ),
+    "precision": (
+        "--precision",
+        {"choices": ("single", "mixed", "double"), "help": "precision of a GPU platform (default: single)"},
+    ),
     "threads": ("--threads", {"type": int, "metavar": "N", "help": "threads of OpenMM and of the pair kernel (default: all cores)"}),
     "conservative": (
         "--conservative",
@@ -59,7 +80,9 @@ def _add(parser: argparse.ArgumentParser, names: str) -> None:
 def _parser() -> argparse.ArgumentParser:
     about = "Dissipative particle dynamics with OpenMM, from LAMMPS input scripts (decks)."
     parser = argparse.ArgumentParser(
-        prog="openmm-dpd", description=about, epilog="openmm-dpd COMMAND --help shows the options of a command"
+        prog="openmm-dpd",
+        description=about,
+        epilog="First steps: openmm-dpd run DECK --out DIR; openmm-dpd COMMAND --help shows the options of a command",
     )
     parser.add_argument("--version", action="version", version=f"openmm-dpd {__version__}, OpenMM {openmm.__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
@@ -69,7 +92,11 @@ def _parser() -> argparse.ArgumentParser:
         _add(added, shared)
         return added
 
-    run = command("run", "run a deck", "deck scheme dt steps seed var platform precision threads conservative compat")
+    run = command(
+        "run",
+        "run a deck; what it writes goes into a folder",
+        "deck scheme dt steps seed var platform precision threads conservative compat",
+    )
     _add_run_options(run)
     # None is what was not given: the default then, or what the run had that --restart goes on with
     run.set_defaults(compat=None, conservative=None, discard=None, format=None)
@@ -84,7 +111,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     advice = command("recommend", "print which scheme and time step suit the first run of a deck", "deck scheme dt var")
     advice.add_argument(
-        "--error", type=float, default=0.01, metavar="E", help="relative error of the temperatures to accept (default: 0.01)"
+        "--error",
+        type=float,
+        default=0.01,
+        metavar="E",
+        help="relative error of the temperatures to accept, from 0.0001 to 0.1 (default: 0.01, that is 1 %%)",
     )
     export = command("export", "write the first run of a deck as in.NAME and data.NAME, for LAMMPS on a cluster", "deck")
     export.add_argument("directory", type=Path, metavar="DIR", help="folder to write to")
@@ -97,7 +128,10 @@ def _parser() -> argparse.ArgumentParser:
 def _add_run_options(run: argparse.ArgumentParser) -> None:
     results = run.add_argument_group("results")
     results.add_argument(
-        "--out", type=Path, metavar="DIR", help="folder for all files that are written but those with absolute names (default: out/NAME)"
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder for all files that are written but those with absolute names (default: out/NAME for in.NAME)",
     )
     results.add_argument("--json", type=Path, metavar="FILE", help="write averages and profiles to this file")
     results.add_argument("--discard", type=int, default=0, metavar="N", help="leave the first N steps of each run out of averages")
@@ -114,7 +148,10 @@ def _add_run_options(run: argparse.ArgumentParser) -> None:
         help="store a checkpoint every N steps (default: where a run ends, and on Ctrl-C or SIGTERM)",
     )
     kept.add_argument(
-        "--restart", type=Path, metavar="DIR", help="go on with an interrupted run, with its options, in its folder DIR (the --out of it)"
+        "--restart",
+        type=Path,
+        metavar="DIR",
+        help="go on with an interrupted run of this DECK, with its options, in its folder DIR (its --out)",
     )
 
 
@@ -135,11 +172,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except DPDError as error:
             if signals.seen:  # one that comes inside a force callback reaches us as an error of OpenMM without a text
                 return _interrupted(signals)
-            print(f"openmm-dpd: error: {error}", file=sys.stderr)
+            print(f"openmm-dpd: error: {_with_dashes(error, options)}", file=sys.stderr)
             return 1
         except BrokenPipeError:
             return 1
     return 0
+
+
+def _with_dashes(error: DPDError, options: argparse.Namespace) -> str:
+    """The text of an error; where it begins with the name of a choice, that is an option here."""
+    text = str(error)
+    name = re.match(r"\w*", text)[0]  # type: ignore[index]
+    named = isinstance(error, ParameterError) and name in vars(options).keys() - {"deck", "directory", "command"}
+    return f"--{text}" if named else text
 
 
 def _interrupted(signals: Signals, text: str = "") -> int:
@@ -150,11 +195,17 @@ def _interrupted(signals: Signals, text: str = "") -> int:
 def _options(options: argparse.Namespace):
     from .lammps import RunOptions
 
+    checks: tuple[tuple[str, Callable[[str], object]], ...] = (("scheme", scheme_of), ("platform", platform_here))
+    for name, check in checks:
+        # an error at a line of the deck would mean that the deck has chosen it
+        given = getattr(options, name, None)
+        if given is not None:
+            try:
+                check(given)
+            except ParameterError as error:
+                raise ParameterError(f"{name}: {error}") from None
     names = RunOptions.__dataclass_fields__
-    try:
-        return RunOptions(**{name: value for name, value in vars(options).items() if name in names and value is not None})
-    except ParameterError as error:
-        raise ParameterError(f"--{error}") from None  # it begins with the name
+    return RunOptions(**{name: value for name, value in vars(options).items() if name in names and value is not None})
 
 
 def _run(options: argparse.Namespace, signals: Signals) -> None:

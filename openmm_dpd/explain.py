@@ -47,6 +47,9 @@ def explain_plan(plan: Plan) -> str:
     if scene.electrostatics is not None:
         lines += _charge_lines(plan)
     lines += [f"body force on single beads: {term}" for term in scene.body_forces]
+    if scene.interacting is not None:
+        counts = "/".join(str(int(count)) for count in (~scene.interacting).sum(axis=0))
+        lines.append(f"beads on which only body forces act, along x/y/z: {counts}")
     for axis, gap in gaps(scene.walls, scene.box).items():
         lines.append(f"{gap.kind} walls: {'xyz'[axis]} from {gap.low:g} to {gap.high:g} nm")
     if frozen:

@@ -73,11 +73,11 @@ def degrees_of_freedom(system: openmm.System, *, momentum: bool = True) -> int:
     ----------
     system : openmm.System
     momentum : bool, default True
-        Take the three of the momentum off.  Nothing is taken off where frozen particles (mass 0, no virtual sites) take up momentum, or if
-        there is not more than one particle.
+        Take the three of the momentum off.  Nothing is taken off where frozen particles (mass 0, no virtual sites) or a CustomExternalForce
+        take up momentum, or if there is not more than one particle.
     """
     moves = masses_of(system) > 0
-    frozen = bool(np.any(~moves & ~virtual_sites(system)))
+    frozen = bool(np.any(~moves & ~virtual_sites(system))) or any(isinstance(f, openmm.CustomExternalForce) for f in system.getForces())
     tied = [system.getConstraintParameters(k)[:2] for k in range(system.getNumConstraints())]
     found = 3 * int(moves.sum()) - sum(bool(moves[i] or moves[j]) for i, j in tied)
     return found - 3 if momentum and not frozen and found > 3 else found

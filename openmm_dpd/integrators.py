@@ -9,6 +9,7 @@ import numpy as np
 import openmm
 from openmm import unit
 
+from .barostat_temperature import set_barostats
 from .choices import checked_seed
 from .errors import ParameterError
 from .names import BY_SEED, KT, RAMP_STEP, SEED, SEEN_KT, SEEN_TEMPERATURE, SLOW_STEP, STAMP, TEMPERATURE
@@ -75,6 +76,8 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
                 kelvin = kT / BOLTZMANN
             elif kelvin != kT / BOLTZMANN:
                 kT = BOLTZMANN * kelvin
+            if kT != self.made.kT:
+                set_barostats(context, kelvin)
             self.agree(context, kT, kelvin)
         if self._begun and self.made.seed is None and SEED in parameters and parameters[SEED] == parameters[BY_SEED]:
             context.setParameter(SEED, checked_seed(None))  # nobody asked for the same noise in every Context
@@ -102,13 +105,19 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
             value = self.getGlobalVariableByName(TEMPERATURE) if TEMPERATURE in names else self.made.kT / BOLTZMANN  # type: ignore[union-attr]
             return value * unit.kelvin
         self.settle(context)
+        return self._kelvin(context) * unit.kelvin
+
+    def _kelvin(self, context: openmm.Context) -> float | None:
+        names = self.variables()
+        if not names & {TEMPERATURE, RAMP_STEP}:
+            return None
         kT = context.getParameter(KT)
         if TEMPERATURE in names and kT == self.getGlobalVariableByName(SEEN_KT):
-            return self.getGlobalVariableByName(TEMPERATURE) * unit.kelvin
-        return kT / BOLTZMANN * unit.kelvin
+            return self.getGlobalVariableByName(TEMPERATURE)
+        return kT / BOLTZMANN
 
     def setTemperature(self, temperature) -> None:
-        """Set the temperature of the thermostat.
+        """Set the temperature of the thermostat, and of OpenMM's barostats beside it.
 
         Parameters
         ----------
@@ -133,6 +142,7 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
             put(self, SEEN_TEMPERATURE, -1.0)
         elif kelvin != self.getTemperature().value_in_unit(unit.kelvin):
             self.agree(context, BOLTZMANN * kelvin, kelvin)
+            set_barostats(context, kelvin)
 
     def setGlobalVariableByName(self, name: str, value) -> None:
         """Set a global variable; ``temperature`` is :meth:`setTemperature`."""
@@ -185,6 +195,9 @@ class NativeIntegrator(Watching, openmm.DPDIntegrator):
         if not dt > 0:
             raise openmm.OpenMMException(f"the step size must be > 0, but the integrator's is {dt:g} ps")
         super().step(steps)
+
+    def _kelvin(self, context: openmm.Context) -> float | None:
+        return self.getTemperature().value_in_unit(unit.kelvin)
 
 
 #: Why a temperature cannot be set.

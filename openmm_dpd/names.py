@@ -60,6 +60,9 @@ PORTABLE = ("ahead", "unused", "fingerprint", "valid_for", "stamp")
 #: and subtracted.  A power of two.
 SHOWN = 1024.0
 
+#: Per-DOF variable of an integrator: 1 where only body forces act, 0 elsewhere.
+ALONE = "alone"
+
 #: Global variable of an integrator: steps that are done already.  Only barostats still act in them.
 AHEAD = "ahead"
 

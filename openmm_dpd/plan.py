@@ -168,6 +168,11 @@ def make_plan(
     for kind in kinds:
         if kind.no_sweep and not chosen.predicts:
             raise PlanError(f"{kind.name} {kind.no_sweep}; only scheme={predicting()} runs it, not {chosen.name!r}")
+    if scene.interacting is not None and not chosen.predicts:
+        raise PlanError(
+            f"`interacting` takes forces from beads, but the pair updates of scheme {chosen.name!r} change velocities without forces; "
+            f"only scheme={predicting()} can do that"
+        )
     exceptions = neighbour_factors(scene, scene.bonded_factors)
     repulsive = any(c is not NONE and c.has_conservative for table in layers for c in table.values())
     thermostat = any(c is not NONE and c.has_thermostat for table in layers for c in table.values())
@@ -179,7 +184,7 @@ def make_plan(
     fields = carriers[0].fields(scene) if carriers else None  # type: ignore[misc]
     choices = field_options(scene, fields, longest(layers), platform, lam)
     choices |= {"field_names": carriers[0].field_text} if carriers else {}
-    unlooped = _why_no_loop(where, thermostat, chosen, platform, loop, choices.get("compensated", False), host)
+    unlooped = _why_no_loop(where, thermostat, chosen, platform, loop, choices.get("compensated", False), scene, host)
     whole = unlooped is None and platform in DOUBLE_PLATFORMS
     options = ProgramOptions(
         scheme=chosen,
@@ -199,6 +204,7 @@ def make_plan(
         ramp=scene.kT if isinstance(scene.kT, TemperatureRamp) else None,
         tau_ratio=tau_ratio(platform),
         walls=kind_of(gaps(scene.walls, scene.box)),
+        partial=scene.interacting is not None,
         **choices,
     )
     ewald = ewald_of(scene)
@@ -221,13 +227,14 @@ def make_plan(
 
 
 def _why_no_loop(
-    where: str, thermostat: bool, scheme: Scheme, platform: str | None, loop: bool, compensated: bool, host: Host | None
+    where: str, thermostat: bool, scheme: Scheme, platform: str | None, loop: bool, compensated: bool, scene: Scene, host: Host | None
 ) -> str | None:
     """Why the pair kernel cannot carry out whole steps by itself, or None."""
     less = f"velocities on the platform {platform} are less than double precision, so that the program balances the energies"
     reasons = {
         "the forces of a System made elsewhere act as well": host is not None,
         "switched off": not loop,
+        "on some beads only body forces act": scene.interacting is not None,
         "OpenMM's own integrator steps": scheme.native,
         "the conservative force is a CustomNonbondedForce": where == "openmm",
         "the pair kernel holds no conservative force": where == "none" and not (thermostat and platform in DOUBLE_PLATFORMS),

@@ -52,6 +52,8 @@ class ProgramOptions:
         Trial drift, ps, instead.
     walls : str
         Kind of the walls, "specular", "bounce-back" or "mixed"; empty if there are none.
+    partial : bool
+        Whether there are beads on which only body forces act along some axis.
     field_blocks : int
         Number of per-DOF variables that hold internal energies, temperatures or concentrations.
     field_names : str
@@ -86,6 +88,7 @@ class ProgramOptions:
     tau_ratio: float = 1.0 / 32.0
     trial: float | None = None
     walls: str = ""
+    partial: bool = False
     field_blocks: int = 0
     field_names: str = ""
     field_lam: float = 0.5

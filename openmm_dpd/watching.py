@@ -19,8 +19,9 @@ from functools import cached_property
 
 import openmm
 
+from .barostat_temperature import active_barostats, check_barostats
 from .errors import PlanError, RunError
-from .made import BAROSTATS, Made, acting, text_number, variables_number
+from .made import Made, acting, text_number, variables_number
 from .names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, PAIR_FORCE, SEED
 
 _LOGGER = logging.getLogger("openmm_dpd")
@@ -51,6 +52,7 @@ class Watching:
     _mixed = False
     _slow = True
     _barostats = True
+    _volumes = False
     _piece = PIECE
     _begun = False
 
@@ -123,13 +125,21 @@ class Watching:
             # a force taken from the System acts in this Context still
             self._mixed = self._mixed or bool(others)
             self._slow = self._mixed or self._slow_own()
-            often = [force.getFrequency() for force in system.getForces() if isinstance(force, BAROSTATS)]
-            self._barostats = self._mixed or any(often)
-            self._piece = min([PIECE, *(frequency for frequency in often if frequency > 0)])
+            often = [force.getFrequency() for force in active_barostats(system)]
+            self._volumes, self._barostats = bool(often), self._mixed or bool(often)
+            self._piece = min([PIECE, *often])
             self._looked_at = now
         self.settle(context)
         if BESIDE in context.getParameters() and context.getParameter(BESIDE) != self._beside:
             context.setParameter(BESIDE, self._beside)
+        kelvin = self._kelvin(context) if self._volumes else None
+        if kelvin is not None:
+            assert self.made is not None
+            check_barostats(context, kelvin, self.made.asked < 0)
+
+    def _kelvin(self, context: openmm.Context) -> float | None:
+        """The temperature that the thermostat of a Context has now; None if nothing has one."""
+        raise NotImplementedError
 
     def _slow_own(self) -> bool:
         """Whether forces of the package itself act beside the pair force."""
@@ -164,9 +174,8 @@ class Watching:
             _LOGGER.warning("the state was written by a run that asked for another temperature; it goes on with %s of this script", now)
             self._take_kT(context, made.kT)
             context.setParameter(BY_KT, made.asked)
-            for force in context.getSystem().getForces():
-                if isinstance(force, BAROSTATS):
-                    context.setParameter(force.Temperature(), force.getDefaultTemperature())
+            for barostat in active_barostats(context.getSystem()):
+                context.setParameter(barostat.Temperature(), barostat.getDefaultTemperature())
         if made.seed is not None and parameters[BY_SEED] != made.seed:
             self._take_seed(context, made.seed)
 

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import struct
 import tempfile
 from pathlib import Path
 
@@ -11,12 +12,12 @@ from openmm.app.internal.xtc_utils import xtc_write_frame
 from .errors import RunError
 from .files import BlockFile, writing
 
-#: Largest coordinate (nm) that the format holds: whole numbers of 0.001 nm in 32 bits.
-_LARGEST = (2**31 - 1) / 1000
+#: Parts of a nm that the library rounds to, and where they stand in a frame; frames of up to nine beads are not rounded.
+_PRECISION, _PLACE, _MOST_PLAIN = 1000, slice(56, 60), 9
 
 
 class XTCWriter:
-    """Writes an XTC file, frame by frame: 0.001 nm apart, as GROMACS's and mdtraj's by default.
+    """Writes an XTC file, frame by frame: by default to 0.001 nm, as GROMACS and mdtraj do.
 
     A frame that cannot be written leaves the file as it was before.
 
@@ -29,6 +30,8 @@ class XTCWriter:
         What it is, for errors.
     append : bool, default False
         Go on with what is there.
+    precision : int, default 1000
+        Into how many parts a nm is divided.
 
     Raises
     ------
@@ -36,8 +39,8 @@ class XTCWriter:
         If it cannot be written.
     """
 
-    def __init__(self, path: str | os.PathLike, n_beads: int, what: str, append: bool = False):
-        self._file, self._n_beads, self._what = BlockFile(path, what, append), n_beads, what
+    def __init__(self, path: str | os.PathLike, n_beads: int, what: str, append: bool = False, precision: int = _PRECISION):
+        self._file, self._n_beads, self._what, self._precision = BlockFile(path, what, append), n_beads, what, precision
 
     def write(self, positions: np.ndarray, box: np.ndarray, time: float, step: int) -> None:
         """Add a frame.
@@ -59,15 +62,22 @@ class XTCWriter:
             If a position is too large for the format.
         """
         assert len(positions) == self._n_beads
-        if not np.abs(positions).max(initial=0.0) < _LARGEST:
-            raise RunError(f"a position beyond {_LARGEST:.4g} nm does not fit into an XTC file; write a DCD file")
-        arrays = (np.array(values, dtype=np.float32, order="C") for values in (positions, box))
+        largest = (2**31 - 1) / self._precision  # whole numbers in 32 bits
+        if not np.abs(positions).max(initial=0.0) < largest:
+            raise RunError(
+                f"a position beyond {largest:.4g} nm does not fit into an XTC file of precision {self._precision}; write a DCD file"
+            )
+        # the library knows one precision: it gets other lengths, and the frame says which precision these are in
+        scale = self._precision / _PRECISION if self._n_beads > _MOST_PLAIN else 1.0
+        arrays = (np.array(values, dtype=np.float32, order="C") for values in (scale * positions, box))
         with writing(self._file.path, self._what), tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "frame.xtc"  # the library writes files by name only
             xtc_write_frame(os.fsencode(path), *arrays, np.float32(time), np.int32(step % 2**31))
             frame = path.read_bytes()
             if len(frame) != _length(frame):  # the library does not say so
                 raise OSError(errno.ENOSPC, f"no space in the folder for temporary files, {folder}")
+        if scale != 1.0:
+            frame = frame[: _PLACE.start] + struct.pack(">f", self._precision) + frame[_PLACE.stop :]
         self._file.write(frame)
 
     def close(self) -> None:
@@ -78,7 +88,7 @@ class XTCWriter:
 def _length(frame: bytes) -> int:
     """Bytes that a frame must have: up to nine beads are not compressed, of others the header says how long they are."""
     beads = int.from_bytes(frame[52:56], "big")
-    if beads <= 9:
+    if beads <= _MOST_PLAIN:
         return 56 + 12 * beads
     return 92 + (int.from_bytes(frame[88:92], "big") + 3) // 4 * 4
 

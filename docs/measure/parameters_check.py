@@ -13,7 +13,7 @@ from __future__ import annotations
 import argparse
 
 import numpy as np
-from demixing import demixed_chi
+from demixing import Model, demixed_chi
 from openmm import unit
 from transport_table import BASE, measure
 
@@ -77,7 +77,7 @@ def chi(options: argparse.Namespace) -> None:
     """Slabs at densities 3 and 5, and at a repulsion that no calibration run had."""
     for density, wanted, A in STATES:
         dA = parameters.repulsion_from_chi(wanted, density, A=A)
-        found, error = demixed_chi(density, dA.value, A=A, time=options.time, seed=501)
+        found, error = demixed_chi(Model(density, A), dA.value, time=options.time, seed=501)
         print(f"density {density:g}, A {A}: chi wanted {wanted:g}, dA = {dA.value:.3f}, found {found:.3f}({error:.3f})", flush=True)
 
 

@@ -1,6 +1,6 @@
 """Measured quantities of a running Context.
 
-Kinetic temperature: 2K/(3N - 3), over the beads that move (all schemes here conserve momentum).  Configurational temperature:
+Kinetic temperature: 2K over the degrees of freedom of the beads that move, 3N - 3 where momentum is conserved.  Configurational:
 <|grad U|^2>/<lap U>, a ratio of averages, which shows errors of the configurations that a thermostat hides from the kinetic one (Rugh,
 Phys. Rev. Lett. 78, 772 (1997); Allen, J. Phys. Chem. B 110, 3823 (2006)).  Pressure: (2K + W)/(3V) with the virial W = sum over pairs of
 r_ij . F_ij.  OpenMM's own reporters use 3N degrees of freedom, kelvin, and no pair term.
@@ -51,6 +51,9 @@ class Observer:
     def sample(self, context: openmm.Context) -> Any:
         """Measure the present state of a Context: a :class:`Sample` of a scene, a :class:`SystemSample` of a System made elsewhere."""
         check_context(context)
+        present, made = context.getSystem().getNumParticles(), self.built.system.getNumParticles()
+        if present != made:
+            raise ParameterError(f"the Context has {present} particles, but this Observer is for a System of {made}")
         return self._sampler.sample(context)
 
 

@@ -15,7 +15,7 @@ class SystemSample:
     Attributes
     ----------
     step, time : steps done and time
-    n_mobile, dof : particles that move, and their degrees of freedom (of a scene 3N - 3, else :func:`openmm_dpd.degrees_of_freedom`)
+    n_mobile, dof : particles that move, and their degrees of freedom (:doc:`/theory`; of a System :func:`openmm_dpd.degrees_of_freedom`)
     kinetic, potential : energies
     volume : nm^3, or None without a box
     box : (3, 3) box vectors or None
@@ -79,6 +79,7 @@ class Sample(SystemSample):
     kinetic_on_step : kinetic energy with the velocities of the same moment as the positions (``middle`` keeps them half a kick behind)
     kinetic_pressure : kinetic energy that pressures count, ``kinetic_on_step`` corrected for the scheme (see :doc:`/theory`)
     forces : (N, 3) all forces, of frozen beads as well (with friction and noise where they are forces, in ``mvv``)
+    untaken : (N, 3) the same as if all forces acted on all beads (see ``Scene.interacting``)
     internal : sum of the internal energies, u (EnergyDPD) or C T (EDPD); None if the beads have none
     conductive : the conductive part of it (EnergyDPD)
     theta : harmonic mean of the internal temperatures, N/sum(1/theta), as an energy
@@ -100,6 +101,7 @@ class Sample(SystemSample):
     kinetic_on_step: float
     kinetic_pressure: float
     forces: np.ndarray
+    untaken: np.ndarray
     internal: float | None = None
     conductive: float | None = None
     theta: float | None = None

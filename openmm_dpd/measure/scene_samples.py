@@ -54,6 +54,8 @@ class SceneSampler:
     def no_laplacian(self) -> str | None:
         """Why there is no configurational temperature, or None."""
         others = self._others(self.built.system)
+        if self.plan.scene.interacting is not None:
+            return "on some beads only body forces act"
         if others:
             return f"the System has forces that are not the scene's ({_names(others)}), whose Laplacian is not known"
         overlays, terms = (
@@ -111,7 +113,12 @@ class SceneSampler:
             force = every[mobile]
         if plan.options.predicting:
             every = every + parts[1].force + parts[2].force
-        shown = every[mobile]
+        pushed = every
+        if plan.scene.interacting is not None:
+            state = context.getState(forces=True, groups={EXTERNAL_GROUP})
+            pushes = state.getForces(asNumpy=True).value_in_unit(_KJ / _NM)
+            pushed = np.where(plan.scene.interacting, every, pushes)
+        shown = pushed[mobile]
         others = self._others(context.getSystem())
         other, theirs = 0.0, set().union(*map(groups_of, others))
         if others:
@@ -125,7 +132,7 @@ class SceneSampler:
             step=state.getStepCount(),
             time=state.getTime().value_in_unit(unit.picosecond),
             n_mobile=int(mobile.sum()),
-            dof=max(0, 3 * int(mobile.sum()) - 3),
+            dof=self._degrees_of_freedom(others),
             kinetic=0.5 * float(np.sum(mass * v[mobile] ** 2)),
             pair=pair,
             potential=pair + bond + angle + other,
@@ -149,9 +156,17 @@ class SceneSampler:
             target_kT=target_kT,
             kinetic_on_step=0.5 * float(np.sum(mass * on_step[mobile] ** 2)),
             kinetic_pressure=0.5 * float(np.sum(kinetic_stress(plan.options.scheme, mass[:, 0], on_step[mobile], force, dt)[:3])),
-            forces=every,
+            forces=pushed,
+            untaken=every,
             **self._internal(values, mobile),
         )
+
+    def _degrees_of_freedom(self, others: list[openmm.Force]) -> int:
+        """Those of the beads that move, less one for each component of the momentum that is kept, if there is more than one."""
+        scene, mobile = self.plan.scene, self._mass > 0
+        found = 3 * int(mobile.sum()) if scene.interacting is None else int(scene.interacting[mobile].sum())
+        theirs = any(isinstance(force, openmm.CustomExternalForce) for force in others)
+        return found if theirs or found <= 3 else found - scene.kept_momenta
 
     def _charge_sums(self, context: openmm.Context, x: np.ndarray, box: np.ndarray | None) -> tuple[float, float, float]:
         """Energies of the charges, short-ranged and lattice, and the virial of both."""

@@ -3,6 +3,7 @@
 import openmm
 from openmm import unit
 
+from ..barostat_temperature import set_barostats
 from ..errors import ParameterError
 from ..integrators import RAMPED, PairIntegrator
 from ..names import COUNTER, KT, RAMP_STEP, SEED, TEMPERATURE, VOLUME_MOVES
@@ -27,7 +28,7 @@ def check_context(context) -> None:
 
 
 def set_temperature(context: openmm.Context, temperature) -> None:
-    """Set the temperature of a running Context.
+    """Set the temperature of a running Context, that of OpenMM's barostats in it as well.
 
     Parameters
     ----------
@@ -74,6 +75,7 @@ def set_kT(context: openmm.Context, kT) -> None:
         integrator.agree(context, kT, kelvin(kT))
     else:
         context.setParameter(KT, kT)
+    set_barostats(context, kelvin(kT))
 
 
 def kelvin(kT: float) -> float:

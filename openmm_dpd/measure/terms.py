@@ -82,6 +82,8 @@ def force_terms(
         if values is not None:
             # rates: conductive and mechanical energy, dT/dt, or dC/dt of each species
             terms[f"rates_{name}"] = engine.rates.copy()
+    if scene.interacting is not None:
+        terms |= {name: np.where(scene.interacting, terms[name], 0.0) for name in terms if name != "external" and "rates" not in name}
     return terms
 
 

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from ..errors import ParameterError
-from ..geometry import minimum_images
+from ..geometry import minimum_images, widths
 from ..units import to_md
 from .owned import keep
 
@@ -102,6 +102,15 @@ class BondedTerms:
 class _Bonds(BondedTerms):
     pairs: np.ndarray
     _BEADS = ("pairs", 2, "bond")
+
+    def check_box(self, box: np.ndarray | None) -> None:
+        """Raise ParameterError if a rest length is over half the box, which a bond of nearest images never has."""
+        rest, half = getattr(self, "r0", np.zeros(0)), np.inf if box is None else 0.5 * widths(box).min()
+        if np.any(rest > half):
+            (i, j), r0 = self.pairs[rest > half][0], rest[rest > half][0]
+            raise ParameterError(
+                f"the bond between beads {i} and {j} has the rest length {r0:g} nm, over half the box, whose width is {2 * half:g} nm"
+            )
 
     def lengths(self, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
         """(B,) lengths (nm) at positions x (N, 3), by minimum image."""

@@ -71,6 +71,7 @@ class SoftRepulsion(PairCoefficient):
     """Kinds whose conservative term is A w alone."""
 
     A: float
+    cutoff: float
 
     @property
     def has_conservative(self) -> bool:

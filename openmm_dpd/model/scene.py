@@ -108,6 +108,9 @@ class Scene:
         Name of the molecule of each bead, for the topology.
     electrostatics : SlaterCharges or GaussianCharges, optional
         How ``charges`` interact; the factors of ``bonded_factors`` hold for them as well.  None: they do not.
+    interacting : (N, 3) array of bool, optional
+        False: along this axis only ``body_forces`` act on the bead; its pairs, bonds and charges do not, friction and noise included
+        (LAMMPS: ``fix setforce``).  The beads around it feel it all the same, so momentum is not conserved.  Needs ``scheme="mvv"``.
 
     Raises
     ------
@@ -137,6 +140,7 @@ class Scene:
     walls: Sequence[Wall] = ()
     residues: Sequence[str] | None = None
     electrostatics: SlaterCharges | GaussianCharges | None = None
+    interacting: np.ndarray | None = None
     type_ids: np.ndarray = field(init=False, repr=False)
     tables: tuple[PairTable, ...] = field(init=False, repr=False)
 
@@ -161,6 +165,7 @@ class Scene:
         put("mobile", self._flags("mobile", np.bool_, "True or False (for indices: numpy.isin(numpy.arange(N), indices))"))
         put("molecules", self._flags("molecules", np.integer, "one whole number"))
         put("residues", self._checked_residues())
+        put("interacting", self._checked_interacting())
         self._check_bonds()
         self._check_kinds("angles", ANGLE_KINDS)
         check_angles(self.angles, self.n_beads)
@@ -208,6 +213,15 @@ class Scene:
         }
 
     # -- derived ---------------------------------------------------------------------------------------------------------------
+    @property
+    def kept_momenta(self) -> int:
+        """How many components of the total momentum nothing takes up: neither immobile beads, nor walls, nor forces of places."""
+        if self.immobile.any() or self.interacting is not None or any(wall.kind == "bounce-back" for wall in self.walls):
+            return 0
+        places = [force.formulas for force in self.body_forces if isinstance(force, PositionForce)]
+        pushed = {axis for formulas in places for axis, formula in zip("xyz", formulas, strict=True) if formula.strip() != "0"}
+        return 3 - len(pushed | {wall.axis for wall in self.walls})
+
     @property
     def n_beads(self) -> int:
         """Number of beads."""
@@ -281,6 +295,16 @@ class Scene:
             raise ParameterError(f"{name} must hold {what} for each bead, not {array.dtype} such as {array[0]!r}")
         return array.astype(np.int64 if kind is np.integer else kind)
 
+    def _checked_interacting(self) -> np.ndarray | None:
+        if self.interacting is None:
+            return None
+        array = np.asarray(self.interacting)
+        if array.shape != (self.n_beads, 3) or array.dtype != np.bool_:
+            raise ParameterError(
+                f"interacting must hold True or False for each of {self.n_beads} beads and 3 axes, not {array.dtype} of shape {array.shape}"
+            )
+        return None if array.all() else array
+
     def _per_bead(self, name: str, dimension: str, shape: tuple[int, ...]) -> np.ndarray | None:
         value = getattr(self, name)
         if value is None:
@@ -309,6 +333,7 @@ class Scene:
         self._check_kinds("bonds", BOND_KINDS)
         check_members(np.sort(self.bond_pairs, axis=1), self.n_beads, "a bond", "the bond between beads {} and {}")
         for bonds in self.bonds:
+            bonds.check_box(self.box)
             wrong = bonds.overstretched(self.positions, self.box) if isinstance(bonds, FENEBonds) else None
             if wrong is not None:
                 raise ParameterError(f"{wrong}; move the beads, or use other bonds until they are close enough")

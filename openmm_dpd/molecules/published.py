@@ -70,7 +70,7 @@ def like_repulsion(density: float = 3.0) -> float:
 def unlike_repulsion(chi: float, density: float = 3.0) -> float:
     """a_ij from a Flory-Huggins parameter: a_ii + chi/0.286 at density 3, a_ii + chi/0.689 at density 5; chi is per bead.
 
-    Groot and Warren, J. Chem. Phys. 107, 4423 (1997).  For short chains the slope differs by several per cent.
+    Groot and Warren, J. Chem. Phys. 107, 4423 (1997).  For single beads; chains: :func:`openmm_dpd.parameters.repulsion_from_chi`.
     """
     slopes = {3.0: 0.286, 5.0: 0.689}
     if density not in (3, 5):

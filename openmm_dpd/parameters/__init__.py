@@ -5,7 +5,9 @@ Every answer is an :class:`Estimate`, with its source and the range it holds for
 
 from __future__ import annotations
 
+from .chains import chain_chi_slope
 from .chi import chi_from_repulsion, repulsion_from_chi
+from .contacts import chi_slope, measured_chi_slope
 from .dynamics import Friction, Transport, friction_for, transport
 from .estimate import Estimate
 from .flory_huggins import chi_from_composition, chi_from_solubility, composition_from_chi
@@ -19,12 +21,15 @@ __all__ = [
     "Friction",
     "MeasuredPressure",
     "Transport",
+    "chain_chi_slope",
     "chi_from_composition",
     "chi_from_repulsion",
     "chi_from_solubility",
+    "chi_slope",
     "composition_from_chi",
     "friction_for",
     "inverse_compressibility",
+    "measured_chi_slope",
     "measured_pressure",
     "pressure",
     "repulsion_from_chi",

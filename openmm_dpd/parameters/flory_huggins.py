@@ -9,14 +9,14 @@ from scipy.optimize import brentq
 
 from ..errors import ParameterError
 from ..model.pairs import checked
-from ..units import BOLTZMANN, DIMENSIONS, md_pressure, to_md
+from ..units import BOLTZMANN, DIMENSIONS, md_pressure, to_md, whole_number
 from .estimate import reduced_number
 
 
-def chi_from_composition(phi: float) -> float:
-    r"""chi of two fluids of single beads in coexistence,
+def chi_from_composition(phi: float, *, beads: int = 1) -> float:
+    r"""chi, per bead, of two fluids of equally long molecules in coexistence,
 
-    .. math:: \chi = \frac{1}{1 - 2\phi} \ln\frac{1 - \phi}{\phi},
+    .. math:: \chi = \frac{1}{n (1 - 2\phi)} \ln\frac{1 - \phi}{\phi},
 
     where phi is the part of the minority in either bulk phase.
 
@@ -24,6 +24,8 @@ def chi_from_composition(phi: float) -> float:
     ----------
     phi : float
         0 < phi < 1/2.
+    beads : int, default 1
+        n, beads in a molecule of either kind.
 
     Returns
     -------
@@ -32,7 +34,7 @@ def chi_from_composition(phi: float) -> float:
     Raises
     ------
     ParameterError
-        If phi is out of bounds.
+        If phi or the number of beads is out of bounds.
 
     References
     ----------
@@ -46,16 +48,18 @@ def chi_from_composition(phi: float) -> float:
     phi = to_md(phi, "dimensionless", "phi")
     if not isinstance(phi, float) or not 0 < phi < 0.5:
         raise ParameterError(f"phi, the part of the minority, must be between 0 and 1/2, but is {phi!r}")
-    return math.log((1 - phi) / phi) / (1 - 2 * phi)
+    return math.log((1 - phi) / phi) / (1 - 2 * phi) / whole_number(beads, "beads", least=1)
 
 
-def composition_from_chi(chi: float) -> float:
+def composition_from_chi(chi, *, beads: int = 1) -> float:
     """The part of the minority in either phase, the inverse of :func:`chi_from_composition`.
 
     Parameters
     ----------
     chi : float
-        Above 2, where two phases are.
+        Per bead; above 2/beads, where two phases are.
+    beads : int, default 1
+        Beads in a molecule of either kind.
 
     Returns
     -------
@@ -64,16 +68,18 @@ def composition_from_chi(chi: float) -> float:
     Raises
     ------
     ParameterError
-        If chi is not above 2: the fluids mix.
+        If chi times the beads is not above 2: the fluids mix.
 
     Examples
     --------
     >>> round(composition_from_chi(2.7465), 4)
     0.1
     """
-    chi = to_md(chi, "dimensionless", "chi")
-    if not isinstance(chi, float) or not 2 < chi < 700:
-        raise ParameterError(f"two fluids of single beads demix at a chi above 2 (and below 700 here), not {chi!r}")
+    count = whole_number(beads, "beads", least=1)
+    chi = reduced_number(chi, "chi") * count
+    if not 2 < chi < 700:
+        which = "chi" if count == 1 else f"chi times {count} beads"
+        raise ParameterError(f"two fluids demix at a {which} above 2 (and below 700 here), not {chi:g}")
     # in the logarithm L of the odds: phi = 1/(1 + e^L), chi tanh(L/2) = L
     odds = brentq(lambda x: x - chi * math.tanh(x / 2), math.sqrt(12 * (1 - 2 / chi)) / 2, chi)
     return 1 / (1 + math.exp(odds))

@@ -57,6 +57,7 @@ def mvv_program(options: ProgramOptions) -> Program:
         p.each("acc", "f/m", "the drift showed the half-step velocity")
         if not options.kernel_conservative:
             p.each("acc", f"acc+{p.pair_force}/m", "friction and noise")
+    p.leave_to_body_forces()
     _take_rates(p, rates)
     p.each("v", "v+0.5*dt*acc", "half kick")
     for name, rate in zip(fields, rates, strict=True):
@@ -79,6 +80,7 @@ def _recompute(p: Program, fields: list[str], rates: list[str]) -> None:
         # another noise would halve its variance: two half kicks of a step share it
         p.show_by(options.trial_time)
         _add_friction_and_noise(p, "v", rates)
+    p.leave_to_body_forces()
 
 
 def _advance_fields(p: Program, fields: list[str], rates: list[str]) -> list[str]:

@@ -15,8 +15,10 @@ from ..errors import ProgramError
 from ..integrators import PairIntegrator
 from ..names import (
     AHEAD,
+    ALONE,
     COUNTER,
     DT,
+    EXTERNAL_GROUP,
     FIELD,
     KT,
     PARAMETERS,
@@ -229,6 +231,13 @@ class Program:
             if self.options.kernel_conservative:
                 self.phase(Phase.CONSERVE)
             self.each("acc", "f/m", "conservative acceleration")
+            self.leave_to_body_forces()
+
+    def leave_to_body_forces(self) -> None:
+        """Where only body forces act, the acceleration that was computed last becomes theirs."""
+        if self.options.partial:
+            self.declare_per_dof(ALONE, "1 where only body forces act, 0 elsewhere")
+            self.each("acc", f"(1-{ALONE})*acc+{ALONE}*f{EXTERNAL_GROUP}/m", "only body forces act on some beads")
 
     def acceleration_is_kept(self) -> None:
         """End a step whose last acceleration serves the next one."""

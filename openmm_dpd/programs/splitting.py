@@ -92,12 +92,13 @@ class _Writer:
                 self.seen = True
             # without a kernel nothing comes in between: OpenMM keeps the force by itself
             here = [name for place, (name, _) in zip(self.places, self.letters, strict=True) if place == self.places[n]]
-            if here.count("B") == 1 or not self.options.kernel:
+            if not self.options.partial and (here.count("B") == 1 or not self.options.kernel):
                 p.each("v", f"v+{times(part)}*f/m", spelling("kick", part))
                 p.constrain_velocities()
                 return n + 1
             p.declare_per_dof("acc", "conservative acceleration at x")
             p.each("acc", "f/m")
+            p.leave_to_body_forces()
             self.known = True
         self.owed += part
         return n + 1

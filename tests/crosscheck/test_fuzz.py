@@ -35,6 +35,14 @@ def test_random_decks_agree_or_are_refused(trial, area):
     assert agreed >= (0.02 if area == "mistakes" else 0.5) * len(found), table(found)
 
 
+@pytest.mark.parametrize("area", ["flow", "minimizing", "restarts"])
+def test_a_few_random_decks(trial, area):
+    """A second of those of above."""
+    found = [trial.of(seed, area) for seed in range(8)]
+    assert not [str(outcome) for outcome in found if outcome.kind in FAILURES]
+    assert sum(outcome.kind == "agree" for outcome in found) >= 6, table(found)
+
+
 @pytest.mark.parametrize(
     ("lammps", "ours", "differs"),
     [

@@ -348,3 +348,23 @@ def test_configurational_temperature_of_beads_out_of_reach_is_null_with_a_reason
 def test_every_example_deck_runs(deck_name, tmp_path):
     report = run_deck(DECKS / deck_name, RunOptions(platform="CPU", steps=4, threads=1), out=tmp_path)
     assert all(np.isfinite(run["thermo"]["temp"]["last"]) for run in report["runs"])
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("recommend DECK --error 3", "--error, a relative one of the temperature, must be between 0.0001 and 0.1"),
+        ("recommend DECK --scheme fast", "--scheme: unknown scheme 'fast'"),
+        ("explain DECK --dt -1", "--dt must be > 0"),
+        ("explain DECK --seed 2147483648", "--seed must be less than 2^31"),
+        ("run DECK --platform Abacus --out OUT", "--platform: there is no platform 'Abacus' here"),
+        ("run DECK --threads 0 --out OUT", "--threads must be at least 1"),
+        ("export DECK OUT --dt -1", "--dt must be > 0"),
+        ("export DECK OUT --every -1", "--every must be at least 1"),
+        ("export DECK OUT --seed -1", "--seed must be"),
+    ],
+)
+def test_errors_name_options_as_they_are_written(deck, tmp_path, capsys, words, message):
+    places = {"DECK": str(deck), "OUT": str(tmp_path / "out")}
+    assert main([places.get(word, word) for word in words.split()]) == 1
+    assert capsys.readouterr().err.startswith(f"openmm-dpd: error: {message}")

@@ -195,3 +195,41 @@ def test_walls_and_body_forces_on_platforms(device):
         z = (simulation.context.getState(positions=True).getPositions(asNumpy=True)._value[:, 2] - 3.0) % 6.0  # the room is 1 to 5
         slack = device.choose(1e-9, 1e-5, 1e-5)
         assert np.all((z > 1 - slack) & (z < 5 + slack))
+
+
+@pytest.mark.parametrize("gamma", [0.0, 4.5])
+def test_beads_on_which_only_body_forces_act(device, gamma):
+    """Along such an axis a bead is accelerated evenly, whatever is around it; the others feel it as ever."""
+    rng, taken = np.random.default_rng(7), np.ones((192, 3), bool)
+    taken[:40, 2] = taken[30:50, 0] = False
+    common = {
+        "masses": {"W": 2.0},
+        "types": ["W"] * 192,
+        "positions": rng.random((192, 3)) * 4,
+        "pairs": {("W", "W"): dpd.DPD(A=25, gamma=gamma)},
+        "kT": 1.0 if gamma else 0.0,
+        "box": [4.0] * 3,
+        "velocities": rng.normal(size=(192, 3)),
+        "body_forces": [dpd.BodyForce((0.5, 0, -3.0))],
+    }
+    scene = dpd.Scene(**common, interacting=taken)
+    built = dpd.build(scene, dt=0.01, scheme="mvv", seed=3, platform=device.platform)
+    simulation = built.simulation(properties=device.properties)
+    simulation.step(20)
+    state = simulation.context.getState(positions=True, velocities=True)
+    v, slack = state.getVelocities(asNumpy=True)._value, device.choose(1e-12, 1e-5, 1e-5)
+    expected = scene.velocities + 0.2 * np.array([0.25, 0, -1.5])
+    assert np.allclose(v[~taken], expected[~taken], atol=slack)
+    assert np.abs((v - expected)[taken]).min() > 1e-5
+    # the first step of the others is the one that they take anyway
+    free = dpd.build(dpd.Scene(**common), dt=0.01, scheme="mvv", seed=3, platform=device.platform)
+    found = [
+        each.simulation(properties=device.properties)
+        for each in (dpd.build(scene, dt=0.01, scheme="mvv", seed=3, platform=device.platform), free)
+    ]
+    forces = [dpd.Observer(each).sample(one.context).forces for each, one in zip((built, free), (simulation, found[1]), strict=True)]
+    assert np.allclose(forces[0][~taken], np.broadcast_to([0.5, 0, -3.0], (192, 3))[~taken], atol=slack)
+    for one in found:
+        one.step(1)
+    one, other = (each.context.getState(positions=True).getPositions(asNumpy=True)._value for each in found)
+    assert np.allclose(one[taken], other[taken], atol=device.choose(1e-12, 1e-5, 1e-5))

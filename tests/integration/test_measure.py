@@ -11,7 +11,9 @@ import pytest
 from openmm import unit
 
 import openmm_dpd as dpd
+from openmm_dpd.errors import ParameterError
 from openmm_dpd.measure.bonded_sums import bond_sums
+from openmm_dpd.stats import block_average
 
 
 def fluid(n: int = 120, edge: float = 3.4, **extra) -> dpd.Scene:
@@ -126,7 +128,7 @@ def test_immobile_beads_are_left_out():
     built = dpd.build(scene, dt=0.01, platform="Reference", seed=3)
     sample = dpd.Observer(built).sample(built.simulation().context)
     mass, v = scene.bead_masses[mobile], scene.velocities[mobile]
-    assert (sample.n_mobile, sample.dof) == (80, 237)
+    assert (sample.n_mobile, sample.dof) == (80, 240)  # frozen ones take up momentum
     assert sample.kinetic == pytest.approx(0.5 * np.sum(mass[:, None] * v**2))
     force = oracle.conservative(scene.positions, scene.type_ids, oracle_parameters(), scene.box)[1][mobile]
     assert sample.gradient2 == pytest.approx(np.sum(force**2), rel=1e-12)
@@ -211,3 +213,65 @@ def test_forces_that_somebody_adds_are_told_apart(scheme, conservative, tmp_path
     assert not caplog.records
     dpd.DPDReporter(str(tmp_path / "pulled.csv"), 10, pulled)
     assert [("kT_conf" in r.getMessage(), "CustomExternalForce" in r.getMessage()) for r in caplog.records] == [(True, True), (False, True)]
+
+
+def _few_beads(tied: str) -> dpd.BuiltSystem:
+    n = 8
+    x = np.array([(i, j, k) for i in (0.3, 1.3) for j in (0.3, 1.3) for k in (0.3, 1.3)]) + 0.3
+    more: dict = {
+        "frozen": {"mobile": np.arange(n) > 0},
+        "specular": {"walls": [dpd.Wall("z", 0.05, "above", "specular"), dpd.Wall("z", 1.95, "below", "specular")]},
+        "bounce-back": {"walls": [dpd.Wall("z", 0.05, "above"), dpd.Wall("z", 1.95, "below")]},
+        "place": {"body_forces": [dpd.PositionForce(("3*sin(3.14159265358979*x)", "0", "0"))]},
+        "constant": {"body_forces": [dpd.BodyForce((0.0, 0.0, 0.0))]},
+    }.get(tied, {})
+    scene = dpd.Scene({"W": 1.0}, ["W"] * n, x, {("W", "W"): dpd.DPD(A=25, gamma=20)}, kT=1.0, box=[2] * 3, **more)
+    built = dpd.build(scene, dt=0.02, seed=3, platform="Reference")
+    if tied == "theirs":
+        trap = openmm.CustomExternalForce("5*periodicdistance(x, y, z, 1, 1, 1)^2")
+        for k in range(n):
+            trap.addParticle(k)
+        built.system.addForce(trap)
+    return built
+
+
+@pytest.mark.parametrize(
+    ("tied", "dof"),
+    [("nothing", 21), ("constant", 21), ("frozen", 21), ("specular", 22), ("bounce-back", 24), ("place", 22), ("theirs", 24)],
+)
+def test_degrees_of_freedom_know_what_takes_up_momentum(tied, dof):
+    """One less for each component of the momentum that is conserved; a frozen bead has none, and no other is taken off then."""
+    built = _few_beads(tied)
+    assert dpd.Observer(built).sample(built.simulation().context).dof == dof
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tied", ["nothing", "frozen", "specular", "theirs"])
+def test_temperatures_of_few_beads(tied):
+    """With the right number of degrees of freedom the mean kinetic temperature is the one set; three are 0.125 of it."""
+    built = _few_beads(tied)
+    simulation = built.simulation()
+    dof, kinetic = dpd.Observer(built).sample(simulation.context).dof, []
+    built.integrator.step(200)
+    for _ in range(4000):
+        built.integrator.step(10)
+        kinetic.append(simulation.context.getState(energy=True).getKineticEnergy()._value)
+    average = block_average(2 * np.array(kinetic) / dof)
+    assert abs(average.mean - 1) < 4 * average.sem < 0.09
+
+
+def test_an_observer_is_for_one_system():
+    few = _few_beads("nothing")
+    with pytest.raises(ParameterError, match="the Context has 120 particles, but this Observer is for a System of 8"):
+        dpd.Observer(few).sample(dpd.build(fluid(), dt=0.01, platform="Reference").simulation().context)
+
+
+def test_bonds_fit_into_the_box():
+    x = [[0.5, 0.5, 0.5], [1.0, 0.5, 0.5], [1.5, 0.5, 0.5]]
+    bonds = dpd.HarmonicBonds([[0, 1], [1, 2]], k=[10.0, 10.0], r0=[0.5, 2.1])
+    pairs = {("W", "W"): dpd.DPD(A=25, gamma=4.5)}
+    with pytest.raises(
+        ParameterError, match="the bond between beads 1 and 2 has the rest length 2.1 nm, over half the box, whose width is 4 nm"
+    ):
+        dpd.Scene({"W": 1.0}, ["W"] * 3, x, pairs, kT=1.0, box=[4, 5, 5], bonds=[bonds])
+    dpd.Scene({"W": 1.0}, ["W"] * 3, x, pairs, kT=1.0, bonds=[bonds])

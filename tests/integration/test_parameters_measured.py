@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from openmm_dpd import parameters
-from openmm_dpd.parameters import measured_pressure, repulsion_from_chi, water_mapping
+from openmm_dpd.molecules import Spring
+from openmm_dpd.parameters import chain_chi_slope, measured_chi_slope, measured_pressure, repulsion_from_chi, water_mapping
 
 sys.path.append(str(Path(__file__).parents[2] / "docs" / "measure"))
 import demixing  # noqa: E402
@@ -38,9 +39,32 @@ def test_water_is_as_compressible_as_water():
 @pytest.mark.parametrize("density", [3.0, 5.0])
 def test_two_fluids_demix_as_their_chi_says(density):
     dA = repulsion_from_chi(3.5, density)
-    found, error = demixing.demixed_chi(density, dA.value, edge=6.0, length=18.0, time=100.0, settle=30.0, seed=9)
+    found, error = demixing.demixed_chi(demixing.Model(density), dA.value, edge=6.0, length=18.0, time=100.0, settle=30.0, seed=9)
     assert error < 0.03 * 3.5
     assert abs(found - 3.5) < 0.1 * 3.5
+
+
+def test_chains_have_the_slope_of_the_table():
+    spring = Spring(k=64.0, r0=0.5)
+    for beads, seed in ((2, 1), (5, 2)):
+        built = demixing.fluid(demixing.Model(3.0, beads=beads, spring=spring), 0.0, (7.0, 7.0, 7.0), False, seed)
+        found = measured_chi_slope(built, steps=800, settle=200)
+        said = chain_chi_slope(beads, spring)
+        assert found.sem < 0.005 * said.value
+        assert abs(found.mean - said.value) < 4 * math.hypot(found.sem, said.error)
+
+
+@pytest.mark.slow
+def test_mixed_and_demixed_tetramers_have_the_chi_that_was_asked_for():
+    model = demixing.Model(3.0, beads=4, spring=Spring(k=2.0, r0=0.0))
+    mixed, demixed = (repulsion_from_chi(chi, beads=4, bond=model.spring) for chi in (0.4, 0.75))
+    points = [mixed.value * part for part in (0.0, 0.25, 0.5, 0.75, 1.0)]
+    found, error = demixing.mixed_chi(model, points, edge=6.0, time=25.0, seed=3)[1]
+    assert error < 0.02 * 0.4
+    assert abs(found - 0.4) < 4 * math.hypot(error, 0.4 * mixed.error / mixed.value)
+    found, error = demixing.demixed_chi(model, demixed.value, edge=6.0, length=18.0, time=100.0, settle=30.0, seed=4)
+    assert error < 0.05 * 0.75
+    assert abs(found - 0.75) < 4 * math.hypot(error, 0.75 * demixed.error / demixed.value)
 
 
 @pytest.mark.slow

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from interrupted_runs import contents, interrupted, signal_at
 
+import openmm_dpd as dpd
 from openmm_dpd.cli import main
 from openmm_dpd.files import BlockFile
 from openmm_dpd.lammps.run.checkpoint import Checkpoints
@@ -280,3 +281,29 @@ def test_forces_of_openmm_on_the_cpu_platform_are_not_bit_for_bit(deck, capsys):
     for more, said in (([], False), (["--conservative", "openmm"], True)):
         assert main([*words, *more]) == 0
         assert ("not bit for bit" in capsys.readouterr().out) == said
+
+
+@pytest.mark.parametrize(("steps", "same"), [(50, True), (55, False), (150, False)])
+def test_what_checkpoints_hold_of_openmm_barostats(steps, same):
+    """Random numbers, but neither the steps since the last move (every 10 steps) nor the length of moves, which is adapted after 10 of them."""
+
+    def simulation():
+        x = np.random.default_rng(1).random((81, 3)) * 3
+        scene = dpd.Scene({"W": 1}, ["W"] * 81, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, 1.0, box=[3] * 3)
+        built = dpd.build(scene, dt=0.02, platform="Reference", seed=3)
+        dpd.add_barostat(built, 23.6, interval=10)
+        return built.simulation()
+
+    first, second = simulation(), simulation()
+    first.step(steps)
+    checkpoint = first.context.createCheckpoint()
+    volumes = []
+    for each in (first, second):
+        if each is second:
+            each.context.loadCheckpoint(checkpoint)
+        found = []
+        for _ in range(4):
+            each.step(10)
+            found.append(each.context.getState().getPeriodicBoxVolume()._value)
+        volumes.append(found)
+    assert (volumes[0] == volumes[1]) == same

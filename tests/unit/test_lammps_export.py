@@ -96,6 +96,19 @@ def test_the_deck_reader_finds_the_forces_of_the_scene(name, units, tmp_path):
         np.testing.assert_allclose(found[term], expected[term] * unit, rtol=1e-6, atol=1e-6 * np.abs(expected[term]).max() * unit)
 
 
+def test_beads_on_which_only_body_forces_act(tmp_path):
+    taken = np.ones((len(fluid().types), 3), bool)
+    taken[:7, 2] = taken[5:9, 0] = False
+    scene = fluid(interacting=taken, body_forces=[dpd.BodyForce((0.5, 0.25, -1)), dpd.PositionForce(("x", "0", "0"))])
+    with pytest.warns(ExportWarning, match="beads whose forces are taken away"):
+        written = export_lammps(scene, tmp_path, "alone", dt=0.001, steps=10, scheme="shardlow", seed=3)
+    assert "setforce 0.0 NULL 0.0" in written.deck.read_text() and "shardlow" not in " ".join(words(written, "fix"))
+    again = deck_scene(written.deck)
+    assert np.array_equal(again.interacting, taken)
+    one, other = (dpd.force_terms(dpd.build(each, dt=0.001, scheme="mvv", platform="Reference"))["external"] for each in (scene, again))
+    assert np.allclose(one, other, atol=1e-5)
+
+
 def test_an_exported_deck_keeps_its_corner(tmp_path):
     deck = tmp_path / "in.corner"
     deck.write_text(

@@ -28,6 +28,7 @@ velocity all ramp vz 0.5 1.4 x 0 3
 velocity all ramp vz -0.3 0.1 y 0 3 sum yes
 pair_style lj/cut {cutoff}
 pair_coeff 1 1 0.5 {sigma}
+fix push all addforce 0.3 0.2 -0.1
 fix i all nve
 timestep {dt}
 compute k all ke
@@ -49,7 +50,8 @@ fix 6 all ave/time 5 1 5 f_2[2] f_2[6] f_1
 fix 7 all ave/time 1 2 5 c_p c_thermo_press mode vector
 fix 8 all ave/time 1 2 5 c_t c_thermo_temp mode vector
 fix 9 all ave/time 1 2 5 v_v
-thermo_style custom step ke c_k f_1 f_2[*] f_3[*] f_4[*] f_5[*] f_6[*] f_7[2][1] f_8[3][2] f_9
+fix 10 all ave/time 1 2 5 f_push[1] f_push[3]
+thermo_style custom step ke c_k f_1 f_2[*] f_3[*] f_4[*] f_5[*] f_6[*] f_7[2][1] f_8[3][2] f_9 f_10[*]
 thermo_modify format float %.12g {norm}
 thermo 5
 run 5

@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import lammps_peer
 
 from openmm_dpd import BodyForce, DeckError, PositionForce
-from openmm_dpd.lammps import RunOptions, read_deck
+from openmm_dpd.lammps import RunOptions, read_deck, run_deck
 from openmm_dpd.lammps.output.data_writer import data_file_lines
 from openmm_dpd.lammps.run.runner import DeckRunner
 from openmm_dpd.model.flow import SPECULAR, Wall
@@ -108,9 +108,21 @@ REFUSED = {
     "step": ("variable f equal 0.1*step\n" + NVE + "fix 2 all addforce v_f 0 0\nrun 1\n", "p p p", "'step' depends on something else"),
     "velocity": ("variable f atom -vx\n" + NVE + "fix 2 all addforce v_f 0 0\nrun 1\n", "p p p", "'vx' depends"),
     "ramp": ("variable f atom x*ramp(0,1)\n" + NVE + "fix 2 all addforce v_f 0 0\nrun 1\n", "p p p", "'ramp' depends"),
-    "setforce value": (NVE + "fix 2 low setforce 0 0 1\n", "p p p", "replace forces"),
-    "setforce null": (NVE + "fix 2 low setforce NULL NULL 0\n", "p p p", "holds beads still"),
-    "coasting": (NVE + "fix 2 low setforce 0 0 0\nrun 1\n", "p p p", "coast"),
+    "setforce region": (NVE + "region s sphere 0 0 4 1\nfix 2 all setforce 1 0 0 region s\n", "p p p", "setforce region is not supported"),
+    "setforce step": ("variable f equal step\n" + NVE + "fix 2 all setforce v_f 0 0\nrun 1\n", "p p p", "'step' depends on something else"),
+    "setforce word": (NVE + "fix 2 all setforce null 0 0\n", "p p p", "a component of fix setforce"),
+    "setforce vector": (NVE + "fix 2 all setforce 1 0 0\nthermo_style custom step f_2[4]\n", "p p p", "f_2[1] to f_2[3]"),
+    "setforce scalar": (NVE + "fix 2 all addforce 1 0 0\nthermo_style custom step f_2\n", "p p p", "f_2[1] to f_2[3]"),
+    "setforce beside shardlow": (
+        "pair_style dpd/fdt 1 1 1\npair_coeff * * 25 3\nfix 3 all shardlow\n" + NVE + "fix 2 low setforce NULL NULL 0\nrun 1\n",
+        "p p p",
+        "fix 2: fix shardlow moves beads whatever their force is",
+    ),
+    "setforce beside nph": (
+        "fix 1 all nph iso 0 0 1\nfix 2 low setforce NULL NULL 0\nrun 1\n",
+        "p p p",
+        "fix 2: beside fix nph",
+    ),
     "periodic wall": (NVE + "fix 2 all wall/reflect zlo EDGE\n", "p p p", "boundary p p f"),
     "moving wall": ("variable p equal 2\n" + NVE + "fix 2 all wall/reflect zlo v_p\n", "p p f", "walls that move"),
     "outside": (NVE + "fix 2 all wall/reflect zlo 0.5 units box\n", "p p f", "outside the box"),
@@ -139,7 +151,19 @@ FORCES = {
     "fix 2 two addforce v_f v_g 0\n",
     "mass": "variable g atom -0.3*mass*type\nfix 2 all addforce 0 0 v_g\n",
     "setforce": "velocity low set 0 0 0\nfix 2 low setforce 0 0 0\n",
+    "coasting": "fix 2 low setforce 0 0 0\n",
+    "one component": "fix 2 all setforce NULL 0 NULL\n",
+    "values": "fix 2 low setforce 1.5 NULL -0.25\nfix 3 two setforce NULL 2 0\n",
+    "formula set": 'variable f atom "2*sin(2*PI*z/lz)+type"\nvariable e equal 3/4\nfix 2 low setforce v_f NULL v_e\n',
+    "added before": "fix 2 all addforce 0.7 -0.2 0.1\nfix 3 two setforce NULL 0 0.5\n",
+    "added after": "fix 2 two setforce NULL 0 0.5\nfix 3 all addforce 0.7 -0.2 0.1\n",
+    "one after the other": "fix 2 all setforce 1 2 NULL\nfix 3 low addforce 0.5 0 0.5\nfix 4 two setforce NULL 0 NULL\nfix 5 two addforce 0 0 1\n",
+    "pushed at rest": "velocity low set 0 0 0\nfix 2 low setforce 0 0 0\nfix 3 all addforce 0 0 1\n",
+    "frozen": "velocity low set 0 0 0\nunfix 1\ngroup rest subtract all low\nfix 1 rest nve\nfix 2 low setforce 5 0 0\nfix 3 all addforce 1 1 1\n",
 }
+
+#: Those that set forces, and with them total forces before a fix.
+SET = [name for name, text in FORCES.items() if "setforce" in text]
 
 
 def last_frame(path: Path, n: int) -> np.ndarray:
@@ -147,9 +171,13 @@ def last_frame(path: Path, n: int) -> np.ndarray:
     return np.array([line.split()[1:] for line in path.read_text().splitlines()[-n:]], dtype=float)
 
 
-def both(tmp_path, text: str, boundary: str = "p p p"):
-    """Positions, velocities and forces after the runs of a deck, here and in LAMMPS, in the order of the ids."""
-    text = deck(text, boundary).replace("25 4.5", "25 0")
+def both(tmp_path, text: str, boundary: str = "p p p", gamma: str = "0", kept: str | None = None):
+    """Positions, velocities and forces after the runs of a deck, here and in LAMMPS, in the order of the ids; ours of a file is kept."""
+    text = deck(text, boundary).replace("25 4.5", f"25 {gamma}")
+    if "mvv/dpd" in text:
+        text = text.replace("units lj\n", "units lj\natom_style mdpd\n")
+    if gamma != "0":
+        text = text.replace("pair_style dpd 0.0", "pair_style dpd 1e-300")
     here = text.partition("run ")[0]
     (tmp_path / "in.start").write_text(here + "run 0\n")
     start = read_deck(tmp_path / "in.start", stop_before_first_run=True)
@@ -157,6 +185,8 @@ def both(tmp_path, text: str, boundary: str = "p p p"):
     state, _ = ours(tmp_path, text)
     mine = last_frame(tmp_path / "forces", len(state.atoms))
     (tmp_path / "forces").unlink()
+    if kept is not None:
+        (tmp_path / kept).rename(tmp_path / f"{kept}.ours")
     with lammps_peer.instance() as lmp:
         lmp.command(f"shell cd {tmp_path}")
         for line in text.splitlines():
@@ -176,18 +206,55 @@ DUMP = "dump d all custom 1 forces id fx fy fz\ndump_modify d sort id format flo
 @live
 @pytest.mark.parametrize("name", FORCES)
 def test_forces_of_the_first_configuration(tmp_path, name):
-    state, mine, theirs, _ = both(tmp_path, "fix 1 all nve\n" + FORCES[name] + DUMP + "run 0\n")
-    kept = ~state.group("low") if name == "setforce" else np.ones(len(mine), bool)  # LAMMPS shows no force on beads that are held
-    np.testing.assert_allclose(mine[kept], theirs[kept], rtol=1e-6, atol=1e-5)
+    _, mine, theirs, _ = both(tmp_path, "fix 1 all nve\n" + FORCES[name] + DUMP + "run 0\n")
+    np.testing.assert_allclose(mine, theirs, rtol=1e-6, atol=1e-5)
 
 
 @live
-@pytest.mark.parametrize("name", ["constant", "sine", "setforce"])
+@pytest.mark.parametrize("name", ["constant", "sine", *SET])
 def test_steps(tmp_path, name):
     """100 steps of velocity Verlet without friction."""
     state, _, _, (x, v) = both(tmp_path, "fix 1 all nve\n" + FORCES[name] + DUMP.replace(" 1 forces", " 100 forces") + "run 100\n")
     np.testing.assert_allclose(state.atoms.velocities, v, atol=2e-4)
     assert name != "setforce" or not state.atoms.velocities[state.group("low")].any()
+
+
+def printed(path: Path) -> np.ndarray:
+    """Rows that ``fix print`` has written."""
+    return np.loadtxt(path, ndmin=2)
+
+
+@live
+@pytest.mark.parametrize("lam", ["nve", "mvv/dpd 0.65"])
+@pytest.mark.parametrize("name", SET)
+def test_forces_are_set_after_friction(tmp_path, name, lam):
+    """Steps with friction: LAMMPS replaces the total force, friction included.  The vectors of the fixes are the forces before them."""
+    vector = " ".join(f"f_{fix}[{k}]" for fix in range(2, 6) if f"fix {fix} " in FORCES[name] for k in (1, 2, 3))
+    columns = " ".join(f"$({word}:%.15g)" for word in f"step press fmax fnorm {vector}".split())
+    text = f"fix 1 all {lam}\n" + FORCES[name].replace("rest nve", f"rest {lam}") + DUMP.replace(" 1 forces", " 10 forces")
+    text += f'thermo_style custom step temp press fmax fnorm {vector}\nfix p all print 5 "{columns}" file rows screen no\nrun 0\nrun 10\n'
+    state, mine, theirs, (x, v) = both(tmp_path, text, gamma="4.5", kept="rows")
+    np.testing.assert_allclose(mine, theirs, rtol=1e-5, atol=1e-4)
+    np.testing.assert_allclose(state.atoms.velocities, v, atol=1e-5)
+    moved = state.box.unwrap(state.atoms.positions, state.atoms.images) - x
+    np.testing.assert_allclose(moved - state.box.edges * np.round(moved / state.box.edges), 0, atol=1e-5)
+    rows, expected = printed(tmp_path / "rows.ours"), printed(tmp_path / "rows")
+    np.testing.assert_allclose(rows, expected, rtol=1e-5, atol=1e-3)
+
+
+def test_schemes_with_pair_updates_are_refused(tmp_path):
+    (tmp_path / "in.deck").write_text(deck("fix 1 all nve\nfix 2 low setforce NULL 0 1\nrun 2\n"))
+    with pytest.raises(DeckError, match=r"in.deck:\d+: fix 2: .*scheme bababo changes velocities without forces"):
+        run_deck(tmp_path / "in.deck", RunOptions(platform="Reference", scheme="bababo"))
+
+
+def test_averages_take_the_vector(tmp_path):
+    text = "fix 1 all nve\nfix 2 low setforce NULL 0 1\nfix 3 all ave/time 1 2 2 f_2[1] f_2[2] f_2[3]\nthermo 1\nthermo_style custom step f_2[*]\nrun 2\n"
+    state, runner = ours(tmp_path, deck(text).replace("25 4.5", "25 0"))
+    (result,) = runner.results
+    rows = np.array([result.rows[f"f_2[{k}]"] for k in (1, 2, 3)]).T * len(state.atoms)  # divided by the number of beads, as LAMMPS does
+    np.testing.assert_allclose(state.fixes["3"].parameters["average"].vector, rows[1:].mean(axis=0), rtol=1e-6)
+    assert np.abs(rows).min() > 1e-3
 
 
 @live

@@ -82,7 +82,8 @@ def test_the_minimum_is_lammps_s(tmp_path, monkeypatch, start, words, style):
         ("0 0 1000 4", "max force evaluations after 4 iterations"),
         ("0 0 0 9", "max iterations after 0 iterations"),
         ("0.5 0 100 100", "energy tolerance after 1 iterations"),
-        ("0 1e9 100 100", "force tolerance after 0 iterations"),
+        ("0 1e9 100 100", "force tolerance after 1 iterations"),
+        ("0 0 100 0", "max force evaluations after 1 iterations"),
     ],
 )
 def test_when_it_stops(tmp_path, numbers, reason):
@@ -105,6 +106,25 @@ def test_held_beads_stay_and_velocities_do_not_change(tmp_path):
     assert {tuple(line.split()[1:]) for line in last.split("Velocities")[1].splitlines() if line} == {("1.0", "2.0", "3.0")}
 
 
+@pytest.mark.parametrize(("style", "rest"), [("cg", False), ("hftn", False), ("fire", True), ("quickmin", True)])
+def test_damped_motion_ends_at_rest(tmp_path, style, rest):
+    ours(tmp_path, f"{CRYSTAL}velocity all set 1 2 3 units box\nmin_style {style}\nminimize 0 1e-3 100 100\nwrite_data b.data\nrun 0\n")
+    found = {tuple(line.split()[1:]) for line in (tmp_path / "b.data").read_text().split("Velocities")[1].splitlines() if line}
+    assert found == {("0.0", "0.0", "0.0") if rest else ("1.0", "2.0", "3.0")}
+
+
+def test_steps_of_a_minimisation_take_no_time(tmp_path):
+    text = f"{CRYSTAL}timestep 0.01\nfix 1 all nve\nthermo_style custom step time\nrun 2\nminimize 0 0 3 100\nrun 1\n"
+    rows, _ = ours(tmp_path, text)
+    np.testing.assert_allclose(rows, [[0, 0], [2, 0.02], [2, 0.02], [5, 0.05], [5, 0.02], [6, 0.03]])  # LAMMPS's, with its rows of minimize
+
+
+def test_no_forces_no_way(tmp_path):
+    """LAMMPS counts the iteration in which it finds that."""
+    rows, lines = ours(tmp_path, CRYSTAL.replace("pair_coeff 1 1 1 1", "pair_coeff 1 1 0 1") + "minimize 0 0 100 100\nrun 0\n")
+    assert any("forces are zero after 1 iterations" in line for line in lines) and [row[0] for row in rows] == [0, 1, 1]
+
+
 @pytest.mark.parametrize("norm", ["two", "max", "inf"])
 def test_norms(tmp_path, norm):
     """The force that is left is below the tolerance in the norm that was chosen, and not far below."""
@@ -124,9 +144,12 @@ def test_what_does_not_run_says_that_it_does_not_minimise_either(tmp_path, caplo
 WRONG = {
     "minimize 0 0 10\n": "expected 'minimize etol ftol maxiter maxeval'",
     "minimize -1 0 10 10\n": "etol must be >= 0",
+    "min_style hftn\nmin_modify norm max\nminimize 0 0 1 1\n": "hftn knows no 'min_modify norm max'",
     "min_style lbfgs\n": "the style of min_style must be one of",
     "min_modify norm three\n": "norm must be one of",
     "fix a all addforce 1 0 0\nminimize 0 0 1 1\n": "beside fix addforce",
+    "fix a all setforce 0 NULL 0\nminimize 0 0 1 1\n": "holds whole beads here, not single components",
+    "fix a all setforce 0 0 1\nminimize 0 0 1 1\n": "forces other than 0",
     "minimize 0 1 1 1\n": "has no run command",
 }
 

@@ -315,14 +315,6 @@ def test_pre_no_is_said(tmp_path):
     assert not any("anew" in note for note in read_deck(path).notes)
 
 
-def test_a_force_on_beads_that_were_held_before_is_refused(tmp_path):
-    """LAMMPS moves such beads."""
-    path = tmp_path / "in.ours"
-    path.write_text(FOUR + "fix 1 all nve\nfix 2 f setforce 0 0 0\nfix 3 all addforce 3 0 0\nrun 1\n")
-    with pytest.raises(DeckError, match="in.ours:17: fix 3: it comes after a fix setforce"):
-        read_deck(path)
-
-
 @pytest.mark.parametrize("last", ["", "bond_coeff 3 harmonic 10 1\n"])
 def test_lammps_reads_coefficients_of_hybrid_bonds(tmp_path, last):
     """A section that would not name every type, which LAMMPS cannot read, is left out."""

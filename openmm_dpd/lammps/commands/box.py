@@ -261,10 +261,8 @@ def delete_atoms(state: DeckState, args: list[str]) -> None:
     state.bonds, state.angles = state.bonds[~broken], state.angles[~bent]
     # LAMMPS hands out new ids only in atom styles without molecules, in the order in which beads stand in its memory
     compress = read.switch(options.get("compress", ["yes"])[0], "compress") and state.atom_style not in BONDED_STYLES
-    if compress and state.runs:
-        raise ParameterError(
-            "delete_atoms: the new ids that LAMMPS gives after a run depend on how it has sorted the beads; keep the ids with 'compress no'"
-        )
+    if compress:
+        _check_standing(state, "delete_atoms", "keep the ids with 'compress no'")
     state.atoms.vacate(doomed)
     kept = np.flatnonzero(~doomed)
     if compress:
@@ -275,4 +273,42 @@ def delete_atoms(state: DeckState, args: list[str]) -> None:
         state.atoms.ids = np.arange(1, len(kept) + 1)
 
 
-COMMANDS = by_name(lattice, region, create_box, create_atoms, read_data, delete_atoms)
+def _check_standing(state: DeckState, command: str, remedy: str) -> None:
+    """ParameterError unless it is known in which order LAMMPS has the beads in its memory."""
+    if state.reordered:
+        raise ParameterError(
+            f"{command}: the new ids that LAMMPS gives after a run depend on how it has sorted the beads by place; {remedy}, "
+            "or have it sort none by 'atom_modify sort 0 0.0' before the first run"
+        )
+
+
+def reset_atoms(state: DeckState, args: list[str]) -> None:
+    """``reset_atoms id [sort no]``: ids from 1 on without gaps, in the order in which LAMMPS has the beads in its memory."""
+    read.count(args, "reset_atoms id [sort no]", 1, None)
+    if args[0] in ("mol", "image"):
+        raise ParameterError(f"reset_atoms {args[0]} is not supported; only reset_atoms id is")
+    read.choice(args[0], "the property of reset_atoms", ("id",))
+    for _, (word,) in read.options(args[1:], {"sort": 1}, "reset_atoms id"):
+        if read.switch(word, "sort"):
+            raise ParameterError("reset_atoms id sort yes is not supported: ids would follow LAMMPS's bins of space; say sort no")
+    _check_standing(state, "reset_atoms id", "leave it out")
+    if any(compute.style == "msd" for compute in state.computes.values()):
+        raise ParameterError("reset_atoms id: a compute msd remembers where each bead was; define it afterwards")
+    state.settle("reset_atoms id")
+    order = np.argsort(state.atoms.slots)
+    fresh = np.empty(len(order), dtype=np.int64)
+    fresh[order] = np.arange(1, len(order) + 1)
+    for terms in (state.bonds, state.angles):
+        terms[:, 1:] = fresh[state.atoms.index_of(terms[:, 1:].ravel())].reshape(terms[:, 1:].shape)
+    state.atoms.take(order)
+    state.atoms.ids = np.arange(1, len(order) + 1)
+    state.groups = {name: mask[order] for name, mask in state.groups.items()}
+
+
+def reset_ids(state: DeckState, args: list[str]) -> None:
+    """``reset_ids``, ``reset_atom_ids``: older spellings of ``reset_atoms id``."""
+    reset_atoms(state, ["id", *args])
+
+
+COMMANDS = by_name(lattice, region, create_box, create_atoms, read_data, delete_atoms, reset_atoms, reset_ids)
+COMMANDS["reset_atom_ids"] = reset_ids

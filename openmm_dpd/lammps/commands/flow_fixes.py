@@ -34,14 +34,9 @@ def _addforce(state: DeckState, group: str, words: list[str]) -> dict:
 
 def _setforce(state: DeckState, group: str, words: list[str]) -> dict:
     read.count(words, "fix ID group setforce fx fy fz", 3, None)
-    if len(words) > 3:
-        raise ParameterError(f"fix setforce {words[3]} is not supported")
-    if any(word == "NULL" or word.startswith("v_") or read.number(word, "a component of fix setforce") != 0 for word in words):
-        raise ParameterError(
-            "fix setforce is supported as 'setforce 0 0 0', which holds beads still; other values, NULL and variables would replace "
-            "forces during a step, which OpenMM cannot do"
-        )
-    return {}
+    for keyword, _ in read.options(words[3:], {"region": 1}, "fix setforce"):
+        raise ParameterError(f"fix setforce {keyword} is not supported; make a group of the region")
+    return {"force": [word if word == "NULL" else _component(state, word, "setforce") for word in words[:3]]}
 
 
 def _wall_reflect(state: DeckState, group: str, words: list[str]) -> dict:

@@ -207,13 +207,20 @@ def dump_modify(state: DeckState, args: list[str]) -> None:
             found.elements = tuple(values)
         elif keyword in ("sfactor", "tfactor"):
             found.factors[keyword] = read.positive(word, keyword)
-        elif keyword == "precision" and read.integer(word, keyword, 1) != 1000:
-            raise ParameterError("dump_modify precision: frames of dump xtc have the precision 1000 here, and no other one")
+        elif keyword == "precision":
+            found.precision = int(read.number(word, keyword))
+            if read.number(word, keyword) not in _PRECISIONS:
+                raise ParameterError(f"dump_modify precision must be one of {', '.join(map(str, _PRECISIONS))}, not {word}")
+        elif keyword == "sort" and word == "off" and found.style in BINARY:
+            raise ParameterError(f"dump_modify sort off: dump {found.style} is sorted by id")
         elif keyword == "sort" and word not in ("id", "off"):
             raise ParameterError("dump_modify sort: beads are written in the order of their ids; only 'sort id' is supported")
     if found.append and found.style in BINARY:
-        raise ParameterError(f"dump_modify append is not supported for {found.style}")
+        raise ParameterError(f"dump_modify append is for dump styles in text: LAMMPS writes a new {found.style} file in spite of it")
 
+
+#: What dump_modify precision may be.
+_PRECISIONS = tuple(10**k for k in range(1, 7))
 
 #: Keywords of dump_modify that some styles have.
 _OF_STYLES = {

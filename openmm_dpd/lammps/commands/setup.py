@@ -11,7 +11,7 @@ from ...units import UNIT_SYSTEMS
 from ..files.atom_styles import ATOM_STYLES
 from ..language import arguments as read
 from ..state.deck_state import DeckState
-from ..state.minimization import NORMS
+from ..state.minimization import MIN_STYLES, NORMS
 
 Handler = Callable[[DeckState, list[str]], None]
 
@@ -111,7 +111,7 @@ def atom_modify(state: DeckState, args: list[str]) -> None:
 def min_style(state: DeckState, args: list[str]) -> None:
     """``min_style style``: there is one minimiser."""
     read.count(args, "min_style style", 1, None)
-    read.choice(args[0], "the style of min_style", ("cg", "hftn", "sd", "quickmin", "fire", "fire/old"))
+    state.min_style = read.choice(args[0], "the style of min_style", MIN_STYLES)
     state.note(f"min_style {' '.join(args)}: OpenMM's minimiser (L-BFGS) is used for all styles")
 
 

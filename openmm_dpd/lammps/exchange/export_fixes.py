@@ -86,6 +86,8 @@ def _no_shardlow(scene: Scene, kinds: set, skin: float) -> str | None:
         return "it needs a periodic box without tilt"
     if np.diag(scene.box).min() <= 2 * (longest_cutoff(scene) + skin):
         return "it needs box edges above twice the cutoff and the skin"
+    if scene.interacting is not None:
+        return "it changes velocities of beads whose forces are taken away"
     if MDPD in kinds or len(kinds & {DPD, EnergyDPD}) != 1 or sum(t.kind in (DPD, EnergyDPD) for t in scene.tables) > 1:
         return "it goes with one table of DPD or of EnergyDPD only"
     if isinstance(scene.kT, TemperatureRamp) and scene.kT.kT_start != scene.kT.kT_end:
@@ -181,13 +183,18 @@ def _fits(scene: Scene, given, corner: np.ndarray) -> bool:
 
 # -- flow ----------------------------------------------------------------------------------------------------------------------
 def flow_lines(scene: Scene, units: UnitSystem, corner: np.ndarray) -> Iterator[str]:
-    """Body forces (fix addforce) and walls (fix wall/reflect).
+    """Beads that only body forces act on (fix setforce), body forces (fix addforce) and walls (fix wall/reflect).
 
     Raises
     ------
     ParameterError
         For what LAMMPS has no fix for: walls with bounce-back, formulas in other units than lj ...
     """
+    if scene.interacting is not None:
+        for k, row in enumerate(np.unique(scene.interacting[~scene.interacting.all(axis=1)], axis=0), start=1):
+            lines, group = _group(f"alone{k}", np.all(scene.interacting == row, axis=1))
+            yield from lines
+            yield f"fix alone{k} {group} setforce " + " ".join("NULL" if free else "0.0" for free in row)
     for k, term in enumerate(scene.body_forces, start=1):
         if isinstance(term, BodyForce):
             yield from _body_lines(scene, term, units, f"push{k}")

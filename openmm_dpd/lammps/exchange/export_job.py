@@ -22,7 +22,7 @@ from .export_fixes import Integrator, choose_integrator
 #: What of a Scene is exported; anything else that a scene holds is an error, never left out.
 _KNOWN = frozenset(
     "masses types positions pairs kT box velocities bead_masses charges bonds bonded_factors mobile molecules internal sources compat "
-    "angles segments body_forces walls electrostatics residues".split()
+    "angles segments body_forces walls electrostatics residues interacting".split()
 )
 
 _NAME = re.compile(r"[A-Za-z0-9_.+-]+")

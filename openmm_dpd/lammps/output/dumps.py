@@ -63,6 +63,8 @@ class Dump:
         Names of the types in style xyz; their numbers without any.
     factors : dict of str to float
         What ``sfactor`` and ``tfactor`` say: factors of lengths and times of style xtc.
+    precision : int
+        Parts of a nm (units lj: of the unit of length) that style xtc rounds to.
     last_step : int or None
         Step of the last configuration that was written.
     opened : BlockFile, DCDWriter, XTCWriter or None
@@ -83,6 +85,7 @@ class Dump:
     formats: dict[str, str] = field(default_factory=dict)
     elements: tuple[str, ...] = ()
     factors: dict[str, float] = field(default_factory=dict)
+    precision: int = 1000
     last_step: int | None = None
     opened: BlockFile | DCDWriter | XTCWriter | None = field(default=None, repr=False)
     begun: bool = False
@@ -172,7 +175,9 @@ class Dump:
     def _write_xtc(self, moment: Resolver) -> None:
         state, mask = moment.state, moment.state.group(self.group)
         if self.opened is None:
-            self.opened = XTCWriter(state.output_file(self.file, 0), int(mask.sum()), self._what, append=self.begun)
+            self.opened = XTCWriter(
+                state.output_file(self.file, 0), int(mask.sum()), self._what, append=self.begun, precision=self.precision
+            )
         assert isinstance(self.opened, XTCWriter)
         factors = xtc_factors(state.units) | self.factors
         x = (_unwrapped(moment) if self.unwrap else moment.folded[0])[mask]

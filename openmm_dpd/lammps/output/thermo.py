@@ -12,6 +12,7 @@ from ..language.lexer import errors_at, located, substitute
 from ..language.variables import FORMULAS
 from ..state.deck_state import DeckState
 from ..state.moment import Window
+from ..state.records import FORCE_FIXES
 from ..state.sample import DeckSample
 from ..values.compute_spec import reference
 from ..values.computes import BUILT_IN, COMPUTES, average_of, check_built_in, check_value, is_extensive
@@ -82,6 +83,9 @@ def _needs(state: DeckState, word: str, seen: set[str]) -> set[str]:
         spec = COMPUTES[compute.style]
         own = spec.vector_needs if indexed and spec.vector_needs is not None else spec.needs
         return set(own).union(*(_needs(state, other, seen) for other in spec.inputs(compute)))
+    if word.startswith("f_"):
+        fix = state.fixes.get(reference(word).name)
+        return {"before"} if fix is not None and fix.style in FORCE_FIXES else set()
     if word in PROPERTIES and word not in WORDS:
         return set(PROPERTIES[word].needs)
     found = set(WORDS[word].needs) if word in WORDS else set()

@@ -7,8 +7,9 @@ import numpy as np
 from ...errors import ParameterError
 from ..language import arguments as read
 from ..state.deck_state import DeckState
+from ..state.records import ForceVector
 from ..values.compute_spec import check_place, reference
-from ..values.computes import compute_of, count_of, expanded, is_extensive
+from ..values.computes import average_of, compute_of, count_of, expanded, is_extensive
 from ..values.resolver import Resolver
 from .averages import AveragingFix, common_parts, split_values
 from .thermo import check_word, fields_read
@@ -146,9 +147,9 @@ def _rows(state: DeckState, word: str) -> int:
     """Length of the vector that a word names; ParameterError if it is none."""
     kind, name, indices = reference(word)
     if kind == "f":
-        average = state.fixes[name].parameters.get("average") if name in state.fixes else None
-        if indices or not isinstance(average, TimeAverage) or not average.size:
-            raise ParameterError(f"fix ave/time mode vector: {word} is not a fix ave/time with a vector")
+        average = average_of(state, name)
+        if indices or not isinstance(average, (TimeAverage, ForceVector)) or not average.size:
+            raise ParameterError(f"fix ave/time mode vector: {word} is not a fix with a vector")
         return average.size
     if kind == "c" and len(indices) < 2 and name in state.computes:
         compute, spec = compute_of(state, name)

@@ -20,6 +20,12 @@ def build_request(request: RunRequest, scene: Scene, options: RunOptions) -> Bui
     for kind in (kind_for(table.kind) for table in scene.tables if table.kind is not None):
         if scene.compat == "consistent" and kind.unlike_lammps is not None:
             request.state.note(kind.unlike_lammps)
+    if scene.interacting is not None and not scheme_of(request.scheme).predicts:
+        fix = next(fix for fix in request.state.fixes.values() if fix.style == "setforce")
+        raise fix.error(
+            f"it takes forces from beads that move, friction included, but scheme {request.scheme} changes velocities without forces; "
+            "run the deck with its own scheme, mvv"
+        )
     with errors_at(request.where):
         return build(
             scene,

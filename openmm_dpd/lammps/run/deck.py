@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from ...errors import DeckError, OutputError, ParameterError
 from ..commands import beads, bonded, box, fixes, kspace, moving, output, pairs, restarts, setup, velocity
 from ..language import arguments as read
@@ -16,7 +18,7 @@ from ..language.variables import Variables
 from ..scene.flow import held_beads
 from ..scene.integration import Integration, integration
 from ..state.deck_state import DeckState
-from ..state.minimization import StoppingRule
+from ..state.minimization import DAMPED, StoppingRule
 from .request import RunRequest
 from .script import Script
 
@@ -199,6 +201,8 @@ def minimize(deck: Deck, args: list[str]) -> None:
         raise ParameterError("minimize needs a pair_style before it")
     etol, ftol = (read.non_negative(word, name) for word, name in zip(args[:2], ("etol", "ftol"), strict=True))
     most, evaluations = (read.integer(word, name, 0) for word, name in zip(args[2:], ("maxiter", "maxeval"), strict=True))
+    if deck.min_style == "hftn" and deck.force_norm == "max":
+        raise ParameterError("min_style hftn knows no 'min_modify norm max', as in LAMMPS; say norm two or inf")
     rule = StoppingRule(etol, ftol, most, evaluations, deck.force_norm)
     if deck.run_callback is None:
         note = "minimize is not carried out here: beads stay where they are, as before it"
@@ -206,6 +210,8 @@ def minimize(deck: Deck, args: list[str]) -> None:
         _LOGGER.warning("%s:%d: %s", *((deck.here.file, deck.here.number) if deck.here else (deck.path, 0)), note)
         return
     deck.settle("minimize")
+    if deck.min_style in DAMPED:
+        deck.atoms.velocities = np.zeros_like(deck.atoms.velocities)
     request = RunRequest.of(deck, 0, Integration("mvv", 0.5, ~held_beads(deck)))
     deck.run_callback(replace(request, minimization=rule))
 

@@ -11,7 +11,7 @@ from openmm import unit
 
 from ...errors import ParameterError
 from ..language.lexer import errors_at
-from ..state.minimization import NORMS, StoppingRule
+from ..state.minimization import StoppingRule
 from ..values.resolver import Resolver
 from .building import build_request
 from .options import RunOptions
@@ -70,20 +70,24 @@ def carry_out_minimization(request: RunRequest, rule: StoppingRule, options: Run
     energy = found.getPotentialEnergy().value_in_unit(_KJ) / state.units.energy
     force = found.getForces(asNumpy=True).value_in_unit(_F)[mobile] / state.units.force
     watch = _Watch(rule, energy, state.units, mobile)
-    if NORMS[rule.norm](force) < rule.force:
-        watch.reason = "force tolerance"
-    elif not min(rule.iterations, rule.evaluations):
-        watch.reason = "max iterations" if not rule.iterations else "max force evaluations"
+    if not rule.iterations:
+        watch.reason = "max iterations"
+    elif not force.any():
+        watch.iterations, watch.reason = 1, "forces are zero"  # LAMMPS counts the iteration that finds it
     else:
         # the rule stops it, or the minimiser where it finds no way down
         simulation.minimizeEnergy(1e-10, 0, watch)
+        watch.iterations = max(watch.iterations, 1)
     done = replace(request, steps=watch.iterations)
     sampler = Sampler(done, built, context)
     last = _row(done, sampler, log)
     log(f"minimize: {watch.reason} after {watch.iterations} iterations; potential energy {first:.10g} before and {last:.10g} after")
     x, v, box = arrays(context)
     sample = sampler.full(done.last_step, done.thermo.needs, 0.0)[0]
+    time = state.time_at(request.first_step)
     done.finish(x, v, box=box, sample=replace(sample, forces=None))
+    # steps of a minimisation take no time: as in LAMMPS the clock of what follows goes on from before
+    state.time_origin = (time, done.last_step)
 
 
 def _row(request: RunRequest, sampler: Sampler, log: Callable[[str], None], title: bool = False) -> float:

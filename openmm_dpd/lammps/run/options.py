@@ -71,6 +71,8 @@ class RunOptions:
             value = getattr(self, name)
             if value is not None and value < low:
                 raise ParameterError(f"{name} must be at least {low}, but is {value}")
+        if self.seed is not None and self.seed >= 2**31:
+            raise ParameterError(f"seed must be less than 2^31, but is {self.seed}")
         if self.dt is not None and not self.dt > 0:
             raise ParameterError(f"dt must be > 0, but is {self.dt}")
 

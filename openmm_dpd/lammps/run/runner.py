@@ -275,7 +275,8 @@ def _why_not(request: RunRequest, built: BuiltSystem) -> str | None:
     """Why a run could not be resumed."""
     barostat = next((type(force).__name__ for force in built.system.getForces() if isinstance(force, BAROSTATS)), None)
     if barostat is not None:
-        return f"OpenMM's {barostat} has random numbers and a length of moves that no checkpoint holds"
+        # its random numbers are in checkpoints of the platforms Reference and CPU
+        return f"OpenMM's {barostat} counts steps to its next move and adapts the length of moves, and no checkpoint holds these"
     try:
         to_bytes(recorded(request.state))
     except ParameterError as error:

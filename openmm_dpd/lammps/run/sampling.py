@@ -16,8 +16,9 @@ from ...measure import Sample
 from ...measure.scene_samples import SceneSampler
 from ...measure.stress_sums import StressSums
 from ...schemes import scheme_of
-from ..scene.flow import held_beads
 from ..state.sample import DeckSample
+from ..values.force_fixes import acted_on
+from ..values.resolver import Resolver
 from .request import RunRequest
 
 _NM, _V = unit.nanometer, unit.nanometer / unit.picosecond
@@ -46,7 +47,8 @@ class Sampler:
     def __init__(self, request: RunRequest, built: BuiltSystem, context: openmm.Context):
         self.request, self.built, self.context = request, built, context
         self.observer = SceneSampler(built)
-        self.held = held_beads(request.state)
+        # what fixes make of the forces, where these are not just the ones that the simulation has
+        self._replaced = any(fix.style == "setforce" for fix in request.state.fixes.values())
         self._stress = StressSums(built.plan) if "virial_tensor" in request.needs else None
 
     def full(self, step: int, needs: frozenset[str], cpu: float) -> tuple[DeckSample, Sample]:
@@ -55,14 +57,15 @@ class Sampler:
         ``virial`` counts what LAMMPS counts: the dissipative and random parts only if they are forces.
         """
         measured = self.observer.sample(self.context)
-        assert measured.forces is not None
-        # of all beads, as LAMMPS has them: those that do not move feel forces too, but for those that fix setforce has taken
-        forces = np.where(self.held[:, None], 0.0, measured.forces)
+        # of all beads, as LAMMPS has them: those that do not move feel forces too
+        forces, before = measured.forces, None
+        if self._replaced or "before" in needs:
+            forces, before = self._acted_on(step, measured.untaken)
         full = measured.virial_conservative + measured.virial_dissipative + measured.virial_random
         sample = DeckSample(
             step=step,
             kinetic=measured.kinetic,
-            dof=measured.dof,
+            dof=3 * measured.n_mobile - 3,  # LAMMPS's, whatever takes up momentum
             pair_energy=measured.pair,
             short_energy=measured.coulomb_real,
             lattice_energy=measured.coulomb_reciprocal,
@@ -76,10 +79,19 @@ class Sampler:
             box=measured.box,
             cpu=cpu,
             forces=forces if "forces" in needs else None,
+            before=before,
             **self._of_beads(needs),
             **(self._tensors() if "virial_tensor" in needs else {}),
         )
         return sample, measured
+
+    def _acted_on(self, step: int, forces: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Forces of the simulation, as if all of them acted on all beads, as the deck's fixes make them; and what each fix has found."""
+        state = self.request.state
+        moment, unit = Resolver(state, self.cheap(step, frozenset(("positions",)), 0.0), self.request.window), state.units.force
+        added, _ = acted_on(moment, np.zeros_like(forces))
+        found, before = acted_on(moment, forces / unit - added)
+        return found * unit, {name: vector * unit for name, vector in before.items()}
 
     def _tensors(self) -> dict[str, Any]:
         """The two parts of the pressure tensor."""

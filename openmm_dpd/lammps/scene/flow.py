@@ -2,36 +2,84 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ...errors import ParameterError
 from ...model.flow import AXES, SPECULAR, BodyForce, PositionForce, Wall
+from ..language import arguments as read
 from ..language.expressions import evaluate
 from ..language.lexer import errors_at
 from ..language.position_formulas import BEAD_CONSTANTS, Known, depends_on, position_formula
 from ..state.deck_state import DeckState
-from ..state.records import Fix
+from ..state.records import FORCE_FIXES, Fix
 
 
-# -- addforce -----------------------------------------------------------------------------------------------------------------
-def body_forces_of(state: DeckState) -> list[BodyForce | PositionForce]:
-    """Forces of all ``fix addforce``; those of a variable are translated into formulas of the position."""
-    found: list[BodyForce | PositionForce] = []
+# -- addforce and setforce ----------------------------------------------------------------------------------------------------
+@dataclass(frozen=True, eq=False)
+class Driving:
+    """What the fixes addforce and setforce of a deck add up to.
+
+    Attributes
+    ----------
+    pushes : list of (Fix, (N, 3) array of bool)
+        Fixes, and the components of beads on which their forces act after all of them.
+    interacting : (N, 3) array of bool
+        Components on which other forces act as well.
+    """
+
+    pushes: list[tuple[Fix, np.ndarray]]
+    interacting: np.ndarray
+
+    @property
+    def still(self) -> np.ndarray:
+        """(N,) beads on which no force acts at all."""
+        pushed = [mask & np.array([not _is_zero(word) for word in words(fix)]) for fix, mask in self.pushes]
+        return ~np.logical_or.reduce([self.interacting, *pushed]).any(axis=1)
+
+
+def _is_zero(word: str) -> bool:
+    return not word.startswith("v_") and (word == "NULL" or float(word) == 0.0)
+
+
+def words(fix: Fix) -> list[str]:
+    """The three words of an addforce or a setforce."""
+    return fix.parameters["force"]
+
+
+def driving(state: DeckState) -> Driving:
+    """The fixes addforce and setforce, one after the other as in LAMMPS: a setforce takes away what the fixes before it have added."""
+    pushes: list[tuple[Fix, np.ndarray]] = []
+    interacting = np.ones((len(state.atoms), 3), dtype=bool)
     for fix in state.fixes.values():
-        if fix.style != "addforce" or not state.group(fix.group).any():
+        if fix.style not in FORCE_FIXES:
             continue
+        acts = np.outer(state.group(fix.group), [word != "NULL" for word in words(fix)])
+        if fix.style == "setforce":
+            interacting &= ~acts
+            pushes = [(other, mask & ~acts) for other, mask in pushes]
+        pushes.append((fix, acts))
+    return Driving(pushes, interacting)
+
+
+def body_forces_of(state: DeckState) -> list[BodyForce | PositionForce]:
+    """Forces of all ``fix addforce`` and ``fix setforce``; those of a variable are translated into formulas of the position."""
+    found: list[BodyForce | PositionForce] = []
+    for fix, mask in driving(state).pushes:
         with errors_at(fix.where, f"fix {fix.name}: "):
-            found += _added(state, fix, state.group(fix.group))
+            for axes in np.unique(mask[mask.any(axis=1)], axis=0):
+                components = [word if acts else "0" for word, acts in zip(words(fix), axes, strict=True)]
+                found += _added(state, components, np.all(mask == axes, axis=1))
     return found
 
 
-def _added(state: DeckState, fix: Fix, members: np.ndarray) -> list[BodyForce | PositionForce]:
-    words: list[str] = fix.parameters["force"]
-    texts = [state.variables.get(word[2:]).text if word.startswith("v_") else word for word in words]
+def _added(state: DeckState, components: list[str], members: np.ndarray) -> list[BodyForce | PositionForce]:
+    texts = [state.variables.get(word[2:]).text if word.startswith("v_") else word for word in components]
     if not any(depends_on(text, state.variables, {*AXES, *BEAD_CONSTANTS}) for text in texts):
         force = [evaluate(text, _known(state, 1)) * state.units.force for text in texts]
         return [BodyForce(np.array(force), beads=members)] if any(force) else []
-    box = state.require_box("fix addforce")
+    box = state.require_box("a force on single beads")
     if np.any(np.abs(box.reduced_vectors - box.vectors) > 1e-9 * box.edges.max()) and all(state.periodic):
         raise ParameterError("a force that follows the position needs a box that is tilted by half an edge at most")
     # type and mass are constants of a formula, so there is one force for each type
@@ -47,7 +95,7 @@ def _added(state: DeckState, fix: Fix, members: np.ndarray) -> list[BodyForce | 
 
 
 def _known(state: DeckState, kind: int) -> Known:
-    box = state.require_box("fix addforce")
+    box = state.require_box("a force on single beads")
     values = {f"{axis}lo": box.low[k] for k, axis in enumerate(AXES)} | {f"{axis}hi": box.high[k] for k, axis in enumerate(AXES)}
     values |= {f"l{axis}": box.edges[k] for k, axis in enumerate(AXES)} | {"vol": box.volume, "type": float(kind)}
     if kind in state.masses:
@@ -55,38 +103,50 @@ def _known(state: DeckState, kind: int) -> Known:
     return Known(state.variables, state.units.length, {name: float(value) for name, value in values.items()})
 
 
-# -- setforce -----------------------------------------------------------------------------------------------------------------
 def held_beads(state: DeckState) -> np.ndarray:
-    """Mask of the beads whose forces ``fix setforce 0 0 0`` takes away, whether or not some fix would move them."""
-    groups = [state.group(fix.group) for fix in state.fixes.values() if fix.style == "setforce"]
-    return np.logical_or.reduce([np.zeros(len(state.atoms), dtype=bool), *groups])
-
-
-def still_beads(state: DeckState, mobile: np.ndarray) -> np.ndarray:
-    """Mask of beads that stay where they are because ``fix setforce 0 0 0`` takes away their forces.
+    """(N,) beads that ``fix setforce`` holds while the potential energy is minimised.
 
     Raises
     ------
     DeckError
-        If such beads have velocities (they would coast), if fix shardlow would change these, or if a later fix addforce acts on them.
+        If a setforce says something else than 0 0 0: as in LAMMPS other values are no slope of an energy, and single components cannot be
+        held here.
     """
-    still, held = np.zeros(len(state.atoms), dtype=bool), np.zeros(len(state.atoms), dtype=bool)
+    held = np.zeros(len(state.atoms), dtype=bool)
     for fix in state.fixes.values():
-        if fix.style == "addforce" and np.any(held & state.group(fix.group)):
-            raise fix.error("it comes after a fix setforce and acts on beads whose forces this takes; put it before, or on other beads")
-        if fix.style != "setforce":
-            continue
-        held |= state.group(fix.group)
-        members = state.group(fix.group) & mobile
-        if np.any(state.atoms.velocities[members]):
-            raise fix.error(
-                f"beads of group {fix.group} have velocities and would coast without forces, which is not supported; "
-                f"stop them with 'velocity {fix.group} set 0 0 0', or leave them out of the integrating fix",
-            )
-        if members.any() and any(other.style == "shardlow" for other in state.fixes.values()):
-            raise fix.error("fix shardlow moves beads whatever their force is; leave them out of the integrating fix instead")
-        still |= members
-    return still
+        if fix.style == "setforce":
+            if "NULL" in words(fix):
+                raise fix.error("minimize holds whole beads here, not single components of their forces; say 0 0 0")
+            if any(word.startswith("v_") or read.number(word, "a component") for word in words(fix)):
+                raise fix.error("minimize is not possible with forces other than 0, which are no slope of an energy")
+            held |= state.group(fix.group)
+    return held
+
+
+def still_beads(state: DeckState, mobile: np.ndarray) -> np.ndarray:
+    """(N,) beads at rest that no force acts on: they stay where they are.
+
+    Raises
+    ------
+    DeckError
+        If fix shardlow would change velocities of beads whose forces a setforce takes away.
+    """
+    found = driving(state)
+    taken = mobile & ~found.interacting.all(axis=1)
+    for fix in state.fixes.values():
+        if fix.style == "setforce" and np.any(taken & state.group(fix.group)):
+            for other in state.fixes.values():
+                if other.style == "shardlow":
+                    raise fix.error("fix shardlow moves beads whatever their force is; leave them out of the integrating fix instead")
+                if other.style == "nph":
+                    raise fix.error("beside fix nph forces cannot be taken from beads that move, since there is no ensemble of such beads")
+    return mobile & found.still & ~state.atoms.velocities.any(axis=1)
+
+
+def interacting_beads(state: DeckState, mobile: np.ndarray) -> np.ndarray | None:
+    """(N, 3) components of beads on which not only body forces act, those that do not move included; None if they are all."""
+    found = driving(state).interacting | ~mobile[:, None]
+    return None if found.all() else found
 
 
 # -- walls --------------------------------------------------------------------------------------------------------------------

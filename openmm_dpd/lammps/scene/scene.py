@@ -15,7 +15,7 @@ from ..styles.bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedStyle
 from ..styles.pair_tables import pair_tables
 from .electrostatics import electrostatics_of
 from .fields import internal_of, internal_scale, sources_of
-from .flow import body_forces_of, walls_of
+from .flow import body_forces_of, interacting_beads, walls_of
 from .integration import Integration, integration
 from .segments import segments_of
 
@@ -78,6 +78,7 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
             body_forces=body_forces_of(state),
             walls=walls_of(state, moved.mobile),
             electrostatics=electrostatics_of(state),
+            interacting=interacting_beads(state, moved.mobile),
         )
 
 

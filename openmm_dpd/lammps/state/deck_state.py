@@ -91,12 +91,16 @@ class DeckState:
         Whether the next jump is skipped, because ``next`` has come to the end of a series.
     force_norm : str
         By what ``minimize`` measures forces.
+    min_style : str
+        What ``min_style`` said.
     setup : list of (str, list of str)
         The commands about interactions until now, with their words.
     noise_counter : float
         Random numbers of pairs that runs have used: every run draws new ones.
     restarts : RestartSettings
         What ``restart`` said.
+    reordered : bool
+        Whether LAMMPS would have sorted the beads by place: it does where a run begins, and a minimisation.
     notes : list of str
         What was accepted without having a meaning here, each said once.
     inputs : list of Path
@@ -140,11 +144,13 @@ class DeckState:
     variables: Variables = field(default_factory=Variables)
     skips_jump: bool = False
     force_norm: str = "two"
+    min_style: str = "cg"
     setup: list[tuple[str, list[str]]] = field(default_factory=list)
     noise_counter: float = 0.0
     restarts: RestartSettings = field(default_factory=RestartSettings)
     notes: list[str] = field(default_factory=list)
     runs: int = 0
+    reordered: bool = False
     last_sample: DeckSample | None = None
     here: Line | None = None
     output: Path = field(default_factory=Path)
@@ -318,9 +324,11 @@ class DeckState:
             bead = int(np.argmax(lost))
             place = " ".join(f"{value:g}" for value in self.atoms.positions[bead])
             raise ParameterError(f"{command}: bead {self.atoms.ids[bead]} lies at {place}, so far outside the box that LAMMPS loses it")
-        if command == "run" and self.sorts and box.triclinic:
-            # LAMMPS sorts by place in between, for which it goes to coordinates and back to fractions
-            inside = box.places(box.fractions(inside))
+        if command in ("run", "minimize") and self.sorts:
+            self.reordered = True
+            if box.triclinic:
+                # LAMMPS sorts by place in between, for which it goes to coordinates and back to fractions
+                inside = box.places(box.fractions(inside))
         self.take_inside(inside, shifts)
 
     def take_inside(self, positions: np.ndarray, shifts: np.ndarray) -> None:

@@ -13,6 +13,10 @@ NORMS = {
     "inf": lambda force: float(np.abs(force).max(initial=0.0)),
 }
 
+#: Values of min_style, and those whose motion begins at rest and ends there.
+MIN_STYLES = ("cg", "hftn", "sd", "quickmin", "fire", "fire/old")
+DAMPED = ("quickmin", "fire", "fire/old")
+
 #: LAMMPS adds it to the energies that a change is compared with.
 _LEAST_ENERGY = 1e-8
 

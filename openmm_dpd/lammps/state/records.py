@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from ...errors import DeckError
+from ...errors import DeckError, ParameterError
 from ..language.lexer import Line, located
 
 
@@ -22,6 +22,27 @@ class Fix:
     def error(self, message: str) -> DeckError:
         """An error about this fix."""
         return located(self.where, f"fix {self.name}: {message}")
+
+
+#: Fixes that change the forces on single beads.
+FORCE_FIXES = ("addforce", "setforce")
+
+
+@dataclass(frozen=True)
+class ForceVector:
+    """The vector of a fix addforce or setforce: the total force on its group before it acted."""
+
+    name: str
+    size: int = 3
+
+    def is_extensive(self, *indices: int) -> bool:
+        """Sums over beads are what thermo output divides by their number when it normalises."""
+        return True
+
+    def check_index(self, *indices: int) -> None:
+        """ParameterError unless ``f_id[index]`` is one of its values."""
+        if len(indices) != 1 or not 1 <= indices[0] <= self.size:
+            raise ParameterError(f"f_{self.name}: its values are the force before it acts, f_{self.name}[1] to f_{self.name}[3]")
 
 
 @dataclass(frozen=True)

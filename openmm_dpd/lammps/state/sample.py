@@ -45,6 +45,8 @@ class DeckSample:
         Needed by computes on groups and of single beads only.
     forces : (N, 3) array, optional
         Total forces, with friction and noise where they are forces (``mvv``).
+    before : dict of (3,) arrays, optional
+        Total force on the group of each fix addforce and setforce before it acted.
     fields : dict of arrays, optional
         The beads' fields, as :func:`openmm_dpd.fields.read_fields` gives them; empty if there are none.
     cpu : float
@@ -70,5 +72,6 @@ class DeckSample:
     positions: np.ndarray | None = None
     velocities: np.ndarray | None = None
     forces: np.ndarray | None = None
+    before: Mapping[str, np.ndarray] | None = None
     fields: Mapping[str, np.ndarray] | None = None
     cpu: float = 0.0

@@ -13,10 +13,10 @@ from ...errors import ParameterError
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
-from ..state.records import Compute
+from ..state.records import FORCE_FIXES, Compute, ForceVector
 from .chunks import CHUNKS
 from .compute_spec import ComputeSpec, check_place, no_arguments, reference
-from .per_bead import BEAD_WORDS, PER_BEAD
+from .per_bead import BEAD_WORDS, PER_BEAD, check_carried
 from .structure_computes import STRUCTURE
 
 #: One word for several values: ``c_id[*]``, ``c_id[2*4]``, ``f_id[*]``.
@@ -87,6 +87,7 @@ def check_bead_word(state: DeckState, word: str, allowed: tuple[str, ...] = tupl
         return
     if not word.startswith("c_"):
         read.choice(word, what, [*allowed, "c_id", "c_id[column]", "v_name"])
+        check_carried(state, word)
         return
     _, name, indices = reference(word)
     compute, spec = compute_of(state, name, word)
@@ -247,10 +248,16 @@ def compute_of(state: DeckState, name: str, word: str = "") -> tuple[Compute, Co
 
 
 def average_of(state: DeckState, name: str) -> Any:
-    """The :class:`~openmm_dpd.lammps.output.averages.AveragingFix` of this name; ParameterError if there is none."""
-    average = state.fixes[name].parameters.get("average") if name in state.fixes else None
+    """The :class:`~openmm_dpd.lammps.output.averages.AveragingFix` or force fix of this name; ParameterError if there is none."""
+    average = None
+    if name in state.fixes:
+        force = ForceVector(name) if state.fixes[name].style in FORCE_FIXES else None
+        average = state.fixes[name].parameters.get("average", force)
     if average is None:
-        raise ParameterError(f"f_{name}: there is no fix '{name}' with a value; fix ave/time has values, fix ave/chunk f_id[bin][column]")
+        raise ParameterError(
+            f"f_{name}: there is no fix '{name}' with a value; fix ave/time has values, fix ave/chunk f_id[bin][column], "
+            "fix addforce and setforce f_id[1] to f_id[3]"
+        )
     return average
 
 
@@ -312,9 +319,7 @@ def expanded(state: DeckState, words: Sequence[str], tables: bool = False) -> tu
 def count_of(state: DeckState, kind: str, name: str) -> int:
     """Number of values of the compute (kind ``c``) or fix (``f``) of this name: columns where every bead has some, 0 for a single one."""
     if kind == "f":
-        fix = state.fixes.get(name)
-        average = None if fix is None else fix.parameters.get("average")
-        return 0 if average is None else average.size
+        return average_of(state, name).size
     if name in BUILT_IN:
         return 6 if BUILT_IN[name].vector is not None else 0
     compute, spec = compute_of(state, name)

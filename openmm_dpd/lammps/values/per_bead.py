@@ -7,7 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...errors import ParameterError
+from ..files.atom_styles import BONDED_STYLES, CHARGED_STYLES
 from ..language import arguments as read
+from ..state.atoms import Atoms
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
 from ..state.records import Compute
@@ -26,6 +29,25 @@ def _masses(moment: DeckMoment) -> np.ndarray:
     return moment.state.bead_masses() / moment.units.mass
 
 
+#: Words for what beads of some atom styles only have.
+_OF_STYLES = {"mol": BONDED_STYLES, "q": CHARGED_STYLES}
+
+
+def check_carried(state: DeckState, word: str) -> None:
+    """ParameterError if beads of the deck's atom style have no such value."""
+    styles = _OF_STYLES.get(word)
+    if styles is not None and state.atom_style not in styles:
+        raise ParameterError(f"beads of atom_style {state.atom_style} have no {word}; those of {', '.join(styles)} have")
+
+
+def _carried(word: str, array: Callable[[Atoms], np.ndarray]) -> BeadWord:
+    def value(moment: DeckMoment) -> np.ndarray:
+        check_carried(moment.state, word)
+        return array(moment.state.atoms).astype(float)
+
+    return BeadWord(value)
+
+
 def axis_of(array: Callable[[DeckMoment], np.ndarray], axis: int) -> Callable[[DeckMoment], np.ndarray]:
     """One column of an array of three."""
     return lambda moment: array(moment)[:, axis]
@@ -34,10 +56,10 @@ def axis_of(array: Callable[[DeckMoment], np.ndarray], axis: int) -> Callable[[D
 def _words() -> dict[str, BeadWord]:
     words = {
         "id": BeadWord(lambda c: c.state.atoms.ids.astype(float)),
-        "mol": BeadWord(lambda c: c.state.atoms.molecules.astype(float)),
+        "mol": _carried("mol", lambda atoms: atoms.molecules),
         "type": BeadWord(lambda c: c.state.atoms.types.astype(float)),
         "mass": BeadWord(_masses),
-        "q": BeadWord(lambda c: c.state.atoms.charges),
+        "q": _carried("q", lambda atoms: atoms.charges),
     }
     arrays: dict[str, tuple[Callable[[DeckMoment], np.ndarray], str]] = {
         "{}": (lambda c: c.folded[0], "positions"),
@@ -80,6 +102,7 @@ def _check_property(state: DeckState, group: str, words: list[str]) -> None:
     read.count(words, "compute ID group property/atom value value ...", 1, None)
     for word in words:
         read.choice(word, "a value of compute property/atom", list(PROPERTIES))
+        check_carried(state, word)
         if word == "rho":
             state.require_atom_style("mdpd", "compute property/atom rho")
 

@@ -10,9 +10,10 @@ from ...errors import ParameterError
 from ..language.expressions import Names, evaluate, evaluate_beads
 from ..language.lexer import substitute
 from ..state.moment import DeckMoment
+from ..state.records import ForceVector
 from .compute_spec import check_place, reference
 from .computes import BUILT_IN, COMPUTES, average_of, check_built_in, check_value, compute_of
-from .per_bead import BEAD_WORDS
+from .per_bead import BEAD_WORDS, check_carried
 from .words import WORDS
 
 
@@ -100,11 +101,20 @@ class Resolver(DeckMoment, Names):
 
     def fix(self, name: str, index: int | None = None, column: int | None = None) -> float:
         """Value of ``f_name``, ``f_name[index]`` or ``f_name[index][column]``: that of the last average, 0 before the first."""
-        return average_of(self.state, name).value(*(k for k in (index, column) if k is not None))
+        found, indices = average_of(self.state, name), [k for k in (index, column) if k is not None]
+        if isinstance(found, ForceVector):
+            found.check_index(*indices)
+            return float(self.fix_vector(name)[indices[0] - 1])
+        return found.value(*indices)
 
     def fix_vector(self, name: str) -> np.ndarray:
         """All values of ``f_name``; ParameterError if it has no vector."""
         average = average_of(self.state, name)
+        if isinstance(average, ForceVector):
+            before = self.need("before")
+            if name not in before:
+                raise ParameterError(f"f_{name}: the fix has not acted yet; it does in the next run")
+            return before[name] / self.units.force
         if not average.size:
             raise ParameterError(f"there is no fix '{name}' with a vector")
         return average.vector
@@ -139,6 +149,7 @@ class Resolver(DeckMoment, Names):
         if function == "count":
             return float(mask.sum())
         if function == "charge":
+            check_carried(self.state, "q")
             return float(self.state.atoms.charges[mask].sum())
         masses = self.state.bead_masses()[mask]
         if function == "mass":
@@ -174,7 +185,7 @@ class Resolver(DeckMoment, Names):
     def atom(self, quantity: str, bead: int) -> float:
         """Value of one bead, by its id."""
         atoms, index = self.state.atoms, self._bead(bead, quantity)
-        integers = {"id": atoms.ids, "type": atoms.types, "mol": atoms.molecules}
+        integers = {"id": atoms.ids, "type": atoms.types}
         return float(integers[quantity][index] if quantity in integers else BEAD_WORDS[quantity].value(self)[index])
 
     def call(self, function: str, arguments: list[float]) -> float:

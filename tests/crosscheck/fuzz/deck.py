@@ -57,6 +57,8 @@ class Deck:
         ``lammps_NAME`` and ``ours_NAME``.
     files : dict
         Text of the files beside the deck.
+    same : list of (str, str)
+        Files of ours that must be the same in the end, to the bit.
     options : dict
         ``conservative`` and ``compat``: options of openmm_dpd that change nothing of the physics that is compared.
     accuracy : float
@@ -83,6 +85,7 @@ class Deck:
     lines: list[str] = field(default_factory=list)
     stages: list[list[str]] = field(default_factory=list)
     files: dict[str, str] = field(default_factory=dict)
+    same: list[tuple[str, str]] = field(default_factory=list)
     options: dict[str, str] = field(default_factory=dict)
     accuracy: float = 0.0
     of_forces: float = 0.0

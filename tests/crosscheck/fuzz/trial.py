@@ -120,6 +120,10 @@ class Trial:
             if ours.status == "refused":
                 return outcome("both refuse", _both(lammps, ours), outputs)
             _exchange(folders)
+        for pair in deck.same:
+            outputs = {" and ".join(pair): tuple((folders["ours"] / name).read_text() for name in pair)}
+            if len({text for texts in outputs.values() for text in texts}) > 1:
+                return outcome("difference", f"{' and '.join(pair)} of ours are not the same", outputs)
         return outcome("agree", "")
 
     def _answer(self, folder: Path, side: str, number: int, text: str, deck: Deck) -> Answer:
@@ -138,7 +142,7 @@ def _stopped_earlier(outputs: dict[str, tuple[str, str]]) -> bool:
 
 
 def _names(folder: Path) -> list[str]:
-    return [path.name for path in folder.iterdir() if path.name != "log.lammps"]
+    return [path.name for path in folder.iterdir() if path.name != "log.lammps" and path.suffix != ".restart"]
 
 
 def _is_old(folders: dict[str, Path], name: str, before: dict[str, bytes]) -> bool:

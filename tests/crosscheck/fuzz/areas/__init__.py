@@ -14,10 +14,12 @@ from .data import data
 from .flow import flow
 from .formulas import formulas
 from .meso import meso
+from .minimizing import minimizing
 from .mistakes import mistakes
 from .moving import moving
 from .output import output
 from .pairs import pairs
+from .restarts import restarts
 from .runs import runs
 from .setup import setup
 from .thermostats import thermostats
@@ -38,5 +40,7 @@ AREAS: dict[str, tuple[float, Callable[[Draw], Deck]]] = {
     "moving": (1.5, moving),
     "data": (1.0, data),
     "output": (1.0, output),
+    "minimizing": (0.5, minimizing),
+    "restarts": (0.5, restarts),
     "mistakes": (2.0, mistakes),
 }

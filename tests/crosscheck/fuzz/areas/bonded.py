@@ -105,6 +105,10 @@ def bonded(draw: Draw) -> Deck:
         _coefficients(deck, "angle", _ANGLES, angle)
     interactions(deck, [draw.pick(["dpd", "dpd", "dpd/ext", "zero", "dpd/fdt"])])
     groups(deck)
+    if draw.chance(0.15):
+        deck.add("group", "lost", "id", draw.whole(1, deck.beads))
+        deck.add("delete_atoms", "group", "lost", "bond", "yes")
+        deck.add("reset_atoms", "id")
     deck.add("fix", 1, "all", "nve")
     deck.add("timestep", natural.step * 0.5)
     thermo(deck, *draw.some(["ebond", "eangle", "emol", "bonds", "angles"], 1))

@@ -28,12 +28,17 @@ def flow(draw: Draw) -> Deck:
             inset = natural.length * 0.02
             ends = [draw.pick(["EDGE", "EDGE", deck.low[k] - inset * 0]), draw.pick(["EDGE", "EDGE", deck.low[k] + deck.edges[k]])]
             deck.add("fix", f"wall{axis}", "all", "wall/reflect", f"{axis}lo", ends[0], f"{axis}hi", ends[1], "units", "box")
-    makers = [_push] * draw.whole(0, 3) + [_hold] * draw.chance(0.25)
+    makers = [_push] * draw.whole(0, 3) + [_hold] * draw.chance(0.25) + [_put] * draw.pick([0, 0, 1, 2])
     draw.shuffle(makers)
     for k, maker in enumerate(makers):
         maker(deck, k)
     timestep(deck)
-    thermo(deck, "fmax", "fnorm", "pe")
+    named = [
+        f"f_{words[1]}[{draw.whole(1, 3)}]"
+        for words in map(str.split, deck.lines)
+        if words[:1] == ["fix"] and words[3] in ("setforce", "addforce")
+    ]
+    thermo(deck, "fmax", "fnorm", "pe", *draw.some(named, 0, 2))
     dump(deck)
     conservative(deck)
     deck.run(draw.whole(0, 5))
@@ -43,7 +48,18 @@ def flow(draw: Draw) -> Deck:
 
 
 def _push(deck: Deck, k: int) -> None:
-    """A force on beads, of numbers or with one component that follows the bead."""
+    """A force on beads that is added to the others."""
+    deck.add("fix", f"push{k}", deck.group(), "addforce", *_force(deck, k))
+
+
+def _put(deck: Deck, k: int) -> None:
+    """A force in the place of all others, along some axes."""
+    words = [word if deck.draw.chance(0.6) else "NULL" for word in _force(deck, k)]
+    deck.add("fix", f"put{k}", deck.group(), "setforce", *words)
+
+
+def _force(deck: Deck, k: int) -> list[object]:
+    """Numbers, or numbers and one component that follows the bead."""
     draw, natural = deck.draw, deck.units
     words: list[object] = [natural.force * draw.real(-5, 5) if draw.chance(0.7) else 0.0 for _ in range(3)]
     if draw.chance(0.4):
@@ -58,7 +74,7 @@ def _push(deck: Deck, k: int) -> None:
         ]
         deck.add("variable", f"p{k}", "atom", f'"{draw.pick(formulas)}"')
         words[draw.whole(0, 2)] = f"v_p{k}"
-    deck.add("fix", f"push{k}", deck.group(), "addforce", *words)
+    return words
 
 
 def _hold(deck: Deck, k: int) -> None:

@@ -17,7 +17,9 @@ def meso(draw: Draw) -> Deck:
     species = draw.whole(1, 3)
     head(deck, style, ("lj", "lj", "real") if style == "dpd" else ("lj",), species if style == "tdpd" else 0)
     natural = deck.units
-    draw_box(deck, 2.6, 4.0)
+    sweeps = style == "dpd" and draw.chance(0.4)
+    # LAMMPS has no neighbour lists for fix shardlow in tilted boxes
+    draw_box(deck, 2.7, 4.0, 0.0 if sweeps else 0.35)
     deck.types = draw.whole(1, 2)
     count = draw.whole(2, 25)
     carried: dict[str, list[float]] = {
@@ -30,7 +32,7 @@ def meso(draw: Draw) -> Deck:
         "mdpd": {"rho": [0.0] * count},
     }[style]
     beads(deck, count, 0.3, carried=carried)
-    {"dpd": _energy, "edpd": _edpd, "tdpd": _tdpd, "mdpd": _mdpd}[style](deck, species)
+    {"dpd": _energy, "edpd": _edpd, "tdpd": _tdpd, "mdpd": _mdpd}[style](deck, sweeps if style == "dpd" else species)
     groups(deck)
     columns = _extra(deck, style, species)
     thermo(deck, most=6)
@@ -55,13 +57,13 @@ def _extra(deck: Deck, style: str, species: int) -> list[str]:
     return ["c_e[1]"]
 
 
-def _energy(deck: Deck, species: int) -> None:
+def _energy(deck: Deck, sweeps: int) -> None:
     draw, natural = deck.draw, deck.units
     deck.add("pair_style", "dpd/fdt/energy", natural.length, draw.seed_word())
     deck.add("pair_coeff", "*", "*", natural.force * draw.real(1, 30), 0.0, 0.0)
     capacity = natural.energy / natural.temperature * draw.real(5, 50)
     deck.add("fix", "eos", "all", "eos/cv", capacity)
-    if draw.chance(0.4):
+    if sweeps:
         deck.add("fix", "pairs", "all", "shardlow")
     else:
         deck.add("fix", "heat", "all", "dpd/energy")

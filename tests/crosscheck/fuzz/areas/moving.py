@@ -51,6 +51,10 @@ def moving(draw: Draw) -> Deck:
     deck = Deck(draw)
     style = draw.pick(["atomic", "atomic", "bond"])
     head(deck, style, ("lj", "lj", "real"))
+    # then beads stay in the order in which they came, and commands that give new ids may come after runs
+    ordered = draw.chance(0.25)
+    if ordered:
+        deck.add("atom_modify", "sort", 0, 0.0)
     draw_box(deck)
     deck.types = draw.whole(1, 2)
     count = draw.whole(2, 8)
@@ -68,7 +72,9 @@ def moving(draw: Draw) -> Deck:
             deck.show(f"count({name})")
         if draw.chance(0.3) and style == "atomic":
             if len(deck.groups) > 1:
-                deck.add("delete_atoms", "group", deck.groups[-1])
+                deck.add("delete_atoms", "group", deck.groups[-1], *draw.pick([[], ["compress", "no"]]))
+        if draw.chance(0.2):
+            deck.add("reset_atoms", "id")
         if draw.chance(0.4):
             _displace(deck)
     if draw.chance(0.4):
@@ -93,5 +99,8 @@ def moving(draw: Draw) -> Deck:
     if draw.chance(0.5):
         if draw.chance(0.5):
             _displace(deck)
+        if ordered and len(deck.groups) > 1:
+            deck.add("delete_atoms", "group", deck.groups[-1], "compress", draw.pick(["yes", "no"]))
+            deck.add("reset_atoms", "id")
         deck.run(draw.whole(0, 3))
     return deck

@@ -57,6 +57,10 @@ class _Builder:
         if target[1] in ("box", "all"):
             return
         deck.add("delete_atoms", *target, *(["compress", draw.pick(["yes", "no"])] if draw.chance(0.4) else []))
+        if draw.chance(0.4):
+            deck.add(
+                *draw.pick([["reset_atoms", "id"], ["reset_atoms", "id", "sort", "no"], ["reset_ids"], ["reset_atom_ids", "sort", "no"]])
+            )
 
     # -- groups and what beads are ---------------------------------------------------------------------------------------
     def group(self) -> None:

@@ -1,0 +1,181 @@
+"""What chi is to first order in the extra repulsion: overlaps of beads of different molecules, of molecules of any shape."""
+
+from __future__ import annotations
+
+import numpy as np
+from openmm import app, unit
+
+from ..analysis.frames import Beads, Trajectories, frames_of, indices, selected
+from ..analysis.molecules import molecule_labels
+from ..built import BuiltSystem
+from ..errors import ParameterError
+from ..measure.observer import require_built
+from ..model.pairs import SoftRepulsion
+from ..model.scene import Scene
+from ..neighbours import connected, pairs_within
+from ..stats import Average, block_average
+from ..units import to_md, whole_number
+
+_NAME = "the slope of chi"
+
+
+class _Contacts:
+    """Overlaps of two sets of beads per bead, of pairs that are not of one molecule."""
+
+    def __init__(self, first: np.ndarray, second: np.ndarray, labels: np.ndarray, cutoff: float):
+        count = len(labels)
+        self.labels, self.cutoff = labels, cutoff
+        self.first, self.second = (np.bincount(chosen, minlength=count).astype(float) for chosen in (first, second))
+        own = np.bincount(labels, self.first) @ np.bincount(labels, self.second)
+        if not len(first) * len(second) > own:
+            raise ParameterError("there are no two beads of different molecules to take a slope of chi of")
+        self.scale = count / (len(first) * len(second))
+
+    def __call__(self, x: np.ndarray, box: np.ndarray | None) -> float:
+        if box is None:
+            raise ParameterError(f"{_NAME} needs a periodic box")
+        i, j, r = pairs_within(x, None, box, self.cutoff)
+        # a pair of which both beads are in both sets counts both ways
+        weight = self.first[i] * self.second[j] + self.first[j] * self.second[i]
+        apart = self.labels[i] != self.labels[j]
+        return float(self.scale * np.sum((weight * (1 - r / self.cutoff) ** 2)[apart]) / 2)
+
+
+def chi_slope(trajectory: Trajectories, beads: Beads = None, other: Beads = None, *, cutoff=1.0) -> Average:
+    r"""chi per extra repulsion of beads of different molecules, to first order, from a trajectory of the fluid without it.
+
+    .. math::
+
+        \frac{\chi_{ab}\, kT}{\Delta A\, r_c} = \frac{N}{N_a N_b}
+        \left\langle \sum_{i \in a,\ j \in b,\ \mathrm{other\ molecule}} \tfrac{1}{2} (1 - r_{ij}/r_c)^2 \right\rangle .
+
+    Parameters
+    ----------
+    trajectory : mdtraj.Trajectory or iterable of them
+        In a periodic box.  Molecules are what bonds connect, or residues if there are no bonds.
+    beads, other : str, sequence of str, array of int, or None
+        Types (or indices) a and b; all beads by default, and b = a.
+    cutoff : length, default 1
+        r_c of the repulsion, nm.
+
+    Returns
+    -------
+    openmm_dpd.stats.Average
+        chi for a dA rc of 1 kT.
+
+    Raises
+    ------
+    ParameterError
+        If there is no box, the cutoff does not fit into it, or there are no pairs.
+
+    Notes
+    -----
+    The free energy of mixing per bead is chi_ab times the parts of a and b of all beads, so this is its derivative by the repulsion
+    between a and b, at the repulsion that the trajectory was made with.  With labels P and Q on whole molecules of a fluid of one kind,
+    chi of P and Q is what all beads have with all: chi = dA rho integral (1 - r)^2/2 g(r) d^3r with g of beads of other molecules.
+    Contacts inside of a molecule, which two types on one molecule have as well, change its free energy wherever it is, and do not count.
+
+    References
+    ----------
+    First-order perturbation theory, as in D. C. Morse and J. K. Chung, arXiv:0810.5389 (2008).
+    """
+    topology, frames = frames_of(trajectory)
+    first = selected(topology, beads, "beads")
+    second = first if other is None else selected(topology, other, "other")
+    contacts = _Contacts(first, second, molecule_labels(topology), _length(cutoff))
+    return block_average([contacts(frame.positions, frame.box) for frame in frames], name=_NAME)
+
+
+def measured_chi_slope(
+    built: BuiltSystem,
+    beads: Beads = None,
+    other: Beads = None,
+    *,
+    steps: int = 5000,
+    every: int = 10,
+    settle: int = 1000,
+    simulation: app.Simulation | None = None,
+) -> Average:
+    """chi per extra repulsion of beads of different molecules, to first order, from a run of the fluid without it: see :func:`chi_slope`.
+
+    Parameters
+    ----------
+    built : BuiltSystem
+        From :func:`openmm_dpd.build`: molecules of any kinds, with a repulsion A (1 - r/rc) between the beads in question, as in
+        :class:`openmm_dpd.DPD`.
+    beads, other : str, sequence of str, array of int, or None
+        Types (or indices) a and b; all beads by default, and b = a.
+    steps, every, settle : int
+        Steps of the run, steps from one sample to the next, and steps before the first.
+    simulation : Simulation, optional
+        One of ``built`` that goes on from where it is; by default a new one.
+
+    Returns
+    -------
+    openmm_dpd.stats.Average
+        chi for a dA rc of 1 kT.
+
+    Raises
+    ------
+    ParameterError
+        If there is no box, no pair of different molecules, or the beads do not repel with A (1 - r/rc) and one cutoff.
+    """
+    require_built(built, "measured_chi_slope")
+    scene = built.plan.scene
+    if built.plan.host is not None or scene is None:
+        raise ParameterError("measured_chi_slope wants what openmm_dpd.build() returned: a scene of its own, not beads beside other atoms")
+    steps, every = whole_number(steps, "steps", least=1), whole_number(every, "every", least=1)
+    settle = whole_number(settle, "settle", least=0)
+    first = _chosen(scene, beads, "beads")
+    second = first if other is None else _chosen(scene, other, "other")
+    labels = connected(scene.bond_pairs, scene.n_beads)
+    contacts = _Contacts(first, second, labels, _cutoff(scene, first, second))
+    running = built.simulation() if simulation is None else simulation
+    running.step(settle)
+    rows = []
+    for _ in range(max(1, steps // every)):
+        running.step(every)
+        state = running.context.getState(positions=True)
+        x = state.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+        box = None if scene.box is None else state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer)
+        rows.append(contacts(x, box))
+    return block_average(rows, name=_NAME)
+
+
+def _length(cutoff) -> float:
+    value = to_md(cutoff, "length", "cutoff")
+    if not isinstance(value, float) or not value > 0:
+        raise ParameterError(f"cutoff must be a length > 0, not {cutoff!r}")
+    return value
+
+
+def _chosen(scene: Scene, beads: Beads, what: str) -> np.ndarray:
+    """Indices of the beads that are meant, as :func:`openmm_dpd.analysis.frames.selected` has them for a trajectory."""
+    if beads is None:
+        return np.arange(scene.n_beads)
+    array = np.asarray([beads] if isinstance(beads, str) else beads)
+    if array.ndim == 1 and array.dtype.kind == "U":
+        for name in array:
+            if name not in scene.types:
+                raise ParameterError(
+                    f"{what}: no bead is of type {str(name)!r}; there are {', '.join(map(repr, dict.fromkeys(scene.types)))}"
+                )
+        return np.flatnonzero(np.isin(scene.types, array))
+    return indices(array, scene.n_beads, what, "a type, several types, ")
+
+
+def _cutoff(scene: Scene, first: np.ndarray, second: np.ndarray) -> float:
+    """The one cutoff of the repulsion between the beads."""
+    names = scene.type_names
+    found = set()
+    for a in np.unique(scene.type_ids[first]):
+        for b in np.unique(scene.type_ids[second]):
+            pair = (names[min(a, b)], names[max(a, b)])
+            terms = [table.resolve(names).get(pair) for table in scene.tables]
+            cutoffs = {term.cutoff for term in terms if isinstance(term, SoftRepulsion)}
+            if not cutoffs:
+                raise ParameterError(f"{_NAME} goes with a repulsion A (1 - r/rc) alone, which types {pair[0]} and {pair[1]} do not have")
+            found |= cutoffs
+    if len(found) > 1:
+        raise ParameterError(f"{_NAME} needs one cutoff for all of the beads; they have {', '.join(f'{c:g}' for c in sorted(found))} nm")
+    return found.pop()

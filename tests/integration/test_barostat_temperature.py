@@ -1,0 +1,125 @@
+"""One temperature for the thermostat and the barostats of OpenMM beside it, however either is set."""
+
+import numpy as np
+import openmm
+import pytest
+from openmm import unit
+
+import openmm_dpd as dpd
+from openmm_dpd.errors import PlanError
+from openmm_dpd.units import BOLTZMANN
+
+BARS = 16.6054
+
+
+def fluid(scheme: str = "middle", kT=1.0, n: int = 192) -> dpd.BuiltSystem:
+    x = np.random.default_rng(1).random((n, 3)) * 4
+    scene = dpd.Scene({"W": 1.0}, ["W"] * n, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=kT, box=[4] * 3)
+    return dpd.build(scene, dt=0.02, scheme=scheme, platform="Reference", seed=1)
+
+
+def barostats() -> list[openmm.Force]:
+    bar, kelvin = 23.6 * BARS, 1 / BOLTZMANN
+    return [
+        openmm.MonteCarloBarostat(bar, kelvin, 5),
+        openmm.MonteCarloAnisotropicBarostat(openmm.Vec3(bar, bar, bar), kelvin, True, True, True, 5),
+        openmm.MonteCarloMembraneBarostat(bar, 0.0, kelvin, 0, 0, 5),
+    ]
+
+
+def held(simulation) -> list[float]:
+    """Temperatures of the barostats of a Context, as energies."""
+    names = {"MonteCarloTemperature", "AnisotropicMonteCarloTemperature", "MembraneMonteCarloTemperature"}
+    found = {name: value for name, value in simulation.context.getParameters().items() if name in names}
+    assert found
+    return [BOLTZMANN * value for value in found.values()]
+
+
+@pytest.mark.parametrize("kind", range(3))
+@pytest.mark.parametrize("scheme", ["middle", "mvv"])
+def test_setting_the_temperature_sets_that_of_the_barostat(scheme, kind):
+    built = fluid(scheme)
+    built.system.addForce(barostats()[kind])
+    simulation = built.simulation()
+    simulation.step(5)
+    dpd.set_kT(simulation.context, 1.5)
+    assert held(simulation) == pytest.approx([1.5])
+    simulation.step(5)
+    dpd.set_temperature(simulation.context, 200)
+    assert held(simulation) == pytest.approx([200 * BOLTZMANN])
+    simulation.step(5)
+    built.integrator.setTemperature(150 * unit.kelvin)
+    assert held(simulation) == pytest.approx([150 * BOLTZMANN])
+    simulation.step(5)
+    assert simulation.context.getParameter("dpd_kT") == pytest.approx(150 * BOLTZMANN)
+
+
+def test_before_the_context():
+    built = fluid()
+    dpd.add_barostat(built, 23.6, interval=5)
+    built.integrator.setTemperature(200)
+    simulation = built.simulation()
+    simulation.step(5)
+    assert held(simulation) == pytest.approx([200 * BOLTZMANN])
+
+
+@pytest.mark.parametrize("scheme", ["middle", "mvv", "bababo"])
+@pytest.mark.parametrize("way", ["parameter", "variable", "barostat"])
+def test_one_without_the_other_is_refused(scheme, way):
+    built = fluid(scheme)
+    dpd.add_barostat(built, 23.6, interval=5)
+    simulation = built.simulation()
+    simulation.step(5)
+    if way == "parameter":
+        simulation.context.setParameter("dpd_kT", 1.5)
+    elif way == "variable":
+        openmm.CustomIntegrator.setGlobalVariableByName(built.integrator, "temperature", 1.5 / BOLTZMANN)
+    else:
+        simulation.context.setParameter("MonteCarloTemperature", 300)
+    with pytest.raises(
+        PlanError, match="MonteCarloBarostat samples volumes at .* K .*MonteCarloTemperature.* thermostat is at .* set both"
+    ):
+        simulation.step(5)
+    if way != "barostat":
+        simulation.context.setParameter("MonteCarloTemperature", 1.5 / BOLTZMANN)
+    else:
+        simulation.context.setParameter("MonteCarloTemperature", 1.001 / BOLTZMANN)  # rounded by hand
+    simulation.step(5)
+
+
+def test_a_barostat_of_the_users_has_the_temperature_of_the_thermostat():
+    built = fluid()
+    built.system.addForce(openmm.MonteCarloBarostat(23.6 * BARS, 300, 25))
+    with pytest.raises(PlanError, match="at 300 K .* thermostat is at 120.27"):
+        built.simulation().step(1)
+    off = fluid()
+    off.system.addForce(openmm.MonteCarloBarostat(23.6 * BARS, 300, 0))
+    off.simulation().step(1)
+
+
+def test_no_ramp_beside_a_barostat():
+    built = fluid(kT=dpd.TemperatureRamp(1.0, 2.0, 0, 100))
+    built.system.addForce(barostats()[0])
+    with pytest.raises(PlanError, match="MonteCarloBarostat has one temperature; a temperature ramp"):
+        built.simulation().step(1)
+
+
+@pytest.mark.slow
+def test_the_density_of_a_hotter_run():
+    """After set_kT the density is that of a run which was hot from the beginning: 2.91 at kT 1.5 and P 23.6, 3.00 at 1."""
+    means = []
+    for begin in (1.0, 1.5):
+        built = fluid(kT=begin)
+        dpd.add_barostat(built, 23.6, interval=5)
+        simulation, volumes = built.simulation(), []
+        simulation.step(200)
+        dpd.set_kT(simulation.context, 1.5)
+        simulation.step(400)
+        for _ in range(400):
+            simulation.step(20)
+            volumes.append(simulation.context.getState().getPeriodicBoxVolume()._value)
+        average = dpd.stats.block_average(np.array(volumes))
+        means.append((average.mean, average.sem))
+    (a, da), (b, db) = means
+    assert abs(a - b) < 4 * np.hypot(da, db) and np.hypot(da, db) < 0.4
+    assert 192 / a == pytest.approx(2.909, abs=4 * 2.909 * da / a + 0.01)
