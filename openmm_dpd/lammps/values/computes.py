@@ -262,7 +262,7 @@ def average_of(state: DeckState, name: str) -> Any:
 
 
 def is_extensive(state: DeckState, word: str) -> bool:
-    """Whether ``c_id``, ``f_id`` or ``v_name`` (perhaps with indices) is a sum over beads, which thermo output may divide by their number."""
+    """Whether ``c_id``, ``f_id`` or ``v_name`` (with indices) is a sum over beads, which thermo output may divide by their number."""
     kind, name, indices = reference(word)
     if kind == "v":
         return False
