@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import openmm
 from openmm import unit
@@ -11,7 +9,6 @@ from openmm import unit
 from ...build import BuiltSystem
 from ...fields import read_fields
 from ...geometry import symmetric_products
-from ...made import masses_of
 from ...measure import Sample
 from ...measure.scene_samples import SceneSampler
 from ...measure.stress_sums import StressSums
@@ -47,6 +44,7 @@ class Sampler:
     def __init__(self, request: RunRequest, built: BuiltSystem, context: openmm.Context):
         self.request, self.built, self.context = request, built, context
         self.observer = SceneSampler(built)
+        self._masses = request.state.bead_masses()
         # what fixes make of the forces, where these are not just the ones that the simulation has
         self._replaced = any(fix.style == "setforce" for fix in request.state.fixes.values())
         self._stress = StressSums(built.plan) if "virial_tensor" in request.needs else None
@@ -61,11 +59,12 @@ class Sampler:
         forces, before = measured.forces, None
         if self._replaced or "before" in needs:
             forces, before = self._acted_on(step, measured.untaken)
+        products = self._kinetic_tensor()
         full = measured.virial_conservative + measured.virial_dissipative + measured.virial_random
         sample = DeckSample(
             step=step,
-            kinetic=measured.kinetic,
-            dof=3 * measured.n_mobile - 3,  # LAMMPS's, whatever takes up momentum
+            kinetic=float(products[:3].sum()) / 2,
+            kinetic_tensor=products,
             pair_energy=measured.pair,
             short_energy=measured.coulomb_real,
             lattice_energy=measured.coulomb_reciprocal,
@@ -81,7 +80,7 @@ class Sampler:
             forces=forces if "forces" in needs else None,
             before=before,
             **self._of_beads(needs),
-            **(self._tensors() if "virial_tensor" in needs else {}),
+            virial_tensor=self._virial_tensor() if "virial_tensor" in needs else None,
         )
         return sample, measured
 
@@ -93,15 +92,14 @@ class Sampler:
         found, before = acted_on(moment, forces / unit - added)
         return found * unit, {name: vector * unit for name, vector in before.items()}
 
-    def _tensors(self) -> dict[str, Any]:
-        """The two parts of the pressure tensor."""
+    def _virial_tensor(self) -> np.ndarray:
         assert self._stress is not None
-        mass = masses_of(self.built.system)[:, None]
+        return self._stress.counted(self.context, self.observer)
+
+    def _kinetic_tensor(self) -> np.ndarray:
+        """(6,) sums of m v v over all beads, with the velocity that those have which do not move: LAMMPS counts them."""
         velocities = arrays(self.context)[1]
-        return {
-            "virial_tensor": self._stress.counted(self.context, self.observer),
-            "kinetic_tensor": symmetric_products(mass * velocities, velocities),
-        }
+        return symmetric_products(self._masses[:, None] * velocities, velocities)
 
     def cheap(self, step: int, needs: frozenset[str], cpu: float) -> DeckSample:
         """A sample with values of beads and the box only."""
