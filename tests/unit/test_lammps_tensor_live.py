@@ -89,6 +89,18 @@ run 4
 
 
 @LAMMPS
+@pytest.mark.parametrize("words", ["press", "press pxx pyy pzz"])
+@pytest.mark.parametrize("platform", ["Reference", "CPU"])
+def test_the_pressure_of_potentials_under_a_thermostat_is_in_double_precision(tmp_path, platform, words):
+    """With and without the tensor in the same row, whose mean it is."""
+    text = f"{decks(tmp_path, 'two thermostats', 'tilted')}thermo_style custom step {words}\nthermo_modify format float %.14g\nthermo 1\nrun 0\n"
+    theirs, ours = (np.array(rows[-1].split(), float) for rows in both(tmp_path, text, platform))
+    assert ours[1] == pytest.approx(theirs[1], rel=1e-11)
+    if len(ours) > 2:
+        assert ours[1] == pytest.approx(ours[2:].mean(), rel=1e-12)
+
+
+@LAMMPS
 @pytest.mark.parametrize("modify", ["temp ta", "press pp", "temp ta press pq", "press pq temp ta"])
 def test_chosen_temperatures_and_pressures(tmp_path, modify):
     text = f"""{decks(tmp_path, "dpd")}
