@@ -98,6 +98,8 @@ def _parser() -> argparse.ArgumentParser:
         "deck scheme dt steps seed var platform precision threads conservative compat",
     )
     _add_run_options(run)
+    # None is what was not given: the default then, or what the run had that --restart goes on with
+    run.set_defaults(compat=None, conservative=None, discard=None, format=None)
     forces = command(
         "forces",
         "write the forces at the first configuration of a deck, term by term",
@@ -135,7 +137,9 @@ def _add_run_options(run: argparse.ArgumentParser) -> None:
     results.add_argument("--discard", type=int, default=0, metavar="N", help="leave the first N steps of each run out of averages")
     results.add_argument("--every", type=int, metavar="N", help="steps between two frames of the trajectory (default: 100 frames a run)")
     results.add_argument("--format", choices=("dcd", "xtc"), default="dcd", help="format of the trajectory (default: dcd)")
-    results.add_argument("--quiet", action="store_true", help="print nothing but errors; all rows are in DIR/log.txt")
+    results.add_argument(
+        "--quiet", action=argparse.BooleanOptionalAction, help="print nothing but errors; all rows are in DIR/log.txt (default: --no-quiet)"
+    )
     kept = run.add_argument_group("interruptions")
     kept.add_argument(
         "--checkpoint",
@@ -200,7 +204,8 @@ def _options(options: argparse.Namespace):
                 check(given)
             except ParameterError as error:
                 raise ParameterError(f"{name}: {error}") from None
-    return RunOptions(**{name: value for name, value in vars(options).items() if name in RunOptions.__dataclass_fields__})
+    names = RunOptions.__dataclass_fields__
+    return RunOptions(**{name: value for name, value in vars(options).items() if name in names and value is not None})
 
 
 def _run(options: argparse.Namespace, signals: Signals) -> None:
@@ -209,37 +214,44 @@ def _run(options: argparse.Namespace, signals: Signals) -> None:
     from .lammps import run_deck
     from .lammps.run.checkpoint import Checkpoints
 
-    # lines above the progress bar, not through it
-    log = (lambda _: None) if options.quiet else tqdm.write
-    default = Path("out") / options.deck.name.removeprefix("in.")
-    out = Checkpoints.at(options.restart) if options.restart else options.out or default
+    chosen, asked = _options(options), {"json": options.json and options.json.absolute(), "quiet": options.quiet}
+    if options.restart:
+        out = Checkpoints.at(options.restart)
+        latest = Checkpoints(out).latest()
+        latest.check_given({name: value for name, value in vars(options).items() if name in latest.options and value is not None})
+        asked = latest.asked | {name: value for name, value in asked.items() if value is not None}
+    else:
+        out = options.out or Path("out") / options.deck.name.removeprefix("in.")
+    json_file, quiet = asked["json"], asked["quiet"]
     _make_folder(out, "--out")
-    if options.json:
-        _check_target(options.json)
+    if json_file:
+        _check_target(json_file)
 
     def keep(report: dict) -> None:
-        if options.json:
-            _write(options.json, report)
+        if json_file:
+            _write(json_file, report)
 
-    chosen, variables, progress = _options(options), dict(options.var), not options.quiet
     try:
         run_deck(
             options.deck,
             chosen,
             out=options.out if options.restart else out,
-            log=log,
-            variables=variables,
-            progress=progress,
+            # lines above the progress bar, not through it
+            log=(lambda _: None) if quiet else tqdm.write,
+            variables=dict(options.var),
+            progress=not quiet,
             keep=keep,
             signals=signals,
             restart=options.restart,
+            asked=asked,
         )
     except KeyboardInterrupt as error:
         if error.args:  # the deck was being read
             stopped, remedy = error.args
             raise KeyboardInterrupt(f"{stopped}; what was computed until then is in {out}/; {remedy}") from None
         raise
-    log(f"files are in {out}/")
+    if not quiet:
+        tqdm.write(f"files are in {out}/")
 
 
 def _forces(options: argparse.Namespace, signals: Signals) -> None:

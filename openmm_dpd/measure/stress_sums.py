@@ -31,16 +31,20 @@ class StressSums:
     """
 
     def __init__(self, plan: Plan):
-        reason = None
-        if plan.scene.box is None:
-            reason = "there is no periodic box"
-        elif plan.spec.fields is not None:
-            reason = "its beads have energies, temperatures or concentrations"
-        elif any(kind.stress_terms is None for kind in plan.kinds):
-            reason = f"that of {next(kind.name for kind in plan.kinds if kind.stress_terms is None)} is not known"
+        reason = self.why_not(plan)
         if reason is not None:
             raise ParameterError(f"no stress tensor of this scene: {reason}")
         self._plan, self.engine, self._parts = plan, PairEngine(engine_spec(plan)), stress_parts(plan)
+
+    @staticmethod
+    def why_not(plan: Plan) -> str | None:
+        """Why there is no stress tensor, or None."""
+        if plan.scene.box is None:
+            return "there is no periodic box"
+        if plan.spec.fields is not None:
+            return "its beads have energies, temperatures or concentrations"
+        unknown = next((kind.name for kind in plan.kinds if kind.stress_terms is None), None)
+        return None if unknown is None else f"that of {unknown} is not known"
 
     def conservative(self, x: np.ndarray, box: np.ndarray) -> np.ndarray:
         """(6,) sums over the conservative forces at positions (N, 3) in a box (3, 3), nm."""

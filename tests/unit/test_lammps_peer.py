@@ -230,7 +230,6 @@ def test_thermo_words_and_dumps(tmp_path, units, norm, scale):
         sample = DeckSample(
             step=request.first_step,
             kinetic=kinetic,
-            dof=3 * n - 3,
             pair_energy=expected["evdwl"] * beads * u.energy,
             bond_energy=expected["ebond"] * beads * u.energy,
             virial=expected["press"] * u.pressure * 3 * state.box.volume * u.length**3 - 2 * kinetic,

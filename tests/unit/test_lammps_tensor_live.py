@@ -40,6 +40,7 @@ STYLES = {
     "two thermostats": "pair_style hybrid/overlay lj/cut 1.0 dpd/tstat 0.0 0.0 1.0 3\npair_coeff * * lj/cut 1 0.4\n"
     "pair_coeff * * dpd/tstat 2.0\nfix 1 all nve\n",
     "frozen": "pair_style dpd 0.0 1.0 3\npair_coeff * * 25 4.5\nvelocity ga set 0 0 0\nfix 0 ga setforce 0 0 0\nfix 1 all nve\n",
+    "moving wall": "pair_style dpd 0.0 1.0 3\npair_coeff * * 25 4.5\ngroup rest subtract all ga\nfix 1 rest nve\n",
 }
 
 
@@ -74,17 +75,29 @@ variable v equal c_pv[4]+c_pb[6]
 fix a all ave/time 1 2 2 c_pv[1] c_pv[*] c_pb[5] v_mean c_thermo_press[2] file f.scalars format " %.10g"
 fix b all ave/time 2 1 2 c_pp c_pk c_thermo_press mode vector file f.vectors format " %.10g"
 thermo 1
-thermo_style custom step press {WORDS} c_pp[*] c_pk[1] c_pk[4] c_pv[2] c_pv[6] v_mean v_v c_thermo_press[4] c_thermo_temp[1] c_thermo_temp[5] c_ta[4]
+thermo_style custom step press temp ke etotal {WORDS} c_pp[*] c_pk[1] c_pk[4] c_pv[2] c_pv[6] v_mean v_v c_thermo_press[4] c_thermo_temp[1] c_thermo_temp[5] c_ta[4]
 thermo_modify format float %.12g
 run 4
 """
     theirs, ours = both(tmp_path, text)
     a, b = (np.array([row.split() for row in rows[1:]], float) for rows in (theirs, ours))
-    assert a.shape == b.shape == (5, 24)
+    assert a.shape == b.shape == (5, 27)
     np.testing.assert_allclose(b, a, rtol=0, atol=2e-10 * np.abs(a).max())
     for name in ("f.scalars", "f.vectors"):
         there, here = (values(tmp_path / side / name) for side in ("theirs", "ours"))
         np.testing.assert_allclose(here, there, rtol=0, atol=2e-9 * np.abs(there).max())
+
+
+@LAMMPS
+@pytest.mark.parametrize("words", ["press", "press pxx pyy pzz"])
+@pytest.mark.parametrize("platform", ["Reference", "CPU"])
+def test_the_pressure_of_potentials_under_a_thermostat_is_in_double_precision(tmp_path, platform, words):
+    """With and without the tensor in the same row, whose mean it is."""
+    text = f"{decks(tmp_path, 'two thermostats', 'tilted')}thermo_style custom step {words}\nthermo_modify format float %.14g\nthermo 1\nrun 0\n"
+    theirs, ours = (np.array(rows[-1].split(), float) for rows in both(tmp_path, text, platform))
+    assert ours[1] == pytest.approx(theirs[1], rel=1e-11)
+    if len(ours) > 2:
+        assert ours[1] == pytest.approx(ours[2:].mean(), rel=1e-12)
 
 
 @LAMMPS

@@ -139,8 +139,8 @@ ALONE = (
     FOUR.partition("create_atoms 1 single 1.4")[0] + "mass * 1.0\npair_style dpd 0.0 1.0 3\npair_coeff * * 25 4.5\nvelocity all set 1 2 3\n"
 )
 FEW = {
-    "immobile": (FOUR + "velocity f set 0.3 0 0\nfix 1 m nve\n", "pe fnorm fmax"),
-    "held": (FOUR + "fix 1 all nve\nfix 2 f setforce 0 0 0\n", "pe ke fnorm fmax press"),
+    "immobile": (FOUR + "velocity f set 0.3 0 0\nfix 1 m nve\n", "temp pe ke etotal fnorm fmax press"),
+    "held": (FOUR + "fix 1 all nve\nfix 2 f setforce 0 0 0\n", "temp pe ke etotal fnorm fmax press enthalpy"),
     "pushed and held": (FOUR + "fix 1 all nve\nfix 2 all addforce 3 0.1 0.7\nfix 3 f setforce 0 0 0\n", "pe fnorm fmax"),
     "pushed": (FOUR + "fix 1 all nve\nfix 2 all addforce 3.0 0.1 0.7\n", "temp pe ke etotal evdwl fnorm fmax press enthalpy"),
     "pushed by a formula": (

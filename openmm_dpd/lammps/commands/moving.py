@@ -47,17 +47,17 @@ def _move(state: DeckState, mask: np.ndarray, x: np.ndarray, words: list[str], s
             # as in LAMMPS a variable sees beads that have moved along the axes before
             state.atoms.positions = np.array(state.atoms.positions)
             state.atoms.positions[mask] = moved
-            moved[:, k] += scale[k] * _length(state, word)[mask]
+            moved[:, k] += scale[k] * values_of_variable(state, word, "displace_atoms")[mask]
         else:
             moved[:, k] += scale[k] * read.number(word, "a displacement")
     return moved
 
 
-def _length(state: DeckState, word: str) -> np.ndarray:
-    """(N,) values of an equal- or atom-style variable."""
+def values_of_variable(state: DeckState, word: str, command: str) -> np.ndarray:
+    """(N,) values of an equal- or atom-style variable (``v_name``) in a command."""
     style = state.variables.get(word[2:]).style
     if style not in ("equal", "atom"):
-        raise ParameterError(f"displace_atoms: variable {word[2:]} is {style}-style; an equal- or atom-style one is expected")
+        raise ParameterError(f"{command}: variable {word[2:]} is {style}-style; an equal- or atom-style one is expected")
     return np.broadcast_to(Resolver(state).bead_variable(word[2:]), (len(state.atoms),))
 
 

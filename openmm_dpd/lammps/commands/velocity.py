@@ -12,6 +12,7 @@ from ..state.deck_state import DeckState
 from ..state.momentum import without_rotation
 from ..state.records import Compute
 from ..values.resolver import Resolver
+from .moving import values_of_variable
 from .setup import by_name
 
 _SIZES = {"dist": 1, "sum": 1, "mom": 1, "rot": 1, "loop": 1, "units": 1, "temp": 1, "bias": 1, "rigid": 1}
@@ -113,11 +114,17 @@ def _scramble(word: np.ndarray) -> np.ndarray:
 
 def _set(state: DeckState, group: str, mask: np.ndarray, words: list[str], options: dict[str, str]) -> None:
     scale, add = state.spacing(options.get("units", "lattice")), read.switch(options.get("sum", "no"), "sum")
+    velocities = state.atoms.velocities.copy()
     for axis, word in enumerate(words):
         if word == "NULL":
             continue
-        value = read.number(word, f"the velocity along {'xyz'[axis]}") * scale[axis]
-        state.atoms.velocities[mask, axis] = value + (state.atoms.velocities[mask, axis] if add else 0.0)
+        if word.startswith("v_"):
+            # as in LAMMPS it sees the velocities of before, whatever the axis, and its values have no lattice units
+            value = values_of_variable(state, word, "velocity set")[mask]
+        else:
+            value = read.number(word, f"the velocity along {'xyz'[axis]}") * scale[axis]
+        velocities[mask, axis] = value + (velocities[mask, axis] if add else 0.0)
+    state.atoms.velocities = velocities
 
 
 def _scale(state: DeckState, group: str, mask: np.ndarray, words: list[str], options: dict[str, str]) -> None:

@@ -190,6 +190,10 @@ class AveragingFix(ABC):
     def check_index(self, *indices: int) -> None:
         """Raise ParameterError unless ``f_name`` (no index), ``f_name[index]`` or ``f_name[row][column]`` has a value."""
 
+    def is_extensive(self, *indices: int) -> bool:
+        """Whether thermo output divides such a value by the number of beads when it normalises."""
+        return False
+
     @abstractmethod
     def value(self, *indices: int) -> float:
         """Value of ``f_name``, ``f_name[index]`` or ``f_name[row][column]``: 0 before the first average is complete, as in LAMMPS."""

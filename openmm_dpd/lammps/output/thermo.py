@@ -12,10 +12,10 @@ from ..language.lexer import errors_at, located, substitute
 from ..language.variables import FORMULAS
 from ..state.deck_state import DeckState
 from ..state.moment import Window
-from ..state.records import FORCE_FIXES, ForceVector
+from ..state.records import FORCE_FIXES
 from ..state.sample import DeckSample
 from ..values.compute_spec import reference
-from ..values.computes import BUILT_IN, COMPUTES, average_of, check_built_in, check_value, compute_of
+from ..values.computes import BUILT_IN, COMPUTES, average_of, check_built_in, check_value, is_extensive
 from ..values.per_bead import PROPERTIES
 from ..values.resolver import Resolver
 from ..values.words import WORDS
@@ -185,17 +185,16 @@ class Thermo:
             return moment.variable_alone(word[2:])
         if word.startswith("c_"):
             _, name, indices = found = reference(word)
-            if name in BUILT_IN:
-                column = BUILT_IN[name].column
-                return moment.thermo(BUILT_IN[name].word) if not indices or column is None else column(moment, indices[0] - 1)
-            value = moment.compute(name, found.first, found.second)
-            compute, spec = compute_of(moment.state, name)
-            return value / moment.norm if spec.is_extensive(compute, bool(indices)) else value
-        if word.startswith("f_"):
+            if name in BUILT_IN and not indices:
+                return moment.thermo(BUILT_IN[name].word)
+            column = BUILT_IN[name].column if name in BUILT_IN else None
+            value = moment.compute(name, found.first, found.second) if column is None else column(moment, indices[0] - 1)
+        elif word.startswith("f_"):
             _, name, indices = reference(word)
             value = moment.fix(name, *indices)
-            return value / moment.norm if isinstance(average_of(moment.state, name), ForceVector) else value
-        return moment.thermo(word)
+        else:
+            return moment.thermo(word)
+        return value / moment.norm if is_extensive(moment.state, word) else value
 
     # -- text ----------------------------------------------------------------------------------------------------------------
     def header(self) -> str:

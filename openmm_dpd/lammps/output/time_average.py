@@ -9,7 +9,7 @@ from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.records import ForceVector
 from ..values.compute_spec import check_place, reference
-from ..values.computes import average_of, compute_of, count_of, expanded
+from ..values.computes import average_of, compute_of, count_of, expanded, is_extensive
 from ..values.resolver import Resolver
 from .averages import AveragingFix, common_parts, split_values
 from .thermo import check_word, fields_read
@@ -24,8 +24,10 @@ class TimeAverage(AveragingFix):
         The last average that was complete: ``step``, and by word a number or the list of a vector's.
     """
 
-    def __init__(self, words: tuple[str, ...], rows: int | None, off: list[int], *parts):
+    def __init__(self, words: tuple[str, ...], rows: int | None, off: list[int], extensive: list[list[bool]], *parts):
         super().__init__(*parts)
+        # for each word, and for each value of its vector
+        self._extensive = extensive
         # the length of the vectors, None in mode scalar
         self.words, self._rows, self._off = words, rows, off
         self._vector = rows is not None
@@ -90,6 +92,12 @@ class TimeAverage(AveragingFix):
         if any(not 1 <= index <= n for index in indices):
             raise ParameterError(f"f_{self.name}[{indices[0]}] is out of range: the fix averages {n} values")
 
+    def is_extensive(self, *indices: int) -> bool:
+        self.check_index(*indices)
+        row = indices[0] - 1 if self._vector else 0
+        word = indices[self._vector] - 1 if len(indices) > self._vector else 0
+        return self._extensive[word][row]
+
     def value(self, *indices: int) -> float:
         self.check_index(*indices)
         if not self._values.size:
@@ -124,7 +132,15 @@ def parse_ave_time(state: DeckState, name: str, group: str, args: list[str]) -> 
     header = [f"# Time-averaged data for fix {name}", f"# TimeStep {' '.join(words)}"]
     if vector:
         header[1:] = ["# TimeStep Number-of-rows", f"# Row {' '.join(words)}"]
-    return TimeAverage(words, rows.pop(), off, *common_parts(state, name, "ave/time", args[:3], options, header, start))
+    size = rows.pop()
+    # as in LAMMPS, what the values are sums over is settled here, once for all
+    extensive = [[is_extensive(state, place) for place in _places(word, size)] for word in words]
+    return TimeAverage(words, size, off, extensive, *common_parts(state, name, "ave/time", args[:3], options, header, start))
+
+
+def _places(word: str, rows: int | None) -> list[str]:
+    """The single values that a word stands for; columns of tables are all alike."""
+    return [word] if rows is None else [word if "[" in word else f"{word}[{k}]" for k in range(1, rows + 1)]
 
 
 def _rows(state: DeckState, word: str) -> int:

@@ -50,6 +50,8 @@ class Latest:
         Runs that are done.
     present : dict or None
         The one that was interrupted, None between two runs.
+    asked : dict
+        What the caller was asked for beside all this, such as a file for the report.
     """
 
     deck: str
@@ -59,19 +61,21 @@ class Latest:
     files: dict[str, Any]
     runs: int
     present: dict[str, Any] | None
+    asked: dict[str, Any]
 
     def merged(self, options: RunOptions) -> RunOptions:
         """The options of the run to be resumed; ParameterError if others were asked for."""
-        chosen = dict(self.options)
-        for name, value in asdict(options).items():
-            if value == getattr(RunOptions, name) or (name not in _FREE and value == chosen[name]):
-                continue
-            if name not in _FREE:
+        given = {name: value for name, value in asdict(options).items() if value != getattr(RunOptions, name)}
+        self.check_given(given)
+        return RunOptions(**self.options | {name: value for name, value in given.items() if name in _FREE})
+
+    def check_given(self, given: Mapping[str, Any]) -> None:
+        """ParameterError if one of the options is not that of the run to be resumed."""
+        for name, value in given.items():
+            if name not in _FREE and value != self.options[name]:
                 raise ParameterError(
-                    f"--{name} {value} cannot be combined with --restart: the interrupted run had {_said(chosen[name])}; leave it out"
+                    f"--{name} {value} cannot be combined with --restart: the interrupted run had {_said(self.options[name])}; leave it out"
                 )
-            chosen[name] = value
-        return RunOptions(**chosen)
 
     def check(self, deck: Path, variables: Mapping[str, str], ledger: FileLedger) -> None:
         """ParameterError if it is another deck now, or reads other files, or has other variables."""
@@ -101,6 +105,8 @@ class Checkpoints:
     ----------
     out : Path
         Folder of the results.
+    asked : mapping, optional
+        What :attr:`Latest.asked` is to be.
 
     Attributes
     ----------
@@ -108,8 +114,8 @@ class Checkpoints:
         What is written there.
     """
 
-    def __init__(self, out: Path):
-        self.folder = out / FOLDER
+    def __init__(self, out: Path, asked: Mapping[str, Any] | None = None):
+        self.folder, self._asked = out / FOLDER, dict(asked or {})
         self.ledger = FileLedger(out, self.folder / "files")
         self._inputs: dict[str, str] = {}
 
@@ -133,8 +139,8 @@ class Checkpoints:
         for path in state.inputs:
             if str(path.resolve()) not in self._inputs:
                 self._inputs[str(path.resolve())] = _digest(path)
-        content = Latest(str(state.path.resolve()), asdict(options), variables, dict(self._inputs), self.ledger.lengths(), runs, present)
-        self._write("latest", vars(content))
+        place = str(state.path.resolve()), asdict(options), variables, dict(self._inputs), self.ledger.lengths(), runs, present
+        self._write("latest", vars(Latest(*place, self._asked)))
 
     def _write(self, name: str, content: dict[str, Any]) -> None:
         with writing(self.folder, "the folder"):

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -47,6 +48,7 @@ def run_deck(
     keep: Callable[[dict], None] = lambda _: None,
     signals: Signals | None = None,
     restart: str | Path | None = None,
+    asked: Mapping[str, Any] | None = None,
 ) -> dict:
     """Run a LAMMPS deck.
 
@@ -72,6 +74,8 @@ def run_deck(
     restart : str or Path, optional
         Folder of a run that was interrupted, or a file of its ``checkpoint``: go on with it, with the options that it had.  ``options`` and
         ``variables`` may repeat these; only ``threads`` and ``checkpoint`` may be others.
+    asked : mapping, optional
+        Plain data that checkpoints hold for the caller, who finds them again in ``Checkpoints(folder).latest().asked``.
 
     Returns
     -------
@@ -100,7 +104,7 @@ def run_deck(
         folder = Checkpoints.at(Path(restart))
         if out is not None and folder.resolve() != Path(out).resolve():
             raise ParameterError(f"--restart {restart} goes on in {folder}, so --out {out} cannot be another folder; leave it out")
-    checkpoints = None if folder is None else Checkpoints(folder)
+    checkpoints = None if folder is None else Checkpoints(folder, asked)
     if checkpoints is not None and restart is not None:
         latest = checkpoints.latest()
         options = latest.merged(options)

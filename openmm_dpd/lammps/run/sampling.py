@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import openmm
 from openmm import unit
@@ -11,7 +9,6 @@ from openmm import unit
 from ...build import BuiltSystem
 from ...fields import read_fields
 from ...geometry import symmetric_products
-from ...made import masses_of
 from ...measure import Sample
 from ...measure.scene_samples import SceneSampler
 from ...measure.stress_sums import StressSums
@@ -47,9 +44,13 @@ class Sampler:
     def __init__(self, request: RunRequest, built: BuiltSystem, context: openmm.Context):
         self.request, self.built, self.context = request, built, context
         self.observer = SceneSampler(built)
+        self._masses = request.state.bead_masses()
         # what fixes make of the forces, where these are not just the ones that the simulation has
         self._replaced = any(fix.style == "setforce" for fix in request.state.fixes.values())
-        self._stress = StressSums(built.plan) if "virial_tensor" in request.needs else None
+        plan = built.plan
+        # OpenMM sums virials of potentials under a thermostat in single precision on the CPU platform; with lattice sums ours are dear
+        self._single = bool(plan.overlays) and plan.ewald is None and StressSums.why_not(plan) is None
+        self._stress = StressSums(plan) if self._single or "virial_tensor" in request.needs else None
 
     def full(self, step: int, needs: frozenset[str], cpu: float) -> tuple[DeckSample, Sample]:
         """A sample with energies and virial, and the fields of ``needs``.
@@ -61,18 +62,25 @@ class Sampler:
         forces, before = measured.forces, None
         if self._replaced or "before" in needs:
             forces, before = self._acted_on(step, measured.untaken)
-        full = measured.virial_conservative + measured.virial_dissipative + measured.virial_random
+        products = self._kinetic_tensor()
+        friction, predicts = measured.virial_dissipative + measured.virial_random, scheme_of(self.request.scheme).predicts
+        virial = measured.virial_conservative + (friction if predicts else 0.0)
+        tensor = None
+        if self._stress is not None and (self._single or "virial_tensor" in needs):
+            tensor = self._stress.counted(self.context, self.observer)
+            virial = float(tensor[:3].sum())
         sample = DeckSample(
             step=step,
-            kinetic=measured.kinetic,
-            dof=3 * measured.n_mobile - 3,  # LAMMPS's, whatever takes up momentum
+            kinetic=float(products[:3].sum()) / 2,
+            kinetic_tensor=products,
             pair_energy=measured.pair,
             short_energy=measured.coulomb_real,
             lattice_energy=measured.coulomb_reciprocal,
             bond_energy=measured.bond,
             angle_energy=measured.angle,
-            virial=full if scheme_of(self.request.scheme).predicts else measured.virial_conservative,
-            virial_full=full,
+            virial=virial,
+            virial_full=virial if predicts else virial + friction,
+            virial_tensor=tensor,
             force_norm=float(np.sqrt(np.sum(forces**2))),
             force_max=float(np.abs(forces).max()),
             kT_conf=measured.configurational_kT,
@@ -81,7 +89,6 @@ class Sampler:
             forces=forces if "forces" in needs else None,
             before=before,
             **self._of_beads(needs),
-            **(self._tensors() if "virial_tensor" in needs else {}),
         )
         return sample, measured
 
@@ -93,15 +100,10 @@ class Sampler:
         found, before = acted_on(moment, forces / unit - added)
         return found * unit, {name: vector * unit for name, vector in before.items()}
 
-    def _tensors(self) -> dict[str, Any]:
-        """The two parts of the pressure tensor."""
-        assert self._stress is not None
-        mass = masses_of(self.built.system)[:, None]
+    def _kinetic_tensor(self) -> np.ndarray:
+        """(6,) sums of m v v over all beads, with the velocity that those have which do not move: LAMMPS counts them."""
         velocities = arrays(self.context)[1]
-        return {
-            "virial_tensor": self._stress.counted(self.context, self.observer),
-            "kinetic_tensor": symmetric_products(mass * velocities, velocities),
-        }
+        return symmetric_products(self._masses[:, None] * velocities, velocities)
 
     def cheap(self, step: int, needs: frozenset[str], cpu: float) -> DeckSample:
         """A sample with values of beads and the box only."""

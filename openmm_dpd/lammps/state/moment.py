@@ -122,7 +122,7 @@ class DeckMoment(ABC):
         return self.need(name) / self.units.energy
 
     def kinetic(self, compute: Compute | None = None) -> float:
-        """Kinetic energy (kJ/mol) of all mobile beads, or of the group of a compute.
+        """Kinetic energy (kJ/mol) of all beads, or of the group of a compute.
 
         Where LAMMPS counts no degree of freedom, which is where one bead is alone, it is 0.
         """
@@ -137,8 +137,8 @@ class DeckMoment(ABC):
         return 0.5 * float(masses @ np.sum(velocities**2, axis=1)) * self.units.velocity**2
 
     def temperature(self, compute: Compute | None = None) -> float:
-        """Kinetic temperature of all mobile beads, or of the group of a compute (3N - 3 degrees of freedom)."""
-        dof = self.need("dof") if compute is None else 3 * int(self.state.group(compute.group).sum()) - 3
+        """Kinetic temperature of all beads, or of the group of a compute (3N - 3 degrees of freedom)."""
+        dof = 3 * int(self.state.group("all" if compute is None else compute.group).sum()) - 3
         return 2 * self.kinetic(compute) / (dof * self.units.thermal_energy) if dof > 0 else 0.0
 
     def thermo_compute(self) -> Compute | None:
@@ -160,7 +160,7 @@ class DeckMoment(ABC):
         return (2 * kinetic + virial) / (3 * volume) / self.units.pressure
 
     def kinetic_tensor(self, compute: Compute | None) -> np.ndarray:
-        """(6,) sums of m v v (kJ/mol) over all mobile beads, or over the group of a compute: xx, yy, zz, xy, xz, yz."""
+        """(6,) sums of m v v (kJ/mol) over all beads, or over the group of a compute: xx, yy, zz, xy, xz, yz."""
         if compute is None:
             return self.need("kinetic_tensor")
         mask = self.state.group(compute.group)

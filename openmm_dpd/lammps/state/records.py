@@ -35,6 +35,10 @@ class ForceVector:
     name: str
     size: int = 3
 
+    def is_extensive(self, *indices: int) -> bool:
+        """Sums over beads are what thermo output divides by their number when it normalises."""
+        return True
+
     def check_index(self, *indices: int) -> None:
         """ParameterError unless ``f_id[index]`` is one of its values."""
         if len(indices) != 1 or not 1 <= indices[0] <= self.size:

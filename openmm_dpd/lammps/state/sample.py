@@ -19,9 +19,7 @@ class DeckSample:
     step : int
         Number of the step, as the deck counts.
     kinetic : float, optional
-        Kinetic energy of the mobile beads.
-    dof : int, optional
-        Their degrees of freedom, 3N - 3.
+        Kinetic energy of all beads.
     pair_energy : float, optional
         Conservative pair energy, charges included.
     short_energy, lattice_energy : float, optional
@@ -34,7 +32,7 @@ class DeckSample:
     virial_full : float, optional
         The same, always with the dissipative and random parts.
     virial_tensor, kinetic_tensor : (6,) arrays, optional
-        xx, yy, zz, xy, xz, yz of what ``virial`` counts, and of the sum of m v v over the mobile beads.
+        xx, yy, zz, xy, xz, yz of what ``virial`` counts, and of the sum of m v v over all beads.
     force_norm, force_max : float, optional
         Euclidean norm of all force components, and the largest absolute one.
     kT_conf : float, optional
@@ -55,7 +53,6 @@ class DeckSample:
 
     step: int
     kinetic: float | None = None
-    dof: int | None = None
     pair_energy: float | None = None
     short_energy: float | None = 0.0
     lattice_energy: float | None = 0.0

@@ -194,13 +194,16 @@ class BuiltIn:
     """A compute that exists without being defined: its value, not normalised, and the thermo word whose column ``c_id`` is.
 
     That word may stand for another compute (``thermo_modify temp`` and ``press``); outside the columns of thermo output the
-    built-in one is meant.  ``vector`` has the six values of ``c_id[1]`` and so on, ``column`` such a one as thermo output prints it.
+    built-in one is meant.  ``vector`` has the six values of ``c_id[1]`` and so on, ``column`` such a one as thermo output takes it.
+    ``extensive`` and ``extensive_vector`` say what thermo output divides by the number of beads when it normalises.
     """
 
     value: Callable[[DeckMoment], float]
     word: str
     vector: Callable[[DeckMoment], np.ndarray] | None = None
     column: Callable[[DeckMoment, int], float] | None = None
+    extensive: bool = False
+    extensive_vector: bool = False
 
 
 def _temperature_tensor(moment: DeckMoment) -> np.ndarray:
@@ -213,7 +216,8 @@ BUILT_IN = {
         "temp",
         _temperature_tensor,
         # that of the built-in compute, whatever thermo_modify temp says
-        lambda moment, index: float(_temperature_tensor(moment)[index]) / moment.norm,
+        lambda moment, index: float(_temperature_tensor(moment)[index]),
+        extensive_vector=True,
     ),
     "thermo_press": BuiltIn(
         lambda moment: moment.pressure_with("thermo_press", "virial"),
@@ -221,7 +225,7 @@ BUILT_IN = {
         lambda moment: moment.pressure_tensor("thermo_press"),
         lambda moment, index: moment.pressure_component(index),
     ),
-    "thermo_pe": BuiltIn(potential_energy, "pe"),
+    "thermo_pe": BuiltIn(potential_energy, "pe", extensive=True),
 }
 
 
@@ -255,6 +259,19 @@ def average_of(state: DeckState, name: str) -> Any:
             "fix addforce and setforce f_id[1] to f_id[3]"
         )
     return average
+
+
+def is_extensive(state: DeckState, word: str) -> bool:
+    """Whether ``c_id``, ``f_id`` or ``v_name`` (with indices) is a sum over beads, which thermo output may divide by their number."""
+    kind, name, indices = reference(word)
+    if kind == "v":
+        return False
+    if kind == "f":
+        return average_of(state, name).is_extensive(*indices)
+    if name in BUILT_IN:
+        return BUILT_IN[name].extensive_vector if indices else BUILT_IN[name].extensive
+    compute, spec = compute_of(state, name)
+    return spec.is_extensive(compute, bool(indices))
 
 
 def check_value(state: DeckState, name: str, index: int | None, column: int | None, word: str = "") -> tuple[Compute, ComputeSpec]:

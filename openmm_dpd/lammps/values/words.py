@@ -87,7 +87,7 @@ def _rate(moment: DeckMoment, per_step: bool) -> float:
 
 
 _ENERGIES = ("pair_energy", "bond_energy", "angle_energy")
-_PRESSURE = ("kinetic", "dof", "virial")
+_PRESSURE = ("kinetic", "virial")
 
 
 _CHARGES = ("short_energy", "lattice_energy")
@@ -138,7 +138,7 @@ WORDS: dict[str, Word] = {
     "atoms": Word("Atoms", lambda c: len(c.state.atoms), integer=True),
     "bonds": Word("Bonds", lambda c: len(c.state.bonds), integer=True),
     "angles": Word("Angles", lambda c: len(c.state.angles), integer=True),
-    "temp": Word("Temp", lambda c: c.temperature(c.thermo_compute()), needs=("kinetic", "dof")),
+    "temp": Word("Temp", lambda c: c.temperature(c.thermo_compute()), needs=("kinetic",)),
     "press": Word("Press", lambda c: c.pressure(), needs=_PRESSURE),
     **_tensor_words(),
     "pe": Word("PotEng", _per_bead(*_ENERGIES), needs=_ENERGIES),
@@ -160,6 +160,6 @@ WORDS: dict[str, Word] = {
     **_box_words(),
     "fmax": Word("Fmax", lambda c: c.need("force_max") / c.units.force, needs=("force_max",)),
     "fnorm": Word("Fnorm", lambda c: c.need("force_norm") / c.units.force, needs=("force_norm",)),
-    "press_full": Word("PressFull", lambda c: c.pressure("virial_full"), needs=("kinetic", "dof", "virial_full")),
+    "press_full": Word("PressFull", lambda c: c.pressure("virial_full"), needs=("kinetic", "virial_full")),
     "temp_conf": Word("TempConf", lambda c: c.need("kT_conf") / c.units.thermal_energy, needs=("kT_conf",)),
 }

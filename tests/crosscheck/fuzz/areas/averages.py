@@ -16,7 +16,7 @@ class Values:
 
     def __init__(self, deck: Deck):
         self.deck, self.draw = deck, deck.draw
-        self.scalars = ["c_thermo_pe"] if deck.partial else ["c_thermo_temp", "c_thermo_press", "c_thermo_pe"]
+        self.scalars = ["c_thermo_temp", "c_thermo_press", "c_thermo_pe"]
         self.vectors: dict[str, int] = {}
         self.tables: dict[str, tuple[int, int]] = {}
         self.per_bead: list[str] = []
@@ -43,7 +43,7 @@ class Values:
             group, words = (
                 "all",
                 [
-                    draw.pick(["everything" if deck.partial else "thermo_temp", *self.temperatures]),
+                    draw.pick(["thermo_temp", *self.temperatures]),
                     *draw.pick([[], [], ["virial"], ["ke"]]),
                 ],
             )

@@ -85,5 +85,4 @@ def _hold(deck: Deck, k: int) -> None:
     deck.add("fix", f"hold{k}", group, "setforce", 0.0, 0.0, 0.0)
     if not deck.partial:
         deck.partial = True
-        deck.add("compute", "everything", "all", "temp")
         deck.add("compute", "movers", "all", "ke")

@@ -37,7 +37,6 @@ def _nothing_to_do(deck: Deck) -> None:
     if draw.chance(0.4):
         deck.add("fix", "hold", draw.pick(deck.groups), "setforce", 0.0, 0.0, 0.0)
         deck.partial = True
-        deck.add("compute", "everything", "all", "temp")
         deck.add("compute", "movers", "all", "ke")
     timestep(deck)
     thermo(deck, "fmax", "fnorm", "pe")

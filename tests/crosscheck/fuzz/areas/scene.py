@@ -129,12 +129,11 @@ def groups(deck: Deck) -> None:
 
 
 def movers(deck: Deck, partial: float = 0.2) -> None:
-    """The fix that moves the beads, or some of them: then temperatures are those of a compute, since the built-in one differs on purpose."""
+    """The fix that moves the beads, or some of them."""
     group = deck.draw.pick(deck.groups) if deck.draw.chance(partial) else "all"
     deck.add("fix", "move", group, "nve")
     if group != "all":
         deck.partial = True
-        deck.add("compute", "everything", "all", "temp")
         deck.add("compute", "movers", group, "temp")
 
 
@@ -158,8 +157,6 @@ def thermo(deck: Deck, *more: str, every: int = 1, most: int = 12) -> None:
     deck.add("thermo", every)
     deck.add("thermo_style", "custom", "step", *draw.some(["temp", "press", "pe", "ke"], 2), *draw.some(words, 2, most), *more)
     deck.add("thermo_modify", "format", "float", "%.15g", *draw.pick([[], [], ["norm", "yes"], ["norm", "no"]]))
-    if deck.partial:
-        deck.add("thermo_modify", "temp", "everything")
 
 
 def dump(deck: Deck, every: int = 1, *more: str) -> None:
