@@ -8,6 +8,7 @@ import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from . import xtc_text
 from .areas import AREAS
 from .compare import differences
 from .data_text import in_order
@@ -152,6 +153,8 @@ def _is_old(folders: dict[str, Path], name: str, before: dict[str, bytes]) -> bo
 
 def _texts(folders: dict[str, Path], name: str) -> tuple[str, str]:
     paths = (folders["lammps"] / name, folders["ours"] / name)
+    if name.endswith(".xtc") and all(path.exists() for path in paths):
+        return xtc_text.texts(*paths)
     texts = [path.read_text(errors="replace") if path.exists() else "(no such file)" for path in paths]
     return (
         (in_order(texts[0]), in_order(texts[1]))

@@ -47,6 +47,10 @@ def output(draw: Draw) -> Deck:
     for _ in range(draw.whole(0, 2)):
         deck.add("dump_modify", "d", *draw.pick(options))
     _xyz(deck)
+    if draw.chance(0.4):
+        deck.add("dump", "b", deck.group(), "xtc", draw.whole(1, 3), "dump.xtc")
+        # wrapped positions of beads at a face are at either end
+        deck.add("dump_modify", "b", "unwrap", "yes", *(["sfactor", 0.5, "tfactor", 2] if draw.chance(0.3) else []))
     deck.run(draw.whole(0, 4))
     deck.tell(f"step $(step) $(step:%08.3f) {draw.pick(['a', 'b'])} \\t")
     deck.run(draw.whole(0, 3))
