@@ -385,6 +385,10 @@ velocity all set 1.0 0.5 NULL units box sum yes
         ("mass 1 1.0", "mass needs a simulation box"),
         (TWENTY + "create_atoms 1 box", "need a lattice"),
         (TWENTY + "create_atoms 4 box", "atom type 4 is out of range: there are 3"),
+        (
+            TWENTY + "region up block INF INF 1e3 INF INF INF\ncreate_atoms 1 random 10 1 up",
+            "region 'up' and the box have no volume in common",
+        ),
         (TWENTY + "create_atoms 1 random 10", "create_atoms random needs 3 values, but 1 follow"),
         (TWENTY + "create_atoms 1 random 10 5 nowhere", "there is no region 'nowhere'"),
         (TWENTY + "create_atoms 1 mesh x", "the style of create_atoms must be one of"),

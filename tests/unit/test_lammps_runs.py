@@ -341,6 +341,8 @@ def test_no_fix_at_all_is_said(tmp_path):
         ("thermo_modify norm maybe\n", "expected yes or no for norm"),
         ("thermo_modify colour blue\n", "thermo_modify has no option 'colour'"),
         ("thermo_modify format float abc\n", "expected a format such as %12.6f, not 'abc'"),
+        ("thermo_modify format float %.15X\n", "'%.15X' prints no float; expected one such as %12.6f"),
+        ("thermo_modify format int %8.3f\n", "'%8.3f' prints no int; expected one such as %8d"),
         ("thermo_modify format line '%d %g'\n", "has 2 conversions for 6 columns"),
         ("thermo_modify temp x\n", "'x' is not the id of a compute of style temp"),
         ("dump 1 all image 10 a.png\n", "dump style 'image' is not supported; supported are atom, custom, dcd, xtc, xyz"),

@@ -89,7 +89,7 @@ def _format(state: DeckState, words: list[str]) -> None:
     if target == "line":
         check_format(form, len(state.thermo.words))
     else:
-        check_format(form)
+        check_format(form, of=target if target in ("int", "float") else None)
     state.thermo.formats[_column(state, target, ("line", "int", "float"))] = form
 
 
@@ -242,7 +242,7 @@ def _dump_format(found: Dump, word: str, form: str) -> None:
     elif word not in ("int", "float", *found.columns):
         raise ParameterError(f"dump_modify format: expected int, float or a column, not '{word}'")
     else:
-        check_format(form)
+        check_format(form, of=word if word in ("int", "float") else None)
     found.formats[word] = form
 
 

@@ -233,7 +233,7 @@ def common_parts(
     if file is not None:
         state.output_path(file)  # what is wrong with it is the mistake of this line
     form = options.get("format", [" %g"])[0]
-    check_format(form)
+    check_format(form, of="float")
     written = AverageFile(file, "append" in options, "overwrite" in options, titles)
     schedule = parse_schedule(state, style, times, start)
     return name, schedule, Windows(options.get("ave", ["one"])), written, form if form.startswith(" ") else f" {form}"

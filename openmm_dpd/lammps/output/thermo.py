@@ -254,9 +254,11 @@ class Thermo:
         return "\n".join([f"------------ Step {sample.step:14d} ----- CPU = {sample.cpu:12.7g} (sec) -------------", *rows])
 
 
-def check_format(text: str, columns: int | None = None) -> None:
-    """Raise ParameterError unless ``text`` holds one numeric conversion (or one per column)."""
+def check_format(text: str, columns: int | None = None, *, of: str | None = None) -> None:
+    """Raise ParameterError unless ``text`` holds one numeric conversion (or one per column), ``of`` an int or a float if it says so."""
     found = _FORMAT.findall(text)
+    if found and of is not None and (found[0][-1] in "dioxX") != (of == "int"):
+        raise ParameterError(f"'{text}' prints no {of}; expected one such as {'%8d' if of == 'int' else '%12.6f'}")
     if columns is None and len(found) != 1:
         raise ParameterError(f"expected a format such as %12.6f, not '{text}'")
     if columns is not None and len(found) != columns:

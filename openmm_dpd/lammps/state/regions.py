@@ -23,7 +23,7 @@ class Region:
     contains : callable
         From (N, 3) points to a mask.
     bounds : pair of (3,) arrays, optional
-        Corners of a box around it, if it is bounded.
+        Corners of a box around it, with infinities for INF.
     box : Box, optional
         The box that ``create_box`` makes of it (block and prism).
     shape : tuple, optional
@@ -69,7 +69,7 @@ def _block(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
     return Region(
         "block",
         lambda points: np.all((points >= low) & (points <= high), axis=1),
-        (low, high) if bounded else None,
+        (low, high),
         Box(low, high, np.zeros(3)) if solid else None,
         (low, high),
     )
