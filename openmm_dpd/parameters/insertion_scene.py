@@ -113,6 +113,7 @@ def check(molecule: Molecule, solvent: Scene) -> None:
         "forces on single beads": bool(solvent.body_forces),
         "walls": bool(solvent.walls),
         "beads that do not move": bool(solvent.immobile.any()),
+        "beads on which not all forces act": solvent.interacting is not None,
         "a temperature that changes": isinstance(solvent.kT, TemperatureRamp),
         "no box": solvent.box is None,
         "a temperature of 0": not isinstance(solvent.kT, TemperatureRamp) and solvent.initial_kT == 0,

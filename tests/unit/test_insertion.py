@@ -131,6 +131,7 @@ def test_what_cannot_be_switched_is_refused():
         ("knows no beads 'C'", Molecule(("C",)), scene),
         ("charges", Molecule(("A",), charges=(1.0,)), scene),
         ("do not move", one, replace(scene, mobile=still)),
+        ("not all forces act", one, replace(scene, interacting=np.tile(still[:, None], 3))),
         ("no box", one, replace(scene, box=None)),
         ("temperature of 0", one, replace(scene, kT=0.0)),
         ("forces on single beads", one, replace(scene, body_forces=[dpd.BodyForce((1.0, 0.0, 0.0))])),
