@@ -76,10 +76,10 @@ def add_barostat(
     interfaces together: a bilayer is one (``surface_tension(..., interfaces=1)`` of :mod:`openmm_dpd.analysis` measures what is set
     here), and a slab with two faces wants twice the tension of either.  0 makes a bilayer tensionless.
 
-    OpenMM's conventions for temperature (kelvin), pressure (bar) and tension (bar*nm) are taken care of.  The counters and the random
-    numbers of OpenMM's barostats are not part of checkpoints, so a restart continues a correct run, but not the same one.  They draw from
-    a generator that all Contexts of a process share and that a new Context seeds: with the seed of the plan a run repeats, if no other
-    Context runs beside it.
+    OpenMM's conventions for temperature (kelvin), pressure (bar) and tension (bar*nm) are taken care of.  The steps to their
+    next move and the length of their moves are not part of checkpoints, so a restart continues a correct run, but not the same one.  They
+    draw from a generator that all Contexts of a process share and that a new Context seeds: with the seed of the plan a run repeats, if
+    no other Context runs beside it.
 
     Parameters
     ----------

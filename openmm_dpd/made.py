@@ -23,7 +23,6 @@ BAROSTATS = (
     openmm.MonteCarloMembraneBarostat,
 )
 
-
 #: Forces that list the particles they act on, so that others do not concern them.
 LISTED = (
     openmm.HarmonicBondForce,

@@ -132,19 +132,21 @@ def selected(topology: mdtraj.Topology, beads: Beads, what: str = "beads") -> np
     ParameterError
         If no bead is of the type, an index is out of range or stands twice, or there is none.
     """
-    count = topology.n_atoms
+    return of_types(type_names(topology), beads, what)
+
+
+def of_types(names: np.ndarray, beads: Beads, what: str) -> np.ndarray:
+    """As :func:`selected`, of beads with these types, (N,)."""
     if beads is None:
-        return np.arange(count)
+        return np.arange(len(names))
     array = np.asarray([beads] if isinstance(beads, str) else beads)
     if array.ndim == 1 and array.dtype.kind == "U":
-        names = type_names(topology)
         for name in array:
             if name not in names:
-                raise ParameterError(
-                    f"{what}: no bead is of type {str(name)!r}; there are {', '.join(map(repr, dict.fromkeys(names.tolist())))}"
-                )
+                there = ", ".join(map(repr, dict.fromkeys(names.tolist())))
+                raise ParameterError(f"{what}: no bead is of type {str(name)!r}; there are {there}")
         return np.flatnonzero(np.isin(names, array))
-    return indices(array, count, what, "a type, several types, ")
+    return indices(array, len(names), what, "a type, several types, ")
 
 
 def indices(beads: Sequence[int] | np.ndarray, count: int, what: str = "beads", besides: str = "") -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from openmm import app, unit
 
-from ..analysis.frames import Beads, Trajectories, frames_of, indices, selected
+from ..analysis.frames import Beads, Trajectories, frames_of, of_types, selected
 from ..analysis.molecules import molecule_labels
 from ..built import BuiltSystem
 from ..errors import ParameterError
@@ -126,8 +126,9 @@ def measured_chi_slope(
         raise ParameterError("measured_chi_slope wants what openmm_dpd.build() returned: a scene of its own, not beads beside other atoms")
     steps, every = whole_number(steps, "steps", least=1), whole_number(every, "every", least=1)
     settle = whole_number(settle, "settle", least=0)
-    first = _chosen(scene, beads, "beads")
-    second = first if other is None else _chosen(scene, other, "other")
+    types = np.array(scene.types)
+    first = of_types(types, beads, "beads")
+    second = first if other is None else of_types(types, other, "other")
     labels = connected(scene.bond_pairs, scene.n_beads)
     contacts = _Contacts(first, second, labels, _cutoff(scene, first, second))
     running = built.simulation() if simulation is None else simulation
@@ -147,21 +148,6 @@ def _length(cutoff) -> float:
     if not isinstance(value, float) or not value > 0:
         raise ParameterError(f"cutoff must be a length > 0, not {cutoff!r}")
     return value
-
-
-def _chosen(scene: Scene, beads: Beads, what: str) -> np.ndarray:
-    """Indices of the beads that are meant, as :func:`openmm_dpd.analysis.frames.selected` has them for a trajectory."""
-    if beads is None:
-        return np.arange(scene.n_beads)
-    array = np.asarray([beads] if isinstance(beads, str) else beads)
-    if array.ndim == 1 and array.dtype.kind == "U":
-        for name in array:
-            if name not in scene.types:
-                raise ParameterError(
-                    f"{what}: no bead is of type {str(name)!r}; there are {', '.join(map(repr, dict.fromkeys(scene.types)))}"
-                )
-        return np.flatnonzero(np.isin(scene.types, array))
-    return indices(array, scene.n_beads, what, "a type, several types, ")
 
 
 def _cutoff(scene: Scene, first: np.ndarray, second: np.ndarray) -> float:
