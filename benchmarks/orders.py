@@ -99,7 +99,7 @@ def _hessian_times(pairs, data, scratch, n, k, column):
         h = across * (data.g[i, a] - data.g[j, a]) + along * pairs.geometry[a, n]
         data.out[i, a] += h
         data.out[j, a] -= h
-    return 0.0, 0.0
+    return 0.0, 0.0, 0.0
 
 
 hessian_times = over_pairs("hessian_times", _hessian_times, parallel=False)

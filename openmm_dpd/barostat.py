@@ -27,7 +27,7 @@ from .kernels.eos import entropy_change, in_range
 from .kernels.fields import ENERGY
 from .kernels.noise import call_key, uniform
 from .made import BAROSTATS
-from .names import FIELD, SEED, VOLUME_ACCEPTED, VOLUME_MOVES, VOLUME_STEP
+from .names import CONVERTED, FIELD, SEED, VOLUME_ACCEPTED, VOLUME_MOVES, VOLUME_STEP
 from .units import BAR_PER_MD_PRESSURE, BOLTZMANN, md_pressure, md_tension
 
 #: Layer number under which volume moves draw their noise: far from those of pair terms.
@@ -142,6 +142,7 @@ def add_barostat(
         if (xymode, zmode) != ("isotropic", "free"):
             raise ParameterError("xymode and zmode go with a surface_tension alone; without one say axes and coupled (0 is a tension)")
         barostat = _pressure_barostat(pressure, axes, coupled, kelvin, interval)
+    barostat.setName(CONVERTED)
     barostat.setRandomNumberSeed(plan.options.openmm_seed)
     built.system.addForce(barostat)
     return barostat

@@ -12,9 +12,10 @@ from .charge_forces import charge_terms
 from .extra_forces import extras
 from .fields import field_variables
 from .forces.bonded import MOLECULES
-from .forces.expressions import VIRIAL
 from .forces.pair_force import PairForceFunction
+from .geometry import weighted_sum
 from .integrators import PairIntegrator
+from .kernels.elementary import without_last_bits
 from .kernels.steps import StepSpec
 from .made import Made
 from .model.bonds import FENEBonds
@@ -102,9 +103,11 @@ def initial_velocities(scene: Scene, seed: int) -> np.ndarray:
     mobile = ~scene.immobile
     mass = scene.bead_masses[mobile]
     v = np.zeros((scene.n_beads, 3))
-    drawn = np.random.default_rng([seed, 0xD9D]).normal(size=(len(mass), 3)) * np.sqrt(scene.initial_kT / mass)[:, None]
+    # numpy takes a few in a thousand of them from the C library's logarithm
+    normal = without_last_bits(np.random.default_rng([seed, 0xD9D]).normal(size=(len(mass), 3)), 32)
+    drawn = normal * np.sqrt(scene.initial_kT / mass)[:, None]
     if len(mass) > 1:
-        drawn -= mass @ drawn / mass.sum()
+        drawn -= weighted_sum(mass, drawn) / mass.sum()
         kinetic = np.sum(mass[:, None] * drawn**2)
         if kinetic > 0:
             drawn *= np.sqrt(3 * (len(mass) - 1) * scene.initial_kT / kinetic)
@@ -115,14 +118,14 @@ def initial_velocities(scene: Scene, seed: int) -> np.ndarray:
 def run_in(built: BuiltSystem, system: openmm.System, own: Sequence[openmm.Force], maker: str) -> None:
     """Have the integrator of something built run another System, where ``own`` are the forces it was built with.
 
-    It uses the force groups of all but the forces that only measure or tell of bonds, and of impulses: users put forces of their own into
-    any group, before the Context is made, and all of them have to act.
+    It uses the force groups of all but the forces that only tell of bonds, and of impulses: users put forces of their own into any group,
+    before the Context is made, and all of them have to act.
     """
     options = built.plan.options
-    silent = {force.getForceGroup() for force in own if force.getName().endswith(VIRIAL) or force.getName() == MOLECULES}
+    silent = {force.getForceGroup() for force in own if force.getName() == MOLECULES}
     silent |= set() if options.kernel_conservative else {options.pair_group}
     built.integrator.setIntegrationForceGroups(set(range(32)) - silent)
-    built.integrator.made = Made.of(maker, system, own, options)
+    built.integrator.made = Made.of(maker, system, own, options, built.integrator)
     built.system = system
 
 

@@ -10,10 +10,11 @@ from .explain import explain_plan
 from .html import fact_table
 from .integrators import NativeIntegrator, PairIntegrator
 from .plan import Plan
-from .platforms import opencl_is_a_gpu
+from .platforms import fastest_platform
 from .programs.program import Program
-from .simulation import DPDSimulation, PoclSimulation
+from .simulation import DPDSimulation
 from .view import view
+from .wording import either
 
 
 @dataclass(eq=False)
@@ -49,9 +50,11 @@ class BuiltSystem:
     def _repr_html_(self) -> str:
         return fact_table(type(self).__name__, self.plan.facts())
 
-    def explain(self) -> str:
-        """The plan and the listing of the program."""
+    def explain(self, *, program: bool = False) -> str:
+        """The plan in words, and the name of the integrator's program, or all of its lines."""
         listing = self.program.describe() if self.program else "integrator: openmm.DPDIntegrator"
+        if self.program and not program:
+            listing = listing.splitlines()[0] + either("; explain(program=True) lists it", "; --program lists it")
         return f"{explain_plan(self.plan)}\n{listing}"
 
     def simulation(self, platform: openmm.Platform | str | None = None, properties: dict[str, str] | None = None) -> app.Simulation:
@@ -83,11 +86,10 @@ class BuiltSystem:
         return view(self, **choices)
 
     def _new_simulation(self, platform: openmm.Platform | str | None, properties: dict[str, str] | None) -> app.Simulation:
-        name = platform if platform is not None else self.plan.platform
+        name = platform if platform is not None else self.plan.platform or fastest_platform()
         try:
             chosen = openmm.Platform.getPlatformByName(name) if isinstance(name, str) else name
-            pocl = chosen is not None and chosen.getName() == "OpenCL" and not opencl_is_a_gpu(chosen)
-            simulation = (PoclSimulation if pocl else DPDSimulation)(self.topology, self.system, self.integrator, chosen, properties)
+            simulation = DPDSimulation(self.plan, self.topology, self.system, self.integrator, chosen, properties)
             self.integrator.bind(simulation.context)
             return simulation
         except openmm.OpenMMException as error:

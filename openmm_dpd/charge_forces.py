@@ -8,11 +8,11 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from scipy.special import erfc
 
 from .kernels.charge_pairs import Quintics
 from .kernels.charges import ChargeTerms, cost, pme_cost
-from .model.electrostatics import EwaldSum, SlaterCharges, SmearedCharges, ewald_sum, short_series
+from .kernels.elementary import erfc, exp
+from .model.electrostatics import EwaldSum, SlaterCharges, SmearedCharges, ewald_sum, short_series, without_last_digits
 from .model.scene import Scene
 from .pair_spec import Factors, neighbour_factors
 
@@ -93,7 +93,7 @@ def longest_wave(alpha: float, error: float) -> float:
 
     The forces of charges without order have the error sqrt(alpha/k) exp(-k^2/(4 alpha^2)) or less.
     """
-    return 2.0 * alpha * math.sqrt(-math.log(error))
+    return without_last_digits(2.0 * alpha * math.sqrt(-math.log(error)))
 
 
 def quintics(function: Radial, end: float, steepness: float) -> Quintics:
@@ -135,7 +135,7 @@ def _over_r(r, g, g1, g2):
 
 def _error_function(steepness: float, r):
     """erfc(steepness r) and its derivatives."""
-    slope = -2 * steepness / math.sqrt(math.pi) * np.exp(-((steepness * r) ** 2))
+    slope = -2 * steepness / math.sqrt(math.pi) * exp(-((steepness * r) ** 2))
     return erfc(steepness * r), slope, -2 * steepness**2 * r * slope
 
 
@@ -144,7 +144,7 @@ def _cloud(charges: SmearedCharges, r):
     k = charges.steepness
     if not isinstance(charges, SlaterCharges):
         return _error_function(k, r)
-    e = np.exp(-2 * k * r)
+    e = exp(-2 * k * r)
     return (1 + k * r) * e, -k * (1 + 2 * k * r) * e, 4 * k**3 * r * e
 
 

@@ -9,6 +9,7 @@ import openmm
 from .errors import ParameterError, PlanError
 from .schemes import SCHEMES, Scheme
 from .units import to_md, whole_number
+from .wording import in_length
 
 #: Names of OpenMM's platforms, present here or not.
 PLATFORMS = ("Reference", "CPU", "OpenCL", "CUDA", "HIP")
@@ -71,6 +72,6 @@ def check_cutoffs(box: np.ndarray | None, tables: Iterable[Mapping]) -> None:
         for (a, b), coefficient in table.items():
             if coefficient.cutoff > half * (1 + 1e-12):
                 raise ParameterError(
-                    f"for types ({a}, {b}): the cutoff {coefficient.cutoff:g} nm is over half the box, "
-                    f"whose smallest width is {2 * half:g} nm"
+                    f"for types ({a}, {b}): the cutoff {in_length(coefficient.cutoff)} is over half the box, "
+                    f"whose smallest width is {in_length(2 * half)}"
                 )

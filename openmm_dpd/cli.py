@@ -106,9 +106,10 @@ def _parser() -> argparse.ArgumentParser:
         "deck seed var platform precision threads conservative compat",
     )
     forces.add_argument("--json", type=Path, metavar="FILE", required=True, help="file for the forces")
-    command(
+    explain = command(
         "explain", "print what would be built for the first run of a deck", "deck scheme dt seed var platform threads conservative compat"
     )
+    explain.add_argument("--program", action="store_true", help="list the lines of the integrator's program too")
     advice = command("recommend", "print which scheme and time step suit the first run of a deck", "deck scheme dt var")
     advice.add_argument(
         "--error",
@@ -134,7 +135,12 @@ def _add_run_options(run: argparse.ArgumentParser) -> None:
         help="folder for all files that are written but those with absolute names (default: out/NAME for in.NAME)",
     )
     results.add_argument("--json", type=Path, metavar="FILE", help="write averages and profiles to this file")
-    results.add_argument("--discard", type=int, default=0, metavar="N", help="leave the first N steps of each run out of averages")
+    results.add_argument(
+        "--discard",
+        type=int,
+        metavar="N",
+        help="leave N steps of each run that is as long out of averages (default: those before equilibrium)",
+    )
     results.add_argument("--every", type=int, metavar="N", help="steps between two frames of the trajectory (default: 100 frames a run)")
     results.add_argument("--format", choices=("dcd", "xtc"), default="dcd", help="format of the trajectory (default: dcd)")
     results.add_argument(
@@ -265,7 +271,7 @@ def _forces(options: argparse.Namespace, signals: Signals) -> None:
 def _explain(options: argparse.Namespace, signals: Signals) -> None:
     from .lammps import explain_deck
 
-    print(explain_deck(options.deck, _options(options), variables=dict(options.var)))
+    print(explain_deck(options.deck, _options(options), variables=dict(options.var), program=options.program))
 
 
 def _recommend(options: argparse.Namespace, signals: Signals) -> None:

@@ -5,10 +5,10 @@ import struct
 
 import numpy as np
 
-from .files import BlockFile, writing
+from .files import BlockFile
 
-#: Where the header holds the number of frames.
-_COUNT_AT = 8
+#: Where the header holds the number of frames, and how long it is.
+_COUNT_AT, _HEADER = 8, 276
 
 
 class DCDWriter:
@@ -34,12 +34,10 @@ class DCDWriter:
 
     def __init__(self, path: str | os.PathLike, n_beads: int, what: str, append: bool = False):
         self._frames, self._n_beads = 0, n_beads
-        if append:
-            with writing(path, what), open(path, "rb") as stream:
-                stream.seek(_COUNT_AT)
-                (self._frames,) = struct.unpack("<i", stream.read(4))
         self._file = BlockFile(path, what, append)
         if append:
+            # six numbers of the box and three columns; the header may have counted frames that were cut off
+            self._count((os.path.getsize(path) - _HEADER) // (56 + 3 * (4 * n_beads + 8)))
             return
         # 20 numbers: frames, first step and interval among them; the last one is CHARMM's version, the eleventh says that there is a box
         control = struct.pack("<9if10i", 0, 0, 1, 0, 0, 0, 0, 0, 0, 1.0, 1, *[0] * 8, 24)
@@ -62,8 +60,11 @@ class DCDWriter:
         frame = _record(struct.pack("<6d", a, gamma, b, beta, alpha, c))
         frame += b"".join(_record(np.ascontiguousarray(column, dtype="<f4").tobytes()) for column in np.asarray(positions).T)
         self._file.write(frame)
-        self._frames += 1
-        self._file.replace(_COUNT_AT, struct.pack("<i", self._frames))
+        self._count(self._frames + 1)
+
+    def _count(self, frames: int) -> None:
+        self._frames = frames
+        self._file.replace(_COUNT_AT, struct.pack("<i", frames))
 
     def close(self) -> None:
         """Close the file."""

@@ -9,26 +9,31 @@ from .model.flow import gaps
 from .model.pairs import describe
 from .pair_spec import longest
 from .plan import Plan
+from .wording import either, in_length, in_number, in_units, thermal, unit_name
 
 
 def explain_plan(plan: Plan) -> str:
     """Half a page: what will be built, and why."""
     scene, options, box = plan.scene, plan.options, "none"
     if scene.box is not None:
-        tilt = ", tilt {:g} {:g} {:g}".format(*scene.box[(1, 2, 2), (0, 0, 1)]) if np.any(np.tril(scene.box, -1)) else ""
-        box = " x ".join(f"{edge:g}" for edge in np.diag(scene.box)) + f" nm{tilt}"
+        edges = [in_number(edge, "length") for edge in (*np.diag(scene.box), *scene.box[(1, 2, 2), (0, 0, 1)])]
+        box = f"{' x '.join(edges[:3])} {unit_name('length')}".rstrip()
+        box += f", tilt {' '.join(edges[3:])}" if np.any(np.tril(scene.box, -1)) else ""
     frozen = int(scene.immobile.sum()) if plan.host is None else 0
     lines = [
         *_particle_lines(plan),
         f"box: {box}",
-        f"scheme: {options.scheme} ({options.scheme.what}), dt = {options.dt:g} ps"
+        f"scheme: {options.scheme} ({options.scheme.what}), dt = {in_units(options.dt, 'time')}"
         + (f", lambda = {options.lam:g}" if options.scheme.predicts else ""),
         _temperature_text(plan),
         f"seed of the noise: {options.seed}",
         "pair terms:",
     ]
+    described: dict[str, list[str]] = {}
     for table in (*plan.layers, *plan.overlays):
-        lines += [f"  {a} - {b}: {describe(value)}" for (a, b), value in table.items()]
+        for (a, b), value in table.items():
+            described.setdefault(describe(value), []).append(f"{a} - {b}")
+    lines += [f"  {', '.join(pairs)}: {text}" for text, pairs in described.items()]
     lines.append("conservative DPD force: " + _conservative_text(plan))
     if not options.kernel:
         lines.append("no friction, no noise: no pair kernel, no PythonForce")
@@ -51,7 +56,7 @@ def explain_plan(plan: Plan) -> str:
         counts = "/".join(str(int(count)) for count in (~scene.interacting).sum(axis=0))
         lines.append(f"beads on which only body forces act, along x/y/z: {counts}")
     for axis, gap in gaps(scene.walls, scene.box).items():
-        lines.append(f"{gap.kind} walls: {'xyz'[axis]} from {gap.low:g} to {gap.high:g} nm")
+        lines.append(f"{gap.kind} walls: {'xyz'[axis]} from {in_length(gap.low)} to {in_length(gap.high)}")
     if frozen:
         lines.append(f"{frozen} beads do not move (mass 0)")
     return "\n".join(lines)
@@ -81,8 +86,8 @@ def _segment_text(plan: Plan) -> str:
     assert segments is not None
     points = "midpoints" if segments.distance == "mid" else "nearest points"
     return (
-        f"segmental repulsion between the {points} of {len(plan.scene.segment_pairs)} bonds: A = {segments.A:g}, "
-        f"cutoff {segments.cutoff:g} nm, compiled kernel behind a PythonForce of its own"
+        f"segmental repulsion between the {points} of {len(plan.scene.segment_pairs)} bonds: A = {in_number(segments.A, 'force')}, "
+        f"cutoff {in_length(segments.cutoff)}, compiled kernel behind a PythonForce of its own"
     )
 
 
@@ -90,19 +95,19 @@ def _charge_lines(plan: Plan) -> list[str]:
     charges, q, ewald = plan.scene.electrostatics, plan.scene.charges, plan.ewald
     assert charges is not None and q is not None
     ions = int(np.count_nonzero(q))
-    text = f"{ions} charged beads, total charge {q.sum():g} e: {charges.describe()}, "
-    text += f"Coulomb constant {charges.coulomb(plan.scene.initial_kT):.6g} kJ/mol nm/e^2"
+    text = f"{ions} charged beads, total charge {q.sum():g} e: {charges.describe()}"
+    text += either(f", Coulomb constant {charges.coulomb(plan.scene.initial_kT):.6g} kJ/mol nm/e^2", "")
     if plan.charges_held:
         text += "; in the pair kernel"
     if ewald is None:
         return [text + "; no box: every pair, no cutoff"]
     grid = "a direct sum over waves" if plan.charges_held else "PME on a grid of " + " x ".join(map(str, ewald.grid))
-    lines = [text, f"  real space to {ewald.cutoff:.4g} nm, {grid}, alpha = {ewald.alpha:.4g}/nm"]
+    lines = [text, f"  real space to {in_length(ewald.cutoff, 4)}, {grid}, alpha = {in_units(ewald.alpha, 'inverse_length', 4)}"]
     error = charges.tail(ewald.cutoff)
     if error > 2 * charges.tolerance:
         lines.append(
             f"  beyond that charges are point charges; the smeared force differs there by a part of {error:.1g} still "
-            f"({charges.tolerance:g} from {charges.reach(charges.tolerance):.3g} nm on)"
+            f"({charges.tolerance:g} from {in_length(charges.reach(charges.tolerance), 3)} on)"
         )
     return lines
 
@@ -122,8 +127,9 @@ def _field_text(plan: Plan) -> str:
 def _temperature_text(plan: Plan) -> str:
     ramp = plan.options.ramp
     if ramp is None:
-        return f"kT = {plan.options.kT:g} kJ/mol"
-    return f"kT from {ramp.kT_start:g} to {ramp.kT_end:g} kJ/mol between steps {ramp.first_step} and {ramp.last_step}"
+        return thermal(plan.options.kT)
+    ends = f"{in_number(ramp.kT_start, 'thermal_energy')} to {in_units(ramp.kT_end, 'thermal_energy')}"
+    return f"{either('kT', 'temperature')} from {ends} between steps {ramp.first_step} and {ramp.last_step}"
 
 
 def _conservative_text(plan: Plan) -> str:
@@ -137,7 +143,4 @@ def _conservative_text(plan: Plan) -> str:
 
 def _looped(slow_every: int) -> str:
     often = "each step" if slow_every == 1 else f"every {slow_every} steps"
-    return (
-        f"steps: up to ten at once in compiled loops; forces that stay OpenMM's kick before and after {often}, a barostat acts at the end "
-        "of such a piece, which is no longer than its interval"
-    )
+    return f"steps: up to ten at once in compiled loops; other forces of OpenMM kick before and after {often}, a barostat acts behind them"

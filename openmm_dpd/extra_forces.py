@@ -23,15 +23,10 @@ from .model.bonds import FENEBonds, HarmonicBonds, MorseBonds
 from .model.flow import AXES, BodyForce
 from .model.scene import Scene
 
-#: Kind of bonds or angles -> its number in the kernel and the names of its coefficients, in the kernel's order.
-_BONDS: dict[type, tuple[int, tuple[str, ...]]] = {
-    HarmonicBonds: (bond_kernel.HARMONIC, ("k", "r0")),
-    FENEBonds: (bond_kernel.FENE, ("k", "R0", "epsilon", "sigma")),
-    MorseBonds: (bond_kernel.MORSE, ("D", "alpha", "r0")),
-}
-_ANGLES: dict[type, tuple[int, tuple[str, ...]]] = {
-    HarmonicAngles: (angle_kernel.HARMONIC, ("k", "theta0")),
-    CosineAngles: (angle_kernel.COSINE, ("k",)),
+#: Kind of bonds or angles -> its number in the kernel, which has its coefficients in the same order.
+_NUMBERS: dict[type, int] = {
+    **{HarmonicBonds: bond_kernel.HARMONIC, FENEBonds: bond_kernel.FENE, MorseBonds: bond_kernel.MORSE},
+    **{HarmonicAngles: angle_kernel.HARMONIC, CosineAngles: angle_kernel.COSINE},
 }
 
 _PATTERNS = {"uniform": external.UNIFORM, "halves": external.HALVES, "sine": external.SINE}
@@ -51,9 +46,9 @@ def extras(scene: Scene, overlays: Sequence[dict], exceptions: dict[tuple[int, i
     # PositionForce (formulas given as text) has no kernel: OpenMM evaluates it.  Charges are in charge_forces.py.
     found: list[Extra] = []
     if sum(len(group.pairs) for group in scene.bonds):
-        found.append(BondTerms(*_rows(scene.bonds, _BONDS, 2, 4)))
+        found.append(BondTerms(*_rows(scene.bonds, 4)))
     if sum(len(group.triples) for group in scene.angles):
-        found.append(AngleTerms(*_rows(scene.angles, _ANGLES, 3, 2)))
+        found.append(AngleTerms(*_rows(scene.angles, 2)))
     found += [radial_terms(table, scene.type_ids, scene.type_names, exceptions) for table in overlays]
     segments = segment_spec(scene)
     if segments is not None and len(segments.pairs):
@@ -62,18 +57,12 @@ def extras(scene: Scene, overlays: Sequence[dict], exceptions: dict[tuple[int, i
     return tuple(found)
 
 
-def _rows(groups, kinds: dict[type, tuple[int, tuple[str, ...]]], width: int, most: int):
-    """Beads, kind and coefficients of all terms of several groups."""
-    members, numbers, values = [np.zeros((0, width), np.uint32)], [np.zeros(0, np.uint8)], [np.zeros((0, most))]
-    for group in groups:
-        number, names = kinds[type(group)]
-        members.append(group.beads.astype(np.uint32))
-        numbers.append(np.full(len(group.beads), number, np.uint8))
-        coefficients = np.zeros((len(group.beads), most))
-        for column, name in enumerate(names):
-            coefficients[:, column] = getattr(group, name)
-        values.append(coefficients)
-    return np.concatenate(members), np.concatenate(numbers), np.concatenate(values)
+def _rows(groups, most: int):
+    """Beads, kind and coefficients of all terms of several groups; as many columns of coefficients as the kernel has."""
+    members = np.concatenate([group.beads for group in groups]).astype(np.uint32)
+    numbers = np.repeat([_NUMBERS[type(group)] for group in groups], [len(group.beads) for group in groups]).astype(np.uint8)
+    rows = [group.coefficients for group in groups]
+    return members, numbers, np.concatenate([np.pad(values, [(0, 0), (0, most - values.shape[1])]) for values in rows])
 
 
 def radial_terms(table: dict, type_ids: np.ndarray, names: list[str], exceptions: dict[tuple[int, int], float]) -> RadialTerms:
@@ -84,7 +73,7 @@ def radial_terms(table: dict, type_ids: np.ndarray, names: list[str], exceptions
     # beads that interact with no other are not even sorted
     types = np.where(np.any(cutoff > 0, axis=1)[type_ids], type_ids, -1).astype(np.int32)
     rows = compressed_exceptions(exceptions, len(type_ids))
-    return RadialTerms(types, cutoff, *overlay.curves(table, names), rows)
+    return RadialTerms(types, cutoff, *overlay(table, names), rows)
 
 
 def body_terms(term: BodyForce, scene: Scene) -> BodyTerms:

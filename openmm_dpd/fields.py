@@ -30,6 +30,10 @@ def field_variables(values: np.ndarray) -> dict[str, np.ndarray]:
 
 def per_dof(integrator: openmm.CustomIntegrator, name: str) -> np.ndarray:
     """(N, 3) values of a per-DOF variable."""
+    whole = getattr(integrator, "whole", None)
+    kept = {} if whole is None else whole.kept(integrator)
+    if name in kept:
+        return kept[name]
     values = integrator.getPerDofVariableByName(name)
     # 80 times faster than np.array(values)
     return np.fromiter(chain.from_iterable(values), np.float64, 3 * len(values)).reshape(-1, 3)
@@ -86,18 +90,22 @@ def _densities(context: openmm.Context, plan: Plan) -> dict[str, np.ndarray]:
 def write_fields(context: openmm.Context, plan: Plan, **values: Any) -> None:
     """Set the per-bead fields of a running scene.
 
+    Those of immobile beads (walls that are heated, say) can be set where the kernel does whole steps, which ``built.explain()`` says;
+    with internal energies these beads are reservoirs, which stay as they are.
+
     Parameters
     ----------
     context : openmm.Context
     plan : Plan
     **values
-        Names of :func:`read_fields` with one value per bead (or one for all), with units if you like.  For internal energies either
-        ``theta`` (everything becomes mechanical energy) or ``u_cond`` and/or ``u_mech``.
+        Names of :func:`read_fields` with one value per bead (or one for all that move), with units if you like.  For internal energies
+        either ``theta`` (everything becomes mechanical energy) or ``u_cond`` and/or ``u_mech``.
 
     Raises
     ------
     ParameterError
-        If the scene has no such field, a shape is wrong, or a temperature or energy is outside the equation of state (the bead is named).
+        If the scene has no such field, a shape is wrong, a temperature or energy is outside the equation of state (the bead is named), or
+        an immobile bead cannot take another value.
     """
     spec = plan.spec.fields
     known = () if spec is None else {ENERGY: ("theta", "u_cond", "u_mech"), TEMPERATURE: ("theta",)}.get(spec.kind, ("concentrations",))
@@ -106,8 +114,8 @@ def write_fields(context: openmm.Context, plan: Plan, **values: Any) -> None:
             raise ParameterError(f"the beads of this scene have no {name!r}; their fields are: {', '.join(known) or 'none'}")
     if spec is None or not values:
         return
-    new = raw_fields(context, spec)
-    n = len(new)
+    old = raw_fields(context, spec)
+    new, n = old.copy(), len(old)
     if spec.kind == ENERGY:
         if "theta" in values:
             if len(values) > 1:
@@ -129,6 +137,14 @@ def write_fields(context: openmm.Context, plan: Plan, **values: Any) -> None:
     else:
         new[...] = _per_bead(to_md(values["concentrations"], "dimensionless", "concentrations"), new.shape, "concentrations")
     integrator = context.getIntegrator()
+    if all(np.ndim(value / value.unit if unit.is_quantity(value) else value) == 0 for value in values.values()):
+        new[spec.immobile] = old[spec.immobile]
+    # the temperature of a reservoir depends on the sum alone
+    differ = ~np.isclose(new.sum(axis=1), old.sum(axis=1), rtol=1e-9) if spec.kind == ENERGY else np.any(new != old, axis=1)
+    other = np.flatnonzero(differ & spec.immobile)
+    if len(other) and (spec.kind == ENERGY or getattr(integrator, "whole", None) is None):
+        why = "beads with internal energies that do not move are reservoirs" if spec.kind == ENERGY else "a program of OpenMM's skips it"
+        raise ParameterError(f"bead {other[0]} is immobile and keeps its value, since {why}; leave such beads what read_fields returns")
     for name, block in field_variables(new).items():
         integrator.setPerDofVariableByName(name, block)
     if any(integrator.getGlobalVariableName(k) == "valid_for" for k in range(integrator.getNumGlobalVariables())):

@@ -5,7 +5,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +14,13 @@ from .errors import OutputError
 
 @dataclass
 class _Entry:
-    """One file: whether it grows (or is written whole), how often it was begun, its length before the first time, what is overwritten."""
+    """One file: whether it grows (or is written whole), how often it was begun, its length before the first time, and where the part at
+    its end begins that the next block overwrites."""
 
     grows: bool
     begun: int
     before: int | None
-    regions: dict[int, int] = field(default_factory=dict)
+    tail: int | None = None
 
 
 class FileLedger:
@@ -69,20 +70,14 @@ class FileLedger:
             before = os.path.getsize(path) if os.path.exists(path) and not anew else None
             entry = self._entries[name] = _Entry(grows, 1, before)
         else:
-            entry.grows, entry.begun, entry.regions = grows, entry.begun + 1, {}
+            entry.grows, entry.begun, entry.tail = grows, entry.begun + 1, None
         self._note(name, entry)
-
-    def overwritten(self, path: str | os.PathLike, start: int, length: int) -> None:
-        """Take note of bytes of a growing file that change in their place."""
-        entry = self._entries.get(self._name(path))
-        if entry is not None:
-            entry.regions[start] = length
 
     def tail(self, path: str | os.PathLike, start: int) -> None:
         """Take note of where the part at the end of a growing file begins that the next block overwrites."""
         entry = self._entries.get(self._name(path))
         if entry is not None:
-            entry.regions = {start: -1}
+            entry.tail = start
 
     def holds(self, path: str | os.PathLike) -> bool:
         """Whether the run itself has written a file."""
@@ -105,7 +100,7 @@ class FileLedger:
             path = self.root / name
             found[name] = {"grows": entry.grows, "begun": entry.begun, "before": entry.before}
             if entry.grows and path.is_file():
-                found[name] |= {"length": path.stat().st_size, "parts": _parts(path, entry.regions)}
+                found[name] |= {"length": path.stat().st_size, "tail": _end(path, entry.tail)}
         return found
 
     def put_back(self, lengths: dict[str, dict[str, Any]]) -> None:
@@ -129,9 +124,8 @@ class FileLedger:
                 )
             with open(path, "r+b") as stream:
                 stream.truncate(was["length"])
-                for start, part in was["parts"].items():
-                    stream.seek(start)
-                    stream.write(part)
+                stream.seek(was["length"] - len(was["tail"]))
+                stream.write(was["tail"])
         for name, (grows, _, before) in now.items():
             path = self.root / name
             if name in lengths or not grows or not path.is_file():
@@ -140,9 +134,10 @@ class FileLedger:
                 path.unlink()
             else:
                 os.truncate(path, min(before, path.stat().st_size))
-        self._entries = {name: _Entry(was["grows"], was["begun"], was["before"]) for name, was in lengths.items()}
-        for name, was in lengths.items():
-            self._entries[name].regions = {start: len(part) for start, part in was.get("parts", {}).items()}
+        self._entries = {
+            name: _Entry(was["grows"], was["begun"], was["before"], was["length"] - len(was["tail"]) if was.get("tail") else None)
+            for name, was in lengths.items()
+        }
         beside = self.journal.with_name(f"{self.journal.name}.new")
         beside.write_text("".join(_line(name, entry) for name, entry in self._entries.items()), encoding="utf-8")
         os.replace(beside, self.journal)
@@ -163,13 +158,12 @@ def _line(name: str, entry: _Entry) -> str:
     return json.dumps([name, entry.grows, entry.begun, entry.before]) + "\n"
 
 
-def _parts(path: Path, regions: dict[int, int]) -> dict[int, bytes]:
+def _end(path: Path, start: int | None) -> bytes:
+    if start is None:
+        return b""
     with open(path, "rb") as stream:
-        found = {}
-        for start, length in regions.items():
-            stream.seek(start)
-            found[start] = stream.read(length)
-    return found
+        stream.seek(start)
+        return stream.read()
 
 
 _LEDGER: ContextVar[FileLedger | None] = ContextVar("ledger", default=None)

@@ -122,8 +122,6 @@ class BlockFile:
         """Write over bytes that are there."""
         if self._replaying:
             return
-        if self._ledger is not None:
-            self._ledger.overwritten(self.path, start, len(part))
         with writing(self.path, self._what):
             self._stream.seek(start)
             _write_all(self._stream, part)

@@ -13,6 +13,20 @@ def widths(box: np.ndarray) -> np.ndarray:
     return 1.0 / np.linalg.norm(np.linalg.inv(box), axis=0)
 
 
+def reduced(vectors) -> np.ndarray:
+    """Vectors of the same lattice in OpenMM's reduced form (no tilt above half an edge), from vectors with a along x and b in the xy plane.
+
+    A tilt a rounding error above half an edge becomes that half.
+    """
+    vectors = np.tril(np.asarray(vectors, dtype=np.float64))
+    for row, column in ((2, 1), (2, 0), (1, 0)):
+        half = 0.5 * vectors[column, column]
+        if abs(vectors[row, column]) > half * (1 + 1e-9):
+            vectors[row] -= vectors[column] * np.round(vectors[row, column] / (2 * half))
+        vectors[row, column] = np.clip(vectors[row, column], -half, half)
+    return vectors
+
+
 def minimum_images(d: np.ndarray, box: np.ndarray | None) -> np.ndarray:
     """Distance vectors (K, 3) by minimum image; as they are without a box."""
     return _shifted(d, box, np.rint)
@@ -30,6 +44,11 @@ def _shifted(d: np.ndarray, box: np.ndarray | None, turns) -> np.ndarray:
     for k in (2, 1, 0):
         d -= np.outer(turns(d[:, k] / box[k, k]), box[k])
     return d
+
+
+def weighted_sum(weights: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Sum over rows, each times its weight; one after the other on every machine, which a product of matrices is not."""
+    return np.sum(weights[:, None] * rows, axis=0)
 
 
 def symmetric_products(a: np.ndarray, b: np.ndarray) -> np.ndarray:

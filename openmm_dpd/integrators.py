@@ -14,7 +14,7 @@ from .choices import checked_seed
 from .errors import ParameterError
 from .names import BY_SEED, KT, RAMP_STEP, SEED, SEEN_KT, SEEN_TEMPERATURE, SLOW_STEP, STAMP, TEMPERATURE
 from .units import BOLTZMANN, to_md
-from .watching import Watching, reported
+from .watching import Watching
 
 
 class StepsAtOnce(Protocol):
@@ -24,6 +24,9 @@ class StepsAtOnce(Protocol):
 
     def run(self, integrator: PairIntegrator, context: openmm.Context, n: int, *, slow: bool, barostats: bool) -> None:
         """Carry out n steps; ``slow``: forces stay OpenMM's, ``barostats``: something else has to act in these steps."""
+
+    def kept(self, integrator: PairIntegrator) -> dict[str, np.ndarray]:
+        """Values of per-DOF variables that the last steps left, if they are still there."""
 
 
 class PairIntegrator(Watching, openmm.CustomIntegrator):
@@ -35,8 +38,7 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
 
     _variables: frozenset[str] = frozenset()
 
-    #: What carries out many steps at once; None where the program does them one by one.
-    whole: StepsAtOnce | None = None
+    whole: StepsAtOnce | None
 
     def _take(self, context: openmm.Context, steps: int) -> None:
         if self.whole is None:
@@ -45,8 +47,7 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
             with self._or_back(context):
                 self.whole.run(self, context, steps, slow=self._slow, barostats=self._barostats)
         else:  # the Context is not touched before all steps are done
-            with reported():
-                self.whole.run(self, context, steps, slow=False, barostats=False)
+            self.whole.run(self, context, steps, slow=False, barostats=False)
 
     def variables(self) -> frozenset[str]:
         """Names of the global variables."""
@@ -60,12 +61,20 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
         elif KT in context.getParameters() and RAMP_STEP not in self.variables():
             context.setParameter(KT, kT)
 
+    def bind(self, context: openmm.Context) -> None:
+        """As for all; forces of somebody else may have changed, which in a program are part of the acceleration it keeps."""
+        super().bind(context)
+        if self._mixed and self.whole is None:
+            self._forget_acceleration()
+
+    def _forget_acceleration(self) -> None:
+        if "valid_for" in self.variables():
+            openmm.CustomIntegrator.setGlobalVariableByName(self, "valid_for", -1.0)
+
     def _begin(self, context: openmm.Context) -> None:
-        super()._begin(context)
         names, parameters, put = self.variables(), context.getParameters(), openmm.CustomIntegrator.setGlobalVariableByName
         assert self.made is not None
-        if "valid_for" in names:
-            put(self, "valid_for", -1.0)  # a Context that was reinitialized has lost the acceleration that belonged to it
+        self._forget_acceleration()  # a Context that was reinitialized has lost what belonged to it
         self._forget()
         for name in (RAMP_STEP, SLOW_STEP) if self._begun else ():
             if name in names:
@@ -186,8 +195,6 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
 
 class NativeIntegrator(Watching, openmm.DPDIntegrator):
     """OpenMM's own DPDIntegrator."""
-
-    whole = None
 
     def step(self, steps: int) -> None:
         """Take steps, as all integrators here; a step size of 0 is an error, of which OpenMM would make NaNs."""

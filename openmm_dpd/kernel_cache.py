@@ -20,6 +20,7 @@ from numba.core.serialize import dumps
 
 from .errors import OutputError
 from .files import write_whole
+from .signals import CTRL_C
 
 _LOGGER = logging.getLogger("openmm_dpd")
 
@@ -155,6 +156,7 @@ class KernelCache(FunctionCache):
 
     def load_overload(self, sig, target_context):
         """The compiled function, or None."""
+        CTRL_C.check()  # to compile all that a step calls may take a minute
         try:
             return super().load_overload(sig, target_context)
         except Exception as error:  # what is pickled badly can fail in any way

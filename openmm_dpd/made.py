@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from zlib import crc32
 
@@ -78,13 +78,18 @@ def groups_of(force: openmm.Force) -> set[int]:
     return groups
 
 
-def acting(forces: list[openmm.Force]) -> list[openmm.Force]:
+def acting(forces: Iterable[openmm.Force]) -> list[openmm.Force]:
     """Those that have an energy, whatever it may be at present."""
     return [force for force in forces if not isinstance(force, (*BAROSTATS, openmm.CMMotionRemover, openmm.AndersenThermostat))]
 
 
 def refuse_thermostat(force: openmm.Force) -> None:
-    """Raise PlanError for a force that changes velocities, which pairwise friction does not stand beside."""
+    """Raise PlanError for a force that has or needs a thermostat of its own, which pairwise friction does not stand beside."""
+    if isinstance(force, openmm.DrudeForce):
+        raise PlanError(
+            "the System has a DrudeForce, whose particles must be kept at about 1 K against their atoms, and pairwise friction would heat "
+            "them to the temperature of everything; take OpenMM's DrudeLangevinIntegrator, or a force field that is not polarizable"
+        )
     if isinstance(force, openmm.AndersenThermostat):
         raise PlanError("the System has an AndersenThermostat beside the DPD thermostat; remove it")
     if isinstance(force, openmm.CMMotionRemover):
@@ -104,12 +109,16 @@ class Made:
         Function of this package that made the System, or added to it.
     masses : (N,) array
         Masses of the particles, Da.
-    constraints : int
-        Number of constraints.
+    constrained : bool
+        Whether the integrator keeps constraints.
     virtual : (N,) bool array
         Which particles are virtual sites.
     own : tuple of (str, int)
         Names and force groups of the forces that the package made.
+    used : int
+        The integration force groups, a bit for each.
+    lines : int
+        Number of lines of the integrator's program; 0 where it has none.
     scheme : str
     kT : float
         Thermal energy the script asked for, kJ/mol (that at the beginning of a ramp).
@@ -121,21 +130,26 @@ class Made:
 
     maker: str
     masses: np.ndarray
-    constraints: int
+    constrained: bool
     virtual: np.ndarray
     own: tuple[tuple[str, int], ...]
+    used: int
+    lines: int
     scheme: str
     kT: float
     asked: float
     seed: int | None
 
     @classmethod
-    def of(cls, maker: str, system: openmm.System, own: Sequence[openmm.Force], options: ProgramOptions) -> Made:
+    def of(
+        cls, maker: str, system: openmm.System, own: Sequence[openmm.Force], options: ProgramOptions, integrator: openmm.Integrator
+    ) -> Made:
         """What stands in a System now, and what was asked for."""
         forces = tuple((force.getName(), force.getForceGroup()) for force in own)
         seed = options.seed if options.seeded else None
-        asked = options.scheme.name, options.kT, _asked(options), seed
-        return cls(maker, masses_of(system), system.getNumConstraints(), virtual_sites(system), forces, *asked)
+        there = masses_of(system), options.constraints, virtual_sites(system), forces
+        used, lines = integrator.getIntegrationForceGroups(), lines_of(integrator)
+        return cls(maker, *there, used, lines, options.scheme.name, options.kT, _asked(options), seed)
 
     def check(self, system: openmm.System) -> list[openmm.Force]:
         """The forces in a System that the package did not make.
@@ -148,10 +162,10 @@ class Made:
         count, maker = len(self.masses), self.maker
         if system.getNumParticles() != count:
             raise PlanError(f"the System has {system.getNumParticles()} particles, but {maker} made the integrator for {count}")
-        if system.getNumConstraints() != self.constraints:
+        if system.getNumConstraints() and not self.constrained:
             raise PlanError(
-                f"the System has {system.getNumConstraints()} constraints, and it had {self.constraints} when {maker} made the integrator, "
-                f"which would ignore the others; {self._remedy('hold distances by stiff bonds of the scene', 'add them')}"
+                f"the System has {system.getNumConstraints()} constraints, and it had none when {maker} made the integrator, "
+                f"which would ignore them; {self._remedy('hold distances by stiff bonds of the scene', 'add them')}"
             )
         changed = np.flatnonzero(virtual_sites(system) != self.virtual)
         if len(changed):
@@ -163,6 +177,16 @@ class Made:
             raise PlanError(f"{what}; {self._remedy('give the scene its masses', 'change it')}")
         return self._foreign(system)
 
+    def check_groups(self, groups: int) -> None:
+        """Raise PlanError if integration force groups leave out a force of the package that acted, or have one that did not."""
+        for name, group in self.own:
+            if (groups ^ self.used) >> group & 1:
+                was = "in" if self.used >> group & 1 else "not in"
+                raise PlanError(
+                    f"force group {group} with {name!r} was {was} the integration force groups when {self.maker} made the integrator; "
+                    "let setIntegrationForceGroups change the groups of your own forces only"
+                )
+
     def check_writer(self, parameters: Mapping[str, float]) -> None:
         """Raise PlanError if the parameters of a state say that another scheme wrote it."""
         if BY_SCHEME in parameters and parameters[BY_SCHEME] != text_number(self.scheme):
@@ -171,14 +195,14 @@ class Made:
                 "positions, velocities and box vectors from it (context.setPositions(state.getPositions()), ...) into a new Context"
             )
 
-    def others(self, system: openmm.System) -> list[openmm.Force]:
-        """Forces in a System that have an energy and that the package did not make."""
-        return acting(self._told_apart(system)[1])
+    def others(self, forces: Iterable[openmm.Force]) -> list[openmm.Force]:
+        """Forces of a System that have an energy and that the package did not make."""
+        return acting(self._told_apart(forces)[1])
 
-    def _told_apart(self, system: openmm.System) -> tuple[Counter, list[openmm.Force]]:
+    def _told_apart(self, forces: Iterable[openmm.Force]) -> tuple[Counter, list[openmm.Force]]:
         """Own forces that are not there (or not in their group), and forces of others."""
         missing, foreign = Counter(self.own), []
-        for force in system.getForces():
+        for force in forces:
             place = (force.getName(), force.getForceGroup())
             if missing[place]:
                 missing[place] -= 1
@@ -190,7 +214,7 @@ class Made:
         return scene if self.maker == "build()" else f"{before} before {self.maker}"
 
     def _foreign(self, system: openmm.System) -> list[openmm.Force]:
-        missing, foreign = self._told_apart(system)
+        missing, foreign = self._told_apart(system.getForces())
         lost = next(missing.elements(), None)
         if lost is not None:
             name, group = lost
@@ -210,6 +234,11 @@ class Made:
                 )
             refuse_thermostat(force)
         return foreign
+
+
+def lines_of(integrator: openmm.Integrator) -> int:
+    """Number of lines of an integrator's program; 0 where it has none."""
+    return integrator.getNumComputations() if isinstance(integrator, openmm.CustomIntegrator) else 0
 
 
 def masses_of(system: openmm.System) -> np.ndarray:

@@ -157,7 +157,7 @@ def _check_box(scene: Scene, system: openmm.System) -> None:
         if isinstance(force, (openmm.NonbondedForce, openmm.CustomNonbondedForce)):
             bounded = force.getNonbondedMethod() > force.CutoffNonPeriodic
             if bounded != (scene.box is not None):
-                has, want = ("a box", "CutoffPeriodic or PME") if scene.box is not None else ("no box", "NoCutoff")
+                has, want = ("a box", "CutoffPeriodic or PME") if scene.box is not None else ("no box", "NoCutoff or CutoffNonPeriodic")
                 raise PlanError(
                     f"the scene has {has}, which the {type(force).__name__} of the atoms does not fit; make the System with the "
                     f"nonbondedMethod {want}"

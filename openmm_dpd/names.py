@@ -42,6 +42,9 @@ BEGUN = "dpd_begun"
 #: A number for the forces of others that acted in the last step, 0 where there were none: what a scheme kept is not valid for others.
 BESIDE = "dpd_beside"
 
+#: Name of a barostat whose pressure was given in the units of a scene.
+CONVERTED = "DPD barostat"
+
 #: Context parameters the pair force defines.
 PARAMETERS = (PHASE, TAU, DT, KT, COUNTER, SEED, BY_SCHEME, BY_KT, BY_SEED, BY_VARIABLES, BESIDE, BEGUN)
 
@@ -89,9 +92,6 @@ PAIR_FORCE = "DPD pair terms"
 #: Usual force group of the pair terms, outside the integration groups unless the kernel holds the conservative force.
 PAIR_GROUP = 31
 
-#: Groups of forces that are evaluated only when a pressure is asked for, downwards from here.
-VIRIAL_GROUP = 30
-
 #: Groups of pair potentials, one for each cutoff, and then of the densities of many-body terms: the first one downwards to the last.
 POTENTIAL_GROUP, LAST_POTENTIAL_GROUP = 15, 4
 
@@ -108,5 +108,5 @@ MOLECULE_GROUP = 21
 #: Group of the segmental repulsion.
 SEGMENT_GROUP = 16
 
-#: Groups of smeared charges: what is short-ranged, the lattice sum, and what makes a virial of their energy (only for pressures).
-COULOMB_GROUP, LATTICE_GROUP, COULOMB_VIRIAL_GROUP = 17, 18, 19
+#: Groups of smeared charges: what is short-ranged, and the lattice sum.
+COULOMB_GROUP, LATTICE_GROUP = 17, 18

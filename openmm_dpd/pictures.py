@@ -25,6 +25,9 @@ COLOURS = (("#1f5a99", "#a9c6e3"), ("#b3541e", "#efc9ae"))
 #: What the lines are.
 CAPTION = "light: rows of the thermo output; dark: mean over a tenth of the run around each row; dotted: a new run begins"
 
+#: What the shading is.
+LEFT_OUT = "\ngrey: left out of averages, and of the range of the axes"
+
 #: Most rows that are drawn one by one; longer series show every so many.
 MOST_ROWS = 20_000
 
@@ -36,13 +39,14 @@ def thermo_picture(
     x: str = "time",
     runs: Sequence[float] = (),
     target: float | Sequence[float] | np.ndarray | None = None,
+    counted: Sequence[bool] | np.ndarray | None = None,
     labels: Mapping[str, str] | None = None,
     title: str = "",
 ) -> None:
     """Draw thermo columns against time into a PNG file.
 
     Rows are light lines (dots as well if they are few), means over a sliding window (a tenth of a run, at least 5 rows) dark ones; a line
-    at the foot says so.  Towards the ends of a run the window shrinks to a single row.  Panels without a column are left out.
+    at the foot says so.  Panels without a column are left out.
 
     Parameters
     ----------
@@ -57,6 +61,9 @@ def thermo_picture(
         Values of x at which a new run begins; a thin line marks each, and means do not reach over it.  x must not go back then.
     target : float or (n,) array_like, optional
         Temperature that the thermostat is set to, one number or one per row.
+    counted : (n,) array_like of bool, optional
+        Rows that averages are taken over: all behind some row of each run.  The rows before it are shaded, have no mean, and may leave the
+        picture, since axes have the range of the others.
     labels : mapping of str to str, optional
         Units, put in brackets: for each panel (``temperature``, ``pressure``, ``potential energy``, ``total energy``) and the column x.
     title : str
@@ -78,21 +85,29 @@ def thermo_picture(
     level = _level(target, len(data[x]))
     labels = labels or {}
     spans = _spans(data[x], runs)
+    mask = np.ones(len(data[x]), bool) if counted is None else np.asarray(counted, bool)
+    if mask.shape != data[x].shape:
+        raise ParameterError(f"counted has the shape {mask.shape}; it must say of each of the {len(data[x])} rows whether it counts")
+    left_out = [slice(span.start, span.start + int(np.sum(~mask[span]))) for span in spans]
     figure = new_figure(8.0, 0.9 + 1.9 * len(panels))
     axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     for axis, (name, words) in zip(axes, panels, strict=True):
         for number, (word, label) in enumerate(words.items()):
             # the first column in front
-            _draw(axis, data[x], data[word], spans, label, COLOURS[number], depth=3 - number)
+            _draw(axis, data[x], data[word], spans, left_out, label, COLOURS[number], 3 - number)
         set_level = name == "temperature" and level is not None
         if set_level:
             axis.plot(data[x], level, color="black", linewidth=1.2, linestyle=(0, (5, 3)), label="set", zorder=3.9)
         for start in runs:
             axis.axvline(start, color="0.6", linewidth=0.8, linestyle=":", zorder=0)
+        for rows in left_out:
+            axis.axvspan(data[x][rows.start], data[x][min(rows.stop, len(data[x]) - 1)], color="0.93", linewidth=0, zorder=0)
         finish_axis(axis, with_unit(name, labels.get(name), "\n"), legend=len(words) > 1 or set_level)
+        if not mask.all():
+            _scale(axis, [data[word][mask] for word in words] + ([level[mask]] if level is not None and set_level else []))
     figure.align_ylabels(axes)
     axes[-1].set_xlabel(with_unit(x, labels.get(x)), fontsize=11)
-    figure.supxlabel(CAPTION, fontsize=9, color="0.35")
+    figure.supxlabel(CAPTION + LEFT_OUT * (not mask.all()), fontsize=9, color="0.35")
     if title:
         figure.suptitle(title, fontsize=12)
     write_picture(path, figure)
@@ -172,30 +187,39 @@ def _spans(x: np.ndarray, runs: Sequence[float]) -> list[slice]:
 
 
 def _sliding_mean(values: np.ndarray, window: int) -> np.ndarray:
-    """Centred mean over ``window`` rows, over fewer towards the ends, where it is the row itself; NaN rows do not count."""
+    """Mean over ``window`` rows around each, of which those beyond the ends are missing; NaN rows do not count."""
     good = np.isfinite(values)
     total = np.concatenate([[0.0], np.cumsum(np.where(good, values, 0.0))])
     count = np.concatenate([[0], np.cumsum(good)])
     row = np.arange(len(values))
-    # the same number of rows on both sides, so that the decay from the start is not bent
-    half = np.minimum(np.minimum(row, row[::-1]), window // 2)
-    low, high = row - half, row + half + 1
+    low, high = np.maximum(row - window // 2, 0), np.minimum(row + window // 2 + 1, len(values))
     rows = count[high] - count[low]
     return np.divide(total[high] - total[low], rows, out=np.full(len(values), np.nan), where=rows > 0)
 
 
-def _draw(axis: Any, x: np.ndarray, values: np.ndarray, spans: list[slice], label: str, colours: tuple[str, str], depth: int) -> None:
-    """One column: rows light, sliding means dark; few rows are dots."""
+def _scale(axis: Any, counted: list[np.ndarray]) -> None:
+    """Give an axis the range of what counts."""
+    values = np.concatenate(counted)
+    values = values[np.isfinite(values)]
+    if np.ptp(values) if len(values) else 0:
+        margin = 0.12 * np.ptp(values)
+        axis.set_ylim(values.min() - margin, values.max() + margin)
+
+
+def _draw(axis: Any, x: np.ndarray, values: np.ndarray, spans: list[slice], left_out: list[slice], label: str, colours, depth: int) -> None:
+    """One column: rows light, sliding means of those that are not left out dark; few rows are dots."""
     dark, light = colours
     few = all(span.stop - span.start <= 60 for span in spans)
-    for number, span in enumerate(spans):
+    for number, (span, start) in enumerate(zip(spans, (rows.stop for rows in left_out), strict=True)):
         rows = span.stop - span.start
         step = max(1, rows // MOST_ROWS)
         axis.plot(
             x[span][::step], values[span][::step], color=light, linewidth=0.9, marker="o" if few else None, markersize=3.5, zorder=depth
         )
-        mean = _sliding_mean(values[span], max(5, rows // 10))
-        axis.plot(x[span][::step], mean[::step], color=dark, linewidth=1.7, label=label if number == 0 else None, zorder=depth + 3)
+        mean = _sliding_mean(values[start : span.stop], max(5, rows // 10))
+        axis.plot(
+            x[start : span.stop : step], mean[::step], color=dark, linewidth=1.7, label=label if number == 0 else None, zorder=depth + 3
+        )
 
 
 def finish_axis(axis: Any, name: str, legend: bool) -> None:

@@ -4,15 +4,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .bonded_modes import Modes, bonded_modes
 from .errors import DPDError, ParameterError, what_is
 from .mixed_system import MixedSystem
 from .model.scene import Scene
 from .plan import make_plan
 from .programs.native import why_not
-from .scene_groups import bond_frequency, groups
+from .scene_groups import groups, surroundings
 from .schemes import SCHEMES, scheme_of
 from .stability_table import LEVELS, SAFE, Groups, StabilityTable, shipped_table
 from .units import to_md
+from .wording import in_units
 
 #: Smallest error that may be asked for; below, no table could have measured it.
 SMALLEST = 1e-4
@@ -33,7 +35,7 @@ class Choice:
     relative_cost : float
         Time for the same simulated time and the same error, beside ``mvv``.
     limit : str
-        What limits the step: "configurational temperature", "kinetic temperature", "stability" or "bonds".
+        What limits the step: "configurational temperature", "kinetic temperature", "stability", "bonds" or "angles".
     """
 
     scheme: str
@@ -70,16 +72,12 @@ class Recommendation:
     notes: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        return self.text()
-
-    def text(self, unit: float = 1.0, name: str = " ps") -> str:
-        """The recommendation in words, with steps in units of ``unit`` (ps), which is written as ``name``."""
         lines = [f"note: {note}" for note in self.notes]
         if self.scheme is None or self.dt is None:
             return "\n".join(["no recommendation", *lines])
-        head = f"for temperatures within {100 * self.error:g} %: {self.scheme} at dt = {self.dt / unit:.2g}{name}"
+        head = f"for temperatures within {100 * self.error:g} %: {self.scheme} at dt = {in_units(self.dt, 'time', 2)}"
         table = [
-            f"  {one.scheme:10s} dt {one.dt / unit:.2g}{name}, {one.relative_cost:.2f} times the time of mvv, set by {one.limit}"
+            f"  {one.scheme:10s} dt {in_units(one.dt, 'time', 2)}, {one.relative_cost:.2f} times the time of mvv, set by {one.limit}"
             for one in self.choices
         ]
         return "\n".join([head, *table, *lines])
@@ -112,8 +110,9 @@ def recommend(
     Notes
     -----
     The table covers soft repulsion with friction, in a box; :func:`openmm_dpd.scene_groups.groups` combines layers and pairs of types.
-    Harmonic bonds limit the step by their frequency.  The recommendation leaves out other bonds, angles, segmental repulsion, beads without
-    friction among themselves, and charges; ``notes`` names them, charges with the frequency of two opposite ones on top of each other.  The
+    Bonds and angles limit the step by what each scheme does to their vibrations (:mod:`openmm_dpd.bonded_modes`).  The recommendation
+    leaves out segmental repulsion, beads without friction among themselves, and charges; ``notes`` names them, charges with the frequency
+    of two opposite ones on top of each other.  The
     steps of ``native`` were measured on the CPU platform; on GPU platforms OpenMM's DPDIntegrator updates all pairs at once, and gets too
     hot at shorter steps.  Without friction, or with an attraction or another potential between beads, there is no recommendation.  Beads
     beside atoms (:func:`openmm_dpd.create_mixed_system`) take the step of the atoms and are refused.
@@ -126,14 +125,17 @@ def recommend(
         raise ParameterError(f"expected a Scene, not {what_is(scene)}")
     error = to_md(error, "dimensionless", "error")
     if not isinstance(error, float) or not SMALLEST <= error <= LEVELS[-1]:
-        raise ParameterError(f"error, a relative one of the temperature, must be between {SMALLEST:g} and {LEVELS[-1]:g}, but is {error!r}")
+        raise ParameterError(
+            f"error must be a fraction of the temperature from {SMALLEST:g} to {LEVELS[-1]:g} (0.01 is 1 %), not {error!r}"
+        )
     table = table or shipped_table()
     pairs, notes = groups(scene)
     outside = list(dict.fromkeys(text for at in pairs for text in table.outside(at)))
     if not pairs or outside:
         return Recommendation(None, None, None, error, notes=(*notes, *(f"outside of the table: {text}" for text in outside)))
     able = [scheme for scheme in table.schemes if _runs(scene, scheme)]
-    steps = {scheme: _step(table, scheme, scene, pairs, error, configurations_only) for scheme in able}
+    modes = bonded_modes(scene, surroundings(pairs))
+    steps = {scheme: _step(table, scheme, modes, pairs, error, configurations_only) for scheme in able}
     costs = {scheme: table.cost[scheme] / dt for scheme, (dt, _) in steps.items()}
     usual = costs.get("mvv", min(costs.values()))
     choices = [Choice(s, steps[s][0], costs[s] / usual, steps[s][1]) for s in sorted(costs, key=lambda s: costs[s])]
@@ -152,7 +154,7 @@ def _runs(scene: Scene, scheme: str) -> bool:
 
 
 def _step(
-    table: StabilityTable, scheme: str, scene: Scene, pairs: list[Groups], error: float, configurations_only: bool
+    table: StabilityTable, scheme: str, modes: list[Modes], pairs: list[Groups], error: float, configurations_only: bool
 ) -> tuple[float, str]:
     """Smallest of all limits, ps, and which one it is."""
     limits = []
@@ -162,20 +164,17 @@ def _step(
         if not configurations_only:
             limits.append((unit * table.step(scheme, at, error, "kin"), "kinetic temperature"))
         limits.append((unit * SAFE * table.blow(scheme, at), "stability"))
-    frequency = bond_frequency(scene)
-    if frequency > 0:
-        # a harmonic bond under velocity Verlet is (omega dt)^2/4 too hot
-        limits.append((2.0 * error**0.5 / frequency, "bonds"))
+    limits += [(one.step(scheme_of(scheme), error), one.what) for one in modes]
     return min(limits)
 
 
 def predicted_error(scene: Scene, scheme: str, dt: float, *, table: StabilityTable | None = None) -> tuple[float, str] | None:
     """Relative error of the worst temperature at a step (ps), signed, and which one; infinite over 10 %, None where the table ends.
 
-    Harmonic bonds count as under velocity Verlet: (omega dt)^2/4 too hot.
+    Bonds and angles count by themselves (:mod:`openmm_dpd.bonded_modes`).
     """
-    scheme = scheme_of(scheme).name
-    table = table or shipped_table()
+    word = scheme_of(scheme)
+    scheme, table = word.name, table or shipped_table()
     pairs, _ = groups(scene)
     if scheme not in table.schemes or not pairs or any(table.outside(at) for at in pairs):
         return None
@@ -183,13 +182,15 @@ def predicted_error(scene: Scene, scheme: str, dt: float, *, table: StabilityTab
     for at in pairs:
         for kind in ("conf", "kin"):
             worst = max(worst, (table.error(scheme, at, dt / at.unit_time, kind), table.sign(scheme, at, kind), kind))
-    bonds = 0.25 * (bond_frequency(scene) * dt) ** 2
-    worst = max(worst, (bonds if bonds <= LEVELS[-1] else np.inf, 1, "bond"))
-    return worst[0] * (worst[1] or 1), {"conf": "configurational", "kin": "kinetic"}.get(worst[2], worst[2])
+    for modes in bonded_modes(scene, surroundings(pairs)):
+        for off in modes.errors(word, np.array([dt])):
+            size = abs(float(off[0]))
+            worst = max(worst, (size if size <= LEVELS[-1] else np.inf, -1 if off[0] < 0 else 1, modes.what))
+    return worst[0] * (worst[1] or 1), {"conf": "configurational", "kin": "kinetic", "bonds": "bond", "angles": "angle"}[worst[2]]
 
 
-def advice(scene: Scene, scheme: str, dt: float, *, unit: float = 1.0, table: StabilityTable | None = None) -> str:
-    """What the table says about a scheme and a step (ps), in a sentence with what it leaves out; steps are in units of ``unit``."""
+def advice(scene: Scene, scheme: str, dt: float, *, table: StabilityTable | None = None) -> str:
+    """What the table says about a scheme and a step (ps), in a sentence with what it leaves out."""
     table = table or shipped_table()
     scheme = scheme_of(scheme).name
     found = predicted_error(scene, scheme, dt, table=table)
@@ -198,20 +199,20 @@ def advice(scene: Scene, scheme: str, dt: float, *, unit: float = 1.0, table: St
             return f"nothing was measured for the scheme {scheme!r}; benchmarks/orders.py measures what a word does to the temperatures"
         notes = recommend(scene, table=table).notes or (f"the table of steps has no scheme {scheme!r}",)
         return "no advice about the step: " + "; ".join(notes)
-    return "; ".join([_sentence(scene, scheme, dt, unit, table, found), *groups(scene)[1]])
+    return "; ".join([_sentence(scene, scheme, dt, table, found), *groups(scene)[1]])
 
 
-def _sentence(scene: Scene, scheme: str, dt: float, unit: float, table: StabilityTable, found: tuple[float, str]) -> str:
+def _sentence(scene: Scene, scheme: str, dt: float, table: StabilityTable, found: tuple[float, str]) -> str:
     pairs, _ = groups(scene)
     blow = min(at.unit_time * table.blow(scheme, at) for at in pairs)
     size, kind = abs(found[0]), found[1]
     compared = float(np.clip(size, *_COMPARED)) if np.isfinite(size) else 0.01
     best = recommend(scene, compared, table=table)
     assert best.scheme is not None and best.dt is not None
-    head = f"your dt {dt / unit:.3g} with {scheme}: "
-    other = f"{best.scheme} at {best.dt / unit:.2g}"
+    head = f"{scheme} at dt = {in_units(dt, 'time', 3)}: "
+    other = f"{best.scheme} at {in_units(best.dt, 'time', 2)}"
     if dt > SAFE * blow:
-        return head + f"unstable or close to it (it blows up near {blow / unit:.2g}); {other} is {100 * compared:.2g} % off"
+        return head + f"unstable or close to it (it blows up near {in_units(blow, 'time', 2)}); {other} is {100 * compared:.2g} % off"
     if not np.isfinite(size):
         return head + f"more than {100 * LEVELS[-1]:g} % off ({kind} temperature); {other} is {100 * compared:.2g} % off"
     text = head + f"{100 * size:.1g} % {'hot' if found[0] > 0 else 'cold'} ({kind} temperature)"

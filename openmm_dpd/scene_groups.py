@@ -1,15 +1,15 @@
-"""A scene in the dimensionless groups of the table of steps: friction and repulsion of all its layers together, bonds, charges."""
+"""A scene in the dimensionless groups of the table of steps: friction and repulsion of all its layers together, charges."""
 
 from itertools import combinations_with_replacement
 
 import numpy as np
 
 from .kinds import kind_for
-from .model.bonds import HarmonicBonds
 from .model.internal import InternalEnergy
 from .model.pairs import NONE
 from .model.scene import Scene
 from .stability_table import Groups, drag
+from .wording import in_units
 
 
 def groups(scene: Scene) -> tuple[list[Groups], list[str]]:
@@ -108,10 +108,8 @@ def _notes(scene: Scene, drags: dict[tuple[str, str], float]) -> list[str]:
     """What a scene has that the table does not cover."""
     alone = [first for (first, second), value in drags.items() if first == second and not value]
     notes = [f"beads of type {name} have no friction among themselves; the step is for a mixture where others are near" for name in alone]
-    if any(not isinstance(bonds, HarmonicBonds) for bonds in scene.bonds):
-        notes.append("FENE and Morse bonds are not in the table of steps; they may need shorter ones")
-    if scene.angles:
-        notes.append("angles are not in the table of steps; stiff ones may need shorter ones")
+    if scene.walls:
+        notes.append("walls are not in the table of steps; beads heat at bare ones at steps that the fluid takes well")
     if scene.segments is not None:
         notes.append("segmental repulsion is not in the table of steps")
     if scene.electrostatics is not None:
@@ -119,33 +117,20 @@ def _notes(scene: Scene, drags: dict[tuple[str, str], float]) -> list[str]:
         frequency = charge_frequency(scene)
         if frequency > 0:
             text += (
-                f"; opposite ones on top of each other vibrate with {frequency:.2g} rad/ps, which is 1 % hot at a step of "
-                f"{0.2 / frequency:.2g} ps if it is taken for a bond"
+                f"; opposite ones on top of each other vibrate, which is 1 % hot at a step of "
+                f"{in_units(0.2 / frequency, 'time', 2)} if it is taken for a bond"
             )
         notes.append(text)
     return notes
 
 
-def bond_frequency(scene: Scene) -> float:
-    r"""Frequency of the harmonic bond that vibrates fastest among its neighbours, rad/ps; 0 without such bonds.
+def surroundings(pairs: list[Groups]) -> float:
+    """omega^2 (1/ps^2) of a bead among its soft neighbours, the largest of all pairs of types; 0 without any.
 
-    Velocity Verlet makes the configurations of a mode (omega dt)^2/4 too hot.  In the configurational temperature of a chain modes of all
-    frequencies have their share of the Laplacian: mean omega^2 = tr(H M^-1 H)/tr(H), with the matrix H of second derivatives.  A bond with
-    U = k (r - r0)^2 adds to it::
-
-        omega^2 = sum over its two beads of [2 k + (sum of the 2 k of the other bonds there)/2]/m
-
-    which is 2 k/mu for a bond alone.  The other bonds count with cos^2 of the angle between, taken for 1, as in a straight chain or (in
-    all three directions) for a rest length of 0; in a freely jointed chain it is 1/3.
+    The mean over the stable modes of the standard fluid, which weighs them by omega^2 as configurational temperatures do (117 at A = 25 and
+    density 3, from the Hessian of 400 beads), taken in proportion to A and density.
     """
-    harmonic = [bonds for bonds in scene.bonds if isinstance(bonds, HarmonicBonds) and len(bonds.pairs)]
-    if not harmonic:
-        return 0.0
-    pairs = np.concatenate([bonds.pairs for bonds in harmonic])
-    curvature = np.concatenate([np.broadcast_to(2.0 * np.asarray(bonds.k), len(bonds.pairs)) for bonds in harmonic])
-    at_bead = np.bincount(pairs.ravel(), np.repeat(curvature, 2), minlength=scene.n_beads)
-    squares = (0.5 * (curvature[:, None] + at_bead[pairs]) / scene.bead_masses[pairs]).sum(axis=1)
-    return float(squares[curvature > 0].max(initial=0.0)) ** 0.5
+    return max((4.7 * at.a * at.rho / 3.0 / at.unit_time**2 for at in pairs), default=0.0)
 
 
 def charge_frequency(scene: Scene) -> float:

@@ -13,7 +13,7 @@ from .forces.segments import segment_force, segment_spec
 from .integrators import NativeIntegrator, PairIntegrator
 from .kinds import resolved_kind
 from .model.flow import PositionForce
-from .names import BONDED_GROUP, LAST_POTENTIAL_GROUP, POTENTIAL_GROUP, VIRIAL_GROUP
+from .names import BONDED_GROUP, LAST_POTENTIAL_GROUP, POTENTIAL_GROUP
 from .neighbours import coincident_pairs
 from .pair_spec import Factors
 from .plan import Plan
@@ -32,12 +32,11 @@ def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, func
         system.setDefaultPeriodicBoxVectors(*(openmm.Vec3(*row) for row in scene.box.tolist()))
     layers = plan.layers if plan.conservative == "openmm" else ()
     densities = [layer for layer in layers if resolved_kind(layer).density_force is not None]
-    expressions, overlays = (
-        [resolved_kind(table).potential(table, scene.type_names) for table in tables]  # type: ignore[misc]  # make_plan has seen to it
-        for tables in (layers, plan.overlays)
-    )
-    factors = _excluded_pairs(plan, [*expressions, *overlays])
-    free = _add_pair_expressions(system, plan, [*expressions, *overlays], factors, with_virial=overlays)
+    # where the kernel holds the forces beside its pair terms, overlays are among them
+    tables = (*layers, *(plan.overlays if plan.unlooped else ()))
+    expressions = [resolved_kind(table).potential(table, scene.type_names) for table in tables]  # type: ignore[misc]  # make_plan has seen to it
+    factors = _excluded_pairs(plan, expressions)
+    free = _add_pair_expressions(system, plan, expressions, factors)
     _add_charges(system, plan, factors)
     if free - len(densities) + 1 < LAST_POTENTIAL_GROUP:
         raise PlanError(f"the pair potentials and densities need more than {POTENTIAL_GROUP - LAST_POTENTIAL_GROUP + 1} force groups")
@@ -94,7 +93,7 @@ def _add_charges(system: openmm.System, plan: Plan, factors: Factors) -> None:
         system.addForce(force)
 
 
-def _add_pair_expressions(system: openmm.System, plan: Plan, expressions: list[PairExpression], factors: Factors, with_virial) -> int:
+def _add_pair_expressions(system: openmm.System, plan: Plan, expressions: list[PairExpression], factors: Factors) -> int:
     """Add the forces of radial pair potentials, and return the next group downwards.
 
     GPU platforms want one cutoff per group and the same exclusions everywhere.
@@ -109,14 +108,12 @@ def _add_pair_expressions(system: openmm.System, plan: Plan, expressions: list[P
         raise PlanError(f"the pair potentials have {len(cutoffs)} different cutoffs; at most 10 can be built")
     for expression in expressions:
         number = groups.setdefault(expression.cutoff, len(groups))
-        # where the kernel holds the potentials only their virials are OpenMM's
-        energies = (False,) if plan.unlooped else ()
-        for virial in (*energies, True) if expression in with_virial else (False,):
-            listed = plan.listed(expression.cutoff)
-            made = [nonbonded_force(expression, scene.type_ids, exclusions, periodic, virial=virial, listed=listed)]
-            if restored:
-                made.append(exception_force(expression, scene.type_ids, restored, periodic, virial=virial))
-            for force in made:
-                force.setForceGroup((VIRIAL_GROUP if virial else POTENTIAL_GROUP) - number)
-                system.addForce(force)
+        made: list[openmm.Force] = [
+            nonbonded_force(expression, scene.type_ids, exclusions, periodic, listed=plan.listed(expression.cutoff))
+        ]
+        if restored:
+            made.append(exception_force(expression, scene.type_ids, restored, periodic))
+        for force in made:
+            force.setForceGroup(POTENTIAL_GROUP - number)
+            system.addForce(force)
     return POTENTIAL_GROUP - len(groups)

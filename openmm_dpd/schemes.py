@@ -7,6 +7,7 @@ three fifths of it.  To add a scheme: one entry of :data:`SCHEMES`.
 import re
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 
 from .errors import ParameterError
 
@@ -83,7 +84,7 @@ class Scheme:
         """Whether its pair updates are Shardlow's."""
         return any(letter == "S" for letter, _ in self.letters)
 
-    @property
+    @cached_property
     def lag(self) -> float:
         """The part of a step's kick by which velocities, read at whole steps, are behind positions.
 
@@ -202,9 +203,6 @@ _ALL = (
 
 #: The schemes that have a name.
 SCHEMES: dict[str, Scheme] = {scheme.name: scheme for scheme in _ALL}
-
-#: Scheme that is taken if none is asked for.
-DEFAULT = "middle"
 
 
 def scheme_of(text: str | Scheme) -> Scheme:

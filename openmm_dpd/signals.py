@@ -1,13 +1,24 @@
-"""SIGINT and SIGTERM (from a batch system, for example): a run ends without losing results."""
+"""SIGINT and SIGTERM (from a batch system, for example): steps are taken whole or not, and a run ends without losing results.
+
+Python carries a handler out before whatever line comes next, in what OpenMM calls too.  Of an exception that is raised there OpenMM makes
+an error without a text, or one of Python's own inside.  So a signal that comes in steps is noted, and acts between two of them.
+"""
 
 import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+try:  # the functions of signal without its enumerations, which take ten times as long
+    import _signal as handlers  # type: ignore[import-not-found]
+except ImportError:
+    handlers = signal
 
-class Signals:
+
+class Signals(threading.local):
     """Makes a KeyboardInterrupt of a signal: at once, or within :meth:`later` where the run says.
+
+    Signals go to the main thread; in others none is ever seen.
 
     Attributes
     ----------
@@ -15,26 +26,28 @@ class Signals:
         Signals that have come.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, patient: bool = False) -> None:
         self.seen: list[int] = []
-        self._patient = False
+        self._patient = patient
 
     @contextmanager
     def caught(self) -> Iterator[None]:
-        """Take the signals over (they go to the main thread; nothing happens in others)."""
+        """Take the signals over (nothing happens in threads other than the main one)."""
         if threading.current_thread() is not threading.main_thread():
             yield
             return
-        before = {number: signal.signal(number, self._take) for number in (signal.SIGINT, signal.SIGTERM)}
+        before = {number: handlers.signal(number, self.take) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
             yield
         finally:
             for number, handler in before.items():
-                signal.signal(number, handler)
+                handlers.signal(number, handler)
 
-    def _take(self, number: int, frame: object) -> None:
+    def take(self, number: int, frame: object) -> None:
+        """The handler."""
         self.seen.append(number)
-        # whoever asks twice does not want to wait
+        if len(self.seen) > 1:  # whoever asks twice does not want to wait, and once more even less
+            handlers.signal(number, signal.default_int_handler)
         if not self._patient or len(self.seen) > 1:
             raise KeyboardInterrupt
 
@@ -61,3 +74,27 @@ class Signals:
     def status(self) -> int:
         """Exit status that tells of it."""
         return 128 + (self.seen[0] if self.seen else int(signal.SIGINT))
+
+
+#: Ctrl-C in steps that a script takes.
+CTRL_C = Signals(patient=True)
+
+
+@contextmanager
+def unbroken() -> Iterator[None]:
+    """Within, Ctrl-C waits for ``CTRL_C.check()``, and comes out as a KeyboardInterrupt, whatever OpenMM has made of that.
+
+    Only Python's own handler is replaced: those of decks and of others act as they do.
+    """
+    ours = handlers.getsignal(signal.SIGINT) in (signal.default_int_handler, CTRL_C.take)
+    if not ours or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    try:
+        handlers.signal(signal.SIGINT, CTRL_C.take)
+        yield
+    finally:
+        handlers.signal(signal.SIGINT, signal.default_int_handler)
+        seen, CTRL_C.seen = CTRL_C.seen, []
+        if seen:
+            raise KeyboardInterrupt from None

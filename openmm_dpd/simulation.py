@@ -1,25 +1,62 @@
-"""app.Simulation with what OpenMM leaves out: states of other schemes are refused in plain words, and minimising works through PoCL."""
+"""app.Simulation with what OpenMM leaves out: states of other schemes are refused in plain words, and minimising breaks no bonds."""
 
 import io
-import logging
 import os
 from collections.abc import Callable
 from xml.etree import ElementTree
 
+import numpy as np
 import openmm
 from openmm import app, unit
 
+from .downhill import descend
 from .errors import ParameterError
 from .files import write_whole
 from .made import variables_number
+from .model.bonds import FENEBonds
+from .model.pairs import checked
 from .names import BY_VARIABLES
+from .pair_spec import longest
+from .plan import Plan
 from .serialized import checked_xml, deserialized, read_file
+from .signals import unbroken
+from .units import whole_number
 
-_LOGGER = logging.getLogger("openmm_dpd")
+#: No bead moves farther in one iteration of the minimiser, in cutoffs.
+FARTHEST = 0.1
 
 
 class DPDSimulation(app.Simulation):
-    """A Simulation that looks at a state before it takes it over, and writes one whole or not; all else is as always."""
+    """A Simulation of a plan that looks at a state before it takes it over, writes one whole or not, and has a minimiser of its own; all
+    else is as always."""
+
+    def __init__(self, plan: Plan, *arguments):
+        super().__init__(*arguments)
+        self._plan = plan
+
+    @unbroken()
+    def minimizeEnergy(self, tolerance=10 * unit.kilojoules_per_mole / unit.nanometer, maxIterations=0, reporter=None):
+        """Minimise the potential energy by :func:`openmm_dpd.downhill.descend`, with the parameters of ``app.Simulation``.
+
+        No particle moves by more than a tenth of the longest cutoff in one iteration, and no FENE bond gets as long as its R0.  OpenMM's
+        own minimiser breaks such bonds, and crashes on OpenCL through PoCL.
+
+        Raises
+        ------
+        RunError
+            If the energy is not finite at the start.
+        """
+        scene, plan = self._plan.scene, self._plan
+        bonds = [group for group in scene.bonds if isinstance(group, FENEBonds)]
+
+        def impossible(x: np.ndarray) -> str | None:
+            return next(filter(None, (group.overstretched(x, box) for group in bonds)), None)
+
+        vectors = self.context.getState().getPeriodicBoxVectors(asNumpy=True)
+        box = None if scene.box is None else vectors.value_in_unit(unit.nanometer)
+        reach = FARTHEST * longest((*plan.layers, *plan.overlays)) or np.inf
+        least, most = checked(tolerance, "force", "tolerance"), whole_number(maxIterations, "maxIterations", least=0)
+        descend(self.context, least, most, reporter, longest=reach, impossible=impossible)
 
     def saveState(self, file):
         """Save the state as XML, to a file by its name or to an open one.
@@ -97,21 +134,3 @@ def _take_unknown_out(root: ElementTree.Element, integrator: openmm.Integrator) 
     for node, child in per_dof:
         node.remove(child)
     return bool(single or per_dof)
-
-
-class PoclSimulation(DPDSimulation):
-    """One that minimises on the CPU platform, since OpenMM's minimiser dies of a segmentation fault on OpenCL through PoCL."""
-
-    def minimizeEnergy(self, tolerance=10 * unit.kilojoules_per_mole / unit.nanometer, maxIterations=0, reporter=None):
-        """As in OpenMM, in a Context of its own that hands the positions back; velocities stay what they are."""
-        _LOGGER.warning("minimising on the CPU platform: OpenMM's minimiser crashes on OpenCL through PoCL")
-        integrator = openmm.VerletIntegrator(0.001)
-        integrator.setIntegrationForceGroups(self.integrator.getIntegrationForceGroups())
-        here = openmm.Context(self.system, integrator, openmm.Platform.getPlatformByName("CPU"))
-        state = self.context.getState(positions=True, parameters=True)
-        here.setPeriodicBoxVectors(*state.getPeriodicBoxVectors())
-        for name, value in state.getParameters().items():
-            here.setParameter(name, value)
-        here.setPositions(state.getPositions(asNumpy=True))
-        openmm.LocalEnergyMinimizer.minimize(here, tolerance, maxIterations, reporter)
-        self.context.setPositions(here.getState(positions=True).getPositions(asNumpy=True))

@@ -218,6 +218,11 @@ class UnitSystem:
     density: float  # mass/volume in the style's units to the printed density
 
     @property
+    def unit_names(self) -> dict[str, str]:
+        """Names of the units by dimension; reduced ones have none."""
+        return _UNIT_NAMES[self.name]
+
+    @property
     def velocity(self) -> float:
         """nm/ps per velocity unit."""
         return self.length / self.time
@@ -243,9 +248,19 @@ class UnitSystem:
         return self.force * self.time**0.5
 
     @property
+    def inverse_length(self) -> float:
+        """1/nm per inverse of the length unit."""
+        return 1 / self.length
+
+    @property
     def thermal_energy(self) -> float:
         """Thermal energy in kJ/mol per unit of temperature."""
         return self.boltzmann * self.energy
+
+    @property
+    def conduction(self) -> float:
+        """(kJ/mol)^2/ps per unit of LAMMPS's conductivity, an energy times a temperature per time."""
+        return self.energy * self.thermal_energy / self.time
 
     @property
     def pressure(self) -> float:
@@ -256,6 +271,18 @@ class UnitSystem:
 LJ = UnitSystem("lj", 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.005, 0.3, True, 1.0)
 REAL = UnitSystem("real", 0.1, 1.0, 1e-3, 48.88821291**2, 0.0019872067, 68568.415, 1.0, 2.0, False, 1.0 / 0.602214129)
 METAL = UnitSystem("metal", 0.1, 1.0, 1.0, 1.0364269e-4, 8.617343e-5, 1.6021765e6, 0.001, 2.0, False, 1.0 / 0.602214129)
+
+_UNIT_NAMES: dict[str, dict[str, str]] = {
+    "lj": {},
+    "real": {
+        **{"length": "Angstrom", "time": "fs", "energy": "kcal/mol", "thermal_energy": "K", "pressure": "atm"},
+        **{"force": "kcal/mol/Angstrom", "inverse_length": "/Angstrom"},
+    },
+    "metal": {
+        **{"length": "Angstrom", "time": "ps", "energy": "eV", "thermal_energy": "K", "pressure": "bar"},
+        **{"force": "eV/Angstrom", "inverse_length": "/Angstrom"},
+    },
+}
 
 #: LAMMPS unit styles by name.
 UNIT_SYSTEMS = {system.name: system for system in (LJ, REAL, METAL)}

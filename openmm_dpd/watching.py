@@ -11,48 +11,56 @@ script, or takes a failed step back.
 
 import gc
 import logging
-import threading
 import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cached_property
+from functools import cached_property, lru_cache
+from typing import Any
 
 import openmm
 
-from .barostat_temperature import active_barostats, check_barostats
-from .errors import PlanError, RunError
-from .made import Made, acting, text_number, variables_number
+from .barostat_temperature import barostats, check_barostats, tell_pressures
+from .errors import PlanError
+from .made import Made, acting, lines_of, text_number, variables_number
 from .names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, PAIR_FORCE, SEED
+from .signals import CTRL_C, unbroken
 
 _LOGGER = logging.getLogger("openmm_dpd")
 
 #: Steps after which what has been reached is remembered.  Simulation.step() asks for no more than that at once.
 PIECE = 10
 
-#: What a Ctrl-C leaves behind that comes inside a force of this package: OpenMM makes an error without a text of it.
-interrupts = threading.local()
 
+@lru_cache
+def watched(kind: type) -> type:
+    """A class of Contexts, ``openmm.Context`` or somebody's own, whose integrator hears when one is made anew.
 
-@contextmanager
-def reported() -> Iterator[None]:
-    """Make the error of a step what it is if OpenMM reports it."""
-    try:
-        yield
-    except RunError as error:
-        raise openmm.OpenMMException(str(error)) from error
+    OpenMM leaves no sign of that: its checkpoint brings everything back.
+    """
+
+    def reinitialize(self, preserveState=False):
+        kind.reinitialize(self, preserveState)  # type: ignore[attr-defined]
+        self.getIntegrator().bind(self)
+
+    reinitialize.__doc__ = "As before; the next step looks at the System again."
+    return type(kind.__name__, (kind,), {"reinitialize": reinitialize, "watched": True, "__module__": kind.__module__})
 
 
 class Watching:
     """What both integrators do around OpenMM's own ``step``; instances read from XML or a pickle have ``made`` None and only step."""
 
     made: Made | None = None
+
+    #: What carries out many steps at once; None where OpenMM does them one by one.
+    whole: Any = None
+
     _known: weakref.ref | None = None
     _looked_at: tuple = ()
+    _groups = 0
     _beside = 0.0
     _mixed = False
     _slow = True
     _barostats = True
-    _volumes = False
     _piece = PIECE
     _begun = False
 
@@ -66,13 +74,19 @@ class Watching:
             holders = gc.get_referrers(self)
             owners = [*holders, *(owner for holder in holders if isinstance(holder, dict) for owner in gc.get_referrers(holder))]
             found = next((owner for owner in owners if isinstance(owner, openmm.Context) and owner.getIntegrator() is self), None)
-            self._known, self._looked_at, self._mixed = None if found is None else weakref.ref(found), (), False
+            self._known = None
+            if found is not None:
+                self.bind(found)
         return found
 
     def bind(self, context: openmm.Context) -> None:
-        """Say which Context this integrator belongs to, for those who know."""
-        self._known, self._looked_at, self._mixed = weakref.ref(context), (), False
+        """Say which Context this integrator belongs to, or that it was made anew: the next step looks at everything in it."""
+        if not hasattr(context, "watched"):
+            context.__class__ = watched(type(context))  # type: ignore[arg-type]
+        self._known, self._looked_at = weakref.ref(context), ()
+        self._groups = self.getIntegrationForceGroups()  # type: ignore[attr-defined]
 
+    @unbroken()
     def step(self, steps: int) -> None:
         """Take steps; one that fails leaves everything as it was after the last :data:`PIECE` steps that did not.
 
@@ -82,6 +96,8 @@ class Watching:
             If something in the Context's System would not act, or its state was written by another scheme.
         openmm.OpenMMException
             If a step fails, with the reason.
+        KeyboardInterrupt
+            After Ctrl-C, which waits for the end of a step.
         """
         context = None if self.made is None else self.context()
         if context is None:
@@ -89,6 +105,7 @@ class Watching:
             return
         self._look(context)
         while steps > 0:
+            CTRL_C.check()
             piece = min(steps, self._piece)
             self._take(context, piece)
             steps -= piece
@@ -101,51 +118,57 @@ class Watching:
     @contextmanager
     def _or_back(self, context: openmm.Context) -> Iterator[None]:
         before = context.createCheckpoint()
-        interrupts.seen = False
         try:
-            with reported():
-                yield
-        except BaseException as error:
+            yield
+        except BaseException:
             context.loadCheckpoint(before)
-            if interrupts.seen and isinstance(error, openmm.OpenMMException):
-                raise KeyboardInterrupt from None
             raise
 
     def _look(self, context: openmm.Context) -> None:
-        """See whether the System has changed, and where the state comes from."""
+        """See whether something has changed that acts at once in OpenMM, or the Context is new, and where the state comes from."""
         system = context.getSystem()
-        forces = tuple((type(force), force.getName(), force.getForceGroup()) for force in system.getForces())
-        now = (system.getNumParticles(), system.getNumConstraints(), forces)
+        groups = self.getIntegrationForceGroups()  # type: ignore[attr-defined]
+        now = (system.getNumParticles(), system.getNumForces(), groups)
         if now != self._looked_at:
-            assert self.made is not None
-            others = acting(self.made.check(system))
-            self._beside = text_number(" ".join(f"{type(force).__name__} {force.getName()} {force.getForceGroup()}" for force in others))
-            if "dt" in context.getParameters():
-                raise PlanError("a force has a global parameter called dt, which is the step size in a CustomIntegrator; rename it")
-            # a force taken from the System acts in this Context still
-            self._mixed = self._mixed or bool(others)
-            self._slow = self._mixed or self._slow_own()
-            often = [force.getFrequency() for force in active_barostats(system)]
-            self._volumes, self._barostats = bool(often), self._mixed or bool(often)
-            self._piece = min([PIECE, *often])
+            self._look_at_everything(context, groups)
             self._looked_at = now
+        moving = [barostat for barostat in barostats(context) if barostat.getFrequency() > 0]
+        self._barostats = self._mixed or bool(moving)
+        self._piece = min([PIECE, *(barostat.getFrequency() for barostat in moving)])
         self.settle(context)
-        if BESIDE in context.getParameters() and context.getParameter(BESIDE) != self._beside:
+        parameters = context.getParameters()
+        if BESIDE in parameters and parameters[BESIDE] != self._beside:
             context.setParameter(BESIDE, self._beside)
-        kelvin = self._kelvin(context) if self._volumes else None
+        kelvin = self._kelvin(context) if moving else None
         if kelvin is not None:
             assert self.made is not None
-            check_barostats(context, kelvin, self.made.asked < 0)
+            check_barostats(context, moving, kelvin, self.made.asked < 0)
+
+    def _look_at_everything(self, context: openmm.Context, groups: int) -> None:
+        """Check the System of a Context, and what acts in it."""
+        made, system, new = self.made, context.getSystem(), not self._looked_at
+        assert made is not None
+        others = acting(made.check(system))
+        made.check_groups(groups)
+        if groups != self._groups and self.whole is None and isinstance(self, openmm.CustomIntegrator):
+            raise PlanError(
+                "setIntegrationForceGroups came after the Context was made, and a program of OpenMM's CustomIntegrator keeps the groups of "
+                "before; call context.reinitialize(preserveState=True) after it"
+            )
+        if lines_of(self) != made.lines:  # type: ignore[arg-type]
+            self.whole = None  # somebody added to the program, so that it has to do the steps
+        if "dt" in context.getParameters():
+            raise PlanError("a force has a global parameter called dt, which is the step size in a CustomIntegrator; rename it")
+        self._beside = text_number(" ".join(f"{type(force).__name__} {force.getName()} {force.getForceGroup()}" for force in others))
+        # a force taken from the System acts until the Context is made anew
+        self._mixed = bool(others) or (self._mixed and not new)
+        self._slow = self._mixed or any(name != PAIR_FORCE and groups >> group & 1 for name, group in made.own)
+        if new:
+            tell_pressures(context, made)
 
     def _kelvin(self, context: openmm.Context) -> float | None:
         """The temperature that the thermostat of a Context has now; None if nothing has one."""
         raise NotImplementedError
-
-    def _slow_own(self) -> bool:
-        """Whether forces of the package itself act beside the pair force."""
-        assert self.made is not None
-        groups = self.getIntegrationForceGroups()  # type: ignore[attr-defined]
-        return any(name != PAIR_FORCE and groups >> group & 1 for name, group in self.made.own)
 
     def settle(self, context: openmm.Context) -> None:
         """Begin a new Context, and let what this script asked for hold where another one wrote the state.
@@ -159,9 +182,9 @@ class Watching:
         if made is None or BY_SCHEME not in parameters:
             return
         if parameters[BEGUN] == 0.0:
-            context.setParameter(BEGUN, 1.0)
             self._begin(context)
             self._begun = True
+            context.setParameter(BEGUN, 1.0)  # last: what an error cuts short is begun anew
         made.check_writer(parameters)
         if parameters[BY_VARIABLES] != self._variables_number:
             raise PlanError(
@@ -174,14 +197,13 @@ class Watching:
             _LOGGER.warning("the state was written by a run that asked for another temperature; it goes on with %s of this script", now)
             self._take_kT(context, made.kT)
             context.setParameter(BY_KT, made.asked)
-            for barostat in active_barostats(context.getSystem()):
+            for barostat in barostats(context):
                 context.setParameter(barostat.Temperature(), barostat.getDefaultTemperature())
         if made.seed is not None and parameters[BY_SEED] != made.seed:
             self._take_seed(context, made.seed)
 
     def _begin(self, context: openmm.Context) -> None:
         """What has to be so before the first step of a Context."""
-        self._mixed = bool(self._beside)
 
     def _take_seed(self, context: openmm.Context, seed: int) -> None:
         if SEED in context.getParameters():

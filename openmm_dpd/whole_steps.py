@@ -4,18 +4,22 @@
 integrator does the same step by step, with the same bits; this way positions and velocities are copied once for many steps.
 """
 
+from itertools import accumulate
+
 import numpy as np
 import openmm
 
 from . import names as shared
 from .errors import RunError
 from .fields import per_dof
-from .forces.pair_force import Fields, PairForceFunction, fingerprint, unfolded
+from .forces.pair_force import Fields, PairForceFunction, fingerprint, unfolded, vectors
 from .integrators import PairIntegrator
 from .kernels import motion
 from .kernels.steps import Moment, StepSpec
 from .names import FIELD, RATES
+from .program_options import DOUBLE_PLATFORMS
 from .units import BOLTZMANN
+from .wording import in_units
 
 
 class WholeSteps:
@@ -51,18 +55,16 @@ class WholeSteps:
 
         Raises
         ------
-        RunError
-            If a step fails, with its number.
+        openmm.OpenMMException
+            If a step fails, with its number, as the program reports it.
         """
         own = self.function.thread_state()
         self._settle_temperature(integrator, context)
         dt = integrator.getStepSize()._value
         state = context.getState(positions=True, velocities=True, parameters=True)
         # the step size as the program would set it first
-        count, parameters = state.getStepCount(), {**state.getParameters(), shared.DT: dt}
-        clock = [state.getTime()._value]
-        for _ in range(n):  # as OpenMM adds it up
-            clock.append(clock[-1] + dt)
+        count, parameters = state.getStepCount(), state.getParameters().asdict() | {shared.DT: dt}
+        clock = list(accumulate([dt] * n, initial=state.getTime()._value))  # as OpenMM adds it up
         try:
             moment = self._moment(integrator, state, parameters, dt, own)
             loop = own.loop
@@ -80,17 +82,18 @@ class WholeSteps:
 
             loop.run(moment, n, forces if slow else None)
         except RunError as error:
-            raise RunError(f"step {count + getattr(error, 'steps_done', 0) + 1}: {error}") from error
+            raise openmm.OpenMMException(f"step {count + getattr(error, 'steps_done', 0) + 1}: {error}") from error
         reached = (count, clock[0]) if barostats else (count + n, clock[-1])
         try:
-            self._give_back(integrator, context, state, moment, own, reached)
+            self._give_back(integrator, context, state, parameters, moment, own, reached)
         except BaseException:
-            self._give_back(integrator, context, state, moment, own, reached)  # all of it, wherever that was interrupted
+            self._give_back(integrator, context, state, parameters, moment, own, reached)  # all of it, wherever that was interrupted
             raise
         if barostats:
             openmm.CustomIntegrator.setGlobalVariableByName(integrator, shared.AHEAD, float(n))
             try:
                 openmm.CustomIntegrator.step(integrator, n)
+                context.setTime(clock[-1])  # OpenMM counts with the step size that the Context was made with
             finally:
                 openmm.CustomIntegrator.setGlobalVariableByName(integrator, shared.AHEAD, 0.0)
 
@@ -109,11 +112,11 @@ class WholeSteps:
         """The state in which the first step begins."""
         function, spec = self.function, self.spec
         if not dt > 0.0:
-            raise RunError(f"the step size must be > 0, but the integrator's is {dt:g} ps")
+            raise RunError(f"the step size must be > 0, but the integrator's is {in_units(dt, 'time')}")
         x, box = function.positions(state), function.box(state)
         function.scale_body_forces(own, parameters)
-        v = state.getVelocities(asNumpy=True)._value.copy()
-        v[function.spec.inv_mass == 0.0] = 0.0
+        v = vectors(state, openmm.State.Velocities)
+        v[own.loop.still] = 0.0
         kT = function.thermal_energy(parameters)
         moment = Moment(x.copy(), v, box, dt, kT, int(parameters[shared.SEED]), int(parameters[shared.COUNTER]))
         if spec.slow_every > 1:
@@ -134,21 +137,22 @@ class WholeSteps:
         return moment
 
     def _shown_blocks(self, x: np.ndarray, blocks: list[np.ndarray], fields: Fields) -> np.ndarray:
-        """Values as a program would show them first: three at a time."""
+        """Values as a program would show them first: three at a time; those of immobile beads as they stand in the Context."""
         for k, block in enumerate(blocks):
+            held = block[fields.spec.immobile]
             motion.as_shown(x, block, self.spec.field_shown, self.function.spec.inv_mass)
-            fields.read(k, block)
+            fields.read(k, block, held)
         return fields.values.copy()
 
     def _give_back(
-        self, integrator: PairIntegrator, context: openmm.Context, state, moment: Moment, own, reached: tuple[int, float]
+        self, integrator: PairIntegrator, context: openmm.Context, state, parameters, moment: Moment, own, reached: tuple[int, float]
     ) -> None:
         """Write the result of the last step into the Context."""
         function, spec = self.function, self.spec
         put = openmm.CustomIntegrator.setGlobalVariableByName
-        still = function.spec.inv_mass == 0.0
-        if still.any():
-            moment.v[still] = state.getVelocities(asNumpy=True)._value[still]
+        still = own.loop.still
+        if len(still):
+            moment.v[still] = vectors(state, openmm.State.Velocities)[still]
         context.setPositions(moment.x)
         context.setVelocities(moment.v)
         context.setParameter(shared.COUNTER, float(moment.counter))
@@ -159,6 +163,7 @@ class WholeSteps:
         if spec.ramp is not None:
             assert moment.ramped is not None
             context.setParameter(shared.KT, moment.kT)
+            parameters[shared.KT] = moment.kT
             put(integrator, shared.RAMP_STEP, moment.ramped)
         if moment.values is not None:
             own.fields.values = moment.values
@@ -166,14 +171,19 @@ class WholeSteps:
         if spec.predicts:
             if moment.predicted is not None:
                 held["vp"] = moment.predicted
-            after = context.getState(positions=True, parameters=True)
-            last = function.fingerprint(own, function.positions(after), function.box(after), after.getParameters())
+            x, box = moment.x, moment.box
+            if context.getPlatform().getName() in DOUBLE_PLATFORMS:
+                own.fingerprinted = None  # these beads were not just folded
+            else:  # positions are rounded there, and beads wrapped
+                after = context.getState(positions=True)
+                x, box = function.positions(after), function.box(after)
+            last = function.fingerprint(own, x, box, parameters)
             put(integrator, "valid_for", last)
             put(integrator, "fingerprint", last)
         for name, values in held.items():
             openmm.CustomIntegrator.setPerDofVariableByName(integrator, name, values)
         if held:
-            stamp = fingerprint(np.concatenate(list(held.values())), np.zeros(0))
+            stamp = fingerprint(next(iter(held.values())) if len(held) == 1 else np.concatenate(list(held.values())), np.zeros(0))
             put(integrator, shared.STAMP, stamp)
             self._held = stamp, held
         context.setStepCount(reached[0])
@@ -187,10 +197,10 @@ class WholeSteps:
         return names | {f"rate{k}": RATES + k for k in blocks} | {"acc": shared.ACCELERATION} if predicts else names
 
     def _values(self, integrator: PairIntegrator, names: list[str]) -> dict[str, np.ndarray]:
-        """Their values.  Reading them from OpenMM takes longer than some steps, so those written last are kept, with a fingerprint."""
-        if not names:
-            return {}
-        stamp, held = self._held
-        if held and stamp == integrator.getGlobalVariableByName(shared.STAMP):
-            return held
+        """Their values."""
         return {name: per_dof(integrator, name) for name in names}
+
+    def kept(self, integrator: PairIntegrator) -> dict[str, np.ndarray]:
+        """Those written last, if they are still there: reading them from OpenMM takes longer than some steps."""
+        stamp, held = self._held
+        return held if held and stamp == integrator.getGlobalVariableByName(shared.STAMP) else {}

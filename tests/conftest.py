@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+
+# a shell that starts the tests in the background has them ignore Ctrl-C, which some are about
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # a second thread can be asked for on any machine; has to be set before numba is imported
 os.environ.setdefault("NUMBA_NUM_THREADS", "2")

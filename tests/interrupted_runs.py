@@ -5,8 +5,12 @@ python interrupted_runs.py CALL SIGNAL ARGUMENTS OF openmm-dpd ...
 
 from __future__ import annotations
 
+import inspect
 import json
 import os
+import random
+import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -26,16 +30,48 @@ PACKAGE = Path(openmm_dpd.lammps.__file__).parents[1]
 COUNTED = (str(PACKAGE / "lammps"), *(str(PACKAGE / f"{name}.py") for name in ("files", "file_ledger", "dcd", "xtc", "field_file")))
 
 
+def counts(frame, event: str) -> bool:
+    """Whether it is a call that counts: not one into a generator, which may be its end, where Python drops exceptions."""
+    code = frame.f_code
+    return event == "call" and code.co_filename.startswith(COUNTED) and not code.co_flags & inspect.CO_GENERATOR
+
+
 @contextmanager
 def signal_at(call: int, number: int) -> Iterator[list[int]]:
     """Within, this process gets a signal at the ``call``-th call of a counted function (0: never); counts them."""
     seen = [0]
 
     def profile(frame, event, _):
-        if event == "call" and frame.f_code.co_filename.startswith(COUNTED):
+        if counts(frame, event):
             seen[0] += 1
             if seen[0] == call:
                 os.kill(os.getpid(), number)
+
+    sys.setprofile(profile)
+    try:
+        yield seen
+    finally:
+        sys.setprofile(None)
+
+
+@contextmanager
+def crash_in(out: Path, copy: Path, seed: int) -> Iterator[list[int]]:
+    """Within, a folder is copied at a random call behind its first checkpoint, as a crash would leave it there; counts all calls.
+
+    Whatever a run writes is on disk at once, so this is a SIGKILL that needs no process.
+    """
+    draw, begun, seen, latest = random.Random(seed), 0, [0], out / "checkpoint" / "latest"
+
+    def profile(frame, event, _):
+        nonlocal begun
+        if counts(frame, event):
+            seen[0] += 1
+            if begun or latest.exists():
+                begun += 1
+                # each call until now is the one with the same probability
+                if draw.random() < 1 / begun:
+                    shutil.rmtree(copy, ignore_errors=True)
+                    shutil.copytree(out, copy)
 
     sys.setprofile(profile)
     try:
@@ -64,7 +100,7 @@ def contents(out: Path) -> dict[str, object]:
             found[name] = without_times(json.loads(path.read_text(encoding="utf-8")))
         elif name == "log.txt":
             lines = path.read_text(encoding="utf-8").splitlines()
-            found[name] = [line for line in lines if not line.startswith(("Loop time", "compiling"))]
+            found[name] = [re.sub(r"CPU = .*sec", "", line) for line in lines if not line.startswith(("Loop time", "compiling"))]
         else:
             found[name] = path.read_bytes()
     return found

@@ -65,7 +65,7 @@ def fluid(
     types = [names[k] for k in rng.integers(0, len(names), n)]
     m = np.array([masses[name] for name in types])
     v = rng.normal(size=(n, 3)) / np.sqrt(m)[:, None]
-    v -= m @ v / m.sum()
+    v -= np.sum(m[:, None] * v, axis=0) / m.sum()
     return dpd.Scene(masses, types, x, table, kT, box=box, **{"velocities": v, **options})
 
 
@@ -139,7 +139,7 @@ def listed_pairs(engine: PairEngine, layer: int = 0) -> list[tuple[int, int]]:
     """Pairs of the prepared positions, in the order in which a sweep takes them."""
     pairs = engine.lists[layer]
     rows = pairs.rows
-    return list(zip(pairs.order[pairs.pi[rows]].tolist(), pairs.order[pairs.pj[rows]].tolist(), strict=True))
+    return list(zip(pairs.order[pairs.arrays.pi[rows]].tolist(), pairs.order[pairs.arrays.pj[rows]].tolist(), strict=True))
 
 
 # -- running -------------------------------------------------------------------------------------------------------------------

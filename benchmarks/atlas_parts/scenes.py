@@ -26,19 +26,22 @@ def fluid(beads: int, pairs, *, rho: float = 3.0, masses: Mapping[str, float] | 
     return dpd.Scene(masses, [list(masses)[k % len(masses)] for k in range(beads)], x, pairs, 1.0, box=[edge] * 3, **more)
 
 
-def chains(beads: int, k: float, length: int, rest: float) -> dpd.Scene:
-    """Chains of beads in a row, random walks with bonds k (r - rest)^2."""
+def chains(beads: int, bonds: Callable, length: int, rest: float, stiff: float = 0.0) -> dpd.Scene:
+    """Chains of beads in a row, with bonds made by ``bonds(pairs)``: random walks, or, with bending constants ``stiff``, straight ones."""
     rng = np.random.default_rng(2)
     n = beads - beads % length
     edge = (n / 3.0) ** (1 / 3)
     steps = rng.normal(size=(n // length, length, 3))
+    if stiff:
+        steps[:] = steps[:, :1]
     steps *= rest / np.linalg.norm(steps, axis=2, keepdims=True)
     steps[:, 0] = rng.random((n // length, 3)) * edge
     first = np.arange(n).reshape(-1, length)
-    bonds = np.stack([first[:, :-1].ravel(), first[:, 1:].ravel()], axis=1)
     pairs = {("A", "A"): DPD(A=25, gamma=4.5)}
     x = steps.cumsum(axis=1).reshape(-1, 3)
-    return dpd.Scene({"A": 1.0}, ["A"] * n, x, pairs, 1.0, box=[edge] * 3, bonds=[dpd.HarmonicBonds(bonds, k, rest)])
+    near, bends = (np.stack([first[:, k : length - w + 1 + k].ravel() for k in range(w)], axis=1) for w in (2, 3))
+    angles = [dpd.HarmonicAngles(bends, stiff, np.pi)] if stiff else []
+    return dpd.Scene({"A": 1.0}, ["A"] * n, x, pairs, 1.0, box=[edge] * 3, bonds=[bonds(near)], angles=angles)
 
 
 def conserving(beads: int, capacity: float) -> dpd.Scene:
@@ -73,9 +76,15 @@ SCENES: dict[str, Callable[[int], dpd.Scene]] = {
     "stiff pairs without friction": lambda n: fluid(n, _two(_COMMON, DPD(A=60, gamma=0), DPD(A=100, gamma=0)), masses=_EQUAL),
     "friction between unlike beads only": lambda n: fluid(n, _two(DPD(A=50, gamma=0), DPD(A=25, gamma=4.5), DPD(A=50, gamma=0)), masses=_EQUAL),
     "friction 4.5 and 80": lambda n: fluid(n, _two(_COMMON, DPD(A=25, gamma=9), DPD(A=25, gamma=80)), masses=_EQUAL),
-    "chains, k 100": lambda n: chains(n, 100.0, 10, 0.5),
-    "chains, k 1000": lambda n: chains(n, 1000.0, 10, 0.5),
-    "chains, k 100, rest length 0.01": lambda n: chains(n, 100.0, 10, 0.01),
+    "chains, k 4, rest length 0": lambda n: chains(n, lambda b: dpd.HarmonicBonds(b, 4.0, 0.0), 10, 0.5),
+    "chains, k 100": lambda n: chains(n, lambda b: dpd.HarmonicBonds(b, 100.0, 0.5), 10, 0.5),
+    "chains, k 1000": lambda n: chains(n, lambda b: dpd.HarmonicBonds(b, 1000.0, 0.5), 10, 0.5),
+    "chains, k 100, rest length 0.01": lambda n: chains(n, lambda b: dpd.HarmonicBonds(b, 100.0, 0.01), 10, 0.01),
+    "FENE chains, k 30, R0 1.5": lambda n: chains(n, lambda b: dpd.FENEBonds(b, 30.0, 1.5), 10, 0.6),
+    "FENE chains with repulsion 1 of range 1": lambda n: chains(n, lambda b: dpd.FENEBonds(b, 30.0, 1.5, 1.0, 1.0), 10, 0.97),
+    "FENE chains with repulsion 1 of range 0.5": lambda n: chains(n, lambda b: dpd.FENEBonds(b, 20.0, 1.5, 1.0, 0.5), 10, 0.6),
+    "Morse chains, D 50, alpha 8": lambda n: chains(n, lambda b: dpd.MorseBonds(b, 50.0, 8.0, 0.5), 10, 0.5),
+    "chains, k 100, angles k 50": lambda n: chains(n, lambda b: dpd.HarmonicBonds(b, 100.0, 0.5), 10, 0.5, 50.0),
     "masses 1:100": lambda n: fluid(n, {("*", "*"): _COMMON}, masses={"A": 1.0, "B": 100.0}),
     "masses 1:10": lambda n: fluid(n, {("*", "*"): _COMMON}, masses={"A": 1.0, "B": 10.0}),
     "friction 100, exponent 0.5": lambda n: fluid(n, _one(A=25, gamma=100, exponent=0.5)),

@@ -2,8 +2,8 @@
 
 Scenes are those of ``tests/kinds.py``: pair kinds, bonds, walls, charges, overlays.  Each runs twenty steps on the Reference and CPU
 platforms, in loops of whole steps and one by one, with the conservative force in the kernel and as OpenMM's, and gives one line: its name and
-a hash of positions, velocities, fields and one sample.  Hashes depend on the machine and on versions of numpy, numba and OpenMM, so compare
-two states of the code on one machine:
+a hash of positions, velocities, fields and one sample.  Where OpenMM computes forces, and of samples, hashes depend on the machine, so
+compare two states of the code on one machine:
 
     python docs/measure/same_bits.py --write /tmp/before      (some minutes)
     python docs/measure/same_bits.py --compare /tmp/before

@@ -18,7 +18,7 @@ import numpy as np
 import openmm_dpd as dpd
 from openmm_dpd.geometry import symmetric_products
 from openmm_dpd.measure import StressReporter
-from openmm_dpd.measure.kinetic_stress import kinetic_stress_of, on_step_velocities
+from openmm_dpd.measure.present import Present
 from openmm_dpd.molecules import Bilayer, grafmueller_2009, pack, relax
 from openmm_dpd.stats import Average, block_average
 
@@ -49,13 +49,14 @@ def measure(scene: dpd.Scene, scheme: str, dt: float, time: float) -> tuple[np.n
     built = dpd.build(scene, dt=dt, scheme=scheme, seed=1)
     simulation, reporter, every = built.simulation(), StressReporter(1, built), max(1, round(EVERY / dt))
     simulation.step(round(EQUILIBRATION / dt))
-    kinetic, plain = [], []
+    present, kinetic, plain = Present(built), [], []
     for _ in range(round(time / dt / every)):
         simulation.step(every)
         reporter.report(simulation, None)
-        state = simulation.context.getState(velocities=True, forces=True, groups=built.integrator.getIntegrationForceGroups())
-        v = on_step_velocities(built, state)
-        kinetic.append(kinetic_stress_of(built, state, v)[:3])
+        present.look(simulation.context)
+        force = present.conservative().force
+        v = present.on_step(force)
+        kinetic.append(present.kinetic_stress(v, force)[:3])
         plain.append(symmetric_products(scene.bead_masses[:, None] * v, v)[:3])
     return reporter.pressures[:, :3], np.array(kinetic) / reporter.volume, np.array(plain) / reporter.volume
 

@@ -30,6 +30,10 @@ class MoleculeSizes:
 
     values: np.ndarray
 
+    def __repr__(self) -> str:
+        frames, molecules = self.values.shape
+        return f"<MoleculeSizes of {molecules} molecules in {frames} frames, mean {self.values.mean():.4g} nm>"
+
     @property
     def mean(self) -> Average:
         """Mean over molecules and frames, with its error from blocks of frames."""

@@ -31,6 +31,10 @@ class Clusters:
     number_average: Average
     weight_average: Average
 
+    def __repr__(self) -> str:
+        mean = self.number_average.mean
+        return f"<Clusters in {len(self.sizes)} frames, {'none' if mean is None else f'of {mean:.4g} on average'}>"
+
     @property
     def largest(self) -> np.ndarray:
         """Size of the largest cluster of each frame, 0 where there is none."""

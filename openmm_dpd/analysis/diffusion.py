@@ -191,10 +191,7 @@ def diffusion_coefficient(
     if not len(chosen):
         raise ParameterError(f"no lag is between {low:g} and {high:g} ps; they go from {displacement.x[0]:g} to {displacement.x[-1]:g}")
     times = displacement.x[chosen]
-    if len(times) == 1:
-        weights = 1.0 / times
-    else:
-        weights = (times - times.mean()) / np.sum((times - times.mean()) ** 2)
+    weights = 1.0 / times if len(times) == 1 else (times - times.mean()) / np.sum((times - times.mean()) ** 2)
     series = displacement.origins[:, chosen] @ weights / (2 * displacement.dimensions)
     found = block_average(series[np.isfinite(series)], name="the diffusion coefficient")
     correction = (kT, viscosity, edge)

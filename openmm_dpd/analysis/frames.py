@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, count
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -24,10 +24,11 @@ Beads: TypeAlias = str | Sequence[str] | Sequence[int] | np.ndarray | None
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One frame: positions (N, 3) in nm, box vectors (3, 3) as rows or None; double precision."""
+    """One frame: positions (N, 3) in nm, box vectors (3, 3) as rows or None, time in ps (0 where nobody knows it); double precision."""
 
     positions: np.ndarray
     box: np.ndarray | None
+    time: float = 0.0
 
     def need_box(self, what: str) -> np.ndarray:
         """The box vectors; ParameterError if there is no box."""
@@ -99,15 +100,14 @@ def frames_of(trajectory: Trajectories) -> tuple[mdtraj.Topology, Iterator[Frame
 
 
 def _frames(chunks: Iterator[mdtraj.Trajectory]) -> Iterator[Frame]:
-    number = 0
+    numbers = count()
     for chunk in chunks:
         boxes = chunk.unitcell_vectors
-        for k in range(chunk.n_frames):
+        for k, number in zip(range(chunk.n_frames), numbers, strict=False):
             box = None if boxes is None else boxes[k].astype(np.float64)
             if box is not None and not np.linalg.det(box) > 0:
                 raise ParameterError(f"the box of frame {number} (counted from 0) has no volume")
-            yield Frame(chunk.xyz[k].astype(np.float64), box)
-            number += 1
+            yield Frame(chunk.xyz[k].astype(np.float64), box, float(chunk.time[k]))
 
 
 # -- beads -----------------------------------------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 
 from ..errors import ParameterError
 from ..geometry import widths
-from ..stats import Average, block_average
+from ..stats import Average, block_average, long_enough
 from ..units import md_tension, thermal_energy, to_md
 from .curves import Curve, curve_of
 from .frames import Frame, axis_number, frames_of, positive_number, selected, weights_of
@@ -285,7 +285,7 @@ def bending_modulus(spectrum: HeightSpectrum, kT, *, q_max=None, tension=None) -
 
     is fitted by the most likely kappa and sigma for Gaussian amplitudes, whose squares are distributed exponentially: every wave counts
     by its relative deviation, and the less the more of it was noise.  Errors are those of :func:`openmm_dpd.stats.block_average` for what
-    each frame contributes to the result.
+    each wave contributes to the result, added up as those of independent waves.
 
     Parameters
     ----------
@@ -337,9 +337,20 @@ def bending_modulus(spectrum: HeightSpectrum, kT, *, q_max=None, tension=None) -
         fit = 1 / (found @ columns + offset)
         weights, used_weights = (fit / (fit + noise)) ** 2, weights
     hessian = (columns * used_weights * fit**2) @ columns.T
-    series = units * (found - (power - fit) * used_weights @ np.linalg.solve(hessian, columns).T)
-    kappa, *fitted = [block_average(column, name="the bending modulus") for column in series.T]
+    shares = units[:, None] * np.linalg.solve(hessian, columns) * used_weights
+    kappa, *fitted = [_sum_of_waves(value, (fit - power) * share) for value, share in zip(units * found, shares, strict=True)]
     return BendingModulus(kappa, fitted[0] if known is None else Average(known, None, 0, None), energy)
+
+
+def _sum_of_waves(value: float, series: np.ndarray) -> Average:
+    """A result to which each wave adds a series (F, K), with its error: wave by wave, since the many short waves, which are fast, would
+    hide in a sum how slow the long ones are; waves move independently."""
+    waves = [block_average(column, name="a wave of the bilayer") for column in series.T]
+    if waves[0].sem is None:
+        return Average(value, None, 0, None)
+    square, variance = sum(wave.sem**2 for wave in waves), series.var(axis=0, ddof=1).sum()  # type: ignore[operator,misc]
+    tau = 0.5 * len(series) * square / variance if variance else None
+    return Average(value, square**0.5, min(wave.n_blocks for wave in waves), tau, tau is None or long_enough(len(series), tau))
 
 
 def _most_likely(columns: np.ndarray, offset: np.ndarray, mean: np.ndarray, weights: np.ndarray) -> np.ndarray:

@@ -37,15 +37,19 @@ def unwrapped(topology: mdtraj.Topology, frames: Iterator[Frame], unwrap: bool |
     Raises
     ------
     ParameterError
-        If beads move too far between frames to tell their way, or (``auto``) positions seem to be neither folded nor continuous.
+        If beads move too far between frames to tell their way, time goes back, or (``auto``) positions are neither folded nor continuous.
     """
     if unwrap not in (True, False, "auto"):
         raise ParameterError(f"unwrap must be True, False or 'auto', not {unwrap!r}")
     labels = molecule_labels(topology)
     before: np.ndarray | None = None
-    path = np.zeros(0)
+    path, time = np.zeros(0), 0.0
     for number, frame in enumerate(frames):
         x = frame.positions
+        if 0 < frame.time <= time:  # chunks without times begin at 0
+            raise ParameterError(
+                f"frame {number}: time goes back from {time:g} to {frame.time:g} ps; of frames a restarted run wrote twice keep the last"
+            )
         if before is None or frame.box is None or unwrap is False:
             path = x if before is None else path + (x - before)
         else:
@@ -54,7 +58,7 @@ def unwrapped(topology: mdtraj.Topology, frames: Iterator[Frame], unwrap: bool |
             if turns.any():
                 _check(frame, number, step - turns, labels if unwrap == "auto" else None)
             path = path + (x - before - turns @ frame.box)
-        before = x
+        before, time = x, frame.time
         yield path
 
 
@@ -67,15 +71,14 @@ def _check(frame: Frame, number: int, step: np.ndarray, labels: np.ndarray | Non
     most = float(np.sqrt(np.mean(step**2, axis=0)).max())
     if most > MOST_STEP:
         raise ParameterError(
-            f"frame {number}: positions are folded, and beads move by {most:.2g} edges of the box (root mean square) between frames; "
-            f"their way is certain below {MOST_STEP:g} only. Write frames more often, or positions that are not folded"
+            f"frame {number}: positions are folded, and beads move by {most:.2g} of its edges (root mean square) between frames; "
+            f"over {MOST_STEP:g} it is not clear which way they went. Write frames more often, or positions that are not folded"
         )
 
 
 def is_folded(frame: Frame, labels: np.ndarray) -> bool:
     """Whether the centres of all molecules lie in one cell: a parallelepiped, or the brick (OpenMM's choice for tilted boxes)."""
     assert frame.box is not None
-    counts = np.bincount(labels)
-    centres = np.column_stack([np.bincount(labels, column) for column in frame.positions.T]) / counts[:, None]
+    centres = np.column_stack([np.bincount(labels, column) for column in frame.positions.T]) / np.bincount(labels)[:, None]
     spans = (np.ptp(centres @ np.linalg.inv(frame.box), axis=0), np.ptp(centres, axis=0) / np.diagonal(frame.box))
     return any(bool(np.all(span <= 1 + 1e-4)) for span in spans)

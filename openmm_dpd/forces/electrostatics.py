@@ -20,9 +20,8 @@ import numpy as np
 import openmm
 
 from ..model.electrostatics import EwaldSum, SlaterCharges, SmearedCharges, erf_series, short_series
-from ..names import COULOMB_GROUP, COULOMB_VIRIAL_GROUP, LATTICE_GROUP
+from ..names import COULOMB_GROUP, LATTICE_GROUP
 from ..units import COULOMB
-from .expressions import VIRIAL, VIRIAL_SWITCH
 
 
 @dataclass(frozen=True)
@@ -75,18 +74,6 @@ def difference(charges: SmearedCharges, alpha: float, scale: float) -> Radial:
     return Radial(short_series(charges, alpha, scale), f"(erfc({alpha!r}*far)-{cloud})/far", scale)
 
 
-def width_derivative(charges: SmearedCharges) -> str:
-    """w ds/dw with the width w of the charges, as an expression in r.
-
-    Energies of charges are homogeneous of degree -1 in all lengths, the width included.  So the virial, minus the derivative with respect
-    to the logarithm of the box's edges alone, is the energy plus the sum of this over pairs: no virial of the lattice sum is needed.
-    """
-    k = charges.steepness
-    if isinstance(charges, SlaterCharges):
-        return f"(-{k!r}*(1+{2 * k!r}*r)*exp({-2 * k!r}*r))"
-    return f"({-2 * k / math.sqrt(math.pi)!r}*exp({-k * k!r}*r*r))"
-
-
 def electrostatic_forces(
     charges: SmearedCharges,
     q: np.ndarray,
@@ -128,15 +115,6 @@ def electrostatic_forces(
         made.append(_bond_force(f"{constant!r}*qq*{bonded}", q, bonds, ewald))
     if ewald is not None:
         made.append(lattice_force(q, constant, ewald, factors))
-        slope = width_derivative(charges)
-        virials = [_pair_force(f"{VIRIAL_SWITCH}*{pairs}{slope}", q, ewald, factors, listed)]
-        if bonds:
-            virials.append(_bond_force(f"{VIRIAL_SWITCH}*{constant!r}*qq*factor*{slope}", q, bonds, ewald))
-        for force in virials:
-            force.setName(f"{force.getName()} {VIRIAL}")
-            force.addGlobalParameter(VIRIAL_SWITCH, 0.0)
-            force.setForceGroup(COULOMB_VIRIAL_GROUP)
-        made += virials
     return made
 
 

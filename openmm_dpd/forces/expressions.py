@@ -1,7 +1,7 @@
 """Pair potentials as OpenMM expressions, and the forces made from them.
 
-Every radial potential becomes one :class:`PairExpression`; the same text serves the CustomNonbondedForce, the bond force that puts back
-scaled or coincident pairs, and the virial.
+Every radial potential becomes one :class:`PairExpression`; the same text serves the CustomNonbondedForce and the bond force that puts back
+scaled or coincident pairs.
 """
 
 from collections.abc import Callable, Mapping
@@ -9,12 +9,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import openmm
-
-#: Context parameter that switches the virial forces on: their "energy" is no energy, and must not enter anyone's sums.
-VIRIAL_SWITCH = "dpd_virial"
-
-#: End of the names of forces that are evaluated only when a pressure is asked for.
-VIRIAL = "(virial)"
 
 #: Distance (nm) below which two beads are at the same point.
 COINCIDENT = 1e-10
@@ -30,8 +24,6 @@ class PairExpression:
         Name of the forces made from it.
     energy : str
         Expression in r, type1, type2, zero from the cutoff on.
-    virial : str
-        Expression of -r dU/dr.
     functions : mapping of str to a function that makes a TabulatedFunction
     cutoff : float
         Largest cutoff, nm.
@@ -41,7 +33,6 @@ class PairExpression:
 
     name: str
     energy: str
-    virial: str
     cutoff: float
     functions: dict[str, Callable[[], openmm.TabulatedFunction]] = field(default_factory=dict)
     skips_coincident: bool = False
@@ -82,27 +73,26 @@ def parameters(arrays: dict[str, np.ndarray]) -> tuple[str, dict]:
 
 
 def radial_expression(
-    name: str, table: Mapping, names: list[str], energy: str, virial: str, columns: dict[str, tuple[Callable, float]], **choices
+    name: str, table: Mapping, names: list[str], energy: str, columns: dict[str, tuple[Callable, float]], **choices
 ) -> PairExpression:
     """Expression of one table, which is 0 from the cutoff ``rc`` on.
 
     Parameters
     ----------
-    energy, virial : str
+    energy : str
         Below the cutoff.
     columns : dict
-        Names in these, what they are of a coefficient, and where there is no interaction.
+        Names in it, what they are of a coefficient, and where there is no interaction.
     """
     columns = {**columns, "rc": (lambda c: c.cutoff, 1.0)}
     text, functions = parameters({key: type_pairs(table, names, *column) for key, column in columns.items()})
-    energy, virial = (f"step(rc-r)*{part}{text}" for part in (energy, virial))
-    return PairExpression(name, energy, virial, max(c.cutoff for c in table.values()), functions, **choices)
+    return PairExpression(name, f"step(rc-r)*{energy}{text}", max(c.cutoff for c in table.values()), functions, **choices)
 
 
 def dpd_expression(table: Mapping, names: list[str]) -> PairExpression:
     """U = A rc (1 - r/rc)^2/2 for r < rc, of one table of coefficients with A and cutoff; zero at the cutoff."""
-    energy, virial, columns = "0.5*A*rc*(1-r/rc)^2", "A*r*(1-r/rc)", {"A": (lambda c: c.A, 0.0)}
-    return radial_expression("DPD conservative", table, names, energy, virial, columns, skips_coincident=True)
+    energy, columns = "0.5*A*rc*(1-r/rc)^2", {"A": (lambda c: c.A, 0.0)}
+    return radial_expression("DPD conservative", table, names, energy, columns, skips_coincident=True)
 
 
 def nonbonded_force(
@@ -111,15 +101,14 @@ def nonbonded_force(
     exclusions: list[tuple[int, int]],
     periodic: bool,
     *,
-    virial: bool = False,
     listed: bool = True,
 ) -> openmm.CustomNonbondedForce:
-    """CustomNonbondedForce of an expression (or of its virial, behind :data:`VIRIAL_SWITCH`).
+    """CustomNonbondedForce of an expression.
 
     Without a neighbour list (``listed`` False) it goes through all pairs: a platform makes no list for an interaction group.
     """
-    force = openmm.CustomNonbondedForce(_switched(expression.virial) if virial else expression.energy)
-    _name(force, expression, "", virial)
+    force = openmm.CustomNonbondedForce(expression.energy)
+    _name(force, expression, "")
     if expression.typed:
         force.addPerParticleParameter("type")
     for kind in types.tolist():
@@ -135,20 +124,19 @@ def nonbonded_force(
 
 
 def exception_force(
-    expression: PairExpression, types: np.ndarray, factors: dict[tuple[int, int], float], periodic: bool, *, virial: bool = False
+    expression: PairExpression, types: np.ndarray, factors: dict[tuple[int, int], float], periodic: bool
 ) -> openmm.CustomCompoundBondForce:
     """Bond force that gives single pairs the same potential times a factor.
 
     It serves scaled bonded neighbours, and beads that start at the same point: every OpenMM platform divides by r in a
     CustomNonbondedForce and returns NaN at r = 0 whatever the expression, but not in a bond force.
     """
-    text = expression.virial if virial else expression.energy
-    head, *definitions = text.split(";")
+    head, *definitions = expression.energy.split(";")
     # in OpenMM a definition comes before those that it uses
     gate = f"step(apart-{COINCIDENT!r})*" if expression.skips_coincident else ""
     text = ";".join([f"{gate}factor*({head})", *definitions, f" r=max(apart, {COINCIDENT!r})", " apart=distance(p1, p2)"])
-    force = openmm.CustomCompoundBondForce(2, _switched(text) if virial else text)
-    _name(force, expression, " (exceptions)", virial)
+    force = openmm.CustomCompoundBondForce(2, text)
+    _name(force, expression, " (exceptions)")
     force.addPerBondParameter("factor")
     if expression.typed:
         force.addPerBondParameter("type1")
@@ -159,15 +147,8 @@ def exception_force(
     return force
 
 
-def _name(force: openmm.Force, expression: PairExpression, what: str, virial: bool) -> None:
-    """Name, switch and functions of a force made from an expression."""
-    force.setName(expression.name + what + (f" {VIRIAL}" if virial else ""))
-    if virial:
-        force.addGlobalParameter(VIRIAL_SWITCH, 0.0)
+def _name(force: openmm.Force, expression: PairExpression, what: str) -> None:
+    """Name and functions of a force made from an expression."""
+    force.setName(expression.name + what)
     for name, make in expression.functions.items():
         force.addTabulatedFunction(name, make())
-
-
-def _switched(text: str) -> str:
-    head, *rest = text.split(";")
-    return f"{VIRIAL_SWITCH}*({head})" + "".join(";" + part for part in rest)

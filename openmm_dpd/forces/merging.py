@@ -6,7 +6,6 @@ import openmm
 
 from ..errors import PlanError
 from ..made import BAROSTATS, LISTED, groups_of
-from .expressions import VIRIAL
 
 #: Per-particle parameter that says whether a particle of a CustomNonbondedForce is an atom.
 _ATOM = "dpd_atom"
@@ -26,13 +25,17 @@ def merged_systems(atoms: openmm.System, beads: openmm.System, pair_group: int) 
     for k in range(n, total):
         merged.addParticle(beads.getParticleMass(k))
     merged.setDefaultPeriodicBoxVectors(*beads.getDefaultPeriodicBoxVectors())
-    own = [copy.deepcopy(force) for force in beads.getForces() if not force.getName().endswith(VIRIAL)]
+    own = [copy.deepcopy(force) for force in beads.getForces()]
     pairs = [force for force in own if isinstance(force, openmm.CustomNonbondedForce)]
     excluded = sorted({pair for force in pairs for pair in _exclusions(force) if max(pair) >= n})
     theirs: set[tuple[int, int]] = set()
+    unlisted = False
     for force in merged.getForces():
         theirs |= _take_beads(force, n, total, excluded)
+        unlisted |= isinstance(force, (openmm.NonbondedForce, openmm.CustomNonbondedForce)) and force.getNonbondedMethod() == force.NoCutoff
     for force in pairs:
+        if unlisted:  # platforms ask that all forces agree about it; ours are 0 beyond their cutoffs in any case
+            force.setNonbondedMethod(force.NoCutoff)
         for i, j in sorted(theirs - _exclusions(force)):
             force.addExclusion(i, j)
     taken = set().union({0, pair_group}, *map(groups_of, merged.getForces()))

@@ -24,10 +24,10 @@ def lennard_jones_shift(c: LennardJones) -> float:
 
 def lennard_jones_expression(table: Mapping, names: list[str]) -> PairExpression:
     """U = 4 epsilon ((sigma/r)^12 - (sigma/r)^6) - shift for r < rc."""
-    energy, virial = (f"{head}; s6=(sigma/r)^6" for head in ("(4*epsilon*(s6*s6-s6)-shift)", "24*epsilon*(2*s6*s6-s6)"))
+    energy = "(4*epsilon*(s6*s6-s6)-shift); s6=(sigma/r)^6"
     # sigma is 0 where there is no interaction: (1/r)^12 would overflow where soft beads overlap
     columns = {"epsilon": (lambda c: c.epsilon, 0.0), "sigma": (lambda c: c.sigma, 0.0), "shift": (lennard_jones_shift, 0.0)}
-    return radial_expression("Lennard-Jones", table, names, energy, virial, columns)
+    return radial_expression("Lennard-Jones", table, names, energy, columns)
 
 
 def energy_spline(pair: TabulatedPair) -> CubicSpline | CubicHermiteSpline:
@@ -44,34 +44,30 @@ def tabulated_expression(table: Mapping, names: list[str]) -> PairExpression:
     which = type_pairs(table, names, lambda c: numbers[id(c)], -1)
     single = bool(np.all(which == 0))
     functions = {} if single else {"which": type_table(which)}
-    energies, virials, definitions = [], [], "" if single else "; number=which(type1, type2)"
+    energies, definitions = [], "" if single else "; number=which(type1, type2)"
     cutoff = max(pair.cutoff for pair in pairs)
     for k, pair in enumerate(pairs):
-        energy, force = _resampled(pair)
         high = float(pair.distances[-1])
-        functions[f"energy{k}"], functions[f"force{k}"] = _curve(energy, high), _curve(force, high)
+        functions[f"energy{k}"] = _curve(_resampled(pair), high)
         # OpenMM's tables are 0 beyond their end, and the force ends at its cutoff: a gate is needed only in between
         gate = f"step({pair.cutoff!r}-r)*" if pair.cutoff < min(high, cutoff) or high > cutoff else ""
         gate += "" if single else f"delta(number-{k})*"
         energies.append(f"{gate}energy{k}(r)")
-        virials.append(f"{gate}r*force{k}(r)")
     return PairExpression(
         name="tabulated pair potential",
         energy="+".join(energies) + definitions,
-        virial="+".join(virials) + definitions,
         cutoff=cutoff,
         functions=functions,
     )
 
 
-def _resampled(pair: TabulatedPair) -> tuple[np.ndarray, np.ndarray]:
-    """Energy and force on an even grid from 0 to the table's end; constant force below the table's first distance."""
+def _resampled(pair: TabulatedPair) -> np.ndarray:
+    """Energy on an even grid from 0 to the table's end; constant force below the table's first distance."""
     low, high = pair.distances[0], pair.distances[-1]
     spline = energy_spline(pair)
     grid = np.linspace(0.0, high, max(_POINTS, 2 * len(pair.distances)))
     inside = np.maximum(grid, low)
-    force = -spline(inside, 1)
-    return spline(inside) + force * (inside - grid), force
+    return spline(inside) - spline(inside, 1) * (inside - grid)
 
 
 def _curve(values: np.ndarray, high: float):

@@ -4,7 +4,6 @@ import threading
 
 import numpy as np
 import openmm
-from openmm import unit
 
 from .. import names
 from ..errors import RunError
@@ -17,7 +16,8 @@ from ..kernels.steps import Moment, StepLoop, StepSpec
 from ..made import origin
 from ..names import RATES, Phase
 from ..program_options import ProgramOptions
-from ..watching import interrupts
+from ..signals import CTRL_C
+from ..wording import in_length, in_units
 from .runaway import NEAR, runaway
 
 #: Phases that store the positions.
@@ -50,9 +50,14 @@ def fingerprint(x, parameters):
     return np.float64(a >> np.uint64(11)) * 2.0**-960
 
 
-def _plain(length: unit.Quantity) -> np.ndarray:
-    """Value of a length of a State, which is in nanometers always: to look for a conversion takes longer than some steps' arithmetic."""
-    return length._value
+def vectors(state: openmm.State, kind: int) -> np.ndarray:
+    """(N, 3) positions or velocities of a State, in MD units, as an array that is the caller's.
+
+    What OpenMM has for users, with units, takes longer than some steps' arithmetic.
+    """
+    found = np.empty((state._getNumParticles(), 3))
+    state._getVectorAsNumpy(kind, found)
+    return found
 
 
 def only_folded(x: np.ndarray, before: np.ndarray, box: np.ndarray) -> bool:
@@ -68,7 +73,7 @@ def only_folded(x: np.ndarray, before: np.ndarray, box: np.ndarray) -> bool:
 class Fields:
     """Per-bead fields, as the pair force reads them and returns their changes: blocks of three values per bead.
 
-    Programs skip immobile beads, so these keep the values of the start.  Internal energies come as
+    Programs skip immobile beads, so these have the values of the start, but in loops of steps.  Internal energies come as
     (conductive, mechanical, what rounding lost of the sum); everything else as one value after the other.
     """
 
@@ -78,12 +83,14 @@ class Fields:
         self.last = np.zeros_like(self.values)
         self._low: np.ndarray | None = None
 
-    def read(self, block: int, shown: np.ndarray) -> None:
-        """Take over the values of one block, (N, 3)."""
+    def read(self, block: int, shown: np.ndarray, held: np.ndarray | None = None) -> None:
+        """Take over the values of one block, (N, 3); ``held``: those of the immobile beads."""
         if self.spec.kind == ENERGY:
             shown = np.column_stack([shown[:, 0], shown[:, 1] + shown[:, 2]])
-        part = self.values[:, 3 * block : 3 * block + 3]
-        part[...] = np.where(self.spec.immobile[:, None], part, shown[:, : part.shape[1]])
+        columns = slice(3 * block, 3 * block + 3)
+        part, still = self.values[:, columns], self.spec.immobile
+        part[...] = shown[:, : part.shape[1]]
+        part[still] = self.spec.initial[still, columns] if held is None else held[:, : part.shape[1]]
 
     def changes(self, block: int) -> np.ndarray:
         """(N, 3) changes of one block."""
@@ -153,17 +160,18 @@ class PairForceFunction:
         if not hasattr(local, "engine"):
             warm_up(self.spec)
             warm_up_extras(self.spec.extras)
-            local.engine, local.kept, local.fingerprinted = PairEngine(self.spec), None, None
+            engine = PairEngine(self.spec)
+            local.kept = local.fingerprinted = local.moment = local.failed = None
             local.fields = None if self.spec.fields is None else Fields(self.spec.fields)
-            local.failed = None
             # written again and again: OpenMM copies what it is given
             local.v, local.result, local.conserved = np.zeros((3, len(self.spec.types), 3))
-            local.conserved_energy, local.conserved_at = 0.0, -1
-            local.loop = None if self.steps is None else StepLoop(self.steps, local.engine, self._watch, NEAR * self._cutoff)
-            local.moment, local.read = None, {}
+            local.conserved_energy, local.conserved_at, local.read = 0.0, -1, {}
+            local.loop = None if self.steps is None else StepLoop(self.steps, engine, self._watch, NEAR * self._cutoff)
+            local.engine = engine  # last: it says that all is there
         return local
 
     def __call__(self, state):
+        CTRL_C.check()
         parameters = state.getParameters()
         phase = int(parameters[names.PHASE])
         if phase == Phase.IDLE and not self.conservative:
@@ -179,7 +187,6 @@ class PairForceFunction:
             return self._evaluate(local, phase, state, parameters)
         except BaseException as error:
             local.failed = here
-            interrupts.seen = isinstance(error, KeyboardInterrupt)
             if isinstance(error, RunError) and phase != Phase.IDLE:
                 raise RunError(f"step {state.getStepCount() + 1}: {error}") from error
             raise
@@ -208,11 +215,13 @@ class PairForceFunction:
         stable = np.array([value for name, value in sorted(parameters.items()) if name not in names.VOLATILE])
         if box is not None:
             stable = np.append(stable, box.ravel())
-        value = fingerprint(x, stable)
-        if box is not None and local.fingerprinted is not None:
+        value = None
+        if local.fingerprinted is not None:
             last, last_x, last_stable = local.fingerprinted
-            if value != last and np.array_equal(stable, last_stable) and only_folded(x, last_x, box):
+            if np.array_equal(stable, last_stable) and (motion.same(x, last_x) or (box is not None and only_folded(x, last_x, box))):
                 value = last
+        if value is None:
+            value = fingerprint(x, stable)
         local.fingerprinted = (value, x, stable)
         return value
 
@@ -235,7 +244,7 @@ class PairForceFunction:
         if kept is None:
             raise RunError(f"phase {phase} of the pair force came before any positions were stored: no integrator of openmm_dpd does that")
         if not parameters[names.DT] > 0.0:
-            raise RunError(f"the step size must be > 0, but the integrator's is {parameters[names.DT]:g} ps")
+            raise RunError(f"the step size must be > 0, but the integrator's is {in_units(parameters[names.DT], 'time')}")
         fields: Fields | None = local.fields
         if phase == Phase.TELL:
             return local.moment.block(block)
@@ -263,8 +272,8 @@ class PairForceFunction:
         """Take the factor of body forces over from the Context."""
         scale = parameters[names.BODY_FORCE] if names.BODY_FORCE in parameters else 1.0
         if scale != local.engine.body_scale:
+            local.engine.number += 1  # first: what was computed before is not valid any more
             local.engine.body_scale = scale
-            local.engine.number += 1
 
     def thermal_energy(self, parameters) -> float:
         """kT of the Context; RunError if it is none."""
@@ -317,7 +326,7 @@ class PairForceFunction:
 
     def positions(self, state) -> np.ndarray:
         """Positions of a State, nm."""
-        x = _plain(state.getPositions(asNumpy=True))
+        x = vectors(state, openmm.State.Positions)
         if len(x) != len(self.spec.types):
             raise RunError(f"the System has {len(x)} particles, but its DPD pair terms were made for {len(self.spec.types)}")
         return x
@@ -326,9 +335,10 @@ class PairForceFunction:
         """Box vectors of a State, nm, None if the scene has none; RunError if they are too short for the pair terms."""
         if not self.periodic:
             return None
-        box = _plain(state.getPeriodicBoxVectors(asNumpy=True))
+        box = state.getPeriodicBoxVectors(asNumpy=True)._value
         if self._cutoff > 0.5 * box.diagonal().min() * (1 + 1e-9):
-            raise RunError(f"the box has shrunk to {box.diagonal().tolist()} nm, less than twice the cutoff of {self._cutoff:g} nm")
+            edges = " x ".join(map(in_length, box.diagonal()))
+            raise RunError(f"the box has shrunk to {edges}, less than twice the cutoff of {in_length(self._cutoff)}")
         return box
 
 

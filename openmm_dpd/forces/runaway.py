@@ -7,6 +7,7 @@ run goes on as an ideal gas.  What gives it away are beads that cross more than 
 import numpy as np
 
 from ..kernels import motion
+from ..wording import bead_number, in_length, in_units
 
 #: Nobody runs away whose velocity has no component with which it crosses more of a cutoff in a step.
 NEAR = 0.5
@@ -48,4 +49,5 @@ def runaway(v: np.ndarray, inv_mass: np.ndarray, kT: float, dt: float, cutoff: f
         return None
     kinetic = float(np.mean(square[moving] / inv_mass[moving]) / 3.0)
     hot = "" if kT <= 0 else f"; the kinetic temperature is {kinetic / kT:.3g} times what it should be"
-    return f"bead {bead} moves {square[bead] ** 0.5 * dt:.3g} nm in one step of {dt:g} ps, more than the cutoff of {cutoff:g} nm{hot}"
+    moves = f"bead {bead_number(bead)} moves {in_length(square[bead] ** 0.5 * dt, 3)} in one step of {in_units(dt, 'time')}"
+    return f"{moves}, more than the cutoff of {in_length(cutoff)}{hot}"

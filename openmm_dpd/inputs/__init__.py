@@ -1,7 +1,5 @@
 """Scenes from what people have: topologies, PSF, GSD and data files, frames of trajectories."""
 
-from __future__ import annotations
-
 from .arrays import BeadArrays
 from .beads import scene_from_beads
 from .gsd_files import scene_from_gsd

@@ -1,7 +1,5 @@
 """Beads as arrays, whatever they were read from, and how they are called."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 

@@ -1,14 +1,11 @@
 """The one way from beads, whatever they were read from, to a Scene."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from ..errors import ParameterError, what_is
-from ..lammps.state.box import Box
 from ..model.scene import Scene
 from ..units import to_md
 from .arrays import BeadArrays
@@ -93,12 +90,6 @@ def scene_from_beads(
     )
 
 
-def reduced_box(vectors) -> np.ndarray:
-    """Box vectors of the same lattice in OpenMM's reduced form, from vectors with a along x and b in the xy plane, (3, 3)."""
-    a, b, c = np.asarray(vectors, dtype=np.float64)
-    return Box(np.zeros(3), np.array([a[0], b[1], c[2]]), np.array([b[0], c[0], c[1]])).reduced_vectors
-
-
 # -- helpers -------------------------------------------------------------------------------------------------------------------
 def _left_out(beads: BeadArrays, leave_out: Sequence[str]) -> set[str]:
     if isinstance(leave_out, str) or not isinstance(leave_out, Iterable):
@@ -160,4 +151,4 @@ def _masses(beads: BeadArrays, types: list[str], masses) -> tuple[dict[str, Any]
     return by_type, None if same else single
 
 
-__all__ = ["reduced_box", "scene_from_beads"]
+__all__ = ["scene_from_beads"]

@@ -1,7 +1,5 @@
 """Bonds and angles that a source lists, and tables of springs and bends, as those of a Scene."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,14 +1,12 @@
 """Scenes from GSD files and frames in HOOMD's schema."""
 
-from __future__ import annotations
-
 import os
 from copy import deepcopy
 
 import numpy as np
 
 from ..errors import ParameterError, what_is
-from ..lammps.state.box import Box
+from ..geometry import reduced
 from ..model.scene import Scene
 from ..optional import optional_package
 from ..outputs.gsd_file import MOLECULES
@@ -51,18 +49,18 @@ def scene_from_gsd(source, *, pairs, kT, frame: int = -1, units: str = "lj", **c
         raise ParameterError(f"{name} has no particles")
     if place.dimensions == 2:
         raise ParameterError(f"{name} has two dimensions; a Scene has three")
-    low, edges, (xy, xz, yz) = -0.5 * _float(place.box[:3]), _float(place.box[:3]), _float(place.box[3:])
+    edges, (xy, xz, yz) = _float(place.box[:3]), _float(place.box[3:])
     if not np.all(edges > 0):
         raise ParameterError(f"{name} has a box with the edges {edges.tolist()}; they must be > 0")
-    box = Box(low, -low, np.array([xy * edges[1], xz * edges[2], yz * edges[2]]))
+    vectors = np.array([[edges[0], 0.0, 0.0], [xy * edges[1], edges[1], 0.0], [xz * edges[2], yz * edges[2], edges[2]]])
     velocities, charges = (_float(values) for values in (beads.velocity, beads.charge))
     molecules = found.log.get(MOLECULES)
     arrays = BeadArrays(
         types=[beads.types[k] for k in beads.typeid],
-        positions=(_float(beads.position) + beads.image @ box.vectors + 0.5 * box.vectors.sum(axis=0)) * system.length,
+        positions=(_float(beads.position) + beads.image @ vectors + 0.5 * vectors.sum(axis=0)) * system.length,
         source=name,
         masses=_float(beads.mass) * system.mass,
-        box=box.reduced_vectors * system.length,
+        box=reduced(vectors) * system.length,
         velocities=velocities * system.velocity if velocities.any() else None,
         charges=charges if charges.any() else None,
         molecules=None if molecules is None else np.asarray(molecules).astype(np.int64),

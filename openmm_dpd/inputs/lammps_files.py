@@ -1,7 +1,5 @@
 """Scenes from LAMMPS data files alone, without a deck."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

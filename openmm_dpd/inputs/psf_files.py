@@ -1,19 +1,18 @@
 """Scenes from PSF files."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import ParameterError
+from ..geometry import reduced
 from ..model.scene import Scene
 from ..psf import read_psf
 from ..trajectory import mdtraj_topology
 from ..units import to_md, whole_number
 from .arrays import BeadArrays, named_types
-from .beads import reduced_box, scene_from_beads
+from .beads import scene_from_beads
 
 
 def scene_from_psf(path: str | os.PathLike, positions, typing=None, *, pairs, kT, frame: int = -1, **choices) -> Scene:
@@ -97,7 +96,7 @@ def _read_frame(path: Path, frame: int, count: int) -> tuple[np.ndarray, np.ndar
                 topology.add_atom("VS", mdtraj.element.virtual, residue)
             trajectory, frame = mdtraj.load_frame(os.fspath(path), frame, top=topology), 0
         box = trajectory.unitcell_vectors
-        return trajectory.xyz[frame].astype(np.float64), None if box is None else reduced_box(box[frame])
+        return trajectory.xyz[frame].astype(np.float64), None if box is None else reduced(box[frame])
     except ParameterError:
         raise
     except (OSError, ValueError, IndexError, TypeError, KeyError) as error:

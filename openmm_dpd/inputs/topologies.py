@@ -8,10 +8,11 @@ import numpy as np
 from openmm import app, unit
 
 from ..errors import ParameterError, what_is
+from ..geometry import reduced
 from ..model.scene import Scene
 from ..units import to_md, whole_number
 from .arrays import BeadArrays, named_types
-from .beads import reduced_box, scene_from_beads
+from .beads import scene_from_beads
 
 if TYPE_CHECKING:
     import mdtraj
@@ -77,7 +78,7 @@ def scene_from_topology(topology: app.Topology, positions, typing=None, *, pairs
         positions=_positions(positions, len(atoms)),
         source="the topology",
         masses=None if None in masses or not masses else np.array(masses),
-        box=None if vectors is None else reduced_box(vectors.value_in_unit(unit.nanometer)),
+        box=None if vectors is None else reduced(vectors.value_in_unit(unit.nanometer)),
         molecules=_molecules(atoms, molecules),
         residues=[atom.residue.name or "MOL" for atom in atoms],
         bonds=_once(bonds),
@@ -125,7 +126,7 @@ def scene_from_mdtraj(trajectory: mdtraj.Trajectory, typing=None, *, pairs, kT, 
         positions=trajectory.xyz[at].astype(np.float64),
         source="the trajectory",
         masses=masses if masses.any() else None,
-        box=None if vectors is None else reduced_box(vectors[at]),
+        box=None if vectors is None else reduced(vectors[at]),
         charges=charges if charges.any() else None,
         molecules=_molecules(atoms, molecules),
         residues=[atom.residue.name or "MOL" for atom in atoms],

@@ -16,6 +16,7 @@ from typing import ClassVar
 import numpy as np
 from numba import njit
 
+from ..wording import bead_names
 from .compiled import compiled
 from .extras import CHUNK, Extra, TermEvaluator, by_rows, inverse_edges, minimum_image
 
@@ -159,6 +160,6 @@ class AngleTerms:
 
 
 def _what_is_wrong(terms: AngleTerms, x: np.ndarray, box: np.ndarray | None) -> str:
-    beads = terms.triples[~np.isfinite(x[terms.triples]).all(axis=(1, 2))]
-    which = f"of the beads {beads[0].tolist()} (counted from 0) " if len(beads) else ""
+    broken = terms.triples[~np.isfinite(x[terms.triples]).all(axis=(1, 2))]
+    which = f"of the {bead_names(*broken[0])} " if len(broken) else ""
     return f"an angle {which}has no finite energy"

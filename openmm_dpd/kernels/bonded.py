@@ -16,8 +16,10 @@ import numpy as np
 from numba import njit
 
 from ..geometry import minimum_images
+from ..wording import bead_names, in_length
 from .columns import push
 from .compiled import compiled
+from .elementary import exp, log
 from .extras import CHUNK, Extra, TermEvaluator, by_rows, inverse_edges, minimum_image
 
 HARMONIC, FENE, MORSE = range(3)
@@ -31,7 +33,7 @@ WCA_END = 2.0 ** (1.0 / 6.0)
 @njit(inline="always")
 def _morse(r, depth, alpha, rest):
     """Energy and U' of a Morse bond."""
-    e = np.exp(-alpha * (r - rest))
+    e = exp(-alpha * (r - rest))
     return depth * (1.0 - e) * (1.0 - e), 2.0 * depth * alpha * e * (1.0 - e)
 
 
@@ -43,7 +45,7 @@ def _fene(r, r2, k, longest, epsilon, sigma):
     rest = 1.0 - (r / longest) * (r / longest)
     if rest <= 0.0:  # shorter than R0 by less than rounding
         return np.inf, 0.0
-    energy, pull = -0.5 * k * longest * longest * np.log(rest), -k / rest
+    energy, pull = -0.5 * k * longest * longest * log(rest), -k / rest
     if epsilon > 0.0 and r < WCA_END * sigma:
         if r2 == 0.0:
             return np.inf, 0.0
@@ -141,13 +143,11 @@ def _bad_bond(terms: BondTerms, x: np.ndarray, box: np.ndarray | None) -> str:
     fene, (_, longest, epsilon, _) = terms.kinds == FENE, terms.parameters.T
     bad = np.flatnonzero(fene & ~(r < longest))
     if len(bad):
-        (i, j), limit = terms.pairs[bad[0]], f"its R0 of {longest[bad[0]]:g} nm"
-        return f"the FENE bond between beads {i} and {j} (counted from 0) is {r[bad[0]]:g} nm long, which is not less than {limit}"
+        (i, j), limit = terms.pairs[bad[0]], f"its R0 of {in_length(longest[bad[0]])}"
+        return f"the FENE bond between {bead_names(i, j)} is {in_length(r[bad[0]])} long, which is not less than {limit}"
     bad = np.flatnonzero(fene & (r == 0) & (epsilon > 0))
     if len(bad):
-        i, j = terms.pairs[bad[0]]
-        return f"beads {i} and {j} are at the same point, where the repulsion of their FENE bond is infinite"
+        return f"{bead_names(*terms.pairs[bad[0]])} are at the same point, where the repulsion of their FENE bond is infinite"
     bad = np.flatnonzero(~np.isfinite(r))
     n = int(bad[0]) if len(bad) else int(np.argmin(r))
-    i, j = terms.pairs[n]
-    return f"the bond between beads {i} and {j} (counted from 0) is {r[n]:g} nm long, where it has no finite energy"
+    return f"the bond between {bead_names(*terms.pairs[n])} is {in_length(r[n])} long, where it has no finite energy"

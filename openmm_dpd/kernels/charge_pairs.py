@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .compiled import helper, inlined
+from .elementary import erfc, exp
 from .extras import inverse_edges
 from .lanes import LANES, floor, load_lanes, splat, store_lanes
 
@@ -144,6 +145,6 @@ def exception(r, factor, cutoff, alpha, end, per_length, coefficients):
     value, slope = smooth(r, end, per_length, coefficients)
     if r < cutoff:
         return (factor - 1.0) * value, (factor - 1.0) * slope
-    image = math.erf(alpha * r) / r
-    image_slope = (2.0 / math.sqrt(math.pi) * alpha * math.exp(-alpha * alpha * r * r) - image) / r
+    image = (1.0 - erfc(alpha * r)) / r
+    image_slope = (2.0 / math.sqrt(math.pi) * alpha * exp(-alpha * alpha * r * r) - image) / r
     return factor * value - image, factor * slope - image_slope

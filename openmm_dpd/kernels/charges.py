@@ -15,9 +15,11 @@ import numpy as np
 from numba import prange
 
 from ..errors import RunError
+from ..wording import bead_number, in_length
 from .charge_pairs import SHARES, Quintics, charge_row, exception
 from .columns import push
 from .compiled import helper, serial_and_parallel
+from .elementary import erfc, exp
 from .extras import box_array, inverse_edges, minimum_image, run_terms
 from .lanes import LANES, load_lanes, splat, store_lanes
 from .threads import get_threads
@@ -266,10 +268,12 @@ class ChargeEvaluator:
         if key != self._key:
             terms = self.terms
             if box is not None and not terms.cutoff <= 0.5 * float(np.diag(box).min()) * (1 + 1e-9):
-                raise RunError(f"the box is narrower than twice the cutoff of the charges, {terms.cutoff:g} nm")
-            self._box, self._key, self._space = box_array(box), key, None
-            self._waves = Waves.none() if box is None else Waves.of(self._box, terms.k_max, terms.alpha, terms.constant)
-            self._work = len(terms.beads) * (len(terms.beads) + LANES * int(self._waves.blocks[:, 2].sum()))
+                raise RunError(f"the box is narrower than twice the cutoff of the charges, {in_length(terms.cutoff)}")
+            present = box_array(box)
+            waves = Waves.none() if box is None else Waves.of(present, terms.k_max, terms.alpha, terms.constant)
+            work = len(terms.beads) * (len(terms.beads) + LANES * int(waves.blocks[:, 2].sum()))
+            # together: an error before, or Ctrl-C, leaves those of the last box
+            self._box, self._waves, self._work, self._space, self._key = present, waves, work, None, key
         threads = get_threads()
         if self._space is None or len(self._space.outer) != threads:
             self._space = _space_for(self.terms.charges, self._waves, threads)
@@ -285,7 +289,7 @@ class ChargeEvaluator:
         if not math.isfinite(short + lattice):
             bad = terms.beads[~np.isfinite(x[terms.beads]).all(axis=1)]
             if len(bad):
-                raise RunError(f"the position of bead {bad[0]} is not finite: {x[bad[0]].tolist()}")
+                raise RunError(f"the position of bead {bead_number(bad[0])} is not finite: {x[bad[0]].tolist()}")
             raise RunError("the energy of the charges is not finite")
         if box is not None:
             background = -math.pi * terms.constant * (self._charge / terms.alpha) ** 2 / (2 * float(np.prod(np.diag(box))))
@@ -326,7 +330,8 @@ def _alone(terms: ChargeTerms) -> tuple[float, float]:
     square, alpha, k = terms.constant * float(np.sum(terms.charges**2)), terms.alpha, terms.k_max
     if alpha == 0.0:
         return 0.0, 0.0
-    return -square * alpha / math.sqrt(math.pi) * math.erf(k / (2 * alpha)), -square * k / math.pi * math.exp(-((k / (2 * alpha)) ** 2))
+    u = k / (2 * alpha)
+    return -square * alpha / math.sqrt(math.pi) * (1 - erfc(u)), -square * k / math.pi * exp(-u * u)
 
 
 def _space_for(charges: np.ndarray, waves: Waves, threads: int) -> ChargeSpace:

@@ -4,10 +4,11 @@ It stands here once.  What is done with a column and with a pair is put in when 
 
     first(pairs, data, begin, end)              for the sorted beads begin:end, before all else
     before(pairs, data, begin, m, scratch)      once for each column, the pairs begin:begin + m: whatever can be done for many pairs at once
-    pair(pairs, data, scratch, n, k, column)    for each pair number n, the k-th of its column: returns energy and virial
+    pair(pairs, data, scratch, n, k, column)    for each pair number n, the k-th of its column: returns energy, virial, virial of friction
     last(pairs, data, begin, end)               for the sorted beads begin:end, after all else
 
-``pairs`` is a :class:`.pairs.Pairs`, ``data`` a NamedTuple of the caller's.
+``pairs`` is a :class:`.pairs.Pairs`, ``data`` a NamedTuple of the caller's.  Where the list has room for stress tensors, virials are added
+up as tensors too: forces are along the line between the two beads, and what else there is a pair adds itself.
 """
 
 from collections.abc import Callable
@@ -19,6 +20,31 @@ from numba import prange
 from .compiled import compiled, helper, inlined, renamed, serial_and_parallel
 from .pairs import PairList, Scratch
 from .threads import dispatch
+
+
+class Totals(NamedTuple):
+    """Sums over pairs: energy; r_ij . F_ij of all terms, and of friction alone.
+
+    And if asked for (6,) r_ij F_ij (xx, yy, zz, xy, xz, yz), and the Laplacian of the energy.
+    """
+
+    energy: float
+    virial: float
+    drag: float
+    stress: np.ndarray | None = None
+    laplacian: float | None = None
+
+
+@inlined
+def add_stress(stress, column, xx, yy, zz, xy, xz, yz):
+    """Add to the stress tensor of a column."""
+    stress[column, 0] += xx
+    stress[column, 1] += yy
+    stress[column, 2] += zz
+    # central forces make these symmetric; transverse ones on average only, and LAMMPS takes this half
+    stress[column, 3] += xy
+    stress[column, 4] += xz
+    stress[column, 5] += yz
 
 
 @helper
@@ -60,13 +86,30 @@ def _share(pairs, data, scratch, colour, part):
         column = pairs.columns[task]
         begin, m = pairs.start[column], pairs.found[column]
         _before(pairs, data, begin, m, space)
-        energy, virial = 0.0, 0.0
-        for k in range(m):
-            more = _pair(pairs, data, space, begin + k, k, column)
-            energy += more[0]
-            virial += more[1]
-        pairs.energy[column] = energy
-        pairs.virial[column] = virial
+        energy, virial, drag = 0.0, 0.0, 0.0
+        if len(pairs.stress):
+            xx, yy, zz, xy, xz, yz, g = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, pairs.geometry
+            for k in range(m):
+                n = begin + k
+                more = _pair(pairs, data, space, n, k, column)
+                energy += more[0]
+                virial += more[1]
+                drag += more[2]
+                x, y, z = more[1] * g[0, n], more[1] * g[1, n], more[1] * g[2, n]
+                xx += x * g[0, n]
+                yy += y * g[1, n]
+                zz += z * g[2, n]
+                xy += x * g[1, n]
+                xz += x * g[2, n]
+                yz += y * g[2, n]
+            add_stress(pairs.stress, column, xx, yy, zz, xy, xz, yz)
+        else:  # a loop of its own, which nothing slows down
+            for k in range(m):
+                more = _pair(pairs, data, space, begin + k, k, column)
+                energy += more[0]
+                virial += more[1]
+                drag += more[2]
+        pairs.sums[column, 0], pairs.sums[column, 1], pairs.sums[column, 2] = energy, virial, drag
 
 
 def _over_pairs(pairs, data, scratch):
@@ -80,11 +123,12 @@ def _over_pairs(pairs, data, scratch):
     if _ENDS:
         for part in prange(parts):
             _last(pairs, data, beads * part // parts, beads * (part + 1) // parts)
-    energy, virial = 0.0, 0.0
+    energy, virial, drag = 0.0, 0.0, 0.0
     for column in range(len(pairs.found)):
-        energy += pairs.energy[column]
-        virial += pairs.virial[column]
-    return energy, virial
+        energy += pairs.sums[column, 0]
+        virial += pairs.sums[column, 1]
+        drag += pairs.sums[column, 2]
+    return energy, virial, drag
 
 
 # what over_pairs() puts in
@@ -104,14 +148,21 @@ def over_pairs(
     last: Callable | None = None,
     parallel: bool = True,
 ) -> Callable:
-    """Function (list of pairs, data) -> sums of energy and virial, which goes through all pairs; compiled under a name of its own."""
+    """Function (list of pairs, data) -> :class:`Totals`, which goes through all pairs; compiled under a name of its own.
+
+    With a third argument that is true it gives the stress tensor too.
+    """
     share = helper(renamed(_share, f"{name}_share", {"_pair": pair, "_before": before}))
     around = {"_first": first, "_BEGINS": first is not None, "_last": last, "_ENDS": last is not None}
     loop = renamed(_over_pairs, name, {"_share": share} | around)
     kernels = serial_and_parallel(loop) if parallel else (compiled(loop, bare=True), None)
 
-    def call(pairs: PairList, data: NamedTuple) -> tuple[float, float]:
-        return dispatch(*kernels, pairs.arrays, data, pairs.scratch)
+    def call(pairs: PairList, data: NamedTuple, tensor: Any = False) -> Totals:
+        arrays = pairs.arrays
+        if tensor:
+            arrays = arrays._replace(stress=np.zeros((len(arrays.found), 6)))
+        energy, virial, drag = dispatch(*kernels, arrays, data, pairs.scratch)
+        return Totals(energy, virial, drag, arrays.stress.sum(axis=0) if tensor else None)
 
     return call
 

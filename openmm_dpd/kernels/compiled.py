@@ -7,6 +7,7 @@ from types import FunctionType
 from typing import Any
 
 import numba
+from numba.extending import register_jitable
 
 from ..kernel_cache import keep_on_disk
 
@@ -23,6 +24,8 @@ _BARE = _SEMANTICS | {"_nrt": False}
 #: Decorators of functions that kernels call: compiled on their own, or put in where they are called.
 helper = numba.njit(**_BARE)
 inlined = numba.njit(inline="always", **_BARE)
+#: The same for functions that are also called from Python, where they stay what they are.
+both = register_jitable(inline="always", **_BARE)
 
 
 def renamed(function: Callable, name: str, names: dict[str, Any] | None = None) -> FunctionType:

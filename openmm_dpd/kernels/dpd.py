@@ -7,7 +7,7 @@ import numpy as np
 
 from . import forces, sweeps
 from .forces import GAMMA
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, Call, Layer, PairSpec, SortedMotion, Sums, table_of
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
 from .pairs import PairList
 
 _TERMS = CONSERVATIVE | DISSIPATIVE | RANDOM
@@ -84,6 +84,16 @@ class SweptLayer:
         noise = call.kT, call.dt, call.key(self.number)
         sweeps.sweep(self.pairs, sweeps.Sweep(call.update, plain, halvings, *noise, coefficients, v, self._v), self._transverse)
 
+    def radial_friction(self, v: np.ndarray, kT: float) -> tuple[np.ndarray, float]:
+        """(6,) sum over pairs of r F of the radial friction at the velocities (N, 3), and that of f gamma w^(2s) r^2.
+
+        A fifteenth of the second is the mean stress of an affine shear at rate 1.
+        """
+        call = Call(DISSIPATIVE, v, kT, 1.0, 0, 0)
+        found = forces.friction_sums(self.pairs, forces.Repulsion(self._at(kT), *self._motion.arrays(call, v, False)), True)
+        assert found.stress is not None
+        return found.stress, found.energy
+
 
 class DPDLayer(SweptLayer):
     """Evaluates a :class:`TermTable` (see :mod:`.forces` and :mod:`.sweeps` for the formulas)."""
@@ -95,16 +105,9 @@ class DPDLayer(SweptLayer):
 
     def forces(self, call: Call, out: np.ndarray, add: bool) -> Sums:
         """Force form at the listed positions, written or added to ``out``."""
-        pairs = self.pairs
-        stress = np.zeros((len(pairs.found) if call.which & STRESS else 0, 6))
         noise = call.key(self.number), call.rsqrt_dt
-        terms = forces.Terms(call.which & _TERMS, self._plain, *noise, self._at(call.kT), stress, *self._motion.arrays(call, out, add))
-        energy, virial = forces.pair_forces(pairs, terms, self._transverse)
-        return Sums(energy, virial, stress=stress.sum(axis=0) if len(stress) else None)
-
-    def friction_moment(self, kT: float) -> float:
-        """Sum over pairs of f gamma w^(2s) r^2 (radial friction)."""
-        return forces.friction_moment(self.pairs, self._at(kT))
+        terms = forces.Terms(call.which & _TERMS, self._plain, *noise, self._at(call.kT), *self._motion.arrays(call, out, add))
+        return forces.pair_forces(self.pairs, terms, self._transverse, call.which)
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy."""

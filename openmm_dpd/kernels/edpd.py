@@ -19,9 +19,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import RunError
+from ..wording import bead_names, bead_number, in_number
 from .columns import approach, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
 from .compiled import inlined
-from .forces import power
+from .elementary import power
 from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
 from .noise import normal, pair_key
 from .pairs import PairList
@@ -83,14 +84,15 @@ class ThermalLayer:
         # the heat of the noise depends on velocities too
         assert call.velocities is not None or not call.which & (DISSIPATIVE | RANDOM)
         capacity = np.take(self.capacity, pairs.order)
-        heat, failed = np.zeros(m), np.full(len(pairs.found), -1)
+        heat, failed = np.zeros(m), np.full(len(pairs.arrays.found), -1)
         noise = call.key(self.number), call.rsqrt_dt
         of_beads = self.coefficients, capacity, temperature
         motion = self._motion.arrays(call, out, add)
-        energy, virial = thermal_forces(pairs, Heat(call.which, self.lammps, *noise, *of_beads, heat, failed, *motion))
+        given = Heat(call.which, self.lammps, *noise, *of_beads, heat, failed, *motion)
+        totals = thermal_forces(pairs, given)
         if failed.max(initial=-1) >= 0:
             self._raise_conduction(int(failed[failed >= 0][0]), temperature)
-        return Sums(energy, virial, (heat / capacity)[:, None])
+        return Sums(totals.energy, totals.virial, totals.drag, rates=(heat / capacity)[:, None])
 
     def _temperatures(self, field_values: np.ndarray) -> np.ndarray:
         """(M,) temperatures in the order of the list; RunError if one is not > 0."""
@@ -100,19 +102,20 @@ class ThermalLayer:
         if len(bad):
             bead = order[bad].min()
             raise RunError(
-                f"the temperature of bead {bead} is {field_values[bead, 0]:g}; it must be > 0 (the step size may be too large, "
-                "or the heat capacity too small for the noise of the heat)"
+                f"the temperature of bead {bead_number(bead)} is {in_number(field_values[bead, 0], 'thermal_energy')}; it must be > 0 (the "
+                "step size may be too large, or the heat capacity too small for the noise of the heat)"
             )
         return temperature
 
     def _raise_conduction(self, n: int, temperature: np.ndarray) -> None:
-        pairs = self.pairs
+        pairs = self.pairs.arrays
         i, j = pairs.pi[n], pairs.pj[n]
         mean = 0.5 * (temperature[i] + temperature[j])
         row = self.coefficients[pairs.types[i] * pairs.ntypes + pairs.types[j]]
         kappa = row[KAPPA] * float(np.polynomial.polynomial.polyval(mean - 1.0, [1.0, *row[KAPPA_POLYNOMIAL : KAPPA_POLYNOMIAL + 4]]))
+        between = bead_names(pairs.order[i], pairs.order[j])
         raise RunError(
-            f"the heat conduction coefficient is {kappa:g} at the temperature {mean:g} of beads {pairs.order[i]} and {pairs.order[j]}; "
+            f"the heat conduction coefficient is {kappa:g} at the temperature {in_number(mean, 'thermal_energy')} of {between}; "
             "kappa_polynomial must keep it >= 0 at every temperature of the run"
         )
 
@@ -140,7 +143,7 @@ def temperature_factor(coefficients, row, first, y):
 
 @inlined
 def _friction(which, lammps, coefficients, row, factor, r, ti, tj, ev, rsqrt_dt, xi, inverse_mass, capacities):
-    """Friction and noise of a pair within the cutoff, and its viscous heat for each of the two.
+    """Friction with noise and friction alone of a pair within the cutoff, and its viscous heat for each of the two.
 
     ``inverse_mass`` is 1/m_i + 1/m_j, or 1/m of the bead with the lower index for lammps; ``capacities`` is C_i + C_j.
     """
@@ -153,15 +156,16 @@ def _friction(which, lammps, coefficients, row, factor, r, ti, tj, ev, rsqrt_dt,
     share, mass_term, rate = (1.0 / capacities, 1.0, 1.0) if lammps else (0.5, 0.5, rsqrt_dt)
     # LAMMPS puts f on the noise of the forces too, and none on the heat
     noise_factor, heat_factor, heat_noise_factor = (factor, 1.0, 1.0) if lammps else (np.sqrt(factor), factor, np.sqrt(factor))
-    radial, heat = 0.0, 0.0
+    radial, drag, heat = 0.0, 0.0, 0.0
     if which & DISSIPATIVE:
-        radial -= factor * friction * ev
+        drag = factor * friction * ev
+        radial -= drag
         heat += share * heat_factor * (friction * ev * ev - mass_term * strength * inverse_mass)
     if which & RANDOM:
         kick = np.sqrt(strength) * xi
         radial += noise_factor * kick * rsqrt_dt
         heat -= share * heat_noise_factor * ev * kick * rate
-    return radial, heat
+    return radial, drag, heat
 
 
 @inlined
@@ -206,7 +210,7 @@ def _pair_heat(pairs, data, scratch, n, k, column):
     ti, tj = data.temperature[i], data.temperature[j]
     inside, near = r < c[row, CUTOFF], r < c[row, CUTOFF_T]
     lower = order[i] < order[j]
-    radial, energy, gain = 0.0, 0.0, 0.0
+    radial, energy, drag, gain = 0.0, 0.0, 0.0, 0.0
     pair, xi = data.key, 0.0
     if which & RANDOM:
         pair = pair_key(data.key, min(order[i], order[j]), max(order[i], order[j]))
@@ -219,7 +223,7 @@ def _pair_heat(pairs, data, scratch, n, k, column):
         if lammps:
             im = pairs.inv_mass[i] if lower else pairs.inv_mass[j]
         capacities = data.capacity[i] + data.capacity[j]
-        rubbed, gain = _friction(which, lammps, c, row, factor, r, ti, tj, ev, data.rsqrt_dt, xi, im, capacities)
+        rubbed, drag, gain = _friction(which, lammps, c, row, factor, r, ti, tj, ev, data.rsqrt_dt, xi, im, capacities)
         radial += rubbed
         gain = 0.0 if lammps and not near else gain
     if near and (inside or not lammps) and which & (DISSIPATIVE | RANDOM):
@@ -233,7 +237,7 @@ def _pair_heat(pairs, data, scratch, n, k, column):
         heat[j] -= flux
     heat[i] += gain
     heat[j] += gain
-    return energy, push_apart(pairs, data.f, n, i, j, radial)
+    return energy, push_apart(pairs, data.f, n, i, j, radial), -drag * r
 
 
 thermal_forces = over_pairs("thermal_forces", _pair_heat, first=gather_and_clear, last=deliver)

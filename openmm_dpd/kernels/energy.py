@@ -28,10 +28,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import RunError
+from ..wording import bead_number, in_units
 from . import forces
 from .columns import approach, change, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
 from .compiled import compiled, helper, inlined
-from .eos import CONSTANT, RESERVOIR, EOSTable, curvature, entropy_change, exp_below, in_range, inverse_temperature, log_ratio
+from .elementary import exp
+from .eos import CONSTANT, RESERVOIR, EOSTable, curvature, entropy_change, in_range, inverse_temperature, log_ratio
 from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
 from .noise import normal, pair_key, uniform
 from .pairs import PairList
@@ -77,8 +79,8 @@ class EnergyLayer:
         bad = np.flatnonzero(np.isnan(theta))
         if len(bad):
             raise RunError(
-                f"the internal energy {energies[bad[0]]:g} kJ/mol of bead {bad[0]} {when} is outside its equation of state; "
-                "the step size may be too large for this scheme (middle, aboba and bababo never leave the range)"
+                f"the internal energy {in_units(energies[bad[0]], 'energy')} of bead {bead_number(bad[0])} {when} is outside its equation "
+                "of state; the step size may be too large for this scheme (middle, aboba and bababo never leave the range)"
             )
         return theta
 
@@ -86,14 +88,14 @@ class EnergyLayer:
         """Force form at the listed positions, written or added to ``out``."""
         pairs, motion = self.pairs, self._motion.arrays(call, out, add)
         if not call.which & (DISSIPATIVE | RANDOM):
-            energy, virial = forces.conservative_forces(pairs, forces.Repulsion(self.coefficients, *motion))
-            return Sums(energy, virial)
+            return Sums(*forces.conservative_forces(pairs, forces.Repulsion(self.coefficients, *motion)))
         assert call.field_values is not None and (call.velocities is not None or not call.which & DISSIPATIVE)
         inverse = 1.0 / np.take(self._thetas(call.field_values.sum(axis=1), "within the step"), pairs.order)
         rates = np.zeros((len(inverse), 2))
         noise = call.key(self.number), call.rsqrt_dt
-        energy, virial = energy_forces(pairs, Rates(call.which, *noise, self.coefficients, inverse, rates, *motion))
-        return Sums(energy, virial, rates)
+        given = Rates(call.which, *noise, self.coefficients, inverse, rates, *motion)
+        found = energy_forces(pairs, given)
+        return Sums(found.energy, found.virial, found.drag, rates=rates)
 
     def sweep(self, call: Call, v: np.ndarray, increments: np.ndarray | None) -> None:
         """Update velocities pair by pair in place, and add to ``increments`` the conductive and mechanical energy each bead got."""
@@ -141,7 +143,7 @@ def _pair_rates(pairs, data, scratch, n, k, column):
     i, j, order, c, which, inverse, rates = pairs.pi[n], pairs.pj[n], pairs.order, data.coefficients, data.which, data.inverse, data.rates
     row, factor, r = row_of(pairs, i, j), factor_of(pairs, n), pairs.geometry[3, n]
     w = 1.0 - r / c[row, CUTOFF]
-    radial, energy, heat, conducted = 0.0, 0.0, 0.0, 0.0
+    radial, energy, drag, heat, conducted = 0.0, 0.0, 0.0, 0.0, 0.0
     if which & CONSERVATIVE:
         radial, energy = soft(factor * c[row, A], c[row, CUTOFF], r)
     if which & (DISSIPATIVE | RANDOM):
@@ -165,7 +167,7 @@ def _pair_rates(pairs, data, scratch, n, k, column):
         rates[j, 0] -= conducted
         rates[i, 1] += heat
         rates[j, 1] += heat
-    return energy, push_apart(pairs, data.f, n, i, j, radial)
+    return energy, push_apart(pairs, data.f, n, i, j, radial), -drag * r
 
 
 energy_forces = over_pairs("energy_forces", _pair_rates, first=gather_and_clear, last=deliver)
@@ -213,7 +215,7 @@ def _balance(total, ci, cj, ki, kj, start, nodes, pieces):
 @inlined
 def _passes(exponent, drawn):
     """Metropolis test; exp(x) >= 1 + x decides nearly always, and the processor predicts that branch better than the sign of x."""
-    return drawn < 1.0 + exponent or (exponent < 0.0 and drawn < exp_below(exponent))
+    return drawn < 1.0 + exponent or (exponent < 0.0 and drawn < exp(exponent))
 
 
 # Beads of constant heat capacity are the usual case. What follows is the same as for any other, with short chains of divisions: each pair
@@ -367,7 +369,7 @@ def _pair_exchange(pairs, data, scratch, n, k, column):
     update, dt, frozen, u, v, changes = data.update, data.dt, data.frozen, data.u, data.v, data.changes
     im = inv_mass[i] + inv_mass[j]
     if im == 0.0:
-        return 0.0, 0.0
+        return 0.0, 0.0, 0.0
     row = row_of(pairs, i, j)
     w = 1.0 - g[3, n] / c[row, CUTOFF]
     ci, cj, ki, kj = data.capacity[i], data.capacity[j], data.curve[i], data.curve[j]
@@ -408,7 +410,7 @@ def _pair_exchange(pairs, data, scratch, n, k, column):
         u[j] -= flow
         changes[i, 0] += flow
         changes[j, 0] -= flow
-    return 0.0, 0.0
+    return 0.0, 0.0, 0.0
 
 
 energy_sweep = over_pairs("energy_sweep", _pair_exchange, first=_gather, last=_scatter)

@@ -4,15 +4,13 @@
 :class:`PairEngine` holds scratch arrays and the pair lists of the last positions it saw, nothing that could not be recomputed.
 """
 
-import logging
-import threading
-
 import numpy as np
 
 from ..errors import RunError
-from ..kernel_cache import cache_folder
 from . import motion
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, Call, Layer, PairSpec
+from .columns import Totals
+from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS, Call, Layer, PairSpec
+from .notice import LOGGER, announced
 from .threads import get_threads
 
 
@@ -25,8 +23,6 @@ class PairEngine:
     ----------
     rates, increments : (N, K) arrays
         What the last call of :meth:`forces` and :meth:`sweep` gave for the fields of the spec (per time, and in all).
-    stress : (6,) array
-        Sum over pairs of r_ij F_ij (xx, yy, zz, xy, xz, yz) of the last call of :meth:`forces` with STRESS.
     body_scale : float
         Factor of forces on single beads.
     number : int
@@ -41,7 +37,6 @@ class PairEngine:
         self._covered = bool(self.lists) and len(self.lists[0].order) == len(spec.types)
         columns = 0 if spec.fields is None else spec.fields.n_values
         self.rates, self.increments = np.zeros((len(spec.types), columns)), np.zeros((len(spec.types), columns))
-        self.stress = np.zeros(6)
         self.number = 0
         self.extras, self.body_scale = [extra.evaluator() for extra in spec.extras], 1.0
         self._x = np.zeros((len(spec.types), 3))
@@ -87,7 +82,23 @@ class PairEngine:
         field_values: np.ndarray | None = None,
         out: np.ndarray | None = None,
     ):
-        """Sum of the chosen terms at the prepared positions.
+        """Energy, forces (N, 3) and virial of the chosen terms at the prepared positions; see :meth:`sums`."""
+        force = np.empty((len(self.spec.types), 3)) if out is None else out
+        found = self.sums(which, v, kT, dt, seed, counter, field_values, force)
+        return found.energy, force, found.virial
+
+    def sums(
+        self,
+        which: int,
+        v: np.ndarray | None,
+        kT: float,
+        dt: float,
+        seed: int,
+        counter: int,
+        field_values: np.ndarray | None = None,
+        out: np.ndarray | None = None,
+    ) -> Totals:
+        """Sums over the chosen terms at the prepared positions.
 
         Parameters
         ----------
@@ -98,38 +109,39 @@ class PairEngine:
 
         Returns
         -------
-        energy : float
-            Conservative energy.
-        force : (N, 3) array
-        virial : float
-            Sum over pairs of r_ij . F_ij, of pair terms alone.
+        Totals
+            The energy is that of all conservative forces; virials are those of pair terms alone, with the tensor if ``which`` has STRESS,
+            and so is the Laplacian.
         """
         force = np.empty((len(self.spec.types), 3)) if out is None else out
         if not self._covered:
             force[...] = 0.0
-        energy = virial = 0.0
+        energy = virial = drag = 0.0
+        stress, laplacian = np.zeros(6) if which & STRESS else None, 0.0 if which & LAPLACIAN else None
         if which & RANDOM and kT == 0.0 and self.spec.fields is None:
             which &= ~RANDOM
         call = Call(which, None if v is None else self.seen(v), kT, dt, seed, counter, field_values)
         self.rates[...] = 0.0
-        self.stress[...] = 0.0
         for number, layer in enumerate(self.layers):
             result = layer.forces(call, force, number > 0)
             if result.rates is not None:
                 self.rates[layer.pairs.order] += result.rates
-            if which & STRESS:
+            if stress is not None:
                 if result.stress is None:
-                    raise RunError("the stress tensor is computed for isothermal DPD terms only")
-                self.stress += result.stress
+                    raise RunError(f"{type(layer).__name__} has no stress tensor")
+                stress += result.stress
+            if laplacian is not None:
+                laplacian += layer.laplacian() if result.laplacian is None else result.laplacian
             energy += result.energy
             virial += result.virial
+            drag += result.drag
         if which & CONSERVATIVE:
             for extra in self.extras:
                 energy += extra.add_to(self._x, self._box, force, self.body_scale)
         if self.spec.fields is not None and which & DISSIPATIVE:
             for source in self.spec.fields.sources:
                 source.add_to(self.rates, self._x, self._box)
-        return energy, force, virial
+        return Totals(energy, virial, drag, stress, laplacian)
 
     def sweep(self, v: np.ndarray, *conditions) -> np.ndarray:
         """Change of the velocities (N, 3) by a sweep; all arguments are those of :meth:`swept`."""
@@ -175,30 +187,23 @@ class PairEngine:
 
 _WARM: set = set()
 
+#: What a table of pair terms is the kernel of.
+_MODELS = {
+    **{"TermTable": "DPD", "ManyBodyTable": "many-body DPD", "EnergyTable": "DPD with internal energies"},
+    **{"ThermalTable": "eDPD", "SpeciesTable": "tDPD"},
+}
 
-#: Where a script learns that it waits for the compiler; logging.getLogger("openmm_dpd").setLevel("ERROR") silences it.
-_LOGGER = logging.getLogger("openmm_dpd")
 
-
-def warm_up(spec: PairSpec, log=_LOGGER.warning) -> None:
-    """Compile all the kernels a run of ``spec`` can need (or load them from the cache), saying so if it takes a while.
-
-    Compiled code is kept in the user's cache folder.
-    """
+def warm_up(spec: PairSpec, log=LOGGER.warning) -> None:
+    """Compile all the kernels a run of ``spec`` can need (or load them from the cache), with a notice for each kind of model."""
     tables = tuple((type(table), bool(np.any(getattr(table, "gamma_perp", 0.0)))) for table in spec.terms)
     kinds = (tables, spec.update, spec.fields and spec.fields.kind, get_threads() > 1)
     if not spec.terms or kinds in _WARM:
         return
-    _WARM.add(kinds)
-    # loading from the cache takes less than that
-    again = "" if cache_folder() is None else "; the next run finds it in the cache"
-    notice = threading.Timer(3.0, log, [f"compiling the pair kernel, which takes some ten seconds{again}"])
-    notice.daemon = True
-    notice.start()
-    try:
+    models = " and ".join(dict.fromkeys(_MODELS.get(type(table).__name__, "pair terms") for table in spec.terms))
+    with announced(models, 20, log):
         _use_all(spec)
-    finally:
-        notice.cancel()
+    _WARM.add(kinds)
 
 
 def _use_all(spec: PairSpec) -> None:
@@ -212,8 +217,7 @@ def _use_all(spec: PairSpec) -> None:
     engine.prepare(np.random.default_rng(0).random((len(few), 3)) * edge, np.diag([edge] * 3))
     # everywhere the same, so that no two beads meet that never would
     field_values = None if fields is None else np.tile(fields.initial[:1], (len(few), 1))
-    for which in (CONSERVATIVE, CONSERVATIVE | DISSIPATIVE | RANDOM):
+    for which in (CONSERVATIVE, CONSERVATIVE | LAPLACIAN, CONSERVATIVE | DISSIPATIVE | RANDOM):
         engine.forces(which, np.zeros((len(few), 3)), 1.0, 1e-6, 0, 0, field_values)
     if spec.sweeps:
         engine.sweep(np.zeros((len(few), 3)), 1.0, 1e-6, 0, 0, field_values)
-    engine.laplacian()

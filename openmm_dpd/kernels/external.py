@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit, prange
 
 from .compiled import serial_and_parallel
+from .elementary import sine
 from .extras import CHUNK, FEW, Evaluator, Extra, energy_chunks, run_terms
 
 UNIFORM, HALVES, SINE = range(3)
@@ -62,7 +63,7 @@ def _sign(place, pattern, origin, period):
     part -= np.floor(part)
     if pattern == HALVES:
         return -1.0 if part >= 0.5 else 1.0
-    return np.sin(2.0 * np.pi * part)
+    return sine(part)
 
 
 def _body_forces(x, beads, vectors, pattern, axis, origin, period, scale, energies, force):

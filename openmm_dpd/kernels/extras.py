@@ -14,6 +14,7 @@ from numba import njit, prange
 
 from ..errors import RunError
 from .compiled import compiled, renamed
+from .notice import LOGGER, announced
 from .threads import dispatch, get_threads
 
 #: Fewer terms than this are not worth waking a second thread for: one takes about 10 ns, waking some 10 us where it goes well.
@@ -194,7 +195,8 @@ def warm_up_extras(extras: Sequence[Extra]) -> None:
     for extra in extras:
         small, x, box = extra.few()
         evaluator = small.evaluator()
-        evaluator.add_to(x, box, np.zeros_like(x), 1.0)
-        if get_threads() > 1 and hasattr(evaluator, "fewest"):
-            evaluator.fewest = 0
+        with announced(f"{extra.term} forces", 25 if extra.term == "electrostatic" else 5, LOGGER.warning):
             evaluator.add_to(x, box, np.zeros_like(x), 1.0)
+            if get_threads() > 1 and hasattr(evaluator, "fewest"):
+                evaluator.fewest = 0
+                evaluator.add_to(x, box, np.zeros_like(x), 1.0)

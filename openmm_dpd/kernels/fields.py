@@ -29,7 +29,7 @@ class FieldSpec:
     kind : str
         ENERGY (columns: conductive, mechanical), TEMPERATURE (one column) or SPECIES (one column each).
     initial : (N, K) array
-        Values at the start; those of immobile beads hold all the time.
+        Values at the start.
     capacity : (N,) array or None
         TEMPERATURE: heat capacities.
     eos : EOSTable or None

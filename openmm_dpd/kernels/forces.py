@@ -13,9 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .columns import approach, clear, deliver, factor_of, gather_and_clear, over_pairs, push, push_apart, row_of, soft
+from .columns import add_stress, approach, clear, deliver, factor_of, gather_and_clear, over_pairs, push, push_apart, row_of, soft
 from .compiled import helper, inlined
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM
+from .elementary import power
+from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS, Sums
 from .noise import draw, normal
 from .pairs import PairList
 
@@ -49,8 +50,6 @@ class Terms(NamedTuple):
     key, rsqrt_dt
         Of the noise.
     coefficients : (T*T, 8) array
-    stress : (columns or 0, 6) array
-        Sums of r F, if they are wanted.
     seen, v, f, out, add
         See :class:`.layer.SortedMotion`.
     """
@@ -60,18 +59,11 @@ class Terms(NamedTuple):
     key: np.uint64
     rsqrt_dt: float
     coefficients: np.ndarray
-    stress: np.ndarray
     seen: np.ndarray
     v: np.ndarray
     f: np.ndarray
     out: np.ndarray
     add: bool
-
-
-@inlined
-def power(w, s):
-    """w^s, cheap for the common exponent 1."""
-    return w if s == 1.0 else w**s
 
 
 @inlined
@@ -136,43 +128,33 @@ def _transverse_force(pairs, data, key, n, i, j):
 
 
 @inlined
-def _add_stress(stress, column, rx, ry, rz, fx, fy, fz):
-    stress[column, 0] += rx * fx
-    stress[column, 1] += ry * fy
-    stress[column, 2] += rz * fz
-    # central forces make these symmetric; transverse ones on average only, and LAMMPS takes this half
-    stress[column, 3] += rx * fy
-    stress[column, 4] += rx * fz
-    stress[column, 5] += ry * fz
-
-
-@inlined
 def _conservative(pairs, data, scratch, n, k, column):
     i, j = pairs.pi[n], pairs.pj[n]
     row = row_of(pairs, i, j)
     radial, energy = soft(factor_of(pairs, n) * data.coefficients[row, A], data.coefficients[row, CUTOFF], pairs.geometry[3, n])
-    return energy, push_apart(pairs, data.f, n, i, j, radial)
+    return energy, push_apart(pairs, data.f, n, i, j, radial), 0.0
 
 
 @inlined
 def _central(pairs, data, scratch, n, k, column):
     i, j, values = pairs.pi[n], pairs.pj[n], scratch.values
-    radial = values[_PUSH, k] - values[_DRAG, k] * approach(pairs, data.v, n, i, j)
-    return values[_ENERGY, k], push_apart(pairs, data.f, n, i, j, radial)
+    drag = values[_DRAG, k] * approach(pairs, data.v, n, i, j)
+    virial = push_apart(pairs, data.f, n, i, j, values[_PUSH, k] - drag)
+    return values[_ENERGY, k], virial, -drag * pairs.geometry[3, n]
 
 
 @inlined
 def _any(pairs, data, scratch, n, k, column):
     i, j, g, values = pairs.pi[n], pairs.pj[n], pairs.geometry, scratch.values
-    radial = values[_PUSH, k] - values[_DRAG, k] * approach(pairs, data.v, n, i, j)
-    virial = push_apart(pairs, data.f, n, i, j, radial)
+    drag = values[_DRAG, k] * approach(pairs, data.v, n, i, j)
+    virial = push_apart(pairs, data.f, n, i, j, values[_PUSH, k] - drag)
     # perpendicular to e: these add nothing to r.F
     tx, ty, tz = _transverse_force(pairs, data, scratch.bits[k], n, i, j)
     push(data.f, i, j, tx, ty, tz)
-    if len(data.stress):
-        r, fx, fy, fz = g[3, n], radial * g[0, n] + tx, radial * g[1, n] + ty, radial * g[2, n] + tz
-        _add_stress(data.stress, column, r * g[0, n], r * g[1, n], r * g[2, n], fx, fy, fz)
-    return values[_ENERGY, k], virial
+    if len(pairs.stress):
+        x, y, z = g[3, n] * g[0, n], g[3, n] * g[1, n], g[3, n] * g[2, n]
+        add_stress(pairs.stress, column, x * tx, y * ty, z * tz, x * ty, x * tz, y * tz)
+    return values[_ENERGY, k], virial, -drag * g[3, n]
 
 
 # the usual cases apart: what need not be asked for each pair is a third of the time
@@ -181,13 +163,15 @@ _central_forces = over_pairs("central_forces", _central, _radial_terms, first=ga
 _any_forces = over_pairs("any_forces", _any, _radial_terms, first=gather_and_clear, last=deliver)
 
 
-def pair_forces(pairs: PairList, terms: Terms, transverse: bool) -> tuple[float, float]:
-    """Compute the forces; returns energy and virial.  ``transverse`` says whether there are transverse terms."""
-    if len(terms.stress):
-        return _any_forces(pairs, terms)
-    if terms.which == CONSERVATIVE:
-        return conservative_forces(pairs, Repulsion(terms.coefficients, *terms[-5:]))
-    return (_any_forces if transverse else _central_forces)(pairs, terms)
+def pair_forces(pairs: PairList, terms: Terms, transverse: bool, more: int) -> Sums:
+    """Compute the forces.  ``transverse`` says whether there are transverse terms, ``more`` whether STRESS and LAPLACIAN are wanted."""
+    if terms.which != CONSERVATIVE:
+        return Sums(*(_any_forces if transverse else _central_forces)(pairs, terms, more & STRESS))
+    given = Repulsion(terms.coefficients, *terms[-5:])
+    if not more & LAPLACIAN:
+        return Sums(*conservative_forces(pairs, given, more & STRESS))
+    found = _curved_forces(pairs, given, more & STRESS)
+    return Sums(found.energy, found.virial, stress=found.stress, laplacian=found.drag)
 
 
 class CoefficientRows(NamedTuple):
@@ -202,12 +186,24 @@ def _pair_laplacian(pairs, data, scratch, n, k, column):
     row = row_of(pairs, i, j)
     rc = data.coefficients[row, CUTOFF]
     if r >= rc:  # a list may reach further
-        return 0.0, 0.0
-    mobile = (pairs.inv_mass[i] > 0.0) + (pairs.inv_mass[j] > 0.0)
-    return mobile * factor_of(pairs, n) * data.coefficients[row, A] * (1.0 / rc - 2.0 * (1.0 - r / rc) / r), 0.0
+        return 0.0, 0.0, 0.0
+    first, second = pairs.inv_mass[i] > 0.0, pairs.inv_mass[j] > 0.0
+    mobile = 2.0 if first and second else 1.0 if first or second else 0.0
+    w = 1.0 - r / rc
+    return mobile * factor_of(pairs, n) * data.coefficients[row, A] * (r - 2.0 * w * rc) / (rc * r), 0.0, 0.0
+
+
+@inlined
+def _curved(pairs, data, scratch, n, k, column):
+    # first: after a force is written all has to be read again
+    laplacian = _pair_laplacian(pairs, data, scratch, n, k, column)[0]
+    energy, virial, _ = _conservative(pairs, data, scratch, n, k, column)
+    return energy, virial, laplacian
 
 
 _laplacian = over_pairs("laplacian", _pair_laplacian, parallel=False)
+# with the Laplacian in the place of the virial of friction
+_curved_forces = over_pairs("curved_forces", _curved, first=clear, last=deliver)
 
 
 def soft_laplacian(pairs: PairList, coefficients: np.ndarray) -> float:
@@ -218,16 +214,20 @@ def soft_laplacian(pairs: PairList, coefficients: np.ndarray) -> float:
     return _laplacian(pairs, CoefficientRows(coefficients))[0]
 
 
+@helper
+def _rare_power(w, s):
+    return power(w, s)
+
+
 @inlined
-def _pair_moment(pairs, data, scratch, n, k, column):
-    c, row, r = data.coefficients, row_of(pairs, pairs.pi[n], pairs.pj[n]), pairs.geometry[3, n]
-    w = power(1.0 - r / c[row, CUTOFF], c[row, EXPONENT])
-    return factor_of(pairs, n) * c[row, GAMMA] * w * w * r * r, 0.0
+def _pair_drag(pairs, data, scratch, n, k, column):
+    i, j, c, r = pairs.pi[n], pairs.pj[n], data.coefficients, pairs.geometry[3, n]
+    row = row_of(pairs, i, j)
+    w, s = 1.0 - r / c[row, CUTOFF], c[row, EXPONENT]
+    w = w if s == 1.0 else _rare_power(w, s)
+    drag = factor_of(pairs, n) * c[row, GAMMA] * w * w * r
+    virial = -drag * approach(pairs, data.v, n, i, j)
+    return drag * r, virial, virial
 
 
-_friction_moment = over_pairs("friction_moment", _pair_moment, parallel=False)
-
-
-def friction_moment(pairs: PairList, coefficients: np.ndarray) -> float:
-    """Sum over pairs of f gamma w^(2s) r^2: a fifteenth of it is the mean stress of an affine shear at rate 1."""
-    return _friction_moment(pairs, CoefficientRows(coefficients))[0]
+friction_sums = over_pairs("friction_sums", _pair_drag, first=gather_and_clear)

@@ -18,6 +18,9 @@ CONSERVATIVE, DISSIPATIVE, RANDOM = 1, 2, 4
 #: Added to them: the sum of r_ij F_ij as a tensor is wanted too.
 STRESS = 8
 
+#: The same for the sum over mobile beads of the Laplacian of the conservative energy, where that is all that is evaluated.
+LAPLACIAN = 16
+
 #: The two pair updates of :mod:`.sweeps`.
 EXACT, SHARDLOW = 0, 1
 
@@ -31,7 +34,7 @@ class Call:
     Attributes
     ----------
     which : int
-        Sum of CONSERVATIVE, DISSIPATIVE, RANDOM, and perhaps STRESS.
+        Sum of CONSERVATIVE, DISSIPATIVE, RANDOM, and perhaps STRESS, LAPLACIAN.
     velocities : (N, 3) array or None
     kT, dt : float
         Thermal energy and time step; noise as a force has the amplitude sigma/sqrt(dt).
@@ -70,16 +73,22 @@ class Sums:
     ----------
     energy, virial : float
         Conservative energy, and the sum over pairs of r_ij . F_ij of the chosen terms.
-    rates : (M, K) array or None
-        Change per time of the per-bead fields (for internal energies: conductive, mechanical), in the order of the pair list.
+    drag : float
+        The part of the virial that the friction has.
     stress : (6,) array or None
         Sum over pairs of r_ij F_ij, components xx, yy, zz, xy, xz, yz; only if asked for, and only of layers that have it.
+    laplacian : float or None
+        If it came with the forces; otherwise :meth:`Layer.laplacian` has it.
+    rates : (M, K) array or None
+        Change per time of the per-bead fields (for internal energies: conductive, mechanical), in the order of the pair list.
     """
 
     energy: float
     virial: float
-    rates: np.ndarray | None = None
+    drag: float = 0.0
     stress: np.ndarray | None = None
+    laplacian: float | None = None
+    rates: np.ndarray | None = None
 
 
 #: Velocities where there is no friction.

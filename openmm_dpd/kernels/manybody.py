@@ -23,12 +23,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import ParameterError
-from ..geometry import symmetric_products
 from .columns import approach, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
 from .compiled import helper, inlined
 from .dpd import SweptLayer
 from .forces import CUTOFF, GAMMA, SIGMA, A
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Layer, PairSpec, Sums, table_of
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, Call, Layer, PairSpec, Sums, table_of
 from .noise import draw
 from .pairs import PairList
 
@@ -101,7 +100,7 @@ class ManyBodyLayer(SweptLayer):
         factor = np.maximum(factor, _NO_FORCE) if table.lucy else factor
         pairs = PairList(spec.types, spec.inv_mass, table.cutoff, (start, bead, factor))
         super().__init__(table, number, pairs, pairs.alike, transverse=False)
-        self._types, self._n_beads = spec.types, len(spec.types)
+        self._n_beads = len(spec.types)
         # the kernels are compiled on a handful of beads, which take the masses of the first ones
         self._mass = np.resize(table.mass, self._n_beads).astype(np.float64)
 
@@ -119,14 +118,6 @@ class ManyBodyLayer(SweptLayer):
         rho[self.pairs.order] = self._sorted_densities(self._at(0.0))
         return rho
 
-    def density_stress(self) -> np.ndarray:
-        """(6,) sums of r F (xx, yy, zz, xy, xz, yz) of the repulsion, f B (rho_i + rho_j) w_d between the beads of a pair, kJ/mol."""
-        rho, table = self.densities, self.table
-        i, j, e, r, factor = self.pairs.listed()
-        B, cutoff = (values[self._types[i], self._types[j]] for values in (table.B, table.cutoff_B))
-        force = factor * B * (rho[i] + rho[j]) * np.maximum(1.0 - r / np.where(cutoff > 0, cutoff, 1e-300), 0.0)
-        return symmetric_products((force * r)[:, None] * e, e)
-
     def forces(self, call: Call, out: np.ndarray, add: bool) -> Sums:
         """Force form at the listed positions, written or added to ``out``."""
         pairs = self.pairs
@@ -136,7 +127,7 @@ class ManyBodyLayer(SweptLayer):
         noise = call.key(self.number), call.rsqrt_dt
         share = 0.5 if self.table.lucy else 0.25
         motion = self._motion.arrays(call, out, add)
-        return Sums(*many_body_forces(pairs, ManyBody(which, *noise, share, coefficients, rho, *motion)))
+        return Sums(*many_body_forces(pairs, ManyBody(which, *noise, share, coefficients, rho, *motion), which & STRESS))
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy; NaN with the Lucy kernel, whose force has no potential."""
@@ -184,7 +175,7 @@ def _pair_density(pairs, data, scratch, n, k, column):
             weight = quadratic_weight(r, h) * factor_of(pairs, n)
             rho[i] += weight
             rho[j] += weight
-    return 0.0, 0.0
+    return 0.0, 0.0, 0.0
 
 
 density_sums = over_pairs("density_sums", _pair_density)
@@ -217,7 +208,7 @@ def _pair_force(pairs, data, scratch, n, k, column):
     i, j, c, which = pairs.pi[n], pairs.pj[n], data.coefficients, data.which
     row, factor, r = row_of(pairs, i, j), factor_of(pairs, n), pairs.geometry[3, n]
     w = 1.0 - r / c[row, CUTOFF]
-    radial, energy = 0.0, 0.0
+    radial, energy, drag = 0.0, 0.0, 0.0
     if which & CONSERVATIVE:
         radial, energy = soft(factor * c[row, A], c[row, CUTOFF], r)
         cutoff_B = c[row, CUTOFF_B]
@@ -227,10 +218,11 @@ def _pair_force(pairs, data, scratch, n, k, column):
             energy += data.share * many * wd * cutoff_B
             radial += many
     if which & DISSIPATIVE:
-        radial -= factor * c[row, GAMMA] * w * w * approach(pairs, data.v, n, i, j)
+        drag = factor * c[row, GAMMA] * w * w * approach(pairs, data.v, n, i, j)
+        radial -= drag
     if which & RANDOM:
         radial += np.sqrt(factor) * data.rsqrt_dt * c[row, SIGMA] * w * scratch.values[3, k]
-    return energy, push_apart(pairs, data.f, n, i, j, radial)
+    return energy, push_apart(pairs, data.f, n, i, j, radial), -drag * r
 
 
 many_body_forces = over_pairs("many_body_forces", _pair_force, _noise, first=gather_and_clear, last=deliver)
@@ -259,7 +251,7 @@ def _pair_laplacian(pairs, data, scratch, n, k, column):
         for a in range(3):
             data.slope[i, a] += scale * g[a, n]
             data.slope[j, a] -= scale * g[a, n]
-    return ((pairs.inv_mass[i] > 0.0) + (pairs.inv_mass[j] > 0.0)) * second, 0.0
+    return ((pairs.inv_mass[i] > 0.0) + (pairs.inv_mass[j] > 0.0)) * second, 0.0, 0.0
 
 
 _laplacian_of_pairs = over_pairs("many_body_laplacian", _pair_laplacian, parallel=False)
@@ -274,4 +266,4 @@ def many_body_laplacian(pairs: PairList, coefficients: np.ndarray, rho: np.ndarr
     """
     slope = np.zeros((len(rho), 3))  # sqrt(2c) grad_i rho_i
     total = _laplacian_of_pairs(pairs, Curvature(coefficients, rho, slope))[0]
-    return total + float(np.sum(slope[pairs.inv_mass > 0.0] ** 2))
+    return total + float(np.sum(slope[pairs.arrays.inv_mass > 0.0] ** 2))

@@ -237,3 +237,19 @@ def largest(v):
         if v[i, 0] + v[i, 1] + v[i, 2] != v[i, 0] + v[i, 1] + v[i, 2]:
             return np.nan
     return most
+
+
+@compiled
+def second_moments(weights, vectors):
+    """(6,) sums over rows of weight a b with the components of a vector: xx, yy, zz, xy, xz, yz."""
+    xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(len(vectors)):
+        x, y, z = vectors[i, 0], vectors[i, 1], vectors[i, 2]
+        wx, wy, wz = weights[i] * x, weights[i] * y, weights[i] * z
+        xx += wx * x
+        yy += wy * y
+        zz += wz * z
+        xy += wx * y
+        xz += wx * z
+        yz += wy * z
+    return np.array([xx, yy, zz, xy, xz, yz])

@@ -10,7 +10,8 @@ distribution function: Gaussian to 1e-6.
 import numpy as np
 from scipy.special import ndtri
 
-from .compiled import helper, inlined
+from .compiled import both, helper, inlined
+from .elementary import exp, log, without_last_bits
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _M1 = np.uint64(0xBF58476D1CE4E5B9)
@@ -23,12 +24,15 @@ _SCALE = 2.0**-52
 #: The upper half of the inverse distribution function lies in this many cells of a cubic polynomial each; the last ones are left to _tail.
 _CELLS, _SMOOTH = 256, 248
 
+#: Bits after the point that values at the edges of cells have.
+ROUNDED = 39
+
 
 def _cubics() -> np.ndarray:
     """(4, cells) coefficients that meet the values and slopes of the inverse distribution function at the edges of the cells."""
     width = 0.5 / _CELLS
-    value = ndtri(0.5 + width * np.arange(_SMOOTH + 1))
-    slope = width * np.sqrt(2 * np.pi) * np.exp(0.5 * value**2)
+    value = without_last_bits(ndtri(0.5 + width * np.arange(_SMOOTH + 1)), ROUNDED)
+    slope = width * np.sqrt(2 * np.pi) * exp(0.5 * value**2)
     rise = np.diff(value)
     first, last = slope[:-1], slope[1:]
     return np.ascontiguousarray(np.array([value[:-1], first, 3 * rise - 2 * first - last, first + last - 2 * rise]).T)
@@ -37,8 +41,9 @@ def _cubics() -> np.ndarray:
 _CUBICS = _cubics()
 
 
-@inlined
-def _mix(z):
+@both
+def mix(z):
+    """A bijection of 64-bit words; of arrays, too."""
     z = (z ^ (z >> _S30)) * _M1
     z = (z ^ (z >> _S27)) * _M2
     return z ^ (z >> _S31)
@@ -48,7 +53,7 @@ def call_key(*words: int) -> np.uint64:
     """Key of one evaluation from numbers between 0 and 2^64: seed, count of the program's own noise counter, and whatever else tells it."""
     mask = (1 << 64) - 1
 
-    def mix(z: int) -> int:
+    def mixed(z: int) -> int:
         z = ((z ^ (z >> 30)) * int(_M1)) & mask
         z = ((z ^ (z >> 27)) * int(_M2)) & mask
         return z ^ (z >> 31)
@@ -56,7 +61,7 @@ def call_key(*words: int) -> np.uint64:
     key = 0
     # one after the other, each through the finaliser, so that no sum of two of them can stand for another
     for word in words:
-        key = mix((key + word + int(_GOLDEN)) & mask)
+        key = mixed((key + word + int(_GOLDEN)) & mask)
     return np.uint64(key)
 
 
@@ -69,7 +74,7 @@ def noise_key(seed: int, counter: int, layer: int, kT: float) -> np.uint64:
 def pair_key(key, low, high):
     """64-bit hash of the pair (low < high, indices of the beads) under the key of this evaluation."""
     pair = (np.uint64(low) << _S32) | np.uint64(high)
-    return _mix(_mix(pair * _GOLDEN + key) + key)
+    return mix(mix(pair * _GOLDEN + key) + key)
 
 
 # The bits of a number: a sign, a cell, and the place in it: the middle of the k-th of 2^52 pieces, never on an edge.
@@ -108,7 +113,7 @@ def _from_tail(bits):
 @inlined
 def normal(key, stream):
     """Standard normal number number ``stream`` (0, 1, ...) of a pair."""
-    bits = key if stream == 0 else _mix(key + np.uint64(stream) * _STREAM)
+    bits = key if stream == 0 else mix(key + np.uint64(stream) * _STREAM)
     return _from_cubic(bits) if np.int64(_cell(bits)) < _SMOOTH else _from_tail(bits)
 
 
@@ -123,7 +128,7 @@ def draw(key, pairs, begin, m, scratch):
         i, j = order[pi[begin + k]], order[pj[begin + k]]
         bits[k] = (np.uint64(min(i, j)) << _S32) | np.uint64(max(i, j))
     for k in range(m):
-        bits[k] = _mix(_mix(bits[k] * _GOLDEN + key) + key)
+        bits[k] = mix(mix(bits[k] * _GOLDEN + key) + key)
     for k in range(m):
         xi[k] = _from_cubic(bits[k])
     # those without a cubic are one in thirty
@@ -138,13 +143,13 @@ def draw(key, pairs, begin, m, scratch):
 @inlined
 def uniform(key, stream):
     """Uniform number between 0 and 1 (neither of them) number ``stream`` of a pair; do not use a stream for two kinds of number."""
-    return (np.float64(_mix(key + np.uint64(stream) * _STREAM) >> _S12) + 0.5) * _SCALE
+    return (np.float64(mix(key + np.uint64(stream) * _STREAM) >> _S12) + 0.5) * _SCALE
 
 
 @helper
 def _tail(p):
     """Normal number that is exceeded with the (small) probability p: Wichura, algorithm AS 241, PPND7, Appl. Stat. 37, 477 (1988)."""
-    r = np.sqrt(-np.log(p))
+    r = np.sqrt(-log(p))
     if r <= 5.0:
         r -= 1.6
         above = ((0.17023821103 * r + 1.3067284816) * r + 2.7568153900) * r + 1.4234372777

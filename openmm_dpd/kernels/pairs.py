@@ -6,6 +6,7 @@ import numpy as np
 
 from ..errors import RunError
 from ..geometry import widths
+from ..wording import bead_number
 from . import cells, listing
 from .threads import dispatch, get_threads
 
@@ -47,8 +48,10 @@ class Pairs(NamedTuple):
         Columns in blocks, blocks in colours.
     start, found : arrays
         Column c has the pairs start[c]:start[c] + found[c].
-    energy, virial : arrays
-        A number for each column, see :mod:`.columns`.
+    sums : (columns, 3) array
+        Energy, virial and virial of the friction of each column, see :mod:`.columns`.
+    stress : (columns, 6) array
+        Its stress tensor; of length 0 where none is asked for.
     """
 
     order: np.ndarray
@@ -64,8 +67,8 @@ class Pairs(NamedTuple):
     colour_start: np.ndarray
     start: np.ndarray
     found: np.ndarray
-    energy: np.ndarray
-    virial: np.ndarray
+    sums: np.ndarray
+    stress: np.ndarray
 
 
 class Scratch(NamedTuple):
@@ -76,8 +79,17 @@ class Scratch(NamedTuple):
     tail: np.ndarray
 
 
+def _without_room(ny: int, nz: int) -> tuple[np.ndarray, ...]:
+    """Columns that have no room for pairs yet: the last items of :class:`Pairs`."""
+    columns = ny * nz
+    return *cells.colours(ny, nz), np.zeros(columns + 1, np.uint64), np.zeros(columns, np.uint64), np.zeros((columns, 3)), np.zeros((0, 6))
+
+
 class PairList:
     """Lists the pairs of beads that are within reach of each other.
+
+    An error, or Ctrl-C, may come before any line.  So arrays that have to fit each other are made first, and taken over together in one
+    statement, with what says which ones they are; after an error the next :meth:`build` goes on with those before or those after it.
 
     Parameters
     ----------
@@ -89,37 +101,38 @@ class PairList:
         Range for each pair of types; 0 means no interaction.
     exceptions : three arrays
         Bonded neighbours in compressed rows: start (N + 1,), bead (E,), factor (E,); start is empty if there are none.
+
+    Attributes
+    ----------
+    arrays : Pairs
+        What the loops over pairs read; not valid any more after the next :meth:`build`.
     """
 
     def __init__(self, types: np.ndarray, inv_mass: np.ndarray, cutoff: np.ndarray, exceptions: Exceptions | None = None):
         self.beads = np.flatnonzero(types >= 0)
         self.ntypes = len(cutoff)
         self.exceptions = no_exceptions() if exceptions is None else exceptions
-        self._shape: tuple[int, int, int] | None = None
-        self._grid: cells.Grid
+        self._grid: cells.Grid | None = None
         self.set_cutoff(cutoff)
         m = len(self.beads)
-        self.order, self.xs = np.zeros(m, np.uint32), np.zeros((3, m + listing.LANES))
-        self.types, self.inv_mass = np.zeros(m, np.int32), np.zeros(m)
+        self.order, self._xs, of_sorted = np.zeros(m, np.uint32), np.zeros((3, m + listing.LANES)), np.zeros(m)
         mine = inv_mass[self.beads]
         #: 1/mass of all the beads if it is the same, otherwise None.
         self.common_inv_mass: float | None = None
         if m and np.all(mine == mine[0]):
-            self.common_inv_mass, self.inv_mass[:] = float(mine[0]), mine[0]
+            self.common_inv_mass, of_sorted[:] = float(mine[0]), mine[0]
         self._of_beads = cells.OfBeads(types[: 0 if self.ntypes == 1 else None], inv_mass[: None if self.common_inv_mass is None else 0])
         self._sorting: cells.CellScratch | None = None
-        # unsigned (like start and found): numba looks out for negative indices otherwise, in every loop over pairs
-        self.pi = self.pj = np.zeros(0, np.uint32)
-        self.geometry, self.factors = np.zeros((4, 0)), np.zeros(0)
-        self._arrays: Pairs | None = None
+        none = np.zeros(0, np.uint32)
+        of_pairs = none, none, np.zeros((4, 0)), np.zeros(0)
+        self.arrays = Pairs(self.order, np.zeros(m, np.int32), of_sorted, self.ntypes, *of_pairs, *_without_room(1, 1))
+        self._shape, self._count = (1, 1, 1), np.zeros(2, np.uint64)
         self._space: listing.ListingSpace | None = None
         self._longest, self._scratch = 0, Scratch(np.empty((0, 4, 0)), np.empty((0, 0), np.uint64), np.empty((0, 0), np.uint32))
 
     def set_cutoff(self, cutoff: np.ndarray) -> None:
         """Another range."""
-        self.cutoff = float(cutoff.max())
-        self._cut2 = np.ascontiguousarray(cutoff.ravel() ** 2)
-        self._grid_box: np.ndarray | None = None
+        self.cutoff, self._cut2, self._grid = float(cutoff.max()), np.ascontiguousarray(cutoff.ravel() ** 2), None
 
     @property
     def alike(self) -> bool:
@@ -128,13 +141,14 @@ class PairList:
 
     def grid(self, x: np.ndarray, box: np.ndarray | None) -> cells.Grid:
         """Cells, no more than twice the beads.  Those of a box are kept for the next call."""
-        if box is not None and self._grid_box is not None and np.all(box == self._grid_box):
-            return self._grid
+        kept = self._grid
+        if box is not None and kept is not None and kept.periodic and np.all(box == kept.box):
+            return kept
         if box is None:
             used = x[self.beads]
             bad = np.flatnonzero(~np.isfinite(used).all(axis=1))
             if len(bad):
-                raise RunError(f"the position of bead {self.beads[bad[0]]} is not finite: {used[bad[0]].tolist()}")
+                raise RunError(f"the position of bead {bead_number(self.beads[bad[0]])} is not finite: {used[bad[0]].tolist()}")
             origin = used.min(axis=0)
             wide = np.maximum(used.max(axis=0) - origin, self.cutoff) * (1 + 1e-9)
             extent = np.diag(wide)
@@ -146,53 +160,50 @@ class PairList:
             ncell[ncell.argmax()] = max(3, int(ncell.max() * 0.8))
         if box is not None and ncell.min() < 3:
             ncell[:] = 1  # too narrow for cells
-        self._grid_box = None if box is None else extent
-        self._grid = cells.Grid(extent, origin, box is not None, *(int(n) for n in ncell))
-        return self._grid
+        self._grid = grid = cells.Grid(extent, origin, box is not None, *(int(n) for n in ncell))
+        return grid
 
     def _resize(self, shape: tuple[int, int, int]) -> None:
-        if shape == self._shape:
-            return
-        nx, ny, nz = self._shape = shape
-        self.count = np.zeros(nx * ny * nz + 1, np.uint64)
-        self.columns, self.block_start, self.colour_start = cells.colours(ny, nz)
-        self.found = np.zeros(ny * nz, np.uint64)
-        self.energy, self.virial = np.zeros(ny * nz), np.zeros(ny * nz)
-        self.start = np.zeros(ny * nz + 1, np.uint64)
-        self._arrays = None
+        if shape != self._shape:
+            nx, ny, nz = shape
+            resized, count = Pairs(*self.arrays[:8], *_without_room(ny, nz)), np.zeros(nx * ny * nz + 1, np.uint64)
+            self.arrays, self._count, self._shape = resized, count, shape
 
     def _make_room(self) -> None:
         """Give every column an eighth more room than it needed, and never less than it had: columns fluctuate."""
-        self.start[1:] = np.cumsum(np.maximum(np.diff(self.start), self.found + self.found // 8 + 48))
-        room, self._longest = int(self.start[-1]), int(np.diff(self.start).max())
-        self.pi, self.pj = np.empty(room, np.uint32), np.empty(room, np.uint32)
-        self.geometry = np.empty((4, room))
-        self.factors = np.empty(room if len(self.exceptions[0]) else 0)
-        self._arrays = None
+        found, start = self.arrays.found, np.zeros_like(self.arrays.start)
+        start[1:] = np.cumsum(np.maximum(np.diff(self.arrays.start), found + found // 8 + 48))
+        room, longest = int(start[-1]), int(np.diff(start).max())
+        # unsigned (like start and found): numba looks out for negative indices otherwise, in every loop over pairs
+        pi, pj, geometry = np.empty(room, np.uint32), np.empty(room, np.uint32), np.empty((4, room))
+        factors = np.empty(room if len(self.exceptions[0]) else 0)
+        roomy = self.arrays._replace(start=start, pi=pi, pj=pj, geometry=geometry, factors=factors)
+        self.arrays, self._longest = roomy, longest
 
     def bin(self, x: np.ndarray, grid: cells.Grid, chunks: int) -> None:
         """Sort the beads into cells; the threads share them in so many chunks, whose counts are summed by one thread."""
-        sizes = chunks, len(self.count) - 1
+        sizes = chunks, len(self._count) - 1
         if self._sorting is None or self._sorting.place.shape != sizes:
             self._sorting = cells.scratch_for(len(self.beads), *sizes)
-        out = self.count, self.order, self.xs, self.types, self.inv_mass
+        out = self._count, self.order, self._xs, self.arrays.types, self.arrays.inv_mass
         bad = dispatch(cells.bin_beads, cells.bin_beads_parallel, x, self.beads, self._of_beads, grid, self._sorting, *out)
         if bad >= 0:
-            raise RunError(f"the position of bead {bad} is not finite: {x[bad].tolist()}")
+            raise RunError(f"the position of bead {bead_number(bad)} is not finite: {x[bad].tolist()}")
 
     def list(self, grid: cells.Grid, parts: int) -> None:
         """List the pairs of the sorted beads; the threads share the columns in so many parts."""
         rule = listing.Rule(self._cut2, self.cutoff**2, self.ntypes, *self.exceptions)
-        beads = self.xs, self.order, self.types
-        most = listing.beads_near(self.count, grid)
+        beads = self._xs, self.order, self.arrays.types
+        most = listing.beads_near(self._count, grid)
         if self._space is None or self._space.own.shape != (parts, grid.nx + 3) or self._space.bead.shape[1] < most + 64:
             self._space = listing.space_for(parts, grid.nx, most + most // 4)
         while True:
-            out = listing.Found(self.start, self.found, self.pi, self.pj, self.geometry, self.factors)
+            now = self.arrays
+            out = listing.Found(now.start, now.found, now.pi, now.pj, now.geometry, now.factors)
             if grid.periodic and (grid.nx, grid.ny, grid.nz) == (1, 1, 1):
                 enough = listing.list_pairs_small_box(*beads, grid.box, rule, out)
             else:
-                enough = dispatch(listing.list_pairs, listing.list_pairs_parallel, *beads, self.count, grid, rule, self._space, out)
+                enough = dispatch(listing.list_pairs, listing.list_pairs_parallel, *beads, self._count, grid, rule, self._space, out)
             if enough:
                 return
             self._make_room()
@@ -202,17 +213,7 @@ class PairList:
         grid = self.grid(x, box)
         self._resize((grid.nx, grid.ny, grid.nz))
         self.bin(x, grid, min(get_threads(), 8))
-        self.list(grid, min(get_threads(), len(self.found)))
-
-    @property
-    def arrays(self) -> Pairs:
-        """What the loops over pairs read; not valid any more after the next :meth:`build`."""
-        if self._arrays is None:
-            of_beads = self.order, self.types, self.inv_mass, self.ntypes
-            of_pairs = self.pi, self.pj, self.geometry, self.factors
-            of_columns = self.columns, self.block_start, self.colour_start, self.start, self.found, self.energy, self.virial
-            self._arrays = Pairs(*of_beads, *of_pairs, *of_columns)
-        return self._arrays
+        self.list(grid, min(get_threads(), len(self.arrays.found)))
 
     @property
     def scratch(self) -> Scratch:
@@ -225,12 +226,13 @@ class PairList:
 
     def listed(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | float]:
         """Beads i and j, directions e (P, 3), distances and factors of all pairs."""
-        rows = self.rows
-        e, r = self.geometry[:3, rows].T, self.geometry[3, rows]
-        return self.order[self.pi[rows]], self.order[self.pj[rows]], e, r, self.factors[rows] if len(self.factors) else 1.0
+        rows, now = self.rows, self.arrays
+        e, r = now.geometry[:3, rows].T, now.geometry[3, rows]
+        return self.order[now.pi[rows]], self.order[now.pj[rows]], e, r, now.factors[rows] if len(now.factors) else 1.0
 
     @property
     def rows(self) -> np.ndarray:
         """Numbers of all pairs, in the order in which a loop meets them (see :mod:`.columns`)."""
-        ranges = zip(self.start[self.columns].tolist(), self.found[self.columns].tolist(), strict=True)
+        columns = self.arrays.columns
+        ranges = zip(self.arrays.start[columns].tolist(), self.arrays.found[columns].tolist(), strict=True)
         return np.concatenate([np.arange(begin, begin + count) for begin, count in ranges])

@@ -12,7 +12,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from .columns import clear, deliver, factor_of, over_pairs, push_apart
+from .columns import Totals, clear, deliver, factor_of, over_pairs, push_apart
 from .compiled import helper, inlined
 from .pairs import Exceptions, PairList, no_exceptions
 
@@ -134,7 +134,7 @@ def _radial_pair(pairs, data, scratch, n, k, column):
     else:
         energy, size = _cubic(r, data.start[table], data.start[table + 1] - 1, data.knots, data.cubics)
     factor = factor_of(pairs, n)
-    return factor * energy, push_apart(pairs, data.f, n, i, j, factor * size)
+    return factor * energy, push_apart(pairs, data.f, n, i, j, factor * size), 0.0
 
 
 radial_forces = over_pairs("radial_forces", _radial_pair, first=clear, last=deliver)
@@ -157,7 +157,15 @@ class RadialEvaluator:
         RunError
             If a position is not finite.
         """
+        return self._sums(x, box, force).energy
+
+    def stress(self, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
+        """(6,) sums of r F (xx, yy, zz, xy, xz, yz) at the positions x; RunError as :meth:`add_to`."""
+        found = self._sums(x, box, np.zeros_like(x), tensor=True).stress
+        return np.zeros(6) if found is None else found
+
+    def _sums(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, tensor: bool = False) -> Totals:
         if not len(self._pairs.beads):
-            return 0.0
+            return Totals(0.0, 0.0, 0.0)
         self._pairs.build(x, box)
-        return radial_forces(self._pairs, self._potential._replace(out=force))[0]
+        return radial_forces(self._pairs, self._potential._replace(out=force), tensor)

@@ -21,7 +21,8 @@ import numpy as np
 
 from ..errors import RunError
 from ..geometry import minimum_images
-from .columns import over_pairs
+from ..wording import bead_names, in_length
+from .columns import add_stress, over_pairs
 from .compiled import helper, inlined
 from .pairs import PairList, compressed_exceptions, no_exceptions
 
@@ -153,7 +154,7 @@ def _share(f, i, s, fx, fy, fz):
 
 @inlined
 def _contact(pairs, data, scratch, n, k, column):
-    i, j, g, arm, stress = pairs.pi[n], pairs.pj[n], pairs.geometry, data.arm, data.stress
+    i, j, g, arm = pairs.pi[n], pairs.pj[n], pairs.geometry, data.arm
     dx, dy, dz = g[3, n] * g[0, n], g[3, n] * g[1, n], g[3, n] * g[2, n]
     s, t = 0.0, 0.0
     if data.rule == NEAREST:
@@ -165,23 +166,18 @@ def _contact(pairs, data, scratch, n, k, column):
     dz += s * arm[i, 2] - t * arm[j, 2]
     d = np.sqrt(dx * dx + dy * dy + dz * dz)
     if d >= data.cutoff:
-        return 0.0, 0.0
+        return 0.0, 0.0, 0.0
     w = 1.0 - d / data.cutoff
     energy = 0.5 * data.A * data.cutoff * w * w
     if d < D_MIN:
-        return energy if data.rule == NEAREST else 0.0, 0.0
+        return energy if data.rule == NEAREST else 0.0, 0.0, 0.0
     radial = data.A * w / d
     fx, fy, fz = radial * dx, radial * dy, radial * dz
     # the shares of F at both ends of a segment have the contact point as their centre
-    stress[column, 0] += dx * fx
-    stress[column, 1] += dy * fy
-    stress[column, 2] += dz * fz
-    stress[column, 3] += dx * fy
-    stress[column, 4] += dx * fz
-    stress[column, 5] += dy * fz
+    add_stress(data.stress, column, dx * fx, dy * fy, dz * fz, dx * fy, dx * fz, dy * fz)
     _share(data.f, i, s, fx, fy, fz)
     _share(data.f, j, t, -fx, -fy, -fz)
-    return energy, radial * d * d
+    return energy, radial * d * d, 0.0
 
 
 segment_forces = over_pairs("segment_forces", _contact)
@@ -219,6 +215,7 @@ class SegmentEngine:
             last_x, last_box, result = self._last
             if np.array_equal(x, last_x) and (box is None or np.array_equal(box, last_box)):  # type: ignore[arg-type]
                 return result
+        self._last = None  # the stress is written on the way
         result = self._evaluate(x, box)
         self._last = x.copy(), None if box is None else box.copy(), result
         return result
@@ -236,12 +233,12 @@ class SegmentEngine:
         length2 = np.sum(arm * arm, axis=1)
         if not np.all(np.isfinite(length2)):
             i, j = spec.pairs[int(np.argmin(np.isfinite(length2)))]
-            raise RunError(f"the position of bead {i} or {j} is not finite")
+            raise RunError(f"the position of one of the {bead_names(i, j)} is not finite")
         self._set_reach(float(np.sqrt(length2.max(initial=0.0))), box)
         pairs.build(first + 0.5 * arm, box)
         sorted_arm = np.take(arm, pairs.order, axis=0)
-        f, stress = np.zeros((len(arm), 6)), np.zeros((len(pairs.found), 6))
-        energy, _ = segment_forces(pairs, Contacts(spec.rule, spec.A, spec.cutoff, sorted_arm, f, stress))
+        f, stress = np.zeros((len(arm), 6)), np.zeros((len(pairs.arrays.found), 6))
+        energy = segment_forces(pairs, Contacts(spec.rule, spec.A, spec.cutoff, sorted_arm, f, stress)).energy
         on_beads = np.empty_like(f)
         on_beads[pairs.order] = f
         force = np.empty((spec.n_beads, 3))
@@ -256,9 +253,9 @@ class SegmentEngine:
         reach = spec.cutoff if spec.rule == MID else spec.cutoff + longest
         if box is not None and reach > 0.5 * box.diagonal().min() * (1 + 1e-9):
             raise RunError(
-                f"segmental repulsion reaches over half the box: the range of {spec.cutoff:g} nm"
-                + (f" and the longest bond of {longest:g} nm" if spec.rule != MID else "")
-                + f" in a box of {box.diagonal().tolist()} nm"
+                f"segmental repulsion reaches over half the box: the range of {in_length(spec.cutoff)}"
+                + (f" and the longest bond of {in_length(longest)}" if spec.rule != MID else "")
+                + f" in a box of {' x '.join(map(in_length, box.diagonal()))}"
             )
         # in steps of 1/8: the cells of the list are made anew whenever this changes
         reach = spec.cutoff * (1.0 if spec.rule == MID else 1.0 + np.ceil(8.0 * longest / spec.cutoff + 1e-9) / 8.0)

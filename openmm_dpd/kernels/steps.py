@@ -13,8 +13,10 @@ import numpy as np
 
 from ..errors import RunError
 from ..names import ACCELERATION, PREDICTED, RATES, SHOWN, VELOCITY
+from ..signals import CTRL_C
 from . import motion
-from .engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
+from .columns import Totals
+from .engine import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, PairEngine
 from .sweeps import EXACT, SHARDLOW
 
 #: Pair updates of the letters that sweep.
@@ -157,8 +159,12 @@ class StepLoop:
         self.inv_mass, self._inv_mass = pairs.inv_mass, np.repeat(pairs.inv_mass, 3)
         self.still = np.flatnonzero(self.inv_mass == 0.0)
         self.force = np.zeros((len(pairs.types), 3))
-        #: which list of the engine the force belongs to
-        self.forced = -1
+        #: which list of the engine the force and its sums belong to: the conservative one, or all where friction is a force
+        self.forced, self._summed, self.totals = -1, 0, Totals(0.0, 0.0, 0.0)
+        #: the moment after the last step, None where there is none; whether the forces of last steps are summed with their stress tensor
+        self.moment: Moment | None = None
+        self.tensor = False
+        self._last = False
         #: whether the lists of the engine are those of the moment's positions
         self.placed = False
 
@@ -184,9 +190,11 @@ class StepLoop:
         before, after = self.spec.slow_kicks
         done = 0
         try:
+            self.moment = None
             self.placed = self.engine.holds(moment.x, moment.box)
             force = None
             for done in range(n):
+                CTRL_C.check()
                 if slow is not None and moment.slow_step == 0 and before:
                     force = slow(moment, done) if force is None else force
                     if self.spec.predicts and (moment.acc is None or self.spec.foresees):
@@ -195,6 +203,7 @@ class StepLoop:
                     motion.kick(moment.v, force, self.spec.mass, before * moment.dt)
                 if done and moment.values is not None:
                     motion.fields_as_shown(moment.x, moment.values, self.spec.field_shown, self.inv_mass)
+                self._last = done + 1 == n
                 step(moment, bool(done) or not shown)
                 if shown:
                     continue
@@ -205,6 +214,7 @@ class StepLoop:
                         motion.kick(moment.v, force, self.spec.mass, after * moment.dt)
             if self.placed:
                 self.engine.keep()
+            self.moment = moment
         except RunError as error:
             error.steps_done = done  # type: ignore[attr-defined]
             raise
@@ -261,9 +271,18 @@ class StepLoop:
     def _conserve(self, m: Moment) -> None:
         """Conservative force at x, unless it is there already."""
         self._place(m)
-        if self.forced != self.engine.number:
-            self.engine.forces(CONSERVATIVE, None, 0.0, 1.0, 0, 0, m.values, self.force)
-            self.forced = self.engine.number
+        self.conserve(m.values)
+
+    def conserve(self, values: np.ndarray | None, more: int = 0) -> Totals:
+        """Conservative force at the listed positions and its sums, STRESS and LAPLACIAN as well if asked for, unless they are there."""
+        if self.forced != self.engine.number or more & ~self._summed:
+            self._sum(CONSERVATIVE | more, None, 0.0, 1.0, 0, 0, values)
+        return self.totals
+
+    def _sum(self, which: int, v: np.ndarray | None, kT: float, dt: float, seed: int, counter: int, values: np.ndarray | None) -> None:
+        self.forced = -1  # until all of it is there
+        self.totals = self.engine.sums(which, v, kT, dt, seed, counter, values, self.force)
+        self.forced, self._summed = self.engine.number, which
 
     def _sweep(self, m: Moment, part: float, update: int) -> None:
         self._place(m)
@@ -332,7 +351,7 @@ class StepLoop:
         assert m.acc is not None
         self._place(m)
         which = CONSERVATIVE | DISSIPATIVE | RANDOM
-        self.engine.forces(which, v, m.kT, m.dt, m.seed, m.counter, values, self.force)
+        self._sum(which | STRESS * (self.tensor and self._last), v, m.kT, m.dt, m.seed, m.counter, values)
         motion.accelerate(m.acc.ravel(), m.v.ravel(), self.force.ravel(), self._inv_mass, kick)
         if values is not None:
             m.rates = np.where(self.inv_mass[:, None] > 0.0, self.engine.rates, 0.0)

@@ -11,13 +11,15 @@ is the closed form of Shardlow's two halves (Shardlow, SIAM J. Sci. Comput. 24, 
 equals the first with q = (1 - x/2)/(1 + x/2).
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from .columns import approach, change, factor_of, over_pairs, row_of
 from .compiled import helper, inlined
-from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, GAMMA, GAMMA_PERP, power
+from .elementary import exp, power
+from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, GAMMA, GAMMA_PERP
 from .layer import EXACT, SHARDLOW
 from .noise import draw, normal
 from .pairs import PairList
@@ -75,12 +77,13 @@ def decay(update, x):
     """1 - q: the part of a relative velocity that one update with x = g im dt takes away."""
     if update != EXACT:
         return x / (1.0 + 0.5 * x)
-    return -np.expm1(-x) if x > 0.5 else _decay_below_half(x)
+    return 1.0 - exp(-x) if x > 0.5 else _decay_below_half(x)
 
 
 def halvings(update: int, x: float) -> int:
     """How often x has to be halved to be 0.5 at most, if the update has to know."""
-    return int(np.ceil(np.log2(2.0 * min(x, 1e9)))) if update == EXACT and x > 0.5 else 0
+    part, exponent = math.frexp(min(x, 1e9))
+    return exponent + (part > 0.5) if update == EXACT and x > 0.5 else 0
 
 
 @helper
@@ -161,7 +164,7 @@ def _central(pairs, data, scratch, n, k, column):
     di, dj = impulse * pairs.inv_mass[i], impulse * pairs.inv_mass[j]
     v[i, 0], v[i, 1], v[i, 2] = xi + di * ex, yi + di * ey, zi + di * ez
     v[j, 0], v[j, 1], v[j, 2] = xj - dj * ex, yj - dj * ey, zj - dj * ez
-    return 0.0, 0.0
+    return 0.0, 0.0, 0.0
 
 
 @inlined
@@ -170,7 +173,7 @@ def _any(pairs, data, scratch, n, k, column):
     impulse = scratch.values[_KICK, k] - scratch.values[_LOST, k] * approach(pairs, v, n, i, j)
     tx, ty, tz = _transverse_impulse(pairs, data, scratch.bits[k], n, i, j)
     change(v, i, j, inv_mass[i], inv_mass[j], impulse * g[0, n] + tx, impulse * g[1, n] + ty, impulse * g[2, n] + tz)
-    return 0.0, 0.0
+    return 0.0, 0.0, 0.0
 
 
 @helper

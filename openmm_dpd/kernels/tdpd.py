@@ -18,7 +18,7 @@ from . import forces
 from .columns import approach, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
 from .compiled import inlined
 from .edpd import clamped
-from .forces import power
+from .elementary import power
 from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
 from .noise import normal, pair_key
 from .pairs import PairList
@@ -75,8 +75,9 @@ class SpeciesLayer:
         rates = np.zeros(concentrations.shape)
         noise = call.key(self.number), call.rsqrt_dt
         of_beads = concentrations, rates, *self._motion.arrays(call, out, add)
-        energy, virial = species_forces(pairs, Diffusion(call.which, call.kT, *noise, self.coefficients, self.exchange, *of_beads))
-        return Sums(energy, virial, rates)
+        given = Diffusion(call.which, call.kT, *noise, self.coefficients, self.exchange, *of_beads)
+        found = species_forces(pairs, given)
+        return Sums(found.energy, found.virial, found.drag, rates=rates)
 
     def sweep(self, call: Call, v: np.ndarray, increments: np.ndarray | None) -> None:
         """There is no sweep form."""
@@ -110,7 +111,7 @@ def _pair_diffusion(pairs, data, scratch, n, k, column):
     i, j, order, c, which, rates = pairs.pi[n], pairs.pj[n], pairs.order, data.c, data.which, data.rates
     coefficients, exchange = data.coefficients, data.exchange
     row, r = row_of(pairs, i, j), pairs.geometry[3, n]
-    pair, energy, virial = data.key, 0.0, 0.0
+    pair, energy, virial, drag = data.key, 0.0, 0.0, 0.0
     if which & RANDOM:
         pair = pair_key(data.key, min(order[i], order[j]), max(order[i], order[j]))
     if r < coefficients[row, CUTOFF]:
@@ -121,7 +122,8 @@ def _pair_diffusion(pairs, data, scratch, n, k, column):
         if which & CONSERVATIVE:
             radial, energy = soft(factor * coefficients[row, A], coefficients[row, CUTOFF], r)
         if which & DISSIPATIVE:
-            radial -= friction * approach(pairs, data.v, n, i, j)
+            drag = friction * approach(pairs, data.v, n, i, j)
+            radial -= drag
         if which & RANDOM:
             radial += np.sqrt(2.0 * data.kT * friction) * data.rsqrt_dt * normal(pair, MOTION)
         virial = push_apart(pairs, data.f, n, i, j, radial)
@@ -138,7 +140,7 @@ def _pair_diffusion(pairs, data, scratch, n, k, column):
                 flux += exchange[row, s, 1] * weight * (c[i, s] + c[j, s]) * scale * xi
             rates[i, s] += flux
             rates[j, s] -= flux
-    return energy, virial
+    return energy, virial, -drag * r
 
 
 species_forces = over_pairs("species_forces", _pair_diffusion, first=gather_and_clear, last=deliver)

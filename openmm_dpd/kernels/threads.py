@@ -37,6 +37,8 @@ def get_threads() -> int:
     """Number of threads the pair kernel uses."""
     if _thread_count is not None:
         return _thread_count
+    if _MOST_THREADS == 1:
+        return 1
     available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return max(1, min(available, _MOST_THREADS))
 
@@ -93,8 +95,8 @@ _CHOSEN = _Chosen()
 
 def dispatch(serial, parallel, *arguments):
     """Call the parallel version under the lock, with the right number of threads, or the serial one (also if there is no parallel one)."""
-    threads = get_threads()
-    if threads == 1 or parallel is None or time.perf_counter() < _WATCH.until:
+    threads = 1 if parallel is None else get_threads()
+    if threads == 1 or time.perf_counter() < _WATCH.until:
         return serial(*arguments)
     with _PARALLEL_LOCK:
         if _CHOSEN.threads != threads:

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .compiled import compiled, helper, inlined
+from .elementary import exp
 from .lanes import LANES, floor, load_lanes, splat, store_lanes, total
 
 #: Charges are dealt with in such strips: two vectors at once.
@@ -62,7 +63,8 @@ class Waves(NamedTuple):
         """All waves of a box up to a limit (1/nm) with the splitting parameter alpha (1/nm) and the Coulomb constant (kJ/mol nm)."""
         # the longest n of a wave within the limit: n_a = k.a/(2 pi)
         most = np.floor(k_max / (2 * math.pi) * np.linalg.norm(box, axis=1)).astype(np.int64)
-        recip = np.ascontiguousarray(np.linalg.inv(box).T)
+        a, b, c = box
+        recip = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)]) / np.prod(np.diag(box))
         blocks = np.zeros(((most[2] + 1) * (2 * most[1] // LANES + 2), 4), np.int64)
         depth = np.zeros(LANES * len(blocks), np.int64)
         n_blocks, rows = _blocks(most, recip, k_max, blocks, depth)
@@ -134,7 +136,7 @@ def _weigh(recip, k_max, alpha, scale, blocks, weights):
                         k2 += k * k
                     if k2 > k_max * k_max:
                         continue
-                    weight = 4.0 * np.pi * scale * np.exp(-k2 / (4.0 * alpha * alpha)) / k2
+                    weight = 4.0 * np.pi * scale * exp(-k2 / (4.0 * alpha * alpha)) / k2
                     weights[at + LANES * side + lane] = weight
                     weights[at + LANES * (2 + side) + lane] = weight * (1.0 - k2 / (2.0 * alpha * alpha))
 

@@ -5,7 +5,6 @@ from .record import (
     KINDS as KINDS,
     BeadData as BeadData,
     Kind as Kind,
-    Overlay as Overlay,
     Resolved as Resolved,
     kind_for as kind_for,
     register as register,

@@ -42,7 +42,7 @@ register(
         terms=_terms,
         potential=dpd_expression,
         why_not_native=_why_not_native,
-        stress_terms=lambda table: table,
+        has_stress=True,
         beside_atoms=True,
         thermostat=True,
         frictions=_frictions,

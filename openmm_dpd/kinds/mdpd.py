@@ -1,10 +1,7 @@
 """Many-body DPD."""
 
-import numpy as np
-
 from ..forces.manybody import attraction_expression, density_force
-from ..kernels.dpd import TermTable
-from ..kernels.manybody import ManyBodyLayer, ManyBodyTable
+from ..kernels.manybody import ManyBodyTable
 from ..model.mdpd import MDPD, check_many_body, why_no_openmm_force
 from ..model.pairs import NONE
 from ..model.scene import Scene
@@ -27,12 +24,6 @@ def _why_kernel_only(table: Resolved, scene: Scene, exceptions: dict[tuple[int, 
     return reason
 
 
-def _attraction_terms(table: ManyBodyTable) -> TermTable:
-    """Attraction and friction, which are those of DPD."""
-    one, zero = np.ones_like(table.A), np.zeros_like(table.A)
-    return TermTable(table.A, table.gamma, np.full_like(table.A, np.nan), zero, one, one, table.cutoff)
-
-
 _NO_POTENTIAL = "the many-body force of the Lucy kernel derives from no potential"
 
 register(
@@ -43,8 +34,7 @@ register(
         density_force=density_force,
         why_kernel_only=_why_kernel_only,
         why_no_laplacian=lambda table: _NO_POTENTIAL if check_many_body(table).kernel == "lucy" else None,
-        stress_terms=_attraction_terms,
-        more_stress=ManyBodyLayer.density_stress,
+        has_stress=True,
         has_densities=True,
     )
 )

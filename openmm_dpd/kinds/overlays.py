@@ -6,18 +6,13 @@ from ..forces.expressions import type_pairs
 from ..forces.overlays import energy_spline, lennard_jones_expression, lennard_jones_shift, tabulated_expression
 from ..kernels.radial import Tables
 from ..model.pairs import LennardJones, TabulatedPair
-from .record import Curves, Kind, Overlay, Resolved, register
+from .record import Curves, Kind, Resolved, register
 
 
 def _lennard_jones_curves(table: Resolved, names: list[str]) -> Curves:
     columns = (lambda c: c.epsilon, lambda c: c.sigma, lennard_jones_shift)
     values = np.stack([type_pairs(table, names, column, 0.0) for column in columns], axis=-1)
     return Curves(np.full(values.shape[:2], -1, np.int64), np.ascontiguousarray(values), Tables.of([]))
-
-
-def _lennard_jones_virial(c: LennardJones, r: np.ndarray) -> np.ndarray:
-    s6 = (c.sigma / r) ** 6
-    return 24.0 * c.epsilon * (2.0 * s6 * s6 - s6)
 
 
 def _tabulated_curves(table: Resolved, names: list[str]) -> Curves:
@@ -28,13 +23,9 @@ def _tabulated_curves(table: Resolved, names: list[str]) -> Curves:
     return Curves(which, np.zeros((*which.shape, 3)), Tables.of([(spline.x, spline.c) for spline in splines]))
 
 
-def _tabulated_virial(c: TabulatedPair, r: np.ndarray) -> np.ndarray:
-    return -r * energy_spline(c)(np.maximum(r, c.distances[0]), 1)
-
-
 for _coefficient, _overlay, _potential in (
-    (LennardJones, Overlay(_lennard_jones_curves, _lennard_jones_virial), lennard_jones_expression),
-    (TabulatedPair, Overlay(_tabulated_curves, _tabulated_virial), tabulated_expression),
+    (LennardJones, _lennard_jones_curves, lennard_jones_expression),
+    (TabulatedPair, _tabulated_curves, tabulated_expression),
 ):
     register(
         Kind(

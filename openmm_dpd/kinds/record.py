@@ -10,7 +10,6 @@ import openmm
 
 from ..errors import ParameterError
 from ..forces.expressions import PairExpression
-from ..kernels.dpd import TermTable
 from ..kernels.fields import FieldSpec
 from ..kernels.layer import Table
 from ..kernels.radial import Tables
@@ -37,22 +36,6 @@ class Curves(NamedTuple):
     tables: Tables
 
 
-@dataclass(frozen=True)
-class Overlay:
-    """A radial potential without friction, beside the DPD terms.
-
-    Attributes
-    ----------
-    curves : function of (resolved table, names of types)
-        The kernel's form.
-    virial : function of (coefficient, distances)
-        -r dU/dr below the cutoff, for the stress tensor.
-    """
-
-    curves: Callable[[Resolved, list[str]], Curves]
-    virial: Callable[[Any, np.ndarray], np.ndarray]
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Kind:
     """One kind of pair coefficients.
@@ -65,8 +48,8 @@ class Kind:
         A frozen dataclass of :mod:`openmm_dpd.model`, a :class:`~openmm_dpd.model.pairs.PairCoefficient`.
     terms : function of (resolved table, BeadData), optional
         The coefficients as the pair kernel's table, which makes the layer that evaluates them; or else
-    overlay : Overlay, optional
-        what makes it a radial potential beside the pair terms.
+    overlay : function of (resolved table, names of types), optional
+        what makes it a radial potential without friction beside the pair terms: the kernel's form.
     potential : function of (resolved table, names of types), optional
         The conservative force, or its radial part, as an OpenMM expression.
     density_force : function of (resolved table, names, type numbers, excluded pairs, periodic), optional
@@ -83,10 +66,8 @@ class Kind:
         Why OpenMM's DPDIntegrator cannot apply its friction, a part of a sentence, or None.
     why_no_laplacian : function of a resolved table
         Why there is no Laplacian of the potential, hence no configurational temperature, or None.
-    stress_terms : function of a kernel table, optional
-        The same terms, or what the engine can sum the stress tensor of, as a table of isothermal DPD.
-    more_stress : function of a layer, optional
-        (6,) parts of the stress tensor that these terms leave out.
+    has_stress : bool
+        Whether its layers sum stress tensors.
     has_densities : bool
         Whether its layers have local densities of the beads.
     beside_atoms : bool
@@ -102,7 +83,7 @@ class Kind:
 
     coefficient: type[PairCoefficient]
     terms: Callable[[Resolved, BeadData], Table] | None = None
-    overlay: Overlay | None = None
+    overlay: Callable[[Resolved, list[str]], Curves] | None = None
     potential: Callable[[Resolved, list[str]], PairExpression] | None = None
     density_force: Callable[..., openmm.Force] | None = None
     why_kernel_only: Callable[[Resolved, Scene, dict[tuple[int, int], float], str | None], str | None] | None = None
@@ -111,8 +92,7 @@ class Kind:
     no_sweep: str | None = None
     why_not_native: Callable[[Any], str | None] | None = None
     why_no_laplacian: Callable[[Resolved], str | None] = lambda _: None
-    stress_terms: Callable[[Any], TermTable] | None = None
-    more_stress: Callable[[Any], np.ndarray] | None = None
+    has_stress: bool = False
     has_densities: bool = False
     beside_atoms: bool = False
     thermostat: bool = False

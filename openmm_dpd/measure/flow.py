@@ -8,16 +8,13 @@ from ..analysis.viscosity import VelocityProfile
 from ..built import BuiltSystem
 from ..cadence import Cadence
 from ..errors import ParameterError
-from ..kernels.engine import DISSIPATIVE
+from ..kernels.layer import STRESS
 from ..model.flow import AXES, require_plain_axis
 from ..stats import block_average
 from ..units import whole_number
-from .kinetic_stress import kinetic_stress_of, needs_forces, on_step_velocities
+from .kinetic_stress import needs_forces
 from .observer import require_built
-from .stress_sums import StressSums
-from .temperature import noise_state
-
-_NM = unit.nanometer
+from .present import Present, require_stress
 
 #: Components of a stress tensor, in this order.
 COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
@@ -32,11 +29,6 @@ class _Reporter(Cadence):
             raise ParameterError(f"{type(self).__name__} knows the terms of a scene alone, not those of a System made elsewhere")
         super().__init__(interval, "samples")
         self.built = built
-        self._groups = built.integrator.getIntegrationForceGroups()
-
-    def _state(self, context):
-        forces = needs_forces(self.built.plan.options.scheme)
-        return context.getState(positions=True, velocities=True, forces=forces, groups=self._groups)
 
 
 class StressReporter(_Reporter):
@@ -47,7 +39,7 @@ class StressReporter(_Reporter):
     left out: what it contributes to a viscosity is known beforehand (:doc:`/theory_flow`), and to a pressure nothing.
 
     All of it is summed in double precision on the host, from the positions and velocities of the run, which goes on as it would without a
-    reporter.  A sample costs two or three evaluations of the pair terms, and with charges twelve of the lattice sum on the Reference
+    reporter.  A sample costs two more passes over the pairs, and with charges twelve evaluations of the lattice sum on the Reference
     platform (half a second for 800 charges on a grid of 75^3).
 
     Parameters
@@ -67,7 +59,8 @@ class StressReporter(_Reporter):
     def __init__(self, interval: int, built: BuiltSystem):
         super().__init__(interval, built)
         plan, reason = built.plan, None
-        self._sums = StressSums(plan)
+        require_stress(plan)
+        self._present = Present(built)
         if any(np.any(getattr(term, "gamma_perp", 0) > 0) for term in plan.spec.terms):
             reason = "transverse friction makes it asymmetric"
         elif np.any(plan.spec.inv_mass == 0) or plan.scene.walls:
@@ -80,15 +73,12 @@ class StressReporter(_Reporter):
 
     def report(self, simulation, state):
         """Take one sample."""
-        context, plan, sums = simulation.context, self.built.plan, self._sums
-        state = self._state(context)
-        x, v = state.getPositions(asNumpy=True).value_in_unit(_NM), on_step_velocities(self.built, state)
-        box = state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(_NM)
-        self.kT = noise_state(context, plan)[0]
-        regular = sums.conservative(x, box) + kinetic_stress_of(self.built, state, v)
-        friction = sums.of_friction(context, DISSIPATIVE, v)
-        moment = sum(layer.friction_moment(self.kT) for layer in sums.engine.layers)  # type: ignore[attr-defined]
-        self._rows.append((regular, friction, moment, np.diag(box)))
+        present = self._present
+        present.look(simulation.context)
+        self.kT, found = present.kT, present.conservative(STRESS)
+        v = present.on_step(found.force)
+        regular = present.stress(found) + present.kinetic_stress(v, found.force)
+        self._rows.append((regular, *present.radial_friction(v), np.diag(present.box)))  # type: ignore[arg-type]  # there is a box
 
     @property
     def regular(self) -> np.ndarray:
@@ -160,19 +150,21 @@ class ProfileReporter(_Reporter):
         self.bins = whole_number(bins, "the number of slabs", least=2)
         self._momentum: list[np.ndarray] = []
         self._mass, self._count, self._square = np.zeros(self.bins), np.zeros(self.bins), np.zeros(self.bins)
-        self._mobile = built.plan.spec.inv_mass > 0
+        self._mobile, self._present = built.plan.spec.inv_mass > 0, Present(built)
 
     def report(self, simulation, state):
         """Take one sample."""
-        state = self._state(simulation.context)
-        x = state.getPositions(asNumpy=True).value_in_unit(_NM)[self._mobile, self._axis] / self.length
-        v = on_step_velocities(self.built, state)
+        present = self._present
+        present.look(simulation.context)
+        x = present.x[self._mobile, self._axis] / self.length
+        force = present.conservative().force if needs_forces(self.built.plan.options.scheme) else np.zeros_like(present.x)
+        v = present.on_step(force)
         mass = self.built.plan.scene.bead_masses[self._mobile]
         slab = np.minimum((self.bins * (x - np.floor(x))).astype(np.int64), self.bins - 1)
         self._momentum.append(sums_in_slices(slab, mass * v[self._mobile, self._component], self.bins))
         self._mass += sums_in_slices(slab, mass, self.bins)
         self._count += sums_in_slices(slab, None, self.bins)
-        squares = kinetic_stress_of(self.built, state, v, lambda a, b: np.sum(a * b, axis=1))
+        squares = present.kinetic_stress(v, force, lambda weight, a: weight * np.sum(a * a, axis=1))
         self._square += sums_in_slices(slab, squares[self._mobile], self.bins)
 
     @property

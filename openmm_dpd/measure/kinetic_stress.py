@@ -3,13 +3,9 @@
 from fractions import Fraction
 
 import numpy as np
-from openmm import unit
 
-from ..built import BuiltSystem
-from ..geometry import symmetric_products
+from ..kernels.motion import second_moments
 from ..schemes import SWEEPS, Letter, Scheme
-
-_V, _F = unit.nanometer / unit.picosecond, unit.kilojoule_per_mole / unit.nanometer
 
 
 def kinetic_deficit(scheme: Scheme) -> float:
@@ -41,7 +37,9 @@ def _drift_kick_drift(letters: tuple[Letter, ...]) -> Fraction:
     return found
 
 
-def kinetic_stress(scheme: Scheme, mass: np.ndarray, v: np.ndarray, force: np.ndarray | None, dt: float, product=symmetric_products):
+def kinetic_stress(
+    deficit: float, mass: np.ndarray, v: np.ndarray, force: np.ndarray | None, dt: float, inv_mass: np.ndarray, product=second_moments
+):
     r"""Kinetic part of the stress.
 
     .. math:: \mathbf K = \sum m \mathbf v \mathbf v + c\, \Delta t^2 \sum \mathbf F \mathbf F/m
@@ -51,7 +49,8 @@ def kinetic_stress(scheme: Scheme, mass: np.ndarray, v: np.ndarray, force: np.nd
 
     Parameters
     ----------
-    scheme : Scheme
+    deficit : float
+        c.
     mass : (N,) array
         Da.
     v : (N, 3) array
@@ -60,42 +59,20 @@ def kinetic_stress(scheme: Scheme, mass: np.ndarray, v: np.ndarray, force: np.nd
         Conservative forces there, kJ/mol/nm; None only where c is 0.
     dt : float
         Step size, ps.
+    inv_mass : (N,) array
+        0 where there is none.
     product : function
-        Of two (N, 3) arrays: what is made of m v and v, and of F/m and F.
+        What is made of m and v, and of 1/m and F.
 
     Returns
     -------
     what ``product`` returns
         By default (6,) sums: xx, yy, zz, xy, xz, yz, kJ/mol.
     """
-    m, c = mass[:, None], kinetic_deficit(scheme)
-    stress = product(m * v, v)
-    return stress if not c or force is None else stress + c * dt**2 * product(force / m, force)
+    stress = product(mass, v)
+    return stress if not deficit or force is None else stress + deficit * dt**2 * product(inv_mass, force)
 
 
 def needs_forces(scheme: Scheme) -> bool:
-    """Whether what is asked of a State below depends on forces."""
+    """Whether velocities of the positions' moment, or this, depend on forces."""
     return scheme.lag != 0.0 or kinetic_deficit(scheme) != 0.0
-
-
-def on_step_velocities(built: BuiltSystem, state) -> np.ndarray:
-    """Velocities of the same moment as the positions: those of some schemes are a part of a kick behind."""
-    plan, v = built.plan, state.getVelocities(asNumpy=True).value_in_unit(_V)
-    if not plan.options.scheme.lag:
-        return v
-    return plan.options.scheme.on_step(v, _forces(state), plan.spec.inv_mass, _step_size(built))
-
-
-def kinetic_stress_of(built: BuiltSystem, state, v: np.ndarray, product=symmetric_products):
-    """:func:`kinetic_stress` of all beads of a State with such velocities."""
-    plan = built.plan
-    force = _forces(state) if needs_forces(plan.options.scheme) else None
-    return kinetic_stress(plan.options.scheme, plan.scene.bead_masses, v, force, _step_size(built), product)
-
-
-def _forces(state) -> np.ndarray:
-    return state.getForces(asNumpy=True).value_in_unit(_F)
-
-
-def _step_size(built: BuiltSystem) -> float:
-    return built.integrator.getStepSize().value_in_unit(unit.picosecond)

@@ -34,7 +34,7 @@ COLUMNS: dict[str, Callable[[Any], float]] = {
     "time": lambda s: s.time,
     "kT": lambda s: s.kT,
     "temperature": lambda s: kelvin(s.kT),
-    "kT_conf": lambda s: _optional(s.configurational_kT),
+    "kT_conf": lambda s: _optional(s.kT_conf),
     "kinetic_energy": lambda s: s.kinetic,
     "potential_energy": lambda s: s.potential,
     "total_energy": lambda s: s.kinetic + s.potential,

@@ -114,7 +114,7 @@ class Sample(SystemSample):
         return self.potential + self.kinetic_on_step + (self.internal or 0.0)
 
     @property
-    def configurational_kT(self) -> float | None:
+    def kT_conf(self) -> float | None:
         """This configuration's |grad U|^2 / lap U; average both before dividing."""
         return None if not self.laplacian else self.gradient2 / self.laplacian
 

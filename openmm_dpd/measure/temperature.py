@@ -13,12 +13,12 @@ from ..units import BOLTZMANN, thermal_energy, thermal_energy_of
 
 def noise_state(context: openmm.Context, plan: Plan) -> tuple[float, int, int, float]:
     """Thermal energy, seed, noise counter and step size of a Context."""
-    dt = context.getIntegrator().getStepSize().value_in_unit(unit.picosecond)
-    if KT not in context.getParameters():
+    dt, parameters = context.getIntegrator().getStepSize()._value, context.getParameters().asdict()
+    if KT not in parameters:
         native = isinstance(context.getIntegrator(), openmm.DPDIntegrator)
         kT = BOLTZMANN * context.getIntegrator().getTemperature().value_in_unit(unit.kelvin) if native else plan.options.kT
         return kT, plan.options.seed, context.getStepCount(), dt
-    return context.getParameter(KT), int(context.getParameter(SEED)), int(context.getParameter(COUNTER)), dt
+    return parameters[KT], int(parameters[SEED]), int(parameters[COUNTER]), dt
 
 
 def check_context(context) -> None:

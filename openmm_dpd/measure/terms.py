@@ -58,7 +58,7 @@ def force_terms(
     context.setPositions(x)
     used = built.integrator.getIntegrationForceGroups()
     groups = {g for g in range(32) if used & (1 << g)}
-    others = [] if built.integrator.made is None else built.integrator.made.others(built.system)
+    others = [] if built.integrator.made is None else built.integrator.made.others(built.system.getForces())
     apart = {
         "bond": {BONDED_GROUP} if scene.bonds or scene.angles else set(),
         "external": {EXTERNAL_GROUP} if scene.body_forces else set(),

@@ -21,6 +21,12 @@ class _Angles(BondedTerms):
         theta = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1))
         return theta, np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)
 
+    def reach(self, kT: float) -> np.ndarray:
+        return np.full(len(self.triples), np.pi)
+
+    def density(self, theta: np.ndarray) -> np.ndarray:
+        return np.sin(theta)
+
 
 @dataclass(frozen=True, eq=False)
 class HarmonicAngles(_Angles):
@@ -97,4 +103,4 @@ def check_angles(groups: Sequence[Angles], n_beads: int) -> None:
     """Raise ParameterError if an angle names a bead that does not exist, or is listed twice."""
     triples = np.concatenate([angles.triples for angles in groups]) if groups else np.zeros((0, 3), dtype=np.int64)
     triples = np.where((triples[:, 0] > triples[:, 2])[:, None], triples[:, ::-1], triples)
-    check_members(triples, n_beads, "an angle", "the angle of beads {}, {} and {}")
+    check_members(triples, n_beads, "an angle", "the angle of")

@@ -8,6 +8,7 @@ import numpy as np
 from ..errors import ParameterError
 from ..geometry import minimum_images, widths
 from ..units import to_md
+from ..wording import bead_names, in_length
 from .owned import keep
 
 #: r/sigma where the repulsion of a FENE bond ends, the minimum of Lennard-Jones.
@@ -69,12 +70,12 @@ def term_values(term, count: int, dimensions: dict[str, tuple[str, str]], what: 
 
 
 def check_members(beads: np.ndarray, n_beads: int, what: str, which: str) -> None:
-    """Raise ParameterError if a row of beads names one that does not exist, or stands there twice; ``which`` is formatted with it."""
+    """Raise ParameterError if a row of beads names one that does not exist, or stands there twice; ``which`` is what joins them."""
     if beads.size and beads.max() >= n_beads:
         raise ParameterError(f"{what} names bead {beads.max()}, but there are only {n_beads} beads, counted from 0")
     different, counts = np.unique(beads, axis=0, return_counts=True)
     if np.any(counts > 1):
-        raise ParameterError(f"{which} is listed twice".format(*different[counts > 1][0]))
+        raise ParameterError(f"{which} {bead_names(*different[counts > 1][0])} is listed twice")
 
 
 class BondedTerms:
@@ -94,8 +95,21 @@ class BondedTerms:
         """Beads of each term."""
         return getattr(self, self._BEADS[0])
 
+    @property
+    def coefficients(self) -> np.ndarray:
+        """(K, n) coefficients of each term, in the order of the class."""
+        return np.stack([getattr(self, name) for name in self._DIMENSIONS], axis=1)
+
     def curve(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Energy of each bond at these lengths, or of each angle at these angles, its first and its second derivative."""
+        raise NotImplementedError
+
+    def reach(self, kT: float) -> np.ndarray:
+        """Length of each bond, or each angle, up to which it is met in equilibrium."""
+        raise NotImplementedError
+
+    def density(self, x: np.ndarray) -> np.ndarray:
+        """Space there is at these lengths, or angles, in arbitrary units."""
         raise NotImplementedError
 
 
@@ -109,12 +123,16 @@ class _Bonds(BondedTerms):
         if np.any(rest > half):
             (i, j), r0 = self.pairs[rest > half][0], rest[rest > half][0]
             raise ParameterError(
-                f"the bond between beads {i} and {j} has the rest length {r0:g} nm, over half the box, whose width is {2 * half:g} nm"
+                f"the bond between {bead_names(i, j)} has the rest length {in_length(r0)}, over half the box, whose width is "
+                f"{in_length(2 * half)}"
             )
 
     def lengths(self, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
         """(B,) lengths (nm) at positions x (N, 3), by minimum image."""
         return np.linalg.norm(minimum_images(x[self.pairs[:, 0]] - x[self.pairs[:, 1]], box), axis=1)
+
+    def density(self, r: np.ndarray) -> np.ndarray:
+        return r**2
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +162,9 @@ class HarmonicBonds(_Bonds):
 
     def curve(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return self.k * (r - self.r0) ** 2, 2 * self.k * (r - self.r0), 2 * self.k
+
+    def reach(self, kT: float) -> np.ndarray:
+        return self.r0 + 4 * np.sqrt(kT / np.where(self.k > 0, self.k, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,12 +206,11 @@ class FENEBonds(_Bonds):
         r = self.lengths(x, box)
         bad = np.flatnonzero(~(r < self.R0) & ~np.isnan(r))
         if len(bad):
-            (i, j), limit = self.pairs[bad[0]], f"its R0 of {self.R0[bad[0]]:g} nm"
-            return f"the FENE bond between beads {i} and {j} (counted from 0) is {r[bad[0]]:g} nm long, which is not less than {limit}"
+            (i, j), limit = self.pairs[bad[0]], f"its R0 of {in_length(self.R0[bad[0]])}"
+            return f"the FENE bond between {bead_names(i, j)} is {in_length(r[bad[0]])} long, which is not less than {limit}"
         bad = np.flatnonzero((r == 0) & (self.epsilon > 0))
         if len(bad):
-            i, j = self.pairs[bad[0]]
-            return f"beads {i} and {j} are at the same point, where the repulsion of their FENE bond is infinite"
+            return f"{bead_names(*self.pairs[bad[0]])} are at the same point, where the repulsion of their FENE bond is infinite"
         return None
 
     def curve(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -204,6 +224,9 @@ class FENEBonds(_Bonds):
             slope = slope + np.where(close, -24 * self.epsilon * s6 * (2 * s6 - 1) / r, 0.0)
             curvature = curvature + np.where(close, 24 * self.epsilon * s6 * (26 * s6 - 7) / r**2, 0.0)
         return energy, slope, curvature
+
+    def reach(self, kT: float) -> np.ndarray:
+        return self.R0
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,6 +260,9 @@ class MorseBonds(_Bonds):
     def curve(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         e = np.exp(-self.alpha * (r - self.r0))
         return self.D * (1 - e) ** 2, 2 * self.D * self.alpha * e * (1 - e), 2 * self.D * self.alpha**2 * e * (2 * e - 1)
+
+    def reach(self, kT: float) -> np.ndarray:
+        return self.r0 + 2 / np.where(self.alpha > 0, self.alpha, 2.0)
 
 
 #: Any kind of bonds.

@@ -10,6 +10,7 @@ from scipy.special import erf
 
 from ..errors import ParameterError, what_is
 from ..units import COULOMB, to_md, whole_number
+from ..wording import in_length, in_units
 from .owned import keep
 
 #: A larger PME grid is a mistake: 512^3 points, 2 GB on the Reference platform.
@@ -109,7 +110,12 @@ class SmearedCharges:
         for _ in range(60):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if self.tail(middle) > tolerance else (low, middle)
-        return high
+        return without_last_digits(high)
+
+
+def without_last_digits(value: float) -> float:
+    """A setting to ten digits: the further ones are those of the C library's functions, which are not everywhere the same."""
+    return float(f"{value:.10g}")
 
 
 def _direct(r, scale: float, coefficients: np.ndarray, outer) -> np.ndarray:
@@ -187,7 +193,7 @@ class SlaterCharges(SmearedCharges):
         return math.exp(-y) * (1 + y + y * y / 2)
 
     def describe(self) -> str:
-        return f"Slater charges, lambda = {self.lamda:g} nm"
+        return f"Slater charges, lambda = {in_length(self.lamda)}"
 
 
 @dataclass(frozen=True)
@@ -232,14 +238,14 @@ class GaussianCharges(SmearedCharges):
         return math.erfc(t) + 2 * t / math.sqrt(math.pi) * math.exp(-t * t)
 
     def describe(self) -> str:
-        return f"Gaussian charges, width = {self.width:g} nm"
+        return f"Gaussian charges, width = {in_length(self.width)}"
 
 
 def erf_series(steepness: float, scale: float) -> np.ndarray:
     """Coefficients of erf(steepness r)/r in powers of r/scale."""
-    t = steepness * scale
+    powers = np.cumprod([1.0, *[-((steepness * scale) ** 2)] * 30])
     found = np.zeros(61)
-    found[::2] = [(-1) ** n * t ** (2 * n) / (math.factorial(n) * (2 * n + 1)) for n in range(31)]
+    found[::2] = [power / (math.factorial(n) * (2 * n + 1)) for n, power in enumerate(powers)]
     return found * 2 * steepness / math.sqrt(math.pi)
 
 
@@ -271,18 +277,20 @@ def ewald_sum(charges: SmearedCharges, box: np.ndarray, n_charges: int) -> Ewald
         cutoff = charges.reach(charges.tolerance)
         if cutoff > half:
             raise ParameterError(
-                f"{type(charges).__name__}: the smearing reaches to {cutoff:.4g} nm at the tolerance {charges.tolerance:g}, over half the "
-                f"box ({half:.4g} nm); use a larger box, narrower charges or a larger tolerance, or set a cutoff and accept its error"
+                f"{type(charges).__name__}: the smearing reaches to {in_length(cutoff, 4)} at the tolerance {charges.tolerance:g}, over "
+                f"half the box ({in_length(half, 4)}); use a larger box, narrower charges or a larger tolerance, or set a cutoff and "
+                "accept its error"
             )
         # narrow charges would do with a short cutoff, which would make the grid fine: some 40 charges in range are a good balance
         balanced = (3 * 40 * float(np.prod(np.diag(box))) / (4 * math.pi * n_charges)) ** (1 / 3)
-        cutoff = min(half, max(cutoff, balanced))
+        cutoff = min(half, max(cutoff, without_last_digits(balanced)))
     elif cutoff > half * (1 + 1e-12):
         raise ParameterError(
-            f"the cutoff {cutoff:g} nm of {type(charges).__name__} is over half the box, whose smallest width is {2 * half:g} nm"
+            f"the cutoff {in_length(cutoff)} of {type(charges).__name__} is over half the box, whose smallest width is "
+            f"{in_length(2 * half)}"
         )
     # the factors were found by comparison with exact sums, see tests/unit/test_electrostatics.py
-    alpha = charges.alpha or math.sqrt(-math.log(0.3 * charges.tolerance)) / cutoff
+    alpha = charges.alpha or without_last_digits(math.sqrt(-math.log(0.3 * charges.tolerance)) / cutoff)
     grid = charges.grid
     if grid is None:
         spacing = 1.2 * charges.tolerance**0.2 / alpha
@@ -293,22 +301,23 @@ def ewald_sum(charges: SmearedCharges, box: np.ndarray, n_charges: int) -> Ewald
 
 def _check_sum(charges: SmearedCharges, cutoff: float, alpha: float, grid: tuple[int, int, int], box: np.ndarray) -> None:
     """Settings whose sum would be wrong by a tenth and more, or whose grid does not fit into memory (OpenMM would crash)."""
-    name = type(charges).__name__
+    name, width = type(charges).__name__, f"alpha = {in_units(alpha, 'inverse_length', 4)}"
     if math.erfc(alpha * cutoff) > 0.1:
         raise ParameterError(
-            f"{name}: with alpha = {alpha:.4g}/nm a part of {math.erfc(alpha * cutoff):.2g} of the real-space sum is beyond the cutoff of "
-            f"{cutoff:.4g} nm; leave alpha out, or make it at least {1.2 / cutoff:.4g}/nm"
+            f"{name}: with {width} a part of {math.erfc(alpha * cutoff):.2g} of the real-space sum is beyond the cutoff of "
+            f"{in_length(cutoff, 4)}; leave alpha out, or make it at least {in_units(1.2 / cutoff, 'inverse_length', 4)}"
         )
     if float(np.prod(np.array(grid, dtype=float))) > MOST_GRID_POINTS:
         raise ParameterError(
-            f"{name}: the lattice sum would need a grid of {' x '.join(map(str, grid))} points (cutoff {cutoff:.4g} nm, alpha "
-            f"{alpha:.4g}/nm, tolerance {charges.tolerance:g}); take a longer cutoff, a larger tolerance, or leave alpha and grid out"
+            f"{name}: the lattice sum would need a grid of {' x '.join(map(str, grid))} points (cutoff "
+            f"{in_length(cutoff, 4)}, {width}, tolerance {charges.tolerance:g}); take a longer cutoff, a larger tolerance, or leave alpha "
+            "and grid out"
         )
     coarse = np.linalg.norm(box, axis=1) / np.array(grid) * alpha
     if coarse.max() > 1.5:
         least = np.ceil(np.linalg.norm(box, axis=1) * alpha / 1.5).astype(int)
         raise ParameterError(
-            f"{name}: a grid of {' x '.join(map(str, grid))} points is too coarse for alpha = {alpha:.4g}/nm; leave it out, or take at "
+            f"{name}: a grid of {' x '.join(map(str, grid))} points is too coarse for {width}; leave it out, or take at "
             f"least {' x '.join(map(str, least))}"
         )
 

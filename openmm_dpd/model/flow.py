@@ -9,6 +9,7 @@ import numpy as np
 from ..errors import ParameterError, what_is
 from ..geometry import folded
 from ..units import to_md
+from ..wording import bead_number, either, in_length, in_number, unit_name
 from .formulas import read_formula, values
 from .owned import keep
 from .sources import point
@@ -150,7 +151,8 @@ class BodyForce(_OnBeads):
         return np.where(chosen[:, None], np.broadcast_to(self.force, (len(type_ids), 3)), 0.0)
 
     def __str__(self) -> str:
-        force = "one vector per bead" if self.force.ndim == 2 else "(" + ", ".join(f"{f:g}" for f in self.force) + ") kJ/mol/nm"
+        components = ", ".join(in_number(component, "force") for component in np.atleast_2d(self.force)[0])
+        force = "one vector per bead" if self.force.ndim == 2 else f"({components}) {unit_name('force')}".rstrip()
         where = {"uniform": "", "halves": f", reversed in the upper half along {self.axis}", "sine": f", a sine along {self.axis}"}
         return force + where[self.pattern]
 
@@ -200,14 +202,14 @@ class PositionForce(_OnBeads):
             found = np.broadcast_to(values(read_formula(text, AXES, "a position force"), variables), len(x))
             bad = np.flatnonzero(members & ~np.isfinite(found))
             if len(bad):
-                where = ", ".join(f"{name} = {variables[name][bad[0]]:g}" for name in AXES)
+                where = ", ".join(f"{name} = {in_length(variables[name][bad[0]])}" for name in AXES)
                 raise ParameterError(
-                    f"the formula '{text}' of a position force gives {found[bad[0]]:g} for bead {bad[0]} at {where}; "
+                    f"the formula '{text}' of a position force gives {found[bad[0]]:g} for bead {bead_number(bad[0])} at {where}; "
                     "the force must be finite everywhere"
                 )
 
     def __str__(self) -> str:
-        return f"({', '.join(self.formulas)}) kJ/mol/nm"
+        return f"({', '.join(self.formulas)}) {unit_name('force')}".rstrip()
 
 
 @dataclass(frozen=True)
@@ -301,10 +303,10 @@ def gaps(walls: Sequence[Wall], box: np.ndarray | None) -> dict[int, Gap]:
             if not high - low < period * (1 - 1e-9):
                 raise ParameterError(
                     f"the walls along {name} leave nothing solid between the periodic images; make the box longer than the gap of "
-                    f"{high - low:g} nm, by the cutoff if forces should not reach through"
+                    f"{in_length(high - low)}, by the cutoff if forces should not reach through"
                 )
         if low >= high:
-            raise ParameterError(f"the lower wall along {name}, at {low:g} nm, is not below the upper one, at {high:g} nm")
+            raise ParameterError(f"the lower wall along {name}, at {in_length(low)}, is not below the upper one, at {in_length(high)}")
         found[AXES.index(name)] = Gap(low, high, kinds.pop(), period)
     return found
 
@@ -323,6 +325,7 @@ def check_inside(found: dict[int, Gap], x: np.ndarray, mobile: np.ndarray) -> No
         if len(beyond):
             bead = int(beyond[0])
             raise ParameterError(
-                f"bead {bead} starts at {AXES[axis]} = {x[bead, axis]:g} nm, beyond a wall ({len(beyond)} such beads); the room is from "
-                f"{gap.low:g} to {gap.high:g} nm. Beads of the wall itself are frozen with `mobile`"
+                f"bead {bead_number(bead)} starts at {AXES[axis]} = {in_length(x[bead, axis])}, beyond a wall ({len(beyond)} such beads); "
+                f"the room is from {in_length(gap.low)} to {in_length(gap.high)}. Beads of the wall itself are frozen "
+                + either("with `mobile`", "where no fix moves them: leave them out of its group")
             )

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import ParameterError, what_is
 from ..units import thermal_energies, to_md
+from ..wording import bead_number, in_number
 from .eos import ConstantHeatCapacity, EquationOfState, TabulatedEOS, heat_capacity
 from .owned import keep
 from .pairs import NONE
@@ -26,10 +27,10 @@ def _per_bead(values, n: int, name: str) -> np.ndarray:
     return array.copy()
 
 
-def _positive(array: np.ndarray, name: str) -> np.ndarray:
+def _positive(array: np.ndarray, name: str, dimension: str = "") -> np.ndarray:
     if np.any(array <= 0):
         bad = int(np.argmin(array))
-        raise ParameterError(f"{name} of bead {bad} is {array[bad]:g}; it must be > 0")
+        raise ParameterError(f"{name} of bead {bead_number(bad)} is {in_number(array[bad], dimension)}; it must be > 0")
     return array
 
 
@@ -79,7 +80,7 @@ class InternalEnergy:
     def energies(self, type_ids: np.ndarray, names: list[str]) -> np.ndarray:
         """(N, 2) conductive and mechanical energies at the start, kJ/mol."""
         n = len(type_ids)
-        theta = _positive(_per_bead(self.thetas, n, "thetas"), "the internal temperature")
+        theta = _positive(_per_bead(self.thetas, n, "thetas"), "the internal temperature", "thermal_energy")
         eos = self.by_type(names)
         total = np.empty(n)
         for k in range(len(names)):
@@ -88,8 +89,8 @@ class InternalEnergy:
         bad = np.flatnonzero(~np.isfinite(total))
         if len(bad):
             raise ParameterError(
-                f"the internal temperature {theta[bad[0]]:g} of bead {bad[0]} is outside its equation of state "
-                f"({eos[int(type_ids[bad[0]])]})"
+                f"the internal temperature {in_number(theta[bad[0]], 'thermal_energy')} of bead {bead_number(bad[0])} is outside its "
+                f"equation of state ({eos[int(type_ids[bad[0]])]})"
             )
         conductive = 0.0 if self.conductive is None else _per_bead(self.conductive, n, "conductive")
         return np.column_stack([np.broadcast_to(conductive, (n,)), total - conductive])
@@ -121,7 +122,7 @@ class BeadTemperatures:
 
     def values(self, n: int) -> np.ndarray:
         """(N, 1) temperatures, kJ/mol."""
-        return _positive(_per_bead(self.thetas, n, "thetas"), "the temperature")[:, None]
+        return _positive(_per_bead(self.thetas, n, "thetas"), "the temperature", "thermal_energy")[:, None]
 
     def heat_capacities(self, n: int) -> np.ndarray:
         """(N,) heat capacities."""

@@ -16,6 +16,7 @@ from scipy.interpolate import CubicSpline
 
 from ..errors import ParameterError
 from ..units import to_md
+from ..wording import in_length, in_number, in_units, thermal
 from .owned import keep
 
 
@@ -84,7 +85,7 @@ def checked(value, dimension: str, name: str, *, positive: bool = False, signed:
     if not isinstance(number, float):
         raise ParameterError(f"{name} must be a single number, not an array of shape {number.shape}")
     if not signed and (number < 0 or (positive and number == 0)):
-        raise ParameterError(f"{name} must be {'> 0' if positive else '>= 0'}, but is {number:g}")
+        raise ParameterError(f"{name} must be {'> 0' if positive else '>= 0'}, but is {in_number(number, dimension)}")
     return number
 
 
@@ -159,12 +160,15 @@ class DPD(SoftRepulsion):
         if self.gamma is not None and self.sigma is not None:
             expected = np.sqrt(2 * kT * self.gamma)
             if not np.isclose(self.sigma, expected, rtol=1e-6, atol=1e-300):
+                sigma, needed = in_number(self.sigma, "noise"), in_number(expected, "noise")
                 raise ParameterError(
-                    f"sigma = {self.sigma:g} and gamma = {self.gamma:g} contradict the temperature: sigma^2 = 2 kT gamma "
-                    f"with kT = {kT:g} needs sigma = {expected:g}; give only one of them"
+                    f"sigma = {sigma} and gamma = {in_number(self.gamma, 'friction')} contradict the temperature: sigma^2 = 2 kT gamma "
+                    f"with {thermal(kT)} needs sigma = {needed}; give only one of them"
                 )
         if self.sigma and self.gamma is None and kT == 0.0:
-            raise ParameterError(f"sigma = {self.sigma:g} with a temperature of 0 asks for infinite friction; give gamma instead")
+            raise ParameterError(
+                f"sigma = {in_number(self.sigma, 'noise')} with a temperature of 0 asks for infinite friction; give gamma instead"
+            )
 
 
 @dataclass(frozen=True)
@@ -233,14 +237,14 @@ class TabulatedPair(PairCoefficient):
                 f"a tabulated pair needs as many energies as distances, at least 4; got {len(distances)} and {len(energies)}"
             )
         if distances[0] < 0:
-            raise ParameterError(f"the distances of a tabulated pair must be >= 0; the first is {distances[0]:g} nm")
+            raise ParameterError(f"the distances of a tabulated pair must be >= 0; the first is {in_length(distances[0])}")
         steps = np.diff(distances)
         if np.any(steps <= 0) or not np.allclose(steps, steps.mean(), rtol=1e-4):
             worst = int(np.argmax(np.abs(steps - steps.mean())))
             raise ParameterError(f"the distances of a tabulated pair must increase evenly; they do not after entry {worst}")
         cutoff = distances[-1] if self.cutoff is None else checked(self.cutoff, "length", "cutoff", positive=True)
         if cutoff > distances[-1] * (1 + 1e-9):
-            raise ParameterError(f"the cutoff {cutoff:g} nm lies beyond the table, which ends at {distances[-1]:g} nm")
+            raise ParameterError(f"the cutoff {in_length(cutoff)} lies beyond the table, which ends at {in_length(distances[-1])}")
         values = {"distances": distances, "energies": energies, "cutoff": float(cutoff)}
         if self.forces is not None:
             values["forces"] = self._checked_forces(distances, energies)
@@ -258,8 +262,9 @@ class TabulatedPair(PairCoefficient):
         if off.max() > 0.05 * max(np.ptp(energies[tail]), 1e-300):
             worst = int(np.argmax(off)) + tail.start
             raise ParameterError(
-                f"tabulated forces are not minus the slope of the energies: at r = {distances[worst]:g} nm the energy is "
-                f"{energies[worst]:g}, the forces integrated from the table's end give {expected[worst]:g} kJ/mol"
+                f"tabulated forces are not minus the slope of the energies: at r = {in_length(distances[worst])} the energy is "
+                f"{in_number(energies[worst], 'energy')}, the forces integrated from the table's end give "
+                f"{in_units(expected[worst], 'energy')}"
             )
         return forces
 
@@ -268,14 +273,14 @@ def describe(coefficient) -> str:
     """One line that names the values of a coefficient, for explain()."""
     if coefficient is NONE:
         return "no interaction"
-    parts = []
+    parts, dimensions = [], {name: dimension for name, (dimension, _) in coefficient._DIMENSIONS.items()}
     for field in fields(coefficient):
-        value = getattr(coefficient, field.name)
+        value, dimension = getattr(coefficient, field.name), dimensions.get(field.name, field.name)
         if value is None or (np.ndim(value) == 0 and value == field.default) or isinstance(value, tuple) and value == field.default:
             continue
         if isinstance(value, tuple):
             text = "(" + ", ".join(f"{v:g}" for v in value) + ")"
         else:
-            text = f"{len(value)} points" if np.ndim(value) else value if isinstance(value, str) else f"{value:g}"
+            text = f"{len(value)} points" if np.ndim(value) else value if isinstance(value, str) else in_number(value, dimension)
         parts.append(f"{field.name} = {text}")
     return f"{type(coefficient).__name__}({', '.join(parts)})"

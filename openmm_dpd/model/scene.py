@@ -8,6 +8,7 @@ import numpy as np
 from ..errors import ParameterError, what_is
 from ..html import fact_table
 from ..units import thermal_energy, to_md
+from ..wording import bead_number, either
 from .angles import ANGLE_KINDS, Angles, check_angles
 from .bonds import BOND_KINDS, Bonds, FENEBonds, check_members
 from .electrostatics import GaussianCharges, SlaterCharges, check_electrostatics, special_factors
@@ -325,13 +326,14 @@ class Scene:
         assert array is not None
         if np.any(array <= 0):
             raise ParameterError(
-                f"bead {int(np.argmin(array))} has the mass {array.min():g}; masses must be > 0 (freeze beads with `mobile`)"
+                f"bead {bead_number(np.argmin(array))} has the mass {array.min():g}; masses must be > 0"
+                + either(" (freeze beads with `mobile`)", "; beads that no fix moves stay where they are")
             )
         return array
 
     def _check_bonds(self) -> None:
         self._check_kinds("bonds", BOND_KINDS)
-        check_members(np.sort(self.bond_pairs, axis=1), self.n_beads, "a bond", "the bond between beads {} and {}")
+        check_members(np.sort(self.bond_pairs, axis=1), self.n_beads, "a bond", "the bond between")
         for bonds in self.bonds:
             bonds.check_box(self.box)
             wrong = bonds.overstretched(self.positions, self.box) if isinstance(bonds, FENEBonds) else None

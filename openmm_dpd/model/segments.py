@@ -7,6 +7,7 @@ import numpy as np
 from ..errors import ParameterError
 from ..geometry import minimum_images
 from ..units import to_md
+from ..wording import bead_names, in_length
 from .bonds import bead_indices
 from .owned import keep
 
@@ -64,7 +65,7 @@ class SegmentalRepulsion:
             pairs = bead_indices(self.bonds, 2, "segments")
             different, counts = np.unique(np.sort(pairs, axis=1), axis=0, return_counts=True)
             if np.any(counts > 1):
-                raise ParameterError("the segment between beads {} and {} is listed twice".format(*different[counts > 1][0]))
+                raise ParameterError(f"the segment between {bead_names(*different[counts > 1][0])} is listed twice")
             keep(self, bonds=pairs)
 
     def reach(self, longest: float) -> float:
@@ -84,8 +85,8 @@ def check_segments(segments: SegmentalRepulsion, pairs: np.ndarray, x: np.ndarra
     longest = float(np.linalg.norm(arms, axis=1).max())
     half = 0.5 * float(np.diag(box).min())
     if segments.reach(longest) > half * (1 + 1e-12):
-        bonds = f", with bonds of up to {longest:g} nm," if segments.distance == "min" else ""
+        bonds = f", with bonds of up to {in_length(longest)}," if segments.distance == "min" else ""
         raise ParameterError(
-            f"the segmental repulsion reaches {segments.cutoff:g} nm{bonds} which is over half the box, whose smallest width is "
-            f"{2 * half:g} nm; use a larger box or a smaller cutoff"
+            f"the segmental repulsion reaches {in_length(segments.cutoff)}{bonds} which is over half the box, whose smallest width is "
+            f"{in_length(2 * half)}; use a larger box or a smaller cutoff"
         )

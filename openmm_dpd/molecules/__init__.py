@@ -1,7 +1,5 @@
 """Molecules as data, and boxes packed with them."""
 
-from __future__ import annotations
-
 from .builders import bead, block_copolymer, branched, linear, lipid, ring, star, surfactant
 from .dense_start import DenseStart, PiercingWarning, Stage
 from .mixture import Mixture

@@ -1,7 +1,5 @@
 """Molecules of common shapes: chains, rings, stars, combs, block copolymers, surfactants, lipids."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

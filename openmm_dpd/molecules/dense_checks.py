@@ -1,7 +1,5 @@
 """What a soft start asks of atoms, boxes and bonds."""
 
-from __future__ import annotations
-
 import numpy as np
 import openmm
 from openmm import app

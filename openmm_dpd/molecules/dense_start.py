@@ -1,7 +1,5 @@
 """What a soft start did, as data."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from openmm import unit

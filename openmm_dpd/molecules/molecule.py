@@ -1,7 +1,5 @@
 """A molecule as a value: types of its beads, bonds and angles between them."""
 
-from __future__ import annotations
-
 import reprlib
 from collections import Counter
 from collections.abc import Mapping, Sequence

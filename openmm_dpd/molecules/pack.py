@@ -1,9 +1,8 @@
 """Molecules in a box: where their beads are at the start."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from openmm import unit
@@ -134,8 +133,7 @@ def pack(
     energy, spacing = thermal_energy(kT), float(rho ** (-1 / 3))
     slabs, placed = _leaflets(wanted, vectors, spacing, rng)
     shells = _vesicles(wanted, vectors, spacing, placed, rng)
-    _check_apart(slabs, shells, vectors)
-    free = _Free(vectors, tuple(slabs), tuple(shells))
+    free = _Free(vectors, slabs, shells)
     groups: list[tuple[Molecule, np.ndarray]] = []
     for number, (molecule, arrangement) in enumerate(wanted):
         if isinstance(arrangement, Scattered):
@@ -201,19 +199,45 @@ def _filling(vectors: np.ndarray, rho: float, beads: int, filler: Molecule | Non
 
 # -- places ------------------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
+class _Slab:
+    """The room of a bilayer in a periodic box."""
+
+    name: str
+    axis: int
+    centre: np.ndarray
+    outer: float
+    edge: float
+
+    def distances(self, points: np.ndarray) -> np.ndarray:
+        """From the nearest image of the middle plane."""
+        return np.abs(((points - self.centre)[:, self.axis] + self.edge / 2) % self.edge - self.edge / 2)
+
+    def outside(self, points: np.ndarray) -> np.ndarray:
+        """Mask of the points out of it."""
+        return self.distances(points) > self.outer
+
+
+@dataclass(frozen=True, eq=False)
 class _Free:
-    """The room that membranes leave: slabs (axis, centre, half of the thickness) and shells of vesicles."""
+    """The room that membranes leave, which are apart."""
 
     vectors: np.ndarray
-    slabs: tuple[tuple[int, float, float], ...]
-    shells: tuple[Shell, ...]
+    slabs: list[_Slab]
+    shells: list[Shell]
+
+    def __post_init__(self):
+        membranes: list[_Slab | Shell] = [*self.slabs, *self.shells]
+        for one, other in combinations(membranes, 2):
+            crossing = isinstance(one, _Slab) and isinstance(other, _Slab) and one.axis != other.axis
+            if crossing or one.distances(other.centre[None])[0] < one.outer + other.outer:
+                how = "cross" if crossing else "overlap"
+                raise ParameterError(f"{one.name} and {other.name} {how}; give them other centres or normals, or a larger box")
 
     def outside(self, points: np.ndarray) -> np.ndarray:
         """Mask of the points out of all bilayers and vesicles."""
         keep = np.ones(len(points), bool)
-        for axis, centre, half in self.slabs:
-            edge = self.vectors[axis, axis]
-            keep &= np.abs((points[:, axis] - centre + edge / 2) % edge - edge / 2) > half
+        for slab in self.slabs:
+            keep &= slab.outside(points)
         for shell in self.shells:
             keep &= shell.outside(points)
         return keep
@@ -228,7 +252,7 @@ class _Free:
     def solvent(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """Places of the solvent, (count, 3): each vesicle holds its share by volume."""
         box = float(np.prod(np.diag(self.vectors)))
-        slabs = sum(2 * half / self.vectors[axis, axis] for axis, _, half in self.slabs) * box
+        slabs = sum(2 * slab.outer / slab.edge for slab in self.slabs) * box
         volume = box - slabs - sum(shell.ball - shell.lumen for shell in self.shells)
         shares = [round(count * shell.lumen / volume) for shell in self.shells]
         parts = [
@@ -258,26 +282,13 @@ def _vesicles(wanted, vectors: np.ndarray, spacing: float, placed: dict[int, np.
     shells = []
     for number, (molecule, arrangement) in enumerate(wanted):
         if isinstance(arrangement, Vesicle):
-            shells.append(Shell.of(arrangement, vectors))
+            shells.append(Shell.of(arrangement, molecule.name, vectors))
             placed[number] = vesicle_beads(molecule, arrangement, shells[-1], spacing, rng)
     return shells
 
 
-def _check_apart(slabs: list[tuple[int, float, float]], shells: list[Shell], vectors: np.ndarray) -> None:
-    for k, shell in enumerate(shells):
-        for other in shells[:k]:
-            if other.distances(shell.centre[None])[0] < shell.outer + other.outer:
-                raise ParameterError("two vesicles overlap; give them other centres, or a larger box")
-        for axis, centre, half in slabs:
-            edge = vectors[axis, axis]
-            if abs((shell.centre[axis] - centre + edge / 2) % edge - edge / 2) < shell.outer + half:
-                raise ParameterError("a vesicle and a bilayer overlap; give them other centres, or a larger box")
-
-
-def _leaflets(
-    wanted, vectors: np.ndarray, spacing: float, rng: np.random.Generator
-) -> tuple[list[tuple[int, float, float]], dict[int, np.ndarray]]:
-    """Axis, centre and half the thickness of each bilayer, and the beads of its molecules by the number of their kind."""
+def _leaflets(wanted, vectors: np.ndarray, spacing: float, rng: np.random.Generator) -> tuple[list[_Slab], dict[int, np.ndarray]]:
+    """The room of each bilayer, and the beads of its molecules by the number of their kind."""
     planes: dict[tuple[int, float], list[int]] = {}
     for number, (_, arrangement) in enumerate(wanted):
         if isinstance(arrangement, Bilayer):
@@ -300,7 +311,8 @@ def _leaflets(
             for number, site in zip(kinds.tolist(), _sites(len(kinds), np.delete(np.diag(vectors), axis), rng), strict=True):
                 beads[number].append(_stand(shapes[number], site, sign, axis, centre, rng))
         placed.update({number: np.array(found).reshape(-1, wanted[number][0].n_beads, 3) for number, found in beads.items()})
-        slabs.append((axis, centre, half))
+        name = f"the bilayer of {' and '.join(wanted[number][0].name for number in numbers)}"
+        slabs.append(_Slab(name, axis, centre * np.eye(3)[axis], half, edge))
     return slabs, placed
 
 

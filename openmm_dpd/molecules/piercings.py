@@ -1,7 +1,5 @@
 """Rings with a bond through them: a state that no minimisation leaves, because a bond would have to pass through another one."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Published models, as data."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

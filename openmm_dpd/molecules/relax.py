@@ -1,7 +1,5 @@
 """From packed molecules to a state that can be run."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -22,8 +20,9 @@ def relax(
 ) -> Scene:
     """The scene with beads moved downhill, so that the first steps do not blow up.
 
-    OpenMM's ``LocalEnergyMinimizer`` with few iterations takes overlaps and bent bonds away; it need not converge.  Then follow, if
-    wanted, some steps of the dynamics itself, whose friction takes the rest of the energy up.
+    Some iterations of the minimiser of ``built.simulation().minimizeEnergy()`` take overlaps and bent bonds away; it need not converge.
+    It lowers the energy in every iteration, moves no bead by more than a tenth of the cutoff, and stretches no FENE bond to its R0.  Then
+    follow, if wanted, some steps of the dynamics itself, whose friction takes the rest of the energy up.
 
     Parameters
     ----------
@@ -55,16 +54,16 @@ def relax(
     size = 0.001 if dt is None else to_md(dt, "time", "dt")
     simulation = build(scene, dt=size, scheme=scheme, platform=platform, seed=seed).simulation()
     context = simulation.context
-    _energy(context, "before the minimisation; are two beads at one place, or a FENE bond longer than its R0?")
     if iterations:
-        openmm.LocalEnergyMinimizer.minimize(context, 10.0, iterations)
-        # the minimiser leaves velocities as they were
+        simulation.minimizeEnergy(maxIterations=iterations)
     try:
         simulation.step(steps)
     except openmm.OpenMMException as error:
         raise RunError(f"the steps after the minimisation failed; take more iterations or a smaller dt than {size:g}: {error}") from None
-    _energy(context, f"after relaxing; take more iterations or a smaller dt than {size:g}")
     state = context.getState(positions=True, velocities=True, energy=True)
+    energy = state.getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)
+    if not np.isfinite(energy):
+        raise RunError(f"the potential energy is {energy} after relaxing; take more iterations or a smaller dt than {size:g}")
     # bonds in a periodic box never have an infinite energy, however fast their beads are
     kinetic = state.getKineticEnergy().value_in_unit(unit.kilojoule_per_mole) / (1.5 * scene.n_beads)
     if steps and scene.initial_kT > 0 and not kinetic < HOT * scene.initial_kT:
@@ -76,10 +75,3 @@ def relax(
         return replace(scene, positions=positions)
     velocities = np.array(state.getVelocities(asNumpy=True).value_in_unit(unit.nanometer / unit.picosecond), dtype=np.float64)
     return replace(scene, positions=positions, velocities=velocities)
-
-
-def _energy(context: openmm.Context, when: str) -> float:
-    energy = context.getState(energy=True).getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)
-    if not np.isfinite(energy):
-        raise RunError(f"the potential energy is {energy} {when}")
-    return energy

@@ -1,7 +1,5 @@
 """A soft start for molecules of a force field: from overlapping places to positions that can be minimised and run."""
 
-from __future__ import annotations
-
 import time
 import warnings
 from collections.abc import Sequence

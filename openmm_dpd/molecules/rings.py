@@ -1,7 +1,5 @@
 """Small rings in a graph of bonds."""
 
-from __future__ import annotations
-
 from collections import deque
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Conformations of molecules: random ones with all bonds at their lengths, and upright ones for layers."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

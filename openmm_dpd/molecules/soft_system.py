@@ -1,7 +1,5 @@
 """A System of a force field with soft repulsion in the place of its nonbonded forces."""
 
-from __future__ import annotations
-
 import copy
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Springs and bends: one bond or one angle of a molecule, as a value."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 

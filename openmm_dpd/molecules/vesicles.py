@@ -82,20 +82,21 @@ class Vesicle:
 class Shell:
     """The room of a vesicle's membrane in a periodic box: between two radii around a centre."""
 
+    name: str
     centre: np.ndarray
     inner: float
     outer: float
     vectors: np.ndarray
 
     @classmethod
-    def of(cls, vesicle: Vesicle, vectors: np.ndarray) -> Shell:
+    def of(cls, vesicle: Vesicle, name: str, vectors: np.ndarray) -> Shell:
         """ParameterError if the vesicle meets its own image."""
         centre = vectors.sum(axis=0) / 2 if vesicle.centre is None else np.array(vesicle.centre)
         inner, outer = vesicle.radius - vesicle.thickness / 2, vesicle.radius + vesicle.thickness / 2
         width = float((1 / np.linalg.norm(np.linalg.inv(vectors), axis=0)).min())
         if 2 * outer > width:
             raise ParameterError(f"a vesicle of diameter {2 * outer:g} nm, with its membrane, does not fit into a box {width:g} nm wide")
-        return cls(centre, inner, outer, vectors)
+        return cls(f"the vesicle of {name}", centre, inner, outer, vectors)
 
     def distances(self, points: np.ndarray) -> np.ndarray:
         """From the nearest image of the centre, right up to the outer radius."""

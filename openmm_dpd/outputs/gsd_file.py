@@ -1,9 +1,6 @@
 """GSD files in HOOMD's schema, for OVITO, freud and HOOMD-blue."""
 
-from __future__ import annotations
-
 import os
-from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -137,7 +134,7 @@ class _Frames:
         frame.configuration.box = np.array([x / units.length, y / units.length, z / units.length, *tilts])
         images = np.floor(now.positions @ np.linalg.inv(now.box))
         beads = frame.particles
-        beads.N, beads.types, beads.typeid = scene.n_beads, scene.type_names, scene.type_ids
+        beads.N, beads.types, beads.typeid = scene.n_beads, _coded(scene.type_names), scene.type_ids
         beads.position = (now.positions - images @ now.box - 0.5 * now.box.sum(axis=0)) / units.length
         beads.image = images.astype(np.int32)
         beads.mass = scene.bead_masses / units.mass
@@ -147,17 +144,21 @@ class _Frames:
             beads.charge = scene.charges
         for part, (names, typeid, group) in ((frame.bonds, self._bonds), (frame.angles, self._angles)):
             if len(group):
-                part.N, part.types, part.typeid, part.group = len(group), names, typeid, group
+                part.N, part.types, part.typeid, part.group = len(group), _coded(names), typeid, group
         if scene.molecules is not None:
             frame.log[MOLECULES] = scene.molecules.astype(np.int32)
         file.append(frame)
         file.flush()
 
 
+def _coded(names: list[str]) -> list:
+    """Names as the package gsd takes them: the files hold UTF-8, but it makes nothing but ASCII of text."""
+    return [name if name.isascii() else name.encode() for name in names]
+
+
 def _coefficients(group) -> np.ndarray:
     """Kind and coefficients of each bond or angle, as text that tells them apart, (K,)."""
-    values = np.column_stack([getattr(group, column.name) for column in fields(group)[1:]])
-    return np.array([f"{type(group).__name__} {row}" for row in values.tolist()], dtype=object)
+    return np.array([f"{type(group).__name__} {row}" for row in group.coefficients.tolist()], dtype=object)
 
 
 def _named_groups(types, groups: list) -> tuple[list[str], np.ndarray, np.ndarray]:

@@ -1,7 +1,5 @@
 """PDB files of beads: names that are those of the PSF file and the Topology, elements that nobody guesses, all bonds."""
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Extended XYZ files, for OVITO, ASE and whoever reads text."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 

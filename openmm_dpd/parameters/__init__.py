@@ -3,8 +3,6 @@
 Every answer is an :class:`Estimate`, with its source and the range it holds for; outside of that range there is an error.
 """
 
-from __future__ import annotations
-
 from .chains import chain_chi_slope
 from .chi import chi_from_repulsion, repulsion_from_chi
 from .contacts import chi_slope, measured_chi_slope

@@ -3,8 +3,6 @@
 Reduced: rc = m = kT = 1.  The table has A = 75/density (docs/measure/chain_slopes.py).
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from functools import lru_cache

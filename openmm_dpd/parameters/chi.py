@@ -6,8 +6,6 @@ chi = x.  For single beads x is dA times twice the energy of a bead over A, whic
 chi = x f(x), with f measured at A = 75/density (docs/measure/demixing.py).
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from functools import lru_cache
@@ -103,7 +101,7 @@ def _relation(density, A, beads: int, bond: Spring | None) -> _Relation:
 
 
 def _published(relation: str, A, beads: int) -> bool:
-    if relation not in _RELATIONS:
+    if not isinstance(relation, str) or relation not in _RELATIONS:
         raise ParameterError(f"the relation must be one of {', '.join(_RELATIONS)}, not {relation!r}")
     if relation == "groot-warren" and A is not None:
         raise ParameterError("the relation of Groot and Warren holds for A = 75/density; leave A out")

@@ -1,7 +1,5 @@
 """What chi is to first order in the extra repulsion: overlaps of beads of different molecules, of molecules of any shape."""
 
-from __future__ import annotations
-
 import numpy as np
 from openmm import app, unit
 

@@ -4,8 +4,6 @@ All is reduced: rc = m = kT = 1.  The table (docs/measure/transport_table.py) ha
 transverse friction, each over the drag on a bead: exponents, transverse parts of the drag, repulsions.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """What a relation or a table says: the number, and what is known about it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -38,6 +36,10 @@ class Estimate:
     source: str
     bounds: Bounds
     extrapolated: bool = False
+
+    def __repr__(self) -> str:
+        error = "" if self.error is None else f" +- {self.error:.2g}"
+        return f"<Estimate {self.value:.6g}{error}, {self.source}{', extrapolated' if self.extrapolated else ''}>"
 
     def __float__(self) -> float:
         return self.value

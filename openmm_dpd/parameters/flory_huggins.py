@@ -1,7 +1,5 @@
 """Flory-Huggins theory of two fluids, and chi from solubility parameters."""
 
-from __future__ import annotations
-
 import math
 
 from openmm import unit
@@ -137,4 +135,7 @@ def chi_from_solubility(volume, delta1, delta2, temperature) -> float:
     per_bead = checked(_per_bead(volume), "volume", "volume", positive=True)
     first, second = (_cohesion(value, name) for value, name in ((delta1, "delta1"), (delta2, "delta2")))
     kT = BOLTZMANN * checked(temperature, "temperature", "temperature", positive=True)
-    return per_bead / kT * (first - second) ** 2
+    chi = per_bead / kT * (first - second) * (first - second)
+    if not math.isfinite(chi):
+        raise ParameterError(f"solubility parameters of {delta1} and {delta2} are too far apart: chi is {chi:g}")
+    return chi

@@ -1,7 +1,5 @@
 """A solvent with copies of one molecule in it, each coupled to the solvent by a part of its repulsions."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement

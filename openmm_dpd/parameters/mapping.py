@@ -1,7 +1,5 @@
 """Physical units of a reduced model: what a bead stands for."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from openmm import unit

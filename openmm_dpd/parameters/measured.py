@@ -1,7 +1,5 @@
 """The pressure and the energy of a fluid of one kind of beads, from a short run."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -3,8 +3,6 @@
 log P = log10 of c_octanol/c_water at infinite dilution; "octanol" stands for any other solvent than water, as the model has it.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 All is reduced: lengths in rc, energies in kT, so A stands for A rc/kT, the density for beads in rc^3 and the pressure for p rc^3/kT.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -114,7 +112,7 @@ def _equation(name: str) -> _Equation:
             False,
         ),
     }
-    if name not in known:
+    if not isinstance(name, str) or name not in known:
         raise ParameterError(f"the equation of state must be one of {', '.join(known)}, not {name!r}")
     return known[name]()
 

@@ -18,6 +18,7 @@ from ..neighbours import coincident_pairs
 from ..plan import Plan
 from ..program_options import DOUBLE_PLATFORMS, ProgramOptions
 from ..units import BOLTZMANN
+from ..wording import bead_names, bead_number
 
 
 def why_not(plan: Plan) -> str | None:
@@ -35,10 +36,10 @@ def why_not(plan: Plan) -> str | None:
     if plan.exceptions:
         return "it cannot scale the friction of bonded neighbours"
     if scene.mobile is not None and not scene.mobile.all():
-        return f"bead {int(np.argmin(scene.mobile))} is immobile, and near beads of mass 0 its velocities become NaN"
+        return f"bead {bead_number(np.argmin(scene.mobile))} is immobile, and near beads of mass 0 its velocities become NaN"
     together = coincident_pairs(scene.positions, scene.box, 1e-10)
     if together:
-        return "beads {} and {} are at the same point, where its friction is NaN unless their velocities differ".format(*together[0])
+        return f"{bead_names(*together[0])} are at the same point, where its friction is NaN unless their velocities differ"
     if plan.platform in DOUBLE_PLATFORMS and may_miss_pairs(scene.box, max((c.cutoff for c in plan.layers[0].values()), default=0.0)):
         return f"in this box, small and tilted, it misses the friction of some pairs on the {plan.platform} platform"
     for (a, b), c in plan.layers[0].items():

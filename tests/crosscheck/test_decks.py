@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from judged import any_seed
 
 from openmm_dpd.lammps import RunOptions, run_deck
 
@@ -54,13 +55,14 @@ def test_first_row_shardlow_pressure(tmp_path):
 
 
 @pytest.mark.slow
+@any_seed(20)
 @pytest.mark.parametrize("deck", [pytest.param(deck, marks=pytest.mark.long if deck in HOURS else ()) for deck in PRODUCTION])
-def test_averages(deck, tmp_path):
+def test_averages(deck, tmp_path, seed):
     """Averages of T, P and PE per bead within 4 combined standard errors of LAMMPS's."""
     reference = REFERENCE[deck]["production"]
     report = run_deck(
         DECKS / deck,
-        RunOptions(platform="CPU", discard=reference["discard"], seed=20),
+        RunOptions(platform="CPU", discard=reference["discard"], seed=seed),
         variables=REFERENCE[deck]["variables"] | {"nrun": str(PRODUCTION[deck])},
         out=tmp_path,
     )

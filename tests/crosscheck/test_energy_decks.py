@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from judged import any_seed
 from make_energy_reference import fit_diffusivity, transient
 
 import openmm_dpd as dpd
@@ -55,14 +56,15 @@ REPLICATES = {
 
 
 @pytest.mark.slow
+@any_seed(501)
 @pytest.mark.parametrize("deck", REPLICATES)
-def test_the_way_to_equilibrium(deck, tmp_path):
+def test_the_way_to_equilibrium(deck, tmp_path, seed):
     """Means over replicates at a step on the way, where everything still moves; |t| < 6 (p of about 1e-4 at 6 to 16 degrees of freedom)."""
     step, here, there, words = REPLICATES[deck]
     reference = REFERENCE[deck]["replicates"]["steps"][str(step)]
     rows = []
     for k in range(here):
-        variables = {"nrun": str(step), "every": str(step), "seed": str(501 + k), "vseed": str(77 + k)}
+        variables = {"nrun": str(step), "every": str(step), "seed": str(seed + k), "vseed": str(seed - 424 + k)}
         thermo = run(deck, tmp_path, variables, platform="CPU", steps=step)["thermo"]
         rows.append([thermo[word]["last"] for word in words])
     t = {word: round(students_t(column, reference[word], there), 2) for word, column in zip(words, np.array(rows).T, strict=True)}
@@ -119,15 +121,16 @@ def compare_profiles(deck: str, profile: dict[str, list[float]]) -> dict[str, tu
 
 
 @pytest.mark.slow
+@any_seed(1)
 @pytest.mark.parametrize("deck", ["in.edpd", "in.tdpd"])
-def test_profiles(deck, tmp_path):
+def test_profiles(deck, tmp_path, seed):
     """Bins of the heat and species profiles, and the diffusivities fitted to them: 1 % beside LAMMPS, 3 % beside the continuum formula.
 
     Heat as LAMMPS computes it, since the conserving form heats the fluid by what velocity Verlet makes of this time step
     (docs/theory_energy.md).  LAMMPS's heat noise is the noise of the motion, with a sign that depends on the direction of its pairs, which
     carries a little heat along y: 2e-4 in the profile.
     """
-    report = run(deck, tmp_path, platform="CPU", compat="lammps")
+    report = run(deck, tmp_path, platform="CPU", compat="lammps", seed=seed)
     (profile,) = report["profiles"].values()
     found = compare_profiles(deck, profile)
     print(deck, found)
@@ -138,11 +141,12 @@ def test_profiles(deck, tmp_path):
 
 
 @pytest.mark.slow
+@any_seed(3)
 @pytest.mark.parametrize("deck", PRESSURE)
-def test_constant_pressure_in_equilibrium(deck, tmp_path):
+def test_constant_pressure_in_equilibrium(deck, tmp_path, seed):
     """Mean volume, temperatures and potential energy, and the variance of the volume, within 4 combined standard errors."""
     reference = PRESSURE[deck]
-    report = run(deck, tmp_path, {"nrun": "16000", "nequil": "3000"}, platform="CPU", seed=3)
+    report = run(deck, tmp_path, {"nrun": "16000", "nequil": "3000"}, platform="CPU", seed=seed)
     thermo = report["thermo"]
     words = {"Temp": "temp", "PotEng": "pe", "Volume": "vol", "c_dpdU[4]": "c_dpdU[4]"}
     z = {}
@@ -159,13 +163,14 @@ def test_constant_pressure_in_equilibrium(deck, tmp_path):
 
 
 @pytest.mark.slow
-def test_volume_fluctuations_are_the_compressibility(tmp_path):
+@any_seed(4)
+def test_volume_fluctuations_are_the_compressibility(tmp_path, seed):
     """Isothermal: <dV^2> = kT V kappa, with kappa from the pressures of two runs at constant volume; and as LAMMPS has it."""
     scene = deck_scene(DECKS / "in.dpdp-pressure")
     kT, pressure = scene.initial_kT, 3000 * METAL.pressure
 
     def sampled(scene, steps, **choices):
-        built = dpd.build(scene, dt=0.01, scheme="shardlow", platform="CPU", seed=4)
+        built = dpd.build(scene, dt=0.01, scheme="shardlow", platform="CPU", seed=seed)
         if choices:
             dpd.add_barostat(built, pressure, **choices)
         simulation, observer, rows = built.simulation(), dpd.Observer(built), []

@@ -5,6 +5,7 @@ from __future__ import annotations
 import exported
 import numpy as np
 import pytest
+from judged import any_seed
 
 import openmm_dpd as dpd
 from openmm_dpd.lammps import RunOptions, export_lammps, read_lammps_dump, run_deck, scene_from_data
@@ -106,9 +107,9 @@ def _warm(name: str) -> dpd.Scene:
     return dpd.Scene(pairs={("*", "*"): dpd.EnergyDPD(A=25, sigma=3.0, kappa=1.0)}, internal=internal, kT=1.0, **beads)
 
 
-def _ours(scene: dpd.Scene, steps: int) -> dict[str, np.ndarray]:
+def _ours(scene: dpd.Scene, steps: int, seed: int) -> dict[str, np.ndarray]:
     """Temperature, pressure and energy of this package, every 10 steps after a tenth of the run."""
-    built = dpd.build(scene, dt=0.01, scheme="mvv", platform="CPU", seed=5)
+    built = dpd.build(scene, dt=0.01, scheme="mvv", platform="CPU", seed=seed)
     simulation = built.simulation()
     observer = dpd.Observer(built)
     simulation.step(steps // 10)
@@ -123,15 +124,15 @@ def _ours(scene: dpd.Scene, steps: int) -> dict[str, np.ndarray]:
     }
 
 
-def _compare(name: str, steps: int, folder) -> None:
+def _compare(name: str, steps: int, folder, seed: int) -> None:
     """Averages of LAMMPS and of this package on the same exported deck: temperature, pressure and energy."""
     scene = _warm(name)
     if scene.internal is None:
         scene = _relaxed(scene)
-    written = export_lammps(scene, folder, name, dt=0.01, steps=steps, seed=21, every=10)
+    written = export_lammps(scene, folder, name, dt=0.01, steps=steps, seed=seed + 16, every=10)
     assert not written.differences
     theirs = exported.thermo(exported.run_lammps(folder, name))
-    ours = _ours(scene, steps)
+    ours = _ours(scene, steps, seed)
     late = theirs["Step"] > steps // 10
     for column, word in (("Temp", "kT"), ("Press", "pressure"), ("PotEng", "potential")):
         average, other = block_average(theirs[column][late]), block_average(ours[word])
@@ -146,16 +147,18 @@ def _compare(name: str, steps: int, folder) -> None:
     assert frames.trajectory(dt=0.01).n_frames == len(frames) == steps // 10 + 1
 
 
+@any_seed(5)
 @pytest.mark.parametrize("name", ["fluid", "chains", "energy", "electrolyte"])
-def test_averages_of_a_short_run(name, tmp_path):
-    _compare(name, 400, tmp_path)
+def test_averages_of_a_short_run(name, tmp_path, seed):
+    _compare(name, 400, tmp_path, seed)
 
 
 @pytest.mark.slow
 @pytest.mark.long
+@any_seed(5)
 @pytest.mark.parametrize("name", ["fluid", "chains", "energy", "electrolyte"])
-def test_averages_of_a_long_run(name, tmp_path):
-    _compare(name, 20000, tmp_path)
+def test_averages_of_a_long_run(name, tmp_path, seed):
+    _compare(name, 20000, tmp_path, seed)
 
 
 @pytest.mark.slow
@@ -172,12 +175,13 @@ def test_shardlow_heats_and_conserves_as_here(tmp_path):
     )
 
 
-def test_ramps_begin_and_end_where_the_scene_says(tmp_path):
+@any_seed(3)
+def test_ramps_begin_and_end_where_the_scene_says(tmp_path, seed):
     from dataclasses import replace
 
     base = _relaxed(_warm("fluid"))
     scene = replace(base, kT=dpd.TemperatureRamp(1.0, 3.0, 100, 500))
-    written = export_lammps(scene, tmp_path, "ramp", dt=0.01, steps=600, seed=3, every=10)
+    written = export_lammps(scene, tmp_path, "ramp", dt=0.01, steps=600, seed=seed, every=10)
     text = written.deck.read_text()
     assert "run 100\n" in text and "run 400 start 100 stop 500\n" in text and text.count("\nrun ") == 3
     log = exported.run_lammps(tmp_path, "ramp")

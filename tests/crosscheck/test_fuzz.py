@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 
 import pytest
 from fuzz.areas import AREAS
 from fuzz.command_line import table
 from fuzz.compare import differences
+from fuzz.interruptions import Interruptions
 from fuzz.trial import FAILURES, Trial
 from lammps_peer import why_missing
 
@@ -41,6 +43,17 @@ def test_a_few_random_decks(trial, area):
     found = [trial.of(seed, area) for seed in range(8)]
     assert not [str(outcome) for outcome in found if outcome.kind in FAILURES]
     assert sum(outcome.kind == "agree" for outcome in found) >= 6, table(found)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals")
+def test_random_decks_that_are_interrupted_go_on_bit_for_bit(tmp_path):
+    """Twenty of all areas; more by hand with ``--resume``."""
+    areas = [*AREAS, "averages", "runs", "control"]
+    with Interruptions(tmp_path / "decks") as interruptions:
+        found = [interruptions.of(seed, area) for seed, area in enumerate(areas)]
+    assert not [str(outcome) for outcome in found if outcome.kind in FAILURES]
+    assert sum(outcome.kind == "agree" for outcome in found) >= 12, table(found)
 
 
 @pytest.mark.parametrize(

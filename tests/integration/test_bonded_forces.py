@@ -156,7 +156,7 @@ def test_the_deck_says_where_a_fene_bond_is_too_long(tmp_path):
     deck = tmp_path / "in.chains"
     deck.write_text(text + "fix 1 all nve\nrun 10\n")
     with pytest.raises(
-        dpd.DeckError, match=r"in.chains:8: the FENE bond of the beads with the ids 1 and 2 has the length 1.6, not less than its R0, 1.5"
+        dpd.DeckError, match=r"in.chains:8: the FENE bond between beads 1 and 2 is 1.6 long, which is not less than its R0 of 1.5; move"
     ):
         run_deck(deck, RunOptions(platform="Reference"), out=tmp_path / "out")
 

@@ -13,7 +13,7 @@ import pytest
 
 import openmm_dpd as dpd
 from openmm_dpd import cli
-from openmm_dpd.lammps.commands.fixes import FIX_STYLES
+from openmm_dpd.lammps.commands.fixes import AVERAGES, FIX_STYLES
 from openmm_dpd.lammps.run.deck import COMMANDS
 from openmm_dpd.lammps.styles.pair_styles import PAIR_STYLES
 from openmm_dpd.lammps.values.computes import COMPUTES
@@ -70,13 +70,19 @@ def test_every_option_of_run_is_described():
     page = (ROOT / "docs" / "howto" / "run_deck.md").read_text(encoding="utf-8")
     with pytest.raises(SystemExit):
         cli._parser().parse_args(["run", "--no-such-option"])
-    helped = subprocess.run([sys.executable, "-m", "openmm_dpd.cli", "run", "--help"], capture_output=True, text=True, check=True).stdout
+    helped = subprocess.run([sys.executable, "-m", "openmm_dpd", "run", "--help"], capture_output=True, text=True, check=True).stdout
     for option in set(re.findall(r"--[a-z]+", helped)) - {"--help"}:
         assert f"`{option}" in page or f" {option}" in page or f"{option} " in page, option
 
 
 # -- tables ----------------------------------------------------------------------------------------------------------------------
-TABLES = {"commands": COMMANDS, "pair styles": PAIR_STYLES, "fixes": FIX_STYLES, "computes": COMPUTES, "thermo words": WORDS}
+TABLES = {
+    "commands": COMMANDS,
+    "pair styles": PAIR_STYLES,
+    "fixes": {**FIX_STYLES, **AVERAGES},
+    "computes": COMPUTES,
+    "thermo words": WORDS,
+}
 
 
 @pytest.mark.parametrize("table", TABLES)
@@ -105,7 +111,7 @@ def test_listings_in_the_architecture_are_what_explain_prints():
     text = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
     for scheme, conservative in (("middle", "openmm"), ("bababo", "kernel")):
         built = dpd.build(scene, dt=0.04, scheme=scheme, conservative=conservative, platform="CPU", seed=7)
-        assert built.program is not None and built.program.describe() in built.explain()
+        assert built.program is not None and built.program.describe() in built.explain(program=True)
         assert built.program.describe() in text, scheme
 
 

@@ -207,7 +207,7 @@ NATIVE_SCENES = {
     "immobile beads": (dict(mobile=np.arange(N) != 3), "bead 3 is immobile"),
     "beads that only say that they move": (dict(mobile=np.ones(N, bool)), None),
     "moving wall": (dict(mobile=np.arange(N) != 3, velocities=np.ones((N, 3))), "bead 3 is immobile"),
-    "beads at one point": (dict(positions=np.concatenate([X[:1], X[:-1]])), "beads 0 and 1 are at the same point"),
+    "beads at one point": (dict(positions=np.concatenate([X[:1], X[:-1]])), "beads 0 and 1 .counted from 0. are at the same point"),
     "small tilted box": (dict(box=SMALL_TILTED), "small and tilted.*friction.*Reference"),
     "masses of beads": (dict(bead_masses=np.arange(1.0, N + 1)), "same mass"),
 }

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from judged import any_seed
 from openmm import unit
 from scipy.integrate import quad, trapezoid
 
@@ -28,9 +29,10 @@ def displaced(A: float, distance: float) -> float:
     return float(trapezoid(trapezoid(2 * math.pi * s * (1 - np.exp(-energy)), s, axis=1), z))
 
 
-def test_an_ideal_gas_is_exact():
+@any_seed(2)
+def test_an_ideal_gas_is_exact(seed):
     """Beads of a solvent that do not see each other: mu_ex is the density times the integral of 1 - exp(-u)."""
-    found = excess_chemical_potential(BEAD, solvent(0.0, 10.0, edge=5.0), time=60.0, settle=10.0, copies=4, dt=0.1, seed=2)
+    found = excess_chemical_potential(BEAD, solvent(0.0, 10.0, edge=5.0), time=60.0, settle=10.0, copies=4, dt=0.1, seed=seed)
     for part in (0.5, 1.0):
         here = found.at(part)
         exact = 3 * quad(lambda r, A: 4 * math.pi * r**2 * (1 - math.exp(-0.5 * A * (1 - r) ** 2)), 0, 1, args=(10 * part,))[0]
@@ -38,12 +40,13 @@ def test_an_ideal_gas_is_exact():
         assert abs(here.value - exact) < 4 * here.error
 
 
-def test_two_beads_in_an_ideal_gas_are_exact():
+@any_seed(5)
+def test_two_beads_in_an_ideal_gas_are_exact(seed):
     """mu_ex = -ln <exp(-mu_ex(r))> over the lengths r of the spring alone, on which the beads repel each other."""
     k, r0, A, own = 8.0, 0.4, 10.0, 12.0
     pairs = {("*", "*"): dpd.DPD(A=0, gamma=4.5), ("A", "W"): dpd.DPD(A=A, gamma=4.5), ("A", "A"): dpd.DPD(A=own, gamma=4.5)}
     scene = pack({}, box=[5.5] * 3, solvent="W", seed=3).scene(pairs=pairs, kT=1.0, masses={"W": 1.0, "A": 1.0})
-    found = excess_chemical_potential(linear("A2", Spring(k, r0)), scene, time=80.0, settle=10.0, copies=4, dt=0.07, seed=5)
+    found = excess_chemical_potential(linear("A2", Spring(k, r0)), scene, time=80.0, settle=10.0, copies=4, dt=0.07, seed=seed)
     r = np.linspace(0.005, 1.995, 100)
     weight = r**2 * np.exp(-k * (r - r0) ** 2 - 0.5 * own * np.maximum(0, 1 - r) ** 2)
     rigid = np.array([3 * displaced(A, distance) for distance in r])
@@ -53,9 +56,10 @@ def test_two_beads_in_an_ideal_gas_are_exact():
 
 
 @pytest.mark.slow
-def test_beads_in_the_fluid_of_groot_and_warren():
+@any_seed(11)
+def test_beads_in_the_fluid_of_groot_and_warren(seed):
     """Widom insertion by P. B. Warren (python3-HNC-solver, dimer_data.ods): 5.6732(3) at A = 10 and 12.163(3) at 25."""
-    found = excess_chemical_potential(BEAD, solvent(25.0, 25.0), time=250.0, seed=11)
+    found = excess_chemical_potential(BEAD, solvent(25.0, 25.0), time=250.0, seed=seed)
     assert found.error < 0.04
     assert abs(found.value - 12.163) < 4 * found.error
     assert abs(found.at(0.4).value - 5.6732) < 4 * found.at(0.4).error
@@ -63,7 +67,8 @@ def test_beads_in_the_fluid_of_groot_and_warren():
 
 
 @pytest.mark.slow
-def test_a_repulsion_from_log_p_gives_that_log_p():
+@any_seed(1)
+def test_a_repulsion_from_log_p_gives_that_log_p(seed):
     """Two beads on a spring between solvents of single beads and of pairs."""
     spring = Spring(k=20.0, r0=0.5)
     pair, pairs = linear("A2", spring), {("*", "*"): dpd.DPD(A=25, gamma=4.5)}
@@ -74,15 +79,16 @@ def test_a_repulsion_from_log_p_gives_that_log_p():
         return pack({}, box=[6.0] * 3, solvent="W", seed=4).scene(pairs=own, kT=1.0, masses=masses)
 
     octanol = pack({}, box=[6.0] * 3, solvent=linear("O2", spring), seed=5).scene(pairs=pairs, kT=1.0, masses=masses)
-    A = repulsion_from_log_p(2.0, pair, octanol, water(45.0), time=80.0, settle=15.0, copies=5, seed=1)
+    A = repulsion_from_log_p(2.0, pair, octanol, water(45.0), time=80.0, settle=15.0, copies=5, seed=seed)
     assert 30 < A.value < 45 and A.error < 0.7
-    found = log_p(pair, octanol, water(A.value), time=80.0, settle=15.0, copies=5, seed=21)
+    found = log_p(pair, octanol, water(A.value), time=80.0, settle=15.0, copies=5, seed=seed + 20)
     assert found.error < 0.08
     # both runs have this error
     assert abs(found.value - 2.0) < 4 * math.sqrt(2) * found.error
 
 
-def test_units_make_no_difference():
+@any_seed(1)
+def test_units_make_no_difference(seed):
     """The same run in nm, Da and kJ/mol; bits differ, so beads part after a while."""
     water = water_mapping(3)
     A, edge = water.coefficient(25.0, gamma=4.5), 5.0
@@ -95,7 +101,7 @@ def test_units_make_no_difference():
         kT=water.temperature * unit.kelvin,
         box=np.full(3, edge * water.cutoff) * unit.nanometer,
     )
-    options = {"time": 20.0, "settle": 3.0, "copies": 3}
+    options = {"time": 20.0, "settle": 3.0, "copies": 3, "seed": seed}
     one, other = (excess_chemical_potential(BEAD, scene, **options) for scene in (plain, real))
     assert abs(one.value - other.value) < 4 * math.hypot(one.error, other.error)
     assert other.molar_energy / unit.kilojoule_per_mole == pytest.approx(other.value * water.thermal_energy)

@@ -68,8 +68,8 @@ def test_a_trajectory_that_finds_no_space_ends_the_run_and_costs_nothing(deck, c
 @pytest.mark.parametrize(
     ("name", "line", "steps", "what"),
     [
-        ("dump.d", 23, 0, "the run stopped: the file of dump d, {out}/dump.d cannot be written (Is a directory)"),
-        ("mean.txt", 23, None, "the run stopped: the file of averages {out}/mean.txt cannot be written (Is a directory)"),
+        ("dump.d", 23, None, "the run stopped: the file of dump d, {out}/dump.d cannot be written (Is a directory)"),
+        ("mean.txt", 22, None, "the file of averages {out}/mean.txt cannot be written (Is a directory)"),
         ("said", 24, 20, "the file of print {out}/said cannot be written (Is a directory)"),
         ("data", 25, 20, "the data file {out}/data cannot be written (Is a directory)"),
         ("trajectory.dcd", 23, None, "the run stopped: the trajectory {out}/trajectory.dcd cannot be written (Is a directory)"),
@@ -163,7 +163,10 @@ def test_a_run_that_is_asked_to_end_keeps_what_is_there(deck, number, status, sc
     taken = report["steps"]
     text = f"interrupted by {number.name} after step {taken} of 100000000"
     assert report["stopped"] == text and taken >= 100
-    assert error.splitlines()[-1] == f"openmm-dpd: {text}; what was computed until then is in {out}/; go on with --restart {out}"
+    assert (
+        error.splitlines()[-1]
+        == f"openmm-dpd: {text}; what was computed until then is in {out}/; go on with: openmm-dpd run {deck} --restart {out}"
+    )
     dump = (out / "dump.d").read_text().split("ITEM: TIMESTEP\n")[1:]
     assert len(dump) == taken // 10 + 1 and all(len(frame.splitlines()) == 8 + 192 for frame in dump)
     rows = np.loadtxt(out / "mean.txt", ndmin=2)

@@ -11,13 +11,13 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from judged import any_seed, bounded, judge
 from scenes import beads
 
 import openmm_dpd as dpd
 from openmm_dpd.lammps import RunOptions, run_deck
 from openmm_dpd.measure import ProfileReporter, StressReporter
-from openmm_dpd.measure.stress_sums import StressSums
-from openmm_dpd.stats import block_average
+from openmm_dpd.measure.present import Present
 
 DT, PERIOD = 0.04, 10
 
@@ -72,9 +72,10 @@ def test_openmms_integrator_keeps_velocities_half_a_kick_behind():
     assert sample.kinetic_on_step == pytest.approx(speed**2, rel=1e-6)
 
 
+@any_seed(3)
 @pytest.mark.parametrize(("scheme", "colder"), [("middle", 0.035), ("bababo", 0.0)])
-def test_stiff_dimers_have_the_temperature_that_was_set(scheme, colder):
-    """Kinetic part of the pressure and temperatures of slabs, with omega dt = 0.64, within 4 standard errors.
+def test_stiff_dimers_have_the_temperature_that_was_set(scheme, colder, seed):
+    """Kinetic part of the pressure and temperatures of slabs, with omega dt = 0.64; 3 % off is seen.
 
     With ``middle`` velocities on step are 3.5 % too cold, ten times as much.
     """
@@ -84,7 +85,7 @@ def test_stiff_dimers_have_the_temperature_that_was_set(scheme, colder):
     table = {("*", "*"): dpd.DPD(A=25, gamma=4.5)}
     bonds = [dpd.HarmonicBonds(np.arange(n).reshape(-1, 2), 64.0, 0.5)]
     scene = dpd.Scene({"A": 1.0}, ["A"] * n, x, table, kT=1.0, box=[(n / 3) ** (1 / 3)] * 3, bonds=bonds, bonded_factors=(1.0, 1.0, 1.0))
-    built = dpd.build(scene, dt=DT, scheme=scheme, platform="CPU", seed=3)
+    built = dpd.build(scene, dt=DT, scheme=scheme, platform="CPU", seed=seed)
     simulation, observer, profile = built.simulation(), dpd.Observer(built), ProfileReporter(10, built, bins=2)
     simulation.step(500)
     simulation.reporters.append(profile)
@@ -93,12 +94,11 @@ def test_stiff_dimers_have_the_temperature_that_was_set(scheme, colder):
         simulation.step(10)
         sample = observer.sample(simulation.context)
         rows.append((sample.kinetic_pressure, sample.kinetic_on_step))
-    pressing, on_step = (block_average(column * 2 / sample.dof) for column in np.array(rows).T)
-    assert pressing.converged and pressing.sem < 0.006
-    assert abs(pressing.mean - 1.0) < 4 * pressing.sem
-    assert pressing.mean - on_step.mean == pytest.approx(colder, abs=0.003)
+    pressing, on_step = np.array(rows).T * 2 / sample.dof
+    judge(pressing, 1.0, error=0.006)
+    assert np.mean(pressing - on_step) == pytest.approx(colder, abs=0.003)
     # about a mean velocity that is measured: N - 1 of N
-    assert abs(profile.profile.kT.mean() * n / (n - 1) - 1.0) < 4 * pressing.sem
+    assert abs(profile.profile.kT.mean() * n / (n - 1) - 1.0) < bounded(pressing)[2]
 
 
 DECK = """units lj
@@ -128,7 +128,9 @@ def test_decks_print_what_lammps_defines(scheme, tmp_path):
     x, v = state.getPositions(asNumpy=True)._value, state.getVelocities(asNumpy=True)._value
     scene = beads(192, positions=x, edge=4.0, table={("*", "*"): dpd.DPD(A=25, gamma=4.5)})
     tensor = (v.T @ v)[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    tensor += StressSums(dpd.make_plan(scene, dt=0.05, platform="Reference")).conservative(x, scene.box)
+    present = Present(dpd.build(scene, dt=0.05, scheme="bababo", platform="Reference"))
+    present.look(present.built.simulation().context)
+    tensor += present.stress()
     columns = ("pxx", "pyy", "pzz", "pxy", "pxz", "pyz")
     np.testing.assert_allclose([found[name]["last"] for name in columns], tensor / 4.0**3, rtol=1e-9, atol=1e-9)
     assert found["press"]["last"] == pytest.approx(tensor[:3].sum() / (3 * 4.0**3), rel=1e-9)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import openmm
 import pytest
+from judged import any_seed, judge, quantile
 from openmm import unit
 
 import openmm_dpd as dpd
@@ -12,7 +13,6 @@ from openmm_dpd import ParameterError, PlanError
 from openmm_dpd.analysis import surface_tension
 from openmm_dpd.measure import StressReporter
 from openmm_dpd.molecules import Bilayer, grafmueller_2009, pack, relax
-from openmm_dpd.stats import block_average
 from openmm_dpd.units import BAR_PER_MD_PRESSURE, BOLTZMANN
 
 Membrane = openmm.MonteCarloMembraneBarostat
@@ -137,13 +137,14 @@ def test_a_restart_has_box_and_step_and_takes_the_new_temperature(tmp_path):
             assert np.linalg.det(now) == pytest.approx(64.0) and now[0, 0] != edges[0, 0]
 
 
+@any_seed(1)
 @pytest.mark.parametrize("tension", [1.5, -1.5])
-def test_the_area_of_an_ideal_gas_is_exact(tension):
-    """Beads that do not repel each other: p(A) ~ A^N exp(-(P L_z - gamma) A), a gamma distribution; mean within 4 standard errors."""
+def test_the_area_of_an_ideal_gas_is_exact(tension, seed):
+    """Beads that do not repel each other: p(A) ~ A^N exp(-(P L_z - gamma) A), a gamma distribution.  5 % off is seen."""
     n = 64
     positions = np.random.default_rng(1).random((n, 3)) * 4
     pairs = {("W", "W"): dpd.DPD(A=0.0, gamma=4.5, cutoff=0.5)}
-    built = build(dpd.Scene({"W": 1.0}, ["W"] * n, positions, pairs, kT=1.0, box=[4.0] * 3))
+    built = build(dpd.Scene({"W": 1.0}, ["W"] * n, positions, pairs, kT=1.0, box=[4.0] * 3), seed=seed)
     dpd.add_barostat(built, 1.0, surface_tension=tension, zmode="fixed", interval=1)
     simulation, areas = built.simulation(), []
     simulation.step(200)
@@ -151,23 +152,22 @@ def test_the_area_of_an_ideal_gas_is_exact(tension):
         simulation.step(4)
         edges = np.diag(simulation.context.getState().getPeriodicBoxVectors(asNumpy=True)._value)
         areas.append(edges[0] * edges[1])
-    area = block_average(areas)
     exact = (n + 1) / (4.0 - tension)
-    assert area.converged and area.sem < 0.02 * exact
-    assert abs(area.mean - exact) < 4 * area.sem, (area, exact)
+    judge(areas, exact, error=0.02 * exact)
 
 
 @pytest.mark.slow
+@any_seed(1)
 @pytest.mark.parametrize("tension", [0.0, 2.0])
-def test_a_bilayer_has_the_pressure_and_the_tension_that_were_set(tension):
-    """Within 4 standard errors, from eight blocks of 20 units of time, in which the area forgets where it was.
+def test_a_bilayer_has_the_pressure_and_the_tension_that_were_set(tension, seed):
+    """Within Student's bounds, from eight blocks of 20 units of time, in which the area forgets where it was.
 
     The bonds of this lipid are so stiff for the step that velocities at full steps alone would make pressures 0.2 too low.  The mean of
     L_z (P_z - P_xy) is the tension less kT <1/A>, as integration by parts says.
     """
     model, pressure = grafmueller_2009(), 17.5
-    mixture = pack({model.molecule: Bilayer(30)}, solvent="W", density=model.density, box=[5.0, 5.0, 8.0], seed=1)
-    built = build(relax(mixture.scene(pairs=model.pairs(), kT=1.0)), dt=0.04)
+    mixture = pack({model.molecule: Bilayer(30)}, solvent="W", density=model.density, box=[5.0, 5.0, 8.0], seed=seed)
+    built = build(relax(mixture.scene(pairs=model.pairs(), kT=1.0)), dt=0.04, seed=seed)
     dpd.add_barostat(built, pressure, surface_tension=tension, interval=1)
     simulation = built.simulation()
     simulation.step(1500)
@@ -186,5 +186,5 @@ def test_a_bilayer_has_the_pressure_and_the_tension_that_were_set(tension):
     along, its_error = blocks(stress.pressures[:, 2])
     expected = tension - np.mean(1 / np.prod(stress.edges[:, :2], axis=1))
     print(f"tension {measured:.3f}({error:.3f}), expected {expected:.3f}; along z {along:.3f}({its_error:.3f}), expected {pressure}")
-    assert error < 0.4 and abs(measured - expected) < 4 * error
-    assert its_error < 0.05 and abs(along - pressure) < 4 * its_error
+    assert error < 0.4 and abs(measured - expected) < quantile(8) * error
+    assert its_error < 0.05 and abs(along - pressure) < quantile(8) * its_error

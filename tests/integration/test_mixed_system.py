@@ -10,6 +10,7 @@ from io import StringIO
 import numpy as np
 import openmm
 import pytest
+from judged import any_seed
 from openmm import app, unit
 
 import openmm_dpd as dpd
@@ -271,7 +272,7 @@ def test_what_is_not_measured_of_atoms_and_beads():
     )
     observer = dpd.Observer(whole)
     sample = observer.sample(whole.simulation().context)
-    absent = ("pressure", "virial_conservative", "pair", "bond", "total", "configurational_kT", "forces")
+    absent = ("pressure", "virial_conservative", "pair", "bond", "total", "kT_conf", "forces")
     assert not any(hasattr(sample, name) for name in absent) and np.isfinite(sample.potential)
     assert "Laplacian" in (observer.no_laplacian or "")
     for columns in (["step", "pressure"], ["kT_conf"], ["conserved_energy"]):
@@ -284,15 +285,16 @@ def test_what_is_not_measured_of_atoms_and_beads():
 
 
 @pytest.mark.slow
+@any_seed(3)
 @pytest.mark.parametrize("platform", PLATFORMS)
-def test_temperature_of_atoms_and_of_beads(platform):
+def test_temperature_of_atoms_and_of_beads(platform, seed):
     """Both at 300 K; friction between them, none among the atoms."""
     topology, system, x = atoms()
     # a water whose oxygen alone feels friction hardly ever loses its rotation
     names = ["hydrogen" if atom.name in ("H1", "H2") and atom.residue.name == "HOH" else None for atom in topology.atoms()]
     names = [name or other for name, other in zip(names, classes(topology), strict=True)]
     cross = REPULSION | {("hydrogen", "*"): dpd.DPD(**FRICTION)}
-    whole = dpd.create_mixed_system(beads(x), topology, system, x, atoms=names, cross=cross, dt=0.002, platform=platform, seed=3)
+    whole = dpd.create_mixed_system(beads(x), topology, system, x, atoms=names, cross=cross, dt=0.002, platform=platform, seed=seed)
     # the CPU platform's PME has threads of its own
     simulation = whole.simulation(properties={"Threads": "1", "DeterministicForces": "true"} if platform == "CPU" else None)
     simulation.minimizeEnergy(maxIterations=100)
@@ -474,3 +476,35 @@ def test_bad_input(changes, error, message):
     arguments |= {name: value for name, value in changes.items() if name in (*arguments, "scheme", "platform")}
     with pytest.raises(error, match=message):
         dpd.create_mixed_system(system=system, **arguments)
+
+
+@pytest.mark.parametrize("method", ["NoCutoff", "CutoffNonPeriodic"])
+@pytest.mark.parametrize("overlay", [False, True])
+def test_without_a_box(method, overlay):
+    """Atoms whose forces have no cutoff or one, beside beads: the same forces on both platforms, zero beyond the cutoffs."""
+    system, nonbonded, topology = openmm.System(), openmm.NonbondedForce(), app.Topology()
+    chain = topology.addChain()
+    for _ in range(2):
+        system.addParticle(40.0)
+        nonbonded.addParticle(0.0, 0.3, 1.0)
+        topology.addAtom("Ar", app.element.argon, topology.addResidue("AR", chain))
+    nonbonded.setNonbondedMethod(getattr(nonbonded, method))
+    system.addForce(nonbonded)
+    soft, places = dpd.DPD(A=10.0, gamma=5.0, cutoff=0.8), np.array([[0.5, 0, 0], [0.9, 0, 0], [3, 0, 0], [3.5, 0, 0]])
+    tables = [{("W", "W"): soft}, {("W", "W"): dpd.LennardJones(epsilon=0.4, sigma=0.3, cutoff=0.7)}][: 1 + overlay]
+    scene = dpd.Scene({"W": 40.0}, ["W"] * 4, places, tables, kT=2.5)
+    x = np.array([[0.0, 0, 0], [0.0, 0.33, 0]])
+    found = []
+    for platform in PLATFORMS:
+        whole = dpd.create_mixed_system(scene, topology, system, x, atoms=["a"] * 2, cross={("a", "W"): soft}, dt=0.002, platform=platform)
+        simulation = whole.simulation()
+        found.append(forces(simulation.context))
+        simulation.step(2)
+    np.testing.assert_allclose(found[0], found[1], atol=1e-4)
+    # bead 0 by the other bead and by both atoms
+    away = np.array([[-0.4, 0, 0], [0.5, 0, 0], [0.5, -0.33, 0]])
+    r = np.linalg.norm(away, axis=1)[:, None]
+    expected = 10.0 * (1 - r / 0.8) * away / r
+    if overlay:
+        expected[0] += 24 * 0.4 * (2 * (0.3 / 0.4) ** 12 - (0.3 / 0.4) ** 6) / 0.4**2 * away[0]
+    np.testing.assert_allclose(found[0][2], expected.sum(axis=0), rtol=1e-6)

@@ -22,6 +22,7 @@ PUSH, GROUP, NAME = 0.01, 7, "push of the test"
 
 #: Pages, and the Contexts in them (by their number among those that step), from which momentum goes elsewhere.
 ELSEWHERE = {
+    "changes": {0: "a trap takes up momentum"},
     "dense_start": {1: "OpenMM's Langevin integrator takes momentum up"},
     "build_scene": {2: "immobile beads take up momentum", 3: "a trap takes up momentum"},
     "flow": {0: "the body force of reverse Poiseuille flow depends on where beads are", 1: "walls take up momentum"},

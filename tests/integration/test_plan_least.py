@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+
 import numpy as np
 import openmm
 import pytest
@@ -10,6 +12,7 @@ from scenes import BOXES, EXTENDED, PLAIN, D, beads, chains, fluid
 
 import openmm_dpd as dpd
 from openmm_dpd.kernels import forces
+from openmm_dpd.measure import StressReporter
 from openmm_dpd.names import PAIR_GROUP, PARAMETERS
 from openmm_dpd.plan import make_plan
 
@@ -134,12 +137,8 @@ def test_only_the_forces_of_the_scene_have_parameters_of_types():
     built = build(scene, loop=False)
     assert len(built.plan.layers) == len(built.plan.overlays) == 1
     assert built.plan.conservative == "none"
-    assert sorted(type(f).__name__ for f in built.system.getForces()) == ["CustomNonbondedForce", "CustomNonbondedForce", "PythonForce"]
-    # the second one is the virial, in a group nobody integrates and switched off
-    virial = [f for f in built.system.getForces() if "virial" in f.getName()]
-    assert len(virial) == 1 and virial[0].getForceGroup() not in _groups(built)
+    assert sorted(type(f).__name__ for f in built.system.getForces()) == ["CustomNonbondedForce", "PythonForce"]
     context = built.simulation().context
-    assert context.getParameter("dpd_virial") == 0.0
     everything, integrated = (context.getState(energy=True, **kw).getPotentialEnergy() for kw in ({}, {"groups": _groups(built)}))
     assert everything == integrated
 
@@ -189,10 +188,9 @@ def test_native_has_the_friction_of_lammps():
     assert kT == pytest.approx(1.5)
 
 
-@SCHEMES
-@PLACEMENTS
-def test_evaluations_per_step(scheme, conservative, monkeypatch):
-    """How often the kernel lists pairs, and adds forces or sweeps, in a step: counted on a running scene."""
+@pytest.fixture
+def counts(monkeypatch):
+    """How often the kernel lists pairs, and adds forces or sweeps."""
     from openmm_dpd.kernels.engine import PairEngine
     from openmm_dpd.kernels.pairs import PairList
 
@@ -208,8 +206,15 @@ def test_evaluations_per_step(scheme, conservative, monkeypatch):
         monkeypatch.setattr(owner, name, call)
 
     counted(PairList, "build", "lists")
-    counted(PairEngine, "forces", "forces")
+    counted(PairEngine, "sums", "forces")
     counted(PairEngine, "swept", "sweeps")
+    return counts
+
+
+@SCHEMES
+@PLACEMENTS
+def test_evaluations_per_step(scheme, conservative, counts):
+    """Counted on a running scene."""
     simulation = build(beads(), scheme=scheme, conservative=conservative).simulation()
     simulation.step(3)
     counts.update(dict.fromkeys(counts, 0))
@@ -242,3 +247,25 @@ def test_a_table_whose_pairs_are_all_overwritten_is_none():
     plan = dpd.make_plan(scene, dt=0.01, platform="CPU", seed=1)
     assert plan.layers == plan.overlays == () and plan.conservative == "none"
     dpd.build(scene, dt=0.01, platform="CPU", seed=1).simulation().step(2)
+
+
+@pytest.mark.parametrize(
+    ("scheme", "reporter", "more"),
+    [("mvv", dpd.DPDReporter, 1), ("middle", dpd.DPDReporter, 1), ("mvv", StressReporter, 1), ("middle", StressReporter, 0)],
+)
+def test_evaluations_per_sample(scheme, reporter, more, counts):
+    """A sample in every step takes the list of the run, and what it computes the next step need not compute again.
+
+    It adds the conservative forces with ``mvv``, which has them with all others only, and in words friction and noise as forces.
+    """
+    built = build(beads(), scheme=scheme)
+    simulation = built.simulation()
+    simulation.step(3)
+    counts.update(dict.fromkeys(counts, 0))
+    simulation.step(10)
+    before = dict(counts)
+    simulation.reporters.append(reporter(io.StringIO(), 1, built) if reporter is dpd.DPDReporter else reporter(1, built))
+    simulation.step(3)
+    counts.update(dict.fromkeys(counts, 0))
+    simulation.step(10)
+    assert counts == before | {"forces": before["forces"] + 10 * more}

@@ -16,6 +16,7 @@ import openmm_dpd as dpd
 from openmm_dpd.cli import main
 from openmm_dpd.files import BlockFile
 from openmm_dpd.lammps.run.checkpoint import Checkpoints
+from openmm_dpd.lammps.values import computes
 
 DECKS = Path(__file__).parents[2] / "examples" / "decks"
 
@@ -44,6 +45,8 @@ variable noise equal "random(0,1,77)"
 compute m all msd average yes
 compute origin all msd
 compute cc all chunk/atom bin/1d x lower 0.25 units reduced
+compute g all rdf 12 1 2
+fix pairs all ave/time 5 2 20 c_g[*] file rdf.txt mode vector
 fix mean all ave/time 5 4 20 c_m[4] v_noise file mean.txt ave running
 fix over all ave/time 10 2 40 c_thermo_temp file over.txt overwrite
 fix prof all ave/chunk 3 5 30 cc vx density/number file prof.txt ave window 3
@@ -56,7 +59,13 @@ fix say all print 7 "at $(step) $(temp) $(v_noise)" file say.txt screen no
 restart 13 a.restart b.restart
 minimize 1e-3 1e-3 20 50
 print "begin" file said.txt
+fix down all gravity 0.2 chute 30
+compute flow all temp/profile 1 0 1 y 2
+fix corr all ave/correlate 1 5 6 c_flow v_noise type auto/upper file corr.txt
+fix corrs all ave/correlate 2 3 12 c_flow c_m[4] type full ave running overwrite file corrs.txt
+dump never all xyz 1000 never.xyz
 run 20
+write_dump all custom frame.d id x vx modify format float %.17g
 variable k loop 3
 label again
 run 15
@@ -67,6 +76,8 @@ jump SELF again
 label out
 run 10
 print "temperature $(temp) $(v_noise)" append said.txt
+variable up atom vx+0.1*id
+set group all vx v_up
 variable hot equal $(temp)
 undump d
 dump d all custom 15 dump.d id x y z
@@ -210,7 +221,7 @@ def error_of(capsys, *words: str) -> str:
 def test_what_cannot_be_resumed_is_said_with_the_remedy(deck, capsys):
     """Other options, another deck, files that have gone, checkpoints that are none; and then it goes on after all."""
     out = stopped(deck)
-    assert f"go on with --restart {out}" in capsys.readouterr().err
+    assert f"; go on with: openmm-dpd run {deck} --restart {out}\n" in capsys.readouterr().err
     again = (str(deck), "--restart", str(out))
     assert "--dt 0.02 cannot be combined with --restart: the interrupted run had none; leave it out" in error_of(
         capsys, *again, "--dt", "0.02"
@@ -237,6 +248,52 @@ def test_what_cannot_be_resumed_is_said_with_the_remedy(deck, capsys):
     assert "there is no checkpoint in" in error_of(capsys, *again)
 
 
+class Forgetful:
+    """Settings of a compute that take up what a restart would refuse, at the first step or later."""
+
+    def __init__(self, calls: int):
+        self.calls, self.kept = calls, None
+
+    def __call__(self) -> None:
+        self.calls -= 1
+        if self.calls <= 0:
+            self.kept = 1j
+
+
+# as if it were one of the classes that checkpoints hold
+Forgetful.__module__ = "openmm_dpd.lammps.values.computes"
+
+
+@pytest.mark.parametrize("calls", [0, 4])
+def test_what_a_restart_would_refuse_is_an_error_at_once(deck, capsys, monkeypatch, calls):
+    """Before the first step, or, where it comes about later, before the checkpoint takes the place of one that is good."""
+
+    def prepare(state, group, words):
+        settings = Forgetful(calls)
+        if not calls:
+            settings()
+        return settings
+
+    def scalar(moment, compute):
+        compute.settings()
+        return 1.0
+
+    monkeypatch.setattr(computes, "Forgetful", Forgetful, raising=False)
+    monkeypatch.setitem(computes.COMPUTES, "gyration", computes.ComputeSpec(prepare, scalar))
+    deck.write_text(f"{TINY.partition('compute m')[0]}compute g all gyration\nthermo_style custom step c_g\nrun 100\n", encoding="utf-8")
+    out = deck.parent / "out"
+    words = ["--out", str(out), "--platform", "Reference", "--threads", "1"]
+    error = error_of(capsys, str(deck), *words, "--checkpoint", "10")
+    assert "builtins.complex does not belong into a checkpoint" in error
+    assert ("--checkpoint: this run could not be resumed" in error) == (not calls)
+    rows = [line for line in (out / "log.txt").read_text(encoding="utf-8").splitlines() if line.split()[-1] == "1"]
+    assert len(rows) == calls
+    if calls:
+        assert Checkpoints(out).latest().present["step"] == 20
+    else:
+        assert main(["run", str(deck), *words, "--quiet"]) == 0
+
+
 def test_code_in_a_checkpoint_is_not_run(deck, capsys):
     """Neither a function, nor a class that would write."""
     out = deck.parent / "out"
@@ -251,7 +308,7 @@ def test_code_in_a_checkpoint_is_not_run(deck, capsys):
 
     target = deck.parent / "planted"
     for planted in (Planted(os.system, f"touch {target}"), Planted(BlockFile, str(target), "x"), Planted(Path.touch, target)):
-        (out / "checkpoint" / "latest").write_bytes(pickle.dumps({"format": "openmm-dpd checkpoint 1", "deck": planted}))
+        (out / "checkpoint" / "latest").write_bytes(pickle.dumps({"format": "openmm-dpd checkpoint 2", "deck": planted}))
         assert "does not belong into a checkpoint" in error_of(capsys, str(deck), "--restart", str(out))
     assert not target.exists()
 

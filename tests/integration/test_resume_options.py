@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 import signal
 from pathlib import Path
 
@@ -47,6 +48,7 @@ comm_modify vel yes
 pair_style dpd 1.0 1.0 34387
 pair_coeff * * 25.0 4.5
 fix move all nve
+fix mean all ave/time 1 2 4 c_thermo_temp file mean.txt
 thermo 3
 run 20
 """
@@ -107,6 +109,20 @@ def test_other_options_are_refused_and_free_ones_taken(folder, capsys):
             assert re.search(rf"error: .*{option}", capsys.readouterr().err), (option, values)
     assert main([*again, "--json", "second.json", "--no-quiet", "--steps", "30", "--threads", "2", "--checkpoint", "100"]) == 0
     assert "files are in" in capsys.readouterr().out and (folder / "second.json").exists()
+
+
+def test_the_hint_is_a_command_that_goes_on(folder, capsys):
+    """With the deck and no more, for names with blanks too, and in a folder that was moved."""
+    (folder / "in.deck").rename(folder / "in my.deck")
+    begun = ["run", "in my.deck", *words(folder, "my out")[1:]]
+    with signal_at(0, 0) as calls:
+        assert main([word.replace("my out", "whole") for word in begun]) == 0
+    assert interrupted(3 * calls[0] // 4, signal.SIGINT, begun) == 130
+    command = shlex.split(capsys.readouterr().err.partition("go on with: ")[2])
+    assert command[0] == "openmm-dpd"
+    (folder / "my out").rename(folder / "moved")
+    assert main([word.replace("my out", "moved") for word in command[1:]]) == 0
+    assert contents(folder / "moved") == contents(folder / "whole")
 
 
 def test_an_interrupted_run_that_goes_on_and_is_interrupted_keeps_its_options(folder):

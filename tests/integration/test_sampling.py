@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 import random
@@ -12,6 +13,7 @@ import foreign_forces
 import numpy as np
 import openmm
 import pytest
+from judged import any_seed, with_seeds
 from openmm import app, unit
 from scenes import beads, state_of
 
@@ -261,10 +263,11 @@ def velocities(sampler) -> list[np.ndarray]:
     return [state.getVelocities(asNumpy=True)._value.ravel() for state in sampler.replicaConformation]
 
 
+@any_seed(1)
 @WAY
-def test_equal_replicas_with_seeds_of_their_own_part(way):
+def test_equal_replicas_with_seeds_of_their_own_part(way, seed):
     """One start, one temperature, two seeds."""
-    states = [{"temperature": UNIT * KELVIN, "dpd_seed": seed} for seed in (1, 2)]
+    states = [{"temperature": UNIT * KELVIN, "dpd_seed": seed + k} for k in (0, 1)]
     one, two = velocities(replicas(states, fluid(way), 100, 2))
     assert abs(np.corrcoef(one, two)[0, 1]) < 4 / math.sqrt(len(one) - 3)
 
@@ -277,11 +280,12 @@ def test_equal_replicas_without_seeds_of_their_own_do_not_part(way):
     assert np.abs(one - two).max() < 1e-9
 
 
+@any_seed(4)
 @WAY
-def test_replicas_at_different_temperatures_part(way):
+def test_replicas_at_different_temperatures_part(way, seed):
     """... although they start alike and share seed and counter."""
     states = [{"temperature": factor * UNIT * KELVIN} for factor in (1.0, 1.02)]
-    one, two = velocities(replicas(states, fluid(way), 100, 2))
+    one, two = velocities(replicas(states, fluid(way, seed=seed), 100, 2))
     assert abs(np.corrcoef(one, two)[0, 1]) < 4 / math.sqrt(len(one) - 3)
 
 
@@ -299,6 +303,7 @@ def holds(samples: list[float], kT: float) -> None:
 
 
 @pytest.mark.slow
+@any_seed(4)
 @pytest.mark.parametrize(
     "method, way, keys",
     [
@@ -310,15 +315,15 @@ def holds(samples: list[float], kT: float) -> None:
         ("ReplicaExchangeSampler", "add_thermostat", "temperature"),
     ],
 )
-def test_states_have_their_temperatures(method, way, keys):
+def test_states_have_their_temperatures(method, way, keys, seed):
     """Particles with friction alone have no energy to be compared: all changes are accepted, however far apart the temperatures are."""
     factors, length = (1.0, 1.5, 2.0), 40
     states = [{"temperature": factor * UNIT * KELVIN} for factor in factors]
     for k, (state, factor) in enumerate(zip(states, factors, strict=True)):
-        state.update({"with dpd_seed": {"dpd_seed": 10 + k}, "with dpd_kT": {"dpd_kT": factor}}.get(keys, {}))
-    simulation = fluid(way, n=162, edge=3.8, dt=0.05)
+        state.update({"with dpd_seed": {"dpd_seed": seed + 6 + k}, "with dpd_kT": {"dpd_kT": factor}}.get(keys, {}))
+    simulation = fluid(way, n=162, edge=3.8, dt=0.05, seed=seed)
     found: list[list[float]] = [[] for _ in factors]
-    random.seed(5)
+    random.seed(seed + 1)
     if method == "ReplicaExchangeSampler":
         sampler = app.ReplicaExchangeSampler(states, simulation, length)
 
@@ -346,14 +351,15 @@ def test_states_have_their_temperatures(method, way, keys):
 
 
 @pytest.mark.slow
+@any_seed(4)
 @pytest.mark.parametrize("scheme", ["middle", "bababo"])
-def test_replicas_of_a_dpd_fluid_have_their_temperatures(scheme):
+def test_replicas_of_a_dpd_fluid_have_their_temperatures(scheme, seed):
     """With repulsion, and temperatures near enough for exchanges; energies of neighbours differ as their heat capacity says."""
     factors = (1.0, 1.05, 1.1)
     states = [{"temperature": factor * UNIT * KELVIN} for factor in factors]
-    simulation = fluid(scheme=scheme, n=192, edge=4.0, dt=0.04, table={("W", "W"): dpd.DPD(A=25, gamma=4.5)})
+    simulation = fluid(scheme=scheme, n=192, edge=4.0, dt=0.04, table={("W", "W"): dpd.DPD(A=25, gamma=4.5)}, seed=seed)
     simulation.step(300)
-    random.seed(5)
+    random.seed(seed + 1)
     sampler = app.ReplicaExchangeSampler(states, simulation, 25)
     found: list[list[float]] = [[] for _ in factors]
     exchanges = [0]
@@ -397,6 +403,7 @@ def umbrella(pairs: int, stiffness: float, centre: float, kind: str) -> openmm.F
 
 
 @pytest.mark.slow
+@any_seed(9)
 @pytest.mark.parametrize(
     "way, scheme, kind, group",
     [
@@ -406,14 +413,14 @@ def umbrella(pairs: int, stiffness: float, centre: float, kind: str) -> openmm.F
         ("add_thermostat", "middle", "cv", 31),
     ],
 )
-def test_umbrellas_give_back_the_free_energy(way, scheme, kind, group):
+def test_umbrellas_give_back_the_free_energy(way, scheme, kind, group, seed):
     """Reweighted distances of free pairs: -2 kT ln r, within 0.1 kT and not worse than four standard errors over the pairs."""
     pairs, stiffness, centre, dt = 100, 10.0, 1.0, 0.03
     force = umbrella(pairs, stiffness, centre, kind)
     force.setForceGroup(group)
     scene = ghosts(pairs, 175, 5.0)
     if way == "build":
-        built = dpd.build(scene, dt=dt, scheme=scheme, platform="CPU", seed=9)
+        built = dpd.build(scene, dt=dt, scheme=scheme, platform="CPU", seed=seed)
         built.system.addForce(force)
         simulation = app.Simulation(
             built.topology, built.system, built.integrator, openmm.Platform.getPlatformByName("CPU"), {"Threads": "1"}
@@ -426,7 +433,7 @@ def test_umbrellas_give_back_the_free_energy(way, scheme, kind, group):
             system.addParticle(1.0)
         system.addForce(force)
         integrator = dpd.add_thermostat(
-            system, dpd.DPD(gamma=4.5, cutoff=1.0), UNIT * KELVIN, dt, scheme=scheme, platform="CPU", seed=9
+            system, dpd.DPD(gamma=4.5, cutoff=1.0), UNIT * KELVIN, dt, scheme=scheme, platform="CPU", seed=seed
         ).integrator
         simulation = app.Simulation(plain.topology, system, integrator, openmm.Platform.getPlatformByName("CPU"), {"Threads": "1"})
     simulation.context.setPositions(scene.positions)
@@ -453,15 +460,19 @@ def test_umbrellas_give_back_the_free_energy(way, scheme, kind, group):
 # -- the page ----------------------------------------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
-    """Names that the scripts of docs/howto/sampling.md leave behind."""
-    names: dict = {"__name__": "page"}
-    folder = tmp_path_factory.mktemp("page")
+    """Names that the scripts of docs/howto/sampling.md leave behind, by what is added to their seeds."""
     blocks = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)
-        for block in blocks:
-            exec(compile(block, str(PAGE), "exec"), names)
-    return names
+
+    @functools.cache
+    def names_of(more: int) -> dict:
+        names: dict = {"__name__": "page"}
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(tmp_path_factory.mktemp("page"))
+            for block in blocks:
+                exec(compile(with_seeds(block, more), str(PAGE), "exec"), names)
+        return names
+
+    return names_of
 
 
 #: Standard errors of the numbers of the page, as six runs of each script with other seeds scatter.
@@ -469,32 +480,36 @@ UMBRELLA_ERROR, METADYNAMICS_ERROR = 0.02, 0.21
 
 
 @pytest.mark.slow
-def test_the_umbrella_of_the_page(page):
+@any_seed(0)
+def test_the_umbrella_of_the_page(page, seed):
     """Volumes of two shells."""
-    assert page["exact"] == pytest.approx(-math.log((1.4**3 - 1.2**3) / (0.8**3 - 0.6**3)))
-    assert abs(page["difference"] - page["exact"]) < 4 * UMBRELLA_ERROR
+    assert page(seed)["exact"] == pytest.approx(-math.log((1.4**3 - 1.2**3) / (0.8**3 - 0.6**3)))
+    assert abs(page(seed)["difference"] - page(seed)["exact"]) < 4 * UMBRELLA_ERROR
 
 
 @pytest.mark.slow
-def test_the_metadynamics_of_the_page(page):
+@any_seed(0)
+def test_the_metadynamics_of_the_page(page, seed):
     """-2 kT ln r."""
-    assert page["exact_rise"] == pytest.approx(-2 * math.log(1.3 / 0.7))
-    assert abs(page["rise"] - page["exact_rise"]) < 4 * METADYNAMICS_ERROR
+    assert page(seed)["exact_rise"] == pytest.approx(-2 * math.log(1.3 / 0.7))
+    assert abs(page(seed)["rise"] - page(seed)["exact_rise"]) < 4 * METADYNAMICS_ERROR
 
 
 @pytest.mark.slow
-def test_the_temperatures_of_the_page(page):
+@any_seed(0)
+def test_the_temperatures_of_the_page(page, seed):
     """Of tempering and of replica exchange."""
-    for factor, samples in zip((1.0, 1.05), page["kinetic"].values(), strict=True):
+    for factor, samples in zip((1.0, 1.05), page(seed)["kinetic"].values(), strict=True):
         holds(samples, factor)
-    for factor, samples in zip((1.0, 1.05, 1.1), page["reached"].values(), strict=True):
+    for factor, samples in zip((1.0, 1.05, 1.1), page(seed)["reached"].values(), strict=True):
         holds(samples, factor)
 
 
 @pytest.mark.slow
-def test_the_twins_of_the_page(page):
+@any_seed(0)
+def test_the_twins_of_the_page(page, seed):
     """Seeds of their own part them."""
-    assert abs(page["likeness"]) < 4 / math.sqrt(3 * 192 - 3)
+    assert abs(page(seed)["likeness"]) < 4 / math.sqrt(3 * 192 - 3)
 
 
 def test_lines_of_the_page_are_short():

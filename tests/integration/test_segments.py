@@ -323,7 +323,7 @@ BAD = {
     "sharing": (lambda: S(1.0, 1.0, "min", exclude_adjoining=False), "they must be left out"),
     "truth": (lambda: S(1.0, exclude_adjoining="no"), "must be True or False, not 'no'"),
     "triples": (lambda: S(1.0, bonds=[(0, 1, 2)]), r"segments must be an integer array of shape \(K, 2\)"),
-    "twice": (lambda: S(1.0, bonds=[(0, 1), (1, 0)]), "the segment between beads 0 and 1 is listed twice"),
+    "twice": (lambda: S(1.0, bonds=[(0, 1), (1, 0)]), "the segment between beads 0 and 1 .counted from 0. is listed twice"),
     "no bonds": (lambda: beads(4, segments=S(1.0)), "acts between bonds, but there are none; list them in `bonds`"),
     "missing bead": (lambda: beads(4, segments=S(1.0, bonds=[(0, 4)])), "a segment names bead 4, but there are only 4 beads"),
     "something else": (lambda: beads(4, segments={"A": 1}), "segments must be a SegmentalRepulsion"),

@@ -1,6 +1,8 @@
-"""Minimising where OpenMM's minimiser crashes: on OpenCL through PoCL."""
+"""Minimising: as low as OpenMM's minimiser goes, and where that one crashes or overshoots."""
 
 from __future__ import annotations
+
+import copy
 
 import numpy as np
 import openmm
@@ -9,8 +11,7 @@ from devices import Device
 from openmm import app, unit
 
 import openmm_dpd as dpd
-from openmm_dpd.platforms import opencl_is_a_gpu
-from openmm_dpd.simulation import PoclSimulation
+from openmm_dpd.platforms import platform_here
 
 OPENCL = pytest.mark.parametrize("device", [Device("OpenCL", "single")], ids=str, indirect=True)
 N, EDGE = 192, 4.0
@@ -23,41 +24,10 @@ def start(platform: str, properties=None, **options):
     return dpd.build(scene, dt=0.02, platform=platform, seed=1, **options).simulation(properties=properties)
 
 
-def energy_and_velocities(simulation):
-    state = simulation.context.getState(energy=True, velocities=True)
-    return state.getPotentialEnergy()._value, state.getVelocities(asNumpy=True)._value
-
-
-@OPENCL
-@pytest.mark.parametrize("conservative", ["openmm", "kernel"])
-def test_minimising_on_opencl(device, conservative, caplog):
-    """To the same minimum as on the CPU platform, in a box that is not the System's, and at the Context's parameters."""
-    if opencl_is_a_gpu(openmm.Platform.getPlatformByName("OpenCL")):
-        pytest.skip("OpenCL is a GPU here, which has OpenMM's own minimiser")
-    minima = []
-    for platform, properties in (("OpenCL", device.properties), ("CPU", {"Threads": "1"})):
-        simulation = start(platform, properties, conservative=conservative)
-        assert isinstance(simulation, PoclSimulation) == (platform == "OpenCL")
-        simulation.context.setPeriodicBoxVectors(*(np.eye(3) * 1.1 * EDGE))
-        before, v = energy_and_velocities(simulation)
-        simulation.minimizeEnergy(tolerance=0.5, maxIterations=200)
-        after, unchanged = energy_and_velocities(simulation)
-        assert after < 0.6 * before
-        np.testing.assert_array_equal(unchanged, v)
-        minima.append(after)
-        simulation.step(5)
-    assert minima[0] == pytest.approx(minima[1], rel=2e-3)
-    assert [record.getMessage() for record in caplog.records if "compiling" not in record.getMessage()] == [
-        "minimising on the CPU platform: OpenMM's minimiser crashes on OpenCL through PoCL"
-    ]
-
-
-@OPENCL
-def test_minimising_atoms_and_beads_on_opencl(device):
-    """An argon atom of mass 0 stays, and so does a rigid bond."""
+def argon():
+    """Topology, System and positions of four atoms, one that stays, and two that are tied to each other."""
     topology, system, force = app.Topology(), openmm.System(), openmm.NonbondedForce()
     chain = topology.addChain()
-    x = np.array([[1.0, 1, 1], [1.4, 1, 1], [2.0, 1, 1], [2.4, 1.1, 1]])
     for k in range(4):
         topology.addAtom("AR", app.element.argon, topology.addResidue("AR", chain))
         system.addParticle(0.0 if k == 0 else 39.95)
@@ -67,6 +37,36 @@ def test_minimising_atoms_and_beads_on_opencl(device):
     system.addForce(force)
     system.addConstraint(2, 3, 0.42)
     system.setDefaultPeriodicBoxVectors(*(np.eye(3) * EDGE))
+    return topology, system, np.array([[1.0, 1, 1], [1.3, 1, 1], [2.0, 1, 1], [2.4, 1.1, 1]])
+
+
+def energy_and_velocities(simulation):
+    state = simulation.context.getState(energy=True, velocities=True)
+    return state.getPotentialEnergy()._value, state.getVelocities(asNumpy=True)._value
+
+
+@OPENCL
+@pytest.mark.parametrize("conservative", ["openmm", "kernel"])
+def test_minimising_on_opencl(device, conservative):
+    """To the same minimum as on the CPU platform, in a box that is not the System's, and at the Context's parameters."""
+    minima = []
+    for platform, properties in (("OpenCL", device.properties), ("CPU", {"Threads": "1"})):
+        simulation = start(platform, properties, conservative=conservative)
+        simulation.context.setPeriodicBoxVectors(*(np.eye(3) * 1.1 * EDGE))
+        before, v = energy_and_velocities(simulation)
+        simulation.minimizeEnergy(tolerance=0.5, maxIterations=200)
+        after, unchanged = energy_and_velocities(simulation)
+        assert after < 0.6 * before
+        np.testing.assert_array_equal(unchanged, v)
+        minima.append(after)
+        simulation.step(5)
+    assert minima[0] == pytest.approx(minima[1], rel=2e-3)
+
+
+@OPENCL
+def test_minimising_atoms_and_beads_on_opencl(device):
+    """An argon atom of mass 0 stays, and so does a rigid bond."""
+    topology, system, x = argon()
     soft = dpd.DPD(A=25, gamma=4.5)
     beads = dpd.Scene({"W": 40.0}, ["W"] * 60, np.random.default_rng(2).random((60, 3)) * EDGE, {("W", "W"): soft}, kT=1.0, box=[EDGE] * 3)
     whole = dpd.create_mixed_system(
@@ -81,6 +81,76 @@ def test_minimising_atoms_and_beads_on_opencl(device):
     assert np.linalg.norm(found[2] - found[3]) == pytest.approx(0.42, rel=1e-4)
 
 
-def test_elsewhere_it_is_openmms_own():
-    for platform in ("Reference", "CPU"):
-        assert type(start(platform)).minimizeEnergy is app.Simulation.minimizeEnergy
+@OPENCL
+def test_a_thermostat_takes_the_platform_that_build_takes(device):
+    """By itself, and where OpenCL is asked for."""
+    for platform in (None, "OpenCL"):
+        topology, system, x = argon()
+        built = dpd.add_thermostat(
+            system, dpd.DPD(gamma=1.0, cutoff=0.8), 90, 0.002, topology=topology, positions=x, platform=platform, seed=1
+        )
+        simulation = built.simulation()
+        assert simulation.context.getPlatform().getName() == platform_here(platform)
+        before = energy_and_velocities(simulation)[0]
+        simulation.minimizeEnergy(maxIterations=20)
+        assert energy_and_velocities(simulation)[0] < before
+
+
+def test_as_low_as_openmms():
+    """Water with virtual sites and rigid molecules, after as many iterations; constraints hold."""
+    field = app.ForceField("amber14/tip4pew.xml")
+    modeller = app.Modeller(app.Topology(), [] * unit.nanometer)
+    modeller.addSolvent(field, model="tip4pew", boxSize=openmm.Vec3(1.4, 1.4, 1.4) * unit.nanometer)
+    choices = {"nonbondedMethod": app.CutoffPeriodic, "nonbondedCutoff": 0.65, "removeCMMotion": False}
+    system = field.createSystem(modeller.topology, **choices)
+    theirs = app.Simulation(modeller.topology, copy.deepcopy(system), openmm.VerletIntegrator(0.001), openmm.Platform.getPlatform("CPU"))
+    theirs.context.setPositions(modeller.positions)
+    friction = dpd.DPD(gamma=1.0, cutoff=0.6)
+    built = dpd.add_thermostat(system, friction, 300, 0.002, topology=modeller.topology, positions=modeller.positions, platform="CPU")
+    ours, energies = built.simulation(), []
+    start = energy_and_velocities(ours)[0]
+    for simulation in (theirs, ours):
+        simulation.minimizeEnergy(maxIterations=100)
+        energies.append(energy_and_velocities(simulation)[0])
+    assert energies[1] - start < 0.9 * (energies[0] - start)
+    x = ours.context.getState(positions=True).getPositions(asNumpy=True)._value
+    tied = [system.getConstraintParameters(k) for k in range(system.getNumConstraints())]
+    lengths = [np.linalg.norm(x[i] - x[j]) / length._value for i, j, length in tied]
+    np.testing.assert_allclose(lengths, 1, atol=2e-5)
+    ours.context.computeVirtualSites()
+    np.testing.assert_allclose(ours.context.getState(positions=True).getPositions(asNumpy=True)._value, x, atol=1e-6)
+
+
+class Told(openmm.MinimizationReporter):
+    """Keeps the energies that it is told, and ends after five."""
+
+    def __init__(self):
+        super().__init__()
+        self.energies: list[float] = []
+
+    def report(self, iteration, x, grad, args):
+        assert iteration == len(self.energies) and len(x) == len(grad) == 3 * N and args["max constraint error"] == 0
+        self.energies.append(args["system energy"])
+        return len(self.energies) == 5
+
+
+def test_reporters_are_told_and_end_it():
+    """Every iteration lowers the energy."""
+    simulation, told = start("Reference"), Told()
+    simulation.minimizeEnergy(0.0, 0, told)
+    assert len(told.energies) == 5 and np.all(np.diff(told.energies) < 0)
+    assert told.energies[-1] == pytest.approx(energy_and_velocities(simulation)[0], rel=1e-12)
+
+
+@pytest.mark.parametrize("loop", [True, False])
+def test_impossible_starts_name_the_bond(loop):
+    """Nothing moves then."""
+    bonds = [dpd.FENEBonds([[0, 1], [2, 3]], k=30.0, R0=1.5)]
+    x = np.array([[0.0, 0, 0], [0.7, 0, 0], [0, 1, 0], [0.7, 1, 0]])
+    scene = dpd.Scene({"W": 1.0}, ["W"] * 4, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1.0, box=[EDGE] * 3, bonds=bonds)
+    simulation = dpd.build(scene, dt=0.01, platform="Reference", seed=1, loop=loop).simulation()
+    x[3, 0] = 1.7
+    simulation.context.setPositions(x)
+    with pytest.raises(dpd.RunError, match=r"bond between beads 2 and 3 \(counted from 0\) is 1.7 nm long, which .* R0 of 1.5 nm"):
+        simulation.minimizeEnergy()
+    np.testing.assert_array_equal(simulation.context.getState(positions=True).getPositions(asNumpy=True)._value, x)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import openmm
 import pytest
+from judged import any_seed, judge
 from openmm import app, unit
 
 import openmm_dpd as dpd
-from openmm_dpd.stats import block_average
 
 
 def water(model: str = "tip3p", edge: float = 1.9):
@@ -76,14 +76,15 @@ def test_momentum_of_the_pair_terms():
 
 @pytest.mark.slow
 @pytest.mark.long
+@any_seed(2)
 @pytest.mark.parametrize("model", ["tip3p", "tip4pew"])
-def test_temperature_of_rigid_water(model):
+def test_temperature_of_rigid_water(model, seed):
     """300 K for the degrees of freedom left by constraints, at friction that damps far harder than Langevin dynamics usually does.
 
     1,300 degrees of freedom fluctuate by 12 K and remember that for 0.34 ps, so 30 ps give a standard error of about 1.8 K.
     """
     topology, positions, system = water(model)
-    integrator = dpd.add_thermostat(system, dpd.DPD(gamma=2, cutoff=0.7), 300 * unit.kelvin, 2 * unit.femtosecond, seed=2).integrator
+    integrator = dpd.add_thermostat(system, dpd.DPD(gamma=2, cutoff=0.7), 300 * unit.kelvin, 2 * unit.femtosecond, seed=seed).integrator
     simulation = run(system, topology, positions, integrator, 3000)
     dof = 3 * int(np.sum(masses_of(system) > 0)) - system.getNumConstraints() - 3
     rows = []
@@ -91,11 +92,8 @@ def test_temperature_of_rigid_water(model):
         simulation.step(5)
         kinetic = simulation.context.getState(energy=True).getKineticEnergy().value_in_unit(unit.kilojoule_per_mole)
         rows.append(2 * kinetic / dof / dpd.units.BOLTZMANN)
-    average = block_average(rows)
-    print(model, average)
-    assert average.sem < 3.0
-    # 0.5 % for the first-order error of pair updates under constraints, beside 4 standard errors
-    assert abs(average.mean - 300) < 1.5 + 4 * average.sem
+    # 0.5 % for the first-order error of pair updates under constraints
+    judge(rows, 300.0, error=3.0, beside=1.5)
 
 
 def test_serialized_system_and_integrator_give_the_same_trajectory():

@@ -79,7 +79,8 @@ class ExponentialLayer:
         np.add.at(out, i, force[:, None] * e)
         np.add.at(out, j, -force[:, None] * e)
         energy = np.sum(width * force + A * end * (r - cutoff))
-        return replace(sums, energy=sums.energy + float(energy), virial=sums.virial + float(force @ r))
+        # the Laplacian that came with the friction is not that of this repulsion
+        return replace(sums, energy=sums.energy + float(energy), virial=sums.virial + float(force @ r), laplacian=None)
 
     def sweep(self, call, v, increments):
         self._friction.sweep(call, v, increments)
@@ -110,7 +111,6 @@ def _potential(table, names):
     return PairExpression(
         name="exponential",
         energy=f"step(rc-r)*A*(d*(exp(-r/d)-exp(-rc/d))+exp(-rc/d)*(r-rc)){text}",
-        virial=f"step(rc-r)*A*r*(exp(-r/d)-exp(-rc/d)){text}",
         cutoff=max(c.cutoff for c in table.values()),
         functions=functions,
         skips_coincident=True,

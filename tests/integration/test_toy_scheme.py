@@ -36,7 +36,7 @@ def test_it_runs_as_its_word(monkeypatch):
 
 
 def test_it_is_explained_by_its_name(baoab):
-    text = dpd.build(beads(), dt=0.02, scheme="baoab", platform="Reference", seed=1).explain()
+    text = dpd.build(beads(), dt=0.02, scheme="baoab", platform="Reference", seed=1).explain(program=True)
     assert "scheme: baoab (half kick" in text and "program baoab (Leimkuhler" in text
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import openmm
 import pytest
 from devices import Device
+from judged import any_seed, bounded, judge
 from kinds import N, differences, everything, hand_over, made, plain_context, running, same
 from openmm import app, unit
 from scenes import BOXES, EXTENDED, beads, fluid, state_of
@@ -16,7 +17,6 @@ from scenes import BOXES, EXTENDED, beads, fluid, state_of
 import openmm_dpd as dpd
 from openmm_dpd.fields import raw_fields, read_fields, write_fields
 from openmm_dpd.names import COUNTER, KT
-from openmm_dpd.stats import block_average
 from openmm_dpd.units import BOLTZMANN
 
 SCHEMES = ("mvv", "shardlow", "middle", "aboba", "bababo", "B/2 A/2 O A/2 B/2", "O/2 B/2 A B/2 O/2")
@@ -679,29 +679,31 @@ def test_other_barostats_hear_of_steps(barostat):
     [("middle", 25), ("aboba", 7), ("mvv", 7)]
     + [pytest.param(*case, marks=pytest.mark.long) for case in (("middle", 1), ("shardlow", 1), ("B/2 A/2 O A/2 B/2", 7))],
 )
-def test_averages_at_constant_pressure(scheme, frequency):
+@any_seed(3)
+def test_averages_at_constant_pressure(scheme, frequency, seed):
     """Volume and kinetic temperature of the loop and of the program agree within errors."""
     found = []
     for loop in (True, False):
-        simulation = pressed(scheme, frequency, loop=loop, scene=beads(375, edge=5.0, seed=4), dt=0.03, pressure=23.0, seed=3)
+        simulation = pressed(scheme, frequency, loop=loop, scene=beads(375, edge=5.0, seed=4), dt=0.03, pressure=23.0, seed=seed)
         simulation.step(1000)
         rows = []
         for _ in range(1500):
             simulation.step(20)
             state = simulation.context.getState(velocities=True)
             rows.append((state.getPeriodicBoxVolume()._value, np.sum(state.getVelocities(asNumpy=True)._value ** 2) / (3 * 374)))
-        found.append([block_average(column) for column in np.array(rows).T])
-    for first, second in zip(*found, strict=True):
-        assert abs(first.mean - second.mean) < 4 * np.hypot(first.sem, second.sem), (first, second)
-        assert np.hypot(first.sem, second.sem) < 0.01 * second.mean
+        found.append([bounded(column) for column in np.array(rows).T])
+    for (mean, sem, bound), (other, its_sem, its_bound) in zip(*found, strict=True):
+        assert abs(mean - other) < np.hypot(bound, its_bound)
+        assert np.hypot(sem, its_sem) < 0.01 * other
 
 
 @pytest.mark.slow
+@any_seed(4)
 @pytest.mark.parametrize("scheme", ["mvv", "middle", "B/2 A/2 O A/2 B/2"])
-def test_a_long_run_of_loops_keeps_its_temperature(scheme):
+def test_a_long_run_of_loops_keeps_its_temperature(scheme, seed):
     """... with a force of the user's beside it, which must not heat."""
     scene = fluid(EXTENDED, BOXES["wide"], n=500, spread=0)
-    built = dpd.build(scene, dt=0.02, scheme=scheme, platform="CPU", seed=4)
+    built = dpd.build(scene, dt=0.02, scheme=scheme, platform="CPU", seed=seed)
     built.system.addForce(_trap(500))
     simulation = built.simulation(properties=Device("CPU").properties)
     simulation.step(1000)
@@ -709,8 +711,7 @@ def test_a_long_run_of_loops_keeps_its_temperature(scheme):
     for _ in range(1500):
         simulation.step(10)
         kinetic.append(np.sum(mass * state_of(simulation.context)[1] ** 2) / 1500)
-    average = block_average(kinetic)
-    assert abs(average.mean - 1.0) < 4 * average.sem + 0.01
+    judge(kinetic, 1.0, error=0.01, beside=0.01)
 
 
 def _trap(n: int) -> openmm.Force:

@@ -5,15 +5,14 @@ from __future__ import annotations
 import os
 import re
 import signal
-import sys
 import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import openmm
 import pytest
 from kinds import N, everything, made, running, same
+from lines import Lines
 from openmm import unit
 from scenes import beads
 
@@ -23,33 +22,7 @@ from openmm_dpd.kernels import motion
 from openmm_dpd.kernels.engine import PairEngine
 from openmm_dpd.names import PORTABLE
 
-PACKAGE = str(Path(dpd.__file__).parent)
 STEPS, BEFORE, AFTER = 3, 2, 4
-
-
-class Lines:
-    """Counts the lines of the package that are carried out, and raises an error before one of them."""
-
-    def __init__(self, at: int = 0, error: BaseException | None = None):
-        self.at, self.error, self.functions = at, error, []
-
-    def __enter__(self):
-        self.before = sys.gettrace()
-        sys.settrace(self._call)
-        return self
-
-    def __exit__(self, *_):
-        sys.settrace(self.before)
-
-    def _call(self, frame, event, argument):
-        return self._line if frame.f_code.co_filename.startswith(PACKAGE) else None
-
-    def _line(self, frame, event, argument):
-        if event == "line":
-            self.functions.append(frame.f_code.co_name)
-            if len(self.functions) == self.at:
-                raise self.error
-        return self._line
 
 
 def add_force(built) -> None:
@@ -155,7 +128,7 @@ def test_an_interruption_while_the_results_go_back(name):
 
 # -- errors of what a step calls -------------------------------------------------------------------------------------------------------
 CALLS = [
-    (PairEngine, "place"), (PairEngine, "keep"), (PairEngine, "forces"), (PairEngine, "swept"),
+    (PairEngine, "place"), (PairEngine, "keep"), (PairEngine, "sums"), (PairEngine, "swept"),
     (motion, "move"), (motion, "move_accelerated"), (motion, "accelerate"), (motion, "kick"),
 ]  # fmt: skip
 
@@ -346,6 +319,96 @@ def test_a_start_that_runs_away(scheme, kind):
 
 
 # -- Ctrl-C ----------------------------------------------------------------------------------------------------------------------------
+@pytest.fixture
+def ctrl_c():
+    """Has a SIGINT come after some seconds, in whatever line that is."""
+    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
+        pytest.skip("signals go to the main thread, and Windows has no such timer")
+    before = signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
+    yield lambda seconds: signal.setitimer(signal.ITIMER_REAL, seconds)
+    signal.setitimer(signal.ITIMER_REAL, 0)
+    signal.signal(signal.SIGALRM, before)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.parametrize(("platform", "loop"), [("CPU", True), ("Reference", False), ("CPU", False), ("OpenCL", False)])
+def test_ctrl_c_at_any_moment(platform, loop, ctrl_c):
+    """It is always a KeyboardInterrupt at a whole step, and the run goes on as if it had not been, to rounding where OpenMM sorts beads."""
+    if platform not in [openmm.Platform.getPlatform(k).getName() for k in range(openmm.Platform.getNumPlatforms())]:
+        pytest.skip("this platform is not here")
+
+    def simulation():
+        return running(made("dpd", "middle", platform, loop=loop), platform)
+
+    broken, calm, rng = simulation(), simulation(), np.random.default_rng(4)
+    for step in (broken.step, broken.integrator.step):
+        for seconds in rng.uniform(1e-4, 5e-3 if loop else 2e-2, 10 if platform == "OpenCL" else 30):
+            with pytest.raises(KeyboardInterrupt):
+                ctrl_c(seconds)  # which may come before the first step
+                step(100_000)
+        assert broken.context.getTime()._value == pytest.approx(0.01 * broken.currentStep, rel=1e-9)
+        broken.step(3)
+        calm.step(broken.currentStep - calm.currentStep)
+        found, expected = all_of(broken), all_of(calm)
+        if platform == "OpenCL":
+            assert np.abs(found["x"] - expected["x"]).max() < 1e-3
+        else:
+            assert not same(found, expected)
+
+
+@pytest.mark.parametrize("conservative", ["kernel", "openmm"])
+def test_ctrl_c_while_minimising(conservative, ctrl_c):
+    """Where the kernel computes the forces, and where OpenMM does."""
+    simulation = running(made("dpd", "middle", "CPU", conservative=conservative), "CPU")
+    x = simulation.built.positions
+    for seconds in np.random.default_rng(4).uniform(1e-4, 5e-3, 10):
+        simulation.context.setPositions(x)
+        with pytest.raises(KeyboardInterrupt):
+            ctrl_c(seconds)
+            for _ in range(1000):
+                simulation.minimizeEnergy(1e-12)
+
+
+def test_a_second_ctrl_c_acts_at_once(ctrl_c, monkeypatch):
+    """In the middle of a step too, which is taken back."""
+    simulation = started(*ALONE["middle"])
+    before, left = all_of(simulation), []
+
+    def asked_twice(*_):
+        signal.raise_signal(signal.SIGINT)
+        left.append("noted")
+        signal.raise_signal(signal.SIGINT)
+        left.append("too late")
+
+    monkeypatch.setattr(PairEngine, "swept", asked_twice)
+    with pytest.raises(KeyboardInterrupt):
+        simulation.step(10)
+    assert left == ["noted"]
+    assert not same(all_of(simulation), before)
+
+
+def test_handlers_of_others_and_other_threads_are_left_alone(ctrl_c):
+    simulation, seen = started(*ALONE["middle"]), []
+
+    def handler(number, frame):
+        seen.append(number)
+
+    signal.signal(signal.SIGINT, handler)
+    try:
+        ctrl_c(0.001)
+        simulation.step(1000)
+        assert signal.getsignal(signal.SIGINT) is handler
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    assert seen == [signal.SIGINT]
+    thread = threading.Thread(target=simulation.step, args=(1000,))
+    thread.start()
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+    thread.join()
+    assert simulation.currentStep == BEFORE + 2000
+
+
 @pytest.mark.skipif(threading.current_thread() is not threading.main_thread(), reason="signals go to the main thread")
 @pytest.mark.parametrize("case", ["middle", "mvv", "energies", "force"])
 def test_ctrl_c_in_a_long_run(case):

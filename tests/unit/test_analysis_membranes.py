@@ -96,6 +96,31 @@ def test_planted_moduli_are_found(scatter):
     assert np.abs(deviations).max() < 4
 
 
+def slow_waves(frames: int, seed: int) -> HeightSpectrum:
+    """Waves of a box of 14 whose amplitudes are Ornstein-Uhlenbeck processes: squares forget in 20 frames for the longest, faster by
+    q^2.7 for others, as those of a bilayer do."""
+    rng, longest = np.random.default_rng(seed), 2 * np.pi / 14
+    n = np.array([(i, j) for i in range(-3, 4) for j in range(-3, 4) if (i > 0 or (i == 0 and j > 0)) and np.hypot(i, j) <= 3.4])
+    q = longest * np.hypot(*n.T)
+    kept = np.exp(-0.5 / (20 * (q / longest) ** -2.7))[:, None]
+    h = rng.normal(size=(len(q), 2))
+    power = np.empty((frames, len(q)))
+    for k in range(frames):
+        h = kept * h + np.sqrt(1 - kept**2) * rng.normal(size=h.shape)
+        power[k] = np.sum(h**2, axis=1) / 2
+    return HeightSpectrum(q, power * KT / (KAPPA * q**4 + TENSION * q**2), np.zeros(len(q)))
+
+
+@pytest.mark.slow
+def test_errors_from_correlated_frames():
+    """The scatter over 80 runs, known to 8 %, is what the errors say where runs are long enough; short ones are told."""
+    fits = [bending_modulus(slow_waves(1500, seed), KT, tension=TENSION).kappa for seed in range(80)]
+    scatter, errors = np.std([fit.mean for fit in fits], ddof=1), np.sqrt(np.mean([fit.sem**2 for fit in fits]))
+    assert 0.8 < scatter / errors < 1.25 and abs(np.mean([fit.mean for fit in fits]) - KAPPA) < 4 * scatter / 80**0.5
+    assert np.mean([fit.converged for fit in fits]) > 0.8
+    assert not any(bending_modulus(slow_waves(400, seed), KT).kappa.converged for seed in range(20))
+
+
 def test_scatter_is_taken_off():
     """A flat bilayer of lipids that stick out at random has no waves: every power is 0 within its error, and some are negative."""
     trajectory, _, _ = membrane(3, 500, (14.0, 14.0, 9.0), scatter=0.5, most=0)

@@ -184,6 +184,24 @@ def test_paths_that_cannot_be_unwrapped():
     np.testing.assert_array_equal(mean_squared_displacement(continuous, interval=1, unwrap=False).y, free.y)
 
 
+def test_time_that_goes_back_is_refused_by_name():
+    """Frames that a run has written twice, behind a checkpoint; not chunks whose clocks begin at 0."""
+    x = walk(8, 20, 12, 0.2)
+    once = trajectory_of(x, ["A"] * 20, np.eye(3) * 5)
+    once.time = 0.5 * np.arange(1, 13)
+    twice = mdtraj.join([once[:9], once[6:]], check_topology=False)
+    for trajectory in (twice, [once[:9], once[6:]]):
+        with pytest.raises(
+            ParameterError, match="frame 9: time goes back from 4.5 to 3.5 ps; of frames a restarted run wrote twice keep the last"
+        ):
+            mean_squared_displacement(trajectory, interval=0.5)
+    kept = twice[sorted({time: frame for frame, time in enumerate(twice.time)}.values())]
+    expected = mean_squared_displacement(once, interval=0.5).y
+    np.testing.assert_array_equal(mean_squared_displacement(kept, interval=0.5).y, expected)
+    parts = [trajectory_of(part, ["A"] * 20, np.eye(3) * 5) for part in (x[:5], x[5:])]
+    np.testing.assert_array_equal(mean_squared_displacement(parts, interval=0.5).y, expected)
+
+
 # -- velocities ----------------------------------------------------------------------------------------------------------------
 def test_velocity_autocorrelation_of_a_known_process():
     """Velocities that forget a tenth in each frame: C(t) = 3 kT/m 0.9^t; and a naive loop."""

@@ -96,7 +96,7 @@ BAD = {
     "angle of a missing bead": (lambda: scene(angles=[dpd.CosineAngles([(0, 1, 4)], 1)]), "an angle names bead 4.*only 4 beads"),
     "angle twice": (
         lambda: scene(angles=[dpd.CosineAngles([(0, 1, 2)], 1), dpd.HarmonicAngles([(2, 1, 0)], 1, 1)]),
-        "0, 1 and 2 is listed twice",
+        r"0, 1 and 2 \(counted from 0\) is listed twice",
     ),
     "not a sequence": (
         lambda: scene(angles=dpd.CosineAngles([(0, 1, 2)], 1)),
@@ -113,7 +113,7 @@ BAD = {
     ),
     "at one point": (
         lambda: beads(2, positions=np.ones((2, 3)), bonds=[dpd.FENEBonds(PAIR, 1, 1.1, 1)]),
-        "beads 0 and 1 are at the same point",
+        r"beads 0 and 1 \(counted from 0\) are at the same point",
     ),
 }
 

@@ -373,7 +373,7 @@ def test_data_files_that_do_not_say_enough(tmp_path, hint, change, given, messag
         ({"molecules": np.ones(2, int)}, "molecules must have one entry per bead"),
         ({"residues": ["A"]}, "residues must name the molecule of each of the 3 beads"),
         ({"bonds": np.array([(0, 3)])}, r"bond 0 is \[0, 3\]; it must join two different beads of 0 to 2"),
-        ({"bonds": np.array([(0, 1), (1, 0)])}, "the bond between beads 0 and 1 is listed twice"),
+        ({"bonds": np.array([(0, 1), (1, 0)])}, "the bond between beads 0 and 1 .counted from 0. is listed twice"),
         ({"bond_names": ["a", "b"]}, "my table has 1 bonds, but 2 names of their types"),
         ({"angles": np.array([(0, 1, 1)])}, "it must join three different beads"),
         ({"types": []}, "my table has no beads"),

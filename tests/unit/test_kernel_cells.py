@@ -68,7 +68,7 @@ def test_geometry_of_the_listed_pairs(box):
     pairs = engine.lists[0]
     rows = pairs.rows
     for (i, j), row in zip(listed_pairs(engine), rows, strict=True):
-        got = np.array(pairs.geometry[:, row])
+        got = np.array(pairs.arrays.geometry[:, row])
         if i > j:
             i, j, got[:3] = j, i, -got[:3]
         np.testing.assert_allclose(got, expected[i, j], rtol=0, atol=1e-13 * (1 + np.abs(scene.positions).max()))
@@ -148,16 +148,16 @@ def test_parts_the_work_is_cut_into_do_not_change_the_order(box):
     engine = engine_of(scene)
     engine.prepare(scene.positions, box)
     pairs, expected = engine.lists[0], listed_pairs(engine)
-    order, geometry, rows = pairs.order.copy(), pairs.geometry.copy(), pairs.rows
+    order, geometry, rows = pairs.order.copy(), pairs.arrays.geometry.copy(), pairs.rows
     grid = pairs.grid(scene.positions, box)
     for parts in (2, 3, 7, 300):
-        pairs.order[:], pairs.geometry[:] = 0, np.nan
+        pairs.order[:], pairs.arrays.geometry[:] = 0, np.nan
         pairs.bin(scene.positions, grid, parts)
         assert np.array_equal(pairs.order, order)
-        pairs.found[:] = 0
+        pairs.arrays.found[:] = 0
         pairs.list(grid, parts)
         assert listed_pairs(engine) == expected
-        assert np.array_equal(pairs.geometry[:, rows], geometry[:, rows])
+        assert np.array_equal(pairs.arrays.geometry[:, rows], geometry[:, rows])
 
 
 @pytest.mark.parametrize("seed", range(12))

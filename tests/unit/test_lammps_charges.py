@@ -59,7 +59,7 @@ BAD = [
     ("needs a kspace_style", SLATER.replace("kspace_style pppm 1.0e-5", "")),
     ("needs a kspace_style", SLATER + "kspace_style none\n"),
     ("kspace_style needs a pair style with charges", "pair_style dpd 1 1 5\npair_coeff * * 25 4.5\nkspace_style ewald 1e-4\n"),
-    ("kspace_style 'msm' is not supported", SLATER + "kspace_style msm 1e-4\n"),
+    ("the style of kspace_style must be one of none, ewald, pppm, pppm/cg, not 'msm'", SLATER + "kspace_style msm 1e-4\n"),
     ("the accuracy of kspace_style must be between", SLATER + "kspace_style ewald 2.0\n"),
     ("slab is not supported", SLATER + "kspace_modify slab 3.0\n"),
     ("force is not supported", SLATER + "kspace_modify force 1e-5\n"),

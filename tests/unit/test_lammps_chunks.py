@@ -212,7 +212,7 @@ def test_report_has_the_last_averages_of_each_run(tmp_path):
         ("compute k all ke\nfix f all ave/time 1 1 1 c_k[*]\n", "compute k has not several values"),
         ("compute t all temp\nfix f all ave/time 1 1 1 c_t[7*]\n", "out of range: there are 6"),
         ("compute t all temp\ncompute m all momentum\nfix f all ave/time 1 1 1 c_t c_m mode vector\n", "c_t c_m have different lengths"),
-        ("fix f all ave/chunk 1 1 1 ch vx\nthermo_style custom f_f[1]\n", "has no single values; use f_f.bin..column."),
+        ("fix f all ave/chunk 1 1 1 ch vx\nthermo_style custom f_f[1]\n", "f_f: the fix has 3 columns; use f_f.row..column."),
         ("fix f all ave/chunk 1 1 1 ch vx\nthermo_style custom f_f[1][4]\n", "the fix has 3 columns"),
     ],
 )

@@ -10,7 +10,7 @@ import pytest
 from mdtraj.formats import XTCTrajectoryFile
 
 from openmm_dpd.errors import DeckError, RunError
-from openmm_dpd.lammps import RunOptions, run_deck
+from openmm_dpd.lammps import RunOptions, read_deck, run_deck
 
 BEADS = """units {units}
 region b prism 0 20 1 21 0 22 3 0 2 units box
@@ -120,3 +120,16 @@ WRONG = {
 def test_mistakes(tmp_path, text):
     with pytest.raises(DeckError, match=WRONG[text]):
         run(tmp_path, "real", text)
+
+
+def test_a_deck_that_is_only_looked_at_leaves_the_files_of_its_runs_alone(tmp_path):
+    """explain and deck_scene read decks as well."""
+    (tmp_path / "in.deck").write_text(
+        "region b block 0 3 0 3 0 3\ncreate_box 1 b\nmass 1 1\ncreate_atoms 1 single 1 1 1 units box\npair_style zero 1\npair_coeff * *\n"
+        "fix 1 all nve\nfix p all print 5 x file p.txt\nfix t all ave/time 1 1 1 c_thermo_temp file t.txt\n"
+        "fix c all ave/correlate 1 1 1 c_thermo_temp file c.txt\ndump a all xyz 1 a.xyz\ndump b all dcd 1 b.dcd\nrun 1\n"
+    )
+    for name in ("p.txt", "t.txt", "c.txt", "a.xyz", "b.dcd"):
+        (tmp_path / name).write_text("of an earlier run")
+    read_deck(tmp_path / "in.deck", stop_before_first_run=True, output=tmp_path)
+    assert {path.read_text() for path in tmp_path.iterdir() if path.name != "in.deck"} == {"of an earlier run"}

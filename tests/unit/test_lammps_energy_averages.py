@@ -381,7 +381,7 @@ def test_nothing_is_written_when_a_deck_is_only_read(tmp_path):
         ("fix f all ave/time 1 1 1 c_thermo_temp off 3\n", "off 3, but the fix averages 1"),
         ("fix f all ave/time 1 1 1 c_thermo_temp\nreset_timestep 10\n", "reset_timestep is not possible while fix f counts steps"),
         ("fix f all ave/time 1 1 1 c_thermo_temp\nthermo_style custom f_f[1]\n", "f_f: the fix averages 1 value; use f_f"),
-        ("fix f all ave/chunk 1 1 1 ch vx\nthermo_style custom f_f\n", "a fix ave/chunk has no single values"),
+        ("fix f all ave/chunk 1 1 1 ch vx\nthermo_style custom f_f\n", "f_f: the fix has 3 columns; use f_f.row..column."),
     ],
 )
 def test_errors(tmp_path, text, message):

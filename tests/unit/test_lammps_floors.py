@@ -69,6 +69,6 @@ def test_the_architecture_has_the_floors_in_order():
 def test_the_face_is_what_its_page_describes():
     page = (REPOSITORY / "docs" / "api" / "lammps.md").read_text(encoding="utf-8")
     described = re.findall(r"^\.\. auto(?:function|class|exception):: openmm_dpd\.lammps\.(\w+)$", page, flags=re.MULTILINE)
-    assert sorted(openmm_dpd.lammps.__all__) == sorted(described)
+    assert len(described) == len(set(described))
     folders = {*FLOORS, "annotations"}
     assert {name for name in vars(openmm_dpd.lammps) if not name.startswith("_")} - folders == set(described)

@@ -111,7 +111,11 @@ REFUSED = {
     "setforce region": (NVE + "region s sphere 0 0 4 1\nfix 2 all setforce 1 0 0 region s\n", "p p p", "setforce region is not supported"),
     "setforce step": ("variable f equal step\n" + NVE + "fix 2 all setforce v_f 0 0\nrun 1\n", "p p p", "'step' depends on something else"),
     "setforce word": (NVE + "fix 2 all setforce null 0 0\n", "p p p", "a component of fix setforce"),
-    "setforce vector": (NVE + "fix 2 all setforce 1 0 0\nthermo_style custom step f_2[4]\n", "p p p", "f_2[1] to f_2[3]"),
+    "setforce vector": (
+        NVE + "fix 2 all setforce 1 0 0\nthermo_style custom step f_2[4]\n",
+        "p p p",
+        "f_2[4] is out of range: its values are the three components",
+    ),
     "setforce scalar": (NVE + "fix 2 all addforce 1 0 0\nthermo_style custom step f_2\n", "p p p", "f_2[1] to f_2[3]"),
     "setforce beside shardlow": (
         "pair_style dpd/fdt 1 1 1\npair_coeff * * 25 3\nfix 3 all shardlow\n" + NVE + "fix 2 low setforce NULL NULL 0\nrun 1\n",
@@ -253,7 +257,7 @@ def test_averages_take_the_vector(tmp_path):
     state, runner = ours(tmp_path, deck(text).replace("25 4.5", "25 0"))
     (result,) = runner.results
     rows = np.array([result.rows[f"f_2[{k}]"] for k in (1, 2, 3)]).T * len(state.atoms)  # divided by the number of beads, as LAMMPS does
-    np.testing.assert_allclose(state.fixes["3"].parameters["average"].vector, rows[1:].mean(axis=0), rtol=1e-6)
+    np.testing.assert_allclose(state.fixes["3"].parameters["average"].values, rows[1:].mean(axis=0), rtol=1e-6)
     assert np.abs(rows).min() > 1e-3
 
 

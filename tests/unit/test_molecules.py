@@ -370,6 +370,11 @@ def test_solvent_of_several_beads():
         (lambda c: pack({c: Bilayer(2)}, box=[4.0, 4.0, 2.0]), "does not fit"),
         (lambda c: pack({ring("A4", SPRING): Bilayer(2)}, box=[4.0] * 3), "has a ring"),
         (lambda c: pack({c: Bilayer(2)}, box=[[6, 0, 0], [2, 6, 0], [1, 1, 6]]), "orthorhombic"),
+        (
+            lambda c: pack({c: Bilayer(2, centre=1), bead("B"): Bilayer(2, centre=9.5)}, box=[4, 4, 10]),
+            "bilayer of A4 and the .* B overlap",
+        ),
+        (lambda c: pack({c: Bilayer(2), bead("B"): Bilayer(2, normal="x")}, box=[9.0] * 3), "bilayer of A4 and the .* B cross"),
         (lambda c: Bilayer(2, normal="w"), "'x', 'y' or 'z'"),
         (lambda c: Bilayer(2, upper=3), "more than the 2"),
         (lambda c: pack({c: 1}, box=[4.0] * 3, seed=1).beads("X"), "no molecule 'X'.*A4, W"),
@@ -426,6 +431,38 @@ def test_relax_makes_it_quiet():
     kT = np.mean(warm.velocities**2)
     assert abs(kT - 1) < 0.2  # 648 beads: 0.032 is one standard error; heat that the minimiser left is still on its way out
     assert relax(scene, iterations=0, platform="CPU").velocities is None
+
+
+@pytest.mark.parametrize(
+    "spring",
+    [FENESpring(20.0, 1.5, 1.0, 0.5), FENESpring(30.0, 1.5, 1.0, 1.0), FENESpring(100.0, 0.6, 0.0, 1.0), MorseSpring(100.0, 3.0, 0.6)],
+    ids=["fene with a light repulsion", "fene", "short fene", "morse"],
+)
+@pytest.mark.parametrize("conservative", ["kernel", "openmm"])
+def test_chains_start(spring, conservative):
+    """No bond breaks or goes through the box on the way down, and the first steps run."""
+    for molecule in (linear("A10", spring), ring("A6", spring), star("B", ["A3"] * 3, spring)):
+        scene = pack({molecule: 12}, box=[6.0] * 3, seed=4).scene(pairs=PAIRS, kT=1.0)
+        built = dpd.build(scene, dt=0.001, conservative=conservative, loop=conservative == "kernel", platform="CPU", seed=1)
+        simulation = built.simulation()
+        energies = []
+        for iterations in (60, 300, 1):
+            energies.append(simulation.context.getState(energy=True).getPotentialEnergy()._value)
+            simulation.minimizeEnergy(0.01, iterations)
+        assert energies[0] - energies[1] > 0.9 * (energies[0] - energies[2]) > 0
+        x = simulation.context.getState(positions=True).getPositions(asNumpy=True)._value
+        (bonds,) = scene.bonds
+        np.testing.assert_allclose(bonds.lengths(x, None), bonds.lengths(x, scene.box), atol=1e-6)
+        simulation.step(10)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_relaxed_fene_chains(seed):
+    mixture = pack({linear("A10", FENESpring(20.0, 1.5, 1.0, 0.5)): 20}, solvent="W", density=3, box=[8.0] * 3, seed=seed)
+    scene = mixture.scene(masses=1.0, pairs={("*", "*"): dpd.DPD(A=25, gamma=4.5)}, kT=1.0)
+    quiet = relax(scene, platform="CPU")
+    assert quiet.bonds[0].lengths(quiet.positions, None).max() < 1.2
+    assert abs(np.mean(relax(quiet, iterations=0, steps=50, dt=0.01, platform="CPU").velocities ** 2) - 1) < 0.25
 
 
 def test_relax_keeps_fixed_beads():

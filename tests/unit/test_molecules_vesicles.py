@@ -110,8 +110,8 @@ def test_two_vesicles_a_bilayer_and_what_floats_around():
         (lambda: packed(box=12.5), "diameter 12.57 nm.*box 12.5 nm wide"),
         (lambda: packed(Vesicle(4.0, 1.4, 7.0), box=16.0), "make a membrane of 0.69.* to 6.45.* nm, not of 7 nm"),
         (lambda: packed(Vesicle(4.0, 1.4, 0.5)), "make a membrane of .* not of 0.5 nm"),
-        (lambda: packed(more={grafmueller_2009(3).molecule: VESICLE}), "two vesicles overlap"),
-        (lambda: packed(more={linear("A3", Spring(50, 0.5)): Bilayer(10)}), "a vesicle and a bilayer overlap"),
+        (lambda: packed(more={grafmueller_2009(3).molecule: VESICLE}), "the vesicle of \\S+ and the vesicle of \\S+ overlap"),
+        (lambda: packed(more={linear("A3", Spring(50, 0.5)): Bilayer(10)}), "the bilayer of A3 and the vesicle of \\S+ overlap"),
         (lambda: packed(Vesicle(4.0, 0.5, 4.57), box=13.0), "the molecules have .* beads"),
     ],
 )

@@ -34,7 +34,7 @@ def counted(box: np.ndarray, cutoff: float, x: np.ndarray, listed: bool) -> int:
     for _ in x:
         system.addParticle(1.0)
     system.setDefaultPeriodicBoxVectors(*box)
-    system.addForce(nonbonded_force(PairExpression("one", "1", "0", cutoff), np.zeros(len(x), int), [], True, listed=listed))
+    system.addForce(nonbonded_force(PairExpression("one", "1", cutoff), np.zeros(len(x), int), [], True, listed=listed))
     context = openmm.Context(system, openmm.VerletIntegrator(0.001), openmm.Platform.getPlatformByName("Reference"))
     context.setPositions(x)
     return round(context.getState(energy=True).getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole))

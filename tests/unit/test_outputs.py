@@ -91,6 +91,20 @@ def test_bonds_of_two_types_with_several_springs(tmp_path, hoomd):
     assert found.velocities is None and found.charges is None and found.molecules is None and not found.bonds
 
 
+def test_names_beyond_ascii(tmp_path, hoomd):
+    """In every frame."""
+    bonds = [dpd.HarmonicBonds([(0, 1)], k=1.0, r0=0.5)]
+    scene = dpd.Scene(
+        {"Ä": 1, "水": 1}, ["Ä", "水"], [[1.0, 2, 3], [1, 2.5, 3]], {("*", "*"): dpd.DPD(A=25)}, kT=1, box=[4] * 3, bonds=bonds
+    )
+    write_gsd(tmp_path / "x.gsd", scene)
+    simulation = build(scene).simulation()
+    simulation.reporters.append(GSDReporter(tmp_path / "x.gsd", 1, build(scene), append=True))
+    simulation.step(2)
+    with hoomd.open(str(tmp_path / "x.gsd"), "r") as file:
+        assert [(frame.particles.types, frame.bonds.types) for frame in file] == [(["Ä", "水"], ["Ä-水"])] * 3
+
+
 def test_boxes_tilted_to_the_limit(tmp_path, hoomd):
     """In single precision a tilt of half an edge may be a little more: then it is another form of the same lattice."""
     box = np.array([[3.3, 0, 0], [1.65, 3.1, 0], [-1.65, 1.55, 3.7]])

@@ -141,8 +141,12 @@ def test_bounds():
     assert beyond.extrapolated and beyond.error is None and not pressure(25, 3).extrapolated
     with pytest.raises(ParameterError, match="needs an A outside of 5 to 110"):
         repulsion_from_compressibility(500.0, 3.0)
-    with pytest.raises(ParameterError, match="must be one of measured"):
-        pressure(25, 3, equation="ideal")
+    for equation in ("ideal", ["measured"], 3, {}):
+        with pytest.raises(ParameterError, match="must be one of measured"):
+            pressure(25, 3, equation=equation)
+    for relation in ("ideal", np.array(["a", "b"])):
+        with pytest.raises(ParameterError, match="must be one of measured"):
+            chi_from_repulsion(10.0, relation=relation)
     with pytest.raises(ParameterError, match="A must be > 0"):
         pressure(0, 3)
 
@@ -170,6 +174,9 @@ def test_chi_from_solubility_parameters():
     assert molar == pytest.approx(90e-6 * 9e6 / (8.31446 * 300), rel=1e-5) == pytest.approx(bead)
     with pytest.raises(ParameterError, match="the pressure has the unit"):
         chi_from_solubility(0.1, 20 * unit.bar, 17.0, 300)
+    for delta in (1e300, 1e300 * root):
+        with pytest.raises(ParameterError, match="inf"):
+            chi_from_solubility(0.1, delta, 16.0, 300)
 
 
 def test_chi_of_groot_and_warren():

@@ -88,24 +88,33 @@ def test_runs_are_kept_apart():
 def test_sliding_mean():
     line = 3.0 * np.arange(50) - 7
     mean = _sliding_mean(line, 11)
-    assert np.allclose(mean, line, rtol=1e-12)  # a straight line stays one, up to its ends
+    assert np.allclose(mean[5:-5], line[5:-5], rtol=1e-12)
     values = np.random.default_rng(2).standard_normal(50)
     assert _sliding_mean(values, 11)[20] == pytest.approx(values[15:26].mean(), rel=1e-12)
     values[17] = np.nan
     assert _sliding_mean(values, 11)[20] == pytest.approx(np.nanmean(values[15:26]), rel=1e-12)
-    assert _sliding_mean(values, 11)[[0, 1, -1]] == pytest.approx([values[0], values[:3].mean(), values[-1]], rel=1e-12)
+    assert _sliding_mean(values, 11)[[0, 1, -1]] == pytest.approx([values[:6].mean(), values[:7].mean(), values[-6:].mean()], rel=1e-12)
 
 
-def test_lines_are_explained_and_the_start_is_not_cut(tmp_path, drawn):
-    """A peak in the first row is in the mean as well; runs of few and of many rows are drawn alike."""
-    columns = rows(200)
-    columns["temp"][0] = 3.0
-    thermo_picture(tmp_path / "run.png", columns, runs=[10.0])
+def test_lines_are_explained_and_runs_are_drawn_alike(tmp_path, drawn):
+    """Of few and of many rows."""
+    thermo_picture(tmp_path / "run.png", rows(200), runs=[10.0])
     (figure,) = drawn
-    assert "light: rows" in figure.get_supxlabel() and "dark: mean" in figure.get_supxlabel()
-    lines = figure.axes[0].lines
-    assert lines[1].get_ydata()[0] == 3.0
-    assert {line.get_marker() for line in lines} == {"None"}
+    assert "light: rows" in figure.get_supxlabel() and "dark: mean" in figure.get_supxlabel() and "grey" not in figure.get_supxlabel()
+    assert {line.get_marker() for line in figure.axes[0].lines} == {"None"}
+
+
+def test_the_start_neither_scales_the_axes_nor_has_a_mean(tmp_path, drawn):
+    columns, counted = rows(200), np.arange(200) >= 30
+    columns["temp"][:30] += 100.0
+    thermo_picture(tmp_path / "run.png", columns, counted=counted)
+    (figure,) = drawn
+    axis, temp, time = figure.axes[0], np.concatenate([columns[word][30:] for word in ("temp", "temp_conf")]), columns["time"]
+    assert axis.get_ylim() == pytest.approx((temp.min() - 0.12 * np.ptp(temp), temp.max() + 0.12 * np.ptp(temp)))
+    assert {len(line.get_xdata()) for line in axis.lines} == {200, 170}
+    assert all(line.get_xdata()[0] == time[30] for line in axis.lines if len(line.get_xdata()) == 170)
+    (shade,) = axis.patches
+    assert (shade.get_x(), shade.get_x() + shade.get_width()) == pytest.approx((time[0], time[30])) and "grey" in figure.get_supxlabel()
 
 
 @pytest.mark.parametrize(
@@ -120,6 +129,7 @@ def test_lines_are_explained_and_the_start_is_not_cut(tmp_path, drawn):
         ({"time": [0.0, 1.0], "temp": [1.0, 1.0]}, {"target": [1.0, 1.0, 1.0]}, r"target has the shape \(3,\)"),
         ({"time": [1, 2], "temp": ["a", "b"]}, {}, "the column 'temp' must be numbers.*'a'"),
         ({"time": [1, 2], "temp": [1, 2]}, {"target": "warm"}, "target must be numbers.*'warm'"),
+        ({"time": [1, 2], "temp": [1, 2]}, {"counted": [True]}, r"counted has the shape \(1,\)"),
     ],
 )
 def test_what_cannot_be_drawn(tmp_path, columns, options, message):

@@ -315,7 +315,7 @@ def test_predicted_errors_of_a_name_by_its_word(scheme):
 
 @pytest.mark.parametrize("scheme", NAMED, ids=str)
 def test_advice_about_a_name_by_its_word(scheme):
-    assert "your dt 0.04" in advice(DENSE, scheme.word, 0.04)
+    assert "at dt = 0.04 ps" in advice(DENSE, scheme.word, 0.04)
 
 
 def test_nothing_is_known_of_other_words():

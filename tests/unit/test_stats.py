@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from openmm_dpd.errors import ParameterError
-from openmm_dpd.stats import Average, block_average, ratio_average
+from openmm_dpd.stats import Average, block_average, equilibrated, ratio_average
 
 
 def ar1(phi: float, rows: int, count: int, seed: int) -> np.ndarray:
@@ -25,7 +25,7 @@ def ar1_sem(phi: float, rows: int) -> float:
     return float(np.sqrt((1 + 2 * np.sum((1 - lag / rows) * phi**lag)) / (1 - phi**2) / rows))
 
 
-@pytest.mark.parametrize(("phi", "rows"), [(0.0, 200), (0.0, 5000), (0.5, 1000), (0.9, 5000), (0.97, 20000)])
+@pytest.mark.parametrize(("phi", "rows"), [(0.0, 300), (0.0, 5000), (0.5, 1000), (0.9, 5000), (0.97, 20000)])
 def test_error_of_ar1_series(phi, rows):
     """The mean reported error is within 12 % of the true one, single ones within a factor 2, and z-scores have unit spread."""
     series = ar1(phi, rows, count=100, seed=17)
@@ -55,10 +55,24 @@ def test_naive_error_would_fail():
     assert naive < 0.3 * ar1_sem(0.9, 5000)
 
 
-def test_too_short_is_said():
-    """A series of a few correlation times gives too small an error, and says so."""
-    averages = [block_average(row) for row in ar1(0.98, 200, count=50, seed=8)]
-    assert np.mean([average.converged for average in averages]) < 0.1
+@pytest.mark.parametrize(("phi", "times"), [(0.0, 60), (0.9, 10), (0.9, 50), (0.9, 100), (0.99, 50)])
+def test_too_short_is_said(phi, times):
+    """Hardly a series of so few correlation times counts as long enough: by chance one in 30 at 100 times."""
+    tau = (1 + phi) / (1 - phi) / 2
+    averages = [block_average(row) for row in ar1(phi, round(times * tau), count=200, seed=8)]
+    assert np.mean([average.converged for average in averages]) < 0.08
+
+
+@pytest.mark.parametrize("times", [200, 250, 400])
+def test_errors_of_series_that_are_long_enough(times):
+    """Those that count as converged have the right error, though some of them do because it came out small: at most 15 % below."""
+    rows = round(9.5 * times)
+    averages = [block_average(row) for row in ar1(0.9, rows, count=300, seed=12)]
+    chosen = [average for average in averages if average.converged]
+    assert len(chosen) > (90 if times == 200 else 200)
+    # errors scatter by a sixth, so that the mean of 90 squares is known to 4 %
+    assert 0.8 < np.sqrt(np.mean([average.sem**2 for average in chosen])) / ar1_sem(0.9, rows) < 1.15
+    assert np.mean([abs(average.mean) < 2 * average.sem for average in chosen]) > 0.85
 
 
 @pytest.mark.parametrize(
@@ -150,3 +164,34 @@ def test_a_denominator_in_one_block_only_leaves_the_ratio_without_an_error():
     numerator, denominator = np.linspace(1.0, 2.0, 20), np.zeros(20)
     denominator[:3] = 0.5
     assert ratio_average(numerator, denominator) == Average(pytest.approx(30 / 1.5), None, 0, None)
+
+
+@pytest.mark.parametrize(("phi", "rows"), [(0.0, 40), (0.0, 1000), (0.9, 1000), (0.97, 10000)])
+def test_hardly_anything_is_cut_off_in_equilibrium(phi, rows):
+    """A few per cent of the rows, and what is left is not biased by the choice."""
+    series = ar1(phi, rows, 400, seed=11)
+    starts = [equilibrated(one) for one in series]
+    means = np.array([one[start:].mean() for one, start in zip(series, starts, strict=True)])
+    assert np.mean(starts) < 0.06 * rows and max(starts) <= rows / 2
+    assert abs(means.mean()) < 4 * means.std() / 20 and means.std() < 1.2 * ar1_sem(phi, rows)
+
+
+@pytest.mark.parametrize(("phi", "rows"), [(0.0, 50), (0.0, 1000), (0.9, 1000), (0.0, 10000)])
+@pytest.mark.parametrize(("height", "decay"), [(30.0, 0.02), (10.0, 0.1), (3.0, 0.1)])
+def test_the_start_is_left_out_to_within_the_error(phi, rows, height, decay):
+    """An exponential start, in units of the spread and of the length of the series: over all rows it is off by many errors."""
+    spread = 1 / np.sqrt(1 - phi**2)
+    series = ar1(phi, rows, 200, seed=12) + spread * height * np.exp(-np.arange(rows) / (decay * rows))
+    starts = [equilibrated(one) for one in series]
+    off = np.mean([one[start:].mean() for one, start in zip(series, starts, strict=True)])
+    error = np.mean([block_average(one[start:]).sem for one, start in zip(series, starts, strict=True)])
+    assert abs(off) < 1.5 * error and abs(off) < 0.5 * series.mean()
+    assert max(starts) <= rows / 2
+
+
+def test_what_cannot_be_cut():
+    """Constant and short series are left whole; of what drifts to its end half is left out."""
+    assert equilibrated(np.ones(100)) == 0 == equilibrated(np.arange(9.0)) == equilibrated([])
+    assert equilibrated(np.arange(1000.0)) == 500
+    with pytest.raises(ParameterError, match="is nan in row 1"):
+        equilibrated([1.0, np.nan])

@@ -1,7 +1,5 @@
 """Commands on beads that exist: mass, group, set."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -10,7 +8,7 @@ from ...errors import ParameterError
 from ..files.atom_styles import BONDED_STYLES, CHARGED_STYLES
 from ..language import arguments as read
 from ..state.deck_state import DeckState
-from ..values.resolver import Resolver
+from .moving import values_of_variable
 from .setup import by_name
 
 
@@ -90,9 +88,8 @@ def group(state: DeckState, args: list[str]) -> None:
     if style == "clear":
         state.groups[name] = np.zeros_like(state.group(name))
         return
-    if style not in (*GROUP_STYLES, "subtract"):
-        known = ", ".join([*GROUP_STYLES, "subtract", "clear", "delete"])
-        raise ParameterError(f"group style '{style}' is not supported; supported are {known}")
+    if style != "subtract":
+        read.style(GROUP_STYLES, "group", style, "subtract", "clear", "delete")
     # it exists from here on, without beads, and may name itself
     present = state.groups.setdefault(name, np.zeros(len(state.atoms), dtype=bool))
     if style == "subtract":
@@ -121,8 +118,28 @@ def _selected(state: DeckState, style: str, word: str) -> np.ndarray:
     return (values >= first) & (values <= last)
 
 
+def _numbers(state: DeckState, mask: np.ndarray, word: str, what: str) -> np.ndarray:
+    """(n,) values of the beads of a mask: a number, or those of a variable (``v_name``)."""
+    if word.startswith("v_"):
+        return values_of_variable(state, word, "set")[mask]
+    return np.full(mask.sum(), read.number(word, what))
+
+
+def _integers(state: DeckState, mask: np.ndarray, word: str, what: str, minimum: int | None = None) -> np.ndarray:
+    """The same as whole numbers; values of variables lose what stands behind the point, as in LAMMPS."""
+    if not word.startswith("v_"):
+        read.integer(word, what, minimum)
+    values = _numbers(state, mask, word, what).astype(np.int64)
+    if minimum is not None and np.any(values < minimum):
+        raise ParameterError(f"{what} must be at least {minimum}, but is {values.min()} ({word})")
+    return values
+
+
 def _set_type(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
-    state.atoms.types[mask] = state.type_number(words[0])
+    kinds = _integers(state, mask, words[0], "the atom type")
+    for kind in np.unique(kinds) if words[0].startswith("v_") else words[:1]:
+        state.type_number(str(kind))
+    state.atoms.types[mask] = kinds
 
 
 def _set_fraction(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
@@ -151,41 +168,29 @@ def subset(beads: np.ndarray, words: list[str], ratio: bool) -> np.ndarray:
     return np.random.default_rng(read.integer(seed, "the seed", 1)).choice(beads, wanted, replace=False)
 
 
-def _value(state: DeckState, word: str, what: str) -> float:
-    """A number, or the value of a variable (``v_name``)."""
-    if not word.startswith("v_"):
-        return read.number(word, what)
-    current = state.last_sample is not None and state.last_sample.step == state.step
-    return Resolver(state, state.last_sample if current else None).variable_alone(word[2:])
-
-
 def _set_theta(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
     state.require_atom_style("dpd", "set dpd/theta")
-    if words[0] == "NULL":
-        speed2 = np.sum((state.atoms.velocities[mask] * state.units.velocity) ** 2, axis=1)
-        values = state.bead_masses()[mask] * speed2 / (3 * state.units.thermal_energy)
-        if np.any(values <= 0):
-            bead = int(state.atoms.ids[mask][np.argmin(values)])
-            raise ParameterError(f"set dpd/theta NULL takes the temperature from the velocity of each bead, but bead {bead} is at rest")
-        state.atoms.thetas[mask] = values
-        return
-    value = _value(state, words[0], "dpd/theta")
-    if value < 0 and words[0].startswith("v_"):
-        _set_theta(state, mask, ["NULL"])  # as in LAMMPS
-    else:
-        state.atoms.thetas[mask] = _positive(value, "dpd/theta")
+    values = np.full(mask.sum(), -1.0) if words[0] == "NULL" else _numbers(state, mask, words[0], "dpd/theta")
+    # as in LAMMPS a variable below 0 says NULL
+    own = (values < 0) & (words[0] == "NULL" or words[0].startswith("v_"))
+    speed2 = np.sum((state.atoms.velocities[mask] * state.units.velocity) ** 2, axis=1)
+    values = np.where(own, state.bead_masses()[mask] * speed2 / (3 * state.units.thermal_energy), values)
+    if np.any(own & (values <= 0)):
+        bead = int(state.atoms.ids[mask][np.argmin(values)])
+        raise ParameterError(f"set dpd/theta NULL takes the temperature from the velocity of each bead, but bead {bead} is at rest")
+    state.atoms.thetas[mask] = _positive(values, "dpd/theta")
 
 
-def _positive(value: float, what: str) -> float:
-    if not 0 < value < np.inf:
+def _positive(values: np.ndarray, what: str) -> np.ndarray:
+    for value in values[~((values > 0) & (values < np.inf))]:
         raise ParameterError(f"{what} must be > 0, but is {value:g}")
-    return value
+    return values
 
 
 def _set_thermal(what: str, array: str) -> Setter:
     def handler(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
         state.require_atom_style("edpd", f"set {what}")
-        getattr(state.atoms, array)[mask] = _positive(_value(state, words[0], what), what)
+        getattr(state.atoms, array)[mask] = _positive(_numbers(state, mask, words[0], what), what)
 
     return handler
 
@@ -193,25 +198,25 @@ def _set_thermal(what: str, array: str) -> Setter:
 def _set_concentration(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
     state.require_atom_style("tdpd", "set cc")
     species = state.species(words[0], "set cc")
-    state.atoms.concentrations[mask, species] = _value(state, words[1], "cc")
+    state.atoms.concentrations[mask, species] = _numbers(state, mask, words[1], "cc")
 
 
 def _set_charge(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
     if state.atom_style not in CHARGED_STYLES:
         raise ParameterError(f"atom_style {state.atom_style} has no charges")
-    state.atoms.charges[mask] = read.number(words[0], "the charge")
+    state.atoms.charges[mask] = _numbers(state, mask, words[0], "the charge")
 
 
 def _set_molecule(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
     if state.atom_style not in BONDED_STYLES:
         raise ParameterError(f"atom_style {state.atom_style} has no molecule ids")
-    state.atoms.molecules[mask] = read.integer(words[0], "the molecule id", 0)
+    state.atoms.molecules[mask] = _integers(state, mask, words[0], "the molecule id", 0)
 
 
 def _set_vector(array: str, axis: int, what: str) -> Setter:
     def handler(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
         # a position outside the box stays there until the next run begins, for regions and ramps too
-        getattr(state.atoms, array)[mask, axis] = read.number(words[0], what)
+        getattr(state.atoms, array)[mask, axis] = _numbers(state, mask, words[0], what)
 
     return handler
 
@@ -219,10 +224,10 @@ def _set_vector(array: str, axis: int, what: str) -> Setter:
 def _set_image(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
     for axis, word in enumerate(words):
         if word != "NULL":
-            flag = read.integer(word, "the image flag")
-            if flag and not state.periodic[axis]:
-                raise ParameterError(f"set image: the box does not repeat along {'xyz'[axis]}, so the image flag there is 0, not {flag}")
-            state.atoms.images[mask, axis] = flag
+            flags = _integers(state, mask, word, "the image flag")
+            if np.any(flags) and not state.periodic[axis]:
+                raise ParameterError(f"set image: the box does not repeat along {'xyz'[axis]}, so the image flag there is 0, not {word}")
+            state.atoms.images[mask, axis] = flags
 
 
 def _set_mass(state: DeckState, mask: np.ndarray, words: list[str]) -> None:

@@ -1,7 +1,5 @@
 """Commands about bonds and angles: bond_style, bond_coeff, angle_style, angle_coeff."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Commands that make the box and the beads: lattice, region, create_box, create_atoms, read_data, delete_atoms."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -81,9 +79,7 @@ def create_atoms(state: DeckState, args: list[str]) -> None:
     kind = state.type_number(args[0])
     sizes = {"box": 0, "region": 1, "random": 3, "single": 3}
     style = read.choice(args[1], "the style of create_atoms", list(sizes))
-    words, rest = args[2 : 2 + sizes[style]], args[2 + sizes[style] :]
-    if len(words) < sizes[style]:
-        raise ParameterError(f"create_atoms {style} needs {sizes[style]} values, but {len(words)} follow")
+    words, rest = read.taken(args[2:], sizes[style], f"create_atoms {style}")
     options: dict[str, list[str]] = {}
     basis: dict[int, int] = {}
     allowed = {"units": 1, "basis": 2, "overlap": 1, "maxtry": 1, "subset": 2, "ratio": 2}

@@ -1,7 +1,5 @@
 """Fixes of the fields of beads (equations of state, sources), and of boxes under constant pressure."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...errors import ParameterError

@@ -1,20 +1,18 @@
 """Commands that say what happens during a run: fix, unfix, timestep, reset_timestep."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from ...errors import ParameterError
 from ..language import arguments as read
 from ..output.averages import AveragingFix
 from ..output.chunk_average import parse_ave_chunk
+from ..output.correlation import parse_ave_correlate
 from ..output.print_fix import parse_print
 from ..output.time_average import parse_ave_time
 from ..state.deck_state import DeckState
 from ..state.records import Fix
 from .energy_fixes import ENERGY_FIXES
 from .flow_fixes import FLOW_FIXES
-from .motion_fixes import MOTION_FIXES
 from .setup import FixReader, by_name
 
 
@@ -47,13 +45,16 @@ FIX_STYLES: dict[str, FixReader] = {
     "shardlow": _shardlow,
     **ENERGY_FIXES,
     **FLOW_FIXES,
-    **MOTION_FIXES,
     "print": lambda state, group, words: {"reader": parse_print(state, group, words)},
 }
 
 
 #: Fixes that average: from (state, id, group, words) to the average.
-AVERAGES: dict[str, Callable[[DeckState, str, str, list[str]], AveragingFix]] = {"ave/time": parse_ave_time, "ave/chunk": parse_ave_chunk}
+AVERAGES: dict[str, Callable[[DeckState, str, str, list[str]], AveragingFix]] = {
+    "ave/time": parse_ave_time,
+    "ave/chunk": parse_ave_chunk,
+    "ave/correlate": parse_ave_correlate,
+}
 
 
 def fix(state: DeckState, args: list[str]) -> None:
@@ -63,8 +64,7 @@ def fix(state: DeckState, args: list[str]) -> None:
     name, group, style, *words = args
     read.identifier(name, "the id of a fix")
     state.group(group)
-    if style not in FIX_STYLES and style not in AVERAGES:
-        raise ParameterError(f"fix style '{style}' is not supported; supported are {', '.join([*FIX_STYLES, *AVERAGES])}")
+    read.style({**FIX_STYLES, **AVERAGES}, "fix", style)
     old = state.fixes.get(name)
     if old is not None and old.style != style:
         raise ParameterError(f"there is a fix {name} of style {old.style} already; unfix it first, or use another id")
@@ -95,7 +95,7 @@ def reset_timestep(state: DeckState, args: list[str]) -> None:
     read.count(args, "reset_timestep N [time T]", 1, 3)
     step = read.integer(args[0], "the step", 0)
     options = dict(read.options(args[1:], {"time": 1}, "reset_timestep"))
-    averages = [found.name for found in state.fixes.values() if found.style in AVERAGES]
+    averages = [found.name for found in state.fixes_of(*AVERAGES)]
     if averages and step != state.step:
         raise ParameterError(f"reset_timestep is not possible while fix {', '.join(averages)} counts steps; unfix it before")
     state.reset_step(step)

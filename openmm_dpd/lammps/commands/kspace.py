@@ -1,7 +1,5 @@
 """Commands about charges: kspace_style, kspace_modify, dielectric."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from ...errors import ParameterError
@@ -25,8 +23,7 @@ def kspace_style(state: DeckState, args: list[str]) -> None:
         read.count(args, "kspace_style none", 1)
         state.kspace = None
         return
-    if args[0] not in KSPACE_STYLES:
-        raise ParameterError(f"kspace_style '{args[0]}' is not supported; supported are none, {', '.join(KSPACE_STYLES)}")
+    read.choice(args[0], "the style of kspace_style", ("none", *KSPACE_STYLES))
     read.count(args, f"kspace_style {args[0]} accuracy", 2)
     accuracy = read.positive(args[1], "the accuracy of kspace_style")
     if not 1e-10 <= accuracy <= 0.1:

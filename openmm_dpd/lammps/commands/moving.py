@@ -1,7 +1,5 @@
 """Commands that move or copy the beads that are there: displace_atoms, replicate."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -10,7 +8,7 @@ import numpy as np
 from ...errors import ParameterError
 from ..language import arguments as read
 from ..state.deck_state import DeckState
-from ..values.resolver import Resolver
+from ..values.resolver import present
 from .setup import by_name
 
 
@@ -21,10 +19,8 @@ def displace_atoms(state: DeckState, args: list[str]) -> None:
     box, mask = state.require_box("displace_atoms"), state.group(args[0])
     style = read.choice(args[1], "the style of displace_atoms", list(_STYLES))
     size, handler = _STYLES[style]
-    words = args[2 : 2 + size]
-    if len(words) < size:
-        raise ParameterError(f"displace_atoms {style} needs {size} values, but {len(words)} follow")
-    options = {name: values[0] for name, values in read.options(args[2 + size :], {"units": 1}, "displace_atoms")}
+    words, rest = read.taken(args[2:], size, f"displace_atoms {style}")
+    options = {name: values[0] for name, values in read.options(rest, {"units": 1}, "displace_atoms")}
     positions = np.array(state.atoms.positions)
     if style == "rotate":
         # on continuous paths: molecules stay whole
@@ -58,18 +54,14 @@ def values_of_variable(state: DeckState, word: str, command: str) -> np.ndarray:
     style = state.variables.get(word[2:]).style
     if style not in ("equal", "atom"):
         raise ParameterError(f"{command}: variable {word[2:]} is {style}-style; an equal- or atom-style one is expected")
-    return np.broadcast_to(Resolver(state).bead_variable(word[2:]), (len(state.atoms),))
+    moment = present(state)
+    return np.broadcast_to(moment.bead_values(word) if style == "atom" else moment.variable_alone(word[2:]), (len(state.atoms),))
 
 
 def _ramp(state: DeckState, mask: np.ndarray, x: np.ndarray, words: list[str], scale: np.ndarray) -> np.ndarray:
-    axis, along = ("xyz".index(read.choice(words[k], "an axis of ramp", ("x", "y", "z"))) for k in (0, 3))
-    first, last = (read.number(word, "a displacement") * scale[axis] for word in words[1:3])
-    low, high = (read.number(word, "a coordinate of ramp") * scale[along] for word in words[4:6])
-    if high <= low:
-        raise ParameterError(f"the coordinates of ramp must increase, not {words[4]} to {words[5]}")
+    axis, values = read.ramp(words, ("x", "y", "z"), x, scale)
     moved = x.copy()
-    fraction = np.clip((moved[:, along] - low) / (high - low), 0.0, 1.0)
-    moved[:, axis] += first + fraction * (last - first)
+    moved[:, axis] += values
     return moved
 
 

@@ -1,9 +1,7 @@
 """Commands about output and variables: thermo*, compute, dump*, write_data, variable, print, include."""
 
-from __future__ import annotations
-
 import re
-from collections.abc import Callable
+from dataclasses import replace
 
 from ...errors import ParameterError
 from ...files import append_block, write_whole
@@ -14,14 +12,13 @@ from ..output.thermo import STYLES as THERMO_STYLES, check_format, check_word
 from ..state.deck_state import DeckState
 from ..state.records import Compute, ThermoSettings
 from ..values.computes import BUILT_IN, COMPUTES, check_bead_word, expanded
-from ..values.resolver import Resolver
+from ..values.resolver import present
 from .setup import by_name
 
 
 def expand(state: DeckState, text: str) -> str:
     """Text with ``$`` substituted."""
-    sample = state.last_sample if state.last_sample and state.last_sample.step == state.step else None
-    return Resolver(state, sample).substituted(text)
+    return present(state).substituted(text)
 
 
 # -- thermo -----------------------------------------------------------------------------------------------------------------
@@ -46,51 +43,29 @@ def thermo_style(state: DeckState, args: list[str]) -> None:
 def thermo_modify(state: DeckState, args: list[str]) -> None:
     """``thermo_modify norm|temp|press|format|line|colname|flush|lost ... value``."""
     read.count(args, "thermo_modify keyword value ...", 2, None)
-    index = 0
-    while index < len(args):
-        keyword, rest = args[index], args[index + 1 :]
-        if keyword not in _THERMO_OPTIONS:
-            raise ParameterError(f"thermo_modify has no option '{keyword}' here; supported are {', '.join(_THERMO_OPTIONS)}")
-        size, handler = _THERMO_OPTIONS[keyword]
-        if keyword in ("format", "colname") and rest[:1] in (["none"], ["default"]):
-            size = 1
-        if len(rest) < size:
-            raise ParameterError(f"option '{keyword}' of thermo_modify needs {size} values")
-        handler(state, rest[:size])
-        index += 1 + size
-
-
-def _norm(state: DeckState, words: list[str]) -> None:
-    state.thermo.norm = read.switch(words[0], "norm")
-
-
-def _temp(state: DeckState, words: list[str]) -> None:
-    state.temperature_compute(words[0])
-    state.thermo.temp = words[0]
-    # the pressure that is printed takes it over, for good
-    state.pressure_temps[state.thermo.press] = words[0]
-
-
-def _press(state: DeckState, words: list[str]) -> None:
-    if words[0] != "thermo_press" and (words[0] not in state.computes or state.computes[words[0]].style != "pressure"):
-        raise ParameterError(f"'{words[0]}' is not the id of a compute of style pressure")
-    state.thermo.press = words[0]
-
-
-def _layout(state: DeckState, words: list[str]) -> None:
-    state.thermo.layout = read.choice(words[0], "the line style", ("one", "multi", "yaml"))
-
-
-def _format(state: DeckState, words: list[str]) -> None:
-    if words == ["none"]:
-        state.thermo.formats.clear()
-        return
-    target, form = words
-    if target == "line":
-        check_format(form, len(state.thermo.words))
-    else:
-        check_format(form, of=target if target in ("int", "float") else None)
-    state.thermo.formats[_column(state, target, ("line", "int", "float"))] = form
+    settings = state.thermo
+    for keyword, values in read.options(args, _THERMO_OPTIONS, "thermo_modify", alone={"format": "none", "colname": "default"}):
+        word = values[0]
+        if keyword == "norm":
+            settings.norm = read.switch(word, "norm")
+        elif keyword == "temp":
+            state.temperature_compute(word)
+            settings.temp = word
+            # the pressure that is printed takes it over, for good
+            state.pressure_temps[settings.press] = word
+        elif keyword == "press":
+            if word != "thermo_press" and (word not in state.computes or state.computes[word].style != "pressure"):
+                raise ParameterError(f"'{word}' is not the id of a compute of style pressure")
+            settings.press = word
+        elif keyword == "line":
+            settings.layout = read.choice(word, "the line style", ("one", "multi", "yaml"))
+        elif keyword in ("format", "colname") and len(values) == 1:
+            (settings.formats if keyword == "format" else settings.headers).clear()
+        elif keyword == "format":
+            check_format(values[1], len(settings.words) if word == "line" else None, of=word if word in ("int", "float") else None)
+            settings.formats[_column(state, word, ("line", "int", "float"))] = values[1]
+        elif keyword == "colname":
+            settings.headers[_column(state, word)] = values[1]
 
 
 def _column(state: DeckState, word: str, others: tuple[str, ...] = ()) -> str | int:
@@ -103,28 +78,11 @@ def _column(state: DeckState, word: str, others: tuple[str, ...] = ()) -> str | 
     return number if number > 0 else columns + 1 + number
 
 
-def _colname(state: DeckState, words: list[str]) -> None:
-    if words == ["default"]:
-        state.thermo.headers.clear()
-    else:
-        state.thermo.headers[_column(state, words[0])] = words[1]
-
-
-def _nothing(state: DeckState, words: list[str]) -> None:
-    """Accepted: output is always flushed, and no bead is ever lost in a periodic box."""
-
-
-_THERMO_OPTIONS: dict[str, tuple[int, Callable[[DeckState, list[str]], None]]] = {
-    "norm": (1, _norm),
-    "temp": (1, _temp),
-    "press": (1, _press),
-    "line": (1, _layout),
-    "format": (2, _format),
-    "colname": (2, _colname),
-    "flush": (1, _nothing),
-    "lost": (1, _nothing),
-    "lost/bond": (1, _nothing),
-    "warn": (1, _nothing),
+#: The last ones do nothing: output is always flushed, and no bead is ever lost in a periodic box.
+_THERMO_OPTIONS = {
+    **dict.fromkeys(("norm", "temp", "press", "line"), 1),
+    **dict.fromkeys(("format", "colname"), 2),
+    **dict.fromkeys(("flush", "lost", "lost/bond", "warn"), 1),
 }
 
 
@@ -135,12 +93,26 @@ def compute(state: DeckState, args: list[str]) -> None:
     name, group, style, *words = args
     state.require_box("compute")
     state.group(group)
-    if style not in COMPUTES:
-        raise ParameterError(f"compute style '{style}' is not supported; supported are {', '.join(COMPUTES)}")
+    spec = read.style(COMPUTES, "compute", style)
     if name in state.computes or name in BUILT_IN:
         raise ParameterError(f"there is a compute {name} already")
     words = list(expanded(state, words))
-    state.computes[name] = Compute(name, group, style, tuple(words), COMPUTES[style].prepare(state, group, words))
+    state.computes[name] = Compute(name, group, style, tuple(words), spec.prepare(state, group, words))
+
+
+def compute_modify(state: DeckState, args: list[str]) -> None:
+    """``compute_modify ID keyword value ...``: degrees of freedom of a temperature."""
+    read.count(args, "compute_modify ID keyword value ...", 3, None)
+    found = state.temperature_compute(args[0])
+    for keyword, values in read.options(args[1:], {"extra/dof": 1, "dynamic/dof": 1}, "compute_modify"):
+        if keyword == "extra/dof":
+            found = replace(found, settings=replace(found.settings, extra=read.number(values[0], keyword)))
+        else:
+            read.switch(values[0], keyword)  # beads are counted each time
+    if found.name == "thermo_temp":
+        state.thermo_temp = found
+    else:
+        state.computes[found.name] = found
 
 
 def uncompute(state: DeckState, args: list[str]) -> None:
@@ -156,12 +128,31 @@ def dump(state: DeckState, args: list[str]) -> None:
     """``dump ID group atom|custom|dcd|xtc|xyz N file [columns ...]``."""
     read.count(args, "dump ID group style N file ...", 5, None)
     name, group, style, interval, file, *words = args
-    state.group(group)
-    if style not in DUMP_STYLES:
-        raise ParameterError(f"dump style '{style}' is not supported; supported are {', '.join(DUMP_STYLES)}")
     if name in state.dumps:
         raise ParameterError(f"there is a dump {name} already; undump it first")
-    every = read.integer(interval, "the interval of the dump", 1)
+    state.dumps[name] = found = _new_dump(state, name, group, style, read.integer(interval, "the interval of the dump", 1), file, words)
+    if style in BINARY:
+        found.begin(state)
+
+
+def write_dump(state: DeckState, args: list[str]) -> None:
+    """``write_dump group style file [columns ...] [modify keyword value ...]``: one frame of the beads as they are."""
+    read.count(args, "write_dump group style file ...", 3, None)
+    at = args.index("modify") if "modify" in args else len(args)
+    group, style, file, *words = args[:at]
+    found = _new_dump(state, "write_dump", group, style, max(state.step, 1), file, words)
+    _modify_dump(state, found, args[at + 1 :])
+    moment = present(state)
+    if found.pbc:
+        # also those that a command has put outside
+        moment.folded = moment.box.wrap(moment.positions)
+    found.write(moment)
+    found.close()
+
+
+def _new_dump(state: DeckState, name: str, group: str, style: str, every: int, file: str, words: list[str]) -> Dump:
+    state.group(group)
+    read.style(dict.fromkeys(DUMP_STYLES), "dump", style)
     if style == "custom":
         read.count(words, "dump ID group custom N file column ...", 1, None)
         words = list(expanded(state, words))
@@ -175,7 +166,7 @@ def dump(state: DeckState, args: list[str]) -> None:
         raise ParameterError(f"dump {style} '{file}': all frames go into one file, leave the * out")
     state.output_path(file)  # what is wrong with its name is the mistake of this line
     columns = {"atom": ("id", "type", "xs", "ys", "zs"), "custom": tuple(words)}.get(style, ())
-    state.dumps[name] = Dump(name, group, style, every, file, columns)
+    return Dump(name, group, style, every, file, columns)
 
 
 def undump(state: DeckState, args: list[str]) -> None:
@@ -188,16 +179,19 @@ def undump(state: DeckState, args: list[str]) -> None:
 def dump_modify(state: DeckState, args: list[str]) -> None:
     """``dump_modify ID keyword value ...``."""
     read.count(args, "dump_modify ID keyword value ...", 2, None)
-    found = read.known(state.dumps, args[0], "dump")
+    _modify_dump(state, read.known(state.dumps, args[0], "dump"), args[1:])
+
+
+def _modify_dump(state: DeckState, found: Dump, args: list[str]) -> None:
     once = ("every", "first", "append", "sort", "unwrap", "scale", "image", "flush", "pbc", "precision", "sfactor", "tfactor")
     sizes = dict.fromkeys(once, 1) | {"format": 2, "element": state.n_types}
-    for keyword, values in read.options(args[1:], sizes, "dump_modify"):
+    for keyword, values in read.options(args, sizes, "dump_modify"):
         word = values[0]
         if keyword in _OF_STYLES and found.style not in _OF_STYLES[keyword]:
             raise ParameterError(f"dump_modify {keyword} is for dump style {' and '.join(_OF_STYLES[keyword])}")
         if keyword == "every":
             found.every = read.integer(word, "the interval of the dump", 1)
-        elif keyword in ("first", "append", "unwrap"):
+        elif keyword in ("first", "append", "unwrap", "pbc"):
             setattr(found, keyword, read.switch(word, keyword))
         elif keyword in ("scale", "image"):
             _atom_columns(found, keyword, read.switch(word, keyword))
@@ -286,4 +280,18 @@ def print_(state: DeckState, args: list[str]) -> None:
         state.log(text)
 
 
-COMMANDS = by_name(thermo, thermo_style, thermo_modify, compute, uncompute, dump, undump, dump_modify, write_data, variable, print_)
+COMMANDS = by_name(
+    thermo,
+    thermo_style,
+    thermo_modify,
+    compute,
+    compute_modify,
+    uncompute,
+    dump,
+    undump,
+    dump_modify,
+    write_dump,
+    write_data,
+    variable,
+    print_,
+)

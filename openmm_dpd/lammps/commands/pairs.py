@@ -1,7 +1,5 @@
 """Commands about interactions: pair_style, pair_coeff, pair_modify, special_bonds."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from ...errors import ParameterError
@@ -51,7 +49,7 @@ def _parts(name: str, words: list[str]) -> list[list[str]]:
         is_style = word in PAIR_STYLES
         own = PAIR_STYLES[parts[-1][0]].words if parts else frozenset()
         if not is_style and (not parts or not (word in (*MODES, "nocoeff") or word in own or _is_number(word))):
-            raise _unknown(word)
+            read.style(PAIR_STYLES, "pair", word, "none", *HYBRID)
         if is_style:
             parts.append([])
         parts[-1].append(word)
@@ -66,15 +64,9 @@ def _is_number(word: str) -> bool:
     return True
 
 
-def _unknown(word: str) -> ParameterError:
-    return ParameterError(f"pair style '{word}' is not supported; supported are none, {', '.join([*PAIR_STYLES, *HYBRID])}")
-
-
 def _style(state: DeckState, name: str, words: list[str]) -> PairStyle:
-    if name not in PAIR_STYLES:
-        raise _unknown(name)
     assert state.here is not None
-    spec = PAIR_STYLES[name]
+    spec = read.style(PAIR_STYLES, "pair", name, "none", *HYBRID)
     if spec.atom_style is not None:
         state.require_atom_style(spec.atom_style, f"pair style {name}")
     style = PairStyle(name, spec, spec.settings(words), state.here)

@@ -1,7 +1,5 @@
 """Restart files: write_restart, read_restart, restart."""
 
-from __future__ import annotations
-
 from ...errors import ParameterError
 from ...files import write_whole
 from ..files.restart_file import load_restart, restart_bytes

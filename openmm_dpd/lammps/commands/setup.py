@@ -1,7 +1,5 @@
 """Commands that come before the beads: units, dimension, boundary, atom_style, and what has no meaning here."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -10,6 +8,7 @@ from ...errors import ParameterError
 from ...units import UNIT_SYSTEMS
 from ..files.atom_styles import ATOM_STYLES
 from ..language import arguments as read
+from ..language.instead import INSTEAD
 from ..state.deck_state import DeckState
 from ..state.minimization import MIN_STYLES, NORMS
 
@@ -56,7 +55,7 @@ def dimension(state: DeckState, args: list[str]) -> None:
     """``dimension 3``."""
     read.count(args, "dimension 3", 1)
     if args[0] != "3":
-        raise ParameterError(f"only three dimensions are supported, not dimension {args[0]}")
+        raise ParameterError(f"only three dimensions are supported, not dimension {args[0]}: {INSTEAD['dimension 2']}")
 
 
 def boundary(state: DeckState, args: list[str]) -> None:
@@ -74,10 +73,7 @@ def atom_style(state: DeckState, args: list[str]) -> None:
     read.count(args, "atom_style style", 1, None)
     state.refuse_box("atom_style")
     style = read.choice(args[0], "the atom style", list(ATOM_STYLES))
-    if style == "tdpd":
-        read.count(args, "atom_style tdpd N", 2)
-    else:
-        read.count(args, f"atom_style {style}", 1)
+    read.count(args, f"atom_style {style}{' N' * (style == 'tdpd')}", 1 + (style == "tdpd"))
     if style in REDUCED and state.units.name != "lj":
         raise ParameterError(f"atom_style {style} needs units lj, but the deck's are {state.units.name}")
     state.atom_style = style
@@ -112,32 +108,17 @@ def min_style(state: DeckState, args: list[str]) -> None:
     """``min_style style``: there is one minimiser."""
     read.count(args, "min_style style", 1, None)
     state.min_style = read.choice(args[0], "the style of min_style", MIN_STYLES)
-    state.note(f"min_style {' '.join(args)}: OpenMM's minimiser (L-BFGS) is used for all styles")
+    state.note(f"min_style {' '.join(args)}: one minimiser (L-BFGS) goes down for all styles")
+
+
+_MIN_OPTIONS = (
+    "dmax line tmax tmin delaystep dtgrow dtshrink alpha0 alphashrink vdfmax halfstepback initialdelay integrator norm abcfire"
+).split()
 
 
 def min_modify(state: DeckState, args: list[str]) -> None:
     """``min_modify norm two|max|inf``; what is about steps of LAMMPS's minimisers has no meaning."""
-    sizes = dict.fromkeys(
-        (
-            "dmax",
-            "line",
-            "tmax",
-            "tmin",
-            "delaystep",
-            "dtgrow",
-            "dtshrink",
-            "alpha0",
-            "alphashrink",
-            "vdfmax",
-            "halfstepback",
-            "initialdelay",
-            "integrator",
-            "norm",
-            "abcfire",
-        ),
-        1,
-    )
-    for keyword, values in read.options(args, sizes, "min_modify"):
+    for keyword, values in read.options(args, dict.fromkeys(_MIN_OPTIONS, 1), "min_modify"):
         if keyword == "norm":
             state.force_norm = read.choice(values[0], "norm", list(NORMS))
         else:

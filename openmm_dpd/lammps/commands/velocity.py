@@ -1,16 +1,18 @@
 """The ``velocity`` command: create, set, scale, ramp and zero."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from ...errors import ParameterError
+from ...kernels.elementary import without_last_bits
+from ...kernels.noise import mix
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.momentum import without_rotation
 from ..state.records import Compute
+from ..state.temperature import Temperature
 from ..values.resolver import Resolver
 from .moving import values_of_variable
 from .setup import by_name
@@ -25,13 +27,9 @@ def velocity(state: DeckState, args: list[str]) -> None:
     if not len(state.atoms):
         raise ParameterError("velocity needs beads; create or read them before")
     mask, style = state.group(args[0]), args[1]
-    if style not in _STYLES:
-        raise ParameterError(f"velocity style '{style}' is not supported; supported are {', '.join(_STYLES)}")
-    size, handler = _STYLES[style]
-    words = args[2 : 2 + size]
-    if len(words) < size:
-        raise ParameterError(f"velocity {style} needs {size} values, but {len(words)} follow")
-    options = {name: values[0] for name, values in read.options(args[2 + size :], _SIZES, f"velocity {style}")}
+    size, handler = read.style(_STYLES, "velocity", style)
+    words, rest = read.taken(args[2:], size, f"velocity {style}")
+    options = {name: values[0] for name, values in read.options(rest, _SIZES, f"velocity {style}")}
     if options.get("rigid", "NULL") != "NULL" or read.switch(options.get("bias", "no"), "bias"):
         raise ParameterError("the options rigid and bias of velocity are not supported")
     handler(state, args[0], mask, words, options)
@@ -39,8 +37,9 @@ def velocity(state: DeckState, args: list[str]) -> None:
 
 def _rescale(state: DeckState, group: str, mask: np.ndarray, target: float, options: dict[str, str]) -> None:
     # of the group, or of the compute that the option names
-    compute = state.temperature_compute(options["temp"]) if "temp" in options else None
-    current = Resolver(state).temperature(compute or Compute("velocity", group, "temp"))
+    compute = state.temperature_compute(options["temp"]) if "temp" in options else Compute("", group, "temp", settings=Temperature())
+    # of the beads as they are now: nothing has been measured of them
+    current = Resolver(state).temperature(replace(compute, name="velocity"))
     if current <= 0:
         raise ParameterError(f"the velocities of group {group} cannot be scaled to a temperature: it is 0 (too few beads, or all at rest)")
     state.atoms.velocities[mask] *= np.sqrt(target / current)
@@ -70,7 +69,7 @@ def _create(state: DeckState, group: str, mask: np.ndarray, words: list[str], op
     drawn = _by_position(atoms.positions, seed) if loop == "geom" else _by_id(atoms.ids, seed)
     if dist == "gaussian":
         # polar form of two uniform numbers each
-        drawn = np.sqrt(-2 * np.log(1 - drawn[:, :3])) * np.cos(2 * np.pi * drawn[:, 3:])
+        drawn = without_last_bits(np.sqrt(-2 * np.log(1 - drawn[:, :3])) * np.cos(2 * np.pi * drawn[:, 3:]), 32)
     else:
         drawn = drawn[:, :3] - 0.5
     atoms.velocities = np.where(mask[:, None], drawn / np.sqrt(masses)[:, None], before)
@@ -99,17 +98,10 @@ def _by_position(positions: np.ndarray, seed: int) -> np.ndarray:
     word = np.full(len(positions), np.uint64(seed))
     for axis in range(3):
         # adding 0.0 makes -0.0 and 0.0 the same bits
-        word = _scramble(word ^ (positions[:, axis] + 0.0).view(np.uint64))
+        word = mix(word ^ (positions[:, axis] + 0.0).view(np.uint64))
     steps = np.arange(1, 7, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)
     # 53 bits, so that 1 is never reached
-    return (_scramble(word[:, None] + steps) >> np.uint64(11)).astype(np.float64) / 2.0**53
-
-
-def _scramble(word: np.ndarray) -> np.ndarray:
-    """Finalizer of the SplitMix64 generator (Steele, Lea and Flood, OOPSLA 2014): a bijection of 64-bit words."""
-    word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    word = (word ^ (word >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return word ^ (word >> np.uint64(31))
+    return (mix(word[:, None] + steps) >> np.uint64(11)).astype(np.float64) / 2.0**53
 
 
 def _set(state: DeckState, group: str, mask: np.ndarray, words: list[str], options: dict[str, str]) -> None:
@@ -132,15 +124,8 @@ def _scale(state: DeckState, group: str, mask: np.ndarray, words: list[str], opt
 
 
 def _ramp(state: DeckState, group: str, mask: np.ndarray, words: list[str], options: dict[str, str]) -> None:
-    component = read.choice(words[0], "the component of ramp", ("vx", "vy", "vz"))
-    direction = "xyz".index(read.choice(words[3], "the direction of ramp", ("x", "y", "z")))
-    axis, scale = "xyz".index(component[1]), state.spacing(options.get("units", "lattice"))
-    start, stop = (read.number(word, "a velocity of ramp") * scale[axis] for word in words[1:3])
-    low, high = (read.number(word, "a coordinate of ramp") * scale[direction] for word in words[4:6])
-    if high <= low:
-        raise ParameterError(f"the coordinates of ramp must increase, not {words[4]} to {words[5]}")
-    fraction = np.clip((state.atoms.positions[mask, direction] - low) / (high - low), 0.0, 1.0)
-    values = start + fraction * (stop - start)
+    spacing = state.spacing(options.get("units", "lattice"))
+    axis, values = read.ramp(words, ("vx", "vy", "vz"), state.atoms.positions[mask], spacing)
     add = read.switch(options.get("sum", "no"), "sum")
     state.atoms.velocities[mask, axis] = values + (state.atoms.velocities[mask, axis] if add else 0.0)
 

@@ -1,7 +1,5 @@
 """Reading back the data file that LAMMPS's ``write_data`` leaves: the state of the beads, for a scene that is known."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

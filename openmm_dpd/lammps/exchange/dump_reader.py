@@ -4,8 +4,6 @@ mdtraj reads such files as well, but takes lengths as angstrom, wants x, y, z, a
 per-bead values.  For DCD files it is all that is needed: :func:`openmm_dpd.trajectory.load`.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A scene as a LAMMPS deck and data file, to be run somewhere else (a cluster, say)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The data file of an exported scene: bead types, box, beads, bonds and angles."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Bonds and angles of a scene in LAMMPS's words."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,9 +1,7 @@
 """Integrators, equations of state, sources, body forces and walls of an exported scene."""
 
-from __future__ import annotations
-
 import re
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -165,8 +163,7 @@ def source_lines(scene: Scene, units: UnitSystem, corner: np.ndarray, difference
             yield f"region source{k} block {words} units box"
         else:
             yield f"region source{k} sphere {exact(region.centre / units.length)} {exact(region.radius / units.length)} units box"
-        lines, group = _group(f"source{k}", source.beads)
-        yield from lines
+        group = yield from _group(f"source{k}", source.beads)
         if heat:
             yield f"fix source{k} {group} edpd/source region source{k} {exact(source.rate * units.time / units.thermal_energy)}"
         else:
@@ -192,8 +189,7 @@ def flow_lines(scene: Scene, units: UnitSystem, corner: np.ndarray) -> Iterator[
     """
     if scene.interacting is not None:
         for k, row in enumerate(np.unique(scene.interacting[~scene.interacting.all(axis=1)], axis=0), start=1):
-            lines, group = _group(f"alone{k}", np.all(scene.interacting == row, axis=1))
-            yield from lines
+            group = yield from _group(f"alone{k}", np.all(scene.interacting == row, axis=1))
             yield f"fix alone{k} {group} setforce " + " ".join("NULL" if free else "0.0" for free in row)
     for k, term in enumerate(scene.body_forces, start=1):
         if isinstance(term, BodyForce):
@@ -210,9 +206,12 @@ def flow_lines(scene: Scene, units: UnitSystem, corner: np.ndarray) -> Iterator[
         yield f"fix wall{AXES[axis]} all wall/reflect " + " ".join(f"{AXES[axis]}{s} {exact(p / units.length)}" for s, p in ends)
 
 
-def _group(name: str, mask: np.ndarray | None) -> tuple[list[str], str]:
-    """Commands that make a group of some beads, none if they are all of them, and the name of the group."""
-    return ([], "all") if mask is None or np.all(mask) else (list(group_lines(name, mask)), name)
+def _group(name: str, mask: np.ndarray | None) -> Generator[str, None, str]:
+    """Commands that make a group of some beads, none if they are all of them; what is returned is the name of the group."""
+    if mask is None or np.all(mask):
+        return "all"
+    yield from group_lines(name, mask)
+    return name
 
 
 def _body_lines(scene: Scene, term: BodyForce, units: UnitSystem, name: str) -> Iterator[str]:
@@ -223,8 +222,7 @@ def _body_lines(scene: Scene, term: BodyForce, units: UnitSystem, name: str) -> 
         raise ParameterError(f"a body force has {len(acting)} different vectors; at most {_MOST_VECTORS} are exported, each with a fix")
     for number_, row in enumerate(acting):
         label = name if len(acting) == 1 else f"{name}_{number_ + 1}"
-        lines, group = _group(label, which.ravel() == row)
-        yield from lines
+        group = yield from _group(label, which.ravel() == row)
         if term.pattern == "uniform":
             yield f"fix {label} {group} addforce {exact(different[row])}"
             continue
@@ -249,8 +247,7 @@ def _formula_lines(scene: Scene, term: PositionForce, units: UnitSystem, corner:
     if not _fits(scene, term.corner, corner):
         raise ParameterError("the corner of a position force must be that of the box, which is exported with it")
     mask = term.mask(scene.type_ids, scene.type_names)
-    lines, group = _group(name, mask)
-    yield from lines
+    group = yield from _group(name, mask)
     words = []
     for axis, formula in zip("xyz", term.formulas, strict=True):
         formula = _without_steps(formula)

@@ -1,7 +1,5 @@
 """Choices of an export, checked."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import MISSING, dataclass, fields
 

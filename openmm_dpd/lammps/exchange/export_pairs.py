@@ -1,7 +1,5 @@
 """Pair tables of a scene as LAMMPS pair styles, and the commands that sum charges up."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import combinations_with_replacement
 

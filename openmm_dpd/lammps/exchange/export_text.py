@@ -1,7 +1,5 @@
 """The text of an exported deck, command by command."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Atom styles: what beads have beside position and velocity, and the columns of data files that say so."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 #: Columns of the Atoms section by atom style; ``tdpd`` has its concentrations after them.

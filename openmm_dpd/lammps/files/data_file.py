@@ -1,7 +1,5 @@
 """Reading LAMMPS data files: header, box and the sections that these scenes use."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import ParameterError
+from ..language.arguments import near
 from ..state.box import Box
 from .atom_styles import ANGLE_STYLES, BONDED_STYLES, atom_columns
 from .text_file import Row, TextFile
@@ -113,7 +112,10 @@ class DataReader:
             name = " ".join(words)
             if name.replace(" ", "").isalpha():
                 if name not in SECTIONS and not lenient:
-                    raise self.fail(f"section or header line '{name}' is not supported; sections are {', '.join(SECTIONS)}", number)
+                    raise self.fail(
+                        f"section or header line '{name}' is not supported; sections are {', '.join(SECTIONS)}{near(name, SECTIONS)}",
+                        number,
+                    )
                 if name in self.sections:
                     raise self.fail(f"section {name} appears twice", number)
                 body = []
@@ -183,14 +185,16 @@ class DataReader:
         values = np.empty((n, size))
         images = np.zeros((n, 3), dtype=np.int64)
         for k, (number, words) in enumerate(rows):
-            # three image flags, or none
-            end = size if len(words) == size + 3 else None
-            values[k] = self.file.numbers(rows[k], words[:end], size, usage, f"a value of atom {words[0]}")
-            if len(words) > size:
+            # three image flags, or none, as in the first line
+            flagged = len(words) == size + 3
+            values[k] = self.file.numbers(rows[k], words[: size if flagged else None], size, usage, f"a value of atom {words[0]}")
+            if flagged:
                 flags = self.file.integers(rows[k], words[size:], "three image flags")
                 if max(map(abs, flags)) > _LARGEST:
                     raise self.fail(f"an image flag of atom {words[0]} is beyond {_LARGEST}: '{' '.join(words[size:])}'", number)
                 images[k] = flags
+            if len(words) != len(rows[0][1]):
+                raise self.fail(f"atom {words[0]} has {'' if flagged else 'no '}image flags, unlike the first atom", number)
         columns: dict[str, np.ndarray] = {}
         for k, name in enumerate(names):
             if name in ("id", "type", "molecule"):
@@ -199,7 +203,7 @@ class DataReader:
             elif name not in ("x", "y", "z"):
                 columns[name] = values[:, k].copy()
         self._check_atoms(columns, rows)
-        return columns, values[:, x : x + 3].copy(), images if any(len(words) > size for _, words in rows) else None
+        return columns, values[:, x : x + 3].copy(), images if n and flagged else None
 
     def _check_whole(self, values: np.ndarray, whole: np.ndarray, rows: list[Row], what: str) -> None:
         bad = np.flatnonzero(values != whole)

@@ -1,7 +1,5 @@
 """Writing LAMMPS data files."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from .atom_styles import atom_columns

@@ -1,7 +1,5 @@
 """Files of equations of state: a keyword, a line ``N n``, and n rows ``index T U`` (LAMMPS: fix eos/table)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

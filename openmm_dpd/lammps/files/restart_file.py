@@ -1,7 +1,5 @@
 """Restart files: what of a deck a later one can go on from, in a format of this package (a zip of numpy arrays and one JSON text)."""
 
-from __future__ import annotations
-
 import io
 import json
 import zipfile
@@ -21,19 +19,7 @@ from ..state.deck_state import DeckState
 FORMAT = "openmm-dpd restart 2"
 
 #: Attributes of DeckState that are plain numbers and words.
-_PLAIN = (
-    "atom_style",
-    "sorts",
-    "n_types",
-    "n_bond_types",
-    "n_angle_types",
-    "n_species",
-    "timestep",
-    "step",
-    "runs",
-    "reordered",
-    "noise_counter",
-)
+_PLAIN = "atom_style sorts n_types n_bond_types n_angle_types n_species timestep step runs reordered noise_counter".split()
 
 #: How LAMMPS's own files begin.
 _LAMMPS = b"LammpS RestartT"

@@ -5,8 +5,6 @@ How a table is used here: a cubic spline goes through energies and forces at the
 intermediate table in r^2, for which there is no need here.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,12 +1,15 @@
 """Reading the arguments of commands: each helper names the argument and the value it did not like."""
 
-from __future__ import annotations
-
+import difflib
 import math
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TypeVar
 
+import numpy as np
+
 from ...errors import ParameterError
+from .instead import INSTEAD
 
 T = TypeVar("T")
 
@@ -74,8 +77,28 @@ def switch(word: str, what: str) -> bool:
 def known(table: Mapping[str, T], name: str, what: str) -> T:
     """The entry of a table by its name."""
     if name not in table:
-        raise ParameterError(f"there is no {what} '{name}'; defined so far: {', '.join(table) or 'none'}")
+        raise ParameterError(f"there is no {what} '{name}'; defined so far: {', '.join(table) or 'none'}{near(name, table)}")
     return table[name]
+
+
+def near(word: str, names: Iterable[str]) -> str:
+    """The end of an error about a word that is none of the names: the one that is most like it, or that it is an accelerated form of."""
+    plain = re.sub(r"/(omp|kk|gpu|intel|opt)$", "", word)
+    found = [plain] if plain in (names := list(names)) else difflib.get_close_matches(word, names, 1, 0.7)
+    return f"; did you mean {found[0]}?" if found else ""
+
+
+def style(table: Mapping[str, T], command: str, word: str, *others: str) -> T:
+    """The entry of a table of styles; ParameterError with what to write instead, or with what there is, ``others`` included."""
+    if word not in table:
+        names = [*table, *others]
+        ending = (
+            f": {INSTEAD[f'{command} {word}']}"
+            if f"{command} {word}" in INSTEAD
+            else f"; supported are {', '.join(names)}{near(word, names)}"
+        )
+        raise ParameterError(f"{command} style '{word}' is not supported{ending}")
+    return table[word]
 
 
 def identifier(word: str, what: str) -> str:
@@ -88,7 +111,7 @@ def identifier(word: str, what: str) -> str:
 def choice(word: str, what: str, allowed: Sequence[str]) -> str:
     """One of a few words."""
     if word not in allowed:
-        raise ParameterError(f"{what} must be one of {', '.join(allowed)}, not '{word}'")
+        raise ParameterError(f"{what} must be one of {', '.join(allowed)}, not '{word}'{near(word, allowed)}")
     return word
 
 
@@ -97,6 +120,27 @@ def count(args: Sequence[str], usage: str, minimum: int, maximum: int | None = -
     most = minimum if maximum == -1 else maximum
     if len(args) < minimum or (most is not None and len(args) > most):
         raise ParameterError(f"expected '{usage}', but found {len(args)} argument{'s' * (len(args) != 1)}: {' '.join(args)}".rstrip(": "))
+
+
+def taken(args: Sequence[str], size: int, command: str) -> tuple[list[str], list[str]]:
+    """The ``size`` values that a command begins with, and what follows them; ParameterError if there are fewer."""
+    if len(args) < size:
+        raise ParameterError(f"{command} needs {size} values, but {len(args)} follow{': ' * bool(args)}{' '.join(args)}")
+    return list(args[:size]), list(args[size:])
+
+
+def ramp(words: Sequence[str], component: Sequence[str], positions: np.ndarray, spacing: np.ndarray) -> tuple[int, np.ndarray]:
+    """Axis and values of ``component first last x|y|z low high``, which go from one to the other along an axis.
+
+    ``component`` has the words for each axis, ``positions`` (n, 3) are where the values are asked for, ``spacing`` scales all numbers.
+    """
+    axis = list(component).index(choice(words[0], "the component of ramp", component))
+    along = "xyz".index(choice(words[3], "the direction of ramp", ("x", "y", "z")))
+    first, last = (number(word, "a value of ramp") * spacing[axis] for word in words[1:3])
+    low, high = (number(word, "a coordinate of ramp") * spacing[along] for word in words[4:6])
+    if high <= low:
+        raise ParameterError(f"the coordinates of ramp must increase, not {words[4]} to {words[5]}")
+    return axis, first + np.clip((positions[:, along] - low) / (high - low), 0.0, 1.0) * (last - first)
 
 
 def numeric_range(word: str, highest: int, what: str) -> range:
@@ -135,17 +179,24 @@ def id_ranges(words: Sequence[str], what: str) -> list[tuple[int, int, int]]:
     return found
 
 
-def options(args: Sequence[str], sizes: dict[str, int], command: str) -> list[tuple[str, list[str]]]:
-    """Keyword-value groups at the end of a command: ``sizes`` says how many values follow each keyword."""
+def options(
+    args: Sequence[str], sizes: Mapping[str, int], command: str, alone: Mapping[str, str] | None = None
+) -> list[tuple[str, list[str]]]:
+    """Keyword-value groups at the end of a command: ``sizes`` says how many values follow each keyword.
+
+    ``alone`` has the value behind which no other follows, by keyword.
+    """
     found = []
     index = 0
     while index < len(args):
         keyword = args[index]
         if keyword not in sizes:
-            raise ParameterError(f"{command} has no option '{keyword}' here; supported are {', '.join(sizes)}")
+            raise ParameterError(f"{command} has no option '{keyword}' here; supported are {', '.join(sizes)}{near(keyword, sizes)}")
         values = list(args[index + 1 : index + 1 + sizes[keyword]])
-        if len(values) < sizes[keyword]:
+        if alone is not None and values[:1] == [alone.get(keyword)]:
+            values = values[:1]
+        elif len(values) < sizes[keyword]:
             raise ParameterError(f"option '{keyword}' of {command} needs {sizes[keyword]} values, but {len(values)} follow")
         found.append((keyword, values))
-        index += 1 + sizes[keyword]
+        index += 1 + len(values)
     return found

@@ -4,14 +4,11 @@ Operators from loose to tight, all from left to right: ``||`` and ``|^`` (one or
 ``!``.  Strings are letters, digits, ``_`` and ``/``, begin with a letter, and can be compared by ``==`` and ``!=`` only.
 """
 
-from __future__ import annotations
-
 import operator
 import re
 from collections.abc import Callable
-from typing import NoReturn
 
-from ...errors import ParameterError
+from .expressions import Expression
 
 Value = float | str
 
@@ -31,48 +28,24 @@ _TOKEN = re.compile(
 )
 
 
-class _Condition:
+class _Condition(Expression):
     """One evaluation."""
 
-    def __init__(self, text: str):
-        self.text, self.at = text, 0
-        self.tokens = [(str(match.lastgroup), str(match[match.lastgroup or 0])) for match in _TOKEN.finditer(text)]
+    what, pattern, levels = "condition", _TOKEN, _LEVELS
 
-    def fail(self, why: str) -> NoReturn:
-        raise ParameterError(f"cannot evaluate the condition '{self.text}': {why}")
-
-    def take(self, expected: str | None = None) -> tuple[str, str]:
-        if self.at == len(self.tokens):
-            self.fail("it ends too early" if self.tokens else "it is empty")
-        kind, token = self.tokens[self.at]
-        if kind == "bad" or (expected is not None and token != expected):
-            self.fail(f"unexpected {token!r}")
-        self.at += 1
-        return kind, token
-
-    def operation(self, level: int) -> str | None:
-        """The operator that comes next, if it is one of this level."""
-        if self.at < len(self.tokens) and self.tokens[self.at][1] in _LEVELS[level]:
-            return self.take()[1]
-        return None
-
-    def binary(self, level: int) -> Value:
-        if level == len(_LEVELS):
-            return self.unary()
-        left = self.binary(level + 1)
-        while (found := self.operation(level)) is not None:
-            right = self.binary(level + 1)
-            texts = isinstance(left, str) + isinstance(right, str)
-            if texts == 1 or (texts and found not in ("==", "!=")):
-                self.fail(f"{found} cannot compare {_name(left)} with {_name(right)}")
-            left = float(_LEVELS[level][found](left, right))  # type: ignore[arg-type]
-        return left
+    def combined(self, operator: str, operation: Callable[[Value, Value], bool], left: Value, right: Value) -> Value:
+        texts = isinstance(left, str) + isinstance(right, str)
+        if texts == 1 or (texts and operator not in ("==", "!=")):
+            self.fail(f"{operator} cannot compare {_name(left)} with {_name(right)}")
+        return float(operation(left, right))
 
     def unary(self) -> Value:
         kind, token = self.take()
         if token == "(":
             inside = self.binary(0)
-            self.take(")")
+            if self.peek()[1] not in (")", ""):
+                self.fail(f"unexpected {self.peek()[1]!r}")
+            self.take()
             return inside
         if token == "!":
             value = self.unary()
@@ -104,9 +77,7 @@ def condition_holds(text: str) -> bool:
     True
     """
     condition = _Condition(text)
-    value = condition.binary(0)
-    if condition.at < len(condition.tokens):
-        condition.fail(f"unexpected {condition.tokens[condition.at][1]!r}")
+    value: Value = condition.value()
     if isinstance(value, str):
         condition.fail(f"it is {_name(value)}; compare it, as in '{value} == yes'")
     return value != 0

@@ -4,17 +4,16 @@ Operators from loose to tight, all from left to right: ``||``, ``&&``, ``== !=``
 unary ``-`` and ``!`` which bind tightest of all, so that ``-2^2`` is 4 and ``2^3^2`` is 64.
 """
 
-from __future__ import annotations
-
 import math
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import NoReturn, TypeVar
-
-import numpy as np
+from functools import lru_cache
+from typing import Any, NoReturn, TypeVar
 
 from ...errors import DPDError, ParameterError
-from .operations import FUNCTIONS, LEVELS, LITERAL, UNARY
+from .arguments import near
+from .operations import FUNCTIONS, LEVELS, LITERAL, UNARY, Operation
 
 T = TypeVar("T")
 
@@ -62,23 +61,6 @@ class Names:
         """Value of a function that depends on the state: ``random``, ``normal``, ``ramp`` ..."""
         self.refuse(function)
 
-    # -- what atom-style formulas may refer to on top of it ----------------------------------------------------------------------
-    def bead_variable(self, name: str) -> np.ndarray | float:
-        """Value of ``v_name``, one number or one per bead."""
-        self.refuse(f"v_{name}")
-
-    def bead_word(self, word: str) -> np.ndarray | None:
-        """Values of a word such as ``vx``; None if it is not one of single beads."""
-        return None
-
-    def is_bead_compute(self, name: str) -> bool:
-        """Whether ``c_name`` has values of single beads."""
-        return False
-
-    def bead_compute(self, name: str, column: int | None) -> np.ndarray:
-        """Values of ``c_name`` or ``c_name[column]``."""
-        self.refuse(f"c_{name}")
-
 
 #: Functions that need the resolver: name -> number of arguments.
 STATE_FUNCTIONS = {"random": 3, "normal": 3, "ramp": 2, "vdisplace": 2, "swiggle": 3, "cwiggle": 3}
@@ -90,6 +72,12 @@ _TOKEN = re.compile(
     r"|(?P<bad>\S))",
     re.ASCII,
 )
+
+
+@lru_cache
+def _tokens(pattern: re.Pattern[str], text: str) -> list[tuple[str, str]]:
+    """Kind and text of what an expression consists of; one may be evaluated in every step."""
+    return [(str(match.lastgroup), str(match[match.lastgroup or 0])) for match in pattern.finditer(text)]
 
 
 def evaluate(text: str, resolver: Names) -> float:
@@ -110,34 +98,31 @@ def evaluate(text: str, resolver: Names) -> float:
     return Formula(text, resolver).value()
 
 
-class Formula:
-    """One evaluation of a formula."""
+class Expression(ABC):
+    """A text of values, operators and parentheses, which is evaluated as it is read."""
 
-    #: Which kind of values it has, a field of Operation.
-    kind = "number"
+    #: What errors call it, its tokens by kind (``bad`` is none), and its operators between two values, from loose to tight.
+    what: str
+    pattern: re.Pattern[str]
+    levels: tuple[dict[str, Any], ...]
 
-    def __init__(self, text: str, resolver: Names):
-        self.text, self.resolver, self.at = text, resolver, 0
-        self.tokens: list[tuple[str, str]] = []
-        for match in _TOKEN.finditer(text):
-            kind = str(match.lastgroup)
+    def __init__(self, text: str):
+        self.text, self.at, self.tokens = text, 0, _tokens(self.pattern, text)
+        for kind, token in self.tokens:
             if kind == "bad":
-                self.fail(f"unexpected {match.group(kind)!r}")
-            self.tokens.append((kind, match.group(kind)))
-        if not self.tokens:
-            self.fail("it is empty")
+                self.fail(f"unexpected {token!r}")
 
     def fail(self, why: str) -> NoReturn:
-        raise ParameterError(f"cannot evaluate the formula '{self.text}': {why}")
+        raise ParameterError(f"cannot evaluate the {self.what} '{self.text}': {why}")
 
-    def value(self) -> float:
+    def value(self) -> Any:
         """The value."""
         try:
             result = self.binary(0)
         except ZeroDivisionError:
             self.fail("division by zero")
         except RecursionError:
-            raise ParameterError(f"cannot evaluate the formula '{self.text[:40]} ...': it is nested too deeply") from None
+            raise ParameterError(f"cannot evaluate the {self.what} '{self.text[:40]} ...': it is nested too deeply") from None
         except (ValueError, OverflowError) as error:
             if isinstance(error, DPDError):
                 raise
@@ -146,16 +131,43 @@ class Formula:
             self.fail(f"unexpected {self.tokens[self.at][1]!r}")
         return result
 
-    # -- tokens ------------------------------------------------------------------------------------------------------------
     def peek(self) -> tuple[str, str]:
         return self.tokens[self.at] if self.at < len(self.tokens) else ("end", "")
 
     def take(self) -> tuple[str, str]:
         token = self.peek()
         if token[0] == "end":
-            self.fail("it ends too early")
+            self.fail("it ends too early" if self.tokens else "it is empty")
         self.at += 1
         return token
+
+    def binary(self, level: int) -> Any:
+        left = self.unary()
+        while (found := next((k for k in range(level, len(self.levels)) if self.peek()[1] in self.levels[k]), None)) is not None:
+            operator = self.take()[1]
+            left = self.combined(operator, self.levels[found][operator], left, self.binary(found + 1))
+        return left
+
+    @abstractmethod
+    def unary(self) -> Any:
+        """The value that is read next, with the operators before it."""
+
+    @abstractmethod
+    def combined(self, operator: str, operation: Any, left: Any, right: Any) -> Any:
+        """What an operator, an entry of ``levels``, makes of two values."""
+
+
+class Formula(Expression):
+    """One evaluation of a formula."""
+
+    what, pattern, levels = "formula", _TOKEN, LEVELS
+
+    #: Which kind of values it has, a field of Operation.
+    kind = "number"
+
+    def __init__(self, text: str, resolver: Names):
+        super().__init__(text)
+        self.resolver = resolver
 
     def expect(self, operator: str) -> None:
         if self.peek()[1] != operator:
@@ -163,15 +175,8 @@ class Formula:
             self.fail(f"expected {operator!r} instead of {found}")
         self.at += 1
 
-    # -- grammar -----------------------------------------------------------------------------------------------------------
-    def binary(self, level: int) -> float:
-        if level == len(LEVELS):
-            return self.unary()
-        left = self.binary(level + 1)
-        while self.peek()[0] == "operator" and self.peek()[1] in LEVELS[level]:
-            operation = LEVELS[level][self.take()[1]]
-            left = getattr(operation, self.kind)(left, self.binary(level + 1))
-        return left
+    def combined(self, operator: str, operation: Operation, left: Any, right: Any) -> Any:
+        return getattr(operation, self.kind)(left, right)
 
     def unary(self) -> float:
         kind, token = self.take()
@@ -216,23 +221,17 @@ class Formula:
 
     def function(self, token: str) -> float:
         if token in GROUP_FUNCTIONS:
-            return self.resolver.group(token, self.names())
+            return self.resolver.group(token, self.listed(lambda: self.take()[1]))
         expected = FUNCTIONS[token][0] if token in FUNCTIONS else STATE_FUNCTIONS.get(token)
         if expected is None:
-            known = ", ".join(sorted([*FUNCTIONS, *STATE_FUNCTIONS, *GROUP_FUNCTIONS]))
-            self.fail(f"there is no function {token}; known are {known}")
-        arguments = self.arguments()
+            known = sorted([*FUNCTIONS, *STATE_FUNCTIONS, *GROUP_FUNCTIONS])
+            self.fail(f"there is no function {token}; known are {', '.join(known)}{near(token, known)}")
+        arguments = self.listed(lambda: self.binary(0))
         if len(arguments) != expected:
             self.fail(f"{token} takes {expected} arguments, not {len(arguments)}")
         if token in FUNCTIONS:
             return getattr(FUNCTIONS[token][1], self.kind)(*arguments)
         return self.resolver.call(token, arguments)
-
-    def arguments(self) -> list[float]:
-        return self.listed(lambda: self.binary(0))
-
-    def names(self) -> list[str]:
-        return self.listed(lambda: self.take()[1])
 
     def listed(self, one: Callable[[], T]) -> list[T]:
         """What stands between parentheses, separated by commas."""
@@ -243,47 +242,3 @@ class Formula:
             found.append(one())
         self.expect(")")
         return found
-
-
-class _BeadFormula(Formula):
-    kind = "beads"
-
-    def name(self, token: str):
-        if token in ("random", "normal"):
-            self.fail(f"{token} is supported in equal-style variables only")
-        if token.startswith("v_"):
-            return self.resolver.bead_variable(token[2:])
-        if token.startswith("c_") and self.resolver.is_bead_compute(token[2:]):
-            return self._of_compute(token[2:])
-        following = self.peek()[1]
-        if following == "(" or (following == "[" and token in ATOM_VALUES):
-            return super().name(token)
-        values = self.resolver.bead_word(token)
-        return super().name(token) if values is None else values
-
-    def _of_compute(self, name: str):
-        index = self.index()
-        whole = self.resolver.bead_compute(name, None)
-        if index is None or whole.ndim == 1:
-            if whole.ndim > 1:
-                self.fail(f"compute {name} has {whole.shape[1]} values per bead; use c_{name}[1] and so on")
-            return whole if index is None else self.resolver.compute(name, index)
-        if not 1 <= index <= whole.shape[1]:
-            self.fail(f"c_{name}[{index}] is out of range: compute {name} has {whole.shape[1]} values per bead")
-        return whole[:, index - 1]
-
-
-def evaluate_beads(text: str, resolver: Names, n: int) -> np.ndarray:
-    """(n,) values of an atom-style formula, such as ``0.5*mass*(vx^2+vy^2)``, one for each of n beads.
-
-    Raises
-    ------
-    ParameterError
-        As :func:`evaluate`, for any of the beads.
-    """
-    formula = _BeadFormula(text, resolver)
-    try:
-        with np.errstate(divide="raise", invalid="raise", over="raise"):
-            return np.broadcast_to(np.asarray(formula.value(), dtype=np.float64), (n,))
-    except FloatingPointError as error:
-        raise ParameterError(f"cannot evaluate the formula '{text}': {error}") from None

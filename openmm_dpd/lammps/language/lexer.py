@@ -4,8 +4,6 @@ The order is LAMMPS's: physical lines are joined first (``&`` at the end, or an 
 cut off, then ``$`` is substituted outside quotes, and the result is split into words.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

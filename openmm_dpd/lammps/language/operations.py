@@ -1,7 +1,5 @@
 """Operators and functions of formulas, each for the three kinds of values: numbers, arrays over beads, and texts for OpenMM."""
 
-from __future__ import annotations
-
 import math
 import operator
 from collections.abc import Callable

@@ -3,8 +3,6 @@
 The grammar is that of :mod:`~openmm_dpd.lammps.language.expressions`; values are texts instead of numbers.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from typing import NoReturn

@@ -1,7 +1,5 @@
 """Storage of the ``variable`` command, and ``next``."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable, Sequence
@@ -11,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from ...errors import ParameterError
+from . import arguments as read
 from .arguments import as_float, identifier, integer, known
 from .lexer import Line, errors_at
 
@@ -88,8 +87,7 @@ class Variables:
             raise ParameterError("expected 'variable name style value'")
         name, style, *values = args
         identifier(name, "a variable's name")
-        if style not in STYLES:
-            raise ParameterError(f"variable style '{style}' is not supported; supported are {', '.join(STYLES)}")
+        read.style(dict.fromkeys(STYLES), "variable", style)
         if style == "delete":
             self._found.pop(name, None)
             return

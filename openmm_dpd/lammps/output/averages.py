@@ -1,11 +1,8 @@
-"""What ``fix ave/time`` and ``fix ave/chunk`` have in common: LAMMPS's windows of steps, how they combine, and the files."""
-
-from __future__ import annotations
+"""What ``fix ave/time``, ``ave/chunk`` and ``ave/correlate`` have in common: LAMMPS's windows of steps, how they combine, and the files."""
 
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -13,8 +10,9 @@ from ...errors import ParameterError
 from ...files import append_block, write_whole
 from ..language import arguments as read
 from ..state.deck_state import DeckState
+from ..state.records import Valued
 from ..values.resolver import Resolver
-from .thermo import check_format, fields_read
+from .thermo import check_format, check_word, fields_read
 
 
 class Schedule:
@@ -60,15 +58,28 @@ class Schedule:
         return True
 
 
-def parse_schedule(state: DeckState, style: str, words: Sequence[str], start: int = 0) -> Schedule:
-    """Schedule from ``Nevery Nrepeat Nfreq``."""
+class Every(Schedule):
+    """Every multiple of ``every``, each of them a window."""
+
+    def _first(self, step: int) -> int:
+        return -(-max(step, self.start) // self.every) * self.every
+
+    def advance(self) -> bool:
+        """Count one sample."""
+        self.taken += 1
+        self.next += self.every
+        return True
+
+
+def intervals(style: str, words: Sequence[str]) -> tuple[int, int, int]:
+    """``Nevery Nrepeat Nfreq``."""
     names = ("Nevery", "Nrepeat", "Nfreq")
     every, repeat, freq = (read.integer(word, f"{name} of fix {style}", 1) for name, word in zip(names, words, strict=True))
     if freq % every or repeat * every > freq:
         raise ParameterError(
             f"fix {style}: Nfreq must be a multiple of Nevery, at least Nrepeat*Nevery, but {' '.join(names)} are {every} {repeat} {freq}"
         )
-    return Schedule(every, repeat, freq, state.step, start)
+    return every, repeat, freq
 
 
 class Windows:
@@ -101,48 +112,57 @@ _WHAT = "the file of averages"
 
 
 class AverageFile:
-    """Text file of a fix: its header, then one block after the other.  Nothing is opened before the first block or run."""
+    """Text file of a fix, of the name that the option ``file`` or ``append`` says, if there is one: its header, and blocks behind it."""
 
-    def __init__(self, name: str | None, append: bool, overwrite: bool, header: list[str]):
-        self.name, self.overwrite, self.header = name, overwrite, header
-        self._append = append
-        self._path: Path | None = None
+    def __init__(self, state: DeckState, options: Mapping[str, list[str]], header: list[str]):
+        if "file" in options and "append" in options:
+            raise ParameterError("the options file and append exclude each other")
+        self._name, self._header = options.get("file", options.get("append", [None]))[0], header
+        self._append, self._overwrite = "append" in options, "overwrite" in options
+        # the step at which it was begun: a run that goes on may have its folder at another place
+        self._begun: int | None = None
+        if self._name is not None:
+            state.output_path(self._name)  # what is wrong with it is the mistake of this line
+            if state.carried_out:
+                self._start(state, self._name)
 
-    def start(self, state: DeckState) -> None:
-        """Make the file, unless that is done."""
-        if self.name is None or self._path is not None:
-            return
-        self._path = state.output_file(self.name)
-        append_block(self._path, _lines(self.header), _WHAT, anew=not self._append)
+    def _start(self, state: DeckState, name: str) -> None:
+        self._begun = state.step
+        append_block(state.output_file(name), _lines(self._header), _WHAT, anew=not self._append)
 
     def write(self, state: DeckState, lines: list[str]) -> None:
         """Add a block, or put it in the place of the last one; OutputError if it cannot be written, and what is there stays."""
-        if self.name is None:
+        if self._name is None:
             return
-        self.start(state)
-        assert self._path is not None
-        if self.overwrite:
-            write_whole(self._path, _lines([*self.header, *lines]), _WHAT)
+        if self._begun is None:
+            self._start(state, self._name)
+        path = state.output_file(self._name, self._begun)
+        if self._overwrite:
+            write_whole(path, _lines([*self._header, *lines]), _WHAT)
         else:
-            append_block(self._path, _lines(lines), _WHAT)
+            append_block(path, _lines(lines), _WHAT)
 
 
 def _lines(lines: Sequence[str]) -> str:
     return "".join(f"{line}\n" for line in lines)
 
 
-class AveragingFix(ABC):
+class AveragingFix(Valued, ABC):
     """A fix that averages.
 
     Attributes
     ----------
     words : tuple of str
         What it reads.
-    name : str
-        Id of the fix.
+    values : array
+        The last average that was complete, as its indices go.
+    report : dict or None
+        The last average that was complete, for the file of results: ``step``, and by word a number or a list.
     """
 
     words: tuple[str, ...]
+    values: np.ndarray
+    report: dict | None = None
 
     def __init__(self, name: str, schedule: Schedule, window: Windows, file: AverageFile, form: str):
         self.name, self._schedule, self._window, self._file, self._form = name, schedule, window, file, form
@@ -158,7 +178,6 @@ class AveragingFix(ABC):
 
     def begin(self, state: DeckState, step: int) -> None:
         """Prepare for a run."""
-        self._file.start(state)
         if self._schedule.begin(step):
             self.forget()
             state.note(f"fix {self.name}: an average that was not complete is dropped, since steps of it were passed over")
@@ -179,29 +198,18 @@ class AveragingFix(ABC):
 
     @abstractmethod
     def close_window(self, moment: Resolver) -> None:
-        """AveragingFix, write, and begin anew."""
+        """Average, write, and begin anew."""
 
-    @property
-    def size(self) -> int:
-        """Number of values that ``f_name[*]`` stands for."""
-        return 0
-
-    @abstractmethod
-    def check_index(self, *indices: int) -> None:
-        """Raise ParameterError unless ``f_name`` (no index), ``f_name[index]`` or ``f_name[row][column]`` has a value."""
-
-    def is_extensive(self, *indices: int) -> bool:
-        """Whether thermo output divides such a value by the number of beads when it normalises."""
-        return False
-
-    @abstractmethod
     def value(self, *indices: int) -> float:
-        """Value of ``f_name``, ``f_name[index]`` or ``f_name[row][column]``: 0 before the first average is complete, as in LAMMPS."""
+        """Value of ``f_name``, ``f_name[index]`` or ``f_name[row][column]``: 0 where there is no average yet, as in LAMMPS."""
+        self.check_index(*indices)
+        there = all(index <= size for index, size in zip(indices, self.values.shape, strict=True))
+        return float(self.values[tuple(index - 1 for index in indices)]) if there else 0.0
 
 
 # -- arguments ------------------------------------------------------------------------------------------------------------------
-#: Options that both fixes have.
-_SIZES = {"file": 1, "append": 1, "overwrite": 0, "format": 1, "title1": 1, "title2": 1, "title3": 1}
+#: Options that all of these fixes have.
+_SIZES = {"file": 1, "overwrite": 0, "title1": 1, "title2": 1, "title3": 1}
 
 
 def split_values(args: list[str], starts: tuple[str, ...], own: dict[str, int], style: str) -> tuple[tuple[str, ...], dict[str, list[str]]]:
@@ -222,18 +230,21 @@ def split_values(args: list[str], starts: tuple[str, ...], own: dict[str, int], 
     return tuple(args[:n]), found
 
 
+def check_words(state: DeckState, words: tuple[str, ...], style: str, first: str) -> tuple[str, ...]:
+    """The words, if there are some and each names a number; ``first`` is what stands in their place."""
+    if not words:
+        raise ParameterError(f"fix {style}: expected c_id, c_id[i], f_id or v_name, not '{first}'")
+    for word in words:
+        check_word(state, word)
+    return words
+
+
 def common_parts(
-    state: DeckState, name: str, style: str, times: list[str], options: dict[str, list[str]], header: list[str], start: int = 0
+    state: DeckState, name: str, schedule: Schedule, options: dict[str, list[str]], header: list[str]
 ) -> tuple[str, Schedule, Windows, AverageFile, str]:
-    """Arguments of :class:`AveragingFix`: ``times`` are ``Nevery Nrepeat Nfreq``."""
-    if "file" in options and "append" in options:
-        raise ParameterError("the options file and append exclude each other")
+    """Arguments of :class:`AveragingFix`."""
     titles = [options.get(f"title{k}", [line])[0] for k, line in enumerate(header, start=1)]
-    file = options.get("file", options.get("append", [None]))[0]
-    if file is not None:
-        state.output_path(file)  # what is wrong with it is the mistake of this line
     form = options.get("format", [" %g"])[0]
     check_format(form, of="float")
-    written = AverageFile(file, "append" in options, "overwrite" in options, titles)
-    schedule = parse_schedule(state, style, times, start)
-    return name, schedule, Windows(options.get("ave", ["one"])), written, form if form.startswith(" ") else f" {form}"
+    file = AverageFile(state, options, titles)
+    return name, schedule, Windows(options.get("ave", ["one"])), file, form if form.startswith(" ") else f" {form}"

@@ -1,7 +1,5 @@
 """``fix ave/chunk``: averages over steps of values of beads, in bins of the box."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...analysis.profiles import sums_in_slices
@@ -13,7 +11,7 @@ from ..values.chunks import Bins, chunk_numbers
 from ..values.computes import check_bead_word, expanded
 from ..values.per_bead import BEAD_WORDS
 from ..values.resolver import Resolver
-from .averages import AveragingFix, common_parts, split_values
+from .averages import AveragingFix, Schedule, common_parts, intervals, split_values
 
 #: Values of ``fix ave/chunk`` that are more than a mean over beads.
 _OWN = ("density/number", "density/mass", "temp")
@@ -36,7 +34,8 @@ class ChunkAverage(AveragingFix):
         own = {"temp": ("vx", "mass"), "density/number": (), "density/mass": ("mass",)}
         self.words = (*(part for word in words for part in own.get(word, (word,))), "x")
         self.profile: dict[str, list[float]] | None = None
-        self._table = np.zeros((0, 0))
+        columns = len(compute.settings.axes) + 1 + len(words)
+        self.shape, self.what, self.values = (None, columns), f"the fix has {columns} columns", np.zeros((0, columns))
         self.forget()
 
     def forget(self) -> None:
@@ -97,7 +96,7 @@ class ChunkAverage(AveragingFix):
         self.forget()
         centres = bins.centres
         self._write(moment, centres, table)
-        self._table = np.vstack([centres.T, table])
+        self.values = np.vstack([centres.T, table]).T
         names = ["coord"] if centres.shape[1] == 1 else [f"coord{k}" for k in range(1, centres.shape[1] + 1)]
         self.profile = {name: column.tolist() for name, column in zip(names, centres.T, strict=True)} | {"ncount": table[0].tolist()}
         self.profile |= {word: row.tolist() for word, row in zip(self._values, table[1:], strict=True)}
@@ -110,18 +109,6 @@ class ChunkAverage(AveragingFix):
             lines.append(f"  {k} {place} {column[0]:g}" + "".join(self._form % value for value in column[1:]))
         self._file.write(moment.state, lines)
 
-    def check_index(self, *indices: int) -> None:
-        columns = len(self._compute.settings.axes) + 1 + len(self._values)
-        if len(indices) != 2:
-            raise ParameterError(f"f_{self.name}: a fix ave/chunk has no single values; use f_{self.name}[bin][column]")
-        if indices[0] < 1 or not 1 <= indices[1] <= columns:
-            raise ParameterError(f"f_{self.name}[{indices[0]}][{indices[1]}] is out of range: the fix has {columns} columns")
-
-    def value(self, *indices: int) -> float:
-        self.check_index(*indices)
-        row, column = indices
-        return float(self._table[column - 1, row - 1]) if row <= self._table.shape[1] else 0.0
-
 
 def parse_ave_chunk(state: DeckState, name: str, group: str, args: list[str]) -> ChunkAverage:
     """AveragingFix of ``fix ID group ave/chunk Nevery Nrepeat Nfreq chunkID value value ... keyword values ...``."""
@@ -130,7 +117,8 @@ def parse_ave_chunk(state: DeckState, name: str, group: str, args: list[str]) ->
     if compute is None or compute.style != "chunk/atom":
         known = ", ".join(other.name for other in state.computes.values() if other.style == "chunk/atom") or "none"
         raise ParameterError(f"fix ave/chunk: '{args[3]}' is not the id of a compute chunk/atom; defined are {known}")
-    words, options = split_values(args[4:], ("c_", "v_", *_COMPONENTS, *_OWN), {"norm": 1, "adof": 1, "cdof": 1}, "ave/chunk")
+    own = {"norm": 1, "adof": 1, "cdof": 1, "append": 1, "format": 1}
+    words, options = split_values(args[4:], ("c_", "v_", *_COMPONENTS, *_OWN), own, "ave/chunk")
     if not words:
         raise ParameterError(f"fix ave/chunk: expected {', '.join((*_COMPONENTS, *_OWN))}, c_id, c_id[column] or v_name, not '{args[4]}'")
     words = expanded(state, words)
@@ -145,5 +133,5 @@ def parse_ave_chunk(state: DeckState, name: str, group: str, args: list[str]) ->
         "# Timestep Number-of-chunks Total-count",
         f"# Chunk {places} Ncount {' '.join(words)}",
     ]
-    parts = common_parts(state, name, "ave/chunk", args[:3], options, header)
+    parts = common_parts(state, name, Schedule(*intervals("ave/chunk", args[:3]), state.step), options, header)
     return ChunkAverage(group, compute, words, norm, dof, *parts)

@@ -1,7 +1,5 @@
 """The present state of a deck as a data file."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from ..files.atom_styles import ARRAYS

@@ -1,7 +1,5 @@
 """Dumps: trajectory files of the deck (styles atom, custom, dcd, xtc and xyz)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -57,7 +55,7 @@ class Dump:
         File name; a ``*`` makes one file per configuration, named after the step.
     columns : tuple of str
         Columns of the text styles.
-    append, first, unwrap : bool
+    append, first, unwrap, pbc : bool
         Settings of dump_modify, and ``formats`` by column.
     elements : tuple of str
         Names of the types in style xyz; their numbers without any.
@@ -82,6 +80,7 @@ class Dump:
     append: bool = False
     first: bool = False
     unwrap: bool = False
+    pbc: bool = False
     formats: dict[str, str] = field(default_factory=dict)
     elements: tuple[str, ...] = ()
     factors: dict[str, float] = field(default_factory=dict)
@@ -106,6 +105,11 @@ class Dump:
         """The first step after ``step`` at which a configuration is written."""
         return (step // self.every + 1) * self.every
 
+    def begin(self, state: DeckState) -> None:
+        """Make the file, as LAMMPS does where a run begins, and of the binary styles at once: it stays empty without a frame."""
+        if state.carried_out and "*" not in self.file and self.opened is None and not self.begun:
+            BlockFile(state.output_file(self.file), self._what, append=self.append).close()
+
     def write(self, moment: Resolver) -> None:
         """Write the configuration of a moment, whose sample has the fields of :meth:`needs`.
 
@@ -114,10 +118,8 @@ class Dump:
         OutputError
             If it cannot be written; the configurations before it stay readable.
         """
-        if self.style == "dcd":
-            self._write_dcd(moment)
-        elif self.style == "xtc":
-            self._write_xtc(moment)
+        if self.style in BINARY:
+            self._write_frame(moment)
         else:
             self._write_text(moment)
         self.last_step = moment.step
@@ -172,24 +174,23 @@ class Dump:
         rows = [form % (name, *place) for name, place in zip(names, moment.folded[0][mask].tolist(), strict=True)]
         return "\n".join([str(len(rows)), f" Atoms. Timestep: {moment.step}", *rows]) + "\n"
 
-    def _write_xtc(self, moment: Resolver) -> None:
+    def _write_frame(self, moment: Resolver) -> None:
+        """A frame of the binary styles."""
         state, mask = moment.state, moment.state.group(self.group)
+        x, box = (_unwrapped(moment) if self.unwrap else moment.folded[0])[mask], moment.box.vectors
         if self.opened is None:
-            self.opened = XTCWriter(
-                state.output_file(self.file, 0), int(mask.sum()), self._what, append=self.begun, precision=self.precision
-            )
-        assert isinstance(self.opened, XTCWriter)
-        factors = xtc_factors(state.units) | self.factors
-        x = (_unwrapped(moment) if self.unwrap else moment.folded[0])[mask]
-        time = moment.step * state.timestep / state.units.time * factors["tfactor"]
-        self.opened.write(factors["sfactor"] * x, factors["sfactor"] * moment.box.vectors, time, moment.step)
-
-    def _write_dcd(self, moment: Resolver) -> None:
-        mask = moment.state.group(self.group)
-        if self.opened is None:
-            self.opened = DCDWriter(moment.state.output_file(self.file, 0), int(mask.sum()), self._what, append=self.begun)
-        assert isinstance(self.opened, DCDWriter)
-        self.opened.write((_unwrapped(moment) if self.unwrap else moment.folded[0])[mask], moment.box.vectors)
+            path = state.output_file(self.file, 0)
+            if self.style == "dcd":
+                self.opened = DCDWriter(path, len(x), self._what, append=self.begun)
+            else:
+                self.opened = XTCWriter(path, len(x), self._what, append=self.begun, precision=self.precision)
+        if isinstance(self.opened, XTCWriter):
+            factors = xtc_factors(state.units) | self.factors
+            time = moment.step * state.timestep / state.units.time * factors["tfactor"]
+            self.opened.write(factors["sfactor"] * x, factors["sfactor"] * box, time, moment.step)
+        else:
+            assert isinstance(self.opened, DCDWriter)
+            self.opened.write(x, box)
 
 
 def xtc_factors(units: UnitSystem) -> dict[str, float]:

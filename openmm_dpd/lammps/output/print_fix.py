@@ -1,8 +1,5 @@
 """``fix print``: a line of text every so many steps."""
 
-from __future__ import annotations
-
-from ...errors import ParameterError
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..values.resolver import Resolver
@@ -23,7 +20,6 @@ class PrintFix:
 
     def begin(self, state: DeckState, step: int) -> None:
         """Prepare for a run from ``step`` on."""
-        self._file.start(state)
         self.next_due = -(-step // self.every) * self.every
 
     def take(self, moment: Resolver) -> None:
@@ -39,14 +35,7 @@ def parse_print(state: DeckState, group: str, args: list[str]) -> PrintFix:
     """PrintFix of ``fix ID group print N text [file|append name] [screen yes|no] [title text]``."""
     read.count(args, "fix ID group print N text ...", 2, None)
     every = read.integer(args[0], "the interval of fix print", 1)
-    options = {name: values[0] for name, values in read.options(args[2:], {"file": 1, "append": 1, "screen": 1, "title": 1}, "fix print")}
-    if "file" in options and "append" in options:
-        raise ParameterError("the options file and append exclude each other")
-    name = options.get("file", options.get("append"))
-    if name is not None:
-        state.output_path(name)  # what is wrong with it is the mistake of this line
+    options = dict(read.options(args[2:], {"file": 1, "append": 1, "screen": 1, "title": 1}, "fix print"))
     assert state.here is not None
-    title = options.get("title", f"# Fix print output for fix {state.here.text.split()[1]}")
-    return PrintFix(
-        every, args[1], read.switch(options.get("screen", "yes"), "screen"), AverageFile(name, "append" in options, False, [title])
-    )
+    title = options.get("title", [f"# Fix print output for fix {state.here.text.split()[1]}"])
+    return PrintFix(every, args[1], read.switch(options.get("screen", ["yes"])[0], "screen"), AverageFile(state, options, title))

@@ -1,18 +1,17 @@
 """Thermo output: which columns, when, their values and how they are printed."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
 from ...errors import ParameterError
+from ..language import arguments as read
 from ..language.lexer import errors_at, located, substitute
 from ..language.variables import FORMULAS
 from ..state.deck_state import DeckState
 from ..state.moment import Window
-from ..state.records import FORCE_FIXES
+from ..state.records import VECTOR_FIXES
 from ..state.sample import DeckSample
 from ..values.compute_spec import reference
 from ..values.computes import BUILT_IN, COMPUTES, average_of, check_built_in, check_value, is_extensive
@@ -45,18 +44,20 @@ def check_word(state: DeckState, word: str) -> None:
             raise ParameterError(f"{word}: variable {word[2:]} is {variable.style}-style; only equal-style ones can be printed")
         return
     if word.startswith("c_"):
-        _, name, indices = found = reference(word)
+        _, name, indices = reference(word)
         if name in BUILT_IN and indices:
             check_built_in(name, indices, word)
         if name not in BUILT_IN:
-            check_value(state, name, found.first, found.second, word)
+            check_value(state, name, *indices, word=word)
         return
     if word.startswith("f_"):
         _, name, indices = reference(word)
         average_of(state, name).check_index(*indices)
         return
     if word not in WORDS:
-        raise ParameterError(f"thermo word '{word}' is not supported; supported are {', '.join(WORDS)}, v_name, c_id and c_id[i]")
+        raise ParameterError(
+            f"thermo word '{word}' is not supported; supported are {', '.join(WORDS)}, v_name, c_id and c_id[i]{read.near(word, WORDS)}"
+        )
 
 
 def _needs(state: DeckState, word: str, seen: set[str]) -> set[str]:
@@ -85,7 +86,7 @@ def _needs(state: DeckState, word: str, seen: set[str]) -> set[str]:
         return set(own).union(*(_needs(state, other, seen) for other in spec.inputs(compute)))
     if word.startswith("f_"):
         fix = state.fixes.get(reference(word).name)
-        return {"before"} if fix is not None and fix.style in FORCE_FIXES else set()
+        return {"before"} if fix is not None and fix.style in VECTOR_FIXES else set()
     if word in PROPERTIES and word not in WORDS:
         return set(PROPERTIES[word].needs)
     found = set(WORDS[word].needs) if word in WORDS else set()
@@ -181,19 +182,13 @@ class Thermo:
 
     @staticmethod
     def _value(moment: Resolver, word: str) -> float:
-        if word.startswith("v_"):
-            return moment.variable_alone(word[2:])
-        if word.startswith("c_"):
-            _, name, indices = found = reference(word)
-            if name in BUILT_IN and not indices:
-                return moment.thermo(BUILT_IN[name].word)
-            column = BUILT_IN[name].column if name in BUILT_IN else None
-            value = moment.compute(name, found.first, found.second) if column is None else column(moment, indices[0] - 1)
-        elif word.startswith("f_"):
-            _, name, indices = reference(word)
-            value = moment.fix(name, *indices)
-        else:
+        if not word.startswith(("c_", "f_", "v_")):
             return moment.thermo(word)
+        kind, name, indices = reference(word)
+        own = BUILT_IN.get(name) if kind == "c" else None
+        if own is not None and not indices:
+            return moment.thermo(own.word)
+        value = moment.number(word) if own is None or own.column is None else own.column(moment, indices[0] - 1)
         return value / moment.norm if is_extensive(moment.state, word) else value
 
     # -- text ----------------------------------------------------------------------------------------------------------------

@@ -1,7 +1,5 @@
 """``fix ave/time``: averages over steps of computes, variables and other averages."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...errors import ParameterError
@@ -11,28 +9,23 @@ from ..state.records import ForceVector
 from ..values.compute_spec import check_place, reference
 from ..values.computes import average_of, compute_of, count_of, expanded, is_extensive
 from ..values.resolver import Resolver
-from .averages import AveragingFix, common_parts, split_values
+from .averages import AveragingFix, Schedule, check_words, common_parts, intervals, split_values
 from .thermo import check_word, fields_read
 
 
 class TimeAverage(AveragingFix):
-    """``fix ave/time``: single numbers (mode scalar), or whole vectors side by side (mode vector).
-
-    Attributes
-    ----------
-    report : dict or None
-        The last average that was complete: ``step``, and by word a number or the list of a vector's.
-    """
+    """``fix ave/time``: single numbers (mode scalar), or whole vectors side by side (mode vector)."""
 
     def __init__(self, words: tuple[str, ...], rows: int | None, off: list[int], extensive: list[list[bool]], *parts):
         super().__init__(*parts)
         # for each word, and for each value of its vector
         self._extensive = extensive
         # the length of the vectors, None in mode scalar
-        self.words, self._rows, self._off = words, rows, off
-        self._vector = rows is not None
-        self.report: dict | None = None
-        self._values = np.zeros(0)
+        self.words, self._off = words, off
+        self._vector, n = rows is not None, len(words)
+        self.shape = (*([rows] if self._vector else []), *([n] if n > 1 else []))
+        self.what = f"the fix averages {n} {'vector' if self._vector else 'value'}{'s' * (n > 1)}" + f" of {rows} values" * self._vector
+        self.values = np.zeros([size or 0 for size in self.shape])
         self.forget()
 
     def needs(self, state: DeckState) -> frozenset[str]:
@@ -43,12 +36,10 @@ class TimeAverage(AveragingFix):
         self._sum, self._count, self._latest = np.zeros(0), 0, np.zeros(0)
 
     def _read(self, moment: Resolver, word: str) -> np.ndarray:
-        kind, name, indices = found = reference(word)
-        if kind == "v":
-            return np.array(moment.variable_alone(name))
-        if kind == "f":
-            return moment.fix_vector(name) if self._vector else np.array(moment.fix(name, *indices))
-        return moment.compute_vector(name, found.first) if self._vector else np.array(moment.compute(name, found.first, found.second))
+        if not self._vector:
+            return np.array(moment.number(word))
+        kind, name, indices = reference(word)
+        return moment.fix_vector(name) if kind == "f" else moment.compute_vector(name, *indices)
 
     def sample(self, moment: Resolver) -> None:
         values = np.stack([self._read(moment, word) for word in self.words], axis=-1)
@@ -57,14 +48,15 @@ class TimeAverage(AveragingFix):
         self._latest = values[..., self._off]
 
     def close_window(self, moment: Resolver) -> None:
-        self._values = self._window.add(self._sum / self._count)
+        values = self._window.add(self._sum / self._count)
         # values that are not averaged: those of this step
-        self._values[..., self._off] = self._latest
+        values[..., self._off] = self._latest
+        self.values = values.reshape(self.values.shape)
         self.report = {"step": moment.step}
-        for word, column in zip(self.words, np.moveaxis(self._values, -1, 0), strict=True):
+        for word, column in zip(self.words, np.moveaxis(values, -1, 0), strict=True):
             self.report[word] = column.tolist()
         self.forget()
-        rows = np.atleast_2d(self._values)
+        rows = np.atleast_2d(values)
         texts = ["".join(self._form % value for value in row) for row in rows]
         if self._vector:
             lines = [f"{moment.step} {len(texts)}", *(f"{k}{text}" for k, text in enumerate(texts, start=1))]
@@ -72,59 +64,24 @@ class TimeAverage(AveragingFix):
             lines = [f"{moment.step}{texts[0]}"]
         self._file.write(moment.state, lines)
 
-    @property
-    def size(self) -> int:
-        if self._rows is None:
-            return len(self.words) if len(self.words) > 1 else 0
-        return self._rows if len(self.words) == 1 else 0
-
-    def check_index(self, *indices: int) -> None:
-        n = len(self.words)
-        if self._vector:
-            if len(indices) != (1 if n == 1 else 2):
-                how = "[1] and so on" if n == 1 else "[row][column]"
-                raise ParameterError(f"f_{self.name}: the fix averages {n} vector{'s' * (n > 1)}; use f_{self.name}{how}")
-            if not 1 <= indices[0] <= (self._rows or 0):
-                raise ParameterError(f"f_{self.name}[{indices[0]}] is out of range: the vector has {self._rows} values")
-            indices = indices[1:]
-        elif len(indices) != (n > 1):
-            raise ParameterError(f"f_{self.name}: the fix averages {n} value{'s' * (n > 1)}; use f_{self.name}{'[1] and so on' * (n > 1)}")
-        if any(not 1 <= index <= n for index in indices):
-            raise ParameterError(f"f_{self.name}[{indices[0]}] is out of range: the fix averages {n} values")
-
     def is_extensive(self, *indices: int) -> bool:
         self.check_index(*indices)
         row = indices[0] - 1 if self._vector else 0
         word = indices[self._vector] - 1 if len(indices) > self._vector else 0
         return self._extensive[word][row]
 
-    def value(self, *indices: int) -> float:
-        self.check_index(*indices)
-        if not self._values.size:
-            return 0.0
-        if self._vector:
-            return float(self._values[indices[0] - 1, indices[1] - 1 if len(indices) > 1 else 0])
-        return float(self._values[indices[0] - 1 if indices else 0])
-
-    @property
-    def vector(self) -> np.ndarray:
-        """The values of ``f_name[*]``; zeros before the first average is complete."""
-        return self._values.ravel() if self._values.size else np.zeros(self.size)
-
 
 def parse_ave_time(state: DeckState, name: str, group: str, args: list[str]) -> TimeAverage:
     """AveragingFix of ``fix ID group ave/time Nevery Nrepeat Nfreq value value ... keyword values ...``."""
     read.count(args, "fix ID group ave/time Nevery Nrepeat Nfreq value value ...", 4, None)
-    words, options = split_values(args[3:], ("c_", "f_", "v_"), {"off": 1, "mode": 1, "start": 1}, "ave/time")
+    words, options = split_values(args[3:], ("c_", "f_", "v_"), {"off": 1, "mode": 1, "start": 1, "append": 1, "format": 1}, "ave/time")
     vector = read.choice(options.get("mode", ["scalar"])[0], "mode", ("scalar", "vector")) == "vector"
-    if not words:
-        raise ParameterError(f"fix ave/time: expected c_id, c_id[i], f_id or v_name, not '{args[3]}'")
     words = expanded(state, words, tables=vector)
-    rows = {_rows(state, word) for word in words} if vector else {None}
+    rows = {_rows(state, word) for word in words} if vector and words else {None}
     if len(rows) > 1:
         raise ParameterError(f"fix ave/time mode vector: {' '.join(words)} have different lengths ({', '.join(map(str, rows))})")
-    for word in () if vector else words:
-        check_word(state, word)
+    if not (vector and words):
+        check_words(state, words, "ave/time", args[3])
     off = [read.integer(number, "the value after off", 1) - 1 for number in options.get("off", [])]
     if off and max(off) >= len(words):
         raise ParameterError(f"fix ave/time: off {max(off) + 1}, but the fix averages {len(words)}")
@@ -135,7 +92,8 @@ def parse_ave_time(state: DeckState, name: str, group: str, args: list[str]) -> 
     size = rows.pop()
     # as in LAMMPS, what the values are sums over is settled here, once for all
     extensive = [[is_extensive(state, place) for place in _places(word, size)] for word in words]
-    return TimeAverage(words, size, off, extensive, *common_parts(state, name, "ave/time", args[:3], options, header, start))
+    schedule = Schedule(*intervals("ave/time", args[:3]), state.step, start)
+    return TimeAverage(words, size, off, extensive, *common_parts(state, name, schedule, options, header))
 
 
 def _places(word: str, rows: int | None) -> list[str]:
@@ -153,7 +111,7 @@ def _rows(state: DeckState, word: str) -> int:
         return average.size
     if kind == "c" and len(indices) < 2 and name in state.computes:
         compute, spec = compute_of(state, name)
-        if spec.array is not None and indices:
+        if spec.tabled(compute) and indices:
             # a column of a table
             check_place(compute, spec, 1, indices[0])
             return spec.rows(compute)

@@ -1,7 +1,5 @@
 """From the request of a run to what carries it out: System, integrator and barostat."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from ...barostat import EnthalpyBarostat, add_barostat
@@ -10,6 +8,7 @@ from ...errors import ParameterError
 from ...kinds import kind_for
 from ...model.scene import Scene
 from ...schemes import scheme_of
+from ...wording import read_by
 from ..language.lexer import errors_at
 from .options import RunOptions
 from .request import RunRequest
@@ -21,12 +20,11 @@ def build_request(request: RunRequest, scene: Scene, options: RunOptions) -> Bui
         if scene.compat == "consistent" and kind.unlike_lammps is not None:
             request.state.note(kind.unlike_lammps)
     if scene.interacting is not None and not scheme_of(request.scheme).predicts:
-        fix = next(fix for fix in request.state.fixes.values() if fix.style == "setforce")
-        raise fix.error(
+        raise request.state.fixes_of("setforce")[0].error(
             f"it takes forces from beads that move, friction included, but scheme {request.scheme} changes velocities without forces; "
             "run the deck with its own scheme, mvv"
         )
-    with errors_at(request.where):
+    with errors_at(request.where), read_by(request.state):
         return build(
             scene,
             dt=request.dt,

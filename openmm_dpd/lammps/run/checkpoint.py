@@ -1,14 +1,13 @@
 """Checkpoints of a deck: what its runs have reached, in a folder beside the results.
 
 ``run-K`` has what the K-th run made of the deck, written once when it ended.  ``latest`` is replaced whole: how many runs are done, where
-the present one is, and how long all files were.  To resume, the deck is read again from its first line; runs that are done are not carried
-out but recalled, and nothing is written until the place of ``latest`` is reached.  So loops, formulas and conditions of the deck need
-nothing of their own.
+the present one is, and how long all files were.  Both are read back before they are written.  To resume, the deck is read again from its
+first line; runs that are done are not carried out but recalled, and nothing is written until the place of ``latest`` is reached.  So loops,
+formulas and conditions of the deck need nothing of their own.
 """
 
-from __future__ import annotations
-
 import hashlib
+import shlex
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
@@ -18,13 +17,14 @@ from typing import Any
 from ...errors import ParameterError
 from ...file_ledger import FileLedger
 from ...files import write_whole, writing
+from ..state.deck_state import DeckState
 from .memory import from_bytes, to_bytes
 from .options import RunOptions
 
 #: Name of the folder.
 FOLDER = "checkpoint"
 
-_FORMAT = "openmm-dpd checkpoint 1"
+_FORMAT = "openmm-dpd checkpoint 2"
 
 #: Options that a resumed run may have anew: they do not change what is computed.
 _FREE = ("threads", "checkpoint")
@@ -34,24 +34,9 @@ _FREE = ("threads", "checkpoint")
 class Latest:
     """Where a deck was interrupted.
 
-    Attributes
-    ----------
-    deck : str
-        Its file.
-    options : dict
-        The RunOptions.
-    variables : dict
-        Variables of the command line.
-    inputs : dict
-        SHA-256 of each file that was read.
-    files : dict
-        What :meth:`openmm_dpd.file_ledger.FileLedger.put_back` needs.
-    runs : int
-        Runs that are done.
-    present : dict or None
-        The one that was interrupted, None between two runs.
-    asked : dict
-        What the caller was asked for beside all this, such as a file for the report.
+    Its file, the RunOptions, variables of the command line, the SHA-256 of each file that was read, what
+    :meth:`openmm_dpd.file_ledger.FileLedger.put_back` needs, how many runs are done, the one that was interrupted (None between two runs),
+    and what the caller was asked for beside all this, such as a file for the report.
     """
 
     deck: str
@@ -73,9 +58,8 @@ class Latest:
         """ParameterError if one of the options is not that of the run to be resumed."""
         for name, value in given.items():
             if name not in _FREE and value != self.options[name]:
-                raise ParameterError(
-                    f"--{name} {value} cannot be combined with --restart: the interrupted run had {_said(self.options[name])}; leave it out"
-                )
+                had = "none" if self.options[name] is None else self.options[name]
+                raise ParameterError(f"--{name} {value} cannot be combined with --restart: the interrupted run had {had}; leave it out")
 
     def check(self, deck: Path, variables: Mapping[str, str], ledger: FileLedger) -> None:
         """ParameterError if it is another deck now, or reads other files, or has other variables."""
@@ -88,10 +72,6 @@ class Latest:
                 raise ParameterError(f"--restart: {path} {what}, or has changed since; put it back, or begin anew without --restart")
 
 
-def _said(value: Any) -> str:
-    return "none" if value is None else str(value)
-
-
 def _digest(path: Path) -> str:
     with suppress(OSError):
         return hashlib.sha256(path.read_bytes()).hexdigest()
@@ -99,20 +79,7 @@ def _digest(path: Path) -> str:
 
 
 class Checkpoints:
-    """The checkpoints of one deck.
-
-    Parameters
-    ----------
-    out : Path
-        Folder of the results.
-    asked : mapping, optional
-        What :attr:`Latest.asked` is to be.
-
-    Attributes
-    ----------
-    ledger : FileLedger
-        What is written there.
-    """
+    """The checkpoints of one deck in the folder of its results, and the ledger of what is written there; ``asked``: see :class:`Latest`."""
 
     def __init__(self, out: Path, asked: Mapping[str, Any] | None = None):
         self.folder, self._asked = out / FOLDER, dict(asked or {})
@@ -130,28 +97,26 @@ class Checkpoints:
         return folder
 
     # -- writing ------------------------------------------------------------------------------------------------------------------
-    def save_run(self, number: int, content: dict[str, Any]) -> None:
-        """Store what a run has made of the deck."""
-        self._write(f"run-{number + 1}", content)
-
-    def save(self, state: Any, options: RunOptions, variables: dict[str, str], runs: int, present: dict[str, Any] | None) -> None:
-        """Store where the deck is now."""
+    def save(self, state: DeckState, options: RunOptions, variables: dict[str, str], kept: dict[str, Any], *, done: bool) -> None:
+        """Store what a run has made of the deck: the next one, which is done or which is interrupted here."""
+        if done:
+            self._write(f"run-{state.runs + 1}", kept)
         for path in state.inputs:
             if str(path.resolve()) not in self._inputs:
                 self._inputs[str(path.resolve())] = _digest(path)
-        place = str(state.path.resolve()), asdict(options), variables, dict(self._inputs), self.ledger.lengths(), runs, present
-        self._write("latest", vars(Latest(*place, self._asked)))
+        place = str(state.path.resolve()), asdict(options), variables, dict(self._inputs), self.ledger.lengths()
+        self._write("latest", vars(Latest(*place, state.runs + done, None if done else kept, self._asked)))
 
     def _write(self, name: str, content: dict[str, Any]) -> None:
         with writing(self.folder, "the folder"):
             self.folder.mkdir(parents=True, exist_ok=True)
         write_whole(self.folder / name, to_bytes({"format": _FORMAT, **content}), "the checkpoint")
 
-    def remedy(self, reason: str | None) -> str:
-        """How an interrupted run can go on, if it can."""
+    def remedy(self, deck: Path, reason: str | None) -> str:
+        """How an interrupted run can go on, as a command that can be copied, if it can."""
         if (self.folder / "latest").exists():
-            where = "" if reason is None else f", from before the run that cannot be resumed: {reason}"
-            return f"go on with --restart {self.folder.parent}{where}"
+            before = "" if reason is None else f"from before the run that cannot be resumed ({reason}), "
+            return f"{before}go on with: openmm-dpd run {shlex.quote(str(deck))} --restart {shlex.quote(str(self.folder.parent))}"
         return f"it cannot be resumed: {reason or 'nothing had been computed'}"
 
     def clear(self) -> None:

@@ -1,7 +1,5 @@
 """The driver: reads a deck line by line and looks each command up in a table."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -10,9 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import DeckError, OutputError, ParameterError
+from ...wording import read_by
 from ..commands import beads, bonded, box, fixes, kspace, moving, output, pairs, restarts, setup, velocity
 from ..language import arguments as read
 from ..language.booleans import condition_holds
+from ..language.instead import INSTEAD
 from ..language.lexer import Line, split_words, strip_comment
 from ..language.variables import Variables
 from ..scene.flow import held_beads
@@ -239,14 +239,6 @@ COMMANDS: dict[str, Callable[[Deck, list[str]], None]] = {
     "if": if_,
 }
 
-#: Commands that are no oversight.
-REFUSED = {
-    "shell": "a deck runs no programs and moves no files here; do that outside of it",
-    "python": "a deck runs no Python here; write a script with openmm_dpd.lammps.read_deck or deck_scene instead",
-    "partition": "there is one partition here; run the decks one after the other",
-    "clear": "one deck sets up one system here; put what follows into a deck of its own",
-}
-
 
 def execute_text(deck: Deck, text: str) -> None:
     """Carry out a command that is an argument of another one; errors have the line of that."""
@@ -268,10 +260,10 @@ def execute(deck: Deck, line: Line) -> None:
         words = split_words(output.expand(deck, line.text))
         if not words:
             return
-        if words[0] in REFUSED:
-            raise ParameterError(f"{words[0]}: {REFUSED[words[0]]}")
+        if words[0] in INSTEAD:
+            raise ParameterError(f"{words[0]}: {INSTEAD[words[0]]}")
         if words[0] not in COMMANDS:
-            raise ParameterError(f"unknown or unsupported command '{words[0]}'")
+            raise ParameterError(f"unknown or unsupported command '{words[0]}'{read.near(words[0], COMMANDS)}")
         COMMANDS[words[0]](deck, words[1:])
     except DeckError as error:
         if error.file is None:
@@ -334,9 +326,11 @@ def read_deck(
         output=Path(output),
         log=log,
         inputs=[path],
+        carried_out=run_callback is not None,
     )
     try:
-        execute_file(deck, path)
+        with read_by(deck):
+            execute_file(deck, path)
     finally:
         for dump in deck.dumps.values():
             dump.close()

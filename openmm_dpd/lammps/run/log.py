@@ -1,7 +1,5 @@
 """What a run of a deck says: on the screen, and all of it in a file."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

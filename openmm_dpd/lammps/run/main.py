@@ -1,7 +1,5 @@
 """What can be done with a deck, as functions: run it, get its forces, explain it."""
 
-from __future__ import annotations
-
 import logging
 import sys
 from collections.abc import Callable, Mapping
@@ -19,6 +17,7 @@ from ...model.scene import Scene
 from ...pictures import thermo_picture
 from ...recommend import advice, recommend
 from ...signals import Signals
+from ...wording import read_by
 from .building import build_request
 from .checkpoint import Checkpoints
 from .deck import read_deck
@@ -29,12 +28,8 @@ from .runner import DeckRunner
 
 _LOGGER = logging.getLogger("openmm_dpd")
 
-#: Units in the labels of the picture.
-PICTURE_UNITS = {
-    "lj": {},
-    "real": {"time": "fs", "temperature": "K", "pressure": "atm", "potential energy": "kcal/mol", "total energy": "kcal/mol"},
-    "metal": {"time": "ps", "temperature": "K", "pressure": "bar", "potential energy": "eV", "total energy": "eV"},
-}
+#: What the panels of the picture show.
+PANELS = {"time": "time", "temperature": "thermal_energy", "pressure": "pressure", "potential energy": "energy", "total energy": "energy"}
 
 
 def run_deck(
@@ -81,8 +76,8 @@ def run_deck(
     -------
     dict
         ``natoms``, ``units``, ``scheme``, ``platform``, ``precision``, ``threads``, ``momentum``, ``runs``: one object per run with
-        ``steps`` that were taken, ``stopped`` (None, or why these are not all), ``dt``, ``seconds_per_step``,
-        ``thermo`` ({word: {mean, sem, first, last}}), ``profiles`` ({fix: {coord, ncount, ...}}), ``averages``
+        ``steps`` that were taken, ``stopped`` (None, or why these are not all), ``dt``, ``seconds_per_step``, ``averages_from``
+        (a step), ``thermo`` ({word: {mean, sem, first, last}}), ``profiles`` ({fix: {coord, ncount, ...}}), ``averages``
         ({fix: {step, word: value}}) and ``temperature_warning`` (None, or what is wrong with the mean temperature, which the logger
         "openmm_dpd" says too), and the last run's entries at top level.
 
@@ -138,7 +133,7 @@ def _carried_out(path: Path, runner: DeckRunner, folder: Path | None, keep: Call
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt) and runner.checkpoints is not None:
             stopped = error.args[0] if error.args else f"interrupted by {signals.name}"
-            error.args = (stopped, runner.checkpoints.remedy(runner.not_resumable))
+            error.args = (stopped, runner.checkpoints.remedy(path, runner.not_resumable))
         if any(result.steps_done for result in runner.results):
             with signals.later():
                 try:
@@ -209,14 +204,17 @@ def deck_forces(
     return {name: values / (unit / units.time if name.startswith("rates") else units.force) for name, values in terms.items()}
 
 
-def explain_deck(path: str | Path, options: RunOptions | None = None, *, variables: Mapping[str, str] | None = None) -> str:
-    """The plan and the program for the first run of a deck, what the table of steps says, and what of the deck has no meaning here."""
+def explain_deck(
+    path: str | Path, options: RunOptions | None = None, *, variables: Mapping[str, str] | None = None, program: bool = False
+) -> str:
+    """The plan for the first run of a deck, with or without the lines of the integrator's program, what the table of steps says, and what
+    of the deck has no meaning here."""
     options = options or RunOptions()
     request = first_request(path, options, variables)
     built = build_request(request, request.scene(), options)
-    # dt in the deck's units
-    step = "step: " + advice(built.plan.scene, request.scheme, request.dt, unit=request.state.units.time)
-    return "\n".join([built.explain(), step, *(f"note: {note}" for note in request.state.notes)])
+    with read_by(request.state):
+        text = [built.explain(program=program), "step: " + advice(built.plan.scene, request.scheme, request.dt)]
+    return "\n".join([*text, *(f"note: {note}" for note in request.state.notes)])
 
 
 def recommend_deck(
@@ -240,10 +238,9 @@ def recommend_deck(
         Steps are in the deck's units.
     """
     request = first_request(path, options or RunOptions(), variables)
-    scene, units = request.scene(), request.state.units
-    name = {"lj": "", "real": " fs", "metal": " ps"}[units.name]
-    own = advice(scene, request.scheme, request.dt, unit=units.time)
-    return recommend(scene, error).text(units.time, name) + f"\nas the deck says: {own}"
+    scene = request.scene()
+    with read_by(request.state):
+        return f"{recommend(scene, error)}\nthe deck's own: {advice(scene, request.scheme, request.dt)}"
 
 
 def _picture(path: Path, results: list[RunResult]) -> None:
@@ -251,7 +248,7 @@ def _picture(path: Path, results: list[RunResult]) -> None:
     state = results[-1].request.state
     drawn = ("temp", "press", "pe", "etotal")
     columns: dict[str, list[float]] = {name: [] for name in ("time", *drawn)}
-    boundaries, target = [], []
+    boundaries, target, counted = [], [], list[bool]()
     elapsed = 0.0
     for result in (result for result in results if result.steps_done):
         request = result.request
@@ -263,4 +260,6 @@ def _picture(path: Path, results: list[RunResult]) -> None:
         for name in drawn:
             columns[name] += result.rows[name]
         target += [kT / state.units.thermal_energy for kT in result.target_kT]
-    thermo_picture(path, columns, runs=boundaries[:-1], target=target, labels=PICTURE_UNITS[state.units.name], title=state.path.name)
+        counted += [row >= result.start() for row in range(len(times))]
+    labels = {panel: state.units.unit_names.get(dimension, "") for panel, dimension in PANELS.items()}
+    thermo_picture(path, columns, runs=boundaries[:-1], target=target, counted=counted, labels=labels, title=state.path.name)

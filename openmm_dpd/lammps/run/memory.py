@@ -4,8 +4,6 @@ The commands of a deck are carried out again when it is resumed, so what they do
 :data:`PARTS`: beads and box, averages, dumps and computes that remember, random numbers of formulas.
 """
 
-from __future__ import annotations
-
 import io
 import pickle
 from typing import Any
@@ -30,13 +28,15 @@ PARTS = (
     "dumps",
 )
 
-#: Classes of these packages hold data only: unpickling them cannot do anything else.
+#: What may be in a checkpoint beside plain values, for writing and reading.  Classes of these packages hold data only: unpickling
+#: them cannot do anything else.
 _PACKAGES = tuple(
     f"openmm_dpd.{name}" for name in ("model.", "units", *(f"lammps.{part}." for part in "language state output values styles".split()))
 )
 
 #: What numpy and the standard library need.
 _OTHERS = ARRAYS | {
+    ("builtins", "range"),
     ("collections", "deque"),
     *(("numpy.random._pickle", name) for name in ("__generator_ctor", "__bit_generator_ctor")),
     ("numpy.random._pcg64", "PCG64"),
@@ -50,11 +50,13 @@ class _StateUnpickler(DataUnpickler):
 
 
 def to_bytes(value: Any) -> bytes:
-    """Anything that consists of data; ParameterError with what does not."""
+    """Anything that consists of data, which has been read back; ParameterError with what is none, or :func:`from_bytes` would refuse."""
     try:
-        return pickle.dumps(value, protocol=5)
+        content = pickle.dumps(value, protocol=5)
     except (pickle.PicklingError, TypeError, AttributeError) as error:
         raise ParameterError(str(error)) from None
+    from_bytes(content)
+    return content
 
 
 def from_bytes(content: bytes) -> Any:

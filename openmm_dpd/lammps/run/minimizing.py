@@ -1,12 +1,9 @@
-"""Carrying out ``minimize`` with OpenMM's minimiser."""
-
-from __future__ import annotations
+"""Carrying out ``minimize``."""
 
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import openmm
 from openmm import unit
 
 from ...errors import ParameterError
@@ -27,11 +24,10 @@ _NO_ENERGY = {
 }
 
 
-class _Watch(openmm.MinimizationReporter):
+class _Watch:
     """Stops by LAMMPS's rule."""
 
     def __init__(self, rule: StoppingRule, energy: float, units, mobile: np.ndarray):
-        super().__init__()
         self._rule, self._before, self._units, self._mobile = rule, energy, units, mobile
         self.iterations, self.reason = 0, "linesearch alpha is zero"
 
@@ -59,9 +55,10 @@ def carry_out_minimization(request: RunRequest, rule: StoppingRule, options: Run
         for style in state.pair.styles:
             if style.name in _NO_ENERGY:
                 raise ParameterError(f"minimize with pair style {style.name} is not supported: {_NO_ENERGY[style.name]}")
-        for fix in state.fixes.values():
-            if fix.style == "addforce":
-                raise ParameterError(f"minimize beside fix addforce ({fix.name}) is not supported: the energy of its force does not count")
+        for fix in state.fixes_of("addforce", "gravity"):
+            raise ParameterError(f"minimize beside fix {fix.style} ({fix.name}) is not supported: the energy of its force does not count")
+    for dump in request.dumps:
+        dump.begin(state)
     built = build_request(request, request.scene(), options)
     simulation = built.simulation(properties=options.properties(built.plan.platform or ""))
     context, mobile = simulation.context, request.mobile

@@ -1,11 +1,8 @@
 """Carrying out ``fix momentum`` while a run goes on."""
 
-from __future__ import annotations
-
 import numpy as np
 import openmm
 
-from ...errors import DeckError
 from ..state.momentum import MomentumRemoval
 from ..state.records import Fix
 from ..state.sample import DeckSample
@@ -38,7 +35,8 @@ class MomentumFixes:
         if np.any(members & ~self._request.mobile):
             raise fix.error(f"group {fix.group} has beads that no fix moves; leave them out of the group")
         if readers:
-            raise _too_late(fix, readers[0])
+            which = f"fix {readers[0].name} ({readers[0].style})"
+            raise fix.error(f"it comes after {which}, which would see velocities of before; put it in front of that")
         return members
 
     def next_due(self, step: int) -> int:
@@ -57,7 +55,3 @@ class MomentumFixes:
             v[mask] = removal.applied(unwrapped[mask] * state.units.length, v[mask], state.bead_masses()[mask])
         self._context.setVelocities(v)
         return v - before
-
-
-def _too_late(fix: Fix, reader: Fix) -> DeckError:
-    return fix.error(f"it comes after fix {reader.name} ({reader.style}), which would see velocities of before; put it in front of that")

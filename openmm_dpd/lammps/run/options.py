@@ -1,7 +1,5 @@
 """What a caller may override of a deck."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,7 +33,7 @@ class RunOptions:
     threads : int
         Threads of OpenMM's CPU platform and of the pair kernel.
     discard : int
-        Steps at the beginning of each run that are left out of averages.
+        Steps that averages leave out at the beginning of each run that is as long (default: those before equilibrium).
     conservative : str
         Where the conservative force is computed, see :func:`openmm_dpd.plan.make_plan`.
     compat : str
@@ -55,7 +53,7 @@ class RunOptions:
     steps: int | None = None
     seed: int | None = None
     threads: int | None = None
-    discard: int = 0
+    discard: int | None = None
     conservative: str = "auto"
     compat: str = "consistent"
     checkpoint: int | None = None

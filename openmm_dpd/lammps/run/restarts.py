@@ -1,7 +1,5 @@
 """Restart files that are written while a run goes on."""
 
-from __future__ import annotations
-
 from copy import copy
 
 import openmm

@@ -1,7 +1,5 @@
 """What the runs of a deck gave: rows, averages with their errors, and the object of the JSON file."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,9 +9,9 @@ from ...errors import DeckError, ParameterError
 from ...kernels.threads import get_threads
 from ...measure import Sample
 from ...measure.watch import temperature_warning
-from ...stats import MIN_BLOCKS, block_average, ratio_average
+from ...stats import MIN_BLOCKS, block_average, equilibrated, ratio_average
 from ..output.chunk_average import ChunkAverage
-from ..output.time_average import TimeAverage
+from ..output.thermo import ALWAYS
 from .request import RunRequest
 
 
@@ -25,6 +23,8 @@ class RunResult:
     ----------
     request : RunRequest
     platform, precision : str
+    discard : int or None
+        Steps that averages leave out, if the run is as long; None is as many as it takes to get into equilibrium.
     seconds : float
         Wall time of stepping and thermo, without compilation, trajectory and pictures.
     steps_done : list of int
@@ -48,7 +48,7 @@ class RunResult:
     profiles : dict
         The last block of every fix ave/chunk: {id: {"coord": [...], "ncount": [...], value: [...]}}.
     time_averages : dict
-        The last average of every fix ave/time: {id: {"step": ..., value: ...}}.
+        The last average of every fix ave/time and ave/correlate: {id: {"step": ..., value: ...}}.
     temperature_warning : str or None
         What is wrong with the mean temperature, see :func:`openmm_dpd.measure.watch.temperature_warning`.
     """
@@ -56,7 +56,7 @@ class RunResult:
     request: RunRequest
     platform: str
     precision: str
-    discard: int
+    discard: int | None
     words: tuple[str, ...]
     seconds: float = 0.0
     steps_taken: int = 0
@@ -88,43 +88,58 @@ class RunResult:
         """Take over what the averages of the deck have got so far."""
         averages = self.request.averages
         self.profiles = {average.name: average.profile for average in averages if isinstance(average, ChunkAverage) and average.profile}
-        self.time_averages = {average.name: average.report for average in averages if isinstance(average, TimeAverage) and average.report}
+        self.time_averages = {average.name: average.report for average in averages if average.report}
 
     def averages(self) -> dict[str, dict[str, float | None] | None]:
         """{word: {mean, sem, first, last}}; ``temp_conf`` is None if there is no configurational temperature."""
-        kept = self._kept()
+        start = self.start()
         result: dict[str, dict[str, float | None] | None] = {}
         for word in self.words:
             if word == "temp_conf":
-                result[word] = self._configurational(kept)[0]
+                result[word] = self._configurational(start)[0]
                 continue
             values = np.array(self.rows[word], dtype=float)
-            average = block_average(values[kept])
+            average = block_average(values[start:])
             result[word] = {"mean": average.mean, "sem": average.sem, "first": float(values[0]), "last": float(values[-1])}
         return result
 
-    def _kept(self) -> np.ndarray:
-        """Which rows averages are taken over."""
-        return np.array(self.steps_done) - self.request.first_step >= self.discard
+    def start(self) -> int:
+        """The first row that averages are taken over: where ``discard`` says, or where the run is in equilibrium.
+
+        It is the same row for all columns: the last one that :func:`openmm_dpd.stats.equilibrated` finds.  A column of the deck's own that
+        still changes where half of the rows are left out, as a mean square displacement does, has no say.
+        """
+        if self.discard is not None and self.discard <= self.request.steps:
+            late = np.array(self.steps_done) - self.request.first_step >= self.discard
+            return int(np.argmax(late)) if late.any() else len(late)
+        found = [0]
+        for word, rows in self.rows.items():
+            if word not in _NO_AVERAGE and np.all(np.isfinite(rows)):
+                row = equilibrated(rows)
+                found.append(row if word in ALWAYS or row < len(rows) // 2 else 0)
+        return max(found)
 
     def check_temperature(self, target_kT: float, dof: int) -> None:
         """Compare the temperature with the one that was set."""
         kelvin = self.request.state.units.thermal_energy
-        self.temperature_warning = temperature_warning(np.array(self.kinetic_kT)[self._kept()] / kelvin, target_kT / kelvin, dof)
+        # of these it takes the second half itself
+        rows = [kT / kelvin for kT in self.kinetic_kT[self.start() if self.discard else 0 :]]
+        self.temperature_warning = temperature_warning(rows, target_kT / kelvin, dof)
 
-    def _configurational(self, kept: np.ndarray) -> tuple[dict[str, float | None] | None, str | None]:
+    def _configurational(self, start: int) -> tuple[dict[str, float | None] | None, str | None]:
         """The average, and why there is none, or no error of it."""
         if self.no_laplacian is not None:
             return None, self.no_laplacian
         kelvin = self.request.state.units.thermal_energy
         gradient2, laplacian = np.array(self.conf).T
-        if kept.any() and not laplacian[kept].any():
+        counted = laplacian[start:]
+        if len(counted) and not counted.any():
             return None, "no conservative force acts in the rows that are averaged, so the Laplacian is 0"
         try:
-            average = ratio_average(gradient2[kept], laplacian[kept], name="the configurational temperature")
+            average = ratio_average(gradient2[start:], counted, name="the configurational temperature")
         except ParameterError as error:
             return None, str(error)
-        lacking = average.sem is None and np.count_nonzero(kept) >= MIN_BLOCKS
+        lacking = average.sem is None and len(counted) >= MIN_BLOCKS
         first, last = (float(gradient2[k] / laplacian[k] / kelvin) if laplacian[k] else None for k in (0, -1))
         return {
             "mean": None if average.mean is None else average.mean / kelvin,
@@ -150,12 +165,13 @@ class RunResult:
             "stopped": self.stopped,
             "dt": request.dt / request.state.units.time,
             "seconds_per_step": self.seconds / self.steps_taken if self.steps_taken else None,
+            "averages_from": next(iter(self.steps_done[self.start() :]), None),
             "thermo": self.averages(),
             "profiles": self.profiles,
             "averages": self.time_averages,
             "temperature_warning": self.temperature_warning,
         }
-        reason = self._configurational(self._kept())[1]
+        reason = self._configurational(self.start())[1]
         if reason is not None:
             summary["temp_conf_reason"] = reason
         return summary
@@ -166,8 +182,8 @@ def averages_text(results: list[RunResult]) -> str:
     result = next((result for result in reversed(results) if result.steps_done), None)
     if result is None:
         return ""
-    kept = np.array(result.steps_done)[result._kept()]
-    lines = [f"averages of run {result.request.number + 1} over {len(kept)} rows, steps {kept[0]} to {kept[-1]}, with standard errors:"]
+    kept = result.steps_done[result.start() :]
+    lines = [f"averages of run {result.request.number + 1} over {len(kept)} rows, from step {kept[0]} on, with standard errors:"]
     for word, found in result.averages().items():
         if word in _NO_AVERAGE or found is None or found["mean"] is None:
             continue

@@ -1,7 +1,5 @@
 """Carrying out the run commands of a deck with OpenMM."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable
 from pathlib import Path
@@ -97,9 +95,6 @@ class DeckRunner:
         if present is not None:
             self._check_same(request, present)
             recall(state, present["memory"])
-        if options.discard > request.steps:
-            # the last step has a row always
-            raise RunError(f"{_where(request)}--discard {options.discard} leaves nothing to average of a run of {request.steps} steps")
         scene = request.scene()
         built = build_request(request, scene, options)
         barostat = connect_barostat(request, built)
@@ -119,7 +114,7 @@ class DeckRunner:
             self._carry_out(request, scene, simulation, built, result, present)
             if COUNTER in simulation.context.getParameters():
                 state.noise_counter = simulation.context.getParameter(COUNTER)
-            self._keep_run(request, result)
+            self._keep(request, result)
         self.signals.check()
         if result.temperature_warning is not None:
             _LOGGER.warning("%s%s", _where(request), result.temperature_warning)
@@ -150,7 +145,7 @@ class DeckRunner:
                 log=self.log,
                 trajectory=self.trajectory,
                 signals=self.signals,
-                keep=self._keep_present,
+                keep=lambda more: self._keep(request, result, more),
                 interval=self.options.checkpoint,
             )
             if present is None:
@@ -214,26 +209,18 @@ class DeckRunner:
                 "a run that is resumed agrees with one that was not interrupted to the rounding of this platform's forces, not bit for bit"
             )
 
-    def _kept(self, request: RunRequest, result: RunResult) -> dict[str, Any]:
-        """What belongs into a checkpoint of a run, done or not."""
-        return {
+    def _keep(self, request: RunRequest, result: RunResult, more: dict[str, Any] | None = None) -> None:
+        """Store a checkpoint of a run that is done, or goes on with ``more``."""
+        if self.checkpoints is None or self.not_resumable is not None:
+            return
+        kept = {
             "run": _fingerprint(request),
             "memory": recorded(request.state),
             "result": {name: value for name, value in vars(result).items() if name != "request"},
             "notes": self._notes,
             "trajectory": self.trajectory and self.trajectory.progress,
         }
-
-    def _keep_present(self, stepper: Stepper, step: int) -> None:
-        if self.checkpoints is not None and self.not_resumable is None:
-            request = stepper.request
-            present = self._kept(request, stepper.result) | stepper.present(step)
-            self.checkpoints.save(request.state, self.options, self.variables, request.number, present)
-
-    def _keep_run(self, request: RunRequest, result: RunResult) -> None:
-        if self.checkpoints is not None and self.not_resumable is None:
-            self.checkpoints.save_run(request.number, self._kept(request, result))
-            self.checkpoints.save(request.state, self.options, self.variables, request.number + 1, None)
+        self.checkpoints.save(request.state, self.options, self.variables, kept | (more or {}), done=more is None)
 
     def _recall(self, request: RunRequest, latest: Latest) -> None:
         """Bring the deck to the end of a run that was carried out before."""

@@ -1,6 +1,6 @@
 """Measuring a running simulation, for thermo output and for averages: no more than is asked for."""
 
-from __future__ import annotations
+from typing import Any
 
 import numpy as np
 import openmm
@@ -8,10 +8,10 @@ from openmm import unit
 
 from ...build import BuiltSystem
 from ...fields import read_fields
-from ...geometry import symmetric_products
+from ...kernels.motion import second_moments
 from ...measure import Sample
+from ...measure.present import require_stress, why_no_stress
 from ...measure.scene_samples import SceneSampler
-from ...measure.stress_sums import StressSums
 from ...schemes import scheme_of
 from ..state.sample import DeckSample
 from ..values.force_fixes import acted_on
@@ -19,9 +19,6 @@ from ..values.resolver import Resolver
 from .request import RunRequest
 
 _NM, _V = unit.nanometer, unit.nanometer / unit.picosecond
-
-#: Fields of DeckSample that need no forces and no energies.
-CHEAP = frozenset(("positions", "velocities", "fields"))
 
 
 def arrays(context: openmm.Context):
@@ -46,11 +43,13 @@ class Sampler:
         self.observer = SceneSampler(built)
         self._masses = request.state.bead_masses()
         # what fixes make of the forces, where these are not just the ones that the simulation has
-        self._replaced = any(fix.style == "setforce" for fix in request.state.fixes.values())
-        plan = built.plan
-        # OpenMM sums virials of potentials under a thermostat in single precision on the CPU platform; with lattice sums ours are dear
-        self._single = bool(plan.overlays) and plan.ewald is None and StressSums.why_not(plan) is None
-        self._stress = StressSums(plan) if self._single or "virial_tensor" in request.needs else None
+        self._replaced = bool(request.state.fixes_of("setforce"))
+        if "virial_tensor" in request.needs:
+            require_stress(built.plan)
+        #: Fields of DeckSample that :meth:`light` measures; as a tensor the virial of a lattice sum is dear.
+        self.light_needs = frozenset(("positions", "velocities", "fields", "kinetic"))
+        if why_no_stress(built.plan) is None:
+            self.light_needs |= {"virial_tensor"} if built.plan.ewald is not None else {"virial_tensor", "virial"}
 
     def full(self, step: int, needs: frozenset[str], cpu: float) -> tuple[DeckSample, Sample]:
         """A sample with energies and virial, and the fields of ``needs``.
@@ -62,59 +61,50 @@ class Sampler:
         forces, before = measured.forces, None
         if self._replaced or "before" in needs:
             forces, before = self._acted_on(step, measured.untaken)
-        products = self._kinetic_tensor()
         friction, predicts = measured.virial_dissipative + measured.virial_random, scheme_of(self.request.scheme).predicts
         virial = measured.virial_conservative + (friction if predicts else 0.0)
-        tensor = None
-        if self._stress is not None and (self._single or "virial_tensor" in needs):
-            tensor = self._stress.counted(self.context, self.observer)
-            virial = float(tensor[:3].sum())
         sample = DeckSample(
-            step=step,
-            kinetic=float(products[:3].sum()) / 2,
-            kinetic_tensor=products,
             pair_energy=measured.pair,
             short_energy=measured.coulomb_real,
             lattice_energy=measured.coulomb_reciprocal,
             bond_energy=measured.bond,
             angle_energy=measured.angle,
-            virial=virial,
             virial_full=virial if predicts else virial + friction,
-            virial_tensor=tensor,
             force_norm=float(np.sqrt(np.sum(forces**2))),
             force_max=float(np.abs(forces).max()),
-            kT_conf=measured.configurational_kT,
-            box=measured.box,
-            cpu=cpu,
+            kT_conf=measured.kT_conf,
             forces=forces if "forces" in needs else None,
             before=before,
-            **self._of_beads(needs),
+            **self._light(step, (needs | {"kinetic"}) - {"virial"}, cpu) | {"virial": virial},
         )
         return sample, measured
 
     def _acted_on(self, step: int, forces: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Forces of the simulation, as if all of them acted on all beads, as the deck's fixes make them; and what each fix has found."""
         state = self.request.state
-        moment, unit = Resolver(state, self.cheap(step, frozenset(("positions",)), 0.0), self.request.window), state.units.force
+        moment, unit = Resolver(state, self.light(step, frozenset(("positions",)), 0.0), self.request.window), state.units.force
         added, _ = acted_on(moment, np.zeros_like(forces))
         found, before = acted_on(moment, forces / unit - added)
         return found * unit, {name: vector * unit for name, vector in before.items()}
 
-    def _kinetic_tensor(self) -> np.ndarray:
-        """(6,) sums of m v v over all beads, with the velocity that those have which do not move: LAMMPS counts them."""
-        velocities = arrays(self.context)[1]
-        return symmetric_products(self._masses[:, None] * velocities, velocities)
+    def light(self, step: int, needs: frozenset[str], cpu: float) -> DeckSample:
+        """A sample without energies: the fields of ``needs``, which are among :attr:`light_needs`."""
+        energies: dict[str, Any] = dict.fromkeys(("short_energy", "lattice_energy", "bond_energy", "angle_energy"))
+        return DeckSample(**energies, **self._light(step, needs, cpu))
 
-    def cheap(self, step: int, needs: frozenset[str], cpu: float) -> DeckSample:
-        """A sample with values of beads and the box only."""
-        box = self.context.getState().getPeriodicBoxVectors(asNumpy=True).value_in_unit(_NM)
-        energies = dict.fromkeys(("short_energy", "lattice_energy", "bond_energy", "angle_energy"))
-        return DeckSample(step=step, box=box, cpu=cpu, **energies, **self._of_beads(needs))
-
-    def _of_beads(self, needs: frozenset[str]) -> dict:
-        found: dict = {}
+    def _light(self, step: int, needs: frozenset[str], cpu: float) -> dict[str, Any]:
+        present = self.observer.present
+        present.look(self.context)
+        found: dict[str, Any] = {"step": step, "cpu": cpu, "box": present.box}
         if needs & {"positions", "velocities"}:
-            found["positions"], found["velocities"], _ = arrays(self.context)
+            found["positions"], found["velocities"] = present.x, present.v
+        if needs & {"kinetic", "virial_tensor"}:
+            # of all beads, with the velocity that those have which do not move: LAMMPS counts them
+            products = second_moments(self._masses, present.v)
+            found |= {"kinetic": float(products[:3].sum()) / 2, "kinetic_tensor": products}
+        if needs & {"virial", "virial_tensor"}:
+            found["virial_tensor"] = present.stress()
+            found["virial"] = float(found["virial_tensor"][:3].sum())
         if "fields" in needs:
             found["fields"] = read_fields(self.context, self.built.plan)
         return found

@@ -1,7 +1,5 @@
 """A file of commands that is being carried out, and the place in it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path

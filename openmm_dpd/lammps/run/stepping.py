@@ -1,7 +1,5 @@
 """The steps of one run: when something is measured, written or looked at, and that nothing is lost when they end early."""
 
-from __future__ import annotations
-
 import io
 import time
 from collections.abc import Callable
@@ -25,7 +23,7 @@ from .momentum import MomentumFixes
 from .request import RunRequest
 from .restarts import RestartFiles
 from .result import RunResult
-from .sampling import CHEAP, Sampler, arrays
+from .sampling import Sampler, arrays
 from .trajectory import RunTrajectory
 
 
@@ -64,7 +62,7 @@ class Stepper:
     signals : Signals
         Those that may end the run after any step.
     keep : callable
-        ``keep(stepper, step)`` may store everything, where a signal has come or ``interval`` steps have gone by.
+        ``keep(present)`` may store everything, and what :meth:`resume` needs, where a signal has come or ``interval`` steps have gone by.
     interval : int, optional
     """
 
@@ -78,12 +76,13 @@ class Stepper:
         log: Callable[[str], None],
         trajectory: RunTrajectory | None,
         signals: Signals,
-        keep: Callable[[Stepper, int], None],
+        keep: Callable[[dict[str, Any]], None],
         interval: int | None,
     ):
         self.request, self.simulation, self.built, self.result = request, simulation, built, result
         self.log, self.trajectory, self.signals, self.keep, self.interval = log, trajectory, signals, keep, interval
         self.thermo, self.dumps, self.readers = request.thermo, request.dumps, request.readers
+        self._needs = {reader: reader.needs(request.state) for reader in self.readers}
         self.momentum, self.restarts = MomentumFixes(request, simulation.context), RestartFiles(request, built, simulation.context)
         self.sampler = Sampler(request, built, simulation.context)
         result.no_laplacian = self.sampler.observer.no_laplacian
@@ -94,6 +93,8 @@ class Stepper:
         """Everything that is due before the first step."""
         for reader in self.readers:
             reader.begin(self.request.state, self.request.first_step)
+        for dump in self.dumps:
+            dump.begin(self.request.state)
         if self.trajectory is not None:
             self.trajectory.start(scene, self.request, self.built)
         self._started = time.perf_counter()
@@ -110,22 +111,18 @@ class Stepper:
             self.trajectory.start(scene, self.request, self.built)
         self._started = time.perf_counter() - present["elapsed"]
 
-    def present(self, step: int) -> dict[str, Any]:
-        """What :meth:`resume` needs."""
-        elapsed = time.perf_counter() - self._started
-        return {"step": step, "context": self.simulation.context.createCheckpoint(), "elapsed": elapsed}
-
     def step_from(self, step: int, update: Callable[[int], None]) -> None:
         """Take all steps from one on; ``update`` hears how many were taken."""
         pace, last = Pace(), self.request.last_step
         while step < last:
             if self.signals.seen or (self.interval and step % self.interval == 0):
-                self.keep(self, step)
+                elapsed = time.perf_counter() - self._started
+                self.keep({"step": step, "context": self.simulation.context.createCheckpoint(), "elapsed": elapsed})
             self.signals.check()
             stop = min(step + pace.steps, self._next(step))
             begun = time.perf_counter()
             self.simulation.step(stop - step)
-            self.sampler.observer.changed = self.momentum.act(stop)
+            self.sampler.observer.present.changed = self.momentum.act(stop)
             spent = time.perf_counter() - begun
             self.result.seconds += spent
             pace.took(stop - step, spent)
@@ -166,12 +163,12 @@ class Stepper:
         begun = time.perf_counter()
         state, sampler, thermo, result = self.request.state, self.sampler, self.thermo, self.result
         due = [reader for reader in self.readers if reader.next_due == step]
-        needs = frozenset().union(*(reader.needs(state) for reader in due))
+        needs = frozenset().union(*map(self._needs.__getitem__, due))
         self._sample, elapsed = None, begun - self._started
-        if thermo.due(step) or not needs <= CHEAP:
+        if thermo.due(step) or not needs <= sampler.light_needs:
             self._sample, self._measured = sampler.full(step, needs | thermo.needs, elapsed)
         elif due:
-            self._sample = sampler.cheap(step, needs, elapsed)
+            self._sample = sampler.light(step, needs, elapsed)
         for reader in due:
             reader.take(Resolver(state, self._sample, thermo.window))
         if step == self.request.first_step and thermo.header():
@@ -192,7 +189,7 @@ class Stepper:
         if not due and not framed:
             return
         needs = frozenset(("positions",)).union(*(dump.needs(request.state) for dump in due))
-        sample = sampler.cheap(step, needs, 0.0) if needs <= CHEAP else sampler.full(step, needs, 0.0)[0]
+        sample = sampler.light(step, needs, 0.0) if needs <= sampler.light_needs else sampler.full(step, needs, 0.0)[0]
         moment = Resolver(request.state, sample, self.thermo.window)
         for dump in due:
             dump.write(moment)

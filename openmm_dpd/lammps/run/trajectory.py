@@ -1,7 +1,5 @@
 """The trajectory of a deck: DCD or XTC with a PSF topology, and the final state, in one folder."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Charges of a deck: what its pair styles and ``kspace_style`` say together."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...model.electrostatics import SlaterCharges

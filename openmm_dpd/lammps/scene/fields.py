@@ -1,7 +1,5 @@
 """Fields of the beads of a deck (energies, temperatures, concentrations) and their sources, as parts of a Scene."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...model.eos import EquationOfState
@@ -9,7 +7,6 @@ from ...model.internal import BeadTemperatures, Concentrations, Internal, Intern
 from ...model.sources import Source
 from ..language.lexer import errors_at, located
 from ..state.deck_state import DeckState
-from ..state.records import Fix
 
 EOS_FIXES = ("eos/cv", "eos/table")
 SOURCE_FIXES = {"edpd/source": "edpd", "tdpd/source": "tdpd"}
@@ -24,9 +21,8 @@ def internal_of(state: DeckState) -> Internal | None:
     atoms, units = state.atoms, state.units
     if "dpd/fdt/energy" in names:
         return InternalEnergy(equations_of_state(state), atoms.thetas * units.thermal_energy)
-    for fix in state.fixes.values():
-        if fix.style in EOS_FIXES:
-            state.note(f"fix {fix.name} ({fix.style}) has no effect: without pair style dpd/fdt/energy internal energies do not change")
+    for fix in state.fixes_of(*EOS_FIXES):
+        state.note(f"fix {fix.name} ({fix.style}) has no effect: without pair style dpd/fdt/energy internal energies do not change")
     if "edpd" in names:
         return BeadTemperatures(atoms.temperatures * units.thermal_energy, atoms.capacities)
     return Concentrations(atoms.concentrations) if "tdpd" in names else None
@@ -47,9 +43,9 @@ def equations_of_state(state: DeckState) -> dict[str, EquationOfState]:
     Raises
     ------
     DeckError
-        If a bead has none or two, beads of one type have different ones, or a temperature is not possible.
+        If a bead has none or two, or beads of one type have different ones.
     """
-    fixes = [fix for fix in state.fixes.values() if fix.style in EOS_FIXES]
+    fixes = state.fixes_of(*EOS_FIXES)
     owner = np.full(len(state.atoms), -1)
     for k, fix in enumerate(fixes):
         members = state.group(fix.group)
@@ -71,24 +67,7 @@ def equations_of_state(state: DeckState) -> dict[str, EquationOfState]:
             if fix.parameters["source"] != used[0].parameters["source"]:
                 raise fix.error(f"beads of type {kind} have another equation of state by fix {used[0].name}; give them types of their own")
         by_type[str(kind)] = (used or fixes)[0].parameters["eos"]
-    _check_temperatures(state, fixes, owner)
     return by_type
-
-
-def _check_temperatures(state: DeckState, fixes: list[Fix], owner: np.ndarray) -> None:
-    """DeckError if an internal temperature is not > 0, or outside the bead's equation of state."""
-    thetas = state.atoms.thetas
-    for k, fix in enumerate(fixes):
-        members = np.flatnonzero(owner == k)
-        cold = members[thetas[members] <= 0]
-        if len(cold):
-            theta, bead = thetas[cold[0]], state.atoms.ids[cold[0]]
-            raise fix.error(f"bead {bead} has the internal temperature {theta:g}; it must be > 0 (set ... dpd/theta)")
-        energies = np.asarray(fix.parameters["eos"].energy(thetas[members] * state.units.thermal_energy))
-        outside = members[~np.isfinite(energies)]
-        if len(outside):
-            theta, bead = thetas[outside[0]], state.atoms.ids[outside[0]]
-            raise fix.error(f"the internal temperature {theta:g} of bead {bead} is outside the table")
 
 
 def sources_of(state: DeckState, box: np.ndarray) -> list[Source]:
@@ -102,9 +81,7 @@ def sources_of(state: DeckState, box: np.ndarray) -> list[Source]:
     """
     names = [style.name for style in state.pair.styles]
     found = []
-    for fix in state.fixes.values():
-        if fix.style not in SOURCE_FIXES:
-            continue
+    for fix in state.fixes_of(*SOURCE_FIXES):
         pair = SOURCE_FIXES[fix.style]
         if pair not in names:
             raise fix.error(f"{fix.style} needs pair style {pair}; the deck has {', '.join(names) or 'none'}")

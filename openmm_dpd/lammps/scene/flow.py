@@ -1,6 +1,4 @@
-"""What a deck's ``fix addforce``, ``fix setforce`` and ``fix wall/reflect`` mean for the scene."""
-
-from __future__ import annotations
+"""What a deck's ``fix addforce``, ``gravity``, ``setforce`` and ``wall/reflect`` mean for the scene."""
 
 from dataclasses import dataclass
 
@@ -8,7 +6,6 @@ import numpy as np
 
 from ...errors import ParameterError
 from ...model.flow import AXES, SPECULAR, BodyForce, PositionForce, Wall
-from ..language import arguments as read
 from ..language.expressions import evaluate
 from ..language.lexer import errors_at
 from ..language.position_formulas import BEAD_CONSTANTS, Known, depends_on, position_formula
@@ -19,7 +16,7 @@ from ..state.records import FORCE_FIXES, Fix
 # -- addforce and setforce ----------------------------------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Driving:
-    """What the fixes addforce and setforce of a deck add up to.
+    """What the fixes addforce, gravity and setforce of a deck add up to.
 
     Attributes
     ----------
@@ -35,26 +32,20 @@ class Driving:
     @property
     def still(self) -> np.ndarray:
         """(N,) beads on which no force acts at all."""
-        pushed = [mask & np.array([not _is_zero(word) for word in words(fix)]) for fix, mask in self.pushes]
+        pushed = [mask & np.array([word not in ("NULL", "0") for word in words(fix)]) for fix, mask in self.pushes]
         return ~np.logical_or.reduce([self.interacting, *pushed]).any(axis=1)
 
 
-def _is_zero(word: str) -> bool:
-    return not word.startswith("v_") and (word == "NULL" or float(word) == 0.0)
-
-
 def words(fix: Fix) -> list[str]:
-    """The three words of an addforce or a setforce."""
+    """The three formulas of an addforce, a gravity or a setforce; no force is ``0``."""
     return fix.parameters["force"]
 
 
 def driving(state: DeckState) -> Driving:
-    """The fixes addforce and setforce, one after the other as in LAMMPS: a setforce takes away what the fixes before it have added."""
+    """These fixes, one after the other as in LAMMPS: a setforce takes away what the fixes before it have added."""
     pushes: list[tuple[Fix, np.ndarray]] = []
     interacting = np.ones((len(state.atoms), 3), dtype=bool)
-    for fix in state.fixes.values():
-        if fix.style not in FORCE_FIXES:
-            continue
+    for fix in state.fixes_of(*FORCE_FIXES):
         acts = np.outer(state.group(fix.group), [word != "NULL" for word in words(fix)])
         if fix.style == "setforce":
             interacting &= ~acts
@@ -64,7 +55,7 @@ def driving(state: DeckState) -> Driving:
 
 
 def body_forces_of(state: DeckState) -> list[BodyForce | PositionForce]:
-    """Forces of all ``fix addforce`` and ``fix setforce``; those of a variable are translated into formulas of the position."""
+    """Forces of all these fixes; those of a variable are translated into formulas of the position."""
     found: list[BodyForce | PositionForce] = []
     for fix, mask in driving(state).pushes:
         with errors_at(fix.where, f"fix {fix.name}: "):
@@ -76,21 +67,20 @@ def body_forces_of(state: DeckState) -> list[BodyForce | PositionForce]:
 
 def _added(state: DeckState, components: list[str], members: np.ndarray) -> list[BodyForce | PositionForce]:
     texts = [state.variables.get(word[2:]).text if word.startswith("v_") else word for word in components]
-    if not any(depends_on(text, state.variables, {*AXES, *BEAD_CONSTANTS}) for text in texts):
-        force = [evaluate(text, _known(state, 1)) * state.units.force for text in texts]
-        return [BodyForce(np.array(force), beads=members)] if any(force) else []
-    box = state.require_box("a force on single beads")
-    if np.any(np.abs(box.reduced_vectors - box.vectors) > 1e-9 * box.edges.max()) and all(state.periodic):
+    box, follows = state.require_box("a force on single beads"), any(depends_on(text, state.variables, set(AXES)) for text in texts)
+    if follows and np.any(np.abs(box.reduced_vectors - box.vectors) > 1e-9 * box.edges.max()) and all(state.periodic):
         raise ParameterError("a force that follows the position needs a box that is tilted by half an edge at most")
     # type and mass are constants of a formula, so there is one force for each type
     by_type = any(depends_on(text, state.variables, set(BEAD_CONSTANTS)) for text in texts)
     result: list[BodyForce | PositionForce] = []
     for kind in range(1, state.n_types + 1) if by_type else [0]:
-        beads = members & (state.atoms.types == kind) if kind else members
-        if beads.any():
-            known = _known(state, kind or 1)
+        beads, known = members & (state.atoms.types == kind) if kind else members, _known(state, kind or 1)
+        if follows and beads.any():
             formulas = tuple(f"{state.units.force!r}*({position_formula(text, known)})" for text in texts)
             result.append(PositionForce(formulas, beads=beads, corner=box.low * state.units.length))  # type: ignore[arg-type]
+        elif beads.any():
+            force = np.array([evaluate(text, known) * state.units.force for text in texts])
+            result += [BodyForce(force, beads=beads)] if force.any() else []
     return result
 
 
@@ -113,13 +103,12 @@ def held_beads(state: DeckState) -> np.ndarray:
         held here.
     """
     held = np.zeros(len(state.atoms), dtype=bool)
-    for fix in state.fixes.values():
-        if fix.style == "setforce":
-            if "NULL" in words(fix):
-                raise fix.error("minimize holds whole beads here, not single components of their forces; say 0 0 0")
-            if any(word.startswith("v_") or read.number(word, "a component") for word in words(fix)):
-                raise fix.error("minimize is not possible with forces other than 0, which are no slope of an energy")
-            held |= state.group(fix.group)
+    for fix in state.fixes_of("setforce"):
+        if "NULL" in words(fix):
+            raise fix.error("minimize holds whole beads here, not single components of their forces; say 0 0 0")
+        if any(word != "0" for word in words(fix)):
+            raise fix.error("minimize is not possible with forces other than 0, which are no slope of an energy")
+        held |= state.group(fix.group)
     return held
 
 
@@ -133,13 +122,11 @@ def still_beads(state: DeckState, mobile: np.ndarray) -> np.ndarray:
     """
     found = driving(state)
     taken = mobile & ~found.interacting.all(axis=1)
-    for fix in state.fixes.values():
-        if fix.style == "setforce" and np.any(taken & state.group(fix.group)):
-            for other in state.fixes.values():
-                if other.style == "shardlow":
-                    raise fix.error("fix shardlow moves beads whatever their force is; leave them out of the integrating fix instead")
-                if other.style == "nph":
-                    raise fix.error("beside fix nph forces cannot be taken from beads that move, since there is no ensemble of such beads")
+    for fix in state.fixes_of("setforce"):
+        for other in state.fixes_of("shardlow", "nph") if np.any(taken & state.group(fix.group)) else ():
+            if other.style == "shardlow":
+                raise fix.error("fix shardlow moves beads whatever their force is; leave them out of the integrating fix instead")
+            raise fix.error("beside fix nph forces cannot be taken from beads that move, since there is no ensemble of such beads")
     return mobile & found.still & ~state.atoms.velocities.any(axis=1)
 
 
@@ -160,9 +147,7 @@ def walls_of(state: DeckState, mobile: np.ndarray) -> list[Wall]:
     """
     walls: list[Wall] = []
     closed: dict[str, str] = {}
-    for fix in state.fixes.values():
-        if fix.style != "wall/reflect":
-            continue
+    for fix in state.fixes_of("wall/reflect"):
         if np.any(mobile & ~state.group(fix.group)):
             raise fix.error(f"there are beads that move outside group {fix.group}; walls reflect all of them here")
         for face, position in fix.parameters["faces"].items():

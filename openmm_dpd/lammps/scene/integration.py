@@ -1,7 +1,5 @@
 """Which beads the deck's fixes move, and by which scheme."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -54,9 +52,7 @@ def integration(state: DeckState) -> Integration:
     """
     mobile = np.zeros(len(state.atoms), dtype=bool)
     owners: list[Fix] = []
-    for fix in state.fixes.values():
-        if fix.style not in INTEGRATORS:
-            continue
+    for fix in state.fixes_of(*INTEGRATORS):
         group = state.group(fix.group)
         if np.any(mobile & group):
             bead = int(state.atoms.ids[np.argmax(mobile & group)])
@@ -69,7 +65,7 @@ def integration(state: DeckState) -> Integration:
         raise owners[-1].error(f"fixes with different lambda ({', '.join(f'{w:g}' for w in sorted(weights))}) cannot be combined")
     if not owners:
         state.note("no fix integrates any bead: nothing will move")
-    shardlow = [fix for fix in state.fixes.values() if fix.style == "shardlow"]
+    shardlow = state.fixes_of("shardlow")
     if shardlow:
         _check_shardlow(state, shardlow, owners)
     _check_energy(state, shardlow)
@@ -80,7 +76,7 @@ def integration(state: DeckState) -> Integration:
 
 def _check_energy(state: DeckState, shardlow: list[Fix]) -> None:
     """Internal energies are advanced by fix dpd/energy or by fix shardlow, not by both and not by neither."""
-    heat = [fix for fix in state.fixes.values() if fix.style == "dpd/energy"]
+    heat = state.fixes_of("dpd/energy")
     styles = [style for style in state.pair.styles if style.name == "dpd/fdt/energy"]
     if len(heat) > 1:
         raise heat[1].error(f"there is a fix dpd/energy already ({heat[0].name})")

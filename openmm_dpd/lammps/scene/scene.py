@@ -1,12 +1,11 @@
 """From the state of a deck to a :class:`~openmm_dpd.model.scene.Scene`."""
 
-from __future__ import annotations
-
 import numpy as np
 
-from ...model.bonds import FENEBonds, HarmonicBonds
+from ...model.bonds import HarmonicBonds
 from ...model.scene import Scene
 from ...model.temperature import TemperatureRamp
+from ...wording import read_by
 from ..language.lexer import errors_at, located
 from ..state.deck_state import DeckState
 from ..state.moment import Window
@@ -55,7 +54,7 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
     moved = integration(state) if moved is None else moved
     atoms, units = state.atoms, state.units
     vectors = box.reduced_vectors * units.length
-    with errors_at(state.here):
+    with errors_at(state.here), read_by(state):
         return Scene(
             masses={str(k): state.masses[k] for k in range(1, state.n_types + 1)},
             types=[str(k) for k in atoms.types.tolist()],
@@ -127,18 +126,6 @@ def _bonded_terms(state: DeckState, terms: np.ndarray, setup: BondedSetup, known
         beads = state.atoms.index_of(ids.ravel()).reshape(ids.shape)
         if style not in ("none", "zero"):
             found.append(known[style].build(beads, values))
-            if isinstance(found[-1], FENEBonds):
-                _check_lengths(state, found[-1], ids)
         elif what == "bond":
             found.append(HarmonicBonds(beads, np.zeros(len(beads)), np.zeros(len(beads))))
     return found
-
-
-def _check_lengths(state: DeckState, bonds: FENEBonds, ids: np.ndarray) -> None:
-    """Raise DeckError if a bond is too long, with the ids of its beads and its length in the deck's unit."""
-    box = state.require_box("a run").reduced_vectors * state.units.length
-    r = bonds.lengths(state.atoms.positions * state.units.length, box)
-    for k in np.flatnonzero(r >= bonds.R0)[:1]:
-        length, limit = (value / state.units.length for value in (r[k], bonds.R0[k]))
-        which = f"the FENE bond of the beads with the ids {ids[k, 0]} and {ids[k, 1]}"
-        raise located(state.here, f"{which} has the length {length:g}, not less than its R0, {limit:g}")

@@ -1,7 +1,5 @@
 """Pair style srp in the scene: segmental repulsion between bonds."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...model.segments import SegmentalRepulsion

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...errors import ParameterError
+from ...geometry import reduced
 
 #: Boxes that wrapping takes off one after the other, as LAMMPS does; those beyond are taken off at once.
 _ONE_BY_ONE = 100
@@ -60,21 +61,16 @@ class Box:
     def reduced_vectors(self) -> np.ndarray:
         """Vectors of the same lattice in OpenMM's reduced form (no tilt above half an edge).
 
-        Along an axis that does not repeat the box is followed by as much empty room, which no cutoff reaches through.  A tilt a rounding
-        error above half an edge becomes that half.
+        Along an axis that does not repeat the box is followed by as much empty room, which no cutoff reaches through.
         """
         vectors = self.vectors * np.where(self.periodic, 1.0, 2.0)[:, None]
-        for row, column in ((2, 1), (2, 0), (1, 0)):
-            half = 0.5 * vectors[column, column]
-            if abs(vectors[row, column]) > half * (1 + 1e-9):
-                vectors[row] -= vectors[column] * np.round(vectors[row, column] / (2 * half))
-            vectors[row, column] = np.clip(vectors[row, column], -half, half)
-        return vectors
+        return reduced(vectors) if self.tilt.any() else vectors
 
     @property
     def volume(self) -> float:
         """Volume."""
-        return float(np.prod(self.edges))
+        x, y, z = self.edges.tolist()
+        return x * y * z
 
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
@@ -95,7 +91,8 @@ class Box:
 
         It is this box itself unless they differ from its own by more than rounding.
         """
-        if np.allclose(vectors, self.reduced_vectors, rtol=1e-9, atol=1e-9 * float(self.edges.min())):
+        own = self.reduced_vectors
+        if np.all(np.abs(vectors - own) <= 1e-9 * (self.edges.min() + np.abs(own))):
             return self
         tilt = np.array([vectors[1][0], vectors[2][0], vectors[2][1]])
         return Box(self.low, self.low + np.diag(vectors), tilt, self.triclinic)

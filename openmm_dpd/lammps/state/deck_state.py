@@ -1,7 +1,5 @@
 """Everything a deck has said so far, as plain data."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -12,6 +10,7 @@ import numpy as np
 
 from ...errors import ParameterError
 from ...files import writing
+from ...geometry import weighted_sum
 from ...units import LJ, UnitSystem
 from ..language import arguments as read
 from ..language.lexer import Line
@@ -23,6 +22,7 @@ from .pair_setup import BondedSetup, PairSetup
 from .records import Compute, Fix, KspaceSetup, RestartSettings, ThermoSettings
 from .regions import Region
 from .sample import DeckSample
+from .temperature import Temperature
 
 
 def bead_fields(atom_style: str, units: UnitSystem) -> dict[str, tuple[str, float]]:
@@ -77,6 +77,8 @@ class DeckState:
         What ``kspace_style`` said.
     dielectric : float
         Divisor of the Coulomb constant.
+    thermo_temp : Compute
+        The temperature of all beads, which exists without being defined.
     pressure_temps : dict of str to str
         Computes of pressure (``thermo_press`` is one) whose temperature ``thermo_modify temp`` has replaced, and the id of the new one.
     dumps : dict of str to :class:`~openmm_dpd.lammps.output.dumps.Dump`
@@ -105,6 +107,8 @@ class DeckState:
         What was accepted without having a meaning here, each said once.
     inputs : list of Path
         The deck, and the files that it has read.
+    carried_out : bool
+        Whether runs are carried out, so that the files of fixes and dumps are made.
     last_sample : DeckSample or None
         The last row of the last run, for formulas evaluated between runs.
     """
@@ -135,6 +139,7 @@ class DeckState:
     dielectric: float = 1.0
     fixes: dict[str, Fix] = field(default_factory=dict)
     computes: dict[str, Compute] = field(default_factory=dict)
+    thermo_temp: Compute = Compute("thermo_temp", "all", "temp", settings=Temperature())
     pressure_temps: dict[str, str] = field(default_factory=dict)
     dumps: dict[str, Any] = field(default_factory=dict)
     thermo: ThermoSettings = field(default_factory=ThermoSettings)
@@ -154,6 +159,7 @@ class DeckState:
     last_sample: DeckSample | None = None
     here: Line | None = None
     output: Path = field(default_factory=Path)
+    carried_out: bool = False
     log: Callable[[str], None] = lambda _: None
     generators: dict[str, np.random.Generator] = field(default_factory=dict)
     inputs: list[Path] = field(default_factory=list)
@@ -201,16 +207,19 @@ class DeckState:
         """A region by its name."""
         return read.known(self.regions, name, "region")
 
-    def temperature_compute(self, name: str) -> Compute | None:
-        """The compute of style temp with this id, None for ``thermo_temp``; ParameterError if it is none."""
-        if name == "thermo_temp":
-            return None
-        if name not in self.computes or self.computes[name].style != "temp":
-            raise ParameterError(f"'{name}' is not the id of a compute of style temp")
-        return self.computes[name]
+    def fixes_of(self, *styles: str) -> list[Fix]:
+        """The fixes of these styles, in the order of the deck."""
+        return [fix for fix in self.fixes.values() if fix.style in styles]
 
-    def temperature_of_pressure(self, name: str) -> Compute | None:
-        """The compute that a compute of pressure takes its kinetic part from, None for ``thermo_temp``."""
+    def temperature_compute(self, name: str) -> Compute:
+        """The compute of temperature with this id; ParameterError if it is none."""
+        found = self.thermo_temp if name == "thermo_temp" else self.computes.get(name)
+        if found is None or not isinstance(found.settings, Temperature):
+            raise ParameterError(f"'{name}' is not the id of a compute of style temp")
+        return found
+
+    def temperature_of_pressure(self, name: str) -> Compute:
+        """The compute that a compute of pressure takes its kinetic part from."""
         own = self.computes[name].arguments[0] if name in self.computes else "thermo_temp"
         return self.temperature_compute(self.pressure_temps.get(name, own))
 
@@ -225,7 +234,7 @@ class DeckState:
     def mass_average(self, vectors: np.ndarray, mask: np.ndarray) -> np.ndarray:
         """Average of (N, 3) vectors over the beads of a mask, each with its mass: centre of mass, or its velocity."""
         masses = self.bead_masses()[mask]
-        return masses @ vectors[mask] / masses.sum()
+        return weighted_sum(masses, vectors[mask]) / masses.sum()
 
     def in_deck_units(self, positions: np.ndarray) -> np.ndarray:
         """(N, 3) positions of a simulation (nm) in the deck's unit; where a bead has not moved, the deck's own numbers to the last bit.

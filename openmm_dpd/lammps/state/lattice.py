@@ -1,7 +1,5 @@
 """Crystal lattices of the ``lattice`` command, in the deck's unit of length."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """When ``minimize`` stops."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

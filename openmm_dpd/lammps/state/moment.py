@@ -1,7 +1,5 @@
 """A deck at one moment: its state plus a measurement."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
@@ -57,7 +55,7 @@ class DeckMoment(ABC):
         """Number of the step."""
         return self.state.step if self.sample is None else self.sample.step
 
-    @property
+    @cached_property
     def box(self) -> Box:
         """The box in the deck's unit of length."""
         box = self.state.require_box("a formula with the box")
@@ -121,28 +119,38 @@ class DeckMoment(ABC):
         """Energy field of the sample in the deck's units."""
         return self.need(name) / self.units.energy
 
-    def kinetic(self, compute: Compute | None = None) -> float:
-        """Kinetic energy (kJ/mol) of all beads, or of the group of a compute.
+    def freedom(self, compute: Compute) -> float:
+        """Degrees of freedom that a compute of temperature counts; ParameterError if it takes off more than there are."""
+        n = int(self.state.group(compute.group).sum())
+        found = compute.settings.freedom(n)
+        if found < 0 and n:
+            raise ParameterError(f"compute {compute.name} (style {compute.style}) counts {found:g} degrees of freedom of its {n} beads")
+        return found
 
-        Where LAMMPS counts no degree of freedom, which is where one bead is alone, it is 0.
-        """
-        counted = self.state.group("all" if compute is None else compute.group)
-        if counted.sum() < 2:
+    def kinetic(self, compute: Compute) -> float:
+        """Kinetic energy (kJ/mol) that a compute of temperature counts: 0 where it counts no degree of freedom, as for one bead alone."""
+        if self.freedom(compute) <= 0:
             return 0.0
-        return self.need("kinetic") if compute is None else self.kinetic_of(counted)
+        return self.need("kinetic") if compute.name == "thermo_temp" else self.kinetic_of(*self.thermal(compute)[:2])
 
-    def kinetic_of(self, mask: np.ndarray) -> float:
-        """Sum of m v^2/2 over the beads of a mask (kJ/mol)."""
-        masses, velocities = self.state.bead_masses()[mask], self.velocities[mask]
-        return 0.5 * float(masses @ np.sum(velocities**2, axis=1)) * self.units.velocity**2
+    def kinetic_of(self, masses: np.ndarray, velocities: np.ndarray) -> float:
+        """Sum of m v^2/2 (kJ/mol) over masses (Da) and velocities in the deck's units."""
+        return 0.5 * float(np.sum(masses[:, None] * velocities**2)) * self.units.velocity**2
 
-    def temperature(self, compute: Compute | None = None) -> float:
-        """Kinetic temperature of all beads, or of the group of a compute (3N - 3 degrees of freedom)."""
-        dof = 3 * int(self.state.group("all" if compute is None else compute.group).sum()) - 3
+    def thermal(self, compute: Compute) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """Masses of the beads of a compute of temperature, what it counts of their velocities, and their bins, if these matter."""
+        mask, settings = self.state.group(compute.group), compute.settings
+        masses, streams = self.state.bead_masses()[mask], any(settings.streaming)
+        numbers = settings.numbers(self.box, self.folded[0][mask]) if streams else None
+        return masses, settings.thermal(self.velocities[mask], masses, numbers), numbers
+
+    def temperature(self, compute: Compute) -> float:
+        """Temperature by a compute."""
+        dof = self.freedom(compute)
         return 2 * self.kinetic(compute) / (dof * self.units.thermal_energy) if dof > 0 else 0.0
 
-    def thermo_compute(self) -> Compute | None:
-        """The compute that thermo output takes its temperature from, None for the default."""
+    def thermo_compute(self) -> Compute:
+        """The compute that thermo output takes its temperature from."""
         return self.state.temperature_compute(self.state.thermo.temp)
 
     def pressure(self, virial: str = "virial") -> float:
@@ -159,13 +167,13 @@ class DeckMoment(ABC):
         volume = self.box.volume * self.units.length**3
         return (2 * kinetic + virial) / (3 * volume) / self.units.pressure
 
-    def kinetic_tensor(self, compute: Compute | None) -> np.ndarray:
-        """(6,) sums of m v v (kJ/mol) over all beads, or over the group of a compute: xx, yy, zz, xy, xz, yz."""
-        if compute is None:
+    def kinetic_tensor(self, compute: Compute) -> np.ndarray:
+        """(6,) sums of m v v (kJ/mol) over what a compute of temperature counts: xx, yy, zz, xy, xz, yz."""
+        if compute.name == "thermo_temp":
             return self.need("kinetic_tensor")
-        mask = self.state.group(compute.group)
-        velocities = self.velocities[mask] * self.units.velocity
-        return symmetric_products(self.state.bead_masses()[mask][:, None] * velocities, velocities)
+        masses, thermal, _ = self.thermal(compute)
+        velocities = thermal * self.units.velocity
+        return symmetric_products(masses[:, None] * velocities, velocities)
 
     def pressure_tensor(self, name: str, kinetic: bool = True, virial: bool = True) -> np.ndarray:
         """(6,) pressure tensor of a compute of pressure, of one or both parts: xx, yy, zz, xy, xz, yz."""

@@ -1,7 +1,5 @@
 """Constant pressure: what ``fix nph`` asks for."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from ...errors import ParameterError

@@ -1,7 +1,5 @@
 """What single commands of a deck say, as plain data: fixes, computes, thermo output, the sum over charges."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -24,25 +22,59 @@ class Fix:
         return located(self.where, f"fix {self.name}: {message}")
 
 
-#: Fixes that change the forces on single beads.
-FORCE_FIXES = ("addforce", "setforce")
+#: Fixes that change the forces on single beads; their parameter ``force`` has three formulas, or NULL.
+FORCE_FIXES = ("addforce", "setforce", "gravity")
+
+#: Those whose vector is the total force on their group before they act.
+VECTOR_FIXES = ("addforce", "setforce")
+
+
+class Valued:
+    """A fix with values that formulas name.
+
+    Attributes
+    ----------
+    name : str
+        Its id.
+    shape : tuple of (int or None)
+        How many values ``f_id`` (no index), ``f_id[i]`` or ``f_id[i][j]`` has by each index; None where that may change.
+    what : str
+        What they are, for errors.
+    """
+
+    name: str
+    shape: tuple[int | None, ...]
+    what: str
+
+    @property
+    def size(self) -> int:
+        """Number of values that ``f_id[*]`` stands for."""
+        return (self.shape[0] or 0) if len(self.shape) == 1 else 0
+
+    def is_extensive(self, *indices: int) -> bool:
+        """Whether thermo output divides such a value by the number of beads when it normalises."""
+        return False
+
+    def check_index(self, *indices: int) -> None:
+        """ParameterError unless there is such a value."""
+        if len(indices) != len(self.shape):
+            usage = f"f_{self.name}" + ("", f"[1] to f_{self.name}[{self.size}]", "[row][column]")[len(self.shape)]
+            raise ParameterError(f"f_{self.name}: {self.what}; use {usage}")
+        if any(index < 1 or (size is not None and index > size) for index, size in zip(indices, self.shape, strict=True)):
+            raise ParameterError(f"f_{self.name}{''.join(f'[{index}]' for index in indices)} is out of range: {self.what}")
 
 
 @dataclass(frozen=True)
-class ForceVector:
+class ForceVector(Valued):
     """The vector of a fix addforce or setforce: the total force on its group before it acted."""
 
     name: str
-    size: int = 3
+    shape = (3,)
+    what = "its values are the three components of the force before it acts"
 
     def is_extensive(self, *indices: int) -> bool:
-        """Sums over beads are what thermo output divides by their number when it normalises."""
+        """It is a sum over beads."""
         return True
-
-    def check_index(self, *indices: int) -> None:
-        """ParameterError unless ``f_id[index]`` is one of its values."""
-        if len(indices) != 1 or not 1 <= indices[0] <= self.size:
-            raise ParameterError(f"f_{self.name}: its values are the force before it acts, f_{self.name}[1] to f_{self.name}[3]")
 
 
 @dataclass(frozen=True)

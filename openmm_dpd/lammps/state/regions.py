@@ -1,7 +1,5 @@
 """Regions of space, in the deck's unit of length."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -148,9 +146,7 @@ def parse_region(args: list[str], spacing: np.ndarray, box: Box | None, known: d
         used = 1 + read.integer(args[1], f"the number of regions of {style}", 2)
     else:
         used = REGION_STYLES[style][0]
-    words, rest = args[1 : 1 + used], args[1 + used :]
-    if len(words) < used:
-        raise ParameterError(f"region style {style} needs {used} values, but {len(words)} follow: {' '.join(words)}")
+    words, rest = read.taken(args[1:], used, f"region style {style}")
     outside, scale = False, spacing
     for keyword, values in read.options(rest, {"side": 1, "units": 1}, "region"):
         if keyword == "side":

@@ -1,7 +1,5 @@
 """What the simulation measures for one row of thermo output."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

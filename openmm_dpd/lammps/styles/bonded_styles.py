@@ -1,7 +1,5 @@
 """Bond and angle styles: what their coefficients are, and which term of the model they become."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any

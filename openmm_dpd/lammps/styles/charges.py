@@ -1,7 +1,5 @@
 """Pair styles with charges."""
 
-from __future__ import annotations
-
 import math
 from itertools import combinations_with_replacement
 

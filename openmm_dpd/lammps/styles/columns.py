@@ -1,7 +1,5 @@
 """Words that several styles have: coefficients that are numbers, in both directions, and the settings ``T cutoff seed``."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -27,8 +25,7 @@ FACTORS: dict[str, Callable[[UnitSystem], float]] = {
     "friction": lambda units: units.friction,
     "noise": lambda units: units.noise,
     "1/time": lambda units: 1 / units.time,
-    # LAMMPS's conductivity is an energy times a temperature per time, ours has the square of an energy
-    "energy*kT/time": lambda units: units.energy * units.thermal_energy / units.time,
+    "energy*kT/time": lambda units: units.conduction,
 }
 
 

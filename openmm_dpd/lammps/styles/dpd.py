@@ -1,7 +1,5 @@
 """Pair styles of the DPD family: conservative force, friction and noise, and conduction between beads with internal energies."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

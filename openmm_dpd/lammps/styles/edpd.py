@@ -1,7 +1,5 @@
 """Pair style edpd: DPD between beads with temperatures of their own."""
 
-from __future__ import annotations
-
 from ...errors import ParameterError
 from ...model.edpd import EDPD
 from ...units import UnitSystem

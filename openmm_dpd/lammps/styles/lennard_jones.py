@@ -1,7 +1,5 @@
 """Pair style lj/cut, and how it mixes coefficients."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Pair styles mdpd and mdpd/rhosum: many-body DPD and its densities."""
 
-from __future__ import annotations
-
 from ...model.mdpd import MDPD
 from ...units import UnitSystem
 from ..language import arguments as read

@@ -3,8 +3,6 @@
 A style is one entry of the ``STYLES`` of its file; the commands in ``commands/pairs.py`` know none of them by name.
 """
 
-from __future__ import annotations
-
 from ..language import arguments as read
 from ..state.pair_setup import Spec
 from . import charges, dpd, edpd, lennard_jones, mdpd, srp, table, tdpd

@@ -1,7 +1,5 @@
 """From the pair coefficients of a deck to the tables of a scene."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

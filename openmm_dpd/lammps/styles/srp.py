@@ -1,7 +1,5 @@
 """Pair style srp: segmental repulsion between bonds, which LAMMPS organises as pairs of placeholder particles of a type of their own."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...errors import ParameterError

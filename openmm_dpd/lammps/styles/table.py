@@ -1,7 +1,5 @@
 """Pair style table: energies and forces of a file."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pair style tdpd: DPD between beads that exchange species."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...model.tdpd import TDPD

@@ -1,7 +1,5 @@
 """What styles write, and what they say about it: numbers, groups, coefficients, differences between a scene and LAMMPS."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """The description of a compute style, and the words that name values: ``c_id``, ``f_id`` and ``v_name``, perhaps with indices."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -33,7 +31,7 @@ class ComputeSpec:
     array : callable or None
         The same for a table of values, (rows, columns), which are never normalised.
     rows : callable
-        Number of rows of the table.
+        Number of rows of the table, 0 where a compute has none.
     columns : callable
         Number of columns of the table, or of values per bead: 0 if there is one without an index.
     extensive : bool or callable
@@ -64,9 +62,13 @@ class ComputeSpec:
     vector_needs: tuple[str, ...] | None = None
     inputs: Callable[[Compute], tuple[str, ...]] = lambda compute: ()
 
+    def tabled(self, compute: Compute) -> bool:
+        """Whether this compute has a table."""
+        return self.rows(compute) > 0
+
     def is_extensive(self, compute: Compute, indexed: bool = False) -> bool:
         """Whether the value of this compute (or those of its vector) are sums over beads."""
-        if indexed and self.extensive_vector:
+        if indexed and self.extensive_vector and not self.tabled(compute):
             return True
         return self.extensive if isinstance(self.extensive, bool) else self.extensive(compute)
 
@@ -102,16 +104,6 @@ class Reference(NamedTuple):
     kind: str
     name: str
     indices: tuple[int, ...]
-
-    @property
-    def first(self) -> int | None:
-        """The first index, None without one."""
-        return self.indices[0] if self.indices else None
-
-    @property
-    def second(self) -> int | None:
-        """The second one."""
-        return self.indices[1] if len(self.indices) > 1 else None
 
 
 def reference(word: str) -> Reference:

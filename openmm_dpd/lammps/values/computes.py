@@ -1,7 +1,5 @@
 """Computes: values of groups of beads that thermo output and formulas can name."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,11 +11,12 @@ from ...errors import ParameterError
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
-from ..state.records import FORCE_FIXES, Compute, ForceVector
+from ..state.records import VECTOR_FIXES, Compute, ForceVector
 from .chunks import CHUNKS
 from .compute_spec import ComputeSpec, check_place, no_arguments, reference
 from .per_bead import BEAD_WORDS, PER_BEAD, check_carried
 from .structure_computes import STRUCTURE
+from .temperature_computes import TEMPERATURES
 
 #: One word for several values: ``c_id[*]``, ``c_id[2*4]``, ``f_id[*]``.
 _WILD = re.compile(r"([cf])_(\w+)\[(\d*\*\d*)\]", re.ASCII)
@@ -61,6 +60,11 @@ def _pressure(moment: DeckMoment, compute: Compute) -> float:
 def _pressure_tensor(moment: DeckMoment, compute: Compute) -> np.ndarray:
     words = compute.arguments[1:]
     return moment.pressure_tensor(compute.name, "virial" not in words or "ke" in words, "ke" not in words)
+
+
+def _kinetic_energy(moment: DeckMoment, compute: Compute) -> float:
+    mask = moment.state.group(compute.group)
+    return moment.kinetic_of(moment.state.bead_masses()[mask], moment.velocities[mask]) / moment.units.energy
 
 
 def _momentum(moment: DeckMoment, compute: Compute) -> np.ndarray:
@@ -146,17 +150,10 @@ REDUCE = ComputeSpec(
 
 #: Compute styles by name.
 COMPUTES: dict[str, ComputeSpec] = {
-    "temp": ComputeSpec(
-        no_arguments("temp"),
-        lambda moment, compute: moment.temperature(compute),
-        lambda moment, compute: moment.kinetic_tensor(compute) / moment.units.energy,
-        extensive_vector=True,
-        size=lambda compute: 6,
-        needs=("velocities",),
-    ),
+    **TEMPERATURES,
     "ke": ComputeSpec(
         no_arguments("ke"),
-        lambda moment, compute: moment.kinetic_of(moment.state.group(compute.group)) / moment.units.energy,
+        _kinetic_energy,
         extensive=True,
         needs=("velocities",),
     ),
@@ -207,12 +204,12 @@ class BuiltIn:
 
 
 def _temperature_tensor(moment: DeckMoment) -> np.ndarray:
-    return moment.kinetic_tensor(None) / moment.units.energy
+    return moment.kinetic_tensor(moment.state.thermo_temp) / moment.units.energy
 
 
 BUILT_IN = {
     "thermo_temp": BuiltIn(
-        lambda moment: moment.temperature(),
+        lambda moment: moment.temperature(moment.state.thermo_temp),
         "temp",
         _temperature_tensor,
         # that of the built-in compute, whatever thermo_modify temp says
@@ -241,8 +238,10 @@ def check_built_in(name: str, indices: tuple[int, ...], word: str) -> None:
 def compute_of(state: DeckState, name: str, word: str = "") -> tuple[Compute, ComputeSpec]:
     """A compute of the deck and its style; ParameterError, which begins with ``word``, if there is none."""
     if name not in state.computes:
-        known = ", ".join([*BUILT_IN, *state.computes])
-        raise ParameterError(f"{word}{': ' if word else ''}there is no compute '{name}'; defined are {known}")
+        known = [*BUILT_IN, *state.computes]
+        raise ParameterError(
+            f"{word}{': ' if word else ''}there is no compute '{name}'; defined are {', '.join(known)}{read.near(name, known)}"
+        )
     compute = state.computes[name]
     return compute, COMPUTES[compute.style]
 
@@ -251,7 +250,7 @@ def average_of(state: DeckState, name: str) -> Any:
     """The :class:`~openmm_dpd.lammps.output.averages.AveragingFix` or force fix of this name; ParameterError if there is none."""
     average = None
     if name in state.fixes:
-        force = ForceVector(name) if state.fixes[name].style in FORCE_FIXES else None
+        force = ForceVector(name) if state.fixes[name].style in VECTOR_FIXES else None
         average = state.fixes[name].parameters.get("average", force)
     if average is None:
         raise ParameterError(
@@ -274,11 +273,13 @@ def is_extensive(state: DeckState, word: str) -> bool:
     return spec.is_extensive(compute, bool(indices))
 
 
-def check_value(state: DeckState, name: str, index: int | None, column: int | None, word: str = "") -> tuple[Compute, ComputeSpec]:
+def check_value(
+    state: DeckState, name: str, index: int | None = None, column: int | None = None, *, word: str = ""
+) -> tuple[Compute, ComputeSpec]:
     """The compute and its style; ParameterError unless ``c_name``, ``c_name[index]`` or ``c_name[index][column]`` may be a number."""
     compute, spec = compute_of(state, name, word)
     what = f"{word}{': ' if word else ''}compute {name} (style {compute.style})"
-    if spec.array is not None:
+    if spec.tabled(compute) and not (index is None and spec.scalar is not None):
         check_place(compute, spec, index, column)
     elif column is not None:
         raise ParameterError(f"{what} has no table of values")
@@ -306,7 +307,7 @@ def expanded(state: DeckState, words: Sequence[str], tables: bool = False) -> tu
             found.append(word)
             continue
         kind, name, index = match.groups()
-        if tables and not (kind == "c" and name in state.computes and COMPUTES[state.computes[name].style].array is not None):
+        if tables and not (kind == "c" and name in state.computes and COMPUTES[state.computes[name].style].tabled(state.computes[name])):
             found.append(word)
             continue
         size = count_of(state, kind, name)
@@ -323,4 +324,4 @@ def count_of(state: DeckState, kind: str, name: str) -> int:
     if name in BUILT_IN:
         return 6 if BUILT_IN[name].vector is not None else 0
     compute, spec = compute_of(state, name)
-    return spec.columns(compute) if spec.per_bead is not None or spec.array is not None else spec.size(compute)
+    return spec.columns(compute) if spec.per_bead is not None or spec.tabled(compute) else spec.size(compute)

@@ -1,7 +1,5 @@
 """Values of single beads: the words of ``compute property/atom`` and ``fix ave/chunk``, and the computes that have one value per bead."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

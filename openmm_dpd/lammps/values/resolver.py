@@ -1,14 +1,14 @@
 """What the names in a formula or a column stand for at one moment."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 
 from ...errors import ParameterError
-from ..language.expressions import Names, evaluate, evaluate_beads
+from ..language import arguments as read
+from ..language.expressions import ATOM_VALUES, Formula, Names, evaluate
 from ..language.lexer import substitute
+from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
 from ..state.records import ForceVector
 from .compute_spec import check_place, reference
@@ -31,7 +31,7 @@ class Resolver(DeckMoment, Names):
     def thermo(self, word: str) -> float:
         """Value of a thermo word."""
         if word not in WORDS:
-            raise ParameterError(f"there is no thermo word '{word}'; known are {', '.join(WORDS)}")
+            raise ParameterError(f"there is no thermo word '{word}'; known are {', '.join(WORDS)}{read.near(word, WORDS)}")
         return float(WORDS[word].value(self))
 
     def variable(self, name: str) -> float:
@@ -42,7 +42,7 @@ class Resolver(DeckMoment, Names):
         """Value of ``v_name`` where it stands by itself."""
         return self.state.variables.value(name, self.formula)
 
-    def compute(self, name: str, index: int | None, column: int | None = None) -> float:
+    def compute(self, name: str, index: int | None = None, column: int | None = None) -> float:
         """Value of ``c_name``, ``c_name[index]`` or ``c_name[index][column]``, not normalised."""
         if name in BUILT_IN:
             if index is None:
@@ -52,11 +52,11 @@ class Resolver(DeckMoment, Names):
         if column is None and self.is_bead_compute(name):
             return self._of_bead(name, index)
         compute, spec = check_value(self.state, name, index, column)
-        if spec.array is not None:
-            return float(spec.array(self, compute)[check_place(compute, spec, index, column)])
         if index is None:
             assert spec.scalar is not None
             return float(spec.scalar(self, compute))
+        if spec.array is not None and spec.tabled(compute):
+            return float(spec.array(self, compute)[check_place(compute, spec, index, column)])
         assert spec.vector is not None
         values = spec.vector(self, compute)
         if not 1 <= index <= len(values):
@@ -69,7 +69,7 @@ class Resolver(DeckMoment, Names):
         if built_in is not None and column is None:
             return built_in(self)
         compute, spec = compute_of(self.state, name)
-        if spec.array is not None and column is not None:
+        if spec.array is not None and spec.tabled(compute) and column is not None:
             return spec.array(self, compute)[:, column - 1]
         if spec.vector is None:
             raise ParameterError(f"compute {name} (style {compute.style}) has no vector")
@@ -99,6 +99,13 @@ class Resolver(DeckMoment, Names):
         except KeyError:
             raise ParameterError(f"{what}[{identity}]: there is no bead with the id {identity}") from None
 
+    def number(self, word: str) -> float:
+        """Value of ``c_id``, ``f_id`` or ``v_name``, perhaps with indices, where it stands by itself."""
+        kind, name, indices = reference(word)
+        if kind == "v":
+            return self.variable_alone(name)
+        return self.fix(name, *indices) if kind == "f" else self.compute(name, *indices)
+
     def fix(self, name: str, index: int | None = None, column: int | None = None) -> float:
         """Value of ``f_name``, ``f_name[index]`` or ``f_name[index][column]``: that of the last average, 0 before the first."""
         found, indices = average_of(self.state, name), [k for k in (index, column) if k is not None]
@@ -117,7 +124,7 @@ class Resolver(DeckMoment, Names):
             return before[name] / self.units.force
         if not average.size:
             raise ParameterError(f"there is no fix '{name}' with a vector")
-        return average.vector
+        return average.values
 
     # -- values of all beads ----------------------------------------------------------------------------
     def bead_values(self, word: str) -> np.ndarray:
@@ -157,7 +164,7 @@ class Resolver(DeckMoment, Names):
         if not mask.any():
             raise ParameterError(f"{function}({', '.join(arguments)}) asks for a group without beads")
         if function == "ke":
-            return self.kinetic_of(mask) / self.units.energy
+            return self.kinetic_of(masses, self.velocities[mask]) / self.units.energy
         if function == "bound":
             return self._bound(self.folded[0][mask], arguments)
         vectors = self.velocities if function == "vcm" else self.unwrapped
@@ -208,3 +215,57 @@ class Resolver(DeckMoment, Names):
             return arguments[0] + arguments[1] * elapsed
         phase = 2 * math.pi * elapsed / arguments[2]
         return arguments[0] + arguments[1] * (math.sin(phase) if function == "swiggle" else 1 - math.cos(phase))
+
+
+def present(state: DeckState) -> Resolver:
+    """A deck between two commands, with what was measured at its present step."""
+    sample = state.last_sample
+    return Resolver(state, sample if sample is not None and sample.step == state.step else None)
+
+
+# -- formulas of beads
+class _BeadFormula(Formula):
+    """One evaluation of a formula with a value for each bead."""
+
+    kind = "beads"
+    resolver: Resolver
+
+    def name(self, token: str):
+        if token in ("random", "normal"):
+            self.fail(f"{token} is supported in equal-style variables only")
+        if token.startswith("v_"):
+            return self.resolver.bead_variable(token[2:])
+        if token.startswith("c_") and self.resolver.is_bead_compute(token[2:]):
+            return self._of_compute(token[2:])
+        following = self.peek()[1]
+        if following == "(" or (following == "[" and token in ATOM_VALUES):
+            return super().name(token)
+        values = self.resolver.bead_word(token)
+        return super().name(token) if values is None else values
+
+    def _of_compute(self, name: str):
+        index = self.index()
+        whole = self.resolver.bead_compute(name, None)
+        if index is None or whole.ndim == 1:
+            if whole.ndim > 1:
+                self.fail(f"compute {name} has {whole.shape[1]} values per bead; use c_{name}[1] and so on")
+            return whole if index is None else self.resolver.compute(name, index)
+        if not 1 <= index <= whole.shape[1]:
+            self.fail(f"c_{name}[{index}] is out of range: compute {name} has {whole.shape[1]} values per bead")
+        return whole[:, index - 1]
+
+
+def evaluate_beads(text: str, resolver: Resolver, n: int) -> np.ndarray:
+    """(n,) values of an atom-style formula, such as ``0.5*mass*(vx^2+vy^2)``, one for each of n beads.
+
+    Raises
+    ------
+    ParameterError
+        As :func:`evaluate`, for any of the beads.
+    """
+    formula = _BeadFormula(text, resolver)
+    try:
+        with np.errstate(divide="raise", invalid="raise", over="raise"):
+            return np.broadcast_to(np.asarray(formula.value(), dtype=np.float64), (n,))
+    except FloatingPointError as error:
+        raise ParameterError(f"cannot evaluate the formula '{text}': {error}") from None

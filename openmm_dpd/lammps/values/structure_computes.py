@@ -1,7 +1,5 @@
 """Computes of structure and motion: ``rdf``, ``msd`` and ``gyration``."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -1,10 +1,9 @@
 """The table of thermo words: each is a value of a :class:`~openmm_dpd.lammps.state.moment.DeckMoment` in the deck's units."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -57,10 +56,6 @@ def _density(moment: DeckMoment) -> float:
     return moment.units.density * mass / moment.box.volume
 
 
-def _vector_length(row: int) -> Callable[[DeckMoment], float]:
-    return lambda moment: float(np.linalg.norm(moment.box.vectors[row]))
-
-
 def _cell_angle(first: int, second: int) -> Callable[[DeckMoment], float]:
     def angle(moment: DeckMoment) -> float:
         a, b = moment.box.vectors[[first, second]]
@@ -97,32 +92,31 @@ def _without_charges(moment: DeckMoment) -> float:
     return (moment.energy("pair_energy") - sum(moment.energy(name) for name in _CHARGES)) / moment.norm
 
 
-def _of_box(attribute: str, axis: int) -> Callable[[DeckMoment], float]:
-    return lambda moment: getattr(moment.box, attribute)[axis]
+def _entry(array: Callable[[DeckMoment], Sequence[float] | np.ndarray], k: int) -> Callable[[DeckMoment], float]:
+    return lambda moment: float(array(moment)[k])
 
 
 def _box_words() -> dict[str, Word]:
     words = {}
     for k, axis in enumerate("xyz"):
-        words[f"l{axis}"] = Word(f"L{axis}", _of_box("edges", k))
-        words[f"{axis}lo"] = Word(f"{axis.upper()}lo", _of_box("low", k))
-        words[f"{axis}hi"] = Word(f"{axis.upper()}hi", _of_box("high", k))
+        words[f"l{axis}"] = Word(f"L{axis}", _entry(lambda c: c.box.edges, k))
+        words[f"{axis}lo"] = Word(f"{axis.upper()}lo", _entry(lambda c: c.box.low, k))
+        words[f"{axis}hi"] = Word(f"{axis.upper()}hi", _entry(lambda c: c.box.high, k))
     for k, tilt in enumerate(("xy", "xz", "yz")):
-        words[tilt] = Word(tilt.capitalize(), _of_box("tilt", k))
+        words[tilt] = Word(tilt.capitalize(), _entry(lambda c: c.box.tilt, k))
     for k, name in enumerate("abc"):
-        words[f"cell{name}"] = Word(f"Cell{name}", _vector_length(k))
+        words[f"cell{name}"] = Word(f"Cell{name}", _entry(lambda c: [float(np.linalg.norm(row)) for row in c.box.vectors], k))
     for name, first, second in (("alpha", 1, 2), ("beta", 0, 2), ("gamma", 0, 1)):
         words[f"cell{name}"] = Word(f"Cell{name.capitalize()}", _cell_angle(first, second))
     return words
 
 
-def _pressure_component(index: int) -> Callable[[DeckMoment], float]:
-    return lambda moment: moment.pressure_component(index)
-
-
 def _tensor_words() -> dict[str, Word]:
     names = [f"{'xyz'[a]}{'xyz'[b]}" for a, b in AXES_OF_TENSOR]
-    return {f"p{name}": Word(f"P{name}", _pressure_component(k), needs=("virial_tensor",)) for k, name in enumerate(names)}
+    return {
+        f"p{name}": Word(f"P{name}", partial(DeckMoment.pressure_component, index=k), needs=("virial_tensor",))
+        for k, name in enumerate(names)
+    }
 
 
 #: Thermo words.  The last two are not LAMMPS's.

@@ -10,6 +10,7 @@ from collections import Counter
 from pathlib import Path
 
 from .areas import AREAS
+from .interruptions import Interruptions
 from .shrink import shrunk
 from .trial import FAILURES, OUTCOMES, Outcome, Trial, deck_of
 
@@ -22,11 +23,12 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--keep", type=Path, help="folder for failing decks and both outputs")
     parser.add_argument("--minutes", type=float, help="stop after so many minutes")
     parser.add_argument("--shrink", action="store_true", help="drop lines of failing decks as long as they fail in the same way")
+    parser.add_argument("--resume", action="store_true", help="no LAMMPS: interrupt each deck, resume it, and compare all files")
     parser.add_argument("--quiet", action="store_true", help="say only which seeds fail, and why")
     options = parser.parse_args(words)
     found: list[Outcome] = []
     begun = time.perf_counter()
-    with tempfile.TemporaryDirectory() as folder, Trial(Path(folder)) as trial:
+    with tempfile.TemporaryDirectory() as folder, (Interruptions if options.resume else Trial)(Path(folder) / "decks") as trial:
         for seed in _seeds(options.seeds):
             outcome = trial.of(seed, options.area)
             found.append(outcome)

@@ -22,6 +22,7 @@ from .pairs import pairs
 from .restarts import restarts
 from .runs import runs
 from .setup import setup
+from .streaming import streaming
 from .thermostats import thermostats
 
 #: Areas by name: weight, grammar.
@@ -42,5 +43,6 @@ AREAS: dict[str, tuple[float, Callable[[Draw], Deck]]] = {
     "output": (1.0, output),
     "minimizing": (0.5, minimizing),
     "restarts": (0.5, restarts),
+    "streaming": (1.0, streaming),
     "mistakes": (2.0, mistakes),
 }

@@ -1,0 +1,257 @@
+"""The present state of a Context that runs a scene, and sums over the forces in it.
+
+Where the pair force carries out whole steps its own engine sums: the list of pairs is there from the last step, and what is computed here
+the next step need not compute again.
+"""
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import openmm
+
+from ..built import BuiltSystem
+from ..errors import ParameterError
+from ..fields import per_dof, raw_fields
+from ..forces.pair_force import vectors
+from ..kernels import motion
+from ..kernels.columns import Totals
+from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, PairEngine
+from ..kernels.fields import TEMPERATURE
+from ..kernels.steps import StepLoop
+from ..made import acting, groups_of, masses_of
+from ..names import PAIR_FORCE, SLOW_STEP
+from ..plan import Plan
+from .kinetic_stress import kinetic_deficit, kinetic_stress
+from .stress_parts import Part, stress_parts
+from .temperature import noise_state
+
+
+class Conservative(NamedTuple):
+    """Potential energy, forces (N, 3) of everything that has one, those of the pair engine alone, and sums over the pair terms."""
+
+    potential: float
+    force: np.ndarray
+    held: np.ndarray
+    pairs: Totals
+
+
+class FrictionSums(NamedTuple):
+    """Forces (N, 3) and virials of friction and noise."""
+
+    force: np.ndarray
+    dissipative: float
+    random: float
+
+
+def why_no_stress(plan: Plan) -> str | None:
+    """Why there is no stress tensor of a scene, or None."""
+    if plan.scene.box is None:
+        return "there is no periodic box"
+    if plan.spec.fields is not None:
+        return "its beads have energies, temperatures or concentrations"
+    unknown = next((kind.name for kind in plan.kinds if not kind.has_stress), None)
+    return None if unknown is None else f"that of {unknown} is not known"
+
+
+def require_stress(plan: Plan) -> None:
+    """Raise ParameterError if there is none."""
+    reason = why_no_stress(plan)
+    if reason is not None:
+        raise ParameterError(f"no stress tensor of this scene: {reason}")
+
+
+class Present:
+    """Looks at Contexts that run what was built.
+
+    Parameters
+    ----------
+    built : BuiltSystem
+        Of a scene.
+
+    Attributes
+    ----------
+    x, v, box : arrays
+        Positions and velocities of the last :meth:`look`, and the box, None without.
+    forces : list of openmm.Force
+        Those in the System.
+    kT, seed, counter, dt
+        Thermal energy, key of the noise and step size.
+    changed : (N, 3) array or None
+        What was added to the velocities after the last step, whose forces have not seen it.
+    """
+
+    def __init__(self, built: BuiltSystem):
+        self.built, self.plan = built, built.plan
+        whole = built.integrator.whole
+        self._function = None if whole is None else whole.function
+        self._own = PairEngine(self.plan.spec) if self.plan.layers and whole is None else None
+        self._groups = built.integrator.getIntegrationForceGroups()
+        self.mass, self._deficit = masses_of(built.system), kinetic_deficit(self.plan.options.scheme)
+        self.changed: np.ndarray | None = None
+
+    def look(self, context: openmm.Context) -> openmm.State:
+        """Take over the state of a Context."""
+        self._context, self.forces = context, context.getSystem().getForces()
+        state = context.getState(positions=True, velocities=True)
+        self.x, self.v = vectors(state, openmm.State.Positions), vectors(state, openmm.State.Velocities)
+        self.box = None if self.plan.scene.box is None else state.getPeriodicBoxVectors(asNumpy=True)._value
+        self.kT, self.seed, self.counter, self.dt = noise_state(context, self.plan)
+        self._values: np.ndarray | None = None
+        self._prepared: PairEngine | None = None
+        return state
+
+    @property
+    def values(self) -> np.ndarray | None:
+        """(N, K) values of the fields; None if there are none."""
+        if self.plan.spec.fields is not None and self._values is None:
+            self._values = raw_fields(self._context, self.plan.spec.fields)
+        return self._values
+
+    @property
+    def engine(self) -> PairEngine | None:
+        """What evaluates the pair terms, with the lists of these positions; None without any."""
+        if self._prepared is None:
+            if self._function is None:
+                self._prepared = self._own
+            else:
+                local = self._function.thread_state()
+                self._function.scale_body_forces(local, self._context.getParameters())
+                self._prepared = local.engine
+            if self._prepared is not None:
+                self._prepared.prepare(self.x, self.box)
+        return self._prepared
+
+    @property
+    def _loop(self) -> StepLoop | None:
+        return None if self._function is None else self._function.thread_state().loop
+
+    # -- forces ------------------------------------------------------------------------------------------------------------------
+    def conservative(self, more: int = 0) -> Conservative:
+        """All conservative forces, with STRESS and LAPLACIAN of the pair terms if these are asked for."""
+        engine, loop, fields = self.engine, self._loop, self.plan.spec.fields
+        pairs, force = Totals(0.0, 0.0, 0.0), np.zeros_like(self.x) if engine is None else np.empty_like(self.x)
+        if loop is not None and not loop.spec.predicts:
+            pairs = loop.conserve(self.values, more)
+            force[...] = loop.force
+        elif engine is not None:
+            pairs = engine.sums(CONSERVATIVE | more, None, 0.0, 1.0, 0, 0, self.values, force)
+        # outside a step the pair force does not know the temperatures that a repulsion may depend on
+        if self._function is None and (fields is None or fields.kind != TEMPERATURE):
+            state = self._context.getState(forces=True, energy=True, groups=self._groups)
+            return Conservative(state.getPotentialEnergy()._value, state.getForces(asNumpy=True)._value, force, pairs)
+        groups = self._beside()
+        if not groups:
+            return Conservative(pairs.energy, force, force, pairs)
+        state = self._context.getState(forces=True, energy=True, groups=groups)
+        energy, beside = state.getPotentialEnergy()._value, state.getForces(asNumpy=True)._value
+        return Conservative(pairs.energy + energy, force + beside, force, pairs)
+
+    def _beside(self) -> set[int]:
+        """Groups of forces that act beside the pair force."""
+        beside = [force for force in acting(self.forces) if force.getName() != PAIR_FORCE]
+        return {group for force in beside for group in groups_of(force) if self._groups >> group & 1}
+
+    def friction(self, v: np.ndarray, conservative: Conservative) -> FrictionSums:
+        """Friction and noise at velocities (N, 3); in ``mvv`` at those that the last step saw."""
+        engine, last = self.engine, self._last_step(False)
+        if engine is None:
+            return FrictionSums(np.zeros_like(self.x), 0.0, 0.0)
+        if last is not None:
+            total, counted = last
+            return FrictionSums(total - conservative.held, counted.drag, counted.virial - conservative.pairs.virial - counted.drag)
+        force, counter = np.zeros_like(self.x), self.counter
+        if self.plan.options.predicting:
+            v = self.force_velocities()
+        if not self.plan.options.scheme.predicts:
+            counter += 1  # the last sweep's noise has already moved the beads; as a force it would be correlated with their positions
+        found = engine.sums(DISSIPATIVE | RANDOM, v, self.kT, self.dt, self.seed, counter, self.values, force)
+        return FrictionSums(force, found.drag, found.virial - found.drag)
+
+    def _last_step(self, tensor: bool) -> tuple[np.ndarray, Totals] | None:
+        """All forces of the last step (``mvv``) and their sums, if nothing has changed since."""
+        loop, engine = self._loop, self.engine
+        if loop is None or engine is None or not loop.spec.predicts or loop.forced != engine.number or loop.moment is None:
+            return None
+        if self.plan.spec.fields is not None:
+            return None  # the last step saw predicted ones
+        m = loop.moment
+        same = (m.kT, m.seed, m.counter, m.dt) == (self.kT, self.seed, self.counter, self.dt) and motion.same(self.v, m.v)
+        return (loop.force, loop.totals) if same and not (tensor and loop.totals.stress is None) else None
+
+    # -- stress tensors ----------------------------------------------------------------------------------------------------------
+    def stress(self, conservative: Conservative | None = None) -> np.ndarray:
+        """(6,) sums of r F (xx, yy, zz, xy, xz, yz) over pairs, bonds, angles, bonded segments and charges, kJ/mol.
+
+        Transverse friction makes a tensor asymmetric; as in LAMMPS xy is then the sum of r_x F_y.
+
+        Parameters
+        ----------
+        conservative : Conservative, optional
+            With the tensor, for conservative forces alone; otherwise all forces that move the beads, with friction and noise where they are
+            forces (``mvv``).
+        """
+        engine, pairs = self.engine, None if conservative is None else conservative.pairs
+        if pairs is None and engine is not None:
+            if self.plan.options.predicting:
+                pairs = self._of_all_forces(engine)
+            else:
+                pairs = self.conservative(STRESS).pairs
+        stress = np.zeros(6) if pairs is None or pairs.stress is None else pairs.stress.copy()
+        for part in self._stress_parts:
+            stress += part(self.x, self.box)
+        return stress
+
+    @cached_property
+    def _stress_parts(self) -> list[Part]:
+        return stress_parts(self.plan)
+
+    def _of_all_forces(self, engine: PairEngine) -> Totals:
+        loop, last = self._loop, self._last_step(True)
+        if loop is not None:
+            loop.tensor = True
+        if last is not None:
+            return last[1]
+        which = CONSERVATIVE | DISSIPATIVE | RANDOM | STRESS
+        return engine.sums(which, self.force_velocities(), self.kT, self.dt, self.seed, self.counter, self.values)
+
+    def radial_friction(self, v: np.ndarray) -> tuple[np.ndarray, float]:
+        """(6,) sums of r F over friction along the lines between beads, at velocities (N, 3); and sums of f gamma w^(2s) r^2."""
+        stress, moment = np.zeros(6), 0.0
+        for layer in [] if self.engine is None else self.engine.layers:
+            more = layer.radial_friction(v, self.kT)  # type: ignore[attr-defined]
+            stress, moment = stress + more[0], moment + more[1]
+        return stress, moment
+
+    # -- velocities --------------------------------------------------------------------------------------------------------------
+    def on_step(self, force: np.ndarray) -> np.ndarray:
+        """Velocities of the same moment as the positions: those of some schemes are a part of a kick behind."""
+        return self.plan.options.scheme.on_step(self.v, force, self.plan.spec.inv_mass, self.dt)
+
+    def kinetic_stress(self, v: np.ndarray, force: np.ndarray, product: Callable | None = None):
+        """:func:`.kinetic_stress.kinetic_stress` of the beads that move, with such velocities."""
+        rest = {} if product is None else {"product": product}
+        return kinetic_stress(self._deficit, self.mass, v, force, self.dt, self.plan.spec.inv_mass, **rest)
+
+    def force_velocities(self) -> np.ndarray:
+        """(N, 3) velocities (nm/ps) that the friction in the forces of ``mvv`` saw: half-step or predicted ones.
+
+        LAMMPS's pressure counts friction with these.
+        """
+        integrator, options = self._context.getIntegrator(), self.plan.options
+        v = self.v if self.changed is None else self.v - self.changed
+        acc = per_dof(integrator, "acc")  # 0 where there is no history yet
+        if options.lam == 0.5:
+            return v - 0.5 * self.dt * acc - self._slow_kick()
+        return np.where(np.any(acc != 0) & (self.mass > 0)[:, None], per_dof(integrator, "vp"), v)
+
+    def _slow_kick(self) -> np.ndarray | float:
+        """What forces that stay OpenMM's have added to the velocities after the last step, where the pair force carries out steps."""
+        integrator, options, groups = self._context.getIntegrator(), self.plan.options, self._beside()
+        begun = integrator.getGlobalVariableByName("valid_for") != -1.0
+        waiting = options.slow_every > 1 and integrator.getGlobalVariableByName(SLOW_STEP) != 0.0
+        if self.plan.unlooped is not None or not groups or not begun or waiting:
+            return 0.0
+        slow = self._context.getState(forces=True, groups=groups).getForces(asNumpy=True)._value
+        return options.slow_kicks[1] * self.dt * slow * self.plan.spec.inv_mass[:, None]

@@ -1,0 +1,284 @@
+"""A small deck for every compute, fix, output style, variable style and command that decks may have, by the package's own tables."""
+
+from __future__ import annotations
+
+from openmm_dpd.lammps.commands.fixes import AVERAGES, FIX_STYLES
+from openmm_dpd.lammps.language.variables import STYLES as VARIABLES
+from openmm_dpd.lammps.output.dumps import STYLES as DUMPS
+from openmm_dpd.lammps.output.thermo import STYLES as LAYOUTS
+from openmm_dpd.lammps.run.deck import COMMANDS
+from openmm_dpd.lammps.values.computes import COMPUTES
+
+#: Decks that a snippet is put into: what is in front of its two runs, and perhaps between them.
+BASES = {
+    "fluid": """units lj
+comm_modify vel yes
+HEAD
+region box block 0 3 0 3 0 3 units box
+create_box 2 box
+create_atoms 1 random 22 4243 box
+create_atoms 2 random 20 4244 box
+mass 1 1.0
+mass 2 2.0
+pair_style dpd 1.0 1.0 34387
+pair_coeff * * 25.0 4.5
+velocity all create 1.0 87287
+fix move all nve
+timestep 0.01
+thermo 3
+BEFORE
+run 7
+BETWEEN
+run 6
+""",
+    "energy": """units lj
+atom_style dpd
+comm_modify vel yes
+lattice sc 3
+region box block 0 3 0 3 0 3
+create_box 1 box
+create_atoms 1 box
+mass 1 1.0
+velocity all create 1.0 87287
+set atom * dpd/theta 1.0
+pair_style dpd/fdt/energy 1.0 34387
+pair_coeff * * 25.0 3.0 0.5
+HEAD
+fix move all nve
+timestep 0.01
+thermo 3
+BEFORE
+run 7
+BETWEEN
+run 6
+""",
+    "edpd": """units lj
+atom_style edpd
+comm_modify vel yes
+region box block 0 3.4 0 3.4 0 3.4 units box
+create_box 1 box
+create_atoms 1 random 100 4243 box
+mass 1 1.0
+set atom * edpd/temp 1.0
+set atom * edpd/cv 200.0
+velocity all create 1.0 87287
+pair_style edpd 1.58 34387
+pair_coeff * * 18.75 4.5 0.41 1.58 1.41e-5 2.0 1.58
+fix move all mvv/edpd 0.55
+timestep 0.01
+thermo 3
+BEFORE
+run 7
+BETWEEN
+run 6
+""",
+    "tdpd": """units lj
+atom_style tdpd 2
+comm_modify vel yes
+region box block 0 3.4 0 3.4 0 3.4 units box
+create_box 1 box
+create_atoms 1 random 100 4243 box
+mass 1 1.0
+set atom * cc 1 1.0
+set atom * cc 2 0.5
+velocity all create 1.0 87287
+pair_style tdpd 1.0 1.58 34387
+pair_coeff * * 18.75 4.5 0.41 1.58 1.58 1.0 1e-5 2.0 3.0 1e-5 2.0
+fix move all mvv/tdpd 0.5
+timestep 0.01
+thermo 3
+BEFORE
+run 7
+BETWEEN
+run 6
+""",
+    "bonds": """units lj
+atom_style angle
+comm_modify vel yes
+special_bonds lj 1.0 1.0 1.0
+bond_style harmonic
+angle_style harmonic
+read_data data.chain
+bond_coeff 1 50 0.5
+angle_coeff 1 5 180
+pair_style dpd 1.0 1.0 34387
+pair_coeff * * 25.0 4.5
+velocity all create 1.0 87287
+fix move all nve
+timestep 0.01
+thermo 2
+BEFORE
+run 7
+BETWEEN
+run 6
+""",
+}
+
+#: Files beside the decks.
+FILES = {
+    "data.chain": """three chains
+
+9 atoms
+6 bonds
+3 angles
+1 atom types
+1 bond types
+1 angle types
+0 3 xlo xhi
+0 3 ylo yhi
+0 3 zlo zhi
+
+Masses
+
+1 1.0
+
+Atoms # angle
+
+"""
+    + "".join(f"{3 * m + k + 1} {m + 1} 1 {0.4 + 0.5 * k} {0.7 + 0.8 * m} {0.5 + m}\n" for m in range(3) for k in range(3))
+    + "\nBonds\n\n"
+    + "".join(f"{2 * m + k + 1} 1 {3 * m + k + 1} {3 * m + k + 2}\n" for m in range(3) for k in range(2))
+    + "\nAngles\n\n"
+    + "".join(f"{m + 1} 1 {3 * m + 1} {3 * m + 2} {3 * m + 3}\n" for m in range(3)),
+    "eos.table": "# U(T)\n\nSOFT\nN 3\n\n1 0.1 5.0\n2 2.0 100.0\n3 5.0 400.0\n",
+    "more.in": "variable included equal 2*temp\n",
+}
+
+
+#: All that a deck knows of its beads in the end.
+_END = "write_data end.data\nwrite_restart end.restart\n"
+
+
+def deck(base: str = "fluid", before: str = "", between: str = "", head: str = "") -> str:
+    """A deck."""
+    return BASES[base].replace("HEAD", head).replace("BEFORE", before).replace("BETWEEN", between) + _END
+
+
+def averaged(*words: str, more: str = "") -> str:
+    """Averages of values in a file, over windows that a run does not end with."""
+    return f"fix a all ave/time 1 2 5 {' '.join(words)} file a.txt {more}"
+
+
+_HEAT = "fix heat all eos/cv 50.0\nfix bath all shardlow"
+
+SNIPPETS: dict[str, dict[str, str]] = {
+    "compute": {
+        "temp": deck(before="compute c all temp\n" + averaged("c_c", "c_c[1]")),
+        "temp/partial": deck(before="compute c all temp/partial 1 0 1\ncompute_modify c extra/dof 2\n" + averaged("c_c", "c_c[2]")),
+        "temp/profile": deck(
+            before="compute c all temp/profile 1 1 1 xyz 2 1 2\nthermo_modify temp c\n" + averaged("c_c", "c_thermo_press")
+        ),
+        "ke": deck(before="compute c all ke\n" + averaged("c_c", more="ave running")),
+        "pe": deck(before="compute c all pe pair\n" + averaged("c_c", more="ave window 2")),
+        "pressure": deck(before="compute c all pressure thermo_temp\n" + averaged("c_c", "c_c[4]", "c_thermo_press[1]")),
+        "com": deck(before="compute c all com\n" + averaged("c_c", more="mode vector")),
+        "momentum": deck(before="group one type 1\ncompute c one momentum\n" + averaged("c_c[*]")),
+        "dpd": deck("energy", "compute c all dpd\n" + averaged("c_c[*]"), head=_HEAT),
+        "reduce": deck(before="compute c all reduce max vx y\n" + averaged("c_c[1]", "c_c[2]", more="off 2")),
+        "chunk/atom": deck(before="compute c all chunk/atom bin/1d x lower 0.7 units box\nfix a all ave/chunk 1 2 5 c vx temp file a.txt"),
+        "rdf": deck(before="compute c all rdf 10 1 2 * *\n" + averaged("c_c[*]", more="mode vector")),
+        "msd": deck(before="compute c all msd average yes\ncompute d all msd com yes\n" + averaged("c_c[4]", "c_d[4]")),
+        "gyration": deck(before="compute c all gyration\n" + averaged("c_c", "c_c[5]")),
+        "property/atom": deck(before="compute c all property/atom xu vx\ndump d all custom 2 d.txt id c_c[1] c_c[2]"),
+        "ke/atom": deck(before="compute c all ke/atom\ncompute r all reduce sumsq c_c\n" + averaged("c_r")),
+        "dpd/atom": deck("energy", "compute c all dpd/atom\ndump d all custom 2 d.txt id c_c[1] c_c[4]", head=_HEAT),
+        "edpd/temp/atom": deck("edpd", "compute c all edpd/temp/atom\ndump d all custom 2 d.txt id c_c"),
+        "tdpd/cc/atom": deck("tdpd", "compute c all tdpd/cc/atom 2\ndump d all custom 2 d.txt id c_c"),
+    },
+    "fix": {
+        "nve": deck(before="group one type 1\nunfix move\nfix move one nve"),
+        "mvv/dpd": deck(before="unfix move\nfix move all mvv/dpd 0.65"),
+        "mvv/edpd": deck("edpd"),
+        "mvv/tdpd": deck("tdpd"),
+        "shardlow": deck("energy", head=_HEAT),
+        "dpd/energy": deck("energy", head="fix heat all eos/cv 50.0\nfix inside all dpd/energy"),
+        "eos/cv": deck("energy", "dump d all custom 3 d.txt id uCond uMech dpdTheta", head=_HEAT),
+        "eos/table": deck("energy", head="fix heat all eos/table linear eos.table 3 SOFT\nfix bath all shardlow"),
+        "edpd/source": deck("edpd", "fix warm all edpd/source cuboid 1 1 1 1 1 1 0.1"),
+        "tdpd/source": deck("tdpd", "fix warm all tdpd/source 1 sphere 1.5 1.5 1.5 1 0.1"),
+        "nph": deck("energy", head=f"{_HEAT}\nfix box all nph iso 20.0 20.0 1.0").replace("fix move all nve\n", ""),
+        "addforce": deck(before="variable push atom 0.5*(x<1)\nfix push all addforce v_push 0 0.5\n" + averaged("f_push[1]")),
+        "gravity": deck(before="variable g equal 0.1*PI\nfix down all gravity v_g vector 1 0 1"),
+        "setforce": deck(before="group one id 1 2\nfix hold one setforce 0 NULL 0"),
+        "wall/reflect": deck(head="boundary p p f", before="fix wall all wall/reflect zlo EDGE zhi EDGE"),
+        "momentum": deck(before="fix still all momentum 3 linear 1 1 1 angular rescale"),
+        "print": deck(before='fix say all print 2 "at $(step) $(temp)" file say.txt title begun'),
+        "ave/time": deck(before=averaged("c_thermo_temp", more="overwrite") + "\nfix b all ave/time 1 2 5 f_a append b.txt start 4"),
+        "ave/correlate": deck(
+            before="fix c all ave/correlate 1 3 6 c_thermo_temp c_thermo_press type auto/upper ave running file a.txt\n"
+            "fix d all ave/correlate 2 2 4 c_thermo_temp c_thermo_temp type full ave running overwrite file b.txt"
+        ),
+        "ave/chunk": deck(
+            before="compute c all chunk/atom bin/2d x lower 0.7 z center 1.1 units box\n"
+            "fix a all ave/chunk 1 2 5 c vx density/number file a.txt ave window 2 norm sample"
+        ),
+    },
+    "dump": {
+        "atom": deck(before="dump d all atom 2 d.txt\ndump e all atom 3 d.*.txt"),
+        "custom": deck(before="dump d all custom 2 d.txt id x vx\ndump_modify d first yes every 3", between="undump d"),
+        "dcd": deck(before="dump d all dcd 2 d.dcd\ndump_modify d unwrap yes"),
+        "xtc": deck(before="dump d all xtc 2 d.xtc\ndump_modify d precision 10000"),
+        "xyz": deck(before="dump d all xyz 2 d.xyz\ndump_modify d element C O"),
+    },
+    "layout": {
+        "one": deck(before="thermo_style one"),
+        "multi": deck(before="thermo_style multi", between="thermo_modify norm no"),
+        "yaml": deck(before="thermo_style yaml"),
+    },
+    "variable": {
+        "equal": deck(before='variable v equal "random(0,1,77) + temp"\nthermo_style custom step v_v', between="print $(v_v)"),
+        "atom": deck(before="variable v atom x*vx\ncompute c all reduce sum v_v\n" + averaged("c_c")),
+        "string": deck(before="variable v string first", between='variable v string "$(temp)"\nprint ${v}'),
+        "index": deck(before="variable v index a b", between="next v\nprint ${v}"),
+        "loop": deck(before="variable v loop 2", between="label again\nrun 2\nnext v\njump SELF again"),
+        "format": deck(before="variable v equal temp\nvariable w format v %.3f", between="print ${w}"),
+        "getenv": deck(before="variable v getenv HOME\nprint ${v}"),
+        "delete": deck(before="variable v equal temp", between="variable v delete\nvariable v string new\nprint ${v}"),
+    },
+    "command": {
+        "boundary": deck(
+            head="boundary p p p\ndimension 3\natom_style atomic\natom_modify sort 0 0\nneighbor 0.3 bin\nneigh_modify every 1"
+        ),
+        "echo": deck(
+            head="echo none\ninfo system\nlog none\nnewton on\npackage omp 1\nprocessors * * *\nsuffix off\ntimer off\ncomm_style brick"
+        ),
+        "run_style": deck(before="run_style verlet\nmin_style cg\nmin_modify norm inf", between="minimize 1e-3 1e-3 5 20"),
+        "delete_atoms": deck(head="atom_modify sort 0 0", between="group gone id 3 4\ndelete_atoms group gone\nreset_atoms id"),
+        "reset_ids": deck(
+            head="atom_modify sort 0 0", between="group gone id 3\ndelete_atoms group gone compress no\nreset_ids\nreset_atom_ids"
+        ),
+        "write_dump": deck(between="write_dump all custom now.txt id x vx modify sort id"),
+        "set": deck(between="variable v atom 0.1*id\nset atom * vx v_v\nset atom 1*3 type 2\nmass 2 1.5\nvelocity all scale 0.5"),
+        "displace_atoms": deck(between="displace_atoms all random 0.1 0.1 0.1 31 units box"),
+        "replicate": deck(before="replicate 1 1 2", between="velocity all scale $(temp)"),
+        "pair_modify": deck(before="pair_modify shift no", between="pair_coeff * * 20.0 4.0"),
+        "write_restart": deck(before="restart 3 a.*.restart", between="write_restart b.restart\nrestart 4 c.restart d.restart"),
+        "reset_timestep": deck(between="reset_timestep 3\ntimestep 0.02\nthermo_modify format float %.12g"),
+        "uncompute": deck(before="compute c all temp\nthermo_style custom step c_c", between="thermo_style one\nuncompute c"),
+        "write_data": deck(between="write_data between.data", before="dump d all atom 2 d.txt"),
+        "print": deck(between='print "$(temp)" append said.txt\nprint "$(step)" append said.txt screen no'),
+        "include": deck(before="include more.in", between='if "$(v_included) > 0" then "run 2" else "run 3"'),
+        "quit": deck(between="run 4 every 2 NULL\nrun 3 every 1 \"print '$(temp)'\"\nquit"),
+        "bond_style": deck("bonds", "thermo_style custom step temp ebond eangle\ndump d all custom 2 d.txt id xu"),
+        "read_restart": "read_restart b.restart\nfix move all nve\nthermo 2\nrun 5\nrun 4\n",
+        "kspace_style": deck(
+            head="atom_style charge",
+            before="group spare id 1 2\ndelete_atoms group spare\nset type 1 charge 0.5\nset type 2 charge -0.5\n"
+            "pair_style dpd/coul/slater/long 1.0 1.0 341 0.25 1.4\npair_coeff * * 25.0 4.5 yes\n"
+            "kspace_style ewald 1e-3\nkspace_modify gewald 2.5\ndielectric 0.2",
+        ),
+    },
+}
+
+#: What there is of each kind.
+TABLES: dict[str, set[str]] = {
+    "compute": set(COMPUTES),
+    "fix": {*FIX_STYLES, *AVERAGES},
+    "dump": set(DUMPS),
+    "layout": set(LAYOUTS),
+    "variable": set(VARIABLES),
+    # by the words that lines of all decks begin with
+    "command": set(COMMANDS),
+}
+
+WORDS = {line.split()[0] for kind in SNIPPETS.values() for text in kind.values() for line in text.splitlines() if line}

@@ -1,0 +1,78 @@
+"""Lists and scratch of the engine after an error before any of its lines: the next forces are those of a new engine, bit for bit."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from kinds import KINDS, SEED
+from lines import PACKAGE, Lines
+
+import openmm_dpd as dpd
+from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
+from openmm_dpd.kernels.threads import set_threads
+
+KERNELS = f"{Path(PACKAGE) / 'kernels'}{os.sep}"
+
+ROOM = {"build", "grid", "_resize", "bin", "list", "_make_room", "scratch"}
+
+#: Kind of scene, what the positions are multiplied with for the forces that are interrupted, how many threads there are, how the names of
+#: the files begin in whose lines that happens, and what is called there.
+CASES = {
+    "the box grows": ("dpd", 1.4, 1, "", ROOM),
+    "the box becomes small": ("tilted", 0.8, 1, "", ROOM),
+    "no box": ("no box", 1.3, 1, "", ROOM),
+    "columns become full": ("no box", 0.35, 1, "", ROOM),
+    "many-body": ("mdpd lucy", 1.4, 1, "", ROOM | {"_sorted_densities"}),
+    "internal energies": ("energies", 1.4, 1, "", ROOM),
+    "threads": ("dpd", 1.4, 2, "", ROOM),
+    "segments": ("bonded", 1.25, 1, "segments", {"forces", "_set_reach"}),
+    "charges": ("charged", 1.25, 1, "charges", {"_prepare", "_space_for"}),
+}
+
+
+def forces_at(engine: PairEngine, place: tuple, scene: dpd.Scene) -> list[np.ndarray]:
+    """Everything that an engine computes at positions in a box."""
+    x, box = place
+    engine.prepare(x, box)
+    fields = None if engine.spec.fields is None else engine.spec.fields.initial
+    conditions = (1.0, 0.01, 1, 2, fields)
+    found = [*engine.forces(CONSERVATIVE | DISSIPATIVE | RANDOM, scene.velocities, *conditions), engine.rates.copy()]
+    if engine.spec.sweeps:
+        found += [engine.swept(scene.velocities, *conditions), engine.increments.copy()]
+    return [np.array(values) for values in found]
+
+
+@pytest.fixture
+def threads(request):
+    set_threads(request.param)
+    yield
+    set_threads(1)
+
+
+@pytest.mark.parametrize(("kind", "scale", "threads", "files", "called"), CASES.values(), ids=CASES, indirect=["threads"])
+def test_an_error_before_any_line(kind, scale, threads, files, called):
+    """Where the list gets other cells or more room, too: the next forces there, and back at the first place."""
+    scene = KINDS[kind]()
+    built = dpd.build(scene, dt=0.01, scheme="middle", platform="CPU", conservative="kernel", seed=SEED)
+    spec = built.integrator.whole.function.spec
+    places = [(scene.positions * s, None if scene.box is None else np.array(scene.box) * s) for s in (1.0, scale)]
+    expected = [forces_at(PairEngine(spec), place, scene) for place in places]
+    calm = PairEngine(spec)
+    forces_at(calm, places[0], scene)
+    with Lines(files=KERNELS + files) as trace:
+        forces_at(calm, places[1], scene)
+    assert called <= set(trace.functions)
+    wrong = []
+    for at in range(1, len(trace.functions) + 1):
+        engine = PairEngine(spec)
+        forces_at(engine, places[0], scene)
+        with pytest.raises(MemoryError), Lines(at, MemoryError(), KERNELS + files):
+            forces_at(engine, places[1], scene)
+        for which in (1, 0):
+            found = forces_at(engine, places[which], scene)
+            if not all(map(np.array_equal, found, expected[which])):
+                wrong.append((at, trace.functions[at - 1], which))
+    assert not wrong
