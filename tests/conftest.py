@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 from collections.abc import Iterator
 from functools import cache
-from pathlib import Path
 
 # a shell that starts the tests in the background has them ignore Ctrl-C, which some are about
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -15,7 +13,6 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 # a second thread can be asked for on any machine; has to be set before numba is imported
 os.environ.setdefault("NUMBA_NUM_THREADS", "2")
-sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 import numba
 import openmm

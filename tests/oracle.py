@@ -341,16 +341,6 @@ def bababo_step(x, v, inv_m, dt, conservative_force, sweep_at):
 # --------------------------------------------------------------------------------------------- measurements
 
 
-def configurational_temperature(forces, laplacian) -> float:
-    """kT = <|grad U|^2> / <lap U>; one frame (N, 3) and its Laplacian, or stacks (F, N, 3) and (F,)."""
-    return float(np.sum(np.asarray(forces) ** 2) / np.sum(laplacian))
-
-
-def kinetic_temperature(m, v, dof: float) -> float:
-    """kT = sum m v^2 / dof."""
-    return float(np.sum(np.asarray(m)[:, None] * np.asarray(v) ** 2) / dof)
-
-
 def pressure(m, v, virial: float, box) -> float:
     """P = (sum m v^2 + virial) / (3 V), virial = sum r_ij . F."""
     return float((np.sum(np.asarray(m)[:, None] * np.asarray(v) ** 2) + virial) / (3.0 * volume(box)))

@@ -234,17 +234,6 @@ def in_cuboid(x, centre, lengths) -> np.ndarray:
     return np.all(np.abs(np.asarray(x, dtype=float) - centre) <= 0.5 * np.asarray(lengths, dtype=float), axis=1)
 
 
-def in_block_region(x, low, high) -> np.ndarray:
-    """Beads with ``low <= x <= high`` in each direction (no periodic images); infinite bounds are allowed."""
-    x = np.asarray(x, dtype=float)
-    return np.all((x >= low) & (x <= high), axis=1)
-
-
-def in_sphere_region(x, centre, radius: float) -> np.ndarray:
-    """Beads with ``|x - centre| <= radius`` (no periodic images)."""
-    return np.sum((np.asarray(x, dtype=float) - centre) ** 2, axis=1) <= radius**2
-
-
 def edpd_source(inside, rate: float, cv) -> np.ndarray:
     """Heat ``q_i = rate Cv_i`` of the beads inside: ``rate`` is a dT/dt."""
     return np.where(inside, rate * np.asarray(cv, dtype=float), 0.0)
@@ -312,11 +301,3 @@ def mvv_tdpd_step(x, v, C, f, Q, masses, dt, lam, rates_at) -> TdpdState:
     x = x + dt * v_half
     f, Q = rates_at(x, v + lam * dt * f / m, C)
     return TdpdState(x, v_half + 0.5 * dt * f / m, C + 0.5 * dt * Q, f, Q)
-
-
-def mean_diffusivity(rho: float, kappa: float, cutoff: float, power: float) -> float:
-    """``D = (2 pi rho kappa/3) rcC^5 24/[(n+1)(n+2)(n+3)(n+4)(n+5)]`` of a uniform fluid, n = power.
-
-    Heat conduction of eDPD at T = 1: the same with ``kappa -> Cv kappa``.
-    """
-    return float(2.0 * np.pi * rho * kappa / 3.0 * cutoff**5 * 24.0 / np.prod(power + np.arange(1, 6)))

@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import openmm
 import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 from judged import any_seed, bounded, judge
 from scenes import beads
 

@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
+from atlas_parts.scenes import SCENES, deviations, fluid
 from judged import any_seed
 
 import openmm_dpd as dpd
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
-
-from atlas_parts.scenes import SCENES, deviations, fluid  # noqa: E402
 
 #: Density, friction, repulsion, exponent; nothing here is a point of the table.
 FLUIDS = {"stiffer": (3.0, 20.0, 40.0, 1.0), "denser": (5.0, 2.5, 15.0, 1.0), "softer noise": (3.5, 80.0, 30.0, 0.7)}

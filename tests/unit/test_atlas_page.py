@@ -4,23 +4,19 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+import scaling
+from atlas_parts import maps, page
+from atlas_parts.errors import crossing, errors, norm, reference
+from atlas_parts.fluids import FLUIDS, methods
+from atlas_parts.sampling import BINS, Series, histogram, slope
+from atlas_parts.store import Store, key
+from atlas_parts.summary import merged, short
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "benchmarks"))
-
-import scaling  # noqa: E402
-from atlas_parts import maps, page  # noqa: E402
-from atlas_parts.errors import crossing, errors, norm, reference  # noqa: E402
-from atlas_parts.fluids import FLUIDS, methods  # noqa: E402
-from atlas_parts.sampling import BINS, Series, histogram, slope  # noqa: E402
-from atlas_parts.store import Store, key  # noqa: E402
-from atlas_parts.summary import merged, short  # noqa: E402
-
 PAGE = (ROOT / "docs" / "atlas.md").read_text(encoding="utf-8")
 ATLAS = ROOT / "docs" / "atlas.json"
 

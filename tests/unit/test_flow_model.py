@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import openmm
 import pytest
 from openmm import unit
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 from scenes import beads, fluid
 
 import openmm_dpd as dpd

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import shutil
-import sys
 from pathlib import Path
 
+import lammps_peer
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-import lammps_peer
 
 from openmm_dpd.lammps import RunOptions, read_deck
 from openmm_dpd.lammps.output.data_writer import data_file_lines

@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
+import lammps_peer
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-import lammps_peer
 from lammps_beads import ours, same_beads, theirs
 
 from openmm_dpd.errors import DeckError

@@ -2,14 +2,8 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
-import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 import lammps_peer
+import pytest
 from test_lammps_thermo_live import both, numbers
 
 MISSING = lammps_peer.why_missing()

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
-import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 import lammps_peer
+import pytest
 from test_lammps_moving import chains
 
 from openmm_dpd.errors import DeckError

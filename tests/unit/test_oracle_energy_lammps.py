@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
-import numpy as np
-import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 import lammps_steps
+import numpy as np
 import oracle_energy as oe
+import pytest
 
 A = np.array([[25.0, 31.0], [31.0, 18.0]])
 SIGMA = np.array([[3.0, 2.0], [2.0, 4.0]])

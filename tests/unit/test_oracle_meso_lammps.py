@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
-import numpy as np
-import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 import lammps_steps
+import numpy as np
 import oracle_energy as oe
 import oracle_meso as om
+import pytest
 
 EDPD = {
     "A": np.array([[25.0, 31.0], [31.0, 18.0]]),

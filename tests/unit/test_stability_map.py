@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 import copy
-import sys
-from pathlib import Path
 
 import pytest
+import stability
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
-
-import stability  # noqa: E402
-
-from openmm_dpd.stability_table import StabilityTable  # noqa: E402
+from openmm_dpd.stability_table import StabilityTable
 
 
 def smooth() -> dict:

@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from openmm import unit
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 from scenes import beads, chains, fluid
 
 import openmm_dpd as dpd
