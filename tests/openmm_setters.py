@@ -1,6 +1,6 @@
-"""Everything in OpenMM's forces that changes something, and what a change between two steps does.
+"""Changes of OpenMM's forces between two steps, of every class some, and all methods of System, Context and integrators; and what they do.
 
-A block begins with a class and how a force of it is made for :data:`N` particles (``f``); then comes a line for each setter: its name, what
+A block begins with a class and how a force of it is made for :data:`N` particles (``f``); then comes a line for a setter: its name, what
 it does, its arguments, and further statements where it means nothing alone.  Lines of a block are walked one after the other.  With
 OpenMM's own integrators, and so with those of the package, a change
 
@@ -62,239 +62,90 @@ CustomExternalForce('k*s*x^2'); f.addGlobalParameter('k', 1); f.addPerParticlePa
   setParticleParameters         update   1, 1, [0.8]
   addParticle                   anew     3, [2.0]
   setEnergyFunction             anew     'k*s*(x^2+y^2)'
-  setPerParticleParameterName   anew     0, 'q'; f.setEnergyFunction('k*q*(x^2+y^3)')
-  addPerParticleParameter       anew     't'; [f.setParticleParameters(i, i % N, [0.5, 0.2]) for i in range(N + 1)]; f.setEnergyFunction('q*t*k*x')
+  addPerParticleParameter       anew     't'; [f.setParticleParameters(i, i % N, [0.5, 0.2]) for i in range(N + 1)]; f.setEnergyFunction('s*t*k*x')
   setGlobalParameterDefaultValue never   0, 3.0
-  addGlobalParameter            never    'more', 3.0
-  setGlobalParameterName        anew     0, 'g'; f.setEnergyFunction('q*g*y')
 
 CustomBondForce('k*s*r'); f.addGlobalParameter('k', 1); f.addPerBondParameter('s'); f.addBond(0, 1, [2.0])
   setBondParameters             update   0, 0, 1, [1.5]
   addBond                       anew     2, 3, [2.0]
-  setEnergyFunction             anew     'k*s*r^2'
-  setPerBondParameterName       anew     0, 'q'; f.setEnergyFunction('k*q*r^3')
-  addPerBondParameter           anew     't'; [f.setBondParameters(i, 2 * i, 2 * i + 1, [1.0, 0.7]) for i in (0, 1)]; f.setEnergyFunction('k*q*t*r')
-  setGlobalParameterDefaultValue never   0, 3.0
-  addGlobalParameter            never    'more', 3.0
-  addEnergyParameterDerivative  never    'more'
-  setGlobalParameterName        anew     0, 'g'; f.setEnergyFunction('q*g*r')
-  setUsesPeriodicBoundaryConditions anew True; f.setBondParameters(0, 0, 7, [1.0, 1.0])
 
 CustomAngleForce('k*s*theta'); f.addGlobalParameter('k', 1); f.addPerAngleParameter('s'); f.addAngle(0, 1, 2, [2.0])
   setAngleParameters            update   0, 0, 1, 2, [1.5]
   addAngle                      anew     3, 4, 6, [2.0]
-  setEnergyFunction             anew     'k*s*theta^2'
-  setPerAngleParameterName      anew     0, 'q'; f.setEnergyFunction('k*q*theta^3')
-  addPerAngleParameter          anew     't'; [f.setAngleParameters(i, i, 1 + i, 5 + i, [1.0, 0.7]) for i in (0, 1)]; f.setEnergyFunction('k*q*t*theta')
-  setGlobalParameterDefaultValue never   0, 3.0
-  addGlobalParameter            never    'more', 3.0
-  addEnergyParameterDerivative  never    'more'
-  setGlobalParameterName        anew     0, 'g'; f.setEnergyFunction('q*g*theta')
-  setUsesPeriodicBoundaryConditions anew True; f.setAngleParameters(0, 0, 7, 3, [1.0, 1.0])
 
 CustomTorsionForce('k*s*theta'); f.addGlobalParameter('k', 1); f.addPerTorsionParameter('s'); f.addTorsion(0, 1, 3, 7, [2.0])
   setTorsionParameters          update   0, 0, 1, 3, 7, [1.5]
   addTorsion                    anew     2, 3, 1, 5, [2.0]
-  setEnergyFunction             anew     'k*s*cos(theta)'
-  setPerTorsionParameterName    anew     0, 'q'; f.setEnergyFunction('k*q*sin(theta)')
-  addPerTorsionParameter        anew     't'; [f.setTorsionParameters(i, 5 * i, 1, 3, 7, [1.0, 0.7]) for i in (0, 1)]; f.setEnergyFunction('k*q*t*theta')
-  setGlobalParameterDefaultValue never   0, 3.0
-  addGlobalParameter            never    'more', 3.0
-  addEnergyParameterDerivative  never    'more'
-  setGlobalParameterName        anew     0, 'g'; f.setEnergyFunction('q*g*theta')
-  setUsesPeriodicBoundaryConditions anew True; f.setTorsionParameters(0, 7, 0, 3, 5, [1.0, 1.0])
 
 CustomCompoundBondForce(2, 'k*s*distance(p1,p2)'); f.addGlobalParameter('k', 1); f.addPerBondParameter('s'); f.addBond([0, 1], [2.0])
   setBondParameters             update   0, [0, 1], [1.5]
   addBond                       anew     [2, 3], [2.0]
-  setEnergyFunction             anew     'k*s*distance(p1,p2)^2'
-  addTabulatedFunction          anew     'tab', table(); f.setEnergyFunction('k*s*tab(distance(p1,p2))')
-  addFunction                   anew     'fun', [1, 2, 9], 0, 9; f.setEnergyFunction('k*s*fun(distance(p1,p2))')
-  setFunctionParameters         anew     1, 'fun', [1, 7, 3], 0, 9
-  setPerBondParameterName       anew     0, 'q'; f.setEnergyFunction('k*q*distance(p1,p2)^3')
-  addPerBondParameter           anew     't'; [f.setBondParameters(i, [i, 5], [1.0, 0.7]) for i in (0, 1)]; f.setEnergyFunction('k*q*t*x1')
-  setGlobalParameterDefaultValue never   0, 3.0
-  addGlobalParameter            never    'more', 3.0
-  addEnergyParameterDerivative  never    'more'
-  setGlobalParameterName        anew     0, 'g'; f.setEnergyFunction('q*g*distance(p1,p2)')
-  setUsesPeriodicBoundaryConditions anew True; f.setBondParameters(0, [0, 7], [1.0, 1.0])
 
 CustomCentroidBondForce(2, 'k*s*distance(g1,g2)'); [f.addGroup([2 * i, 2 * i + 1], [1, 1]) for i in range(4)]; f.addGlobalParameter('k', 1); \
 f.addPerBondParameter('s'); f.addBond([0, 1], [2.0])
   setBondParameters             update   0, [0, 1], [1.5]
   addBond                       anew     [2, 3], [2.0]
-  setGroupParameters            anew     0, [0, 1], [1, 3]
-  addGroup                      anew     [0, 3], [1, 2]; f.addBond([3, 4], [1.0])
-  setEnergyFunction             anew     'k*s*distance(g1,g2)^2'
-  addTabulatedFunction          anew     'tab', table(); f.setEnergyFunction('k*s*tab(distance(g1,g2))')
-  setPerBondParameterName       anew     0, 'q'; f.setEnergyFunction('k*q*distance(g1,g2)^3')
-  addPerBondParameter           anew     't'; [f.setBondParameters(i, [i, 3], [1.0, 0.7]) for i in (0, 1, 2)]; f.setEnergyFunction('k*q*t*x1')
-  setGlobalParameterDefaultValue never   0, 3.0
-  addGlobalParameter            never    'more', 3.0
-  addEnergyParameterDerivative  never    'more'
-  setGlobalParameterName        anew     0, 'g'; f.setEnergyFunction('q*g*distance(g1,g2)')
-  setUsesPeriodicBoundaryConditions anew True; f.setGroupParameters(1, [2, 7], [1, 1])
 
 CustomNonbondedForce('k*s1*s2*r'); f.addGlobalParameter('k', 0.1); f.addPerParticleParameter('s'); [f.addParticle([1.0]) for i in range(N)]; \
 f.setNonbondedMethod(1); f.setCutoffDistance(1.9); f.addExclusion(0, 1)
   setParticleParameters         update   0, [1.5]
   setEnergyFunction             anew     'k*s1*s2*r^2'
   setCutoffDistance             anew     1.5
-  addTabulatedFunction          anew     'tab', table(); f.setEnergyFunction('k*s1*s2*tab(r)')
-  addFunction                   anew     'fun', [1, 2, 9], 0, 9; f.setEnergyFunction('k*s1*s2*fun(r)')
-  setFunctionParameters         anew     1, 'fun', [1, 7, 3], 0, 9
-  addComputedValue              anew     'c', '2*s'; f.setEnergyFunction('k*c1*c2*r')
-  setComputedValueParameters    anew     0, 'c', '3*s'
-  addExclusion                  anew     2, 3
-  setExclusionParticles         anew     0, 4, 5
   setSwitchingDistance          never    1.1
-  setUseSwitchingFunction       anew     True
-  addInteractionGroup           anew     [0, 1, 2], [4, 5, 3]
-  setInteractionGroupParameters anew     0, [0, 1, 2, 7], [4, 5, 3]
-  setNonbondedMethod            anew     2; f.setCutoffDistance(1.9)
-  setUseLongRangeCorrection     never    False
-  setPerParticleParameterName   anew     0, 'q'; f.setComputedValueParameters(0, 'c', '3*q^2')
-  addPerParticleParameter       anew     't'; [f.setParticleParameters(i, [1.0, 0.7]) for i in range(N)]; f.setEnergyFunction('k*t1*t2*r')
-  setGlobalParameterDefaultValue never   0, 3.0
-  addGlobalParameter            never    'more', 3.0
-  setGlobalParameterName        anew     0, 'g'; f.setEnergyFunction('g*r')
   addEnergyParameterDerivative  refused  'more'
-  addParticle                   refused  [1.0, 1.0]
 
 NonbondedForce(); [f.addParticle(0.2, 1.0, 0.5) for i in range(N)]; f.setNonbondedMethod(2); f.setCutoffDistance(1.6); f.addException(0, 1, 0, 1, 0); \
 f.addGlobalParameter('k', 1); f.addParticleParameterOffset('k', 0, 0.1, 0, 0); f.addExceptionParameterOffset('k', 0, 0.1, 0, 0)
   setParticleParameters         update   1, 0.3, 1.0, 0.5
   setExceptionParameters        update   0, 0, 1, 0.02, 1, 0
   setParticleParameterOffset    anew     0, 'k', 0, 0.2, 0, 0
-  addParticleParameterOffset    anew     'k', 1, 0.1, 0, 0
-  setExceptionParameterOffset   anew     0, 'k', 0, 0.3, 0, 0
-  addExceptionParameterOffset   anew     'k', 0, 0.1, 0.1, 0
-  addException                  anew     2, 3, 0.1, 1, 0.1
-  addException_usingRMin        anew     4, 5, 0.1, 1, 0.1
   setCutoffDistance             anew     1.4
-  setReactionFieldDielectric    anew     10
-  setSwitchingDistance          never    1.0
-  setUseSwitchingFunction       anew     True
   setNonbondedMethod            anew     4
-  setEwaldErrorTolerance        anew     0.05
-  setPMEParameters              anew     2.0, 10, 10, 10
-  setLJPMEParameters            never    2.0, 10, 10, 10
-  setReciprocalSpaceForceGroup  never    3
-  setExceptionsUsePeriodicBoundaryConditions anew True; f.addException(1, 6, 0.5, 1, 0.1)
-  setIncludeDirectSpace         anew     False
-  setUseDispersionCorrection    never    False
-  setGlobalParameterDefaultValue never   0, 3.0
-  setGlobalParameterName        anew     0, 'g'
-  addGlobalParameter            never    'more', 3.0
   addParticle                   refused  0, 1, 0
-  addParticle_usingRVdw         refused  0, 1, 0
 
 CustomGBForce(); f.addGlobalParameter('k', 0.1); f.addPerParticleParameter('s'); [f.addParticle([1.0]) for i in range(N)]; f.setNonbondedMethod(1); \
 f.setCutoffDistance(1.9); f.addComputedValue('c', 's1*s2*r', 1); f.addEnergyTerm('k*c1*c2*r', 1); f.addExclusion(0, 1)
   setParticleParameters         update   0, [1.5]
   setEnergyTermParameters       anew     0, 'k*c1*c2*r^2', 1
-  addEnergyTerm                 anew     'k*c*x', 0
-  setComputedValueParameters    anew     0, 'c', '2*s1*s2*r', 1
-  addComputedValue              anew     'd', '3*s', 0; f.setEnergyTermParameters(0, 'k*d1*d2*r', 1)
-  addTabulatedFunction          anew     'tab', table(); f.setEnergyTermParameters(0, 'k*tab(r)', 1)
-  addFunction                   anew     'fun', [1, 2, 9], 0, 9; f.setEnergyTermParameters(0, 'k*fun(r)', 1)
-  setFunctionParameters         anew     1, 'fun', [1, 7, 3], 0, 9
-  setCutoffDistance             anew     1.5
-  addExclusion                  anew     2, 3; f.setEnergyTermParameters(0, 'k*r', 2)
-  setExclusionParticles         anew     0, 4, 5; f.setEnergyTermParameters(0, '2*k*r', 1)
-  setNonbondedMethod            anew     2; f.setCutoffDistance(1.9)
-  setGlobalParameterDefaultValue never   0, 3.0
-  addGlobalParameter            never    'more', 3.0
-  addEnergyParameterDerivative  never    'more'
-  setPerParticleParameterName   anew     0, 'q'; f.setComputedValueParameters(0, 'c', 'q1*q2*r', 1); f.setComputedValueParameters(1, 'd', '5*q', 0); \
-f.setEnergyTermParameters(1, 'k*c*y', 0)
-  addPerParticleParameter       anew     't'; [f.setParticleParameters(i, [1.0, 0.7]) for i in range(N)]; f.setEnergyTermParameters(0, 'k*t1*t2*r', 1)
-  setGlobalParameterName        anew     0, 'g'; f.setEnergyTermParameters(0, 'g*r', 1); f.setEnergyTermParameters(1, 'g*c*x', 0)
   addParticle                   refused  [1.0, 1.0]
 
 CustomHbondForce('k*s*t*distance(a1,d1)'); f.addGlobalParameter('k', 1); f.addPerDonorParameter('s'); f.addPerAcceptorParameter('t'); \
 [f.addDonor(i, -1, -1, [1.0]) for i in range(3)]; [f.addAcceptor(i, -1, -1, [0.5]) for i in (4, 5, 6)]; f.addExclusion(0, 0)
   setDonorParameters            update   0, 0, -1, -1, [2.0]
-  setAcceptorParameters         update   1, 5, -1, -1, [2.0]
   addDonor                      anew     3, -1, -1, [1.0]
-  addAcceptor                   anew     7, -1, -1, [1.0]
-  addExclusion                  anew     1, 1
-  setExclusionParticles         anew     0, 0, 2
-  setEnergyFunction             anew     'k*s*t*distance(a1,d1)^2'
-  addTabulatedFunction          anew     'tab', table(); f.setEnergyFunction('k*s*t*tab(distance(a1,d1))')
-  addFunction                   anew     'fun', [1, 2, 9], 0, 9; f.setEnergyFunction('k*s*t*fun(distance(a1,d1))')
-  setFunctionParameters         anew     1, 'fun', [1, 7, 3], 0, 9
-  setCutoffDistance             never    1.95
-  setNonbondedMethod            anew     2
-  setPerDonorParameterName      anew     0, 'q'; f.setEnergyFunction('k*q*t*distance(a1,d1)')
-  setPerAcceptorParameterName   anew     0, 'p'; f.setEnergyFunction('k*p*q^2*distance(a1,d1)')
-  addPerDonorParameter          anew     'u'; [f.setDonorParameters(i, i, -1, -1, [1.0, 0.7]) for i in range(4)]; f.setEnergyFunction('k*u*distance(a1,d1)')
-  addPerAcceptorParameter       anew     'w'; [f.setAcceptorParameters(i, i + 4, -1, -1, [1.0, 0.6]) for i in range(4)]; f.setEnergyFunction('k*w*distance(a1,d1)')
-  setGlobalParameterDefaultValue never   0, 3.0
-  addGlobalParameter            never    'more', 3.0
-  setGlobalParameterName        anew     0, 'g'; f.setEnergyFunction('2*g*distance(a1,d1)')
 
 CustomManyParticleForce(3, 'k*s1*s2*s3*distance(p1,p2)*distance(p2,p3)'); f.addGlobalParameter('k', 0.1); f.addPerParticleParameter('s'); \
 [f.addParticle([1.0], i % 2) for i in range(N)]
   setParticleParameters         update   0, [1.5], 0
   setEnergyFunction             anew     'k*s1*s2*s3*distance(p1,p2)*distance(p1,p3)^2'
-  addExclusion                  anew     2, 3
-  setExclusionParticles         anew     0, 4, 5
-  setPermutationMode            anew     1
-  setTypeFilter                 anew     0, [1]
-  setNonbondedMethod            anew     1; f.setCutoffDistance(1.9)
-  setCutoffDistance             anew     1.6
-  addTabulatedFunction          anew     'tab', table(); f.setEnergyFunction('k*tab(distance(p1,p2))*distance(p1,p3)')
-  setPerParticleParameterName   anew     0, 'q'; f.setEnergyFunction('k*q1*q2*q3*distance(p1,p2)')
-  addPerParticleParameter       anew     't'; [f.setParticleParameters(i, [1.0, 0.7], i % 2) for i in range(N)]; f.setEnergyFunction('k*t1*distance(p1,p2)')
-  setGlobalParameterDefaultValue never   0, 3.0
-  addGlobalParameter            never    'more', 3.0
-  setGlobalParameterName        anew     0, 'g'; f.setEnergyFunction('2*g*distance(p1,p2)')
   addParticle                   refused  [1.0, 1.0], 0
 
 CustomCVForce('k*d^2'); inner = openmm.CustomBondForce('r'); inner.addBond(0, 1); f.addCollectiveVariable('d', inner); f.addGlobalParameter('k', 1)
   setEnergyFunction             anew     'k*d^3'
   addCollectiveVariable         anew     'e', openmm.RGForce(); f.setEnergyFunction('k*d*e')
-  addTabulatedFunction          anew     'tab', table(); f.setEnergyFunction('k*tab(d)')
-  setGlobalParameterDefaultValue never   0, 3.0
-  addGlobalParameter            never    'more', 3.0
-  addEnergyParameterDerivative  never    'more'
-  setGlobalParameterName        anew     0, 'g'; f.setEnergyFunction('5*g*d')
-  updateParametersInContext     never    CONTEXT
 
 CustomVolumeForce('k*v'); f.addGlobalParameter('k', 1)
   setEnergyFunction             never    'k*v^2'
-  setGlobalParameterDefaultValue never   0, 3.0
-  addGlobalParameter            never    'more', 3.0
-  setGlobalParameterName        never    1, 'g'
 
 HarmonicBondForce(); f.addBond(0, 1, 1.0, 5.0)
   setBondParameters             update   0, 0, 1, 0.9, 6.0
   addBond                       anew     2, 3, 1.0, 5.0
-  setUsesPeriodicBoundaryConditions anew True; f.addBond(0, 7, 1.0, 5.0)
 
 HarmonicAngleForce(); f.addAngle(0, 1, 2, 1.0, 5.0)
   setAngleParameters            update   0, 0, 1, 2, 0.9, 6.0
   addAngle                      anew     2, 3, 5, 1.0, 5.0
-  setUsesPeriodicBoundaryConditions anew True; f.addAngle(0, 7, 4, 1.0, 5.0)
 
 PeriodicTorsionForce(); f.addTorsion(0, 1, 3, 7, 1, 0.3, 5.0)
   setTorsionParameters          update   0, 0, 1, 3, 7, 1, 0.5, 6.0
   addTorsion                    anew     2, 3, 1, 5, 2, 0.3, 5.0
-  setUsesPeriodicBoundaryConditions anew True; f.addTorsion(7, 0, 3, 5, 2, 0.3, 5.0)
 
 RBTorsionForce(); f.addTorsion(0, 1, 3, 7, 1, 2, 3, 4, 5, 6)
   setTorsionParameters          update   0, 0, 1, 3, 7, 2, 3, 4, 5, 6, 7
   addTorsion                    anew     2, 3, 1, 5, 1, 2, 3, 4, 5, 6
-  setUsesPeriodicBoundaryConditions anew True; f.addTorsion(7, 0, 3, 5, 1, 2, 3, 4, 5, 6)
 
 GBSAOBCForce(); [f.addParticle(0.3, 0.2, 0.8) for i in range(N)]; f.setNonbondedMethod(1); f.setCutoffDistance(1.9)
   setParticleParameters         update   0, 0.5, 0.2, 0.8
   setCutoffDistance             anew     1.5
-  setNonbondedMethod            anew     2; f.setCutoffDistance(1.9)
-  setSoluteDielectric           anew     3.0
-  setSolventDielectric          anew     10.0
-  setSurfaceAreaEnergy          anew     5.0
   addParticle                   refused  0, 1, 1
 
 RGForce(); f.setParticles([0, 1, 2])

@@ -97,11 +97,6 @@ def test_every_force_is_in_the_table():
     assert force_classes() == set(FORCES) | LIKE_ALL | set(REFUSED) | set(BAROSTATS)
 
 
-@pytest.mark.parametrize("name", FORCES)
-def test_every_setter_of_a_force_is_in_the_table(name):
-    assert {line.method for line in FORCES[name].lines} | GENERIC >= setters(getattr(openmm, name))
-
-
 def test_the_page_says_what_the_table_says():
     page = (ROOT / "docs" / "howto" / "changes.md").read_text(encoding="utf-8")
     rows = {f"| `{method}` | {told(whole)} | {told(program)} |" for rows in METHODS.values() for method, (whole, program) in rows.items()}
