@@ -3,17 +3,12 @@
 Every cell has an answer that needs no other run: pair terms conserve momentum, so that a constant force must change the total momentum by
 exactly its impulse; a bond with a linear potential drives two particles, to which nothing else happens, apart by exactly its impulse; a
 constrained distance stays; a volume moves.
-
-python foreign_forces.py [LEVEL ...] runs every cell that has one of the levels named of each factor of which one is named (mixed CPU Reference,
-say; all by default), and prints those that are wrong.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-import sys
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import astuple, dataclass, fields
 from functools import cache
@@ -497,23 +492,3 @@ def outcome(cell: Cell) -> str:
     except Exception as error:  # nothing may hide the other cells
         return f"WRONG: {type(error).__name__}: {error}"
     return found if found == "acts" else f"refused: {found}"
-
-
-def main(named: list[str]) -> int:
-    """Run every cell with the levels named and say which are wrong."""
-    counts: Counter[str] = Counter()
-    dpd.set_threads(1)
-    wanted = {factor: chosen for factor, levels in LEVELS.items() if (chosen := {str(level) for level in levels} & set(named))}
-    for cell in cells():
-        if lacking(cell.platform) or any(str(getattr(cell, factor)) not in chosen for factor, chosen in wanted.items()):
-            continue
-        found = outcome(cell)
-        counts[found.partition(":")[0]] += 1
-        if found.startswith("WRONG"):
-            print(f"{cell}: {found}", flush=True)
-    print(dict(counts))
-    return int(counts["WRONG"] > 0)
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
