@@ -161,20 +161,6 @@ def test_the_deck_says_where_a_fene_bond_is_too_long(tmp_path):
         run_deck(deck, RunOptions(platform="Reference"), out=tmp_path / "out")
 
 
-def test_a_system_with_all_of_them_can_be_saved(tmp_path):
-    """Through XML, into another Context: the same bits."""
-    built = dpd.build(scene(), dt=0.002, platform="Reference", seed=1)
-    copy = openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(built.system))
-    integrator = openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(built.integrator))
-    simulation = built.simulation()
-    context = openmm.Context(copy, integrator, openmm.Platform.getPlatformByName("Reference"))
-    context.setState(simulation.context.getState(positions=True, velocities=True, parameters=True))
-    simulation.step(20)
-    integrator.step(20)
-    first, second = (c.getState(positions=True).getPositions(asNumpy=True)._value for c in (simulation.context, context))
-    assert np.array_equal(first, second)
-
-
 def test_explain_counts_them():
     text = dpd.explain_plan(dpd.make_plan(scene(), dt=0.01, seed=1))
     assert "20 harmonic bonds, 20 FENE bonds, 20 Morse bonds" in text and "24 harmonic angles" in text and "24 cosine angles" in text

@@ -11,6 +11,7 @@ import openmm
 import pytest
 import restart_runs
 from devices import DEVICES
+from kinds import KINDS, MVV_ONLY, differences, everything, made, plain_context, running, same
 from restart_runs import AFTER, BEFORE, HOW
 from scenes import EXTENDED, beads, fluid, run_of, same_bits, state_of
 
@@ -111,6 +112,27 @@ def test_going_back_to_a_state_repeats_the_run(tmp_path):
     simulation.loadState(str(tmp_path / "state.xml"))
     simulation.step(5)
     assert same_bits(expected, state_of(simulation.context))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_of_scene_goes_on(kind, tmp_path):
+    """From a checkpoint and an XML state bit for bit; with System and integrator from XML to rounding."""
+    built = [made(kind, "mvv-0.65" if kind in MVV_ONLY else "shardlow") for _ in range(4)]
+    first = running(built[0])
+    first.step(7)
+    for how in ("Checkpoint", "State"):
+        getattr(first, f"save{how}")(str(tmp_path / how))
+    first.step(6)
+    expected = everything(first.context, built[0])
+    for how, one in zip(("Checkpoint", "State"), built[1:], strict=False):
+        second = running(one)
+        getattr(second, f"load{how}")(str(tmp_path / how))
+        second.step(6)
+        assert not same(everything(second.context, one), expected), how
+    copy = plain_context(built[3])
+    copy.getIntegrator().step(13)
+    found = differences(everything(copy, built[3]), expected, 0.01)
+    assert max(found.values()) < 1e-9, found
 
 
 @SCHEMES

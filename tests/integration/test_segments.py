@@ -7,7 +7,6 @@ from pathlib import Path
 import chains_of_beads as chains
 import lammps_peer
 import numpy as np
-import openmm
 import pytest
 from openmm import unit
 from scenes import beads
@@ -118,22 +117,6 @@ def test_energy_is_conserved(distance, scheme):
             totals.append(observer.sample(simulation.context).total)
         drifts.append(np.ptp(totals))
     assert drifts[1] < 0.4 * drifts[0] and drifts[1] < 2e-3 * totals[0]
-
-
-@SCHEMES
-@DISTANCE
-def test_a_saved_system_goes_on_with_the_same_bits(scheme, distance):
-    built = dpd.build(melt(distance, spread=0), dt=0.004, scheme=scheme, platform="Reference", seed=1)
-    copy = openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(built.system))
-    integrator = openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(built.integrator))
-    simulation = built.simulation()
-    simulation.step(5)
-    context = openmm.Context(copy, integrator, openmm.Platform.getPlatformByName("Reference"))
-    context.loadCheckpoint(simulation.context.createCheckpoint())
-    simulation.step(10)
-    integrator.step(10)
-    first, second = (c.getState(positions=True).getPositions(asNumpy=True)._value for c in (simulation.context, context))
-    assert np.array_equal(first, second)
 
 
 def test_some_bonds_only():
