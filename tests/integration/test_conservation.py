@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from devices import DEVICES
 from openmm import unit
-from scenes import BOXES, EXTENDED, D, beads, chains, fluid, run_of, state_of
+from scenes import BOXES, EXTENDED, D, chains, fluid, run_of, state_of
 
 import openmm_dpd as dpd
 
@@ -38,16 +38,6 @@ def test_momentum_after_2000_steps(host, choices):
     assert momentum_per_bead(simulation, scene.bead_masses) < 1e-13
 
 
-@SCHEME
-def test_momentum_with_openmms_force(choices):
-    """Double precision on Reference; single on CPU, where rounding adds up: 1e-6 per bead allowed."""
-    scene = fluid(EXTENDED, BOXES["ortho"])
-    for device, limit, steps in ((REFERENCE, 1e-13, 50), (CPU, 1e-6, 200)):
-        simulation = run_of(scene, device, dt=0.02, conservative="openmm", **choices)
-        simulation.step(steps)
-        assert momentum_per_bead(simulation, scene.bead_masses) < limit
-
-
 @pytest.mark.parametrize("device", [d for d in DEVICES if d.precision in ("single", "mixed")], indirect=True, ids=str)
 @pytest.mark.parametrize("conservative", ["kernel", "openmm"])
 def test_momentum_on_gpu_platforms(device, conservative):
@@ -56,21 +46,6 @@ def test_momentum_on_gpu_platforms(device, conservative):
     simulation = run_of(scene, device, dt=0.02, scheme="middle", conservative=conservative)
     simulation.step(200)
     assert momentum_per_bead(simulation, scene.bead_masses) < 3e-7
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("conservative", "steps", "limit"),
-    [("kernel", 100_000, 1e-9), pytest.param("openmm", 15_000, 1e-6, marks=pytest.mark.long)],
-)
-def test_momentum_of_3000_beads_after_many_steps(conservative, steps, limit):
-    """The single-precision forces of a CustomNonbondedForce let it drift; 100,000 steps of them would take ten minutes."""
-    scene = beads(3000, edge=10.0)
-    simulation = run_of(scene, CPU, dt=0.04, scheme="mvv", conservative=conservative)
-    simulation.step(steps)
-    assert momentum_per_bead(simulation, scene.bead_masses) < limit
-    sample = np.sum(state_of(simulation.context)[1] ** 2) / (3 * 2999)
-    assert 0.9 < sample < 1.3
 
 
 # -- energy --------------------------------------------------------------------------------------------------------------------------
@@ -118,13 +93,6 @@ def test_bababo_is_of_second_order():
     scene = chains(BOXES["ortho"], n=70, table=table, k=300.0)
     coarse, fine = (energy_errors(scene, REFERENCE, dt, 0.5, "openmm", {"scheme": "bababo"}) for dt in (0.02, 0.01))
     assert 3 < coarse / fine < 5
-
-
-def test_energy_without_friction_on_every_device(device):
-    table = {("W", "W"): D(A=25)}
-    scene = beads(81, table=table)
-    error = energy_errors(scene, device, 0.005, 0.25, "openmm", {"scheme": "mvv"})
-    assert error < 0.005 * scene.n_beads
 
 
 def test_zero_temperature_friction_only_takes_energy_out():
