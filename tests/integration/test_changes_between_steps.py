@@ -168,13 +168,6 @@ def test_minimizing(choices, conservative):
     same_from_here(simulation, fresh_copy(simulation, REFERENCE, conservative=conservative, **choices))
 
 
-@HISTORY
-def test_minimizing_on_cpu(choices):
-    simulation = started(CPU, **choices)
-    simulation.minimizeEnergy(maxIterations=20)
-    same_from_here(simulation, fresh_copy(simulation, CPU, **choices))
-
-
 # -- barostats -------------------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("conservative", ["kernel", "openmm"])
 @SCHEME
@@ -213,17 +206,6 @@ def test_a_seeded_run_with_a_barostat_repeats(scheme, device):
     first, second, other = volume(0), volume(0), volume(5)
     assert first == second
     assert abs(other / first - 1) > 1e-3
-
-
-@HISTORY
-def test_after_an_accepted_move_the_run_is_as_a_fresh_one(choices):
-    """What an accepted move does, done by hand between two steps: all beads and the box scaled."""
-    scene = beads(120, edge=4.0, seed=4)
-    simulation = started(CPU, scene, **choices)
-    x, _ = state_of(simulation.context)
-    simulation.context.setPeriodicBoxVectors(*(np.diag([4.0] * 3) * 1.02))
-    simulation.context.setPositions(x * 1.02)
-    same_from_here(simulation, fresh_copy(simulation, CPU, scene, **choices))
 
 
 # -- looking on, and starting over -------------------------------------------------------------------------------------------------------

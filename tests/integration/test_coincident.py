@@ -54,24 +54,6 @@ def test_forces_are_those_of_all_other_pairs(device, conservative, distance):
 
 
 @CONSERVATIVE
-@pytest.mark.parametrize(
-    ("device", "distance", "scheme"),
-    [(d, distance, scheme) for d in DEVICES for distance in (0.0, 1e-12) for scheme in ("mvv", "middle") if d.exact or (distance == 0 and scheme == "mvv")],
-    indirect=["device"], ids=lambda value: str(value),
-)  # fmt: skip
-def test_a_few_steps(device, conservative, distance, scheme):
-    """They part because their velocities differ, and then repel each other like any other pair; their energy heats the fluid to kT = 2.3."""
-    simulation = run_of(scene_of(distance), device, dt=0.02, scheme=scheme, conservative=conservative)
-    simulation.step(40)
-    x, v = state_of(simulation.context)
-    assert np.all(np.isfinite(x)) and np.all(np.isfinite(v))
-    kT = np.sum(np.where(np.arange(60) % 2 == 0, 1.0, 2.7)[:, None] * v**2) / (3 * 59)
-    assert 0.5 < kT < 4.0
-    apart = [np.linalg.norm(oracle.minimum_image(x[i] - x[j], np.array([EDGE] * 3))) for i, j in PAIRS]
-    assert min(apart) > 0.02
-
-
-@CONSERVATIVE
 @pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba", "bababo"])
 def test_steps_follow_the_scene_without_coincidence(conservative, scheme):
     """A pair that starts at r = 0 moves as one that starts at r = 2e-10 does until the force between them counts: same noise, same neighbours."""
@@ -90,13 +72,6 @@ def test_steps_follow_the_scene_without_coincidence(conservative, scheme):
     assert abs(x[0, 1] - x[1, 1]) == pytest.approx(0.006, rel=0.2)
     # the third bead is pushed to the right by both, as by one pair of beads at one point
     assert v[2, 0] == pytest.approx(2 * 25 * 0.4 * 0.003, rel=0.25)
-
-
-@CONSERVATIVE
-def test_without_a_box(host, conservative):
-    simulation = run_of(scene_of(0.0, box=False), host, dt=0.02, scheme="aboba", conservative=conservative)
-    simulation.step(10)
-    assert all(np.all(np.isfinite(a)) for a in state_of(simulation.context))
 
 
 @CONSERVATIVE

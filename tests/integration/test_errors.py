@@ -9,11 +9,11 @@ import openmm
 import pytest
 from devices import DEVICES
 from openmm import unit
-from scenes import BOXES, D, beads, run_of, state_of
+from scenes import D, beads, run_of, state_of
 
 import openmm_dpd as dpd
 from openmm_dpd import DPDError, ParameterError, PlanError
-from openmm_dpd.names import KT, PHASE, Phase
+from openmm_dpd.names import KT
 
 N = 20
 X = np.random.default_rng(0).random((N, 3)) * 3
@@ -267,33 +267,6 @@ def test_bead_that_became_nan_is_named(device):
         simulation.step(2)
 
 
-@pytest.mark.parametrize("conservative", ["kernel", "openmm"])
-@pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba", "bababo"])
-def test_a_failed_step_leaves_no_nonsense_behind(scheme, conservative):
-    """After an error within a step a script may want to write the last state: energies are energies, and the run can go on."""
-    simulation = run_of(scene(), DEVICES[0], dt=0.02, scheme=scheme, conservative=conservative)
-    simulation.step(2)
-    simulation.context.setPeriodicBoxVectors([1.9, 0, 0], [0, 3, 0], [0, 0, 3])
-    with pytest.raises(openmm.OpenMMException):
-        simulation.step(1)
-    simulation.context.setPeriodicBoxVectors(*BOXES["ortho"])
-    left = simulation.context.getState(energy=True).getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)
-    assert 1 < left < 1000
-    simulation.step(3)
-    assert simulation.context.getParameter(PHASE) == Phase.IDLE
-    energy = simulation.context.getState(energy=True).getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)
-    assert 0 < energy < 1000
-
-
-def test_barostat_after_a_failed_step_sees_energies():
-    """The barostat acts before the program speaks to the pair force: it must not find it in the middle of a step."""
-    built = build(conservative="kernel", scheme="mvv")
-    # an error or Ctrl-C within a step leaves another phase behind
-    program = [built.integrator.getComputationStep(k) for k in range(built.integrator.getNumComputations())]
-    update = next(k for k, step in enumerate(program) if step[0] == built.integrator.UpdateContextState)
-    assert any(step[1] == PHASE and float(step[2]) == Phase.IDLE for step in program[:update])
-
-
 def test_negative_temperature_while_stepping():
     simulation = run_of(beads(), DEVICES[0], dt=0.02, scheme="middle")
     simulation.context.setParameter(KT, -1.0)
@@ -317,19 +290,3 @@ def test_observer_says_when_a_run_has_blown_up():
     simulation.context.setVelocities(v)
     with pytest.raises(dpd.RunError, match="not finite"):
         dpd.Observer(built).sample(simulation.context)
-
-
-@pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba", "bababo"])
-def test_energy_after_a_failed_step(scheme):
-    """A step that dies half way leaves a Context whose energy is that of its positions, not of a phase in between."""
-    simulation = run_of(beads(), DEVICES[1], dt=0.02, scheme=scheme, conservative="kernel")
-    simulation.step(3)
-    simulation.context.setParameter("dpd_kT", -1.0)
-    with pytest.raises(Exception, match="must be >= 0"):
-        simulation.step(1)
-    simulation.context.setParameter("dpd_kT", 1.0)
-    state = simulation.context.getState(energy=True, positions=True)
-    fresh = run_of(beads(positions=state.getPositions(asNumpy=True)._value), DEVICES[1], dt=0.02, scheme=scheme, conservative="kernel")
-    expected = fresh.context.getState(energy=True).getPotentialEnergy()._value
-    assert state.getPotentialEnergy()._value == pytest.approx(expected, rel=1e-12)
-    simulation.step(3)

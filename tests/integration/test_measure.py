@@ -135,19 +135,6 @@ def test_immobile_beads_are_left_out():
     assert sample.gradient2 == pytest.approx(np.sum(force**2), rel=1e-12)
 
 
-def test_sampling_changes_nothing():
-    def final(sampled: bool) -> np.ndarray:
-        built = dpd.build(fluid(), dt=0.01, scheme="mvv", platform="Reference", seed=3)
-        simulation, observer = built.simulation(), dpd.Observer(built)
-        for _ in range(5):
-            simulation.step(1)
-            if sampled:
-                observer.sample(simulation.context)
-        return simulation.context.getState(positions=True).getPositions(asNumpy=True)._value
-
-    np.testing.assert_array_equal(final(True), final(False))
-
-
 def test_reporter_writes_what_the_observer_measures():
     built = dpd.build(fluid(), dt=0.01, platform="Reference", seed=3)
     simulation, out = built.simulation(), io.StringIO()

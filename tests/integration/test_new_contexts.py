@@ -118,24 +118,6 @@ def test_what_is_set_after_loading_another_scripts_state_holds(how, scheme, tmp_
     assert (second.context.getParameter("dpd_kT"), second.context.getParameter("dpd_seed")) == (3.0, 777)
 
 
-@SCHEME
-def test_a_force_taken_from_the_system_acts_until_the_context_is_made_anew(scheme):
-    """As everywhere in OpenMM."""
-    made = built(scheme)
-    push = openmm.CustomExternalForce("-10*x")
-    for bead in range(81):
-        push.addParticle(bead)
-    number = made.system.addForce(push)
-    simulation = made.simulation()
-    simulation.step(5)
-    made.system.removeForce(number)
-    simulation.step(5)
-    assert state_of(simulation.context)[1][:, 0].sum() == pytest.approx(81 * 10 * 10 * 0.02, rel=1e-5)
-    anew(simulation.context)
-    simulation.step(5)
-    assert state_of(simulation.context)[1][:, 0].sum() == pytest.approx(81 * 10 * 10 * 0.02, rel=1e-5)
-
-
 def test_in_a_compound_integrator_the_temperature_is_heard():
     made = built()
     compound = openmm.CompoundIntegrator()
@@ -182,13 +164,6 @@ def test_parameters_that_are_variables_of_the_integrator():
         made.system.addForce(force)
         with pytest.raises(dpd.PlanError, match=reason):
             made.simulation().step(1)
-
-
-def test_a_remover_of_motion_is_refused():
-    made = built()
-    made.system.addForce(openmm.CMMotionRemover())
-    with pytest.raises(dpd.PlanError, match="CMMotionRemover"):
-        made.simulation().step(1)
 
 
 def test_an_infinite_temperature_is_an_error():

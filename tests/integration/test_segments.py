@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import chains_of_beads as chains
 import lammps_peer
 import numpy as np
@@ -12,13 +10,12 @@ from openmm import unit
 from scenes import beads
 
 import openmm_dpd as dpd
-from openmm_dpd.lammps import RunOptions, read_deck, run_deck
+from openmm_dpd.lammps import read_deck
 from openmm_dpd.lammps.styles.srp import srp_settings
 from openmm_dpd.names import BONDED_GROUP, SEGMENT_GROUP
 
 NO_LAMMPS = lammps_peer.why_missing()
 LAMMPS = pytest.mark.skipif(NO_LAMMPS is not None, reason=str(NO_LAMMPS))
-DECKS = Path(__file__).resolve().parents[2] / "examples" / "decks"
 BOX = np.array([[6.2, 0, 0], [1.3, 5.9, 0], [-1.1, 1.7, 6.4]])
 DISTANCE = pytest.mark.parametrize("distance", ["mid", "min"])
 SCHEMES = pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba", "bababo"])
@@ -225,24 +222,6 @@ def test_decks_against_lammps(tmp_path, name, box):
         assert value == pytest.approx(expected[word], rel=1e-9), word
     if "min" in name:
         assert ours(tmp_path, text)[0].pair > 1.0001 * expected["evdwl"]  # the nearest points repel more
-
-
-@LAMMPS
-@pytest.mark.parametrize("points", ["mid", "min"])
-def test_the_example_deck(tmp_path, points):
-    """Step 0 of examples/decks/in.srp: the digits that LAMMPS prints."""
-    (tmp_path / "data.srp").write_text((DECKS / "data.srp").read_text())
-    text = (DECKS / "in.srp").read_text().replace("neighbor        0.4", "neighbor        1.1")
-    with lammps_peer.instance() as lmp:
-        lmp.command(f"shell cd {tmp_path}")
-        lmp.commands_list(["variable nequil index 0", "variable nrun index 0", f"variable points index {points}"])
-        lmp.commands_string(text)
-        expected = {word: lmp.get_thermo(word) for word in ("pe", "evdwl", "ebond", "eangle", "emol", "ke", "temp")}
-    options = RunOptions(platform="Reference", steps=0, threads=1, compat="lammps")
-    report = run_deck(DECKS / "in.srp", options, variables={"points": points}, out=tmp_path / "out")
-    rows = report["runs"][0]["thermo"]
-    for word, value in expected.items():
-        assert f"{rows[word]['first']:.8g}" == f"{value:.8g}", word
 
 
 def test_notes_of_a_deck(tmp_path):

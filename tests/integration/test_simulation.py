@@ -64,24 +64,6 @@ def test_minimising_on_opencl(device, conservative):
 
 
 @OPENCL
-def test_minimising_atoms_and_beads_on_opencl(device):
-    """An argon atom of mass 0 stays, and so does a rigid bond."""
-    topology, system, x = argon()
-    soft = dpd.DPD(A=25, gamma=4.5)
-    beads = dpd.Scene({"W": 40.0}, ["W"] * 60, np.random.default_rng(2).random((60, 3)) * EDGE, {("W", "W"): soft}, kT=1.0, box=[EDGE] * 3)
-    whole = dpd.create_mixed_system(
-        beads, topology, system, x, atoms=["C"] * 4, cross={("C", "W"): soft}, dt=0.002, platform="OpenCL", seed=3
-    )
-    simulation = whole.simulation(properties=device.properties)
-    before = energy_and_velocities(simulation)[0]
-    simulation.minimizeEnergy(maxIterations=50)
-    assert energy_and_velocities(simulation)[0] < before
-    found = simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
-    np.testing.assert_allclose(found[0], x[0], atol=1e-6)
-    assert np.linalg.norm(found[2] - found[3]) == pytest.approx(0.42, rel=1e-4)
-
-
-@OPENCL
 def test_a_thermostat_takes_the_platform_that_build_takes(device):
     """By itself, and where OpenCL is asked for."""
     for platform in (None, "OpenCL"):

@@ -96,20 +96,6 @@ def test_temperature_of_rigid_water(model, seed):
     judge(rows, 300.0, error=3.0, beside=1.5)
 
 
-def test_serialized_system_and_integrator_give_the_same_trajectory():
-    topology, positions, system = water()
-    integrator = dpd.add_thermostat(system, dpd.DPD(gamma=2, cutoff=0.7), 300 * unit.kelvin, 0.002, seed=2).integrator
-    copies = [openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(thing)) for thing in (system, integrator)]
-
-    def positions_after(system, integrator):
-        context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName("Reference"))
-        context.setPositions(positions)
-        integrator.step(2)
-        return context.getState(positions=True).getPositions(asNumpy=True)._value
-
-    np.testing.assert_array_equal(positions_after(system, integrator), positions_after(*copies))
-
-
 def system_of(n: int = 4, edge: float = 3.0) -> openmm.System:
     system = openmm.System()
     system.setDefaultPeriodicBoxVectors(*(edge * np.eye(3)))

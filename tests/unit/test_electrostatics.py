@@ -132,13 +132,6 @@ def test_tilted_box_and_tight_tolerance(device):
     assert virial == pytest.approx(exact_virial, rel=1e-5 if double else 1e-4)
 
 
-def test_the_oracle_has_the_madelung_constant():
-    corners = np.array(np.meshgrid(*[range(2)] * 3, indexing="ij")).reshape(3, -1).T
-    energy, _, virial = lattice_sum(corners.astype(float), 1.0 - 2 * (corners.sum(axis=1) % 2), np.eye(3) * 2, slater_tail, 0.01)
-    assert -energy / 4 == pytest.approx(1.7475645946331822, rel=1e-12)
-    assert virial == pytest.approx(energy, rel=1e-12)
-
-
 @pytest.mark.parametrize("loop", [True, False])
 def test_virial_is_the_derivative_of_the_energy(loop):
     """-dE/dlnL by finite differences of the package's own energies, at a width that stays."""
@@ -231,19 +224,6 @@ def test_every_scheme_runs_with_charges(scheme, device):
     sample = dpd.Observer(built).sample(simulation.context)
     assert np.isfinite(sample.potential) and np.isfinite(sample.pressure()) and sample.coulomb_reciprocal != 0
     np.testing.assert_allclose(sample.momentum, 0, atol=5e-3)  # PME conserves momentum to its accuracy
-
-
-def test_energy_is_conserved_without_friction():
-    """What the integrator sees is the gradient of what is measured."""
-    x, q = electrolyte(81, 3.5, 30)
-    electrostatics = dpd.SlaterCharges(lamda=0.2, bjerrum_length=3.0, tolerance=1e-5, cutoff=1.75)
-    pairs = {("W", "W"): dpd.DPD(A=25.0, gamma=0.0)}
-    built = dpd.build(scene(x, q, electrostatics, [3.5] * 3, pairs=pairs), dt=0.002, scheme="mvv", platform="Reference", seed=3)
-    simulation, observer, totals = built.simulation(), dpd.Observer(built), []
-    for _ in range(10):
-        simulation.step(20)
-        totals.append(observer.sample(simulation.context).total)
-    assert np.ptp(totals) < 0.02 * abs(np.mean([observer.sample(simulation.context).coulomb_real]))
 
 
 def test_one_list_or_all_pairs():

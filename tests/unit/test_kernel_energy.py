@@ -197,11 +197,6 @@ def test_the_distribution_test_can_fail():
     assert stats.kstest(u[::4] / energy, stats.beta(2, 10 + 6).cdf).pvalue < 1e-8
 
 
-def test_the_frozen_sweep_can_run_out_of_energy():
-    with pytest.raises(RunError, match=r"internal energy -\S+ kJ/mol of bead \d after the sweep is outside its equation of state"):
-        sampled(cluster(ConstantHeatCapacity(6.0)), "shardlow", 0.2, 40_000, 10)
-
-
 def test_exact_sweep_with_a_table():
     """Any equation of state: u = theta^2 (S = 2 sqrt(u)) for one type, constant capacity for the other, against a direct integral."""
     low, high = 0.05, 8.0

@@ -339,43 +339,6 @@ def test_openmm_forces_equal_the_kernel(table, box, device):
     assert np.abs(force - full).max() > 0.1
 
 
-@QUADRATIC
-def test_openmm_force_is_the_gradient_of_its_energy(table):
-    fluid = Fluid(table, BOXES["tilted"], n=60)
-    context = context_of(fluid, Device("Reference"))
-
-    def energy(x):
-        context.setPositions(x)
-        return context.getState(energy=True).getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)
-
-    expected = -gradient(fluid, energy)
-    context.setPositions(fluid.x)
-    close(state_of(context)[1], expected, 1e-7)
-
-
-def test_energy_of_an_nve_run_is_conserved_to_second_order():
-    """Halving the step divides the largest error of the energy by four (between 3 and 5)."""
-    errors = []
-    for dt in (0.004, 0.002):
-        fluid = spread_out(Fluid(coefficients("quadratic"), np.diag([2.5] * 3), n=94))
-        integrator = openmm.CustomIntegrator(dt)
-        for name, text in (("v", "v+0.5*dt*f/m"), ("x", "x+dt*v"), ("v", "v+0.5*dt*f/m")):
-            integrator.addComputePerDof(name, text)
-        context = context_of(fluid, Device("Reference"), integrator=integrator)
-        context.setVelocities(fluid.v)
-        energies, potentials = [], []
-        for _ in range(round(0.4 / dt) + 1):
-            state = context.getState(energy=True)
-            potentials.append(state.getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole))
-            energies.append(potentials[-1] + state.getKineticEnergy().value_in_unit(unit.kilojoule_per_mole))
-            integrator.step(1)
-        energies = np.array(energies)[:: round(0.004 / dt)]
-        errors.append(np.abs(energies - energies[0]).max())
-    assert 3.0 < errors[0] / errors[1] < 5.0
-    # of the potential energy that became kinetic
-    assert errors[1] < 0.01 * np.ptp(potentials)
-
-
 def test_tables_that_have_no_potential_are_refused():
     with pytest.raises(ParameterError, match=r"types \(A, B\): B = 15.0 differs from 25.0 of types \(A, A\)"):
         check_many_body(coefficients("quadratic", B=[25.0, 15.0, 25.0]))

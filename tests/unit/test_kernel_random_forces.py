@@ -85,16 +85,6 @@ def test_variance_of_near_and_far_pairs_apart(samples):
         assert abs(variance_in_errors(samples[:, pairs, 1:])) < 4
 
 
-def test_the_first_bead_may_have_the_higher_number(samples):
-    """Pairs in which the force is that on the higher index have the same statistics."""
-    for higher in (True, False):
-        pairs = (INDEX[:, 0] > INDEX[:, 1]) == higher
-        assert 200 < pairs.sum() < 300
-        for part in (slice(0, 1), slice(1, 3)):
-            z = samples[:, pairs, part]
-            assert abs(variance_in_errors(z)) < 4 and abs(z.mean()) < 4 / np.sqrt(z.size)
-
-
 def correlation_in_errors(a: np.ndarray, b: np.ndarray) -> float:
     """Mean of a*b over its standard error 1/sqrt(M) for independent normal numbers."""
     return float(np.mean(a * b) * np.sqrt(a.size))
@@ -130,18 +120,6 @@ def test_no_correlation_between_seeds(samples):
         for k in range(3):
             assert abs(correlation_in_errors(samples[..., k], other[..., k])) < 4
             assert abs(variance_in_errors(other[..., k])) < 4
-
-
-def test_order_of_magnitude_of_every_setting():
-    """Exponent 0 and 1, one part alone, another temperature: each 50,000 numbers, standard error 0.6 %."""
-    calls = dict(seeds=(5,) * 100, counters=tuple(range(100)))
-    for kT, coefficient in (
-        (1.0, D(gamma=3.0, gamma_perp=3.0, cutoff=1.15)),
-        (0.3, D(gamma=40.5, gamma_perp=0.1, exponent=0, exponent_perp=0.5, cutoff=2)),
-    ):
-        z = normalised(kT=kT, coefficient=coefficient, **calls)
-        assert abs(variance_in_errors(z[..., 0])) < 4
-        assert abs(variance_in_errors(z[..., 1:])) < 4
 
 
 def test_covariance_of_all_beads_of_a_fluid_is_that_of_the_friction():

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import struct
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -70,13 +68,6 @@ def test_target_may_be_a_ramp(tmp_path, drawn):
     assert any(np.array_equal(line.get_ydata(), ramp) for line in drawn[0].axes[0].lines)
 
 
-@pytest.mark.parametrize("values", [[1.0], [1.0, 2.0], [np.nan, 1.0, np.inf, 2.0], [None, None, None]])
-def test_few_rows_and_gaps(tmp_path, values):
-    """One row (a deck with run 0), and values that were not measured."""
-    thermo_picture(tmp_path / "run.png", {"time": np.arange(len(values)), "temp": values}, target=1.0)
-    assert size(tmp_path / "run.png")[0] == 1200
-
-
 def test_runs_are_kept_apart():
     """Runs often share the step at which one ends and the next begins; only there two rows have the same x."""
     assert _spans(np.array([0.0, 1.0, 2.0, 2.0, 3.0]), [2.0]) == [slice(0, 3), slice(3, 5)]
@@ -136,13 +127,3 @@ def test_what_cannot_be_drawn(tmp_path, columns, options, message):
     with pytest.raises(ParameterError, match=message):
         thermo_picture(tmp_path / "run.png", columns, **options)
     assert not (tmp_path / "run.png").exists()
-
-
-def test_no_global_state(tmp_path):
-    """pyplot is never loaded, so no backend is chosen for the user."""
-    code = (
-        "import sys; from openmm_dpd.pictures import thermo_picture; assert 'matplotlib' not in sys.modules;"
-        f"thermo_picture({str(tmp_path / 'run.png')!r}, {{'time': [0, 1], 'temp': [1, 1]}});"
-        "assert 'matplotlib.pyplot' not in sys.modules"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)

@@ -62,12 +62,6 @@ def test_power_laws_are_interpolated_exactly(table, gamma, a):
         assert table.step(scheme, at, 0.01, "conf") == pytest.approx(front * (gamma / 4.5) ** slope, rel=1e-9)
 
 
-def test_repulsion_is_interpolated_in_its_root():
-    """A step that goes as exp(-sqrt(a)): straight in the coordinates of the table."""
-    table = StabilityTable(made_up(lambda scheme, p: 0.1 * np.exp(-0.2 * p["a"] ** 0.5)))
-    assert table.step("mvv", Groups(4.5, 9.0), 0.01, "conf") == pytest.approx(0.1 * np.exp(-0.6), rel=1e-9)
-
-
 @pytest.mark.parametrize("error", [0.0004, 0.0025, 0.01, 0.02, 0.05, 0.07, 0.1])
 def test_step_and_error_are_inverse_and_quadratic(table, error):
     at = Groups(4.5, 25.0)
@@ -78,13 +72,6 @@ def test_step_and_error_are_inverse_and_quadratic(table, error):
 
 def test_errors_over_ten_per_cent_are_not_guessed(table):
     assert table.error("mvv", Groups(4.5, 25.0), 0.065, "conf") == np.inf
-
-
-@pytest.mark.parametrize("rho", [1.0, 2.0, 3.0, 5.0])
-def test_density_acts_through_friction_alone_if_it_does(table, rho):
-    """The made-up steps depend on the friction of a bead; then the lines of density lie on the plane and correct nothing."""
-    at = Groups(4.5, 25.0, rho=rho)
-    assert table.step("mvv", at, 0.01, "conf") == pytest.approx(0.02 * (at.friction / 4.5) ** -0.5, rel=1e-9)
 
 
 def test_corrections_of_lines_are_interpolated():
@@ -148,10 +135,6 @@ def test_units_do_not_matter(table):
     assert recommend(other, table=table).dt == pytest.approx(0.06 * time)
 
 
-def test_smaller_errors_cost_the_root(table):
-    assert recommend(scene(), 0.0025, table=table).dt == pytest.approx(0.03)
-
-
 def test_safety_distance_from_the_blow_up():
     data = made_up(power)
     for p in data["points"]:
@@ -183,15 +166,6 @@ def test_charges_are_named_with_their_frequency(table):
     assert "charges are not in the table" in note and f"{0.2 / omega:.2g} ps" in note
     assert note in str(found) and advice(charged, "mvv", 0.02, table=table).endswith(note)
     assert charge_frequency(scene()) == 0.0
-
-
-def test_heavier_ions_of_more_charges_vibrate_with_their_own_frequency():
-    q = np.zeros(81)
-    q[:4] = 2.0, -1.0, -1.0, 0.0
-    mass = np.ones(81)
-    mass[:2] = 4.0
-    charged = scene(charges=q, electrostatics=dpd.SlaterCharges(lamda=0.2, bjerrum_length=0.5, cutoff=1.4), bead_masses=mass)
-    assert charge_frequency(charged) == pytest.approx((2 * 4 / 3 * 0.5 / 0.2**3 * (1 / 4 + 1)) ** 0.5, rel=1e-3)
 
 
 def test_angles_limit_the_step_and_segments_are_named(table):
@@ -358,10 +332,6 @@ def test_the_sentence_compares_at_the_same_error(table):
     assert text == "mvv at dt = 0.02 ps: 1 % hot (configurational temperature); middle at 0.06 ps gives the same for 40 % of the time"
 
 
-def test_a_good_choice_is_left_alone(table):
-    assert "nothing here is faster" in advice(scene(), "middle", 0.06, table=table)
-
-
 def test_more_than_ten_per_cent_and_instability_are_said(table):
     assert "more than 10 % off" in advice(scene(), "mvv", 0.08, table=table)
     assert "blows up near 0.16" in advice(scene(), "mvv", 0.15, table=table)
@@ -398,19 +368,6 @@ def test_shipped_table_knows_the_standard_fluid():
     assert 0.008 < table.step("mvv", at, 0.01, "conf") < 0.03
     assert table.step("middle", at, 0.01, "conf") > 1.4 * table.step("mvv", at, 0.01, "conf")
     assert 0.08 < table.blow("mvv", at) < 0.15
-
-
-def test_shipped_table_gives_a_recommendation():
-    found = recommend(scene())
-    assert found.scheme in SCHEMES and 0.005 < found.dt < 0.2 and found.relative_cost <= 1.0
-    assert advice(scene(), "mvv", 0.01).startswith("mvv at dt = 0.01 ps: ")
-
-
-def test_nothing_is_changed_by_a_recommendation():
-    fluid = scene()
-    before = fluid.positions.copy()
-    recommend(fluid)
-    assert np.array_equal(before, fluid.positions)
 
 
 def test_frozen_beads_alone_need_no_step():

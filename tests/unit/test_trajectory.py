@@ -6,7 +6,6 @@ import copy
 import pickle
 import subprocess
 import sys
-import threading
 
 import mdtraj as md
 import numpy as np
@@ -132,30 +131,6 @@ def test_equality_hash_copy_pickle(psf):
     assert bead_element("A", 1.0) == bead_element("A", 1)
     assert bead_element("A", 1.0) != bead_element("A", 2.0) != bead_element("B", 2.0)
     assert bead_element("A", 1.0, 0.5).charge == 0.5
-
-
-def test_pickle_in_a_fresh_process(psf):
-    """Analysis in worker processes gets the same masses."""
-    code = "import pickle, sys; print(repr([a.element.mass for a in pickle.load(sys.stdin.buffer).atoms]))"
-    topology = load_topology(psf)
-    done = subprocess.run([sys.executable, "-c", code], input=pickle.dumps(topology), capture_output=True, check=True)
-    assert done.stdout.decode().strip() == repr(bead_masses(topology).tolist())
-
-
-def test_one_element_from_many_threads():
-    found, gate = [], threading.Barrier(8)
-
-    def make():
-        gate.wait()
-        found.append([bead_element("thread", 1.0 + k) for k in range(200)])
-
-    threads = [threading.Thread(target=make) for _ in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert len(found) == 8
-    assert all(mine is first for other in found for mine, first in zip(other, found[0], strict=True))
 
 
 def test_subset_join_stack_and_slices(trajectory):
