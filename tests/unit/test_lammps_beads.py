@@ -83,55 +83,6 @@ create_atoms 1 random 20 5 NULL overlap 0.4 maxtry 500
     assert distance.min() >= 0.4
 
 
-def test_single_uses_lattice_units_unless_told_otherwise(tmp_path):
-    text = """lattice sc 0.125
-region b block 0 4 0 4 0 4
-create_box 1 b
-create_atoms 1 single 1 1.5 3
-create_atoms 1 single 1 1.5 3 units box
-create_atoms 1 single 9 0 0 units box
-"""
-    state = state_of(tmp_path, text)
-    np.testing.assert_allclose(state.atoms.positions, [[2, 3, 6], [1, 1.5, 3]])
-    assert any("lies outside the box" in note for note in state.notes)
-
-
-def test_basis_and_subset(tmp_path):
-    text = """lattice bcc 1.0
-region b block 0 5 0 5 0 5
-create_box 2 b
-create_atoms 1 box basis 2 2
-create_atoms 1 box subset 30 5
-create_atoms 1 box ratio 0.5 5
-"""
-    state = state_of(tmp_path, text)
-    assert [int(np.sum(state.atoms.types[:250] == k)) for k in (1, 2)] == [125, 125]
-    assert len(state.atoms) == 250 + 30 + 125
-
-
-def test_regions(tmp_path):
-    text = """region b block 0 10 0 10 0 10 units box
-create_box 1 b
-lattice sc 1.0
-create_atoms 1 box
-region s sphere 5 5 5 2
-region o sphere 5 5 5 2 side out
-region c cylinder z 2 2 1.5 INF 4
-region e block EDGE 1 INF INF 9 EDGE
-region u union 2 s c
-region i intersect 2 s e
-group s region s
-group o region o
-group c region c
-group e region e
-group u region u
-group i region i
-"""
-    state = state_of(tmp_path, text)
-    counts = {name: int(mask.sum()) for name, mask in state.groups.items()}
-    assert counts == {"all": 1000, "s": 33, "o": 967, "c": 45, "e": 20, "u": 78, "i": 0}
-
-
 # -- groups, set, mass --------------------------------------------------------------------------------------------------------
 TWENTY = """region b block 0 10 0 10 0 10 units box
 create_box 3 b
@@ -143,34 +94,6 @@ mass * 1.0
 
 def ids(state, name: str) -> list[int]:
     return state.atoms.ids[state.group(name)].tolist()
-
-
-def test_groups(tmp_path):
-    state = state_of(
-        tmp_path,
-        TWENTY
-        + """group light type 1
-group some id 1:3 7 10:20:4
-group late id > 17
-group mid id <> 4 6
-group both union some mid
-group rest subtract light some mid
-group cut intersect light both
-group light id 20
-group none empty
-create_atoms 3 random 2 9 NULL
-group third type 3
-""",
-    )
-    assert ids(state, "some") == [1, 2, 3, 7, 10, 14, 18]
-    assert ids(state, "late") == [18, 19, 20]
-    assert ids(state, "both") == [1, 2, 3, 4, 5, 6, 7, 10, 14, 18]
-    assert ids(state, "rest") == [8, 9]
-    assert ids(state, "cut") == [1, 2, 3, 4, 5, 6, 7, 10]
-    assert ids(state, "light") == [*range(1, 11), 20]
-    assert ids(state, "none") == []
-    assert ids(state, "third") == [21, 22]  # beads created later join no group but all
-    assert len(ids(state, "all")) == 22
 
 
 def test_set(tmp_path):
@@ -216,13 +139,6 @@ def test_theta_of_atom_style_dpd(tmp_path):
     speed2 = np.sum((state.atoms.velocities * state.units.velocity) ** 2, axis=1)
     np.testing.assert_allclose(state.atoms.thetas[1:], speed2[1:] / (3 * state.units.thermal_energy))
     assert speed2.sum() / (57 * state.units.thermal_energy) == pytest.approx(250)
-
-
-def test_delete_atoms(tmp_path):
-    state = state_of(tmp_path, TWENTY + "group few id 1:4\ndelete_atoms group few\n")
-    assert state.atoms.ids.tolist() == list(range(1, 17)) and ids(state, "few") == []
-    state = state_of(tmp_path, TWENTY + "group few id 1:4\ndelete_atoms group few compress no\n")
-    assert state.atoms.ids.tolist() == list(range(5, 21))
 
 
 #: Two beads go, and the last two of LAMMPS's memory take their places.

@@ -99,6 +99,43 @@ create_atoms 1 box
     "ids of molecules": "atom_style bond\n" + ROW + "group d id 2 5\ndelete_atoms group d\ngroup three id 3\nset atom 3 vx 1.0\n",
     "subtract": ROW
     + "group g id 1 2 3\ngroup h id 1 5\ngroup g subtract all h\ngroup k subtract all k\ngroup h subtract all g h\ngroup m union g h\ngroup m subtract all g\n",
+    "regions": """region b block 0 10 0 10 0 10 units box
+create_box 1 b
+lattice sc 1.0
+create_atoms 1 box
+region s sphere 5 5 5 2
+region o sphere 5 5 5 2 side out
+region c cylinder z 2 2 1.5 INF 4
+region e block EDGE 1 INF INF 9 EDGE
+region u union 2 s c
+region i intersect 2 s e
+"""
+    + "".join(f"group {name} region {name}\n" for name in "soceui"),
+    "groups": """lattice sc 0.125
+region b block 0 5 0 2 0 2
+create_box 3 b
+create_atoms 1 box
+set atom 11*20 type 2
+group light type 1
+group some id 1:3 7 10:20:4
+group late id > 17
+group mid id <> 4 6
+group both union some mid
+group rest subtract light some mid
+group cut intersect light both
+group light id 20
+group none empty
+create_atoms 3 single 1 1.5 1.2
+create_atoms 3 single 1 1.5 3 units box
+create_atoms 3 single 15 0 0 units box
+group third type 3
+delete_atoms group mid compress no
+""",
+    "basis and subset": """lattice bcc 1.0
+region b block 0 5 0 5 0 5
+create_box 2 b
+create_atoms 1 box basis 2 2
+""",
     "spacings": "lattice custom 1.7 a1 1 0.2 0 a2 0 1.5 0.1 a3 0.3 0 2 basis 0 0 0 basis 0.5 0.5 0.25 origin 0.1 0.7 0 orient x 1 1 0 orient y -1 1 0 orient z 0 0 1\n"
     "region b block -1 4 0 3 0 5\ncreate_box 2 b\ncreate_atoms 1 box basis 2 2\nregion s sphere 1 1 1 1.2\ngroup s region s\n",
 }

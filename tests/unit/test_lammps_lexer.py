@@ -22,22 +22,22 @@ def test_numbers_of_lines_are_those_of_the_first_physical_line():
     assert split_words(found[1][1]) == ["pair_coeff", "1", "1", "25", "4.5"]
 
 
-def test_a_comment_with_a_continuation_mark_swallows_the_next_line():
-    # LAMMPS joins lines before it looks for comments
-    assert lines("variable q equal 1 # text &\nvariable r equal 2\nrun 1") == [(1, "variable q equal 1"), (3, "run 1")]
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        # LAMMPS joins lines before it looks for comments
+        ("variable q equal 1 # text &\nvariable r equal 2\nrun 1", [(1, "variable q equal 1"), (3, "run 1")]),
+        ("run 10 &", [(1, "run 10")]),
+        ("# one page\f the next\nrun\f10", [(2, "run\f10")]),
+    ],
+)
+def test_comments_and_marks_of_lines(text, found):
+    assert lines(text) == found
 
 
-def test_a_continuation_mark_on_the_last_line():
-    assert lines("run 10 &") == [(1, "run 10")]
-
-
-def test_windows_line_ends_and_tabs():
-    assert split_words(lines("run\t10\r\n")[0][1]) == ["run", "10"]
-
-
-def test_a_form_feed_is_a_blank():
-    assert lines("# one page\f the next\nrun\f10") == [(2, "run\f10")]
-    assert split_words("run\f10") == ["run", "10"]
+@pytest.mark.parametrize("text", ["run\t10\r\n", "run\f10"])
+def test_blanks_and_line_ends(text):
+    assert split_words(lines(text)[0][1]) == ["run", "10"]
 
 
 def test_a_byte_order_mark_is_left_aside(tmp_path):
