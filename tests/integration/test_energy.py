@@ -273,18 +273,6 @@ def test_setting_equals_a_fresh_start(scheme):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-10)
 
 
-@SCHEME
-def test_two_threads_give_the_same_bits(scheme, two_threads):
-    results = []
-    for threads in (1, 2):
-        dpd.set_threads(threads)
-        simulation = running(energy_scene(BOXES["wide"], n=200), DEVICES[1], scheme=scheme)
-        simulation.step(5)
-        results.append((*state_of(simulation.context), fields_of(simulation)))
-    for one, two in zip(*results, strict=True):
-        np.testing.assert_array_equal(one, two)
-
-
 def test_only_the_kernel_variables_that_are_needed_exist():
     """An isothermal scene has no field; internal energies take one variable and, in double precision, nothing to balance rounding."""
     isothermal = dpd.build(fluid(), dt=DT, platform="CPU", seed=1).program

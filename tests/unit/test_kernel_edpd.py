@@ -11,7 +11,6 @@ import openmm_dpd as dpd
 from openmm_dpd.errors import RunError
 from openmm_dpd.kernels.edpd import clamped
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
-from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.model.edpd import EDPD
 from openmm_dpd.model.internal import BeadTemperatures
 from openmm_dpd.plan import make_plan
@@ -177,16 +176,6 @@ def test_walls_have_infinite_mass(compat):
     scene = warm_fluid(compat=compat, mobile=mobile)
     expected = oracle_rates(scene, compat, masses=np.where(mobile, scene.bead_masses, np.inf))
     close(evaluate(scene, DISSIPATIVE)[3], expected.q_conductive + expected.q_viscous_deterministic)
-
-
-def test_threads_give_the_same_bits(two_threads):
-    scene = warm_fluid(BOXES["wide"])
-    results = []
-    for threads in (1, 2):
-        set_threads(threads)
-        results.append(evaluate(scene, sum(PARTS)))
-    for one, two in zip(*results, strict=True):
-        np.testing.assert_array_equal(one, two)
 
 
 # -- noise --------------------------------------------------------------------------------------------------------------------------------

@@ -85,11 +85,10 @@ def test_patterns(name):
 
 
 @EVERY_FORCE
-def test_the_same_bits_for_any_number_of_threads(name, two_threads):
+def test_pickled_copies_do_the_same(name):
     for box in ("tilted", "none"):
         if box == "tilted" or "halves" not in name and "sine" not in name:
             scene, x = grid_scene(name, box, n=4100)
-            check.check_threads(extras(scene, (), {}), x, scene.box)
             check.check_pickle(extras(scene, (), {}), x, scene.box)
 
 

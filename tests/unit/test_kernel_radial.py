@@ -120,10 +120,9 @@ def test_forces_are_the_gradient_and_sum_up_to_nothing(name, box):
 
 
 @EVERY_TABLE
-def test_the_same_bits_for_any_number_of_threads(name, two_threads):
+def test_pickled_copies_do_the_same(name):
     x, types, factors = lattice(BOXES["tilted"])
     terms = [radial_terms(resolved(name), types, NAMES, factors)]
-    check.check_threads(terms, x, BOXES["tilted"])
     check.check_pickle(terms, x, BOXES["tilted"])
 
 
@@ -182,7 +181,7 @@ def test_beads_that_take_no_part():
 
 @pytest.mark.parametrize("distance", ["mid", "min"])
 @EVERY_BOX
-def test_segments(distance, box, two_threads):
+def test_segments(distance, box):
     """What the PythonForce gives."""
     vectors = BOXES[box]
     x, bonds, _ = chains.walks(30, 5, np.diag([4.5] * 3) if vectors is None else vectors, 2, step=0.5, spread=0 if vectors is None else 2)
@@ -190,6 +189,5 @@ def test_segments(distance, box, two_threads):
     scene = beads(len(x), positions=x, box=vectors, bonds=[dpd.HarmonicBonds(bonds, 0.0, 0.5)], segments=repulsion)
     terms = extras(scene, (), {})[1:]
     check.check_agreement(terms, [segment_force(segment_spec(scene), vectors is not None)], x, vectors, 1e-13)
-    check.check_threads(terms, x, vectors)
     check.check_pickle(terms, x, vectors)
     check.check_total_force(terms, x, vectors)

@@ -13,7 +13,6 @@ from openmm_dpd.errors import RunError
 from openmm_dpd.kernels import noise as hashed
 from openmm_dpd.kernels.compiled import compiled
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
-from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.model.internal import Concentrations
 from openmm_dpd.model.tdpd import TDPD
 from openmm_dpd.plan import make_plan
@@ -184,17 +183,6 @@ def test_walls_and_chains_keep_species():
     rates = evaluate(scene, sum(PARTS))[3]
     assert np.abs(rates.sum(axis=0)).max() < 1e-12 * np.abs(rates).sum()
     assert np.abs(rates).max() > 1
-
-
-def test_threads_give_the_same_bits(two_threads):
-    scene = solution(BOXES["wide"], 4)
-    results = []
-    for threads in (1, 2):
-        set_threads(threads)
-        engine = prepared(scene)
-        results.append((*evaluate(scene, sum(PARTS), engine=engine), engine.laplacian()))
-    for one, two in zip(*results, strict=True):
-        np.testing.assert_array_equal(one, two)
 
 
 # -- noise --------------------------------------------------------------------------------------------------------------------------------
