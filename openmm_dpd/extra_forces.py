@@ -50,9 +50,9 @@ def extras(
     """
     # PositionForce (formulas given as text) has no kernel: OpenMM evaluates it.  Charges are in charge_forces.py.
     found: list[Extra] = []
-    if "bonds" in held and sum(len(group.pairs) for group in scene.bonds):
+    if "bonds" in held and any(len(group.pairs) for group in scene.bonds):
         found.append(BondTerms(*_rows(scene.bonds, 4)))
-    if "angles" in held and sum(len(group.triples) for group in scene.angles):
+    if "angles" in held and any(len(group.triples) for group in scene.angles):
         found.append(AngleTerms(*_rows(scene.angles, 2)))
     if "overlays" in held:
         found += [radial_terms(table, scene.type_ids, scene.type_names, exceptions) for table in overlays]
