@@ -42,6 +42,7 @@ def build(
     seed: int | None = None,
     loop: bool = True,
     slow_every: int = 1,
+    engine: str = "auto",
 ) -> BuiltSystem:
     """System, Topology, positions, velocities and integrator of a scene.
 
@@ -63,6 +64,7 @@ def build(
     >>> simulation.step(10)
     """
     choices = {"scheme": scheme, "lam": lam, "conservative": conservative, "seed": seed, "loop": loop, "slow_every": slow_every}
+    choices |= {"engine": engine}
     return build_plan(make_plan(scene, dt=dt, platform=platform_here(platform), **choices))  # type: ignore[arg-type]
 
 
@@ -143,6 +145,7 @@ def _pair_function(plan: Plan) -> PairForceFunction:
         balanced=options.compensated and plan.spec.sweeps,
         length_checked=() if "bonds" in execution.held else tuple(bonds for bonds in scene.bonds if isinstance(bonds, FENEBonds)),
         steps=_step_spec(plan) if execution.looped else None,
+        engine=execution.engine,
     )
 
 

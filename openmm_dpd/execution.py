@@ -21,6 +21,8 @@ class Execution:
 
     Attributes
     ----------
+    engine : str
+        Name of the pair kernel's engine (:mod:`openmm_dpd.kernels.engines`).
     steps : {"program", "loop", "openmm"}
         How steps are done: one by one by the integrator's program, many at once in a loop over the pair kernel's own arrays, or by OpenMM's
         own integrator.
@@ -31,13 +33,14 @@ class Execution:
     precision : {"double", "single"}
         What positions, velocities and forces of the platform have at least.
     why : dict
-        The reason for "steps", "conservative" and "precision", and for each part of the scene that is held or could be.
+        The reason for "engine", "steps", "conservative" and "precision", and for each part of the scene that is held or could be.
     """
 
     steps: str = "program"
     conservative: str = "openmm"
     held: frozenset[str] = frozenset()
     precision: str = "double"
+    engine: str = "host"
     why: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     @property

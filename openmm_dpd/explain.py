@@ -140,16 +140,18 @@ def _execution_lines(plan: Plan) -> list[str]:
         lines.append("friction and noise: OpenMM's DPDIntegrator")
     elif options.thermostat:
         transverse = any(np.any(getattr(term, "gamma_perp", 0) > 0) for term in plan.spec.terms)
-        lines.append("friction and noise: compiled pair kernel behind a PythonForce" + (", with transverse terms" if transverse else ""))
+        lines.append(f"friction and noise: {plan.engine.what} behind a PythonForce" + (", with transverse terms" if transverse else ""))
     often = "each step" if options.slow_every == 1 else f"every {options.slow_every} steps"
     loop = f"up to ten at once in compiled loops; other forces of OpenMM kick before and after {often}, a barostat acts behind them"
     steps = {"loop": loop, "program": "one by one, by the program", "openmm": "one by one"}
     lines.append(f"steps: {steps[execution.steps]} ({execution.why['steps']})")
     parts: dict[tuple[bool, str], list[str]] = {}
     for part, why in execution.why.items():
-        if part not in ("steps", "conservative", "precision"):
+        if part not in ("engine", "steps", "conservative", "precision"):
             parts.setdefault((part in execution.held, why), []).append(part)
     for (held, why), names in parts.items():
         lines.append(f"{', '.join(names)}: {'in' if held else 'outside of'} the pair kernel ({why})")
+    if options.kernel and not options.scheme.native:
+        lines.append(f"engine of the pair kernel: {execution.engine} ({execution.why['engine']})")
     lines.append(f"positions and velocities: {execution.precision} precision ({execution.why['precision']})")
     return lines

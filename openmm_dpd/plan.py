@@ -1,5 +1,6 @@
 """Scene + choices -> Plan: the least that this scene needs, decided before anything is built."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -8,11 +9,13 @@ import numpy as np
 from .charge_forces import charge_factors, ewald_of, few_charges
 from .choices import check_cutoffs, checked_interval, checked_lam, checked_seed, checked_step, predicting
 from .errors import ParameterError, PlanError, what_is
-from .execution import DOUBLE_PLATFORMS, Execution, conservative_place, why_no_loop, why_parts
+from .execution import DOUBLE_PLATFORMS, PARTS, Execution, conservative_place, why_no_loop, why_parts
 from .host import Host
 from .html import fact_table
-from .kernels.engine import PairSpec
+from .kernels.engines import EngineKind, engine_kind
 from .kernels.fields import ENERGY
+from .kernels.interface import Engine
+from .kernels.layer import PairSpec
 from .kinds import Kind, resolved_kind
 from .model.electrostatics import EwaldSum
 from .model.flow import gaps, kind_of
@@ -27,6 +30,10 @@ from .schemes import scheme_of
 
 #: Coefficients by pair of types, all of one kind.
 ResolvedTable = dict[tuple[str, str], Any]
+
+
+#: What an engine needs for the letters of a word that sweep.
+_SWEEPS = {"O": "exact pair updates", "S": "Shardlow's pair updates"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +93,33 @@ class Plan:
         return self.options.execution
 
     @property
+    def engine(self) -> EngineKind:
+        """What evaluates the pair terms, and what it can do."""
+        return engine_kind(self.execution.engine)
+
+    def new_engine(self) -> Engine:
+        """A new engine for the pair terms alone."""
+        return self.engine.make(self.spec)
+
+    def needs(self) -> Iterator[str]:
+        """What an engine has to be able to do: kinds of pair coefficients by name, pair updates, boxes, beads, and parts of the scene."""
+        scene, options = self.scene, self.options
+        yield from dict.fromkeys(kind.name for kind in self.kinds)
+        if options.predicting:
+            yield "friction as a force"
+        yield from dict.fromkeys(_SWEEPS[letter] for letter, _ in options.scheme.steps(options.thermostat) if letter in _SWEEPS)
+        features = {
+            "several tables": len(self.layers) > 1,
+            "scenes without a box": scene.box is None,
+            "tilted boxes": scene.box is not None and bool(np.any(np.tril(scene.box, -1))),
+            "factors of bonded neighbours": bool(self.exceptions),
+            "immobile beads": bool(scene.immobile.any()),
+            "particles that are left out": self.host is not None,
+        }
+        yield from (name for name, there in features.items() if there)
+        yield from (part for part in PARTS if part in self.execution.held)
+
+    @property
     def n_atoms(self) -> int:
         """Number of particles of a System made elsewhere; beads come after them."""
         return 0 if self.host is None else len(self.host.masses)
@@ -111,6 +145,7 @@ def make_plan(
     seed: int | None = None,
     loop: bool = True,
     slow_every: int = 1,
+    engine: str = "auto",
     host: Host | None = None,
 ) -> Plan:
     """Decide what to build.
@@ -141,6 +176,9 @@ def make_plan(
     slow_every : int, default 1
         In such loops: after how many steps of the Context forces that stay OpenMM's kick (multiple time steps, impulses as in r-RESPA:
         Tuckerman, Berne and Martyna, J. Chem. Phys. 97, 1990 (1992)).
+    engine : str, default "auto"
+        What evaluates the pair terms: "host" is the compiled kernel, which "auto" takes; others have to be registered
+        (:func:`openmm_dpd.kernels.engines.register_engine`).
     host : Host, optional
         A System made elsewhere whose particles are the first of the scene; its forces act beside the pair terms.
 
@@ -186,11 +224,13 @@ def make_plan(
     ewald = ewald_of(scene)
     held, why_held = why_parts(scene, bool(overlays), no_loop is None, double and few_charges(scene, ewald), double)
     execution = Execution(
+        engine=engine_kind("host" if engine == "auto" else engine).name,
         steps="openmm" if chosen.native else "program" if no_loop else "loop",
         conservative=where,
         held=held,
         precision="double" if double else "single",
         why={
+            "engine": "it runs everything" if engine == "auto" else "as asked for",
             "steps": no_loop or "the pair kernel holds all fast forces",
             "conservative": why_there,
             "precision": f"platform {platform}" if platform else "no platform is named",
@@ -217,7 +257,7 @@ def make_plan(
         **choices,
     )
     left_out = None if host is None else np.pad(host.left_out, (0, scene.n_beads - len(host.masses)))
-    return Plan(
+    plan = Plan(
         scene=scene,
         spec=pair_spec(scene, kinds, layers, exceptions, chosen, fields, left_out),
         options=options,
@@ -229,3 +269,15 @@ def make_plan(
         charge_exceptions=charge_factors(scene),
         host=host,
     )
+    if engine != "auto":
+        _check_engine(plan)
+    return plan
+
+
+def _check_engine(plan: Plan) -> None:
+    """Raise PlanError if the engine would have nothing to do, or cannot do it all."""
+    execution, lacks = plan.execution, plan.engine.lacks(plan.needs())
+    if plan.options.scheme.native or not plan.options.kernel:
+        raise PlanError(f"the engine {execution.engine!r} would have nothing to do: {execution.why['steps']}")
+    if lacks is not None:
+        raise PlanError(f"the engine {execution.engine!r} cannot run this scene: it has no {lacks}")

@@ -66,6 +66,8 @@ class SceneSampler:
             return "the interaction of charges has no Laplacian here"
         if terms:
             return terms
+        if self.plan.engine.lacks(["Laplacian"]):
+            return f"the engine {self.plan.engine.name!r} has no Laplacian"
         if not self.plan.layers or (
             self.plan.execution.conservative == "none" and not self.plan.scene.bonds and not self.plan.scene.angles
         ):

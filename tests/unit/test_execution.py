@@ -41,6 +41,14 @@ def test_it_is_made_in_one_place():
     assert [path.rpartition("/")[2] for path in found(r"\bExecution\(")] == ["plan.py"]
 
 
+def test_engines_are_made_in_one_place():
+    """Others ask for one by its name."""
+    assert found(r"(?<!class )\bPairEngine\(") == ["openmm_dpd/kernels/engine.py"]
+    assert set(found(r"\bPairEngine\b")) == {"openmm_dpd/kernels/engine.py"}
+    assert set(found(r"\bhost_engine\b")) == {"openmm_dpd/kernels/engine.py", "openmm_dpd/kernels/engines.py"}
+    assert len(found(r"\.make\(")) == 2  # of the pair force, of a plan
+
+
 def plans():
     for kind, scene in KINDS.items():
         for platform in ("Reference", "OpenCL"):
@@ -56,10 +64,10 @@ def test_everything_has_a_reason_that_is_told():
     for kind, plan in plans():
         execution, text = plan.execution, dpd.explain_plan(plan)
         parts = {name for name, there in PARTS.items() if there(plan)}
-        assert set(execution.why) == {"steps", "conservative", "precision"} | parts, kind
+        assert set(execution.why) == {"engine", "steps", "conservative", "precision"} | parts, kind
         assert execution.held <= parts and (not execution.held or execution.looped)
-        for why in execution.why.values():
-            assert f"({why})" in text, (kind, why)
+        for name, why in execution.why.items():
+            assert f"({why})" in text or (name == "engine" and "pair kernel: host" not in text), (kind, why)
         for part in parts:
             assert re.search(rf"^[\w, ]*\b{part}\b[\w, ]*: {'in' if part in execution.held else 'outside of'} the pair kernel", text, re.M)
         steps.add(execution.steps)
