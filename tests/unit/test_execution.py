@@ -51,12 +51,11 @@ def test_engines_are_made_in_one_place():
 
 def plans():
     for kind, scene in KINDS.items():
-        for platform in ("Reference", "OpenCL"):
-            for choices in ({}, {"loop": False}, {"scheme": "native"}, {"conservative": "openmm"}):
-                try:
-                    yield kind, dpd.make_plan(scene(), **{"dt": 0.01, "scheme": "mvv", "platform": platform, "seed": 1} | choices)
-                except dpd.PlanError:
-                    pass
+        for choices in ({}, {"loop": False}, {"scheme": "native"}, {"conservative": "openmm"}, {"platform": "OpenCL"}):
+            try:
+                yield kind, dpd.make_plan(scene(), **{"dt": 0.01, "scheme": "mvv", "platform": "Reference", "seed": 1} | choices)
+            except dpd.PlanError:
+                pass
 
 
 def test_everything_has_a_reason_that_is_told():
