@@ -185,7 +185,6 @@ def make_plan(
     choices = field_options(scene, fields, longest(layers), platform, lam)
     choices |= {"field_names": carriers[0].field_text} if carriers else {}
     unlooped = _why_no_loop(where, thermostat, chosen, platform, loop, choices.get("compensated", False), scene, host)
-    whole = unlooped is None and platform in DOUBLE_PLATFORMS
     options = ProgramOptions(
         scheme=chosen,
         dt=step,
@@ -193,9 +192,8 @@ def make_plan(
         seed=checked_seed(seed),
         lam=lam,
         thermostat=thermostat,
-        kernel_conservative=where == "kernel" or whole,
+        kernel_conservative=where == "kernel" or unlooped is None,
         loop=unlooped is None,
-        whole_steps=whole,
         slow_every=checked_interval(slow_every, unlooped),
         settable=thermostat and not isinstance(scene.kT, TemperatureRamp) and (fields is None or fields.kind != ENERGY),
         pair_group=PAIR_GROUP if host is None else host.pair_group,

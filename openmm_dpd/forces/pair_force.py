@@ -14,7 +14,7 @@ from ..kernels.extras import warm_up_extras
 from ..kernels.fields import ENERGY, TEMPERATURE, FieldSpec
 from ..kernels.steps import Moment, StepLoop, StepSpec
 from ..made import origin
-from ..names import RATES, Phase
+from ..names import Phase
 from ..program_options import ProgramOptions
 from ..signals import CTRL_C
 from ..wording import in_length, in_units
@@ -83,14 +83,14 @@ class Fields:
         self.last = np.zeros_like(self.values)
         self._low: np.ndarray | None = None
 
-    def read(self, block: int, shown: np.ndarray, held: np.ndarray | None = None) -> None:
-        """Take over the values of one block, (N, 3); ``held``: those of the immobile beads."""
+    def read(self, block: int, shown: np.ndarray) -> None:
+        """Take over the values of one block, (N, 3), of the beads that move."""
         if self.spec.kind == ENERGY:
             shown = np.column_stack([shown[:, 0], shown[:, 1] + shown[:, 2]])
         columns = slice(3 * block, 3 * block + 3)
         part, still = self.values[:, columns], self.spec.immobile
         part[...] = shown[:, : part.shape[1]]
-        part[still] = self.spec.initial[still, columns] if held is None else held[:, : part.shape[1]]
+        part[still] = self.spec.initial[still, columns]
 
     def changes(self, block: int) -> np.ndarray:
         """(N, 3) changes of one block."""
@@ -161,11 +161,11 @@ class PairForceFunction:
             warm_up(self.spec)
             warm_up_extras(self.spec.extras)
             engine = PairEngine(self.spec)
-            local.kept = local.fingerprinted = local.moment = local.failed = None
+            local.kept = local.fingerprinted = local.failed = None
             local.fields = None if self.spec.fields is None else Fields(self.spec.fields)
             # written again and again: OpenMM copies what it is given
             local.v, local.result, local.conserved = np.zeros((3, len(self.spec.types), 3))
-            local.conserved_energy, local.conserved_at, local.read = 0.0, -1, {}
+            local.conserved_energy, local.conserved_at = 0.0, -1
             local.loop = None if self.steps is None else StepLoop(self.steps, engine, self._watch, NEAR * self._cutoff)
             local.engine = engine  # last: it says that all is there
         return local
@@ -201,7 +201,7 @@ class PairForceFunction:
                 wrong = bonds.overstretched(x, box)
                 if wrong is not None:
                     raise RunError(f"{wrong}; the step size may be too large")
-            local.kept, local.read = x, {}
+            local.kept = x
         if phase in (Phase.FINGERPRINT, Phase.STORE) and local.failed is None:
             return (self.fingerprint(local, x, box, parameters) if phase == Phase.FINGERPRINT else 0.0), self._zero
         if phase == Phase.IDLE and not self.conservative:
@@ -246,23 +246,16 @@ class PairForceFunction:
         if not parameters[names.DT] > 0.0:
             raise RunError(f"the step size must be > 0, but the integrator's is {in_units(parameters[names.DT], 'time')}")
         fields: Fields | None = local.fields
-        if phase == Phase.TELL:
-            return local.moment.block(block)
         if phase == Phase.CHANGE:
             assert fields is not None
             return fields.changes(block) / self.scale
         if phase == Phase.READ:
-            shown = (x - kept) / parameters[names.TAU]
-            local.read[block] = shown
-            if block < RATES:
-                assert fields is not None
-                fields.read(block, shown)
+            assert fields is not None
+            fields.read(block, (x - kept) / parameters[names.TAU])
             return self._zero
         dt, tau, kT = parameters[names.DT], parameters[names.TAU], self.thermal_energy(parameters)
         key = (int(parameters[names.SEED]), int(parameters[names.COUNTER]))
         motion.seen_velocities(x, kept, tau, local.v)
-        if phase == Phase.RUN:
-            return self._run(local, Moment(kept.copy(), local.v.copy(), box, dt, kT, *key))
         self._check(local.v, kT, dt)
         local.engine.prepare(kept if phase in AT_KEPT else x, box)
         conditions = (kT, dt, *key, None if fields is None else fields.values)
@@ -281,18 +274,6 @@ class PairForceFunction:
         if not 0.0 <= kT < np.inf:
             raise RunError(f"the context parameter {names.KT} must be >= 0 and finite, but is {kT}")
         return kT
-
-    def _run(self, local, moment: Moment) -> np.ndarray:
-        """Positions after a whole step."""
-        fields, read = self.spec.fields, local.read
-        if fields is not None:
-            moment.values = local.fields.values.copy()
-            if RATES in read:
-                moment.rates = unfolded([read[RATES + k] for k in range(fields.n_blocks)], fields)
-        moment.acc, moment.unkicked = read.get(names.ACCELERATION), read.get(names.PREDICTED)
-        local.moment = moment
-        local.loop.run(moment, 1, shown=True)
-        return moment.x
 
     def _watch(self, v: np.ndarray, moment: Moment) -> None:
         self._check(v, moment.kT, moment.dt)
@@ -340,11 +321,6 @@ class PairForceFunction:
             edges = " x ".join(map(in_length, box.diagonal()))
             raise RunError(f"the box has shrunk to {edges}, less than twice the cutoff of {in_length(self._cutoff)}")
         return box
-
-
-def unfolded(blocks: list[np.ndarray], spec: FieldSpec) -> np.ndarray:
-    """(N, K) values from blocks of three."""
-    return np.concatenate(blocks, axis=1)[:, : spec.n_values].copy()
 
 
 def pair_force(function: PairForceFunction, *, options: ProgramOptions, integrator: openmm.Integrator) -> openmm.PythonForce:

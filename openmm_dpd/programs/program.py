@@ -6,7 +6,7 @@ is checked here.
 
 import re
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 
 import openmm
@@ -27,6 +27,7 @@ from ..names import (
     RAMP_STEP,
     SEEN_KT,
     SEEN_TEMPERATURE,
+    SLOW_STEP,
     STAMP,
     TAU,
     TEMPERATURE,
@@ -86,6 +87,11 @@ class Program:
         return f"f{self.options.pair_group}"
 
     @property
+    def kicking(self) -> str:
+        """Force of the kicks of a scheme: of everything that acts, or of the pair force alone where a loop could do the same step."""
+        return self.pair_force if self.options.loop else "f"
+
+    @property
     def pair_energy(self) -> str:
         """Energy of the pair force alone."""
         return f"energy{self.options.pair_group}"
@@ -131,6 +137,9 @@ class Program:
 
     def finish(self) -> None:
         """Close what :meth:`begin` has opened; what a loop of steps has left in per-DOF variables is not there any more."""
+        self.slow_kick_after()
+        if self.options.kernel:
+            self.phase(Phase.IDLE)
         if self.options.kernel and (self.options.field_blocks or self.options.predicting):
             self.declare(STAMP, 0.0, "fingerprint of the per-DOF variables that a loop of steps left, or 0")
             self.set(STAMP, "0")
@@ -156,6 +165,30 @@ class Program:
                 self.set(TEMPERATURE, f"{KT}/{BOLTZMANN!r}")
             self.set(SEEN_KT, KT)
             self.set(SEEN_TEMPERATURE, TEMPERATURE)
+
+    def slow_kick_before(self) -> None:
+        """Forces that stay OpenMM's kick before a step, as in a loop of steps; where there is no loop they kick with all others."""
+        if not self.options.loop:
+            return
+        if self.options.slow_every > 1:
+            self.declare(SLOW_STEP, 0.0, "steps done since OpenMM's forces kicked")
+        with nullcontext() if self.options.slow_every == 1 else self.when(f"{SLOW_STEP} < 1", "do they kick before this step?"):
+            self._slow_kick(self.options.slow_kicks[0])
+
+    def slow_kick_after(self) -> None:
+        """The same behind a step."""
+        if not self.options.loop:
+            return
+        every = self.options.slow_every
+        if every > 1:
+            self.set(SLOW_STEP, f"{SLOW_STEP}+1-{every}*step({SLOW_STEP}+1-{every})")
+        with nullcontext() if every == 1 else self.when(f"{SLOW_STEP} < 1", "do they kick after this step?"):
+            self._slow_kick(self.options.slow_kicks[1])
+
+    def _slow_kick(self, steps: float) -> None:
+        if steps:
+            self.phase(Phase.STORE)
+            self.each("v", f"v+{steps!r}*dt*f/m", "kick by OpenMM's forces; the pair force stores x")
 
     def show_by(self, tau: str) -> None:
         """Say which drift shows the velocities."""
@@ -210,13 +243,9 @@ class Program:
         for block, variable in enumerate(variables):
             self.declare("size", 0.0, "sum of squares of what the pair force reads next")
             self.total("size", f"{variable}*{variable}")
-            self.show_values(block, variable, f"{self.options.field_reach!r}/sqrt(size+1e-280)")
-
-    def show_values(self, block: int, variable: str, scale: str) -> None:
-        """Have the pair force read one per-DOF variable, as a displacement from xs."""
-        self.set(TAU, scale, "scale of the displacement")
-        self.each("x", f"xs+{TAU}*{variable}", "shows these values")
-        self.evaluate_pair_force(Phase.READ, "the pair force reads them", block)
+            self.set(TAU, f"{self.options.field_reach!r}/sqrt(size+1e-280)", "scale of the displacement")
+            self.each("x", f"xs+{TAU}*{variable}", "shows these values")
+            self.evaluate_pair_force(Phase.READ, "the pair force reads them", block)
 
     def keep_positions(self) -> None:
         """Remember x as xs."""
@@ -230,7 +259,7 @@ class Program:
         with self.if_changed():
             if self.options.kernel_conservative:
                 self.phase(Phase.CONSERVE)
-            self.each("acc", "f/m", "conservative acceleration")
+            self.each("acc", f"{self.kicking}/m", "conservative acceleration")
             self.leave_to_body_forces()
 
     def leave_to_body_forces(self) -> None:
@@ -240,10 +269,9 @@ class Program:
             self.each("acc", f"(1-{ALONE})*acc+{ALONE}*f{EXTERNAL_GROUP}/m", "only body forces act on some beads")
 
     def acceleration_is_kept(self) -> None:
-        """End a step whose last acceleration serves the next one."""
+        """Say that the last acceleration of a step serves the next one."""
         self.store_fingerprint()
         self.set("valid_for", "fingerprint", "acc is valid for this")
-        self.phase(Phase.IDLE)
 
     def after_sweep(self, fields: list[str]) -> None:
         """Take over what a sweep did to internal energies; where velocities are not double precision, by what they really changed.

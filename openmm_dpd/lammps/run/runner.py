@@ -253,9 +253,7 @@ def _fingerprint(request: RunRequest) -> tuple:
 def _exact(built: BuiltSystem) -> bool:
     """Whether forces have the same bits after a restart: those of OpenMM have not in single precision, from a list with a history."""
     plan = built.plan
-    return plan.platform == "Reference" or (
-        plan.platform == "CPU" and plan.options.whole_steps and (plan.ewald is None or plan.charges_held)
-    )
+    return plan.platform == "Reference" or (plan.platform == "CPU" and plan.unlooped is None and (plan.ewald is None or plan.charges_held))
 
 
 def _why_not(request: RunRequest, built: BuiltSystem) -> str | None:
