@@ -17,6 +17,7 @@ the box (when they reorder atoms), which counts as a change.  The noise is that 
 
 from ..names import RATE, Phase
 from ..program_options import ProgramOptions
+from . import slow_forces
 from .program import Program
 from .walls import add_reflection
 
@@ -40,7 +41,7 @@ def mvv_program(options: ProgramOptions) -> Program:
         if options.loop and options.slow_every == 1:  # impulses over several steps are taken as they are
             p.each("vp", "v", "before other forces kick")
             more = f"+{2 * options.lam - 1!r}*(v-vp)"
-    p.slow_kick_before()
+    slow_forces.kick_before(p)
     if predicted:
         p.each("vp", f"v+{options.lam!r}*dt*acc{more}", "what the friction will see")
     seen = _advance_fields(p, fields, rates)
@@ -69,6 +70,7 @@ def mvv_program(options: ProgramOptions) -> Program:
     for name, rate in zip(fields, rates, strict=True):
         p.each(name, f"{name}+0.5*dt*{rate}", "second half")
     p.acceleration_is_kept()
+    slow_forces.kick_after(p)
     return p
 
 

@@ -6,7 +6,7 @@ is checked here.
 
 import re
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 
 import openmm
@@ -27,7 +27,6 @@ from ..names import (
     RAMP_STEP,
     SEEN_KT,
     SEEN_TEMPERATURE,
-    SLOW_STEP,
     STAMP,
     TAU,
     TEMPERATURE,
@@ -137,7 +136,6 @@ class Program:
 
     def finish(self) -> None:
         """Close what :meth:`begin` has opened; what a loop of steps has left in per-DOF variables is not there any more."""
-        self.slow_kick_after()
         if self.options.kernel:
             self.phase(Phase.IDLE)
         if self.options.kernel and (self.options.field_blocks or self.options.predicting):
@@ -165,30 +163,6 @@ class Program:
                 self.set(TEMPERATURE, f"{KT}/{BOLTZMANN!r}")
             self.set(SEEN_KT, KT)
             self.set(SEEN_TEMPERATURE, TEMPERATURE)
-
-    def slow_kick_before(self) -> None:
-        """Forces that stay OpenMM's kick before a step, as in a loop of steps; where there is no loop they kick with all others."""
-        if not self.options.loop:
-            return
-        if self.options.slow_every > 1:
-            self.declare(SLOW_STEP, 0.0, "steps done since OpenMM's forces kicked")
-        with nullcontext() if self.options.slow_every == 1 else self.when(f"{SLOW_STEP} < 1", "do they kick before this step?"):
-            self._slow_kick(self.options.slow_kicks[0])
-
-    def slow_kick_after(self) -> None:
-        """The same behind a step."""
-        if not self.options.loop:
-            return
-        every = self.options.slow_every
-        if every > 1:
-            self.set(SLOW_STEP, f"{SLOW_STEP}+1-{every}*step({SLOW_STEP}+1-{every})")
-        with nullcontext() if every == 1 else self.when(f"{SLOW_STEP} < 1", "do they kick after this step?"):
-            self._slow_kick(self.options.slow_kicks[1])
-
-    def _slow_kick(self, steps: float) -> None:
-        if steps:
-            self.phase(Phase.STORE)
-            self.each("v", f"v+{steps!r}*dt*f/m", "kick by OpenMM's forces; the pair force stores x")
 
     def show_by(self, tau: str) -> None:
         """Say which drift shows the velocities."""

@@ -11,6 +11,7 @@ from fractions import Fraction
 from ..names import Phase
 from ..program_options import ProgramOptions
 from ..schemes import SWEEPS, Letter
+from . import slow_forces
 from .program import Program
 from .walls import add_reflection
 
@@ -46,7 +47,7 @@ class _Writer:
         p.begin()
         if self.kept:
             p.keep_acceleration()
-        p.slow_kick_before()
+        slow_forces.kick_before(p)
         n = 0
         while n < len(self.letters):
             name, part = self.letters[n]
@@ -60,6 +61,7 @@ class _Writer:
             p.each("v", "v+(x-xu)/dt", "the constraints' impulse")
         if self.kept:
             p.acceleration_is_kept()
+        slow_forces.kick_after(p)
         return p
 
     def drift(self, n: int, part: Fraction) -> int:
