@@ -16,7 +16,6 @@ from .forces.pair_force import PairForceFunction, fingerprint, vectors
 from .integrators import PairIntegrator
 from .kernels.steps import Moment, StepSpec
 from .program_options import DOUBLE_PLATFORMS
-from .units import BOLTZMANN
 from .wording import in_units
 
 
@@ -57,7 +56,6 @@ class WholeSteps:
             If a step fails, with its number, as the program reports it.
         """
         own = self.function.thread_state()
-        self._settle_temperature(integrator, context)
         dt = integrator.getStepSize()._value
         state = context.getState(positions=True, velocities=True, parameters=True)
         # the step size as the program would set it first
@@ -94,17 +92,6 @@ class WholeSteps:
                 context.setTime(clock[-1])  # OpenMM counts with the step size that the Context was made with
             finally:
                 openmm.CustomIntegrator.setGlobalVariableByName(integrator, shared.AHEAD, 0.0)
-
-    def _settle_temperature(self, integrator: PairIntegrator, context: openmm.Context) -> None:
-        """Which of the temperature in kelvin and the thermal energy was set since the last step holds, as the program has it."""
-        if shared.TEMPERATURE not in integrator.variables():
-            return
-        get = integrator.getGlobalVariableByName
-        kelvin, kT = get(shared.TEMPERATURE), context.getParameter(shared.KT)
-        if kelvin != get(shared.SEEN_TEMPERATURE):
-            integrator.agree(context, BOLTZMANN * kelvin, kelvin)
-        elif kT != get(shared.SEEN_KT):
-            integrator.agree(context, kT, kT / BOLTZMANN)
 
     def _moment(self, integrator: PairIntegrator, context: openmm.Context, state, parameters, dt: float, own) -> Moment:
         """The state in which the first step begins."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import openmm
 
 from ..errors import ProgramError
-from ..integrators import PairIntegrator
+from ..integrators import AGREE, PairIntegrator
 from ..names import (
     AHEAD,
     ALONE,
@@ -132,7 +132,11 @@ class Program:
         if self.options.kernel:
             self.set(DT, "dt", "so that setStepSize works")
         if self.options.settable:
-            self._agree_on_temperature()
+            kelvin = self.options.kT / BOLTZMANN
+            self.declare(TEMPERATURE, kelvin, "temperature, K: set it here or by dpd_kT, the later one holds")
+            self.declare(SEEN_TEMPERATURE, kelvin, "what it was when it last agreed with dpd_kT")
+            self.declare(SEEN_KT, self.options.kT, "what dpd_kT was then")
+            self.steps += [Step(*line) for line in AGREE]
 
     def finish(self) -> None:
         """Close what :meth:`begin` has opened; what a loop of steps has left in per-DOF variables is not there any more."""
@@ -145,24 +149,6 @@ class Program:
             self.set(AHEAD, "1")
             self.steps.append(Step("end"))
             self.set(AHEAD, f"{AHEAD}-1")
-
-    def _agree_on_temperature(self) -> None:
-        """Take the thermal energy from the temperature in kelvin if that was set, and the temperature from the thermal energy if not.
-
-        OpenMM's samplers set a global variable called ``temperature``.  A thermal energy that nobody changes stays as it is, bit for bit.
-        """
-        kelvin = self.options.kT / BOLTZMANN
-        self.declare(TEMPERATURE, kelvin, "temperature, K: set it here or by dpd_kT, the later one holds")
-        self.declare(SEEN_TEMPERATURE, kelvin, "what it was when it last agreed with dpd_kT")
-        self.declare(SEEN_KT, self.options.kT, "what dpd_kT was then")
-        with self.when(f"abs({TEMPERATURE}-{SEEN_TEMPERATURE})+abs({KT}-{SEEN_KT}) > 0", "was one of them set?"):
-            with self.when(f"{TEMPERATURE} != {SEEN_TEMPERATURE}", "was it the temperature?"):
-                self.set(KT, f"{BOLTZMANN!r}*{TEMPERATURE}")
-                self.set(SEEN_KT, KT)
-            with self.when(f"{KT} != {SEEN_KT}", "was it the thermal energy?"):
-                self.set(TEMPERATURE, f"{KT}/{BOLTZMANN!r}")
-            self.set(SEEN_KT, KT)
-            self.set(SEEN_TEMPERATURE, TEMPERATURE)
 
     def show_by(self, tau: str) -> None:
         """Say which drift shows the velocities."""
