@@ -12,7 +12,9 @@ import openmm
 from . import names as shared
 from .errors import RunError
 from .fields import field_variables, per_dof, raw_fields, raw_rates
-from .forces.pair_force import PairForceFunction, fingerprint, vectors
+from .forces.fingerprint import fingerprint
+from .forces.pair_force import PairForceFunction, vectors
+from .forces.thread_state import ThreadState
 from .integrators import PairIntegrator
 from .kernels.steps import Moment, StepSpec
 from .program_options import DOUBLE_PLATFORMS
@@ -32,6 +34,7 @@ class WholeSteps:
 
     def __init__(self, function: PairForceFunction, pair_group: int):
         self.function, self.pair_group = function, pair_group
+        self._still = np.flatnonzero(function.spec.inv_mass == 0.0)
         self._held: tuple[float, dict[str, np.ndarray]] = (0.0, {})
 
     @property
@@ -64,6 +67,7 @@ class WholeSteps:
         try:
             moment = self._moment(integrator, context, state, parameters, dt, own)
             loop = own.loop
+            assert loop is not None
             used = integrator.getIntegrationForceGroups()
             groups = {group for group in range(32) if used >> group & 1} - {self.pair_group}
 
@@ -93,7 +97,7 @@ class WholeSteps:
             finally:
                 openmm.CustomIntegrator.setGlobalVariableByName(integrator, shared.AHEAD, 0.0)
 
-    def _moment(self, integrator: PairIntegrator, context: openmm.Context, state, parameters, dt: float, own) -> Moment:
+    def _moment(self, integrator: PairIntegrator, context: openmm.Context, state, parameters, dt: float, own: ThreadState) -> Moment:
         """The state in which the first step begins."""
         function, spec = self.function, self.spec
         if not dt > 0.0:
@@ -101,7 +105,7 @@ class WholeSteps:
         x, box = function.positions(state), function.box(state)
         function.scale_body_forces(own, parameters)
         v = vectors(state, openmm.State.Velocities)
-        v[own.loop.still] = 0.0
+        v[self._still] = 0.0
         kT = function.thermal_energy(parameters)
         moment = Moment(x.copy(), v, box, dt, kT, int(parameters[shared.SEED]), int(parameters[shared.COUNTER]))
         if spec.slow_every > 1:
@@ -114,19 +118,25 @@ class WholeSteps:
         if spec.predicts:
             if fields is not None:
                 moment.rates = raw_rates(context, fields)
-            if function.fingerprint(own, x, box, parameters) == integrator.getGlobalVariableByName("valid_for"):
+            if own.fingerprints.of(x, box, parameters) == integrator.getGlobalVariableByName("valid_for"):
                 moment.acc = per_dof(integrator, "acc").copy()
         return moment
 
     def _give_back(
-        self, integrator: PairIntegrator, context: openmm.Context, state, parameters, moment: Moment, own, reached: tuple[int, float]
+        self,
+        integrator: PairIntegrator,
+        context: openmm.Context,
+        state: openmm.State,
+        parameters: dict[str, float],
+        moment: Moment,
+        own: ThreadState,
+        reached: tuple[int, float],
     ) -> None:
         """Write the result of the last step into the Context."""
         function, spec = self.function, self.spec
         put = openmm.CustomIntegrator.setGlobalVariableByName
-        still = own.loop.still
-        if len(still):
-            moment.v[still] = vectors(state, openmm.State.Velocities)[still]
+        if len(self._still):
+            moment.v[self._still] = vectors(state, openmm.State.Velocities)[self._still]
         context.setPositions(moment.x)
         context.setVelocities(moment.v)
         context.setParameter(shared.COUNTER, float(moment.counter))
@@ -139,7 +149,7 @@ class WholeSteps:
             parameters[shared.KT] = moment.kT
             put(integrator, shared.RAMP_STEP, moment.ramped)
         held = {}
-        if moment.values is not None:
+        if moment.values is not None and own.fields is not None:
             own.fields.values = moment.values
             held = field_variables(moment.values)
         if spec.predicts:
@@ -149,11 +159,11 @@ class WholeSteps:
                 held["vp"] = moment.predicted
             x, box = moment.x, moment.box
             if context.getPlatform().getName() in DOUBLE_PLATFORMS:
-                own.fingerprinted = None  # these beads were not just folded
+                own.fingerprints.forget()  # these beads were not just folded
             else:  # positions are rounded there, and beads wrapped
                 after = context.getState(positions=True)
                 x, box = function.positions(after), function.box(after)
-            last = function.fingerprint(own, x, box, parameters)
+            last = own.fingerprints.of(x, box, parameters)
             put(integrator, "valid_for", last)
             put(integrator, "fingerprint", last)
         for name, values in held.items():

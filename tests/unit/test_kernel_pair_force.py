@@ -11,7 +11,8 @@ from openmm import unit
 from scenes import BOXES, EXTENDED, fluid
 
 from openmm_dpd import RunError
-from openmm_dpd.forces.pair_force import PairForceFunction, fingerprint, only_folded
+from openmm_dpd.forces.fingerprint import fingerprint, only_folded
+from openmm_dpd.forces.pair_force import PairForceFunction
 from openmm_dpd.kernels import motion
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
 from openmm_dpd.names import COUNTER, DT, KT, PHASE, SEED, TAU, Phase
