@@ -1,7 +1,5 @@
 """Bins along several axes, forces and formulas of single beads, vectors and wildcards in averages; files number by number beside LAMMPS."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Values of single beads, slices, and averages over steps: computes, fix ave/time, fix ave/chunk, and what a run hands to them."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
