@@ -42,6 +42,7 @@ def build(
     seed: int | None = None,
     loop: bool = True,
     slow_every: int = 1,
+    engine: str = "auto",
 ) -> BuiltSystem:
     """System, Topology, positions, velocities and integrator of a scene.
 
@@ -63,6 +64,7 @@ def build(
     >>> simulation.step(10)
     """
     choices = {"scheme": scheme, "lam": lam, "conservative": conservative, "seed": seed, "loop": loop, "slow_every": slow_every}
+    choices |= {"engine": engine}
     return build_plan(make_plan(scene, dt=dt, platform=platform_here(platform), **choices))  # type: ignore[arg-type]
 
 
@@ -78,7 +80,7 @@ def build_plan(plan: Plan) -> BuiltSystem:
     if plan.spec.fields is not None:
         for name, values in field_variables(plan.spec.fields.initial).items():
             integrator.setPerDofVariableByName(name, values)
-    if scene.walls and not options.whole_steps:
+    if scene.walls and not (options.execution.looped and options.execution.precision == "double"):
         for name, values in walls.variables(gaps(scene.walls, scene.box), scene.n_beads).items():
             integrator.setPerDofVariableByName(name, values)
     if scene.interacting is not None:
@@ -123,7 +125,7 @@ def run_in(built: BuiltSystem, system: openmm.System, own: Sequence[openmm.Force
     """
     options = built.plan.options
     silent = {force.getForceGroup() for force in own if force.getName() == MOLECULES}
-    silent |= set() if options.kernel_conservative else {options.pair_group}
+    silent |= set() if options.execution.pushes else {options.pair_group}
     built.integrator.setIntegrationForceGroups(set(range(32)) - silent)
     built.integrator.made = Made.of(maker, system, own, options, built.integrator)
     built.system = system
@@ -131,18 +133,19 @@ def run_in(built: BuiltSystem, system: openmm.System, own: Sequence[openmm.Force
 
 def _pair_function(plan: Plan) -> PairForceFunction:
     """What evaluates the pair terms."""
-    scene, options = plan.scene, plan.options
-    held = () if plan.unlooped else extras(scene, plan.overlays, plan.exceptions)
-    charges = charge_terms(scene, plan.ewald, plan.charge_exceptions) if plan.charges_held else None
+    scene, options, execution = plan.scene, plan.options, plan.execution
+    held = extras(scene, plan.overlays, plan.exceptions, execution.held)
+    charges = charge_terms(scene, plan.ewald, plan.charge_exceptions) if "charges" in execution.held else None
     held += () if charges is None else (charges,)
     return PairForceFunction(
         replace(plan.spec, extras=held),
-        conservative=options.kernel_conservative,
+        conservative=execution.pushes,
         periodic=scene.box is not None,
         scale=options.field_scale,
         balanced=options.compensated and plan.spec.sweeps,
-        length_checked=() if held else tuple(bonds for bonds in scene.bonds if isinstance(bonds, FENEBonds)),
-        steps=None if plan.unlooped else _step_spec(plan),
+        length_checked=() if "bonds" in execution.held else tuple(bonds for bonds in scene.bonds if isinstance(bonds, FENEBonds)),
+        steps=_step_spec(plan) if execution.looped else None,
+        engine=execution.engine,
     )
 
 

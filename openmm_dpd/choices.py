@@ -47,11 +47,11 @@ def checked_seed(seed: int | None) -> int:
     return int(seed)
 
 
-def checked_interval(slow_every, unlooped: str | None) -> int:
-    """How often forces that stay OpenMM's kick; ``unlooped`` is the reason why there is no loop of whole steps."""
+def checked_interval(slow_every, why_no_loop: str | None) -> int:
+    """How often forces that stay OpenMM's kick; ``why_no_loop`` is the reason why there is no loop of whole steps."""
     interval = whole_number(slow_every, "slow_every", least=1)
-    if interval > 1 and unlooped:
-        raise PlanError(f"slow_every = {interval} needs the loop of whole steps, which is not used here: {unlooped}")
+    if interval > 1 and why_no_loop:
+        raise PlanError(f"slow_every = {interval} needs the loop of whole steps, which is not used here: {why_no_loop}")
     return interval
 
 

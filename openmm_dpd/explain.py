@@ -34,13 +34,7 @@ def explain_plan(plan: Plan) -> str:
         for (a, b), value in table.items():
             described.setdefault(describe(value), []).append(f"{a} - {b}")
     lines += [f"  {', '.join(pairs)}: {text}" for text, pairs in described.items()]
-    lines.append("conservative DPD force: " + _conservative_text(plan))
-    if not options.kernel:
-        lines.append("no friction, no noise: no pair kernel, no PythonForce")
-    elif options.thermostat:
-        transverse = any(np.any(getattr(term, "gamma_perp", 0) > 0) for term in plan.spec.terms)
-        lines.append("friction and noise: compiled pair kernel behind a PythonForce" + (", with transverse terms" if transverse else ""))
-        lines.append(f"steps: one by one, by the program ({plan.unlooped})" if plan.unlooped else _looped(options.slow_every))
+    lines += _execution_lines(plan)
     if plan.spec.fields is not None:
         lines.append(_field_text(plan))
     if len(scene.bond_pairs):
@@ -87,7 +81,7 @@ def _segment_text(plan: Plan) -> str:
     points = "midpoints" if segments.distance == "mid" else "nearest points"
     return (
         f"segmental repulsion between the {points} of {len(plan.scene.segment_pairs)} bonds: A = {in_number(segments.A, 'force')}, "
-        f"cutoff {in_length(segments.cutoff)}, compiled kernel behind a PythonForce of its own"
+        f"cutoff {in_length(segments.cutoff)}, compiled"
     )
 
 
@@ -97,11 +91,9 @@ def _charge_lines(plan: Plan) -> list[str]:
     ions = int(np.count_nonzero(q))
     text = f"{ions} charged beads, total charge {q.sum():g} e: {charges.describe()}"
     text += either(f", Coulomb constant {charges.coulomb(plan.scene.initial_kT):.6g} kJ/mol nm/e^2", "")
-    if plan.charges_held:
-        text += "; in the pair kernel"
     if ewald is None:
         return [text + "; no box: every pair, no cutoff"]
-    grid = "a direct sum over waves" if plan.charges_held else "PME on a grid of " + " x ".join(map(str, ewald.grid))
+    grid = "a direct sum over waves" if "charges" in plan.execution.held else "PME on a grid of " + " x ".join(map(str, ewald.grid))
     lines = [text, f"  real space to {in_length(ewald.cutoff, 4)}, {grid}, alpha = {in_units(ewald.alpha, 'inverse_length', 4)}"]
     error = charges.tail(ewald.cutoff)
     if error > 2 * charges.tolerance:
@@ -132,15 +124,34 @@ def _temperature_text(plan: Plan) -> str:
     return f"{either('kT', 'temperature')} from {ends} between steps {ramp.first_step} and {ramp.last_step}"
 
 
-def _conservative_text(plan: Plan) -> str:
+def _execution_lines(plan: Plan) -> list[str]:
+    """Who computes what, and why."""
+    execution, options = plan.execution, plan.options
     unlisted = "" if plan.listed(longest(plan.layers)) else ", over all pairs (a list could miss some: the box is small and tilted)"
-    return {
-        "kernel": f"in the pair kernel, which passes over the same pairs anyway (platform {plan.platform})",
+    conservative = {
+        "kernel": "in the pair kernel",
         "openmm": "CustomNonbondedForce with " + ("constants" if len(plan.scene.masses) == 1 else "tables of type pairs") + unlisted,
         "none": "none",
-    }[plan.conservative]
-
-
-def _looped(slow_every: int) -> str:
-    often = "each step" if slow_every == 1 else f"every {slow_every} steps"
-    return f"steps: up to ten at once in compiled loops; other forces of OpenMM kick before and after {often}, a barostat acts behind them"
+    }
+    lines = [f"conservative DPD force: {conservative[execution.conservative]} ({execution.why['conservative']})"]
+    if not options.kernel:
+        lines.append("no friction, no noise: no pair kernel, no PythonForce")
+    elif options.scheme.native:
+        lines.append("friction and noise: OpenMM's DPDIntegrator")
+    elif options.thermostat:
+        transverse = any(np.any(getattr(term, "gamma_perp", 0) > 0) for term in plan.spec.terms)
+        lines.append(f"friction and noise: {plan.engine.what} behind a PythonForce" + (", with transverse terms" if transverse else ""))
+    often = "each step" if options.slow_every == 1 else f"every {options.slow_every} steps"
+    loop = f"up to ten at once in compiled loops; other forces of OpenMM kick before and after {often}, a barostat acts behind them"
+    steps = {"loop": loop, "program": "one by one, by the program", "openmm": "one by one"}
+    lines.append(f"steps: {steps[execution.steps]} ({execution.why['steps']})")
+    parts: dict[tuple[bool, str], list[str]] = {}
+    for part, why in execution.why.items():
+        if part not in ("engine", "steps", "conservative", "precision"):
+            parts.setdefault((part in execution.held, why), []).append(part)
+    for (held, why), names in parts.items():
+        lines.append(f"{', '.join(names)}: {'in' if held else 'outside of'} the pair kernel ({why})")
+    if options.kernel and not options.scheme.native:
+        lines.append(f"engine of the pair kernel: {execution.engine} ({execution.why['engine']})")
+    lines.append(f"positions and velocities: {execution.precision} precision ({execution.why['precision']})")
+    return lines

@@ -4,10 +4,11 @@ They are the same forces as those that :mod:`openmm_dpd.forces` makes of OpenMM'
 itself.
 """
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 
 import numpy as np
 
+from .execution import PARTS
 from .forces.expressions import type_pairs
 from .forces.segments import segment_spec
 from .kernels import angles as angle_kernel, bonded as bond_kernel, external
@@ -32,7 +33,9 @@ _NUMBERS: dict[type, int] = {
 _PATTERNS = {"uniform": external.UNIFORM, "halves": external.HALVES, "sine": external.SINE}
 
 
-def extras(scene: Scene, overlays: Sequence[dict], exceptions: dict[tuple[int, int], float]) -> tuple[Extra, ...]:
+def extras(
+    scene: Scene, overlays: Sequence[dict], exceptions: dict[tuple[int, int], float], held: Container[str] = PARTS
+) -> tuple[Extra, ...]:
     """The conservative forces of a scene beside its pair terms.
 
     Parameters
@@ -42,18 +45,22 @@ def extras(scene: Scene, overlays: Sequence[dict], exceptions: dict[tuple[int, i
         Radial overlays, {pair of type names: coefficient}, one kind in each (``Plan.overlays``).
     exceptions : dict
         Factors of bonded neighbours (``Plan.exceptions``).
+    held : container of str
+        Which parts of it are wanted (``Execution.held``).
     """
     # PositionForce (formulas given as text) has no kernel: OpenMM evaluates it.  Charges are in charge_forces.py.
     found: list[Extra] = []
-    if sum(len(group.pairs) for group in scene.bonds):
+    if "bonds" in held and any(len(group.pairs) for group in scene.bonds):
         found.append(BondTerms(*_rows(scene.bonds, 4)))
-    if sum(len(group.triples) for group in scene.angles):
+    if "angles" in held and any(len(group.triples) for group in scene.angles):
         found.append(AngleTerms(*_rows(scene.angles, 2)))
-    found += [radial_terms(table, scene.type_ids, scene.type_names, exceptions) for table in overlays]
-    segments = segment_spec(scene)
+    if "overlays" in held:
+        found += [radial_terms(table, scene.type_ids, scene.type_names, exceptions) for table in overlays]
+    segments = segment_spec(scene) if "segments" in held else None
     if segments is not None and len(segments.pairs):
         found.append(segments)
-    found += [body_terms(term, scene) for term in scene.body_forces if isinstance(term, BodyForce)]
+    if "body forces" in held:
+        found += [body_terms(term, scene) for term in scene.body_forces if isinstance(term, BodyForce)]
     return tuple(found)
 
 

@@ -12,7 +12,6 @@ import openmm
 from openmm import unit
 
 from .errors import ParameterError
-from .kernels.engine import PairEngine
 from .kernels.fields import ENERGY, TEMPERATURE, FieldSpec
 from .model.internal import InternalEnergy
 from .names import FIELD
@@ -82,9 +81,9 @@ def _densities(context: openmm.Context, plan: Plan) -> dict[str, np.ndarray]:
         return {}
     state = context.getState(positions=True)
     box = None if plan.scene.box is None else state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer)
-    engine = PairEngine(plan.spec)
+    engine = plan.new_engine()
     engine.prepare(state.getPositions(asNumpy=True).value_in_unit(unit.nanometer), box)
-    return {"density": np.sum([engine.layers[k].densities for k in many_body], axis=0)}  # type: ignore[attr-defined]
+    return {"density": np.sum([engine.densities(k) for k in many_body], axis=0)}
 
 
 def write_fields(context: openmm.Context, plan: Plan, **values: Any) -> None:

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .kernels.engine import PairSpec
 from .kernels.fields import FieldSpec
+from .kernels.layer import PairSpec
 from .kernels.pairs import compressed_exceptions
 from .kernels.sweeps import EXACT, SHARDLOW
 from .kinds import BeadData, Kind

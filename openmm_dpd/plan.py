@@ -1,5 +1,6 @@
 """Scene + choices -> Plan: the least that this scene needs, decided before anything is built."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -8,10 +9,13 @@ import numpy as np
 from .charge_forces import charge_factors, ewald_of, few_charges
 from .choices import check_cutoffs, checked_interval, checked_lam, checked_seed, checked_step, predicting
 from .errors import ParameterError, PlanError, what_is
+from .execution import DOUBLE_PLATFORMS, PARTS, Execution, conservative_place, why_no_loop, why_parts
 from .host import Host
 from .html import fact_table
-from .kernels.engine import PairSpec
+from .kernels.engines import EngineKind, engine_kind
 from .kernels.fields import ENERGY
+from .kernels.interface import Engine
+from .kernels.layer import PairSpec
 from .kinds import Kind, resolved_kind
 from .model.electrostatics import EwaldSum
 from .model.flow import gaps, kind_of
@@ -21,11 +25,15 @@ from .model.temperature import TemperatureRamp
 from .names import PAIR_GROUP
 from .neighbour_list import listed
 from .pair_spec import Factors, longest, neighbour_factors, pair_spec
-from .program_options import DOUBLE_PLATFORMS, ProgramOptions, field_options, tau_ratio
-from .schemes import Scheme, scheme_of
+from .program_options import ProgramOptions, field_options, tau_ratio
+from .schemes import scheme_of
 
 #: Coefficients by pair of types, all of one kind.
 ResolvedTable = dict[tuple[str, str], Any]
+
+
+#: What an engine needs for the letters of a word that sweep.
+_SWEEPS = {"O": "exact pair updates", "S": "Shardlow's pair updates"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,16 +53,10 @@ class Plan:
         What the pair kernel evaluates, and overlays, each {pair of types: coefficient} of one kind.
     exceptions, charge_exceptions : dict
         Factors of bonded neighbours other than 1.
-    conservative : {"kernel", "openmm", "none"}
-        Where the conservative force is computed.
     platform : str or None
         Name of the platform.
     ewald : EwaldSum or None
         Settings of the lattice sum of charges.
-    unlooped : str or None
-        Why the pair kernel does not carry out whole steps, or None if it does.
-    charges_held : bool
-        Whether the kernel holds the charges.
     host : Host or None
         The System made elsewhere that the pair terms are added to.
     """
@@ -65,12 +67,9 @@ class Plan:
     layers: tuple[ResolvedTable, ...]
     overlays: tuple[ResolvedTable, ...]
     exceptions: Factors
-    conservative: str
     platform: str | None
     ewald: EwaldSum | None = None
     charge_exceptions: Factors = field(default_factory=dict)
-    unlooped: str | None = None
-    charges_held: bool = False
     host: Host | None = None
 
     def __repr__(self) -> str:
@@ -87,6 +86,38 @@ class Plan:
         if self.host is None:
             return {**known, **self.scene.facts()}
         return {"atoms": self.n_atoms, **known, **self.scene.facts(), "beads": self.scene.n_beads - self.n_atoms or None}
+
+    @property
+    def execution(self) -> Execution:
+        """Who computes what, and why."""
+        return self.options.execution
+
+    @property
+    def engine(self) -> EngineKind:
+        """What evaluates the pair terms, and what it can do."""
+        return engine_kind(self.execution.engine)
+
+    def new_engine(self) -> Engine:
+        """A new engine for the pair terms alone."""
+        return self.engine.make(self.spec)
+
+    def needs(self) -> Iterator[str]:
+        """What an engine has to be able to do: kinds of pair coefficients by name, pair updates, boxes, beads, and parts of the scene."""
+        scene, options = self.scene, self.options
+        yield from dict.fromkeys(kind.name for kind in self.kinds)
+        if options.predicting:
+            yield "friction as a force"
+        yield from dict.fromkeys(_SWEEPS[letter] for letter, _ in options.scheme.steps(options.thermostat) if letter in _SWEEPS)
+        features = {
+            "several tables": len(self.layers) > 1,
+            "scenes without a box": scene.box is None,
+            "tilted boxes": scene.box is not None and bool(np.any(np.tril(scene.box, -1))),
+            "factors of bonded neighbours": bool(self.exceptions),
+            "immobile beads": bool(scene.immobile.any()),
+            "particles that are left out": self.host is not None,
+        }
+        yield from (name for name, there in features.items() if there)
+        yield from (part for part in PARTS if part in self.execution.held)
 
     @property
     def n_atoms(self) -> int:
@@ -114,6 +145,7 @@ def make_plan(
     seed: int | None = None,
     loop: bool = True,
     slow_every: int = 1,
+    engine: str = "auto",
     host: Host | None = None,
 ) -> Plan:
     """Decide what to build.
@@ -144,6 +176,9 @@ def make_plan(
     slow_every : int, default 1
         In such loops: after how many steps of the Context forces that stay OpenMM's kick (multiple time steps, impulses as in r-RESPA:
         Tuckerman, Berne and Martyna, J. Chem. Phys. 97, 1990 (1992)).
+    engine : str, default "auto"
+        What evaluates the pair terms: "host" is the compiled kernel, which "auto" takes; others have to be registered
+        (:func:`openmm_dpd.kernels.engines.register_engine`).
     host : Host, optional
         A System made elsewhere whose particles are the first of the scene; its forces act beside the pair terms.
 
@@ -178,14 +213,30 @@ def make_plan(
     thermostat = any(c is not NONE and c.has_thermostat for table in layers for c in table.values())
     reasons = (kind.kernel_only(table, scene, exceptions, platform) for kind, table in zip(kinds, layers, strict=True))
     only = next(filter(None, reasons), None)
-    faster = platform in DOUBLE_PLATFORMS or not listed(platform, scene.box, longest(layers))
-    where = _conservative_place(conservative, repulsive, thermostat, only, faster, chosen)
+    double = platform in DOUBLE_PLATFORMS
+    faster = double or not listed(platform, scene.box, longest(layers))
+    where, why_there = conservative_place(conservative, repulsive, thermostat, only, faster, chosen)
     carriers = [kind for kind in kinds if kind.fields is not None]
     fields = carriers[0].fields(scene) if carriers else None  # type: ignore[misc]
-    choices = field_options(scene, fields, longest(layers), platform, lam)
+    choices = field_options(scene, fields, longest(layers), double, lam)
     choices |= {"field_names": carriers[0].field_text} if carriers else {}
-    unlooped = _why_no_loop(where, thermostat, chosen, platform, loop, choices.get("compensated", False), scene, host)
-    whole = unlooped is None and platform in DOUBLE_PLATFORMS
+    no_loop = why_no_loop(where, thermostat, chosen, platform, loop, choices.get("compensated", False), scene, host is not None)
+    ewald = ewald_of(scene)
+    held, why_held = why_parts(scene, bool(overlays), no_loop is None, double and few_charges(scene, ewald), double)
+    execution = Execution(
+        engine=engine_kind("host" if engine == "auto" else engine).name,
+        steps="openmm" if chosen.native else "program" if no_loop else "loop",
+        conservative=where,
+        held=held,
+        precision="double" if double else "single",
+        why={
+            "engine": "it runs everything" if engine == "auto" else "as asked for",
+            "steps": no_loop or "the pair kernel holds all fast forces",
+            "conservative": why_there,
+            "precision": f"platform {platform}" if platform else "no platform is named",
+            **why_held,
+        },
+    )
     options = ProgramOptions(
         scheme=chosen,
         dt=step,
@@ -193,73 +244,40 @@ def make_plan(
         seed=checked_seed(seed),
         lam=lam,
         thermostat=thermostat,
-        kernel_conservative=where == "kernel" or whole,
-        loop=unlooped is None,
-        whole_steps=whole,
-        slow_every=checked_interval(slow_every, unlooped),
+        execution=execution,
+        slow_every=checked_interval(slow_every, no_loop),
         settable=thermostat and not isinstance(scene.kT, TemperatureRamp) and (fields is None or fields.kind != ENERGY),
         pair_group=PAIR_GROUP if host is None else host.pair_group,
         constraints=host is not None and host.constrained,
         seeded=seed is not None,
         ramp=scene.kT if isinstance(scene.kT, TemperatureRamp) else None,
-        tau_ratio=tau_ratio(platform),
+        tau_ratio=tau_ratio(double),
         walls=kind_of(gaps(scene.walls, scene.box)),
         partial=scene.interacting is not None,
         **choices,
     )
-    ewald = ewald_of(scene)
     left_out = None if host is None else np.pad(host.left_out, (0, scene.n_beads - len(host.masses)))
-    return Plan(
+    plan = Plan(
         scene=scene,
         spec=pair_spec(scene, kinds, layers, exceptions, chosen, fields, left_out),
         options=options,
         layers=tuple(layers),
         overlays=tuple(overlays),
         exceptions=exceptions,
-        conservative=where,
-        unlooped=unlooped,
         platform=platform,
         ewald=ewald,
-        charges_held=unlooped is None and platform in DOUBLE_PLATFORMS and few_charges(scene, ewald),
         charge_exceptions=charge_factors(scene),
         host=host,
     )
+    if engine != "auto":
+        _check_engine(plan)
+    return plan
 
 
-def _why_no_loop(
-    where: str, thermostat: bool, scheme: Scheme, platform: str | None, loop: bool, compensated: bool, scene: Scene, host: Host | None
-) -> str | None:
-    """Why the pair kernel cannot carry out whole steps by itself, or None."""
-    less = f"velocities on the platform {platform} are less than double precision, so that the program balances the energies"
-    reasons = {
-        "the forces of a System made elsewhere act as well": host is not None,
-        "switched off": not loop,
-        "on some beads only body forces act": scene.interacting is not None,
-        "OpenMM's own integrator steps": scheme.native,
-        "the conservative force is a CustomNonbondedForce": where == "openmm",
-        "the pair kernel holds no conservative force": where == "none" and not (thermostat and platform in DOUBLE_PLATFORMS),
-        less: compensated,
-    }
-    return next((reason for reason, holds in reasons.items() if holds), None)
-
-
-def _conservative_place(conservative: str, repulsive: bool, thermostat: bool, only: str | None, faster: bool, scheme: Scheme) -> str:
-    """Where the conservative force is computed: "kernel", "openmm" or "none".
-
-    ``only`` is the reason why it must be the kernel, ``faster`` whether that passes over the pairs faster than OpenMM does.
-    """
-    if not repulsive:
-        return "none"
-    if only is not None:
-        if scheme.native or conservative == "openmm":
-            what = "the native scheme" if scheme.native else "conservative='openmm'"
-            raise PlanError(f"{what} is not possible: {only}")
-        return "kernel"
-    if conservative != "auto":
-        where = conservative
-    else:
-        # without friction there is no kernel, and OpenMM's own force needs no company
-        where = "kernel" if faster and thermostat and not scheme.native else "openmm"
-    if scheme.native and where == "kernel":
-        raise PlanError("the native scheme has no pair kernel; use conservative='openmm'")
-    return where
+def _check_engine(plan: Plan) -> None:
+    """Raise PlanError if the engine would have nothing to do, or cannot do it all."""
+    execution, lacks = plan.execution, plan.engine.lacks(plan.needs())
+    if plan.options.scheme.native or not plan.options.kernel:
+        raise PlanError(f"the engine {execution.engine!r} would have nothing to do: {execution.why['steps']}")
+    if lacks is not None:
+        raise PlanError(f"the engine {execution.engine!r} cannot run this scene: it has no {lacks}")

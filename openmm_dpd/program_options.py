@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from .execution import Execution
 from .kernels.fields import ENERGY, TEMPERATURE, FieldSpec
 from .model.scene import Scene
 from .model.temperature import TemperatureRamp
@@ -25,16 +26,12 @@ class ProgramOptions:
         Thermal energy at the start, kJ/mol.
     seed : int
         Seed of the noise.
+    execution : Execution
+        Who computes what.
     lam : float
         Weight of the velocity prediction of ``mvv``.
     thermostat : bool
         Whether there is friction or noise at all.
-    kernel_conservative : bool
-        Whether the pair kernel holds a conservative force.
-    loop : bool
-        Whether many steps may be carried out at once, so that the program only counts them.
-    whole_steps : bool
-        Whether the pair force carries out whole steps: it holds all fast forces, and positions are double precision.
     settable : bool
         Whether the temperature is one number that may be set: there is friction or noise, no ramp, and no internal temperature.
     slow_every : int
@@ -74,11 +71,9 @@ class ProgramOptions:
     dt: float
     kT: float
     seed: int
+    execution: Execution
     lam: float = 0.5
     thermostat: bool = True
-    kernel_conservative: bool = False
-    loop: bool = False
-    whole_steps: bool = False
     settable: bool = False
     slow_every: int = 1
     pair_group: int = PAIR_GROUP
@@ -127,16 +122,12 @@ class ProgramOptions:
     @property
     def kernel(self) -> bool:
         """Whether a pair kernel takes part at all."""
-        return self.thermostat or self.kernel_conservative
+        return self.thermostat or self.execution.pushes
 
 
-#: Platforms where positions, velocities and forces are double precision.
-DOUBLE_PLATFORMS = ("Reference", "CPU")
-
-
-def tau_ratio(platform: str | None) -> float:
+def tau_ratio(double: bool) -> float:
     """Trial drift in units of dt: short where positions are double precision, longer where they may be single."""
-    return 1.0 / 32.0 if platform in DOUBLE_PLATFORMS else 0.25
+    return 1.0 / 32.0 if double else 0.25
 
 
 def _trial_time(scene: Scene, cutoff: float, double: bool) -> float | None:
@@ -150,11 +141,10 @@ def _trial_time(scene: Scene, cutoff: float, double: bool) -> float | None:
     return float(2.0 ** np.round(np.log2((0.001 if double else 0.02) * cutoff / speed)))
 
 
-def field_options(scene: Scene, fields: FieldSpec | None, cutoff: float, platform: str | None, lam: float) -> dict[str, Any]:
+def field_options(scene: Scene, fields: FieldSpec | None, cutoff: float, double: bool, lam: float) -> dict[str, Any]:
     """How the program keeps and shows the per-bead fields."""
     if fields is None:
         return {}
-    double = platform in DOUBLE_PLATFORMS
     reach = 0.25 * cutoff if double or scene.box is None else 0.2 * float(np.diag(scene.box).min())
     typical = float(np.abs(fields.initial.sum(axis=1)).mean()) or 1.0
     return {

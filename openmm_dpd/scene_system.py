@@ -30,10 +30,10 @@ def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, func
         system.addParticle(mass)
     if scene.box is not None:
         system.setDefaultPeriodicBoxVectors(*(openmm.Vec3(*row) for row in scene.box.tolist()))
-    layers = plan.layers if plan.conservative == "openmm" else ()
+    layers = plan.layers if plan.execution.conservative == "openmm" else ()
     densities = [layer for layer in layers if resolved_kind(layer).density_force is not None]
-    # where the kernel holds the forces beside its pair terms, overlays are among them
-    tables = (*layers, *(plan.overlays if plan.unlooped else ()))
+    held = plan.execution.held
+    tables = (*layers, *(() if "overlays" in held else plan.overlays))
     expressions = [resolved_kind(table).potential(table, scene.type_names) for table in tables]  # type: ignore[misc]  # make_plan has seen to it
     factors = _excluded_pairs(plan, expressions)
     free = _add_pair_expressions(system, plan, expressions, factors)
@@ -45,18 +45,17 @@ def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, func
         force = resolved_kind(layer).density_force(layer, scene.type_names, scene.type_ids, excluded, periodic)  # type: ignore[misc]
         force.setForceGroup(free - k)
         system.addForce(force)
-    if plan.unlooped is None:
-        if len(scene.bond_pairs):
-            system.addForce(molecules(scene.bond_pairs))
-    else:
-        for force in bonded_forces(scene.bonds, scene.angles, periodic):
-            force.setForceGroup(BONDED_GROUP)
-            system.addForce(force)
-        segments = segment_spec(scene)
-        if segments is not None:
-            system.addForce(segment_force(segments, periodic))
+    if "bonds" in held and len(scene.bond_pairs):
+        system.addForce(molecules(scene.bond_pairs))
+    left = () if "bonds" in held else scene.bonds, () if "angles" in held else scene.angles
+    for force in bonded_forces(*left, periodic):
+        force.setForceGroup(BONDED_GROUP)
+        system.addForce(force)
+    segments = None if "segments" in held else segment_spec(scene)
+    if segments is not None:
+        system.addForce(segment_force(segments, periodic))
     for term in scene.body_forces:
-        if plan.unlooped is not None or isinstance(term, PositionForce):
+        if "body forces" not in held or isinstance(term, PositionForce):
             system.addForce(external_force(term, scene.type_ids, scene.type_names, scene.box))
     if function is not None:
         system.addForce(pair_force(function, options=options, integrator=integrator))
@@ -83,7 +82,7 @@ def _excluded_pairs(plan: Plan, expressions: list[PairExpression]) -> Factors:
 def _add_charges(system: openmm.System, plan: Plan, factors: Factors) -> None:
     """Add the forces of smeared charges."""
     scene = plan.scene
-    if scene.electrostatics is None or plan.charges_held:
+    if scene.electrostatics is None or "charges" in plan.execution.held:
         return
     assert scene.charges is not None
     listed = plan.ewald is not None and needs_list(scene.charges, plan.ewald, scene.box) and plan.listed(plan.ewald.cutoff)

@@ -11,13 +11,13 @@ import openmm
 
 from . import names as shared
 from .errors import RunError
+from .execution import DOUBLE_PLATFORMS
 from .fields import per_dof
 from .forces.pair_force import Fields, PairForceFunction, fingerprint, unfolded, vectors
 from .integrators import PairIntegrator
 from .kernels import motion
 from .kernels.steps import Moment, StepSpec
 from .names import FIELD, RATES
-from .program_options import DOUBLE_PLATFORMS
 from .units import BOLTZMANN
 from .wording import in_units
 

@@ -12,7 +12,7 @@ import openmm_dpd as dpd
 from openmm_dpd.build import build_plan
 from openmm_dpd.fields import raw_fields
 from openmm_dpd.model.eos import ConstantHeatCapacity, TabulatedEOS
-from openmm_dpd.plan import make_plan
+from openmm_dpd.plan import Plan, make_plan
 
 N, SEED = 60, 11
 TILTED = BOXES["tilted"]
@@ -179,6 +179,12 @@ def schemes_of(kind: str, words=WORDS) -> tuple[str, ...]:
     return NAMED + tuple(words)
 
 
+def charges_left(plan: Plan) -> Plan:
+    """A plan whose charges stay OpenMM's."""
+    execution = replace(plan.execution, held=plan.execution.held - {"charges"})
+    return replace(plan, options=replace(plan.options, execution=execution))
+
+
 def made(kind: str, scheme: str, platform: str = "Reference", *, dt: float = 0.01, loop: bool = True, **choices) -> dpd.BuiltSystem:
     """A scene, built; "mvv-0.65" is mvv with that lambda."""
     name, _, lam = scheme.partition("-")
@@ -187,7 +193,7 @@ def made(kind: str, scheme: str, platform: str = "Reference", *, dt: float = 0.0
     choices = {"seed": SEED, "conservative": conservative, **options, **choices}
     plan = make_plan(KINDS[kind](), dt=dt, scheme=name, platform=platform, loop=loop, **choices)
     # these charges are there as a force that stays OpenMM's
-    return build_plan(replace(plan, charges_held=False))
+    return build_plan(charges_left(plan))
 
 
 def running(built: dpd.BuiltSystem, platform: str = "Reference"):

@@ -38,7 +38,8 @@ def neighbours(x: np.ndarray, charges: np.ndarray, box: np.ndarray, reach: float
 def row(scene: dpd.Scene, scheme: str, dt: float, every: int, length: float) -> str:
     """A line of the table."""
     plan = make_plan(scene, dt=dt, scheme=scheme, platform="CPU", seed=1, slow_every=every)
-    built = build_plan(replace(plan, charges_held=False))  # so few charges are the kernel's otherwise
+    execution = replace(plan.execution, held=plan.execution.held - {"charges"})  # so few charges are the kernel's otherwise
+    built = build_plan(replace(plan, options=replace(plan.options, execution=execution)))
     simulation, observer = built.simulation(properties={"Threads": "1"}), dpd.Observer(built)
     simulation.step(int(20 / dt))
     samples, spent = [], 0.0

@@ -9,10 +9,10 @@ from .. import names
 from ..errors import RunError
 from ..kernels import motion
 from ..kernels.compiled import compiled, inlined
-from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, PairSpec, warm_up
-from ..kernels.extras import warm_up_extras
+from ..kernels.engines import engine_kind
 from ..kernels.fields import ENERGY, TEMPERATURE, FieldSpec
-from ..kernels.steps import Moment, StepLoop, StepSpec
+from ..kernels.layer import CONSERVATIVE, DISSIPATIVE, RANDOM, PairSpec
+from ..kernels.steps import Moment, StepSpec
 from ..made import origin
 from ..names import RATES, Phase
 from ..program_options import ProgramOptions
@@ -133,6 +133,8 @@ class PairForceFunction:
         Bonds whose lengths are checked once in every step: a bond that is too long would make the positions NaN.
     steps : StepSpec or None
         A whole step, if this force can do it.
+    engine : str
+        Name of the engine (:mod:`openmm_dpd.kernels.engines`).
     """
 
     def __init__(
@@ -144,29 +146,32 @@ class PairForceFunction:
         balanced: bool = False,
         length_checked: tuple = (),
         steps: StepSpec | None = None,
+        engine: str = "host",
     ):
         self.spec, self.conservative, self.periodic = spec, conservative, periodic
         self.scale, self.balanced, self.length_checked, self.steps = scale, balanced, length_checked, steps
+        self.engine = engine
         self._cutoff = max(float(term.cutoff.max()) for term in spec.terms)
         self._zero = np.zeros((len(spec.types), 3))
         self._local = threading.local()
 
     def __reduce__(self):
-        return type(self), (self.spec, self.conservative, self.periodic, self.scale, self.balanced, self.length_checked, self.steps)
+        known = self.spec, self.conservative, self.periodic, self.scale, self.balanced, self.length_checked, self.steps, self.engine
+        return type(self), known
 
     def thread_state(self):
         """The state of the calling thread."""
         local = self._local
         if not hasattr(local, "engine"):
-            warm_up(self.spec)
-            warm_up_extras(self.spec.extras)
-            engine = PairEngine(self.spec)
+            kind = engine_kind(self.engine)
+            kind.warm_up(self.spec)
+            engine = kind.make(self.spec)
             local.kept = local.fingerprinted = local.moment = local.failed = None
             local.fields = None if self.spec.fields is None else Fields(self.spec.fields)
             # written again and again: OpenMM copies what it is given
             local.v, local.result, local.conserved = np.zeros((3, len(self.spec.types), 3))
             local.conserved_energy, local.conserved_at, local.read = 0.0, -1, {}
-            local.loop = None if self.steps is None else StepLoop(self.steps, engine, self._watch, NEAR * self._cutoff)
+            local.loop = None if self.steps is None else kind.stepper(self.steps, engine, self._watch, NEAR * self._cutoff)
             local.engine = engine  # last: it says that all is there
         return local
 

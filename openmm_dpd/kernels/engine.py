@@ -9,24 +9,16 @@ import numpy as np
 from ..errors import RunError
 from . import motion
 from .columns import Totals
+from .interface import Engine
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS, Call, Layer, PairSpec
 from .notice import LOGGER, announced
 from .threads import get_threads
 
 
-class PairEngine:
-    """Evaluates the pair terms of one :class:`PairSpec`.
+class PairEngine(Engine):
+    """Evaluates the pair terms of one :class:`PairSpec` by compiled kernels.
 
-    One engine belongs to one thread at a time.  All results are the same, bit for bit, for any number of threads.
-
-    Attributes
-    ----------
-    rates, increments : (N, K) arrays
-        What the last call of :meth:`forces` and :meth:`sweep` gave for the fields of the spec (per time, and in all).
-    body_scale : float
-        Factor of forces on single beads.
-    number : int
-        Of the positions that were prepared last: what was computed there is valid while it stays.
+    All results are the same, bit for bit, for any number of threads.
     """
 
     def __init__(self, spec: PairSpec):
@@ -50,14 +42,9 @@ class PairEngine:
         return self._kept and same_box and motion.same(x, self._x)
 
     def prepare(self, x: np.ndarray, box: np.ndarray | None) -> bool:
-        """List the pairs at positions x; does nothing and returns False if they are those of the last call."""
-        if not x.flags.writeable:
-            x = x.copy()  # numba would compile another version for a scene's read-only positions
-        if self.holds(x, box):
-            return False
-        self.place(x, box)
-        self.keep()
-        return True
+        """See :meth:`.interface.Engine.prepare`."""
+        # numba would compile another version for a scene's read-only positions
+        return super().prepare(x if x.flags.writeable else x.copy(), box)
 
     def place(self, x: np.ndarray, box: np.ndarray | None) -> None:
         """List the pairs at positions x without a look at those before; x stays the caller's, who says when it changes by another call."""
@@ -71,22 +58,6 @@ class PairEngine:
         """Remember the positions that were placed last, and have not changed since, for :meth:`prepare`."""
         self._x, self._kept = self._x.copy(), True
 
-    def forces(
-        self,
-        which: int,
-        v: np.ndarray | None,
-        kT: float,
-        dt: float,
-        seed: int,
-        counter: int,
-        field_values: np.ndarray | None = None,
-        out: np.ndarray | None = None,
-    ):
-        """Energy, forces (N, 3) and virial of the chosen terms at the prepared positions; see :meth:`sums`."""
-        force = np.empty((len(self.spec.types), 3)) if out is None else out
-        found = self.sums(which, v, kT, dt, seed, counter, field_values, force)
-        return found.energy, force, found.virial
-
     def sums(
         self,
         which: int,
@@ -98,21 +69,7 @@ class PairEngine:
         field_values: np.ndarray | None = None,
         out: np.ndarray | None = None,
     ) -> Totals:
-        """Sums over the chosen terms at the prepared positions.
-
-        Parameters
-        ----------
-        which, v, kT, dt, seed, counter, field_values
-            See :class:`.layer.Call`; v is what the friction sees.
-        out : (N, 3) array, optional
-            Where the forces are written.
-
-        Returns
-        -------
-        Totals
-            The energy is that of all conservative forces; virials are those of pair terms alone, with the tensor if ``which`` has STRESS,
-            and so is the Laplacian.
-        """
+        """See :meth:`.interface.Engine.sums`."""
         force = np.empty((len(self.spec.types), 3)) if out is None else out
         if not self._covered:
             force[...] = 0.0
@@ -143,12 +100,6 @@ class PairEngine:
                 source.add_to(self.rates, self._x, self._box)
         return Totals(energy, virial, drag, stress, laplacian)
 
-    def sweep(self, v: np.ndarray, *conditions) -> np.ndarray:
-        """Change of the velocities (N, 3) by a sweep; all arguments are those of :meth:`swept`."""
-        swept = self.swept(v, *conditions)
-        swept -= self.seen(v)
-        return swept
-
     def swept(
         self,
         v: np.ndarray,
@@ -160,10 +111,7 @@ class PairEngine:
         out: np.ndarray | None = None,
         update: int | None = None,
     ) -> np.ndarray:
-        """Velocities (N, 3) after one sweep of pair updates at the prepared positions, written to ``out`` (v, say) if that is given.
-
-        ``update`` is EXACT or SHARDLOW, None for that of the spec.
-        """
+        """See :meth:`.interface.Engine.swept`."""
         before = self.seen(v)
         out = np.empty_like(v) if out is None else out
         if out is not before:
@@ -178,11 +126,22 @@ class PairEngine:
         """Sum over mobile beads of the Laplacian of the conservative energy at the prepared positions."""
         return sum(layer.laplacian() for layer in self.layers)
 
-    def seen(self, v: np.ndarray) -> np.ndarray:
-        """Velocities with those of immobile beads replaced by their prescribed ones."""
-        if self.spec.wall_velocity is None:
-            return v
-        return np.where(self.spec.inv_mass[:, None] > 0, v, self.spec.wall_velocity)
+    def densities(self, layer: int) -> np.ndarray:
+        """See :meth:`.interface.Engine.densities`."""
+        return self.layers[layer].densities  # type: ignore[attr-defined]
+
+    def radial_friction(self, v: np.ndarray, kT: float) -> tuple[np.ndarray, float]:
+        """See :meth:`.interface.Engine.radial_friction`."""
+        stress, moment = np.zeros(6), 0.0
+        for layer in self.layers:
+            more = layer.radial_friction(v, kT)  # type: ignore[attr-defined]
+            stress, moment = stress + more[0], moment + more[1]
+        return stress, moment
+
+
+def host_engine(spec: PairSpec) -> PairEngine:
+    """A new engine of compiled kernels."""
+    return PairEngine(spec)
 
 
 _WARM: set = set()
@@ -213,7 +172,7 @@ def _use_all(spec: PairSpec) -> None:
     fields = None if spec.fields is None else spec.fields.of(few)
     small = PairSpec(np.maximum(spec.types[few], 0), np.ones(len(few)), spec.terms, spec.update, fields=fields)
     edge = 4.0 * max(float(table.cutoff.max()) for table in spec.terms)
-    engine = PairEngine(small)
+    engine = host_engine(small)
     engine.prepare(np.random.default_rng(0).random((len(few), 3)) * edge, np.diag([edge] * 3))
     # everywhere the same, so that no two beads meet that never would
     field_values = None if fields is None else np.tile(fields.initial[:1], (len(few), 1))

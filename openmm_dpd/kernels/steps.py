@@ -7,7 +7,7 @@ is rounded so before each step, so that a run gives the same bits however it is 
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -16,7 +16,8 @@ from ..names import ACCELERATION, PREDICTED, RATES, SHOWN, VELOCITY
 from ..signals import CTRL_C
 from . import motion
 from .columns import Totals
-from .engine import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, PairEngine
+from .interface import Engine
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS
 from .sweeps import EXACT, SHARDLOW
 
 #: Pair updates of the letters that sweep.
@@ -136,9 +137,43 @@ class Moment:
         return result
 
 
+#: Forces (N, 3) of others at the positions of a moment, after so many of the steps that are being done.
+SlowForces = Callable[[Moment, int], np.ndarray]
+
+
+class Stepper(Protocol):
+    """Does whole steps with one engine, and keeps what it has computed in the last one.
+
+    Attributes
+    ----------
+    tensor : bool
+        Whether the forces of last steps are to be summed with their stress tensor, where friction is a force.
+    """
+
+    spec: StepSpec
+    tensor: bool
+
+    def run(self, moment: Moment, n: int, slow: SlowForces | None = None) -> None:
+        """Do n steps; ``slow`` are forces of others that kick before and after.
+
+        Raises
+        ------
+        RunError
+            If a step fails; ``steps_done`` is how many were complete, and the moment is worth nothing.
+        """
+
+    def conserve(self, values: np.ndarray | None, more: int = 0) -> tuple[np.ndarray, Totals]:
+        """Conservative force (N, 3) at the positions that were placed last, and its sums, STRESS and LAPLACIAN as well if asked for."""
+        ...
+
+    def last(self) -> tuple[Moment, np.ndarray, Totals] | None:
+        """Where friction is a force: the moment after the last step, all forces there and their sums, if the engine is still there."""
+        ...
+
+
 @dataclass(eq=False)
 class StepLoop:
-    """Does steps with one engine.
+    """Does steps with one engine, on its arrays: a :class:`Stepper`.
 
     Attributes
     ----------
@@ -149,7 +184,7 @@ class StepLoop:
     """
 
     spec: StepSpec
-    engine: PairEngine
+    engine: Engine
     watch: Callable[[np.ndarray, Moment], None]
     reach: float
     force: np.ndarray = field(init=False)
@@ -168,7 +203,7 @@ class StepLoop:
         #: whether the lists of the engine are those of the moment's positions
         self.placed = False
 
-    def run(self, moment: Moment, n: int, slow: Callable[[Moment, int], np.ndarray] | None = None, *, shown: bool = False) -> None:
+    def run(self, moment: Moment, n: int, slow: SlowForces | None = None, *, shown: bool = False) -> None:
         """Do n steps.
 
         Parameters
@@ -273,11 +308,16 @@ class StepLoop:
         self._place(m)
         self.conserve(m.values)
 
-    def conserve(self, values: np.ndarray | None, more: int = 0) -> Totals:
-        """Conservative force at the listed positions and its sums, STRESS and LAPLACIAN as well if asked for, unless they are there."""
+    def last(self) -> tuple[Moment, np.ndarray, Totals] | None:
+        """See :class:`Stepper`."""
+        there = self.spec.predicts and self.forced == self.engine.number and self.moment is not None
+        return (self.moment, self.force, self.totals) if there else None  # type: ignore[return-value]
+
+    def conserve(self, values: np.ndarray | None, more: int = 0) -> tuple[np.ndarray, Totals]:
+        """See :class:`Stepper`; what is there already is not computed again."""
         if self.forced != self.engine.number or more & ~self._summed:
             self._sum(CONSERVATIVE | more, None, 0.0, 1.0, 0, 0, values)
-        return self.totals
+        return self.force, self.totals
 
     def _sum(self, which: int, v: np.ndarray | None, kT: float, dt: float, seed: int, counter: int, values: np.ndarray | None) -> None:
         self.forced = -1  # until all of it is there

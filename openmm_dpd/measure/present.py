@@ -17,9 +17,10 @@ from ..fields import per_dof, raw_fields
 from ..forces.pair_force import vectors
 from ..kernels import motion
 from ..kernels.columns import Totals
-from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, PairEngine
 from ..kernels.fields import TEMPERATURE
-from ..kernels.steps import StepLoop
+from ..kernels.interface import Engine
+from ..kernels.layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS
+from ..kernels.steps import Stepper
 from ..made import acting, groups_of, masses_of
 from ..names import PAIR_FORCE, SLOW_STEP
 from ..plan import Plan
@@ -51,6 +52,8 @@ def why_no_stress(plan: Plan) -> str | None:
         return "there is no periodic box"
     if plan.spec.fields is not None:
         return "its beads have energies, temperatures or concentrations"
+    if plan.engine.lacks(["stress"]):
+        return f"the engine {plan.engine.name!r} has none"
     unknown = next((kind.name for kind in plan.kinds if not kind.has_stress), None)
     return None if unknown is None else f"that of {unknown} is not known"
 
@@ -86,7 +89,7 @@ class Present:
         self.built, self.plan = built, built.plan
         whole = built.integrator.whole
         self._function = None if whole is None else whole.function
-        self._own = PairEngine(self.plan.spec) if self.plan.layers and whole is None else None
+        self._own = self.plan.new_engine() if self.plan.layers and whole is None else None
         self._groups = built.integrator.getIntegrationForceGroups()
         self.mass, self._deficit = masses_of(built.system), kinetic_deficit(self.plan.options.scheme)
         self.changed: np.ndarray | None = None
@@ -99,7 +102,7 @@ class Present:
         self.box = None if self.plan.scene.box is None else state.getPeriodicBoxVectors(asNumpy=True)._value
         self.kT, self.seed, self.counter, self.dt = noise_state(context, self.plan)
         self._values: np.ndarray | None = None
-        self._prepared: PairEngine | None = None
+        self._prepared: Engine | None = None
         return state
 
     @property
@@ -110,7 +113,7 @@ class Present:
         return self._values
 
     @property
-    def engine(self) -> PairEngine | None:
+    def engine(self) -> Engine | None:
         """What evaluates the pair terms, with the lists of these positions; None without any."""
         if self._prepared is None:
             if self._function is None:
@@ -124,7 +127,7 @@ class Present:
         return self._prepared
 
     @property
-    def _loop(self) -> StepLoop | None:
+    def _loop(self) -> Stepper | None:
         return None if self._function is None else self._function.thread_state().loop
 
     # -- forces ------------------------------------------------------------------------------------------------------------------
@@ -133,8 +136,7 @@ class Present:
         engine, loop, fields = self.engine, self._loop, self.plan.spec.fields
         pairs, force = Totals(0.0, 0.0, 0.0), np.zeros_like(self.x) if engine is None else np.empty_like(self.x)
         if loop is not None and not loop.spec.predicts:
-            pairs = loop.conserve(self.values, more)
-            force[...] = loop.force
+            force[...], pairs = loop.conserve(self.values, more)
         elif engine is not None:
             pairs = engine.sums(CONSERVATIVE | more, None, 0.0, 1.0, 0, 0, self.values, force)
         # outside a step the pair force does not know the temperatures that a repulsion may depend on
@@ -172,13 +174,12 @@ class Present:
     def _last_step(self, tensor: bool) -> tuple[np.ndarray, Totals] | None:
         """All forces of the last step (``mvv``) and their sums, if nothing has changed since."""
         loop, engine = self._loop, self.engine
-        if loop is None or engine is None or not loop.spec.predicts or loop.forced != engine.number or loop.moment is None:
-            return None
-        if self.plan.spec.fields is not None:
-            return None  # the last step saw predicted ones
-        m = loop.moment
+        last = None if loop is None or engine is None else loop.last()
+        if last is None or self.plan.spec.fields is not None:
+            return None  # with fields, the last step saw predicted ones
+        m, force, totals = last
         same = (m.kT, m.seed, m.counter, m.dt) == (self.kT, self.seed, self.counter, self.dt) and motion.same(self.v, m.v)
-        return (loop.force, loop.totals) if same and not (tensor and loop.totals.stress is None) else None
+        return (force, totals) if same and not (tensor and totals.stress is None) else None
 
     # -- stress tensors ----------------------------------------------------------------------------------------------------------
     def stress(self, conservative: Conservative | None = None) -> np.ndarray:
@@ -207,7 +208,7 @@ class Present:
     def _stress_parts(self) -> list[Part]:
         return stress_parts(self.plan)
 
-    def _of_all_forces(self, engine: PairEngine) -> Totals:
+    def _of_all_forces(self, engine: Engine) -> Totals:
         loop, last = self._loop, self._last_step(True)
         if loop is not None:
             loop.tensor = True
@@ -218,11 +219,7 @@ class Present:
 
     def radial_friction(self, v: np.ndarray) -> tuple[np.ndarray, float]:
         """(6,) sums of r F over friction along the lines between beads, at velocities (N, 3); and sums of f gamma w^(2s) r^2."""
-        stress, moment = np.zeros(6), 0.0
-        for layer in [] if self.engine is None else self.engine.layers:
-            more = layer.radial_friction(v, self.kT)  # type: ignore[attr-defined]
-            stress, moment = stress + more[0], moment + more[1]
-        return stress, moment
+        return (np.zeros(6), 0.0) if self.engine is None else self.engine.radial_friction(v, self.kT)
 
     # -- velocities --------------------------------------------------------------------------------------------------------------
     def on_step(self, force: np.ndarray) -> np.ndarray:
@@ -251,7 +248,7 @@ class Present:
         integrator, options, groups = self._context.getIntegrator(), self.plan.options, self._beside()
         begun = integrator.getGlobalVariableByName("valid_for") != -1.0
         waiting = options.slow_every > 1 and integrator.getGlobalVariableByName(SLOW_STEP) != 0.0
-        if self.plan.unlooped is not None or not groups or not begun or waiting:
+        if not self.plan.execution.looped or not groups or not begun or waiting:
             return 0.0
         slow = self._context.getState(forces=True, groups=groups).getForces(asNumpy=True)._value
         return options.slow_kicks[1] * self.dt * slow * self.plan.spec.inv_mass[:, None]

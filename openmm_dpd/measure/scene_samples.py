@@ -32,7 +32,9 @@ class SceneSampler:
         self.built, self.plan = built, built.plan
         self.present = Present(built)
         self._virials = virial_parts(self.plan)
-        charges = charge_terms(self.plan.scene, self.plan.ewald, self.plan.charge_exceptions) if self.plan.charges_held else None
+        charges = (
+            charge_terms(self.plan.scene, self.plan.ewald, self.plan.charge_exceptions) if "charges" in self.plan.execution.held else None
+        )
         self._charges = None if charges is None else charges.evaluator()
         self._widths = None if charges is not None or self.plan.ewald is None else ShortCharges(self.plan)
         self._mass = self.present.mass
@@ -64,7 +66,11 @@ class SceneSampler:
             return "the interaction of charges has no Laplacian here"
         if terms:
             return terms
-        if not self.plan.layers or (self.plan.conservative == "none" and not self.plan.scene.bonds and not self.plan.scene.angles):
+        if self.plan.engine.lacks(["Laplacian"]):
+            return f"the engine {self.plan.engine.name!r} has no Laplacian"
+        if not self.plan.layers or (
+            self.plan.execution.conservative == "none" and not self.plan.scene.bonds and not self.plan.scene.angles
+        ):
             return "there is no conservative force"
         return None
 

@@ -6,7 +6,7 @@ from openmm import unit
 
 from ..built import BuiltSystem
 from ..errors import ParameterError
-from ..kernels.engine import DISSIPATIVE, RANDOM, PairEngine
+from ..kernels.layer import DISSIPATIVE, RANDOM
 from ..made import groups_of
 from ..names import BONDED_GROUP, COULOMB_GROUP, EXTERNAL_GROUP, LATTICE_GROUP
 from ..units import to_md, whole_number
@@ -74,7 +74,7 @@ def force_terms(
             extra.evaluator().add_to(x, scene.box, part, 1.0)
             terms[extra.term] = terms.get(extra.term, 0.0) + part
             terms["conservative"] -= part
-    engine = PairEngine(spec)
+    engine = plan.new_engine()
     engine.prepare(x, scene.box)
     values = None if spec.fields is None else spec.fields.initial
     for name, which in (("dissipative", DISSIPATIVE), ("random", RANDOM)):

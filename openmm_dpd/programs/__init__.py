@@ -16,7 +16,7 @@ def make_program(options: ProgramOptions) -> Program:
             f"the scheme {scheme.name!r} evaluates forces within the step, at positions where constraints and virtual sites do not hold; "
             f"use scheme={able} for this System"
         )
-    if options.whole_steps:
+    if options.execution.looped and options.execution.precision == "double":
         program = whole.whole_step_program(options)
     elif options.predicting:
         program = mvv.mvv_program(options)

@@ -46,7 +46,7 @@ def mvv_program(options: ProgramOptions) -> Program:
     add_reflection(p, ("vp",) if predicted else ())
     p.next_temperature()
     if predicted or options.walls or not options.thermostat:
-        p.phase(Phase.CONSERVE) if options.kernel_conservative else p.store_fingerprint()
+        p.phase(Phase.CONSERVE) if options.execution.pushes else p.store_fingerprint()
         p.each("acc", "f/m", "conservative acceleration")
         if options.thermostat:
             p.next_noise(options.trial_time)
@@ -55,7 +55,7 @@ def mvv_program(options: ProgramOptions) -> Program:
         p.next_noise("dt")
         p.phase(Phase.FORCE_SEEN)
         p.each("acc", "f/m", "the drift showed the half-step velocity")
-        if not options.kernel_conservative:
+        if not options.execution.pushes:
             p.each("acc", f"acc+{p.pair_force}/m", "friction and noise")
     p.leave_to_body_forces()
     _take_rates(p, rates)
@@ -73,7 +73,7 @@ def _recompute(p: Program, fields: list[str], rates: list[str]) -> None:
         p.keep_positions()
         p.read(fields)
         p.each("x", "xs", "back")
-    if options.kernel_conservative:
+    if options.execution.pushes:
         p.phase(Phase.CONSERVE)
     p.each("acc", "f/m", "conservative acceleration")
     if options.thermostat:

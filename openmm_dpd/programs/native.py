@@ -10,13 +10,14 @@ import openmm
 from openmm import unit
 
 from ..errors import PlanError
+from ..execution import DOUBLE_PLATFORMS
 from ..integrators import NativeIntegrator
 from ..made import origin
 from ..model.pairs import NONE
 from ..neighbour_list import may_miss_pairs
 from ..neighbours import coincident_pairs
 from ..plan import Plan
-from ..program_options import DOUBLE_PLATFORMS, ProgramOptions
+from ..program_options import ProgramOptions
 from ..units import BOLTZMANN
 from ..wording import bead_names, bead_number
 

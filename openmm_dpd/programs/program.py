@@ -121,7 +121,7 @@ class Program:
             # an error within a step leaves another phase behind, and barostats ask for energies
             self.phase(Phase.IDLE)
         self.steps.append(Step("update", why="barostats and other updates of the Context's state"))
-        if self.options.loop:
+        if self.options.execution.looped:
             self.declare(AHEAD, 0.0, "steps that are done already: only barostats still act in them")
             self.steps.append(Step("if", expression=f"{AHEAD} < 1", why="is this step still to be done?"))
         if self.options.kernel:
@@ -134,7 +134,7 @@ class Program:
         if self.options.kernel and (self.options.field_blocks or self.options.predicting):
             self.declare(STAMP, 0.0, "fingerprint of the per-DOF variables that a loop of steps left, or 0")
             self.set(STAMP, "0")
-        if self.options.loop:
+        if self.options.execution.looped:
             self.set(AHEAD, "1")
             self.steps.append(Step("end"))
             self.set(AHEAD, f"{AHEAD}-1")
@@ -228,7 +228,7 @@ class Program:
         self.declare_per_dof("acc", "conservative acceleration at x")
         self.store_fingerprint()
         with self.if_changed():
-            if self.options.kernel_conservative:
+            if self.options.execution.pushes:
                 self.phase(Phase.CONSERVE)
             self.each("acc", "f/m", "conservative acceleration")
             self.leave_to_body_forces()

@@ -87,7 +87,7 @@ class _Writer:
         p = self.p
         if not self.known:
             self.put_back()
-            if self.options.kernel_conservative:
+            if self.options.execution.pushes:
                 p.phase(Phase.CONSERVE)
                 self.seen = True
             # without a kernel nothing comes in between: OpenMM keeps the force by itself

@@ -45,7 +45,7 @@ def test_no_thermostat_no_python_force(scheme):
 def test_no_conservative_force_no_nonbonded_force(scheme):
     built = build(beads(table=FRICTION), scheme=scheme)
     assert set(kinds(built)) == {"PythonForce"}
-    assert built.plan.conservative == "none"
+    assert built.plan.execution.conservative == "none"
     assert PAIR_GROUP not in _groups(build(beads(table=FRICTION), scheme=scheme, loop=False))
 
 
@@ -134,7 +134,7 @@ def test_only_the_forces_of_the_scene_have_parameters_of_types():
     scene = dpd.Scene({"W": 1.0}, ["W"] * 20, np.random.default_rng(1).random((20, 3)) * 4, [lennard_jones, friction], 1.0, box=[4.0] * 3)
     built = build(scene, loop=False)
     assert len(built.plan.layers) == len(built.plan.overlays) == 1
-    assert built.plan.conservative == "none"
+    assert built.plan.execution.conservative == "none"
     assert sorted(type(f).__name__ for f in built.system.getForces()) == ["CustomNonbondedForce", "PythonForce"]
     context = built.simulation().context
     everything, integrated = (context.getState(energy=True, **kw).getPotentialEnergy() for kw in ({}, {"groups": _groups(built)}))
@@ -143,9 +143,9 @@ def test_only_the_forces_of_the_scene_have_parameters_of_types():
 
 def test_auto_takes_the_kernel_where_everything_is_double_precision():
     for platform, expected in (("CPU", "kernel"), ("Reference", "kernel"), ("OpenCL", "openmm"), ("CUDA", "openmm"), (None, "openmm")):
-        assert make_plan(beads(), dt=0.02, platform=platform, seed=1).conservative == expected
-    assert make_plan(beads(table=SOFT), dt=0.02, platform="CPU", seed=1).conservative == "openmm"
-    assert make_plan(beads(), dt=0.02, platform="CPU", scheme="native", seed=1).conservative == "openmm"
+        assert make_plan(beads(), dt=0.02, platform=platform, seed=1).execution.conservative == expected
+    assert make_plan(beads(table=SOFT), dt=0.02, platform="CPU", seed=1).execution.conservative == "openmm"
+    assert make_plan(beads(), dt=0.02, platform="CPU", scheme="native", seed=1).execution.conservative == "openmm"
 
 
 def test_native_builds_no_python_force():
@@ -243,7 +243,7 @@ def test_a_table_whose_pairs_are_all_overwritten_is_none():
     gone = {("A", "A"): dpd.LennardJones(1.0, 0.3, 0.9), ("*", "*"): dpd.NONE}
     scene = dpd.Scene({"A": 1.0}, ["A"] * 30, np.random.default_rng(1).random((30, 3)) * 3, [empty, gone], kT=1.0, box=[3.0] * 3)
     plan = dpd.make_plan(scene, dt=0.01, platform="CPU", seed=1)
-    assert plan.layers == plan.overlays == () and plan.conservative == "none"
+    assert plan.layers == plan.overlays == () and plan.execution.conservative == "none"
     dpd.build(scene, dt=0.01, platform="CPU", seed=1).simulation().step(2)
 
 

@@ -202,7 +202,7 @@ def test_it_is_explained(register):
 
 def test_without_an_openmm_force_the_kernel_holds_it(register):
     register()
-    assert dpd.make_plan(scene(), dt=0.01, platform="Reference", seed=1).conservative == "kernel"
+    assert dpd.make_plan(scene(), dt=0.01, platform="Reference", seed=1).execution.conservative == "kernel"
     with pytest.raises(PlanError, match="conservative='openmm' is not possible: there is no OpenMM force for Exponential"):
         dpd.make_plan(scene(), dt=0.01, conservative="openmm", platform="Reference", seed=1)
 

@@ -36,7 +36,7 @@ def test_the_kinds_are_looped():
     """Nothing of this file is about the general program alone."""
     for kind in KINDS:
         built = made(kind, "mvv")
-        assert built.plan.unlooped is None and built.integrator.whole is not None, kind
+        assert built.plan.execution.looped and built.integrator.whole is not None, kind
         assert made(kind, "mvv", loop=False).integrator.whole is None
     assert {scheme for _, scheme in SOME} == {scheme for _, scheme in FEW} == {*NAMED, *WORDS}
 

@@ -9,6 +9,7 @@ from openmm import unit
 from scenes import beads, fluid
 
 import openmm_dpd as dpd
+from openmm_dpd.execution import Execution
 from openmm_dpd.model.flow import gaps
 from openmm_dpd.names import BODY_FORCE, EXTERNAL_GROUP
 from openmm_dpd.program_options import ProgramOptions
@@ -222,7 +223,9 @@ def test_mixed_kinds(platform):
 @pytest.mark.parametrize("thermostat", [True, False])
 def test_programs_with_walls(scheme, kind, thermostat):
     """They pass the checks; only bounce-back needs a vector function; the velocities are shown by trial drifts only."""
-    options = ProgramOptions(scheme=SCHEMES[scheme], dt=0.02, kT=1.0, seed=1, walls=kind, thermostat=thermostat, kernel_conservative=True)
+    options = ProgramOptions(
+        scheme=SCHEMES[scheme], dt=0.02, kT=1.0, seed=1, walls=kind, thermostat=thermostat, execution=Execution(conservative="kernel")
+    )
     program = make_program(options)
     text = program.describe()
     assert ("dot(" in text) == (kind != "specular")
@@ -233,7 +236,7 @@ def test_programs_with_walls(scheme, kind, thermostat):
 
 
 def test_predicted_velocities_turn_too():
-    text = make_program(ProgramOptions(scheme=SCHEMES["mvv"], dt=0.02, kT=1.0, seed=1, lam=0.65, walls="specular")).describe()
+    text = make_program(ProgramOptions(SCHEMES["mvv"], 0.02, kT=1.0, seed=1, execution=Execution(), lam=0.65, walls="specular")).describe()
     assert "vp <- vp*(1-2*" in text
 
 

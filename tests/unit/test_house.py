@@ -108,6 +108,7 @@ ADDED = {
     "notices of the compiler, python -m openmm_dpd": 52,
     "what changes between steps: Contexts made anew, force groups, lines of programs, walls": 80,
     "exp, log and their kin, with the same bits on every machine": 165,
+    "a record of who computes what with its reasons, engines from outside of the package": 268,
 }
 
 

@@ -25,7 +25,7 @@ from .minimizing import carry_out_minimization
 from .options import FIXED_PRECISION, RunOptions, overridden
 from .request import RunRequest
 from .result import RunResult
-from .stepping import Stepper
+from .stepping import DeckSteps
 from .trajectory import RunTrajectory
 
 _LOGGER = logging.getLogger("openmm_dpd")
@@ -137,7 +137,7 @@ class DeckRunner:
         first = request.first_step if present is None else present["step"]
         bar = self.progress(request.steps, first - request.first_step) if self.progress else None
         try:
-            stepper = Stepper(
+            stepper = DeckSteps(
                 request,
                 simulation,
                 built,
@@ -254,7 +254,7 @@ def _exact(built: BuiltSystem) -> bool:
     """Whether forces have the same bits after a restart: those of OpenMM have not in single precision, from a list with a history."""
     plan = built.plan
     return plan.platform == "Reference" or (
-        plan.platform == "CPU" and plan.options.whole_steps and (plan.ewald is None or plan.charges_held)
+        plan.platform == "CPU" and plan.execution.looped and (plan.ewald is None or "charges" in plan.execution.held)
     )
 
 

@@ -46,7 +46,7 @@ class Pace:
             self.steps = max(self.steps // 2, self.LEAST)
 
 
-class Stepper:
+class DeckSteps:
     """One run that is being carried out.
 
     Parameters

@@ -1,0 +1,84 @@
+"""The engines that there are, by name; :func:`register_engine` adds one."""
+
+from collections.abc import Callable, Container, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import ParameterError
+from .engine import host_engine, warm_up
+from .extras import warm_up_extras
+from .interface import Engine
+from .layer import PairSpec
+from .steps import Moment, StepLoop, Stepper, StepSpec
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class EngineKind:
+    """One kind of engines: how it is made, and what it can do.
+
+    Attributes
+    ----------
+    name : str
+        What :func:`openmm_dpd.build` is told.
+    what : str
+        What it is, in a few words.
+    make : function of a PairSpec
+        A new engine.
+    can : container of str, optional
+        What it can do, in the words of :meth:`openmm_dpd.plan.Plan.needs`, and "stress" and "Laplacian" for measurements; everything by
+        default.  Scenes that need more are refused.
+    stepper : function of (StepSpec, engine, watch, reach)
+        What does whole steps with it, see :class:`.steps.StepLoop`.
+    warm_up : function of a PairSpec
+        Does what has to be done once before the first step, such as compiling.
+    """
+
+    name: str
+    what: str
+    make: Callable[[PairSpec], Engine]
+    can: Container[str] | None = None
+    stepper: Callable[[StepSpec, Engine, Callable[[np.ndarray, Moment], None], float], Stepper] = StepLoop
+    warm_up: Callable[[PairSpec], None] = lambda spec: None
+
+    def lacks(self, needs: Iterable[str]) -> str | None:
+        """The first of some things that it cannot do, None if it can do them all."""
+        return None if self.can is None else next((need for need in needs if need not in self.can), None)
+
+
+#: All kinds of engines, by name.
+ENGINES: dict[str, EngineKind] = {}
+
+
+def register_engine(kind: EngineKind) -> EngineKind:
+    """Make an engine known to the package.
+
+    Raises
+    ------
+    ParameterError
+        If there is another one of that name.
+    """
+    if kind.name == "auto" or ENGINES.setdefault(kind.name, kind) is not kind:
+        raise ParameterError(f"there is an engine {kind.name!r} already")
+    return kind
+
+
+def engine_kind(name: str) -> EngineKind:
+    """The kind of engines of a name.
+
+    Raises
+    ------
+    ParameterError
+        If none was registered.
+    """
+    if not isinstance(name, str) or name not in ENGINES:
+        raise ParameterError(f"engine must be 'auto' or one of {', '.join(map(repr, ENGINES))}, not {name!r}")
+    return ENGINES[name]
+
+
+def _warm_up_host(spec: PairSpec) -> None:
+    warm_up(spec)
+    warm_up_extras(spec.extras)
+
+
+register_engine(EngineKind(name="host", what="compiled pair kernel", make=host_engine, warm_up=_warm_up_host))

@@ -1,0 +1,132 @@
+"""What an engine is to everything that uses one: loops over steps, the pair force, fields and measurements."""
+
+from typing import Protocol
+
+import numpy as np
+
+from .columns import Totals
+from .layer import PairSpec
+
+
+class Engine(Protocol):
+    """Evaluates the pair terms of a :class:`.layer.PairSpec`, and its ``extras``.
+
+    It belongs to one thread at a time, and holds nothing that could not be recomputed.  Arrays are numpy's, (N, 3) float64 where nothing
+    else is said.  Engines inherit from it, and write the methods down to :meth:`radial_friction`.
+
+    Attributes
+    ----------
+    number : int
+        Of the positions that were placed last: what was computed there is valid while it stays.
+    body_scale : float
+        Factor of forces on single beads.
+    rates, increments : (N, K) arrays
+        What the last call of :meth:`sums` and :meth:`swept` gave for the fields of the spec (per time, and in all).
+    """
+
+    spec: PairSpec
+    number: int
+    body_scale: float
+    rates: np.ndarray
+    increments: np.ndarray
+
+    def holds(self, x: np.ndarray, box: np.ndarray | None) -> bool:
+        """Whether x are the positions that are kept."""
+        ...
+
+    def place(self, x: np.ndarray, box: np.ndarray | None) -> None:
+        """Take the positions x without a look at those before; x stays the caller's, who says when it changes by another call."""
+        ...
+
+    def keep(self) -> None:
+        """Remember the positions that were placed last, and have not changed since."""
+        ...
+
+    def sums(
+        self,
+        which: int,
+        v: np.ndarray | None,
+        kT: float,
+        dt: float,
+        seed: int,
+        counter: int,
+        field_values: np.ndarray | None = None,
+        out: np.ndarray | None = None,
+    ) -> Totals:
+        """Forces of the chosen terms at the placed positions, written to ``out``, and sums over these terms.
+
+        Parameters
+        ----------
+        which, v, kT, dt, seed, counter, field_values
+            See :class:`.layer.Call`; v is what the friction sees.
+        out : (N, 3) array, optional
+            Where the forces are written.
+
+        Returns
+        -------
+        Totals
+            The energy is that of all conservative forces; virials are those of pair terms alone, with the tensor if ``which`` has STRESS,
+            and so is the Laplacian.
+        """
+        ...
+
+    def swept(
+        self,
+        v: np.ndarray,
+        kT: float,
+        dt: float,
+        seed: int,
+        counter: int,
+        field_values: np.ndarray | None = None,
+        out: np.ndarray | None = None,
+        update: int | None = None,
+    ) -> np.ndarray:
+        """Velocities (N, 3) after one sweep of pair updates at the placed positions, written to ``out`` (v, say) if that is given.
+
+        ``update`` is EXACT or SHARDLOW, None for that of the spec.
+        """
+        ...
+
+    def densities(self, layer: int) -> np.ndarray:
+        """(N,) local densities of a layer that has them at the placed positions."""
+        raise NotImplementedError
+
+    def radial_friction(self, v: np.ndarray, kT: float) -> tuple[np.ndarray, float]:
+        """(6,) sums of r F over friction along the lines between beads, at velocities (N, 3); and sums of f gamma w^(2s) r^2."""
+        raise NotImplementedError
+
+    def prepare(self, x: np.ndarray, box: np.ndarray | None) -> bool:
+        """Place and keep the positions x; does nothing and returns False if they are kept already."""
+        if self.holds(x, box):
+            return False
+        self.place(x, box)
+        self.keep()
+        return True
+
+    def forces(
+        self,
+        which: int,
+        v: np.ndarray | None,
+        kT: float,
+        dt: float,
+        seed: int,
+        counter: int,
+        field_values: np.ndarray | None = None,
+        out: np.ndarray | None = None,
+    ) -> tuple[float, np.ndarray, float]:
+        """Energy, forces (N, 3) and virial; all arguments are those of :meth:`sums`."""
+        force = np.empty((len(self.spec.types), 3)) if out is None else out
+        found = self.sums(which, v, kT, dt, seed, counter, field_values, force)
+        return found.energy, force, found.virial
+
+    def sweep(self, v: np.ndarray, *conditions) -> np.ndarray:
+        """Change of the velocities (N, 3) by a sweep; all arguments are those of :meth:`swept`."""
+        swept = self.swept(v, *conditions)
+        swept -= self.seen(v)
+        return swept
+
+    def seen(self, v: np.ndarray) -> np.ndarray:
+        """Velocities with those of immobile beads replaced by their prescribed ones."""
+        if self.spec.wall_velocity is None:
+            return v
+        return np.where(self.spec.inv_mass[:, None] > 0, v, self.spec.wall_velocity)
