@@ -80,7 +80,7 @@ def build_plan(plan: Plan) -> BuiltSystem:
     if plan.spec.fields is not None:
         for name, values in field_variables(plan.spec.fields.initial).items():
             integrator.setPerDofVariableByName(name, values)
-    if scene.walls and not (options.execution.looped and options.execution.precision == "double"):
+    if scene.walls:
         for name, values in walls.variables(gaps(scene.walls, scene.box), scene.n_beads).items():
             integrator.setPerDofVariableByName(name, values)
     if scene.interacting is not None:
@@ -153,11 +153,9 @@ def _step_spec(plan: Plan) -> StepSpec:
     """What a whole step is."""
     scene, options = plan.scene, plan.options
     predicts = options.predicting
-    mobile = plan.spec.inv_mass > 0
     found = walls.planes(gaps(scene.walls, scene.box)) if scene.walls else {}
     return StepSpec(
         letters=() if predicts else tuple((letter, float(part)) for letter, part in options.scheme.steps(options.thermostat)),
-        mass=np.where(mobile, scene.bead_masses, 0.0),
         slow_kicks=options.slow_kicks,
         slow_every=options.slow_every,
         thermostat=options.thermostat,
@@ -165,5 +163,4 @@ def _step_spec(plan: Plan) -> StepSpec:
         field_lam=options.field_lam,
         walls=tuple(found[name] for name in walls.CONSTANTS) if found else None,
         ramp=options.ramp,
-        field_shown=options.field_shown,
     )

@@ -14,17 +14,18 @@ from openmm import unit
 from .errors import ParameterError
 from .kernels.fields import ENERGY, TEMPERATURE, FieldSpec
 from .model.internal import InternalEnergy
-from .names import FIELD
+from .names import FIELD, RATE
 from .plan import Plan
 from .units import thermal_energies, to_md
 
 
-def field_variables(values: np.ndarray) -> dict[str, np.ndarray]:
+def field_variables(values: np.ndarray, name: str = FIELD) -> dict[str, np.ndarray]:
     """Per-DOF variables (N, 3) by name, for values (N, K)."""
     blocks = -(-values.shape[1] // 3)
-    padded = np.zeros((len(values), 3 * blocks))
-    padded[:, : values.shape[1]] = values
-    return {f"{FIELD}{k}": padded[:, 3 * k : 3 * k + 3] for k in range(blocks)}
+    padded = np.zeros((blocks, len(values), 3))
+    for column in range(values.shape[1]):
+        padded[column // 3, :, column % 3] = values[:, column]
+    return {f"{name}{k}": block for k, block in enumerate(padded)}
 
 
 def per_dof(integrator: openmm.CustomIntegrator, name: str) -> np.ndarray:
@@ -40,13 +41,21 @@ def per_dof(integrator: openmm.CustomIntegrator, name: str) -> np.ndarray:
 
 def raw_fields(context: openmm.Context, spec: FieldSpec) -> np.ndarray:
     """(N, K) values of the fields in a Context."""
-    integrator = context.getIntegrator()
-    blocks = [per_dof(integrator, f"{FIELD}{k}") for k in range(spec.n_blocks)]
-    values = np.concatenate(blocks, axis=1)
+    values = _blocks(context, FIELD, spec)
     if spec.kind == ENERGY:
         # the third component is what rounding lost of the sum
         values[:, 1] += values[:, 2]
-    return values[:, : spec.n_values]
+    return values[:, : spec.n_values].copy()
+
+
+def raw_rates(context: openmm.Context, spec: FieldSpec) -> np.ndarray:
+    """(N, K) changes of the fields per time, as the last step of a scheme that keeps them left them."""
+    return _blocks(context, RATE, spec)[:, : spec.n_values].copy()
+
+
+def _blocks(context: openmm.Context, name: str, spec: FieldSpec) -> np.ndarray:
+    integrator = context.getIntegrator()
+    return np.concatenate([per_dof(integrator, f"{name}{k}") for k in range(spec.n_blocks)], axis=1)
 
 
 def read_fields(context: openmm.Context, plan: Plan) -> dict[str, np.ndarray]:

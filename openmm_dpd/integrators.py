@@ -16,6 +16,23 @@ from .names import BY_SEED, KT, RAMP_STEP, SEED, SEEN_KT, SEEN_TEMPERATURE, SLOW
 from .units import BOLTZMANN, to_md
 from .watching import Watching
 
+#: Temperature and thermal energy: whichever was set last holds, and the other one follows.  It is found by what both were when they last
+#: agreed.  :meth:`PairIntegrator.settle` does so before steps; these lines (kind, target, expression, why) do it in programs, which OpenMM
+#: may execute by itself.  A thermal energy that nobody changes stays as it is, bit for bit.
+AGREE = (
+    ("if", "", f"abs({TEMPERATURE}-{SEEN_TEMPERATURE})+abs({KT}-{SEEN_KT}) > 0", "was one of them set?"),
+    ("if", "", f"{TEMPERATURE} != {SEEN_TEMPERATURE}", "was it the temperature?"),
+    ("global", KT, f"{BOLTZMANN!r}*{TEMPERATURE}", ""),
+    ("global", SEEN_KT, KT, ""),
+    ("end", "", "", ""),
+    ("if", "", f"{KT} != {SEEN_KT}", "was it the thermal energy?"),
+    ("global", TEMPERATURE, f"{KT}/{BOLTZMANN!r}", ""),
+    ("end", "", "", ""),
+    ("global", SEEN_KT, KT, ""),
+    ("global", SEEN_TEMPERATURE, TEMPERATURE, ""),
+    ("end", "", "", ""),
+)
+
 
 class StepsAtOnce(Protocol):
     """Carries out many whole steps of a Context (:class:`openmm_dpd.whole_steps.WholeSteps`)."""
@@ -80,16 +97,29 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
             if name in names:
                 put(self, name, 0.0)
         if TEMPERATURE in names:
-            kT, kelvin = parameters[KT], self.getGlobalVariableByName(TEMPERATURE)
-            if kT != self.made.kT:  # set in this Context, so later than what the integrator had before
-                kelvin = kT / BOLTZMANN
-            elif kelvin != kT / BOLTZMANN:
-                kT = BOLTZMANN * kelvin
-            if kT != self.made.kT:
-                set_barostats(context, kelvin)
-            self.agree(context, kT, kelvin)
+            # a thermal energy that was set in this Context is later than what the integrator had before
+            earlier = parameters[KT] != self.made.kT
+            put(self, SEEN_TEMPERATURE, self.getGlobalVariableByName(TEMPERATURE) if earlier else self.made.kT / BOLTZMANN)
+            put(self, SEEN_KT, self.made.kT)
+            self._agree_on_temperature(context)
+            if context.getParameter(KT) != self.made.kT:
+                set_barostats(context, self.getGlobalVariableByName(TEMPERATURE))
         if self._begun and self.made.seed is None and SEED in parameters and parameters[SEED] == parameters[BY_SEED]:
             context.setParameter(SEED, checked_seed(None))  # nobody asked for the same noise in every Context
+
+    def settle(self, context: openmm.Context) -> None:
+        """As for all; and the later one of temperature and thermal energy holds."""
+        super().settle(context)
+        if self.made is not None and TEMPERATURE in self.variables() and KT in context.getParameters():
+            self._agree_on_temperature(context)
+
+    def _agree_on_temperature(self, context: openmm.Context) -> None:
+        """What the lines of :data:`AGREE` do."""
+        kelvin, kT = self.getGlobalVariableByName(TEMPERATURE), context.getParameter(KT)
+        if kelvin != self.getGlobalVariableByName(SEEN_TEMPERATURE):
+            self.agree(context, BOLTZMANN * kelvin, kelvin)
+        elif kT != self.getGlobalVariableByName(SEEN_KT):
+            self.agree(context, kT, kT / BOLTZMANN)
 
     def agree(self, context: openmm.Context, kT: float, kelvin: float) -> None:
         """Set thermal energy (kJ/mol) and temperature, which have to fit, at once: whatever is set next is then known to be later."""
@@ -117,13 +147,9 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
         return self._kelvin(context) * unit.kelvin
 
     def _kelvin(self, context: openmm.Context) -> float | None:
-        names = self.variables()
-        if not names & {TEMPERATURE, RAMP_STEP}:
-            return None
-        kT = context.getParameter(KT)
-        if TEMPERATURE in names and kT == self.getGlobalVariableByName(SEEN_KT):
+        if TEMPERATURE in self.variables():
             return self.getGlobalVariableByName(TEMPERATURE)
-        return kT / BOLTZMANN
+        return context.getParameter(KT) / BOLTZMANN if RAMP_STEP in self.variables() else None
 
     def setTemperature(self, temperature) -> None:
         """Set the temperature of the thermostat, and of OpenMM's barostats beside it.

@@ -16,17 +16,11 @@ class Phase(IntEnum):
     CONSERVE = 3  # store the positions; conservative force
     FORCE_SEEN = 4  # all forces that the kernel computes, at the seen positions
     FORCE_KEPT = 5  # dissipative and random force at the kept positions
-    RUN = 6  # a whole step from the kept positions with the seen velocities; the force is the new positions
     SWEEP_SEEN = 100  # (+ pair update) impulses/dt of a sweep at the seen positions
     SWEEP_KEPT = 200  # (+ pair update) impulses/dt of a sweep at the kept positions
-    READ = 300  # (+ block) take three values per bead from seen - kept: per-bead fields, rates, accelerations
+    READ = 300  # (+ block) take three values per bead from seen - kept: per-bead fields
     CHANGE = 400  # (+ block) what the last evaluation did to these values: rates, or after a sweep increments
-    TELL = 500  # (+ block) three values per bead as RUN left them
 
-
-#: Blocks of three values per bead: those of the fields from 0 on, their rates from here on, accelerations, the velocities that friction saw
-#: in a step that predicts them, velocities.
-RATES, ACCELERATION, PREDICTED, VELOCITY = 30, 60, 61, 90
 
 PHASE, TAU, DT, KT, COUNTER, SEED = "dpd_phase", "dpd_tau", "dpd_dt", "dpd_kT", "dpd_counter", "dpd_seed"
 
@@ -59,10 +53,6 @@ RAMP_STEP = "ramp_step"
 #: another program may run the same scheme.
 PORTABLE = ("ahead", "unused", "fingerprint", "valid_for", "stamp")
 
-#: Scale of the displacement that passes velocities (and accelerations) to a whole step: so long that they lose no digits when x is added
-#: and subtracted.  A power of two.
-SHOWN = 1024.0
-
 #: Per-DOF variable of an integrator: 1 where only body forces act, 0 elsewhere.
 ALONE = "alone"
 
@@ -78,8 +68,9 @@ STAMP = "stamp"
 #: Further ones where beads have internal energies: volume moves tried, their length (in ln V), and how many were accepted of late.
 VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED = "dpd_volume_moves", "dpd_volume_step", "dpd_volume_accepted"
 
-#: Names of the per-DOF variables that hold internal energies, temperatures or concentrations, three values per bead in each.
-FIELD = "field"
+#: Names of the per-DOF variables that hold internal energies, temperatures or concentrations, three values per bead in each; and of those
+#: with their changes per time, where a scheme keeps these.
+FIELD, RATE = "field", "rate"
 
 #: Parameters that change within a step and say nothing about the state.
 VOLATILE = frozenset((PHASE, TAU, COUNTER, BY_SCHEME, BY_KT, BY_SEED, BY_VARIABLES, BEGUN, VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED))

@@ -9,8 +9,8 @@ from .execution import Execution
 from .kernels.fields import ENERGY, TEMPERATURE, FieldSpec
 from .model.scene import Scene
 from .model.temperature import TemperatureRamp
-from .names import PAIR_GROUP, SHOWN
-from .schemes import SWEEPS, Scheme
+from .names import PAIR_GROUP
+from .schemes import Scheme
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class ProgramOptions:
     settable : bool
         Whether the temperature is one number that may be set: there is friction or noise, no ramp, and no internal temperature.
     slow_every : int
-        In whole steps: after how many of them forces that stay OpenMM's kick.
+        In such steps: after how many of them forces that stay OpenMM's kick.
     pair_group : int
         Force group of the pair force.
     seeded : bool
@@ -61,8 +61,6 @@ class ProgramOptions:
         Largest displacement that shows them to the pair force, nm.
     field_scale : float
         Their changes come back in units of this.
-    field_shown : float
-        Displacement by which a whole step is shown a value of 1 of them, or a rate of 1, nm.
     compensated : bool
         Whether velocities or forces are less than double precision, so that energies have to be balanced by the program.
     """
@@ -89,7 +87,6 @@ class ProgramOptions:
     field_lam: float = 0.5
     field_reach: float = 0.1
     field_scale: float = 1.0
-    field_shown: float = 1.0
     compensated: bool = False
 
     @property
@@ -106,13 +103,6 @@ class ProgramOptions:
     def slow_kicks(self) -> tuple[float, float]:
         """Over how many steps forces that stay OpenMM's kick, before and after: velocities lag behind them as behind all others."""
         return self.slow_every * (0.5 + self.scheme.lag), self.slow_every * (0.5 - self.scheme.lag)
-
-    @property
-    def noises(self) -> int:
-        """How often a step draws new noise."""
-        if not self.thermostat:
-            return 0
-        return 1 if self.predicting else sum(letter in SWEEPS for letter, _ in self.scheme.letters)
 
     @property
     def predicting(self) -> bool:
@@ -154,7 +144,6 @@ def field_options(scene: Scene, fields: FieldSpec | None, cutoff: float, double:
         "field_lam": lam if fields.kind == TEMPERATURE else 0.5,
         "field_reach": float(reach),
         # forces are fixed-point numbers with 32 bits behind the point on GPU platforms
-        "field_shown": float(2.0 ** np.round(np.log2(SHOWN / typical))),
         "field_scale": 1.0 if double else float(2.0 ** (np.floor(np.log2(typical)) - 10)),
         "compensated": not double and fields.kind == ENERGY,
     }

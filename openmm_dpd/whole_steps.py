@@ -1,7 +1,7 @@
 """Many whole steps at once: from a Context to the kernel's loop and back.
 
 :meth:`openmm_dpd.integrators.PairIntegrator.step` uses this where the pair force computes every fast force.  The program of the
-integrator does the same step by step, with the same bits; this way positions and velocities are copied once for many steps.
+integrator does the same step by step, to rounding; this way positions and velocities are copied once for many steps.
 """
 
 from itertools import accumulate
@@ -12,13 +12,12 @@ import openmm
 from . import names as shared
 from .errors import RunError
 from .execution import DOUBLE_PLATFORMS
-from .fields import per_dof
-from .forces.pair_force import Fields, PairForceFunction, fingerprint, unfolded, vectors
+from .fields import field_variables, per_dof, raw_fields, raw_rates
+from .forces.fingerprint import fingerprint
+from .forces.pair_force import PairForceFunction, vectors
+from .forces.thread_state import ThreadState
 from .integrators import PairIntegrator
-from .kernels import motion
 from .kernels.steps import Moment, StepSpec
-from .names import FIELD, RATES
-from .units import BOLTZMANN
 from .wording import in_units
 
 
@@ -35,6 +34,7 @@ class WholeSteps:
 
     def __init__(self, function: PairForceFunction, pair_group: int):
         self.function, self.pair_group = function, pair_group
+        self._still = np.flatnonzero(function.spec.inv_mass == 0.0)
         self._held: tuple[float, dict[str, np.ndarray]] = (0.0, {})
 
     @property
@@ -59,15 +59,15 @@ class WholeSteps:
             If a step fails, with its number, as the program reports it.
         """
         own = self.function.thread_state()
-        self._settle_temperature(integrator, context)
         dt = integrator.getStepSize()._value
         state = context.getState(positions=True, velocities=True, parameters=True)
         # the step size as the program would set it first
         count, parameters = state.getStepCount(), state.getParameters().asdict() | {shared.DT: dt}
         clock = list(accumulate([dt] * n, initial=state.getTime()._value))  # as OpenMM adds it up
         try:
-            moment = self._moment(integrator, state, parameters, dt, own)
+            moment = self._moment(integrator, context, state, parameters, dt, own)
             loop = own.loop
+            assert loop is not None
             used = integrator.getIntegrationForceGroups()
             groups = {group for group in range(32) if used >> group & 1} - {self.pair_group}
 
@@ -97,18 +97,7 @@ class WholeSteps:
             finally:
                 openmm.CustomIntegrator.setGlobalVariableByName(integrator, shared.AHEAD, 0.0)
 
-    def _settle_temperature(self, integrator: PairIntegrator, context: openmm.Context) -> None:
-        """Which of the temperature in kelvin and the thermal energy was set since the last step holds, as the program has it."""
-        if shared.TEMPERATURE not in integrator.variables():
-            return
-        get = integrator.getGlobalVariableByName
-        kelvin, kT = get(shared.TEMPERATURE), context.getParameter(shared.KT)
-        if kelvin != get(shared.SEEN_TEMPERATURE):
-            integrator.agree(context, BOLTZMANN * kelvin, kelvin)
-        elif kT != get(shared.SEEN_KT):
-            integrator.agree(context, kT, kT / BOLTZMANN)
-
-    def _moment(self, integrator: PairIntegrator, state, parameters, dt: float, own) -> Moment:
+    def _moment(self, integrator: PairIntegrator, context: openmm.Context, state, parameters, dt: float, own: ThreadState) -> Moment:
         """The state in which the first step begins."""
         function, spec = self.function, self.spec
         if not dt > 0.0:
@@ -116,47 +105,41 @@ class WholeSteps:
         x, box = function.positions(state), function.box(state)
         function.scale_body_forces(own, parameters)
         v = vectors(state, openmm.State.Velocities)
-        v[own.loop.still] = 0.0
+        v[self._still] = 0.0
         kT = function.thermal_energy(parameters)
         moment = Moment(x.copy(), v, box, dt, kT, int(parameters[shared.SEED]), int(parameters[shared.COUNTER]))
         if spec.slow_every > 1:
             moment.slow_step = int(integrator.getGlobalVariableByName(shared.SLOW_STEP))
         if spec.ramp is not None:
             moment.ramped = integrator.getGlobalVariableByName(shared.RAMP_STEP)
-        values = self._values(integrator, list(self._variables()))
         fields = function.spec.fields
         if fields is not None:
-            blocks = [values[f"{FIELD}{k}"].copy() for k in range(fields.n_blocks)]
-            moment.values = self._shown_blocks(x, blocks, own.fields)
+            moment.values = raw_fields(context, fields)
         if spec.predicts:
-            valid = function.fingerprint(own, x, box, parameters) == integrator.getGlobalVariableByName("valid_for")
             if fields is not None:
-                moment.rates = unfolded([values[f"rate{k}"] for k in range(fields.n_blocks)], fields)
-            if valid:
-                moment.acc = values["acc"].copy()
+                moment.rates = raw_rates(context, fields)
+            if own.fingerprints.of(x, box, parameters) == integrator.getGlobalVariableByName("valid_for"):
+                moment.acc = per_dof(integrator, "acc").copy()
         return moment
 
-    def _shown_blocks(self, x: np.ndarray, blocks: list[np.ndarray], fields: Fields) -> np.ndarray:
-        """Values as a program would show them first: three at a time; those of immobile beads as they stand in the Context."""
-        for k, block in enumerate(blocks):
-            held = block[fields.spec.immobile]
-            motion.as_shown(x, block, self.spec.field_shown, self.function.spec.inv_mass)
-            fields.read(k, block, held)
-        return fields.values.copy()
-
     def _give_back(
-        self, integrator: PairIntegrator, context: openmm.Context, state, parameters, moment: Moment, own, reached: tuple[int, float]
+        self,
+        integrator: PairIntegrator,
+        context: openmm.Context,
+        state: openmm.State,
+        parameters: dict[str, float],
+        moment: Moment,
+        own: ThreadState,
+        reached: tuple[int, float],
     ) -> None:
         """Write the result of the last step into the Context."""
         function, spec = self.function, self.spec
         put = openmm.CustomIntegrator.setGlobalVariableByName
-        still = own.loop.still
-        if len(still):
-            moment.v[still] = vectors(state, openmm.State.Velocities)[still]
+        if len(self._still):
+            moment.v[self._still] = vectors(state, openmm.State.Velocities)[self._still]
         context.setPositions(moment.x)
         context.setVelocities(moment.v)
         context.setParameter(shared.COUNTER, float(moment.counter))
-        context.setParameter(shared.TAU, shared.SHOWN)
         context.setParameter(shared.DT, moment.dt)
         if spec.slow_every > 1:
             put(integrator, shared.SLOW_STEP, float(moment.slow_step))
@@ -165,19 +148,22 @@ class WholeSteps:
             context.setParameter(shared.KT, moment.kT)
             parameters[shared.KT] = moment.kT
             put(integrator, shared.RAMP_STEP, moment.ramped)
-        if moment.values is not None:
+        held = {}
+        if moment.values is not None and own.fields is not None:
             own.fields.values = moment.values
-        held = {name: moment.block(block) for name, block in self._variables().items()}
+            held = field_variables(moment.values)
         if spec.predicts:
+            assert moment.acc is not None
+            held |= {"acc": moment.acc} | ({} if moment.rates is None else field_variables(moment.rates, shared.RATE))
             if moment.predicted is not None:
                 held["vp"] = moment.predicted
             x, box = moment.x, moment.box
             if context.getPlatform().getName() in DOUBLE_PLATFORMS:
-                own.fingerprinted = None  # these beads were not just folded
+                own.fingerprints.forget()  # these beads were not just folded
             else:  # positions are rounded there, and beads wrapped
                 after = context.getState(positions=True)
                 x, box = function.positions(after), function.box(after)
-            last = function.fingerprint(own, x, box, parameters)
+            last = own.fingerprints.of(x, box, parameters)
             put(integrator, "valid_for", last)
             put(integrator, "fingerprint", last)
         for name, values in held.items():
@@ -188,17 +174,6 @@ class WholeSteps:
             self._held = stamp, held
         context.setStepCount(reached[0])
         context.setTime(reached[1])
-
-    def _variables(self) -> dict[str, int]:
-        """Per-DOF variables with which a step begins, and the numbers of their blocks."""
-        fields, predicts = self.function.spec.fields, self.spec.predicts
-        blocks = range(0 if fields is None else fields.n_blocks)
-        names = {f"{FIELD}{k}": k for k in blocks}
-        return names | {f"rate{k}": RATES + k for k in blocks} | {"acc": shared.ACCELERATION} if predicts else names
-
-    def _values(self, integrator: PairIntegrator, names: list[str]) -> dict[str, np.ndarray]:
-        """Their values."""
-        return {name: per_dof(integrator, name) for name in names}
 
     def kept(self, integrator: PairIntegrator) -> dict[str, np.ndarray]:
         """Those written last, if they are still there: reading them from OpenMM takes longer than some steps."""

@@ -8,17 +8,17 @@ import openmm
 from .. import names
 from ..errors import RunError
 from ..kernels import motion
-from ..kernels.compiled import compiled, inlined
 from ..kernels.engines import engine_kind
-from ..kernels.fields import ENERGY, TEMPERATURE, FieldSpec
+from ..kernels.fields import ENERGY
 from ..kernels.layer import CONSERVATIVE, DISSIPATIVE, RANDOM, PairSpec
 from ..kernels.steps import Moment, StepSpec
 from ..made import origin
-from ..names import RATES, Phase
+from ..names import Phase
 from ..program_options import ProgramOptions
 from ..signals import CTRL_C
 from ..wording import in_length, in_units
 from .runaway import NEAR, runaway
+from .thread_state import Fields, ThreadState
 
 #: Phases that store the positions.
 KEEPING = (Phase.STORE, Phase.FINGERPRINT, Phase.CONSERVE)
@@ -26,28 +26,8 @@ KEEPING = (Phase.STORE, Phase.FINGERPRINT, Phase.CONSERVE)
 #: Phases that look at the kept positions.
 AT_KEPT = (Phase.FORCE_KEPT, Phase.SWEEP_KEPT)
 
-
-@inlined
-def _stir(total, bits):
-    total = (total ^ bits) * np.uint64(0xBF58476D1CE4E5B9)
-    return total ^ (total >> np.uint64(29))
-
-
-@compiled
-def fingerprint(x, parameters):
-    """A number that depends on every bit of the positions and parameters, too small to matter where it is taken for an energy."""
-    # four sums side by side: each multiplication waits for the one before it
-    a, b, c, d = np.uint64(0x9E3779B97F4A7C15), np.uint64(1), np.uint64(2), np.uint64(3)
-    for values in (x.ravel(), parameters):
-        bits = values.view(np.uint64)
-        whole = len(bits) - len(bits) % 4
-        for k in range(0, whole, 4):
-            a, b, c, d = _stir(a, bits[k]), _stir(b, bits[k + 1]), _stir(c, bits[k + 2]), _stir(d, bits[k + 3])
-        for k in range(whole, len(bits)):
-            a = _stir(a, bits[k])
-    for other in (b, c, d):
-        a = _stir(a, other)
-    return np.float64(a >> np.uint64(11)) * 2.0**-960
+#: Thermal energy, step size, seed and counter of the noise, values of the fields.
+Conditions = tuple[float, float, int, int, np.ndarray | None]
 
 
 def vectors(state: openmm.State, kind: int) -> np.ndarray:
@@ -58,57 +38,6 @@ def vectors(state: openmm.State, kind: int) -> np.ndarray:
     found = np.empty((state._getNumParticles(), 3))
     state._getVectorAsNumpy(kind, found)
     return found
-
-
-def only_folded(x: np.ndarray, before: np.ndarray, box: np.ndarray) -> bool:
-    """Whether x differs from the positions before by box vectors only, to float32 rounding: GPU platforms wrap beads now and then."""
-    if not motion.jumped(x, before, 0.5 * np.diag(box).min()):
-        return False
-    d = x - before
-    for axis in (2, 1, 0):
-        d -= np.round(d[:, axis] / box[axis, axis])[:, None] * box[axis]
-    return bool(np.abs(d).max() < 4e-7 * (np.abs(before).max() + np.diag(box).max()))
-
-
-class Fields:
-    """Per-bead fields, as the pair force reads them and returns their changes: blocks of three values per bead.
-
-    Programs skip immobile beads, so these have the values of the start, but in loops of steps.  Internal energies come as
-    (conductive, mechanical, what rounding lost of the sum); everything else as one value after the other.
-    """
-
-    def __init__(self, spec: FieldSpec):
-        self.spec = spec
-        self.values = spec.initial.copy()
-        self.last = np.zeros_like(self.values)
-        self._low: np.ndarray | None = None
-
-    def read(self, block: int, shown: np.ndarray, held: np.ndarray | None = None) -> None:
-        """Take over the values of one block, (N, 3); ``held``: those of the immobile beads."""
-        if self.spec.kind == ENERGY:
-            shown = np.column_stack([shown[:, 0], shown[:, 1] + shown[:, 2]])
-        columns = slice(3 * block, 3 * block + 3)
-        part, still = self.values[:, columns], self.spec.immobile
-        part[...] = shown[:, : part.shape[1]]
-        part[still] = self.spec.initial[still, columns] if held is None else held[:, : part.shape[1]]
-
-    def changes(self, block: int) -> np.ndarray:
-        """(N, 3) changes of one block."""
-        part = self.last[:, 3 * block : 3 * block + 3]
-        result = np.zeros((len(part), 3))
-        result[:, : part.shape[1]] = part
-        if self._low is not None:
-            result[:, 2], self._low = self._low, None
-        return result
-
-    def balance(self, v: np.ndarray, change: np.ndarray, inv_mass: np.ndarray) -> None:
-        """Count what the motion of each bead got with the mechanical energy, in two float32 parts."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            motion = np.where(inv_mass > 0, 0.5 * np.sum(change * (2 * v + change), axis=1) / inv_mass, 0.0)
-        whole = self.last[:, 1] + motion
-        rounded = self.last[:, 0].astype(np.float32).astype(np.float64), whole.astype(np.float32).astype(np.float64)
-        self._low = (self.last[:, 0] - rounded[0]) + (whole - rounded[1])
-        self.last = np.column_stack(rounded)
 
 
 class PairForceFunction:
@@ -159,21 +88,16 @@ class PairForceFunction:
         known = self.spec, self.conservative, self.periodic, self.scale, self.balanced, self.length_checked, self.steps, self.engine
         return type(self), known
 
-    def thread_state(self):
-        """The state of the calling thread."""
-        local = self._local
-        if not hasattr(local, "engine"):
+    def thread_state(self) -> ThreadState:
+        """What the calling thread keeps."""
+        found = getattr(self._local, "state", None)
+        if found is None:
             kind = engine_kind(self.engine)
             kind.warm_up(self.spec)
             engine = kind.make(self.spec)
-            local.kept = local.fingerprinted = local.moment = local.failed = None
-            local.fields = None if self.spec.fields is None else Fields(self.spec.fields)
-            # written again and again: OpenMM copies what it is given
-            local.v, local.result, local.conserved = np.zeros((3, len(self.spec.types), 3))
-            local.conserved_energy, local.conserved_at, local.read = 0.0, -1, {}
-            local.loop = None if self.steps is None else kind.stepper(self.steps, engine, self._watch, NEAR * self._cutoff)
-            local.engine = engine  # last: it says that all is there
-        return local
+            loop = None if self.steps is None else kind.stepper(self.steps, engine, self._watch, NEAR * self._cutoff)
+            found = self._local.state = ThreadState(engine, loop, None if self.spec.fields is None else Fields(self.spec.fields))
+        return found
 
     def __call__(self, state):
         CTRL_C.check()
@@ -181,104 +105,72 @@ class PairForceFunction:
         phase = int(parameters[names.PHASE])
         if phase == Phase.IDLE and not self.conservative:
             return 0.0, self._zero
-        local = self.thread_state()
+        own = self.thread_state()
         here = (phase, parameters[names.COUNTER])
-        if phase != Phase.IDLE and here == local.failed:
+        if phase != Phase.IDLE and here == own.failed:
             # a step failed and its phase is still set: a call from outside gets what IDLE gives, but a new step may begin so too
             phase = phase if phase in KEEPING else int(Phase.IDLE)
         elif phase != Phase.IDLE:
-            local.failed = None
+            own.failed = None
         try:
-            return self._evaluate(local, phase, state, parameters)
+            return self._evaluate(own, phase, state, parameters)
         except BaseException as error:
-            local.failed = here
+            own.failed = here
             if isinstance(error, RunError) and phase != Phase.IDLE:
                 raise RunError(f"step {state.getStepCount() + 1}: {error}") from error
             raise
 
-    def _evaluate(self, local, phase: int, state, parameters: dict):
+    def _evaluate(self, own: ThreadState, phase: int, state, parameters: dict):
         """Energy and forces for a phase."""
         x = self.positions(state)
         box = self.box(state)
-        self.scale_body_forces(local, parameters)
+        self.scale_body_forces(own, parameters)
         if phase in KEEPING:
             for bonds in self.length_checked:
                 wrong = bonds.overstretched(x, box)
                 if wrong is not None:
                     raise RunError(f"{wrong}; the step size may be too large")
-            local.kept, local.read = x, {}
-        if phase in (Phase.FINGERPRINT, Phase.STORE) and local.failed is None:
-            return (self.fingerprint(local, x, box, parameters) if phase == Phase.FINGERPRINT else 0.0), self._zero
+            own.kept = x
+        if phase in (Phase.FINGERPRINT, Phase.STORE) and own.failed is None:
+            return (own.fingerprints.of(x, box, parameters) if phase == Phase.FINGERPRINT else 0.0), self._zero
         if phase == Phase.IDLE and not self.conservative:
             return 0.0, self._zero
         if phase == Phase.IDLE or phase in KEEPING:
-            return self._conserve(local, x, box)
-        return 0.0, self._in_step(local, phase, x, box, parameters)
+            if not self.conservative:
+                return 0.0, self._zero
+            own.engine.prepare(x, box)
+            return own.conservative.now(own.fields)
+        return 0.0, self._in_step(own, phase, x, box, parameters)
 
-    def fingerprint(self, local, x: np.ndarray, box: np.ndarray | None, parameters: dict) -> float:
-        """Fingerprint of positions, parameters and box; that of the last call if beads were only wrapped into the box since."""
-        stable = np.array([value for name, value in sorted(parameters.items()) if name not in names.VOLATILE])
-        if box is not None:
-            stable = np.append(stable, box.ravel())
-        value = None
-        if local.fingerprinted is not None:
-            last, last_x, last_stable = local.fingerprinted
-            if np.array_equal(stable, last_stable) and (motion.same(x, last_x) or (box is not None and only_folded(x, last_x, box))):
-                value = last
-        if value is None:
-            value = fingerprint(x, stable)
-        local.fingerprinted = (value, x, stable)
-        return value
-
-    def _conserve(self, local, x: np.ndarray, box: np.ndarray | None):
-        """Conservative force in ``local.conserved``, unless it is there already, and its energy."""
-        if not self.conservative:
-            return 0.0, self._zero
-        local.engine.prepare(x, box)
-        # a repulsion may depend on the temperatures of the beads
-        warm = self.spec.fields is not None and self.spec.fields.kind == TEMPERATURE
-        if local.conserved_at != local.engine.number or warm:
-            field_values = None if local.fields is None else local.fields.values
-            local.conserved_energy = local.engine.forces(CONSERVATIVE, None, 0.0, 1.0, 0, 0, field_values, local.conserved)[0]
-            local.conserved_at = local.engine.number
-        return local.conserved_energy, local.conserved
-
-    def _in_step(self, local, phase: int, x: np.ndarray, box: np.ndarray | None, parameters: dict) -> np.ndarray:
-        kept, block = local.kept, phase % 100
+    def _in_step(self, own: ThreadState, phase: int, x: np.ndarray, box: np.ndarray | None, parameters: dict) -> np.ndarray:
+        kept, block = own.kept, phase % 100
         phase -= block if phase >= Phase.SWEEP_SEEN else 0
         if kept is None:
             raise RunError(f"phase {phase} of the pair force came before any positions were stored: no integrator of openmm_dpd does that")
         if not parameters[names.DT] > 0.0:
             raise RunError(f"the step size must be > 0, but the integrator's is {in_units(parameters[names.DT], 'time')}")
-        fields: Fields | None = local.fields
-        if phase == Phase.TELL:
-            return local.moment.block(block)
+        fields = own.fields
         if phase == Phase.CHANGE:
             assert fields is not None
             return fields.changes(block) / self.scale
         if phase == Phase.READ:
-            shown = (x - kept) / parameters[names.TAU]
-            local.read[block] = shown
-            if block < RATES:
-                assert fields is not None
-                fields.read(block, shown)
+            assert fields is not None
+            fields.read(block, (x - kept) / parameters[names.TAU])
             return self._zero
         dt, tau, kT = parameters[names.DT], parameters[names.TAU], self.thermal_energy(parameters)
         key = (int(parameters[names.SEED]), int(parameters[names.COUNTER]))
-        motion.seen_velocities(x, kept, tau, local.v)
-        if phase == Phase.RUN:
-            return self._run(local, Moment(kept.copy(), local.v.copy(), box, dt, kT, *key))
-        self._check(local.v, kT, dt)
-        local.engine.prepare(kept if phase in AT_KEPT else x, box)
+        motion.seen_velocities(x, kept, tau, own.v)
+        self._check(own.v, kT, dt)
+        own.engine.prepare(kept if phase in AT_KEPT else x, box)
         conditions = (kT, dt, *key, None if fields is None else fields.values)
-        return self._sweep(local, block, conditions) if phase >= Phase.SWEEP_SEEN else self._force(local, phase, conditions)
+        return self._sweep(own, block, conditions) if phase >= Phase.SWEEP_SEEN else self._force(own, phase, conditions)
 
-    def scale_body_forces(self, local, parameters) -> None:
+    def scale_body_forces(self, own: ThreadState, parameters) -> None:
         """Take the factor of body forces over from the Context."""
         scale = parameters[names.BODY_FORCE] if names.BODY_FORCE in parameters else 1.0
-        if scale != local.engine.body_scale:
-            local.engine.number += 1  # first: what was computed before is not valid any more
-            local.engine.body_scale = scale
+        if scale != own.engine.body_scale:
+            own.engine.number += 1  # first: what was computed before is not valid any more
+            own.engine.body_scale = scale
 
     def thermal_energy(self, parameters) -> float:
         """kT of the Context; RunError if it is none."""
@@ -286,18 +178,6 @@ class PairForceFunction:
         if not 0.0 <= kT < np.inf:
             raise RunError(f"the context parameter {names.KT} must be >= 0 and finite, but is {kT}")
         return kT
-
-    def _run(self, local, moment: Moment) -> np.ndarray:
-        """Positions after a whole step."""
-        fields, read = self.spec.fields, local.read
-        if fields is not None:
-            moment.values = local.fields.values.copy()
-            if RATES in read:
-                moment.rates = unfolded([read[RATES + k] for k in range(fields.n_blocks)], fields)
-        moment.acc, moment.unkicked = read.get(names.ACCELERATION), read.get(names.PREDICTED)
-        local.moment = moment
-        local.loop.run(moment, 1, shown=True)
-        return moment.x
 
     def _watch(self, v: np.ndarray, moment: Moment) -> None:
         self._check(v, moment.kT, moment.dt)
@@ -308,24 +188,24 @@ class PairForceFunction:
         if wrong is not None:
             raise RunError(f"{wrong}; the step size is too large for this scheme, or the start is too far from equilibrium")
 
-    def _force(self, local, phase: int, conditions: tuple) -> np.ndarray:
+    def _force(self, own: ThreadState, phase: int, conditions: Conditions) -> np.ndarray:
         """Force form at the prepared positions."""
         which = DISSIPATIVE | RANDOM
         if phase == Phase.FORCE_SEEN and self.conservative:
             which |= CONSERVATIVE
-        force = local.engine.forces(which, local.v, *conditions, local.result)[1]
-        if local.fields is not None:
-            local.fields.last = local.engine.rates
+        force = own.engine.forces(which, own.v, *conditions, own.result)[1]
+        if own.fields is not None:
+            own.fields.last = own.engine.rates
         return force
 
-    def _sweep(self, local, update: int, conditions: tuple) -> np.ndarray:
+    def _sweep(self, own: ThreadState, update: int, conditions: Conditions) -> np.ndarray:
         """Impulses/dt of a sweep at the prepared positions."""
-        engine, v, dt = local.engine, local.v, conditions[1]
-        change = engine.sweep(v, *conditions, local.result, update)
-        if local.fields is not None:
-            local.fields.last = engine.increments
+        engine, v, dt = own.engine, own.v, conditions[1]
+        change = engine.sweep(v, *conditions, own.result, update)
+        if own.fields is not None:
+            own.fields.last = engine.increments
             if self.balanced:
-                local.fields.balance(v, change, self.spec.inv_mass)
+                own.fields.balance(v, change, self.spec.inv_mass)
         motion.as_force(change, self.spec.inv_mass, dt)
         return change
 
@@ -345,11 +225,6 @@ class PairForceFunction:
             edges = " x ".join(map(in_length, box.diagonal()))
             raise RunError(f"the box has shrunk to {edges}, less than twice the cutoff of {in_length(self._cutoff)}")
         return box
-
-
-def unfolded(blocks: list[np.ndarray], spec: FieldSpec) -> np.ndarray:
-    """(N, K) values from blocks of three."""
-    return np.concatenate(blocks, axis=1)[:, : spec.n_values].copy()
 
 
 def pair_force(function: PairForceFunction, *, options: ProgramOptions, integrator: openmm.Integrator) -> openmm.PythonForce:

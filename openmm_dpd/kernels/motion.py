@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numba import prange
 
-from ..names import SHOWN
 from .compiled import compiled, helper, inlined, renamed, serial_and_parallel
 from .threads import dispatch, get_threads
 
@@ -71,31 +70,6 @@ def seen_velocities(begin, end, x, kept, tau, v):
 
 
 @over_beads
-def as_shown(begin, end, x, values, scale, inv_mass):
-    """Round values (N, 3) in place to what is left of them after x + scale*values; 0 for beads that do not move.
-
-    The scale is a power of two, so that to divide by it and to multiply with its inverse is the same.
-    """
-    inverse = 1.0 / scale
-    for i in range(begin, end):
-        moves = 1.0 if inv_mass[i] > 0.0 else 0.0
-        for k in range(3):
-            shown = x[i, k] + scale * values[i, k]
-            values[i, k] = moves * ((shown - x[i, k]) * inverse)
-
-
-@over_beads
-def fields_as_shown(begin, end, x, values, scale, inv_mass):
-    """The same for values of beads (N, K), shown three at a time along the axes; beads that do not move keep theirs."""
-    inverse = 1.0 / scale
-    for i in range(begin, end):
-        if inv_mass[i] > 0.0:
-            for k in range(values.shape[1]):
-                shown = x[i, k % 3] + scale * values[i, k]
-                values[i, k] = (shown - x[i, k % 3]) * inverse
-
-
-@over_beads
 def add_to_moving(begin, end, values, changes, inv_mass):
     """Add changes (N, K) to the values of beads that move."""
     for i in range(begin, end):
@@ -104,23 +78,14 @@ def add_to_moving(begin, end, values, changes, inv_mass):
                 values[i, k] += changes[i, k]
 
 
-@inlined
-def _show(x, v, inv_mass):
-    """Component of v as it is after a program has shown it, see :func:`as_shown`."""
-    shown = ((x + SHOWN * v) - x) * (1.0 / SHOWN)
-    return shown if inv_mass > 0.0 else 0.0
-
-
 @counting
-def move(begin, end, x, v, force, inv_mass, shown, kick, time, limit):
-    """Round velocities as if they had been shown, kick and drift: whatever a step does between two looks at the pairs.
+def move(begin, end, x, v, force, inv_mass, kick, time, limit):
+    """Kick and drift: whatever a step does between two looks at the pairs.
 
     Parameters
     ----------
     x, v, force, inv_mass : (3N,) arrays
         All components, one after the other: this way (and counted without a sign) several of them are treated at once.
-    shown : bool
-        Whether to round first.
     kick, time : float
         For how long the force acts, and beads that move then drift.
     limit : float
@@ -133,7 +98,7 @@ def move(begin, end, x, v, force, inv_mass, shown, kick, time, limit):
     """
     count = 0
     for c in range(np.uint64(begin), np.uint64(end)):
-        speed = (_show(x[c], v[c], inv_mass[c]) if shown else v[c]) + (kick * inv_mass[c]) * force[c]
+        speed = v[c] + (kick * inv_mass[c]) * force[c]
         v[c] = speed
         count += not abs(speed) <= limit
         x[c] += (time if inv_mass[c] > 0.0 else 0.0) * speed
@@ -141,15 +106,12 @@ def move(begin, end, x, v, force, inv_mass, shown, kick, time, limit):
 
 
 @counting
-def move_accelerated(begin, end, x, v, acc, inv_mass, shown, kick, time, limit):
-    """The same with accelerations in place of forces, which are rounded too."""
+def move_accelerated(begin, end, x, v, acc, inv_mass, kick, time, limit):
+    """The same with accelerations in place of forces."""
     count = 0
     for c in range(np.uint64(begin), np.uint64(end)):
-        speed, a = v[c], acc[c]
-        if shown:
-            speed, a = _show(x[c], speed, inv_mass[c]), _show(x[c], a, inv_mass[c])
-        speed += kick * a
-        v[c], acc[c] = speed, a
+        speed = v[c] + kick * acc[c]
+        v[c] = speed
         count += not abs(speed) <= limit
         x[c] += (time if inv_mass[c] > 0.0 else 0.0) * speed
     return count
@@ -161,16 +123,6 @@ def accelerate(begin, end, acc, v, force, inv_mass, kick):
     for c in range(np.uint64(begin), np.uint64(end)):
         acc[c] = force[c] * inv_mass[c]
         v[c] += kick * acc[c]
-
-
-@over_beads
-def kick(begin, end, v, force, mass, time):
-    """Add time*force/mass to the velocities (N, 3) of beads that move; in the order in which OpenMM evaluates that."""
-    for i in range(begin, end):
-        if mass[i] > 0.0:
-            v[i, 0] += time * force[i, 0] / mass[i]
-            v[i, 1] += time * force[i, 1] / mass[i]
-            v[i, 2] += time * force[i, 2] / mass[i]
 
 
 @over_beads

@@ -1,8 +1,7 @@
 """Whole steps on the kernel's own arrays: n of them in a loop, without a way back to OpenMM in between.
 
 A step is a word of drifts, kicks and sweeps (see :mod:`openmm_dpd.schemes`), or the modified velocity Verlet scheme, whose
-friction is a force.  What a step begins with has passed through OpenMM's positions if a program made it, as ((x + s a) - x)/s; here it
-is rounded so before each step, so that a run gives the same bits however it is cut.
+friction is a force.  All that a step begins with is in the :class:`Moment`, so that a run gives the same bits however it is cut.
 """
 
 from collections.abc import Callable
@@ -12,7 +11,6 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..errors import RunError
-from ..names import ACCELERATION, PREDICTED, RATES, SHOWN, VELOCITY
 from ..signals import CTRL_C
 from . import motion
 from .columns import Totals
@@ -38,8 +36,6 @@ class StepSpec:
     ----------
     letters : tuple of (letter, part of the step)
         Empty for the modified velocity Verlet scheme.
-    mass : (N,) array
-        0 for beads that do not move.
     slow_kicks : (float, float)
         Over how many steps forces that are not the kernel's kick before and after.
     slow_every : int
@@ -51,12 +47,9 @@ class StepSpec:
     walls : five arrays (3,), or None
         Planes that beads do not pass: low, high, start, period, back (see :mod:`openmm_dpd.programs.walls`).
     ramp : openmm_dpd.model.temperature.TemperatureRamp or None
-    field_shown : float
-        Displacement by which a program shows a field, or a rate, of 1.
     """
 
     letters: tuple[tuple[str, float], ...]
-    mass: np.ndarray
     slow_kicks: tuple[float, float] = (0.5, 0.5)
     slow_every: int = 1
     thermostat: bool = True
@@ -64,7 +57,6 @@ class StepSpec:
     field_lam: float = 0.5
     walls: tuple[np.ndarray, ...] | None = None
     ramp: Any = None
-    field_shown: float = 1.0
 
     @property
     def predicts(self) -> bool:
@@ -120,21 +112,6 @@ class Moment:
     acc: np.ndarray | None = None
     predicted: np.ndarray | None = None
     unkicked: np.ndarray | None = None
-
-    def block(self, block: int) -> np.ndarray:
-        """(N, 3) values of a block, as a program numbers them (see :mod:`openmm_dpd.names`)."""
-        arrays = {VELOCITY: self.v, ACCELERATION: self.acc, PREDICTED: self.predicted}
-        if block in arrays:
-            found = arrays[block]
-            assert found is not None
-            return found
-        values = self.values if block < RATES else self.rates
-        assert values is not None
-        first = 3 * (block if block < RATES else block - RATES)
-        part = values[:, first : first + 3]
-        result = np.zeros((len(part), 3))
-        result[:, : part.shape[1]] = part
-        return result
 
 
 #: Forces (N, 3) of others at the positions of a moment, after so many of the steps that are being done.
@@ -203,18 +180,15 @@ class StepLoop:
         #: whether the lists of the engine are those of the moment's positions
         self.placed = False
 
-    def run(self, moment: Moment, n: int, slow: SlowForces | None = None, *, shown: bool = False) -> None:
+    def run(self, moment: Moment, n: int, slow: SlowForces | None = None) -> None:
         """Do n steps.
 
         Parameters
         ----------
         moment : Moment
-            Its fields are as a program would have shown them.
         n : int
         slow : callable, optional
             Forces (N, 3) at the positions of the moment, after so many of these steps, that kick before and after.
-        shown : bool
-            Whether a program has shown the moment and makes it kick.
 
         Raises
         ------
@@ -234,19 +208,14 @@ class StepLoop:
                     force = slow(moment, done) if force is None else force
                     if self.spec.predicts and (moment.acc is None or self.spec.foresees):
                         moment.unkicked = moment.v.copy()
-                        motion.as_shown(moment.x, moment.unkicked, SHOWN, self.inv_mass)
-                    motion.kick(moment.v, force, self.spec.mass, before * moment.dt)
-                if done and moment.values is not None:
-                    motion.fields_as_shown(moment.x, moment.values, self.spec.field_shown, self.inv_mass)
+                    self._move(moment, force, before * moment.dt)
                 self._last = done + 1 == n
-                step(moment, bool(done) or not shown)
-                if shown:
-                    continue
+                step(moment)
                 moment.slow_step = (moment.slow_step + 1) % self.spec.slow_every
                 if slow is not None and moment.slow_step == 0:
                     force = slow(moment, done + 1) if after or done + 1 < n else None
-                    if after:
-                        motion.kick(moment.v, force, self.spec.mass, after * moment.dt)
+                    if after and force is not None:
+                        self._move(moment, force, after * moment.dt)
             if self.placed:
                 self.engine.keep()
             self.moment = moment
@@ -261,24 +230,23 @@ class StepLoop:
             self.placed = True
 
     # -- words -------------------------------------------------------------------------------------------------------------------
-    def _word(self, m: Moment, show: bool) -> None:
-        """What lies between two looks at the pairs is done in one pass: kicks and rounding wait until then."""
+    def _word(self, m: Moment) -> None:
+        """What lies between two looks at the pairs is done in one pass: kicks wait until then."""
         first, kick = True, 0.0
         for letter, part in self.spec.letters:
             if letter == "A":
-                self._move(m, show, kick, part * m.dt)
+                self._move(m, self.force, kick, part * m.dt)
                 self._reflect(m, m.v)
-                show, kick = False, 0.0
+                kick = 0.0
             elif letter == "B":
                 if kick:
-                    self._move(m, show, kick)
-                    show = False
+                    self._move(m, self.force, kick)
                 self._conserve(m)
                 kick = part * m.dt
             else:
-                if first or show or kick:
-                    fast = self._move(m, show, kick)
-                    show, kick = False, 0.0
+                if first or kick:
+                    fast = self._move(m, self.force, kick)
+                    kick = 0.0
                 if first:
                     self._warm(m)
                     if fast:
@@ -286,15 +254,15 @@ class StepLoop:
                     first = False
                 self._sweep(m, part, UPDATES[letter])
         if kick:
-            self._move(m, show, kick)
+            self._move(m, self.force, kick)
         if first:
             self._warm(m)
 
-    def _move(self, m: Moment, show: bool, kick: float, time: float = 0.0) -> int:
-        """Round velocities, kick and drift; returns how many beads are to be watched."""
+    def _move(self, m: Moment, force: np.ndarray, kick: float, time: float = 0.0) -> int:
+        """Kick and drift; returns how many beads are to be watched."""
         if time:
             self.placed = False
-        return motion.move(m.x.ravel(), m.v.ravel(), self.force.ravel(), self._inv_mass, show, kick, time, self.reach / m.dt)
+        return motion.move(m.x.ravel(), m.v.ravel(), force.ravel(), self._inv_mass, kick, time, self.reach / m.dt)
 
     def _reflect(self, m: Moment, *velocities: np.ndarray) -> None:
         walls = self.spec.walls
@@ -340,13 +308,8 @@ class StepLoop:
             m.kT = ramped_energy(self.spec.ramp, m.ramped)
 
     # -- modified velocity Verlet ----------------------------------------------------------------------------------------------------
-    def _predicting(self, m: Moment, show: bool) -> None:
+    def _predicting(self, m: Moment) -> None:
         lam, dt = self.spec.lam, m.dt
-        if show and m.rates is not None:
-            motion.fields_as_shown(m.x, m.rates, self.spec.field_shown, self.inv_mass)
-        if show and (m.acc is None or lam != 0.5):
-            self._show(m)
-            show = False
         if m.acc is None:
             # with the noise of the last half kick: another one would halve its variance, as both halves of a step share it
             m.acc = np.empty_like(self.force)
@@ -361,7 +324,7 @@ class StepLoop:
             seen = m.values if self.spec.field_lam == 0.5 else before + self.spec.field_lam * dt * m.rates
         self.placed = False
         flat = m.x.ravel(), m.v.ravel(), m.acc.ravel(), self._inv_mass
-        fast = motion.move_accelerated(*flat, show, 0.5 * dt, dt, self.reach / dt)
+        fast = motion.move_accelerated(*flat, 0.5 * dt, dt, self.reach / dt)
         self._reflect(m, *((m.v,) if predicted is None else (predicted, m.v)))
         self._warm(m)
         m.counter += 1
@@ -379,12 +342,6 @@ class StepLoop:
         assert m.acc is not None
         seen = m.v + lam * m.dt * m.acc
         return seen + (2.0 * lam - 1.0) * (m.v - m.unkicked) if m.unkicked is not None and self.spec.foresees else seen
-
-    def _show(self, m: Moment) -> None:
-        """Round velocities and accelerations as if a program had shown them."""
-        motion.as_shown(m.x, m.v, SHOWN, self.inv_mass)
-        if m.acc is not None:
-            motion.as_shown(m.x, m.acc, SHOWN, self.inv_mass)
 
     def _accelerate(self, m: Moment, v: np.ndarray, values: np.ndarray | None, kick: float) -> None:
         """Acceleration and rates at x, friction and noise included, and a kick of that duration."""

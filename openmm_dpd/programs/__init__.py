@@ -3,7 +3,7 @@
 from ..errors import PlanError
 from ..program_options import ProgramOptions
 from ..schemes import SCHEMES
-from . import mvv, splitting, whole
+from . import mvv, splitting
 from .program import Program
 
 
@@ -16,12 +16,7 @@ def make_program(options: ProgramOptions) -> Program:
             f"the scheme {scheme.name!r} evaluates forces within the step, at positions where constraints and virtual sites do not hold; "
             f"use scheme={able} for this System"
         )
-    if options.execution.looped and options.execution.precision == "double":
-        program = whole.whole_step_program(options)
-    elif options.predicting:
-        program = mvv.mvv_program(options)
-    else:
-        program = splitting.splitting_program(options)
+    program = mvv.mvv_program(options) if options.predicting else splitting.splitting_program(options)
     program.finish()
     program.check()
     return program

@@ -15,8 +15,9 @@ alone is not detected: the friction force of the old velocities acts for half a 
 the box (when they reorder atoms), which counts as a change.  The noise is that of the last half kick in any case.
 """
 
-from ..names import Phase
+from ..names import RATE, Phase
 from ..program_options import ProgramOptions
+from . import slow_forces
 from .program import Program
 from .walls import add_reflection
 
@@ -27,16 +28,22 @@ def mvv_program(options: ProgramOptions) -> Program:
     p.declare_per_dof("acc", "acceleration at x, friction and noise included")
     p.begin()
     fields = p.fields()
-    rates = [f"rate{k}" for k in range(len(fields))]
+    rates = [f"{RATE}{k}" for k in range(len(fields))]
     for name in rates:
         p.declare_per_dof(name, "change of the field per time, at x")
     p.store_fingerprint()
     with p.if_changed():
         _recompute(p, fields, rates)
     predicted = options.thermostat and options.lam != 0.5
+    more = ""
     if predicted:
         p.declare_per_dof("vp", "predicted velocity")
-        p.each("vp", f"v+{options.lam!r}*dt*acc", "what the friction will see")
+        if options.execution.looped and options.slow_every == 1:  # impulses over several steps are taken as they are
+            p.each("vp", "v", "before other forces kick")
+            more = f"+{2 * options.lam - 1!r}*(v-vp)"
+    slow_forces.kick_before(p)
+    if predicted:
+        p.each("vp", f"v+{options.lam!r}*dt*acc{more}", "what the friction will see")
     seen = _advance_fields(p, fields, rates)
     p.each("v", "v+0.5*dt*acc", "half kick")
     if fields:
@@ -47,14 +54,14 @@ def mvv_program(options: ProgramOptions) -> Program:
     p.next_temperature()
     if predicted or options.walls or not options.thermostat:
         p.phase(Phase.CONSERVE) if options.execution.pushes else p.store_fingerprint()
-        p.each("acc", "f/m", "conservative acceleration")
+        p.each("acc", f"{p.kicking}/m", "conservative acceleration")
         if options.thermostat:
             p.next_noise(options.trial_time)
             _add_friction_and_noise(p, "vp" if predicted else "v")
     else:
         p.next_noise("dt")
         p.phase(Phase.FORCE_SEEN)
-        p.each("acc", "f/m", "the drift showed the half-step velocity")
+        p.each("acc", f"{p.kicking}/m", "the drift showed the half-step velocity")
         if not options.execution.pushes:
             p.each("acc", f"acc+{p.pair_force}/m", "friction and noise")
     p.leave_to_body_forces()
@@ -63,6 +70,7 @@ def mvv_program(options: ProgramOptions) -> Program:
     for name, rate in zip(fields, rates, strict=True):
         p.each(name, f"{name}+0.5*dt*{rate}", "second half")
     p.acceleration_is_kept()
+    slow_forces.kick_after(p)
     return p
 
 
@@ -75,7 +83,7 @@ def _recompute(p: Program, fields: list[str], rates: list[str]) -> None:
         p.each("x", "xs", "back")
     if options.execution.pushes:
         p.phase(Phase.CONSERVE)
-    p.each("acc", "f/m", "conservative acceleration")
+    p.each("acc", f"{p.kicking}/m", "conservative acceleration")
     if options.thermostat:
         # another noise would halve its variance: two half kicks of a step share it
         p.show_by(options.trial_time)

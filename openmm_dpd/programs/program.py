@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import openmm
 
 from ..errors import ProgramError
-from ..integrators import PairIntegrator
+from ..integrators import AGREE, PairIntegrator
 from ..names import (
     AHEAD,
     ALONE,
@@ -86,6 +86,11 @@ class Program:
         return f"f{self.options.pair_group}"
 
     @property
+    def kicking(self) -> str:
+        """Force of the kicks of a scheme: of everything that acts, or of the pair force alone where a loop could do the same step."""
+        return self.pair_force if self.options.execution.looped else "f"
+
+    @property
     def pair_energy(self) -> str:
         """Energy of the pair force alone."""
         return f"energy{self.options.pair_group}"
@@ -127,10 +132,16 @@ class Program:
         if self.options.kernel:
             self.set(DT, "dt", "so that setStepSize works")
         if self.options.settable:
-            self._agree_on_temperature()
+            kelvin = self.options.kT / BOLTZMANN
+            self.declare(TEMPERATURE, kelvin, "temperature, K: set it here or by dpd_kT, the later one holds")
+            self.declare(SEEN_TEMPERATURE, kelvin, "what it was when it last agreed with dpd_kT")
+            self.declare(SEEN_KT, self.options.kT, "what dpd_kT was then")
+            self.steps += [Step(*line) for line in AGREE]
 
     def finish(self) -> None:
         """Close what :meth:`begin` has opened; what a loop of steps has left in per-DOF variables is not there any more."""
+        if self.options.kernel:
+            self.phase(Phase.IDLE)
         if self.options.kernel and (self.options.field_blocks or self.options.predicting):
             self.declare(STAMP, 0.0, "fingerprint of the per-DOF variables that a loop of steps left, or 0")
             self.set(STAMP, "0")
@@ -138,24 +149,6 @@ class Program:
             self.set(AHEAD, "1")
             self.steps.append(Step("end"))
             self.set(AHEAD, f"{AHEAD}-1")
-
-    def _agree_on_temperature(self) -> None:
-        """Take the thermal energy from the temperature in kelvin if that was set, and the temperature from the thermal energy if not.
-
-        OpenMM's samplers set a global variable called ``temperature``.  A thermal energy that nobody changes stays as it is, bit for bit.
-        """
-        kelvin = self.options.kT / BOLTZMANN
-        self.declare(TEMPERATURE, kelvin, "temperature, K: set it here or by dpd_kT, the later one holds")
-        self.declare(SEEN_TEMPERATURE, kelvin, "what it was when it last agreed with dpd_kT")
-        self.declare(SEEN_KT, self.options.kT, "what dpd_kT was then")
-        with self.when(f"abs({TEMPERATURE}-{SEEN_TEMPERATURE})+abs({KT}-{SEEN_KT}) > 0", "was one of them set?"):
-            with self.when(f"{TEMPERATURE} != {SEEN_TEMPERATURE}", "was it the temperature?"):
-                self.set(KT, f"{BOLTZMANN!r}*{TEMPERATURE}")
-                self.set(SEEN_KT, KT)
-            with self.when(f"{KT} != {SEEN_KT}", "was it the thermal energy?"):
-                self.set(TEMPERATURE, f"{KT}/{BOLTZMANN!r}")
-            self.set(SEEN_KT, KT)
-            self.set(SEEN_TEMPERATURE, TEMPERATURE)
 
     def show_by(self, tau: str) -> None:
         """Say which drift shows the velocities."""
@@ -210,13 +203,9 @@ class Program:
         for block, variable in enumerate(variables):
             self.declare("size", 0.0, "sum of squares of what the pair force reads next")
             self.total("size", f"{variable}*{variable}")
-            self.show_values(block, variable, f"{self.options.field_reach!r}/sqrt(size+1e-280)")
-
-    def show_values(self, block: int, variable: str, scale: str) -> None:
-        """Have the pair force read one per-DOF variable, as a displacement from xs."""
-        self.set(TAU, scale, "scale of the displacement")
-        self.each("x", f"xs+{TAU}*{variable}", "shows these values")
-        self.evaluate_pair_force(Phase.READ, "the pair force reads them", block)
+            self.set(TAU, f"{self.options.field_reach!r}/sqrt(size+1e-280)", "scale of the displacement")
+            self.each("x", f"xs+{TAU}*{variable}", "shows these values")
+            self.evaluate_pair_force(Phase.READ, "the pair force reads them", block)
 
     def keep_positions(self) -> None:
         """Remember x as xs."""
@@ -230,7 +219,7 @@ class Program:
         with self.if_changed():
             if self.options.execution.pushes:
                 self.phase(Phase.CONSERVE)
-            self.each("acc", "f/m", "conservative acceleration")
+            self.each("acc", f"{self.kicking}/m", "conservative acceleration")
             self.leave_to_body_forces()
 
     def leave_to_body_forces(self) -> None:
@@ -240,10 +229,9 @@ class Program:
             self.each("acc", f"(1-{ALONE})*acc+{ALONE}*f{EXTERNAL_GROUP}/m", "only body forces act on some beads")
 
     def acceleration_is_kept(self) -> None:
-        """End a step whose last acceleration serves the next one."""
+        """Say that the last acceleration of a step serves the next one."""
         self.store_fingerprint()
         self.set("valid_for", "fingerprint", "acc is valid for this")
-        self.phase(Phase.IDLE)
 
     def after_sweep(self, fields: list[str]) -> None:
         """Take over what a sweep did to internal energies; where velocities are not double precision, by what they really changed.

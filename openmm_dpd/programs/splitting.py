@@ -11,6 +11,7 @@ from fractions import Fraction
 from ..names import Phase
 from ..program_options import ProgramOptions
 from ..schemes import SWEEPS, Letter
+from . import slow_forces
 from .program import Program
 from .walls import add_reflection
 
@@ -46,6 +47,7 @@ class _Writer:
         p.begin()
         if self.kept:
             p.keep_acceleration()
+        slow_forces.kick_before(p)
         n = 0
         while n < len(self.letters):
             name, part = self.letters[n]
@@ -59,8 +61,7 @@ class _Writer:
             p.each("v", "v+(x-xu)/dt", "the constraints' impulse")
         if self.kept:
             p.acceleration_is_kept()
-        elif self.options.kernel:
-            p.phase(Phase.IDLE)
+        slow_forces.kick_after(p)
         return p
 
     def drift(self, n: int, part: Fraction) -> int:
@@ -93,11 +94,11 @@ class _Writer:
             # without a kernel nothing comes in between: OpenMM keeps the force by itself
             here = [name for place, (name, _) in zip(self.places, self.letters, strict=True) if place == self.places[n]]
             if not self.options.partial and (here.count("B") == 1 or not self.options.kernel):
-                p.each("v", f"v+{times(part)}*f/m", spelling("kick", part))
+                p.each("v", f"v+{times(part)}*{p.kicking}/m", spelling("kick", part))
                 p.constrain_velocities()
                 return n + 1
             p.declare_per_dof("acc", "conservative acceleration at x")
-            p.each("acc", "f/m")
+            p.each("acc", f"{p.kicking}/m")
             p.leave_to_body_forces()
             self.known = True
         self.owed += part

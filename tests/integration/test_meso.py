@@ -191,7 +191,8 @@ def test_walls_take_other_values_in_a_run(make, name):
     program.setPositions(untouched.built.positions)
     program.setVelocities(untouched.built.velocities)
     program.getIntegrator().step(11)
-    np.testing.assert_array_equal(raw_fields(program, scene_fields(untouched)), raw_fields(untouched.context, scene_fields(untouched)))
+    ends = [raw_fields(context, scene_fields(untouched)) for context in (program, untouched.context)]
+    np.testing.assert_allclose(*ends, rtol=1e-12)  # a program and a loop agree to rounding
 
 
 def scene_fields(simulation):

@@ -136,7 +136,7 @@ def test_every_kind_of_scene_goes_on(kind, tmp_path):
 @SCHEMES
 @pytest.mark.parametrize("conservative", ["kernel", "openmm"])
 def test_system_and_integrator_survive_serialization(scheme, conservative):
-    """XmlSerializer and back: the same trajectory, bit for bit, of a scene that has everything."""
+    """XmlSerializer and back: the same trajectory of a scene that has everything, bit for bit where the first one is no loop."""
     built_run = restart_runs.simulation_of("Reference", "fluid", scheme=scheme, conservative=conservative)
     system, integrator = built_run.system, built_run.integrator
     copies = [openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(thing)) for thing in (system, integrator)]
@@ -148,7 +148,9 @@ def test_system_and_integrator_survive_serialization(scheme, conservative):
     context.setVelocities(v)
     built_run.step(8)
     copies[1].step(8)
-    assert same_bits(state_of(built_run.context), state_of(context))
+    (x, v), (expected_x, expected_v) = state_of(context), state_of(built_run.context)
+    limit = 0.0 if built_run.integrator.whole is None else 1e-12
+    assert np.abs(x - expected_x).max() <= limit and np.abs(v - expected_v).max() <= limit
 
 
 def test_a_system_in_xml_stays_small():

@@ -127,7 +127,7 @@ def test_an_interruption_while_the_results_go_back(name):
 # -- errors of what a step calls -------------------------------------------------------------------------------------------------------
 CALLS = [
     (PairEngine, "place"), (PairEngine, "keep"), (PairEngine, "sums"), (PairEngine, "swept"),
-    (motion, "move"), (motion, "move_accelerated"), (motion, "accelerate"), (motion, "kick"),
+    (motion, "move"), (motion, "move_accelerated"), (motion, "accelerate"),
 ]  # fmt: skip
 
 #: What a scheme does not call.
@@ -175,7 +175,7 @@ def test_calls_that_fail(case, owner, name, error, monkeypatch):
             simulation.integrator.step(12)
             assert not same(all_of(simulation), end)
         monkeypatch.setattr(owner, name, real)
-    assert bool(tried) != ((name, case) in UNUSED or (name == "kick" and case != "force"))
+    assert bool(tried) != ((name, case) in UNUSED)
 
 
 CONTEXT_CALLS = ["setPositions", "setVelocities", "setParameter", "setStepCount", "setTime", "getState"]

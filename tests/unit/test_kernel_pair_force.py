@@ -9,11 +9,11 @@ from openmm import unit
 from scenes import BOXES, EXTENDED, fluid
 
 from openmm_dpd import RunError
-from openmm_dpd.forces.pair_force import PairForceFunction, fingerprint, only_folded
+from openmm_dpd.forces.fingerprint import fingerprint, only_folded
+from openmm_dpd.forces.pair_force import PairForceFunction
 from openmm_dpd.kernels import motion
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
-from openmm_dpd.kernels.steps import StepSpec
-from openmm_dpd.names import COUNTER, DT, KT, PHASE, SEED, TAU, VELOCITY, Phase
+from openmm_dpd.names import COUNTER, DT, KT, PHASE, SEED, TAU, Phase
 from openmm_dpd.plan import make_plan
 
 SCENE = fluid(EXTENDED, BOXES["tilted"], n=60)
@@ -96,20 +96,6 @@ def test_phases():
         energy, force = function(state(seen, phase))
         assert energy == 0.0
         np.testing.assert_allclose(force, result(), rtol=0, atol=1e-9)
-
-
-def test_a_whole_step_is_told_block_by_block():
-    """RUN from the kept positions with the velocities that were shown; positions, then velocities."""
-    steps = StepSpec((("A", 0.5), ("O", 1.0), ("A", 0.5)), np.array(SCENE.bead_masses))
-    function, engine = PairForceFunction(SPEC, True, True, steps=steps), PairEngine(SPEC)
-    x, v = SCENE.positions, SCENE.velocities
-    function(state(x, Phase.STORE))
-    moved = function(state(x + PARAMETERS[TAU] * v, Phase.RUN))[1]
-    half = x + 0.5 * PARAMETERS[DT] * v
-    engine.prepare(half, SCENE.box)
-    swept = v + engine.sweep(v, PARAMETERS[KT], PARAMETERS[DT], 9, 5)  # new noise
-    np.testing.assert_allclose(moved, half + 0.5 * PARAMETERS[DT] * swept, rtol=0, atol=1e-11)
-    np.testing.assert_allclose(function(state(x, Phase.TELL + VELOCITY))[1], swept, rtol=0, atol=1e-11)
 
 
 def test_what_is_asked_outside_of_a_step_does_not_disturb_the_next_one():
