@@ -1,7 +1,5 @@
 """Random chains for tests of bonds, angles and segmental repulsion, their energies in plain numpy, and LAMMPS on the same beads."""
 
-from __future__ import annotations
-
 from itertools import combinations, product
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Fixtures of the whole suite: platforms, precisions and threads."""
 
-from __future__ import annotations
-
 import os
 import signal
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """A small deck for every compute, fix, output style, variable style and command that decks may have, by the package's own tables."""
 
-from __future__ import annotations
-
 from openmm_dpd.lammps.commands.fixes import AVERAGES, FIX_STYLES
 from openmm_dpd.lammps.language.variables import STYLES as VARIABLES
 from openmm_dpd.lammps.output.dumps import STYLES as DUMPS

@@ -1,7 +1,5 @@
 """Platforms and precisions the tests run on."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import openmm

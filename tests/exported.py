@@ -1,7 +1,5 @@
 """Scenes that are exported to LAMMPS, and LAMMPS run on the result: every kind of term a scene can hold, without noise."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

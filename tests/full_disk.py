@@ -1,7 +1,5 @@
 """Disks that are full: for one process, which any user can have, and a small one, which root can."""
 
-from __future__ import annotations
-
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Which module of the package imports which, from the syntax trees: within functions and for type checkers too."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 

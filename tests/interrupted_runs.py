@@ -3,8 +3,6 @@
 python interrupted_runs.py CALL SIGNAL ARGUMENTS OF openmm-dpd ...
 """
 
-from __future__ import annotations
-
 import inspect
 import json
 import os

@@ -6,8 +6,6 @@ those of three seeds fail, so it may also judge several averages at once, or by 
 in a hundred runs fails three times in one of a million.  ``tests/unit/test_judged.py`` measures both on series of known correlation.
 """
 
-from __future__ import annotations
-
 import functools
 import inspect
 import os

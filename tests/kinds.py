@@ -1,7 +1,5 @@
 """One small scene for everything that a whole step may have to do, and runs of it in all the ways there are."""
 
-from __future__ import annotations
-
 import io
 from dataclasses import replace
 

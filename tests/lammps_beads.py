@@ -1,7 +1,5 @@
 """The beads that a deck makes, in a live LAMMPS and by the deck reader."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import lammps_peer

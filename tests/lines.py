@@ -1,7 +1,5 @@
 """Errors before any line of the package."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -10,8 +10,6 @@ OpenMM's own integrators, and so with those of the package, a change
 - ``refused``: is refused by OpenMM where the Context is made anew.
 """
 
-from __future__ import annotations
-
 import inspect
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Lattice sums of smeared charges in numpy: exact structure factors and explicit images, independent of the package."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

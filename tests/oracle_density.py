@@ -3,8 +3,6 @@
 Conventions are those of `oracle_energy`: loops over ordered pairs, symmetric (T, T) coefficients, explicit noise.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

@@ -8,8 +8,6 @@ and other heat noises are antisymmetric. Sums run over all ordered pairs, so tha
 not an assumption. ``F dt`` with a random part ``~ dt**(-1/2)`` is the impulse of one step.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple

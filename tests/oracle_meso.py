@@ -7,8 +7,6 @@ bead, explicit noise matrices (symmetric for forces, antisymmetric for fluxes). 
 ``compat="lammps"`` gives what LAMMPS computes, ``compat="consistent"`` what the equations ask for.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

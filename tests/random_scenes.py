@@ -1,7 +1,5 @@
 """Random scenes with chains, springs and bends of several kinds, to be written and read back."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

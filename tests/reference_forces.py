@@ -1,7 +1,5 @@
 """Kernels of further forces beside OpenMM's own on the Reference platform, and what every one of them has to keep to."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 

@@ -3,8 +3,6 @@
 python restart_runs.py FOLDER PLATFORM
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Small scenes, and what the oracle needs to follow them: coefficients, factors, noise and the order of the pairs."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

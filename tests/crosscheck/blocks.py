@@ -7,8 +7,6 @@ if this is less than two correlation times.  What is left of the correlation bet
 the variance of block means is taken to fall short by the ratio of correlation time to block.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

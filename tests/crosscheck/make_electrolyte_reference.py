@@ -9,8 +9,6 @@ The JSON file holds the number of steps, the first row (deterministic words only
 second run, with the block method of ``blocks.py``.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import tempfile

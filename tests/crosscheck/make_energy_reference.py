@@ -34,8 +34,6 @@ decks : name of the deck ->
                              word -> mean, sem, sd over the seeds of the mean over rows
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

@@ -31,8 +31,6 @@ static : name -> energies of lattices, without random numbers.
 ``pe_per_bead`` stands beside the thermo words.  All quantities of a deck share one block length (blocks.py).
 """
 
-from __future__ import annotations
-
 import argparse
 import ctypes
 import json

@@ -3,8 +3,6 @@
 python make_pressure_reference.py [--steps N]        # 200,000 steps: about 15 minutes on one core
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

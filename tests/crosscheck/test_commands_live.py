@@ -1,7 +1,5 @@
 """Single commands of decks beside a live LAMMPS: every file and every row of both programs is the same, to nine digits."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

@@ -1,7 +1,5 @@
 """The example decks, run unchanged, against LAMMPS run on the same decks (lammps_reference.json, made by make_lammps_reference.py)."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

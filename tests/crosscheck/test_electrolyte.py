@@ -1,7 +1,5 @@
 """Charged beads beside LAMMPS: one configuration with its Ewald sum, and the electrolyte deck (electrolyte_reference.json)."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The example decks with internal energy, heat, species and many-body terms, run unchanged, against LAMMPS (energy_reference.json)."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Scenes exported to LAMMPS, run there with two processes, and read back."""
 
-from __future__ import annotations
-
 import exported
 import numpy as np
 import pytest

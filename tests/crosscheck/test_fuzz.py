@@ -1,7 +1,5 @@
 """Random decks of every area of commands, run by LAMMPS, live, and by this package: fixed seeds.  More by hand: ``python tests/crosscheck/fuzz --help``."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 

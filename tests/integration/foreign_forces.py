@@ -5,8 +5,6 @@ exactly its impulse; a bond with a linear potential drives two particles, to whi
 constrained distance stays; a volume moves.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable

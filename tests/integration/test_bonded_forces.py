@@ -1,7 +1,5 @@
 """Bonds and angles in OpenMM: on every platform against plain numpy, beside a live LAMMPS, and what happens when a FENE bond breaks."""
 
-from __future__ import annotations
-
 import chains_of_beads as chains
 import lammps_peer
 import numpy as np

@@ -1,7 +1,5 @@
 """What a script may do between two steps: the run goes on as a fresh one would from the same positions, velocities and noise count."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

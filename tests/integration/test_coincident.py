@@ -1,7 +1,5 @@
 """Beads at the same point: no force between them, finite forces everywhere, on every platform and precision."""
 
-from __future__ import annotations
-
 import numpy as np
 import openmm
 import oracle

@@ -1,7 +1,5 @@
 """The command line: what it writes, what it overrides, and one clear line for each kind of bad input."""
 
-from __future__ import annotations
-
 import io
 import json
 import re

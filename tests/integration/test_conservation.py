@@ -1,7 +1,5 @@
 """Momentum with everything on, energy with the thermostat off."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from devices import DEVICES

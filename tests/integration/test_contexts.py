@@ -1,7 +1,5 @@
 """Several Contexts at once: on one System, in turn, and in two Python threads; and one Context with two kernel threads."""
 
-from __future__ import annotations
-
 import copy
 import threading
 

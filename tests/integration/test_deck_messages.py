@@ -1,7 +1,5 @@
 """What goes wrong in a deck is said in its units, with its ids, and in its words; scripts read nm and numbers from 0."""
 
-from __future__ import annotations
-
 import threading
 
 import numba

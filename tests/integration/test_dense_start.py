@@ -1,7 +1,5 @@
 """Soft starts of molecules of a force field: no overlaps left, minimisation and constant pressure go on from there, bad input is refused."""
 
-from __future__ import annotations
-
 import copy
 import importlib.util
 import io

@@ -1,7 +1,5 @@
 """What the texts say: their scripts run, their commands and files exist, their tables are complete, and the documentation builds."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import subprocess

@@ -1,7 +1,5 @@
 """Internal energies in a running Context: steps of every scheme on every platform, conservation, restart, reading and setting, volume moves."""
 
-from __future__ import annotations
-
 import numpy as np
 import oracle
 import pytest

@@ -1,7 +1,5 @@
 """Wrong input gives one clear error that names what, where and what would be right; what goes wrong while stepping, likewise."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

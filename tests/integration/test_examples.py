@@ -1,7 +1,5 @@
 """The example scripts, shortened, and one number of each."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """A step that fails leaves nothing half done: everything is as at a whole step, and what follows is what would have been without it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Driven and confined fluids: leaks, temperatures, slip at walls, momentum, restarts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from judged import any_seed, judge

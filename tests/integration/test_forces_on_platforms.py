@@ -1,7 +1,5 @@
 """Conservative, dissipative and random forces of built scenes on every platform: against the oracle and against a live LAMMPS."""
 
-from __future__ import annotations
-
 import lammps_peer
 import numpy as np
 import oracle

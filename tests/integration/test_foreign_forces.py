@@ -3,8 +3,6 @@
 foreign_forces.py has the cells and what must come of each.
 """
 
-from __future__ import annotations
-
 import itertools
 
 import foreign_forces as cells

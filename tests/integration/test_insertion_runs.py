@@ -1,7 +1,5 @@
 """Short versions of docs/measure/insertion.py: excess chemical potentials beside exact and published ones."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

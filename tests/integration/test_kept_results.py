@@ -1,7 +1,5 @@
 """Runs of decks that cannot go on, or cannot write: one clear line, and what was computed is kept."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

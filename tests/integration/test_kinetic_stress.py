@@ -1,7 +1,5 @@
 """The kinetic part of stresses and pressures where bonds are stiff for the step."""
 
-from __future__ import annotations
-
 import numpy as np
 import openmm
 import pytest

@@ -1,7 +1,5 @@
 """Measured quantities against closed forms, finite differences and the oracle."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

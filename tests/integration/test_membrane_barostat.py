@@ -1,7 +1,5 @@
 """Constant pressure and surface tension: what stands in the System, what is refused, restarts, and what is measured."""
 
-from __future__ import annotations
-
 import numpy as np
 import openmm
 import pytest

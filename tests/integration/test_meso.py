@@ -1,7 +1,5 @@
 """eDPD, tDPD and mDPD in a running Context: steps on every platform against the oracle's integrators, sources, restart, files, energy."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Beads of a scene beside atoms of a force field in one System."""
 
-from __future__ import annotations
-
 import copy
 import random
 from functools import cache

@@ -1,7 +1,5 @@
 """One integrator in a Context that is made anew, in copies, and in the hands of somebody who interrupts it."""
 
-from __future__ import annotations
-
 import copy
 import signal
 import threading

@@ -1,7 +1,5 @@
 """The notebooks of the documentation run, and find what their text says; what is stored in them is the output of a whole run."""
 
-from __future__ import annotations
-
 import importlib.util
 from pathlib import Path
 

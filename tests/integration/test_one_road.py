@@ -1,7 +1,5 @@
 """build, add_thermostat and create_mixed_system return the same kind of object, which Observer and reporters take."""
 
-from __future__ import annotations
-
 from io import StringIO
 
 import numpy as np

@@ -3,8 +3,6 @@
 Beads farther apart than the cutoff of the pair terms feel the user's force alone, so that all three ways of stepping give one trajectory.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import openmm
 import pytest

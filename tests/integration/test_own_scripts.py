@@ -4,8 +4,6 @@ Every page is run twice, as it is and with a constant force on all mobile partic
 System before its Context is made.  What the momentum of each Context gains while it steps must differ by the impulse of that force.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Short versions of docs/measure/parameters_check.py: parameters give what they were asked for."""
 
-from __future__ import annotations
-
 import math
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The plan is the least the scene needs: nothing is built, declared or evaluated that nothing asks for."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the README says: its script and its commands run as they are printed, its numbers are those of the pages behind it."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

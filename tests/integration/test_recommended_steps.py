@@ -1,7 +1,5 @@
 """Recommended steps of scenes that lie between the points of the table, run; benchmarks/recommended_steps.py has more of them."""
 
-from __future__ import annotations
-
 import pytest
 from atlas_parts.scenes import SCENES, deviations, fluid
 from judged import any_seed

@@ -1,7 +1,5 @@
 """The release kit: one version everywhere, what is packed, workflows and their commands, the recipe, the paper and its references."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

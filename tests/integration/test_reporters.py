@@ -1,7 +1,5 @@
 """Reporters that go on with a file, that say why a column is nan, and that notice a temperature that is not the set one."""
 
-from __future__ import annotations
-
 import gc
 import io
 import logging

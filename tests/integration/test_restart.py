@@ -1,7 +1,5 @@
 """A restart continues the run: bit for bit where everything is double precision, across a fresh process."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -3,8 +3,6 @@
 The script's temperature, with a warning; the state's seed and counter, unless the script names a seed; the script's step size.
 """
 
-from __future__ import annotations
-
 import logging
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Decks that are interrupted anywhere and resumed: every file is, bit for bit, that of a run that was not interrupted."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import shutil

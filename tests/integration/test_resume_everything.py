@@ -1,7 +1,5 @@
 """Every compute, fix, output style, variable style and command: interrupted at random moments and resumed, all files bit for bit."""
 
-from __future__ import annotations
-
 import os
 import zlib
 

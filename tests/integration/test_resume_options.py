@@ -1,7 +1,5 @@
 """A run that is resumed has every option of the one that was interrupted: all that ``openmm-dpd run --help`` lists."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """A run has the same bits with another C library, another BLAS and other vector instructions: another machine, made of this one."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """OpenMM's own sampling with this package's thermostat: umbrellas, metadynamics, tempering, replica exchange, expanded ensembles."""
 
-from __future__ import annotations
-
 import functools
 import itertools
 import math

@@ -1,7 +1,5 @@
 """Segmental repulsion in OpenMM: every platform, a live LAMMPS, chains that cannot cross, saved Systems, decks, bad input."""
 
-from __future__ import annotations
-
 import chains_of_beads as chains
 import lammps_peer
 import numpy as np

@@ -1,7 +1,5 @@
 """Minimising: as low as OpenMM's minimiser goes, and where that one crashes or overshoots."""
 
-from __future__ import annotations
-
 import copy
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Where a scheme fails and another does not, and that a failure is an error and not a trajectory."""
 
-from __future__ import annotations
-
 import numpy as np
 import openmm
 import pytest

@@ -1,7 +1,5 @@
 """One step and ten steps of every scheme on every platform, against the oracle's steps with the same noise and the same order of pairs."""
 
-from __future__ import annotations
-
 import numpy as np
 import oracle
 import pytest

@@ -1,7 +1,5 @@
 """The stress tensor of every kind of force: beside a live LAMMPS, finite differences of the energy, the Observer's virial, and undisturbed runs."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import chains_of_beads as chains

@@ -1,7 +1,5 @@
 """Temperatures of short runs: ramps, factors of bonded neighbours, walls."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from devices import DEVICES

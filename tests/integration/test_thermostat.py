@@ -1,7 +1,5 @@
 """The thermostat on Systems made by openmm.app.ForceField."""
 
-from __future__ import annotations
-
 import numpy as np
 import openmm
 import pytest

@@ -1,7 +1,5 @@
 """The thermostat on whole systems: a peptide in water at constant pressure, a coarse-grained System from XML, and the flow it leaves alone."""
 
-from __future__ import annotations
-
 import importlib.util
 import random
 import sys

@@ -5,8 +5,6 @@ Exponential repulsion with ordinary friction: with E(r) = exp(-r/width) - exp(-c
     F = A E(r) - gamma w^2 (e.v) + sigma w xi/sqrt(dt)
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A scheme from outside of the package: one entry of the table, and it builds, runs, is explained, listed and refused where others are."""
 
-from __future__ import annotations
-
 import pytest
 from devices import Device
 from scenes import beads, run_of, same_bits, state_of

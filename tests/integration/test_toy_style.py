@@ -1,7 +1,5 @@
 """A LAMMPS pair style from a test file: one entry to read it and one to write it, and decks with it run, come back and are refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Whole steps in the kernel's loop: the same as by programs, to rounding, and the same bits however a run is cut."""
 
-from __future__ import annotations
-
 import io
 import itertools
 import sys

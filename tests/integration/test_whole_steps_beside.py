@@ -1,7 +1,5 @@
 """Whole steps beside everything else: forces, barostats and parameters of the user's, other Contexts, changes between steps, reporters."""
 
-from __future__ import annotations
-
 import io
 import threading
 

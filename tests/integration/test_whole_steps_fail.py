@@ -1,7 +1,5 @@
 """A piece of whole steps that is interrupted anywhere leaves whole steps, and the run goes on as if nothing had been."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

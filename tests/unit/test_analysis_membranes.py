@@ -1,7 +1,5 @@
 """Height spectra and bending moduli of planted surfaces."""
 
-from __future__ import annotations
-
 import mdtraj
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Mean squared displacements, diffusion, velocities, molecules and tensions of planted motion."""
 
-from __future__ import annotations
-
 import mdtraj
 import numpy as np
 import pytest

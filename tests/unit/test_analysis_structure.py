@@ -1,7 +1,5 @@
 """Structure factors, profiles, bilayers and clusters of planted configurations, beside naive loops."""
 
-from __future__ import annotations
-
 import mdtraj
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The numbers on docs/atlas.md are those of docs/atlas.json and of the table in the package; and how errors and limits are computed."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Bonds and angles of the model: energies against closed forms, derivatives and Laplacians against finite differences, bad input."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from openmm import unit

@@ -1,7 +1,5 @@
 """Steps for bonds and angles: what a word does to a harmonic mode, and the modes of a scene."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """chi of bonded beads: contacts of different molecules beside a naive loop, the table of chains, compositions of chains."""
 
-from __future__ import annotations
-
 import math
 
 import mdtraj

@@ -1,7 +1,5 @@
 """The examples in the docstrings of the package."""
 
-from __future__ import annotations
-
 import ast
 import doctest
 import importlib

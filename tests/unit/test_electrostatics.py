@@ -1,7 +1,5 @@
 """Smeared charges: pair energies and forces, lattice sums, bonded neighbours, input."""
 
-from __future__ import annotations
-
 import sys
 import warnings
 

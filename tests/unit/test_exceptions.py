@@ -1,7 +1,5 @@
 """Pair potentials of bonded neighbours with a factor."""
 
-from __future__ import annotations
-
 import numpy as np
 import openmm
 import pytest

@@ -1,7 +1,5 @@
 """Files of a run that is killed are put back to what they were at its checkpoint."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mdtraj

@@ -1,7 +1,5 @@
 """Files are written whole, or by whole blocks, or not at all."""
 
-from __future__ import annotations
-
 import struct
 
 import mdtraj

@@ -1,7 +1,5 @@
 """Body forces and walls as data: what fits a scene, what is refused, which forces and programs they become."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rules of the house that a script can count.  Bounds are what there is today; they may go down, never up."""
 
-from __future__ import annotations
-
 import ast
 from collections import defaultdict
 

@@ -1,7 +1,5 @@
 """From what people have to a Scene: topologies, PSF, data files, frames of mdtraj; what is missing is named."""
 
-from __future__ import annotations
-
 import mdtraj
 import numpy as np
 import openmm

@@ -1,7 +1,5 @@
 """Molecules inserted into a solvent: what is built, weights of the integral, theory of partition; no runs."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """How often ``judged.py`` is wrong about series whose correlation is known."""
 
-from __future__ import annotations
-
 import inspect
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Kernels of bonds and angles: OpenMM's own forces on the Reference platform, derivatives, threads, and what has no energy."""
 
-from __future__ import annotations
-
 import chains_of_beads as chains
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Compiled kernels are kept where nobody else writes, and a cache that is full or damaged is not in the way."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import subprocess

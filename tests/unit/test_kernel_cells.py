@@ -1,7 +1,5 @@
 """Pair lists: every pair once, whatever the box, the images and the number of threads."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Kernel of smeared charges: exact lattice sums, OpenMM's forces on the Reference platform, derivatives, threads."""
 
-from __future__ import annotations
-
 import warnings
 from itertools import combinations
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """eDPD: forces and heat against the oracle, ranges, factors, walls, noise and errors."""
 
-from __future__ import annotations
-
 import numpy as np
 import oracle_meso as oracle
 import pytest

@@ -1,7 +1,5 @@
 """The kernels' own exp, log, powers, sines and error function against mpmath, as compiled code and as Python."""
 
-from __future__ import annotations
-
 import mpmath
 import numba
 import numpy as np

@@ -1,7 +1,5 @@
 """Energy-conserving DPD: force form and sweeps against the oracle, conservation, and the distribution the exact updates sample."""
 
-from __future__ import annotations
-
 import numpy as np
 import oracle_energy as oracle
 import pytest

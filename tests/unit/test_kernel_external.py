@@ -1,7 +1,5 @@
 """Kernels of forces on single beads: OpenMM's own on the Reference platform, patterns, and everything of a scene together."""
 
-from __future__ import annotations
-
 import chains_of_beads as chains
 import numpy as np
 import pytest

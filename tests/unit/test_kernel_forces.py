@@ -1,7 +1,5 @@
 """Force form of the kernel against the oracle: conservative, dissipative and random forces, energies, virials and Laplacians."""
 
-from __future__ import annotations
-
 import numpy as np
 import oracle
 import pytest

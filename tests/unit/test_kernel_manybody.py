@@ -1,7 +1,5 @@
 """Many-body DPD: the kernel's layer against the oracle, finite differences and live LAMMPS, and its potential as OpenMM forces."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 from itertools import combinations

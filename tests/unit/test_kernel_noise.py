@@ -3,8 +3,6 @@
 Seeds are fixed, so every statistical check gives the same number each time; bounds are 4 standard errors, or the stated level.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import special, stats

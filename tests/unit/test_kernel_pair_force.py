@@ -1,7 +1,5 @@
 """The callable between OpenMM and the kernel, without OpenMM: displacements, fingerprints, pickling, phases."""
 
-from __future__ import annotations
-
 import pickle
 from types import SimpleNamespace
 

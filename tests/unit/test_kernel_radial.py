@@ -1,7 +1,5 @@
 """Kernels of radial overlays and of segments: OpenMM's own forces on the Reference platform, splines, derivatives, threads."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import chains_of_beads as chains

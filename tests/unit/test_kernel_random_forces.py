@@ -4,8 +4,6 @@
 components, in units of sigma w^s/sqrt(dt).  Seeds are fixed; bounds are 4 standard errors.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scenes import D

@@ -1,7 +1,5 @@
 """The kernel of segmental repulsion: against plain numpy over all pairs, finite differences, any number of threads, and odd input."""
 
-from __future__ import annotations
-
 import chains_of_beads as chains
 import numpy as np
 import pytest

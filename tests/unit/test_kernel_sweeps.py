@@ -1,7 +1,5 @@
 """Sweep form of the kernel against the oracle, handed the same noise and the same order of pairs."""
 
-from __future__ import annotations
-
 import numpy as np
 import oracle
 import pytest

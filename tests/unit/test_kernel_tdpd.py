@@ -1,7 +1,5 @@
 """tDPD: forces and species fluxes against the oracle, ranges, factors, noise and errors."""
 
-from __future__ import annotations
-
 import numpy as np
 import oracle as plain_oracle
 import oracle_meso as oracle

@@ -1,7 +1,5 @@
 """Threads: what waits how, and when one of them does the work alone."""
 
-from __future__ import annotations
-
 import os
 import time
 

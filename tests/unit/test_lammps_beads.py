@@ -1,7 +1,5 @@
 """Boxes, lattices, regions, groups, set and velocity."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Bond and angle commands of decks: what the coefficients become, data files, errors."""
 
-from __future__ import annotations
-
 import chains_of_beads as chains
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Charges in decks: what the commands read, and what they refuse."""
 
-from __future__ import annotations
-
 import pytest
 
 from openmm_dpd.errors import DeckError

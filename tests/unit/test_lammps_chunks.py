@@ -1,7 +1,5 @@
 """Bins along several axes, forces and formulas of single beads, vectors and wildcards in averages; files number by number beside LAMMPS."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -53,16 +51,6 @@ def rows_of(path: Path) -> list[list[float]]:
 
 
 # -- bins --------------------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("shift", [(0.0, 0.0, 0.0), (-18.0, 10.0, 6.0), (300.0, 5.0, -60.0)])
-def test_bins_along_two_axes(tmp_path, shift):
-    """The last axis changes fastest; beads that have crossed the box are folded back."""
-    request = request_of(tmp_path, DECK + "compute ch all chunk/atom bin/2d z lower 2.0 x lower 1.5\n")
-    x, _, z = request.state.atoms.positions.T
-    expected = 4 * np.floor((z - 1) / 2) + np.floor((x + 2) / 1.5) + 1
-    np.testing.assert_array_equal(context_of(request, shift=shift).bead_compute("ch", None), expected)
-    bins = request.state.computes["ch"].settings.bins(request.state.box)
-    assert (bins.count, bins.volume) == (12, pytest.approx(6 * 5 * 6 / 12))
-    np.testing.assert_allclose(bins.centres[[0, 1, 4]], [[2, -1.25], [2, 0.25], [4, -1.25]])
 
 
 def test_bounds_hold_for_their_own_axis(tmp_path):
@@ -129,15 +117,6 @@ def test_what_a_formula_of_single_beads_needs(tmp_path):
         {"velocities", "positions"},
         {"positions"},
     ]
-
-
-def test_beads_that_left_the_box_are_folded_in_formulas(tmp_path):
-    text = "variable x equal x[5]\nvariable top equal bound(two,xmax)\nvariable centre equal xcm(two,x)\n"
-    request = request_of(tmp_path, DECK + text)
-    here, away = context_of(request), context_of(request, shift=(-18.0, 0.0, 0.0))
-    for name in ("x", "top"):
-        assert away.variable(name) == pytest.approx(here.variable(name))
-    assert away.variable("centre") == pytest.approx(here.variable("centre") - 18)
 
 
 def test_vector_of_compute_temp(tmp_path):
@@ -248,6 +227,12 @@ fix b all ave/time 2 3 10 c_t c_t[*] c_p c_thermo_pe file b.out {form} ave runni
 fix c all ave/time 10 1 10 c_t file c.out {form}
 compute own all chunk/atom bin/1d z upper 0.7
 fix d all ave/chunk 1 5 10 own temp norm sample file d.out {form} ave window 2
+compute cut all chunk/atom bin/1d x lower 1.0 bound x -1.5 2.2 discard yes
+compute k all ke/atom
+compute i all property/atom vx type zu iy
+compute most two reduce max c_i[1] vx x
+fix g two ave/chunk 2 3 10 cut vx density/mass c_k c_i[2] mass norm none file g.out {form} ave window 3
+fix h all ave/time 2 2 10 c_most mode vector ave one file h.out {form}
 run 0
 run 17
 fix e all ave/time 1 10 10 c_t file e.out {form}

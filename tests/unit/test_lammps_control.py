@@ -1,7 +1,5 @@
 """Loops, conditions and jumps of decks: what is printed, beside a live LAMMPS where there is one."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import lammps_peer

@@ -1,7 +1,5 @@
 """Data files: reading, wrapping, coefficients, writing and reading back."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

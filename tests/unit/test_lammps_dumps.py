@@ -1,7 +1,5 @@
 """Dump styles xtc and xyz: what other programs read from them; the fuzzer compares the text of xyz with LAMMPS's."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mdtraj

@@ -1,7 +1,5 @@
 """Decks of energy-conserving DPD, eDPD, tDPD, mDPD and constant pressure: what they become, in which units, and what is refused."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,14 +1,8 @@
 """Values of single beads, slices, and averages over steps: computes, fix ave/time, fix ave/chunk, and what a run hands to them."""
 
-from __future__ import annotations
-
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
-import lammps_steps
 import numpy as np
 import pytest
 
@@ -185,15 +179,6 @@ def test_lattice_units_are_the_default(tmp_path):
     assert (slicing.thickness, slicing.origin) == (2.0, -2.0)
 
 
-@pytest.mark.parametrize("shift", [(0.0, 0.0, 0.0), (6.0, 0.0, 0.0), (-18.0, 10.0, 6.0), (300.0, 5.0, -60.0)])
-def test_beads_that_have_crossed_the_box_are_folded_back(tmp_path, shift):
-    """The lower corner of the box is not the origin."""
-    request = request_of(tmp_path, PLAIN)
-    x = request.state.atoms.positions[:, 0]
-    assert np.any(x < 0) and np.all((x >= -2) & (x < 4))
-    np.testing.assert_array_equal(context_of(request, shift=shift).bead_compute("ch", None), np.floor(x + 2) + 1)
-
-
 @pytest.mark.parametrize(
     ("options", "low", "high"),
     [("", 0, 0), (" discard no", 1, 3), (" discard yes", 0, 0), (" discard mixed", 0, 0)],
@@ -213,43 +198,6 @@ def test_a_box_that_has_grown_gets_more_slices(tmp_path):
 
 
 # -- averages ----------------------------------------------------------------------------------------------------------------------
-def test_profile_of_hand_made_samples(tmp_path):
-    """norm all: mean over beads and samples together; norm sample: mean of the means; density by volume."""
-    text = PLAIN + (
-        "compute p all property/atom id vx\n"
-        "fix a two ave/chunk 1 2 2 ch c_p[1] density/number density/mass temp vx file a.out\n"
-        "fix s two ave/chunk 1 2 2 ch c_p[1] density/number norm sample file s.out\n"
-        "fix n two ave/chunk 1 2 2 ch c_p[1] norm none file n.out\n"
-    )
-    request = request_of(tmp_path, text)
-    atoms = request.state.atoms
-    shifts = {1: (0.0, 0.0, 0.0), 2: (1.25, 0.0, 0.0)}
-    for step, shift in shifts.items():
-        for average in request.averages:
-            assert average.next_due == step
-            average.take(context_of(request, step, shift))
-    ids, v = atoms.ids[30:].astype(float), atoms.velocities[30:]
-    numbers = [np.floor((atoms.positions[30:, 0] + shift[0] + 2) % 6).astype(int) for shift in shifts.values()]
-    counts = np.array([np.bincount(k, minlength=6) for k in numbers])
-    assert (counts.sum(axis=0) > 0).all()
-    sums = np.array([np.bincount(k, ids, minlength=6) for k in numbers])
-    squares = np.sum([np.bincount(k, 2.5 * np.sum(v**2, axis=1), minlength=6) for k in numbers], axis=0)
-    (head, rows), *others = blocks_of(tmp_path / "a.out")
-    assert head == [2, 6, 20] and not others
-    expected = [
-        np.arange(1, 7),
-        np.arange(-1.5, 4.0),
-        counts.mean(axis=0),
-        sums.sum(axis=0) / counts.sum(axis=0),
-        counts.mean(axis=0) / 30,
-        2.5 * counts.mean(axis=0) / 30,
-        squares / (3 * counts.sum(axis=0)),
-        np.sum([np.bincount(k, v[:, 0], minlength=6) for k in numbers], axis=0) / counts.sum(axis=0),
-    ]
-    np.testing.assert_allclose(rows, np.transpose(expected), rtol=1e-5)
-    means = np.divide(sums, counts, out=np.zeros((2, 6)), where=counts > 0).mean(axis=0)
-    np.testing.assert_allclose(blocks_of(tmp_path / "s.out")[0][1][:, 3:], np.transpose([means, counts.mean(axis=0) / 30]), rtol=1e-5)
-    np.testing.assert_allclose(blocks_of(tmp_path / "n.out")[0][1][:, 3], sums.mean(axis=0), rtol=1e-5)
 
 
 @pytest.mark.parametrize(("mode", "expected"), [("one", [1, 2, 3, 4]), ("running", [1, 1.5, 2, 2.5]), ("window 2", [1, 1.5, 2.5, 3.5])])
@@ -264,18 +212,6 @@ def test_how_windows_combine(tmp_path, mode, expected):
     lines = (tmp_path / "t.out").read_text().splitlines()
     assert lines[:2] == ["# Time-averaged data for fix t", "# TimeStep v_a"]
     assert [line.split() for line in lines[2:]] == [[str(10 * k), f"{value:g}"] for k, value in enumerate(expected, start=1)]
-
-
-def test_vectors_side_by_side(tmp_path):
-    text = PLAIN + "compute p all momentum\ncompute q two momentum\nfix t all ave/time 1 2 2 c_p c_q mode vector file t.out\n"
-    request = request_of(tmp_path, text)
-    (average,) = request.averages
-    for step in (1, 2):
-        average.take(context_of(request, step))
-    assert (tmp_path / "t.out").read_text().splitlines()[1:4] == ["# TimeStep Number-of-rows", "# Row c_p c_q", "2 3"]
-    momenta = [context_of(request).compute_vector(name) for name in "pq"]
-    rows = np.loadtxt(tmp_path / "t.out", skiprows=4)
-    np.testing.assert_allclose(rows, np.column_stack([[1, 2, 3], *momenta]), rtol=1e-5, atol=1e-5)
 
 
 def test_other_averages_in_formulas_and_thermo_output(tmp_path):
@@ -392,61 +328,3 @@ def test_errors(tmp_path, text, message):
 def test_a_species_that_is_not_there(tmp_path):
     with pytest.raises(DeckError, match="there is no species 3; atom_style tdpd has 2"):
         read_deck(write(tmp_path, SPECIES + "compute x all tdpd/cc/atom 3\n"), stop_before_first_run=True)
-
-
-# -- LAMMPS ------------------------------------------------------------------------------------------------------------------------
-PEER = """compute k all ke/atom
-compute p all property/atom vx type zu iy
-compute r1 all reduce sum c_k
-compute r2 two reduce max c_p[1] vx x
-compute r3 all reduce ave c_p[3]
-compute t two temp
-variable a equal step+c_t
-fix q two ave/chunk 2 3 10 ch vx density/number density/mass temp c_k c_p[2] mass vz norm {norm} ave {ave} file p.out
-fix s all ave/time 2 3 10 c_r1 c_r2[2] c_r3 c_t v_a ave {ave} file t.out
-fix u all ave/time 2 2 10 c_r2 mode vector ave {ave} file v.out
-thermo_style custom step c_r1 c_r2[1] c_r2[3] c_r3 f_s[4] f_s[1] f_u[2]
-run 30
-run 20
-"""
-
-
-@pytest.mark.parametrize(
-    ("bins", "norm", "ave"),
-    [
-        ("x lower 1.0", "all", "one"),
-        ("y center 0.7", "sample", "running"),
-        ("z 0.3 1.1", "none", "window 2"),
-        ("x lower 1.0 bound x -1.5 2.2 discard yes", "all", "window 3"),
-        ("z upper 0.13 units reduced", "sample", "one"),
-    ],
-)
-def test_files_equal_lammps(tmp_path, bins, norm, ave):
-    """Beads fly freely through the box for 50 steps: the same files, number by number."""
-    reason = lammps_steps.why_missing([("compute", "chunk/atom"), ("fix", "ave/chunk"), ("fix", "ave/time")])
-    if reason:
-        pytest.skip(reason)
-    (tmp_path / "ours").mkdir()
-    start = PLAIN.replace("x lower 1.0", bins).replace("0.01", "0.05").split("compute ch")[0]
-    read_deck(write(tmp_path, start + "write_data data.start nocoeff\n"), stop_before_first_run=True, output=tmp_path)
-    # LAMMPS folds beads back into the box when it makes its lists
-    text = (
-        "atom_style atomic\nread_data data.start\nneighbor 0.5 bin\nneigh_modify every 1 delay 0 check no\ngroup two type 2\n"
-        f"pair_style zero 1.0 nocoeff\npair_coeff * *\nfix move all nve\ntimestep 0.05\ncompute ch all chunk/atom bin/1d {bins}\n"
-        + PEER.format(norm=norm, ave=ave)
-    )
-    run_deck(write(tmp_path, text), QUICK, out=tmp_path / "ours")
-    program = (
-        "import ctypes, sys, pathlib\n"
-        "mpi = pathlib.Path(sys.prefix) / 'lib' / 'libmpi.so.12'\n"
-        "if mpi.exists(): ctypes.CDLL(str(mpi), ctypes.RTLD_GLOBAL)\n"
-        "import lammps\n"
-        "lammps.lammps(cmdargs=['-log', 'none', '-screen', 'none', '-nocite']).file('in.deck')\n"
-    )
-    subprocess.run([sys.executable, "-c", program], cwd=tmp_path, check=True, env=os.environ | {"OMP_NUM_THREADS": "1"})
-    for name in ("p.out", "t.out", "v.out"):
-        mine, theirs = ((folder / name).read_text().splitlines() for folder in (tmp_path / "ours", tmp_path))
-        assert [line for line in mine if line[0] == "#"] == [line for line in theirs if line[0] == "#"]
-        numbers = [[float(word) for line in lines if line[0] != "#" for word in line.split()] for lines in (mine, theirs)]
-        assert len(numbers[1]) > 10
-        np.testing.assert_allclose(*numbers, rtol=2e-5, atol=2e-5)

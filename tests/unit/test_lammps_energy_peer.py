@@ -1,7 +1,5 @@
 """The example decks with energies, heat, species and densities against a live LAMMPS: the energies of their first configuration."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Beads on faces, ids, groups and counts, where one bit or one rule decides: every number is LAMMPS's, live, to the last bit."""
 
-from __future__ import annotations
-
 import lammps_peer
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Export to LAMMPS without LAMMPS: the text, the differences, what comes back through the deck reader, and bad input."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import re

@@ -1,7 +1,5 @@
 """Formulas: precedence and functions as LAMMPS has them (values below were printed by LAMMPS 22Jul2025 where they surprise)."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """What thermo output divides by the number of beads in the values of averages, beside a live LAMMPS: there is no noise, so all numbers agree."""
 
-from __future__ import annotations
-
 import lammps_peer
 import pytest
 from test_lammps_thermo_live import both, numbers

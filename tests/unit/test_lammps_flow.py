@@ -1,7 +1,5 @@
 """fix addforce, fix setforce, fix wall/reflect and boundary f: what they mean, what is refused, and both beside a live LAMMPS."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import lammps_peer

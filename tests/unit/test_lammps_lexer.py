@@ -1,7 +1,5 @@
 """Text of a deck to words: continuation, comments, quotes, substitution, variables."""
 
-from __future__ import annotations
-
 import pytest
 
 from openmm_dpd.errors import DeckError, ParameterError

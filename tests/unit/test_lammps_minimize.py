@@ -1,7 +1,5 @@
 """minimize: where it ends, beside a live LAMMPS where there is one minimum, and when it stops."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import lammps_peer

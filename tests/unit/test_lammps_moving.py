@@ -1,7 +1,5 @@
 """displace_atoms, replicate, fix momentum and fix print; random decks of the fuzzer compare them with LAMMPS on top."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import lammps_peer

@@ -1,7 +1,5 @@
 """Pair and bond commands: what the coefficients become, and in which units."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The deck reader against a live LAMMPS: beads, groups, coefficients, thermo words, dump files and data files."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

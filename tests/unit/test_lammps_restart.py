@@ -1,7 +1,5 @@
 """Restart files of decks: a deck that reads one goes on bit for bit as the one that has written it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import lammps_peer

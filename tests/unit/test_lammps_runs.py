@@ -1,7 +1,5 @@
 """Runs: what the simulation is asked for, fixes, ramps, thermo output, dumps, and the example decks."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Computes rdf, msd and gyration: planted configurations, words that name their values, and files number by number beside LAMMPS."""
 
-from __future__ import annotations
-
 import lammps_steps
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Pair table files."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The pressure tensor of decks beside a live LAMMPS: which parts count, with which velocities, and through which words."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import lammps_peer

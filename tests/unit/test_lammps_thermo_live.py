@@ -1,7 +1,5 @@
 """What thermo output, averages and formulas say at a step, beside a live LAMMPS: where a rule decides, not a trajectory."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import lammps_peer

@@ -1,7 +1,5 @@
 """``velocity set`` with variables beside a live LAMMPS."""
 
-from __future__ import annotations
-
 import lammps_peer
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The table of layers in ARCHITECTURE.md: every module stands in it, and imports only from its own row and the rows above."""
 
-from __future__ import annotations
-
 import re
 
 from import_graph import GRAPH, PATHS, ROOT, TREES

@@ -1,7 +1,5 @@
 """Lists and scratch of the engine after an error before any of its lines: the next forces are those of a new engine, bit for bit."""
 
-from __future__ import annotations
-
 import os
 from contextlib import nullcontext
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Builders of molecules and packed boxes: connectivity, counts, density, lengths, and what is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from openmm import unit

@@ -1,7 +1,5 @@
 """Topology files of packed molecules: residues are molecules with names, bonds and angles are not lost."""
 
-from __future__ import annotations
-
 import mdtraj
 import numpy as np
 import pytest

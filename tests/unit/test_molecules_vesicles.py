@@ -1,7 +1,5 @@
 """Vesicles: numbers, places, bonds, and the solvent inside and outside."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from openmm import unit

@@ -1,7 +1,5 @@
 """In tilted boxes OpenMM's Reference platform misses pairs now and then; no force of ours does."""
 
-from __future__ import annotations
-
 import numpy as np
 import openmm
 import pytest

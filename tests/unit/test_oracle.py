@@ -1,7 +1,5 @@
 """The oracles themselves: pairs worked by hand, exact algebra of the pair updates, and convergence of the steps."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

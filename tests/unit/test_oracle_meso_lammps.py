@@ -1,7 +1,5 @@
 """The oracle of beads that carry heat and species against a live LAMMPS, noise included."""
 
-from __future__ import annotations
-
 import lammps_steps
 import numpy as np
 import oracle_energy as oe

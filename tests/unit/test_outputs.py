@@ -1,7 +1,5 @@
 """GSD and extended XYZ files: what is in them, and runs that write them."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

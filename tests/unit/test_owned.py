@@ -1,7 +1,5 @@
 """What a caller hands over is copied: frozen classes stay what they were, whatever happens to the arrays they were made from."""
 
-from __future__ import annotations
-
 import importlib
 import pickle
 import pkgutil

@@ -1,7 +1,5 @@
 """Parameters: units of a model, equations of state, Flory-Huggins parameters, transport; no runs."""
 
-from __future__ import annotations
-
 import json
 import math
 from importlib.resources import files

@@ -1,7 +1,5 @@
 """PDB files of beads, and one naming of beads in all formats."""
 
-from __future__ import annotations
-
 import mdtraj
 import numpy as np
 import openmm

@@ -1,7 +1,5 @@
 """The picture of a run."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np

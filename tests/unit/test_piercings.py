@@ -1,7 +1,5 @@
 """Rings and the bonds through them: planted ones are found, all and only these; whoever is beside a ring is left alone."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

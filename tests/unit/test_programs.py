@@ -1,7 +1,5 @@
 """Integrator programs: their listings, the checks that OpenMM does not make, and that each holds no more than it needs."""
 
-from __future__ import annotations
-
 import os
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """recommend and the table of steps: interpolation of a made-up table, bounds, the sentence of explain, and the shipped table."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What a notebook shows of an object is one line with counts, whatever its size."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import openmm_dpd as dpd

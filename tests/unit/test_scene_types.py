@@ -1,7 +1,5 @@
 """Tables of many types: what each pair gets, and that a thousand types are no matter of minutes."""
 
-from __future__ import annotations
-
 import time
 from itertools import combinations_with_replacement
 

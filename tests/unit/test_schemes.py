@@ -1,7 +1,5 @@
 """Schemes as words: what is read and what is refused, what a word says about itself, and where words stand in for names."""
 
-from __future__ import annotations
-
 import io
 import json
 import warnings

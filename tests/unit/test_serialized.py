@@ -1,7 +1,5 @@
 """Systems from files: forces of this package are read, other Python code is not run."""
 
-from __future__ import annotations
-
 import os
 import pickle
 

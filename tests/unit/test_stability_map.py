@@ -1,7 +1,5 @@
 """The script of the stability map: which points it measures again, and what of the table it leaves alone."""
 
-from __future__ import annotations
-
 import copy
 
 import pytest

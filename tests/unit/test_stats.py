@@ -1,7 +1,5 @@
 """Averages with errors: against AR(1) series, whose correlation time and error of the mean are known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

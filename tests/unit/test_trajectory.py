@@ -1,7 +1,5 @@
 """Topology files and mdtraj: every bead keeps its name, mass, charge and bonds."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 import subprocess

@@ -1,7 +1,5 @@
 """The widget of a notebook, with nglview where it is installed and with something in its place where it is not."""
 
-from __future__ import annotations
-
 import sys
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Viscosities from made-up profiles and stress series with known answers, and the stress tensor of pairs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from openmm import unit

@@ -1,7 +1,5 @@
 """The comparison of a mean temperature with the set one, on series whose answer is known."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

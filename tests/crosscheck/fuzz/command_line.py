@@ -1,7 +1,5 @@
 """Run many seeds by hand: a table of outcomes, and the failing decks with both outputs in a folder."""
 
-from __future__ import annotations
-
 import argparse
 import re
 import tempfile

@@ -1,7 +1,5 @@
 """Whether two programs wrote the same: text word by word, numbers to an accuracy."""
 
-from __future__ import annotations
-
 import re
 
 #: Both sides compute in double precision and sum in different orders; conversions of units cost a few digits, and steps multiply what is

@@ -3,8 +3,6 @@
 Coefficients are left out: LAMMPS writes six digits of them.  Both files are read by both programs, and the forces compared.
 """
 
-from __future__ import annotations
-
 #: Sections whose lines have no order.
 _SORTED = ("Atoms", "Velocities", "Bonds", "Angles")
 

@@ -1,7 +1,5 @@
 """A deck in the making: its lines, the files beside it, and what its commands have defined so far."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 from .draw import Draw

@@ -1,7 +1,5 @@
 """Random choices of which a deck is made."""
 
-from __future__ import annotations
-
 import random
 from collections.abc import Sequence
 from typing import TypeVar

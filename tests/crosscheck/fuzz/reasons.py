@@ -1,7 +1,5 @@
 """Where the two programs are known to part, on purpose: docs/decks.md has the same list in full."""
 
-from __future__ import annotations
-
 import re
 
 #: (area or None, what LAMMPS says, what ours says, the reason); a pattern of None fits everything.

@@ -1,7 +1,5 @@
 """Smaller decks that still fail in the same way."""
 
-from __future__ import annotations
-
 from .deck import MARK, Deck
 from .trial import Outcome, Trial
 

@@ -1,7 +1,5 @@
 """A process that runs decks with one of the two programs, on request: one JSON object a line in, one out."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

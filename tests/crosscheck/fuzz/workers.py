@@ -1,7 +1,5 @@
 """The two programs, each in a process of its own that is started anew when it dies."""
 
-from __future__ import annotations
-
 import json
 import os
 import select

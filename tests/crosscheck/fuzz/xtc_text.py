@@ -1,7 +1,5 @@
 """XTC files of both programs as text."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

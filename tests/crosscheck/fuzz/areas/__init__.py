@@ -1,7 +1,5 @@
 """What decks are made of: one file per area of commands, each with a function from a Draw to a Deck."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from ..deck import Deck

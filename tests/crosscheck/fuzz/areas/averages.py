@@ -1,7 +1,5 @@
 """Computes, and averages of them over steps: fix ave/time, fix ave/chunk, rdf, msd, reduce, chunks."""
 
-from __future__ import annotations
-
 from ..deck import Deck
 from ..draw import Draw
 from .interactions import interactions

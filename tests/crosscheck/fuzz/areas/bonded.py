@@ -1,7 +1,5 @@
 """Bonds, angles and special_bonds."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..deck import Deck

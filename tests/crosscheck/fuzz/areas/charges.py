@@ -1,7 +1,5 @@
 """Smeared charges: their pair forces and lattice sums."""
 
-from __future__ import annotations
-
 from ..compare import LATTICE_SUM
 from ..deck import Deck
 from ..draw import Draw

@@ -1,7 +1,5 @@
 """Loops, conditions, jumps, runs in pieces with commands in between."""
 
-from __future__ import annotations
-
 from ..deck import Deck
 from ..draw import Draw
 from .interactions import interactions

@@ -1,7 +1,5 @@
 """Data files: written by each program and read by both."""
 
-from __future__ import annotations
-
 from ..deck import Deck
 from ..draw import Draw
 from .bonded import bonded

@@ -1,7 +1,5 @@
 """Forces on single beads, walls, and beads that stay where they are."""
 
-from __future__ import annotations
-
 from ..compare import ROUNDED_FORCES, ROUNDED_POSITIONS
 from ..deck import Deck
 from ..draw import Draw

@@ -1,7 +1,5 @@
 """Formulas of variables: operators, functions, thermo words, groups, single beads, and values of all beads."""
 
-from __future__ import annotations
-
 from ..deck import Deck
 from ..draw import Draw
 from .lattices import box, lattice, region, units

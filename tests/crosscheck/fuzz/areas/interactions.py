@@ -1,7 +1,5 @@
 """Pair styles with their coefficients, without noise."""
 
-from __future__ import annotations
-
 from ..compare import TABULATED
 from ..deck import Deck
 

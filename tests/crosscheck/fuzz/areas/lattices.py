@@ -1,7 +1,5 @@
 """Units, box, lattices and regions: where beads are."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..deck import UNITS, Deck

@@ -3,8 +3,6 @@
 Without sources too: LAMMPS leaves them out of the very first half step, which is documented.
 """
 
-from __future__ import annotations
-
 from ..deck import Deck
 from ..draw import Draw
 from .scene import beads, draw_box, dump, groups, head, thermo

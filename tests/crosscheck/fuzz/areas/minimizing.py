@@ -1,7 +1,5 @@
 """minimize: where it goes down, to a minimum that both programs reach, and where it stays where it is."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..deck import Deck

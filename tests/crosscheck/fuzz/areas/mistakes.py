@@ -1,7 +1,5 @@
 """Decks with a mistake: what LAMMPS refuses must not pass here."""
 
-from __future__ import annotations
-
 from ..deck import Deck
 from ..draw import SPOILED, Draw
 from .averages import averages

@@ -1,7 +1,5 @@
 """Beads displaced and copied, momentum taken out of them, lines printed on the way."""
 
-from __future__ import annotations
-
 from ..deck import Deck
 from ..draw import Draw
 from .averages import Values

@@ -1,7 +1,5 @@
 """How things are written: thermo layouts and formats, dumps, prints."""
 
-from __future__ import annotations
-
 from ..deck import Deck
 from ..draw import Draw
 from .averages import Values

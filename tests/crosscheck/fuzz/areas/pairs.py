@@ -1,7 +1,5 @@
 """Pair styles: forces, energies and pressures of beads anywhere in a box, and a few steps."""
 
-from __future__ import annotations
-
 from ..deck import Deck
 from ..draw import Draw
 from .interactions import interactions

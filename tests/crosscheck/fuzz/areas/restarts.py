@@ -1,7 +1,5 @@
 """A deck in one piece, and divided by a restart file: both sides write one of their own and go on from it."""
 
-from __future__ import annotations
-
 from ..deck import Deck
 from ..draw import Draw
 from .interactions import interactions

@@ -1,7 +1,5 @@
 """Several runs, with changes between them."""
 
-from __future__ import annotations
-
 from ..deck import Deck
 from ..draw import Draw
 from .averages import Values

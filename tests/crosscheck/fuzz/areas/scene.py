@@ -1,7 +1,5 @@
 """A box with beads anywhere in it, soft enough to move a few steps, and what is written of a run."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..deck import Deck

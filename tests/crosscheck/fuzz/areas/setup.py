@@ -1,7 +1,5 @@
 """Boxes, lattices, regions, groups, set, velocity and delete_atoms: everything before the first run."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

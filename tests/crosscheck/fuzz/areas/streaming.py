@@ -1,7 +1,5 @@
 """Fluids under gravity: velocities set by formulas, temperatures of parts of them, correlations, and single frames."""
 
-from __future__ import annotations
-
 from ..deck import Deck
 from ..draw import Draw
 from .averages import Values

@@ -1,7 +1,5 @@
 """Noise: beads at rest are heated by it, at a rate that does not depend on the random numbers."""
 
-from __future__ import annotations
-
 from ..deck import Deck
 from ..draw import Draw
 from .scene import draw_box, head, points
