@@ -236,6 +236,11 @@ class Present:
         """Velocities of the same moment as the positions: those of some schemes are a part of a kick behind."""
         return self.plan.options.scheme.on_step(self.v, force, self.plan.spec.inv_mass, self.dt)
 
+    @property
+    def corrected(self) -> bool:
+        """Whether the kinetic stress is more than that of the velocities."""
+        return self._deficit != 0.0
+
     def kinetic_stress(self, v: np.ndarray, force: np.ndarray | None, product: Callable | None = None):
         """:func:`.kinetic_stress.kinetic_stress` of the beads that move, with such velocities."""
         rest = {} if product is None else {"product": product}

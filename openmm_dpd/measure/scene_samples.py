@@ -12,7 +12,7 @@ from ..charge_forces import charge_terms
 from ..errors import RunError
 from ..kernels.fields import ENERGY, TEMPERATURE
 from ..kernels.layer import LAPLACIAN
-from ..kernels.motion import largest, second_moments
+from ..kernels.motion import second_moments
 from ..kinds import resolved_kind
 from ..made import groups_of
 from ..model.bonds import FENEBonds
@@ -109,17 +109,16 @@ class SceneSampler:
         if plan.scene.interacting is not None:
             pushes = context.getState(forces=True, groups={EXTERNAL_GROUP}).getForces(asNumpy=True).value_in_unit(_KJ / _NM)
             pushed = np.where(plan.scene.interacting, every, pushes)
-        gradient2 = 2.0 * self._half(self._counted, found.force)
         other, theirs = 0.0, set().union(*map(groups_of, others))
         if others:
             other = context.getState(energy=True, groups=theirs).getPotentialEnergy().value_in_unit(_KJ)
         if box is not None and plan.scene.body_forces and EXTERNAL_GROUP not in theirs:
             # what is left of -f.x where nothing is to be said of it, see forces/external.py
             potential -= context.getState(energy=True, groups={EXTERNAL_GROUP}).getPotentialEnergy().value_in_unit(_KJ)
-        pair = potential - bond - angle - other
+        pair, kinetic_on_step = potential - bond - angle - other, kinetic if on_step is v else self._half(self._mass, on_step)
         return Sample(
             step=looked.getStepCount(),
-            time=looked.getTime().value_in_unit(unit.picosecond),
+            time=looked.getTime()._value,
             n_mobile=self._n_mobile,
             dof=self._degrees_of_freedom(others),
             kinetic=kinetic,
@@ -135,14 +134,13 @@ class SceneSampler:
             virial_random=friction.random,
             volume=None if box is None else float(box[0, 0] * box[1, 1] * box[2, 2]),
             box=box,
-            gradient2=gradient2,
-            force_norm=(gradient2 if pushed is found.force else 2.0 * self._half(self._counted, pushed)) ** 0.5,
-            force_max=largest(pushed if self._n_mobile == len(x) else pushed[mobile]),
+            gradient2=2.0 * self._half(self._counted, found.force),
             laplacian=None if found.pairs.laplacian is None else found.pairs.laplacian + bond_laplacian + angle_laplacian,
             momentum=self._mass @ v,
             target_kT=present.kT,
-            kinetic_on_step=kinetic if on_step is v else self._half(self._mass, on_step),
-            kinetic_pressure=0.5 * float(present.kinetic_stress(on_step, found.force)[:3].sum()),
+            kinetic_on_step=kinetic_on_step,
+            kinetic_pressure=0.5 * float(present.kinetic_stress(on_step, found.force)[:3].sum()) if present.corrected else kinetic_on_step,
+            mobile=mobile,
             forces=pushed,
             untaken=every,
             **self._internal(present.values, mobile),
