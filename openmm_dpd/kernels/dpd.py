@@ -88,10 +88,7 @@ class SweptLayer:
         sweeps.sweep(self.pairs, sweeps.Sweep(call.update, plain, halvings, *noise, coefficients, v, self._v), self._transverse)
 
     def tensors(self, v: np.ndarray, kT: float) -> tuple[np.ndarray, np.ndarray, float]:
-        """(6,) sums over pairs of r F of A w alone and of the radial friction at the velocities (N, 3), and that of f gamma w^(2s) r^2.
-
-        A fifteenth of the last is the mean stress of an affine shear at rate 1.
-        """
+        """See :meth:`.engine.PairEngine.tensors`."""
         call = Call(DISSIPATIVE, v, kT, 1.0, 0, 0)
         return forces.pair_tensors(self.pairs, forces.Repulsion(self._at(kT), *self._motion.arrays(call, v, False)))
 

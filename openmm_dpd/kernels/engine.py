@@ -178,6 +178,22 @@ class PairEngine:
         """Sum over mobile beads of the Laplacian of the conservative energy at the prepared positions."""
         return sum(layer.laplacian() for layer in self.layers)
 
+    @property
+    def repels_by_pairs(self) -> bool:
+        """Whether :meth:`tensors` has all of the conservative terms."""
+        return all(layer.repels_by_pairs for layer in self.layers)  # type: ignore[attr-defined]
+
+    def tensors(self, v: np.ndarray, kT: float) -> tuple[np.ndarray, np.ndarray, float]:
+        """(6,) sums of r F at the prepared positions: of A w, and of friction along the lines between beads at velocities (N, 3).
+
+        And the sum of f gamma w^(2s) r^2, of which a fifteenth is the mean stress of an affine shear at rate 1.
+        """
+        pairs, friction, moment = np.zeros(6), np.zeros(6), 0.0
+        for layer in self.layers:
+            more = layer.tensors(v, kT)  # type: ignore[attr-defined]
+            pairs, friction, moment = pairs + more[0], friction + more[1], moment + more[2]
+        return pairs, friction, moment
+
     def seen(self, v: np.ndarray) -> np.ndarray:
         """Velocities with those of immobile beads replaced by their prescribed ones."""
         if self.spec.wall_velocity is None:

@@ -198,21 +198,17 @@ class Present:
     def _beside_pairs(self) -> np.ndarray:
         return sum((part(self.x, self.box) for part in self._stress_parts), np.zeros(6))
 
-    @cached_property
+    @property
     def apart(self) -> int:
         """STRESS where the tensor of the pair potentials has to come with the conservative forces, 0 where that of friction brings it."""
-        layers = [] if self.engine is None else self.engine.layers
-        return 0 if all(layer.repels_by_pairs for layer in layers) else STRESS  # type: ignore[attr-defined]
+        return 0 if self.engine is None or self.engine.repels_by_pairs else STRESS
 
     def tensors(self, v: np.ndarray, conservative: Conservative | None) -> tuple[np.ndarray, np.ndarray, float]:
         """Stress tensors (6,) of all conservative forces, and of friction along the lines between beads at velocities (N, 3).
 
         And the sum of f gamma w^(2s) r^2.  The conservative forces are of use where they were asked for with :attr:`apart`.
         """
-        pairs, friction, moment = np.zeros(6), np.zeros(6), 0.0
-        for layer in [] if self.engine is None else self.engine.layers:
-            more = layer.tensors(v, self.kT)  # type: ignore[attr-defined]
-            pairs, friction, moment = pairs + more[0], friction + more[1], moment + more[2]
+        pairs, friction, moment = (np.zeros(6), np.zeros(6), 0.0) if self.engine is None else self.engine.tensors(v, self.kT)
         if self.apart:
             assert conservative is not None and conservative.pairs.stress is not None
             pairs = conservative.pairs.stress

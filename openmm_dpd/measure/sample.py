@@ -72,7 +72,7 @@ class Sample(SystemSample):
     pair, bond, angle : potential energies; those of segmental repulsion and of charges are in ``pair``
     coulomb_real, coulomb_reciprocal : of it, the short-ranged part of the charges and their lattice sum (0 without a box)
     other : potential energy of forces that somebody else added to the System; these do not count in virials and pressures
-    virial_conservative, virial_dissipative, virial_random : sums of r_ij . F_ij
+    virial_conservative, virial_dissipative, virial_random : sums of r_ij . F_ij; the last is 0 where noise is no force (all but ``mvv``)
     gradient2 : sum over mobile beads of the squared conservative force
     laplacian : sum over mobile beads of the Laplacian of the potential energy, or None (see ``no_laplacian``)
     kinetic_on_step : kinetic energy with the velocities of the same moment as the positions (``middle`` keeps them half a kick behind)

@@ -53,8 +53,10 @@ def test_sample_against_the_oracle(conservative):
     assert sample.gradient2 == pytest.approx(np.sum(expected[1] ** 2), rel=1e-12)
     drag = oracle.dissipative(scene.positions, v, scene.type_ids, oracle_parameters(), scene.box)
     assert sample.virial_dissipative == pytest.approx(drag[1], rel=1e-11)
+    assert sample.virial_random == 0.0  # where pairs are swept, noise is no force
     kinetic = 0.5 * np.sum(mass[:, None] * v**2)
     assert sample.kinetic == pytest.approx(kinetic)
+    assert sample.pressure() == pytest.approx((2 * kinetic + expected[2] + drag[1]) / (3 * 3.4**3), rel=1e-11)
     assert sample.kT == pytest.approx(2 * kinetic / (3 * 120 - 3))
     assert sample.pressure(full=False) == pytest.approx((2 * kinetic + expected[2]) / (3 * 3.4**3))
     np.testing.assert_allclose(sample.momentum, mass @ v)
