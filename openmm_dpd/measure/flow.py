@@ -38,8 +38,7 @@ class StressReporter(_Reporter):
     left out: what it contributes to a viscosity is known beforehand (:doc:`/theory_flow`), and to a pressure nothing.
 
     All of it is summed in double precision on the host, from the positions and velocities of the run, which goes on as it would without a
-    reporter.  A sample costs one or two more passes over the pairs, and with charges twelve evaluations of the lattice sum on the Reference
-    platform (half a second for 800 charges on a grid of 75^3).
+    reporter.  A sample costs one or two more passes over the pairs, and with charges a direct sum over pairs and waves.
 
     Parameters
     ----------

@@ -16,6 +16,7 @@ from ..errors import ParameterError
 from ..fields import per_dof, raw_fields
 from ..forces.pair_force import vectors
 from ..kernels import motion
+from ..kernels.charges import ChargeEvaluator
 from ..kernels.columns import Totals
 from ..kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, PairEngine
 from ..kernels.fields import TEMPERATURE
@@ -24,7 +25,7 @@ from ..made import acting, groups_of, masses_of
 from ..names import PAIR_FORCE, SLOW_STEP
 from ..plan import Plan
 from .kinetic_stress import kinetic_deficit, kinetic_stress
-from .stress_parts import Part, stress_parts
+from .stress_parts import Part, charge_evaluator, stress_parts
 from .temperature import noise_state
 
 
@@ -99,6 +100,7 @@ class Present:
         self.box = None if self.plan.scene.box is None else state.getPeriodicBoxVectors(asNumpy=True)._value
         self.kT, self.seed, self.counter, self.dt = noise_state(context, self.plan)
         self._values: np.ndarray | None = None
+        self._charges: tuple[float, float, np.ndarray] | None = None
         self._prepared: PairEngine | None = None
         return state
 
@@ -166,7 +168,7 @@ class Present:
             total, counted = last
             return FrictionSums(total - conservative.held, counted.drag, counted.virial - conservative.pairs.virial - counted.drag)
         force, which = np.empty_like(self.x), DISSIPATIVE
-        if self.plan.options.scheme.predicts:
+        if self.plan.options.predicting:
             v, which = self.force_velocities(), DISSIPATIVE | RANDOM
         found = engine.sums(which, v, self.kT, self.dt, self.seed, self.counter, self.values, force)
         return FrictionSums(force, found.drag, found.virial - found.drag)
@@ -191,12 +193,24 @@ class Present:
         """
         engine = self.engine
         if engine is None:
-            return self._beside_pairs()
+            return self.beside_pairs()
         pairs = self._of_all_forces(engine) if self.plan.options.predicting else self.conservative(STRESS).pairs
-        return self._beside_pairs() + pairs.stress
+        return self.beside_pairs() + pairs.stress
 
-    def _beside_pairs(self) -> np.ndarray:
-        return sum((part(self.x, self.box) for part in self._stress_parts), np.zeros(6))
+    def beside_pairs(self) -> np.ndarray:
+        """The same of everything but the pair terms."""
+        return sum((part(self.x, self.box) for part in self._stress_parts), np.zeros(6)) + self.charges[2]
+
+    @property
+    def charges(self) -> tuple[float, float, np.ndarray]:
+        """Energies of the charges, short-ranged and lattice, and the stress tensor (6,) of both."""
+        if self._charges is None:
+            self._charges = (0.0, 0.0, np.zeros(6)) if self._evaluator is None else self._evaluator.parts(self.x, self.box)
+        return self._charges
+
+    @cached_property
+    def _evaluator(self) -> ChargeEvaluator | None:
+        return charge_evaluator(self.plan)
 
     @property
     def apart(self) -> int:
@@ -212,7 +226,7 @@ class Present:
         if self.apart:
             assert conservative is not None and conservative.pairs.stress is not None
             pairs = conservative.pairs.stress
-        return pairs + self._beside_pairs(), friction, moment
+        return pairs + self.beside_pairs(), friction, moment
 
     @cached_property
     def _stress_parts(self) -> list[Part]:

@@ -8,7 +8,6 @@ import openmm
 from openmm import unit
 
 from ..built import BuiltSystem
-from ..charge_forces import charge_terms
 from ..errors import RunError
 from ..kernels.fields import ENERGY, TEMPERATURE
 from ..kernels.layer import LAPLACIAN
@@ -17,10 +16,10 @@ from ..kinds import resolved_kind
 from ..made import groups_of
 from ..model.bonds import FENEBonds
 from ..names import COULOMB_GROUP, EXTERNAL_GROUP, LATTICE_GROUP
+from ..plan import Plan
 from .bonded_sums import angle_sums, bond_sums
 from .present import Present
 from .sample import Sample
-from .stress_parts import ShortCharges, virial_parts
 
 _NM, _KJ = unit.nanometer, unit.kilojoule_per_mole
 
@@ -31,10 +30,6 @@ class SceneSampler:
     def __init__(self, built: BuiltSystem):
         self.built, self.plan = built, built.plan
         self.present = Present(built)
-        self._virials = virial_parts(self.plan)
-        charges = charge_terms(self.plan.scene, self.plan.ewald, self.plan.charge_exceptions) if self.plan.charges_held else None
-        self._charges = None if charges is None else charges.evaluator()
-        self._widths = None if charges is not None or self.plan.ewald is None else ShortCharges(self.plan)
         self._mass = self.present.mass
         self._mobile = self._mass > 0
         self._counted, self._n_mobile = self._mobile.astype(float), int(self._mobile.sum())
@@ -98,11 +93,10 @@ class SceneSampler:
         if not np.isfinite(potential + kinetic):
             long = ", or a FENE bond too long" if any(isinstance(bonds, FENEBonds) for bonds in plan.scene.bonds) else ""
             raise RunError(f"the energy or a velocity is not finite at step {looked.getStepCount()}; the step size may be too large{long}")
-        bond, bond_virial, bond_laplacian = bond_sums(plan, x, box, mobile)
+        bond, bond_laplacian = bond_sums(plan, x, box, mobile)
         angle, angle_laplacian = angle_sums(plan, x, box, mobile)
         friction = present.friction(on_step, found)
-        short, lattice, virial = self._charge_sums(context, x, box)
-        virial += found.pairs.virial + bond_virial + sum(float(part(x, box)[:3].sum()) for part in self._virials)
+        short, lattice = present.charges[:2] if self.plan.charges_held else charge_energies(context, self.plan)
         if plan.options.predicting:
             every = every + friction.force
         pushed = every
@@ -129,7 +123,7 @@ class SceneSampler:
             angle=angle,
             coulomb_real=short,
             coulomb_reciprocal=lattice,
-            virial_conservative=virial,
+            virial_conservative=found.pairs.virial + float(present.beside_pairs()[:3].sum()),
             virial_dissipative=friction.dissipative,
             virial_random=friction.random,
             volume=None if box is None else float(box[0, 0] * box[1, 1] * box[2, 2]),
@@ -158,18 +152,6 @@ class SceneSampler:
         scene = self.plan.scene
         return 3 * self._n_mobile if scene.interacting is None else int(scene.interacting[self._mobile].sum()), scene.kept_momenta
 
-    def _charge_sums(self, context: openmm.Context, x: np.ndarray, box: np.ndarray | None) -> tuple[float, float, float]:
-        """Energies of the charges, short-ranged and lattice, and the virial of both."""
-        plan = self.plan
-        if plan.scene.electrostatics is None:
-            return 0.0, 0.0, 0.0
-        if self._charges is not None:
-            short, lattice, virial = self._charges.parts(x, box)
-        else:
-            short, lattice = charge_energies(context)
-            virial = 0.0 if self._widths is None else short + lattice + self._widths.width_derivative(x, box)
-        return short, lattice, virial if plan.ewald is not None else 0.0
-
     def _internal(self, values: np.ndarray | None, mobile: np.ndarray) -> dict[str, float]:
         """Sums over the internal energies of the mobile beads."""
         fields = self.plan.spec.fields
@@ -185,8 +167,10 @@ class SceneSampler:
         return sums | {"theta": float(len(theta) / np.sum(1.0 / theta))}
 
 
-def charge_energies(context: openmm.Context) -> tuple[float, float]:
+def charge_energies(context: openmm.Context, plan: Plan) -> tuple[float, float]:
     """Energy of the charges of a scene, kJ/mol: the short-ranged part with what is taken out for bonded neighbours, and the lattice sum."""
+    if plan.scene.electrostatics is None:
+        return 0.0, 0.0
     short, lattice = (
         context.getState(energy=True, groups={group}).getPotentialEnergy().value_in_unit(_KJ) for group in (COULOMB_GROUP, LATTICE_GROUP)
     )
