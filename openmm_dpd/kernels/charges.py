@@ -15,6 +15,7 @@ import numpy as np
 from numba import prange
 
 from ..errors import RunError
+from ..geometry import weighted_sum
 from ..wording import bead_number, in_length
 from .charge_pairs import SHARES, Quintics, charge_row, exception
 from .columns import add_stress, push
@@ -262,6 +263,7 @@ class ChargeEvaluator:
         self._law = Law(terms.cutoff, terms.alpha, *pieces)
         self._box, self._key, self._waves = box_array(None), b"", Waves.none()
         self._space: ChargeSpace | None = None
+        self._strains: np.ndarray | None = None
         self._work = 0
 
     def _prepare(self, box: np.ndarray | None) -> ChargeSpace:
@@ -275,7 +277,7 @@ class ChargeEvaluator:
             waves = Waves.none() if box is None else Waves.of(present, terms.k_max, terms.alpha, terms.constant)
             work = len(terms.beads) * (len(terms.beads) + LANES * int(waves.blocks[:, 2].sum()))
             # together: an error before, or Ctrl-C, leaves those of the last box
-            self._box, self._waves, self._work, self._space, self._key = present, waves, work, None, key
+            self._box, self._waves, self._work, self._space, self._strains, self._key = present, waves, work, None, None, key
         threads = get_threads()
         if self._space is None or len(self._space.outer) != threads:
             self._space = _space_for(self.terms.charges, self._waves, threads)
@@ -297,7 +299,9 @@ class ChargeEvaluator:
             background = -math.pi * terms.constant * (self._charge / terms.alpha) ** 2 / (2 * float(np.prod(np.diag(box))))
             lattice += self._alone[0] + background
             if len(stress):
-                stress[0] += self._waves.stress(terms.alpha, space.energies) + (self._alone[1] / 3 + background) * ISOTROPIC
+                if self._strains is None:
+                    self._strains = self._waves.strains(terms.alpha)
+                stress[0] += weighted_sum(space.energies, self._strains) + (self._alone[1] / 3 + background) * ISOTROPIC
         return short, lattice
 
     def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:

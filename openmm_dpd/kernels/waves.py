@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..geometry import symmetric_products
+from ..geometry import AXES_OF_TENSOR
 from .compiled import compiled, helper, inlined
 from .elementary import exp
 from .lanes import LANES, floor, load_lanes, splat, store_lanes, total
@@ -83,20 +83,20 @@ class Waves(NamedTuple):
         n1, n2, n3 = self.most.tolist()
         return n1 + 2, max(n2 + LANES, LANES), n3 + 1
 
-    def stress(self, alpha: float, energies: np.ndarray) -> np.ndarray:
-        r"""(6,) sums of r F from the energies of all waves, which stand as their weights do.
+    def strains(self, alpha: float) -> np.ndarray:
+        r"""(16 R, 6) sums of r F of each wave over its energy; waves stand as their weights do.
 
-        .. math:: \sum_k U_k \left[1 - 2\,\mathbf k\mathbf k \left(\frac{1}{k^2} + \frac{1}{4\alpha^2}\right)\right]
+        .. math:: 1 - 2\,\mathbf k\mathbf k \left(\frac{1}{k^2} + \frac{1}{4\alpha^2}\right)
         """
-        n = np.zeros((len(energies) // WEIGHTS, 2, LANES, 3))
         first, n3, deep, row = (np.repeat(values, self.blocks[:, 2]) for values in self.blocks.T)
-        n[..., 0] = (np.arange(len(n)) - row)[:, None, None] * np.array([1.0, -1.0])[:, None]
+        n = np.zeros((len(row), 2, LANES, 3))
+        n[..., 0] = (np.arange(len(row)) - row)[:, None, None] * np.array([1.0, -1.0])[:, None]
         n[..., 1] = first[:, None, None] + np.arange(LANES)
         n[..., 2] = n3[:, None, None]
-        k = 2 * np.pi * n.reshape(-1, 3) @ self.recip
+        k = 2 * np.pi * np.sum(n.reshape(-1, 3, 1) * self.recip, axis=1)  # a product of matrices has other bits on other machines
         square = np.maximum(np.sum(k * k, axis=1), 1e-300)  # there is no energy at k = 0
-        each = 2 * energies * (1 / square + 0.25 / alpha**2)
-        return energies.sum() * ISOTROPIC - symmetric_products(each[:, None] * k, k)
+        one, other = zip(*AXES_OF_TENSOR, strict=True)
+        return ISOTROPIC - 2 * (1 / square + 0.25 / alpha**2)[:, None] * k[:, one] * k[:, other]
 
 
 @compiled
