@@ -46,10 +46,10 @@ class Sampler:
         self._replaced = bool(request.state.fixes_of("setforce"))
         if "virial_tensor" in request.needs:
             require_stress(built.plan)
-        #: Fields of DeckSample that :meth:`light` measures; as a tensor the virial of a lattice sum is dear.
+        #: Fields of DeckSample that :meth:`light` measures.
         self.light_needs = frozenset(("positions", "velocities", "fields", "kinetic"))
         if why_no_stress(built.plan) is None:
-            self.light_needs |= {"virial_tensor"} if built.plan.ewald is not None else {"virial_tensor", "virial"}
+            self.light_needs |= {"virial_tensor", "virial"}
 
     def full(self, step: int, needs: frozenset[str], cpu: float) -> tuple[DeckSample, Sample]:
         """A sample with energies and virial, and the fields of ``needs``.
