@@ -5,29 +5,20 @@ itself.
 """
 
 from collections.abc import Sequence
+from itertools import groupby
 
 import numpy as np
 
 from .forces.expressions import type_pairs
 from .forces.segments import segment_spec
-from .kernels import angles as angle_kernel, bonded as bond_kernel, external
-from .kernels.angles import AngleTerms
-from .kernels.bonded import BondTerms
+from .kernels import external
 from .kernels.external import BodyTerms
 from .kernels.extras import Extra
 from .kernels.pairs import compressed_exceptions
 from .kernels.radial import RadialTerms
-from .kinds import resolved_kind
-from .model.angles import CosineAngles, HarmonicAngles
-from .model.bonds import FENEBonds, HarmonicBonds, MorseBonds
+from .kinds import bonded_kind, resolved_kind
 from .model.flow import AXES, BodyForce
 from .model.scene import Scene
-
-#: Kind of bonds or angles -> its number in the kernel, which has its coefficients in the same order.
-_NUMBERS: dict[type, int] = {
-    **{HarmonicBonds: bond_kernel.HARMONIC, FENEBonds: bond_kernel.FENE, MorseBonds: bond_kernel.MORSE},
-    **{HarmonicAngles: angle_kernel.HARMONIC, CosineAngles: angle_kernel.COSINE},
-}
 
 _PATTERNS = {"uniform": external.UNIFORM, "halves": external.HALVES, "sine": external.SINE}
 
@@ -45,24 +36,17 @@ def extras(scene: Scene, overlays: Sequence[dict], exceptions: dict[tuple[int, i
     """
     # PositionForce (formulas given as text) has no kernel: OpenMM evaluates it.  Charges are in charge_forces.py.
     found: list[Extra] = []
-    if sum(len(group.pairs) for group in scene.bonds):
-        found.append(BondTerms(*_rows(scene.bonds, 4)))
-    if sum(len(group.triples) for group in scene.angles):
-        found.append(AngleTerms(*_rows(scene.angles, 2)))
+    for terms, one_kind in groupby((*scene.bonds, *scene.angles), type):
+        groups = list(one_kind)
+        beads, coefficients = (np.concatenate([getattr(group, name) for group in groups]) for name in ("beads", "coefficients"))
+        if len(beads):
+            found.append(bonded_kind(terms).kernel(beads.astype(np.uint32), np.ascontiguousarray(coefficients.T)))
     found += [radial_terms(table, scene.type_ids, scene.type_names, exceptions) for table in overlays]
     segments = segment_spec(scene)
     if segments is not None and len(segments.pairs):
         found.append(segments)
     found += [body_terms(term, scene) for term in scene.body_forces if isinstance(term, BodyForce)]
     return tuple(found)
-
-
-def _rows(groups, most: int):
-    """Beads, kind and coefficients of all terms of several groups; as many columns of coefficients as the kernel has."""
-    members = np.concatenate([group.beads for group in groups]).astype(np.uint32)
-    numbers = np.repeat([_NUMBERS[type(group)] for group in groups], [len(group.beads) for group in groups]).astype(np.uint8)
-    rows = [group.coefficients for group in groups]
-    return members, numbers, np.concatenate([np.pad(values, [(0, 0), (0, most - values.shape[1])]) for values in rows])
 
 
 def radial_terms(table: dict, type_ids: np.ndarray, names: list[str], exceptions: dict[tuple[int, int], float]) -> RadialTerms:

@@ -15,7 +15,6 @@ from ..kernels.layer import LAPLACIAN
 from ..kernels.motion import largest, second_moments
 from ..kinds import resolved_kind
 from ..made import groups_of
-from ..model.bonds import FENEBonds
 from ..names import COULOMB_GROUP, EXTERNAL_GROUP, LATTICE_GROUP
 from .bonded_sums import angle_sums, bond_sums
 from .present import Present
@@ -96,7 +95,7 @@ class SceneSampler:
         on_step = present.on_step(every)
         kinetic = self._half(self._mass, v)
         if not np.isfinite(potential + kinetic):
-            long = ", or a FENE bond too long" if any(isinstance(bonds, FENEBonds) for bonds in plan.scene.bonds) else ""
+            long = ", or a bond too long" if any(bonds.limited for bonds in plan.scene.bonds) else ""
             raise RunError(f"the energy or a velocity is not finite at step {looked.getStepCount()}; the step size may be too large{long}")
         bond, bond_virial, bond_laplacian = bond_sums(plan, x, box, mobile)
         angle, angle_laplacian = angle_sums(plan, x, box, mobile)

@@ -5,9 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...errors import ParameterError
+from ...kinds import bonded_kind
 from ...model.scene import Scene
 from ...units import UnitSystem
-from ..styles.bonded_styles import ANGLE_STYLES, BOND_STYLES
+from ..styles.bonded_styles import WIDTHS, bonded_styles
 from ..styles.writing import exact
 from .export_beads import Bonded
 
@@ -17,15 +18,13 @@ _MOST_TYPES = 100000
 
 def bonded_types(scene: Scene, what: str, units: UnitSystem) -> Bonded:
     """The bonds or angles (``what``) of a scene, with one type for each set of coefficients."""
-    terms, members, styles = {"bond": (scene.bonds, "pairs", BOND_STYLES), "angle": (scene.angles, "triples", ANGLE_STYLES)}[what]
     types: dict[tuple[str, str], int] = {}
-    rows = [np.zeros((0, 3 if what == "bond" else 4), dtype=np.int64)]
-    for term in terms:
-        style = next((name for name, style in styles.items() if style.kind is type(term)), None)
+    rows = [np.zeros((0, WIDTHS[what] + 1), dtype=np.int64)]
+    for term in getattr(scene, f"{what}s"):
+        style = bonded_kind(type(term)).style
         if style is None:
             raise ParameterError(f"{what}s of kind {type(term).__name__} cannot be exported to LAMMPS")
-        beads = getattr(term, members)
-        values = np.column_stack(styles[style].columns.of(term, units))
+        beads, values = term.beads, np.column_stack(bonded_styles(what)[style].columns.of(term, units))
         different, which = np.unique(values, axis=0, return_inverse=True)
         numbered = [types.setdefault((style, exact(row)), len(types) + 1) for row in different]
         if len(beads):
@@ -51,5 +50,5 @@ def longest_bond(scene: Scene) -> float:
     for bonds in scene.bonds:
         if len(bonds.pairs):
             lengths.append(float(bonds.lengths(scene.positions, scene.box).max()))
-            lengths.append(float(np.max(getattr(bonds, "r0", getattr(bonds, "R0", 0.0)))))
+            lengths.append(float(np.max(bonds.longest())))
     return (2.0 if scene.angles else 1.0) * max(lengths)
