@@ -36,7 +36,7 @@ def extras(scene: Scene, overlays: Sequence[dict], exceptions: dict[tuple[int, i
     """
     # PositionForce (formulas given as text) has no kernel: OpenMM evaluates it.  Charges are in charge_forces.py.
     found: list[Extra] = []
-    for terms, one_kind in groupby((*scene.bonds, *scene.angles), type):
+    for terms, one_kind in groupby(scene.bonded, type):
         groups = list(one_kind)
         beads, coefficients = (np.concatenate([getattr(group, name) for group in groups]) for name in ("beads", "coefficients"))
         if len(beads):

@@ -275,6 +275,7 @@ def _whole(scene: Scene, system: openmm.System, x: np.ndarray, classes: list[str
         bonded_factors=scene.bonded_factors,
         mobile=None if mobile.all() else mobile,
         angles=[angles.shifted(n) for angles in scene.angles],
+        dihedrals=[dihedrals.shifted(n) for dihedrals in scene.dihedrals],
         segments=segments,
         compat=scene.compat,
     )

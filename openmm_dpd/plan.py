@@ -164,7 +164,7 @@ def make_plan(
     layers = [table for table in tables if resolved_kind(table).overlay is None]
     overlays = [table for table in tables if resolved_kind(table).overlay is not None]
     kinds = list(map(resolved_kind, layers))
-    for group in (*scene.bonds, *scene.angles):
+    for group in scene.bonded:
         bonded_kind(type(group))  # or it is refused
     check_cutoffs(scene.box, [*layers, *overlays])
     for kind in kinds:

@@ -49,7 +49,7 @@ def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, func
         if len(scene.bond_pairs):
             system.addForce(molecules(scene.bond_pairs))
     else:
-        for force in bonded_forces((*scene.bonds, *scene.angles), periodic):
+        for force in bonded_forces(scene.bonded, periodic):
             force.setForceGroup(BONDED_GROUP)
             system.addForce(force)
         segments = segment_spec(scene)

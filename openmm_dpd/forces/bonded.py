@@ -1,4 +1,4 @@
-"""Bonds and angles as forces of OpenMM."""
+"""Bonds, angles and dihedrals as forces of OpenMM."""
 
 import re
 from collections.abc import Sequence
@@ -25,6 +25,7 @@ class Energy(NamedTuple):
 _FORCES: dict[int, tuple[Any, Any, str]] = {
     2: (openmm.HarmonicBondForce, openmm.CustomBondForce, "Bond"),
     3: (openmm.HarmonicAngleForce, openmm.CustomAngleForce, "Angle"),
+    4: (None, openmm.CustomTorsionForce, "Torsion"),
 }
 
 

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import ParameterError, what_is
+from ..model.owned import known_under
 from ..molecules.molecule import bends_between, by_types
-from ..molecules.terms import AnyBend, AnySpring, kinds_of, many_terms
+from ..molecules.terms import AnyBend, AnySpring, many_terms
 from ..psf import checked_bonds
 from .arrays import BeadArrays
 
@@ -64,7 +65,7 @@ def _terms(beads: BeadArrays, rows: np.ndarray, names: list[str] | None, given, 
 def _named(given: Mapping, key: str, kind: type, term: str):
     found = given.get(key)
     if found is not None and not isinstance(found, kind):
-        raise ParameterError(f"the {term} for {key!r} must be one of {kinds_of(kind)}, not {what_is(found)}")
+        raise ParameterError(f"the {term} for {key!r} must be one of {', '.join(known_under(kind))}, not {what_is(found)}")
     return found
 
 

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import DeckError, ParameterError
-from ..lammps.files.atom_styles import ATOM_STYLES
+from ..lammps.files.atom_styles import ATOM_STYLES, JOINED
 from ..lammps.files.data_file import DataFile, read_data_file
 from ..lammps.language.lexer import read_text
-from ..lammps.styles.bonded_styles import WIDTHS, bonded_styles
+from ..lammps.styles.bonded_styles import bonded_styles
 from ..model.scene import Scene
 from ..units import UnitSystem, unit_system
 from .arrays import BeadArrays
@@ -58,7 +58,7 @@ def scene_from_lammps_data(
     charges = data.columns.get("charge")
     molecules = data.columns.get("molecule")
     numbers = data.columns["type"][order].tolist()
-    for what in (f"{term}s" for term in WIDTHS):
+    for what in (f"{term}s" for term in JOINED):
         if choices.get(what) is None and len(getattr(data, what)) and what not in choices.get("leave_out", ()):
             ready = _terms_of_file(path, data, what, ids, system)
             if ready is not None:

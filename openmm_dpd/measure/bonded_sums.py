@@ -1,4 +1,4 @@
-"""Energies, virials, stress tensors and Laplacians of bonds and angles, summed in double precision."""
+"""Energies, virials, stress tensors and Laplacians of bonds, angles and dihedrals, summed in double precision."""
 
 import numpy as np
 
@@ -44,11 +44,26 @@ def angle_sums(plan: Plan, x: np.ndarray, box: np.ndarray | None, mobile: np.nda
     return energy, laplacian
 
 
+def dihedral_sums(plan: Plan, x: np.ndarray, box: np.ndarray | None, mobile: np.ndarray) -> tuple[float, float]:
+    """Energy and Laplacian of all dihedrals at the positions x; their virial is 0.
+
+    The angle has no Laplacian with respect to any of its beads, so that of the energy is U'' times the squares of the gradients.
+    """
+    energy = laplacian = 0.0
+    for dihedrals in plan.scene.dihedrals:
+        phi, gradients, _ = dihedrals.gradients(x, box)
+        u, _, curvature = dihedrals.curve(phi)
+        energy += float(np.sum(u))
+        laplacian += float(np.sum(curvature * np.sum(mobile[dihedrals.quads] * np.sum(gradients**2, axis=2), axis=1)))
+    return energy, laplacian
+
+
 def bonded_stress(plan: Plan, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
-    """(6,) sum over all bonds and angles of r F at the positions x: xx, yy, zz, xy, xz, yz, kJ/mol.
+    """(6,) sum over all bonds, angles and dihedrals of r F at the positions x: xx, yy, zz, xy, xz, yz, kJ/mol.
 
     A bond of the vector r has -U'/r times the product of r with itself.  An angle has the products of its arms with the forces on its
-    ends, which with their directions a and b are U'/sin(theta) times ab + ba - cos(theta) (aa + bb); its trace is 0.
+    ends, which with their directions a and b are U'/sin(theta) times ab + ba - cos(theta) (aa + bb); its trace is 0.  So is that of a
+    dihedral, where vectors to the beads are multiplied by -U' and the gradients.
     """
     stress = np.zeros(6)
     for bonds in plan.scene.bonds:
@@ -67,4 +82,8 @@ def bonded_stress(plan: Plan, x: np.ndarray, box: np.ndarray | None) -> np.ndarr
         a[near], b[near] = 0.0, 0.0
         cosine = np.cos(theta)[:, None]
         stress += symmetric_products(pull[:, None] * a, 2 * b - cosine * a) - symmetric_products(pull[:, None] * cosine * b, b)
+    for dihedrals in plan.scene.dihedrals:
+        phi, gradients, arms = dihedrals.gradients(x, box)
+        pulls = -dihedrals.curve(phi)[1][:, None, None] * gradients
+        stress += symmetric_products(arms.reshape(-1, 3), pulls.reshape(-1, 3))
     return stress

@@ -16,7 +16,7 @@ from ..kernels.motion import largest, second_moments
 from ..kinds import resolved_kind
 from ..made import groups_of
 from ..names import COULOMB_GROUP, EXTERNAL_GROUP, LATTICE_GROUP
-from .bonded_sums import angle_sums, bond_sums
+from .bonded_sums import angle_sums, bond_sums, dihedral_sums
 from .present import Present
 from .sample import Sample
 from .stress_parts import ShortCharges, virial_parts
@@ -63,7 +63,7 @@ class SceneSampler:
             return "the interaction of charges has no Laplacian here"
         if terms:
             return terms
-        if not self.plan.layers or (self.plan.conservative == "none" and not self.plan.scene.bonds and not self.plan.scene.angles):
+        if not self.plan.layers or (self.plan.conservative == "none" and not self.plan.scene.bonded):
             return "there is no conservative force"
         return None
 
@@ -99,6 +99,7 @@ class SceneSampler:
             raise RunError(f"the energy or a velocity is not finite at step {looked.getStepCount()}; the step size may be too large{long}")
         bond, bond_virial, bond_laplacian = bond_sums(plan, x, box, mobile)
         angle, angle_laplacian = angle_sums(plan, x, box, mobile)
+        dihedral, dihedral_laplacian = dihedral_sums(plan, x, box, mobile)
         friction = present.friction(on_step, found)
         short, lattice, virial = self._charge_sums(context, x, box)
         virial += found.pairs.virial + bond_virial + sum(float(part(x, box)[:3].sum()) for part in self._virials)
@@ -115,7 +116,10 @@ class SceneSampler:
         if box is not None and plan.scene.body_forces and EXTERNAL_GROUP not in theirs:
             # what is left of -f.x where nothing is to be said of it, see forces/external.py
             potential -= context.getState(energy=True, groups={EXTERNAL_GROUP}).getPotentialEnergy().value_in_unit(_KJ)
-        pair = potential - bond - angle - other
+        laplacian = found.pairs.laplacian
+        if laplacian is not None:
+            laplacian = laplacian + bond_laplacian + angle_laplacian + dihedral_laplacian
+        pair = potential - bond - angle - dihedral - other
         return Sample(
             step=looked.getStepCount(),
             time=looked.getTime().value_in_unit(unit.picosecond),
@@ -123,10 +127,11 @@ class SceneSampler:
             dof=self._degrees_of_freedom(others),
             kinetic=kinetic,
             pair=pair,
-            potential=pair + bond + angle + other,
+            potential=pair + bond + angle + dihedral + other,
             other=other,
             bond=bond,
             angle=angle,
+            dihedral=dihedral,
             coulomb_real=short,
             coulomb_reciprocal=lattice,
             virial_conservative=virial,
@@ -137,7 +142,7 @@ class SceneSampler:
             gradient2=gradient2,
             force_norm=(gradient2 if pushed is found.force else 2.0 * self._half(self._counted, pushed)) ** 0.5,
             force_max=largest(pushed if self._n_mobile == len(x) else pushed[mobile]),
-            laplacian=None if found.pairs.laplacian is None else found.pairs.laplacian + bond_laplacian + angle_laplacian,
+            laplacian=laplacian,
             momentum=self._mass @ v,
             target_kT=present.kT,
             kinetic_on_step=kinetic if on_step is v else self._half(self._mass, on_step),

@@ -1,4 +1,4 @@
-"""Parts of the stress tensor that the pair engine does not sum: other pair terms, bonds and angles, segments, charges.
+"""Parts of the stress tensor that the pair engine does not sum: other pair terms, bonds, angles and dihedrals, segments, charges.
 
 Each part is a function (x, box) -> (6,) sums of r F (xx, yy, zz, xy, xz, yz; kJ/mol), in double precision on every platform.
 """
@@ -31,7 +31,7 @@ STRAIN = 1e-4
 
 def stress_parts(plan: Plan) -> list[Part]:
     """All parts that a scene in a periodic box has."""
-    parts: list[Part] = [partial(bonded_stress, plan)] if plan.scene.bonds or plan.scene.angles else []
+    parts: list[Part] = [partial(bonded_stress, plan)] if plan.scene.bonded else []
     parts += virial_parts(plan)
     if plan.scene.electrostatics is not None:
         parts += [ShortCharges(plan), _LatticeStress(plan)]

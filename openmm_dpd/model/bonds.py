@@ -41,7 +41,7 @@ def bead_indices(value, width: int, what: str) -> np.ndarray:
 
 
 def term_values(term, count: int, dimensions: dict[str, tuple[str, str]], what: str) -> dict[str, np.ndarray]:
-    """Coefficients of ``count`` bonds or angles as (count,) arrays in MD units.
+    """Coefficients of ``count`` bonded terms as (count,) arrays in MD units.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def term_values(term, count: int, dimensions: dict[str, tuple[str, str]], what: 
     dimensions : dict
         Name of each coefficient: its dimension, and its bound, ``">= 0"``, ``"> 0"`` or ``""``.
     what : str
-        "bond" or "angle", for messages.
+        "bond", "angle" or "dihedral", for messages.
 
     Raises
     ------
@@ -69,12 +69,13 @@ def term_values(term, count: int, dimensions: dict[str, tuple[str, str]], what: 
     return values
 
 
-def check_members(beads: np.ndarray, n_beads: int, what: str, which: str) -> None:
-    """Raise ParameterError if a row of beads names one that does not exist, or stands there twice; ``which`` is what joins them."""
+def check_members(beads: np.ndarray, n_beads: int, what: str, which: str | None = None) -> None:
+    """Raise ParameterError if a row of beads names one that does not exist, or stands there twice, unless there may be several terms of the
+    same beads; ``which`` is what joins them."""
     if beads.size and beads.max() >= n_beads:
         raise ParameterError(f"{what} names bead {beads.max()}, but there are only {n_beads} beads, counted from 0")
     different, counts = np.unique(beads, axis=0, return_counts=True)
-    if np.any(counts > 1):
+    if which is not None and np.any(counts > 1):
         raise ParameterError(f"{which} {bead_names(*different[counts > 1][0])} is listed twice")
 
 
@@ -82,7 +83,7 @@ _Terms = TypeVar("_Terms", bound="BondedTerms")
 
 
 class BondedTerms:
-    """What all kinds of bonds and angles have in common: beads, and coefficients for each.
+    """What all kinds of bonds, angles and dihedrals have in common: beads, and coefficients for each.
 
     A kind is a frozen dataclass with a field for the beads, named as in ``_BEADS``, and one for each of ``_DIMENSIONS``, in this order.
     Its record (:mod:`openmm_dpd.kinds.bonded`) says how it is computed.
@@ -113,11 +114,11 @@ class BondedTerms:
         return np.stack([getattr(self, name) for name in self._DIMENSIONS], axis=1)
 
     def curve(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Energy of each bond at these lengths, or of each angle at these angles, its first and its second derivative."""
+        """Energy of each bond at these lengths, or of each angle or dihedral at these angles, its first and its second derivative."""
         raise NotImplementedError
 
     def reach(self, kT: float) -> np.ndarray:
-        """Length of each bond, or each angle, up to which it is met in equilibrium."""
+        """Length of each bond, or each angle or dihedral, up to which it is met in equilibrium."""
         raise NotImplementedError
 
     def density(self, x: np.ndarray) -> np.ndarray:

@@ -10,11 +10,12 @@ from ..html import fact_table
 from ..units import thermal_energy, to_md
 from ..wording import bead_number, either
 from .angles import Angles, check_angles
-from .bonds import Bonds, check_members
+from .bonds import BondedTerms, Bonds, check_members
+from .dihedrals import Dihedrals, check_dihedrals
 from .electrostatics import GaussianCharges, SlaterCharges, check_electrostatics, special_factors
 from .flow import BodyForce, PositionForce, Wall, check_inside, gaps
 from .internal import Internal, check_internal
-from .owned import keep
+from .owned import keep, known_under
 from .pairs import NONE
 from .segments import SegmentalRepulsion, check_segments
 from .sources import Source
@@ -112,6 +113,8 @@ class Scene:
     interacting : (N, 3) array of bool, optional
         False: along this axis only ``body_forces`` act on the bead; its pairs, bonds and charges do not, friction and noise included
         (LAMMPS: ``fix setforce``).  The beads around it feel it all the same, so momentum is not conserved.  Needs ``scheme="mvv"``.
+    dihedrals : sequence of HarmonicDihedrals, OPLSDihedrals, MultiHarmonicDihedrals, ...
+        Angles between the planes of three bonds in a row.  Which pairs ``bonded_factors`` act on is up to the bonds alone.
 
     Raises
     ------
@@ -142,6 +145,7 @@ class Scene:
     residues: Sequence[str] | None = None
     electrostatics: SlaterCharges | GaussianCharges | None = None
     interacting: np.ndarray | None = None
+    dihedrals: Sequence[Dihedrals] = ()
     type_ids: np.ndarray = field(init=False, repr=False)
     tables: tuple[PairTable, ...] = field(init=False, repr=False)
 
@@ -170,6 +174,8 @@ class Scene:
         self._check_bonds()
         self._check_kinds("angles", Angles)
         check_angles(self.angles, self.n_beads)
+        self._check_kinds("dihedrals", Dihedrals)
+        check_dihedrals(self.dihedrals, self.n_beads)
         self._check_segments()
         put("bonded_factors", special_factors(self.bonded_factors, "bonded_factors"))
         put("tables", self._checked_pairs())
@@ -242,6 +248,11 @@ class Scene:
     def bond_pairs(self) -> np.ndarray:
         """All bonds as one (B, 2) array of bead indices."""
         return np.concatenate([bonds.pairs for bonds in self.bonds]) if self.bonds else np.zeros((0, 2), dtype=np.int64)
+
+    @property
+    def bonded(self) -> tuple[BondedTerms, ...]:
+        """All groups of bonds, angles and dihedrals."""
+        return (*self.bonds, *self.angles, *self.dihedrals)
 
     @property
     def segment_pairs(self) -> np.ndarray:
@@ -342,7 +353,7 @@ class Scene:
 
     def _check_kinds(self, name: str, *kinds: type) -> None:
         """``kinds`` are classes, or have them under them."""
-        known = [under.__name__ for kind in kinds for under in kind.__subclasses__() or [kind]]
+        known = [name for kind in kinds for name in known_under(kind) or [kind.__name__]]
         given, names = getattr(self, name), " or ".join(known)
         if isinstance(given, kinds) or not isinstance(given, Sequence) or isinstance(given, str):
             raise ParameterError(f"{name} must be a sequence of {names}, such as [{known[0]}(...)], not {what_is(given)}")

@@ -10,8 +10,9 @@ import numpy as np
 
 from ..errors import ParameterError, what_is
 from ..html import fact_table
+from ..model.owned import known_under
 from ..units import to_md, whole_number
-from .terms import AnyBend, AnySpring, kinds_of
+from .terms import AnyBend, AnySpring
 
 #: A spring for every bond, or springs by the types of the two beads (``"*"`` for any type).
 Springs = object | Mapping[tuple[str, str], object]
@@ -115,7 +116,9 @@ class Molecule:
         terms, seen = [], set()
         for term in getattr(self, what):
             if not isinstance(term, Sequence) or len(term) != beads + 1 or not isinstance(term[-1], kind):
-                raise ParameterError(f"{what} of a molecule are {beads} bead indices and one of {kinds_of(kind)}; one is {what_is(term)}")
+                raise ParameterError(
+                    f"{what} of a molecule are {beads} bead indices and one of {', '.join(known_under(kind))}; one is {what_is(term)}"
+                )
             indices = tuple(whole_number(index, f"a bead index in {what}") for index in term[:-1])
             if len(set(indices)) < beads or not all(0 <= index < self.n_beads for index in indices):
                 raise ParameterError(f"{what} of a molecule must join different beads of 0 to {self.n_beads - 1}, not {indices}")
@@ -270,7 +273,9 @@ def by_types(given, types: tuple[str, ...], kind: type, what: str):
     if isinstance(given, kind):
         return given
     if not isinstance(given, Mapping):
-        raise ParameterError(f"{what} must be one of {kinds_of(kind)}, or a mapping from {len(types)} types to one, not {what_is(given)}")
+        raise ParameterError(
+            f"{what} must be one of {', '.join(known_under(kind))}, or a mapping from {len(types)} types to one, not {what_is(given)}"
+        )
     found = None
     for key, value in given.items():
         if not isinstance(key, tuple) or len(key) != len(types) or not isinstance(value, kind):

@@ -164,11 +164,6 @@ class CosineBend(AnyBend):
     KIND = CosineAngles
 
 
-def kinds_of(term: type) -> str:
-    """Names of all springs, or of all bends."""
-    return ", ".join(kind.__name__ for kind in term.__subclasses__())
-
-
 def many_terms(beads: np.ndarray, terms: list) -> list:
     """Bonds or angles of a scene, one object for each kind, from the beads of each term, (K, 2) or (K, 3), and the terms."""
     found = []

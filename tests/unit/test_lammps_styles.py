@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 import openmm_dpd as dpd
+from openmm_dpd.lammps.files.atom_styles import JOINED
 from openmm_dpd.lammps.language.lexer import Line
 from openmm_dpd.lammps.state.pair_setup import Coefficient, PairStyle
-from openmm_dpd.lammps.styles.bonded_styles import WIDTHS, bonded_styles
+from openmm_dpd.lammps.styles.bonded_styles import bonded_styles
 from openmm_dpd.lammps.styles.pair_styles import EXPORTS, PAIR_STYLES
 from openmm_dpd.lammps.styles.writing import Differences, PairExport
 from openmm_dpd.units import UNIT_SYSTEMS
@@ -65,7 +66,7 @@ def test_pair_coefficients_come_back(name, seed, tmp_path):
         assert np.array_equal(found.values["data"].energies, again.values["data"].energies)
 
 
-BONDED = {f"{what} {name}": (style, beads) for what, beads in WIDTHS.items() for name, style in bonded_styles(what).items()}
+BONDED = {f"{what} {name}": (style, beads) for what, (beads, _) in JOINED.items() for name, style in bonded_styles(what).items()}
 
 
 @pytest.mark.parametrize("units", UNIT_SYSTEMS.values(), ids=UNIT_SYSTEMS)

@@ -1,4 +1,4 @@
-"""Bonds and angles of a scene in LAMMPS's words."""
+"""Bonds, angles and dihedrals of a scene in LAMMPS's words."""
 
 from collections.abc import Iterator
 
@@ -8,18 +8,19 @@ from ...errors import ParameterError
 from ...kinds import bonded_kind
 from ...model.scene import Scene
 from ...units import UnitSystem
-from ..styles.bonded_styles import WIDTHS, bonded_styles
+from ..files.atom_styles import JOINED
+from ..styles.bonded_styles import bonded_styles
 from ..styles.writing import exact
 from .export_beads import Bonded
 
-#: Most bond or angle types.
+#: Most types of bonds, angles or dihedrals.
 _MOST_TYPES = 100000
 
 
 def bonded_types(scene: Scene, what: str, units: UnitSystem) -> Bonded:
-    """The bonds or angles (``what``) of a scene, with one type for each set of coefficients."""
+    """The bonds, angles or dihedrals (``what``) of a scene, with one type for each set of coefficients."""
     types: dict[tuple[str, str], int] = {}
-    rows = [np.zeros((0, WIDTHS[what] + 1), dtype=np.int64)]
+    rows = [np.zeros((0, JOINED[what][0] + 1), dtype=np.int64)]
     for term in getattr(scene, f"{what}s"):
         style = bonded_kind(type(term)).style
         if style is None:
@@ -35,7 +36,7 @@ def bonded_types(scene: Scene, what: str, units: UnitSystem) -> Bonded:
 
 
 def style_lines(what: str, terms: Bonded) -> Iterator[str]:
-    """``bond_style`` or ``angle_style``, and the coefficients."""
+    """``bond_style``, ``angle_style`` or ``dihedral_style``, and the coefficients."""
     if not len(terms.rows):
         return
     styles = list(dict.fromkeys(style for style, _ in terms.types))
@@ -45,10 +46,10 @@ def style_lines(what: str, terms: Bonded) -> Iterator[str]:
 
 
 def longest_bond(scene: Scene) -> float:
-    """Length of the longest bond at the start or at rest, nm; of both arms together where angles reach across two."""
+    """Length of the longest bond at the start or at rest, nm; of all that an angle or a dihedral reaches across, together."""
     lengths = [0.0]
     for bonds in scene.bonds:
         if len(bonds.pairs):
             lengths.append(float(bonds.lengths(scene.positions, scene.box).max()))
             lengths.append(float(np.max(bonds.longest())))
-    return (2.0 if scene.angles else 1.0) * max(lengths)
+    return (3.0 if scene.dihedrals else 2.0 if scene.angles else 1.0) * max(lengths)

@@ -2,11 +2,11 @@
 
 from collections.abc import Iterator
 
-from ..files.atom_styles import ARRAYS
+from ..files.atom_styles import ARRAYS, JOINED
 from ..files.data_file import DataFile
 from ..files.data_lines import data_lines
 from ..state.deck_state import DeckState
-from ..styles.bonded_styles import WIDTHS, bonded_styles
+from ..styles.bonded_styles import bonded_styles
 
 
 def data_file_lines(state: DeckState, *, pair: str | None = "ii") -> Iterator[str]:
@@ -30,10 +30,7 @@ def data_file_lines(state: DeckState, *, pair: str | None = "ii") -> Iterator[st
         images=atoms.images,
         velocities=atoms.velocities,
         masses={kind: mass / state.units.mass for kind, mass in state.masses.items()} if len(state.masses) == state.n_types else {},
-        n_bond_types=state.n_bond_types,
-        bonds=state.bonds,
-        n_angle_types=state.n_angle_types,
-        angles=state.angles,
+        **{name: getattr(state, name) for what in JOINED for name in (f"n_{what}_types", f"{what}s")},  # type: ignore[arg-type]
     )
     title = f"LAMMPS data file written by openmm-dpd, timestep = {state.step}, units = {state.units.name}"
     return data_lines(data, title, (state.atom_style,), state.n_species, coefficients=_coefficients(state, pair))
@@ -42,7 +39,7 @@ def data_file_lines(state: DeckState, *, pair: str | None = "ii") -> Iterator[st
 def _coefficients(state: DeckState, pair: str | None) -> Iterator[str]:
     if pair is not None:
         yield from _pair_coefficients(state, pair)
-        for what in WIDTHS:
+        for what in JOINED:
             yield from _bonded_coefficients(state, what)
 
 

@@ -66,6 +66,7 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
             charges=atoms.charges if np.any(atoms.charges) else None,
             bonds=_bonded_terms(state, "bond"),
             angles=_bonded_terms(state, "angle"),
+            dihedrals=_bonded_terms(state, "dihedral"),
             segments=segments_of(state, compat),
             bonded_factors=state.special if len(state.bonds) else (1.0, 1.0, 1.0),
             mobile=None if moved.mobile.all() else moved.mobile,
@@ -112,7 +113,7 @@ def deck_kT(state: DeckState, window: Window | None) -> float | TemperatureRamp:
 
 
 def _bonded_terms(state: DeckState, what: str) -> list:
-    """Bonds or angles by type; bonds of a style without energy still count for special_bonds, such angles are left out."""
+    """Bonds, angles or dihedrals by type; bonds of a style without energy still count for special_bonds, other terms are left out."""
     terms, setup, known, found = getattr(state, f"{what}s"), getattr(state, what), bonded_styles(what), []
     for kind in np.unique(terms[:, 0]).tolist():
         style: str = "none"

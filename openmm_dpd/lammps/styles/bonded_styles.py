@@ -1,4 +1,4 @@
-"""Bond and angle styles: what their coefficients are, and which term of the model they become."""
+"""Bond, angle and dihedral styles: what their coefficients are, and which term of the model they become."""
 
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -8,11 +8,9 @@ import numpy as np
 
 from ...kinds import BONDED_KINDS, BondedKind
 from ...units import UnitSystem
+from ..files.atom_styles import JOINED
 from ..language import arguments as read
 from .columns import Columns
-
-#: Beads of each term.
-WIDTHS = {"bond": 2, "angle": 3}
 
 #: How numbers are read that have this bound.
 _READERS = {"> 0": read.positive, ">= 0": read.non_negative, "": read.number}
@@ -20,7 +18,7 @@ _READERS = {"> 0": read.positive, ">= 0": read.non_negative, "": read.number}
 
 @dataclass(frozen=True)
 class BondedStyle:
-    """A bond or angle style.
+    """A bond, angle or dihedral style.
 
     Attributes
     ----------
@@ -51,13 +49,13 @@ class BondedStyle:
         return [f"{value:.15g}" for value in self.columns.of(SimpleNamespace(**values), units)]
 
     def build(self, beads: np.ndarray, values: dict[str, float]) -> Any:
-        """The bonds or angles of the model."""
+        """The bonds, angles or dihedrals of the model."""
         assert self.kind is not None
         terms: Any = self.kind.terms
         return terms(beads, **values)
 
 
 def bonded_styles(what: str) -> dict[str, BondedStyle]:
-    """Styles of bonds or of angles, by their names: those of all kinds that are known, and ``zero``."""
-    known = {kind.style: BondedStyle(kind) for kind in BONDED_KINDS.values() if kind.style and kind.width == WIDTHS[what]}
+    """Styles of bonds, angles or dihedrals, by their names: those of all kinds that are known, and ``zero``."""
+    known = {kind.style: BondedStyle(kind) for kind in BONDED_KINDS.values() if kind.style and kind.width == JOINED[what][0]}
     return {**known, "zero": BondedStyle(None)}
