@@ -101,7 +101,6 @@ class Scene:
         Angles between bonds.
     segments : SegmentalRepulsion, optional
         Repulsion between bonds, which keeps chains from crossing.
-
     body_forces : sequence of BodyForce and PositionForce
         Forces on single beads, which drive a flow.
     walls : sequence of Wall
@@ -352,7 +351,6 @@ class Scene:
                 raise ParameterError(f"{wrong}; move the beads, or use other bonds until they are close enough")
 
     def _check_kinds(self, name: str, *kinds: type) -> None:
-        """``kinds`` are classes, or have them under them."""
         known = [name for kind in kinds for name in known_under(kind) or [kind.__name__]]
         given, names = getattr(self, name), " or ".join(known)
         if isinstance(given, kinds) or not isinstance(given, Sequence) or isinstance(given, str):

@@ -73,7 +73,9 @@ BONDED = {f"{what} {name}": (style, beads) for what, (beads, _) in JOINED.items(
 @pytest.mark.parametrize("name", BONDED)
 def test_bonded_coefficients_come_back(name, units):
     style, beads = BONDED[name]
-    values = style.coefficient(drawn("# " * len(style.columns), 3), "type", units)
+    values = style.coefficient(
+        drawn(" ".join("1" if dimension == "1" else "#" for dimension in style.columns.dimensions.values()), 3), "type", units
+    )
     assert style.coefficient(style.words(values, units), "type", units) == pytest.approx(values, rel=1e-14)
     if style.kind is not None:
         terms = style.build(np.arange(beads)[None, :], values)
