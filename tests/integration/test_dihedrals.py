@@ -205,6 +205,10 @@ def test_a_system_with_them_is_read(tmp_path):
     assert dpd.load_xml(tmp_path / "system.xml").getNumForces() == built.system.getNumForces()
 
 
+def test_steps_leave_them_out_and_say_so():
+    assert "dihedrals do not count in the steps; stiff ones may want shorter ones" in dpd.recommend(scene()).notes
+
+
 def test_explained():
     text = dpd.explain_plan(dpd.make_plan(scene(), dt=0.005, seed=1))
     assert "12 harmonic dihedrals\n12 OPLS dihedrals\n12 multi-harmonic dihedrals" in text
