@@ -1,4 +1,4 @@
-"""Energies and Laplacians of bonds and angles, summed in double precision."""
+"""Energies and Laplacians of bonds, angles and dihedrals, summed in double precision."""
 
 import numpy as np
 
@@ -36,4 +36,18 @@ def angle_sums(plan: Plan, x: np.ndarray, box: np.ndarray | None, mobile: np.nda
             seconds = np.stack([cosine / a**2, cosine * (1 / a**2 + 1 / b**2) - 2 / (a * b), cosine / b**2], axis=1) / sine[:, None]
             each = np.sum(weights * (curvature[:, None] * squares + slope[:, None] * seconds), axis=1)
         laplacian += float(np.sum(np.where(np.minimum(a, b) > 1e-10, each, 0.0)))
+    return energy, laplacian
+
+
+def dihedral_sums(plan: Plan, x: np.ndarray, box: np.ndarray | None, mobile: np.ndarray) -> tuple[float, float]:
+    """Energy and Laplacian of all dihedrals at the positions x; their virial is 0.
+
+    The angle has no Laplacian with respect to any of its beads, so that of the energy is U'' times the squares of the gradients.
+    """
+    energy = laplacian = 0.0
+    for dihedrals in plan.scene.dihedrals:
+        phi, gradients, _ = dihedrals.gradients(x, box)
+        u, _, curvature = dihedrals.curve(phi)
+        energy += float(np.sum(u))
+        laplacian += float(np.sum(curvature * np.sum(mobile[dihedrals.quads] * np.sum(gradients**2, axis=2), axis=1)))
     return energy, laplacian

@@ -69,7 +69,7 @@ class Sample(SystemSample):
 
     Attributes
     ----------
-    pair, bond, angle : potential energies; those of segmental repulsion and of charges are in ``pair``
+    pair, bond, angle, dihedral : potential energies; those of segmental repulsion and of charges are in ``pair``
     coulomb_real, coulomb_reciprocal : of it, the short-ranged part of the charges and their lattice sum (0 without a box)
     other : potential energy of forces that somebody else added to the System; these do not count in virials and pressures
     virial_conservative, virial_dissipative, virial_random : sums of r_ij . F_ij; the last is 0 where noise is no force (all but ``mvv``)
@@ -88,6 +88,7 @@ class Sample(SystemSample):
     pair: float
     bond: float
     angle: float
+    dihedral: float
     coulomb_real: float
     coulomb_reciprocal: float
     other: float

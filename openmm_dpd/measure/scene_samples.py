@@ -14,10 +14,9 @@ from ..kernels.layer import LAPLACIAN
 from ..kernels.motion import second_moments
 from ..kinds import resolved_kind
 from ..made import groups_of
-from ..model.bonds import FENEBonds
 from ..names import COULOMB_GROUP, EXTERNAL_GROUP, LATTICE_GROUP
 from ..plan import Plan
-from .bonded_sums import angle_sums, bond_sums
+from .bonded_sums import angle_sums, bond_sums, dihedral_sums
 from .present import Present
 from .sample import Sample
 
@@ -61,9 +60,7 @@ class SceneSampler:
             return terms
         if self.plan.engine.lacks(["Laplacian"]):
             return f"the engine {self.plan.engine.name!r} has no Laplacian"
-        if not self.plan.layers or (
-            self.plan.execution.conservative == "none" and not self.plan.scene.bonds and not self.plan.scene.angles
-        ):
+        if not self.plan.layers or (self.plan.execution.conservative == "none" and not self.plan.scene.bonded):
             return "there is no conservative force"
         return None
 
@@ -95,10 +92,11 @@ class SceneSampler:
         on_step = present.on_step(every)
         kinetic = self._half(self._mass, v)
         if not np.isfinite(potential + kinetic):
-            long = ", or a FENE bond too long" if any(isinstance(bonds, FENEBonds) for bonds in plan.scene.bonds) else ""
+            long = ", or a bond too long" if any(bonds.limited for bonds in plan.scene.bonds) else ""
             raise RunError(f"the energy or a velocity is not finite at step {looked.getStepCount()}; the step size may be too large{long}")
         bond, bond_laplacian = bond_sums(plan, x, box, mobile)
         angle, angle_laplacian = angle_sums(plan, x, box, mobile)
+        dihedral, dihedral_laplacian = dihedral_sums(plan, x, box, mobile)
         friction = present.friction(on_step, found)
         short, lattice = present.charges[:2] if "charges" in self.plan.execution.held else charge_energies(context, self.plan)
         if plan.options.predicting:
@@ -113,7 +111,10 @@ class SceneSampler:
         if box is not None and plan.scene.body_forces and EXTERNAL_GROUP not in theirs:
             # what is left of -f.x where nothing is to be said of it, see forces/external.py
             potential -= context.getState(energy=True, groups={EXTERNAL_GROUP}).getPotentialEnergy().value_in_unit(_KJ)
-        pair, kinetic_on_step = potential - bond - angle - other, kinetic if on_step is v else self._half(self._mass, on_step)
+        laplacian = found.pairs.laplacian
+        if laplacian is not None:
+            laplacian = laplacian + bond_laplacian + angle_laplacian + dihedral_laplacian
+        pair, kinetic_on_step = potential - bond - angle - dihedral - other, kinetic if on_step is v else self._half(self._mass, on_step)
         return Sample(
             step=looked.getStepCount(),
             time=looked.getTime()._value,
@@ -121,10 +122,11 @@ class SceneSampler:
             dof=self._degrees_of_freedom(others),
             kinetic=kinetic,
             pair=pair,
-            potential=pair + bond + angle + other,
+            potential=pair + bond + angle + dihedral + other,
             other=other,
             bond=bond,
             angle=angle,
+            dihedral=dihedral,
             coulomb_real=short,
             coulomb_reciprocal=lattice,
             virial_conservative=found.pairs.virial + float(present.beside_pairs()[:3].sum()),
@@ -133,7 +135,7 @@ class SceneSampler:
             volume=None if box is None else float(box[0, 0] * box[1, 1] * box[2, 2]),
             box=box,
             gradient2=2.0 * self._half(self._counted, found.force),
-            laplacian=None if found.pairs.laplacian is None else found.pairs.laplacian + bond_laplacian + angle_laplacian,
+            laplacian=laplacian,
             momentum=self._mass @ v,
             target_kT=present.kT,
             kinetic_on_step=kinetic_on_step,

@@ -69,6 +69,7 @@ class Sampler:
             lattice_energy=measured.coulomb_reciprocal,
             bond_energy=measured.bond,
             angle_energy=measured.angle,
+            dihedral_energy=measured.dihedral,
             virial_full=virial if predicts else virial + friction,
             force_norm=float(np.sqrt(np.sum(forces**2))),
             force_max=float(np.abs(forces).max()),
@@ -89,7 +90,7 @@ class Sampler:
 
     def light(self, step: int, needs: frozenset[str], cpu: float) -> DeckSample:
         """A sample without energies: the fields of ``needs``, which are among :attr:`light_needs`."""
-        energies: dict[str, Any] = dict.fromkeys(("short_energy", "lattice_energy", "bond_energy", "angle_energy"))
+        energies: dict[str, Any] = dict.fromkeys(("short_energy", "lattice_energy", "bond_energy", "angle_energy", "dihedral_energy"))
         return DeckSample(**energies, **self._light(step, needs, cpu))
 
     def _light(self, step: int, needs: frozenset[str], cpu: float) -> dict[str, Any]:
