@@ -28,6 +28,11 @@ from .measure import (
 from .mixed_system import MixedSystem as MixedSystem, create_mixed_system as create_mixed_system
 from .model.angles import CosineAngles as CosineAngles, HarmonicAngles as HarmonicAngles
 from .model.bonds import FENEBonds as FENEBonds, HarmonicBonds as HarmonicBonds, MorseBonds as MorseBonds
+from .model.dihedrals import (
+    HarmonicDihedrals as HarmonicDihedrals,
+    MultiHarmonicDihedrals as MultiHarmonicDihedrals,
+    OPLSDihedrals as OPLSDihedrals,
+)
 from .model.edpd import EDPD as EDPD
 from .model.electrostatics import GaussianCharges as GaussianCharges, SlaterCharges as SlaterCharges
 from .model.energy_dpd import EnergyDPD as EnergyDPD

@@ -116,7 +116,8 @@ def _terms(group: Bonds | Angles, kT: float) -> _Terms:
     """
     values = np.column_stack([getattr(group, name) for name in group._DIMENSIONS])
     different, which = np.unique(values, axis=0, return_inverse=True)
-    one: Any = type(group)(np.tile(np.arange(group.beads.shape[1]), (len(different), 1)), *different.T)
+    kind: Any = type(group)
+    one = kind(np.tile(np.arange(group.beads.shape[1]), (len(different), 1)), *different.T)
     x = one.reach(kT) * ((np.arange(_POINTS) + 0.5) / _POINTS)[:, None]
     energy, _, curvature = (np.broadcast_to(part, x.shape) for part in one.curve(x))
     weight = one.density(x) * np.exp((energy.min(axis=0) - energy) / kT)

@@ -18,7 +18,6 @@ from .integrators import PairIntegrator
 from .kernels.elementary import without_last_bits
 from .kernels.steps import StepSpec
 from .made import Made
-from .model.bonds import FENEBonds
 from .model.flow import gaps
 from .model.scene import Scene
 from .names import ALONE
@@ -143,7 +142,7 @@ def _pair_function(plan: Plan) -> PairForceFunction:
         periodic=scene.box is not None,
         scale=options.field_scale,
         balanced=options.compensated and plan.spec.sweeps,
-        length_checked=() if "bonds" in execution.held else tuple(bonds for bonds in scene.bonds if isinstance(bonds, FENEBonds)),
+        length_checked=() if "bonds" in execution.held else tuple(bonds for bonds in scene.bonds if bonds.limited),
         steps=_step_spec(plan) if execution.looped else None,
         engine=execution.engine,
     )

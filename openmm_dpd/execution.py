@@ -12,7 +12,7 @@ from .schemes import Scheme
 DOUBLE_PLATFORMS = ("Reference", "CPU")
 
 #: What a scene may have beside its pair terms, and the pair kernel may hold.
-PARTS = ("bonds", "angles", "overlays", "segments", "body forces", "walls", "charges")
+PARTS = ("bonds", "angles", "dihedrals", "overlays", "segments", "body forces", "walls", "charges")
 
 
 @dataclass(frozen=True)
@@ -100,6 +100,7 @@ def why_parts(scene: Scene, overlays: bool, looped: bool, few_charges: bool, dou
     there = {
         "bonds": scene.bonds,
         "angles": scene.angles,
+        "dihedrals": scene.dihedrals,
         "overlays": overlays,
         "segments": scene.segments,
         "body forces": any(isinstance(term, BodyForce) for term in scene.body_forces),

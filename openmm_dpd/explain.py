@@ -3,8 +3,7 @@
 import numpy as np
 
 from .kernels.fields import ENERGY, TEMPERATURE
-from .model.angles import HarmonicAngles
-from .model.bonds import FENEBonds, HarmonicBonds
+from .kinds import bonded_kind
 from .model.flow import gaps
 from .model.pairs import describe
 from .pair_spec import longest
@@ -39,8 +38,7 @@ def explain_plan(plan: Plan) -> str:
         lines.append(_field_text(plan))
     if len(scene.bond_pairs):
         lines.append(f"{_bond_text(plan)}; {len(plan.exceptions)} bonded neighbours with a factor other than 1")
-    for angles in scene.angles:
-        lines.append(f"{len(angles.triples)} {'harmonic' if isinstance(angles, HarmonicAngles) else 'cosine'} angles")
+    lines += [f"{len(group.beads)} {bonded_kind(type(group)).name}" for group in (*scene.angles, *scene.dihedrals)]
     if scene.segments is not None:
         lines.append(_segment_text(plan))
     if scene.electrostatics is not None:
@@ -70,9 +68,9 @@ def _particle_lines(plan: Plan) -> list[str]:
 def _bond_text(plan: Plan) -> str:
     counts: dict[str, int] = {}
     for bonds in plan.scene.bonds:
-        name = {HarmonicBonds: "harmonic", FENEBonds: "FENE"}.get(type(bonds), "Morse")
+        name = bonded_kind(type(bonds)).name
         counts[name] = counts.get(name, 0) + len(bonds.pairs)
-    return ", ".join(f"{count} {name} bonds" for name, count in counts.items())
+    return ", ".join(f"{count} {name}" for name, count in counts.items())
 
 
 def _segment_text(plan: Plan) -> str:

@@ -5,30 +5,21 @@ itself.
 """
 
 from collections.abc import Container, Sequence
+from itertools import groupby
 
 import numpy as np
 
 from .execution import PARTS
 from .forces.expressions import type_pairs
 from .forces.segments import segment_spec
-from .kernels import angles as angle_kernel, bonded as bond_kernel, external
-from .kernels.angles import AngleTerms
-from .kernels.bonded import BondTerms
+from .kernels import external
 from .kernels.external import BodyTerms
 from .kernels.extras import Extra
 from .kernels.pairs import compressed_exceptions
 from .kernels.radial import RadialTerms
-from .kinds import resolved_kind
-from .model.angles import CosineAngles, HarmonicAngles
-from .model.bonds import FENEBonds, HarmonicBonds, MorseBonds
+from .kinds import bonded_kind, resolved_kind
 from .model.flow import AXES, BodyForce
 from .model.scene import Scene
-
-#: Kind of bonds or angles -> its number in the kernel, which has its coefficients in the same order.
-_NUMBERS: dict[type, int] = {
-    **{HarmonicBonds: bond_kernel.HARMONIC, FENEBonds: bond_kernel.FENE, MorseBonds: bond_kernel.MORSE},
-    **{HarmonicAngles: angle_kernel.HARMONIC, CosineAngles: angle_kernel.COSINE},
-}
 
 _PATTERNS = {"uniform": external.UNIFORM, "halves": external.HALVES, "sine": external.SINE}
 
@@ -50,10 +41,12 @@ def extras(
     """
     # PositionForce (formulas given as text) has no kernel: OpenMM evaluates it.  Charges are in charge_forces.py.
     found: list[Extra] = []
-    if "bonds" in held and any(len(group.pairs) for group in scene.bonds):
-        found.append(BondTerms(*_rows(scene.bonds, 4)))
-    if "angles" in held and any(len(group.triples) for group in scene.angles):
-        found.append(AngleTerms(*_rows(scene.angles, 2)))
+    bonded = [group for part in ("bonds", "angles", "dihedrals") if part in held for group in getattr(scene, part)]
+    for terms, one_kind in groupby(bonded, type):
+        groups = list(one_kind)
+        beads, coefficients = (np.concatenate([getattr(group, name) for group in groups]) for name in ("beads", "coefficients"))
+        if len(beads):
+            found.append(bonded_kind(terms).kernel(beads.astype(np.uint32), np.ascontiguousarray(coefficients.T)))
     if "overlays" in held:
         found += [radial_terms(table, scene.type_ids, scene.type_names, exceptions) for table in overlays]
     segments = segment_spec(scene) if "segments" in held else None
@@ -62,14 +55,6 @@ def extras(
     if "body forces" in held:
         found += [body_terms(term, scene) for term in scene.body_forces if isinstance(term, BodyForce)]
     return tuple(found)
-
-
-def _rows(groups, most: int):
-    """Beads, kind and coefficients of all terms of several groups; as many columns of coefficients as the kernel has."""
-    members = np.concatenate([group.beads for group in groups]).astype(np.uint32)
-    numbers = np.repeat([_NUMBERS[type(group)] for group in groups], [len(group.beads) for group in groups]).astype(np.uint8)
-    rows = [group.coefficients for group in groups]
-    return members, numbers, np.concatenate([np.pad(values, [(0, 0), (0, most - values.shape[1])]) for values in rows])
 
 
 def radial_terms(table: dict, type_ids: np.ndarray, names: list[str], exceptions: dict[tuple[int, int], float]) -> RadialTerms:

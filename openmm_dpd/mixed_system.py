@@ -271,10 +271,11 @@ def _whole(scene: Scene, system: openmm.System, x: np.ndarray, classes: list[str
         box=scene.box,
         velocities=velocities,
         bead_masses=np.concatenate([np.where(mass > 0, mass, 1.0), scene.bead_masses]),
-        bonds=[replace(bonds, pairs=bonds.pairs + n) for bonds in scene.bonds],
+        bonds=[bonds.shifted(n) for bonds in scene.bonds],
         bonded_factors=scene.bonded_factors,
         mobile=None if mobile.all() else mobile,
-        angles=[replace(angles, triples=angles.triples + n) for angles in scene.angles],
+        angles=[angles.shifted(n) for angles in scene.angles],
+        dihedrals=[dihedrals.shifted(n) for dihedrals in scene.dihedrals],
         segments=segments,
         compat=scene.compat,
     )

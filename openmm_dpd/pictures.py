@@ -14,7 +14,7 @@ from .files import write_whole
 #: Panels from top to bottom: what stands at the axis, and the columns drawn there with their labels, the first one in front.
 PANELS = (
     ("temperature", {"temp": "kinetic", "temp_conf": "configurational"}),
-    ("pressure", {"press": "as in the thermo output", "press_full": "with friction and noise"}),
+    ("pressure", {"press": "as in the thermo output", "press_full": "with friction"}),
     ("potential energy", {"pe": "potential energy"}),
     ("total energy", {"etotal": "total energy"}),
 )

@@ -16,7 +16,7 @@ from .kernels.engines import EngineKind, engine_kind
 from .kernels.fields import ENERGY
 from .kernels.interface import Engine
 from .kernels.layer import PairSpec
-from .kinds import Kind, resolved_kind
+from .kinds import Kind, bonded_kind, resolved_kind
 from .model.electrostatics import EwaldSum
 from .model.flow import gaps, kind_of
 from .model.pairs import NONE
@@ -199,6 +199,8 @@ def make_plan(
     layers = [table for table in tables if resolved_kind(table).overlay is None]
     overlays = [table for table in tables if resolved_kind(table).overlay is not None]
     kinds = list(map(resolved_kind, layers))
+    for group in scene.bonded:
+        bonded_kind(type(group))  # or it is refused
     check_cutoffs(scene.box, [*layers, *overlays])
     for kind in kinds:
         if kind.no_sweep and not chosen.predicts:

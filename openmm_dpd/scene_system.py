@@ -4,14 +4,14 @@ import numpy as np
 import openmm
 
 from .errors import PlanError
-from .forces.bonded import bonded_forces, molecules
+from .forces.bonded import molecules
 from .forces.electrostatics import electrostatic_forces, needs_list
 from .forces.expressions import PairExpression, exception_force, nonbonded_force
 from .forces.external import external_force
 from .forces.pair_force import PairForceFunction, pair_force
 from .forces.segments import segment_force, segment_spec
 from .integrators import NativeIntegrator, PairIntegrator
-from .kinds import resolved_kind
+from .kinds import bonded_forces, resolved_kind
 from .model.flow import PositionForce
 from .names import BONDED_GROUP, LAST_POTENTIAL_GROUP, POTENTIAL_GROUP
 from .neighbours import coincident_pairs
@@ -47,8 +47,8 @@ def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, func
         system.addForce(force)
     if "bonds" in held and len(scene.bond_pairs):
         system.addForce(molecules(scene.bond_pairs))
-    left = () if "bonds" in held else scene.bonds, () if "angles" in held else scene.angles
-    for force in bonded_forces(*left, periodic):
+    left = [group for part in ("bonds", "angles", "dihedrals") if part not in held for group in getattr(scene, part)]
+    for force in bonded_forces(left, periodic):
         force.setForceGroup(BONDED_GROUP)
         system.addForce(force)
     segments = None if "segments" in held else segment_spec(scene)

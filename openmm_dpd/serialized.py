@@ -26,17 +26,28 @@ ARRAYS = {
 }
 
 
+#: Modules of kinds of pair terms, bonds or angles that were registered.
+_REGISTERED: set[str] = set()
+
+
+def trust(*modules: str) -> None:
+    """Accept classes of these modules in files: whoever has registered a kind of theirs runs their code anyway."""
+    _REGISTERED.update(modules)
+
+
 class DataUnpickler(pickle.Unpickler):
-    """Accepts plain values, ``others``, and classes (not functions) of ``packages``, by default those of forces."""
+    """Accepts plain values, ``others``, and classes (not functions) of ``packages``, by default those of forces, and of ``registered``
+    modules."""
 
     packages: tuple[str, ...] = ("openmm_dpd.forces.", "openmm_dpd.kernels.", "openmm_dpd.model.")
+    registered: Container[str] = _REGISTERED
     others: Container[tuple[str, str]] = ARRAYS
     refusal = "it asks for {}"
 
     def find_class(self, module: str, name: str) -> Any:
         if (module, name) in self.others:
             return super().find_class(module, name)
-        if module.startswith(self.packages) and "." not in name:
+        if (module.startswith(self.packages) or module in self.registered) and "." not in name:
             try:
                 found = getattr(importlib.import_module(module), name, None)
             except ImportError:

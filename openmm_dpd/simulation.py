@@ -13,7 +13,6 @@ from .downhill import descend
 from .errors import ParameterError
 from .files import write_whole
 from .made import variables_number
-from .model.bonds import FENEBonds
 from .model.pairs import checked
 from .names import BY_VARIABLES
 from .pair_spec import longest
@@ -47,10 +46,9 @@ class DPDSimulation(app.Simulation):
             If the energy is not finite at the start.
         """
         scene, plan = self._plan.scene, self._plan
-        bonds = [group for group in scene.bonds if isinstance(group, FENEBonds)]
 
         def impossible(x: np.ndarray) -> str | None:
-            return next(filter(None, (group.overstretched(x, box) for group in bonds)), None)
+            return next(filter(None, (group.overstretched(x, box) for group in scene.bonds)), None)
 
         vectors = self.context.getState().getPeriodicBoxVectors(asNumpy=True)
         box = None if scene.box is None else vectors.value_in_unit(unit.nanometer)

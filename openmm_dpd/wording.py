@@ -5,6 +5,8 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any
 
+import numpy as np
+
 #: The deck whose author reads: something with ``units`` (:class:`openmm_dpd.units.UnitSystem`) and ``atoms``, whose ``ids`` are the beads'.
 _DECK: ContextVar[Any] = ContextVar("deck", default=None)
 
@@ -64,3 +66,15 @@ def bead_names(*indices: int) -> str:
     """Beads by their numbers from 0, which is said, or by their ids in the deck."""
     *first, last = (str(bead_number(index)) for index in indices)
     return f"beads {', '.join(first)} and {last}" + either(" (counted from 0)", "")
+
+
+def overstretched(pairs: np.ndarray, r: np.ndarray, longest: np.ndarray, epsilon: np.ndarray) -> str | None:
+    """What is wrong with the first FENE bond (of ``pairs``, of the length r) that has no finite energy, or None."""
+    bad = np.flatnonzero(~(r < longest))
+    if len(bad):
+        limit = f"its R0 of {in_length(longest[bad[0]])}"
+        return f"the FENE bond between {bead_names(*pairs[bad[0]])} is {in_length(r[bad[0]])} long, which is not less than {limit}"
+    bad = np.flatnonzero((r == 0) & (epsilon > 0))
+    if len(bad):
+        return f"{bead_names(*pairs[bad[0]])} are at the same point, where the repulsion of their FENE bond is infinite"
+    return None

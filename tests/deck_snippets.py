@@ -112,8 +112,47 @@ run 6
 """,
 }
 
+BASES["dihedrals"] = (
+    BASES["bonds"]
+    .replace("atom_style angle", "atom_style molecular\ndihedral_style opls")
+    .replace("data.chain", "data.turns")
+    .replace("angle_coeff 1 5 180", "angle_coeff 1 5 120\ndihedral_coeff 1 1 -2 3 0.5")
+)
+
 #: Files beside the decks.
 FILES = {
+    "data.turns": """two chains
+
+8 atoms
+6 bonds
+4 angles
+2 dihedrals
+1 atom types
+1 bond types
+1 angle types
+1 dihedral types
+0 3 xlo xhi
+0 3 ylo yhi
+0 3 zlo zhi
+
+Masses
+
+1 1.0
+
+Atoms # molecular
+
+"""
+    + "".join(
+        f"{4 * m + k + 1} {m + 1} 1 {0.4 + 0.5 * k} {0.7 + 0.8 * m + 0.3 * (k % 2)} {0.5 + m + 0.2 * (k == 3)}\n"
+        for m in range(2)
+        for k in range(4)
+    )
+    + "\nBonds\n\n"
+    + "".join(f"{3 * m + k + 1} 1 {4 * m + k + 1} {4 * m + k + 2}\n" for m in range(2) for k in range(3))
+    + "\nAngles\n\n"
+    + "".join(f"{2 * m + k + 1} 1 {4 * m + k + 1} {4 * m + k + 2} {4 * m + k + 3}\n" for m in range(2) for k in range(2))
+    + "\nDihedrals\n\n"
+    + "".join(f"{m + 1} 1 {4 * m + 1} {4 * m + 2} {4 * m + 3} {4 * m + 4}\n" for m in range(2)),
     "data.chain": """three chains
 
 9 atoms
@@ -258,6 +297,7 @@ SNIPPETS: dict[str, dict[str, str]] = {
         "include": deck(before="include more.in", between='if "$(v_included) > 0" then "run 2" else "run 3"'),
         "quit": deck(between="run 4 every 2 NULL\nrun 3 every 1 \"print '$(temp)'\"\nquit"),
         "bond_style": deck("bonds", "thermo_style custom step temp ebond eangle\ndump d all custom 2 d.txt id xu"),
+        "dihedral_style": deck("dihedrals", "thermo_style custom step temp eangle edihed\ndump d all custom 2 d.txt id xu"),
         "read_restart": "read_restart b.restart\nfix move all nve\nthermo 2\nrun 5\nrun 4\n",
         "kspace_style": deck(
             head="atom_style charge",

@@ -1,57 +1,58 @@
-"""Bonds and angles as forces of OpenMM."""
+"""Bonds, angles and dihedrals as forces of OpenMM."""
 
+import re
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import openmm
 
-from ..model.angles import Angles, CosineAngles, HarmonicAngles
-from ..model.bonds import WCA_END, Bonds, FENEBonds, HarmonicBonds, MorseBonds
+from ..model.bonds import BondedTerms
 from ..names import MOLECULE_GROUP
 
-_REPULSION = f"step({WCA_END!r}*sigma-r)*epsilon*(4*s6*(s6-1)+1); s6=(sigma/r)^6"
 
-#: Kind of bonds or angles, name of the force, its energy, and which coefficients that has.  OpenMM's own forces have no expression.
-#: The repulsion of FENE bonds is apart from the spring, for those that have one: at r = 0 it would give NaN even with epsilon = 0.
-_FORCES = (
-    (HarmonicBonds, "harmonic bonds", None, ("k", "r0")),
-    (FENEBonds, "FENE bonds", "-0.5*k*R0^2*log(1-(r/R0)^2)", ("k", "R0")),
-    (FENEBonds, "repulsion of FENE bonds", _REPULSION, ("epsilon", "sigma")),
-    (MorseBonds, "Morse bonds", "D*(1-exp(-alpha*(r-r0)))^2", ("D", "alpha", "r0")),
-    (HarmonicAngles, "harmonic angles", None, ("k", "theta0")),
-    (CosineAngles, "cosine angles", "k*(1+cos(theta))", ("k",)),
-)
+class Energy(NamedTuple):
+    """One force for a kind of terms: its name, and its energy with the coefficients by name; None for U = k (x - x0)^2 of the first two.
+
+    ``only`` is the coefficient that has to be > 0, or a term has no part in it.
+    """
+
+    name: str
+    text: str | None
+    only: str | None = None
 
 
-def bonded_forces(bonds: Sequence[Bonds], angles: Sequence[Angles], periodic: bool) -> list[openmm.Force]:
-    """Forces of all bonds and angles, those of each kind that there is."""
-    made = []
-    for kind, name, energy, names in _FORCES:
-        groups = [group for group in (*bonds, *angles) if isinstance(group, kind)]
-        rows = [row for group in groups for row in zip(group.beads.tolist(), *(getattr(group, c).tolist() for c in names), strict=True)]
-        rows = [row for row in rows if names[0] != "epsilon" or row[1] > 0]
-        if rows:
-            made.append(_harmonic(rows) if energy is None else _custom(rows, energy, names))
-            made[-1].setName(name)
-            made[-1].setUsesPeriodicBoundaryConditions(periodic)
-    return made
+#: OpenMM's forces by the number of beads of a term: the harmonic one, the one with an expression, and what their methods call a term.
+_FORCES: dict[int, tuple[Any, Any, str]] = {
+    2: (openmm.HarmonicBondForce, openmm.CustomBondForce, "Bond"),
+    3: (openmm.HarmonicAngleForce, openmm.CustomAngleForce, "Angle"),
+    4: (None, openmm.CustomTorsionForce, "Torsion"),
+}
 
 
-def _harmonic(rows: list[tuple]) -> openmm.Force:
-    """U = k (x - x0)^2; OpenMM's own constant is 2k."""
-    pairs = len(rows[0][0]) == 2
-    force = openmm.HarmonicBondForce() if pairs else openmm.HarmonicAngleForce()
-    for beads, k, rest in rows:
-        (force.addBond if pairs else force.addAngle)(*beads, rest, 2 * k)
-    return force
-
-
-def _custom(rows: list[tuple], energy: str, names: Sequence[str]) -> openmm.Force:
-    pairs = len(rows[0][0]) == 2
-    force = openmm.CustomBondForce(energy) if pairs else openmm.CustomAngleForce(energy)
-    for name in names:
-        (force.addPerBondParameter if pairs else force.addPerAngleParameter)(name)
-    for beads, *values in rows:
-        (force.addBond if pairs else force.addAngle)(*beads, values)
+def bonded_force(energy: Energy, groups: Sequence[BondedTerms], periodic: bool) -> openmm.Force | None:
+    """The force with this energy for all terms of several groups of one kind; None if there are none."""
+    names = [name for name in groups[0]._DIMENSIONS if energy.text is None or re.search(rf"\b{name}\b", energy.text)]
+    rows = [
+        (beads, values)
+        for group in groups
+        for beads, *values in zip(group.beads.tolist(), *(getattr(group, name).tolist() for name in names), strict=True)
+        if energy.only is None or values[names.index(energy.only)] > 0
+    ]
+    if not rows:
+        return None
+    harmonic, custom, what = _FORCES[len(rows[0][0])]
+    force = harmonic() if energy.text is None else custom(energy.text)
+    add = getattr(force, f"add{what}")
+    for name in names if energy.text is not None else ():
+        getattr(force, f"addPer{what}Parameter")(name)
+    for beads, values in rows:
+        if energy.text is None:
+            k, rest = values
+            add(*beads, rest, 2 * k)  # OpenMM's own constant
+        else:
+            add(*beads, values)
+    force.setName(energy.name)
+    force.setUsesPeriodicBoundaryConditions(periodic)
     return force
 
 

@@ -58,7 +58,7 @@ class PairForceFunction:
         Changes of the per-bead fields are returned in units of this.
     balanced : bool
         Whether, for internal energies, the change of a bead's kinetic energy counts in (the program takes it off again).
-    length_checked : sequence of FENEBonds
+    length_checked : sequence of Bonds
         Bonds whose lengths are checked once in every step: a bond that is too long would make the positions NaN.
     steps : StepSpec or None
         A whole step, if this force can do it.

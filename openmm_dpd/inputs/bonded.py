@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import ParameterError, what_is
+from ..model.owned import known_under
 from ..molecules.molecule import bends_between, by_types
-from ..molecules.terms import BENDS, SPRINGS, many_terms
+from ..molecules.terms import AnyBend, AnySpring, many_terms
 from ..psf import checked_bonds
 from .arrays import BeadArrays
 
@@ -28,7 +29,8 @@ def scene_angles(beads: BeadArrays, given, bonds: Sequence) -> Sequence:
 
 def _terms(beads: BeadArrays, rows: np.ndarray, names: list[str] | None, given, what: str) -> list:
     """Bonds or angles of a Scene: one object for each kind of spring or bend."""
-    kinds, term, width = (SPRINGS, "spring", 2) if what == "bond" else (BENDS, "bend", 3)
+    kind: type
+    kind, term, width = (AnySpring, "spring", 2) if what == "bond" else (AnyBend, "bend", 3)
     rows = checked_bonds(rows, len(beads.types), width)
     if names is not None and len(names) != len(rows):
         raise ParameterError(f"{beads.source} has {len(rows)} {what}s, but {len(names)} names of their types")
@@ -53,18 +55,17 @@ def _terms(beads: BeadArrays, rows: np.ndarray, names: list[str] | None, given, 
     for k, row in enumerate(rows.tolist()):
         key: Any = names[k] if by_name and names is not None else tuple(beads.types[bead] for bead in row)
         if key not in known:
-            known[key] = _named(given, key, kinds, term) if by_name else by_types(given, key, kinds, term)
+            known[key] = _named(given, key, kind, term) if by_name else by_types(given, key, kind, term)
         if known[key] is None:
             raise ParameterError(f"{beads.source}: no {term} is given for the {what} between {_called(beads, row, names, k)}")
         chosen.append(known[key])
     return many_terms(rows, chosen)
 
 
-def _named(given: Mapping, key: str, kinds: tuple[type, ...], term: str):
+def _named(given: Mapping, key: str, kind: type, term: str):
     found = given.get(key)
-    if found is not None and not isinstance(found, kinds):
-        allowed = ", ".join(kind.__name__ for kind in kinds)
-        raise ParameterError(f"the {term} for {key!r} must be one of {allowed}, not {what_is(found)}")
+    if found is not None and not isinstance(found, kind):
+        raise ParameterError(f"the {term} for {key!r} must be one of {', '.join(known_under(kind))}, not {what_is(found)}")
     return found
 
 

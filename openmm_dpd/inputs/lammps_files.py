@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import DeckError, ParameterError
-from ..lammps.files.atom_styles import ATOM_STYLES
+from ..lammps.files.atom_styles import ATOM_STYLES, JOINED
 from ..lammps.files.data_file import DataFile, read_data_file
 from ..lammps.language.lexer import read_text
-from ..lammps.styles.bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedStyle
+from ..lammps.styles.bonded_styles import bonded_styles
 from ..model.scene import Scene
 from ..units import UnitSystem, unit_system
 from .arrays import BeadArrays
@@ -58,9 +58,9 @@ def scene_from_lammps_data(
     charges = data.columns.get("charge")
     molecules = data.columns.get("molecule")
     numbers = data.columns["type"][order].tolist()
-    for what, setups in (("bonds", BOND_STYLES), ("angles", ANGLE_STYLES)):
+    for what in (f"{term}s" for term in JOINED):
         if choices.get(what) is None and len(getattr(data, what)) and what not in choices.get("leave_out", ()):
-            ready = _terms_of_file(path, data, what, setups, ids, system)
+            ready = _terms_of_file(path, data, what, ids, system)
             if ready is not None:
                 choices[what] = ready
     beads = BeadArrays(
@@ -111,9 +111,9 @@ def _names(types, count: int, path: Path) -> dict[int, str]:
     return names
 
 
-def _terms_of_file(path: Path, data: DataFile, what: str, known: dict[str, BondedStyle], ids: np.ndarray, units: UnitSystem) -> list | None:
+def _terms_of_file(path: Path, data: DataFile, what: str, ids: np.ndarray, units: UnitSystem) -> list | None:
     """Bonds or angles with the coefficients of the file; None if it does not say them, or not of which style."""
-    section = f"{what[:-1].capitalize()} Coeffs"
+    section, known = f"{what[:-1].capitalize()} Coeffs", bonded_styles(what[:-1])
     style = data.hints.get(section, "")
     if style not in ("hybrid", *known):
         return None

@@ -100,8 +100,8 @@ def _differences(xs, n, room, i, box, inverse, row):
 
 
 @helper
-def charge_row(xs, q, n, room, i, box, cut2, end, per_length, coefficients, row, hits, f, to):
-    """Energy and virial of charge i with those after it within the cutoff, without the Coulomb constant.
+def charge_row(xs, q, n, room, i, box, cut2, end, per_length, coefficients, row, hits, f, to, tensor):
+    """Energy of charge i with those after it within the cutoff, and if wanted six sums of r F; without the Coulomb constant.
 
     Adds the forces to f[to:], x of all ``room`` charges first.
     """
@@ -112,7 +112,8 @@ def charge_row(xs, q, n, room, i, box, cut2, end, per_length, coefficients, row,
         hits[found] = other
         found += np.uint64(row[at_r + other] < cut2)
     to_x, to_y, to_z = np.uint64(to), np.uint64(to + room), np.uint64(to + 2 * room)
-    energy, virial, fx, fy, fz = 0.0, 0.0, 0.0, 0.0, 0.0
+    energy, fx, fy, fz = 0.0, 0.0, 0.0, 0.0
+    xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     charge = q[i]
     for k in range(np.uint64(0), found):
         j = np.uint64(hits[k])
@@ -123,8 +124,14 @@ def charge_row(xs, q, n, room, i, box, cut2, end, per_length, coefficients, row,
         qq = charge * q[j]
         pull = -qq * slope * inverse
         energy += qq * value
-        virial += pull * r2
         px, py, pz = pull * row[j], pull * row[at_y + j], pull * row[at_z + j]
+        if tensor:
+            xx += px * row[j]
+            yy += py * row[at_y + j]
+            zz += pz * row[at_z + j]
+            xy += px * row[at_y + j]
+            xz += px * row[at_z + j]
+            yz += py * row[at_z + j]
         fx += px
         fy += py
         fz += pz
@@ -135,7 +142,7 @@ def charge_row(xs, q, n, room, i, box, cut2, end, per_length, coefficients, row,
     f[to_x + me] += fx
     f[to_y + me] += fy
     f[to_z + me] += fz
-    return energy, virial
+    return energy, xx, yy, zz, xy, xz, yz
 
 
 @inlined

@@ -15,15 +15,16 @@ import numpy as np
 from numba import prange
 
 from ..errors import RunError
+from ..geometry import weighted_sum
 from ..wording import bead_number, in_length
 from .charge_pairs import SHARES, Quintics, charge_row, exception
-from .columns import push
+from .columns import add_stress, push
 from .compiled import helper, serial_and_parallel
 from .elementary import erfc, exp
 from .extras import box_array, inverse_edges, minimum_image, run_terms
 from .lanes import LANES, load_lanes, splat, store_lanes
 from .threads import get_threads
-from .waves import PULLS, STRIP, Waves, copy_steps, lattice_forces, structure_factors, write_phases
+from .waves import ISOTROPIC, PULLS, STRIP, WEIGHTS, Waves, copy_steps, lattice_forces, structure_factors, write_phases
 
 #: Less work than this (pairs of charges, and of charges and waves) is not worth waking a second thread for.
 FEW = 400_000
@@ -110,12 +111,12 @@ class ChargeSpace(NamedTuple):
         How many of them.
     steps : (16 room,) float64
         See :func:`.waves.copy_steps`.
-    pulls : float64
+    energies, pulls : float64
         See :func:`.waves.structure_factors`.
     forces : float64
         Three components of the forces of the lattice, then those of each share of the pairs.
-    of_shares, of_blocks : (shares, 2) and (B, 2) float64
-        Energy and virial of shares of the pairs, of blocks of waves.
+    of_shares, of_blocks : (shares, 7) and (B,) float64
+        Energy and six sums of r F of shares of the pairs, energy of blocks of waves.
     outer : (parts, 18 room) float64
         Scratch of each thread.
     hits : (parts, room) uint32
@@ -128,6 +129,7 @@ class ChargeSpace(NamedTuple):
     start: np.ndarray
     counts: np.ndarray
     steps: np.ndarray
+    energies: np.ndarray
     pulls: np.ndarray
     forces: np.ndarray
     of_shares: np.ndarray
@@ -157,24 +159,23 @@ def _phases(waves, space):
 
 
 @helper
-def _pairs_and_blocks(n, box, law, waves, space, part, parts):
+def _pairs_and_blocks(n, box, law, waves, space, tensor, part, parts):
     """Some of the pairs, and some blocks of waves."""
     room = len(space.q)
     outer, hits = space.outer[part], space.hits[part]
     for block in range(part, len(waves.blocks), parts):
-        found = structure_factors(waves, block, space.q, n, space.tables, room, space.start, space.steps, outer, space.pulls)
-        space.of_blocks[block, 0], space.of_blocks[block, 1] = found
+        to_write = outer, space.energies, space.pulls
+        space.of_blocks[block] = structure_factors(waves, block, space.q, n, space.tables, room, space.start, space.steps, *to_write)
     cut2, f = law.cutoff * law.cutoff, space.forces
     for share in range(part, SHARES, parts):
         to = 3 * room * (1 + share)
         for k in range(to, to + 3 * room, LANES):
             store_lanes(f, k, splat(0.0))
-        energy, virial = 0.0, 0.0
+        space.of_shares[share] = 0.0
         for i in range(share, n, SHARES):
-            found = charge_row(space.xs, space.q, n, room, i, box, cut2, law.end, law.per_length, law.short, outer, hits, f, to)
-            energy += found[0]
-            virial += found[1]
-        space.of_shares[share, 0], space.of_shares[share, 1] = energy, virial
+            found = charge_row(space.xs, space.q, n, room, i, box, cut2, law.end, law.per_length, law.short, outer, hits, f, to, tensor)
+            for k in range(7):
+                space.of_shares[share, k] += found[k]
 
 
 @helper
@@ -199,10 +200,9 @@ def _strips(beads, constant, waves, space, force, part, parts):
 
 
 @helper
-def _exceptions(beads, q, constant, pairs, factors, box, law, xs, force):
-    """Add the forces of bonded neighbours; returns energy and virial."""
-    inverse, room = inverse_edges(box), len(q)
-    total_energy, total_virial = 0.0, 0.0
+def _exceptions(beads, q, constant, pairs, factors, box, law, xs, force, stress):
+    """Add the forces of bonded neighbours, and their sums of r F if there is room; returns the energy."""
+    inverse, room, energy = inverse_edges(box), len(q), 0.0
     for n in range(len(pairs)):
         i, j = pairs[n, 0], pairs[n, 1]
         dx, dy, dz = minimum_image(xs[i] - xs[j], xs[room + i] - xs[room + j], xs[2 * room + i] - xs[2 * room + j], box, inverse)
@@ -211,33 +211,36 @@ def _exceptions(beads, q, constant, pairs, factors, box, law, xs, force):
         value, slope = exception(r, factors[n], law.cutoff, law.alpha, law.whole_end, law.whole_per_length, law.whole)
         qq = constant * q[i] * q[j]
         pull = -qq * slope / r if r > 0.0 else 0.0
-        total_energy += qq * value
-        total_virial += pull * r2
+        energy += qq * value
         push(force, beads[i], beads[j], pull * dx, pull * dy, pull * dz)
-    return total_energy, total_virial
+        if len(stress):
+            add_stress(stress, 0, pull * dx * dx, pull * dy * dy, pull * dz * dz, pull * dx * dy, pull * dx * dz, pull * dy * dz)
+    return energy
 
 
-def _charge_forces(x, box, beads, constant, pairs, factors, law, waves, space, force):
-    """Add the forces; returns the energies of pairs and of waves, and the virials; not numbers if a position is not finite."""
+def _charge_forces(x, box, beads, constant, pairs, factors, law, waves, space, force, stress):
+    """Add the forces, and to ``stress`` (1, 6), if it has rows, the sums of r F of pairs; returns the energies of pairs and of waves.
+
+    These are not numbers if a position is not finite.
+    """
     n, room, parts = len(beads), len(space.q), len(space.outer)
     if not _gather(x, beads, room, space.xs):
-        return np.nan, np.nan, np.nan, np.nan
+        return np.nan, np.nan
     if len(waves.blocks):
         # so short that it is not worth waking threads for it
         _phases(waves, space)
     for part in prange(parts):
-        _pairs_and_blocks(n, box, law, waves, space, np.int64(part), parts)
+        _pairs_and_blocks(n, box, law, waves, space, len(stress) > 0, np.int64(part), parts)
     for part in prange(parts):
         _strips(beads, constant, waves, space, force, np.int64(part), parts)
-    short, lattice, virial, lattice_virial = 0.0, 0.0, 0.0, 0.0
+    short, lattice = 0.0, 0.0
     for share in range(SHARES):
         short += space.of_shares[share, 0]
-        virial += space.of_shares[share, 1]
+        for k in range(6 * len(stress)):
+            stress[0, k] += constant * space.of_shares[share, 1 + k]
     for block in range(len(waves.blocks)):
-        lattice += space.of_blocks[block, 0]
-        lattice_virial += space.of_blocks[block, 1]
-    bonded, bonded_virial = _exceptions(beads, space.q, constant, pairs, factors, box, law, space.xs, force)
-    return constant * short + bonded, lattice, constant * virial + bonded_virial, lattice_virial
+        lattice += space.of_blocks[block]
+    return constant * short + _exceptions(beads, space.q, constant, pairs, factors, box, law, space.xs, force, stress), lattice
 
 
 charge_forces, charge_forces_parallel = serial_and_parallel(_charge_forces)
@@ -260,6 +263,7 @@ class ChargeEvaluator:
         self._law = Law(terms.cutoff, terms.alpha, *pieces)
         self._box, self._key, self._waves = box_array(None), b"", Waves.none()
         self._space: ChargeSpace | None = None
+        self._strains: np.ndarray | None = None
         self._work = 0
 
     def _prepare(self, box: np.ndarray | None) -> ChargeSpace:
@@ -273,19 +277,19 @@ class ChargeEvaluator:
             waves = Waves.none() if box is None else Waves.of(present, terms.k_max, terms.alpha, terms.constant)
             work = len(terms.beads) * (len(terms.beads) + LANES * int(waves.blocks[:, 2].sum()))
             # together: an error before, or Ctrl-C, leaves those of the last box
-            self._box, self._waves, self._work, self._space, self._key = present, waves, work, None, key
+            self._box, self._waves, self._work, self._space, self._strains, self._key = present, waves, work, None, None, key
         threads = get_threads()
         if self._space is None or len(self._space.outer) != threads:
             self._space = _space_for(self.terms.charges, self._waves, threads)
         return self._space
 
-    def _run(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray) -> tuple[float, float, float]:
-        """Energies of both parts and the virial; adds the forces."""
+    def _run(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, stress: np.ndarray) -> tuple[float, float]:
+        """Energies of both parts; adds the forces, and the sums of r F if there is room for them."""
         terms, space = self.terms, self._prepare(box)
         many, given = self._work >= self.fewest, (terms.beads, terms.constant, terms.pairs, terms.factors)
-        rest = self._law, self._waves, space, force
+        rest = self._law, self._waves, space, force, stress
         found: Any = run_terms(charge_forces, charge_forces_parallel, many, x, self._box, *given, *rest)
-        short, lattice, virial, lattice_virial = found
+        short, lattice = found
         if not math.isfinite(short + lattice):
             bad = terms.beads[~np.isfinite(x[terms.beads]).all(axis=1)]
             if len(bad):
@@ -294,8 +298,11 @@ class ChargeEvaluator:
         if box is not None:
             background = -math.pi * terms.constant * (self._charge / terms.alpha) ** 2 / (2 * float(np.prod(np.diag(box))))
             lattice += self._alone[0] + background
-            lattice_virial += self._alone[1] + 3 * background
-        return short, lattice, virial + lattice_virial
+            if len(stress):
+                if self._strains is None:
+                    self._strains = self._waves.strains(terms.alpha)
+                stress[0] += weighted_sum(space.energies, self._strains) + (self._alone[1] / 3 + background) * ISOTROPIC
+        return short, lattice
 
     def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
         """See :class:`.extras.Evaluator`.
@@ -305,20 +312,20 @@ class ChargeEvaluator:
         RunError
             If a position is not finite, or the box narrower than twice the cutoff.
         """
-        short, lattice, _ = self._run(x, box, force)
-        return short + lattice
+        return sum(self._run(x, box, force, np.zeros((0, 6))))
 
-    def parts(self, x: np.ndarray, box: np.ndarray | None) -> tuple[float, float, float]:
-        """Energies of the short-ranged part (with what is taken out for bonded neighbours) and of the lattice, and the virial of both.
+    def parts(self, x: np.ndarray, box: np.ndarray | None) -> tuple[float, float, np.ndarray]:
+        """Energies of the short-ranged part (with what is taken out for bonded neighbours) and of the lattice, and the stress of both.
 
-        All in kJ/mol; the virial is the sum of r.F, minus the derivative of the energy with respect to the logarithm of the box's edges.
+        All in kJ/mol; the stress has (6,) sums of r F, minus the derivatives of the energy with respect to strains of box and positions.
 
         Raises
         ------
         RunError
             If a position is not finite, or the box narrower than twice the cutoff.
         """
-        return self._run(x, box, np.zeros_like(x))
+        stress = np.zeros((1, 6))
+        return *self._run(x, box, np.zeros_like(x), stress), stress[0]
 
 
 def _alone(terms: ChargeTerms) -> tuple[float, float]:
@@ -348,10 +355,11 @@ def _space_for(charges: np.ndarray, waves: Waves, threads: int) -> ChargeSpace:
         start=start[:3].copy(),
         counts=np.array(counts, np.int64),
         steps=np.zeros(STRIP * room),
+        energies=np.zeros(WEIGHTS * rows),
         pulls=np.zeros(PULLS * rows),
         forces=np.zeros(3 * room * (1 + SHARES)),
-        of_shares=np.zeros((SHARES, 2)),
-        of_blocks=np.zeros((len(waves.blocks), 2)),
+        of_shares=np.zeros((SHARES, 7)),
+        of_blocks=np.zeros(len(waves.blocks)),
         outer=np.zeros((threads, (STRIP + 2) * room)),
         hits=np.zeros((threads, room), np.uint32),
     )

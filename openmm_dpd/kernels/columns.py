@@ -89,6 +89,7 @@ def _share(pairs, data, scratch, colour, part):
         energy, virial, drag = 0.0, 0.0, 0.0
         if len(pairs.stress):
             xx, yy, zz, xy, xz, yz, g = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, pairs.geometry
+            dxx, dyy, dzz, dxy, dxz, dyz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             for k in range(m):
                 n = begin + k
                 more = _pair(pairs, data, space, n, k, column)
@@ -102,7 +103,17 @@ def _share(pairs, data, scratch, colour, part):
                 xy += x * g[1, n]
                 xz += x * g[2, n]
                 yz += y * g[2, n]
+                if _DRAGS:
+                    x, y, z = more[2] * g[0, n], more[2] * g[1, n], more[2] * g[2, n]
+                    dxx += x * g[0, n]
+                    dyy += y * g[1, n]
+                    dzz += z * g[2, n]
+                    dxy += x * g[1, n]
+                    dxz += x * g[2, n]
+                    dyz += y * g[2, n]
             add_stress(pairs.stress, column, xx, yy, zz, xy, xz, yz)
+            if _DRAGS:
+                add_stress(pairs.stress, len(pairs.found) + column, dxx, dyy, dzz, dxy, dxz, dyz)
         else:  # a loop of its own, which nothing slows down
             for k in range(m):
                 more = _pair(pairs, data, space, begin + k, k, column)
@@ -136,7 +147,7 @@ _before: Any = nothing
 _pair: Any = None
 _first: Any = None
 _last: Any = None
-_BEGINS = _ENDS = False
+_BEGINS = _ENDS = _DRAGS = False
 
 
 def over_pairs(
@@ -147,12 +158,13 @@ def over_pairs(
     first: Callable | None = None,
     last: Callable | None = None,
     parallel: bool = True,
+    drags: bool = False,
 ) -> Callable:
     """Function (list of pairs, data) -> :class:`Totals`, which goes through all pairs; compiled under a name of its own.
 
-    With a third argument that is true it gives the stress tensor too.
+    With a third argument that is true it gives the stress tensor too; where it ``drags`` two, that of the friction's virial as well.
     """
-    share = helper(renamed(_share, f"{name}_share", {"_pair": pair, "_before": before}))
+    share = helper(renamed(_share, f"{name}_share", {"_pair": pair, "_before": before, "_DRAGS": drags}))
     around = {"_first": first, "_BEGINS": first is not None, "_last": last, "_ENDS": last is not None}
     loop = renamed(_over_pairs, name, {"_share": share} | around)
     kernels = serial_and_parallel(loop) if parallel else (compiled(loop, bare=True), None)
@@ -160,9 +172,12 @@ def over_pairs(
     def call(pairs: PairList, data: NamedTuple, tensor: Any = False) -> Totals:
         arrays = pairs.arrays
         if tensor:
-            arrays = arrays._replace(stress=np.zeros((len(arrays.found), 6)))
+            arrays = arrays._replace(stress=np.zeros((1 + drags, len(arrays.found), 6)).reshape(-1, 6))
         energy, virial, drag = dispatch(*kernels, arrays, data, pairs.scratch)
-        return Totals(energy, virial, drag, arrays.stress.sum(axis=0) if tensor else None)
+        if not tensor:
+            return Totals(energy, virial, drag)
+        found = arrays.stress.reshape(1 + drags, -1, 6).sum(axis=1)
+        return Totals(energy, virial, drag, found if drags else found[0])
 
     return call
 

@@ -39,8 +39,8 @@ def renamed(function: Callable, name: str, names: dict[str, Any] | None = None) 
     return copy
 
 
-def compiled(function: Callable, *, parallel: bool = False, bare: bool = False) -> Any:
-    """Compile a kernel; without the interpreter's lock, and cached on disk.  One that allocates nothing may be ``bare``.
+def compiled(function: Callable, *, parallel: bool = False, bare: bool = False, kept: bool = True) -> Any:
+    """Compile a kernel; without the interpreter's lock, and cached on disk if ``kept``.  One that allocates nothing may be ``bare``.
 
     Numba keys its cache on a function's name and file alone: it would load a serial version in place of a parallel one, and old code where
     only a function in another file, inlined here, has changed.  So the function is compiled under a name that says both.  No fastmath, so
@@ -48,7 +48,8 @@ def compiled(function: Callable, *, parallel: bool = False, bare: bool = False) 
     """
     name = f"{function.__name__}_{'parallel' if parallel else 'serial'}_{_DIGEST}"
     dispatcher = numba.njit(parallel=parallel, **(_BARE if bare else _SEMANTICS))(renamed(function, name))
-    keep_on_disk(dispatcher)
+    if kept:
+        keep_on_disk(dispatcher)
     return dispatcher
 
 

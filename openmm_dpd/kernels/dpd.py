@@ -60,6 +60,9 @@ class SweptLayer:
         Whether there are transverse terms.
     """
 
+    #: Whether A w is all of the repulsion.
+    repels_by_pairs = False
+
     def __init__(self, table: Any, number: int, pairs: PairList, plain: bool, transverse: bool):
         self.table, self.number, self.pairs = table, number, pairs
         self._plain, self._transverse, self._motion = plain, transverse, SortedMotion(len(pairs.order))
@@ -84,19 +87,16 @@ class SweptLayer:
         noise = call.kT, call.dt, call.key(self.number)
         sweeps.sweep(self.pairs, sweeps.Sweep(call.update, plain, halvings, *noise, coefficients, v, self._v), self._transverse)
 
-    def radial_friction(self, v: np.ndarray, kT: float) -> tuple[np.ndarray, float]:
-        """(6,) sum over pairs of r F of the radial friction at the velocities (N, 3), and that of f gamma w^(2s) r^2.
-
-        A fifteenth of the second is the mean stress of an affine shear at rate 1.
-        """
+    def tensors(self, v: np.ndarray, kT: float) -> tuple[np.ndarray, np.ndarray, float]:
+        """See :meth:`.interface.Engine.tensors`."""
         call = Call(DISSIPATIVE, v, kT, 1.0, 0, 0)
-        found = forces.friction_sums(self.pairs, forces.Repulsion(self._at(kT), *self._motion.arrays(call, v, False)), True)
-        assert found.stress is not None
-        return found.stress, found.energy
+        return forces.pair_tensors(self.pairs, forces.Repulsion(self._at(kT), *self._motion.arrays(call, v, False)))
 
 
 class DPDLayer(SweptLayer):
     """Evaluates a :class:`TermTable` (see :mod:`.forces` and :mod:`.sweeps` for the formulas)."""
+
+    repels_by_pairs = True
 
     def __init__(self, table: TermTable, spec: PairSpec, number: int):
         pairs = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions)

@@ -130,13 +130,18 @@ class PairEngine(Engine):
         """See :meth:`.interface.Engine.densities`."""
         return self.layers[layer].densities  # type: ignore[attr-defined]
 
-    def radial_friction(self, v: np.ndarray, kT: float) -> tuple[np.ndarray, float]:
-        """See :meth:`.interface.Engine.radial_friction`."""
-        stress, moment = np.zeros(6), 0.0
+    @property
+    def repels_by_pairs(self) -> bool:
+        """See :class:`.interface.Engine`."""
+        return all(layer.repels_by_pairs for layer in self.layers)  # type: ignore[attr-defined]
+
+    def tensors(self, v: np.ndarray, kT: float) -> tuple[np.ndarray, np.ndarray, float]:
+        """See :meth:`.interface.Engine.tensors`."""
+        pairs, friction, moment = np.zeros(6), np.zeros(6), 0.0
         for layer in self.layers:
-            more = layer.radial_friction(v, kT)  # type: ignore[attr-defined]
-            stress, moment = stress + more[0], moment + more[1]
-        return stress, moment
+            more = layer.tensors(v, kT)  # type: ignore[attr-defined]
+            pairs, friction, moment = pairs + more[0], friction + more[1], moment + more[2]
+        return pairs, friction, moment
 
 
 def host_engine(spec: PairSpec) -> PairEngine:

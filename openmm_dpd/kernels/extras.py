@@ -7,6 +7,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -139,10 +142,25 @@ def add_row(force, bead, begin, end, slots, parts):
     force[bead, 0], force[bead, 1], force[bead, 2] = fx, fy, fz
 
 
-def _by_rows(x, box, beads, kinds, p, rows, start, slots, parts, energies, force):
+def _in_turn(x, box, beads, p, rows, start, slots, parts, energies, force):
+    """Add the forces of all terms, one after the other; returns the energy.  (Rows and slots are for several threads.)"""
+    inverse, total = inverse_edges(box), 0.0
+    for chunk in range(len(energies)):
+        begin, end = chunk * CHUNK, min((chunk + 1) * CHUNK, len(beads))
+        total += _part(x, box, inverse, beads, p, begin, end, parts, begin)
+        for n in range(begin, end):
+            for place in range(_width):
+                bead, slot = beads[n, place], (n - begin) * _width + place
+                force[bead, 0] += parts[slot, 0]
+                force[bead, 1] += parts[slot, 1]
+                force[bead, 2] += parts[slot, 2]
+    return total
+
+
+def _by_rows(x, box, beads, p, rows, start, slots, parts, energies, force):
     inverse, total = inverse_edges(box), 0.0
     for chunk in prange(len(energies)):
-        energies[chunk] = _part(x, box, inverse, beads, kinds, p, chunk * CHUNK, min((chunk + 1) * CHUNK, len(beads)), parts)
+        energies[chunk] = _part(x, box, inverse, beads, p, chunk * CHUNK, min((chunk + 1) * CHUNK, len(beads)), parts, 0)
     for row in prange(len(rows)):
         add_row(force, rows[row], start[row], start[row + 1], slots, parts)
     for chunk in range(len(energies)):
@@ -150,17 +168,69 @@ def _by_rows(x, box, beads, kinds, p, rows, start, slots, parts, energies, force
     return total
 
 
-# what by_rows() puts in
+# what _kernels() puts in
 _part: Any = None
+_width = 0
 
 
-def by_rows(name: str, part: Callable) -> Any:
-    """Adds forces by several threads: ``part`` writes down what some terms do to their beads, and gives their energy."""
-    return compiled(renamed(_by_rows, name, {"_part": part}), parallel=True)
+@cache
+def _kernels(kind: Any) -> tuple[Any, Any]:
+    """Kernels of a class of terms, for one thread and for several.  With a formula from elsewhere they are not kept on disk: nothing would
+    tell that it has changed."""
+    kept = kind.__module__.startswith(f"{__package__}.")
+    names = {"_formula": njit(inline="always", error_model="numpy")(kind.formula)}
+    part = {"_part": njit(error_model="numpy")(renamed(kind.part, f"{kind.__name__}_part", names)), "_width": len(kind.sample)}
+    return (
+        compiled(renamed(_in_turn, f"{kind.__name__}_in_turn", part), kept=kept),
+        compiled(renamed(_by_rows, f"{kind.__name__}_by_rows", part), kept=kept, parallel=True),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class BondedKernel:
+    """Terms between a few beads each, all of one kind: bonds, angles or dihedrals.  A subclass for each kind has its formula.
+
+    Attributes
+    ----------
+    beads : (K, width) uint32
+        Beads of each term.
+    parameters : (n, K) float64
+        Coefficients of each term.
+    part : function
+        Compiled with ``formula`` in the place of ``_formula``: ``part(x, box, inverse, beads, p, begin, end, parts, first)`` writes the
+        forces of the terms from ``begin`` to ``end`` to rows of ``parts``, that of bead k of term n to row ``width * (n - first) + k``, and
+        returns their energy.
+    formula : function
+        Energy and its slope, of one term.
+    sample : tuple
+        Positions of the beads of one term.
+    """
+
+    term: ClassVar[str] = "bond"
+    part: ClassVar[Callable]
+    formula: ClassVar[Callable]
+    sample: ClassVar[tuple[tuple[float, float, float], ...]]
+
+    beads: np.ndarray
+    parameters: np.ndarray
+
+    def evaluator(self) -> TermEvaluator:
+        """What computes it."""
+        return TermEvaluator(self)
+
+    def few(self) -> tuple[BondedKernel, np.ndarray, np.ndarray]:
+        """One term."""
+        width = len(self.sample)
+        one = type(self)(np.arange(width, dtype=np.uint32)[None, :], np.ones((len(self.parameters), 1)))
+        return one, np.array(self.sample), np.diag([4.0] * 3)
+
+    def what_is_wrong(self, x: np.ndarray, box: np.ndarray | None) -> str:
+        """Which term has no finite energy at the positions x."""
+        raise NotImplementedError
 
 
 class TermEvaluator:
-    """Computes terms between a few beads each, such as bonds.
+    """Computes bonded terms.
 
     One thread adds each term to the forces on its beads as it goes.  Several first write down what each term does; then each takes a bead
     and adds up its row of terms, in the same order.
@@ -171,9 +241,11 @@ class TermEvaluator:
         Terms from which on several threads share the work.
     """
 
-    def __init__(self, terms: Any, beads: np.ndarray, kernels: tuple[Any, Any], what_is_wrong: Callable[..., str]):
-        self.terms, self.fewest, self._kernels, self._what_is_wrong = terms, FEW, kernels, what_is_wrong
-        self._arguments = beads, terms.kinds, terms.parameters, *bead_rows(beads), np.zeros((beads.size, 3)), energy_chunks(len(beads))
+    def __init__(self, terms: BondedKernel):
+        kind: Any = type(terms)
+        beads = terms.beads
+        self.terms, self.fewest, self._kernels = terms, FEW, _kernels(kind)
+        self._arguments = beads, terms.parameters, *bead_rows(beads), np.zeros((beads.size, 3)), energy_chunks(len(beads))
 
     def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
         """See :class:`Evaluator`.
@@ -183,10 +255,10 @@ class TermEvaluator:
         RunError
             If a term has no finite energy: the position of a bead is not finite, or a bond has a length at which there is none.
         """
-        many = len(self._arguments[0]) >= self.fewest
+        many = len(self.terms.beads) >= self.fewest
         energy = run_terms(*self._kernels, many, x, box_array(box), *self._arguments, force)
         if not math.isfinite(energy):
-            raise RunError(self._what_is_wrong(self.terms, x, box))
+            raise RunError(self.terms.what_is_wrong(x, box))
         return energy
 
 
@@ -196,7 +268,9 @@ def warm_up_extras(extras: Sequence[Extra]) -> None:
         small, x, box = extra.few()
         evaluator = small.evaluator()
         with announced(f"{extra.term} forces", 25 if extra.term == "electrostatic" else 5, LOGGER.warning):
-            evaluator.add_to(x, box, np.zeros_like(x), 1.0)
+            with suppress(RunError):  # what the numbers are is of no consequence
+                evaluator.add_to(x, box, np.zeros_like(x), 1.0)
             if get_threads() > 1 and hasattr(evaluator, "fewest"):
                 evaluator.fewest = 0
-                evaluator.add_to(x, box, np.zeros_like(x), 1.0)
+                with suppress(RunError):
+                    evaluator.add_to(x, box, np.zeros_like(x), 1.0)

@@ -220,14 +220,20 @@ def _rare_power(w, s):
 
 
 @inlined
-def _pair_drag(pairs, data, scratch, n, k, column):
+def _pair_tensors(pairs, data, scratch, n, k, column):
     i, j, c, r = pairs.pi[n], pairs.pj[n], data.coefficients, pairs.geometry[3, n]
-    row = row_of(pairs, i, j)
+    row, factor = row_of(pairs, i, j), factor_of(pairs, n)
+    radial, _ = soft(factor * c[row, A], c[row, CUTOFF], r)
     w, s = 1.0 - r / c[row, CUTOFF], c[row, EXPONENT]
     w = w if s == 1.0 else _rare_power(w, s)
-    drag = factor_of(pairs, n) * c[row, GAMMA] * w * w * r
-    virial = -drag * approach(pairs, data.v, n, i, j)
-    return drag * r, virial, virial
+    drag = factor * c[row, GAMMA] * w * w * r
+    return drag * r, radial * r, -drag * approach(pairs, data.v, n, i, j)
 
 
-friction_sums = over_pairs("friction_sums", _pair_drag, first=gather_and_clear)
+_tensors = over_pairs("pair_tensors", _pair_tensors, first=gather_and_clear, drags=True)
+
+
+def pair_tensors(pairs: PairList, terms: Repulsion) -> tuple[np.ndarray, np.ndarray, float]:
+    """(6,) sums over pairs of r F of the repulsion and of the radial friction, and that of f gamma w^(2s) r^2; no forces are written."""
+    found = _tensors(pairs, terms, True)
+    return *found.stress, found.energy  # type: ignore[misc]  # two tensors

@@ -12,7 +12,7 @@ class Engine(Protocol):
     """Evaluates the pair terms of a :class:`.layer.PairSpec`, and its ``extras``.
 
     It belongs to one thread at a time, and holds nothing that could not be recomputed.  Arrays are numpy's, (N, 3) float64 where nothing
-    else is said.  Engines inherit from it, and write the methods down to :meth:`radial_friction`.
+    else is said.  Engines inherit from it, and write the methods down to :meth:`tensors`.
 
     Attributes
     ----------
@@ -91,8 +91,16 @@ class Engine(Protocol):
         """(N,) local densities of a layer that has them at the placed positions."""
         raise NotImplementedError
 
-    def radial_friction(self, v: np.ndarray, kT: float) -> tuple[np.ndarray, float]:
-        """(6,) sums of r F over friction along the lines between beads, at velocities (N, 3); and sums of f gamma w^(2s) r^2."""
+    @property
+    def repels_by_pairs(self) -> bool:
+        """Whether :meth:`tensors` has all of the conservative terms."""
+        return False
+
+    def tensors(self, v: np.ndarray, kT: float) -> tuple[np.ndarray, np.ndarray, float]:
+        """(6,) sums of r F at the prepared positions: of A w, and of friction along the lines between beads at velocities (N, 3).
+
+        And the sum of f gamma w^(2s) r^2, of which a fifteenth is the mean stress of an affine shear at rate 1.
+        """
         raise NotImplementedError
 
     def prepare(self, x: np.ndarray, box: np.ndarray | None) -> bool:

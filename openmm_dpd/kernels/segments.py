@@ -188,11 +188,6 @@ class SegmentEngine:
 
     One engine belongs to one thread at a time.  The results are the same, bit for bit, for any number of threads, and depend on the
     present positions alone.
-
-    Attributes
-    ----------
-    stress : (6,) array
-        Sum over contacts of d F (xx, yy, zz, xy, xz, yz) of the last call of :meth:`forces`; its trace is the virial.
     """
 
     def __init__(self, spec: SegmentSpec):
@@ -200,11 +195,10 @@ class SegmentEngine:
         n = len(spec.pairs)
         exceptions = adjoining(spec.pairs) if spec.exclude_adjoining else no_exceptions()
         self._list = PairList(np.zeros(n, np.int32), np.ones(n), np.array([[spec.cutoff]]), exceptions)
-        self.stress = np.zeros(6)
-        self._last: tuple[np.ndarray, np.ndarray | None, tuple[float, np.ndarray, float]] | None = None
+        self._last: tuple[np.ndarray, np.ndarray | None, tuple[float, np.ndarray, np.ndarray]] | None = None
 
-    def forces(self, x: np.ndarray, box: np.ndarray | None) -> tuple[float, np.ndarray, float]:
-        """Energy, forces (N, 3) and virial at positions x (N, 3), in or beyond the box.
+    def forces(self, x: np.ndarray, box: np.ndarray | None) -> tuple[float, np.ndarray, np.ndarray]:
+        """Energy, forces (N, 3) and sum over contacts of d F (6,) (xx, yy, zz, xy, xz, yz) at positions x (N, 3), in or beyond the box.
 
         Raises
         ------
@@ -215,7 +209,6 @@ class SegmentEngine:
             last_x, last_box, result = self._last
             if np.array_equal(x, last_x) and (box is None or np.array_equal(box, last_box)):  # type: ignore[arg-type]
                 return result
-        self._last = None  # the stress is written on the way
         result = self._evaluate(x, box)
         self._last = x.copy(), None if box is None else box.copy(), result
         return result
@@ -226,7 +219,11 @@ class SegmentEngine:
         force += on_beads
         return energy
 
-    def _evaluate(self, x: np.ndarray, box: np.ndarray | None) -> tuple[float, np.ndarray, float]:
+    def stress(self, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
+        """The sum alone; RunError as :meth:`forces`."""
+        return self.forces(x, box)[2]
+
+    def _evaluate(self, x: np.ndarray, box: np.ndarray | None) -> tuple[float, np.ndarray, np.ndarray]:
         spec, pairs = self.spec, self._list
         first = x[spec.pairs[:, 0]]
         arm = minimum_images(x[spec.pairs[:, 1]] - first, box)
@@ -244,8 +241,7 @@ class SegmentEngine:
         force = np.empty((spec.n_beads, 3))
         for k in range(3):
             force[:, k] = np.bincount(spec.pairs.ravel(), on_beads[:, [k, k + 3]].ravel(), spec.n_beads)
-        self.stress = stress.sum(axis=0)
-        return energy, force, float(self.stress[:3].sum())
+        return energy, force, stress.sum(axis=0)
 
     def _set_reach(self, longest: float, box: np.ndarray | None) -> None:
         """Distance of midpoints up to which two segments can meet; it depends on the longest of them where ends can meet."""

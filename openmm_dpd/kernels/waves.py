@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..geometry import AXES_OF_TENSOR
 from .compiled import compiled, helper, inlined
 from .elementary import exp
 from .lanes import LANES, floor, load_lanes, splat, store_lanes, total
@@ -25,8 +26,12 @@ from .lanes import LANES, floor, load_lanes, splat, store_lanes, total
 #: Charges are dealt with in such strips: two vectors at once.
 STRIP = 2 * LANES
 
-#: Numbers for each row of waves (a block at one n1): weights of energies and of virials of both signs; what forces are made of.
-WEIGHTS, PULLS = 4 * LANES, 8 * LANES
+#: Numbers for each row of waves (a block at one n1): weights, and energies, of both signs; what forces are made of.
+WEIGHTS, PULLS = 2 * LANES, 8 * LANES
+
+
+#: One along the diagonal, as a tensor with six components.
+ISOTROPIC = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 
 
 class Waves(NamedTuple):
@@ -42,9 +47,8 @@ class Waves(NamedTuple):
         First n2, n3, how many n1 (an even number), first row.
     depth : (8 B,) int64
         How many n1 each column of a block has; 0 for one that is not needed.
-    weights : (32 R,) float64
-        Factor of |S|^2 in the energy for n1 and for -n1, then the same for the virial; 0 beyond the limit, and where a wave would count
-        twice.
+    weights : (16 R,) float64
+        Factor of |S|^2 in the energy for n1 and for -n1; 0 beyond the limit, and where a wave would count twice.
     """
 
     most: np.ndarray
@@ -78,6 +82,21 @@ class Waves(NamedTuple):
         """How many n the tables of phases need along each axis: an even number along the first one, a block along the second one."""
         n1, n2, n3 = self.most.tolist()
         return n1 + 2, max(n2 + LANES, LANES), n3 + 1
+
+    def strains(self, alpha: float) -> np.ndarray:
+        r"""(16 R, 6) sums of r F of each wave over its energy; waves stand as their weights do.
+
+        .. math:: 1 - 2\,\mathbf k\mathbf k \left(\frac{1}{k^2} + \frac{1}{4\alpha^2}\right)
+        """
+        first, n3, deep, row = (np.repeat(values, self.blocks[:, 2]) for values in self.blocks.T)
+        n = np.zeros((len(row), 2, LANES, 3))
+        n[..., 0] = (np.arange(len(row)) - row)[:, None, None] * np.array([1.0, -1.0])[:, None]
+        n[..., 1] = first[:, None, None] + np.arange(LANES)
+        n[..., 2] = n3[:, None, None]
+        k = 2 * np.pi * np.sum(n.reshape(-1, 3, 1) * self.recip, axis=1)  # a product of matrices has other bits on other machines
+        square = np.maximum(np.sum(k * k, axis=1), 1e-300)  # there is no energy at k = 0
+        one, other = zip(*AXES_OF_TENSOR, strict=True)
+        return ISOTROPIC - 2 * (1 / square + 0.25 / alpha**2)[:, None] * k[:, one] * k[:, other]
 
 
 @compiled
@@ -136,9 +155,7 @@ def _weigh(recip, k_max, alpha, scale, blocks, weights):
                         k2 += k * k
                     if k2 > k_max * k_max:
                         continue
-                    weight = 4.0 * np.pi * scale * exp(-k2 / (4.0 * alpha * alpha)) / k2
-                    weights[at + LANES * side + lane] = weight
-                    weights[at + LANES * (2 + side) + lane] = weight * (1.0 - k2 / (2.0 * alpha * alpha))
+                    weights[at + LANES * side + lane] = 4.0 * np.pi * scale * exp(-k2 / (4.0 * alpha * alpha)) / k2
 
 
 #: Taylor coefficients of cos and sin in the square of the angle; exact to rounding up to pi/4.
@@ -200,12 +217,13 @@ def _both(tables, room, start, n2, n3, at):
 
 
 @inlined
-def _finish(p, q, r, u, n1, weights, pulls, at):
-    """Energy and virial of a row of waves from its four sums; writes down what forces are made of."""
+def _finish(p, q, r, u, n1, weights, energies, pulls, at):
+    """Energy of a row of waves from its four sums; writes down what forces are made of."""
     re0, im0, re1, im1 = p - q, r + u, p + q, r - u
     w0, w1 = load_lanes(weights, WEIGHTS * at), load_lanes(weights, WEIGHTS * at + LANES)
-    v0, v1 = load_lanes(weights, WEIGHTS * at + 2 * LANES), load_lanes(weights, WEIGHTS * at + 3 * LANES)
-    square0, square1 = re0 * re0 + im0 * im0, re1 * re1 + im1 * im1
+    energy0, energy1 = w0 * (re0 * re0 + im0 * im0), w1 * (re1 * re1 + im1 * im1)
+    store_lanes(energies, WEIGHTS * at, energy0)
+    store_lanes(energies, WEIGHTS * at + LANES, energy1)
     re0, im0, re1, im1 = re0 * w0, im0 * w0, re1 * w1, im1 * w1
     n, to = splat(n1), PULLS * at
     # sums and differences of the conjugates, and n1 times them
@@ -217,12 +235,12 @@ def _finish(p, q, r, u, n1, weights, pulls, at):
     store_lanes(pulls, to + 5 * LANES, splat(0.0) - n * (im0 + im1))
     store_lanes(pulls, to + 6 * LANES, n * (re0 - re1))
     store_lanes(pulls, to + 7 * LANES, n * (im1 - im0))
-    return w0 * square0 + w1 * square1, v0 * square0 + v1 * square1
+    return energy0 + energy1
 
 
 @helper
-def structure_factors(waves, block, q, n, tables, room, start, steps, outer, pulls):
-    """Energy and virial of a block of waves; writes down what forces are made of.  ``outer`` is scratch for the charges."""
+def structure_factors(waves, block, q, n, tables, room, start, steps, outer, energies, pulls):
+    """Energy of a block of waves; writes down those of its waves, and what forces are made of.  ``outer`` is scratch for the charges."""
     first, n3, deep, row = waves.blocks[block, 0], waves.blocks[block, 1], waves.blocks[block, 2], waves.blocks[block, 3]
     begin = STRIP * room
     for at in range(0, n, LANES):
@@ -235,7 +253,7 @@ def structure_factors(waves, block, q, n, tables, room, start, steps, outer, pul
         c, s = load_lanes(steps, STRIP * j), load_lanes(steps, STRIP * j + LANES)
         store_lanes(outer, STRIP * j, a * c - b * s)
         store_lanes(outer, STRIP * j + LANES, a * s + b * c)
-    energy, virial = splat(0.0), splat(0.0)
+    energy = splat(0.0)
     for n1 in range(0, deep, 2):
         c_at = (start[0] + 2 * n1) * room
         p0, q0, r0, u0 = splat(0.0), splat(0.0), splat(0.0), splat(0.0)
@@ -246,11 +264,9 @@ def structure_factors(waves, block, q, n, tables, room, start, steps, outer, pul
             p0, q0, r0, u0 = p0 + c * a, q0 + s * b, r0 + c * b, u0 + s * a
             c, s = splat(tables[c_at + 2 * room + j]), splat(tables[c_at + 3 * room + j])
             p1, q1, r1, u1 = p1 + c * a, q1 + s * b, r1 + c * b, u1 + s * a
-        e, v = _finish(p0, q0, r0, u0, float(n1), waves.weights, pulls, row + n1)
-        energy, virial = energy + e, virial + v
-        e, v = _finish(p1, q1, r1, u1, float(n1 + 1), waves.weights, pulls, row + n1 + 1)
-        energy, virial = energy + e, virial + v
-    return total(energy), total(virial)
+        energy = energy + _finish(p0, q0, r0, u0, float(n1), waves.weights, energies, pulls, row + n1)
+        energy = energy + _finish(p1, q1, r1, u1, float(n1 + 1), waves.weights, energies, pulls, row + n1 + 1)
+    return total(energy)
 
 
 @inlined

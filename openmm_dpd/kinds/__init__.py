@@ -1,6 +1,24 @@
-"""One record for each kind of pair coefficients, in a file of its own, which the rest of the package asks."""
+"""One record for each kind of pair coefficients, bonds, angles and dihedrals, in a file of its own, which the rest of the package asks."""
 
-from . import dpd as dpd, edpd as edpd, energy as energy, mdpd as mdpd, overlays as overlays, tdpd as tdpd
+from . import (
+    angles as angles,
+    bonds as bonds,
+    dihedrals as dihedrals,
+    dpd as dpd,
+    edpd as edpd,
+    energy as energy,
+    mdpd as mdpd,
+    overlays as overlays,
+    tdpd as tdpd,
+)
+from .bonded import (
+    BONDED_KINDS as BONDED_KINDS,
+    BondedKind as BondedKind,
+    Energy as Energy,
+    bonded_forces as bonded_forces,
+    bonded_kind as bonded_kind,
+    register_bonded as register_bonded,
+)
 from .record import (
     KINDS as KINDS,
     BeadData as BeadData,

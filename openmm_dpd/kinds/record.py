@@ -15,6 +15,7 @@ from ..kernels.layer import Table
 from ..kernels.radial import Tables
 from ..model.pairs import NONE, PairCoefficient
 from ..model.scene import Scene
+from ..serialized import trust
 
 #: Coefficients by pair of types, all of one kind or NONE.
 Resolved = Mapping[tuple[str, str], Any]
@@ -124,7 +125,7 @@ KINDS: dict[type[PairCoefficient], Kind] = {}
 
 
 def register(kind: Kind) -> Kind:
-    """Make a kind known to the package.
+    """Make a kind known to the package.  Tables and layers of the module of its coefficients can be read by :func:`openmm_dpd.load_xml`.
 
     Raises
     ------
@@ -133,6 +134,7 @@ def register(kind: Kind) -> Kind:
     """
     if KINDS.setdefault(kind.coefficient, kind) is not kind:
         raise ParameterError(f"there is a kind for {kind.name} already")
+    trust(kind.coefficient.__module__)
     return kind
 
 

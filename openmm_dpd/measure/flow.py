@@ -8,7 +8,6 @@ from ..analysis.viscosity import VelocityProfile
 from ..built import BuiltSystem
 from ..cadence import Cadence
 from ..errors import ParameterError
-from ..kernels.layer import STRESS
 from ..model.flow import AXES, require_plain_axis
 from ..stats import block_average
 from ..units import whole_number
@@ -39,8 +38,7 @@ class StressReporter(_Reporter):
     left out: what it contributes to a viscosity is known beforehand (:doc:`/theory_flow`), and to a pressure nothing.
 
     All of it is summed in double precision on the host, from the positions and velocities of the run, which goes on as it would without a
-    reporter.  A sample costs two more passes over the pairs, and with charges twelve evaluations of the lattice sum on the Reference
-    platform (half a second for 800 charges on a grid of 75^3).
+    reporter.  A sample costs one or two more passes over the pairs, and with charges a direct sum over pairs and waves.
 
     Parameters
     ----------
@@ -60,7 +58,7 @@ class StressReporter(_Reporter):
         super().__init__(interval, built)
         plan, reason = built.plan, None
         require_stress(plan)
-        self._present = Present(built)
+        self._present, self._needs_forces = Present(built), needs_forces(plan.options.scheme)
         if any(np.any(getattr(term, "gamma_perp", 0) > 0) for term in plan.spec.terms):
             reason = "transverse friction makes it asymmetric"
         elif np.any(plan.spec.inv_mass == 0) or plan.scene.walls:
@@ -75,10 +73,13 @@ class StressReporter(_Reporter):
         """Take one sample."""
         present = self._present
         present.look(simulation.context)
-        self.kT, found = present.kT, present.conservative(STRESS)
-        v = present.on_step(found.force)
-        regular = present.stress(found) + present.kinetic_stress(v, found.force)
-        self._rows.append((regular, *present.radial_friction(v), np.diag(present.box)))  # type: ignore[arg-type]  # there is a box
+        self.kT = present.kT
+        found = present.conservative(present.apart) if self._needs_forces or present.apart else None
+        force = None if found is None else found.force
+        v = present.on_step(force)
+        regular, friction, moment = present.tensors(v, found)
+        regular += present.kinetic_stress(v, force)
+        self._rows.append((regular, friction, moment, np.diag(present.box)))  # type: ignore[arg-type]  # there is a box
 
     @property
     def regular(self) -> np.ndarray:

@@ -16,6 +16,7 @@ from ..errors import ParameterError
 from ..fields import per_dof, raw_fields
 from ..forces.pair_force import vectors
 from ..kernels import motion
+from ..kernels.charges import ChargeEvaluator
 from ..kernels.columns import Totals
 from ..kernels.fields import TEMPERATURE
 from ..kernels.interface import Engine
@@ -25,7 +26,7 @@ from ..made import acting, groups_of, masses_of
 from ..names import PAIR_FORCE, SLOW_STEP
 from ..plan import Plan
 from .kinetic_stress import kinetic_deficit, kinetic_stress
-from .stress_parts import Part, stress_parts
+from .stress_parts import Part, charge_evaluator, stress_parts
 from .temperature import noise_state
 
 
@@ -102,6 +103,7 @@ class Present:
         self.box = None if self.plan.scene.box is None else state.getPeriodicBoxVectors(asNumpy=True)._value
         self.kT, self.seed, self.counter, self.dt = noise_state(context, self.plan)
         self._values: np.ndarray | None = None
+        self._charges: tuple[float, float, np.ndarray] | None = None
         self._prepared: Engine | None = None
         return state
 
@@ -156,19 +158,21 @@ class Present:
         return {group for force in beside for group in groups_of(force) if self._groups >> group & 1}
 
     def friction(self, v: np.ndarray, conservative: Conservative) -> FrictionSums:
-        """Friction and noise at velocities (N, 3); in ``mvv`` at those that the last step saw."""
+        """Friction at velocities (N, 3); in ``mvv``, where it is a force, friction and noise at those that the last step saw.
+
+        Where pairs are swept the noise has moved the beads already.  That of the next sweep has nothing to do with their present places and
+        velocities: its virial has the mean 0, whatever they are, and would make that of the friction noisier, no more.
+        """
         engine, last = self.engine, self._last_step(False)
         if engine is None:
             return FrictionSums(np.zeros_like(self.x), 0.0, 0.0)
         if last is not None:
             total, counted = last
             return FrictionSums(total - conservative.held, counted.drag, counted.virial - conservative.pairs.virial - counted.drag)
-        force, counter = np.zeros_like(self.x), self.counter
+        force, which = np.empty_like(self.x), DISSIPATIVE
         if self.plan.options.predicting:
-            v = self.force_velocities()
-        if not self.plan.options.scheme.predicts:
-            counter += 1  # the last sweep's noise has already moved the beads; as a force it would be correlated with their positions
-        found = engine.sums(DISSIPATIVE | RANDOM, v, self.kT, self.dt, self.seed, counter, self.values, force)
+            v, which = self.force_velocities(), DISSIPATIVE | RANDOM
+        found = engine.sums(which, v, self.kT, self.dt, self.seed, self.counter, self.values, force)
         return FrictionSums(force, found.drag, found.virial - found.drag)
 
     def _last_step(self, tensor: bool) -> tuple[np.ndarray, Totals] | None:
@@ -182,27 +186,48 @@ class Present:
         return (force, totals) if same and not (tensor and totals.stress is None) else None
 
     # -- stress tensors ----------------------------------------------------------------------------------------------------------
-    def stress(self, conservative: Conservative | None = None) -> np.ndarray:
+    def stress(self) -> np.ndarray:
         """(6,) sums of r F (xx, yy, zz, xy, xz, yz) over pairs, bonds, angles, bonded segments and charges, kJ/mol.
 
-        Transverse friction makes a tensor asymmetric; as in LAMMPS xy is then the sum of r_x F_y.
-
-        Parameters
-        ----------
-        conservative : Conservative, optional
-            With the tensor, for conservative forces alone; otherwise all forces that move the beads, with friction and noise where they are
-            forces (``mvv``).
+        Of all forces that move the beads: with friction and noise where they are forces (``mvv``).  Transverse friction makes a tensor
+        asymmetric; as in LAMMPS xy is then the sum of r_x F_y.
         """
-        engine, pairs = self.engine, None if conservative is None else conservative.pairs
-        if pairs is None and engine is not None:
-            if self.plan.options.predicting:
-                pairs = self._of_all_forces(engine)
-            else:
-                pairs = self.conservative(STRESS).pairs
-        stress = np.zeros(6) if pairs is None or pairs.stress is None else pairs.stress.copy()
-        for part in self._stress_parts:
-            stress += part(self.x, self.box)
-        return stress
+        engine = self.engine
+        if engine is None:
+            return self.beside_pairs()
+        pairs = self._of_all_forces(engine) if self.plan.options.predicting else self.conservative(STRESS).pairs
+        return self.beside_pairs() + pairs.stress
+
+    def beside_pairs(self) -> np.ndarray:
+        """The same of everything but the pair terms."""
+        return sum((part(self.x, self.box) for part in self._stress_parts), np.zeros(6)) + self.charges[2]
+
+    @property
+    def charges(self) -> tuple[float, float, np.ndarray]:
+        """Energies of the charges, short-ranged and lattice, and the stress tensor (6,) of both."""
+        if self._charges is None:
+            self._charges = (0.0, 0.0, np.zeros(6)) if self._evaluator is None else self._evaluator.parts(self.x, self.box)
+        return self._charges
+
+    @cached_property
+    def _evaluator(self) -> ChargeEvaluator | None:
+        return charge_evaluator(self.plan)
+
+    @property
+    def apart(self) -> int:
+        """STRESS where the tensor of the pair potentials has to come with the conservative forces, 0 where that of friction brings it."""
+        return 0 if self.engine is None or self.engine.repels_by_pairs else STRESS
+
+    def tensors(self, v: np.ndarray, conservative: Conservative | None) -> tuple[np.ndarray, np.ndarray, float]:
+        """Stress tensors (6,) of all conservative forces, and of friction along the lines between beads at velocities (N, 3).
+
+        And the sum of f gamma w^(2s) r^2.  The conservative forces are of use where they were asked for with :attr:`apart`.
+        """
+        pairs, friction, moment = (np.zeros(6), np.zeros(6), 0.0) if self.engine is None else self.engine.tensors(v, self.kT)
+        if self.apart:
+            assert conservative is not None and conservative.pairs.stress is not None
+            pairs = conservative.pairs.stress
+        return pairs + self.beside_pairs(), friction, moment
 
     @cached_property
     def _stress_parts(self) -> list[Part]:
@@ -217,16 +242,17 @@ class Present:
         which = CONSERVATIVE | DISSIPATIVE | RANDOM | STRESS
         return engine.sums(which, self.force_velocities(), self.kT, self.dt, self.seed, self.counter, self.values)
 
-    def radial_friction(self, v: np.ndarray) -> tuple[np.ndarray, float]:
-        """(6,) sums of r F over friction along the lines between beads, at velocities (N, 3); and sums of f gamma w^(2s) r^2."""
-        return (np.zeros(6), 0.0) if self.engine is None else self.engine.radial_friction(v, self.kT)
-
     # -- velocities --------------------------------------------------------------------------------------------------------------
-    def on_step(self, force: np.ndarray) -> np.ndarray:
+    def on_step(self, force: np.ndarray | None) -> np.ndarray:
         """Velocities of the same moment as the positions: those of some schemes are a part of a kick behind."""
         return self.plan.options.scheme.on_step(self.v, force, self.plan.spec.inv_mass, self.dt)
 
-    def kinetic_stress(self, v: np.ndarray, force: np.ndarray, product: Callable | None = None):
+    @property
+    def corrected(self) -> bool:
+        """Whether the kinetic stress is more than that of the velocities."""
+        return self._deficit != 0.0
+
+    def kinetic_stress(self, v: np.ndarray, force: np.ndarray | None, product: Callable | None = None):
         """:func:`.kinetic_stress.kinetic_stress` of the beads that move, with such velocities."""
         rest = {} if product is None else {"product": product}
         return kinetic_stress(self._deficit, self.mass, v, force, self.dt, self.plan.spec.inv_mass, **rest)

@@ -92,12 +92,11 @@ class DPDReporter(Cadence):
         What :func:`openmm_dpd.build`, :func:`openmm_dpd.add_thermostat` or :func:`openmm_dpd.create_mixed_system` returned.
     columns : sequence of str, optional
         Keys of :data:`COLUMNS`.  Energies are in kJ/mol and pressures in kJ/mol/nm^3, which are the reduced units of a reduced scene;
-        ``temperature`` is
-        in kelvin, ``pressure_bar`` in bar; ``pressure`` counts conservative, dissipative and random pair forces; ``momentum`` is the
-        largest component
-        of the total.  Of beads with internal energies, ``internal_energy`` and ``conductive_energy`` are sums, ``theta`` is the harmonic
-        mean temperature (an energy), and ``conserved_energy`` the sum of potential, kinetic and internal energy of one moment.  ``kT_conf``
-        is this configuration's ratio: average numerator and denominator apart for a precise value (:class:`openmm_dpd.measure.Observer`).
+        ``temperature`` is in kelvin, ``pressure_bar`` in bar; ``pressure`` counts conservative and dissipative pair forces (and random
+        ones in ``mvv``, where noise is a force); ``momentum`` is the largest component of the total.  Of beads with internal energies,
+        ``internal_energy`` and ``conductive_energy`` are sums, ``theta`` is the harmonic mean temperature (an energy), and
+        ``conserved_energy`` the sum of potential, kinetic and internal energy of one moment.  ``kT_conf`` is this configuration's ratio:
+        average numerator and denominator apart for a precise value (:class:`openmm_dpd.measure.Observer`).
         For a System made elsewhere there are :data:`SYSTEM_COLUMNS`: ``kT_atoms`` and ``kT_beads`` are the temperatures of the
         parts, ``kT`` and ``temperature`` that of everything; pressures and configurational temperature are not measured.
     append : bool, default False

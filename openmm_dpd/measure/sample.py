@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from ..html import fact_table
+from ..kernels.motion import largest, second_moments
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,16 +69,15 @@ class Sample(SystemSample):
 
     Attributes
     ----------
-    pair, bond, angle : potential energies; those of segmental repulsion and of charges are in ``pair``
+    pair, bond, angle, dihedral : potential energies; those of segmental repulsion and of charges are in ``pair``
     coulomb_real, coulomb_reciprocal : of it, the short-ranged part of the charges and their lattice sum (0 without a box)
     other : potential energy of forces that somebody else added to the System; these do not count in virials and pressures
-    virial_conservative, virial_dissipative, virial_random : sums of r_ij . F_ij
+    virial_conservative, virial_dissipative, virial_random : sums of r_ij . F_ij; the last is 0 where noise is no force (all but ``mvv``)
     gradient2 : sum over mobile beads of the squared conservative force
-    force_norm, force_max : length of the vector of all forces, and its largest component (with friction and noise where they are forces, in
-        ``mvv``)
     laplacian : sum over mobile beads of the Laplacian of the potential energy, or None (see ``no_laplacian``)
     kinetic_on_step : kinetic energy with the velocities of the same moment as the positions (``middle`` keeps them half a kick behind)
     kinetic_pressure : kinetic energy that pressures count, ``kinetic_on_step`` corrected for the scheme (see :doc:`/theory`)
+    mobile : (N,) which beads move
     forces : (N, 3) all forces, of frozen beads as well (with friction and noise where they are forces, in ``mvv``)
     untaken : (N, 3) the same as if all forces acted on all beads (see ``Scene.interacting``)
     internal : sum of the internal energies, u (EnergyDPD) or C T (EDPD); None if the beads have none
@@ -88,6 +88,7 @@ class Sample(SystemSample):
     pair: float
     bond: float
     angle: float
+    dihedral: float
     coulomb_real: float
     coulomb_reciprocal: float
     other: float
@@ -95,11 +96,10 @@ class Sample(SystemSample):
     virial_dissipative: float
     virial_random: float
     gradient2: float
-    force_norm: float
-    force_max: float
     laplacian: float | None
     kinetic_on_step: float
     kinetic_pressure: float
+    mobile: np.ndarray
     forces: np.ndarray
     untaken: np.ndarray
     internal: float | None = None
@@ -107,6 +107,16 @@ class Sample(SystemSample):
     theta: float | None = None
 
     _particles: ClassVar[str] = "beads"
+
+    @property
+    def force_norm(self) -> float:
+        """Length of the vector of all forces on beads that move."""
+        return float(second_moments(self.mobile.astype(float), self.forces)[:3].sum()) ** 0.5
+
+    @property
+    def force_max(self) -> float:
+        """Its largest component."""
+        return largest(self.forces[self.mobile])
 
     @property
     def total(self) -> float:

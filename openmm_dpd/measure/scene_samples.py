@@ -8,19 +8,17 @@ import openmm
 from openmm import unit
 
 from ..built import BuiltSystem
-from ..charge_forces import charge_terms
 from ..errors import RunError
 from ..kernels.fields import ENERGY, TEMPERATURE
 from ..kernels.layer import LAPLACIAN
-from ..kernels.motion import largest, second_moments
+from ..kernels.motion import second_moments
 from ..kinds import resolved_kind
 from ..made import groups_of
-from ..model.bonds import FENEBonds
 from ..names import COULOMB_GROUP, EXTERNAL_GROUP, LATTICE_GROUP
-from .bonded_sums import angle_sums, bond_sums
+from ..plan import Plan
+from .bonded_sums import angle_sums, bond_sums, dihedral_sums
 from .present import Present
 from .sample import Sample
-from .stress_parts import ShortCharges, virial_parts
 
 _NM, _KJ = unit.nanometer, unit.kilojoule_per_mole
 
@@ -31,12 +29,6 @@ class SceneSampler:
     def __init__(self, built: BuiltSystem):
         self.built, self.plan = built, built.plan
         self.present = Present(built)
-        self._virials = virial_parts(self.plan)
-        charges = (
-            charge_terms(self.plan.scene, self.plan.ewald, self.plan.charge_exceptions) if "charges" in self.plan.execution.held else None
-        )
-        self._charges = None if charges is None else charges.evaluator()
-        self._widths = None if charges is not None or self.plan.ewald is None else ShortCharges(self.plan)
         self._mass = self.present.mass
         self._mobile = self._mass > 0
         self._counted, self._n_mobile = self._mobile.astype(float), int(self._mobile.sum())
@@ -68,9 +60,7 @@ class SceneSampler:
             return terms
         if self.plan.engine.lacks(["Laplacian"]):
             return f"the engine {self.plan.engine.name!r} has no Laplacian"
-        if not self.plan.layers or (
-            self.plan.execution.conservative == "none" and not self.plan.scene.bonds and not self.plan.scene.angles
-        ):
+        if not self.plan.layers or (self.plan.execution.conservative == "none" and not self.plan.scene.bonded):
             return "there is no conservative force"
         return None
 
@@ -102,53 +92,55 @@ class SceneSampler:
         on_step = present.on_step(every)
         kinetic = self._half(self._mass, v)
         if not np.isfinite(potential + kinetic):
-            long = ", or a FENE bond too long" if any(isinstance(bonds, FENEBonds) for bonds in plan.scene.bonds) else ""
+            long = ", or a bond too long" if any(bonds.limited for bonds in plan.scene.bonds) else ""
             raise RunError(f"the energy or a velocity is not finite at step {looked.getStepCount()}; the step size may be too large{long}")
-        bond, bond_virial, bond_laplacian = bond_sums(plan, x, box, mobile)
+        bond, bond_laplacian = bond_sums(plan, x, box, mobile)
         angle, angle_laplacian = angle_sums(plan, x, box, mobile)
+        dihedral, dihedral_laplacian = dihedral_sums(plan, x, box, mobile)
         friction = present.friction(on_step, found)
-        short, lattice, virial = self._charge_sums(context, x, box)
-        virial += found.pairs.virial + bond_virial + sum(float(part(x, box)[:3].sum()) for part in self._virials)
+        short, lattice = present.charges[:2] if "charges" in self.plan.execution.held else charge_energies(context, self.plan)
         if plan.options.predicting:
             every = every + friction.force
         pushed = every
         if plan.scene.interacting is not None:
             pushes = context.getState(forces=True, groups={EXTERNAL_GROUP}).getForces(asNumpy=True).value_in_unit(_KJ / _NM)
             pushed = np.where(plan.scene.interacting, every, pushes)
-        gradient2 = 2.0 * self._half(self._counted, found.force)
         other, theirs = 0.0, set().union(*map(groups_of, others))
         if others:
             other = context.getState(energy=True, groups=theirs).getPotentialEnergy().value_in_unit(_KJ)
         if box is not None and plan.scene.body_forces and EXTERNAL_GROUP not in theirs:
             # what is left of -f.x where nothing is to be said of it, see forces/external.py
             potential -= context.getState(energy=True, groups={EXTERNAL_GROUP}).getPotentialEnergy().value_in_unit(_KJ)
-        pair = potential - bond - angle - other
+        laplacian = found.pairs.laplacian
+        if laplacian is not None:
+            laplacian = laplacian + bond_laplacian + angle_laplacian + dihedral_laplacian
+        pair, kinetic_on_step = potential - bond - angle - dihedral - other, kinetic if on_step is v else self._half(self._mass, on_step)
         return Sample(
             step=looked.getStepCount(),
-            time=looked.getTime().value_in_unit(unit.picosecond),
+            time=looked.getTime()._value,
             n_mobile=self._n_mobile,
             dof=self._degrees_of_freedom(others),
             kinetic=kinetic,
             pair=pair,
-            potential=pair + bond + angle + other,
+            potential=pair + bond + angle + dihedral + other,
             other=other,
             bond=bond,
             angle=angle,
+            dihedral=dihedral,
             coulomb_real=short,
             coulomb_reciprocal=lattice,
-            virial_conservative=virial,
+            virial_conservative=found.pairs.virial + float(present.beside_pairs()[:3].sum()),
             virial_dissipative=friction.dissipative,
             virial_random=friction.random,
             volume=None if box is None else float(box[0, 0] * box[1, 1] * box[2, 2]),
             box=box,
-            gradient2=gradient2,
-            force_norm=(gradient2 if pushed is found.force else 2.0 * self._half(self._counted, pushed)) ** 0.5,
-            force_max=largest(pushed if self._n_mobile == len(x) else pushed[mobile]),
-            laplacian=None if found.pairs.laplacian is None else found.pairs.laplacian + bond_laplacian + angle_laplacian,
+            gradient2=2.0 * self._half(self._counted, found.force),
+            laplacian=laplacian,
             momentum=self._mass @ v,
             target_kT=present.kT,
-            kinetic_on_step=kinetic if on_step is v else self._half(self._mass, on_step),
-            kinetic_pressure=0.5 * float(present.kinetic_stress(on_step, found.force)[:3].sum()),
+            kinetic_on_step=kinetic_on_step,
+            kinetic_pressure=0.5 * float(present.kinetic_stress(on_step, found.force)[:3].sum()) if present.corrected else kinetic_on_step,
+            mobile=mobile,
             forces=pushed,
             untaken=every,
             **self._internal(present.values, mobile),
@@ -166,18 +158,6 @@ class SceneSampler:
         scene = self.plan.scene
         return 3 * self._n_mobile if scene.interacting is None else int(scene.interacting[self._mobile].sum()), scene.kept_momenta
 
-    def _charge_sums(self, context: openmm.Context, x: np.ndarray, box: np.ndarray | None) -> tuple[float, float, float]:
-        """Energies of the charges, short-ranged and lattice, and the virial of both."""
-        plan = self.plan
-        if plan.scene.electrostatics is None:
-            return 0.0, 0.0, 0.0
-        if self._charges is not None:
-            short, lattice, virial = self._charges.parts(x, box)
-        else:
-            short, lattice = charge_energies(context)
-            virial = 0.0 if self._widths is None else short + lattice + self._widths.width_derivative(x, box)
-        return short, lattice, virial if plan.ewald is not None else 0.0
-
     def _internal(self, values: np.ndarray | None, mobile: np.ndarray) -> dict[str, float]:
         """Sums over the internal energies of the mobile beads."""
         fields = self.plan.spec.fields
@@ -193,8 +173,10 @@ class SceneSampler:
         return sums | {"theta": float(len(theta) / np.sum(1.0 / theta))}
 
 
-def charge_energies(context: openmm.Context) -> tuple[float, float]:
+def charge_energies(context: openmm.Context, plan: Plan) -> tuple[float, float]:
     """Energy of the charges of a scene, kJ/mol: the short-ranged part with what is taken out for bonded neighbours, and the lattice sum."""
+    if plan.scene.electrostatics is None:
+        return 0.0, 0.0
     short, lattice = (
         context.getState(energy=True, groups={group}).getPotentialEnergy().value_in_unit(_KJ) for group in (COULOMB_GROUP, LATTICE_GROUP)
     )

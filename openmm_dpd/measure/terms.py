@@ -32,9 +32,9 @@ def force_terms(
     -------
     dict of (N, 3) arrays, kJ/mol/nm
         ``conservative`` (all pair potentials but charges, from the plan's platform), ``electrostatic`` if there are charges,
-        ``bond`` if there are bonds or angles, ``external`` if there are body forces, ``other`` if somebody else added forces to the System,
-        ``dissipative`` and ``random``.  They add up to the total force.  If beads have internal energies, temperatures or concentrations,
-        ``rates_dissipative`` and ``rates_random`` (N, K) are their changes per time at the scene's initial values.
+        ``bond`` if there are bonds, angles or dihedrals, ``external`` if there are body forces, ``other`` if somebody else added forces to
+        the System, ``dissipative`` and ``random``.  They add up to the total force.  If beads have internal energies, temperatures or
+        concentrations, ``rates_dissipative`` and ``rates_random`` (N, K) are their changes per time at the scene's initial values.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def force_terms(
     groups = {g for g in range(32) if used & (1 << g)}
     others = [] if built.integrator.made is None else built.integrator.made.others(built.system.getForces())
     apart = {
-        "bond": {BONDED_GROUP} if scene.bonds or scene.angles else set(),
+        "bond": {BONDED_GROUP} if scene.bonded else set(),
         "external": {EXTERNAL_GROUP} if scene.body_forces else set(),
         "electrostatic": {COULOMB_GROUP, LATTICE_GROUP} if scene.electrostatics is not None else set(),
         "other": set().union(*map(groups_of, others)),

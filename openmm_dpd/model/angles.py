@@ -10,7 +10,9 @@ from ..geometry import minimum_images
 from .bonds import BondedTerms, check_members
 
 
-class _Angles(BondedTerms):
+class Angles(BondedTerms):
+    """Angles of any kind."""
+
     triples: np.ndarray
     _BEADS = ("triples", 3, "angle")
 
@@ -29,7 +31,7 @@ class _Angles(BondedTerms):
 
 
 @dataclass(frozen=True, eq=False)
-class HarmonicAngles(_Angles):
+class HarmonicAngles(Angles):
     """Harmonic angles, U = k (theta - theta0)^2 (LAMMPS's convention: no factor 1/2).
 
     Parameters
@@ -67,7 +69,7 @@ class HarmonicAngles(_Angles):
 
 
 @dataclass(frozen=True, eq=False)
-class CosineAngles(_Angles):
+class CosineAngles(Angles):
     """Bending stiffness, U = k (1 + cos theta): least where the two bonds are in line (LAMMPS: ``angle_style cosine``).
 
     Parameters
@@ -90,13 +92,6 @@ class CosineAngles(_Angles):
 
     def curve(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return self.k * (1 + np.cos(theta)), -self.k * np.sin(theta), -self.k * np.cos(theta)
-
-
-#: Any kind of angles.
-Angles = HarmonicAngles | CosineAngles
-
-#: All kinds of angles.
-ANGLE_KINDS = (HarmonicAngles, CosineAngles)
 
 
 def check_angles(groups: Sequence[Angles], n_beads: int) -> None:

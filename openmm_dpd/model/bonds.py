@@ -1,14 +1,14 @@
 """Bonds between beads."""
 
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
 from ..errors import ParameterError
 from ..geometry import minimum_images, widths
 from ..units import to_md
-from ..wording import bead_names, in_length
+from ..wording import bead_names, in_length, overstretched
 from .owned import keep
 
 #: r/sigma where the repulsion of a FENE bond ends, the minimum of Lennard-Jones.
@@ -41,7 +41,7 @@ def bead_indices(value, width: int, what: str) -> np.ndarray:
 
 
 def term_values(term, count: int, dimensions: dict[str, tuple[str, str]], what: str) -> dict[str, np.ndarray]:
-    """Coefficients of ``count`` bonds or angles as (count,) arrays in MD units.
+    """Coefficients of ``count`` bonded terms as (count,) arrays in MD units.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def term_values(term, count: int, dimensions: dict[str, tuple[str, str]], what: 
     dimensions : dict
         Name of each coefficient: its dimension, and its bound, ``">= 0"``, ``"> 0"`` or ``""``.
     what : str
-        "bond" or "angle", for messages.
+        "bond", "angle" or "dihedral", for messages.
 
     Raises
     ------
@@ -69,17 +69,25 @@ def term_values(term, count: int, dimensions: dict[str, tuple[str, str]], what: 
     return values
 
 
-def check_members(beads: np.ndarray, n_beads: int, what: str, which: str) -> None:
-    """Raise ParameterError if a row of beads names one that does not exist, or stands there twice; ``which`` is what joins them."""
+def check_members(beads: np.ndarray, n_beads: int, what: str, which: str | None = None) -> None:
+    """Raise ParameterError if a row of beads names one that does not exist, or stands there twice, unless there may be several terms of the
+    same beads; ``which`` is what joins them."""
     if beads.size and beads.max() >= n_beads:
         raise ParameterError(f"{what} names bead {beads.max()}, but there are only {n_beads} beads, counted from 0")
     different, counts = np.unique(beads, axis=0, return_counts=True)
-    if np.any(counts > 1):
+    if which is not None and np.any(counts > 1):
         raise ParameterError(f"{which} {bead_names(*different[counts > 1][0])} is listed twice")
 
 
+_Terms = TypeVar("_Terms", bound="BondedTerms")
+
+
 class BondedTerms:
-    """What all kinds of bonds and angles have in common: beads, and coefficients for each."""
+    """What all kinds of bonds, angles and dihedrals have in common: beads, and coefficients for each.
+
+    A kind is a frozen dataclass with a field for the beads, named as in ``_BEADS``, and one for each of ``_DIMENSIONS``, in this order.
+    Its record (:mod:`openmm_dpd.kinds.bonded`) says how it is computed.
+    """
 
     #: Name of the beads, how many a term has, and what a term is called.
     _BEADS: ClassVar[tuple[str, int, str]]
@@ -95,17 +103,22 @@ class BondedTerms:
         """Beads of each term."""
         return getattr(self, self._BEADS[0])
 
+    def shifted(self: _Terms, by: int) -> _Terms:
+        """The same terms between beads that many numbers on."""
+        terms: Any = self
+        return replace(terms, **{self._BEADS[0]: self.beads + by})
+
     @property
     def coefficients(self) -> np.ndarray:
         """(K, n) coefficients of each term, in the order of the class."""
         return np.stack([getattr(self, name) for name in self._DIMENSIONS], axis=1)
 
     def curve(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Energy of each bond at these lengths, or of each angle at these angles, its first and its second derivative."""
+        """Energy of each bond at these lengths, or of each angle or dihedral at these angles, its first and its second derivative."""
         raise NotImplementedError
 
     def reach(self, kT: float) -> np.ndarray:
-        """Length of each bond, or each angle, up to which it is met in equilibrium."""
+        """Length of each bond, or each angle or dihedral, up to which it is met in equilibrium."""
         raise NotImplementedError
 
     def density(self, x: np.ndarray) -> np.ndarray:
@@ -113,9 +126,13 @@ class BondedTerms:
         raise NotImplementedError
 
 
-class _Bonds(BondedTerms):
+class Bonds(BondedTerms):
+    """Bonds of any kind."""
+
     pairs: np.ndarray
     _BEADS = ("pairs", 2, "bond")
+    #: Whether there are lengths that a bond cannot have.
+    limited: ClassVar[bool] = False
 
     def check_box(self, box: np.ndarray | None) -> None:
         """Raise ParameterError if a rest length is over half the box, which a bond of nearest images never has."""
@@ -127,6 +144,14 @@ class _Bonds(BondedTerms):
                 f"{in_length(2 * half)}"
             )
 
+    def overstretched(self, x: np.ndarray, box: np.ndarray | None) -> str | None:
+        """What is wrong with the first bond that has no finite energy at positions x, or None."""
+        return None
+
+    def longest(self) -> np.ndarray:
+        """(B,) lengths (nm) that bonds have at rest, or at most."""
+        return getattr(self, "r0", np.zeros(len(self.pairs)))
+
     def lengths(self, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
         """(B,) lengths (nm) at positions x (N, 3), by minimum image."""
         return np.linalg.norm(minimum_images(x[self.pairs[:, 0]] - x[self.pairs[:, 1]], box), axis=1)
@@ -136,7 +161,7 @@ class _Bonds(BondedTerms):
 
 
 @dataclass(frozen=True, eq=False)
-class HarmonicBonds(_Bonds):
+class HarmonicBonds(Bonds):
     """Harmonic bonds, U = k (r - r0)^2 (LAMMPS's convention: no factor 1/2).
 
     Parameters
@@ -168,7 +193,7 @@ class HarmonicBonds(_Bonds):
 
 
 @dataclass(frozen=True, eq=False)
-class FENEBonds(_Bonds):
+class FENEBonds(Bonds):
     r"""Finitely extensible bonds (LAMMPS: ``bond_style fene``).
 
     U = -1/2 k R0^2 ln(1 - (r/R0)^2) + 4 epsilon [(sigma/r)^12 - (sigma/r)^6] + epsilon, the part with epsilon for
@@ -185,7 +210,7 @@ class FENEBonds(_Bonds):
     epsilon : energy, or (B,) array, default 0
         Repulsion of the two beads, kJ/mol, >= 0; 0 where another term keeps them apart.
     sigma : length, or (B,) array, default 1
-        Range of the repulsion, nm, > 0.
+        Range of the repulsion, nm; > 0 where epsilon is.
 
     Raises
     ------
@@ -199,19 +224,22 @@ class FENEBonds(_Bonds):
     epsilon: np.ndarray = 0.0  # type: ignore[assignment]  # an array once constructed
     sigma: np.ndarray = 1.0  # type: ignore[assignment]
 
-    _DIMENSIONS = {"k": ("force_constant", ">= 0"), "R0": ("length", "> 0"), "epsilon": ("energy", ">= 0"), "sigma": ("length", "> 0")}
+    _DIMENSIONS = {"k": ("force_constant", ">= 0"), "R0": ("length", "> 0"), "epsilon": ("energy", ">= 0"), "sigma": ("length", ">= 0")}
+
+    limited = True
+
+    def __post_init__(self):
+        super().__post_init__()
+        if np.any((self.sigma == 0) & (self.epsilon > 0)):
+            raise ParameterError("bond sigma must be > 0 where epsilon is")
 
     def overstretched(self, x: np.ndarray, box: np.ndarray | None) -> str | None:
-        """What is wrong with the first bond that has no finite energy at positions x, or None."""
         r = self.lengths(x, box)
-        bad = np.flatnonzero(~(r < self.R0) & ~np.isnan(r))
-        if len(bad):
-            (i, j), limit = self.pairs[bad[0]], f"its R0 of {in_length(self.R0[bad[0]])}"
-            return f"the FENE bond between {bead_names(i, j)} is {in_length(r[bad[0]])} long, which is not less than {limit}"
-        bad = np.flatnonzero((r == 0) & (self.epsilon > 0))
-        if len(bad):
-            return f"{bead_names(*self.pairs[bad[0]])} are at the same point, where the repulsion of their FENE bond is infinite"
-        return None
+        known = ~np.isnan(r)
+        return overstretched(*(part[known] for part in (self.pairs, r, self.R0, self.epsilon)))
+
+    def longest(self) -> np.ndarray:
+        return self.R0
 
     def curve(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -230,7 +258,7 @@ class FENEBonds(_Bonds):
 
 
 @dataclass(frozen=True, eq=False)
-class MorseBonds(_Bonds):
+class MorseBonds(Bonds):
     """Morse bonds, U = D (1 - exp(-alpha (r - r0)))^2 (LAMMPS: ``bond_style morse``).
 
     Parameters
@@ -263,13 +291,6 @@ class MorseBonds(_Bonds):
 
     def reach(self, kT: float) -> np.ndarray:
         return self.r0 + 2 / np.where(self.alpha > 0, self.alpha, 2.0)
-
-
-#: Any kind of bonds.
-Bonds = HarmonicBonds | FENEBonds | MorseBonds
-
-#: All kinds of bonds.
-BOND_KINDS = (HarmonicBonds, FENEBonds, MorseBonds)
 
 
 def bonded_neighbours(pairs: np.ndarray, n_beads: int) -> dict[int, set[tuple[int, int]]]:

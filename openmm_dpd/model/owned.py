@@ -1,4 +1,6 @@
-"""How frozen classes store their arguments."""
+"""How frozen classes store their arguments, and which there are."""
+
+from typing import Any
 
 import numpy as np
 
@@ -17,3 +19,8 @@ def keep(instance, **values) -> None:
     """
     for name, value in values.items():
         object.__setattr__(instance, name, owned(value) if isinstance(value, np.ndarray) else value)
+
+
+def known_under(kind: Any) -> list[str]:
+    """Names of the classes under one that stand in its own file; anybody may have added others."""
+    return [under.__name__ for under in kind.__subclasses__() if under.__module__ == kind.__module__]

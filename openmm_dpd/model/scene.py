@@ -9,12 +9,13 @@ from ..errors import ParameterError, what_is
 from ..html import fact_table
 from ..units import thermal_energy, to_md
 from ..wording import bead_number, either
-from .angles import ANGLE_KINDS, Angles, check_angles
-from .bonds import BOND_KINDS, Bonds, FENEBonds, check_members
+from .angles import Angles, check_angles
+from .bonds import BondedTerms, Bonds, check_members
+from .dihedrals import Dihedrals, check_dihedrals
 from .electrostatics import GaussianCharges, SlaterCharges, check_electrostatics, special_factors
 from .flow import BodyForce, PositionForce, Wall, check_inside, gaps
 from .internal import Internal, check_internal
-from .owned import keep
+from .owned import keep, known_under
 from .pairs import NONE
 from .segments import SegmentalRepulsion, check_segments
 from .sources import Source
@@ -79,7 +80,7 @@ class Scene:
         Masses of the single beads where they differ from those of their types.
     charges : (N,) array, optional
         Elementary charges, also written into topologies.  Forces follow from them if there is an ``electrostatics``.
-    bonds : sequence of HarmonicBonds, FENEBonds and MorseBonds
+    bonds : sequence of HarmonicBonds, FENEBonds, MorseBonds, ...
         Bonds.
     bonded_factors : three floats, default (1, 1, 1)
         Factors in [0, 1] for pairs that are one, two and three bonds apart: conservative and dissipative forces are multiplied by f,
@@ -96,11 +97,10 @@ class Scene:
     compat : {"consistent", "lammps"}
         ``"lammps"`` computes the heat of EDPD as LAMMPS does, which does not conserve energy, and takes LAMMPS's points for the
         nearest ones of two segments.
-    angles : sequence of HarmonicAngles and CosineAngles
+    angles : sequence of HarmonicAngles, CosineAngles, ...
         Angles between bonds.
     segments : SegmentalRepulsion, optional
         Repulsion between bonds, which keeps chains from crossing.
-
     body_forces : sequence of BodyForce and PositionForce
         Forces on single beads, which drive a flow.
     walls : sequence of Wall
@@ -112,6 +112,8 @@ class Scene:
     interacting : (N, 3) array of bool, optional
         False: along this axis only ``body_forces`` act on the bead; its pairs, bonds and charges do not, friction and noise included
         (LAMMPS: ``fix setforce``).  The beads around it feel it all the same, so momentum is not conserved.  Needs ``scheme="mvv"``.
+    dihedrals : sequence of HarmonicDihedrals, OPLSDihedrals, MultiHarmonicDihedrals, ...
+        Angles between the planes of three bonds in a row.  Which pairs ``bonded_factors`` act on is up to the bonds alone.
 
     Raises
     ------
@@ -142,6 +144,7 @@ class Scene:
     residues: Sequence[str] | None = None
     electrostatics: SlaterCharges | GaussianCharges | None = None
     interacting: np.ndarray | None = None
+    dihedrals: Sequence[Dihedrals] = ()
     type_ids: np.ndarray = field(init=False, repr=False)
     tables: tuple[PairTable, ...] = field(init=False, repr=False)
 
@@ -168,8 +171,10 @@ class Scene:
         put("residues", self._checked_residues())
         put("interacting", self._checked_interacting())
         self._check_bonds()
-        self._check_kinds("angles", ANGLE_KINDS)
+        self._check_kinds("angles", Angles)
         check_angles(self.angles, self.n_beads)
+        self._check_kinds("dihedrals", Dihedrals)
+        check_dihedrals(self.dihedrals, self.n_beads)
         self._check_segments()
         put("bonded_factors", special_factors(self.bonded_factors, "bonded_factors"))
         put("tables", self._checked_pairs())
@@ -242,6 +247,11 @@ class Scene:
     def bond_pairs(self) -> np.ndarray:
         """All bonds as one (B, 2) array of bead indices."""
         return np.concatenate([bonds.pairs for bonds in self.bonds]) if self.bonds else np.zeros((0, 2), dtype=np.int64)
+
+    @property
+    def bonded(self) -> tuple[BondedTerms, ...]:
+        """All groups of bonds, angles and dihedrals."""
+        return (*self.bonds, *self.angles, *self.dihedrals)
 
     @property
     def segment_pairs(self) -> np.ndarray:
@@ -332,18 +342,19 @@ class Scene:
         return array
 
     def _check_bonds(self) -> None:
-        self._check_kinds("bonds", BOND_KINDS)
+        self._check_kinds("bonds", Bonds)
         check_members(np.sort(self.bond_pairs, axis=1), self.n_beads, "a bond", "the bond between")
         for bonds in self.bonds:
             bonds.check_box(self.box)
-            wrong = bonds.overstretched(self.positions, self.box) if isinstance(bonds, FENEBonds) else None
+            wrong = bonds.overstretched(self.positions, self.box)
             if wrong is not None:
                 raise ParameterError(f"{wrong}; move the beads, or use other bonds until they are close enough")
 
-    def _check_kinds(self, name: str, kinds: tuple[type, ...]) -> None:
-        given, names = getattr(self, name), " or ".join(kind.__name__ for kind in kinds)
+    def _check_kinds(self, name: str, *kinds: type) -> None:
+        known = [name for kind in kinds for name in known_under(kind) or [kind.__name__]]
+        given, names = getattr(self, name), " or ".join(known)
         if isinstance(given, kinds) or not isinstance(given, Sequence) or isinstance(given, str):
-            raise ParameterError(f"{name} must be a sequence of {names}, such as [{kinds[0].__name__}(...)], not {what_is(given)}")
+            raise ParameterError(f"{name} must be a sequence of {names}, such as [{known[0]}(...)], not {what_is(given)}")
         keep(self, **{name: tuple(given)})
         for entry in given:
             if not isinstance(entry, kinds):
@@ -357,7 +368,7 @@ class Scene:
         check_segments(self.segments, self.segment_pairs, self.positions, self.box)
 
     def _check_flow(self) -> None:
-        self._check_kinds("body_forces", (BodyForce, PositionForce))
+        self._check_kinds("body_forces", BodyForce, PositionForce)
         for term in self.body_forces:
             if isinstance(term, BodyForce):
                 term.vectors(self.type_ids, self.type_names, self.box)

@@ -10,8 +10,9 @@ import numpy as np
 
 from ..errors import ParameterError, what_is
 from ..html import fact_table
+from ..model.owned import known_under
 from ..units import to_md, whole_number
-from .terms import BENDS, SPRINGS
+from .terms import AnyBend, AnySpring
 
 #: A spring for every bond, or springs by the types of the two beads (``"*"`` for any type).
 Springs = object | Mapping[tuple[str, str], object]
@@ -55,8 +56,8 @@ class Molecule:
             object.__setattr__(self, name, value)
 
         put("types", bead_types(self.types))
-        put("bonds", self._checked_terms("bonds", 2, SPRINGS))
-        put("angles", self._checked_terms("angles", 3, BENDS))
+        put("bonds", self._checked_terms("bonds", 2, AnySpring))
+        put("angles", self._checked_terms("angles", 3, AnyBend))
         name = self.name or formula(self.types)
         if not isinstance(name, str) or not name.isascii() or not name.isprintable() or " " in name:
             raise ParameterError(f"the name of a molecule must be printable ASCII text without blanks, not {name!r}")
@@ -111,12 +112,13 @@ class Molecule:
                     order.append((other, bead))
         return order
 
-    def _checked_terms(self, what: str, beads: int, kinds: tuple[type, ...]) -> tuple:
+    def _checked_terms(self, what: str, beads: int, kind: type) -> tuple:
         terms, seen = [], set()
         for term in getattr(self, what):
-            if not isinstance(term, Sequence) or len(term) != beads + 1 or not isinstance(term[-1], kinds):
-                allowed = ", ".join(kind.__name__ for kind in kinds)
-                raise ParameterError(f"{what} of a molecule are {beads} bead indices and one of {allowed}; one is {what_is(term)}")
+            if not isinstance(term, Sequence) or len(term) != beads + 1 or not isinstance(term[-1], kind):
+                raise ParameterError(
+                    f"{what} of a molecule are {beads} bead indices and one of {', '.join(known_under(kind))}; one is {what_is(term)}"
+                )
             indices = tuple(whole_number(index, f"a bead index in {what}") for index in term[:-1])
             if len(set(indices)) < beads or not all(0 <= index < self.n_beads for index in indices):
                 raise ParameterError(f"{what} of a molecule must join different beads of 0 to {self.n_beads - 1}, not {indices}")
@@ -224,7 +226,7 @@ def join(types, pairs, spring: Springs, bend: Bends = None, *, name: str = "", c
         raise ParameterError(f"bond {outside[0]} names no bead; the molecule has beads 0 to {len(names) - 1}")
     bonds = []
     for i, j in pairs:
-        found = by_types(spring, (names[i], names[j]), SPRINGS, "spring")
+        found = by_types(spring, (names[i], names[j]), AnySpring, "spring")
         if found is None:
             raise ParameterError(f"no spring is given for a bond between types {names[i]!r} and {names[j]!r}")
         bonds.append((i, j, found))
@@ -246,10 +248,10 @@ def bends_between(types: Sequence[str], pairs: np.ndarray, bend: Bends) -> list[
     """
     angles: list[tuple[int, int, int, object]] = []
     for vertex, around in enumerate(_neighbours(len(types), pairs)):
-        if isinstance(bend, BENDS) and len(around) != 2:
+        if isinstance(bend, AnyBend) and len(around) != 2:
             continue
         for i, k in combinations(around, 2):
-            found = by_types(bend, (types[i], types[vertex], types[k]), BENDS, "bend")
+            found = by_types(bend, (types[i], types[vertex], types[k]), AnyBend, "bend")
             if found is not None:
                 angles.append((i, vertex, k, found))
     return angles
@@ -266,16 +268,17 @@ def _checked_pairs(pairs) -> list[tuple[int, int]]:
     return [(whole_number(i, "a bead number of a bond"), whole_number(j, "a bead number of a bond")) for i, j in rows]
 
 
-def by_types(given, types: tuple[str, ...], kinds: tuple[type, ...], what: str):
+def by_types(given, types: tuple[str, ...], kind: type, what: str):
     """The spring or bend for these types, or None."""
-    if isinstance(given, kinds):
+    if isinstance(given, kind):
         return given
     if not isinstance(given, Mapping):
-        allowed = ", ".join(kind.__name__ for kind in kinds)
-        raise ParameterError(f"{what} must be one of {allowed}, or a mapping from {len(types)} types to one, not {what_is(given)}")
+        raise ParameterError(
+            f"{what} must be one of {', '.join(known_under(kind))}, or a mapping from {len(types)} types to one, not {what_is(given)}"
+        )
     found = None
     for key, value in given.items():
-        if not isinstance(key, tuple) or len(key) != len(types) or not isinstance(value, kinds):
+        if not isinstance(key, tuple) or len(key) != len(types) or not isinstance(value, kind):
             found_instead = f"{key!r}: {what_is(value)}"
             raise ParameterError(f"a mapping of {what}s needs keys of {len(types)} types and {what}s as values; it has {found_instead}")
         if any(all(k in ("*", t) for k, t in zip(key, order, strict=True)) for order in (types, types[::-1])):

@@ -33,16 +33,18 @@ class _Term:
 
 
 @dataclass(frozen=True)
-class _Spring(_Term):
+class AnySpring(_Term):
+    """A bond.  A kind is a frozen dataclass under it with the coefficients of its class of the model, ``KIND``."""
+
     _BEADS = (0, 1)
 
     def length(self, spacing: float) -> float:
-        """Length (nm) at which a builder places the bond; ``spacing`` where the spring has no rest length of its own."""
-        raise NotImplementedError
+        """Length (nm) at which a builder places the bond: its rest length, or ``spacing`` where that is 0 or there is none."""
+        return getattr(self, "r0", 0.0) or spacing
 
 
 @dataclass(frozen=True)
-class Spring(_Spring):
+class Spring(AnySpring):
     """Harmonic bond, U = k (r - r0)^2, without a factor 1/2 (:class:`openmm_dpd.HarmonicBonds`).
 
     Much of the DPD literature writes U = (1/2) C (r - l0)^2 or F = -C r; halve such a constant: ``Spring(k=C / 2, r0=l0)``.
@@ -60,13 +62,9 @@ class Spring(_Spring):
 
     KIND = HarmonicBonds
 
-    def length(self, spacing: float) -> float:
-        """Rest length, or ``spacing`` where that is 0."""
-        return self.r0 or spacing
-
 
 @dataclass(frozen=True)
-class FENESpring(_Spring):
+class FENESpring(AnySpring):
     """Finitely extensible bond (:class:`openmm_dpd.FENEBonds`).
 
     Parameters
@@ -94,7 +92,7 @@ class FENESpring(_Spring):
 
 
 @dataclass(frozen=True)
-class MorseSpring(_Spring):
+class MorseSpring(AnySpring):
     """Morse bond, U = D (1 - exp(-alpha (r - r0)))^2 (:class:`openmm_dpd.MorseBonds`).
 
     Parameters
@@ -113,13 +111,11 @@ class MorseSpring(_Spring):
 
     KIND = MorseBonds
 
-    def length(self, spacing: float) -> float:
-        """Rest length, or ``spacing`` where that is 0."""
-        return self.r0 or spacing
-
 
 @dataclass(frozen=True)
-class _Bend(_Term):
+class AnyBend(_Term):
+    """An angle, as :class:`AnySpring` is a bond."""
+
     _BEADS = (0, 1, 2)
 
     def angles(self, count: int, rng: np.random.Generator, kT: float) -> np.ndarray:
@@ -134,7 +130,7 @@ class _Bend(_Term):
 
 
 @dataclass(frozen=True)
-class Bend(_Bend):
+class Bend(AnyBend):
     """Harmonic angle, U = k (theta - theta0)^2, without a factor 1/2 (:class:`openmm_dpd.HarmonicAngles`).
 
     Parameters
@@ -152,7 +148,7 @@ class Bend(_Bend):
 
 
 @dataclass(frozen=True)
-class CosineBend(_Bend):
+class CosineBend(AnyBend):
     """Bending stiffness, U = k (1 + cos theta), least for a straight chain (:class:`openmm_dpd.CosineAngles`).
 
     The literature on DPD lipids writes k (1 - cos phi), with phi = 0 for a straight chain: the same k.
@@ -168,14 +164,10 @@ class CosineBend(_Bend):
     KIND = CosineAngles
 
 
-#: All springs and all bends.
-SPRINGS, BENDS = (Spring, FENESpring, MorseSpring), (Bend, CosineBend)
-
-
 def many_terms(beads: np.ndarray, terms: list) -> list:
     """Bonds or angles of a scene, one object for each kind, from the beads of each term, (K, 2) or (K, 3), and the terms."""
     found = []
-    kinds: list[type[_Term]] = list(dict.fromkeys(map(type, terms)))
+    kinds: list[Any] = list(dict.fromkeys(map(type, terms)))
     for kind in kinds:
         chosen = np.array([type(term) is kind for term in terms])
         found.append(kind.many(beads[chosen], [term for term in terms if type(term) is kind]))

@@ -294,7 +294,7 @@ def _scaled(made: Insertion, x: np.ndarray, grown: float) -> np.ndarray:
 
 def _default_step(scene: Scene) -> float:
     """What the soft beads can take, or a part of the period of the stiffest bond."""
-    soft = replace(scene, mobile=None, bonds=(), angles=())
+    soft = replace(scene, mobile=None, bonds=(), angles=(), dihedrals=())
     found = [choice.dt for choice in recommend(soft, _STEP_ERROR).choices if choice.scheme == _SCHEME]
     if not found:
         raise ParameterError(f"there is no step by default for {_SCHEME} with this solvent; give dt")

@@ -83,6 +83,7 @@ def insertion(molecule: Molecule, solvent: Scene, parts: np.ndarray, seed: int) 
         bead_masses=np.concatenate([solvent.bead_masses, np.tile([solvent.masses[name] for name in molecule.types], copies)]),
         bonds=[*solvent.bonds, *_terms(molecule.bonds, first)],
         angles=[*solvent.angles, *_terms(molecule.angles, first)],
+        dihedrals=solvent.dihedrals,
         bonded_factors=solvent.bonded_factors,
         mobile=mobile,
     )

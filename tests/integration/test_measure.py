@@ -13,6 +13,7 @@ from openmm import unit
 import openmm_dpd as dpd
 from openmm_dpd.errors import ParameterError
 from openmm_dpd.measure.bonded_sums import bond_sums
+from openmm_dpd.measure.stress_parts import stress_parts
 
 
 def fluid(n: int = 120, edge: float = 3.4, **extra) -> dpd.Scene:
@@ -51,8 +52,10 @@ def test_sample_against_the_oracle(conservative):
     assert sample.gradient2 == pytest.approx(np.sum(expected[1] ** 2), rel=1e-12)
     drag = oracle.dissipative(scene.positions, v, scene.type_ids, oracle_parameters(), scene.box)
     assert sample.virial_dissipative == pytest.approx(drag[1], rel=1e-11)
+    assert sample.virial_random == 0.0  # where pairs are swept, noise is no force
     kinetic = 0.5 * np.sum(mass[:, None] * v**2)
     assert sample.kinetic == pytest.approx(kinetic)
+    assert sample.pressure() == pytest.approx((2 * kinetic + expected[2] + drag[1]) / (3 * 3.4**3), rel=1e-11)
     assert sample.kT == pytest.approx(2 * kinetic / (3 * 120 - 3))
     assert sample.pressure(full=False) == pytest.approx((2 * kinetic + expected[2]) / (3 * 3.4**3))
     np.testing.assert_allclose(sample.momentum, mass @ v)
@@ -70,7 +73,8 @@ def test_bond_sums_by_finite_differences():
     )
     plan = dpd.make_plan(scene, dt=0.01, platform="Reference")
     x, box, all_move = scene.positions, scene.box, np.ones(4, bool)
-    energy, virial, laplacian = bond_sums(plan, x, box, all_move)
+    energy, laplacian = bond_sums(plan, x, box, all_move)
+    virial = sum(part(x, box)[:3].sum() for part in stress_parts(plan))
     h = 1e-4
     scaled = [bond_sums(plan, x * s, box * s, all_move)[0] for s in (1 + h, 1 - h)]
     assert virial == pytest.approx(-(scaled[0] - scaled[1]) / (2 * h), rel=1e-6)

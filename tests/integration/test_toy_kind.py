@@ -14,7 +14,7 @@ from openmm import app
 from scenes import BOXES, MASSES
 
 import openmm_dpd as dpd
-from openmm_dpd import kinds
+from openmm_dpd import kinds, serialized
 from openmm_dpd.errors import ParameterError, PlanError
 from openmm_dpd.forces.expressions import PairExpression, parameters, type_pairs
 from openmm_dpd.geometry import minimum_images
@@ -124,6 +124,7 @@ def register():
 
     yield known
     kinds.KINDS.pop(Exponential, None)
+    serialized._REGISTERED.discard(__name__)
 
 
 PAIRS = {
@@ -224,6 +225,16 @@ def test_what_it_cannot_is_refused(register, tmp_path):
         dpd.add_thermostat(system, Exponential(A=0.0, gamma=4.5), 300, 0.002)
     with pytest.raises(PlanError, match="Exponential is for beads alone"):
         dpd.create_mixed_system(beads, app.Topology(), system, np.zeros((4, 3)), atoms=["X"] * 4, cross={}, dt=0.01)
+
+
+def test_systems_with_it_are_read_where_it_is_known(register, tmp_path):
+    register()
+    system, path = dpd.build(scene(), dt=0.01, platform="CPU", seed=1).system, tmp_path / "system.xml"
+    path.write_text(openmm.XmlSerializer.serialize(system), encoding="utf-8")
+    assert dpd.load_xml(path).getNumForces() == system.getNumForces()
+    serialized._REGISTERED.discard(__name__)
+    with pytest.raises(ParameterError, match="asks for test_toy_kind.ExponentialTable"):
+        dpd.load_xml(path)
 
 
 def test_a_kind_that_makes_no_sense_is_refused(register):

@@ -107,6 +107,8 @@ ADDED = {
     "what decks are told, in their units and words": 131,
     "notices of the compiler, python -m openmm_dpd": 52,
     "what changes between steps: Contexts made anew, force groups, lines of programs, walls": 80,
+    "bonds and angles of anybody's: records, which kernels and OpenMM's forces are made of": 70,
+    "dihedrals: three kinds, their kernel, measured": 340,
     "exp, log and their kin, with the same bits on every machine": 165,
     "a record of who computes what with its reasons, engines from outside of the package": 268,
 }

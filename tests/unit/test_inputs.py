@@ -349,7 +349,7 @@ def test_coefficients_of_a_data_file(tmp_path):
         ("", ("", ""), {"units": "si"}, "unknown units 'si'"),
         (" # harmonic", ("1 50 0.7", "1 50"), {}, r"data.x:\d+: .*K r0"),
         (" # class2", ("", ""), {}, "no bonds are given"),
-        ("", ("1 angle types", "1 angle types\n2 dihedrals"), {}, "dihedrals are not supported, but the header announces 2"),
+        ("", ("1 angle types", "1 angle types\n2 impropers"), {}, "impropers are not supported, but the header announces 2"),
     ],
 )
 def test_data_files_that_do_not_say_enough(tmp_path, hint, change, given, message):

@@ -10,10 +10,10 @@ from scenes import beads
 import openmm_dpd as dpd
 from openmm_dpd.errors import RunError
 from openmm_dpd.extra_forces import extras
-from openmm_dpd.forces.bonded import bonded_forces
-from openmm_dpd.kernels.angles import _angle
-from openmm_dpd.kernels.extras import warm_up_extras
+from openmm_dpd.kernels.angles import angle
+from openmm_dpd.kernels.extras import _kernels, warm_up_extras
 from openmm_dpd.kernels.threads import set_threads
+from openmm_dpd.kinds import bonded_forces
 
 EVERY_BOX = pytest.mark.parametrize("box", BOXES)
 
@@ -59,7 +59,7 @@ def terms_of(scene):
 @EVERY_BOX
 def test_openmm_gives_the_same(kind, box):
     scene, x, vectors = chain_scene(kind, box)
-    forces = bonded_forces(scene.bonds, scene.angles, vectors is not None)
+    forces = bonded_forces((*scene.bonds, *scene.angles), vectors is not None)
     check.check_agreement(terms_of(scene), forces, x, vectors)
 
 
@@ -95,9 +95,9 @@ def test_the_arc_tangent():
     theta = np.concatenate([np.random.default_rng(1).random(2000) * np.pi, 10.0 ** np.arange(-15, 0), np.pi - 10.0 ** np.arange(-15, 0)])
     for size in (1e-9, 1.0, 1e9):
         s, c = size * np.sin(theta), size * np.cos(theta)
-        mine = [_angle.py_func(*pair) for pair in zip(s.tolist(), c.tolist(), strict=True)]
+        mine = [angle.py_func(*pair) for pair in zip(s.tolist(), c.tolist(), strict=True)]
         np.testing.assert_allclose(mine, np.arctan2(s, c), rtol=5e-16)
-    assert [_angle.py_func(*pair) for pair in ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (0.0, 0.0))] == [0.0, np.pi / 2, np.pi, 0.0]
+    assert [angle.py_func(*pair) for pair in ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (0.0, 0.0))] == [0.0, np.pi / 2, np.pi, 0.0]
 
 
 def pair(*bonds):
@@ -111,7 +111,7 @@ def test_beads_at_the_same_point(rest):
     for bond in (dpd.HarmonicBonds([(0, 1)], 20.0, rest), dpd.MorseBonds([(0, 1)], 5.0, 2.0, rest), dpd.FENEBonds([(0, 1)], 20.0, 1.0)):
         scene = pair(bond)
         energy, force = check.evaluate(terms_of(scene), x, scene.box)
-        expected, expected_force = check.reference(bonded_forces(scene.bonds, (), True), x, scene.box)
+        expected, expected_force = check.reference(bonded_forces(scene.bonds, True), x, scene.box)
         assert energy == pytest.approx(expected, rel=1e-14, abs=1e-14) and not force.any() and not expected_force.any()
 
 
@@ -124,7 +124,7 @@ def test_angles_of_beads_in_line(kind):
         x = np.array([[place, 0.3 * place, 0.2] for place in places])
         scene = beads(3, positions=x, box=None, angles=[kind([(0, 1, 2)])])
         energy, force = check.evaluate(terms_of(scene), x, None)
-        expected, expected_force = check.reference(bonded_forces((), scene.angles, False), x, None)
+        expected, expected_force = check.reference(bonded_forces(scene.angles, False), x, None)
         assert energy == pytest.approx(expected, rel=1e-7, abs=1e-9)
         np.testing.assert_allclose(force, expected_force, atol=1e-6)
     x = np.array([[1.0, 1, 1], [1.0, 1, 1], [1.5, 1, 1]])
@@ -171,14 +171,12 @@ def test_what_has_no_energy():
 @pytest.mark.parametrize("threads", [1, 2])
 def test_warming_up_compiles_everything(threads, two_threads):
     """Nothing is left to compile at the first call."""
-    from openmm_dpd.kernels import angles, bonded
-
     set_threads(threads)
     scene, x, _ = chain_scene("all", "none", number=1000)
     warm_up_extras(terms_of(scene))
-    kernels = (bonded._bonds, bonded._bonds_parallel, angles._angles, angles._angles_parallel)
+    kernels = [kernel for terms in terms_of(scene) for kernel in _kernels(type(terms))]
     before = [len(kernel.signatures) for kernel in kernels]
-    assert before[0] == before[2] == 1
+    assert len(kernels) == 10 and before[::2] == [1] * 5
     box = np.diag([500.0] * 3)
     box.flags.writeable = False
     assert check.evaluate(terms_of(scene), x, box)[0] == pytest.approx(check.evaluate(terms_of(scene), x, None)[0])

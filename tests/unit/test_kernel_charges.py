@@ -2,7 +2,6 @@
 
 import warnings
 from itertools import combinations
-from types import SimpleNamespace
 
 import numpy as np
 import openmm
@@ -14,10 +13,10 @@ import openmm_dpd as dpd
 from openmm_dpd.charge_forces import charge_terms, longest_wave
 from openmm_dpd.errors import RunError
 from openmm_dpd.forces.electrostatics import electrostatic_forces
+from openmm_dpd.geometry import AXES_OF_TENSOR, symmetric_products
 from openmm_dpd.kernels.charges import cost, pme_cost
 from openmm_dpd.kernels.extras import warm_up_extras
 from openmm_dpd.kernels.waves import LANES, WEIGHTS, Waves
-from openmm_dpd.measure.stress_parts import ShortCharges
 from openmm_dpd.model.electrostatics import ewald_sum
 from openmm_dpd.units import COULOMB
 
@@ -118,30 +117,28 @@ def test_exact_sums(kind, box, total):
     np.testing.assert_allclose(force, forces, rtol=0, atol=1e-8 * np.abs(forces).max())
     parts = terms.evaluator().parts(x, BOXES[box])
     assert sum(parts[:2]) == pytest.approx(found, rel=1e-13)
-    assert parts[2] == pytest.approx(virial, abs=1e-7 * np.abs(q).sum())
+    assert parts[2][:3].sum() == pytest.approx(virial, abs=1e-7 * np.abs(q).sum())
     assert (parts[1] == 0.0) == (box == "none")
 
 
 @pytest.mark.parametrize("kind", ["slater", "gaussian"])
 @EVERY_BOX
 def test_openmm_gives_the_same(kind, box):
-    """Energies of both parts, forces and virial, as far as PME goes."""
+    """Energies of both parts and forces, as far as PME goes."""
     x, q = beads(box, seed=2, total=0.5)
     electrostatics, vectors = charges_of(kind, box, **SMOOTH), BOXES[box]
     ewald = None if vectors is None else ewald_sum(electrostatics, vectors, int(np.count_nonzero(q)))
     terms = charge_terms(scene(x, q, electrostatics, vectors), ewald, FACTORS)
     forces = electrostatic_forces(electrostatics, q, electrostatics.coulomb(1.0), ewald, FACTORS | {(11, 12): 1.0}, listed=False)
     check.check_agreement([terms], forces, x, vectors, 2e-6)
-    short, lattice, virial = terms.evaluator().parts(x, vectors)
+    short, lattice, stress = terms.evaluator().parts(x, vectors)
     pme = [force for force in forces if isinstance(force, openmm.NonbondedForce)]
     size = float(np.sum(q**2))
     if vectors is not None:
         assert lattice == pytest.approx(check.reference(pme, x, vectors)[0], abs=2e-7 * size)
-        plan = SimpleNamespace(scene=scene(x, q, electrostatics, vectors), ewald=ewald, charge_exceptions=FACTORS)
-        widths = ShortCharges(plan).width_derivative(x, vectors)
-        assert virial == pytest.approx(check.reference(forces, x, vectors)[0] + widths, abs=1e-6 * size)
     else:
-        assert not pme and lattice == 0.0 and virial == pytest.approx(np.sum(x * check.evaluate([terms], x, None)[1]))
+        assert not pme and lattice == 0.0
+        np.testing.assert_allclose(stress, symmetric_products(x, check.evaluate([terms], x, None)[1]), rtol=1e-9, atol=1e-9 * size)
 
 
 @pytest.mark.parametrize("listed", [{}, {"tolerance": 1e-5}, {"tolerance": 1e-7}])
@@ -156,7 +153,7 @@ def test_the_error_is_that_of_the_cutoff(box, listed):
     found, force = check.evaluate([terms], x, BOXES[box])
     assert 1e-4 * errors < np.sqrt(np.sum((force - forces) ** 2) / np.sum(forces**2)) < errors
     assert found == pytest.approx(energy, rel=errors)
-    assert terms.evaluator().parts(x, BOXES[box])[2] == pytest.approx(virial, rel=20 * errors)
+    assert terms.evaluator().parts(x, BOXES[box])[2][:3].sum() == pytest.approx(virial, rel=20 * errors)
 
 
 def test_longest_wave():
@@ -173,11 +170,11 @@ def test_every_wave_once(box):
         for n1 in range(deep):
             for lane in range(LANES):
                 for side, sign in enumerate((1, -1)):
-                    weight, virial = (waves.weights[WEIGHTS * (row + n1) + LANES * k + lane] for k in (side, 2 + side))
+                    weight = waves.weights[WEIGHTS * (row + n1) + LANES * side + lane]
                     if weight:
                         assert n1 < waves.depth[LANES * block + lane]
                         assert (sign * n1, first + lane, n3) not in found
-                        found[sign * n1, first + lane, n3] = weight, virial
+                        found[sign * n1, first + lane, n3] = weight
     most = 12
     n = np.array(np.meshgrid(*[np.arange(-most, most + 1)] * 3, indexing="ij")).reshape(3, -1).T
     k2 = np.sum((2 * np.pi * n @ np.linalg.inv(vectors).T) ** 2, axis=1)
@@ -189,7 +186,7 @@ def test_every_wave_once(box):
         assert (tuple(wave) in found) != (tuple(-m for m in wave) in found)
         if tuple(wave) in found:
             weight = 4 * np.pi / volume * np.exp(-square / (4 * alpha**2)) / square
-            np.testing.assert_allclose(found[tuple(wave)], (weight, weight * (1 - square / (2 * alpha**2))), rtol=1e-10)
+            assert found[tuple(wave)] == pytest.approx(weight, rel=1e-10)
 
 
 @EVERY_KIND
@@ -211,13 +208,17 @@ def test_the_same_bits_for_any_number_of_threads(box, two_threads):
 
 
 @pytest.mark.parametrize("box", ["cubic", "tilted"])
-def test_the_virial_is_the_slope_of_the_energy(box):
-    """All lengths of the box and all positions scaled, the widths kept."""
+def test_the_stress_has_the_slopes_of_the_energy(box):
+    """Box and positions strained in six ways, the widths kept."""
     x, q = beads(box, seed=4, spread=0, total=1.0)
     evaluator = terms_of("slater", box, x, q, FACTORS).evaluator()
     vectors, h, force = BOXES[box], 1e-5, np.zeros_like(x)
-    up, down = (evaluator.add_to(x * scale, vectors * scale, force, 1.0) for scale in (1 + h, 1 - h))
-    assert evaluator.parts(x, vectors)[2] == pytest.approx(-(up - down) / (2 * h), rel=1e-6)
+    stress = evaluator.parts(x, vectors)[2]
+    for (first, second), component in zip(AXES_OF_TENSOR, stress, strict=True):
+        strain = np.zeros((3, 3))
+        strain[second, first] = h
+        up, down = (evaluator.add_to(x @ (np.eye(3) + s), vectors @ (np.eye(3) + s), force, 1.0) for s in (strain, -strain))
+        assert component == pytest.approx(-(up - down) / (2 * h), rel=1e-6, abs=1e-7 * np.abs(stress).max())
 
 
 def test_a_box_that_changes():

@@ -10,8 +10,8 @@ from scenes import MASSES, beads, fluid
 import openmm_dpd as dpd
 from openmm_dpd.extra_forces import extras
 from openmm_dpd.forces.external import external_force
-from openmm_dpd.kernels.angles import AngleTerms
-from openmm_dpd.kernels.bonded import BondTerms
+from openmm_dpd.kernels.angles import CosineAngleTerms
+from openmm_dpd.kernels.bonded import FENEBondTerms, HarmonicBondTerms
 from openmm_dpd.kernels.external import BodyTerms
 from openmm_dpd.kernels.extras import warm_up_extras
 from openmm_dpd.kernels.radial import RadialTerms
@@ -122,7 +122,8 @@ def test_everything_of_a_scene(box, two_threads):
     scene = everything(box)
     built = dpd.build(scene, dt=0.01, platform="Reference", conservative="kernel", seed=1, loop=False)
     terms = extras(scene, built.plan.overlays, built.plan.exceptions)
-    assert [type(term) for term in terms] == [BondTerms, AngleTerms, RadialTerms, RadialTerms, SegmentSpec, BodyTerms, BodyTerms]
+    bonded = [HarmonicBondTerms, FENEBondTerms, CosineAngleTerms]
+    assert [type(term) for term in terms] == [*bonded, RadialTerms, RadialTerms, SegmentSpec, BodyTerms, BodyTerms]
     forces = [force for force in built.system.getForces() if force.getName() not in (PAIR_FORCE, "position force")]
     x = scene.positions.copy()
     energy, force = check.evaluate(terms, x, scene.box)

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 import openmm_dpd as dpd
+from openmm_dpd.lammps.files.atom_styles import JOINED
 from openmm_dpd.lammps.language.lexer import Line
 from openmm_dpd.lammps.state.pair_setup import Coefficient, PairStyle
-from openmm_dpd.lammps.styles.bonded_styles import ANGLE_STYLES, BOND_STYLES
+from openmm_dpd.lammps.styles.bonded_styles import bonded_styles
 from openmm_dpd.lammps.styles.pair_styles import EXPORTS, PAIR_STYLES
 from openmm_dpd.lammps.styles.writing import Differences, PairExport
 from openmm_dpd.units import UNIT_SYSTEMS
@@ -65,14 +66,16 @@ def test_pair_coefficients_come_back(name, seed, tmp_path):
         assert np.array_equal(found.values["data"].energies, again.values["data"].energies)
 
 
-BONDED = {f"bond {name}": (style, 2) for name, style in BOND_STYLES.items()} | {f"angle {n}": (s, 3) for n, s in ANGLE_STYLES.items()}
+BONDED = {f"{what} {name}": (style, beads) for what, (beads, _) in JOINED.items() for name, style in bonded_styles(what).items()}
 
 
 @pytest.mark.parametrize("units", UNIT_SYSTEMS.values(), ids=UNIT_SYSTEMS)
 @pytest.mark.parametrize("name", BONDED)
 def test_bonded_coefficients_come_back(name, units):
     style, beads = BONDED[name]
-    values = style.coefficient(drawn("# " * len(style.columns), 3), "type", units)
+    values = style.coefficient(
+        drawn(" ".join("1" if dimension == "1" else "#" for dimension in style.columns.dimensions.values()), 3), "type", units
+    )
     assert style.coefficient(style.words(values, units), "type", units) == pytest.approx(values, rel=1e-14)
     if style.kind is not None:
         terms = style.build(np.arange(beads)[None, :], values)

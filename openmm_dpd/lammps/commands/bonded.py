@@ -1,24 +1,22 @@
-"""Commands about bonds and angles: bond_style, bond_coeff, angle_style, angle_coeff."""
+"""Commands about bonds, angles and dihedrals: bond_style, bond_coeff, angle_style, angle_coeff, dihedral_style, dihedral_coeff."""
 
 from functools import partial
 
 import numpy as np
 
 from ...errors import ParameterError
+from ..files.atom_styles import JOINED
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.pair_setup import BondedSetup
-from ..styles.bonded_styles import ANGLE_STYLES, BOND_STYLES
+from ..styles.bonded_styles import bonded_styles
 from .setup import remembered
-
-#: Styles of bonds and of angles.
-KNOWN = {"bond": BOND_STYLES, "angle": ANGLE_STYLES}
 
 
 def _style(state: DeckState, args: list[str], what: str) -> None:
-    """``bond_style`` or ``angle_style``: none, zero, a style that is known, or ``hybrid`` with several of them."""
+    """``bond_style``, ``angle_style`` or ``dihedral_style``: none, zero, a style that is known, or ``hybrid`` with several of them."""
     read.count(args, f"{what}_style style", 1, None)
-    known, old = KNOWN[what], getattr(state, what)
+    known, old = bonded_styles(what), getattr(state, what)
     style = read.choice(args[0], f"the {what} style", ("none", *known, "hybrid"))
     setup = BondedSetup(style, where=state.here)
     if style == "none":
@@ -37,11 +35,11 @@ def _style(state: DeckState, args: list[str], what: str) -> None:
 
 
 def _coeff(state: DeckState, args: list[str], what: str) -> None:
-    """``bond_coeff type [style] values ...``, or ``angle_coeff``."""
-    command, known, setup, types = f"{what}_coeff", KNOWN[what], getattr(state, what), getattr(state, f"n_{what}_types")
+    """``bond_coeff type [style] values ...``, ``angle_coeff`` or ``dihedral_coeff``."""
+    command, known, setup, types = f"{what}_coeff", bonded_styles(what), getattr(state, what), getattr(state, f"n_{what}_types")
     state.require_box(command)
     if setup.style == "none":
-        others = "harmonic" if what == "bond" else "cosine"
+        others = "cosine" if what == "angle" else "harmonic"
         raise ParameterError(f"{command} needs a{'n' * (what == 'angle')} {what}_style before it, such as '{what}_style {others}'")
     read.count(args, f"{command} type values ...", 1, None)
     if types == 0:
@@ -61,10 +59,10 @@ def _coeff(state: DeckState, args: list[str], what: str) -> None:
         values = known[style].coefficient(words, usage, state.units)
         if known[style].kind is not None:
             # built once now, so that a value out of bounds is reported where it stands
-            known[style].build(np.arange(2 if what == "bond" else 3)[None, :], values)
+            known[style].build(np.arange(JOINED[what][0])[None, :], values)
     setup.coefficients.update(dict.fromkeys(kinds, (style, values)))
 
 
 COMMANDS = remembered(
-    {f"{what}_{end}": partial(handler, what=what) for what in KNOWN for end, handler in (("style", _style), ("coeff", _coeff))}
+    {f"{what}_{end}": partial(handler, what=what) for what in JOINED for end, handler in (("style", _style), ("coeff", _coeff))}
 )

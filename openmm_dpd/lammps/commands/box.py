@@ -1,13 +1,15 @@
 """Commands that make the box and the beads: lattice, region, create_box, create_atoms, read_data, delete_atoms."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from ...errors import DeckError, ParameterError
 from ...model.bonds import bonded_neighbours
-from ..files.atom_styles import ARRAYS, BONDED_STYLES
+from ..files.atom_styles import ARRAYS, BONDED_STYLES, JOINED
 from ..files.data_file import DataFile, read_data_file
 from ..language import arguments as read
 from ..language.lexer import Line, errors_at
@@ -42,23 +44,25 @@ def region(state: DeckState, args: list[str]) -> None:
     state.regions[name] = parse_region(args[1:], state.lattice.spacing, state.box, state.regions)
 
 
+#: How much room LAMMPS reserves, which is of no interest here.
+_ROOM = (*(f"extra/{what}/per/atom" for what in (*JOINED, "improper", "special")), "extra/improper/types")
+
+
 def create_box(state: DeckState, args: list[str]) -> None:
-    """``create_box N region [bond/types N] [angle/types N] [extra/...]``."""
+    """``create_box N region [bond/types N] [angle/types N] [dihedral/types N] [extra/...]``."""
     read.count(args, "create_box N region ...", 2, None)
     state.refuse_box("create_box")
     found = state.region(args[1])
     if found.box is None:
         raise ParameterError(f"create_box needs a bounded block or prism with positive lengths; region '{args[1]}' is a {found.style}")
     state.n_types = read.integer(args[0], "the number of atom types", 1)
-    ignored = ("extra/bond/per/atom", "extra/angle/per/atom", "extra/special/per/atom", "dihedral/types", "improper/types")
-    sizes = {"bond/types": 1, "angle/types": 1, **dict.fromkeys(ignored, 1)}
-    for keyword, values in read.options(args[2:], sizes, "create_box"):
-        if keyword in ("bond/types", "angle/types") and values[0] != "0" and state.atom_style not in BONDED_STYLES:
-            raise ParameterError(f"create_box {keyword}: atom_style {state.atom_style} has no bonds and no angles")
-        if keyword == "bond/types":
-            state.n_bond_types = read.integer(values[0], "the number of bond types", 0)
-        elif keyword == "angle/types":
-            state.n_angle_types = read.integer(values[0], "the number of angle types", 0)
+    counted = {f"{what}/types": what for what in JOINED}
+    for keyword, values in read.options(args[2:], dict.fromkeys((*counted, "improper/types", *_ROOM), 1), "create_box"):
+        if keyword in counted:
+            what = counted[keyword]
+            if values[0] != "0" and state.atom_style not in JOINED[what][1]:
+                raise ParameterError(f"create_box {keyword}: atom_style {state.atom_style} has no {what}s")
+            setattr(state, f"n_{what}_types", read.integer(values[0], f"the number of {what} types", 0))
     _set_box(state, found.box)
 
 
@@ -163,17 +167,15 @@ def _closest(points: np.ndarray, point: np.ndarray, box: Box) -> float:
 
 
 def read_data(state: DeckState, args: list[str]) -> None:
-    """``read_data file [nocoeff] [extra/atom/types N] [extra/bond/types N] [extra/angle/types N] [group ID]``."""
+    """``read_data file [nocoeff] [extra/atom/types N] [extra/bond|angle|dihedral/types N] [group ID]``."""
     read.count(args, "read_data file ...", 1, None)
     if state.box is not None:
         raise ParameterError("read_data must come before any other box is defined (read_data add is not supported)")
     path = state.find_file(args[0])
     data = read_data_file(path, state.atom_style, state.n_species)
-    # how much room LAMMPS reserves is of no interest here
-    ignored = ("extra/bond/per/atom", "extra/angle/per/atom", "extra/special/per/atom", "extra/dihedral/types", "extra/improper/types")
-    sizes = {"extra/atom/types": 1, "extra/bond/types": 1, "extra/angle/types": 1, "nocoeff": 0, "group": 1, **dict.fromkeys(ignored, 1)}
-    chosen = dict(read.options(args[1:], sizes, "read_data"))
-    for name, option in (("n_types", "extra/atom/types"), ("n_bond_types", "extra/bond/types"), ("n_angle_types", "extra/angle/types")):
+    more = {"extra/atom/types": "n_types", **{f"extra/{what}/types": f"n_{what}_types" for what in JOINED}}
+    chosen = dict(read.options(args[1:], {**dict.fromkeys((*more, *_ROOM, "group"), 1), "nocoeff": 0}, "read_data"))
+    for option, name in more.items():
         setattr(state, name, getattr(data, name) + read.integer(chosen.get(option, ["0"])[0], option, 0))
     if state.n_types < 1:
         raise DeckError("the header announces no atom types", str(path))
@@ -204,15 +206,14 @@ def _take_atoms(state: DeckState, data: DataFile, path: Path) -> None:
     for k in range(state.n_species):
         atoms.concentrations[:, k] = data.columns[f"c{k + 1}"][order]
     state.add_atoms(atoms)
-    state.bonds, state.angles = data.bonds, data.angles
+    state.bonds, state.angles, state.dihedrals = data.bonds, data.angles, data.dihedrals
 
 
 def _take_coefficients(state: DeckState, data: DataFile, path: Path) -> None:
-    handlers = {
+    handlers: dict[str, Callable[[list[str]], None]] = {
         "Pair Coeffs": lambda words: pairs.COMMANDS["pair_coeff"](state, [words[0], *words]),
         "PairIJ Coeffs": lambda words: pairs.COMMANDS["pair_coeff"](state, words),
-        "Bond Coeffs": lambda words: bonded.COMMANDS["bond_coeff"](state, words),
-        "Angle Coeffs": lambda words: bonded.COMMANDS["angle_coeff"](state, words),
+        **{f"{what.capitalize()} Coeffs": partial(bonded.COMMANDS[f"{what}_coeff"], state) for what in JOINED},
     }
     outer = state.here
     for name, rows in data.coefficients.items():
@@ -249,12 +250,15 @@ def delete_atoms(state: DeckState, args: list[str]) -> None:
     if "mol" in options and read.switch(options["mol"][0], "mol"):
         raise ParameterError("delete_atoms mol yes is not supported")
     gone = state.atoms.ids[doomed]
-    broken, bent = (np.isin(terms[:, 1:], gone).any(axis=1) for terms in (state.bonds, state.angles))
-    if (broken.any() or bent.any()) and not read.switch(options.get("bond", ["no"])[0], "bond"):
-        lost = f"{int(broken.sum())} bonds" + (f" and {int(bent.sum())} angles" if bent.any() else "")
-        raise ParameterError(f"{lost} would lose a bead; delete them too with 'bond yes'")
-    _check_special(state, gone, state.bonds[~broken])
-    state.bonds, state.angles = state.bonds[~broken], state.angles[~bent]
+    kept_terms = {f"{what}s": getattr(state, f"{what}s") for what in JOINED}
+    kept_terms = {name: terms[~np.isin(terms[:, 1:], gone).any(axis=1)] for name, terms in kept_terms.items()}
+    lost = {name: len(getattr(state, name)) - len(terms) for name, terms in kept_terms.items()}
+    if any(lost.values()) and not read.switch(options.get("bond", ["no"])[0], "bond"):
+        broken = " and ".join(f"{count} {name}" for name, count in lost.items() if count)
+        raise ParameterError(f"{broken} would lose a bead; delete them too with 'bond yes'")
+    _check_special(state, gone, kept_terms["bonds"])
+    for name, terms in kept_terms.items():
+        setattr(state, name, terms)
     # LAMMPS hands out new ids only in atom styles without molecules, in the order in which beads stand in its memory
     compress = read.switch(options.get("compress", ["yes"])[0], "compress") and state.atom_style not in BONDED_STYLES
     if compress:
@@ -294,7 +298,7 @@ def reset_atoms(state: DeckState, args: list[str]) -> None:
     order = np.argsort(state.atoms.slots)
     fresh = np.empty(len(order), dtype=np.int64)
     fresh[order] = np.arange(1, len(order) + 1)
-    for terms in (state.bonds, state.angles):
+    for terms in (state.bonds, state.angles, state.dihedrals):
         terms[:, 1:] = fresh[state.atoms.index_of(terms[:, 1:].ravel())].reshape(terms[:, 1:].shape)
     state.atoms.take(order)
     state.atoms.ids = np.arange(1, len(order) + 1)

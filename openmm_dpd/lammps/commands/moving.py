@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...errors import ParameterError
+from ..files.atom_styles import JOINED
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..values.resolver import present
@@ -116,7 +117,8 @@ def replicate(state: DeckState, args: list[str]) -> None:
     i, j, k = cells.T
     atoms.slots = np.tile(slots, len(cells)) + n * np.repeat((i * ny + j) * nz + k, n)
     state.groups = {name: np.tile(mask, len(cells)) for name, mask in state.groups.items()}
-    state.bonds, state.angles = (_copied(terms, most, len(cells)) for terms in (state.bonds, state.angles))
+    for name in (f"{what}s" for what in JOINED):
+        setattr(state, name, _copied(getattr(state, name), most, len(cells)))
     xy, xz, yz = box.tilt
     state.box = replace(box, high=box.low + counts * box.edges, tilt=np.array([xy * ny, xz * nz, yz * nz]))
     atoms.images = np.zeros_like(atoms.images)
@@ -125,7 +127,7 @@ def replicate(state: DeckState, args: list[str]) -> None:
 
 
 def _copied(terms: np.ndarray, most: int, copies: int) -> np.ndarray:
-    """Bonds or angles of all copies: type and ids."""
+    """Bonds, angles or dihedrals of all copies: type and ids."""
     shift = np.repeat(np.arange(copies), len(terms))[:, None] * most
     found = np.tile(terms, (copies, 1))
     found[:, 1:] += shift

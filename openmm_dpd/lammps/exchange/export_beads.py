@@ -1,5 +1,6 @@
-"""The data file of an exported scene: bead types, box, beads, bonds and angles."""
+"""The data file of an exported scene: bead types, box, beads, bonds, angles and dihedrals."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ from ...model.internal import BeadTemperatures, Concentrations, InternalEnergy
 from ...model.pairs import NONE
 from ...model.scene import Scene
 from ...units import UnitSystem, thermal_energies
+from ..files.atom_styles import JOINED
 from ..files.data_file import DataFile
 from ..state.box import Box
 from ..styles.writing import Differences
@@ -117,8 +119,8 @@ def atom_styles(scene: Scene, mdpd: bool = False) -> tuple[str, ...]:
         own = "mdpd"
     charged, bonded = scene.charges is not None, bool(len(scene.bond_pairs)) or scene.molecules is not None
     rest: str | None = None
-    if bonded or scene.angles:
-        rest = "full" if charged else "molecular" if scene.angles else "bond"
+    if bonded or scene.angles or scene.dihedrals:
+        rest = "full" if charged else "molecular" if scene.angles or scene.dihedrals else "bond"
     elif charged:
         rest = "charge"
     return tuple(style for style in (own, rest) if style) or ("atomic",)
@@ -142,7 +144,7 @@ def atom_style_line(styles: tuple[str, ...], n_species: int) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Bonded:
-    """Bonds or angles by type: ``rows`` are (type, beads counted from 0), ``types`` (style, coefficient words) from type 1 on."""
+    """Bonds, angles or dihedrals: ``rows`` are (type, beads counted from 0), ``types`` (style, coefficient words) from type 1 on."""
 
     rows: np.ndarray
     types: tuple[tuple[str, str], ...]
@@ -187,11 +189,11 @@ def data_file(
     types: BeadTypes,
     places: tuple[Box, np.ndarray, np.ndarray],
     velocities: np.ndarray,
-    bonds: Bonded,
-    angles: Bonded,
+    joined: Sequence[Bonded],
     extra_types: int = 0,
 ) -> DataFile:
-    """The data file of a scene; ``places`` are box, positions and image flags (:func:`lammps_box`), ``extra_types`` stand for bonds."""
+    """The data file of a scene; ``places`` are box, positions and image flags (:func:`lammps_box`), ``joined`` bonds, angles and dihedrals;
+    ``extra_types`` stand for bonds."""
     box, positions, images = places
     n, count = scene.n_beads, len(types)
     columns = {"id": np.arange(1, n + 1), "type": types.of_bead, "rho": np.zeros(n)} | _fields(scene, units)
@@ -206,10 +208,8 @@ def data_file(
         images=images,
         velocities=velocities / units.velocity,
         masses=dict(enumerate(masses, start=1)),
-        n_bond_types=len(bonds.types),
-        bonds=bonds.ids,
-        n_angle_types=len(angles.types),
-        angles=angles.ids,
+        **{f"n_{what}_types": len(terms.types) for what, terms in zip(JOINED, joined, strict=True)},  # type: ignore[arg-type]
+        **{f"{what}s": terms.ids for what, terms in zip(JOINED, joined, strict=True)},  # type: ignore[arg-type]
     )
 
 

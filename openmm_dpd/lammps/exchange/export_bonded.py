@@ -1,31 +1,31 @@
-"""Bonds and angles of a scene in LAMMPS's words."""
+"""Bonds, angles and dihedrals of a scene in LAMMPS's words."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
 from ...errors import ParameterError
+from ...kinds import bonded_kind
 from ...model.scene import Scene
 from ...units import UnitSystem
-from ..styles.bonded_styles import ANGLE_STYLES, BOND_STYLES
+from ..files.atom_styles import JOINED
+from ..styles.bonded_styles import bonded_styles
 from ..styles.writing import exact
 from .export_beads import Bonded
 
-#: Most bond or angle types.
+#: Most types of bonds, angles or dihedrals.
 _MOST_TYPES = 100000
 
 
 def bonded_types(scene: Scene, what: str, units: UnitSystem) -> Bonded:
-    """The bonds or angles (``what``) of a scene, with one type for each set of coefficients."""
-    terms, members, styles = {"bond": (scene.bonds, "pairs", BOND_STYLES), "angle": (scene.angles, "triples", ANGLE_STYLES)}[what]
+    """The bonds, angles or dihedrals (``what``) of a scene, with one type for each set of coefficients."""
     types: dict[tuple[str, str], int] = {}
-    rows = [np.zeros((0, 3 if what == "bond" else 4), dtype=np.int64)]
-    for term in terms:
-        style = next((name for name, style in styles.items() if style.kind is type(term)), None)
+    rows = [np.zeros((0, JOINED[what][0] + 1), dtype=np.int64)]
+    for term in getattr(scene, f"{what}s"):
+        style = bonded_kind(type(term)).style
         if style is None:
             raise ParameterError(f"{what}s of kind {type(term).__name__} cannot be exported to LAMMPS")
-        beads = getattr(term, members)
-        values = np.column_stack(styles[style].columns.of(term, units))
+        beads, values = term.beads, np.column_stack(bonded_styles(what)[style].columns.of(term, units))
         different, which = np.unique(values, axis=0, return_inverse=True)
         numbered = [types.setdefault((style, exact(row)), len(types) + 1) for row in different]
         if len(beads):
@@ -36,7 +36,7 @@ def bonded_types(scene: Scene, what: str, units: UnitSystem) -> Bonded:
 
 
 def style_lines(what: str, terms: Bonded) -> Iterator[str]:
-    """``bond_style`` or ``angle_style``, and the coefficients."""
+    """``bond_style``, ``angle_style`` or ``dihedral_style``, and the coefficients."""
     if not len(terms.rows):
         return
     styles = list(dict.fromkeys(style for style, _ in terms.types))
@@ -46,10 +46,10 @@ def style_lines(what: str, terms: Bonded) -> Iterator[str]:
 
 
 def longest_bond(scene: Scene) -> float:
-    """Length of the longest bond at the start or at rest, nm; of both arms together where angles reach across two."""
+    """Length of the longest bond at the start or at rest, nm; of all that an angle or a dihedral reaches across, together."""
     lengths = [0.0]
     for bonds in scene.bonds:
         if len(bonds.pairs):
             lengths.append(float(bonds.lengths(scene.positions, scene.box).max()))
-            lengths.append(float(np.max(getattr(bonds, "r0", getattr(bonds, "R0", 0.0)))))
-    return (2.0 if scene.angles else 1.0) * max(lengths)
+            lengths.append(float(np.max(bonds.longest())))
+    return (3.0 if scene.dihedrals else 2.0 if scene.angles else 1.0) * max(lengths)

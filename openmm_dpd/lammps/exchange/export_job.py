@@ -20,7 +20,7 @@ from .export_fixes import Integrator, choose_integrator
 #: What of a Scene is exported; anything else that a scene holds is an error, never left out.
 _KNOWN = frozenset(
     "masses types positions pairs kT box velocities bead_masses charges bonds bonded_factors mobile molecules internal sources compat "
-    "angles segments body_forces walls electrostatics residues interacting".split()
+    "angles dihedrals segments body_forces walls electrostatics residues interacting".split()
 )
 
 _NAME = re.compile(r"[A-Za-z0-9_.+-]+")
@@ -45,6 +45,7 @@ class Job:
     skin: float
     bonds: Bonded
     angles: Bonded
+    dihedrals: Bonded
     images: np.ndarray | None = None
 
     @property
@@ -111,6 +112,7 @@ def make_job(scene: Scene, name, dt, steps, scheme, lam, seed, every, units, cor
         skin=skin,
         bonds=bonded_types(scene, "bond", system),
         angles=bonded_types(scene, "angle", system),
+        dihedrals=bonded_types(scene, "dihedral", system),
         images=images,
     )
 

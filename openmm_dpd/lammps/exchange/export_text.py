@@ -10,6 +10,7 @@ from ...model.flow import AXES, gaps
 from ...model.internal import BeadTemperatures, Concentrations, InternalEnergy
 from ...model.temperature import TemperatureRamp
 from ...units import LJ
+from ..files.atom_styles import JOINED
 from ..files.data_lines import data_lines
 from ..styles.charges import charge_use
 from ..styles.srp import segment_use
@@ -59,7 +60,7 @@ def export_texts(job: Job) -> dict[str, str]:
     places = lammps_box(scene, job.corner, differences, job.images)
     eos, eos_table = eos_lines(scene, job.types, units, f"eos.{job.name}", differences)
     velocities, extra = initial_velocities(scene, job.seed), int(segments is not None)
-    data = data_file(scene, units, job.types, places, velocities, job.bonds, job.angles, extra)
+    data = data_file(scene, units, job.types, places, velocities, (job.bonds, job.angles, job.dihedrals), extra)
     remarks = dict(enumerate([*job.types.names, *["places of bonds"] * extra], start=1))
     title = f"{job.name}, written by openmm-dpd, units = {units.name}"
     lines = data_lines(data, title, job.styles, job.n_species, remarks=remarks)
@@ -114,8 +115,8 @@ def _setup(job: Job, uses: list[StyleUse]) -> Iterator[str]:
     if len(scene.bond_pairs):
         yield special_line(scene)
     yield f"read_data data.{job.name}"
-    yield from style_lines("bond", job.bonds)
-    yield from style_lines("angle", job.angles)
+    for what in JOINED:
+        yield from style_lines(what, getattr(job, f"{what}s"))
     yield f"timestep {exact(job.dt / job.units.time)}"
 
 

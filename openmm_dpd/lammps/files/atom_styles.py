@@ -19,8 +19,12 @@ ATOM_STYLES: dict[str, tuple[str, ...]] = {
 #: Atom styles whose beads may be bonded.
 BONDED_STYLES = ("bond", "angle", "molecular", "full")
 
-#: Atom styles whose bonds may have angles between them.
-ANGLE_STYLES = ("angle", "molecular", "full")
+#: What joins beads: how many each, and the atom styles that have it.
+JOINED: dict[str, tuple[int, tuple[str, ...]]] = {
+    "bond": (2, BONDED_STYLES),
+    "angle": (3, ("angle", "molecular", "full")),
+    "dihedral": (4, ("molecular", "full")),
+}
 
 #: Atom styles whose beads have charges.
 CHARGED_STYLES = ("charge", "full")

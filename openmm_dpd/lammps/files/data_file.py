@@ -9,10 +9,11 @@ import numpy as np
 from ...errors import ParameterError
 from ..language.arguments import near
 from ..state.box import Box
-from .atom_styles import ANGLE_STYLES, BONDED_STYLES, atom_columns
+from .atom_styles import JOINED, atom_columns
 from .text_file import Row, TextFile
 
-SECTIONS = ("Atoms", "Velocities", "Masses", "Bonds", "Angles", "Pair Coeffs", "PairIJ Coeffs", "Bond Coeffs", "Angle Coeffs")
+SECTIONS = ("Atoms", "Velocities", "Masses", *(f"{what.capitalize()}s" for what in JOINED), "Pair Coeffs", "PairIJ Coeffs")
+SECTIONS += tuple(f"{what.capitalize()} Coeffs" for what in JOINED)
 
 _COUNTS = ("atoms", "bonds", "angles", "dihedrals", "impropers")
 _HEADERS: dict[tuple[str, ...], int] = {
@@ -26,7 +27,7 @@ _HEADERS: dict[tuple[str, ...], int] = {
     ("xy", "xz", "yz"): 3,
 }
 
-_UNSUPPORTED = ("dihedrals", "impropers")
+_UNSUPPORTED = ("impropers",)
 
 #: Largest id, and largest image flag.
 _LARGEST = 2**31 - 1
@@ -38,7 +39,7 @@ class DataFile:
 
     Attributes
     ----------
-    n_types, n_bond_types, n_angle_types : int
+    n_types, n_bond_types, n_angle_types, n_dihedral_types : int
         Numbers of types.
     box : Box
         The box.
@@ -56,6 +57,8 @@ class DataFile:
         Type and two ids.
     angles : (A, 4) array of int
         Type and three ids.
+    dihedrals : (D, 5) array of int
+        Type and four ids.
     coefficients : dict of str to list of (line number, words)
         Lines of the Coeffs sections by section name.
     hints : dict of str to str
@@ -73,6 +76,8 @@ class DataFile:
     bonds: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
     n_angle_types: int = 0
     angles: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
+    n_dihedral_types: int = 0
+    dihedrals: np.ndarray = field(default_factory=lambda: np.zeros((0, 5), dtype=np.int64))
     coefficients: dict[str, list[Row]] = field(default_factory=dict)
     hints: dict[str, str] = field(default_factory=dict)
 
@@ -258,8 +263,9 @@ class DataReader:
             found[kind] = mass
         return found
 
-    def joined(self, what: str, size: int, ids: np.ndarray, atom_style: str, styles: tuple[str, ...]) -> np.ndarray:
-        """Types and ids of the Bonds or Angles section, which atoms of ``styles`` may have."""
+    def joined(self, what: str, ids: np.ndarray, atom_style: str) -> np.ndarray:
+        """Types and ids of the Bonds, Angles or Dihedrals section."""
+        size, styles = JOINED[what]
         section, announced, n_types = f"{what.capitalize()}s", self.count(f"{what}s"), self.count(what, "types")
         usage = "id type " + " ".join(f"atom{k}" for k in range(1, size + 1))
         rows = self.rows(section, announced, 2 + size, usage)
@@ -310,10 +316,8 @@ def read_data_file(path: Path, atom_style: str, n_species: int = 0) -> DataFile:
         images=np.zeros((len(ids), 3), dtype=np.int64) if images is None else images,
         velocities=np.zeros((len(ids), 3)) if velocities is None else velocities,
         masses=reader.masses(),
-        n_bond_types=reader.count("bond", "types"),
-        bonds=reader.joined("bond", 2, ids, atom_style, BONDED_STYLES),
-        n_angle_types=reader.count("angle", "types"),
-        angles=reader.joined("angle", 3, ids, atom_style, ANGLE_STYLES),
+        **{f"n_{what}_types": reader.count(what, "types") for what in JOINED},  # type: ignore[arg-type]
+        **{f"{what}s": reader.joined(what, ids, atom_style) for what in JOINED},  # type: ignore[arg-type]
         coefficients={name: reader.sections[name][1] for name in SECTIONS if "Coeffs" in name and name in reader.sections},
         hints=reader.hints,
     )

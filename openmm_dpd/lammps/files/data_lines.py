@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from .atom_styles import atom_columns
+from .atom_styles import JOINED, atom_columns
 from .data_file import DataFile
 
 
@@ -30,7 +30,7 @@ def data_lines(
     remarks : mapping of int to str, optional
         What to say about types, behind their masses.
     """
-    terms = (("bond", data.n_bond_types, data.bonds), ("angle", data.n_angle_types, data.angles))
+    terms = [(what, getattr(data, f"n_{what}_types"), getattr(data, f"{what}s")) for what in JOINED]
     yield from (title, "", f"{len(data.positions)} atoms", f"{data.n_types} atom types")
     for what, types, rows in terms:
         if len(rows) or types:

@@ -16,10 +16,10 @@ from ..state.box import Box
 from ..state.deck_state import DeckState
 
 #: What the file says it is; another number where its contents change.
-FORMAT = "openmm-dpd restart 2"
+FORMAT = "openmm-dpd restart 3"
 
 #: Attributes of DeckState that are plain numbers and words.
-_PLAIN = "atom_style sorts n_types n_bond_types n_angle_types n_species timestep step runs reordered noise_counter".split()
+_PLAIN = "atom_style sorts n_types n_bond_types n_angle_types n_dihedral_types n_species timestep step runs reordered noise_counter".split()
 
 #: How LAMMPS's own files begin.
 _LAMMPS = b"LammpS RestartT"
@@ -43,7 +43,7 @@ def restart_bytes(state: DeckState) -> bytes:
     }
     arrays = {f"atoms/{item.name}": getattr(state.atoms, item.name) for item in fields(Atoms)}
     arrays |= {f"group/{k}": mask for k, mask in enumerate(state.groups.values())}
-    arrays |= {"bonds": state.bonds, "angles": state.angles, "header": np.array(json.dumps(header))}
+    arrays |= {"bonds": state.bonds, "angles": state.angles, "dihedrals": state.dihedrals, "header": np.array(json.dumps(header))}
     content = io.BytesIO()
     np.savez(content, **arrays)
     return content.getvalue()
@@ -88,5 +88,5 @@ def _take(state: DeckState, header: dict[str, Any], arrays: dict[str, np.ndarray
     state.time_origin = (time, step)
     state.masses = {kind: mass for kind, mass in header["masses"]}
     state.atoms = Atoms(**{item.name: arrays[f"atoms/{item.name}"] for item in fields(Atoms)})
-    state.bonds, state.angles = arrays["bonds"], arrays["angles"]
+    state.bonds, state.angles, state.dihedrals = arrays["bonds"], arrays["angles"], arrays["dihedrals"]
     state.groups = {name: arrays[f"group/{k}"] for k, name in enumerate(header["groups"])}

@@ -2,12 +2,11 @@
 
 from collections.abc import Iterator
 
-from ..files.atom_styles import ARRAYS
+from ..files.atom_styles import ARRAYS, JOINED
 from ..files.data_file import DataFile
 from ..files.data_lines import data_lines
 from ..state.deck_state import DeckState
-from ..state.pair_setup import BondedSetup
-from ..styles.bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedStyle
+from ..styles.bonded_styles import bonded_styles
 
 
 def data_file_lines(state: DeckState, *, pair: str | None = "ii") -> Iterator[str]:
@@ -31,10 +30,7 @@ def data_file_lines(state: DeckState, *, pair: str | None = "ii") -> Iterator[st
         images=atoms.images,
         velocities=atoms.velocities,
         masses={kind: mass / state.units.mass for kind, mass in state.masses.items()} if len(state.masses) == state.n_types else {},
-        n_bond_types=state.n_bond_types,
-        bonds=state.bonds,
-        n_angle_types=state.n_angle_types,
-        angles=state.angles,
+        **{name: getattr(state, name) for what in JOINED for name in (f"n_{what}_types", f"{what}s")},  # type: ignore[arg-type]
     )
     title = f"LAMMPS data file written by openmm-dpd, timestep = {state.step}, units = {state.units.name}"
     return data_lines(data, title, (state.atom_style,), state.n_species, coefficients=_coefficients(state, pair))
@@ -43,8 +39,8 @@ def data_file_lines(state: DeckState, *, pair: str | None = "ii") -> Iterator[st
 def _coefficients(state: DeckState, pair: str | None) -> Iterator[str]:
     if pair is not None:
         yield from _pair_coefficients(state, pair)
-        yield from _bonded_coefficients(state, "Bond", state.bond, BOND_STYLES, state.n_bond_types)
-        yield from _bonded_coefficients(state, "Angle", state.angle, ANGLE_STYLES, state.n_angle_types)
+        for what in JOINED:
+            yield from _bonded_coefficients(state, what)
 
 
 def _pair_coefficients(state: DeckState, which: str) -> Iterator[str]:
@@ -64,13 +60,14 @@ def _pair_coefficients(state: DeckState, which: str) -> Iterator[str]:
         yield f"{types} {' '.join(style.words(found))}"
 
 
-def _bonded_coefficients(state: DeckState, section: str, setup: BondedSetup, known: dict[str, BondedStyle], types: int) -> Iterator[str]:
+def _bonded_coefficients(state: DeckState, what: str) -> Iterator[str]:
+    setup, known = getattr(state, what), bonded_styles(what)
     if not setup.coefficients or setup.style == "zero":
         return
-    if len(setup.coefficients) < types:
-        state.note(f"write_data: {section.lower()} coefficients are not written, since some types have none")
+    if len(setup.coefficients) < getattr(state, f"n_{what}_types"):
+        state.note(f"write_data: {what} coefficients are not written, since some types have none")
         return
-    yield from ("", f"{section} Coeffs # {setup.style}", "")
+    yield from ("", f"{what.capitalize()} Coeffs # {setup.style}", "")
     for kind, (style, values) in sorted(setup.coefficients.items()):
         words = known[style].words(values, state.units) if style != "none" else []
         yield " ".join([str(kind), *([style] if setup.style == "hybrid" else []), *words])

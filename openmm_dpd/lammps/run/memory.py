@@ -46,7 +46,7 @@ _OTHERS = ARRAYS | {
 
 
 class _StateUnpickler(DataUnpickler):
-    packages, others, refusal = _PACKAGES, _OTHERS, "{} does not belong into a checkpoint"
+    packages, registered, others, refusal = _PACKAGES, (), _OTHERS, "{} does not belong into a checkpoint"
 
 
 def to_bytes(value: Any) -> bytes:

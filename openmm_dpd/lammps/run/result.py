@@ -193,7 +193,7 @@ def averages_text(results: list[RunResult]) -> str:
 
 
 #: Thermo words whose average nobody wants to read.
-_NO_AVERAGE = ("step", "elapsed", "elaplong", "dt", "time", "cpu", "tpcpu", "spcpu", "atoms", "bonds", "angles")
+_NO_AVERAGE = ("step", "elapsed", "elaplong", "dt", "time", "cpu", "tpcpu", "spcpu", "atoms", "bonds", "angles", "dihedrals")
 
 
 def results_json(results: list[RunResult]) -> dict:

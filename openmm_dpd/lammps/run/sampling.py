@@ -46,10 +46,10 @@ class Sampler:
         self._replaced = bool(request.state.fixes_of("setforce"))
         if "virial_tensor" in request.needs:
             require_stress(built.plan)
-        #: Fields of DeckSample that :meth:`light` measures; as a tensor the virial of a lattice sum is dear.
+        #: Fields of DeckSample that :meth:`light` measures.
         self.light_needs = frozenset(("positions", "velocities", "fields", "kinetic"))
         if why_no_stress(built.plan) is None:
-            self.light_needs |= {"virial_tensor"} if built.plan.ewald is not None else {"virial_tensor", "virial"}
+            self.light_needs |= {"virial_tensor", "virial"}
 
     def full(self, step: int, needs: frozenset[str], cpu: float) -> tuple[DeckSample, Sample]:
         """A sample with energies and virial, and the fields of ``needs``.
@@ -69,6 +69,7 @@ class Sampler:
             lattice_energy=measured.coulomb_reciprocal,
             bond_energy=measured.bond,
             angle_energy=measured.angle,
+            dihedral_energy=measured.dihedral,
             virial_full=virial if predicts else virial + friction,
             force_norm=float(np.sqrt(np.sum(forces**2))),
             force_max=float(np.abs(forces).max()),
@@ -89,7 +90,7 @@ class Sampler:
 
     def light(self, step: int, needs: frozenset[str], cpu: float) -> DeckSample:
         """A sample without energies: the fields of ``needs``, which are among :attr:`light_needs`."""
-        energies: dict[str, Any] = dict.fromkeys(("short_energy", "lattice_energy", "bond_energy", "angle_energy"))
+        energies: dict[str, Any] = dict.fromkeys(("short_energy", "lattice_energy", "bond_energy", "angle_energy", "dihedral_energy"))
         return DeckSample(**energies, **self._light(step, needs, cpu))
 
     def _light(self, step: int, needs: frozenset[str], cpu: float) -> dict[str, Any]:

@@ -9,8 +9,7 @@ from ...wording import read_by
 from ..language.lexer import errors_at, located
 from ..state.deck_state import DeckState
 from ..state.moment import Window
-from ..state.pair_setup import BondedSetup
-from ..styles.bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedStyle
+from ..styles.bonded_styles import bonded_styles
 from ..styles.pair_tables import pair_tables
 from .electrostatics import electrostatics_of
 from .fields import internal_of, internal_scale, sources_of
@@ -65,8 +64,9 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
             velocities=atoms.velocities * units.velocity,
             bead_masses=masses,
             charges=atoms.charges if np.any(atoms.charges) else None,
-            bonds=_bonded_terms(state, state.bonds, state.bond, BOND_STYLES, "bond"),
-            angles=_bonded_terms(state, state.angles, state.angle, ANGLE_STYLES, "angle"),
+            bonds=_bonded_terms(state, "bond"),
+            angles=_bonded_terms(state, "angle"),
+            dihedrals=_bonded_terms(state, "dihedral"),
             segments=segments_of(state, compat),
             bonded_factors=state.special if len(state.bonds) else (1.0, 1.0, 1.0),
             mobile=None if moved.mobile.all() else moved.mobile,
@@ -112,9 +112,9 @@ def deck_kT(state: DeckState, window: Window | None) -> float | TemperatureRamp:
     return TemperatureRamp(start, stop, window.begin - window.first, window.end - window.first)
 
 
-def _bonded_terms(state: DeckState, terms: np.ndarray, setup: BondedSetup, known: dict[str, BondedStyle], what: str) -> list:
-    """Bonds or angles by type; bonds of a style without energy still count for special_bonds, such angles are left out."""
-    found = []
+def _bonded_terms(state: DeckState, what: str) -> list:
+    """Bonds, angles or dihedrals by type; bonds of a style without energy still count for special_bonds, other terms are left out."""
+    terms, setup, known, found = getattr(state, f"{what}s"), getattr(state, what), bonded_styles(what), []
     for kind in np.unique(terms[:, 0]).tolist():
         style: str = "none"
         values: dict[str, float] = {}

@@ -57,8 +57,8 @@ class DeckState:
         The periodic box, in the deck's unit of length.
     periodic : three bools
         Axes along which the box repeats.
-    n_types, n_bond_types, n_angle_types : int
-        Numbers of bead, bond and angle types.
+    n_types, n_bond_types, n_angle_types, n_dihedral_types : int
+        Numbers of bead, bond, angle and dihedral types.
     n_species : int
         Number of concentrations of ``atom_style tdpd``, 0 for other styles.
     masses : dict of int to float
@@ -69,6 +69,8 @@ class DeckState:
         Bond type and the ids of the two beads.
     angles : (A, 4) int array
         Angle type and the ids of the three beads, the vertex in the middle.
+    dihedrals : (D, 5) int array
+        Dihedral type and the ids of the four beads.
     groups : dict of str to (N,) bool array
         Members of each group, ``all`` included.
     special : three floats
@@ -122,17 +124,20 @@ class DeckState:
     n_types: int = 0
     n_bond_types: int = 0
     n_angle_types: int = 0
+    n_dihedral_types: int = 0
     n_species: int = 0
     masses: dict[int, float] = field(default_factory=dict)
     atoms: Atoms = field(default_factory=Atoms)
     bonds: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
     angles: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
+    dihedrals: np.ndarray = field(default_factory=lambda: np.zeros((0, 5), dtype=np.int64))
     groups: dict[str, np.ndarray] = field(default_factory=lambda: {"all": np.zeros(0, dtype=bool)})
     lattice: Lattice = field(default_factory=no_lattice)
     regions: dict[str, Region] = field(default_factory=dict)
     pair: PairSetup = field(default_factory=PairSetup)
     bond: BondedSetup = field(default_factory=BondedSetup)
     angle: BondedSetup = field(default_factory=BondedSetup)
+    dihedral: BondedSetup = field(default_factory=BondedSetup)
     special: tuple[float, float, float] = (0.0, 0.0, 0.0)
     special_charges: tuple[float, float, float] = (0.0, 0.0, 0.0)
     kspace: KspaceSetup | None = None

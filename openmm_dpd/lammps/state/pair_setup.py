@@ -1,4 +1,4 @@
-"""The pair, bond and angle styles of a deck and their coefficients, as data; the styles themselves are in the folder ``styles``."""
+"""The pair, bond, angle and dihedral styles of a deck and their coefficients, as data; what the styles are is in the folder ``styles``."""
 
 from __future__ import annotations
 
@@ -178,7 +178,7 @@ class PairSetup:
 
 @dataclass
 class BondedSetup:
-    """Style of the bonds, or of the angles, and the coefficients of each type.
+    """Style of the bonds, the angles or the dihedrals, and the coefficients of each type.
 
     Attributes
     ----------

@@ -22,8 +22,8 @@ class DeckSample:
         Conservative pair energy, charges included.
     short_energy, lattice_energy : float, optional
         Of it, the short-ranged part and the lattice sum of charges.
-    bond_energy, angle_energy : float, optional
-        Energy of the bonds and of the angles.
+    bond_energy, angle_energy, dihedral_energy : float, optional
+        Energy of the bonds, the angles and the dihedrals.
     virial : float, optional
         Sum of r.F over everything that LAMMPS counts in ``press`` with this scheme: pairs and bonds, and with ``mvv`` the
         dissipative and random parts as well.
@@ -56,6 +56,7 @@ class DeckSample:
     lattice_energy: float | None = 0.0
     bond_energy: float | None = 0.0
     angle_energy: float | None = 0.0
+    dihedral_energy: float | None = 0.0
     virial: float | None = None
     virial_full: float | None = None
     virial_tensor: np.ndarray | None = None

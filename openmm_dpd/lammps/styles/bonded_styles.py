@@ -1,73 +1,61 @@
-"""Bond and angle styles: what their coefficients are, and which term of the model they become."""
+"""Bond, angle and dihedral styles: what their coefficients are, and which term of the model they become."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from ...errors import ParameterError
-from ...model.angles import CosineAngles, HarmonicAngles
-from ...model.bonds import FENEBonds, HarmonicBonds, MorseBonds
+from ...kinds import BONDED_KINDS, BondedKind
 from ...units import UnitSystem
+from ..files.atom_styles import JOINED
 from ..language import arguments as read
 from .columns import Columns
+
+#: How numbers are read that have this bound.
+_READERS = {"> 0": read.positive, ">= 0": read.non_negative, "": read.number}
 
 
 @dataclass(frozen=True)
 class BondedStyle:
-    """A bond or angle style.
+    """A bond, angle or dihedral style.
 
     Attributes
     ----------
-    kind : type or None
-        Class of the model, None for a style without energy.
-    columns : Columns
-        Arguments of that class and their dimensions.
-    labels : tuple of str
-        What LAMMPS's manual calls them.
+    kind : BondedKind or None
+        The kind, None for a style without energy.
     """
 
-    kind: type | None
-    columns: Columns = field(default_factory=lambda: Columns({}))
-    labels: tuple[str, ...] = ()
+    kind: BondedKind | None
+
+    @property
+    def columns(self) -> Columns:
+        """Arguments of the class of the model, and their dimensions."""
+        return Columns({} if self.kind is None else {name: dimension for name, (dimension, _) in self.kind.words.items()})
 
     def coefficient(self, words: list[str], usage: str, units: UnitSystem) -> dict[str, float]:
         """Arguments of the class, in MD units, from the words of a coefficient command that begins as ``usage`` says."""
         if self.kind is None:
             return {}
-        read.count(words, f"{usage} {' '.join(self.labels)}", len(self.labels))
+        labels = [label for _, label in self.kind.words.values()]
+        read.count(words, f"{usage} {' '.join(labels)}", len(labels))
         values = {}
-        for name, label, word in zip(self.columns.dimensions, self.labels, words, strict=True):
-            values[name] = read.positive(word, label) if label == "R0" else read.non_negative(word, label)
-        values = self.columns.to_md(values, units)
-        if self.kind is FENEBonds and values["sigma"] == 0.0:
-            if values["epsilon"] > 0.0:
-                raise ParameterError("sigma must be > 0 where epsilon is")
-            values["sigma"] = units.length  # of no consequence
-        return values
+        for name, label, word in zip(self.kind.words, labels, words, strict=True):
+            values[name] = _READERS[self.kind.terms._DIMENSIONS[name][1]](word, label)
+        return self.columns.to_md(values, units)
 
     def words(self, values: dict[str, float], units: UnitSystem) -> list[str]:
         """The words of a coefficient command, in the deck's units."""
         return [f"{value:.15g}" for value in self.columns.of(SimpleNamespace(**values), units)]
 
     def build(self, beads: np.ndarray, values: dict[str, float]) -> Any:
-        """The bonds or angles of the model."""
+        """The bonds, angles or dihedrals of the model."""
         assert self.kind is not None
-        return self.kind(beads, **values)
+        terms: Any = self.kind.terms
+        return terms(beads, **values)
 
 
-_FENE = Columns({"k": "energy/length^2", "R0": "length", "epsilon": "energy", "sigma": "length"})
-
-BOND_STYLES = {
-    "harmonic": BondedStyle(HarmonicBonds, Columns({"k": "energy/length^2", "r0": "length"}), ("K", "r0")),
-    "fene": BondedStyle(FENEBonds, _FENE, ("K", "R0", "epsilon", "sigma")),
-    "morse": BondedStyle(MorseBonds, Columns({"D": "energy", "alpha": "1/length", "r0": "length"}), ("D", "alpha", "r0")),
-    "zero": BondedStyle(None),
-}
-
-ANGLE_STYLES = {
-    "harmonic": BondedStyle(HarmonicAngles, Columns({"k": "energy", "theta0": "degrees"}), ("K", "theta0")),
-    "cosine": BondedStyle(CosineAngles, Columns({"k": "energy"}), ("K",)),
-    "zero": BondedStyle(None),
-}
+def bonded_styles(what: str) -> dict[str, BondedStyle]:
+    """Styles of bonds, angles or dihedrals, by their names: those of all kinds that are known, and ``zero``."""
+    known = {kind.style: BondedStyle(kind) for kind in BONDED_KINDS.values() if kind.style and kind.width == JOINED[what][0]}
+    return {**known, "zero": BondedStyle(None)}

@@ -42,7 +42,7 @@ def _check_pressure(state: DeckState, group: str, words: list[str]) -> None:
 
 
 #: Parts of the potential energy that compute pe can be asked for.
-_PARTS = ("pair", "bond", "angle")
+_PARTS = ("pair", "bond", "angle", "dihedral")
 
 
 def potential_energy(moment: DeckMoment, parts: Sequence[str] = _PARTS) -> float:

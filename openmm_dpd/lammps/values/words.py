@@ -81,7 +81,8 @@ def _rate(moment: DeckMoment, per_step: bool) -> float:
     return elapsed / seconds if per_step else elapsed * moment.state.timestep / moment.units.time / seconds
 
 
-_ENERGIES = ("pair_energy", "bond_energy", "angle_energy")
+_BONDED = ("bond_energy", "angle_energy", "dihedral_energy")
+_ENERGIES = ("pair_energy", *_BONDED)
 _PRESSURE = ("kinetic", "virial")
 
 
@@ -132,6 +133,7 @@ WORDS: dict[str, Word] = {
     "atoms": Word("Atoms", lambda c: len(c.state.atoms), integer=True),
     "bonds": Word("Bonds", lambda c: len(c.state.bonds), integer=True),
     "angles": Word("Angles", lambda c: len(c.state.angles), integer=True),
+    "dihedrals": Word("Diheds", lambda c: len(c.state.dihedrals), integer=True),
     "temp": Word("Temp", lambda c: c.temperature(c.thermo_compute()), needs=("kinetic",)),
     "press": Word("Press", lambda c: c.pressure(), needs=_PRESSURE),
     **_tensor_words(),
@@ -144,9 +146,9 @@ WORDS: dict[str, Word] = {
     "epair": Word("E_pair", _per_bead("pair_energy"), needs=("pair_energy",)),
     "ebond": Word("E_bond", _per_bead("bond_energy"), needs=("bond_energy",)),
     "eangle": Word("E_angle", _per_bead("angle_energy"), needs=("angle_energy",)),
-    "edihed": Word("E_dihed", lambda c: 0.0),
+    "edihed": Word("E_dihed", _per_bead("dihedral_energy"), needs=("dihedral_energy",)),
     "eimp": Word("E_impro", lambda c: 0.0),
-    "emol": Word("E_mol", _per_bead("bond_energy", "angle_energy"), needs=("bond_energy", "angle_energy")),
+    "emol": Word("E_mol", _per_bead(*_BONDED), needs=_BONDED),
     "elong": Word("E_long", _per_bead("lattice_energy"), needs=("lattice_energy",)),
     "etail": Word("E_tail", lambda c: 0.0),
     "vol": Word("Volume", lambda c: c.box.volume),

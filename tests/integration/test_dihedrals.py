@@ -1,0 +1,241 @@
+"""Dihedrals: finite differences, OpenMM's own torsions, a live LAMMPS, decks, export, and bad input."""
+
+from __future__ import annotations
+
+import chains_of_beads as chains
+import lammps_peer
+import numpy as np
+import openmm
+import pytest
+from scenes import beads
+
+import openmm_dpd as dpd
+from openmm_dpd.lammps import RunOptions, deck_scene, export_lammps, run_deck
+from openmm_dpd.measure.bonded_sums import dihedral_sums
+from openmm_dpd.measure.stress_parts import stress_parts
+from openmm_dpd.model.bonds import bonded_neighbours
+
+NO_LAMMPS = lammps_peer.why_missing()
+BOX = np.array([[6.2, 0, 0], [1.3, 5.9, 0], [-1.1, 1.7, 6.4]])
+
+#: LAMMPS's words, and the same as formulas of phi.
+STYLES = {
+    1: ("harmonic 3.0 -1 2", lambda phi: 3.0 * (1 - np.cos(2 * phi))),
+    2: (
+        "opls 1.0 -2.0 3.0 0.7",
+        lambda p: 0.5 * (1 + np.cos(p) - 2 * (1 - np.cos(2 * p)) + 3 * (1 + np.cos(3 * p)) + 0.7 * (1 - np.cos(4 * p))),
+    ),
+    3: ("multi/harmonic 1.0 2.0 -1.5 0.5 0.3", lambda p: sum(a * np.cos(p) ** k for k, a in enumerate((1.0, 2.0, -1.5, 0.5, 0.3)))),
+}
+
+
+def walk(seed=6, box=BOX):
+    """Positions, bonds, angles and dihedrals of twelve chains of six."""
+    x, bonds, angles = chains.walks(12, 6, box, seed)
+    return x, bonds, angles, np.array([[6 * c + k + m for m in range(4)] for c in range(12) for k in range(3)])
+
+
+def made(quads):
+    """Dihedrals of three kinds in turn."""
+    return [
+        dpd.HarmonicDihedrals(quads[::3], 3.0, -1, 2),
+        dpd.OPLSDihedrals(quads[1::3], 1.0, -2.0, 3.0, 0.7),
+        dpd.MultiHarmonicDihedrals(quads[2::3], 1.0, 2.0, -1.5, 0.5, 0.3),
+    ]
+
+
+def scene(**options) -> dpd.Scene:
+    x, bonds, _, quads = walk()
+    table = {("W", "W"): dpd.DPD(A=25, gamma=4.5)}
+    return beads(len(x), positions=x, table=table, box=BOX, bonds=[dpd.HarmonicBonds(bonds, 30, 0.9)], dihedrals=made(quads), **options)
+
+
+def angle(x, quad, box=BOX) -> float:
+    """By projection: the angle between the outer bonds seen along the middle one."""
+    i, j, k, m = (x[bead] for bead in quad)
+    f, g, h = (chains.nearest_image(d, box) for d in (i - j, k - j, m - k))
+    g = g / np.linalg.norm(g)
+    u, w = f - (f @ g) * g, h - (h @ g) * g
+    return float(np.arccos(np.clip(u @ w / np.linalg.norm(u) / np.linalg.norm(w), -1, 1)))
+
+
+def energy_of(x, quads, box=BOX) -> float:
+    return float(sum(STYLES[k % 3 + 1][1](angle(x, quad, box)) for k, quad in enumerate(quads)))
+
+
+@pytest.mark.parametrize("loop", [True, False])
+def test_forces_are_the_gradient(loop):
+    x, bonds, _, quads = walk()
+    built = dpd.build(scene(), dt=0.005, platform="Reference", conservative="kernel", seed=1, loop=loop)
+    without = dpd.build(
+        beads(len(x), positions=x, box=BOX, bonds=[dpd.HarmonicBonds(bonds, 30, 0.9)]), dt=0.005, platform="Reference", seed=1
+    )
+    force = dpd.force_terms(built)["bond"] - dpd.force_terms(without)["bond"]
+    np.testing.assert_allclose(force.sum(axis=0), 0, atol=1e-10)
+    h = 1e-5
+    for bead, axis in ((0, 0), (1, 1), (8, 2), (15, 0), (40, 1), (71, 2)):
+        step = np.zeros_like(x)
+        step[bead, axis] = h
+        slope = (energy_of(x + step, quads) - energy_of(x - step, quads)) / (2 * h)
+        assert force[bead, axis] == pytest.approx(-slope, rel=1e-5, abs=1e-5)
+
+
+@pytest.mark.parametrize("scheme", ["middle", "mvv"])
+def test_loop_and_program_go_the_same_way(scheme):
+    ends = []
+    for loop in (True, False):
+        simulation = dpd.build(
+            scene(), dt=0.005, scheme=scheme, platform="Reference", conservative="kernel", seed=1, loop=loop
+        ).simulation()
+        simulation.step(20)
+        ends.append(simulation.context.getState(positions=True).getPositions(asNumpy=True)._value)
+    np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-12)
+
+
+def test_they_are_measured():
+    """Energy, stress (its trace is 0) and Laplacian."""
+    beads_, h = scene(), 1e-4
+    x, _, _, quads = walk()
+    plan = dpd.make_plan(beads_, dt=0.005, seed=1)
+    mobile = np.ones(len(x), bool)
+    mobile[3] = False
+    energy, laplacian = dihedral_sums(plan, x, BOX, mobile)
+    assert energy == pytest.approx(energy_of(x, quads), rel=1e-12)
+    built = dpd.build(beads_, dt=0.005, platform="Reference", seed=1)
+    sample = dpd.Observer(built).sample(built.simulation().context)
+    assert sample.dihedral == energy
+    assert sample.potential == pytest.approx(sample.pair + sample.bond + sample.dihedral, rel=1e-14)
+    second = 0.0
+    for bead, axis in np.ndindex(x.shape):
+        if mobile[bead]:
+            step = np.zeros_like(x)
+            step[bead, axis] = h
+            second += sum(dihedral_sums(plan, x + s, BOX, mobile)[0] for s in (step, -step)) - 2 * energy
+    assert laplacian == pytest.approx(second / h**2, rel=1e-5)
+    alone = dpd.make_plan(beads(len(x), positions=x, box=BOX, dihedrals=made(quads)), dt=0.005, seed=1)
+    stress = sum(part(x, BOX) for part in stress_parts(alone))
+    assert abs(stress[:3].sum()) < 1e-10 * np.abs(stress).max()
+    for component, (a, b) in enumerate([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]):
+        ends = []
+        for size in (1e-5, -1e-5):
+            strain = np.eye(3)
+            strain[b, a] += size  # keeps box vectors lower triangular
+            ends.append(dihedral_sums(alone, x @ strain, BOX @ strain, mobile)[0])
+        assert stress[component] == pytest.approx(-(ends[0] - ends[1]) / 2e-5, rel=1e-5, abs=1e-5)
+
+
+def data_file(x, bonds, angles, quads, box) -> str:
+    text = chains.data_file(x, bonds, angles, box, bond_types=1, angle_types=1).replace("Atoms # angle", "Atoms # molecular")
+    text = text.replace(" angles\n", f" angles\n{len(quads)} dihedrals\n", 1).replace(
+        " angle types\n", " angle types\n3 dihedral types\n", 1
+    )
+    rows = [f"{k + 1} {k % 3 + 1} " + " ".join(str(bead + 1) for bead in quad) for k, quad in enumerate(quads.tolist())]
+    return text + "\n".join(["", "Dihedrals", "", *rows, ""])
+
+
+DECK = f"""units lj
+atom_style molecular
+newton on
+special_bonds lj 0 0.5 0.25
+comm_modify vel yes cutoff 3.0
+bond_style harmonic
+angle_style cosine
+dihedral_style hybrid harmonic opls multi/harmonic
+pair_style dpd 0.0 1.0 33
+read_data data.chains
+bond_coeff 1 30 0.9
+angle_coeff 1 2.0
+{chr(10).join(f"dihedral_coeff {kind} {text}" for kind, (text, _) in STYLES.items())}
+pair_coeff 1 1 25.0 0.0
+velocity all set 0 0 0
+fix 1 all nve
+timestep 0.002
+thermo_modify norm no
+"""
+WORDS = ("pe", "ebond", "eangle", "edihed", "emol", "evdwl", "press", "pxx", "pyy", "pzz", "pxy", "pxz", "pyz")
+
+
+@pytest.mark.skipif(NO_LAMMPS is not None, reason=str(NO_LAMMPS))
+@pytest.mark.parametrize("box", [np.diag([6.2, 5.9, 6.4]), BOX], ids=["orthogonal", "tilted"])
+@pytest.mark.parametrize("steps", [0, 20])
+def test_against_lammps(tmp_path, box, steps):
+    """Energies, pressure and its tensor with every style; forces at step 0."""
+    x, bonds, angles, quads = walk(box=box)
+    (tmp_path / "data.chains").write_text(data_file(x, bonds, angles, quads, box))
+    text = DECK + f"thermo_style custom step dihedrals {' '.join(WORDS)}\nthermo_modify norm no\n"
+    with lammps_peer.instance() as lmp:
+        lmp.command(f"shell cd {tmp_path}")
+        lmp.commands_string(text)
+        lmp.commands_list(["dump f all custom 1 forces.txt id fx fy fz", "dump_modify f sort id format float %.17g", f"run {steps}"])
+        expected = {word: lmp.get_thermo(word) for word in WORDS}
+    deck = tmp_path / "in.chains"
+    deck.write_text(text + f"run {steps}\n")
+    report = run_deck(deck, RunOptions(platform="Reference", threads=1), out=tmp_path / "out")
+    rows = {word: values["last"] for word, values in report["runs"][0]["thermo"].items()}
+    assert expected["edihed"] != 0
+    for word, value in expected.items():
+        assert rows[word] == pytest.approx(value, rel=1e-8, abs=1e-8), word
+    forces = np.loadtxt(tmp_path / "forces.txt", skiprows=9, max_rows=len(x))[:, 1:]
+    built = dpd.build(deck_scene(deck), dt=0.002, platform="Reference", seed=1)
+    terms = dpd.force_terms(built)
+    np.testing.assert_allclose(terms["bond"] + terms["conservative"], forces, rtol=0, atol=1e-9 * np.abs(forces).max())
+
+
+def test_decks_and_export(tmp_path):
+    """Data files and export keep types, beads and coefficients; bonds alone say which pairs are neighbours."""
+    x, bonds, angles, quads = walk()
+    (tmp_path / "data.chains").write_text(data_file(x, bonds, angles, quads, BOX))
+    deck = tmp_path / "in.chains"
+    deck.write_text(DECK + "write_data data.again\nrun 0\n")
+    read = deck_scene(deck)
+    assert [type(group) for group in read.dihedrals] == [dpd.HarmonicDihedrals, dpd.OPLSDihedrals, dpd.MultiHarmonicDihedrals]
+    assert np.array_equal(np.sort(np.concatenate([group.quads for group in read.dihedrals]), axis=0), np.sort(quads, axis=0))
+    assert read.bonded_factors == (0.0, 0.5, 0.25)
+    factors = dpd.make_plan(read, dt=0.002, seed=1).exceptions
+    assert {pair for pair, factor in factors.items() if factor == 0.25} == bonded_neighbours(bonds, len(x))[3]
+    export_lammps(read, tmp_path / "out", "again", dt=0.002)
+    again = deck_scene(tmp_path / "out" / "in.again")
+    for first, second in zip(read.dihedrals, again.dihedrals, strict=True):
+        assert type(first) is type(second) and np.array_equal(first.beads, second.beads)
+        np.testing.assert_allclose(first.coefficients, second.coefficients, rtol=1e-14)
+
+
+def test_a_system_with_them_is_read(tmp_path):
+    built = dpd.build(scene(), dt=0.005, platform="CPU", seed=1)
+    (tmp_path / "system.xml").write_text(openmm.XmlSerializer.serialize(built.system), encoding="utf-8")
+    assert dpd.load_xml(tmp_path / "system.xml").getNumForces() == built.system.getNumForces()
+
+
+def test_steps_leave_them_out_and_say_so():
+    assert "dihedrals do not count in the steps; stiff ones may want shorter ones" in dpd.recommend(scene()).notes
+
+
+def test_explained():
+    text = dpd.explain_plan(dpd.make_plan(scene(), dt=0.005, seed=1))
+    assert "12 harmonic dihedrals\n12 OPLS dihedrals\n12 multi-harmonic dihedrals" in text
+
+
+QUAD = [(0, 1, 2, 3)]
+BAD = {
+    "sign": (lambda: dpd.HarmonicDihedrals(QUAD, 1, 2, 1), "dihedral d must be 1 or -1; dihedral 0 has 2"),
+    "half a wave": (lambda: dpd.HarmonicDihedrals(QUAD, 1, 1, 1.5), "dihedral n must be a whole number; dihedral 0 has 1.5"),
+    "three beads": (lambda: dpd.OPLSDihedrals([(0, 1, 2)], 1, 1, 1, 1), r"dihedral quads must be an integer array of shape \(K, 4\)"),
+    "a bead twice": (lambda: dpd.OPLSDihedrals([(0, 1, 2, 0)], 1, 1, 1, 1), "names bead 0 twice"),
+    "no such bead": (lambda: beads(3, dihedrals=[dpd.HarmonicDihedrals(QUAD, 1, 1, 1)]), "a dihedral names bead 3.*only 3 beads"),
+    "an angle": (lambda: beads(4, dihedrals=[dpd.CosineAngles([(0, 1, 2)], 1)]), "dihedrals must be a sequence of HarmonicDihedrals or"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input(name):
+    make, message = BAD[name]
+    with pytest.raises(dpd.ParameterError, match=message):
+        make()
+
+
+def test_beads_in_line():
+    """Straight chains have a finite energy and finite forces, in the kernel as in OpenMM's place it takes."""
+    x = np.array([[k + 1.0, 1.0, 1.0] for k in range(4)])
+    made_ = beads(4, positions=x, dihedrals=[dpd.HarmonicDihedrals(QUAD, 2.0, 1, 1)])
+    force = dpd.force_terms(dpd.build(made_, dt=0.005, platform="Reference", conservative="kernel", seed=1))["bond"]
+    assert np.isfinite(force).all() and not force.any()

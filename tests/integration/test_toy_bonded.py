@@ -1,0 +1,249 @@
+"""A bond and an angle that the package does not know, registered here: they build, run, explain, measure, and are read, written or refused.
+
+Stiff springs that are soft at rest, U = k (r - r0)^4, which LAMMPS does not have, and LAMMPS's angle style cosine/squared,
+U = k (cos theta - cos theta0)^2.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import chains_of_beads as chains
+import numpy as np
+import openmm
+import pytest
+from scenes import beads
+
+import openmm_dpd as dpd
+from openmm_dpd import kinds, serialized
+from openmm_dpd.bonded_modes import bonded_modes
+from openmm_dpd.errors import DeckError, ParameterError
+from openmm_dpd.kernels.angles import AngleTerms
+from openmm_dpd.kernels.bonded import BondTerms
+from openmm_dpd.lammps import deck_scene, export_lammps
+from openmm_dpd.measure.bonded_sums import angle_sums, bond_sums
+from openmm_dpd.measure.stress_parts import stress_parts
+from openmm_dpd.model.angles import Angles
+from openmm_dpd.model.bonds import Bonds
+from openmm_dpd.molecules import linear, pack
+from openmm_dpd.molecules.terms import AnyBend, AnySpring
+
+EDGE = 6.0
+BOX = np.diag([EDGE] * 3)
+
+
+@dataclass(frozen=True, eq=False)
+class QuarticBonds(Bonds):
+    pairs: np.ndarray
+    k: np.ndarray
+    r0: np.ndarray
+
+    _DIMENSIONS = {"k": ("energy", ">= 0"), "r0": ("length", ">= 0")}
+
+    def curve(self, r):
+        return self.k * (r - self.r0) ** 4, 4 * self.k * (r - self.r0) ** 3, 12 * self.k * (r - self.r0) ** 2
+
+    def reach(self, kT):
+        return self.r0 + (40 * kT / self.k) ** 0.25
+
+
+class QuarticBondTerms(BondTerms):
+    @staticmethod
+    def formula(r, r2, p, n):
+        stretch = r - p[1, n]
+        return p[0, n] * stretch**4, -4.0 * p[0, n] * stretch**3 / r if r > 0.0 else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class SquaredAngles(Angles):
+    triples: np.ndarray
+    k: np.ndarray
+    theta0: np.ndarray
+
+    _DIMENSIONS = {"k": ("energy", ">= 0"), "theta0": ("angle", ">= 0")}
+
+    def curve(self, theta):
+        off, sine = np.cos(theta) - np.cos(self.theta0), np.sin(theta)
+        return self.k * off**2, -2 * self.k * off * sine, 2 * self.k * (sine**2 - off * np.cos(theta))
+
+
+class SquaredAngleTerms(AngleTerms):
+    @staticmethod
+    def formula(cross, dot, arms, p, n):
+        off = dot * arms - np.cos(p[1, n])
+        return p[0, n] * off * off, -2.0 * p[0, n] * off * cross * arms
+
+
+@dataclass(frozen=True)
+class QuarticSpring(AnySpring):
+    k: float
+    r0: float
+
+    KIND = QuarticBonds
+
+
+@dataclass(frozen=True)
+class SquaredBend(AnyBend):
+    k: float
+    theta0: float
+
+    KIND = SquaredAngles
+
+
+BOND = kinds.BondedKind(terms=QuarticBonds, kernel=QuarticBondTerms, energies=(kinds.Energy("quartic bonds", "k*(r-r0)^4"),))
+ANGLE = kinds.BondedKind(
+    terms=SquaredAngles,
+    kernel=SquaredAngleTerms,
+    energies=(kinds.Energy("squared angles", "k*(cos(theta)-cos(theta0))^2"),),
+    style="cosine/squared",
+    words={"k": ("energy", "K"), "theta0": ("degrees", "theta0")},
+)
+
+
+@pytest.fixture
+def known():
+    """Both kinds, for the time of a test."""
+    kinds.register_bonded(BOND)
+    kinds.register_bonded(ANGLE)
+    yield
+    for kind in (BOND, ANGLE):
+        kinds.BONDED_KINDS.pop(kind.terms, None)
+    serialized._REGISTERED.discard(__name__)
+
+
+def scene(**options) -> dpd.Scene:
+    """Chains of eight, with bonds and angles of the package among those of this file."""
+    x, bonds, angles = chains.walks(40, 8, BOX, 3)
+    k = np.linspace(20, 60, len(bonds[::2]))
+    return beads(
+        len(x),
+        positions=x,
+        table={("W", "W"): dpd.DPD(A=25, gamma=4.5)},
+        box=BOX,
+        bonds=[QuarticBonds(bonds[::2], k, 0.6), dpd.HarmonicBonds(bonds[1::2], 20, 0.7)],
+        angles=[dpd.CosineAngles(angles[::3], 4), SquaredAngles(angles[1::3], 6, 2.0)],
+        **options,
+    )
+
+
+def energy_of(made: dpd.Scene, x: np.ndarray, box=BOX) -> float:
+    """The formulas once more, of all bonds and angles."""
+    (quartic, harmonic), (cosine, squared) = made.bonds, made.angles
+
+    def length(pairs):
+        d = x[pairs[:, 0]] - x[pairs[:, 1]]
+        return np.linalg.norm(d - np.round(d / np.diag(box)) * np.diag(box), axis=1)
+
+    def cosines(triples):
+        a, b = (x[triples[:, end]] - x[triples[:, 1]] for end in (0, 2))
+        a, b = (d - np.round(d / np.diag(box)) * np.diag(box) for d in (a, b))
+        return np.sum(a * b, axis=1) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)
+
+    total = np.sum(quartic.k * (length(quartic.pairs) - 0.6) ** 4) + np.sum(20 * (length(harmonic.pairs) - 0.7) ** 2)
+    return float(total + np.sum(4 * (1 + cosines(cosine.triples))) + np.sum(6 * (cosines(squared.triples) - np.cos(2.0)) ** 2))
+
+
+@pytest.mark.parametrize("loop", [True, False])
+def test_forces_are_the_gradient(known, loop):
+    made, h = scene(), 1e-5
+    built = dpd.build(made, dt=0.005, platform="Reference", conservative="kernel", seed=1, loop=loop)
+    force = dpd.force_terms(built)["bond"]
+    for bead, axis in ((0, 0), (7, 1), (100, 2), (319, 0)):
+        step = np.zeros_like(made.positions)
+        step[bead, axis] = h
+        slope = (energy_of(made, made.positions + step) - energy_of(made, made.positions - step)) / (2 * h)
+        assert force[bead, axis] == pytest.approx(-slope, rel=1e-6, abs=1e-6)
+
+
+def test_loop_and_program_go_the_same_way(known):
+    ends = []
+    for loop in (True, False):
+        built = dpd.build(scene(), dt=0.005, platform="Reference", conservative="kernel", seed=1, loop=loop)
+        simulation = built.simulation()
+        simulation.step(20)
+        ends.append(simulation.context.getState(positions=True).getPositions(asNumpy=True)._value)
+    np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-12)
+
+
+def test_they_are_measured(known):
+    made, h = scene(), 1e-5
+    built = dpd.build(made, dt=0.005, platform="Reference", seed=1)
+    x, all_move = made.positions, np.ones(made.n_beads, bool)
+    sample = dpd.Observer(built).sample(built.simulation().context)
+    energy = energy_of(made, x)
+    assert sample.bond + sample.angle == pytest.approx(energy, rel=1e-12)
+    grown, shrunk = (energy_of(made, x * s, BOX * s) for s in (1 + h, 1 - h))
+    stress = sum(part(x, BOX) for part in stress_parts(built.plan))
+    assert stress[:3].sum() == pytest.approx(-(grown - shrunk) / (2 * h), rel=1e-7)
+    laplacian = bond_sums(built.plan, x, BOX, all_move)[1] + angle_sums(built.plan, x, BOX, all_move)[1]
+    second, h = 0.0, 1e-4
+    for bead, axis in np.ndindex(x.shape):
+        step = np.zeros_like(x)
+        step[bead, axis] = h
+        second += (energy_of(made, x + step) + energy_of(made, x - step) - 2 * energy) / h**2
+    assert laplacian == pytest.approx(second, rel=1e-5)
+
+
+def test_they_are_explained_and_have_steps(known):
+    text = dpd.explain_plan(dpd.make_plan(scene(), dt=0.005, seed=1))
+    assert "140 quartic bonds, 140 harmonic bonds; 0 bonded neighbours" in text
+    assert "\n80 cosine angles\n80 squared angles" in text
+    stiff = [dict(bonds=[QuarticBonds([(0, 1)], k, 0.6)]) for k in (1e2, 1e4)]
+    fastest = [bonded_modes(beads(2, positions=np.array([[1.0, 1, 1], [1.6, 1, 1]]), **bonds))[0].fastest for bonds in stiff]
+    # <(r - r0)^2> goes with k^-1/2, so the mean of k (r - r0)^2 does with k^1/2, and the frequency with k^1/4
+    assert fastest[1] / fastest[0] == pytest.approx(100**0.25, rel=0.05)
+
+
+def test_lammps_has_one_of_them(known, tmp_path):
+    x, bonds, angles = chains.walks(40, 8, BOX, 3)
+    with pytest.raises(ParameterError, match="bonds of kind QuarticBonds cannot be exported to LAMMPS"):
+        export_lammps(scene(), tmp_path / "first", "toy", dt=0.005)
+    made = beads(
+        len(x),
+        positions=x,
+        box=BOX,
+        table={("W", "W"): dpd.DPD(A=25, gamma=4.5)},
+        bonds=[dpd.HarmonicBonds(bonds, 20, 0.7)],
+        angles=[SquaredAngles(angles, 6, 2.0)],
+    )
+    export_lammps(made, tmp_path, "toy", dt=0.005)
+    deck = tmp_path / "in.toy"
+    assert re.search(r"angle_style cosine/squared\nangle_coeff 1 6(\.0)? 114\.59155902616", deck.read_text(encoding="utf-8"))
+    (again,) = deck_scene(deck).angles
+    assert type(again) is SquaredAngles and np.array_equal(again.triples, angles)
+    np.testing.assert_allclose([again.k[0], again.theta0[0]], [6, 2.0], rtol=1e-14)
+    kinds.BONDED_KINDS.pop(SquaredAngles)
+    with pytest.raises(DeckError, match="the angle style must be one of"):
+        deck_scene(deck)
+
+
+def test_molecules_of_them(known):
+    chain = linear("A4", QuarticSpring(50, 0.5), SquaredBend(5, 2.0))
+    mixture = pack({chain: 10}, solvent="W", density=3.0, box=[4.0] * 3, seed=1)
+    (bonds,), (angles,) = mixture.bonds, mixture.angles
+    assert type(bonds) is QuarticBonds and len(bonds.pairs) == 30 and type(angles) is SquaredAngles and len(angles.triples) == 20
+    np.testing.assert_allclose(bonds.lengths(mixture.positions, mixture.box), 0.5, rtol=1e-9)
+
+
+@pytest.mark.parametrize("loop", [True, False])
+def test_a_kind_that_was_not_registered_is_refused(loop):
+    with pytest.raises(ParameterError, match="nothing is known of QuarticBonds; register their kind"):
+        dpd.build(scene(), dt=0.005, platform="CPU", seed=1, loop=loop)
+
+
+def test_kinds_that_make_no_sense(known):
+    with pytest.raises(ParameterError, match="there is a kind for QuarticBonds already"):
+        kinds.register_bonded(kinds.BondedKind(terms=QuarticBonds, kernel=QuarticBondTerms, energies=BOND.energies))
+    with pytest.raises(ParameterError, match="the kernel of the kind QuarticBonds is for 3 beads, not 2"):
+        kinds.BondedKind(terms=QuarticBonds, kernel=SquaredAngleTerms, energies=BOND.energies)
+
+
+def test_systems_with_them_are_read_where_they_are_known(known, tmp_path):
+    built = dpd.build(scene(), dt=0.005, platform="CPU", seed=1)
+    path = tmp_path / "system.xml"
+    path.write_text(openmm.XmlSerializer.serialize(built.system), encoding="utf-8")
+    assert dpd.load_xml(path).getNumForces() == built.system.getNumForces()
+    serialized._REGISTERED.discard(__name__)
+    with pytest.raises(ParameterError, match="asks for test_toy_bonded.QuarticBondTerms"):
+        dpd.load_xml(path)
