@@ -7,47 +7,11 @@ from ..language import arguments as read
 from ..output.averages import AveragingFix
 from ..output.chunk_average import parse_ave_chunk
 from ..output.correlation import parse_ave_correlate
-from ..output.print_fix import parse_print
 from ..output.time_average import parse_ave_time
 from ..state.deck_state import DeckState
 from ..state.records import Fix
-from .energy_fixes import ENERGY_FIXES
-from .flow_fixes import FLOW_FIXES
-from .setup import FixReader, by_name
-
-
-def _moving(style: str, most: int) -> FixReader:
-    """A fix that moves beads, with lambda if it takes an argument."""
-
-    def reader(state: DeckState, group: str, words: list[str]) -> dict:
-        read.count(words, f"fix ID group {style}{' [lambda]' * most}", 0, most)
-        value = read.number(words[0], "lambda") if words else 0.5
-        if not 0 <= value <= 1:
-            raise ParameterError(f"lambda must be between 0 and 1, but is {value:g}")
-        return {"lambda": value}
-
-    return reader
-
-
-def _shardlow(state: DeckState, group: str, words: list[str]) -> dict:
-    read.count(words, "fix ID group shardlow", 0)
-    if group != "all":
-        state.note("fix shardlow acts on all beads, whatever its group")
-    return {}
-
-
-#: Fix styles: from (state, group, words) to the fix's parameters.
-FIX_STYLES: dict[str, FixReader] = {
-    "nve": _moving("nve", 0),
-    "mvv/dpd": _moving("mvv/dpd", 1),
-    "mvv/edpd": _moving("mvv/edpd", 1),
-    "mvv/tdpd": _moving("mvv/tdpd", 1),
-    "shardlow": _shardlow,
-    **ENERGY_FIXES,
-    **FLOW_FIXES,
-    "print": lambda state, group, words: {"reader": parse_print(state, group, words)},
-}
-
+from .fix_styles import FIX_STYLES
+from .setup import by_name
 
 #: Fixes that average: from (state, id, group, words) to the average.
 AVERAGES: dict[str, Callable[[DeckState, str, str, list[str]], AveragingFix]] = {

@@ -6,11 +6,11 @@ from ..files.restart_file import load_restart, restart_bytes
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.records import RestartSettings
-from . import bonded, kspace, pairs
+from . import bonded, pairs
 from .setup import by_name
 
 #: Commands that a restart file repeats.
-_REPEATED = {**pairs.COMMANDS, **bonded.COMMANDS, **kspace.COMMANDS}
+_REPEATED = {**pairs.COMMANDS, **bonded.COMMANDS}
 
 
 def write_restart(state: DeckState, args: list[str]) -> None:

@@ -8,14 +8,11 @@ from ...errors import ParameterError
 from ...units import UNIT_SYSTEMS
 from ..files.atom_styles import ATOM_STYLES
 from ..language import arguments as read
-from ..language.instead import INSTEAD
+from ..language.arguments import INSTEAD
 from ..state.deck_state import DeckState
-from ..state.minimization import MIN_STYLES, NORMS
+from ..state.records import MIN_STYLES, NORMS
 
 Handler = Callable[[DeckState, list[str]], None]
-
-#: From (state, group, words) to the parameters of a fix.
-FixReader = Callable[[DeckState, str, list[str]], dict]
 
 
 def by_name(*handlers: Handler) -> dict[str, Handler]:

@@ -10,9 +10,7 @@ from ...kernels.elementary import without_last_bits
 from ...kernels.noise import mix
 from ..language import arguments as read
 from ..state.deck_state import DeckState
-from ..state.momentum import without_rotation
-from ..state.records import Compute
-from ..state.temperature import Temperature
+from ..state.records import Compute, Temperature, without_rotation
 from ..values.resolver import Resolver
 from .moving import values_of_variable
 from .setup import by_name

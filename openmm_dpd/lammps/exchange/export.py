@@ -15,8 +15,7 @@ from ...schemes import scheme_of
 from ..run.options import RunOptions, first_request
 from ..run.request import RunRequest
 from ..styles.writing import Differences
-from .export_job import Job, make_job
-from .export_text import DUMP, FINAL, export_texts
+from .export_job import DUMP, FINAL, Job, export_texts, make_job
 
 
 @dataclass(frozen=True)

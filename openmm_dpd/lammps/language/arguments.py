@@ -1,15 +1,22 @@
 """Reading the arguments of commands: each helper names the argument and the value it did not like."""
 
 import difflib
+import json
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from importlib.resources import files
 from typing import TypeVar
 
 import numpy as np
 
 from ...errors import ParameterError
-from .instead import INSTEAD
+
+_ROWS = json.loads((files("openmm_dpd") / "data" / "deck_words.json").read_text(encoding="utf-8"))
+
+#: What the refusal says behind a colon.
+INSTEAD: dict[str, str] = {name: row["write"] for row in _ROWS for name in row["instead of"]}
+
 
 T = TypeVar("T")
 

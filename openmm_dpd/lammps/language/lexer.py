@@ -1,4 +1,4 @@
-"""From the text of an input script to words: continuation lines, comments, quotes and ``$`` substitution.
+"""From the text of an input script to lines and words: continuation lines, comments, quotes and ``$`` substitution.
 
 The order is LAMMPS's: physical lines are joined first (``&`` at the end, or an open triple quote), then the comment is
 cut off, then ``$`` is substituted outside quotes, and the result is split into words.
@@ -7,7 +7,7 @@ cut off, then ``$`` is substituted outside quotes, and the result is split into 
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from ...errors import DeckError, DPDError, ParameterError
@@ -234,3 +234,51 @@ def _closing_parenthesis(text: str, start: int) -> int:
         if depth == 0:
             return index + 1
     raise ParameterError("'$(' is never closed")
+
+
+@dataclass
+class Script:
+    """The logical lines of a file, and which comes next.
+
+    Lines are taken apart as they are reached, so that what is wrong with one comes after what the lines before it do.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    at : int
+        Number of the next line, from 0.
+    """
+
+    path: Path
+    at: int = 0
+    _lines: list[Line] = field(default_factory=list, repr=False)
+    _rest: Iterator[Line] | None = field(default=None, repr=False)
+
+    def _line(self, number: int) -> Line | None:
+        """A line by its number; None behind the last."""
+        if self._rest is None:
+            self._rest = logical_lines(read_text(self.path), str(self.path))
+        while len(self._lines) <= number:
+            line = next(self._rest, None)
+            if line is None:
+                return None
+            self._lines.append(line)
+        return self._lines[number]
+
+    def take(self) -> Line | None:
+        """The next line, behind which it then goes on; None at the end."""
+        line = self._line(self.at)
+        self.at += line is not None
+        return line
+
+    def seek(self, label: str | None) -> None:
+        """Go on at the first ``label`` command of this name, or at the beginning; ParameterError if there is none."""
+        self.at = 0
+        while label is not None:
+            line = self._line(self.at)
+            if line is None:
+                raise ParameterError(f"there is no 'label {label}' in {self.path.name}")
+            if line.text.split()[:1] == ["label"] and split_words(line.text)[1:] == [label]:
+                return
+            self.at += 1

@@ -11,8 +11,7 @@ from ..language.lexer import errors_at, located, substitute
 from ..language.variables import FORMULAS
 from ..state.deck_state import DeckState
 from ..state.moment import Window
-from ..state.records import VECTOR_FIXES
-from ..state.sample import DeckSample
+from ..state.records import VECTOR_FIXES, DeckSample
 from ..values.compute_spec import reference
 from ..values.computes import BUILT_IN, COMPUTES, average_of, check_built_in, check_value, is_extensive
 from ..values.per_bead import PROPERTIES

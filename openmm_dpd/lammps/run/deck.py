@@ -9,18 +9,17 @@ import numpy as np
 
 from ...errors import DeckError, OutputError, ParameterError
 from ...wording import read_by
-from ..commands import beads, bonded, box, fixes, kspace, moving, output, pairs, restarts, setup, velocity
+from ..commands import beads, bonded, box, fixes, moving, output, pairs, restarts, setup, velocity
 from ..language import arguments as read
+from ..language.arguments import INSTEAD
 from ..language.booleans import condition_holds
-from ..language.instead import INSTEAD
-from ..language.lexer import Line, split_words, strip_comment
+from ..language.lexer import Line, Script, split_words, strip_comment
 from ..language.variables import Variables
 from ..scene.flow import held_beads
 from ..scene.integration import Integration, integration
 from ..state.deck_state import DeckState
-from ..state.minimization import DAMPED, StoppingRule
+from ..state.records import DAMPED, StoppingRule
 from .request import RunRequest
-from .script import Script
 
 _LOGGER = logging.getLogger("openmm_dpd")
 
@@ -225,7 +224,6 @@ COMMANDS: dict[str, Callable[[Deck, list[str]], None]] = {
     **moving.COMMANDS,
     **pairs.COMMANDS,
     **bonded.COMMANDS,
-    **kspace.COMMANDS,
     **restarts.COMMANDS,
     **fixes.COMMANDS,
     **output.COMMANDS,

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from ...errors import OutputError, ParameterError
+from ...file_ledger import ledger_in_use
+from ...files import BlockFile
 from ...kernels.threads import set_threads
 from ...measure import force_terms
 from ...model.internal import BeadTemperatures, InternalEnergy
@@ -21,10 +23,50 @@ from ...wording import read_by
 from .building import build_request
 from .checkpoint import Checkpoints
 from .deck import read_deck
-from .log import RunLog
 from .options import RunOptions, first_request
 from .result import RunResult, averages_text, results_json
 from .runner import DeckRunner
+
+#: Name of the file.
+NAME = "log.txt"
+
+
+class RunLog:
+    """Takes lines: rows of thermo output, remarks, what ``print`` prints.
+
+    Parameters
+    ----------
+    show : callable
+        Takes them as well.
+    folder : Path, optional
+        Where ``log.txt`` is written, unbuffered; nowhere by default.
+    append : bool
+        Go on with the file that is there.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written, here and from calls.
+    """
+
+    def __init__(self, show: Callable[[str], None], folder: Path | None, append: bool = False):
+        self.show = show
+        self._file = None if folder is None else BlockFile(folder / NAME, "the log", append)
+
+    def __call__(self, text: str) -> None:
+        """Add a line; nothing of what was said already, before a run that is resumed."""
+        ledger = ledger_in_use()
+        if ledger is not None and ledger.replaying:
+            return
+        if self._file is not None:
+            self._file.write(text + "\n")
+        self.show(text)
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._file is not None:
+            self._file.close()
+
 
 _LOGGER = logging.getLogger("openmm_dpd")
 

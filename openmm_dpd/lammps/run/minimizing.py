@@ -8,7 +8,7 @@ from openmm import unit
 
 from ...errors import ParameterError
 from ..language.lexer import errors_at
-from ..state.minimization import StoppingRule
+from ..state.records import StoppingRule
 from ..values.resolver import Resolver
 from .building import build_request
 from .options import RunOptions

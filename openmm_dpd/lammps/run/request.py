@@ -9,16 +9,14 @@ import numpy as np
 
 from ...model.scene import Scene
 from ..language.lexer import Line
-from ..output.averages import AveragingFix
+from ..output.averages import AveragingFix, PrintFix
 from ..output.dumps import Dump
-from ..output.print_fix import PrintFix
 from ..output.thermo import Thermo
 from ..scene.integration import Integration
 from ..scene.scene import build_scene
 from ..state.deck_state import DeckState
-from ..state.minimization import StoppingRule
 from ..state.moment import Window
-from ..state.sample import DeckSample
+from ..state.records import DeckSample, StoppingRule
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,8 +19,7 @@ from ...signals import Signals
 from ..output.thermo import ALWAYS
 from ..state.deck_state import DeckState
 from .building import build_request, connect_barostat
-from .checkpoint import Checkpoints, Latest
-from .memory import recall, recorded, to_bytes
+from .checkpoint import Checkpoints, Latest, recall, recorded, to_bytes
 from .minimizing import carry_out_minimization
 from .options import FIXED_PRECISION, RunOptions, overridden
 from .request import RunRequest

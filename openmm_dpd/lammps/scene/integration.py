@@ -6,8 +6,7 @@ import numpy as np
 
 from ..language.lexer import located
 from ..state.deck_state import DeckState
-from ..state.pressure import PressureControl
-from ..state.records import Fix
+from ..state.records import Fix, PressureControl
 from .flow import still_beads
 
 #: Fixes that move beads.

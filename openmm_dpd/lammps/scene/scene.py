@@ -11,12 +11,12 @@ from ..state.deck_state import DeckState
 from ..state.moment import Window
 from ..state.pair_setup import BondedSetup
 from ..styles.bonded_styles import ANGLE_STYLES, BOND_STYLES, BondedStyle
-from ..styles.pair_tables import pair_tables
-from .electrostatics import electrostatics_of
+from ..styles.charges import electrostatics_of
+from ..styles.pair_styles import pair_tables
+from ..styles.srp import segments_of
 from .fields import internal_of, internal_scale, sources_of
 from .flow import body_forces_of, interacting_beads, walls_of
 from .integration import Integration, integration
-from .segments import segments_of
 
 
 def build_scene(state: DeckState, window: Window | None = None, compat: str = "consistent", moved: Integration | None = None) -> Scene:

@@ -19,10 +19,8 @@ from .atoms import Atoms
 from .box import Box
 from .lattice import Lattice, no_lattice
 from .pair_setup import BondedSetup, PairSetup
-from .records import Compute, Fix, KspaceSetup, RestartSettings, ThermoSettings
+from .records import Compute, DeckSample, Fix, KspaceSetup, RestartSettings, Temperature, ThermoSettings
 from .regions import Region
-from .sample import DeckSample
-from .temperature import Temperature
 
 
 def bead_fields(atom_style: str, units: UnitSystem) -> dict[str, tuple[str, float]]:

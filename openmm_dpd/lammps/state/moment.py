@@ -11,8 +11,7 @@ from ...geometry import symmetric_products
 from ...units import UnitSystem
 from .box import Box
 from .deck_state import DeckState, bead_fields
-from .records import Compute
-from .sample import DeckSample
+from .records import Compute, DeckSample
 
 
 @dataclass(frozen=True)

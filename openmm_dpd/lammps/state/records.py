@@ -1,10 +1,16 @@
-"""What single commands of a deck say, as plain data: fixes, computes, thermo output, the sum over charges."""
+"""What single commands of a deck say, as plain data: fixes, computes, temperatures, pressure, minimisation, thermo output; and a sample."""
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from ...errors import DeckError, ParameterError
+from ...geometry import weighted_sum
 from ..language.lexer import Line, located
+from .box import Box
 
 
 @dataclass(frozen=True)
@@ -119,3 +125,238 @@ class ThermoSettings:
     layout: str = "one"
     formats: dict[str | int, str] = field(default_factory=dict)
     headers: dict[str | int, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class DeckSample:
+    """One measurement, in MD units (nm, Da, ps, kJ/mol).  None means not measured; a thermo word that needs it then raises.
+
+    Which optional fields a run needs is listed by ``RunRequest.thermo.needs``.
+
+    Attributes
+    ----------
+    step : int
+        Number of the step, as the deck counts.
+    kinetic : float, optional
+        Kinetic energy of all beads.
+    pair_energy : float, optional
+        Conservative pair energy, charges included.
+    short_energy, lattice_energy : float, optional
+        Of it, the short-ranged part and the lattice sum of charges.
+    bond_energy, angle_energy : float, optional
+        Energy of the bonds and of the angles.
+    virial : float, optional
+        Sum of r.F over everything that LAMMPS counts in ``press`` with this scheme: pairs and bonds, and with ``mvv`` the
+        dissipative and random parts as well.
+    virial_full : float, optional
+        The same, always with the dissipative and random parts.
+    virial_tensor, kinetic_tensor : (6,) arrays, optional
+        xx, yy, zz, xy, xz, yz of what ``virial`` counts, and of the sum of m v v over all beads.
+    force_norm, force_max : float, optional
+        Euclidean norm of all force components, and the largest absolute one.
+    kT_conf : float, optional
+        Configurational temperature as an energy.
+    box : (3, 3) array, optional
+        Box vectors; the deck's box if None.
+    positions, velocities : (N, 3) arrays, optional
+        Needed by computes on groups and of single beads only.
+    forces : (N, 3) array, optional
+        Total forces, with friction and noise where they are forces (``mvv``).
+    before : dict of (3,) arrays, optional
+        Total force on the group of each fix addforce and setforce before it acted.
+    fields : dict of arrays, optional
+        The beads' fields, as :func:`openmm_dpd.fields.read_fields` gives them; empty if there are none.
+    cpu : float
+        Seconds since the run began.
+    """
+
+    step: int
+    kinetic: float | None = None
+    pair_energy: float | None = None
+    short_energy: float | None = 0.0
+    lattice_energy: float | None = 0.0
+    bond_energy: float | None = 0.0
+    angle_energy: float | None = 0.0
+    virial: float | None = None
+    virial_full: float | None = None
+    virial_tensor: np.ndarray | None = None
+    kinetic_tensor: np.ndarray | None = None
+    force_norm: float | None = None
+    force_max: float | None = None
+    kT_conf: float | None = None
+    box: np.ndarray | None = None
+    positions: np.ndarray | None = None
+    velocities: np.ndarray | None = None
+    forces: np.ndarray | None = None
+    before: Mapping[str, np.ndarray] | None = None
+    fields: Mapping[str, np.ndarray] | None = None
+    cpu: float = 0.0
+
+
+@dataclass(frozen=True)
+class Temperature:
+    """Settings of a compute of temperature.
+
+    Attributes
+    ----------
+    counted : three bools
+        Components of the velocities that count.
+    streaming : three bools
+        Components from which the mean of the bin, weighted by mass, is taken off.
+    bins : three ints
+        Numbers of bins along x, y and z.
+    table : bool
+        Whether the compute has a table of the bins (``out bin``) instead of a vector.
+    extra : float
+        Degrees of freedom of all beads together that do not count (``compute_modify extra/dof``).
+    """
+
+    counted: tuple[bool, bool, bool] = (True, True, True)
+    streaming: tuple[bool, bool, bool] = (False, False, False)
+    bins: tuple[int, int, int] = (1, 1, 1)
+    table: bool = False
+    extra: float = 3.0
+
+    @property
+    def count(self) -> int:
+        """Number of bins."""
+        return math.prod(self.bins)
+
+    def freedom(self, n: int) -> float:
+        """Degrees of freedom of n beads."""
+        counted = sum(self.counted)
+        return counted * n - counted / 3 * self.extra - sum(self.streaming) * self.count
+
+    def numbers(self, box: Box, positions: np.ndarray) -> np.ndarray:
+        """(N,) bin of each bead, those along x one after the other; positions in the box."""
+        low, edges = (0.0, 1.0) if box.triclinic else (box.low, box.edges)
+        x = box.fractions(positions) if box.triclinic else positions
+        cells = ((x - low) * (np.array(self.bins) / edges)).astype(np.int64)
+        return np.clip(cells, 0, np.array(self.bins) - 1) @ np.array([1, self.bins[0], self.bins[0] * self.bins[1]])
+
+    def thermal(self, velocities: np.ndarray, masses: np.ndarray, numbers: np.ndarray | None) -> np.ndarray:
+        """(N, 3) what counts of velocities; ``numbers`` are the bins, needed where something streams."""
+        if numbers is not None and any(self.streaming):
+            momentum = np.zeros((self.count, 3))
+            np.add.at(momentum, numbers, masses[:, None] * velocities)
+            mean = momentum[numbers] / np.bincount(numbers, masses, self.count)[numbers, None]
+            velocities = velocities - np.where(self.streaming, mean, 0.0)
+        return velocities if all(self.counted) else np.where(self.counted, velocities, 0.0)
+
+
+#: What a force vector (N, 3) is measured by: its length, the longest force on a bead, the largest component.
+NORMS = {
+    "two": lambda force: float(np.linalg.norm(force)),
+    "max": lambda force: float(np.linalg.norm(force, axis=1).max(initial=0.0)),
+    "inf": lambda force: float(np.abs(force).max(initial=0.0)),
+}
+
+#: Values of min_style, and those whose motion begins at rest and ends there.
+MIN_STYLES = ("cg", "hftn", "sd", "quickmin", "fire", "fire/old")
+DAMPED = ("quickmin", "fire", "fire/old")
+
+#: LAMMPS adds it to the energies that a change is compared with.
+_LEAST_ENERGY = 1e-8
+
+
+@dataclass(frozen=True)
+class StoppingRule:
+    """The four numbers of ``minimize``, in the deck's units, and the norm of ``min_modify``.
+
+    Attributes
+    ----------
+    energy : float
+        Largest change of the energy in an iteration, over its mean size.
+    force : float
+        Largest norm of the forces.
+    iterations, evaluations : int
+        At most so many iterations; an iteration counts as one evaluation at least.
+    norm : str
+        A key of :data:`NORMS`.
+    """
+
+    energy: float
+    force: float
+    iterations: int
+    evaluations: int
+    norm: str = "two"
+
+    def reached(self, iterations: int, before: float, energy: float, force: np.ndarray) -> str | None:
+        """Why it stops after an iteration that led from an energy to another one; None if it goes on."""
+        if abs(energy - before) < self.energy * 0.5 * (abs(energy) + abs(before) + _LEAST_ENERGY):
+            return "energy tolerance"
+        if NORMS[self.norm](force) < self.force:
+            return "force tolerance"
+        if iterations >= self.iterations:
+            return "max iterations"
+        return "max force evaluations" if iterations >= self.evaluations else None
+
+
+def without_rotation(positions: np.ndarray, velocities: np.ndarray, masses: np.ndarray) -> np.ndarray:
+    """(N, 3) velocities without the rotation about the centre of mass; positions on continuous paths."""
+    x = positions - weighted_sum(masses, positions) / masses.sum()
+    angular = np.sum(masses[:, None] * np.cross(x, velocities), axis=0)
+    inertia = np.sum(masses * np.sum(x * x, axis=1)) * np.eye(3) - (masses[:, None] * x).T @ x
+    omega = np.linalg.lstsq(inertia, angular, rcond=None)[0]
+    return velocities - np.cross(omega, x)
+
+
+@dataclass(frozen=True)
+class MomentumRemoval:
+    """What ``fix momentum`` takes out.
+
+    Attributes
+    ----------
+    every : int
+        Interval in steps.
+    linear : (3,) tuple of bool
+        Components of the momentum.
+    angular : bool
+        Whether the rotation about the centre of mass goes as well.
+    rescale : bool
+        Whether the rest is scaled so that the kinetic energy stays.
+    """
+
+    every: int
+    linear: tuple[bool, bool, bool]
+    angular: bool
+    rescale: bool
+
+    def applied(self, positions: np.ndarray, velocities: np.ndarray, masses: np.ndarray) -> np.ndarray:
+        """(N, 3) velocities of the beads afterwards; positions on continuous paths."""
+        v = velocities - np.where(self.linear, weighted_sum(masses, velocities) / masses.sum(), 0.0)
+        if self.angular:
+            v = without_rotation(positions, v, masses)
+        before, after = (np.sum(masses[:, None] * u * u) for u in (velocities, v))
+        return v * np.sqrt(before / after) if self.rescale and after > 0 else v
+
+
+Three = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class PressureControl:
+    """The pressure that the box follows.
+
+    Attributes
+    ----------
+    axes : three bools
+        Edges of the box that may change.
+    coupled : bool
+        Whether all change by the same factor.
+    start, stop : three floats
+        Pressure along each axis at the beginning and at the end of the run, kJ/mol/nm^3 (0 for edges that stay).
+    isothermal : bool
+        Whether a thermostat holds the temperature; otherwise the enthalpy is what stays.
+    """
+
+    axes: tuple[bool, bool, bool]
+    coupled: bool
+    start: Three
+    stop: Three
+    isothermal: bool = False
+
+    @property
+    def constant(self) -> bool:
+        """Whether the pressure stays the same during the run."""
+        return self.start == self.stop

@@ -14,7 +14,7 @@ from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment, Window
 from ..state.records import Compute
-from ..styles.pair_tables import pair_tables
+from ..styles.pair_styles import pair_tables
 from .compute_spec import ComputeSpec, no_arguments
 
 

@@ -8,8 +8,7 @@ from ...errors import ParameterError
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
-from ..state.records import Compute
-from ..state.temperature import Temperature
+from ..state.records import Compute, Temperature
 from .compute_spec import ComputeSpec
 
 #: Divisions of the box by the axes that are cut.
