@@ -27,24 +27,12 @@ _MOST_TYPES = 2000
 
 @dataclass(frozen=True, eq=False)
 class BeadTypes:
-    """LAMMPS's atom types: one for each bead type of the scene, or several where masses differ.
+    """LAMMPS's atom types: one for each bead type of the scene, or several where masses differ."""
 
-    Attributes
-    ----------
-    of_bead : (N,) array of int
-        Type of each bead, counted from 1.
-    names : tuple of str
-        The scene's type of each.
-    masses : tuple of float
-        Da.
-    frozen : tuple of bool
-        Whether its beads never move (only told apart where that matters).
-    """
-
-    of_bead: np.ndarray
-    names: tuple[str, ...]
-    masses: tuple[float, ...]
-    frozen: tuple[bool, ...]
+    of_bead: np.ndarray  #: (N,) type of each bead, counted from 1
+    names: tuple[str, ...]  #: The scene's type of each
+    masses: tuple[float, ...]  #: Da
+    frozen: tuple[bool, ...]  #: Whether its beads never move (only told apart where that matters)
 
     def __len__(self) -> int:
         return len(self.names)

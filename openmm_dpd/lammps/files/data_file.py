@@ -34,47 +34,23 @@ _LARGEST = 2**31 - 1
 
 @dataclass
 class DataFile:
-    """Content of a data file, in the deck's units, atoms in the order of the file.
+    """Content of a data file, in the deck's units, atoms in the order of the file."""
 
-    Attributes
-    ----------
-    n_types, n_bond_types, n_angle_types : int
-        Numbers of types.
-    box : Box
-        The box.
-    columns : dict of str to (N,) arrays
-        ``id``, ``type``, and by style ``molecule``, ``charge``, ``theta``, ``rho``, ``temperature``, ``capacity``, ``c1``, ``c2``, ...
-    positions : (N, 3) array
-        As in the file, perhaps outside the box.
-    images : (N, 3) array of int
-        Image flags, 0 where the file has none.
-    velocities : (N, 3) array
-        In the order of the atoms; 0 where the file has none.
-    masses : dict of int to float
-        Masses section.
-    bonds : (B, 3) array of int
-        Type and two ids.
-    angles : (A, 4) array of int
-        Type and three ids.
-    coefficients : dict of str to list of (line number, words)
-        Lines of the Coeffs sections by section name.
-    hints : dict of str to str
-        What stands behind ``#`` on section lines.
-    """
-
+    #: Numbers of types.
     n_types: int
     box: Box
+    #: ``id``, ``type``, and by style ``molecule``, ``charge``, ``theta``, ``rho``, ``temperature``, ``capacity``, ``c1``, ``c2``, ...
     columns: dict[str, np.ndarray]
-    positions: np.ndarray
-    images: np.ndarray
-    velocities: np.ndarray
+    positions: np.ndarray  #: (N, 3) as in the file, perhaps outside the box
+    images: np.ndarray  #: (N, 3) image flags, 0 where the file has none
+    velocities: np.ndarray  #: (N, 3) in the order of the atoms; 0 where the file has none
     masses: dict[int, float] = field(default_factory=dict)
     n_bond_types: int = 0
-    bonds: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
+    bonds: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))  #: (B, 3) type and two ids
     n_angle_types: int = 0
-    angles: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
-    coefficients: dict[str, list[Row]] = field(default_factory=dict)
-    hints: dict[str, str] = field(default_factory=dict)
+    angles: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))  #: (A, 4) type and three ids
+    coefficients: dict[str, list[Row]] = field(default_factory=dict)  #: Lines of the Coeffs sections by section name
+    hints: dict[str, str] = field(default_factory=dict)  #: What stands behind ``#`` on section lines
 
 
 class DataReader:

@@ -20,21 +20,11 @@ UNKNOWN = "\uffff"
 
 @dataclass(frozen=True)
 class Line:
-    """One logical line.
+    """One logical line."""
 
-    Attributes
-    ----------
-    text : str
-        Text without comment and continuation marks.
-    file : str
-        File it stands in.
-    number : int
-        Number of its first physical line, counted from 1.
-    """
-
-    text: str
-    file: str
-    number: int
+    text: str  #: Text without comment and continuation marks
+    file: str  #: File it stands in
+    number: int  #: Number of its first physical line, counted from 1
 
 
 def located(where: Line | None, message: str) -> DeckError:
@@ -241,17 +231,10 @@ class Script:
     """The logical lines of a file, and which comes next.
 
     Lines are taken apart as they are reached, so that what is wrong with one comes after what the lines before it do.
-
-    Attributes
-    ----------
-    path : Path
-        The file.
-    at : int
-        Number of the next line, from 0.
     """
 
     path: Path
-    at: int = 0
+    at: int = 0  #: Number of the next line, from 0
     _lines: list[Line] = field(default_factory=list, repr=False)
     _rest: Iterator[Line] | None = field(default=None, repr=False)
 

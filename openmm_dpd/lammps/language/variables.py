@@ -30,25 +30,12 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Variable:
-    """One variable.
+    """One variable."""
 
-    Attributes
-    ----------
-    style : str
-        One of :data:`STYLES`.
-    content : str
-        Formula, string, or name in the environment; of style format the name of the variable that is printed.
-    where : Line or None
-        Where it was defined.
-    values : tuple of str or range
-        All values of an index- or loop-style one; ``at`` is the place of the present one, ``width`` the least number of digits.
-    form : str
-        Of style format.
-    """
-
-    style: str
-    content: str
+    style: str  #: One of :data:`STYLES`
+    content: str  #: Formula, string, or name in the environment; of style format the name of the variable that is printed
     where: Line | None
+    #: All values of an index- or loop-style one; ``at`` is the place of the present one, ``width`` the least number of digits.
     values: Sequence[str] | range = ()
     at: int = 0
     width: int = 0

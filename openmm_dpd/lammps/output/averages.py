@@ -148,21 +148,11 @@ def _lines(lines: Sequence[str]) -> str:
 
 
 class AveragingFix(Valued, ABC):
-    """A fix that averages.
+    """A fix that averages."""
 
-    Attributes
-    ----------
-    words : tuple of str
-        What it reads.
-    values : array
-        The last average that was complete, as its indices go.
-    report : dict or None
-        The last average that was complete, for the file of results: ``step``, and by word a number or a list.
-    """
-
-    words: tuple[str, ...]
-    values: np.ndarray
-    report: dict | None = None
+    words: tuple[str, ...]  #: What it reads
+    values: np.ndarray  #: The last average that was complete, as its indices go
+    report: dict | None = None  #: The last average that was complete, for the file of results: ``step``, and by word a number or a list
 
     def __init__(self, name: str, schedule: Schedule, window: Windows, file: AverageFile, form: str):
         self.name, self._schedule, self._window, self._file, self._form = name, schedule, window, file, form

@@ -126,27 +126,13 @@ def fields_read(state: DeckState, words: Iterable[str]) -> frozenset[str]:
 
 @dataclass(frozen=True)
 class Thermo:
-    """Thermo output of one run.
-
-    Attributes
-    ----------
-    state : DeckState
-        The deck.
-    window : Window
-        First step and limits of the ramps of the run.
-    last : int
-        Last step of the run.
-    words : tuple of str
-        The columns.
-    every : int
-        Interval of output; 0 means the first and last step only.
-    """
+    """Thermo output of one run."""
 
     state: DeckState
-    window: Window
-    last: int
+    window: Window  #: First step and limits of the ramps of the run
+    last: int  #: Last step of the run
     words: tuple[str, ...]
-    every: int
+    every: int  #: Interval of output; 0 means the first and last step only
 
     @property
     def needs(self) -> frozenset[str]:

@@ -26,27 +26,13 @@ _LOGGER = logging.getLogger("openmm_dpd")
 
 @dataclass
 class Deck(DeckState):
-    """The state of a deck that is being read, and what becomes of its runs.
+    """The state of a deck that is being read, and what becomes of its runs."""
 
-    Attributes
-    ----------
-    run_callback : callable or None
-        Called with the request of every run.
-    stop_before_first_run : bool
-        Whether reading ends there.
-    first_run : RunRequest or None
-        The first run, once it is reached.
-    finished : bool
-        Whether the rest of the deck is not read.
-    scripts : list of Script
-        The deck and the files whose include is being carried out, and the place in each.
-    """
-
-    run_callback: Callable[[RunRequest], None] | None = None
-    stop_before_first_run: bool = False
-    first_run: RunRequest | None = None
-    finished: bool = False
-    scripts: list[Script] = field(default_factory=list)
+    run_callback: Callable[[RunRequest], None] | None = None  #: Called with the request of every run
+    stop_before_first_run: bool = False  #: Whether reading ends there
+    first_run: RunRequest | None = None  #: The first run, once it is reached
+    finished: bool = False  #: Whether the rest of the deck is not read
+    scripts: list[Script] = field(default_factory=list)  #: The deck and the files whose include is being carried out, and the place in each
 
 
 #: Files that may be read one inside the other.

@@ -16,18 +16,10 @@ from ..state.records import FORCE_FIXES, Fix
 # -- addforce and setforce ----------------------------------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Driving:
-    """What the fixes addforce, gravity and setforce of a deck add up to.
+    """What the fixes addforce, gravity and setforce of a deck add up to."""
 
-    Attributes
-    ----------
-    pushes : list of (Fix, (N, 3) array of bool)
-        Fixes, and the components of beads on which their forces act after all of them.
-    interacting : (N, 3) array of bool
-        Components on which other forces act as well.
-    """
-
-    pushes: list[tuple[Fix, np.ndarray]]
-    interacting: np.ndarray
+    pushes: list[tuple[Fix, np.ndarray]]  #: Fixes, and the components of beads on which their forces act after all of them
+    interacting: np.ndarray  #: (N, 3) components on which other forces act as well
 
     @property
     def still(self) -> np.ndarray:

@@ -21,24 +21,12 @@ ADVANCED_BY = {"edpd": ("mvv/edpd", "temperatures"), "tdpd": ("mvv/tdpd", "conce
 
 @dataclass(frozen=True)
 class Integration:
-    """What the fixes add up to.
+    """What the fixes add up to."""
 
-    Attributes
-    ----------
-    scheme : str
-        ``mvv`` or ``shardlow``.
-    lambda_ : float
-        Weight of the predicted velocity in ``mvv``; 1/2 is velocity Verlet.
-    mobile : (N,) array of bool
-        Beads that some fix moves.
-    barostat : PressureControl or None
-        The pressure of ``fix nph``.
-    """
-
-    scheme: str
-    lambda_: float
-    mobile: np.ndarray
-    barostat: PressureControl | None = None
+    scheme: str  #: ``mvv`` or ``shardlow``
+    lambda_: float  #: Weight of the predicted velocity in ``mvv``; 1/2 is velocity Verlet
+    mobile: np.ndarray  #: (N,) beads that some fix moves
+    barostat: PressureControl | None = None  #: The pressure of ``fix nph``
 
 
 def integration(state: DeckState) -> Integration:

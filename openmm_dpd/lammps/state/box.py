@@ -19,25 +19,14 @@ _ONE_BY_ONE = 100
 
 @dataclass(frozen=True)
 class Box:
-    """A periodic box, orthogonal or tilted, in any unit of length.
+    """A periodic box, orthogonal or tilted, in any unit of length."""
 
-    Attributes
-    ----------
-    low, high : (3,) array
-        Corners of the untilted box: ``xlo``, ``ylo``, ``zlo`` and ``xhi``, ``yhi``, ``zhi``.
-    tilt : (3,) array
-        ``xy``, ``xz``, ``yz``; zero for an orthogonal box.
-    triclinic : bool
-        Whether the box was defined with tilts, even if they are 0.
-    periodic : three bools
-        Axes along which the box repeats; a box with others has no tilts.
-    """
-
+    #: (3,) corners of the untilted box: ``xlo``, ``ylo``, ``zlo`` and ``xhi``, ``yhi``, ``zhi``.
     low: np.ndarray
     high: np.ndarray
-    tilt: np.ndarray
-    triclinic: bool = False
-    periodic: tuple[bool, bool, bool] = (True, True, True)
+    tilt: np.ndarray  #: (3,) ``xy``, ``xz``, ``yz``; zero for an orthogonal box
+    triclinic: bool = False  #: Whether the box was defined with tilts, even if they are 0
+    periodic: tuple[bool, bool, bool] = (True, True, True)  #: Axes along which the box repeats; a box with others has no tilts
 
     def __post_init__(self):
         for name in ("low", "high", "tilt"):

@@ -36,21 +36,12 @@ VECTOR_FIXES = ("addforce", "setforce")
 
 
 class Valued:
-    """A fix with values that formulas name.
-
-    Attributes
-    ----------
-    name : str
-        Its id.
-    shape : tuple of (int or None)
-        How many values ``f_id`` (no index), ``f_id[i]`` or ``f_id[i][j]`` has by each index; None where that may change.
-    what : str
-        What they are, for errors.
-    """
+    """A fix with values that formulas name."""
 
     name: str
+    #: How many values ``f_id`` (no index), ``f_id[i]`` or ``f_id[i][j]`` has by each index; None where that may change.
     shape: tuple[int | None, ...]
-    what: str
+    what: str  #: What they are, for errors
 
     @property
     def size(self) -> int:
@@ -132,90 +123,48 @@ class DeckSample:
     """One measurement, in MD units (nm, Da, ps, kJ/mol).  None means not measured; a thermo word that needs it then raises.
 
     Which optional fields a run needs is listed by ``RunRequest.thermo.needs``.
-
-    Attributes
-    ----------
-    step : int
-        Number of the step, as the deck counts.
-    kinetic : float, optional
-        Kinetic energy of all beads.
-    pair_energy : float, optional
-        Conservative pair energy, charges included.
-    short_energy, lattice_energy : float, optional
-        Of it, the short-ranged part and the lattice sum of charges.
-    bond_energy, angle_energy : float, optional
-        Energy of the bonds and of the angles.
-    virial : float, optional
-        Sum of r.F over everything that LAMMPS counts in ``press`` with this scheme: pairs and bonds, and with ``mvv`` the
-        dissipative and random parts as well.
-    virial_full : float, optional
-        The same, always with the dissipative and random parts.
-    virial_tensor, kinetic_tensor : (6,) arrays, optional
-        xx, yy, zz, xy, xz, yz of what ``virial`` counts, and of the sum of m v v over all beads.
-    force_norm, force_max : float, optional
-        Euclidean norm of all force components, and the largest absolute one.
-    kT_conf : float, optional
-        Configurational temperature as an energy.
-    box : (3, 3) array, optional
-        Box vectors; the deck's box if None.
-    positions, velocities : (N, 3) arrays, optional
-        Needed by computes on groups and of single beads only.
-    forces : (N, 3) array, optional
-        Total forces, with friction and noise where they are forces (``mvv``).
-    before : dict of (3,) arrays, optional
-        Total force on the group of each fix addforce and setforce before it acted.
-    fields : dict of arrays, optional
-        The beads' fields, as :func:`openmm_dpd.fields.read_fields` gives them; empty if there are none.
-    cpu : float
-        Seconds since the run began.
     """
 
-    step: int
-    kinetic: float | None = None
-    pair_energy: float | None = None
+    step: int  #: Number of the step, as the deck counts
+    kinetic: float | None = None  #: Kinetic energy of all beads
+    pair_energy: float | None = None  #: Conservative pair energy, charges included
+    #: Of it, the short-ranged part and the lattice sum of charges.
     short_energy: float | None = 0.0
     lattice_energy: float | None = 0.0
+    #: Energy of the bonds and of the angles.
     bond_energy: float | None = 0.0
     angle_energy: float | None = 0.0
+    #: Sum of r.F over everything that LAMMPS counts in ``press`` with this scheme: pairs and bonds, and with ``mvv`` the dissipative and
+    #: random parts as well.
     virial: float | None = None
-    virial_full: float | None = None
+    virial_full: float | None = None  #: The same, always with the dissipative and random parts
+    #: (6,) xx, yy, zz, xy, xz, yz of what ``virial`` counts, and of the sum of m v v over all beads.
     virial_tensor: np.ndarray | None = None
     kinetic_tensor: np.ndarray | None = None
+    #: Euclidean norm of all force components, and the largest absolute one.
     force_norm: float | None = None
     force_max: float | None = None
-    kT_conf: float | None = None
-    box: np.ndarray | None = None
+    kT_conf: float | None = None  #: Configurational temperature as an energy
+    box: np.ndarray | None = None  #: (3, 3) box vectors; the deck's box if None
+    #: (N, 3), needed by computes on groups and of single beads only.
     positions: np.ndarray | None = None
     velocities: np.ndarray | None = None
-    forces: np.ndarray | None = None
-    before: Mapping[str, np.ndarray] | None = None
+    forces: np.ndarray | None = None  #: (N, 3) total forces, with friction and noise where they are forces (``mvv``)
+    before: Mapping[str, np.ndarray] | None = None  #: Total force on the group of each fix addforce and setforce before it acted
+    #: The beads' fields, as :func:`openmm_dpd.fields.read_fields` gives them; empty if there are none.
     fields: Mapping[str, np.ndarray] | None = None
-    cpu: float = 0.0
+    cpu: float = 0.0  #: Seconds since the run began
 
 
 @dataclass(frozen=True)
 class Temperature:
-    """Settings of a compute of temperature.
+    """Settings of a compute of temperature."""
 
-    Attributes
-    ----------
-    counted : three bools
-        Components of the velocities that count.
-    streaming : three bools
-        Components from which the mean of the bin, weighted by mass, is taken off.
-    bins : three ints
-        Numbers of bins along x, y and z.
-    table : bool
-        Whether the compute has a table of the bins (``out bin``) instead of a vector.
-    extra : float
-        Degrees of freedom of all beads together that do not count (``compute_modify extra/dof``).
-    """
-
-    counted: tuple[bool, bool, bool] = (True, True, True)
-    streaming: tuple[bool, bool, bool] = (False, False, False)
-    bins: tuple[int, int, int] = (1, 1, 1)
-    table: bool = False
-    extra: float = 3.0
+    counted: tuple[bool, bool, bool] = (True, True, True)  #: Components of the velocities that count
+    streaming: tuple[bool, bool, bool] = (False, False, False)  #: Components from which the mean of the bin, weighted by mass, is taken off
+    bins: tuple[int, int, int] = (1, 1, 1)  #: Numbers of bins along x, y and z
+    table: bool = False  #: Whether the compute has a table of the bins (``out bin``) instead of a vector
+    extra: float = 3.0  #: Degrees of freedom of all beads together that do not count (``compute_modify extra/dof``)
 
     @property
     def count(self) -> int:
@@ -261,22 +210,11 @@ _LEAST_ENERGY = 1e-8
 
 @dataclass(frozen=True)
 class StoppingRule:
-    """The four numbers of ``minimize``, in the deck's units, and the norm of ``min_modify``.
+    """The four numbers of ``minimize``, in the deck's units, and the norm of ``min_modify``."""
 
-    Attributes
-    ----------
-    energy : float
-        Largest change of the energy in an iteration, over its mean size.
-    force : float
-        Largest norm of the forces.
-    iterations, evaluations : int
-        At most so many iterations; an iteration counts as one evaluation at least.
-    norm : str
-        A key of :data:`NORMS`.
-    """
-
-    energy: float
-    force: float
+    energy: float  #: Largest change of the energy in an iteration, over its mean size
+    force: float  #: Largest norm of the forces
+    #: At most so many iterations; an iteration counts as one evaluation at least.
     iterations: int
     evaluations: int
     norm: str = "two"
@@ -303,24 +241,12 @@ def without_rotation(positions: np.ndarray, velocities: np.ndarray, masses: np.n
 
 @dataclass(frozen=True)
 class MomentumRemoval:
-    """What ``fix momentum`` takes out.
+    """What ``fix momentum`` takes out."""
 
-    Attributes
-    ----------
-    every : int
-        Interval in steps.
-    linear : (3,) tuple of bool
-        Components of the momentum.
-    angular : bool
-        Whether the rotation about the centre of mass goes as well.
-    rescale : bool
-        Whether the rest is scaled so that the kinetic energy stays.
-    """
-
-    every: int
-    linear: tuple[bool, bool, bool]
-    angular: bool
-    rescale: bool
+    every: int  #: Interval in steps
+    linear: tuple[bool, bool, bool]  #: Components of the momentum
+    angular: bool  #: Whether the rotation about the centre of mass goes as well
+    rescale: bool  #: Whether the rest is scaled so that the kinetic energy stays
 
     def applied(self, positions: np.ndarray, velocities: np.ndarray, masses: np.ndarray) -> np.ndarray:
         """(N, 3) velocities of the beads afterwards; positions on continuous paths."""
@@ -336,25 +262,14 @@ Three = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class PressureControl:
-    """The pressure that the box follows.
+    """The pressure that the box follows."""
 
-    Attributes
-    ----------
-    axes : three bools
-        Edges of the box that may change.
-    coupled : bool
-        Whether all change by the same factor.
-    start, stop : three floats
-        Pressure along each axis at the beginning and at the end of the run, kJ/mol/nm^3 (0 for edges that stay).
-    isothermal : bool
-        Whether a thermostat holds the temperature; otherwise the enthalpy is what stays.
-    """
-
-    axes: tuple[bool, bool, bool]
-    coupled: bool
+    axes: tuple[bool, bool, bool]  #: Edges of the box that may change
+    coupled: bool  #: Whether all change by the same factor
+    #: Pressure along each axis at the beginning and at the end of the run, kJ/mol/nm^3 (0 for edges that stay).
     start: Three
     stop: Three
-    isothermal: bool = False
+    isothermal: bool = False  #: Whether a thermostat holds the temperature; otherwise the enthalpy is what stays
 
     @property
     def constant(self) -> bool:

@@ -12,30 +12,15 @@ from .box import Box
 
 @dataclass(frozen=True)
 class Region:
-    """A region.  Points on its faces are inside; what is compared is what LAMMPS compares.
+    """A region.  Points on its faces are inside; what is compared is what LAMMPS compares."""
 
-    Attributes
-    ----------
-    style : str
-        Its style, a key of :data:`REGION_STYLES`.
-    contains : callable
-        From (N, 3) points to a mask.
-    bounds : pair of (3,) arrays, optional
-        Corners of a box around it, with infinities for INF.
-    box : Box, optional
-        The box that ``create_box`` makes of it (block and prism).
-    shape : tuple, optional
-        Lower and upper corner (perhaps infinite) of a block, or centre and radius of a sphere, if it is the inside of one.
-    parts : tuple of str
-        Names of the regions that a union or intersection is made of.
-    """
-
-    style: str
-    contains: Callable[[np.ndarray], np.ndarray]
-    bounds: tuple[np.ndarray, np.ndarray] | None = None
-    box: Box | None = None
+    style: str  #: Its style, a key of :data:`REGION_STYLES`
+    contains: Callable[[np.ndarray], np.ndarray]  #: From (N, 3) points to a mask
+    bounds: tuple[np.ndarray, np.ndarray] | None = None  #: Corners of a box around it, with infinities for INF
+    box: Box | None = None  #: The box that ``create_box`` makes of it (block and prism)
+    #: Lower and upper corner (perhaps infinite) of a block, or centre and radius of a sphere, if it is the inside of one.
     shape: tuple[np.ndarray, np.ndarray] | tuple[np.ndarray, float] | None = None
-    parts: tuple[str, ...] = ()
+    parts: tuple[str, ...] = ()  #: Names of the regions that a union or intersection is made of
 
 
 def _edge(word: str, axis: int, upper: bool, scale: np.ndarray, box: Box | None) -> float:

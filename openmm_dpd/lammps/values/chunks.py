@@ -26,25 +26,13 @@ _MOST = 10_000_000
 
 @dataclass(frozen=True)
 class Slicing:
-    """How one axis is cut; lengths in the deck's unit, or in fractions of the edge if ``reduced``.
+    """How one axis is cut; lengths in the deck's unit, or in fractions of the edge if ``reduced``."""
 
-    Attributes
-    ----------
-    axis : int
-        0, 1 or 2.
-    origin : str or float
-        ``lower``, ``center``, ``upper``, or the coordinate of the face of some slice.
-    thickness : float
-    reduced : bool
-    bound : pair of (float or None)
-        Ends that are not those of the box.
-    """
-
-    axis: int
-    origin: str | float
+    axis: int  #: 0, 1 or 2
+    origin: str | float  #: ``lower``, ``center``, ``upper``, or the coordinate of the face of some slice
     thickness: float
     reduced: bool = False
-    bound: tuple[float | None, float | None] = (None, None)
+    bound: tuple[float | None, float | None] = (None, None)  #: Ends that are not those of the box
 
     def slices(self, box: Box) -> tuple[float, int, float]:
         """Where the first slice begins, how many there are in a box (deck units), and the part of its volume that each has."""
@@ -66,22 +54,13 @@ class Slicing:
 
 @dataclass(frozen=True)
 class Binning:
-    """Settings of a compute chunk/atom.
+    """Settings of a compute chunk/atom."""
 
-    Attributes
-    ----------
-    axes : tuple of Slicing
-        The axes that are cut, the one that changes slowest first.
-    discard : str
-        What becomes of beads beyond the slices: ``no`` (they count in the last slice), ``yes`` (they are left out), ``mixed`` (left out
-        only where ``bound`` has put an end).
-    region : str or None
-        Only beads in this region count.
-    """
-
-    axes: tuple[Slicing, ...]
+    axes: tuple[Slicing, ...]  #: The axes that are cut, the one that changes slowest first
+    #: What becomes of beads beyond the slices: ``no`` (they count in the last slice), ``yes`` (they are left out), ``mixed`` (left out only
+    #: where ``bound`` has put an end).
     discard: str = "mixed"
-    region: str | None = None
+    region: str | None = None  #: Only beads in this region count
 
     def bins(self, box: Box) -> Bins:
         """The bins in a box (deck units)."""

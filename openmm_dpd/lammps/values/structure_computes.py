@@ -92,24 +92,12 @@ def _distribution(moment: DeckMoment, compute: Compute) -> np.ndarray:
 # -- compute msd --------------------------------------------------------------------------------------------------------------
 @dataclass
 class Displacements:
-    """Settings of a compute msd, and the positions it counts from.
+    """Settings of a compute msd, and the positions it counts from."""
 
-    Attributes
-    ----------
-    com : bool
-        Whether the motion of the centre of mass of the group is taken off.
-    average : bool
-        Whether displacements are counted from the mean of all positions so far.
-    origin : (n, 3) array
-        Positions of the group (deck units) that displacements are counted from.
-    count : int
-        Positions that ``origin`` is the mean of.
-    """
-
-    com: bool
-    average: bool
-    origin: np.ndarray
-    count: int = 1
+    com: bool  #: Whether the motion of the centre of mass of the group is taken off
+    average: bool  #: Whether displacements are counted from the mean of all positions so far
+    origin: np.ndarray  #: (n, 3) positions of the group (deck units) that displacements are counted from
+    count: int = 1  #: Positions that ``origin`` is the mean of
     _seen: tuple[Window, int] | None = field(default=None, repr=False)
 
     def include(self, moment: DeckMoment, positions: np.ndarray) -> None:
