@@ -26,42 +26,6 @@ ATOM_VALUES = ("id", "mass", "type", "mol", "x", "y", "z", "vx", "vy", "vz", "fx
 CONSTANTS = {"PI": math.pi, "yes": 1.0, "on": 1.0, "true": 1.0, "no": 0.0, "off": 0.0, "false": 0.0}
 
 
-class Names:
-    """What a formula may refer to.  All of it is refused here; whoever knows some of it says so."""
-
-    def refuse(self, what: str) -> NoReturn:
-        """The error for what is not known."""
-        raise ParameterError(f"'{what}' has no value here")
-
-    def thermo(self, word: str) -> float:
-        """Value of a thermo word."""
-        self.refuse(word)
-
-    def variable(self, name: str) -> float:
-        """Value of ``v_name``."""
-        self.refuse(f"v_{name}")
-
-    def compute(self, name: str, index: int | None, column: int | None = None) -> float:
-        """Value of ``c_name``, ``c_name[index]`` or ``c_name[index][column]``."""
-        self.refuse(f"c_{name}")
-
-    def fix(self, name: str, index: int | None, column: int | None = None) -> float:
-        """Value of ``f_name``, ``f_name[index]`` or ``f_name[index][column]``."""
-        self.refuse(f"f_{name}")
-
-    def group(self, function: str, arguments: list[str]) -> float:
-        """Value of a group function such as ``count(all)``."""
-        self.refuse(function)
-
-    def atom(self, quantity: str, bead: int) -> float:
-        """Value of one bead, such as ``x[17]``."""
-        self.refuse(f"{quantity}[{bead}]")
-
-    def call(self, function: str, arguments: list[float]) -> float:
-        """Value of a function that depends on the state: ``random``, ``normal``, ``ramp`` ..."""
-        self.refuse(function)
-
-
 #: Functions that need the resolver: name -> number of arguments.
 STATE_FUNCTIONS = {"random": 3, "normal": 3, "ramp": 2, "vdisplace": 2, "swiggle": 3, "cwiggle": 3}
 
@@ -80,15 +44,15 @@ def _tokens(pattern: re.Pattern[str], text: str) -> list[tuple[str, str]]:
     return [(str(match.lastgroup), str(match[match.lastgroup or 0])) for match in pattern.finditer(text)]
 
 
-def evaluate(text: str, resolver: Names) -> float:
+def evaluate(text: str, resolver: Any) -> float:
     """Value of a formula.
 
     Parameters
     ----------
     text : str
         The formula, such as ``pe/count(all)+v_offset``.
-    resolver : Names
-        Gives thermo words, variables, computes and group functions.
+    resolver
+        Its methods ``thermo``, ``variable``, ``compute``, ``fix``, ``group``, ``atom`` and ``call`` give what names stand for.
 
     Raises
     ------
@@ -165,7 +129,7 @@ class Formula(Expression):
     #: Which kind of values it has, a field of Operation.
     kind = "number"
 
-    def __init__(self, text: str, resolver: Names):
+    def __init__(self, text: str, resolver: Any):
         super().__init__(text)
         self.resolver = resolver
 

@@ -13,7 +13,7 @@ from ..state.deck_state import DeckState
 from ..state.moment import Window
 from ..state.records import VECTOR_FIXES, DeckSample
 from ..values.compute_spec import reference
-from ..values.computes import BUILT_IN, COMPUTES, average_of, check_built_in, check_value, is_extensive
+from ..values.computes import BUILT_IN, COMPUTES, average_of, check_value, is_extensive
 from ..values.per_bead import PROPERTIES
 from ..values.resolver import Resolver
 from ..values.words import WORDS
@@ -44,10 +44,7 @@ def check_word(state: DeckState, word: str) -> None:
         return
     if word.startswith("c_"):
         _, name, indices = reference(word)
-        if name in BUILT_IN and indices:
-            check_built_in(name, indices, word)
-        if name not in BUILT_IN:
-            check_value(state, name, *indices, word=word)
+        check_value(state, name, *indices, word=word)
         return
     if word.startswith("f_"):
         _, name, indices = reference(word)
@@ -76,7 +73,7 @@ def _needs(state: DeckState, word: str, seen: set[str]) -> set[str]:
         indexed = bool(reference(word).indices)
         if name in BUILT_IN:
             # the six values of both come with the pressure tensor
-            return _needs(state, "pxx" if indexed else BUILT_IN[name].word, seen)
+            return _needs(state, "pxx" if indexed else BUILT_IN[name], seen)
         if name not in state.computes:
             return set()
         compute = state.computes[name]
@@ -172,8 +169,9 @@ class Thermo:
         kind, name, indices = reference(word)
         own = BUILT_IN.get(name) if kind == "c" else None
         if own is not None and not indices:
-            return moment.thermo(own.word)
-        value = moment.number(word) if own is None or own.column is None else own.column(moment, indices[0] - 1)
+            # it may stand for another compute (thermo_modify temp and press); so do components of the pressure
+            return moment.thermo(own)
+        value = moment.pressure_component(indices[0] - 1) if own == "press" else moment.number(word)
         return value / moment.norm if is_extensive(moment.state, word) else value
 
     # -- text ----------------------------------------------------------------------------------------------------------------

@@ -232,13 +232,7 @@ def execute_text(deck: Deck, text: str) -> None:
 
 
 def execute(deck: Deck, line: Line) -> None:
-    """Carry out one logical line.
-
-    Raises
-    ------
-    DeckError
-        With the line's file and number, for unknown commands and whatever the command does not accept.
-    """
+    """Carry out one logical line; DeckError with its file and number for unknown commands and whatever the command does not accept."""
     deck.here = line
     try:
         words = split_words(output.expand(deck, line.text))

@@ -32,21 +32,10 @@ NAME = "log.txt"
 
 
 class RunLog:
-    """Takes lines: rows of thermo output, remarks, what ``print`` prints.
+    """Takes lines: rows of thermo output, remarks, what ``print`` prints; ``show`` takes them as well.
 
-    Parameters
-    ----------
-    show : callable
-        Takes them as well.
-    folder : Path, optional
-        Where ``log.txt`` is written, unbuffered; nowhere by default.
-    append : bool
-        Go on with the file that is there.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written, here and from calls.
+    They go, unbuffered, to ``log.txt`` in a folder, if there is one, behind what is there with ``append``; OutputError if it cannot be
+    written.
     """
 
     def __init__(self, show: Callable[[str], None], folder: Path | None, append: bool = False):

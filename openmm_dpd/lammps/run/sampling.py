@@ -42,14 +42,7 @@ def arrays(context: openmm.Context):
 
 
 class Sampler:
-    """Takes samples during one run.
-
-    Parameters
-    ----------
-    request : RunRequest
-    built : BuiltSystem
-    context : openmm.Context
-    """
+    """Takes samples during one run."""
 
     def __init__(self, request: RunRequest, built: BuiltSystem, context: openmm.Context):
         self.request, self.built, self.context = request, built, context

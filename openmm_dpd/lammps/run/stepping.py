@@ -62,10 +62,8 @@ class RestartFiles:
 class MomentumFixes:
     """The ``fix momentum`` of a run, which change velocities at the end of steps that are multiples of their intervals.
 
-    Raises
-    ------
-    DeckError
-        If a fix acts on beads that do not move, or comes after one that reads values at the end of a step: LAMMPS takes those before.
+    One that acts on beads that do not move is an error, or that comes after a fix that reads values at the end of a step: LAMMPS takes
+    those before.
     """
 
     def __init__(self, request: RunRequest, context: openmm.Context):
@@ -125,23 +123,9 @@ class Pace:
 
 
 class Stepper:
-    """One run that is being carried out.
+    """One run that is being carried out: ``result`` takes the rows, ``log`` lines of thermo output; ``signals`` may end it after any step.
 
-    Parameters
-    ----------
-    request : RunRequest
-    simulation : app.Simulation
-    built : BuiltSystem
-    result : RunResult
-        Takes the rows.
-    log : callable
-        Takes the lines of thermo output.
-    trajectory : RunTrajectory, optional
-    signals : Signals
-        Those that may end the run after any step.
-    keep : callable
-        ``keep(present)`` may store everything, and what :meth:`resume` needs, where a signal has come or ``interval`` steps have gone by.
-    interval : int, optional
+    ``keep(present)`` may store everything, and what :meth:`resume` needs, where a signal has come or ``interval`` steps have gone by.
     """
 
     def __init__(

@@ -38,13 +38,7 @@ def internal_scale(state: DeckState) -> float:
 
 
 def equations_of_state(state: DeckState) -> dict[str, EquationOfState]:
-    """Equation of state of each bead type.
-
-    Raises
-    ------
-    DeckError
-        If a bead has none or two, or beads of one type have different ones.
-    """
+    """Equation of state of each bead type; DeckError if a bead has none or two, or beads of one type have different ones."""
     fixes = state.fixes_of(*EOS_FIXES)
     owner = np.full(len(state.atoms), -1)
     for k, fix in enumerate(fixes):
@@ -71,14 +65,7 @@ def equations_of_state(state: DeckState) -> dict[str, EquationOfState]:
 
 
 def sources_of(state: DeckState, box: np.ndarray) -> list[Source]:
-    """Sources of heat or species; places are in the deck's coordinates.
-
-    Parameters
-    ----------
-    state : DeckState
-    box : (3, 3) array
-        The scene's box vectors, nm.
-    """
+    """Sources of heat or species; places are in the deck's coordinates, ``box`` has the scene's vectors (nm)."""
     names = [style.name for style in state.pair.styles]
     found = []
     for fix in state.fixes_of(*SOURCE_FIXES):

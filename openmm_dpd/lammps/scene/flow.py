@@ -86,14 +86,7 @@ def _known(state: DeckState, kind: int) -> Known:
 
 
 def held_beads(state: DeckState) -> np.ndarray:
-    """(N,) beads that ``fix setforce`` holds while the potential energy is minimised.
-
-    Raises
-    ------
-    DeckError
-        If a setforce says something else than 0 0 0: as in LAMMPS other values are no slope of an energy, and single components cannot be
-        held here.
-    """
+    """(N,) beads that ``fix setforce`` holds while the potential energy is minimised; DeckError if one says something else than 0 0 0."""
     held = np.zeros(len(state.atoms), dtype=bool)
     for fix in state.fixes_of("setforce"):
         if "NULL" in words(fix):
@@ -107,10 +100,7 @@ def held_beads(state: DeckState) -> np.ndarray:
 def still_beads(state: DeckState, mobile: np.ndarray) -> np.ndarray:
     """(N,) beads at rest that no force acts on: they stay where they are.
 
-    Raises
-    ------
-    DeckError
-        If fix shardlow would change velocities of beads whose forces a setforce takes away.
+    DeckError if fix shardlow would change velocities of beads whose forces a setforce takes away.
     """
     found = driving(state)
     taken = mobile & ~found.interacting.all(axis=1)
@@ -132,10 +122,7 @@ def interacting_beads(state: DeckState, mobile: np.ndarray) -> np.ndarray | None
 def walls_of(state: DeckState, mobile: np.ndarray) -> list[Wall]:
     """Walls of all ``fix wall/reflect``.
 
-    Raises
-    ------
-    DeckError
-        If an axis with ``boundary f`` is not closed by walls at both ends, or beads that move are not in the group.
+    DeckError if an axis with ``boundary f`` is not closed by walls at both ends, or beads that move are not in the group.
     """
     walls: list[Wall] = []
     closed: dict[str, str] = {}

@@ -20,24 +20,11 @@ from .integration import Integration, integration
 
 
 def build_scene(state: DeckState, window: Window | None = None, compat: str = "consistent", moved: Integration | None = None) -> Scene:
-    """The scene that the deck describes at this point.
+    """The scene that the deck describes at this point; it must have a box, beads and pair coefficients.
 
-    Parameters
-    ----------
-    state : DeckState
-        The deck; it must have a box, beads and pair coefficients.
-    window : Window, optional
-        Steps between which temperature ramps go; the ramp starts now if absent.
-    compat : {"consistent", "lammps"}
-        How the heat of edpd is computed.
-    moved : Integration, optional
-        Which beads move; by default those of the integrating fixes.
-
-    Raises
-    ------
-    DeckError
-        If something is missing or cannot be expressed: unset type pairs, unset masses, different temperatures, a cutoff over
-        half the box ...; the message names file and line.
+    Temperature ramps go between the steps of ``window``, and start now without it; ``compat`` says how the heat of edpd is computed,
+    ``moved`` which beads move: by default those of the integrating fixes.  DeckError, with file and line, if something is missing or cannot
+    be expressed: unset type pairs, unset masses, different temperatures, a cutoff over half the box ...
     """
     box = state.require_box("a run")
     if not len(state.atoms):
@@ -84,12 +71,8 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
 def deck_kT(state: DeckState, window: Window | None) -> float | TemperatureRamp:
     """The one temperature (or ramp) of all thermostatting pair styles, as an energy; 0 if there is none.
 
-    Where beads have internal temperatures and no style sets another, it is the mean of these (the scale of a trial step).
-
-    Raises
-    ------
-    DeckError
-        If two styles have different temperatures.
+    Where beads have internal temperatures and no style sets another, it is the mean of these (the scale of a trial step).  DeckError if
+    two styles have different temperatures.
     """
     styles = [style for style in state.pair.styles if style.spec.thermostat and "start" in style.settings]
     if not styles:

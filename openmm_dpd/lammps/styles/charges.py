@@ -52,13 +52,7 @@ STYLES = {
 
 # -- from a scene -------------------------------------------------------------------------------------------------------------
 def charge_use(scene: Scene, units: UnitSystem, types: list[str], differences: Differences) -> StyleUse | None:
-    """Pair style of the charges, or None.
-
-    Raises
-    ------
-    ParameterError
-        If charges and walls are combined: LAMMPS's sums over all images need a periodic box.
-    """
+    """Pair style of the charges, or None; ParameterError for charges between walls: LAMMPS's sums need a periodic box."""
     charges = scene.electrostatics
     if charges is None:
         return None
@@ -91,13 +85,7 @@ def _width(charges, differences: Differences) -> float:
 
 # -- to a scene ---------------------------------------------------------------------------------------------------------------
 def electrostatics_of(state: DeckState) -> SlaterCharges | None:
-    """Smeared charges of the scene, None if no pair style has them.
-
-    Raises
-    ------
-    DeckError
-        If pair styles, kspace_style, charges and box do not go together.
-    """
+    """Smeared charges of the scene, None if no pair style has them; DeckError if styles, charges and box do not go together."""
     styles = [style for style in state.pair.styles if "cutoff_charges" in style.settings]
     if not styles:
         if state.kspace is not None:

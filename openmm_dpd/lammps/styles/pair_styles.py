@@ -43,13 +43,7 @@ Table = dict[tuple[int, int], Coefficient]
 
 
 def pair_tables(state: DeckState) -> list[PairTable]:
-    """One table of pair terms per pair style of the deck.
-
-    Raises
-    ------
-    DeckError
-        If a type pair is unset, a style is unused, or a cutoff exceeds half the box.
-    """
+    """One table of pair terms per pair style; DeckError if a type pair is unset, a style unused, or a cutoff over half the box."""
     setup = state.pair
     if setup.mode == "none":
         state.note("pair_style none: beads do not interact")

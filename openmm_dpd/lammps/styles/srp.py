@@ -49,10 +49,7 @@ STYLES = {"srp": Spec(srp_settings, _srp_coefficient, no_force, words=_WORDS, of
 def segment_use(scene: Scene, units: UnitSystem, bonds: np.ndarray, n_types: int, differences: Differences) -> StyleUse | None:
     """Pair style srp, or None; ``bonds`` has the type of each bond and its beads.
 
-    Raises
-    ------
-    ParameterError
-        If the segments are no bonds, or some bonds of one type but not all.
+    ParameterError if the segments are no bonds, or some bonds of one type but not all.
     """
     segments = scene.segments
     if segments is None:
@@ -85,10 +82,7 @@ def segment_use(scene: Scene, units: UnitSystem, bonds: np.ndarray, n_types: int
 def segments_of(state: DeckState, compat: str) -> SegmentalRepulsion | None:
     """The segmental repulsion of the deck, None if it has none.
 
-    Raises
-    ------
-    DeckError
-        If its bond type or bptype is out of range, its coefficient is missing or is that of another type, or beads have its type.
+    DeckError if its bond type or bptype is out of range, its coefficient is missing or is that of another type, or beads have its type.
     """
     styles = [style for style in state.pair.styles if style.name == "srp"]
     if not styles:

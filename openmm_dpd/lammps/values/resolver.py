@@ -6,19 +6,19 @@ import numpy as np
 
 from ...errors import ParameterError
 from ..language import arguments as read
-from ..language.expressions import ATOM_VALUES, Formula, Names, evaluate
+from ..language.expressions import ATOM_VALUES, Formula, evaluate
 from ..language.lexer import substitute
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
 from ..state.records import ForceVector
 from .compute_spec import check_place, reference
-from .computes import BUILT_IN, COMPUTES, average_of, check_built_in, check_value, compute_of
+from .computes import COMPUTES, average_of, check_value, compute_of
 from .per_bead import BEAD_WORDS, check_carried
 from .words import WORDS
 
 
-class Resolver(DeckMoment, Names):
-    """A moment at which names have values, those of :class:`~openmm_dpd.lammps.language.expressions.Names`."""
+class Resolver(DeckMoment):
+    """A moment at which names have values: those that :func:`~openmm_dpd.lammps.language.expressions.evaluate` asks for, and more."""
 
     def formula(self, text: str) -> float:
         """Value of a formula."""
@@ -44,11 +44,6 @@ class Resolver(DeckMoment, Names):
 
     def compute(self, name: str, index: int | None = None, column: int | None = None) -> float:
         """Value of ``c_name``, ``c_name[index]`` or ``c_name[index][column]``, not normalised."""
-        if name in BUILT_IN:
-            if index is None:
-                return BUILT_IN[name].value(self)
-            check_built_in(name, (index,) if column is None else (index, column), f"c_{name}[{index}]")
-            return float(self.compute_vector(name)[index - 1])
         if column is None and self.is_bead_compute(name):
             return self._of_bead(name, index)
         compute, spec = check_value(self.state, name, index, column)
@@ -65,9 +60,6 @@ class Resolver(DeckMoment, Names):
 
     def compute_vector(self, name: str, column: int | None = None) -> np.ndarray:
         """All values of ``c_name``, or of ``c_name[column]`` of a table; ParameterError if the compute has no vector."""
-        built_in = BUILT_IN[name].vector if name in BUILT_IN else None
-        if built_in is not None and column is None:
-            return built_in(self)
         compute, spec = compute_of(self.state, name)
         if spec.array is not None and spec.tabled(compute) and column is not None:
             return spec.array(self, compute)[:, column - 1]
