@@ -182,10 +182,7 @@ def _fits(scene: Scene, given, corner: np.ndarray) -> bool:
 def flow_lines(scene: Scene, units: UnitSystem, corner: np.ndarray) -> Iterator[str]:
     """Beads that only body forces act on (fix setforce), body forces (fix addforce) and walls (fix wall/reflect).
 
-    Raises
-    ------
-    ParameterError
-        For what LAMMPS has no fix for: walls with bounce-back, formulas in other units than lj ...
+    ParameterError for what LAMMPS has no fix for: walls with bounce-back, formulas in other units than lj ...
     """
     if scene.interacting is not None:
         for k, row in enumerate(np.unique(scene.interacting[~scene.interacting.all(axis=1)], axis=0), start=1):

@@ -30,13 +30,7 @@ class TableData:
 
 
 def read_table(path: Path, keyword: str) -> TableData:
-    """Section ``keyword`` of a pair table file.
-
-    Raises
-    ------
-    DeckError
-        If the section is missing, incomplete or not numeric.
-    """
+    """Section ``keyword`` of a pair table file; DeckError if the section is missing, incomplete or not numeric."""
     file = TextFile.read(path)
     lines, found, index = list(file.rows()), list[str](), 0
     while index < len(lines):
@@ -135,10 +129,7 @@ def tabulated_pair(data: TableData, cutoff: float | None, units: UnitSystem) -> 
 def read_eos(path: Path, keyword: str) -> tuple[np.ndarray, np.ndarray]:
     """Temperatures and internal energies of the section ``keyword``, in the file's units.
 
-    Raises
-    ------
-    DeckError
-        With file and line: if the section is missing, incomplete or not numeric, or a column does not increase.
+    DeckError with file and line: if the section is missing, incomplete or not numeric, or a column does not increase.
     """
     file = TextFile.read(path)
     lines, found, index = list(file.rows()), list[str](), 0

@@ -88,10 +88,7 @@ def _newlines(text: str) -> str:
 def logical_lines(text: str, file: str) -> Iterator[Line]:
     """Logical lines of a script that are not empty.
 
-    Raises
-    ------
-    DeckError
-        If a quote is not closed, or what is no comment has characters of other encodings.
+    DeckError if a quote is not closed, or what is no comment has characters of other encodings.
     """
     # splitlines would also cut at form feeds and other separators, which are blanks to LAMMPS
     physical = _newlines(text).split("\n")

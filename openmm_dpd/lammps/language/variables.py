@@ -102,10 +102,7 @@ class Variables:
     def advance(self, names: list[str]) -> bool:
         """Carry out ``next``: whether all have another value; those that have none are deleted.
 
-        Raises
-        ------
-        ParameterError
-            If a variable is not index- or loop-style, or they are not all of one style.
+        ParameterError if a variable is not index- or loop-style, or they are not all of one style.
         """
         found = [(name, self.get(name)) for name in names]
         for name, variable in found:

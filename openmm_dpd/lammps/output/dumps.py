@@ -90,10 +90,7 @@ class Dump:
     def write(self, moment: Resolver) -> None:
         """Write the configuration of a moment, whose sample has the fields of :meth:`needs`.
 
-        Raises
-        ------
-        OutputError
-            If it cannot be written; the configurations before it stay readable.
+        OutputError if it cannot be written; the configurations before it stay readable.
         """
         if self.style in BINARY:
             self._write_frame(moment)

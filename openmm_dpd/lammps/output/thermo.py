@@ -148,10 +148,7 @@ class Thermo:
     def values(self, sample: DeckSample, words: tuple[str, ...] | None = None) -> dict[str, float]:
         """Value of each column (or of each of ``words``), in the deck's units and normalised as LAMMPS prints it.
 
-        Raises
-        ------
-        DeckError
-            If a formula cannot be evaluated.
+        DeckError if a formula cannot be evaluated.
         """
         moment = Resolver(self.state, sample, self.window)
         result = {}

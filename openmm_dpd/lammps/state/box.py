@@ -128,12 +128,8 @@ class Box:
     def settle(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions moved into the box, and by how many boxes each was moved back ((N, 3) integers to be added to the image flags).
 
-        In a tilted box all positions go through their fractions, as in LAMMPS at the beginning of a run.
-
-        Raises
-        ------
-        ParameterError
-            If a position is not finite, or too far away for an image flag.
+        In a tilted box all positions go through their fractions, as in LAMMPS at the beginning of a run.  ParameterError if a position is
+        not finite, or too far away for an image flag.
         """
         x, low, high = self._coordinates(positions)
         period = high - low

@@ -205,12 +205,8 @@ class DeckState:
     def output_path(self, name: str, step: int | None = None) -> Path:
         """Where a file that the deck writes goes: ``*`` becomes the step, by default the present one.
 
-        Relative names are put into the output folder; absolute ones are taken as they are, and a note says so.
-
-        Raises
-        ------
-        ParameterError
-            If a relative name leads out of the output folder.
+        Relative names are put into the output folder; absolute ones are taken as they are, and a note says so.  ParameterError if a
+        relative name leads out of the output folder.
         """
         if Path(name).is_absolute():
             self.note(f"{name} is an absolute name: it is written there, and not into the output folder {self.output}")
@@ -254,10 +250,7 @@ class DeckState:
     def settle(self, command: str) -> None:
         """Move beads into the box, as LAMMPS does where a run begins and where it writes a data file, and nowhere else.
 
-        Raises
-        ------
-        ParameterError
-            If a bead is more than one box away, which LAMMPS loses.
+        ParameterError if a bead is more than one box away, which LAMMPS loses.
         """
         box = self.require_box(command)
         inside, shifts = box.settle(self.atoms.positions)

@@ -96,10 +96,7 @@ class Bins:
 def parse_binning(state: DeckState, group: str, words: list[str]) -> Binning:
     """Settings from the words after ``chunk/atom``.
 
-    Raises
-    ------
-    ParameterError
-        For styles and options that are not supported, or values out of bounds.
+    ParameterError for styles and options that are not supported, or values out of bounds.
     """
     read.count(words, _USAGE, 1, None)
     if words[0] not in _STYLES:

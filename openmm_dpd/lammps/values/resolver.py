@@ -250,10 +250,7 @@ class _BeadFormula(Formula):
 def evaluate_beads(text: str, resolver: Resolver, n: int) -> np.ndarray:
     """(n,) values of an atom-style formula, such as ``0.5*mass*(vx^2+vy^2)``, one for each of n beads.
 
-    Raises
-    ------
-    ParameterError
-        As :func:`evaluate`, for any of the beads.
+    ParameterError as :func:`evaluate`, for any of the beads.
     """
     formula = _BeadFormula(text, resolver)
     try:
