@@ -9,7 +9,7 @@ from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.pair_setup import BondedSetup
 from ..styles.bonded_styles import ANGLE_STYLES, BOND_STYLES
-from .setup import remembered
+from .setup import command
 
 #: Styles of bonds and of angles.
 KNOWN = {"bond": BOND_STYLES, "angle": ANGLE_STYLES}
@@ -17,7 +17,6 @@ KNOWN = {"bond": BOND_STYLES, "angle": ANGLE_STYLES}
 
 def _style(state: DeckState, args: list[str], what: str) -> None:
     """``bond_style`` or ``angle_style``: none, zero, a style that is known, or ``hybrid`` with several of them."""
-    read.count(args, f"{what}_style style", 1, None)
     known, old = KNOWN[what], getattr(state, what)
     style = read.choice(args[0], f"the {what} style", ("none", *known, "hybrid"))
     setup = BondedSetup(style, where=state.here)
@@ -65,6 +64,6 @@ def _coeff(state: DeckState, args: list[str], what: str) -> None:
     setup.coefficients.update(dict.fromkeys(kinds, (style, values)))
 
 
-COMMANDS = remembered(
-    {f"{what}_{end}": partial(handler, what=what) for what in KNOWN for end, handler in (("style", _style), ("coeff", _coeff))}
-)
+for _what in KNOWN:
+    command(f"{_what}_style style", 1, None, remembered=True)(partial(_style, what=_what))
+    command(f"{_what}_coeff type values ...", 0, None, remembered=True)(partial(_coeff, what=_what))

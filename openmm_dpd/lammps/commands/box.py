@@ -16,19 +16,19 @@ from ..state.box import Box
 from ..state.deck_state import DeckState
 from ..state.lattice import parse_lattice
 from ..state.regions import parse_region
-from . import bonded, pairs
 from .beads import subset
-from .setup import by_name
+from .setup import COMMANDS, command
 
 
+@command("lattice", 0, None)
 def lattice(state: DeckState, args: list[str]) -> None:
     """``lattice style scale ...``."""
     state.lattice = parse_lattice(args, state.units.name == "lj")
 
 
+@command("region ID style values ...", 2, None)
 def region(state: DeckState, args: list[str]) -> None:
     """``region ID style values ...``, or ``region ID delete``."""
-    read.count(args, "region ID style values ...", 2, None)
     name = args[0]
     if args[1] == "delete":
         state.region(name)
@@ -42,10 +42,9 @@ def region(state: DeckState, args: list[str]) -> None:
     state.regions[name] = parse_region(args[1:], state.lattice.spacing, state.box, state.regions)
 
 
+@command("create_box N region ...", 2, None, box=False)
 def create_box(state: DeckState, args: list[str]) -> None:
     """``create_box N region [bond/types N] [angle/types N] [extra/...]``."""
-    read.count(args, "create_box N region ...", 2, None)
-    state.refuse_box("create_box")
     found = state.region(args[1])
     if found.box is None:
         raise ParameterError(f"create_box needs a bounded block or prism with positive lengths; region '{args[1]}' is a {found.style}")
@@ -72,10 +71,9 @@ def _set_box(state: DeckState, box: Box) -> None:
     state.box = box
 
 
+@command("create_atoms type style ...", 2, None, box=True)
 def create_atoms(state: DeckState, args: list[str]) -> None:
     """``create_atoms type box | region ID | random N seed ID|NULL | single x y z``, with options."""
-    read.count(args, "create_atoms type style ...", 2, None)
-    state.require_box("create_atoms")
     kind = state.type_number(args[0])
     sizes = {"box": 0, "region": 1, "random": 3, "single": 3}
     style = read.choice(args[1], "the style of create_atoms", list(sizes))
@@ -162,9 +160,9 @@ def _closest(points: np.ndarray, point: np.ndarray, box: Box) -> float:
     return float(np.sqrt(np.min(np.sum(gap * gap, axis=1))))
 
 
+@command("read_data file ...", 1, None)
 def read_data(state: DeckState, args: list[str]) -> None:
     """``read_data file [nocoeff] [extra/atom/types N] [extra/bond/types N] [extra/angle/types N] [group ID]``."""
-    read.count(args, "read_data file ...", 1, None)
     if state.box is not None:
         raise ParameterError("read_data must come before any other box is defined (read_data add is not supported)")
     path = state.find_file(args[0])
@@ -209,10 +207,10 @@ def _take_atoms(state: DeckState, data: DataFile, path: Path) -> None:
 
 def _take_coefficients(state: DeckState, data: DataFile, path: Path) -> None:
     handlers = {
-        "Pair Coeffs": lambda words: pairs.COMMANDS["pair_coeff"](state, [words[0], *words]),
-        "PairIJ Coeffs": lambda words: pairs.COMMANDS["pair_coeff"](state, words),
-        "Bond Coeffs": lambda words: bonded.COMMANDS["bond_coeff"](state, words),
-        "Angle Coeffs": lambda words: bonded.COMMANDS["angle_coeff"](state, words),
+        "Pair Coeffs": lambda words: COMMANDS["pair_coeff"](state, [words[0], *words]),
+        "PairIJ Coeffs": lambda words: COMMANDS["pair_coeff"](state, words),
+        "Bond Coeffs": lambda words: COMMANDS["bond_coeff"](state, words),
+        "Angle Coeffs": lambda words: COMMANDS["angle_coeff"](state, words),
     }
     outer = state.here
     for name, rows in data.coefficients.items():
@@ -237,9 +235,9 @@ def _check_special(state: DeckState, gone: np.ndarray, bonds: np.ndarray) -> Non
             )
 
 
+@command("delete_atoms group|region ID ...", 2, None)
 def delete_atoms(state: DeckState, args: list[str]) -> None:
     """``delete_atoms group ID | region ID [compress yes|no] [bond yes|no]``."""
-    read.count(args, "delete_atoms group|region ID ...", 2, None)
     kind = read.choice(args[0], "the style of delete_atoms", ("group", "region"))
     if kind == "group":
         doomed = state.group(args[1]).copy()
@@ -278,9 +276,9 @@ def _check_standing(state: DeckState, command: str, remedy: str) -> None:
         )
 
 
+@command("reset_atoms id [sort no]", 1, None)
 def reset_atoms(state: DeckState, args: list[str]) -> None:
     """``reset_atoms id [sort no]``: ids from 1 on without gaps, in the order in which LAMMPS has the beads in its memory."""
-    read.count(args, "reset_atoms id [sort no]", 1, None)
     if args[0] in ("mol", "image"):
         raise ParameterError(f"reset_atoms {args[0]} is not supported; only reset_atoms id is")
     read.choice(args[0], "the property of reset_atoms", ("id",))
@@ -301,10 +299,10 @@ def reset_atoms(state: DeckState, args: list[str]) -> None:
     state.groups = {name: mask[order] for name, mask in state.groups.items()}
 
 
+@command("reset_ids", 0, None)
 def reset_ids(state: DeckState, args: list[str]) -> None:
     """``reset_ids``, ``reset_atom_ids``: older spellings of ``reset_atoms id``."""
     reset_atoms(state, ["id", *args])
 
 
-COMMANDS = by_name(lattice, region, create_box, create_atoms, read_data, delete_atoms, reset_atoms, reset_ids)
-COMMANDS["reset_atom_ids"] = reset_ids
+COMMANDS["reset_atom_ids"] = COMMANDS["reset_ids"]

@@ -11,7 +11,7 @@ from ..output.time_average import parse_ave_time
 from ..state.deck_state import DeckState
 from ..state.records import Fix
 from .fix_styles import FIX_STYLES
-from .setup import by_name
+from .setup import command
 
 #: Fixes that average: from (state, id, group, words) to the average.
 AVERAGES: dict[str, Callable[[DeckState, str, str, list[str]], AveragingFix]] = {
@@ -21,10 +21,9 @@ AVERAGES: dict[str, Callable[[DeckState, str, str, list[str]], AveragingFix]] = 
 }
 
 
+@command("fix ID group style ...", 3, None, box=True)
 def fix(state: DeckState, args: list[str]) -> None:
     """``fix ID group style ...``; a fix of the same id and style is replaced."""
-    read.count(args, "fix ID group style ...", 3, None)
-    state.require_box("fix")
     name, group, style, *words = args
     read.identifier(name, "the id of a fix")
     state.group(group)
@@ -41,22 +40,19 @@ def fix(state: DeckState, args: list[str]) -> None:
     state.fixes[name] = Fix(name, group, style, parameters, state.here)
 
 
+@command("unfix ID", 1)
 def unfix(state: DeckState, args: list[str]) -> None:
-    """``unfix ID``."""
-    read.count(args, "unfix ID", 1)
     read.known(state.fixes, args[0], "fix")
     del state.fixes[args[0]]
 
 
+@command("timestep dt", 1)
 def timestep(state: DeckState, args: list[str]) -> None:
-    """``timestep dt``."""
-    read.count(args, "timestep dt", 1)
     state.set_timestep(read.positive(args[0], "the time step") * state.units.time)
 
 
+@command("reset_timestep N [time T]", 1, 3)
 def reset_timestep(state: DeckState, args: list[str]) -> None:
-    """``reset_timestep N [time T]``."""
-    read.count(args, "reset_timestep N [time T]", 1, 3)
     step = read.integer(args[0], "the step", 0)
     options = dict(read.options(args[1:], {"time": 1}, "reset_timestep"))
     averages = [found.name for found in state.fixes_of(*AVERAGES)]
@@ -67,6 +63,3 @@ def reset_timestep(state: DeckState, args: list[str]) -> None:
         state.time_origin = (read.number(options["time"][0], "the time") * state.units.time, step)
     for dump in state.dumps.values():
         dump.last_step = None
-
-
-COMMANDS = by_name(fix, unfix, timestep, reset_timestep)

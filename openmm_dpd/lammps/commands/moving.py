@@ -9,13 +9,13 @@ from ...errors import ParameterError
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..values.resolver import present
-from .setup import by_name
+from .setup import command
 
 
 # -- displace_atoms -----------------------------------------------------------------------------------------------------------
+@command("displace_atoms group style values ...", 3, None)
 def displace_atoms(state: DeckState, args: list[str]) -> None:
     """``displace_atoms group move|ramp|random|rotate values ... [units box|lattice]``."""
-    read.count(args, "displace_atoms group style values ...", 3, None)
     box, mask = state.require_box("displace_atoms"), state.group(args[0])
     style = read.choice(args[1], "the style of displace_atoms", list(_STYLES))
     size, handler = _STYLES[style]
@@ -94,9 +94,9 @@ _STYLES: dict[str, tuple[int, Callable[[DeckState, np.ndarray, np.ndarray, list[
 
 
 # -- replicate ----------------------------------------------------------------------------------------------------------------
+@command("replicate nx ny nz", 3)
 def replicate(state: DeckState, args: list[str]) -> None:
     """``replicate nx ny nz``: the box and its beads side by side; copies belong to the groups of their beads."""
-    read.count(args, "replicate nx ny nz", 3)
     counts = np.array([read.integer(word, "a number of copies", 1) for word in args])
     box, atoms = state.require_box("replicate"), state.atoms
     if any(compute.style == "msd" for compute in state.computes.values()):
@@ -130,6 +130,3 @@ def _copied(terms: np.ndarray, most: int, copies: int) -> np.ndarray:
     found = np.tile(terms, (copies, 1))
     found[:, 1:] += shift
     return found
-
-
-COMMANDS = by_name(displace_atoms, replicate)

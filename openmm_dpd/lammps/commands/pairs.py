@@ -10,14 +10,14 @@ from ..state.pair_setup import Coefficient, PairSetup, PairStyle
 from ..state.records import KspaceSetup
 from ..styles.pair_styles import PAIR_STYLES
 from ..styles.radial import MIXING
-from .setup import by_name, remembered
+from .setup import command
 
 HYBRID = ("hybrid", "hybrid/overlay")
 
 
+@command("pair_style style args ...", 1, None, remembered=True)
 def pair_style(state: DeckState, args: list[str]) -> None:
     """``pair_style style args ...``; ``hybrid`` and ``hybrid/overlay`` take several styles with their arguments."""
-    read.count(args, "pair_style style args ...", 1, None)
     name, words = args[0], args[1:]
     if name == "none":
         read.count(words, "pair_style none", 0)
@@ -76,10 +76,9 @@ def _style(state: DeckState, name: str, words: list[str]) -> PairStyle:
     return style
 
 
+@command("pair_coeff i j values ...", 2, None, box=True, remembered=True)
 def pair_coeff(state: DeckState, args: list[str]) -> None:
     """``pair_coeff i j [style [n]] values ...``, or ``pair_coeff i j none``."""
-    read.count(args, "pair_coeff i j values ...", 2, None)
-    state.require_box("pair_coeff")
     setup = state.pair
     if setup.mode == "none":
         raise ParameterError("pair_coeff needs a pair_style before it")
@@ -129,6 +128,7 @@ def _chosen(setup: PairSetup, words: list[str]) -> tuple[PairStyle, list[str]]:
     return same[number - 1], words[2:]
 
 
+@command("pair_modify", 0, None, remembered=True)
 def pair_modify(state: DeckState, args: list[str]) -> None:
     """``pair_modify [pair style] mix|shift|tail|... value``."""
     if state.pair.mode == "none":
@@ -163,9 +163,9 @@ _SPECIAL_PRESETS = {
 }
 
 
+@command("special_bonds keyword values ...", 1, None, remembered=True)
 def special_bonds(state: DeckState, args: list[str]) -> None:
     """``special_bonds lj/coul|lj|coul f2 f3 f4``, or a preset; keywords that are left out go back to their defaults."""
-    read.count(args, "special_bonds keyword values ...", 1, None)
     factors = charges = (0.0, 0.0, 0.0)
     sizes = {"lj": 3, "coul": 3, "lj/coul": 3, "angle": 1, "dihedral": 1, **dict.fromkeys(_SPECIAL_PRESETS, 0)}
     for keyword, values in read.options(args, sizes, "special_bonds"):
@@ -190,9 +190,9 @@ _MANNERS = dict.fromkeys("collective diff fftbench minorder mix/disp order overl
 _MANNERS["kmax/ewald"] = 3
 
 
+@command("kspace_style style accuracy", 1, 2, remembered=True)
 def kspace_style(state: DeckState, args: list[str]) -> None:
     """``kspace_style ewald|pppm accuracy``, or ``none``: the lattice sum is OpenMM's PME, to that accuracy."""
-    read.count(args, "kspace_style style accuracy", 1, 2)
     if args[0] == "none":
         read.count(args, "kspace_style none", 1)
         state.kspace = None
@@ -206,6 +206,7 @@ def kspace_style(state: DeckState, args: list[str]) -> None:
     state.kspace = replace(old, accuracy=accuracy, where=state.here)
 
 
+@command("kspace_modify", 0, None, remembered=True)
 def kspace_modify(state: DeckState, args: list[str]) -> None:
     """``kspace_modify gewald|mesh ...``; what would change the sum (``slab``, ``compute no``, ...) is an error."""
     if state.kspace is None:
@@ -231,10 +232,7 @@ def kspace_modify(state: DeckState, args: list[str]) -> None:
             state.note(f"kspace_modify {keyword} has no meaning here and is ignored: the sum is OpenMM's PME")
 
 
+@command("dielectric value", 1, remembered=True)
 def dielectric(state: DeckState, args: list[str]) -> None:
     """``dielectric value``: the Coulomb constant of the unit style is divided by it."""
-    read.count(args, "dielectric value", 1)
     state.dielectric = read.positive(args[0], "the dielectric constant")
-
-
-COMMANDS = remembered(by_name(pair_style, pair_coeff, pair_modify, special_bonds, kspace_style, kspace_modify, dielectric))

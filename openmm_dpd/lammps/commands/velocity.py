@@ -13,15 +13,14 @@ from ..state.deck_state import DeckState
 from ..state.records import Compute, Temperature, without_rotation
 from ..values.resolver import Resolver
 from .moving import values_of_variable
-from .setup import by_name
+from .setup import command
 
 _SIZES = {"dist": 1, "sum": 1, "mom": 1, "rot": 1, "loop": 1, "units": 1, "temp": 1, "bias": 1, "rigid": 1}
 
 
+@command("velocity group style values ...", 3, None, box=True)
 def velocity(state: DeckState, args: list[str]) -> None:
     """``velocity group create|set|scale|ramp|zero values ...``."""
-    read.count(args, "velocity group style values ...", 3, None)
-    state.require_box("velocity")
     if not len(state.atoms):
         raise ParameterError("velocity needs beads; create or read them before")
     mask, style = state.group(args[0]), args[1]
@@ -142,5 +141,3 @@ _STYLES: dict[str, tuple[int, Callable[[DeckState, str, np.ndarray, list[str], d
     "ramp": (6, _ramp),
     "zero": (1, _zero),
 }
-
-COMMANDS = by_name(velocity)

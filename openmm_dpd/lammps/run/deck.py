@@ -9,7 +9,8 @@ import numpy as np
 
 from ...errors import DeckError, OutputError, ParameterError
 from ...wording import read_by
-from ..commands import beads, bonded, box, fixes, moving, output, pairs, restarts, setup, velocity
+from ..commands import beads, bonded, box, fixes, moving, output, pairs, restarts, velocity  # noqa: F401  each enters its commands
+from ..commands.setup import COMMANDS, command
 from ..language import arguments as read
 from ..language.arguments import INSTEAD
 from ..language.booleans import condition_holds
@@ -39,9 +40,8 @@ class Deck(DeckState):
 MOST_INCLUDES = 100
 
 
+@command("include file", 1)
 def include(deck: Deck, args: list[str]) -> None:
-    """``include file``."""
-    read.count(args, "include file", 1)
     path = deck.find_file(args[0])
     if len(deck.scripts) > MOST_INCLUDES:
         raise ParameterError(f"include '{args[0]}': files include each other {MOST_INCLUDES} deep already, and no deeper is supported")
@@ -52,22 +52,22 @@ def include(deck: Deck, args: list[str]) -> None:
     deck.here = outer
 
 
+@command("quit [status]", 0, 1)
 def quit_(deck: Deck, args: list[str]) -> None:
     """``quit [0]``: the rest of the deck is not read."""
-    read.count(args, "quit [status]", 0, 1)
     if args and read.integer(args[0], "the exit status", 0):
         raise ParameterError(f"quit {args[0]}: the deck ends here, with an exit status that means an error")
     deck.finished = True
 
 
+@command("label name", 1)
 def label(deck: Deck, args: list[str]) -> None:
     """``label name``: a place that jump goes to."""
-    read.count(args, "label name", 1)
 
 
+@command("jump file|SELF [label]", 1, 2)
 def jump(deck: Deck, args: list[str]) -> None:
     """``jump file|SELF [label]``: go on there, in the place of the present file; nothing right after a series of variables has ended."""
-    read.count(args, "jump file|SELF [label]", 1, 2)
     if deck.skips_jump:
         deck.skips_jump = False
         return
@@ -76,13 +76,14 @@ def jump(deck: Deck, args: list[str]) -> None:
     deck.scripts[-1] = script
 
 
+@command("next variable ...", 1, None)
 def next_(deck: Deck, args: list[str]) -> None:
     """``next name name ...``: the next value of these variables; if one has none, the next jump is skipped."""
-    read.count(args, "next variable ...", 1, None)
     if not deck.variables.advance(args):
         deck.skips_jump = True
 
 
+@command("if", 0, None)
 def if_(deck: Deck, args: list[str]) -> None:
     """``if condition then command ... [elif condition command ...] [else command ...]``."""
     usage = "if condition then command ... elif condition command ... else command ..."
@@ -92,8 +93,8 @@ def if_(deck: Deck, args: list[str]) -> None:
     for condition, commands in _branches(args):
         # a condition in quotes has its variables still
         if condition is None or condition_holds(output.expand(deck, condition)):
-            for command in commands:
-                execute_text(deck, command)
+            for text in commands:
+                execute_text(deck, text)
             return
 
 
@@ -112,6 +113,7 @@ def _branches(args: list[str]) -> list[tuple[str | None, list[str]]]:
     return found
 
 
+@command("run N ...", 0, None)
 def run_command(deck: Deck, args: list[str]) -> None:
     """``run N [upto] [start N] [stop N] [pre yes|no] [post yes|no] [every M command ... | every M NULL]``."""
     at = args.index("every") if "every" in args else len(args)
@@ -128,8 +130,8 @@ def run_command(deck: Deck, args: list[str]) -> None:
         # as in LAMMPS each piece is a run with ramps of its own, unless start and stop say otherwise
         _run(deck, min(every, last - deck.step), begin, end)
         where = deck.here
-        for command in commands if commands != ["NULL"] else []:
-            execute_text(deck, command)
+        for text in commands if commands != ["NULL"] else []:
+            execute_text(deck, text)
             deck.here = where
         if deck.finished or deck.step >= last:
             return
@@ -178,10 +180,9 @@ def _run(deck: Deck, steps: int, begin: int | None, end: int | None) -> None:
     deck.runs += 1
 
 
+@command("minimize etol ftol maxiter maxeval", 4, box=True)
 def minimize(deck: Deck, args: list[str]) -> None:
     """``minimize etol ftol maxiter maxeval``: all beads move, whatever fixes say, but for those that fix setforce holds."""
-    read.count(args, "minimize etol ftol maxiter maxeval", 4)
-    deck.require_box("minimize")
     if deck.pair.where is None:
         raise ParameterError("minimize needs a pair_style before it")
     etol, ftol = (read.non_negative(word, name) for word, name in zip(args[:2], ("etol", "ftol"), strict=True))
@@ -199,29 +200,6 @@ def minimize(deck: Deck, args: list[str]) -> None:
         deck.atoms.velocities = np.zeros_like(deck.atoms.velocities)
     request = RunRequest.of(deck, 0, Integration("mvv", 0.5, ~held_beads(deck)))
     deck.run_callback(replace(request, minimization=rule))
-
-
-#: Every command of a deck.  Another command is another entry of one of the tables in ``commands/``.
-COMMANDS: dict[str, Callable[[Deck, list[str]], None]] = {
-    **setup.COMMANDS,
-    **box.COMMANDS,
-    **beads.COMMANDS,
-    **velocity.COMMANDS,
-    **moving.COMMANDS,
-    **pairs.COMMANDS,
-    **bonded.COMMANDS,
-    **restarts.COMMANDS,
-    **fixes.COMMANDS,
-    **output.COMMANDS,
-    "run": run_command,
-    "minimize": minimize,
-    "include": include,
-    "quit": quit_,
-    "label": label,
-    "jump": jump,
-    "next": next_,
-    "if": if_,
-}
 
 
 def execute_text(deck: Deck, text: str) -> None:
