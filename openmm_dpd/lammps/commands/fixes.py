@@ -1,17 +1,18 @@
-"""Commands that say what happens during a run: fix, unfix, timestep, reset_timestep."""
+"""Commands about runs: fix, unfix, timestep, reset_timestep, and restart files: write_restart, read_restart, restart."""
 
 from collections.abc import Callable
 
 from ...errors import ParameterError
+from ...files import write_whole
+from ..files.restart_file import load_restart, restart_bytes
 from ..language import arguments as read
 from ..output.averages import AveragingFix
 from ..output.chunk_average import parse_ave_chunk
-from ..output.correlation import parse_ave_correlate
-from ..output.time_average import parse_ave_time
+from ..output.time_average import parse_ave_correlate, parse_ave_time
 from ..state.deck_state import DeckState
-from ..state.records import Fix
+from ..state.records import Fix, RestartSettings
 from .fix_styles import FIX_STYLES
-from .setup import command
+from .setup import REMEMBERED, command
 
 #: Fixes that average: from (state, id, group, words) to the average.
 AVERAGES: dict[str, Callable[[DeckState, str, str, list[str]], AveragingFix]] = {
@@ -63,3 +64,32 @@ def reset_timestep(state: DeckState, args: list[str]) -> None:
         state.time_origin = (read.number(options["time"][0], "the time") * state.units.time, step)
     for dump in state.dumps.values():
         dump.last_step = None
+
+
+@command("write_restart file", 1)
+def write_restart(state: DeckState, args: list[str]) -> None:
+    """``write_restart file``; a ``*`` becomes the step."""
+    write_whole(state.output_file(args[0]), restart_bytes(state), "the restart file")
+
+
+@command("read_restart file", 1, box=False)
+def read_restart(state: DeckState, args: list[str]) -> None:
+    """``read_restart file``: as if the commands that made the system stood here."""
+    if "*" in args[0]:
+        raise ParameterError(f"read_restart '{args[0]}': name one file")
+    for name, words in load_restart(state, state.find_file(args[0])):
+        REMEMBERED[name](state, words)
+
+
+@command("restart N file [file]", 1, 3)
+def restart(state: DeckState, args: list[str]) -> None:
+    """``restart 0``, ``restart N root``, or ``restart N file file``, which are written in turn."""
+    every = read.integer(args[0], "the interval of restart", 0)
+    if every == 0:
+        state.restarts = RestartSettings()
+        return
+    read.count(args, "restart N file [file]", 2, 3)
+    for name in args[1:]:
+        state.output_path(name)  # what is wrong with it is the mistake of this line
+    single = len(args) == 2 and "*" not in args[1]
+    state.restarts = RestartSettings(every, (f"{args[1]}.*",) if single else tuple(args[1:]))

@@ -88,23 +88,10 @@ def _assemble(file: TextFile, rows: list[Row], parameters: dict, line: int, keyw
 
 
 def tabulated_pair(data: TableData, cutoff: float | None, units: UnitSystem) -> tuple[TabulatedPair, str | None]:
-    """Table as a pair term in MD units, and a remark if its energies had to be replaced.
+    """Table as a pair term in MD units, and a remark if the forces of the file are not the slope of its energies, which are replaced then.
 
-    Parameters
-    ----------
-    data : TableData
-        Values in the deck's units.
-    cutoff : float, optional
-        Range in the deck's unit of length; the end of the table by default.
-    units : UnitSystem
-        The deck's units.
-
-    Returns
-    -------
-    pair : TabulatedPair
-        Evenly spaced; an uneven table (``RSQ``) is resampled with a cubic spline.
-    remark : str or None
-        Says that the forces of the file are not the slope of its energies, if so.
+    ``cutoff`` is in the deck's unit of length; without it the range is that of the table.  The term is evenly spaced: an uneven table
+    (``RSQ``) is resampled with a cubic spline.
     """
     r, energies, forces = data.distances, data.energies, data.forces
     steps = np.diff(r)

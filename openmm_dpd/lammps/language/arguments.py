@@ -151,17 +151,7 @@ def ramp(words: Sequence[str], component: Sequence[str], positions: np.ndarray, 
 
 
 def numeric_range(word: str, highest: int, what: str) -> range:
-    """The numbers that ``3``, ``*``, ``2*``, ``*4`` or ``2*4`` stands for.
-
-    Parameters
-    ----------
-    word : str
-        The range.
-    highest : int
-        Largest number there is; the smallest is 1.
-    what : str
-        What is counted ("atom type"), for the message.
-    """
+    """The numbers from 1 to ``highest`` that ``3``, ``*``, ``2*``, ``*4`` or ``2*4`` stands for; ``what`` is counted, for the message."""
     low, star, high = word.partition("*")
     try:
         first = as_integer(low) if low else 1

@@ -44,20 +44,10 @@ def errors_at(where: Line | None, prefix: str = "") -> Iterator[None]:
 
 
 def read_text(path: Path, *, title: bool = False) -> str:
-    """Text of a deck or data file, with or without a byte-order mark.
+    """Text of a deck or data file, with or without a byte-order mark; ``title`` says that the first line is a comment.
 
-    In comments characters of other encodings than UTF-8 are let through, as :data:`UNKNOWN`.
-
-    Parameters
-    ----------
-    path : Path
-    title : bool, default False
-        Whether the first line is a comment, as in data files.
-
-    Raises
-    ------
-    DeckError
-        If the file cannot be read or is no text.
+    In comments characters of other encodings than UTF-8 are let through, as :data:`UNKNOWN`.  DeckError if the file cannot be read or is
+    no text.
     """
     try:
         content = path.read_bytes()
@@ -156,21 +146,9 @@ def split_words(text: str) -> list[str]:
 
 
 def substitute(text: str, variable: Callable[[str], str], formula: Callable[[str], float]) -> str:
-    """Text with every ``${name}``, ``$x`` and ``$(formula)`` outside quotes replaced.
+    """Text with every ``${name}``, ``$x`` and ``$(formula)`` outside quotes replaced: by the text of a variable, by the value of a formula.
 
-    Parameters
-    ----------
-    text : str
-        The text of a logical line.
-    variable : callable
-        From the name of a variable to its text.
-    formula : callable
-        From a formula to its value.
-
-    Raises
-    ------
-    ParameterError
-        If a brace or parenthesis is not closed, or what ``variable`` and ``formula`` raise.
+    ParameterError if a brace or parenthesis is not closed, or what ``variable`` and ``formula`` raise.
     """
     out: list[str] = []
     index = 0

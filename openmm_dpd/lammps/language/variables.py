@@ -50,13 +50,7 @@ class Variable:
 
 
 class Variables:
-    """The variables of a deck.
-
-    Parameters
-    ----------
-    command_line : mapping of str to str
-        Values given from outside; the deck's ``index`` and ``loop`` variables of these names keep them.
-    """
+    """The variables of a deck; its ``index`` and ``loop`` variables keep values of these names that the command line gives."""
 
     def __init__(self, command_line: dict[str, str] | None = None):
         self._found: dict[str, Variable] = {}

@@ -21,11 +21,8 @@ _COMPONENTS = ("vx", "vy", "vz", "fx", "fy", "fz", "mass")
 class ChunkAverage(AveragingFix):
     """``fix ave/chunk``: values of beads, averaged in the bins of a compute chunk/atom.
 
-    Attributes
-    ----------
-    profile : dict of lists or None
-        The last block that was complete: ``coord`` (``coord1``, ``coord2`` and so on where several axes are cut), ``ncount`` and the
-        values by name.
+    ``profile`` has the last block that was complete: ``coord`` (``coord1``, ``coord2`` and so on where several axes are cut), ``ncount``
+    and the values by name.
     """
 
     def __init__(self, group: str, compute: Compute, words: tuple[str, ...], norm: str, dof: tuple[float, float], *parts):

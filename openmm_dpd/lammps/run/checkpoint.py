@@ -23,7 +23,8 @@ from ...serialized import ARRAYS, DataUnpickler
 from ..state.deck_state import DeckState
 from .options import RunOptions
 
-#: Attributes of :class:`~openmm_dpd.lammps.state.deck_state.DeckState` that runs change, or what is in them.
+#: Attributes of :class:`~openmm_dpd.lammps.state.deck_state.DeckState` that runs change, or what is in them: beads and box, averages, dumps
+#: and computes that remember, random numbers of formulas.  What commands do need not be stored: they are carried out again.
 PARTS = (
     "atoms",
     "box",

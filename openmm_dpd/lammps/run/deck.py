@@ -9,11 +9,11 @@ import numpy as np
 
 from ...errors import DeckError, OutputError, ParameterError
 from ...wording import read_by
-from ..commands import beads, bonded, box, fixes, moving, output, pairs, restarts, velocity  # noqa: F401  each enters its commands
+from ..commands import beads, bonded, box, fixes, moving, output, pairs  # noqa: F401  each enters its commands
 from ..commands.setup import COMMANDS, command
 from ..language import arguments as read
 from ..language.arguments import INSTEAD
-from ..language.booleans import condition_holds
+from ..language.expressions import condition_holds
 from ..language.lexer import Line, Script, split_words, strip_comment
 from ..language.variables import Variables
 from ..scene.flow import held_beads

@@ -113,13 +113,9 @@ class Box:
         return np.array(positions, dtype=np.float64), self.low, self.high
 
     def holds(self, positions: np.ndarray, lower: float = 0.0, upper: float = 0.0) -> np.ndarray:
-        """Mask of the positions inside: on a lower face they are, on an upper one not.
+        """Mask of the (N, 3) positions inside: on a lower face they are, on an upper one not.
 
-        Parameters
-        ----------
-        positions : (N, 3) array
-        lower, upper : float
-            By how much the faces of periodic axes are moved down, in edges.
+        ``lower`` and ``upper`` say by how much the faces of periodic axes are moved down, in edges.
         """
         coordinates, low, high = self._coordinates(positions)
         period = np.where(self.periodic, high - low, 0.0)

@@ -280,18 +280,10 @@ class DeckState:
         box: np.ndarray | None = None,
         fields: Mapping[str, np.ndarray] | None = None,
     ) -> None:
-        """Take over the result of a run.
+        """Take over the result of a run: positions (nm), continuous with those of the scene it started from, and velocities (nm/ps).
 
-        Parameters
-        ----------
-        positions : (N, 3) array
-            nm, continuous with those of the scene the run started from (not folded back into the box).
-        velocities : (N, 3) array
-            nm/ps.
-        box : (3, 3) array, optional
-            New box vectors, if the box has changed; its lower corner stays.
-        fields : mapping, optional
-            The beads' fields, as :func:`openmm_dpd.fields.read_fields` gives it.
+        ``box`` has new vectors, if they have changed (its lower corner stays), ``fields`` those of the beads, as
+        :func:`openmm_dpd.fields.read_fields` gives them.
         """
         if box is not None:
             self.box = self.require_box("a run").following(np.asarray(box) / self.units.length)

@@ -79,20 +79,7 @@ def no_lattice(spacing: float = 1.0) -> Lattice:
 
 
 def parse_lattice(args: list[str], reduced: bool) -> Lattice:
-    """Lattice of ``lattice style scale keyword values ...``.
-
-    Parameters
-    ----------
-    args : list of str
-        Words after ``lattice``.
-    reduced : bool
-        Whether the scale is a reduced density (units lj) and not a lattice constant.
-
-    Raises
-    ------
-    ParameterError
-        If the style is unknown, the scale is not positive or an option is malformed.
-    """
+    """Lattice of ``lattice style scale keyword values ...``; ``reduced``: scale is a reduced density (units lj), no lattice constant."""
     read.count(args, "lattice style scale ...", 2, None)
     style = read.choice(args[0], "the lattice style", [*CELLS, "custom", "none"])
     scale = read.positive(args[1], "the scale of the lattice")

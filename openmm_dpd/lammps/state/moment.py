@@ -27,16 +27,8 @@ class DeckMoment(ABC):
     """A deck at one moment, with what was measured then: values in the deck's units.
 
     The tables of words and computes take their values from it.  Names (``c_id``, ``v_name``) lead back to these tables;
-    :class:`~openmm_dpd.lammps.values.resolver.Resolver` looks them up.
-
-    Parameters
-    ----------
-    state : DeckState
-        The deck.
-    sample : DeckSample, optional
-        What was measured.  Without it only words that need no forces or velocities have a value.
-    window : Window, optional
-        The run in progress.
+    :class:`~openmm_dpd.lammps.values.resolver.Resolver` looks them up.  Without a ``sample`` only words that need no forces or velocities
+    have a value; ``window`` is that of the run in progress.
     """
 
     def __init__(self, state: DeckState, sample: DeckSample | None = None, window: Window | None = None):

@@ -112,18 +112,10 @@ REGION_STYLES: dict[str, tuple[int, Callable[[list[str], np.ndarray, Box | None]
 
 
 def parse_region(args: list[str], spacing: np.ndarray, box: Box | None, known: dict[str, Region]) -> Region:
-    """Region of ``region ID style values ... [side in|out] [units lattice|box]``.
+    """Region of ``region ID style values ... [side in|out] [units lattice|box]``, from its style on.
 
-    Parameters
-    ----------
-    args : list of str
-        Words after the region's name: style and the rest.
-    spacing : (3,) array
-        What a lattice spacing is; coordinates are in lattice spacings unless ``units box`` is given.
-    box : Box or None
-        The simulation box, for ``EDGE``.
-    known : dict
-        Regions defined so far, for ``union`` and ``intersect``.
+    Coordinates are in lattice spacings (``spacing``) unless ``units box`` is given; ``EDGE`` is that of ``box``; ``known`` are the regions
+    defined so far, for ``union`` and ``intersect``.
     """
     read.count(args, "region ID style values ...", 2, None)
     style = read.choice(args[0], "the region style", [*REGION_STYLES, "union", "intersect"])

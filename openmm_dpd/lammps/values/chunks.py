@@ -1,7 +1,5 @@
 """Bins of the box: ``compute chunk/atom ... bin/1d|bin/2d|bin/3d``."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 
@@ -53,25 +51,6 @@ class Slicing:
 
 
 @dataclass(frozen=True)
-class Binning:
-    """Settings of a compute chunk/atom."""
-
-    axes: tuple[Slicing, ...]  #: The axes that are cut, the one that changes slowest first
-    #: What becomes of beads beyond the slices: ``no`` (they count in the last slice), ``yes`` (they are left out), ``mixed`` (left out only
-    #: where ``bound`` has put an end).
-    discard: str = "mixed"
-    region: str | None = None  #: Only beads in this region count
-
-    def bins(self, box: Box) -> Bins:
-        """The bins in a box (deck units)."""
-        starts, counts, fractions = zip(*(axis.slices(box) for axis in self.axes), strict=True)
-        bins = Bins(starts, tuple(axis.thickness for axis in self.axes), counts, box.volume * float(np.prod(fractions)))
-        if bins.count > _MOST:
-            raise ParameterError(f"compute chunk/atom: {bins.count} bins are too many")
-        return bins
-
-
-@dataclass(frozen=True)
 class Bins:
     """Bins of one volume, those along the last axis one after the other: first face, thickness and number of slices of each axis."""
 
@@ -91,6 +70,25 @@ class Bins:
         axes = zip(self.starts, self.thicknesses, self.counts, strict=True)
         grids = np.meshgrid(*(start + (np.arange(count) + 0.5) * thickness for start, thickness, count in axes), indexing="ij")
         return np.stack([grid.ravel() for grid in grids], axis=1)
+
+
+@dataclass(frozen=True)
+class Binning:
+    """Settings of a compute chunk/atom."""
+
+    axes: tuple[Slicing, ...]  #: The axes that are cut, the one that changes slowest first
+    #: What becomes of beads beyond the slices: ``no`` (they count in the last slice), ``yes`` (they are left out), ``mixed`` (left out only
+    #: where ``bound`` has put an end).
+    discard: str = "mixed"
+    region: str | None = None  #: Only beads in this region count
+
+    def bins(self, box: Box) -> Bins:
+        """The bins in a box (deck units)."""
+        starts, counts, fractions = zip(*(axis.slices(box) for axis in self.axes), strict=True)
+        bins = Bins(starts, tuple(axis.thickness for axis in self.axes), counts, box.volume * float(np.prod(fractions)))
+        if bins.count > _MOST:
+            raise ParameterError(f"compute chunk/atom: {bins.count} bins are too many")
+        return bins
 
 
 def parse_binning(state: DeckState, group: str, words: list[str]) -> Binning:
