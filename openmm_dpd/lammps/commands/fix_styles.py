@@ -11,7 +11,7 @@ from ...model.sources import Block, Sphere
 from ..files.table_file import read_eos
 from ..language import arguments as read
 from ..language.variables import FORMULAS
-from ..output.averages import parse_print
+from ..output.averages import PrintFix
 from ..state.deck_state import DeckState
 from ..state.records import MomentumRemoval, PressureControl
 
@@ -262,5 +262,5 @@ FIX_STYLES: dict[str, FixReader] = {
     "setforce": _setforce,
     "wall/reflect": _wall_reflect,
     "momentum": _momentum,
-    "print": lambda state, group, words: {"reader": parse_print(state, group, words)},
+    "print": lambda state, group, words: {"reader": PrintFix(state, words)},
 }

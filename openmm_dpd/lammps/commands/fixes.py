@@ -7,8 +7,8 @@ from ...files import write_whole
 from ..files.restart_file import load_restart, restart_bytes
 from ..language import arguments as read
 from ..output.averages import AveragingFix
-from ..output.chunk_average import parse_ave_chunk
-from ..output.time_average import parse_ave_correlate, parse_ave_time
+from ..output.chunk_average import ChunkAverage
+from ..output.time_average import Correlation, TimeAverage
 from ..state.deck_state import DeckState
 from ..state.records import Fix, RestartSettings
 from .fix_styles import FIX_STYLES
@@ -16,9 +16,9 @@ from .setup import REMEMBERED, command
 
 #: Fixes that average: from (state, id, group, words) to the average.
 AVERAGES: dict[str, Callable[[DeckState, str, str, list[str]], AveragingFix]] = {
-    "ave/time": parse_ave_time,
-    "ave/chunk": parse_ave_chunk,
-    "ave/correlate": parse_ave_correlate,
+    "ave/time": TimeAverage,
+    "ave/chunk": ChunkAverage,
+    "ave/correlate": Correlation,
 }
 
 

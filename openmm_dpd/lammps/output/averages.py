@@ -148,8 +148,12 @@ class AveragingFix(Valued, ABC):
     values: np.ndarray  #: The last average that was complete, as its indices go
     report: dict | None = None  #: The last average that was complete, for the file of results: ``step``, and by word a number or a list
 
-    def __init__(self, name: str, schedule: Schedule, window: Windows, file: AverageFile, form: str):
-        self.name, self._schedule, self._window, self._file, self._form = name, schedule, window, file, form
+    def __init__(self, state: DeckState, name: str, schedule: Schedule, options: dict[str, list[str]], header: list[str]):
+        titles = [options.get(f"title{k}", [line])[0] for k, line in enumerate(header, start=1)]
+        form = options.get("format", [" %g"])[0]
+        check_format(form, of="float")
+        self.name, self._schedule, self._form = name, schedule, form if form.startswith(" ") else f" {form}"
+        self._file, self._window = AverageFile(state, options, titles), Windows(options.get("ave", ["one"]))
 
     def needs(self, state: DeckState) -> frozenset[str]:
         """Fields of DeckSample that it reads."""
@@ -223,23 +227,17 @@ def check_words(state: DeckState, words: tuple[str, ...], style: str, first: str
     return words
 
 
-def common_parts(
-    state: DeckState, name: str, schedule: Schedule, options: dict[str, list[str]], header: list[str]
-) -> tuple[str, Schedule, Windows, AverageFile, str]:
-    """Arguments of :class:`AveragingFix`."""
-    titles = [options.get(f"title{k}", [line])[0] for k, line in enumerate(header, start=1)]
-    form = options.get("format", [" %g"])[0]
-    check_format(form, of="float")
-    file = AverageFile(state, options, titles)
-    return name, schedule, Windows(options.get("ave", ["one"])), file, form if form.startswith(" ") else f" {form}"
-
-
 class PrintFix:
-    """``fix print``: prints its text with the values of the step, also at the first step of a run."""
+    """``fix ID group print N text [file|append name] [screen yes|no] [title text]``: prints its text also at the first step of a run."""
 
-    def __init__(self, every: int, text: str, show: bool, file: AverageFile):
-        self.every, self.text, self._show, self._file = every, text, show, file
-        self.next_due = 0
+    def __init__(self, state: DeckState, args: list[str]):
+        read.count(args, "fix ID group print N text ...", 2, None)
+        self.every, self.text, self.next_due = read.integer(args[0], "the interval of fix print", 1), args[1], 0
+        options = dict(read.options(args[2:], {"file": 1, "append": 1, "screen": 1, "title": 1}, "fix print"))
+        assert state.here is not None
+        title = options.get("title", [f"# Fix print output for fix {state.here.text.split()[1]}"])
+        self._show = read.switch(options.get("screen", ["yes"])[0], "screen")
+        self._file = AverageFile(state, options, title)
 
     def needs(self, state: DeckState) -> frozenset[str]:
         """Fields of DeckSample that the text reads."""
@@ -256,13 +254,3 @@ class PrintFix:
             moment.state.log(text)
         self._file.write(moment.state, [text])
         self.next_due += self.every
-
-
-def parse_print(state: DeckState, group: str, args: list[str]) -> PrintFix:
-    """PrintFix of ``fix ID group print N text [file|append name] [screen yes|no] [title text]``."""
-    read.count(args, "fix ID group print N text ...", 2, None)
-    every = read.integer(args[0], "the interval of fix print", 1)
-    options = dict(read.options(args[2:], {"file": 1, "append": 1, "screen": 1, "title": 1}, "fix print"))
-    assert state.here is not None
-    title = options.get("title", [f"# Fix print output for fix {state.here.text.split()[1]}"])
-    return PrintFix(every, args[1], read.switch(options.get("screen", ["yes"])[0], "screen"), AverageFile(state, options, title))

@@ -11,23 +11,42 @@ from ..state.records import ForceVector
 from ..values.compute_spec import check_place, reference
 from ..values.computes import average_of, compute_of, count_of, expanded, is_extensive
 from ..values.resolver import Resolver
-from .averages import AveragingFix, Every, Schedule, check_words, common_parts, intervals, split_values
+from .averages import AveragingFix, Every, Schedule, check_words, intervals, split_values
 from .thermo import check_word, fields_read
 
 
 class TimeAverage(AveragingFix):
-    """``fix ave/time``: single numbers (mode scalar), or whole vectors side by side (mode vector)."""
+    """``fix ID group ave/time Nevery Nrepeat Nfreq value value ... keyword values ...``.
 
-    def __init__(self, words: tuple[str, ...], rows: int | None, off: list[int], extensive: list[list[bool]], *parts):
-        super().__init__(*parts)
-        # for each word, and for each value of its vector
-        self._extensive = extensive
-        # the length of the vectors, None in mode scalar
-        self.words, self._off = words, off
-        self._vector, n = rows is not None, len(words)
-        self.shape = (*([rows] if self._vector else []), *([n] if n > 1 else []))
-        self.what = f"the fix averages {n} {'vector' if self._vector else 'value'}{'s' * (n > 1)}" + f" of {rows} values" * self._vector
-        self.values = np.zeros([size or 0 for size in self.shape])
+    Single numbers (mode scalar), or whole vectors side by side (mode vector).
+    """
+
+    def __init__(self, state: DeckState, name: str, group: str, args: list[str]):
+        read.count(args, "fix ID group ave/time Nevery Nrepeat Nfreq value value ...", 4, None)
+        words, options = split_values(args[3:], ("c_", "f_", "v_"), {"off": 1, "mode": 1, "start": 1, "append": 1, "format": 1}, "ave/time")
+        vector = read.choice(options.get("mode", ["scalar"])[0], "mode", ("scalar", "vector")) == "vector"
+        words = expanded(state, words, tables=vector)
+        rows = {_rows(state, word) for word in words} if vector and words else {None}
+        if len(rows) > 1:
+            raise ParameterError(f"fix ave/time mode vector: {' '.join(words)} have different lengths ({', '.join(map(str, rows))})")
+        if not (vector and words):
+            check_words(state, words, "ave/time", args[3])
+        off = [read.integer(number, "the value after off", 1) - 1 for number in options.get("off", [])]
+        if off and max(off) >= len(words):
+            raise ParameterError(f"fix ave/time: off {max(off) + 1}, but the fix averages {len(words)}")
+        start = read.integer(options["start"][0], "start", 0) if "start" in options else 0
+        header = [f"# Time-averaged data for fix {name}", f"# TimeStep {' '.join(words)}"]
+        if vector:
+            header[1:] = ["# TimeStep Number-of-rows", f"# Row {' '.join(words)}"]
+        size = rows.pop()
+        # for each word, and for each value of its vector: as in LAMMPS, what they are sums over is settled here, once for all
+        self._extensive = [[is_extensive(state, place) for place in _places(word, size)] for word in words]
+        schedule = Schedule(*intervals("ave/time", args[:3]), state.step, start)
+        super().__init__(state, name, schedule, options, header)
+        self.words, self._off, self._vector, n = words, off, vector, len(words)
+        self.shape = (*([size] if vector else []), *([n] if n > 1 else []))
+        self.what = f"the fix averages {n} {'vector' if vector else 'value'}{'s' * (n > 1)}" + f" of {size} values" * vector
+        self.values = np.zeros([length or 0 for length in self.shape])
         self.forget()
 
     def needs(self, state: DeckState) -> frozenset[str]:
@@ -73,31 +92,6 @@ class TimeAverage(AveragingFix):
         return self._extensive[word][row]
 
 
-def parse_ave_time(state: DeckState, name: str, group: str, args: list[str]) -> TimeAverage:
-    """AveragingFix of ``fix ID group ave/time Nevery Nrepeat Nfreq value value ... keyword values ...``."""
-    read.count(args, "fix ID group ave/time Nevery Nrepeat Nfreq value value ...", 4, None)
-    words, options = split_values(args[3:], ("c_", "f_", "v_"), {"off": 1, "mode": 1, "start": 1, "append": 1, "format": 1}, "ave/time")
-    vector = read.choice(options.get("mode", ["scalar"])[0], "mode", ("scalar", "vector")) == "vector"
-    words = expanded(state, words, tables=vector)
-    rows = {_rows(state, word) for word in words} if vector and words else {None}
-    if len(rows) > 1:
-        raise ParameterError(f"fix ave/time mode vector: {' '.join(words)} have different lengths ({', '.join(map(str, rows))})")
-    if not (vector and words):
-        check_words(state, words, "ave/time", args[3])
-    off = [read.integer(number, "the value after off", 1) - 1 for number in options.get("off", [])]
-    if off and max(off) >= len(words):
-        raise ParameterError(f"fix ave/time: off {max(off) + 1}, but the fix averages {len(words)}")
-    start = read.integer(options["start"][0], "start", 0) if "start" in options else 0
-    header = [f"# Time-averaged data for fix {name}", f"# TimeStep {' '.join(words)}"]
-    if vector:
-        header[1:] = ["# TimeStep Number-of-rows", f"# Row {' '.join(words)}"]
-    size = rows.pop()
-    # as in LAMMPS, what the values are sums over is settled here, once for all
-    extensive = [[is_extensive(state, place) for place in _places(word, size)] for word in words]
-    schedule = Schedule(*intervals("ave/time", args[:3]), state.step, start)
-    return TimeAverage(words, size, off, extensive, *common_parts(state, name, schedule, options, header))
-
-
 def _places(word: str, rows: int | None) -> list[str]:
     """The single values that a word stands for; columns of tables are all alike."""
     return [word] if rows is None else [word if "[" in word else f"{word}[{k}]" for k in range(1, rows + 1)]
@@ -136,16 +130,28 @@ _PAIRS = {
 
 
 class Correlation(AveragingFix):
-    """``fix ave/correlate``."""
+    """``fix ID group ave/correlate Nevery Nrepeat Nfreq value value ... keyword values ...``."""
 
-    def __init__(
-        self, words: tuple[str, ...], pairs: list[tuple[int, int]], windows: int, freq: int, prefactor: float, running: bool, *parts
-    ):
-        super().__init__(*parts)
+    def __init__(self, state: DeckState, name: str, group: str, args: list[str]):
+        read.count(args, "fix ID group ave/correlate Nevery Nrepeat Nfreq value value ...", 4, None)
+        every, windows, freq = intervals("ave/correlate", args[:3])
+        words, options = split_values(args[3:], ("c_", "f_", "v_"), {"type": 1, "start": 1, "prefactor": 1}, "ave/correlate")
+        words = check_words(state, expanded(state, words), "ave/correlate", args[3])
+        pairs = _PAIRS[read.choice(options.get("type", ["auto"])[0], "type", tuple(_PAIRS))](len(words))
+        if not pairs:
+            raise ParameterError(f"fix ave/correlate: type {options['type'][0]} of one value leaves no pair")
+        running = read.choice(options.get("ave", ["one"])[0], "ave", ("one", "running")) == "running"
+        if "overwrite" in options and not running:
+            raise ParameterError("fix ave/correlate: overwrite goes with 'ave running', as in LAMMPS")
+        prefactor = read.number(options.get("prefactor", ["1"])[0], "prefactor")
+        start = read.integer(options.get("start", ["0"])[0], "start", 0)
+        titles = [f"{words[i]}*{words[j]}" for i, j in pairs]
+        header = [f"# Time-correlated data for fix {name}", "# Timestep Number-of-time-windows"]
+        header.append(f"# Index TimeDelta Ncount {' '.join(titles)}")
+        super().__init__(state, name, Every(every, 1, every, state.step, start), options, header)
         self.words, self._freq, self._prefactor, self._running = words, freq, prefactor, running
         self._early, self._late = ([pair[k] for pair in pairs] for k in (0, 1))
-        self._titles = [f"{words[i]}*{words[j]}" for i, j in pairs]
-        self._delays = np.arange(windows) * self._schedule.every
+        self._titles, self._delays = titles, np.arange(windows) * every
         # delays, how many products each is a mean of, and the means
         self.values = np.column_stack([self._delays, np.zeros((windows, 1 + len(pairs)))])
         self.shape, self.what = self.values.shape, f"the fix has {windows} rows and {2 + len(pairs)} columns"
@@ -181,26 +187,3 @@ class Correlation(AveragingFix):
             latest = self._kept[-1]
             self.forget()
             self._add(latest)
-
-
-def parse_ave_correlate(state: DeckState, name: str, group: str, args: list[str]) -> Correlation:
-    """AveragingFix of ``fix ID group ave/correlate Nevery Nrepeat Nfreq value value ... keyword values ...``."""
-    read.count(args, "fix ID group ave/correlate Nevery Nrepeat Nfreq value value ...", 4, None)
-    every, windows, freq = intervals("ave/correlate", args[:3])
-    words, options = split_values(args[3:], ("c_", "f_", "v_"), {"type": 1, "start": 1, "prefactor": 1}, "ave/correlate")
-    words = check_words(state, expanded(state, words), "ave/correlate", args[3])
-    pairs = _PAIRS[read.choice(options.get("type", ["auto"])[0], "type", tuple(_PAIRS))](len(words))
-    if not pairs:
-        raise ParameterError(f"fix ave/correlate: type {options['type'][0]} of one value leaves no pair")
-    running = read.choice(options.get("ave", ["one"])[0], "ave", ("one", "running")) == "running"
-    if "overwrite" in options and not running:
-        raise ParameterError("fix ave/correlate: overwrite goes with 'ave running', as in LAMMPS")
-    prefactor = read.number(options.get("prefactor", ["1"])[0], "prefactor")
-    start = read.integer(options.get("start", ["0"])[0], "start", 0)
-    header = [
-        f"# Time-correlated data for fix {name}",
-        "# Timestep Number-of-time-windows",
-        f"# Index TimeDelta Ncount {' '.join(f'{words[i]}*{words[j]}' for i, j in pairs)}",
-    ]
-    parts = common_parts(state, name, Every(every, 1, every, state.step, start), options, header)
-    return Correlation(words, pairs, windows, freq, prefactor, running, *parts)
