@@ -243,18 +243,18 @@ def delete_atoms(state: DeckState, args: list[str]) -> None:
         doomed = state.group(args[1]).copy()
     else:
         doomed = state.region(args[1]).contains(state.atoms.positions)
-    options = dict(read.options(args[2:], {"compress": 1, "bond": 1, "mol": 1}, "delete_atoms"))
-    if "mol" in options and read.switch(options["mol"][0], "mol"):
+    options = read.single(args[2:], "delete_atoms", compress="yes", bond="no", mol="no")
+    if read.switch(options["mol"], "mol"):
         raise ParameterError("delete_atoms mol yes is not supported")
     gone = state.atoms.ids[doomed]
     broken, bent = (np.isin(terms[:, 1:], gone).any(axis=1) for terms in (state.bonds, state.angles))
-    if (broken.any() or bent.any()) and not read.switch(options.get("bond", ["no"])[0], "bond"):
+    if (broken.any() or bent.any()) and not read.switch(options["bond"], "bond"):
         lost = f"{int(broken.sum())} bonds" + (f" and {int(bent.sum())} angles" if bent.any() else "")
         raise ParameterError(f"{lost} would lose a bead; delete them too with 'bond yes'")
     _check_special(state, gone, state.bonds[~broken])
     state.bonds, state.angles = state.bonds[~broken], state.angles[~bent]
     # LAMMPS hands out new ids only in atom styles without molecules, in the order in which beads stand in its memory
-    compress = read.switch(options.get("compress", ["yes"])[0], "compress") and state.atom_style not in BONDED_STYLES
+    compress = read.switch(options["compress"], "compress") and state.atom_style not in BONDED_STYLES
     if compress:
         _check_standing(state, "delete_atoms", "keep the ids with 'compress no'")
     state.atoms.vacate(doomed)
@@ -282,9 +282,8 @@ def reset_atoms(state: DeckState, args: list[str]) -> None:
     if args[0] in ("mol", "image"):
         raise ParameterError(f"reset_atoms {args[0]} is not supported; only reset_atoms id is")
     read.choice(args[0], "the property of reset_atoms", ("id",))
-    for _, (word,) in read.options(args[1:], {"sort": 1}, "reset_atoms id"):
-        if read.switch(word, "sort"):
-            raise ParameterError("reset_atoms id sort yes is not supported: ids would follow LAMMPS's bins of space; say sort no")
+    if read.switch(read.single(args[1:], "reset_atoms id", sort="no")["sort"], "sort"):
+        raise ParameterError("reset_atoms id sort yes is not supported: ids would follow LAMMPS's bins of space; say sort no")
     _check_standing(state, "reset_atoms id", "leave it out")
     if any(compute.style == "msd" for compute in state.computes.values()):
         raise ParameterError("reset_atoms id: a compute msd remembers where each bead was; define it afterwards")

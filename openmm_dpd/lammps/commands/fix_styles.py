@@ -40,14 +40,6 @@ def _eos_table(state: DeckState, group: str, words: list[str]) -> dict:
     return {"eos": table, "source": (path.resolve(), words[3])}
 
 
-def _dpd_energy(state: DeckState, group: str, words: list[str]) -> dict:
-    read.count(words, "fix ID group dpd/energy", 0)
-    state.require_atom_style("dpd", "fix dpd/energy")
-    if group != "all":
-        state.note("fix dpd/energy acts on all beads, whatever its group")
-    return {}
-
-
 # -- sources ------------------------------------------------------------------------------------------------------------------
 _PLACES = {"sphere": "cx cy cz R", "cuboid": "cx cy cz Lx Ly Lz", "region": "ID"}
 
@@ -237,11 +229,18 @@ def _moving(style: str, most: int) -> FixReader:
     return reader
 
 
-def _shardlow(state: DeckState, group: str, words: list[str]) -> dict:
-    read.count(words, "fix ID group shardlow", 0)
-    if group != "all":
-        state.note("fix shardlow acts on all beads, whatever its group")
-    return {}
+def _of_all(style: str, atom_style: str | None = None) -> FixReader:
+    """A fix without arguments that acts on all beads."""
+
+    def reader(state: DeckState, group: str, words: list[str]) -> dict:
+        read.count(words, f"fix ID group {style}", 0)
+        if atom_style is not None:
+            state.require_atom_style(atom_style, f"fix {style}")
+        if group != "all":
+            state.note(f"fix {style} acts on all beads, whatever its group")
+        return {}
+
+    return reader
 
 
 #: Fix styles: from (state, group, words) to the fix's parameters.
@@ -250,8 +249,8 @@ FIX_STYLES: dict[str, FixReader] = {
     "mvv/dpd": _moving("mvv/dpd", 1),
     "mvv/edpd": _moving("mvv/edpd", 1),
     "mvv/tdpd": _moving("mvv/tdpd", 1),
-    "shardlow": _shardlow,
-    "dpd/energy": _dpd_energy,
+    "shardlow": _of_all("shardlow"),
+    "dpd/energy": _of_all("dpd/energy", "dpd"),
     "eos/cv": _eos_cv,
     "eos/table": _eos_table,
     "edpd/source": _edpd_source,

@@ -55,13 +55,13 @@ def timestep(state: DeckState, args: list[str]) -> None:
 @command("reset_timestep N [time T]", 1, 3)
 def reset_timestep(state: DeckState, args: list[str]) -> None:
     step = read.integer(args[0], "the step", 0)
-    options = dict(read.options(args[1:], {"time": 1}, "reset_timestep"))
+    time = read.single(args[1:], "reset_timestep", time="")["time"]
     averages = [found.name for found in state.fixes_of(*AVERAGES)]
     if averages and step != state.step:
         raise ParameterError(f"reset_timestep is not possible while fix {', '.join(averages)} counts steps; unfix it before")
     state.reset_step(step)
-    if "time" in options:
-        state.time_origin = (read.number(options["time"][0], "the time") * state.units.time, step)
+    if time:
+        state.time_origin = (read.number(time, "the time") * state.units.time, step)
     for dump in state.dumps.values():
         dump.last_step = None
 

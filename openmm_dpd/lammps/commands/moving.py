@@ -23,13 +23,13 @@ def displace_atoms(state: DeckState, args: list[str]) -> None:
     style = read.choice(args[1], "the style of displace_atoms", list(_STYLES))
     size, handler = _STYLES[style]
     words, rest = read.taken(args[2:], size, f"displace_atoms {style}")
-    options = {name: values[0] for name, values in read.options(rest, {"units": 1}, "displace_atoms")}
+    options = read.single(rest, "displace_atoms", units="lattice")
     positions = np.array(state.atoms.positions)
     if style == "rotate":
         # on continuous paths: molecules stay whole
         positions[mask] = box.unwrap(positions, state.atoms.images)[mask]
         state.atoms.images = np.where(mask[:, None], 0, state.atoms.images)
-    positions[mask] = handler(state, mask, positions[mask], words, state.spacing(options.get("units", "lattice")))
+    positions[mask] = handler(state, mask, positions[mask], words, state.spacing(options["units"]))
     inside, shifts = box.settle(positions)
     lost = ~box.holds(inside) if not all(box.periodic) else np.zeros(len(inside), dtype=bool)
     if lost.any():
@@ -135,9 +135,6 @@ def _copied(terms: np.ndarray, most: int, copies: int) -> np.ndarray:
     return found
 
 
-_SIZES = {"dist": 1, "sum": 1, "mom": 1, "rot": 1, "loop": 1, "units": 1, "temp": 1, "bias": 1, "rigid": 1}
-
-
 @command("velocity group style values ...", 3, None, box=True)
 def velocity(state: DeckState, args: list[str]) -> None:
     """``velocity group create|set|scale|ramp|zero values ...``."""
@@ -146,15 +143,18 @@ def velocity(state: DeckState, args: list[str]) -> None:
     mask, style = state.group(args[0]), args[1]
     size, handler = read.style(_VELOCITY_STYLES, "velocity", style)
     words, rest = read.taken(args[2:], size, f"velocity {style}")
-    options = {name: values[0] for name, values in read.options(rest, _SIZES, f"velocity {style}")}
-    if options.get("rigid", "NULL") != "NULL" or read.switch(options.get("bias", "no"), "bias"):
+    switches = {"sum": "no", "mom": "yes", "rot": "no"}
+    options = read.single(
+        rest, f"velocity {style}", dist="uniform", **switches, loop="all", units="lattice", temp="", bias="no", rigid="NULL"
+    )
+    if options["rigid"] != "NULL" or read.switch(options["bias"], "bias"):
         raise ParameterError("the options rigid and bias of velocity are not supported")
     handler(state, args[0], mask, words, options)
 
 
 def _rescale(state: DeckState, group: str, mask: np.ndarray, target: float, options: dict[str, str]) -> None:
     # of the group, or of the compute that the option names
-    compute = state.temperature_compute(options["temp"]) if "temp" in options else Compute("", group, "temp", settings=Temperature())
+    compute = state.temperature_compute(options["temp"]) if options["temp"] else Compute("", group, "temp", settings=Temperature())
     # of the beads as they are now: nothing has been measured of them
     current = Resolver(state).temperature(replace(compute, name="velocity"))
     if current <= 0:
@@ -179,8 +179,8 @@ def _zero_angular(state: DeckState, mask: np.ndarray) -> None:
 def _create(state: DeckState, group: str, mask: np.ndarray, words: list[str], options: dict[str, str]) -> None:
     target = read.non_negative(words[0], "the temperature")
     seed = read.integer(words[1], "the seed", 1)
-    dist = read.choice(options.get("dist", "uniform"), "dist", ("uniform", "gaussian"))
-    loop = read.choice(options.get("loop", "all"), "loop", ("all", "local", "geom"))
+    dist = read.choice(options["dist"], "dist", ("uniform", "gaussian"))
+    loop = read.choice(options["loop"], "loop", ("all", "local", "geom"))
     atoms, masses = state.atoms, state.bead_masses()
     before = atoms.velocities.copy()
     drawn = _by_position(atoms.positions, seed) if loop == "geom" else _by_id(atoms.ids, seed)
@@ -190,15 +190,15 @@ def _create(state: DeckState, group: str, mask: np.ndarray, words: list[str], op
     else:
         drawn = drawn[:, :3] - 0.5
     atoms.velocities = np.where(mask[:, None], drawn / np.sqrt(masses)[:, None], before)
-    if read.switch(options.get("mom", "yes"), "mom"):
+    if read.switch(options["mom"], "mom"):
         _zero_linear(state, mask)
-    if read.switch(options.get("rot", "no"), "rot"):
+    if read.switch(options["rot"], "rot"):
         _zero_angular(state, mask)
     if target == 0:
         atoms.velocities[mask] = 0.0
     else:
         _rescale(state, group, mask, target, options)
-    if read.switch(options.get("sum", "no"), "sum"):
+    if read.switch(options["sum"], "sum"):
         atoms.velocities[mask] += before[mask]
 
 
@@ -222,7 +222,7 @@ def _by_position(positions: np.ndarray, seed: int) -> np.ndarray:
 
 
 def _set(state: DeckState, group: str, mask: np.ndarray, words: list[str], options: dict[str, str]) -> None:
-    scale, add = state.spacing(options.get("units", "lattice")), read.switch(options.get("sum", "no"), "sum")
+    scale, add = state.spacing(options["units"]), read.switch(options["sum"], "sum")
     velocities = state.atoms.velocities.copy()
     for axis, word in enumerate(words):
         if word == "NULL":
@@ -241,9 +241,9 @@ def _scale(state: DeckState, group: str, mask: np.ndarray, words: list[str], opt
 
 
 def _velocity_ramp(state: DeckState, group: str, mask: np.ndarray, words: list[str], options: dict[str, str]) -> None:
-    spacing = state.spacing(options.get("units", "lattice"))
+    spacing = state.spacing(options["units"])
     axis, values = read.ramp(words, ("vx", "vy", "vz"), state.atoms.positions[mask], spacing)
-    add = read.switch(options.get("sum", "no"), "sum")
+    add = read.switch(options["sum"], "sum")
     state.atoms.velocities[mask, axis] = values + (state.atoms.velocities[mask, axis] if add else 0.0)
 
 

@@ -20,6 +20,7 @@ from ...model.tdpd import TDPD
 from ...model.temperature import TemperatureRamp
 from ...schemes import scheme_of
 from ...units import UnitSystem
+from ..language.lexer import closing_parenthesis
 from ..styles.writing import Differences, exact, group_lines
 from .export_beads import BeadTypes, longest_cutoff
 
@@ -263,9 +264,6 @@ def _formula_lines(scene: Scene, term: PositionForce, units: UnitSystem, corner:
 def _without_steps(formula: str) -> str:
     """step(...) as the comparison ((...)>=0.0), which is 1 or 0 for LAMMPS."""
     while match := re.search(r"\bstep\s*\(", formula):
-        depth, end = 1, match.end()
-        while depth and end < len(formula):
-            depth += {"(": 1, ")": -1}.get(formula[end], 0)
-            end += 1
+        end = closing_parenthesis(formula, match.end() - 1)
         formula = f"{formula[: match.start()]}(({formula[match.end() : end - 1]})>=0.0){formula[end:]}"
     return formula

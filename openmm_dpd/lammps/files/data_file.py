@@ -54,25 +54,9 @@ class DataFile:
 
 
 class DataReader:
-    """The lines of a data file, sorted into header values and sections; each method reads a part.
+    """The lines of a data file, sorted into header values and sections; each method reads a part.  DeckErrors have file and line.
 
-    Parameters
-    ----------
-    path : Path
-    lenient : bool, default False
-        Pass over sections and header lines that are not known.
-
-    Attributes
-    ----------
-    file : TextFile
-    sections : dict of str to (line number, rows)
-    hints : dict of str to str
-        What stands behind ``#`` on section lines.
-
-    Raises
-    ------
-    DeckError
-        From all methods, with file and line.
+    With ``lenient`` sections and header lines that are not known are passed over.
     """
 
     def __init__(self, path: Path, lenient: bool = False):
@@ -80,7 +64,7 @@ class DataReader:
         self.fail = self.file.error
         self.header: dict[tuple[str, ...], list[float]] = {}
         self.sections: dict[str, tuple[int, list[Row]]] = {}
-        self.hints: dict[str, str] = {}
+        self.hints: dict[str, str] = {}  #: What stands behind ``#`` on section lines
         body: list[Row] | None = None
         for number, words in self.file.rows():
             if number == 1:
@@ -259,20 +243,9 @@ class DataReader:
 def read_data_file(path: Path, atom_style: str, n_species: int = 0) -> DataFile:
     """Content of a data file.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    atom_style : str
-        A key of :data:`~openmm_dpd.lammps.files.atom_styles.ATOM_STYLES`; the style hint behind ``Atoms #`` is optional and only reported.
-    n_species : int
-        Number of concentrations of ``atom_style tdpd``.
-
-    Raises
-    ------
-    DeckError
-        With file and line, for unknown sections, wrong counts, values that are not numbers or not finite, ids that appear
-        twice, types out of range.
+    ``atom_style`` is a key of :data:`~openmm_dpd.lammps.files.atom_styles.ATOM_STYLES` (the hint behind ``Atoms #`` is only reported),
+    ``n_species`` the number of concentrations of ``atom_style tdpd``.  DeckError, with file and line, for unknown sections, wrong counts,
+    values that are not numbers or not finite, ids that appear twice, types out of range.
     """
     reader = DataReader(path)
     columns, positions, images = reader.atoms((atom_style,), n_species)

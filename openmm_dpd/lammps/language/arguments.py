@@ -176,6 +176,11 @@ def id_ranges(words: Sequence[str], what: str) -> list[tuple[int, int, int]]:
     return found
 
 
+def single(args: Sequence[str], command: str, **defaults: str) -> dict[str, str]:
+    """Values of options that have one each: the defaults where they are not given."""
+    return defaults | {keyword: values[0] for keyword, values in options(args, dict.fromkeys(defaults, 1), command)}
+
+
 def options(
     args: Sequence[str], sizes: Mapping[str, int], command: str, alone: Mapping[str, str] | None = None
 ) -> list[tuple[str, list[str]]]:

@@ -176,7 +176,7 @@ def _substitution(text: str, start: int, variable: Callable[[str], str], formula
             raise ParameterError("'${' is never closed")
         return variable(text[start + 2 : end]), end + 1
     if following == "(":
-        end = _closing_parenthesis(text, start + 1)
+        end = closing_parenthesis(text, start + 1)
         content = text[start + 2 : end - 1]
         body, colon, form = content.rpartition(":%")
         if not colon:
@@ -191,8 +191,8 @@ def _substitution(text: str, start: int, variable: Callable[[str], str], formula
     return variable(following), start + 2
 
 
-def _closing_parenthesis(text: str, start: int) -> int:
-    """Index just behind the parenthesis that closes the one at ``start``."""
+def closing_parenthesis(text: str, start: int) -> int:
+    """Index just behind the parenthesis that closes the one at ``start``; ParameterError if none does."""
     depth = 0
     for index in range(start, len(text)):
         depth += {"(": 1, ")": -1}.get(text[index], 0)

@@ -147,10 +147,8 @@ class DeckMoment(ABC):
     def pressure(self, virial: str = "virial") -> float:
         """Pressure that thermo output prints."""
         name = self.state.thermo.press
-        return self.compute(name, None) if virial == "virial" and name != "thermo_press" else self.pressure_with(name, virial)
-
-    def pressure_with(self, name: str, virial: str) -> float:
-        """Pressure with the kinetic part of a compute of pressure and a virial of the sample."""
+        if virial == "virial" and name != "thermo_press":
+            return self.compute(name, None)
         return self.pressure_of(self.kinetic(self.state.temperature_of_pressure(name)), self.need(virial))
 
     def pressure_of(self, kinetic: float, virial: float) -> float:

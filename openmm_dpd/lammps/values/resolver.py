@@ -134,10 +134,6 @@ class Resolver(DeckMoment):
             return self.variable(name)
         return self.state.variables.bead_values(name, lambda text: evaluate_beads(text, self, len(self.state.atoms)))
 
-    def bead_word(self, word: str) -> np.ndarray | None:
-        """(N,) values of a word such as ``vx``, None for what is not a value of single beads."""
-        return BEAD_WORDS[word].value(self) if word in BEAD_WORDS else None
-
     def is_bead_compute(self, name: str) -> bool:
         """Whether a compute has values of single beads."""
         return name in self.state.computes and COMPUTES[self.state.computes[name].style].per_bead is not None
@@ -232,8 +228,7 @@ class _BeadFormula(Formula):
         following = self.peek()[1]
         if following == "(" or (following == "[" and token in ATOM_VALUES):
             return super().name(token)
-        values = self.resolver.bead_word(token)
-        return super().name(token) if values is None else values
+        return BEAD_WORDS[token].value(self.resolver) if token in BEAD_WORDS else super().name(token)
 
     def _of_compute(self, name: str):
         index = self.index()

@@ -111,8 +111,7 @@ class Displacements:
 
 def parse_displacements(state: DeckState, group: str, words: list[str]) -> Displacements:
     """Settings of ``msd [com yes|no] [average yes|no]``, with the present positions as origin."""
-    options = {"com": "no", "average": "no"}
-    options |= {keyword: values[0] for keyword, values in read.options(words, {"com": 1, "average": 1}, "compute msd")}
+    options = read.single(words, "compute msd", com="no", average="no")
     com = read.switch(options["com"], "com")
     atoms = state.atoms
     origin = _members(state, state.require_box("compute msd").unwrap(atoms.positions, atoms.images), group, com)
