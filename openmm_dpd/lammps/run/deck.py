@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,23 +25,12 @@ from .request import RunRequest
 _LOGGER = logging.getLogger("openmm_dpd")
 
 
-@dataclass
-class Deck(DeckState):
-    """The state of a deck that is being read, and what becomes of its runs."""
-
-    run_callback: Callable[[RunRequest], None] | None = None  #: Called with the request of every run
-    stop_before_first_run: bool = False  #: Whether reading ends there
-    first_run: RunRequest | None = None  #: The first run, once it is reached
-    finished: bool = False  #: Whether the rest of the deck is not read
-    scripts: list[Script] = field(default_factory=list)  #: The deck and the files whose include is being carried out, and the place in each
-
-
 #: Files that may be read one inside the other.
 MOST_INCLUDES = 100
 
 
 @command("include file", 1)
-def include(deck: Deck, args: list[str]) -> None:
+def include(deck: DeckState, args: list[str]) -> None:
     path = deck.find_file(args[0])
     if len(deck.scripts) > MOST_INCLUDES:
         raise ParameterError(f"include '{args[0]}': files include each other {MOST_INCLUDES} deep already, and no deeper is supported")
@@ -53,7 +42,7 @@ def include(deck: Deck, args: list[str]) -> None:
 
 
 @command("quit [status]", 0, 1)
-def quit_(deck: Deck, args: list[str]) -> None:
+def quit_(deck: DeckState, args: list[str]) -> None:
     """``quit [0]``: the rest of the deck is not read."""
     if args and read.integer(args[0], "the exit status", 0):
         raise ParameterError(f"quit {args[0]}: the deck ends here, with an exit status that means an error")
@@ -61,12 +50,12 @@ def quit_(deck: Deck, args: list[str]) -> None:
 
 
 @command("label name", 1)
-def label(deck: Deck, args: list[str]) -> None:
+def label(deck: DeckState, args: list[str]) -> None:
     """``label name``: a place that jump goes to."""
 
 
 @command("jump file|SELF [label]", 1, 2)
-def jump(deck: Deck, args: list[str]) -> None:
+def jump(deck: DeckState, args: list[str]) -> None:
     """``jump file|SELF [label]``: go on there, in the place of the present file; nothing right after a series of variables has ended."""
     if deck.skips_jump:
         deck.skips_jump = False
@@ -77,14 +66,14 @@ def jump(deck: Deck, args: list[str]) -> None:
 
 
 @command("next variable ...", 1, None)
-def next_(deck: Deck, args: list[str]) -> None:
+def next_(deck: DeckState, args: list[str]) -> None:
     """``next name name ...``: the next value of these variables; if one has none, the next jump is skipped."""
     if not deck.variables.advance(args):
         deck.skips_jump = True
 
 
 @command("if", 0, None)
-def if_(deck: Deck, args: list[str]) -> None:
+def if_(deck: DeckState, args: list[str]) -> None:
     """``if condition then command ... [elif condition command ...] [else command ...]``."""
     usage = "if condition then command ... elif condition command ... else command ..."
     read.count(args, usage, 3, None)
@@ -114,7 +103,7 @@ def _branches(args: list[str]) -> list[tuple[str | None, list[str]]]:
 
 
 @command("run N ...", 0, None)
-def run_command(deck: Deck, args: list[str]) -> None:
+def run_command(deck: DeckState, args: list[str]) -> None:
     """``run N [upto] [start N] [stop N] [pre yes|no] [post yes|no] [every M command ... | every M NULL]``."""
     at = args.index("every") if "every" in args else len(args)
     commands = args[at + 2 :]
@@ -137,7 +126,7 @@ def run_command(deck: Deck, args: list[str]) -> None:
             return
 
 
-def _extent(deck: Deck, args: list[str]) -> tuple[int, int | None, int | None]:
+def _extent(deck: DeckState, args: list[str]) -> tuple[int, int | None, int | None]:
     """Number of steps of a run, and the steps of its options start and stop."""
     read.count(args, "run N ...", 1, None)
     deck.require_box("run")
@@ -163,7 +152,7 @@ def _extent(deck: Deck, args: list[str]) -> tuple[int, int | None, int | None]:
     return steps, begin, end
 
 
-def _run(deck: Deck, steps: int, begin: int | None, end: int | None) -> None:
+def _run(deck: DeckState, steps: int, begin: int | None, end: int | None) -> None:
     """Hand one run over."""
     deck.settle("run")
     request = RunRequest.of(deck, steps, integration(deck), begin, end)
@@ -181,7 +170,7 @@ def _run(deck: Deck, steps: int, begin: int | None, end: int | None) -> None:
 
 
 @command("minimize etol ftol maxiter maxeval", 4, box=True)
-def minimize(deck: Deck, args: list[str]) -> None:
+def minimize(deck: DeckState, args: list[str]) -> None:
     """``minimize etol ftol maxiter maxeval``: all beads move, whatever fixes say, but for those that fix setforce holds."""
     if deck.pair.where is None:
         raise ParameterError("minimize needs a pair_style before it")
@@ -202,14 +191,14 @@ def minimize(deck: Deck, args: list[str]) -> None:
     deck.run_callback(replace(request, minimization=rule))
 
 
-def execute_text(deck: Deck, text: str) -> None:
+def execute_text(deck: DeckState, text: str) -> None:
     """Carry out a command that is an argument of another one; errors have the line of that."""
     assert deck.here is not None
     if not deck.finished:
         execute(deck, replace(deck.here, text=strip_comment(text)))
 
 
-def execute(deck: Deck, line: Line) -> None:
+def execute(deck: DeckState, line: Line) -> None:
     """Carry out one logical line; DeckError with its file and number for unknown commands and whatever the command does not accept."""
     deck.here = line
     try:
@@ -229,7 +218,7 @@ def execute(deck: Deck, line: Line) -> None:
         raise DeckError(str(error), line.file, line.number) from None
 
 
-def execute_file(deck: Deck, path: Path) -> None:
+def execute_file(deck: DeckState, path: Path) -> None:
     """Carry out every line of a file, and of those that it jumps to."""
     deck.scripts.append(Script(path))
     while not deck.finished and (line := deck.scripts[-1].take()) is not None:
@@ -245,7 +234,7 @@ def read_deck(
     stop_before_first_run: bool = False,
     output: str | Path = ".",
     log: Callable[[str], None] = lambda text: None,
-) -> Deck:
+) -> DeckState:
     """Read a LAMMPS deck and carry it out, leaving the simulation itself to a callback.
 
     Parameters
@@ -265,7 +254,7 @@ def read_deck(
 
     Returns
     -------
-    Deck
+    DeckState
         The state at the end.
 
     Raises
@@ -274,7 +263,7 @@ def read_deck(
         With file and line, for anything unknown, unsupported, missing or out of bounds.
     """
     path = Path(path)
-    deck = Deck(
+    deck = DeckState(
         path=path,
         variables=Variables(dict(variables or {})),
         run_callback=run_callback,
@@ -282,7 +271,6 @@ def read_deck(
         output=Path(output),
         log=log,
         inputs=[path],
-        carried_out=run_callback is not None,
     )
     try:
         with read_by(deck):

@@ -18,15 +18,15 @@ from ..styles.charges import electrostatics_of
 from ..styles.pair_styles import pair_tables
 from ..styles.srp import segments_of
 from .flow import body_forces_of, interacting_beads, walls_of
-from .integration import Integration, integration
+from .integration import integration
 
 
-def build_scene(state: DeckState, window: Window | None = None, compat: str = "consistent", moved: Integration | None = None) -> Scene:
+def build_scene(state: DeckState, window: Window | None = None, compat: str = "consistent", mobile: np.ndarray | None = None) -> Scene:
     """The scene that the deck describes at this point; it must have a box, beads and pair coefficients.
 
     Temperature ramps go between the steps of ``window``, and start now without it; ``compat`` says how the heat of edpd is computed,
-    ``moved`` which beads move: by default those of the integrating fixes.  DeckError, with file and line, if something is missing or cannot
-    be expressed: unset type pairs, unset masses, different temperatures, a cutoff over half the box ...
+    ``mobile`` which beads move: by default those of the integrating fixes.  DeckError, with file and line, if something is missing or
+    cannot be expressed: unset type pairs, unset masses, different temperatures, a cutoff over half the box ...
     """
     box = state.require_box("a run")
     if not len(state.atoms):
@@ -40,7 +40,7 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
         and any(style.name in ("dpd/fdt", "dpd/fdt/energy") for style in state.pair.styles)
     ):
         state.note("dpd/fdt: the noise of bonded neighbours goes with the root of the special_bonds factor (LAMMPS: with the factor)")
-    moved = integration(state) if moved is None else moved
+    mobile = integration(state).mobile if mobile is None else mobile
     atoms, units = state.atoms, state.units
     vectors = box.reduced_vectors * units.length
     with errors_at(state.here), read_by(state):
@@ -58,15 +58,15 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
             angles=_bonded_terms(state, state.angles, state.angle, ANGLE_STYLES, "angle"),
             segments=segments_of(state, compat),
             bonded_factors=state.special if len(state.bonds) else (1.0, 1.0, 1.0),
-            mobile=None if moved.mobile.all() else moved.mobile,
+            mobile=None if mobile.all() else mobile,
             molecules=atoms.molecules if np.any(atoms.molecules) else None,
             internal=internal_of(state),
             sources=sources_of(state, vectors),
             compat=compat,
             body_forces=body_forces_of(state),
-            walls=walls_of(state, moved.mobile),
+            walls=walls_of(state, mobile),
             electrostatics=electrostatics_of(state),
-            interacting=interacting_beads(state, moved.mobile),
+            interacting=interacting_beads(state, mobile),
         )
 
 

@@ -13,7 +13,7 @@ from ...files import writing
 from ...geometry import weighted_sum
 from ...units import LJ, UnitSystem
 from ..language import arguments as read
-from ..language.lexer import Line
+from ..language.lexer import Line, Script
 from ..language.variables import Variables
 from .atoms import Atoms
 from .box import Box
@@ -94,12 +94,21 @@ class DeckState:
     last_sample: DeckSample | None = None  #: The last row of the last run, for formulas evaluated between runs
     here: Line | None = None
     output: Path = field(default_factory=Path)
-    carried_out: bool = False  #: Whether runs are carried out, so that the files of fixes and dumps are made
+    run_callback: Callable[[Any], None] | None = None  #: Called with the RunRequest of every run
+    stop_before_first_run: bool = False  #: Whether reading ends there
+    first_run: Any = None  #: RunRequest of the first run, once it is reached
+    finished: bool = False  #: Whether the rest of the deck is not read
+    scripts: list[Script] = field(default_factory=list)  #: The deck and the files whose include is being carried out, and the place in each
     log: Callable[[str], None] = lambda _: None
     generators: dict[str, np.random.Generator] = field(default_factory=dict)
     inputs: list[Path] = field(default_factory=list)  #: The deck, and the files that it has read
 
     # -- questions -----------------------------------------------------------------------------------------------------------
+    @property
+    def carried_out(self) -> bool:
+        """Whether runs are carried out, so that the files of fixes and dumps are made."""
+        return self.run_callback is not None
+
     def require_box(self, command: str) -> Box:
         """The box; ParameterError if it does not exist yet."""
         if self.box is None:
