@@ -59,7 +59,9 @@ def reset_timestep(state: DeckState, args: list[str]) -> None:
     averages = [found.name for found in state.fixes_of(*AVERAGES)]
     if averages and step != state.step:
         raise ParameterError(f"reset_timestep is not possible while fix {', '.join(averages)} counts steps; unfix it before")
-    state.reset_step(step)
+    if step < state.step:
+        state.time_origin = (0.0, step)  # going back sets the clock to 0, going forward advances it
+    state.step = step
     if time:
         state.time_origin = (read.number(time, "the time") * state.units.time, step)
     for dump in state.dumps.values():

@@ -244,12 +244,6 @@ class DeckState:
         self.time_origin = (self.time_at(self.step), self.step)
         self.timestep = value
 
-    def reset_step(self, step: int) -> None:
-        """Carry out ``reset_timestep``: going back sets the clock to 0, going forward advances it."""
-        if step < self.step:
-            self.time_origin = (0.0, step)
-        self.step = step
-
     def add_atoms(self, new: Atoms) -> None:
         """Append beads; of the groups, only ``all`` gets them."""
         self.atoms.append(new)

@@ -99,8 +99,7 @@ def _export(export: PairExport, entries: dict[Pair, DPD]) -> list[StyleUse]:
     return [use("dpd", f"{{start}} {reach} {{seed}}", lambda pair: f"{exact(A[pair])} {exact(gammas[pair])}")]
 
 
-def _export_energy(export: PairExport, entries: dict[Pair, EnergyDPD]) -> list[StyleUse]:
-    return [plain_use("dpd/fdt/energy", "{cutoff} {seed}", _ENERGY, export, entries)]
-
-
-EXPORTS: Exports = {DPD: _export, EnergyDPD: _export_energy}
+EXPORTS: Exports = {
+    DPD: _export,
+    EnergyDPD: lambda export, entries: [plain_use("dpd/fdt/energy", "{cutoff} {seed}", _ENERGY, export, entries)],
+}
