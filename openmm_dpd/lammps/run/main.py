@@ -143,12 +143,12 @@ def run_deck(
         raise ParameterError("checkpoints need a folder to be written to: give out")
     with nullcontext() if checkpoints is None else checkpoints.ledger.in_use():
         said = RunLog(log, folder, append=latest is not None)
-        bar = _bar if progress else None
-        runner = DeckRunner(options, said, folder, bar, signals, variables, checkpoints, latest)
         try:
+            runner = DeckRunner(options, said, folder, _bar if progress else None, signals, variables, checkpoints, latest)
             report = _carried_out(Path(path), runner, folder, keep)
         finally:
-            said.close()
+            with signals.later():
+                said.close()
     if checkpoints is not None:
         checkpoints.clear()
     return report
@@ -173,7 +173,8 @@ def _carried_out(path: Path, runner: DeckRunner, folder: Path | None, keep: Call
                     _LOGGER.warning("%s", error)  # beside the error that comes first
         raise
     finally:
-        runner.close()
+        with signals.later():
+            runner.close()
     with signals.later():
         return _hand_over(runner, folder, keep)
 
