@@ -1,9 +1,8 @@
 """LAMMPS decks: run them, take their scenes, write scenes as decks, and read what LAMMPS wrote."""
 
-from .exchange.data_state import read_lammps_data as read_lammps_data, scene_from_data as scene_from_data
 from .exchange.dump_reader import read_lammps_dump as read_lammps_dump
 from .exchange.export import LammpsExport as LammpsExport, export_deck as export_deck, export_lammps as export_lammps
-from .exchange.frames import LammpsFrames as LammpsFrames
+from .exchange.frames import LammpsFrames as LammpsFrames, read_lammps_data as read_lammps_data, scene_from_data as scene_from_data
 from .run.deck import read_deck as read_deck
 from .run.main import (
     deck_forces as deck_forces,

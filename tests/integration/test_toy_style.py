@@ -8,7 +8,7 @@ import openmm_dpd as dpd
 from openmm_dpd.errors import DeckError
 from openmm_dpd.lammps import RunOptions, deck_scene, export_lammps, run_deck
 from openmm_dpd.lammps.state.pair_setup import Spec
-from openmm_dpd.lammps.styles.columns import Columns, seeded
+from openmm_dpd.lammps.styles.columns import Columns, settings
 from openmm_dpd.lammps.styles.pair_styles import EXPORTS, PAIR_STYLES
 from openmm_dpd.lammps.styles.writing import StyleUse, exact
 
@@ -45,7 +45,7 @@ def written(export, entries) -> list[StyleUse]:
 @pytest.fixture
 def style(monkeypatch):
     monkeypatch.setitem(
-        PAIR_STYLES, "toy/fluid", Spec(seeded("toy/fluid", 1), COLUMNS.coefficient, COLUMNS.builder(fluid), thermostat=True)
+        PAIR_STYLES, "toy/fluid", Spec(settings("toy/fluid", "T cutoff seed"), COLUMNS.coefficient, COLUMNS.builder(fluid), thermostat=True)
     )
     monkeypatch.setitem(EXPORTS, dpd.DPD, written)
 

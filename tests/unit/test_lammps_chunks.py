@@ -11,7 +11,7 @@ import pytest
 
 from openmm_dpd.errors import DeckError
 from openmm_dpd.lammps import RunOptions, RunRequest, read_deck, run_deck
-from openmm_dpd.lammps.state.sample import DeckSample
+from openmm_dpd.lammps.state.records import DeckSample
 from openmm_dpd.lammps.values.resolver import Resolver
 
 BLOCK = "block -2 4 0 5 1 7"

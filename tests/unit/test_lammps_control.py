@@ -7,7 +7,7 @@ import pytest
 
 from openmm_dpd.errors import DeckError, ParameterError
 from openmm_dpd.lammps import RunOptions, read_deck, run_deck
-from openmm_dpd.lammps.language.booleans import condition_holds
+from openmm_dpd.lammps.language.expressions import condition_holds
 
 NO_LAMMPS = lammps_peer.why_missing()
 

@@ -7,10 +7,10 @@ import pytest
 
 from openmm_dpd.errors import DeckError
 from openmm_dpd.lammps import RunOptions, deck_forces, read_deck
-from openmm_dpd.lammps.files.eos_file import read_eos
+from openmm_dpd.lammps.files.table_file import read_eos
 from openmm_dpd.lammps.output.data_writer import data_file_lines
 from openmm_dpd.lammps.run.runner import DeckRunner
-from openmm_dpd.lammps.state.pressure import PressureControl
+from openmm_dpd.lammps.state.records import PressureControl
 from openmm_dpd.model.edpd import EDPD
 from openmm_dpd.model.eos import ConstantHeatCapacity, TabulatedEOS
 from openmm_dpd.model.internal import BeadTemperatures, Concentrations, InternalEnergy

@@ -9,7 +9,7 @@ import pytest
 from openmm_dpd.errors import DeckError
 from openmm_dpd.lammps import RunOptions, RunRequest, read_deck, run_deck
 from openmm_dpd.lammps.output.averages import Schedule
-from openmm_dpd.lammps.state.sample import DeckSample
+from openmm_dpd.lammps.state.records import DeckSample
 from openmm_dpd.lammps.values.resolver import Resolver
 
 START = """atom_style {style}

@@ -9,7 +9,7 @@ from test_lammps_thermo_live import numbers, table
 
 from openmm_dpd.errors import DeckError
 from openmm_dpd.lammps import RunOptions, run_deck
-from openmm_dpd.lammps.state.momentum import MomentumRemoval, without_rotation
+from openmm_dpd.lammps.state.records import MomentumRemoval, without_rotation
 
 NO_LAMMPS = lammps_peer.why_missing()
 LAMMPS = pytest.mark.skipif(NO_LAMMPS is not None, reason=str(NO_LAMMPS))

@@ -9,7 +9,7 @@ import pytest
 from lammps_beads import ours, same_beads, theirs
 
 from openmm_dpd.lammps import RunOptions, RunRequest, read_deck, run_deck
-from openmm_dpd.lammps.state.sample import DeckSample
+from openmm_dpd.lammps.state.records import DeckSample
 from openmm_dpd.lammps.values.resolver import Resolver
 
 MISSING = lammps_peer.why_missing()

@@ -7,7 +7,7 @@ import pytest
 
 from openmm_dpd.errors import DeckError, ParameterError
 from openmm_dpd.lammps import RunRequest, read_deck
-from openmm_dpd.lammps.state.sample import DeckSample
+from openmm_dpd.lammps.state.records import DeckSample
 from openmm_dpd.lammps.values.resolver import Resolver
 from openmm_dpd.lammps.values.words import WORDS
 from openmm_dpd.model.temperature import TemperatureRamp

@@ -1,4 +1,1 @@
-"""Tables of commands: ``{name: handler}``, each handler taking the deck's state and the words after the command.
-
-A later command is one more entry of one of these tables.
-"""
+"""Commands: each a function of the deck's state and the words after its name, entered in the table of ``setup.py`` by :func:`command`."""

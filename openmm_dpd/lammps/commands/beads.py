@@ -9,13 +9,11 @@ from ..files.atom_styles import BONDED_STYLES, CHARGED_STYLES
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from .moving import values_of_variable
-from .setup import by_name
+from .setup import command
 
 
+@command("mass type value", 2, box=True)
 def mass(state: DeckState, args: list[str]) -> None:
-    """``mass type value``."""
-    read.count(args, "mass type value", 2)
-    state.require_box("mass")
     value = read.positive(args[1], "the mass")
     for kind in read.numeric_range(args[0], state.n_types, "atom type"):
         state.masses[kind] = value * state.units.mass
@@ -70,10 +68,9 @@ GROUP_STYLES: dict[str, Callable[[DeckState, list[str]], np.ndarray]] = {
 }
 
 
+@command("group ID style values ...", 2, None, box=True)
 def group(state: DeckState, args: list[str]) -> None:
     """``group ID style values ...``: the beads are added to those that the group has already."""
-    read.count(args, "group ID style values ...", 2, None)
-    state.require_box("group")
     name, style, *words = args
     read.identifier(name, "the name of a group")
     if name == "all":
@@ -253,16 +250,12 @@ SETTERS: dict[str, tuple[int, Setter]] = {
 }
 
 
+@command("set style ID property value ...", 3, None, box=True)
 def set_(state: DeckState, args: list[str]) -> None:
     """``set atom|type|mol|group|region ID property values ...``."""
-    read.count(args, "set style ID property value ...", 3, None)
-    state.require_box("set")
     if not len(state.atoms):
         raise ParameterError("set needs beads; create or read them before")
     style = read.choice(args[0], "the style of set", ("atom", "type", "mol", "group", "region"))
     mask = _selected(state, style, args[1]).copy()
     for name, words in read.options(args[2:], {name: size for name, (size, _) in SETTERS.items()}, "set"):
         SETTERS[name][1](state, mask, words)
-
-
-COMMANDS = by_name(mass, group, set_)

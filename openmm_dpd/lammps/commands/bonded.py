@@ -10,12 +10,11 @@ from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.pair_setup import BondedSetup
 from ..styles.bonded_styles import bonded_styles
-from .setup import remembered
+from .setup import command
 
 
 def _style(state: DeckState, args: list[str], what: str) -> None:
     """``bond_style``, ``angle_style`` or ``dihedral_style``: none, zero, a style that is known, or ``hybrid`` with several of them."""
-    read.count(args, f"{what}_style style", 1, None)
     known, old = bonded_styles(what), getattr(state, what)
     style = read.choice(args[0], f"the {what} style", ("none", *known, "hybrid"))
     setup = BondedSetup(style, where=state.here)
@@ -63,6 +62,6 @@ def _coeff(state: DeckState, args: list[str], what: str) -> None:
     setup.coefficients.update(dict.fromkeys(kinds, (style, values)))
 
 
-COMMANDS = remembered(
-    {f"{what}_{end}": partial(handler, what=what) for what in JOINED for end, handler in (("style", _style), ("coeff", _coeff))}
-)
+for _what in JOINED:
+    command(f"{_what}_style style", 1, None, remembered=True)(partial(_style, what=_what))
+    command(f"{_what}_coeff type values ...", 0, None, remembered=True)(partial(_coeff, what=_what))

@@ -18,19 +18,19 @@ from ..state.box import Box
 from ..state.deck_state import DeckState
 from ..state.lattice import parse_lattice
 from ..state.regions import parse_region
-from . import bonded, pairs
 from .beads import subset
-from .setup import by_name
+from .setup import COMMANDS, command
 
 
+@command("lattice", 0, None)
 def lattice(state: DeckState, args: list[str]) -> None:
     """``lattice style scale ...``."""
     state.lattice = parse_lattice(args, state.units.name == "lj")
 
 
+@command("region ID style values ...", 2, None)
 def region(state: DeckState, args: list[str]) -> None:
     """``region ID style values ...``, or ``region ID delete``."""
-    read.count(args, "region ID style values ...", 2, None)
     name = args[0]
     if args[1] == "delete":
         state.region(name)
@@ -48,10 +48,9 @@ def region(state: DeckState, args: list[str]) -> None:
 _ROOM = (*(f"extra/{what}/per/atom" for what in (*JOINED, "improper", "special")), "extra/improper/types")
 
 
+@command("create_box N region ...", 2, None, box=False)
 def create_box(state: DeckState, args: list[str]) -> None:
     """``create_box N region [bond/types N] [angle/types N] [dihedral/types N] [extra/...]``."""
-    read.count(args, "create_box N region ...", 2, None)
-    state.refuse_box("create_box")
     found = state.region(args[1])
     if found.box is None:
         raise ParameterError(f"create_box needs a bounded block or prism with positive lengths; region '{args[1]}' is a {found.style}")
@@ -76,10 +75,9 @@ def _set_box(state: DeckState, box: Box) -> None:
     state.box = box
 
 
+@command("create_atoms type style ...", 2, None, box=True)
 def create_atoms(state: DeckState, args: list[str]) -> None:
     """``create_atoms type box | region ID | random N seed ID|NULL | single x y z``, with options."""
-    read.count(args, "create_atoms type style ...", 2, None)
-    state.require_box("create_atoms")
     kind = state.type_number(args[0])
     sizes = {"box": 0, "region": 1, "random": 3, "single": 3}
     style = read.choice(args[1], "the style of create_atoms", list(sizes))
@@ -166,9 +164,9 @@ def _closest(points: np.ndarray, point: np.ndarray, box: Box) -> float:
     return float(np.sqrt(np.min(np.sum(gap * gap, axis=1))))
 
 
+@command("read_data file ...", 1, None)
 def read_data(state: DeckState, args: list[str]) -> None:
     """``read_data file [nocoeff] [extra/atom/types N] [extra/bond|angle|dihedral/types N] [group ID]``."""
-    read.count(args, "read_data file ...", 1, None)
     if state.box is not None:
         raise ParameterError("read_data must come before any other box is defined (read_data add is not supported)")
     path = state.find_file(args[0])
@@ -211,9 +209,9 @@ def _take_atoms(state: DeckState, data: DataFile, path: Path) -> None:
 
 def _take_coefficients(state: DeckState, data: DataFile, path: Path) -> None:
     handlers: dict[str, Callable[[list[str]], None]] = {
-        "Pair Coeffs": lambda words: pairs.COMMANDS["pair_coeff"](state, [words[0], *words]),
-        "PairIJ Coeffs": lambda words: pairs.COMMANDS["pair_coeff"](state, words),
-        **{f"{what.capitalize()} Coeffs": partial(bonded.COMMANDS[f"{what}_coeff"], state) for what in JOINED},
+        "Pair Coeffs": lambda words: COMMANDS["pair_coeff"](state, [words[0], *words]),
+        "PairIJ Coeffs": lambda words: COMMANDS["pair_coeff"](state, words),
+        **{f"{what.capitalize()} Coeffs": partial(COMMANDS[f"{what}_coeff"], state) for what in JOINED},
     }
     outer = state.here
     for name, rows in data.coefficients.items():
@@ -238,29 +236,29 @@ def _check_special(state: DeckState, gone: np.ndarray, bonds: np.ndarray) -> Non
             )
 
 
+@command("delete_atoms group|region ID ...", 2, None)
 def delete_atoms(state: DeckState, args: list[str]) -> None:
     """``delete_atoms group ID | region ID [compress yes|no] [bond yes|no]``."""
-    read.count(args, "delete_atoms group|region ID ...", 2, None)
     kind = read.choice(args[0], "the style of delete_atoms", ("group", "region"))
     if kind == "group":
         doomed = state.group(args[1]).copy()
     else:
         doomed = state.region(args[1]).contains(state.atoms.positions)
-    options = dict(read.options(args[2:], {"compress": 1, "bond": 1, "mol": 1}, "delete_atoms"))
-    if "mol" in options and read.switch(options["mol"][0], "mol"):
+    options = read.single(args[2:], "delete_atoms", compress="yes", bond="no", mol="no")
+    if read.switch(options["mol"], "mol"):
         raise ParameterError("delete_atoms mol yes is not supported")
     gone = state.atoms.ids[doomed]
     kept_terms = {f"{what}s": getattr(state, f"{what}s") for what in JOINED}
     kept_terms = {name: terms[~np.isin(terms[:, 1:], gone).any(axis=1)] for name, terms in kept_terms.items()}
     lost = {name: len(getattr(state, name)) - len(terms) for name, terms in kept_terms.items()}
-    if any(lost.values()) and not read.switch(options.get("bond", ["no"])[0], "bond"):
+    if any(lost.values()) and not read.switch(options["bond"], "bond"):
         broken = " and ".join(f"{count} {name}" for name, count in lost.items() if count)
         raise ParameterError(f"{broken} would lose a bead; delete them too with 'bond yes'")
     _check_special(state, gone, kept_terms["bonds"])
     for name, terms in kept_terms.items():
         setattr(state, name, terms)
     # LAMMPS hands out new ids only in atom styles without molecules, in the order in which beads stand in its memory
-    compress = read.switch(options.get("compress", ["yes"])[0], "compress") and state.atom_style not in BONDED_STYLES
+    compress = read.switch(options["compress"], "compress") and state.atom_style not in BONDED_STYLES
     if compress:
         _check_standing(state, "delete_atoms", "keep the ids with 'compress no'")
     state.atoms.vacate(doomed)
@@ -282,15 +280,14 @@ def _check_standing(state: DeckState, command: str, remedy: str) -> None:
         )
 
 
+@command("reset_atoms id [sort no]", 1, None)
 def reset_atoms(state: DeckState, args: list[str]) -> None:
     """``reset_atoms id [sort no]``: ids from 1 on without gaps, in the order in which LAMMPS has the beads in its memory."""
-    read.count(args, "reset_atoms id [sort no]", 1, None)
     if args[0] in ("mol", "image"):
         raise ParameterError(f"reset_atoms {args[0]} is not supported; only reset_atoms id is")
     read.choice(args[0], "the property of reset_atoms", ("id",))
-    for _, (word,) in read.options(args[1:], {"sort": 1}, "reset_atoms id"):
-        if read.switch(word, "sort"):
-            raise ParameterError("reset_atoms id sort yes is not supported: ids would follow LAMMPS's bins of space; say sort no")
+    if read.switch(read.single(args[1:], "reset_atoms id", sort="no")["sort"], "sort"):
+        raise ParameterError("reset_atoms id sort yes is not supported: ids would follow LAMMPS's bins of space; say sort no")
     _check_standing(state, "reset_atoms id", "leave it out")
     if any(compute.style == "msd" for compute in state.computes.values()):
         raise ParameterError("reset_atoms id: a compute msd remembers where each bead was; define it afterwards")
@@ -305,10 +302,10 @@ def reset_atoms(state: DeckState, args: list[str]) -> None:
     state.groups = {name: mask[order] for name, mask in state.groups.items()}
 
 
+@command("reset_ids", 0, None)
 def reset_ids(state: DeckState, args: list[str]) -> None:
     """``reset_ids``, ``reset_atom_ids``: older spellings of ``reset_atoms id``."""
     reset_atoms(state, ["id", *args])
 
 
-COMMANDS = by_name(lattice, region, create_box, create_atoms, read_data, delete_atoms, reset_atoms, reset_ids)
-COMMANDS["reset_atom_ids"] = reset_ids
+COMMANDS["reset_atom_ids"] = COMMANDS["reset_ids"]

@@ -1,66 +1,30 @@
-"""Commands that say what happens during a run: fix, unfix, timestep, reset_timestep."""
+"""Commands about runs: fix, unfix, timestep, reset_timestep, and restart files: write_restart, read_restart, restart."""
 
 from collections.abc import Callable
 
 from ...errors import ParameterError
+from ...files import write_whole
+from ..files.restart_file import load_restart, restart_bytes
 from ..language import arguments as read
 from ..output.averages import AveragingFix
-from ..output.chunk_average import parse_ave_chunk
-from ..output.correlation import parse_ave_correlate
-from ..output.print_fix import parse_print
-from ..output.time_average import parse_ave_time
+from ..output.chunk_average import ChunkAverage
+from ..output.time_average import Correlation, TimeAverage
 from ..state.deck_state import DeckState
-from ..state.records import Fix
-from .energy_fixes import ENERGY_FIXES
-from .flow_fixes import FLOW_FIXES
-from .setup import FixReader, by_name
-
-
-def _moving(style: str, most: int) -> FixReader:
-    """A fix that moves beads, with lambda if it takes an argument."""
-
-    def reader(state: DeckState, group: str, words: list[str]) -> dict:
-        read.count(words, f"fix ID group {style}{' [lambda]' * most}", 0, most)
-        value = read.number(words[0], "lambda") if words else 0.5
-        if not 0 <= value <= 1:
-            raise ParameterError(f"lambda must be between 0 and 1, but is {value:g}")
-        return {"lambda": value}
-
-    return reader
-
-
-def _shardlow(state: DeckState, group: str, words: list[str]) -> dict:
-    read.count(words, "fix ID group shardlow", 0)
-    if group != "all":
-        state.note("fix shardlow acts on all beads, whatever its group")
-    return {}
-
-
-#: Fix styles: from (state, group, words) to the fix's parameters.
-FIX_STYLES: dict[str, FixReader] = {
-    "nve": _moving("nve", 0),
-    "mvv/dpd": _moving("mvv/dpd", 1),
-    "mvv/edpd": _moving("mvv/edpd", 1),
-    "mvv/tdpd": _moving("mvv/tdpd", 1),
-    "shardlow": _shardlow,
-    **ENERGY_FIXES,
-    **FLOW_FIXES,
-    "print": lambda state, group, words: {"reader": parse_print(state, group, words)},
-}
-
+from ..state.records import Fix, RestartSettings
+from .fix_styles import FIX_STYLES
+from .setup import REMEMBERED, command
 
 #: Fixes that average: from (state, id, group, words) to the average.
 AVERAGES: dict[str, Callable[[DeckState, str, str, list[str]], AveragingFix]] = {
-    "ave/time": parse_ave_time,
-    "ave/chunk": parse_ave_chunk,
-    "ave/correlate": parse_ave_correlate,
+    "ave/time": TimeAverage,
+    "ave/chunk": ChunkAverage,
+    "ave/correlate": Correlation,
 }
 
 
+@command("fix ID group style ...", 3, None, box=True)
 def fix(state: DeckState, args: list[str]) -> None:
     """``fix ID group style ...``; a fix of the same id and style is replaced."""
-    read.count(args, "fix ID group style ...", 3, None)
-    state.require_box("fix")
     name, group, style, *words = args
     read.identifier(name, "the id of a fix")
     state.group(group)
@@ -77,32 +41,57 @@ def fix(state: DeckState, args: list[str]) -> None:
     state.fixes[name] = Fix(name, group, style, parameters, state.here)
 
 
+@command("unfix ID", 1)
 def unfix(state: DeckState, args: list[str]) -> None:
-    """``unfix ID``."""
-    read.count(args, "unfix ID", 1)
     read.known(state.fixes, args[0], "fix")
     del state.fixes[args[0]]
 
 
+@command("timestep dt", 1)
 def timestep(state: DeckState, args: list[str]) -> None:
-    """``timestep dt``."""
-    read.count(args, "timestep dt", 1)
     state.set_timestep(read.positive(args[0], "the time step") * state.units.time)
 
 
+@command("reset_timestep N [time T]", 1, 3)
 def reset_timestep(state: DeckState, args: list[str]) -> None:
-    """``reset_timestep N [time T]``."""
-    read.count(args, "reset_timestep N [time T]", 1, 3)
     step = read.integer(args[0], "the step", 0)
-    options = dict(read.options(args[1:], {"time": 1}, "reset_timestep"))
+    time = read.single(args[1:], "reset_timestep", time="")["time"]
     averages = [found.name for found in state.fixes_of(*AVERAGES)]
     if averages and step != state.step:
         raise ParameterError(f"reset_timestep is not possible while fix {', '.join(averages)} counts steps; unfix it before")
-    state.reset_step(step)
-    if "time" in options:
-        state.time_origin = (read.number(options["time"][0], "the time") * state.units.time, step)
+    if step < state.step:
+        state.time_origin = (0.0, step)  # going back sets the clock to 0, going forward advances it
+    state.step = step
+    if time:
+        state.time_origin = (read.number(time, "the time") * state.units.time, step)
     for dump in state.dumps.values():
         dump.last_step = None
 
 
-COMMANDS = by_name(fix, unfix, timestep, reset_timestep)
+@command("write_restart file", 1)
+def write_restart(state: DeckState, args: list[str]) -> None:
+    """``write_restart file``; a ``*`` becomes the step."""
+    write_whole(state.output_file(args[0]), restart_bytes(state), "the restart file")
+
+
+@command("read_restart file", 1, box=False)
+def read_restart(state: DeckState, args: list[str]) -> None:
+    """``read_restart file``: as if the commands that made the system stood here."""
+    if "*" in args[0]:
+        raise ParameterError(f"read_restart '{args[0]}': name one file")
+    for name, words in load_restart(state, state.find_file(args[0])):
+        REMEMBERED[name](state, words)
+
+
+@command("restart N file [file]", 1, 3)
+def restart(state: DeckState, args: list[str]) -> None:
+    """``restart 0``, ``restart N root``, or ``restart N file file``, which are written in turn."""
+    every = read.integer(args[0], "the interval of restart", 0)
+    if every == 0:
+        state.restarts = RestartSettings()
+        return
+    read.count(args, "restart N file [file]", 2, 3)
+    for name in args[1:]:
+        state.output_path(name)  # what is wrong with it is the mistake of this line
+    single = len(args) == 2 and "*" not in args[1]
+    state.restarts = RestartSettings(every, (f"{args[1]}.*",) if single else tuple(args[1:]))

@@ -1,4 +1,4 @@
-"""Commands that move or copy the beads that are there: displace_atoms, replicate."""
+"""Commands that move or copy the beads that are there, or set them in motion: displace_atoms, replicate, velocity."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -6,28 +6,31 @@ from dataclasses import replace
 import numpy as np
 
 from ...errors import ParameterError
+from ...kernels.elementary import without_last_bits
+from ...kernels.noise import mix
 from ..files.atom_styles import JOINED
 from ..language import arguments as read
 from ..state.deck_state import DeckState
-from ..values.resolver import present
-from .setup import by_name
+from ..state.records import Compute, Temperature, without_rotation
+from ..values.resolver import Resolver, present
+from .setup import command
 
 
 # -- displace_atoms -----------------------------------------------------------------------------------------------------------
+@command("displace_atoms group style values ...", 3, None)
 def displace_atoms(state: DeckState, args: list[str]) -> None:
     """``displace_atoms group move|ramp|random|rotate values ... [units box|lattice]``."""
-    read.count(args, "displace_atoms group style values ...", 3, None)
     box, mask = state.require_box("displace_atoms"), state.group(args[0])
     style = read.choice(args[1], "the style of displace_atoms", list(_STYLES))
     size, handler = _STYLES[style]
     words, rest = read.taken(args[2:], size, f"displace_atoms {style}")
-    options = {name: values[0] for name, values in read.options(rest, {"units": 1}, "displace_atoms")}
+    options = read.single(rest, "displace_atoms", units="lattice")
     positions = np.array(state.atoms.positions)
     if style == "rotate":
         # on continuous paths: molecules stay whole
         positions[mask] = box.unwrap(positions, state.atoms.images)[mask]
         state.atoms.images = np.where(mask[:, None], 0, state.atoms.images)
-    positions[mask] = handler(state, mask, positions[mask], words, state.spacing(options.get("units", "lattice")))
+    positions[mask] = handler(state, mask, positions[mask], words, state.spacing(options["units"]))
     inside, shifts = box.settle(positions)
     lost = ~box.holds(inside) if not all(box.periodic) else np.zeros(len(inside), dtype=bool)
     if lost.any():
@@ -95,9 +98,9 @@ _STYLES: dict[str, tuple[int, Callable[[DeckState, np.ndarray, np.ndarray, list[
 
 
 # -- replicate ----------------------------------------------------------------------------------------------------------------
+@command("replicate nx ny nz", 3)
 def replicate(state: DeckState, args: list[str]) -> None:
     """``replicate nx ny nz``: the box and its beads side by side; copies belong to the groups of their beads."""
-    read.count(args, "replicate nx ny nz", 3)
     counts = np.array([read.integer(word, "a number of copies", 1) for word in args])
     box, atoms = state.require_box("replicate"), state.atoms
     if any(compute.style == "msd" for compute in state.computes.values()):
@@ -134,4 +137,129 @@ def _copied(terms: np.ndarray, most: int, copies: int) -> np.ndarray:
     return found
 
 
-COMMANDS = by_name(displace_atoms, replicate)
+@command("velocity group style values ...", 3, None, box=True)
+def velocity(state: DeckState, args: list[str]) -> None:
+    """``velocity group create|set|scale|ramp|zero values ...``."""
+    if not len(state.atoms):
+        raise ParameterError("velocity needs beads; create or read them before")
+    mask, style = state.group(args[0]), args[1]
+    size, handler = read.style(_VELOCITY_STYLES, "velocity", style)
+    words, rest = read.taken(args[2:], size, f"velocity {style}")
+    switches = {"sum": "no", "mom": "yes", "rot": "no"}
+    options = read.single(
+        rest, f"velocity {style}", dist="uniform", **switches, loop="all", units="lattice", temp="", bias="no", rigid="NULL"
+    )
+    if options["rigid"] != "NULL" or read.switch(options["bias"], "bias"):
+        raise ParameterError("the options rigid and bias of velocity are not supported")
+    handler(state, args[0], mask, words, options)
+
+
+def _rescale(state: DeckState, group: str, mask: np.ndarray, target: float, options: dict[str, str]) -> None:
+    # of the group, or of the compute that the option names
+    compute = state.temperature_compute(options["temp"]) if options["temp"] else Compute("", group, "temp", settings=Temperature())
+    # of the beads as they are now: nothing has been measured of them
+    current = Resolver(state).temperature(replace(compute, name="velocity"))
+    if current <= 0:
+        raise ParameterError(f"the velocities of group {group} cannot be scaled to a temperature: it is 0 (too few beads, or all at rest)")
+    state.atoms.velocities[mask] *= np.sqrt(target / current)
+
+
+def _zero_linear(state: DeckState, mask: np.ndarray) -> None:
+    if mask.any():
+        state.atoms.velocities[mask] -= state.mass_average(state.atoms.velocities, mask)
+
+
+def _zero_angular(state: DeckState, mask: np.ndarray) -> None:
+    """Take the rotation about the centre of mass out (positions carried to their images)."""
+    if not mask.any():
+        return
+    atoms = state.atoms
+    x = state.require_box("velocity").unwrap(atoms.positions, atoms.images)
+    atoms.velocities[mask] = without_rotation(x[mask], atoms.velocities[mask], state.bead_masses()[mask])
+
+
+def _create(state: DeckState, group: str, mask: np.ndarray, words: list[str], options: dict[str, str]) -> None:
+    target = read.non_negative(words[0], "the temperature")
+    seed = read.integer(words[1], "the seed", 1)
+    dist = read.choice(options["dist"], "dist", ("uniform", "gaussian"))
+    loop = read.choice(options["loop"], "loop", ("all", "local", "geom"))
+    atoms, masses = state.atoms, state.bead_masses()
+    before = atoms.velocities.copy()
+    drawn = _by_position(atoms.positions, seed) if loop == "geom" else _by_id(atoms.ids, seed)
+    if dist == "gaussian":
+        # polar form of two uniform numbers each
+        drawn = without_last_bits(np.sqrt(-2 * np.log(1 - drawn[:, :3])) * np.cos(2 * np.pi * drawn[:, 3:]), 32)
+    else:
+        drawn = drawn[:, :3] - 0.5
+    atoms.velocities = np.where(mask[:, None], drawn / np.sqrt(masses)[:, None], before)
+    if read.switch(options["mom"], "mom"):
+        _zero_linear(state, mask)
+    if read.switch(options["rot"], "rot"):
+        _zero_angular(state, mask)
+    if target == 0:
+        atoms.velocities[mask] = 0.0
+    else:
+        _rescale(state, group, mask, target, options)
+    if read.switch(options["sum"], "sum"):
+        atoms.velocities[mask] += before[mask]
+
+
+def _by_id(ids: np.ndarray, seed: int) -> np.ndarray:
+    """(N, 6) uniform numbers that depend on the id and the seed only."""
+    if ids.max() > 100 * len(ids) + 1_000_000:
+        raise ParameterError(f"velocity create: {len(ids)} beads have ids up to {ids.max()}, with a number drawn for each; use 'loop geom'")
+    drawn = np.random.default_rng(seed).random((int(ids.max()), 6))
+    return drawn[ids - 1]
+
+
+def _by_position(positions: np.ndarray, seed: int) -> np.ndarray:
+    """(N, 6) uniform numbers that depend on the coordinates and the seed only, not on the ids."""
+    word = np.full(len(positions), np.uint64(seed))
+    for axis in range(3):
+        # adding 0.0 makes -0.0 and 0.0 the same bits
+        word = mix(word ^ (positions[:, axis] + 0.0).view(np.uint64))
+    steps = np.arange(1, 7, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+    # 53 bits, so that 1 is never reached
+    return (mix(word[:, None] + steps) >> np.uint64(11)).astype(np.float64) / 2.0**53
+
+
+def _set(state: DeckState, group: str, mask: np.ndarray, words: list[str], options: dict[str, str]) -> None:
+    scale, add = state.spacing(options["units"]), read.switch(options["sum"], "sum")
+    velocities = state.atoms.velocities.copy()
+    for axis, word in enumerate(words):
+        if word == "NULL":
+            continue
+        if word.startswith("v_"):
+            # as in LAMMPS it sees the velocities of before, whatever the axis, and its values have no lattice units
+            value = values_of_variable(state, word, "velocity set")[mask]
+        else:
+            value = read.number(word, f"the velocity along {'xyz'[axis]}") * scale[axis]
+        velocities[mask, axis] = value + (velocities[mask, axis] if add else 0.0)
+    state.atoms.velocities = velocities
+
+
+def _scale(state: DeckState, group: str, mask: np.ndarray, words: list[str], options: dict[str, str]) -> None:
+    _rescale(state, group, mask, read.non_negative(words[0], "the temperature"), options)
+
+
+def _velocity_ramp(state: DeckState, group: str, mask: np.ndarray, words: list[str], options: dict[str, str]) -> None:
+    spacing = state.spacing(options["units"])
+    axis, values = read.ramp(words, ("vx", "vy", "vz"), state.atoms.positions[mask], spacing)
+    add = read.switch(options["sum"], "sum")
+    state.atoms.velocities[mask, axis] = values + (state.atoms.velocities[mask, axis] if add else 0.0)
+
+
+def _zero(state: DeckState, group: str, mask: np.ndarray, words: list[str], options: dict[str, str]) -> None:
+    read.choice(words[0], "what velocity zero removes", ("linear", "angular"))
+    if not mask.any():
+        raise ParameterError(f"velocity zero: group {group} has no beads")
+    (_zero_linear if words[0] == "linear" else _zero_angular)(state, mask)
+
+
+_VELOCITY_STYLES: dict[str, tuple[int, Callable[[DeckState, str, np.ndarray, list[str], dict[str, str]], None]]] = {
+    "create": (2, _create),
+    "set": (3, _set),
+    "scale": (1, _scale),
+    "ramp": (6, _velocity_ramp),
+    "zero": (1, _zero),
+}

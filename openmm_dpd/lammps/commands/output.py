@@ -13,7 +13,7 @@ from ..state.deck_state import DeckState
 from ..state.records import Compute, ThermoSettings
 from ..values.computes import BUILT_IN, COMPUTES, check_bead_word, expanded
 from ..values.resolver import present
-from .setup import by_name
+from .setup import command
 
 
 def expand(state: DeckState, text: str) -> str:
@@ -22,15 +22,14 @@ def expand(state: DeckState, text: str) -> str:
 
 
 # -- thermo -----------------------------------------------------------------------------------------------------------------
+@command("thermo N", 1)
 def thermo(state: DeckState, args: list[str]) -> None:
-    """``thermo N``."""
-    read.count(args, "thermo N", 1)
     state.thermo.every = read.integer(args[0], "the interval of thermo output", 0)
 
 
+@command("thermo_style style ...", 1, None)
 def thermo_style(state: DeckState, args: list[str]) -> None:
     """``thermo_style one|multi|yaml|custom words ...``; resets what thermo_modify has set, as in LAMMPS."""
-    read.count(args, "thermo_style style ...", 1, None)
     style = read.choice(args[0], "the thermo style", [*THERMO_STYLES, "custom"])
     words = list(expanded(state, args[1:]) if style == "custom" else THERMO_STYLES[style])
     if style == "custom":
@@ -40,9 +39,9 @@ def thermo_style(state: DeckState, args: list[str]) -> None:
     state.thermo = ThermoSettings(words, state.thermo.every, layout=style if style in ("multi", "yaml") else "one")
 
 
+@command("thermo_modify keyword value ...", 2, None)
 def thermo_modify(state: DeckState, args: list[str]) -> None:
     """``thermo_modify norm|temp|press|format|line|colname|flush|lost ... value``."""
-    read.count(args, "thermo_modify keyword value ...", 2, None)
     settings = state.thermo
     for keyword, values in read.options(args, _THERMO_OPTIONS, "thermo_modify", alone={"format": "none", "colname": "default"}):
         word = values[0]
@@ -87,9 +86,8 @@ _THERMO_OPTIONS = {
 
 
 # -- computes ---------------------------------------------------------------------------------------------------------------
+@command("compute ID group style ...", 3, None)
 def compute(state: DeckState, args: list[str]) -> None:
-    """``compute ID group style ...``."""
-    read.count(args, "compute ID group style ...", 3, None)
     name, group, style, *words = args
     state.require_box("compute")
     state.group(group)
@@ -100,9 +98,9 @@ def compute(state: DeckState, args: list[str]) -> None:
     state.computes[name] = Compute(name, group, style, tuple(words), spec.prepare(state, group, words))
 
 
+@command("compute_modify ID keyword value ...", 3, None)
 def compute_modify(state: DeckState, args: list[str]) -> None:
     """``compute_modify ID keyword value ...``: degrees of freedom of a temperature."""
-    read.count(args, "compute_modify ID keyword value ...", 3, None)
     found = state.temperature_compute(args[0])
     for keyword, values in read.options(args[1:], {"extra/dof": 1, "dynamic/dof": 1}, "compute_modify"):
         if keyword == "extra/dof":
@@ -115,18 +113,17 @@ def compute_modify(state: DeckState, args: list[str]) -> None:
         state.computes[found.name] = found
 
 
+@command("uncompute ID", 1)
 def uncompute(state: DeckState, args: list[str]) -> None:
-    """``uncompute ID``."""
-    read.count(args, "uncompute ID", 1)
     read.known(state.computes, args[0], "compute")
     state.pressure_temps.pop(args[0], None)
     del state.computes[args[0]]
 
 
 # -- dumps ------------------------------------------------------------------------------------------------------------------
+@command("dump ID group style N file ...", 5, None)
 def dump(state: DeckState, args: list[str]) -> None:
     """``dump ID group atom|custom|dcd|xtc|xyz N file [columns ...]``."""
-    read.count(args, "dump ID group style N file ...", 5, None)
     name, group, style, interval, file, *words = args
     if name in state.dumps:
         raise ParameterError(f"there is a dump {name} already; undump it first")
@@ -135,9 +132,9 @@ def dump(state: DeckState, args: list[str]) -> None:
         found.begin(state)
 
 
+@command("write_dump group style file ...", 3, None)
 def write_dump(state: DeckState, args: list[str]) -> None:
     """``write_dump group style file [columns ...] [modify keyword value ...]``: one frame of the beads as they are."""
-    read.count(args, "write_dump group style file ...", 3, None)
     at = args.index("modify") if "modify" in args else len(args)
     group, style, file, *words = args[:at]
     found = _new_dump(state, "write_dump", group, style, max(state.step, 1), file, words)
@@ -169,16 +166,14 @@ def _new_dump(state: DeckState, name: str, group: str, style: str, every: int, f
     return Dump(name, group, style, every, file, columns)
 
 
+@command("undump ID", 1)
 def undump(state: DeckState, args: list[str]) -> None:
-    """``undump ID``."""
-    read.count(args, "undump ID", 1)
     read.known(state.dumps, args[0], "dump").close()
     del state.dumps[args[0]]
 
 
+@command("dump_modify ID keyword value ...", 2, None)
 def dump_modify(state: DeckState, args: list[str]) -> None:
-    """``dump_modify ID keyword value ...``."""
-    read.count(args, "dump_modify ID keyword value ...", 2, None)
     _modify_dump(state, read.known(state.dumps, args[0], "dump"), args[1:])
 
 
@@ -247,9 +242,9 @@ def _atom_columns(found: Dump, keyword: str, value: bool) -> None:
         found.columns = (*found.columns[:5], *(("ix", "iy", "iz") if value else ()))
 
 
+@command("write_data file ...", 1, None)
 def write_data(state: DeckState, args: list[str]) -> None:
     """``write_data file [pair ii|ij] [nocoeff] [nofix]``."""
-    read.count(args, "write_data file ...", 1, None)
     pair: str | None = "ii"
     for keyword, values in read.options(args[1:], {"pair": 1, "nocoeff": 0, "nofix": 0, "nolabelmap": 0}, "write_data"):
         if keyword == "pair":
@@ -261,15 +256,16 @@ def write_data(state: DeckState, args: list[str]) -> None:
 
 
 # -- variables and text -----------------------------------------------------------------------------------------------------
+@command("variable", 0, None)
 def variable(state: DeckState, args: list[str]) -> None:
     """``variable name equal|string|index|loop|delete value``."""
     assert state.here is not None
     state.variables.define(args, state.here, lambda text: expand(state, text))
 
 
+@command("print text ...", 1, None)
 def print_(state: DeckState, args: list[str]) -> None:
     """``print text [file|append name] [screen yes|no]``."""
-    read.count(args, "print text ...", 1, None)
     text, show = expand(state, args[0]), True
     for keyword, values in read.options(args[1:], {"file": 1, "append": 1, "screen": 1, "universe": 1}, "print"):
         if keyword in ("file", "append"):
@@ -278,20 +274,3 @@ def print_(state: DeckState, args: list[str]) -> None:
             show = read.switch(values[0], "screen")
     if show:
         state.log(text)
-
-
-COMMANDS = by_name(
-    thermo,
-    thermo_style,
-    thermo_modify,
-    compute,
-    compute_modify,
-    uncompute,
-    dump,
-    undump,
-    dump_modify,
-    write_dump,
-    write_data,
-    variable,
-    print_,
-)

@@ -1,4 +1,4 @@
-"""Commands about interactions: pair_style, pair_coeff, pair_modify, special_bonds."""
+"""Commands about interactions: pair_*, special_bonds, and the sum over charges: kspace_style, kspace_modify, dielectric."""
 
 from dataclasses import replace
 
@@ -7,16 +7,17 @@ from ..files.table_file import MODES
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.pair_setup import Coefficient, PairSetup, PairStyle
-from ..styles.lennard_jones import MIXING
+from ..state.records import KspaceSetup
 from ..styles.pair_styles import PAIR_STYLES
-from .setup import by_name, remembered
+from ..styles.radial import MIXING
+from .setup import command
 
 HYBRID = ("hybrid", "hybrid/overlay")
 
 
+@command("pair_style style args ...", 1, None, remembered=True)
 def pair_style(state: DeckState, args: list[str]) -> None:
     """``pair_style style args ...``; ``hybrid`` and ``hybrid/overlay`` take several styles with their arguments."""
-    read.count(args, "pair_style style args ...", 1, None)
     name, words = args[0], args[1:]
     if name == "none":
         read.count(words, "pair_style none", 0)
@@ -75,10 +76,9 @@ def _style(state: DeckState, name: str, words: list[str]) -> PairStyle:
     return style
 
 
+@command("pair_coeff i j values ...", 2, None, box=True, remembered=True)
 def pair_coeff(state: DeckState, args: list[str]) -> None:
     """``pair_coeff i j [style [n]] values ...``, or ``pair_coeff i j none``."""
-    read.count(args, "pair_coeff i j values ...", 2, None)
-    state.require_box("pair_coeff")
     setup = state.pair
     if setup.mode == "none":
         raise ParameterError("pair_coeff needs a pair_style before it")
@@ -128,6 +128,7 @@ def _chosen(setup: PairSetup, words: list[str]) -> tuple[PairStyle, list[str]]:
     return same[number - 1], words[2:]
 
 
+@command("pair_modify", 0, None, remembered=True)
 def pair_modify(state: DeckState, args: list[str]) -> None:
     """``pair_modify [pair style] mix|shift|tail|... value``."""
     if state.pair.mode == "none":
@@ -162,9 +163,9 @@ _SPECIAL_PRESETS = {
 }
 
 
+@command("special_bonds keyword values ...", 1, None, remembered=True)
 def special_bonds(state: DeckState, args: list[str]) -> None:
     """``special_bonds lj/coul|lj|coul f2 f3 f4``, or a preset; keywords that are left out go back to their defaults."""
-    read.count(args, "special_bonds keyword values ...", 1, None)
     factors = charges = (0.0, 0.0, 0.0)
     sizes = {"lj": 3, "coul": 3, "lj/coul": 3, "angle": 1, "dihedral": 1, **dict.fromkeys(_SPECIAL_PRESETS, 0)}
     for keyword, values in read.options(args, sizes, "special_bonds"):
@@ -181,4 +182,57 @@ def special_bonds(state: DeckState, args: list[str]) -> None:
     state.special, state.special_charges = factors, charges
 
 
-COMMANDS = remembered(by_name(pair_style, pair_coeff, pair_modify, special_bonds))
+#: Styles of kspace_style: all of them mean OpenMM's PME here.
+KSPACE_STYLES = ("ewald", "pppm", "pppm/cg")
+
+#: Keywords of kspace_modify that say how LAMMPS computes the sum, and their numbers of values.
+_MANNERS = dict.fromkeys("collective diff fftbench minorder mix/disp order overlap pressure/scalar cutoff/adjust".split(), 1)
+_MANNERS["kmax/ewald"] = 3
+
+
+@command("kspace_style style accuracy", 1, 2, remembered=True)
+def kspace_style(state: DeckState, args: list[str]) -> None:
+    """``kspace_style ewald|pppm accuracy``, or ``none``: the lattice sum is OpenMM's PME, to that accuracy."""
+    if args[0] == "none":
+        read.count(args, "kspace_style none", 1)
+        state.kspace = None
+        return
+    read.choice(args[0], "the style of kspace_style", ("none", *KSPACE_STYLES))
+    read.count(args, f"kspace_style {args[0]} accuracy", 2)
+    accuracy = read.positive(args[1], "the accuracy of kspace_style")
+    if not 1e-10 <= accuracy <= 0.1:
+        raise ParameterError(f"the accuracy of kspace_style must be between 1e-10 and 0.1, not {args[1]}")
+    old = state.kspace or KspaceSetup()
+    state.kspace = replace(old, accuracy=accuracy, where=state.here)
+
+
+@command("kspace_modify", 0, None, remembered=True)
+def kspace_modify(state: DeckState, args: list[str]) -> None:
+    """``kspace_modify gewald|mesh ...``; what would change the sum (``slab``, ``compute no``, ...) is an error."""
+    if state.kspace is None:
+        raise ParameterError("kspace_modify needs a kspace_style before it")
+    sizes = {"gewald": 1, "mesh": 3, "compute": 1, "slab": 1, "force": 1, **_MANNERS}
+    for keyword, values in read.options(args, sizes, "kspace_modify"):
+        if keyword == "gewald":
+            g = read.non_negative(values[0], "gewald")
+            state.kspace = replace(state.kspace, gewald=g / state.units.length if g else None)
+        elif keyword == "mesh":
+            mesh = tuple(read.integer(word, "the mesh", 0) for word in values)
+            if any(mesh) and min(mesh) < 6:
+                raise ParameterError(f"kspace_modify mesh needs at least 6 points along each axis, not {' '.join(values)}")
+            state.kspace = replace(state.kspace, mesh=mesh if any(mesh) else None)
+        elif keyword == "compute":
+            if not read.switch(values[0], "compute"):
+                raise ParameterError("kspace_modify compute no is not supported: the real-space part alone is no physical interaction")
+        elif keyword == "slab":
+            raise ParameterError("kspace_modify slab is not supported: charges repeat in all three dimensions here")
+        elif keyword == "force":
+            raise ParameterError("kspace_modify force is not supported: the accuracy here is relative, that of kspace_style")
+        else:
+            state.note(f"kspace_modify {keyword} has no meaning here and is ignored: the sum is OpenMM's PME")
+
+
+@command("dielectric value", 1, remembered=True)
+def dielectric(state: DeckState, args: list[str]) -> None:
+    """``dielectric value``: the Coulomb constant of the unit style is divided by it."""
+    state.dielectric = read.positive(args[0], "the dielectric constant")

@@ -1,6 +1,7 @@
-"""Commands that come before the beads: units, dimension, boundary, atom_style, and what has no meaning here."""
+"""The table of commands, and those that come before the beads: units, dimension, boundary, atom_style, and what has no meaning here."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -8,70 +9,77 @@ from ...errors import ParameterError
 from ...units import UNIT_SYSTEMS
 from ..files.atom_styles import ATOM_STYLES
 from ..language import arguments as read
-from ..language.instead import INSTEAD
+from ..language.arguments import INSTEAD
 from ..state.deck_state import DeckState
-from ..state.minimization import MIN_STYLES, NORMS
+from ..state.records import MIN_STYLES, NORMS
 
-Handler = Callable[[DeckState, list[str]], None]
+Handler = Callable[[Any, list[str]], None]
 
-#: From (state, group, words) to the parameters of a fix.
-FixReader = Callable[[DeckState, str, list[str]], dict]
+#: Every command of a deck: from the state and the words after its name.  Another command is another function with :func:`command`.
+COMMANDS: dict[str, Handler] = {}
 
-
-def by_name(*handlers: Handler) -> dict[str, Handler]:
-    """A table of commands by the names of the functions; those that mean something else in Python end with an underscore."""
-    return {handler.__name__.rstrip("_"): handler for handler in handlers}
+#: Those about interactions, which ``DeckState.setup`` remembers once they are carried out; restart files repeat them.
+REMEMBERED: dict[str, Handler] = {}
 
 
-def remembered(table: dict[str, Handler]) -> dict[str, Handler]:
-    """The same commands, which are remembered in ``DeckState.setup`` once they are carried out."""
+def command(
+    usage: str, least: int, most: int | None = -1, *, box: bool | None = None, remembered: bool = False
+) -> Callable[[Handler], Handler]:
+    """Enter a function as the command that ``usage`` begins with, which takes so many words (see :func:`read.count`).
 
-    def remembering(name: str, handler: Handler) -> Handler:
+    ``box`` says whether there must be a simulation box, or must not be one yet.
+    """
+    name = usage.split()[0]
+
+    def enter(handler: Handler) -> Handler:
         def carry_out(state: DeckState, args: list[str]) -> None:
+            read.count(args, usage, least, most)
+            if box is not None:
+                (state.require_box if box else state.refuse_box)(name)
             words = list(args)
             handler(state, args)
-            state.setup.append((name, words))
+            if remembered:
+                state.setup.append((name, words))
 
-        return carry_out
+        COMMANDS[name] = carry_out
+        if remembered:
+            REMEMBERED[name] = carry_out
+        return handler
 
-    return {name: remembering(name, handler) for name, handler in table.items()}
+    return enter
 
 
 #: Atom styles whose models are written in reduced units.
 REDUCED = ("edpd", "tdpd", "mdpd")
 
 
+@command("units style", 1, box=False)
 def units(state: DeckState, args: list[str]) -> None:
     """``units lj|real|metal``."""
-    read.count(args, "units style", 1)
-    state.refuse_box("units")
     if state.atom_style in REDUCED and args[0] != "lj":
         raise ParameterError(f"atom_style {state.atom_style} needs units lj, not units {args[0]}")
     state.units = UNIT_SYSTEMS[read.choice(args[0], "units", list(UNIT_SYSTEMS))]
     state.timestep = state.units.timestep * state.units.time
 
 
+@command("dimension 3", 1)
 def dimension(state: DeckState, args: list[str]) -> None:
-    """``dimension 3``."""
-    read.count(args, "dimension 3", 1)
     if args[0] != "3":
         raise ParameterError(f"only three dimensions are supported, not dimension {args[0]}: {INSTEAD['dimension 2']}")
 
 
+@command("boundary p p p", 3, box=False)
 def boundary(state: DeckState, args: list[str]) -> None:
     """``boundary p p p``, with f for axes that walls close (see :mod:`openmm_dpd.lammps.scene.flow`)."""
-    read.count(args, "boundary p p p", 3)
-    state.refuse_box("boundary")
     if any(word not in ("p", "pp", "f", "ff") for word in args):
         raise ParameterError(f"boundaries are periodic (p) or, behind fix wall/reflect, fixed (f), not '{' '.join(args)}'")
     x, y, z = (word in ("p", "pp") for word in args)
     state.periodic = x, y, z
 
 
+@command("atom_style style", 1, None, box=False)
 def atom_style(state: DeckState, args: list[str]) -> None:
     """``atom_style style``, or ``atom_style tdpd N`` with the number of species."""
-    read.count(args, "atom_style style", 1, None)
-    state.refuse_box("atom_style")
     style = read.choice(args[0], "the atom style", list(ATOM_STYLES))
     read.count(args, f"atom_style {style}{' N' * (style == 'tdpd')}", 1 + (style == "tdpd"))
     if style in REDUCED and state.units.name != "lj":
@@ -81,6 +89,7 @@ def atom_style(state: DeckState, args: list[str]) -> None:
     state.atoms.concentrations = np.zeros((0, state.n_species))
 
 
+@command("neigh_modify", 0, None)
 def neigh_modify(state: DeckState, args: list[str]) -> None:
     """``neigh_modify``: lists are managed elsewhere, but ``exclude`` would change the forces."""
     if "exclude" in args:
@@ -88,12 +97,14 @@ def neigh_modify(state: DeckState, args: list[str]) -> None:
     _ignored("neigh_modify")(state, args)
 
 
+@command("run_style", 0, None)
 def run_style(state: DeckState, args: list[str]) -> None:
     """``run_style verlet``."""
     if args != ["verlet"]:
         raise ParameterError(f"only run_style verlet is supported, not '{' '.join(args)}'")
 
 
+@command("atom_modify", 0, None)
 def atom_modify(state: DeckState, args: list[str]) -> None:
     """``atom_modify``: how beads are stored."""
     for word, values in read.options(args, {"map": 1, "sort": 2, "id": 1, "first": 1}, "atom_modify"):
@@ -104,9 +115,9 @@ def atom_modify(state: DeckState, args: list[str]) -> None:
     _ignored("atom_modify")(state, args)
 
 
+@command("min_style style", 1, None)
 def min_style(state: DeckState, args: list[str]) -> None:
     """``min_style style``: there is one minimiser."""
-    read.count(args, "min_style style", 1, None)
     state.min_style = read.choice(args[0], "the style of min_style", MIN_STYLES)
     state.note(f"min_style {' '.join(args)}: one minimiser (L-BFGS) goes down for all styles")
 
@@ -116,6 +127,7 @@ _MIN_OPTIONS = (
 ).split()
 
 
+@command("min_modify", 0, None)
 def min_modify(state: DeckState, args: list[str]) -> None:
     """``min_modify norm two|max|inf``; what is about steps of LAMMPS's minimisers has no meaning."""
     for keyword, values in read.options(args, dict.fromkeys(_MIN_OPTIONS, 1), "min_modify"):
@@ -135,5 +147,4 @@ def _ignored(command: str) -> Handler:
 #: Commands about how LAMMPS organises its work: read, said once, ignored.
 IGNORED = tuple("comm_modify comm_style echo info log neighbor newton package processors suffix timer".split())
 
-COMMANDS = by_name(units, dimension, boundary, atom_style, atom_modify, neigh_modify, min_style, min_modify, run_style)
 COMMANDS |= {name: _ignored(name) for name in IGNORED}

@@ -13,10 +13,7 @@ from ...model.scene import Scene
 from ...plan import Plan
 from ...schemes import scheme_of
 from ..run.options import RunOptions, first_request
-from ..run.request import RunRequest
-from ..styles.writing import Differences
-from .export_job import Job, make_job
-from .export_text import DUMP, FINAL, export_texts
+from .export_job import DUMP, FINAL, Job, export_texts, make_job
 
 
 @dataclass(frozen=True)
@@ -165,16 +162,12 @@ def export_deck(
         corner,
         request.state.atoms.images,
     )
-    _say_of_deck(request, job.differences)
-    return _write(job, Path(directory))
-
-
-def _say_of_deck(request: RunRequest, differences: Differences) -> None:
     if request.barostat is not None:
         raise ParameterError("fix nph of the deck is not exported; LAMMPS reads the deck itself, or export a deck without it")
     if not np.array_equal(request.state.atoms.ids, np.arange(1, len(request.state.atoms) + 1)):
-        differences.remark("ids are counted from 1 without gaps, in the order of the ids of the deck")
-    differences.remark(f"this is the first run of {request.state.path.name} only")
+        job.differences.remark("ids are counted from 1 without gaps, in the order of the ids of the deck")
+    job.differences.remark(f"this is the first run of {request.state.path.name} only")
+    return _write(job, Path(directory))
 
 
 def _write(job: Job, directory: Path) -> LammpsExport:

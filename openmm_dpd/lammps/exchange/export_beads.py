@@ -29,24 +29,12 @@ _MOST_TYPES = 2000
 
 @dataclass(frozen=True, eq=False)
 class BeadTypes:
-    """LAMMPS's atom types: one for each bead type of the scene, or several where masses differ.
+    """LAMMPS's atom types: one for each bead type of the scene, or several where masses differ."""
 
-    Attributes
-    ----------
-    of_bead : (N,) array of int
-        Type of each bead, counted from 1.
-    names : tuple of str
-        The scene's type of each.
-    masses : tuple of float
-        Da.
-    frozen : tuple of bool
-        Whether its beads never move (only told apart where that matters).
-    """
-
-    of_bead: np.ndarray
-    names: tuple[str, ...]
-    masses: tuple[float, ...]
-    frozen: tuple[bool, ...]
+    of_bead: np.ndarray  #: (N,) type of each bead, counted from 1
+    names: tuple[str, ...]  #: The scene's type of each
+    masses: tuple[float, ...]  #: Da
+    frozen: tuple[bool, ...]  #: Whether its beads never move (only told apart where that matters)
 
     def __len__(self) -> int:
         return len(self.names)
@@ -58,18 +46,9 @@ class BeadTypes:
 
 
 def lammps_types(scene: Scene, apart: bool = False) -> BeadTypes:
-    """Atom types of a scene.
+    """Atom types of a scene; with ``apart`` beads that never move have types of their own, with a mass that nothing can move.
 
-    Parameters
-    ----------
-    scene : Scene
-    apart : bool
-        Give beads that never move types of their own, with a mass that nothing can move.
-
-    Raises
-    ------
-    ParameterError
-        If there are more different masses than LAMMPS's tables of type pairs have room for.
+    ParameterError if there are more different masses than LAMMPS's tables of type pairs have room for.
     """
     frozen = np.zeros(scene.n_beads, bool) if scene.mobile is None or not apart else ~scene.mobile
     of_bead = np.zeros(scene.n_beads, dtype=np.int64)
@@ -106,14 +85,7 @@ def unused_type(scene: Scene) -> str | None:
 
 
 def atom_styles(scene: Scene, mdpd: bool = False) -> tuple[str, ...]:
-    """Atom style of a scene: one name, or several that go behind ``hybrid``.
-
-    Parameters
-    ----------
-    scene : Scene
-    mdpd : bool
-        Whether ``fix mvv/dpd`` will be used, whose beads need atom_style mdpd.
-    """
+    """Atom style of a scene: one name, or several that go behind ``hybrid``; ``mdpd`` for ``fix mvv/dpd``, whose beads need that style."""
     own = {InternalEnergy: "dpd", BeadTemperatures: "edpd", Concentrations: "tdpd"}.get(type(scene.internal))
     if own is None and (mdpd or any(kind_for(table.kind).has_densities for table in scene.tables if table.kind is not None)):
         own = "mdpd"

@@ -20,6 +20,7 @@ from ...model.tdpd import TDPD
 from ...model.temperature import TemperatureRamp
 from ...schemes import scheme_of
 from ...units import UnitSystem
+from ..language.lexer import closing_parenthesis
 from ..styles.writing import Differences, exact, group_lines
 from .export_beads import BeadTypes, longest_cutoff
 
@@ -182,10 +183,7 @@ def _fits(scene: Scene, given, corner: np.ndarray) -> bool:
 def flow_lines(scene: Scene, units: UnitSystem, corner: np.ndarray) -> Iterator[str]:
     """Beads that only body forces act on (fix setforce), body forces (fix addforce) and walls (fix wall/reflect).
 
-    Raises
-    ------
-    ParameterError
-        For what LAMMPS has no fix for: walls with bounce-back, formulas in other units than lj ...
+    ParameterError for what LAMMPS has no fix for: walls with bounce-back, formulas in other units than lj ...
     """
     if scene.interacting is not None:
         for k, row in enumerate(np.unique(scene.interacting[~scene.interacting.all(axis=1)], axis=0), start=1):
@@ -266,9 +264,6 @@ def _formula_lines(scene: Scene, term: PositionForce, units: UnitSystem, corner:
 def _without_steps(formula: str) -> str:
     """step(...) as the comparison ((...)>=0.0), which is 1 or 0 for LAMMPS."""
     while match := re.search(r"\bstep\s*\(", formula):
-        depth, end = 1, match.end()
-        while depth and end < len(formula):
-            depth += {"(": 1, ")": -1}.get(formula[end], 0)
-            end += 1
+        end = closing_parenthesis(formula, match.end() - 1)
         formula = f"{formula[: match.start()]}(({formula[match.end() : end - 1]})>=0.0){formula[end:]}"
     return formula

@@ -1,21 +1,30 @@
-"""Choices of an export, checked."""
+"""Choices of an export, checked, and the text of its deck, command by command."""
 
 import re
+from collections.abc import Iterator
 from dataclasses import MISSING, dataclass, fields
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...build import initial_velocities
 from ...choices import checked_seed
 from ...errors import ParameterError
-from ...model.flow import PositionForce, gaps
-from ...model.internal import InternalEnergy
+from ...model.flow import AXES, PositionForce, gaps
+from ...model.internal import BeadTemperatures, Concentrations, InternalEnergy
 from ...model.scene import Scene
+from ...model.temperature import TemperatureRamp
 from ...schemes import scheme_of
-from ...units import UnitSystem, to_md, unit_system, whole_number
-from ..styles.writing import Differences
-from .export_beads import BeadTypes, Bonded, atom_styles, lammps_types, longest_cutoff, species_of
-from .export_bonded import bonded_types, longest_bond
-from .export_fixes import Integrator, choose_integrator
+from ...units import LJ, UnitSystem, to_md, unit_system, whole_number
+from ..files.atom_styles import JOINED
+from ..files.data_lines import data_lines
+from ..styles.charges import charge_use
+from ..styles.srp import segment_use
+from ..styles.writing import Differences, PairExport, StyleUse, exact, group_lines
+from .export_beads import BeadTypes, Bonded, atom_style_line, atom_styles, data_file, lammps_box, lammps_types, longest_cutoff, species_of
+from .export_bonded import bonded_types, longest_bond, style_lines
+from .export_fixes import Integrator, choose_integrator, eos_lines, flow_lines, integrator_lines, source_lines
+from .export_pairs import charge_lines, pair_lines, pair_uses, special_line
 
 #: What of a Scene is exported; anything else that a scene holds is an error, never left out.
 _KNOWN = frozenset(
@@ -129,3 +138,171 @@ def _corner(scene: Scene, corner) -> np.ndarray:
             # the box ends in the middle of the solid
             found[axis] = 0.5 * (gap.low + gap.high - gap.period)
     return found
+
+
+#: Names of the files that LAMMPS writes.
+DUMP = "{name}.lammpstrj"
+FINAL = "data.{name}.end"
+
+
+class RunCommand(NamedTuple):
+    """One run command: steps, temperatures at both ends of the ramp (kJ/mol), and its first and last step, if it is one."""
+
+    steps: int
+    start: float
+    stop: float
+    window: tuple[int, int] | None
+
+
+def run_commands(job: Job) -> list[RunCommand]:
+    """The runs that make one run of the scene: a temperature ramp may begin late or end early."""
+    kT, total = job.scene.kT, job.steps
+    if not isinstance(kT, TemperatureRamp):
+        return [RunCommand(total, kT, kT, None)]
+    found = []
+    if kT.first_step > 0:
+        found.append(RunCommand(min(kT.first_step, total), kT.kT_start, kT.kT_start, None))
+    if kT.first_step < total and kT.last_step > 0:
+        steps = min(kT.last_step, total) - max(kT.first_step, 0)
+        found.append(RunCommand(steps, kT.kT_start, kT.kT_end, (kT.first_step, kT.last_step)))
+    if kT.last_step < total:
+        found.append(RunCommand(total - max(kT.last_step, 0), kT.kT_end, kT.kT_end, None))
+    return found or [RunCommand(total, kT.at(0), kT.at(0), None)]
+
+
+def export_texts(job: Job) -> dict[str, str]:
+    """File name -> text, of everything that is written."""
+    scene, units, differences = job.scene, job.units, job.differences
+    export = PairExport(scene, units, job.integrator.shardlow, job.name, differences)
+    uses = pair_uses(export)
+    segments = segment_use(scene, units, job.bonds.rows, len(job.types), differences)
+    places = lammps_box(scene, job.corner, differences, job.images)
+    eos, eos_table = eos_lines(scene, job.types, units, f"eos.{job.name}", differences)
+    velocities, extra = initial_velocities(scene, job.seed), int(segments is not None)
+    data = data_file(scene, units, job.types, places, velocities, (job.bonds, job.angles, job.dihedrals), extra)
+    remarks = dict(enumerate([*job.types.names, *["places of bonds"] * extra], start=1))
+    title = f"{job.name}, written by openmm-dpd, units = {units.name}"
+    lines = data_lines(data, title, job.styles, job.n_species, remarks=remarks)
+    charges = charge_use(scene, units, list(dict.fromkeys(job.types.names)), differences)
+    uses += [use for use in (charges, segments) if use is not None]
+    # made before the header, which lists what came up
+    body = [*_setup(job, uses), *_runs(job, uses, eos)]
+    texts = {f"in.{job.name}": [*_header(job), *body], f"data.{job.name}": list(lines)} | export.tables
+    if eos_table:
+        texts[f"eos.{job.name}"] = eos_table
+    return {name: "\n".join(lines) + "\n" for name, lines in texts.items()}
+
+
+def _header(job: Job) -> Iterator[str]:
+    yield f"# {job.name}: written by openmm-dpd.  Run it in its own folder, for example: mpirun -np 16 lmp -in in.{job.name}"
+    if job.units is LJ:
+        yield "# Numbers are in nm, Da, ps and kJ/mol with k_B = 1, or in whatever reduced units the scene was written"
+    yield "# atom types: " + ", ".join(f"{k} = {name}" for k, name in enumerate(job.types.names, start=1))
+    for text in job.differences.found:
+        yield f"# DIFFERENT: {text}"
+    for text in job.differences.remarks:
+        yield f"# note: {text}"
+    yield ""
+
+
+def _boundary(job: Job) -> str:
+    if job.scene.box is None:
+        return "boundary s s s"
+    words = ["p", "p", "p"]
+    longest = longest_cutoff(job.scene)
+    for axis, gap in gaps(job.scene.walls, job.scene.box).items():
+        words[axis] = "f"
+        solid = gap.period - (gap.high - gap.low) if gap.period is not None else np.inf
+        if solid < longest * (2 if job.some_stay else 1):
+            job.differences.add(
+                f"along {AXES[axis]} the box of LAMMPS ends in the middle of the solid between the walls, thinner than the range of "
+                "the forces: what reaches through it is lost"
+            )
+    return f"boundary {' '.join(words)}"
+
+
+def _setup(job: Job, uses: list[StyleUse]) -> Iterator[str]:
+    scene, length = job.scene, job.units.length
+    yield from (f"units {job.units.name}", _boundary(job), atom_style_line(job.styles, job.n_species))
+    reach, bond = max([use.cutoff for use in uses], default=0.0) + job.skin, longest_bond(scene)
+    if scene.segments is not None:
+        reach += 1.1 * bond
+    ghosts = max(reach, 1.5 * bond + job.skin) if len(scene.bond_pairs) or not uses else 0.0
+    yield "comm_modify vel yes" + (f" cutoff {exact(ghosts / length)}" if ghosts else "")
+    yield f"neighbor {exact(job.skin / length)} bin"
+    yield "neigh_modify every 1 delay 0 check yes"
+    if len(scene.bond_pairs):
+        yield special_line(scene)
+    yield f"read_data data.{job.name}"
+    for what in JOINED:
+        yield from style_lines(what, getattr(job, f"{what}s"))
+    yield f"timestep {exact(job.dt / job.units.time)}"
+
+
+def _runs(job: Job, uses: list[StyleUse], eos: list[str]) -> Iterator[str]:
+    """Pair styles, fixes, output and runs."""
+    unit = job.units.thermal_energy
+    # ramps are counted from the first step, and LAMMPS has no steps below 0
+    first = max(0, -min((command.window[0] for command in run_commands(job) if command.window), default=0))
+    for k, command in enumerate(run_commands(job)):
+        yield ""
+        if k == 0:
+            yield from charge_lines(job.scene, job.units, job.images is not None)
+        yield from pair_lines(uses, job.types, command.start / unit, command.stop / unit, job.seed + 1000 * k)
+        if k == 0:
+            yield ""
+            yield from _fixes(job, eos)
+            yield ""
+            yield from _output(job, first)
+        window = "" if command.window is None else f" start {command.window[0] + first} stop {command.window[1] + first}"
+        yield f"run {command.steps}{window}"
+    yield f"write_data {FINAL.format(name=job.name)} nocoeff"
+
+
+def _fixes(job: Job, eos: list[str]) -> Iterator[str]:
+    group = "all"
+    if job.scene.segments is not None:
+        group = "beads"
+        yield f"group beads type 1:{len(job.types)}"
+    if job.some_stay:
+        assert job.scene.mobile is not None
+        group = "mobile"
+        yield from group_lines("mobile", job.scene.mobile) if job.scene.mobile.any() else ["group mobile empty"]
+    yield from integrator_lines(job.scene, job.integrator, group)
+    yield from eos
+    yield from source_lines(job.scene, job.units, job.corner, job.differences)
+    yield from flow_lines(job.scene, job.units, job.corner)
+    if group != "all":
+        yield f"compute moving {group} temp"
+
+
+def _output(job: Job, first: int) -> Iterator[str]:
+    computes, columns = field_columns(job.scene.internal)
+    moving = job.scene.segments is not None or job.some_stay
+    words = "step temp press pe ke etotal vol"
+    if isinstance(job.scene.internal, InternalEnergy):
+        yield f"compute sums {'mobile' if job.some_stay else 'all'} dpd"
+        words += " c_sums[1] c_sums[2] c_sums[4]"
+    if first:
+        yield f"reset_timestep {first}"
+    yield from computes
+    yield f"thermo_style custom {words}"
+    yield "thermo_modify norm no" + (" temp moving" if moving else "")
+    yield f"thermo {job.every}"
+    group = "beads" if job.scene.segments is not None else "all"
+    chosen = " ".join(["id type x y z ix iy iz vx vy vz", *columns])
+    yield f"dump frames {group} custom {job.every} {DUMP.format(name=job.name)} {chosen}"
+    yield "dump_modify frames sort id format float %.17g"
+    yield ""
+
+
+def field_columns(internal: Any) -> tuple[list[str], list[str]]:
+    """Commands and dump columns for the fields of beads."""
+    if isinstance(internal, InternalEnergy):
+        return ["compute internal all dpd/atom"], ["c_internal[1]", "c_internal[2]", "c_internal[4]"]
+    if isinstance(internal, BeadTemperatures):
+        return ["compute temperature all edpd/temp/atom"], ["c_temperature"]
+    if isinstance(internal, Concentrations):
+        species = range(1, internal.n_species + 1)
+        return [f"compute species{k} all tdpd/cc/atom {k}" for k in species], [f"c_species{k}" for k in species]
+    return [], []

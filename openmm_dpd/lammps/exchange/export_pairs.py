@@ -29,13 +29,7 @@ def pair_uses(export: PairExport) -> list[StyleUse]:
 
 
 def pair_lines(uses: list[StyleUse], types: BeadTypes, start: float, stop: float, seed: int) -> Iterator[str]:
-    """The commands pair_style, pair_coeff and pair_modify.
-
-    Parameters
-    ----------
-    start, stop : float
-        Temperatures at the ends of the run, in LAMMPS's units.
-    """
+    """The commands pair_style, pair_coeff and pair_modify; temperatures at the ends of the run in LAMMPS's units."""
     if not uses:
         yield "pair_style none"
         return

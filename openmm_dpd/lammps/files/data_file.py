@@ -35,73 +35,31 @@ _LARGEST = 2**31 - 1
 
 @dataclass
 class DataFile:
-    """Content of a data file, in the deck's units, atoms in the order of the file.
+    """Content of a data file, in the deck's units, atoms in the order of the file."""
 
-    Attributes
-    ----------
-    n_types, n_bond_types, n_angle_types, n_dihedral_types : int
-        Numbers of types.
-    box : Box
-        The box.
-    columns : dict of str to (N,) arrays
-        ``id``, ``type``, and by style ``molecule``, ``charge``, ``theta``, ``rho``, ``temperature``, ``capacity``, ``c1``, ``c2``, ...
-    positions : (N, 3) array
-        As in the file, perhaps outside the box.
-    images : (N, 3) array of int
-        Image flags, 0 where the file has none.
-    velocities : (N, 3) array
-        In the order of the atoms; 0 where the file has none.
-    masses : dict of int to float
-        Masses section.
-    bonds : (B, 3) array of int
-        Type and two ids.
-    angles : (A, 4) array of int
-        Type and three ids.
-    dihedrals : (D, 5) array of int
-        Type and four ids.
-    coefficients : dict of str to list of (line number, words)
-        Lines of the Coeffs sections by section name.
-    hints : dict of str to str
-        What stands behind ``#`` on section lines.
-    """
-
+    #: Numbers of types.
     n_types: int
     box: Box
+    #: ``id``, ``type``, and by style ``molecule``, ``charge``, ``theta``, ``rho``, ``temperature``, ``capacity``, ``c1``, ``c2``, ...
     columns: dict[str, np.ndarray]
-    positions: np.ndarray
-    images: np.ndarray
-    velocities: np.ndarray
+    positions: np.ndarray  #: (N, 3) as in the file, perhaps outside the box
+    images: np.ndarray  #: (N, 3) image flags, 0 where the file has none
+    velocities: np.ndarray  #: (N, 3) in the order of the atoms; 0 where the file has none
     masses: dict[int, float] = field(default_factory=dict)
     n_bond_types: int = 0
-    bonds: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
+    bonds: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))  #: (B, 3) type and two ids
     n_angle_types: int = 0
-    angles: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
+    angles: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))  #: (A, 4) type and three ids
     n_dihedral_types: int = 0
-    dihedrals: np.ndarray = field(default_factory=lambda: np.zeros((0, 5), dtype=np.int64))
-    coefficients: dict[str, list[Row]] = field(default_factory=dict)
-    hints: dict[str, str] = field(default_factory=dict)
+    dihedrals: np.ndarray = field(default_factory=lambda: np.zeros((0, 5), dtype=np.int64))  #: (D, 5) type and four ids
+    coefficients: dict[str, list[Row]] = field(default_factory=dict)  #: Lines of the Coeffs sections by section name
+    hints: dict[str, str] = field(default_factory=dict)  #: What stands behind ``#`` on section lines
 
 
 class DataReader:
-    """The lines of a data file, sorted into header values and sections; each method reads a part.
+    """The lines of a data file, sorted into header values and sections; each method reads a part.  DeckErrors have file and line.
 
-    Parameters
-    ----------
-    path : Path
-    lenient : bool, default False
-        Pass over sections and header lines that are not known.
-
-    Attributes
-    ----------
-    file : TextFile
-    sections : dict of str to (line number, rows)
-    hints : dict of str to str
-        What stands behind ``#`` on section lines.
-
-    Raises
-    ------
-    DeckError
-        From all methods, with file and line.
+    With ``lenient`` sections and header lines that are not known are passed over.
     """
 
     def __init__(self, path: Path, lenient: bool = False):
@@ -109,7 +67,7 @@ class DataReader:
         self.fail = self.file.error
         self.header: dict[tuple[str, ...], list[float]] = {}
         self.sections: dict[str, tuple[int, list[Row]]] = {}
-        self.hints: dict[str, str] = {}
+        self.hints: dict[str, str] = {}  #: What stands behind ``#`` on section lines
         body: list[Row] | None = None
         for number, words in self.file.rows():
             if number == 1:
@@ -289,20 +247,9 @@ class DataReader:
 def read_data_file(path: Path, atom_style: str, n_species: int = 0) -> DataFile:
     """Content of a data file.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    atom_style : str
-        A key of :data:`~openmm_dpd.lammps.files.atom_styles.ATOM_STYLES`; the style hint behind ``Atoms #`` is optional and only reported.
-    n_species : int
-        Number of concentrations of ``atom_style tdpd``.
-
-    Raises
-    ------
-    DeckError
-        With file and line, for unknown sections, wrong counts, values that are not numbers or not finite, ids that appear
-        twice, types out of range.
+    ``atom_style`` is a key of :data:`~openmm_dpd.lammps.files.atom_styles.ATOM_STYLES` (the hint behind ``Atoms #`` is only reported),
+    ``n_species`` the number of concentrations of ``atom_style tdpd``.  DeckError, with file and line, for unknown sections, wrong counts,
+    values that are not numbers or not finite, ids that appear twice, types out of range.
     """
     reader = DataReader(path)
     columns, positions, images = reader.atoms((atom_style,), n_species)

@@ -52,10 +52,7 @@ def restart_bytes(state: DeckState) -> bytes:
 def load_restart(state: DeckState, path: Path) -> list[tuple[str, list[str]]]:
     """Take over what a restart file holds; the commands about interactions are returned.
 
-    Raises
-    ------
-    ParameterError
-        If it is no such file; LAMMPS's own are not.
+    ParameterError if it is no such file; LAMMPS's own are not.
     """
     content = path.read_bytes()
     if content.startswith(_LAMMPS):

@@ -1,4 +1,4 @@
-"""Pair table files: a keyword, a line with ``N``, a blank line and rows ``index r energy force``.
+"""Tables in files: of pairs (keyword, a line with ``N``, rows ``index r energy force``) and equations of state (rows ``index T U``).
 
 How a table is used here: a cubic spline goes through energies and forces at the file's own distances.  The number of points after
 ``pair_style table linear|spline|lookup|bitmap`` is LAMMPS's resolution for its own
@@ -30,13 +30,7 @@ class TableData:
 
 
 def read_table(path: Path, keyword: str) -> TableData:
-    """Section ``keyword`` of a pair table file.
-
-    Raises
-    ------
-    DeckError
-        If the section is missing, incomplete or not numeric.
-    """
+    """Section ``keyword`` of a pair table file; DeckError if the section is missing, incomplete or not numeric."""
     file = TextFile.read(path)
     lines, found, index = list(file.rows()), list[str](), 0
     while index < len(lines):
@@ -94,23 +88,10 @@ def _assemble(file: TextFile, rows: list[Row], parameters: dict, line: int, keyw
 
 
 def tabulated_pair(data: TableData, cutoff: float | None, units: UnitSystem) -> tuple[TabulatedPair, str | None]:
-    """Table as a pair term in MD units, and a remark if its energies had to be replaced.
+    """Table as a pair term in MD units, and a remark if the forces of the file are not the slope of its energies, which are replaced then.
 
-    Parameters
-    ----------
-    data : TableData
-        Values in the deck's units.
-    cutoff : float, optional
-        Range in the deck's unit of length; the end of the table by default.
-    units : UnitSystem
-        The deck's units.
-
-    Returns
-    -------
-    pair : TabulatedPair
-        Evenly spaced; an uneven table (``RSQ``) is resampled with a cubic spline.
-    remark : str or None
-        Says that the forces of the file are not the slope of its energies, if so.
+    ``cutoff`` is in the deck's unit of length; without it the range is that of the table.  The term is evenly spaced: an uneven table
+    (``RSQ``) is resampled with a cubic spline.
     """
     r, energies, forces = data.distances, data.energies, data.forces
     steps = np.diff(r)
@@ -130,3 +111,47 @@ def tabulated_pair(data: TableData, cutoff: float | None, units: UnitSystem) -> 
         energies = energies[-1] + work(r[-1]) - work(r)
         pair = TabulatedPair(r * units.length, energies * units.energy, forces=forces * units.force, cutoff=limit)
         return pair, f"its energies are replaced by the integral of its forces, which move the beads ({error})"
+
+
+def read_eos(path: Path, keyword: str) -> tuple[np.ndarray, np.ndarray]:
+    """Temperatures and internal energies of the section ``keyword``, in the file's units.
+
+    DeckError with file and line: if the section is missing, incomplete or not numeric, or a column does not increase.
+    """
+    file = TextFile.read(path)
+    lines, found, index = list(file.rows()), list[str](), 0
+    while index < len(lines):
+        name, n = lines[index][1][0], _size(file, lines, index)
+        rows = lines[index + 2 : index + 2 + n]
+        if len(rows) < n:
+            raise file.error(f"equation of state {name} announces {n} rows, but has {len(rows)}", lines[index + 1][0])
+        if name == keyword:
+            return _columns(file, rows, keyword)
+        found.append(name)
+        index += 2 + n
+    raise file.error(f"there is no equation of state {keyword} in it; found {', '.join(found) or 'nothing'}")
+
+
+def _size(file: TextFile, lines: list[Row], index: int) -> int:
+    """The number of rows, from the line after the keyword."""
+    number, words = lines[index + 1] if index + 1 < len(lines) else (lines[index][0], [])
+    try:
+        if len(words) != 2 or words[0] != "N" or read.as_integer(words[1]) < 2:
+            raise ValueError
+    except ValueError:
+        keyword = lines[index][1][0]
+        raise file.error(f"expected 'N rows' with at least 2 rows after '{keyword}', not '{' '.join(words)}'", number) from None
+    return int(words[1])
+
+
+def _columns(file: TextFile, rows: list[Row], keyword: str) -> tuple[np.ndarray, np.ndarray]:
+    what = f"equation of state {keyword}"
+    values = np.array([file.numbers(row, row[1][1:], 2, "'index T U'", f"a value of {what}") for row in rows])
+    for k, (number, words) in enumerate(rows):
+        if values[k, 0] <= 0:
+            raise file.error(f"the temperatures of {what} must be > 0, but one is {words[1]}", number)
+        for column, name in enumerate(("temperatures", "energies")):
+            if k and values[k, column] <= values[k - 1, column]:
+                before = rows[k - 1][1][column + 1]
+                raise file.error(f"the {name} of {what} must increase, but {words[column + 1]} follows {before}", number)
+    return values[:, 0], values[:, 1]

@@ -1,15 +1,22 @@
 """Reading the arguments of commands: each helper names the argument and the value it did not like."""
 
 import difflib
+import json
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from importlib.resources import files
 from typing import TypeVar
 
 import numpy as np
 
 from ...errors import ParameterError
-from .instead import INSTEAD
+
+_ROWS = json.loads((files("openmm_dpd") / "data" / "deck_words.json").read_text(encoding="utf-8"))
+
+#: What the refusal says behind a colon.
+INSTEAD: dict[str, str] = {name: row["write"] for row in _ROWS for name in row["instead of"]}
+
 
 T = TypeVar("T")
 
@@ -144,17 +151,7 @@ def ramp(words: Sequence[str], component: Sequence[str], positions: np.ndarray, 
 
 
 def numeric_range(word: str, highest: int, what: str) -> range:
-    """The numbers that ``3``, ``*``, ``2*``, ``*4`` or ``2*4`` stands for.
-
-    Parameters
-    ----------
-    word : str
-        The range.
-    highest : int
-        Largest number there is; the smallest is 1.
-    what : str
-        What is counted ("atom type"), for the message.
-    """
+    """The numbers from 1 to ``highest`` that ``3``, ``*``, ``2*``, ``*4`` or ``2*4`` stands for; ``what`` is counted, for the message."""
     low, star, high = word.partition("*")
     try:
         first = as_integer(low) if low else 1
@@ -177,6 +174,11 @@ def id_ranges(words: Sequence[str], what: str) -> list[tuple[int, int, int]]:
             raise ParameterError(f"expected {what} as n, n:m or n:m:step, not '{word}'")
         found.append((parts[0], parts[-1] if len(parts) == 1 else parts[1], parts[2] if len(parts) == 3 else 1))
     return found
+
+
+def single(args: Sequence[str], command: str, **defaults: str) -> dict[str, str]:
+    """Values of options that have one each: the defaults where they are not given."""
+    return defaults | {keyword: values[0] for keyword, values in options(args, dict.fromkeys(defaults, 1), command)}
 
 
 def options(

@@ -5,6 +5,7 @@ unary ``-`` and ``!`` which bind tightest of all, so that ``-2^2`` is 4 and ``2^
 """
 
 import math
+import operator
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -26,42 +27,6 @@ ATOM_VALUES = ("id", "mass", "type", "mol", "x", "y", "z", "vx", "vy", "vz", "fx
 CONSTANTS = {"PI": math.pi, "yes": 1.0, "on": 1.0, "true": 1.0, "no": 0.0, "off": 0.0, "false": 0.0}
 
 
-class Names:
-    """What a formula may refer to.  All of it is refused here; whoever knows some of it says so."""
-
-    def refuse(self, what: str) -> NoReturn:
-        """The error for what is not known."""
-        raise ParameterError(f"'{what}' has no value here")
-
-    def thermo(self, word: str) -> float:
-        """Value of a thermo word."""
-        self.refuse(word)
-
-    def variable(self, name: str) -> float:
-        """Value of ``v_name``."""
-        self.refuse(f"v_{name}")
-
-    def compute(self, name: str, index: int | None, column: int | None = None) -> float:
-        """Value of ``c_name``, ``c_name[index]`` or ``c_name[index][column]``."""
-        self.refuse(f"c_{name}")
-
-    def fix(self, name: str, index: int | None, column: int | None = None) -> float:
-        """Value of ``f_name``, ``f_name[index]`` or ``f_name[index][column]``."""
-        self.refuse(f"f_{name}")
-
-    def group(self, function: str, arguments: list[str]) -> float:
-        """Value of a group function such as ``count(all)``."""
-        self.refuse(function)
-
-    def atom(self, quantity: str, bead: int) -> float:
-        """Value of one bead, such as ``x[17]``."""
-        self.refuse(f"{quantity}[{bead}]")
-
-    def call(self, function: str, arguments: list[float]) -> float:
-        """Value of a function that depends on the state: ``random``, ``normal``, ``ramp`` ..."""
-        self.refuse(function)
-
-
 #: Functions that need the resolver: name -> number of arguments.
 STATE_FUNCTIONS = {"random": 3, "normal": 3, "ramp": 2, "vdisplace": 2, "swiggle": 3, "cwiggle": 3}
 
@@ -80,20 +45,11 @@ def _tokens(pattern: re.Pattern[str], text: str) -> list[tuple[str, str]]:
     return [(str(match.lastgroup), str(match[match.lastgroup or 0])) for match in pattern.finditer(text)]
 
 
-def evaluate(text: str, resolver: Names) -> float:
-    """Value of a formula.
+def evaluate(text: str, resolver: Any) -> float:
+    """Value of a formula, such as ``pe/count(all)+v_offset``.
 
-    Parameters
-    ----------
-    text : str
-        The formula, such as ``pe/count(all)+v_offset``.
-    resolver : Names
-        Gives thermo words, variables, computes and group functions.
-
-    Raises
-    ------
-    ParameterError
-        If the formula is malformed, divides by zero, leaves the domain of a function, or names something unknown.
+    The methods ``thermo``, ``variable``, ``compute``, ``fix``, ``group``, ``atom`` and ``call`` of ``resolver`` give what names stand for.
+    ParameterError if the formula is malformed, divides by zero, leaves the domain of a function, or names something unknown.
     """
     return Formula(text, resolver).value()
 
@@ -165,7 +121,7 @@ class Formula(Expression):
     #: Which kind of values it has, a field of Operation.
     kind = "number"
 
-    def __init__(self, text: str, resolver: Names):
+    def __init__(self, text: str, resolver: Any):
         super().__init__(text)
         self.resolver = resolver
 
@@ -242,3 +198,80 @@ class Formula(Expression):
             found.append(one())
         self.expect(")")
         return found
+
+
+Value = float | str
+
+_CONDITION_LEVELS: tuple[dict[str, Callable[[float, float], bool]], ...] = (
+    {"||": lambda a, b: a != 0 or b != 0, "|^": lambda a, b: (a != 0) != (b != 0)},
+    {"&&": lambda a, b: a != 0 and b != 0},
+    {"==": operator.eq, "!=": operator.ne},
+    {"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge},
+)
+
+_CONDITION_TOKEN = re.compile(
+    r"\s*(?:(?P<number>-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
+    r"|(?P<text>[A-Za-z][A-Za-z0-9_/]*)"
+    r"|(?P<operator>\|\||\|\^|&&|==|!=|<=|>=|[<>!()])"
+    r"|(?P<bad>\S))",
+    re.ASCII,
+)
+
+
+class _Condition(Expression):
+    """A condition: numbers and strings, compared and combined.
+
+    Operators from loose to tight, all from left to right: ``||`` and ``|^`` (one or the other, not both), ``&&``, ``== !=``, ``< <= > >=``,
+    and ``!``.  Strings are letters, digits, ``_`` and ``/``, begin with a letter, and can be compared by ``==`` and ``!=`` only.
+    """
+
+    what, pattern, levels = "condition", _CONDITION_TOKEN, _CONDITION_LEVELS
+
+    def combined(self, operator: str, operation: Callable[[Value, Value], bool], left: Value, right: Value) -> Value:
+        texts = isinstance(left, str) + isinstance(right, str)
+        if texts == 1 or (texts and operator not in ("==", "!=")):
+            self.fail(f"{operator} cannot compare {_name(left)} with {_name(right)}")
+        return float(operation(left, right))
+
+    def unary(self) -> Value:
+        kind, token = self.take()
+        if token == "(":
+            inside = self.binary(0)
+            if self.peek()[1] not in (")", ""):
+                self.fail(f"unexpected {self.peek()[1]!r}")
+            self.take()
+            return inside
+        if token == "!":
+            value = self.unary()
+            if isinstance(value, str):
+                self.fail(f"! needs a number, not {_name(value)}")
+            return float(value == 0)
+        if kind == "number":
+            return float(token)
+        if kind == "text":
+            return token
+        self.fail(f"unexpected {token!r}")
+
+
+def _name(value: Value) -> str:
+    return f"the string '{value}'" if isinstance(value, str) else f"the number {value:g}"
+
+
+def condition_holds(text: str) -> bool:
+    """Whether the condition of an ``if`` command holds, in which variables have been replaced by their values.
+
+    Raises
+    ------
+    ParameterError
+        If it is malformed, compares a string with a number, or is a single string.
+
+    Examples
+    --------
+    >>> condition_holds("2 < 3 && north != south")
+    True
+    """
+    condition = _Condition(text)
+    value: Value = condition.value()
+    if isinstance(value, str):
+        condition.fail(f"it is {_name(value)}; compare it, as in '{value} == yes'")
+    return value != 0

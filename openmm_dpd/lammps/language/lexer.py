@@ -1,4 +1,4 @@
-"""From the text of an input script to words: continuation lines, comments, quotes and ``$`` substitution.
+"""From the text of an input script to lines and words: continuation lines, comments, quotes and ``$`` substitution.
 
 The order is LAMMPS's: physical lines are joined first (``&`` at the end, or an open triple quote), then the comment is
 cut off, then ``$`` is substituted outside quotes, and the result is split into words.
@@ -7,7 +7,7 @@ cut off, then ``$`` is substituted outside quotes, and the result is split into 
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from ...errors import DeckError, DPDError, ParameterError
@@ -20,21 +20,11 @@ UNKNOWN = "\uffff"
 
 @dataclass(frozen=True)
 class Line:
-    """One logical line.
+    """One logical line."""
 
-    Attributes
-    ----------
-    text : str
-        Text without comment and continuation marks.
-    file : str
-        File it stands in.
-    number : int
-        Number of its first physical line, counted from 1.
-    """
-
-    text: str
-    file: str
-    number: int
+    text: str  #: Text without comment and continuation marks
+    file: str  #: File it stands in
+    number: int  #: Number of its first physical line, counted from 1
 
 
 def located(where: Line | None, message: str) -> DeckError:
@@ -54,20 +44,10 @@ def errors_at(where: Line | None, prefix: str = "") -> Iterator[None]:
 
 
 def read_text(path: Path, *, title: bool = False) -> str:
-    """Text of a deck or data file, with or without a byte-order mark.
+    """Text of a deck or data file, with or without a byte-order mark; ``title`` says that the first line is a comment.
 
-    In comments characters of other encodings than UTF-8 are let through, as :data:`UNKNOWN`.
-
-    Parameters
-    ----------
-    path : Path
-    title : bool, default False
-        Whether the first line is a comment, as in data files.
-
-    Raises
-    ------
-    DeckError
-        If the file cannot be read or is no text.
+    In comments characters of other encodings than UTF-8 are let through, as :data:`UNKNOWN`.  DeckError if the file cannot be read or is
+    no text.
     """
     try:
         content = path.read_bytes()
@@ -98,10 +78,7 @@ def _newlines(text: str) -> str:
 def logical_lines(text: str, file: str) -> Iterator[Line]:
     """Logical lines of a script that are not empty.
 
-    Raises
-    ------
-    DeckError
-        If a quote is not closed, or what is no comment has characters of other encodings.
+    DeckError if a quote is not closed, or what is no comment has characters of other encodings.
     """
     # splitlines would also cut at form feeds and other separators, which are blanks to LAMMPS
     physical = _newlines(text).split("\n")
@@ -169,21 +146,9 @@ def split_words(text: str) -> list[str]:
 
 
 def substitute(text: str, variable: Callable[[str], str], formula: Callable[[str], float]) -> str:
-    """Text with every ``${name}``, ``$x`` and ``$(formula)`` outside quotes replaced.
+    """Text with every ``${name}``, ``$x`` and ``$(formula)`` outside quotes replaced: by the text of a variable, by the value of a formula.
 
-    Parameters
-    ----------
-    text : str
-        The text of a logical line.
-    variable : callable
-        From the name of a variable to its text.
-    formula : callable
-        From a formula to its value.
-
-    Raises
-    ------
-    ParameterError
-        If a brace or parenthesis is not closed, or what ``variable`` and ``formula`` raise.
+    ParameterError if a brace or parenthesis is not closed, or what ``variable`` and ``formula`` raise.
     """
     out: list[str] = []
     index = 0
@@ -211,7 +176,7 @@ def _substitution(text: str, start: int, variable: Callable[[str], str], formula
             raise ParameterError("'${' is never closed")
         return variable(text[start + 2 : end]), end + 1
     if following == "(":
-        end = _closing_parenthesis(text, start + 1)
+        end = closing_parenthesis(text, start + 1)
         content = text[start + 2 : end - 1]
         body, colon, form = content.rpartition(":%")
         if not colon:
@@ -226,11 +191,52 @@ def _substitution(text: str, start: int, variable: Callable[[str], str], formula
     return variable(following), start + 2
 
 
-def _closing_parenthesis(text: str, start: int) -> int:
-    """Index just behind the parenthesis that closes the one at ``start``."""
+def closing_parenthesis(text: str, start: int) -> int:
+    """Index just behind the parenthesis that closes the one at ``start``; ParameterError if none does."""
     depth = 0
     for index in range(start, len(text)):
         depth += {"(": 1, ")": -1}.get(text[index], 0)
         if depth == 0:
             return index + 1
     raise ParameterError("'$(' is never closed")
+
+
+@dataclass
+class Script:
+    """The logical lines of a file, and which comes next.
+
+    Lines are taken apart as they are reached, so that what is wrong with one comes after what the lines before it do.
+    """
+
+    path: Path
+    at: int = 0  #: Number of the next line, from 0
+    _lines: list[Line] = field(default_factory=list, repr=False)
+    _rest: Iterator[Line] | None = field(default=None, repr=False)
+
+    def _line(self, number: int) -> Line | None:
+        """A line by its number; None behind the last."""
+        if self._rest is None:
+            self._rest = logical_lines(read_text(self.path), str(self.path))
+        while len(self._lines) <= number:
+            line = next(self._rest, None)
+            if line is None:
+                return None
+            self._lines.append(line)
+        return self._lines[number]
+
+    def take(self) -> Line | None:
+        """The next line, behind which it then goes on; None at the end."""
+        line = self._line(self.at)
+        self.at += line is not None
+        return line
+
+    def seek(self, label: str | None) -> None:
+        """Go on at the first ``label`` command of this name, or at the beginning; ParameterError if there is none."""
+        self.at = 0
+        while label is not None:
+            line = self._line(self.at)
+            if line is None:
+                raise ParameterError(f"there is no 'label {label}' in {self.path.name}")
+            if line.text.split()[:1] == ["label"] and split_words(line.text)[1:] == [label]:
+                return
+            self.at += 1

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import NoReturn
 
 from ...errors import ParameterError
-from .expressions import CONSTANTS, Formula, Names, evaluate
+from .expressions import CONSTANTS, Formula, evaluate
 from .variables import Variables
 
 #: Words that are one number for all beads of a type.
@@ -16,7 +16,7 @@ BEAD_CONSTANTS = ("type", "mass")
 
 
 @dataclass(frozen=True)
-class Known(Names):
+class Known:
     """What a formula may refer to beside x, y and z: variables, and words that are numbers; ``length`` is nm per unit of the deck."""
 
     variables: Variables
@@ -35,6 +35,20 @@ class Known(Names):
     def variable(self, name: str) -> float:
         return self.variables.operand(name, lambda text: evaluate(text, self))
 
+    def compute(self, name: str, *_: int | None) -> NoReturn:
+        self.refuse(f"c_{name}")
+
+    def fix(self, name: str, *_: int | None) -> NoReturn:
+        self.refuse(f"f_{name}")
+
+    def group(self, function: str, _: list) -> NoReturn:
+        self.refuse(function)
+
+    call = group
+
+    def atom(self, quantity: str, bead: int) -> NoReturn:
+        self.refuse(f"{quantity}[{bead}]")
+
 
 def depends_on(text: str, variables: Variables, words: set[str], within: tuple[str, ...] = ()) -> bool:
     """Whether a formula, or a variable in it, names one of these words."""
@@ -49,10 +63,7 @@ def depends_on(text: str, variables: Variables, words: set[str], within: tuple[s
 def position_formula(text: str, known: Known) -> str:
     """The formula as an OpenMM expression of x, y and z in nm.
 
-    Raises
-    ------
-    ParameterError
-        If it is malformed, or refers to anything but positions, numbers, and variables made of these.
+    ParameterError if it is malformed, or refers to anything but positions, numbers, and variables made of these.
     """
     return str(_PositionFormula(text, known).value())
 

@@ -30,25 +30,12 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Variable:
-    """One variable.
+    """One variable."""
 
-    Attributes
-    ----------
-    style : str
-        One of :data:`STYLES`.
-    content : str
-        Formula, string, or name in the environment; of style format the name of the variable that is printed.
-    where : Line or None
-        Where it was defined.
-    values : tuple of str or range
-        All values of an index- or loop-style one; ``at`` is the place of the present one, ``width`` the least number of digits.
-    form : str
-        Of style format.
-    """
-
-    style: str
-    content: str
+    style: str  #: One of :data:`STYLES`
+    content: str  #: Formula, string, or name in the environment; of style format the name of the variable that is printed
     where: Line | None
+    #: All values of an index- or loop-style one; ``at`` is the place of the present one, ``width`` the least number of digits.
     values: Sequence[str] | range = ()
     at: int = 0
     width: int = 0
@@ -63,13 +50,7 @@ class Variable:
 
 
 class Variables:
-    """The variables of a deck.
-
-    Parameters
-    ----------
-    command_line : mapping of str to str
-        Values given from outside; the deck's ``index`` and ``loop`` variables of these names keep them.
-    """
+    """The variables of a deck; its ``index`` and ``loop`` variables keep values of these names that the command line gives."""
 
     def __init__(self, command_line: dict[str, str] | None = None):
         self._found: dict[str, Variable] = {}
@@ -115,10 +96,7 @@ class Variables:
     def advance(self, names: list[str]) -> bool:
         """Carry out ``next``: whether all have another value; those that have none are deleted.
 
-        Raises
-        ------
-        ParameterError
-            If a variable is not index- or loop-style, or they are not all of one style.
+        ParameterError if a variable is not index- or loop-style, or they are not all of one style.
         """
         found = [(name, self.get(name)) for name in names]
         for name, variable in found:

@@ -1,4 +1,4 @@
-"""What ``fix ave/time``, ``ave/chunk`` and ``ave/correlate`` have in common: LAMMPS's windows of steps, how they combine, and the files."""
+"""What fixes that average have in common: LAMMPS's windows of steps, how they combine, and the files; and ``fix print``."""
 
 from abc import ABC, abstractmethod
 from collections import deque
@@ -12,20 +12,14 @@ from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.records import Valued
 from ..values.resolver import Resolver
-from .thermo import check_format, check_word, fields_read
+from .thermo import check_format, check_word, fields_of_text, fields_read
 
 
 class Schedule:
     """Steps at which a value is taken: the last ``repeat`` multiples of ``every`` up to each multiple of ``freq``, that step included.
 
-    Parameters
-    ----------
-    every, repeat, freq : int
-        LAMMPS's Nevery, Nrepeat and Nfreq.
-    step : int
-        Present step; a window that has begun already is left out.
-    start : int
-        No window ends before this step; but a single sample that is due at the present step is taken.
+    A window that has begun already at the present ``step`` is left out, and none ends before ``start``; but a single sample that is due at
+    the present step is taken.
     """
 
     def __init__(self, every: int, repeat: int, freq: int, step: int, start: int = 0):
@@ -148,24 +142,18 @@ def _lines(lines: Sequence[str]) -> str:
 
 
 class AveragingFix(Valued, ABC):
-    """A fix that averages.
+    """A fix that averages."""
 
-    Attributes
-    ----------
-    words : tuple of str
-        What it reads.
-    values : array
-        The last average that was complete, as its indices go.
-    report : dict or None
-        The last average that was complete, for the file of results: ``step``, and by word a number or a list.
-    """
+    words: tuple[str, ...]  #: What it reads
+    values: np.ndarray  #: The last average that was complete, as its indices go
+    report: dict | None = None  #: The last average that was complete, for the file of results: ``step``, and by word a number or a list
 
-    words: tuple[str, ...]
-    values: np.ndarray
-    report: dict | None = None
-
-    def __init__(self, name: str, schedule: Schedule, window: Windows, file: AverageFile, form: str):
-        self.name, self._schedule, self._window, self._file, self._form = name, schedule, window, file, form
+    def __init__(self, state: DeckState, name: str, schedule: Schedule, options: dict[str, list[str]], header: list[str]):
+        titles = [options.get(f"title{k}", [line])[0] for k, line in enumerate(header, start=1)]
+        form = options.get("format", [" %g"])[0]
+        check_format(form, of="float")
+        self.name, self._schedule, self._form = name, schedule, form if form.startswith(" ") else f" {form}"
+        self._file, self._window = AverageFile(state, options, titles), Windows(options.get("ave", ["one"]))
 
     def needs(self, state: DeckState) -> frozenset[str]:
         """Fields of DeckSample that it reads."""
@@ -239,12 +227,30 @@ def check_words(state: DeckState, words: tuple[str, ...], style: str, first: str
     return words
 
 
-def common_parts(
-    state: DeckState, name: str, schedule: Schedule, options: dict[str, list[str]], header: list[str]
-) -> tuple[str, Schedule, Windows, AverageFile, str]:
-    """Arguments of :class:`AveragingFix`."""
-    titles = [options.get(f"title{k}", [line])[0] for k, line in enumerate(header, start=1)]
-    form = options.get("format", [" %g"])[0]
-    check_format(form, of="float")
-    file = AverageFile(state, options, titles)
-    return name, schedule, Windows(options.get("ave", ["one"])), file, form if form.startswith(" ") else f" {form}"
+class PrintFix:
+    """``fix ID group print N text [file|append name] [screen yes|no] [title text]``: prints its text also at the first step of a run."""
+
+    def __init__(self, state: DeckState, args: list[str]):
+        read.count(args, "fix ID group print N text ...", 2, None)
+        self.every, self.text, self.next_due = read.integer(args[0], "the interval of fix print", 1), args[1], 0
+        options = dict(read.options(args[2:], {"file": 1, "append": 1, "screen": 1, "title": 1}, "fix print"))
+        assert state.here is not None
+        title = options.get("title", [f"# Fix print output for fix {state.here.text.split()[1]}"])
+        self._show = read.switch(options.get("screen", ["yes"])[0], "screen")
+        self._file = AverageFile(state, options, title)
+
+    def needs(self, state: DeckState) -> frozenset[str]:
+        """Fields of DeckSample that the text reads."""
+        return fields_of_text(state, self.text)
+
+    def begin(self, state: DeckState, step: int) -> None:
+        """Prepare for a run from ``step`` on."""
+        self.next_due = -(-step // self.every) * self.every
+
+    def take(self, moment: Resolver) -> None:
+        """Print; the moment is that of a step at which it is due."""
+        text = moment.substituted(self.text)
+        if self._show:
+            moment.state.log(text)
+        self._file.write(moment.state, [text])
+        self.next_due += self.every

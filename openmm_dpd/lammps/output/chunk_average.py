@@ -6,12 +6,11 @@ from ...analysis.profiles import sums_in_slices
 from ...errors import ParameterError
 from ..language import arguments as read
 from ..state.deck_state import DeckState
-from ..state.records import Compute
 from ..values.chunks import Bins, chunk_numbers
 from ..values.computes import check_bead_word, expanded
 from ..values.per_bead import BEAD_WORDS
 from ..values.resolver import Resolver
-from .averages import AveragingFix, Schedule, common_parts, intervals, split_values
+from .averages import AveragingFix, Schedule, intervals, split_values
 
 #: Values of ``fix ave/chunk`` that are more than a mean over beads.
 _OWN = ("density/number", "density/mass", "temp")
@@ -19,20 +18,40 @@ _COMPONENTS = ("vx", "vy", "vz", "fx", "fy", "fz", "mass")
 
 
 class ChunkAverage(AveragingFix):
-    """``fix ave/chunk``: values of beads, averaged in the bins of a compute chunk/atom.
+    """``fix ID group ave/chunk Nevery Nrepeat Nfreq chunkID value value ... keyword values ...``.
 
-    Attributes
-    ----------
-    profile : dict of lists or None
-        The last block that was complete: ``coord`` (``coord1``, ``coord2`` and so on where several axes are cut), ``ncount`` and the
-        values by name.
+    ``profile`` has the last block that was complete: ``coord`` (``coord1``, ``coord2`` and so on where several axes are cut), ``ncount``
+    and the values by name.
     """
 
-    def __init__(self, group: str, compute: Compute, words: tuple[str, ...], norm: str, dof: tuple[float, float], *parts):
-        super().__init__(*parts)
-        self._group, self._compute, self._values, self._norm, (self._adof, self._cdof) = group, compute, words, norm, dof
-        own = {"temp": ("vx", "mass"), "density/number": (), "density/mass": ("mass",)}
-        self.words = (*(part for word in words for part in own.get(word, (word,))), "x")
+    def __init__(self, state: DeckState, name: str, group: str, args: list[str]):
+        read.count(args, "fix ID group ave/chunk Nevery Nrepeat Nfreq chunkID value value ...", 5, None)
+        compute = state.computes.get(args[3])
+        if compute is None or compute.style != "chunk/atom":
+            known = ", ".join(other.name for other in state.computes.values() if other.style == "chunk/atom") or "none"
+            raise ParameterError(f"fix ave/chunk: '{args[3]}' is not the id of a compute chunk/atom; defined are {known}")
+        own = {"norm": 1, "adof": 1, "cdof": 1, "append": 1, "format": 1}
+        words, options = split_values(args[4:], ("c_", "v_", *_COMPONENTS, *_OWN), own, "ave/chunk")
+        if not words:
+            raise ParameterError(
+                f"fix ave/chunk: expected {', '.join((*_COMPONENTS, *_OWN))}, c_id, c_id[column] or v_name, not '{args[4]}'"
+            )
+        words = expanded(state, words)
+        for word in words:
+            if word not in _OWN:
+                check_bead_word(state, word, _COMPONENTS)
+        norm = read.choice(options.get("norm", ["all"])[0], "norm", ("all", "sample", "none"))
+        self._adof, self._cdof = (read.number(options.get(word, [default])[0], word) for word, default in (("adof", "3"), ("cdof", "0")))
+        places = " ".join(f"Coord{k}" for k in range(1, len(compute.settings.axes) + 1))
+        header = [
+            f"# Chunk-averaged data for fix {name} and group {group}",
+            "# Timestep Number-of-chunks Total-count",
+            f"# Chunk {places} Ncount {' '.join(words)}",
+        ]
+        super().__init__(state, name, Schedule(*intervals("ave/chunk", args[:3]), state.step), options, header)
+        self._group, self._compute, self._values, self._norm = group, compute, words, norm
+        own_words = {"temp": ("vx", "mass"), "density/number": (), "density/mass": ("mass",)}
+        self.words = (*(part for word in words for part in own_words.get(word, (word,))), "x")
         self.profile: dict[str, list[float]] | None = None
         columns = len(compute.settings.axes) + 1 + len(words)
         self.shape, self.what, self.values = (None, columns), f"the fix has {columns} columns", np.zeros((0, columns))
@@ -108,30 +127,3 @@ class ChunkAverage(AveragingFix):
             place = " ".join(f"{coordinate:g}" for coordinate in centre)
             lines.append(f"  {k} {place} {column[0]:g}" + "".join(self._form % value for value in column[1:]))
         self._file.write(moment.state, lines)
-
-
-def parse_ave_chunk(state: DeckState, name: str, group: str, args: list[str]) -> ChunkAverage:
-    """AveragingFix of ``fix ID group ave/chunk Nevery Nrepeat Nfreq chunkID value value ... keyword values ...``."""
-    read.count(args, "fix ID group ave/chunk Nevery Nrepeat Nfreq chunkID value value ...", 5, None)
-    compute = state.computes.get(args[3])
-    if compute is None or compute.style != "chunk/atom":
-        known = ", ".join(other.name for other in state.computes.values() if other.style == "chunk/atom") or "none"
-        raise ParameterError(f"fix ave/chunk: '{args[3]}' is not the id of a compute chunk/atom; defined are {known}")
-    own = {"norm": 1, "adof": 1, "cdof": 1, "append": 1, "format": 1}
-    words, options = split_values(args[4:], ("c_", "v_", *_COMPONENTS, *_OWN), own, "ave/chunk")
-    if not words:
-        raise ParameterError(f"fix ave/chunk: expected {', '.join((*_COMPONENTS, *_OWN))}, c_id, c_id[column] or v_name, not '{args[4]}'")
-    words = expanded(state, words)
-    for word in words:
-        if word not in _OWN:
-            check_bead_word(state, word, _COMPONENTS)
-    norm = read.choice(options.get("norm", ["all"])[0], "norm", ("all", "sample", "none"))
-    dof = (read.number(options.get("adof", ["3"])[0], "adof"), read.number(options.get("cdof", ["0"])[0], "cdof"))
-    places = " ".join(f"Coord{k}" for k in range(1, len(compute.settings.axes) + 1))
-    header = [
-        f"# Chunk-averaged data for fix {name} and group {group}",
-        "# Timestep Number-of-chunks Total-count",
-        f"# Chunk {places} Ncount {' '.join(words)}",
-    ]
-    parts = common_parts(state, name, Schedule(*intervals("ave/chunk", args[:3]), state.step), options, header)
-    return ChunkAverage(group, compute, words, norm, dof, *parts)

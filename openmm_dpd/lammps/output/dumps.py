@@ -43,51 +43,28 @@ _WHOLE = ("id", "type", "mol", "ix", "iy", "iz")
 
 @dataclass
 class Dump:
-    """One dump.
+    """One dump."""
 
-    Attributes
-    ----------
-    name, group, style : str
-        Its id, group and style.
-    every : int
-        Interval in steps.
-    file : str
-        File name; a ``*`` makes one file per configuration, named after the step.
-    columns : tuple of str
-        Columns of the text styles.
-    append, first, unwrap, pbc : bool
-        Settings of dump_modify, and ``formats`` by column.
-    elements : tuple of str
-        Names of the types in style xyz; their numbers without any.
-    factors : dict of str to float
-        What ``sfactor`` and ``tfactor`` say: factors of lengths and times of style xtc.
-    precision : int
-        Parts of a nm (units lj: of the unit of length) that style xtc rounds to.
-    last_step : int or None
-        Step of the last configuration that was written.
-    opened : BlockFile, DCDWriter, XTCWriter or None
-        The file, once something is in it.
-    begun : bool
-        Whether something was in it before a run that is resumed now, which goes on with it.
-    """
-
+    #: Its id, group and style.
     name: str
     group: str
     style: str
-    every: int
-    file: str
-    columns: tuple[str, ...] = ()
+    every: int  #: Interval in steps
+    file: str  #: File name; a ``*`` makes one file per configuration, named after the step
+    columns: tuple[str, ...] = ()  #: Columns of the text styles
+    #: Settings of dump_modify, and ``formats`` by column.
     append: bool = False
     first: bool = False
     unwrap: bool = False
     pbc: bool = False
     formats: dict[str, str] = field(default_factory=dict)
-    elements: tuple[str, ...] = ()
+    elements: tuple[str, ...] = ()  #: Names of the types in style xyz; their numbers without any
+    #: What ``sfactor`` and ``tfactor`` say: factors of lengths and times of style xtc.
     factors: dict[str, float] = field(default_factory=dict)
-    precision: int = 1000
-    last_step: int | None = None
-    opened: BlockFile | DCDWriter | XTCWriter | None = field(default=None, repr=False)
-    begun: bool = False
+    precision: int = 1000  #: Parts of a nm (units lj: of the unit of length) that style xtc rounds to
+    last_step: int | None = None  #: Step of the last configuration that was written
+    opened: BlockFile | DCDWriter | XTCWriter | None = field(default=None, repr=False)  #: The file, once something is in it
+    begun: bool = False  #: Whether something was in it before a run that is resumed now, which goes on with it
 
     def __getstate__(self) -> dict:
         return vars(self) | {"opened": None, "begun": self.begun or self.opened is not None}
@@ -113,10 +90,7 @@ class Dump:
     def write(self, moment: Resolver) -> None:
         """Write the configuration of a moment, whose sample has the fields of :meth:`needs`.
 
-        Raises
-        ------
-        OutputError
-            If it cannot be written; the configurations before it stay readable.
+        OutputError if it cannot be written; the configurations before it stay readable.
         """
         if self.style in BINARY:
             self._write_frame(moment)

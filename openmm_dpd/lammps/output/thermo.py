@@ -11,10 +11,9 @@ from ..language.lexer import errors_at, located, substitute
 from ..language.variables import FORMULAS
 from ..state.deck_state import DeckState
 from ..state.moment import Window
-from ..state.records import VECTOR_FIXES
-from ..state.sample import DeckSample
+from ..state.records import VECTOR_FIXES, DeckSample
 from ..values.compute_spec import reference
-from ..values.computes import BUILT_IN, COMPUTES, average_of, check_built_in, check_value, is_extensive
+from ..values.computes import BUILT_IN, COMPUTES, average_of, check_value, is_extensive
 from ..values.per_bead import PROPERTIES
 from ..values.resolver import Resolver
 from ..values.words import WORDS
@@ -45,10 +44,7 @@ def check_word(state: DeckState, word: str) -> None:
         return
     if word.startswith("c_"):
         _, name, indices = reference(word)
-        if name in BUILT_IN and indices:
-            check_built_in(name, indices, word)
-        if name not in BUILT_IN:
-            check_value(state, name, *indices, word=word)
+        check_value(state, name, *indices, word=word)
         return
     if word.startswith("f_"):
         _, name, indices = reference(word)
@@ -77,7 +73,7 @@ def _needs(state: DeckState, word: str, seen: set[str]) -> set[str]:
         indexed = bool(reference(word).indices)
         if name in BUILT_IN:
             # the six values of both come with the pressure tensor
-            return _needs(state, "pxx" if indexed else BUILT_IN[name].word, seen)
+            return _needs(state, "pxx" if indexed else BUILT_IN[name], seen)
         if name not in state.computes:
             return set()
         compute = state.computes[name]
@@ -127,27 +123,13 @@ def fields_read(state: DeckState, words: Iterable[str]) -> frozenset[str]:
 
 @dataclass(frozen=True)
 class Thermo:
-    """Thermo output of one run.
-
-    Attributes
-    ----------
-    state : DeckState
-        The deck.
-    window : Window
-        First step and limits of the ramps of the run.
-    last : int
-        Last step of the run.
-    words : tuple of str
-        The columns.
-    every : int
-        Interval of output; 0 means the first and last step only.
-    """
+    """Thermo output of one run."""
 
     state: DeckState
-    window: Window
-    last: int
+    window: Window  #: First step and limits of the ramps of the run
+    last: int  #: Last step of the run
     words: tuple[str, ...]
-    every: int
+    every: int  #: Interval of output; 0 means the first and last step only
 
     @property
     def needs(self) -> frozenset[str]:
@@ -166,10 +148,7 @@ class Thermo:
     def values(self, sample: DeckSample, words: tuple[str, ...] | None = None) -> dict[str, float]:
         """Value of each column (or of each of ``words``), in the deck's units and normalised as LAMMPS prints it.
 
-        Raises
-        ------
-        DeckError
-            If a formula cannot be evaluated.
+        DeckError if a formula cannot be evaluated.
         """
         moment = Resolver(self.state, sample, self.window)
         result = {}
@@ -187,8 +166,9 @@ class Thermo:
         kind, name, indices = reference(word)
         own = BUILT_IN.get(name) if kind == "c" else None
         if own is not None and not indices:
-            return moment.thermo(own.word)
-        value = moment.number(word) if own is None or own.column is None else own.column(moment, indices[0] - 1)
+            # it may stand for another compute (thermo_modify temp and press); so do components of the pressure
+            return moment.thermo(own)
+        value = moment.pressure_component(indices[0] - 1) if own == "press" else moment.number(word)
         return value / moment.norm if is_extensive(moment.state, word) else value
 
     # -- text ----------------------------------------------------------------------------------------------------------------

@@ -1,4 +1,6 @@
-"""``fix ave/time``: averages over steps of computes, variables and other averages."""
+"""``fix ave/time``: averages over steps of computes, variables and other averages; ``fix ave/correlate``: products of two steps."""
+
+from collections import deque
 
 import numpy as np
 
@@ -9,23 +11,42 @@ from ..state.records import ForceVector
 from ..values.compute_spec import check_place, reference
 from ..values.computes import average_of, compute_of, count_of, expanded, is_extensive
 from ..values.resolver import Resolver
-from .averages import AveragingFix, Schedule, check_words, common_parts, intervals, split_values
+from .averages import AveragingFix, Every, Schedule, check_words, intervals, split_values
 from .thermo import check_word, fields_read
 
 
 class TimeAverage(AveragingFix):
-    """``fix ave/time``: single numbers (mode scalar), or whole vectors side by side (mode vector)."""
+    """``fix ID group ave/time Nevery Nrepeat Nfreq value value ... keyword values ...``.
 
-    def __init__(self, words: tuple[str, ...], rows: int | None, off: list[int], extensive: list[list[bool]], *parts):
-        super().__init__(*parts)
-        # for each word, and for each value of its vector
-        self._extensive = extensive
-        # the length of the vectors, None in mode scalar
-        self.words, self._off = words, off
-        self._vector, n = rows is not None, len(words)
-        self.shape = (*([rows] if self._vector else []), *([n] if n > 1 else []))
-        self.what = f"the fix averages {n} {'vector' if self._vector else 'value'}{'s' * (n > 1)}" + f" of {rows} values" * self._vector
-        self.values = np.zeros([size or 0 for size in self.shape])
+    Single numbers (mode scalar), or whole vectors side by side (mode vector).
+    """
+
+    def __init__(self, state: DeckState, name: str, group: str, args: list[str]):
+        read.count(args, "fix ID group ave/time Nevery Nrepeat Nfreq value value ...", 4, None)
+        words, options = split_values(args[3:], ("c_", "f_", "v_"), {"off": 1, "mode": 1, "start": 1, "append": 1, "format": 1}, "ave/time")
+        vector = read.choice(options.get("mode", ["scalar"])[0], "mode", ("scalar", "vector")) == "vector"
+        words = expanded(state, words, tables=vector)
+        rows = {_rows(state, word) for word in words} if vector and words else {None}
+        if len(rows) > 1:
+            raise ParameterError(f"fix ave/time mode vector: {' '.join(words)} have different lengths ({', '.join(map(str, rows))})")
+        if not (vector and words):
+            check_words(state, words, "ave/time", args[3])
+        off = [read.integer(number, "the value after off", 1) - 1 for number in options.get("off", [])]
+        if off and max(off) >= len(words):
+            raise ParameterError(f"fix ave/time: off {max(off) + 1}, but the fix averages {len(words)}")
+        start = read.integer(options["start"][0], "start", 0) if "start" in options else 0
+        header = [f"# Time-averaged data for fix {name}", f"# TimeStep {' '.join(words)}"]
+        if vector:
+            header[1:] = ["# TimeStep Number-of-rows", f"# Row {' '.join(words)}"]
+        size = rows.pop()
+        # for each word, and for each value of its vector: as in LAMMPS, what they are sums over is settled here, once for all
+        self._extensive = [[is_extensive(state, place) for place in _places(word, size)] for word in words]
+        schedule = Schedule(*intervals("ave/time", args[:3]), state.step, start)
+        super().__init__(state, name, schedule, options, header)
+        self.words, self._off, self._vector, n = words, off, vector, len(words)
+        self.shape = (*([size] if vector else []), *([n] if n > 1 else []))
+        self.what = f"the fix averages {n} {'vector' if vector else 'value'}{'s' * (n > 1)}" + f" of {size} values" * vector
+        self.values = np.zeros([length or 0 for length in self.shape])
         self.forget()
 
     def needs(self, state: DeckState) -> frozenset[str]:
@@ -71,31 +92,6 @@ class TimeAverage(AveragingFix):
         return self._extensive[word][row]
 
 
-def parse_ave_time(state: DeckState, name: str, group: str, args: list[str]) -> TimeAverage:
-    """AveragingFix of ``fix ID group ave/time Nevery Nrepeat Nfreq value value ... keyword values ...``."""
-    read.count(args, "fix ID group ave/time Nevery Nrepeat Nfreq value value ...", 4, None)
-    words, options = split_values(args[3:], ("c_", "f_", "v_"), {"off": 1, "mode": 1, "start": 1, "append": 1, "format": 1}, "ave/time")
-    vector = read.choice(options.get("mode", ["scalar"])[0], "mode", ("scalar", "vector")) == "vector"
-    words = expanded(state, words, tables=vector)
-    rows = {_rows(state, word) for word in words} if vector and words else {None}
-    if len(rows) > 1:
-        raise ParameterError(f"fix ave/time mode vector: {' '.join(words)} have different lengths ({', '.join(map(str, rows))})")
-    if not (vector and words):
-        check_words(state, words, "ave/time", args[3])
-    off = [read.integer(number, "the value after off", 1) - 1 for number in options.get("off", [])]
-    if off and max(off) >= len(words):
-        raise ParameterError(f"fix ave/time: off {max(off) + 1}, but the fix averages {len(words)}")
-    start = read.integer(options["start"][0], "start", 0) if "start" in options else 0
-    header = [f"# Time-averaged data for fix {name}", f"# TimeStep {' '.join(words)}"]
-    if vector:
-        header[1:] = ["# TimeStep Number-of-rows", f"# Row {' '.join(words)}"]
-    size = rows.pop()
-    # as in LAMMPS, what the values are sums over is settled here, once for all
-    extensive = [[is_extensive(state, place) for place in _places(word, size)] for word in words]
-    schedule = Schedule(*intervals("ave/time", args[:3]), state.step, start)
-    return TimeAverage(words, size, off, extensive, *common_parts(state, name, schedule, options, header))
-
-
 def _places(word: str, rows: int | None) -> list[str]:
     """The single values that a word stands for; columns of tables are all alike."""
     return [word] if rows is None else [word if "[" in word else f"{word}[{k}]" for k in range(1, rows + 1)]
@@ -119,3 +115,75 @@ def _rows(state: DeckState, word: str) -> int:
         raise ParameterError(f"fix ave/time mode vector: expected a compute or fix with a vector (c_id, f_id), not '{word}'")
     check_word(state, f"c_{name}[1]")
     return count_of(state, "c", name)
+
+
+#: Which pairs of n values are correlated, the earlier one first, by type.
+_PAIRS = {
+    "auto": lambda n: [(i, i) for i in range(n)],
+    "upper": lambda n: [(i, j) for i in range(n) for j in range(i + 1, n)],
+    "lower": lambda n: [(i, j) for i in range(n) for j in range(i)],
+    "auto/upper": lambda n: [(i, j) for i in range(n) for j in range(i, n)],
+    "auto/lower": lambda n: [(i, j) for i in range(n) for j in range(i + 1)],
+    "full": lambda n: [(i, j) for i in range(n) for j in range(n)],
+    "first": lambda n: [(0, j) for j in range(n)],
+}
+
+
+class Correlation(AveragingFix):
+    """``fix ID group ave/correlate Nevery Nrepeat Nfreq value value ... keyword values ...``."""
+
+    def __init__(self, state: DeckState, name: str, group: str, args: list[str]):
+        read.count(args, "fix ID group ave/correlate Nevery Nrepeat Nfreq value value ...", 4, None)
+        every, windows, freq = intervals("ave/correlate", args[:3])
+        words, options = split_values(args[3:], ("c_", "f_", "v_"), {"type": 1, "start": 1, "prefactor": 1}, "ave/correlate")
+        words = check_words(state, expanded(state, words), "ave/correlate", args[3])
+        pairs = _PAIRS[read.choice(options.get("type", ["auto"])[0], "type", tuple(_PAIRS))](len(words))
+        if not pairs:
+            raise ParameterError(f"fix ave/correlate: type {options['type'][0]} of one value leaves no pair")
+        running = read.choice(options.get("ave", ["one"])[0], "ave", ("one", "running")) == "running"
+        if "overwrite" in options and not running:
+            raise ParameterError("fix ave/correlate: overwrite goes with 'ave running', as in LAMMPS")
+        prefactor = read.number(options.get("prefactor", ["1"])[0], "prefactor")
+        start = read.integer(options.get("start", ["0"])[0], "start", 0)
+        titles = [f"{words[i]}*{words[j]}" for i, j in pairs]
+        header = [f"# Time-correlated data for fix {name}", "# Timestep Number-of-time-windows"]
+        header.append(f"# Index TimeDelta Ncount {' '.join(titles)}")
+        super().__init__(state, name, Every(every, 1, every, state.step, start), options, header)
+        self.words, self._freq, self._prefactor, self._running = words, freq, prefactor, running
+        self._early, self._late = ([pair[k] for pair in pairs] for k in (0, 1))
+        self._titles, self._delays = titles, np.arange(windows) * every
+        # delays, how many products each is a mean of, and the means
+        self.values = np.column_stack([self._delays, np.zeros((windows, 1 + len(pairs)))])
+        self.shape, self.what = self.values.shape, f"the fix has {windows} rows and {2 + len(pairs)} columns"
+        self.forget()
+
+    def forget(self) -> None:
+        self._kept: deque[np.ndarray] = deque(maxlen=len(self._delays))
+        self._counts, self._sums = np.zeros(len(self._delays), dtype=np.int64), np.zeros((len(self._delays), len(self._early)))
+
+    def sample(self, moment: Resolver) -> None:
+        self._add(np.array([moment.number(word) for word in self.words]))
+
+    def _add(self, values: np.ndarray) -> None:
+        self._kept.append(values)
+        before = np.array(self._kept)[::-1]
+        self._counts[: len(before)] += 1
+        self._sums[: len(before)] += before[:, self._early] * values[self._late]
+
+    def close_window(self, moment: Resolver) -> None:
+        if moment.step % self._freq:
+            return
+        counts = self._counts[:, None]
+        means = np.divide(self._prefactor * self._sums, counts, out=np.zeros_like(self._sums), where=counts > 0)
+        self.values = np.column_stack([self._delays, counts, means])
+        columns = dict(zip(("delay", "count", *self._titles), self.values.T.tolist(), strict=True))
+        self.report = {"step": moment.step} | columns
+        rows = enumerate(zip(self._delays, self._counts, means, strict=True), start=1)
+        lines = [
+            f"{k} {delay} {count}" + "".join(self._form % value if count else " 0.0" for value in row) for k, (delay, count, row) in rows
+        ]
+        self._file.write(moment.state, [f"{moment.step} {len(lines)}", *lines])
+        if not self._running:
+            latest = self._kept[-1]
+            self.forget()
+            self._add(latest)

@@ -2,61 +2,35 @@
 
 import logging
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from ...errors import DeckError, OutputError, ParameterError
 from ...wording import read_by
-from ..commands import beads, bonded, box, fixes, kspace, moving, output, pairs, restarts, setup, velocity
+from ..commands import beads, bonded, box, fixes, moving, output, pairs  # noqa: F401  each enters its commands
+from ..commands.setup import COMMANDS, command
 from ..language import arguments as read
-from ..language.booleans import condition_holds
-from ..language.instead import INSTEAD
-from ..language.lexer import Line, split_words, strip_comment
+from ..language.arguments import INSTEAD
+from ..language.expressions import condition_holds
+from ..language.lexer import Line, Script, split_words, strip_comment
 from ..language.variables import Variables
 from ..scene.flow import held_beads
 from ..scene.integration import Integration, integration
 from ..state.deck_state import DeckState
-from ..state.minimization import DAMPED, StoppingRule
+from ..state.records import DAMPED, StoppingRule
 from .request import RunRequest
-from .script import Script
 
 _LOGGER = logging.getLogger("openmm_dpd")
-
-
-@dataclass
-class Deck(DeckState):
-    """The state of a deck that is being read, and what becomes of its runs.
-
-    Attributes
-    ----------
-    run_callback : callable or None
-        Called with the request of every run.
-    stop_before_first_run : bool
-        Whether reading ends there.
-    first_run : RunRequest or None
-        The first run, once it is reached.
-    finished : bool
-        Whether the rest of the deck is not read.
-    scripts : list of Script
-        The deck and the files whose include is being carried out, and the place in each.
-    """
-
-    run_callback: Callable[[RunRequest], None] | None = None
-    stop_before_first_run: bool = False
-    first_run: RunRequest | None = None
-    finished: bool = False
-    scripts: list[Script] = field(default_factory=list)
 
 
 #: Files that may be read one inside the other.
 MOST_INCLUDES = 100
 
 
-def include(deck: Deck, args: list[str]) -> None:
-    """``include file``."""
-    read.count(args, "include file", 1)
+@command("include file", 1)
+def include(deck: DeckState, args: list[str]) -> None:
     path = deck.find_file(args[0])
     if len(deck.scripts) > MOST_INCLUDES:
         raise ParameterError(f"include '{args[0]}': files include each other {MOST_INCLUDES} deep already, and no deeper is supported")
@@ -67,22 +41,22 @@ def include(deck: Deck, args: list[str]) -> None:
     deck.here = outer
 
 
-def quit_(deck: Deck, args: list[str]) -> None:
+@command("quit [status]", 0, 1)
+def quit_(deck: DeckState, args: list[str]) -> None:
     """``quit [0]``: the rest of the deck is not read."""
-    read.count(args, "quit [status]", 0, 1)
     if args and read.integer(args[0], "the exit status", 0):
         raise ParameterError(f"quit {args[0]}: the deck ends here, with an exit status that means an error")
     deck.finished = True
 
 
-def label(deck: Deck, args: list[str]) -> None:
+@command("label name", 1)
+def label(deck: DeckState, args: list[str]) -> None:
     """``label name``: a place that jump goes to."""
-    read.count(args, "label name", 1)
 
 
-def jump(deck: Deck, args: list[str]) -> None:
+@command("jump file|SELF [label]", 1, 2)
+def jump(deck: DeckState, args: list[str]) -> None:
     """``jump file|SELF [label]``: go on there, in the place of the present file; nothing right after a series of variables has ended."""
-    read.count(args, "jump file|SELF [label]", 1, 2)
     if deck.skips_jump:
         deck.skips_jump = False
         return
@@ -91,14 +65,15 @@ def jump(deck: Deck, args: list[str]) -> None:
     deck.scripts[-1] = script
 
 
-def next_(deck: Deck, args: list[str]) -> None:
+@command("next variable ...", 1, None)
+def next_(deck: DeckState, args: list[str]) -> None:
     """``next name name ...``: the next value of these variables; if one has none, the next jump is skipped."""
-    read.count(args, "next variable ...", 1, None)
     if not deck.variables.advance(args):
         deck.skips_jump = True
 
 
-def if_(deck: Deck, args: list[str]) -> None:
+@command("if", 0, None)
+def if_(deck: DeckState, args: list[str]) -> None:
     """``if condition then command ... [elif condition command ...] [else command ...]``."""
     usage = "if condition then command ... elif condition command ... else command ..."
     read.count(args, usage, 3, None)
@@ -107,8 +82,8 @@ def if_(deck: Deck, args: list[str]) -> None:
     for condition, commands in _branches(args):
         # a condition in quotes has its variables still
         if condition is None or condition_holds(output.expand(deck, condition)):
-            for command in commands:
-                execute_text(deck, command)
+            for text in commands:
+                execute_text(deck, text)
             return
 
 
@@ -127,7 +102,8 @@ def _branches(args: list[str]) -> list[tuple[str | None, list[str]]]:
     return found
 
 
-def run_command(deck: Deck, args: list[str]) -> None:
+@command("run N ...", 0, None)
+def run_command(deck: DeckState, args: list[str]) -> None:
     """``run N [upto] [start N] [stop N] [pre yes|no] [post yes|no] [every M command ... | every M NULL]``."""
     at = args.index("every") if "every" in args else len(args)
     commands = args[at + 2 :]
@@ -143,14 +119,14 @@ def run_command(deck: Deck, args: list[str]) -> None:
         # as in LAMMPS each piece is a run with ramps of its own, unless start and stop say otherwise
         _run(deck, min(every, last - deck.step), begin, end)
         where = deck.here
-        for command in commands if commands != ["NULL"] else []:
-            execute_text(deck, command)
+        for text in commands if commands != ["NULL"] else []:
+            execute_text(deck, text)
             deck.here = where
         if deck.finished or deck.step >= last:
             return
 
 
-def _extent(deck: Deck, args: list[str]) -> tuple[int, int | None, int | None]:
+def _extent(deck: DeckState, args: list[str]) -> tuple[int, int | None, int | None]:
     """Number of steps of a run, and the steps of its options start and stop."""
     read.count(args, "run N ...", 1, None)
     deck.require_box("run")
@@ -176,7 +152,7 @@ def _extent(deck: Deck, args: list[str]) -> tuple[int, int | None, int | None]:
     return steps, begin, end
 
 
-def _run(deck: Deck, steps: int, begin: int | None, end: int | None) -> None:
+def _run(deck: DeckState, steps: int, begin: int | None, end: int | None) -> None:
     """Hand one run over."""
     deck.settle("run")
     request = RunRequest.of(deck, steps, integration(deck), begin, end)
@@ -193,10 +169,9 @@ def _run(deck: Deck, steps: int, begin: int | None, end: int | None) -> None:
     deck.runs += 1
 
 
-def minimize(deck: Deck, args: list[str]) -> None:
+@command("minimize etol ftol maxiter maxeval", 4, box=True)
+def minimize(deck: DeckState, args: list[str]) -> None:
     """``minimize etol ftol maxiter maxeval``: all beads move, whatever fixes say, but for those that fix setforce holds."""
-    read.count(args, "minimize etol ftol maxiter maxeval", 4)
-    deck.require_box("minimize")
     if deck.pair.where is None:
         raise ParameterError("minimize needs a pair_style before it")
     etol, ftol = (read.non_negative(word, name) for word, name in zip(args[:2], ("etol", "ftol"), strict=True))
@@ -216,45 +191,15 @@ def minimize(deck: Deck, args: list[str]) -> None:
     deck.run_callback(replace(request, minimization=rule))
 
 
-#: Every command of a deck.  Another command is another entry of one of the tables in ``commands/``.
-COMMANDS: dict[str, Callable[[Deck, list[str]], None]] = {
-    **setup.COMMANDS,
-    **box.COMMANDS,
-    **beads.COMMANDS,
-    **velocity.COMMANDS,
-    **moving.COMMANDS,
-    **pairs.COMMANDS,
-    **bonded.COMMANDS,
-    **kspace.COMMANDS,
-    **restarts.COMMANDS,
-    **fixes.COMMANDS,
-    **output.COMMANDS,
-    "run": run_command,
-    "minimize": minimize,
-    "include": include,
-    "quit": quit_,
-    "label": label,
-    "jump": jump,
-    "next": next_,
-    "if": if_,
-}
-
-
-def execute_text(deck: Deck, text: str) -> None:
+def execute_text(deck: DeckState, text: str) -> None:
     """Carry out a command that is an argument of another one; errors have the line of that."""
     assert deck.here is not None
     if not deck.finished:
         execute(deck, replace(deck.here, text=strip_comment(text)))
 
 
-def execute(deck: Deck, line: Line) -> None:
-    """Carry out one logical line.
-
-    Raises
-    ------
-    DeckError
-        With the line's file and number, for unknown commands and whatever the command does not accept.
-    """
+def execute(deck: DeckState, line: Line) -> None:
+    """Carry out one logical line; DeckError with its file and number for unknown commands and whatever the command does not accept."""
     deck.here = line
     try:
         words = split_words(output.expand(deck, line.text))
@@ -273,7 +218,7 @@ def execute(deck: Deck, line: Line) -> None:
         raise DeckError(str(error), line.file, line.number) from None
 
 
-def execute_file(deck: Deck, path: Path) -> None:
+def execute_file(deck: DeckState, path: Path) -> None:
     """Carry out every line of a file, and of those that it jumps to."""
     deck.scripts.append(Script(path))
     while not deck.finished and (line := deck.scripts[-1].take()) is not None:
@@ -289,7 +234,7 @@ def read_deck(
     stop_before_first_run: bool = False,
     output: str | Path = ".",
     log: Callable[[str], None] = lambda text: None,
-) -> Deck:
+) -> DeckState:
     """Read a LAMMPS deck and carry it out, leaving the simulation itself to a callback.
 
     Parameters
@@ -309,7 +254,7 @@ def read_deck(
 
     Returns
     -------
-    Deck
+    DeckState
         The state at the end.
 
     Raises
@@ -318,7 +263,7 @@ def read_deck(
         With file and line, for anything unknown, unsupported, missing or out of bounds.
     """
     path = Path(path)
-    deck = Deck(
+    deck = DeckState(
         path=path,
         variables=Variables(dict(variables or {})),
         run_callback=run_callback,
@@ -326,7 +271,6 @@ def read_deck(
         output=Path(output),
         log=log,
         inputs=[path],
-        carried_out=run_callback is not None,
     )
     try:
         with read_by(deck):

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from ...errors import OutputError, ParameterError
+from ...file_ledger import ledger_in_use
+from ...files import BlockFile
 from ...kernels.threads import set_threads
 from ...measure import force_terms
 from ...model.internal import BeadTemperatures, InternalEnergy
@@ -21,10 +23,39 @@ from ...wording import read_by
 from .building import build_request
 from .checkpoint import Checkpoints
 from .deck import read_deck
-from .log import RunLog
 from .options import RunOptions, first_request
 from .result import RunResult, averages_text, results_json
 from .runner import DeckRunner
+
+#: Name of the file.
+NAME = "log.txt"
+
+
+class RunLog:
+    """Takes lines: rows of thermo output, remarks, what ``print`` prints; ``show`` takes them as well.
+
+    They go, unbuffered, to ``log.txt`` in a folder, if there is one, behind what is there with ``append``; OutputError if it cannot be
+    written.
+    """
+
+    def __init__(self, show: Callable[[str], None], folder: Path | None, append: bool = False):
+        self.show = show
+        self._file = None if folder is None else BlockFile(folder / NAME, "the log", append)
+
+    def __call__(self, text: str) -> None:
+        """Add a line; nothing of what was said already, before a run that is resumed."""
+        ledger = ledger_in_use()
+        if ledger is not None and ledger.replaying:
+            return
+        if self._file is not None:
+            self._file.write(text + "\n")
+        self.show(text)
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._file is not None:
+            self._file.close()
+
 
 _LOGGER = logging.getLogger("openmm_dpd")
 
@@ -112,12 +143,12 @@ def run_deck(
         raise ParameterError("checkpoints need a folder to be written to: give out")
     with nullcontext() if checkpoints is None else checkpoints.ledger.in_use():
         said = RunLog(log, folder, append=latest is not None)
-        bar = _bar if progress else None
-        runner = DeckRunner(options, said, folder, bar, signals, variables, checkpoints, latest)
         try:
+            runner = DeckRunner(options, said, folder, _bar if progress else None, signals, variables, checkpoints, latest)
             report = _carried_out(Path(path), runner, folder, keep)
         finally:
-            said.close()
+            with signals.later():
+                said.close()
     if checkpoints is not None:
         checkpoints.clear()
     return report
@@ -142,7 +173,8 @@ def _carried_out(path: Path, runner: DeckRunner, folder: Path | None, keep: Call
                     _LOGGER.warning("%s", error)  # beside the error that comes first
         raise
     finally:
-        runner.close()
+        with signals.later():
+            runner.close()
     with signals.later():
         return _hand_over(runner, folder, keep)
 

@@ -8,7 +8,7 @@ from openmm import unit
 
 from ...errors import ParameterError
 from ..language.lexer import errors_at
-from ..state.minimization import StoppingRule
+from ..state.records import StoppingRule
 from ..values.resolver import Resolver
 from .building import build_request
 from .options import RunOptions
@@ -45,10 +45,7 @@ class _Watch:
 def carry_out_minimization(request: RunRequest, rule: StoppingRule, options: RunOptions, log: Callable[[str], None]) -> None:
     """Minimise the potential energy of a deck: a row of thermo output at the beginning and one at the end, as steps that were taken.
 
-    Raises
-    ------
-    DeckError
-        If the deck has forces that derive from no energy.
+    DeckError if the deck has forces that derive from no energy.
     """
     state = request.state
     with errors_at(request.where):

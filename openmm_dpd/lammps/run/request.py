@@ -9,26 +9,32 @@ import numpy as np
 
 from ...model.scene import Scene
 from ..language.lexer import Line
-from ..output.averages import AveragingFix
+from ..output.averages import AveragingFix, PrintFix
 from ..output.dumps import Dump
-from ..output.print_fix import PrintFix
 from ..output.thermo import Thermo
 from ..scene.integration import Integration
 from ..scene.scene import build_scene
 from ..state.deck_state import DeckState
-from ..state.minimization import StoppingRule
 from ..state.moment import Window
-from ..state.sample import DeckSample
+from ..state.records import DeckSample, PressureControl, StoppingRule
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunRequest(Integration):
+class RunRequest:
     """One run of a deck: how its beads are moved, and for how long.
 
     The callback of :func:`~openmm_dpd.lammps.read_deck` gets it, steps the scene, and calls :meth:`finish`.
 
     Attributes
     ----------
+    scheme : str
+        ``mvv`` or ``shardlow``.
+    lambda_ : float
+        Weight of the predicted velocity in ``mvv``; 1/2 is velocity Verlet.
+    mobile : (N,) array of bool
+        Beads that some fix moves.
+    barostat : PressureControl or None
+        The pressure of ``fix nph``.
     state : DeckState
         The deck at this point.
     steps : int
@@ -51,6 +57,10 @@ class RunRequest(Integration):
         Of ``minimize``, whose steps are iterations; None for ``run``.
     """
 
+    scheme: str
+    lambda_: float
+    mobile: np.ndarray
+    barostat: PressureControl | None
     state: DeckState
     steps: int
     dt: float
@@ -120,7 +130,7 @@ class RunRequest(Integration):
 
     def scene(self) -> Scene:
         """The scene at the first step; see :func:`~openmm_dpd.lammps.scene.scene.build_scene`."""
-        return build_scene(self.state, self.window, self.compat, self)
+        return build_scene(self.state, self.window, self.compat, self.mobile)
 
     def override(
         self, *, steps: int | None = None, dt: float | None = None, scheme: str | None = None, compat: str | None = None

@@ -17,59 +17,29 @@ from .request import RunRequest
 
 @dataclass
 class RunResult:
-    """What one run command gave.
-
-    Attributes
-    ----------
-    request : RunRequest
-    platform, precision : str
-    discard : int or None
-        Steps that averages leave out, if the run is as long; None is as many as it takes to get into equilibrium.
-    seconds : float
-        Wall time of stepping and thermo, without compilation, trajectory and pictures.
-    steps_done : list of int
-        Step numbers of the rows.
-    rows : dict of str to list
-        Values of each column, in the deck's units.
-    conf : list of (gradient2, laplacian)
-        Numerator and denominator of the configurational temperature at each row.
-    no_laplacian : str or None
-        Why there is no configurational temperature.
-    target_kT : list of float
-        Thermal energy (kJ/mol) that the thermostat is set to at each row.
-    kinetic_kT : list of float
-        That of the motion of all mobile beads, whatever compute ``temp`` stands for.
-    momentum : float
-        Largest component of the total momentum at the end, in the deck's units.
-    steps_taken : int
-        Steps that were carried out.
-    stopped : str or None
-        Why these are not all.
-    profiles : dict
-        The last block of every fix ave/chunk: {id: {"coord": [...], "ncount": [...], value: [...]}}.
-    time_averages : dict
-        The last average of every fix ave/time and ave/correlate: {id: {"step": ..., value: ...}}.
-    temperature_warning : str or None
-        What is wrong with the mean temperature, see :func:`openmm_dpd.measure.watch.temperature_warning`.
-    """
+    """What one run command gave."""
 
     request: RunRequest
     platform: str
     precision: str
-    discard: int | None
+    discard: int | None  #: Steps that averages leave out, if the run is as long; None is as many as it takes to get into equilibrium
     words: tuple[str, ...]
-    seconds: float = 0.0
-    steps_taken: int = 0
-    stopped: str | None = None
-    steps_done: list[int] = field(default_factory=list)
-    rows: dict[str, list[float]] = field(default_factory=dict)
+    seconds: float = 0.0  #: Wall time of stepping and thermo, without compilation, trajectory and pictures
+    steps_taken: int = 0  #: Steps that were carried out
+    stopped: str | None = None  #: Why these are not all
+    steps_done: list[int] = field(default_factory=list)  #: Step numbers of the rows
+    rows: dict[str, list[float]] = field(default_factory=dict)  #: Values of each column, in the deck's units
+    #: Numerator and denominator of the configurational temperature at each row.
     conf: list[tuple[float, float]] = field(default_factory=list)
-    no_laplacian: str | None = None
-    target_kT: list[float] = field(default_factory=list)
-    kinetic_kT: list[float] = field(default_factory=list)
-    momentum: float = 0.0
+    no_laplacian: str | None = None  #: Why there is no configurational temperature
+    target_kT: list[float] = field(default_factory=list)  #: Thermal energy (kJ/mol) that the thermostat is set to at each row
+    kinetic_kT: list[float] = field(default_factory=list)  #: That of the motion of all mobile beads, whatever compute ``temp`` stands for
+    momentum: float = 0.0  #: Largest component of the total momentum at the end, in the deck's units
+    #: The last block of every fix ave/chunk: {id: {"coord": [...], "ncount": [...], value: [...]}}.
     profiles: dict[str, dict[str, list[float]]] = field(default_factory=dict)
+    #: The last average of every fix ave/time and ave/correlate: {id: {"step": ..., value: ...}}.
     time_averages: dict[str, dict[str, Any]] = field(default_factory=dict)
+    #: What is wrong with the mean temperature, see :func:`openmm_dpd.measure.watch.temperature_warning`.
     temperature_warning: str | None = None
 
     def add(self, step: int, values: dict[str, float], measured: Sample) -> None:

@@ -19,8 +19,7 @@ from ...signals import Signals
 from ..output.thermo import ALWAYS
 from ..state.deck_state import DeckState
 from .building import build_request, connect_barostat
-from .checkpoint import Checkpoints, Latest
-from .memory import recall, recorded, to_bytes
+from .checkpoint import Checkpoints, Latest, recall, recorded, to_bytes
 from .minimizing import carry_out_minimization
 from .options import FIXED_PRECISION, RunOptions, overridden
 from .request import RunRequest
@@ -34,29 +33,9 @@ _LOGGER = logging.getLogger("openmm_dpd")
 class DeckRunner:
     """The callback of :func:`openmm_dpd.lammps.read_deck`: steps each run, prints thermo rows, writes trajectories and checkpoints.
 
-    Parameters
-    ----------
-    options : RunOptions
-    log : callable
-        Takes lines of thermo output and remarks.
-    out : Path, optional
-        Folder for trajectory, topology and final state; nothing is written without it.
-    progress : callable, optional
-        ``progress(total, done)`` returns an object with ``update(steps)`` and ``close()``, such as a tqdm bar.
-    signals : Signals, optional
-        Those that may end a run early.
-    variables : dict, optional
-        Those of the command line, for checkpoints.
-    checkpoints : Checkpoints, optional
-    latest : Latest, optional
-        Where an interrupted run is resumed; until then, runs are recalled and not carried out.
-
-    Attributes
-    ----------
-    results : list of RunResult
-        One for each run that was begun.
-    not_resumable : str or None
-        Why a run that is interrupted cannot be resumed.
+    ``log`` takes lines of thermo output and remarks; nothing is written without the folder ``out``.  ``progress(total, done)`` returns an
+    object with ``update(steps)`` and ``close()``, such as a tqdm bar; ``signals`` may end a run early.  ``variables`` are those of the
+    command line, for checkpoints.  Until ``latest``, where an interrupted run is resumed, runs are recalled and not carried out.
     """
 
     def __init__(
@@ -72,8 +51,8 @@ class DeckRunner:
     ):
         self.options, self.log, self.progress, self.signals = options, log, progress, signals or Signals()
         self.variables, self.checkpoints, self.latest = variables or {}, checkpoints, latest
-        self.results: list[RunResult] = []
-        self.not_resumable: str | None = None
+        self.results: list[RunResult] = []  #: One for each run that was begun
+        self.not_resumable: str | None = None  #: Why a run that is interrupted cannot be resumed
         self.trajectory = None if out is None else RunTrajectory(out, options.format, options.every)
         self._notes = 0
         set_threads(options.threads)

@@ -13,10 +13,23 @@ from ...measure import Sample
 from ...measure.present import require_stress, why_no_stress
 from ...measure.scene_samples import SceneSampler
 from ...schemes import scheme_of
-from ..state.sample import DeckSample
-from ..values.force_fixes import acted_on
-from ..values.resolver import Resolver
+from ..state.records import FORCE_FIXES, DeckSample
+from ..values.resolver import Resolver, evaluate_beads
 from .request import RunRequest
+
+
+def acted_on(moment: Resolver, forces: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """What the fixes make of forces (N, 3), and the total force on the group of each before it acts; all in the deck's units."""
+    found, before = forces.copy(), {}
+    for fix in moment.state.fixes_of(*FORCE_FIXES):
+        members = moment.state.group(fix.group)
+        before[fix.name] = found[members].sum(axis=0)
+        for k, word in enumerate(fix.parameters["force"]):
+            if word != "NULL":
+                kept = 0.0 if fix.style == "setforce" else found[members, k]
+                found[members, k] = kept + evaluate_beads(word, moment, len(found))[members]
+    return found, before
+
 
 _NM, _V = unit.nanometer, unit.nanometer / unit.picosecond
 
@@ -29,14 +42,7 @@ def arrays(context: openmm.Context):
 
 
 class Sampler:
-    """Takes samples during one run.
-
-    Parameters
-    ----------
-    request : RunRequest
-    built : BuiltSystem
-    context : openmm.Context
-    """
+    """Takes samples during one run."""
 
     def __init__(self, request: RunRequest, built: BuiltSystem, context: openmm.Context):
         self.request, self.built, self.context = request, built, context

@@ -3,28 +3,104 @@
 import io
 import time
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import openmm
 from openmm import app
 
 from ...build import BuiltSystem
 from ...errors import RunError
 from ...fields import read_fields
+from ...files import write_whole
 from ...measure import Sample
 from ...measure.watch import has_set_temperature
 from ...model.scene import Scene
+from ...names import COUNTER
 from ...signals import Signals
 from ...watching import PIECE
-from ..state.sample import DeckSample
+from ..files.restart_file import restart_bytes
+from ..state.records import DeckSample, Fix, MomentumRemoval
 from ..values.resolver import Resolver
-from .momentum import MomentumFixes
 from .request import RunRequest
-from .restarts import RestartFiles
 from .result import RunResult
 from .sampling import Sampler, arrays
 from .trajectory import RunTrajectory
+
+
+class RestartFiles:
+    """Writes the files of ``restart N``: what ``write_restart`` would write if the run ended at that step."""
+
+    def __init__(self, request: RunRequest, built: BuiltSystem, context: openmm.Context):
+        self._request, self._built, self._context = request, built, context
+        self._settings = request.state.restarts
+
+    def next_due(self, step: int) -> int:
+        """The first step after ``step`` at which a file is written; the last step of the run without any."""
+        every = self._settings.every
+        return (step // every + 1) * every if every else self._request.last_step
+
+    def write(self, step: int) -> None:
+        """Write a file, if it is time; OutputError if it cannot be written."""
+        settings = self._settings
+        if not settings.every or step % settings.every or step == self._request.first_step:
+            return
+        state = copy(self._request.state)
+        state.atoms = copy(state.atoms)
+        x, v, box = arrays(self._context)
+        state.write_back(x, v, box, read_fields(self._context, self._built.plan))
+        state.step, state.runs = step, state.runs + 1
+        if COUNTER in self._context.getParameters():
+            state.noise_counter = self._context.getParameter(COUNTER)
+        name = settings.files[settings.written % len(settings.files)]
+        settings.written += 1
+        write_whole(state.output_file(name, step), restart_bytes(state), "the restart file")
+
+
+class MomentumFixes:
+    """The ``fix momentum`` of a run, which change velocities at the end of steps that are multiples of their intervals.
+
+    One that acts on beads that do not move is an error, or that comes after a fix that reads values at the end of a step: LAMMPS takes
+    those before.
+    """
+
+    def __init__(self, request: RunRequest, context: openmm.Context):
+        self._request, self._context = request, context
+        self._found: list[tuple[MomentumRemoval, np.ndarray]] = []
+        readers: list[Fix] = []
+        for fix in request.state.fixes.values():
+            if "reader" in fix.parameters:
+                readers.append(fix)
+            if fix.style == "momentum":
+                self._found.append((fix.parameters["momentum"], self._members(fix, readers)))
+
+    def _members(self, fix: Fix, readers: list[Fix]) -> np.ndarray:
+        members = self._request.state.group(fix.group)
+        if np.any(members & ~self._request.mobile):
+            raise fix.error(f"group {fix.group} has beads that no fix moves; leave them out of the group")
+        if readers:
+            which = f"fix {readers[0].name} ({readers[0].style})"
+            raise fix.error(f"it comes after {which}, which would see velocities of before; put it in front of that")
+        return members
+
+    def next_due(self, step: int) -> int:
+        """The first step after ``step`` at which one acts; the last step of the run without any."""
+        return min([(step // removal.every + 1) * removal.every for removal, _ in self._found], default=self._request.last_step)
+
+    def act(self, step: int) -> np.ndarray | None:
+        """Change the velocities, if it is time: what was added to them (nm/ps), or None."""
+        due = [(removal, mask) for removal, mask in self._found if step % removal.every == 0 and mask.any()]
+        if not due:
+            return None
+        x, v, box = arrays(self._context)
+        state, before, v = self._request.state, v, np.array(v)
+        unwrapped = Resolver(state, DeckSample(step, positions=x, velocities=v, box=box), self._request.window).unwrapped
+        for removal, mask in due:
+            v[mask] = removal.applied(unwrapped[mask] * state.units.length, v[mask], state.bead_masses()[mask])
+        self._context.setVelocities(v)
+        return v - before
 
 
 class Pace:
@@ -47,23 +123,9 @@ class Pace:
 
 
 class DeckSteps:
-    """One run that is being carried out.
+    """One run that is being carried out: ``result`` takes the rows, ``log`` lines of thermo output; ``signals`` may end it after any step.
 
-    Parameters
-    ----------
-    request : RunRequest
-    simulation : app.Simulation
-    built : BuiltSystem
-    result : RunResult
-        Takes the rows.
-    log : callable
-        Takes the lines of thermo output.
-    trajectory : RunTrajectory, optional
-    signals : Signals
-        Those that may end the run after any step.
-    keep : callable
-        ``keep(present)`` may store everything, and what :meth:`resume` needs, where a signal has come or ``interval`` steps have gone by.
-    interval : int, optional
+    ``keep(present)`` may store everything, and what :meth:`resume` needs, where a signal has come or ``interval`` steps have gone by.
     """
 
     def __init__(

@@ -36,19 +36,9 @@ class RunTrajectory:
     All runs go to one file; a new one (``trajectory-2.dcd``, ``topology-2.psf``) begins when the number of beads changes.  Positions
     are continuous: they are not folded back into the box.
 
-    Parameters
-    ----------
-    folder : Path
-        Made if it does not exist.
-    form : str
-        One of :data:`FORMATS`.
-    every : int, optional
-        Frames are at multiples of so many steps, each once.  By default about :data:`FRAMES` of each run, the first and last step included.
-
-    Raises
-    ------
-    OutputError
-        From all methods, if a file cannot be written; frames that are there stay readable.
+    The folder is made if it does not exist; ``form`` is one of :data:`FORMATS`.  Frames are at multiples of ``every`` steps, each once; by
+    default there are about :data:`FRAMES` of each run, the first and last step included.  All methods raise OutputError if a file cannot be
+    written; frames that are there stay readable.
     """
 
     def __init__(self, folder: Path, form: str = "dcd", every: int | None = None):

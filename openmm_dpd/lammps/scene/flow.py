@@ -16,18 +16,10 @@ from ..state.records import FORCE_FIXES, Fix
 # -- addforce and setforce ----------------------------------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Driving:
-    """What the fixes addforce, gravity and setforce of a deck add up to.
+    """What the fixes addforce, gravity and setforce of a deck add up to."""
 
-    Attributes
-    ----------
-    pushes : list of (Fix, (N, 3) array of bool)
-        Fixes, and the components of beads on which their forces act after all of them.
-    interacting : (N, 3) array of bool
-        Components on which other forces act as well.
-    """
-
-    pushes: list[tuple[Fix, np.ndarray]]
-    interacting: np.ndarray
+    pushes: list[tuple[Fix, np.ndarray]]  #: Fixes, and the components of beads on which their forces act after all of them
+    interacting: np.ndarray  #: (N, 3) components on which other forces act as well
 
     @property
     def still(self) -> np.ndarray:
@@ -94,14 +86,7 @@ def _known(state: DeckState, kind: int) -> Known:
 
 
 def held_beads(state: DeckState) -> np.ndarray:
-    """(N,) beads that ``fix setforce`` holds while the potential energy is minimised.
-
-    Raises
-    ------
-    DeckError
-        If a setforce says something else than 0 0 0: as in LAMMPS other values are no slope of an energy, and single components cannot be
-        held here.
-    """
+    """(N,) beads that ``fix setforce`` holds while the potential energy is minimised; DeckError if one says something else than 0 0 0."""
     held = np.zeros(len(state.atoms), dtype=bool)
     for fix in state.fixes_of("setforce"):
         if "NULL" in words(fix):
@@ -115,10 +100,7 @@ def held_beads(state: DeckState) -> np.ndarray:
 def still_beads(state: DeckState, mobile: np.ndarray) -> np.ndarray:
     """(N,) beads at rest that no force acts on: they stay where they are.
 
-    Raises
-    ------
-    DeckError
-        If fix shardlow would change velocities of beads whose forces a setforce takes away.
+    DeckError if fix shardlow would change velocities of beads whose forces a setforce takes away.
     """
     found = driving(state)
     taken = mobile & ~found.interacting.all(axis=1)
@@ -140,10 +122,7 @@ def interacting_beads(state: DeckState, mobile: np.ndarray) -> np.ndarray | None
 def walls_of(state: DeckState, mobile: np.ndarray) -> list[Wall]:
     """Walls of all ``fix wall/reflect``.
 
-    Raises
-    ------
-    DeckError
-        If an axis with ``boundary f`` is not closed by walls at both ends, or beads that move are not in the group.
+    DeckError if an axis with ``boundary f`` is not closed by walls at both ends, or beads that move are not in the group.
     """
     walls: list[Wall] = []
     closed: dict[str, str] = {}

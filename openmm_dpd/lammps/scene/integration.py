@@ -6,8 +6,7 @@ import numpy as np
 
 from ..language.lexer import located
 from ..state.deck_state import DeckState
-from ..state.pressure import PressureControl
-from ..state.records import Fix
+from ..state.records import Fix, PressureControl
 from .flow import still_beads
 
 #: Fixes that move beads.
@@ -22,33 +21,18 @@ ADVANCED_BY = {"edpd": ("mvv/edpd", "temperatures"), "tdpd": ("mvv/tdpd", "conce
 
 @dataclass(frozen=True)
 class Integration:
-    """What the fixes add up to.
+    """What the fixes add up to."""
 
-    Attributes
-    ----------
-    scheme : str
-        ``mvv`` or ``shardlow``.
-    lambda_ : float
-        Weight of the predicted velocity in ``mvv``; 1/2 is velocity Verlet.
-    mobile : (N,) array of bool
-        Beads that some fix moves.
-    barostat : PressureControl or None
-        The pressure of ``fix nph``.
-    """
-
-    scheme: str
-    lambda_: float
-    mobile: np.ndarray
-    barostat: PressureControl | None = None
+    scheme: str  #: ``mvv`` or ``shardlow``
+    lambda_: float  #: Weight of the predicted velocity in ``mvv``; 1/2 is velocity Verlet
+    mobile: np.ndarray  #: (N,) beads that some fix moves
+    barostat: PressureControl | None = None  #: The pressure of ``fix nph``
 
 
 def integration(state: DeckState) -> Integration:
     """Scheme and mobile beads of the deck's present fixes.
 
-    Raises
-    ------
-    DeckError
-        If two fixes move one bead, two schemes are mixed, a fix lacks its pair style, or a pair style its fix.
+    DeckError if two fixes move one bead, two schemes are mixed, a fix lacks its pair style, or a pair style its fix.
     """
     mobile = np.zeros(len(state.atoms), dtype=bool)
     owners: list[Fix] = []

@@ -1,42 +1,31 @@
-"""From the state of a deck to a :class:`~openmm_dpd.model.scene.Scene`."""
+"""From the state of a deck to a :class:`~openmm_dpd.model.scene.Scene`, with the fields of its beads and their sources."""
 
 import numpy as np
 
 from ...model.bonds import HarmonicBonds
+from ...model.eos import EquationOfState
+from ...model.internal import BeadTemperatures, Concentrations, Internal, InternalEnergy
 from ...model.scene import Scene
+from ...model.sources import Source
 from ...model.temperature import TemperatureRamp
 from ...wording import read_by
 from ..language.lexer import errors_at, located
 from ..state.deck_state import DeckState
 from ..state.moment import Window
 from ..styles.bonded_styles import bonded_styles
-from ..styles.pair_tables import pair_tables
-from .electrostatics import electrostatics_of
-from .fields import internal_of, internal_scale, sources_of
+from ..styles.charges import electrostatics_of
+from ..styles.pair_styles import pair_tables
+from ..styles.srp import segments_of
 from .flow import body_forces_of, interacting_beads, walls_of
-from .integration import Integration, integration
-from .segments import segments_of
+from .integration import integration
 
 
-def build_scene(state: DeckState, window: Window | None = None, compat: str = "consistent", moved: Integration | None = None) -> Scene:
-    """The scene that the deck describes at this point.
+def build_scene(state: DeckState, window: Window | None = None, compat: str = "consistent", mobile: np.ndarray | None = None) -> Scene:
+    """The scene that the deck describes at this point; it must have a box, beads and pair coefficients.
 
-    Parameters
-    ----------
-    state : DeckState
-        The deck; it must have a box, beads and pair coefficients.
-    window : Window, optional
-        Steps between which temperature ramps go; the ramp starts now if absent.
-    compat : {"consistent", "lammps"}
-        How the heat of edpd is computed.
-    moved : Integration, optional
-        Which beads move; by default those of the integrating fixes.
-
-    Raises
-    ------
-    DeckError
-        If something is missing or cannot be expressed: unset type pairs, unset masses, different temperatures, a cutoff over
-        half the box ...; the message names file and line.
+    Temperature ramps go between the steps of ``window``, and start now without it; ``compat`` says how the heat of edpd is computed,
+    ``mobile`` which beads move: by default those of the integrating fixes.  DeckError, with file and line, if something is missing or
+    cannot be expressed: unset type pairs, unset masses, different temperatures, a cutoff over half the box ...
     """
     box = state.require_box("a run")
     if not len(state.atoms):
@@ -50,7 +39,7 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
         and any(style.name in ("dpd/fdt", "dpd/fdt/energy") for style in state.pair.styles)
     ):
         state.note("dpd/fdt: the noise of bonded neighbours goes with the root of the special_bonds factor (LAMMPS: with the factor)")
-    moved = integration(state) if moved is None else moved
+    mobile = integration(state).mobile if mobile is None else mobile
     atoms, units = state.atoms, state.units
     vectors = box.reduced_vectors * units.length
     with errors_at(state.here), read_by(state):
@@ -69,27 +58,23 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
             dihedrals=_bonded_terms(state, "dihedral"),
             segments=segments_of(state, compat),
             bonded_factors=state.special if len(state.bonds) else (1.0, 1.0, 1.0),
-            mobile=None if moved.mobile.all() else moved.mobile,
+            mobile=None if mobile.all() else mobile,
             molecules=atoms.molecules if np.any(atoms.molecules) else None,
             internal=internal_of(state),
             sources=sources_of(state, vectors),
             compat=compat,
             body_forces=body_forces_of(state),
-            walls=walls_of(state, moved.mobile),
+            walls=walls_of(state, mobile),
             electrostatics=electrostatics_of(state),
-            interacting=interacting_beads(state, moved.mobile),
+            interacting=interacting_beads(state, mobile),
         )
 
 
 def deck_kT(state: DeckState, window: Window | None) -> float | TemperatureRamp:
     """The one temperature (or ramp) of all thermostatting pair styles, as an energy; 0 if there is none.
 
-    Where beads have internal temperatures and no style sets another, it is the mean of these (the scale of a trial step).
-
-    Raises
-    ------
-    DeckError
-        If two styles have different temperatures.
+    Where beads have internal temperatures and no style sets another, it is the mean of these (the scale of a trial step).  DeckError if
+    two styles have different temperatures.
     """
     styles = [style for style in state.pair.styles if style.spec.thermostat and "start" in style.settings]
     if not styles:
@@ -128,4 +113,82 @@ def _bonded_terms(state: DeckState, what: str) -> list:
             found.append(known[style].build(beads, values))
         elif what == "bond":
             found.append(HarmonicBonds(beads, np.zeros(len(beads)), np.zeros(len(beads))))
+    return found
+
+
+EOS_FIXES = ("eos/cv", "eos/table")
+SOURCE_FIXES = {"edpd/source": "edpd", "tdpd/source": "tdpd"}
+
+
+def internal_of(state: DeckState) -> Internal | None:
+    """Internal energies (dpd/fdt/energy), temperatures (edpd) or concentrations (tdpd) at the beginning of a run.
+
+    As in LAMMPS every run begins with all internal energy booked as mechanical; the sum is what it was.
+    """
+    names = [style.name for style in state.pair.styles]
+    atoms, units = state.atoms, state.units
+    if "dpd/fdt/energy" in names:
+        return InternalEnergy(equations_of_state(state), atoms.thetas * units.thermal_energy)
+    for fix in state.fixes_of(*EOS_FIXES):
+        state.note(f"fix {fix.name} ({fix.style}) has no effect: without pair style dpd/fdt/energy internal energies do not change")
+    if "edpd" in names:
+        return BeadTemperatures(atoms.temperatures * units.thermal_energy, atoms.capacities)
+    return Concentrations(atoms.concentrations) if "tdpd" in names else None
+
+
+def internal_scale(state: DeckState) -> float:
+    """Mean internal temperature as an energy (kJ/mol), 0 if beads have none: the scale of kT where no thermostat sets one."""
+    names = [style.name for style in state.pair.styles]
+    for name, values in (("dpd/fdt/energy", state.atoms.thetas), ("edpd", state.atoms.temperatures)):
+        if name in names and len(values):
+            return float(values.mean()) * state.units.thermal_energy
+    return 0.0
+
+
+def equations_of_state(state: DeckState) -> dict[str, EquationOfState]:
+    """Equation of state of each bead type; DeckError if a bead has none or two, or beads of one type have different ones."""
+    fixes = state.fixes_of(*EOS_FIXES)
+    owner = np.full(len(state.atoms), -1)
+    for k, fix in enumerate(fixes):
+        members = state.group(fix.group)
+        twice = members & (owner >= 0)
+        if twice.any():
+            bead = int(np.argmax(twice))
+            other = fixes[owner[bead]].name
+            raise fix.error(f"bead {state.atoms.ids[bead]} has an equation of state from fix {other} already; it can have one only")
+        owner[members] = k
+    if np.any(owner < 0):
+        bead = int(state.atoms.ids[np.argmax(owner < 0)])
+        where = next(style.where for style in state.pair.styles if style.name == "dpd/fdt/energy")
+        message = f"pair style dpd/fdt/energy needs a fix eos/cv or eos/table for every bead; bead {bead} has none"
+        raise located(where, message)
+    by_type: dict[str, EquationOfState] = {}
+    for kind in range(1, state.n_types + 1):
+        used = [fixes[k] for k in np.unique(owner[state.atoms.types == kind]).tolist()]
+        for fix in used[1:]:
+            if fix.parameters["source"] != used[0].parameters["source"]:
+                raise fix.error(f"beads of type {kind} have another equation of state by fix {used[0].name}; give them types of their own")
+        by_type[str(kind)] = (used or fixes)[0].parameters["eos"]
+    return by_type
+
+
+def sources_of(state: DeckState, box: np.ndarray) -> list[Source]:
+    """Sources of heat or species; places are in the deck's coordinates, ``box`` has the scene's vectors (nm)."""
+    names = [style.name for style in state.pair.styles]
+    found = []
+    for fix in state.fixes_of(*SOURCE_FIXES):
+        pair = SOURCE_FIXES[fix.style]
+        if pair not in names:
+            raise fix.error(f"{fix.style} needs pair style {pair}; the deck has {', '.join(names) or 'none'}")
+        group = state.group(fix.group)
+        with errors_at(fix.where, f"fix {fix.name}: "):
+            source = Source(
+                fix.parameters["region"],
+                fix.parameters["rate"],
+                fix.parameters["species"],
+                None if group.all() else group,
+                state.require_box("a run").low * state.units.length,
+            )
+            source.check(box, len(state.atoms), max(1, state.n_species))
+        found.append(source)
     return found

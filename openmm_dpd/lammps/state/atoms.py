@@ -13,52 +13,26 @@ def _empty(*shape: int, dtype: type = np.float64):
 
 @dataclass
 class Atoms:
-    """Beads, sorted by id.  Positions and velocities are the deck's own numbers until a Scene is made of them.
+    """Beads, sorted by id.  Positions and velocities are the deck's own numbers until a Scene is made of them."""
 
-    Attributes
-    ----------
-    ids : (N,) int
-        Ids as in the deck, increasing, not necessarily consecutive.
-    types : (N,) int
-        Types, counted from 1.
-    positions : (N, 3) float
-        In the deck's unit of length; what ``set`` has moved may lie outside the box until the next run.
-    images : (N, 3) int
-        How many boxes the bead has left behind along each box vector.
-    velocities : (N, 3) float
-        In the deck's units.
-    charges : (N,) float
-        Elementary charges.
-    molecules : (N,) int
-        Molecule ids; 0 means none.
-    thetas : (N,) float
-        Internal temperatures of ``atom_style dpd``, in the deck's units.
-    u_cond, u_mech : (N,) float
-        Internal energies of ``atom_style dpd``, kJ/mol: what came by conduction, and what friction and noise brought.
-    temperatures, capacities : (N,) float
-        Temperatures and heat capacities of ``atom_style edpd``, in the deck's units.
-    concentrations : (N, K) float
-        Concentrations of ``atom_style tdpd``.
-    densities : (N,) float
-        Local densities of ``atom_style mdpd``, in the deck's units.
-    slots : (N,) int
-        Where each bead stands in LAMMPS's memory before the first run: the order in which ``delete_atoms`` hands out new ids.
-    """
-
-    ids: np.ndarray = _empty(0, dtype=np.int64)
-    types: np.ndarray = _empty(0, dtype=np.int64)
+    ids: np.ndarray = _empty(0, dtype=np.int64)  #: (N,) ids as in the deck, increasing, not necessarily consecutive
+    types: np.ndarray = _empty(0, dtype=np.int64)  #: (N,) types, counted from 1
+    #: (N, 3) in the deck's unit of length; what ``set`` has moved may lie outside the box until the next run.
     positions: np.ndarray = _empty(0, 3)
-    images: np.ndarray = _empty(0, 3, dtype=np.int64)
-    velocities: np.ndarray = _empty(0, 3)
-    charges: np.ndarray = _empty(0)
-    molecules: np.ndarray = _empty(0, dtype=np.int64)
-    thetas: np.ndarray = _empty(0)
+    images: np.ndarray = _empty(0, 3, dtype=np.int64)  #: (N, 3) how many boxes the bead has left behind along each box vector
+    velocities: np.ndarray = _empty(0, 3)  #: (N, 3) in the deck's units
+    charges: np.ndarray = _empty(0)  #: (N,) elementary charges
+    molecules: np.ndarray = _empty(0, dtype=np.int64)  #: (N,) molecule ids; 0 means none
+    thetas: np.ndarray = _empty(0)  #: (N,) internal temperatures of ``atom_style dpd``, in the deck's units
+    #: (N,) internal energies of ``atom_style dpd``, kJ/mol: what came by conduction, and what friction and noise brought.
     u_cond: np.ndarray = _empty(0)
     u_mech: np.ndarray = _empty(0)
+    #: (N,) temperatures and heat capacities of ``atom_style edpd``, in the deck's units.
     temperatures: np.ndarray = _empty(0)
     capacities: np.ndarray = _empty(0)
-    concentrations: np.ndarray = _empty(0, 0)
-    densities: np.ndarray = _empty(0)
+    concentrations: np.ndarray = _empty(0, 0)  #: (N, K) concentrations of ``atom_style tdpd``
+    densities: np.ndarray = _empty(0)  #: (N,) local densities of ``atom_style mdpd``, in the deck's units
+    #: (N,) where each bead stands in LAMMPS's memory before the first run: the order in which ``delete_atoms`` hands out new ids.
     slots: np.ndarray = _empty(0, dtype=np.int64)
 
     def __len__(self) -> int:

@@ -19,25 +19,14 @@ _ONE_BY_ONE = 100
 
 @dataclass(frozen=True)
 class Box:
-    """A periodic box, orthogonal or tilted, in any unit of length.
+    """A periodic box, orthogonal or tilted, in any unit of length."""
 
-    Attributes
-    ----------
-    low, high : (3,) array
-        Corners of the untilted box: ``xlo``, ``ylo``, ``zlo`` and ``xhi``, ``yhi``, ``zhi``.
-    tilt : (3,) array
-        ``xy``, ``xz``, ``yz``; zero for an orthogonal box.
-    triclinic : bool
-        Whether the box was defined with tilts, even if they are 0.
-    periodic : three bools
-        Axes along which the box repeats; a box with others has no tilts.
-    """
-
+    #: (3,) corners of the untilted box: ``xlo``, ``ylo``, ``zlo`` and ``xhi``, ``yhi``, ``zhi``.
     low: np.ndarray
     high: np.ndarray
-    tilt: np.ndarray
-    triclinic: bool = False
-    periodic: tuple[bool, bool, bool] = (True, True, True)
+    tilt: np.ndarray  #: (3,) ``xy``, ``xz``, ``yz``; zero for an orthogonal box
+    triclinic: bool = False  #: Whether the box was defined with tilts, even if they are 0
+    periodic: tuple[bool, bool, bool] = (True, True, True)  #: Axes along which the box repeats; a box with others has no tilts
 
     def __post_init__(self):
         for name in ("low", "high", "tilt"):
@@ -124,13 +113,9 @@ class Box:
         return np.array(positions, dtype=np.float64), self.low, self.high
 
     def holds(self, positions: np.ndarray, lower: float = 0.0, upper: float = 0.0) -> np.ndarray:
-        """Mask of the positions inside: on a lower face they are, on an upper one not.
+        """Mask of the (N, 3) positions inside: on a lower face they are, on an upper one not.
 
-        Parameters
-        ----------
-        positions : (N, 3) array
-        lower, upper : float
-            By how much the faces of periodic axes are moved down, in edges.
+        ``lower`` and ``upper`` say by how much the faces of periodic axes are moved down, in edges.
         """
         coordinates, low, high = self._coordinates(positions)
         period = np.where(self.periodic, high - low, 0.0)
@@ -139,12 +124,8 @@ class Box:
     def settle(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions moved into the box, and by how many boxes each was moved back ((N, 3) integers to be added to the image flags).
 
-        In a tilted box all positions go through their fractions, as in LAMMPS at the beginning of a run.
-
-        Raises
-        ------
-        ParameterError
-            If a position is not finite, or too far away for an image flag.
+        In a tilted box all positions go through their fractions, as in LAMMPS at the beginning of a run.  ParameterError if a position is
+        not finite, or too far away for an image flag.
         """
         x, low, high = self._coordinates(positions)
         period = high - low

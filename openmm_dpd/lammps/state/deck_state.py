@@ -13,16 +13,14 @@ from ...files import writing
 from ...geometry import weighted_sum
 from ...units import LJ, UnitSystem
 from ..language import arguments as read
-from ..language.lexer import Line
+from ..language.lexer import Line, Script
 from ..language.variables import Variables
 from .atoms import Atoms
 from .box import Box
 from .lattice import Lattice, no_lattice
 from .pair_setup import BondedSetup, PairSetup
-from .records import Compute, Fix, KspaceSetup, RestartSettings, ThermoSettings
+from .records import Compute, DeckSample, Fix, KspaceSetup, RestartSettings, Temperature, ThermoSettings
 from .regions import Region
-from .sample import DeckSample
-from .temperature import Temperature
 
 
 def bead_fields(atom_style: str, units: UnitSystem) -> dict[str, tuple[str, float]]:
@@ -42,95 +40,27 @@ class DeckState:
 
     Box, beads, lattice and regions hold the deck's own numbers, those that LAMMPS would have: whether a bead lies on a face is a
     matter of the last bit.  Other numbers are in MD units (nm, Da, ps, kJ/mol) unless said otherwise.
-
-    Attributes
-    ----------
-    path : Path
-        The deck.
-    units : UnitSystem
-        Its unit style.
-    atom_style : str
-        Its atom style.
-    sorts : bool
-        Whether LAMMPS sorts beads in memory (``atom_modify sort``).
-    box : Box or None
-        The periodic box, in the deck's unit of length.
-    periodic : three bools
-        Axes along which the box repeats.
-    n_types, n_bond_types, n_angle_types, n_dihedral_types : int
-        Numbers of bead, bond, angle and dihedral types.
-    n_species : int
-        Number of concentrations of ``atom_style tdpd``, 0 for other styles.
-    masses : dict of int to float
-        Mass of each type that has one, Da.
-    atoms : Atoms
-        Arrays in the order of the ids.
-    bonds : (B, 3) int array
-        Bond type and the ids of the two beads.
-    angles : (A, 4) int array
-        Angle type and the ids of the three beads, the vertex in the middle.
-    dihedrals : (D, 5) int array
-        Dihedral type and the ids of the four beads.
-    groups : dict of str to (N,) bool array
-        Members of each group, ``all`` included.
-    special : three floats
-        Factors for 1-2, 1-3 and 1-4 neighbours; ``special_charges`` those of their charges.
-    kspace : KspaceSetup or None
-        What ``kspace_style`` said.
-    dielectric : float
-        Divisor of the Coulomb constant.
-    thermo_temp : Compute
-        The temperature of all beads, which exists without being defined.
-    pressure_temps : dict of str to str
-        Computes of pressure (``thermo_press`` is one) whose temperature ``thermo_modify temp`` has replaced, and the id of the new one.
-    dumps : dict of str to :class:`~openmm_dpd.lammps.output.dumps.Dump`
-        Dumps that are active.
-    timestep : float
-        ps.
-    step : int
-        Number of the current step.
-    variables : Variables
-        The variables.
-    skips_jump : bool
-        Whether the next jump is skipped, because ``next`` has come to the end of a series.
-    force_norm : str
-        By what ``minimize`` measures forces.
-    min_style : str
-        What ``min_style`` said.
-    setup : list of (str, list of str)
-        The commands about interactions until now, with their words.
-    noise_counter : float
-        Random numbers of pairs that runs have used: every run draws new ones.
-    restarts : RestartSettings
-        What ``restart`` said.
-    reordered : bool
-        Whether LAMMPS would have sorted the beads by place: it does where a run begins, and a minimisation.
-    notes : list of str
-        What was accepted without having a meaning here, each said once.
-    inputs : list of Path
-        The deck, and the files that it has read.
-    carried_out : bool
-        Whether runs are carried out, so that the files of fixes and dumps are made.
-    last_sample : DeckSample or None
-        The last row of the last run, for formulas evaluated between runs.
     """
 
     path: Path
     units: UnitSystem = LJ
     atom_style: str = "atomic"
-    sorts: bool = True
-    box: Box | None = None
-    periodic: tuple[bool, bool, bool] = (True, True, True)
+    sorts: bool = True  #: Whether LAMMPS sorts beads in memory (``atom_modify sort``)
+    box: Box | None = None  #: The periodic box, in the deck's unit of length
+    periodic: tuple[bool, bool, bool] = (True, True, True)  #: Axes along which the box repeats
+    #: Numbers of bead, bond, angle and dihedral types.
     n_types: int = 0
     n_bond_types: int = 0
     n_angle_types: int = 0
     n_dihedral_types: int = 0
-    n_species: int = 0
-    masses: dict[int, float] = field(default_factory=dict)
-    atoms: Atoms = field(default_factory=Atoms)
-    bonds: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
+    n_species: int = 0  #: Number of concentrations of ``atom_style tdpd``, 0 for other styles
+    masses: dict[int, float] = field(default_factory=dict)  #: Mass of each type that has one, Da
+    atoms: Atoms = field(default_factory=Atoms)  #: Arrays in the order of the ids
+    bonds: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))  #: (B, 3) bond type and the ids of the two beads
+    #: (A, 4) angle type and the ids of the three beads, the vertex in the middle.
     angles: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
-    dihedrals: np.ndarray = field(default_factory=lambda: np.zeros((0, 5), dtype=np.int64))
+    dihedrals: np.ndarray = field(default_factory=lambda: np.zeros((0, 5), dtype=np.int64))  #: (D, 5) dihedral type and the four ids
+    #: Members of each group, ``all`` included.
     groups: dict[str, np.ndarray] = field(default_factory=lambda: {"all": np.zeros(0, dtype=bool)})
     lattice: Lattice = field(default_factory=no_lattice)
     regions: dict[str, Region] = field(default_factory=dict)
@@ -138,38 +68,50 @@ class DeckState:
     bond: BondedSetup = field(default_factory=BondedSetup)
     angle: BondedSetup = field(default_factory=BondedSetup)
     dihedral: BondedSetup = field(default_factory=BondedSetup)
+    #: Factors for 1-2, 1-3 and 1-4 neighbours; ``special_charges`` those of their charges.
     special: tuple[float, float, float] = (0.0, 0.0, 0.0)
     special_charges: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    kspace: KspaceSetup | None = None
-    dielectric: float = 1.0
+    kspace: KspaceSetup | None = None  #: What ``kspace_style`` said
+    dielectric: float = 1.0  #: Divisor of the Coulomb constant
     fixes: dict[str, Fix] = field(default_factory=dict)
     computes: dict[str, Compute] = field(default_factory=dict)
+    #: The temperature of all beads, which exists without being defined.
     thermo_temp: Compute = Compute("thermo_temp", "all", "temp", settings=Temperature())
+    #: Computes of pressure (``thermo_press`` is one) whose temperature ``thermo_modify temp`` has replaced, and the id of the new one.
     pressure_temps: dict[str, str] = field(default_factory=dict)
     dumps: dict[str, Any] = field(default_factory=dict)
     thermo: ThermoSettings = field(default_factory=ThermoSettings)
-    timestep: float = LJ.timestep
+    timestep: float = LJ.timestep  #: ps
     step: int = 0
     time_origin: tuple[float, int] = (0.0, 0)
     variables: Variables = field(default_factory=Variables)
-    skips_jump: bool = False
-    force_norm: str = "two"
-    min_style: str = "cg"
-    setup: list[tuple[str, list[str]]] = field(default_factory=list)
-    noise_counter: float = 0.0
-    restarts: RestartSettings = field(default_factory=RestartSettings)
-    notes: list[str] = field(default_factory=list)
+    skips_jump: bool = False  #: Whether the next jump is skipped, because ``next`` has come to the end of a series
+    force_norm: str = "two"  #: By what ``minimize`` measures forces
+    min_style: str = "cg"  #: What ``min_style`` said
+    setup: list[tuple[str, list[str]]] = field(default_factory=list)  #: The commands about interactions until now, with their words
+    noise_counter: float = 0.0  #: Random numbers of pairs that runs have used: every run draws new ones
+    restarts: RestartSettings = field(default_factory=RestartSettings)  #: What ``restart`` said
+    notes: list[str] = field(default_factory=list)  #: What was accepted without having a meaning here, each said once
     runs: int = 0
-    reordered: bool = False
-    last_sample: DeckSample | None = None
+    reordered: bool = False  #: Whether LAMMPS would have sorted the beads by place: it does where a run begins, and a minimisation
+    last_sample: DeckSample | None = None  #: The last row of the last run, for formulas evaluated between runs
     here: Line | None = None
     output: Path = field(default_factory=Path)
-    carried_out: bool = False
+    run_callback: Callable[[Any], None] | None = None  #: Called with the RunRequest of every run
+    stop_before_first_run: bool = False  #: Whether reading ends there
+    first_run: Any = None  #: RunRequest of the first run, once it is reached
+    finished: bool = False  #: Whether the rest of the deck is not read
+    scripts: list[Script] = field(default_factory=list)  #: The deck and the files whose include is being carried out, and the place in each
     log: Callable[[str], None] = lambda _: None
     generators: dict[str, np.random.Generator] = field(default_factory=dict)
-    inputs: list[Path] = field(default_factory=list)
+    inputs: list[Path] = field(default_factory=list)  #: The deck, and the files that it has read
 
     # -- questions -----------------------------------------------------------------------------------------------------------
+    @property
+    def carried_out(self) -> bool:
+        """Whether runs are carried out, so that the files of fixes and dumps are made."""
+        return self.run_callback is not None
+
     def require_box(self, command: str) -> Box:
         """The box; ParameterError if it does not exist yet."""
         if self.box is None:
@@ -275,12 +217,8 @@ class DeckState:
     def output_path(self, name: str, step: int | None = None) -> Path:
         """Where a file that the deck writes goes: ``*`` becomes the step, by default the present one.
 
-        Relative names are put into the output folder; absolute ones are taken as they are, and a note says so.
-
-        Raises
-        ------
-        ParameterError
-            If a relative name leads out of the output folder.
+        Relative names are put into the output folder; absolute ones are taken as they are, and a note says so.  ParameterError if a
+        relative name leads out of the output folder.
         """
         if Path(name).is_absolute():
             self.note(f"{name} is an absolute name: it is written there, and not into the output folder {self.output}")
@@ -309,12 +247,6 @@ class DeckState:
         self.time_origin = (self.time_at(self.step), self.step)
         self.timestep = value
 
-    def reset_step(self, step: int) -> None:
-        """Carry out ``reset_timestep``: going back sets the clock to 0, going forward advances it."""
-        if step < self.step:
-            self.time_origin = (0.0, step)
-        self.step = step
-
     def add_atoms(self, new: Atoms) -> None:
         """Append beads; of the groups, only ``all`` gets them."""
         self.atoms.append(new)
@@ -324,10 +256,7 @@ class DeckState:
     def settle(self, command: str) -> None:
         """Move beads into the box, as LAMMPS does where a run begins and where it writes a data file, and nowhere else.
 
-        Raises
-        ------
-        ParameterError
-            If a bead is more than one box away, which LAMMPS loses.
+        ParameterError if a bead is more than one box away, which LAMMPS loses.
         """
         box = self.require_box(command)
         inside, shifts = box.settle(self.atoms.positions)
@@ -357,18 +286,10 @@ class DeckState:
         box: np.ndarray | None = None,
         fields: Mapping[str, np.ndarray] | None = None,
     ) -> None:
-        """Take over the result of a run.
+        """Take over the result of a run: positions (nm), continuous with those of the scene it started from, and velocities (nm/ps).
 
-        Parameters
-        ----------
-        positions : (N, 3) array
-            nm, continuous with those of the scene the run started from (not folded back into the box).
-        velocities : (N, 3) array
-            nm/ps.
-        box : (3, 3) array, optional
-            New box vectors, if the box has changed; its lower corner stays.
-        fields : mapping, optional
-            The beads' fields, as :func:`openmm_dpd.fields.read_fields` gives it.
+        ``box`` has new vectors, if they have changed (its lower corner stays), ``fields`` those of the beads, as
+        :func:`openmm_dpd.fields.read_fields` gives them.
         """
         if box is not None:
             self.box = self.require_box("a run").following(np.asarray(box) / self.units.length)

@@ -27,33 +27,15 @@ CELLS: dict[str, tuple[np.ndarray, np.ndarray]] = {
 
 @dataclass(frozen=True)
 class Lattice:
-    """A lattice: its points are ``rotation @ (scale * (primitive @ n)) + offset`` for n = whole numbers plus a point of the basis.
+    """A lattice: its points are ``rotation @ (scale * (primitive @ n)) + offset`` for n = whole numbers plus a point of the basis."""
 
-    Attributes
-    ----------
-    style : str
-        A key of :data:`CELLS`, ``custom`` or ``none``.
-    primitive : (3, 3) array
-        Unit cell vectors as columns, in units of the lattice constant.
-    scale : float
-        The lattice constant, in the deck's unit of length.
-    rotation : (3, 3) array
-        Rotation matrix of ``orient``.
-    basis : (B, 3) array
-        Fractions of the unit cell; empty for ``none``.
-    offset : (3,) array
-        Where the lattice's origin lies.
-    spacing : (3,) array
-        What one lattice spacing means for ``units lattice``.
-    """
-
-    style: str
-    primitive: np.ndarray
-    scale: float
-    rotation: np.ndarray
-    basis: np.ndarray
-    offset: np.ndarray
-    spacing: np.ndarray
+    style: str  #: A key of :data:`CELLS`, ``custom`` or ``none``
+    primitive: np.ndarray  #: (3, 3) unit cell vectors as columns, in units of the lattice constant
+    scale: float  #: The lattice constant, in the deck's unit of length
+    rotation: np.ndarray  #: (3, 3) rotation matrix of ``orient``
+    basis: np.ndarray  #: (B, 3) fractions of the unit cell; empty for ``none``
+    offset: np.ndarray  #: (3,) where the lattice's origin lies
+    spacing: np.ndarray  #: (3,) what one lattice spacing means for ``units lattice``
 
     def points(self, box: Box) -> tuple[np.ndarray, np.ndarray]:
         """Lattice points inside a box, and the number of the basis point (from 0) of each, x fastest.
@@ -97,20 +79,7 @@ def no_lattice(spacing: float = 1.0) -> Lattice:
 
 
 def parse_lattice(args: list[str], reduced: bool) -> Lattice:
-    """Lattice of ``lattice style scale keyword values ...``.
-
-    Parameters
-    ----------
-    args : list of str
-        Words after ``lattice``.
-    reduced : bool
-        Whether the scale is a reduced density (units lj) and not a lattice constant.
-
-    Raises
-    ------
-    ParameterError
-        If the style is unknown, the scale is not positive or an option is malformed.
-    """
+    """Lattice of ``lattice style scale keyword values ...``; ``reduced``: scale is a reduced density (units lj), no lattice constant."""
     read.count(args, "lattice style scale ...", 2, None)
     style = read.choice(args[0], "the lattice style", [*CELLS, "custom", "none"])
     scale = read.positive(args[1], "the scale of the lattice")

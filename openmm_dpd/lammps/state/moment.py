@@ -11,8 +11,7 @@ from ...geometry import symmetric_products
 from ...units import UnitSystem
 from .box import Box
 from .deck_state import DeckState, bead_fields
-from .records import Compute
-from .sample import DeckSample
+from .records import Compute, DeckSample
 
 
 @dataclass(frozen=True)
@@ -28,16 +27,8 @@ class DeckMoment(ABC):
     """A deck at one moment, with what was measured then: values in the deck's units.
 
     The tables of words and computes take their values from it.  Names (``c_id``, ``v_name``) lead back to these tables;
-    :class:`~openmm_dpd.lammps.values.resolver.Resolver` looks them up.
-
-    Parameters
-    ----------
-    state : DeckState
-        The deck.
-    sample : DeckSample, optional
-        What was measured.  Without it only words that need no forces or velocities have a value.
-    window : Window, optional
-        The run in progress.
+    :class:`~openmm_dpd.lammps.values.resolver.Resolver` looks them up.  Without a ``sample`` only words that need no forces or velocities
+    have a value; ``window`` is that of the run in progress.
     """
 
     def __init__(self, state: DeckState, sample: DeckSample | None = None, window: Window | None = None):
@@ -156,10 +147,8 @@ class DeckMoment(ABC):
     def pressure(self, virial: str = "virial") -> float:
         """Pressure that thermo output prints."""
         name = self.state.thermo.press
-        return self.compute(name, None) if virial == "virial" and name != "thermo_press" else self.pressure_with(name, virial)
-
-    def pressure_with(self, name: str, virial: str) -> float:
-        """Pressure with the kinetic part of a compute of pressure and a virial of the sample."""
+        if virial == "virial" and name != "thermo_press":
+            return self.compute(name, None)
         return self.pressure_of(self.kinetic(self.state.temperature_of_pressure(name)), self.need(virial))
 
     def pressure_of(self, kinetic: float, virial: float) -> float:

@@ -14,20 +14,10 @@ from ..language.lexer import Line, located
 
 @dataclass(frozen=True)
 class Coefficient:
-    """What one ``pair_coeff`` line says about one pair of types, in the deck's units.
+    """What one ``pair_coeff`` line says about one pair of types, in the deck's units."""
 
-    Attributes
-    ----------
-    values : dict
-        Values by name, in the order of the command, without the cutoff (unless the style has several; then all are here).
-    cutoff : float or None
-        The cutoff, if the line gives one; the style's otherwise.
-    where : Line or None
-        The line.
-    """
-
-    values: dict
-    cutoff: float | None
+    values: dict  #: Values by name, in the order of the command, without the cutoff (unless the style has several; then all are here)
+    cutoff: float | None  #: The cutoff, if the line gives one; the style's otherwise
     where: Line | None
 
 
@@ -43,31 +33,15 @@ Find = Callable[[str], Path]
 
 @dataclass
 class PairStyle:
-    """One pair style as the deck set it up.
+    """One pair style as the deck set it up."""
 
-    Attributes
-    ----------
-    name : str
-        A key of :data:`~openmm_dpd.lammps.styles.pair_styles.PAIR_STYLES`, and ``spec`` what stands there.
-    settings : dict
-        The style's own arguments: ``start`` and ``stop`` temperatures, ``cutoff``, ``seed``, ...; ``species`` of tdpd.
-    where : Line
-        The pair_style line.
-    coefficients : dict
-        :class:`Coefficient` by type pair (i <= j).
-    mix : str
-        Mixing rule.
-    shift : bool
-        Whether energies are shifted to zero at the cutoff.
-    """
-
-    name: str
+    name: str  #: A key of :data:`~openmm_dpd.lammps.styles.pair_styles.PAIR_STYLES`, and ``spec`` what stands there
     spec: Spec
-    settings: dict
+    settings: dict  #: The style's own arguments: ``start`` and ``stop`` temperatures, ``cutoff``, ``seed``, ...; ``species`` of tdpd
     where: Line
-    coefficients: dict[tuple[int, int], Coefficient] = field(default_factory=dict)
-    mix: str = "geometric"
-    shift: bool = False
+    coefficients: dict[tuple[int, int], Coefficient] = field(default_factory=dict)  #: :class:`Coefficient` by type pair (i <= j)
+    mix: str = "geometric"  #: Mixing rule
+    shift: bool = False  #: Whether energies are shifted to zero at the cutoff
 
     def error(self, message: str) -> DeckError:
         """An error about this style."""
@@ -91,66 +65,31 @@ class PairStyle:
 
 @dataclass(frozen=True)
 class Spec:
-    """How a style reads its arguments and what it builds.
+    """How a style reads its arguments and what it builds."""
 
-    Attributes
-    ----------
-    settings : callable
-        From the words after the style's name to its settings.
-    coefficient : callable
-        From (style, words, folder of the deck) to (values, cutoff or None).
-    build : callable
-        From (style, coefficient, units) to (pair term, remark or None).
-    write : callable, optional
-        From (style, coefficient) to the words that ``coefficient`` reads, where these are not its values and the cutoff.
-    thermostat : bool
-        Whether the style has friction and noise, and so a temperature and a seed.
-    mixed : callable, optional
-        From (style, coefficient of i, i, that of j, j) to that of i, j where it is not set.
-    keeps_coefficients : bool
-        Whether re-issuing pair_style with the same style keeps the coefficients (cutoffs go back to the global one).
-    atom_style : str, optional
-        The only atom style it works with.
-    own_cutoffs : bool
-        Whether cutoffs are ordinary coefficients, in the midst of the others.
-    words : set of str
-        Words among its settings that are no numbers, for finding the next style of hybrid.
-    of_bonds : bool
-        Whether it acts between bonds, not beads: it then needs hybrid, and builds no pair term.
-    """
-
-    settings: Callable[[list[str]], dict]
-    coefficient: Callable[[PairStyle, list[str], Find], Values]
-    build: Callable[[PairStyle, Coefficient, UnitSystem], Term]
+    settings: Callable[[list[str]], dict]  #: From the words after the style's name to its settings
+    coefficient: Callable[[PairStyle, list[str], Find], Values]  #: From (style, words, folder of the deck) to (values, cutoff or None)
+    build: Callable[[PairStyle, Coefficient, UnitSystem], Term]  #: From (style, coefficient, units) to (pair term, remark or None)
+    #: From (style, coefficient) to the words that ``coefficient`` reads, where these are not its values and the cutoff.
     write: Callable[[PairStyle, Coefficient], list[str]] | None = None
-    thermostat: bool = False
+    thermostat: bool = False  #: Whether the style has friction and noise, and so a temperature and a seed
+    #: From (style, coefficient of i, i, that of j, j) to that of i, j where it is not set.
     mixed: Callable[[PairStyle, Coefficient, Coefficient], Coefficient] | None = None
+    #: Whether re-issuing pair_style with the same style keeps the coefficients (cutoffs go back to the global one).
     keeps_coefficients: bool = True
-    atom_style: str | None = None
-    own_cutoffs: bool = False
-    words: frozenset[str] = frozenset()
-    of_bonds: bool = False
+    atom_style: str | None = None  #: The only atom style it works with
+    own_cutoffs: bool = False  #: Whether cutoffs are ordinary coefficients, in the midst of the others
+    words: frozenset[str] = frozenset()  #: Words among its settings that are no numbers, for finding the next style of hybrid
+    of_bonds: bool = False  #: Whether it acts between bonds, not beads: it then needs hybrid, and builds no pair term
 
 
 @dataclass
 class PairSetup:
-    """All pair styles of a deck.
+    """All pair styles of a deck."""
 
-    Attributes
-    ----------
-    mode : str
-        ``none``, ``single``, ``hybrid`` or ``hybrid/overlay``.
-    styles : list of PairStyle
-        The styles, in the order of the pair_style line.
-    excluded : set of (int, int)
-        Type pairs set to ``none``.
-    where : Line or None
-        The pair_style line.
-    """
-
-    mode: str = "none"
-    styles: list[PairStyle] = field(default_factory=list)
-    excluded: set[tuple[int, int]] = field(default_factory=set)
+    mode: str = "none"  #: ``none``, ``single``, ``hybrid`` or ``hybrid/overlay``
+    styles: list[PairStyle] = field(default_factory=list)  #: The styles, in the order of the pair_style line
+    excluded: set[tuple[int, int]] = field(default_factory=set)  #: Type pairs set to ``none``
     where: Line | None = None
 
     def resolve(self, n_types: int) -> tuple[list[dict[tuple[int, int], Coefficient]], list[tuple[int, int]]]:
@@ -178,21 +117,10 @@ class PairSetup:
 
 @dataclass
 class BondedSetup:
-    """Style of the bonds, the angles or the dihedrals, and the coefficients of each type.
+    """Style of the bonds, the angles or the dihedrals, and the coefficients of each type."""
 
-    Attributes
-    ----------
-    style : str
-        ``none``, the style, or ``hybrid``.
-    styles : tuple of str
-        The styles of hybrid, or the one style.
-    coefficients : dict
-        By type: the name of its style and the arguments of its class in MD units.
-    where : Line or None
-        The line of the style.
-    """
-
-    style: str = "none"
-    styles: tuple[str, ...] = ()
+    style: str = "none"  #: ``none``, the style, or ``hybrid``
+    styles: tuple[str, ...] = ()  #: The styles of hybrid, or the one style
+    #: By type: the name of its style and the arguments of its class in MD units.
     coefficients: dict[int, tuple[str, dict[str, float]]] = field(default_factory=dict)
     where: Line | None = None

@@ -12,30 +12,15 @@ from .box import Box
 
 @dataclass(frozen=True)
 class Region:
-    """A region.  Points on its faces are inside; what is compared is what LAMMPS compares.
+    """A region.  Points on its faces are inside; what is compared is what LAMMPS compares."""
 
-    Attributes
-    ----------
-    style : str
-        Its style, a key of :data:`REGION_STYLES`.
-    contains : callable
-        From (N, 3) points to a mask.
-    bounds : pair of (3,) arrays, optional
-        Corners of a box around it, with infinities for INF.
-    box : Box, optional
-        The box that ``create_box`` makes of it (block and prism).
-    shape : tuple, optional
-        Lower and upper corner (perhaps infinite) of a block, or centre and radius of a sphere, if it is the inside of one.
-    parts : tuple of str
-        Names of the regions that a union or intersection is made of.
-    """
-
-    style: str
-    contains: Callable[[np.ndarray], np.ndarray]
-    bounds: tuple[np.ndarray, np.ndarray] | None = None
-    box: Box | None = None
+    style: str  #: Its style, a key of :data:`REGION_STYLES`
+    contains: Callable[[np.ndarray], np.ndarray]  #: From (N, 3) points to a mask
+    bounds: tuple[np.ndarray, np.ndarray] | None = None  #: Corners of a box around it, with infinities for INF
+    box: Box | None = None  #: The box that ``create_box`` makes of it (block and prism)
+    #: Lower and upper corner (perhaps infinite) of a block, or centre and radius of a sphere, if it is the inside of one.
     shape: tuple[np.ndarray, np.ndarray] | tuple[np.ndarray, float] | None = None
-    parts: tuple[str, ...] = ()
+    parts: tuple[str, ...] = ()  #: Names of the regions that a union or intersection is made of
 
 
 def _edge(word: str, axis: int, upper: bool, scale: np.ndarray, box: Box | None) -> float:
@@ -127,18 +112,10 @@ REGION_STYLES: dict[str, tuple[int, Callable[[list[str], np.ndarray, Box | None]
 
 
 def parse_region(args: list[str], spacing: np.ndarray, box: Box | None, known: dict[str, Region]) -> Region:
-    """Region of ``region ID style values ... [side in|out] [units lattice|box]``.
+    """Region of ``region ID style values ... [side in|out] [units lattice|box]``, from its style on.
 
-    Parameters
-    ----------
-    args : list of str
-        Words after the region's name: style and the rest.
-    spacing : (3,) array
-        What a lattice spacing is; coordinates are in lattice spacings unless ``units box`` is given.
-    box : Box or None
-        The simulation box, for ``EDGE``.
-    known : dict
-        Regions defined so far, for ``union`` and ``intersect``.
+    Coordinates are in lattice spacings (``spacing``) unless ``units box`` is given; ``EDGE`` is that of ``box``; ``known`` are the regions
+    defined so far, for ``union`` and ``intersect``.
     """
     read.count(args, "region ID style values ...", 2, None)
     style = read.choice(args[0], "the region style", [*REGION_STYLES, "union", "intersect"])

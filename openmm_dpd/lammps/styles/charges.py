@@ -1,4 +1,4 @@
-"""Pair styles with charges."""
+"""Pair styles with charges: their words, the commands of an export, and the charges of a scene."""
 
 import math
 from itertools import combinations_with_replacement
@@ -8,30 +8,18 @@ import numpy as np
 from ...errors import ParameterError
 from ...model.electrostatics import GaussianCharges, SlaterCharges, ewald_sum
 from ...model.scene import Scene
-from ...units import UnitSystem
+from ...units import COULOMB, UnitSystem
+from ..files.atom_styles import CHARGED_STYLES
 from ..language import arguments as read
+from ..language.lexer import errors_at, located
+from ..state.deck_state import DeckState
 from ..state.pair_setup import Find, PairStyle, Spec, Values
-from .columns import cutoff_of, no_force
+from .columns import cutoff_of, no_force, settings
 from .dpd import STYLES as DPD_STYLES
 from .writing import Differences, StyleUse, exact
 
 #: Coulomb constant of LAMMPS's unit styles, energy times length per squared charge.
 QQR2E = {"lj": 1.0, "real": 332.06371, "metal": 14.399645}
-
-
-def _dpd_slater_settings(words: list[str]) -> dict:
-    """``dpd/coul/slater/long T cut_dpd seed lambda cut_coul``."""
-    read.count(words, "dpd/coul/slater/long T cut_dpd seed lambda cut_coul", 5)
-    name = "of dpd/coul/slater/long"
-    temperature = read.non_negative(words[0], f"the temperature {name}")
-    return {
-        "start": temperature,
-        "stop": temperature,
-        "cutoff": read.positive(words[1], f"the cutoff {name}"),
-        "seed": read.integer(words[2], f"the seed {name}", 1),
-        "lamda": read.positive(words[3], f"lambda {name}"),
-        "cutoff_charges": read.positive(words[4], f"the cutoff of the charges {name}"),
-    }
 
 
 def _dpd_slater_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
@@ -43,10 +31,8 @@ def _dpd_slater_coefficient(style: PairStyle, words: list[str], _: Find) -> Valu
 
 
 def _slater_settings(words: list[str]) -> dict:
-    """``coul/slater/long lambda cutoff``."""
-    read.count(words, "coul/slater/long lambda cutoff", 2)
-    lamda, cutoff = (read.positive(w, f"{what} of coul/slater/long") for w, what in zip(words, ("lambda", "the cutoff"), strict=True))
-    return {"lamda": lamda, "cutoff_charges": cutoff}
+    found = settings("coul/slater/long", "lambda cutoff")(words)
+    return {"lamda": found["lamda"], "cutoff_charges": found["cutoff"]}
 
 
 def _slater_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
@@ -55,22 +41,18 @@ def _slater_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
     return {}, None
 
 
+_DPD_SLATER = settings("dpd/coul/slater/long", "T cut_dpd seed lambda cut_coul")
+
 STYLES = {
     # its build makes the DPD part; charges are those of the beads
-    "dpd/coul/slater/long": Spec(_dpd_slater_settings, _dpd_slater_coefficient, DPD_STYLES["dpd"].build, thermostat=True),
+    "dpd/coul/slater/long": Spec(_DPD_SLATER, _dpd_slater_coefficient, DPD_STYLES["dpd"].build, thermostat=True),
     "coul/slater/long": Spec(_slater_settings, _slater_coefficient, no_force, own_cutoffs=True),
 }
 
 
 # -- from a scene -------------------------------------------------------------------------------------------------------------
 def charge_use(scene: Scene, units: UnitSystem, types: list[str], differences: Differences) -> StyleUse | None:
-    """Pair style of the charges, or None.
-
-    Raises
-    ------
-    ParameterError
-        If charges and walls are combined: LAMMPS's sums over all images need a periodic box.
-    """
+    """Pair style of the charges, or None; ParameterError for charges between walls: LAMMPS's sums need a periodic box."""
     charges = scene.electrostatics
     if charges is None:
         return None
@@ -99,3 +81,60 @@ def _width(charges, differences: Differences) -> float:
         "at contact; they reach further out"
     )
     return width
+
+
+# -- to a scene ---------------------------------------------------------------------------------------------------------------
+def electrostatics_of(state: DeckState) -> SlaterCharges | None:
+    """Smeared charges of the scene, None if no pair style has them; DeckError if styles, charges and box do not go together."""
+    styles = [style for style in state.pair.styles if "cutoff_charges" in style.settings]
+    if not styles:
+        if state.kspace is not None:
+            raise located(state.kspace.where, "kspace_style needs a pair style with charges: dpd/coul/slater/long or coul/slater/long")
+        return None
+    style = styles[0]
+    if len(styles) > 1:
+        raise located(style.where, f"two pair styles with charges, {style.name} and {styles[1].name}; a scene has one kind of charges")
+    if state.kspace is None:
+        raise located(style.where, f"pair style {style.name} needs a kspace_style, ewald or pppm")
+    if state.atom_style not in CHARGED_STYLES:
+        raise located(style.where, f"pair style {style.name} needs charges; atom_style {state.atom_style} has none, charge and full do")
+    if not all(state.periodic):
+        raise located(style.where, f"pair style {style.name} needs periodic boundaries along all axes: its charges repeat along all three")
+    _check_flags(state, style)
+    settings, units, kspace = style.settings, state.units, state.kspace
+    constant = QQR2E[units.name] * units.energy * units.length / state.dielectric
+    with errors_at(style.where, f"pair style {style.name}: "):
+        return SlaterCharges(
+            lamda=settings["lamda"] * units.length,
+            permittivity=COULOMB / constant,
+            cutoff=settings["cutoff_charges"] * units.length,
+            tolerance=kspace.accuracy,
+            alpha=kspace.gewald,
+            grid=kspace.mesh,  # type: ignore[arg-type]
+            bonded_factors=state.special_charges if len(state.bonds) else None,
+        )
+
+
+def _check_flags(state: DeckState, style: PairStyle) -> None:
+    """Every pair of types with charges must be a charged one: the lattice sum holds all charges."""
+    charged = sorted(np.unique(state.atoms.types[state.atoms.charges != 0]).tolist())
+    counts = {kind: int(np.sum(state.atoms.types == kind)) for kind in charged}
+    for k, i in enumerate(charged):
+        for j in charged[k:]:
+            if i == j and counts[i] == 1:
+                continue
+            found = style.coefficients.get((i, j))
+            if found is not None and found.values.get("charged", "yes") == "yes":
+                continue
+            where = style.where if found is None else found.where
+            remedy = "say 'yes' on its pair_coeff line" if style.name.startswith("dpd") else "add a pair_coeff line of coul/slater/long"
+            raise located(
+                where,
+                f"types {i} {j} both have charges, but pair style {style.name} does not count the pair as charged. The lattice sum "
+                f"holds all charges, and without the real-space part their interaction would be wrong; {remedy}",
+            )
+    if not charged:
+        raise style.error("no bead has a charge; read charges from the data file, or use 'set type'")
+    for (i, j), found in sorted(style.coefficients.items()):
+        if style.name.startswith("dpd") and found.values["charged"] == "yes" and not {i, j} <= set(charged):
+            state.note(f"pair_coeff {i} {j} is marked as charged, but beads of these types have no charge: the flag has no effect")

@@ -1,4 +1,4 @@
-"""Words that several styles have: coefficients that are numbers, in both directions, and the settings ``T cutoff seed``."""
+"""Words that several styles have: coefficients that are numbers, in both directions, and settings such as ``T cutoff seed``."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -74,15 +74,28 @@ def no_force(style: PairStyle, found: Coefficient, units: UnitSystem) -> Term:
     return NONE, None
 
 
-def seeded(name: str, temperatures: int) -> Callable[[list[str]], dict]:
-    """Reader of ``[T | Tstart Tstop] cutoff seed``, with 0, 1 or 2 temperatures."""
-    usage = f"{name} {('', 'T ', 'Tstart Tstop ')[temperatures]}cutoff seed"
+#: Words of pair_style commands: the settings that they give, how they are read, and what errors call them.
+_WORDS: dict[str, tuple[tuple[str, ...], Callable[[str, str], float], str]] = {
+    "T": (("start", "stop"), read.non_negative, "the temperature"),
+    "Tstart": (("start",), read.non_negative, "the temperature"),
+    "Tstop": (("stop",), read.non_negative, "the temperature"),
+    "cutoff": (("cutoff",), read.positive, "the cutoff"),
+    "cut_dpd": (("cutoff",), read.positive, "the cutoff"),
+    "cut_coul": (("cutoff_charges",), read.positive, "the cutoff of the charges"),
+    "lambda": (("lamda",), read.positive, "lambda"),
+    "seed": (("seed",), lambda word, what: read.integer(word, what, 1), "the seed"),
+}
 
-    def settings(words: list[str]) -> dict:
-        read.count(words, usage, temperatures + 2)
-        *given, cutoff, seed = words
-        ends = [read.non_negative(word, f"the temperature of {name}") for word in given]
-        found = {"start": ends[0], "stop": ends[-1]} if ends else {}
-        return {**found, "cutoff": read.positive(cutoff, f"the cutoff of {name}"), "seed": read.integer(seed, f"the seed of {name}", 1)}
 
-    return settings
+def settings(name: str, usage: str) -> Callable[[list[str]], dict]:
+    """``Spec.settings`` of a style whose words are some of :data:`_WORDS`, such as ``T cutoff seed``."""
+
+    def reader(words: list[str]) -> dict:
+        read.count(words, f"{name} {usage}".strip(), len(usage.split()))
+        found: dict = {}
+        for kind, word in zip(usage.split(), words, strict=True):
+            names, read_one, what = _WORDS[kind]
+            found |= dict.fromkeys(names, read_one(word, f"{what} of {name}"))
+        return found
+
+    return reader

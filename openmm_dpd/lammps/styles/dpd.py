@@ -9,11 +9,11 @@ from ...model.energy_dpd import EnergyDPD
 from ...model.pairs import DPD
 from ...units import UnitSystem
 from ..state.pair_setup import Coefficient, PairStyle, Spec, Term
-from .columns import Columns, seeded
+from .columns import Columns, settings
 from .writing import Exports, Pair, PairExport, StyleUse, exact, plain_use
 
 
-def _dpd(name: str, temperatures: int, columns: Columns) -> Spec:
+def _dpd(name: str, words: str, columns: Columns) -> Spec:
     """A style of the DPD family."""
 
     def build(style: PairStyle, found: Coefficient, units: UnitSystem) -> Term:
@@ -22,7 +22,7 @@ def _dpd(name: str, temperatures: int, columns: Columns) -> Spec:
             term.check_temperature(temperature * units.thermal_energy)
         return term, None
 
-    return Spec(seeded(name, temperatures), columns.coefficient, build, thermostat=True)
+    return Spec(settings(name, words), columns.coefficient, build, thermostat=True)
 
 
 _FORCE, _FRICTION, _NOISE = {"A": "force"}, {"gamma": "friction"}, {"sigma": "noise"}
@@ -30,12 +30,14 @@ _TRANSVERSE = {**_FRICTION, "gamma_perp": "friction", "exponent": "1", "exponent
 _ENERGY = Columns({**_FORCE, **_NOISE, "kappa": "energy*kT/time"})
 
 STYLES = {
-    "dpd": _dpd("dpd", 1, Columns({**_FORCE, **_FRICTION})),
-    "dpd/tstat": _dpd("dpd/tstat", 2, Columns(_FRICTION)),
-    "dpd/ext": _dpd("dpd/ext", 1, Columns({**_FORCE, **_TRANSVERSE})),
-    "dpd/ext/tstat": _dpd("dpd/ext/tstat", 2, Columns(_TRANSVERSE)),
-    "dpd/fdt": _dpd("dpd/fdt", 1, Columns({**_FORCE, **_NOISE})),
-    "dpd/fdt/energy": Spec(seeded("dpd/fdt/energy", 0), _ENERGY.coefficient, _ENERGY.builder(EnergyDPD), thermostat=True, atom_style="dpd"),
+    "dpd": _dpd("dpd", "T cutoff seed", Columns({**_FORCE, **_FRICTION})),
+    "dpd/tstat": _dpd("dpd/tstat", "Tstart Tstop cutoff seed", Columns(_FRICTION)),
+    "dpd/ext": _dpd("dpd/ext", "T cutoff seed", Columns({**_FORCE, **_TRANSVERSE})),
+    "dpd/ext/tstat": _dpd("dpd/ext/tstat", "Tstart Tstop cutoff seed", Columns(_TRANSVERSE)),
+    "dpd/fdt": _dpd("dpd/fdt", "T cutoff seed", Columns({**_FORCE, **_NOISE})),
+    "dpd/fdt/energy": Spec(
+        settings("dpd/fdt/energy", "cutoff seed"), _ENERGY.coefficient, _ENERGY.builder(EnergyDPD), thermostat=True, atom_style="dpd"
+    ),
 }
 
 
@@ -97,8 +99,7 @@ def _export(export: PairExport, entries: dict[Pair, DPD]) -> list[StyleUse]:
     return [use("dpd", f"{{start}} {reach} {{seed}}", lambda pair: f"{exact(A[pair])} {exact(gammas[pair])}")]
 
 
-def _export_energy(export: PairExport, entries: dict[Pair, EnergyDPD]) -> list[StyleUse]:
-    return [plain_use("dpd/fdt/energy", "{cutoff} {seed}", _ENERGY, export, entries)]
-
-
-EXPORTS: Exports = {DPD: _export, EnergyDPD: _export_energy}
+EXPORTS: Exports = {
+    DPD: _export,
+    EnergyDPD: lambda export, entries: [plain_use("dpd/fdt/energy", "{cutoff} {seed}", _ENERGY, export, entries)],
+}

@@ -78,29 +78,14 @@ def group_lines(name: str, mask: np.ndarray) -> Iterator[str]:
 # -- styles ---------------------------------------------------------------------------------------------------------------------
 @dataclass
 class StyleUse:
-    """One pair style and its coefficients.
-
-    Attributes
-    ----------
-    name : str
-    settings : str
-        Words after the name, with ``{start}``, ``{stop}`` and ``{seed}`` where temperatures and seed go.
-    coefficients : dict of pair to words
-        By pair of the scene's bead types.
-    cutoff : float
-        Largest range, nm.
-    modify : str
-        Words of a pair_modify command, if it needs one.
-    constant : bool
-        Whether its temperature is 0 whatever the scene's (it has no friction).
-    """
+    """One pair style and its coefficients."""
 
     name: str
-    settings: str
-    coefficients: dict[Pair, str]
-    cutoff: float
-    modify: str = ""
-    constant: bool = False
+    settings: str  #: Words after the name, with ``{start}``, ``{stop}`` and ``{seed}`` where temperatures and seed go
+    coefficients: dict[Pair, str]  #: By pair of the scene's bead types
+    cutoff: float  #: Largest range, nm
+    modify: str = ""  #: Words of a pair_modify command, if it needs one
+    constant: bool = False  #: Whether its temperature is 0 whatever the scene's (it has no friction)
 
 
 @dataclass

@@ -1,7 +1,5 @@
 """Bins of the box: ``compute chunk/atom ... bin/1d|bin/2d|bin/3d``."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 
@@ -26,25 +24,13 @@ _MOST = 10_000_000
 
 @dataclass(frozen=True)
 class Slicing:
-    """How one axis is cut; lengths in the deck's unit, or in fractions of the edge if ``reduced``.
+    """How one axis is cut; lengths in the deck's unit, or in fractions of the edge if ``reduced``."""
 
-    Attributes
-    ----------
-    axis : int
-        0, 1 or 2.
-    origin : str or float
-        ``lower``, ``center``, ``upper``, or the coordinate of the face of some slice.
-    thickness : float
-    reduced : bool
-    bound : pair of (float or None)
-        Ends that are not those of the box.
-    """
-
-    axis: int
-    origin: str | float
+    axis: int  #: 0, 1 or 2
+    origin: str | float  #: ``lower``, ``center``, ``upper``, or the coordinate of the face of some slice
     thickness: float
     reduced: bool = False
-    bound: tuple[float | None, float | None] = (None, None)
+    bound: tuple[float | None, float | None] = (None, None)  #: Ends that are not those of the box
 
     def slices(self, box: Box) -> tuple[float, int, float]:
         """Where the first slice begins, how many there are in a box (deck units), and the part of its volume that each has."""
@@ -62,34 +48,6 @@ class Slicing:
                 f"compute chunk/atom: a thickness of {self.thickness:g} gives {last - first:g} slices between {low:g} and {high:g}"
             )
         return float(origin + first * self.thickness), int(last - first), self.thickness / edge
-
-
-@dataclass(frozen=True)
-class Binning:
-    """Settings of a compute chunk/atom.
-
-    Attributes
-    ----------
-    axes : tuple of Slicing
-        The axes that are cut, the one that changes slowest first.
-    discard : str
-        What becomes of beads beyond the slices: ``no`` (they count in the last slice), ``yes`` (they are left out), ``mixed`` (left out
-        only where ``bound`` has put an end).
-    region : str or None
-        Only beads in this region count.
-    """
-
-    axes: tuple[Slicing, ...]
-    discard: str = "mixed"
-    region: str | None = None
-
-    def bins(self, box: Box) -> Bins:
-        """The bins in a box (deck units)."""
-        starts, counts, fractions = zip(*(axis.slices(box) for axis in self.axes), strict=True)
-        bins = Bins(starts, tuple(axis.thickness for axis in self.axes), counts, box.volume * float(np.prod(fractions)))
-        if bins.count > _MOST:
-            raise ParameterError(f"compute chunk/atom: {bins.count} bins are too many")
-        return bins
 
 
 @dataclass(frozen=True)
@@ -114,13 +72,29 @@ class Bins:
         return np.stack([grid.ravel() for grid in grids], axis=1)
 
 
+@dataclass(frozen=True)
+class Binning:
+    """Settings of a compute chunk/atom."""
+
+    axes: tuple[Slicing, ...]  #: The axes that are cut, the one that changes slowest first
+    #: What becomes of beads beyond the slices: ``no`` (they count in the last slice), ``yes`` (they are left out), ``mixed`` (left out only
+    #: where ``bound`` has put an end).
+    discard: str = "mixed"
+    region: str | None = None  #: Only beads in this region count
+
+    def bins(self, box: Box) -> Bins:
+        """The bins in a box (deck units)."""
+        starts, counts, fractions = zip(*(axis.slices(box) for axis in self.axes), strict=True)
+        bins = Bins(starts, tuple(axis.thickness for axis in self.axes), counts, box.volume * float(np.prod(fractions)))
+        if bins.count > _MOST:
+            raise ParameterError(f"compute chunk/atom: {bins.count} bins are too many")
+        return bins
+
+
 def parse_binning(state: DeckState, group: str, words: list[str]) -> Binning:
     """Settings from the words after ``chunk/atom``.
 
-    Raises
-    ------
-    ParameterError
-        For styles and options that are not supported, or values out of bounds.
+    ParameterError for styles and options that are not supported, or values out of bounds.
     """
     read.count(words, _USAGE, 1, None)
     if words[0] not in _STYLES:

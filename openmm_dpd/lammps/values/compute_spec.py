@@ -16,50 +16,26 @@ from ..state.records import Compute
 
 @dataclass(frozen=True)
 class ComputeSpec:
-    """A compute style.
+    """A compute style."""
 
-    Attributes
-    ----------
-    prepare : callable
-        Turns (state, group, words) into ``Compute.settings``, once; ParameterError if they are not supported.
-    scalar : callable or None
-        From (moment, compute) to its value in deck units, not normalised.
-    vector : callable or None
-        The same for an array of values.
-    per_bead : callable or None
-        The same for values of single beads, (N,) or (N, columns), 0 for beads outside the group.
-    array : callable or None
-        The same for a table of values, (rows, columns), which are never normalised.
-    rows : callable
-        Number of rows of the table, 0 where a compute has none.
-    columns : callable
-        Number of columns of the table, or of values per bead: 0 if there is one without an index.
-    extensive : bool or callable
-        Whether thermo output divides it by the number of beads when it normalises; may depend on the compute.
-    extensive_vector : bool
-        Whether it divides the values of the vector although it does not divide the single value.
-    size : callable
-        Number of values of the vector.
-    needs : tuple of str
-        Fields of DeckSample that it reads.
-    vector_needs : tuple of str
-        Those that the values of its vector read, if these are others.
-    inputs : callable
-        Words (``c_id``, ``vx``, ...) of the beads' values that it is made of.
-    """
-
+    #: Turns (state, group, words) into ``Compute.settings``, once; ParameterError if they are not supported.
     prepare: Callable[[DeckState, str, list[str]], Any]
-    scalar: Callable[[DeckMoment, Compute], float] | None = None
-    vector: Callable[[DeckMoment, Compute], np.ndarray] | None = None
+    scalar: Callable[[DeckMoment, Compute], float] | None = None  #: From (moment, compute) to its value in deck units, not normalised
+    vector: Callable[[DeckMoment, Compute], np.ndarray] | None = None  #: The same for an array of values
+    #: The same for values of single beads, (N,) or (N, columns), 0 for beads outside the group.
     per_bead: Callable[[DeckMoment, Compute], np.ndarray] | None = None
+    #: The same for a table of values, (rows, columns), which are never normalised.
     array: Callable[[DeckMoment, Compute], np.ndarray] | None = None
-    rows: Callable[[Compute], int] = lambda compute: 0
+    rows: Callable[[Compute], int] = lambda compute: 0  #: Number of rows of the table, 0 where a compute has none
+    #: Number of columns of the table, or of values per bead: 0 if there is one without an index.
     columns: Callable[[Compute], int] = lambda compute: 0
+    #: Whether thermo output divides it by the number of beads when it normalises; may depend on the compute.
     extensive: bool | Callable[[Compute], bool] = False
-    extensive_vector: bool = False
-    size: Callable[[Compute], int] = lambda compute: 0
-    needs: tuple[str, ...] = ()
-    vector_needs: tuple[str, ...] | None = None
+    extensive_vector: bool = False  #: Whether it divides the values of the vector although it does not divide the single value
+    size: Callable[[Compute], int] = lambda compute: 0  #: Number of values of the vector
+    needs: tuple[str, ...] = ()  #: Fields of DeckSample that it reads
+    vector_needs: tuple[str, ...] | None = None  #: Those that the values of its vector read, if these are others
+    #: Words (``c_id``, ``vx``, ...) of the beads' values that it is made of.
     inputs: Callable[[Compute], tuple[str, ...]] = lambda compute: ()
 
     def tabled(self, compute: Compute) -> bool:

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -186,63 +185,25 @@ COMPUTES: dict[str, ComputeSpec] = {
 }
 
 
-@dataclass(frozen=True)
-class BuiltIn:
-    """A compute that exists without being defined: its value, not normalised, and the thermo word whose column ``c_id`` is.
-
-    That word may stand for another compute (``thermo_modify temp`` and ``press``); outside the columns of thermo output the
-    built-in one is meant.  ``vector`` has the six values of ``c_id[1]`` and so on, ``column`` such a one as thermo output takes it.
-    ``extensive`` and ``extensive_vector`` say what thermo output divides by the number of beads when it normalises.
-    """
-
-    value: Callable[[DeckMoment], float]
-    word: str
-    vector: Callable[[DeckMoment], np.ndarray] | None = None
-    column: Callable[[DeckMoment, int], float] | None = None
-    extensive: bool = False
-    extensive_vector: bool = False
+#: Computes that exist without being defined, and the thermo word that a column of this name stands for.
+BUILT_IN = {"thermo_temp": "temp", "thermo_press": "press", "thermo_pe": "pe"}
 
 
-def _temperature_tensor(moment: DeckMoment) -> np.ndarray:
-    return moment.kinetic_tensor(moment.state.thermo_temp) / moment.units.energy
-
-
-BUILT_IN = {
-    "thermo_temp": BuiltIn(
-        lambda moment: moment.temperature(moment.state.thermo_temp),
-        "temp",
-        _temperature_tensor,
-        # that of the built-in compute, whatever thermo_modify temp says
-        lambda moment, index: float(_temperature_tensor(moment)[index]),
-        extensive_vector=True,
-    ),
-    "thermo_press": BuiltIn(
-        lambda moment: moment.pressure_with("thermo_press", "virial"),
-        "press",
-        lambda moment: moment.pressure_tensor("thermo_press"),
-        lambda moment, index: moment.pressure_component(index),
-    ),
-    "thermo_pe": BuiltIn(potential_energy, "pe", extensive=True),
-}
-
-
-def check_built_in(name: str, indices: tuple[int, ...], word: str) -> None:
-    """Raise ParameterError unless ``c_name[index]`` is a value of a built-in compute."""
-    if BUILT_IN[name].vector is None:
-        raise ParameterError(f"{word}: compute {name} has a single value only; use c_{name}")
-    if len(indices) != 1 or not 1 <= indices[0] <= 6:
-        raise ParameterError(f"{word}: compute {name} has 6 values; use c_{name}[1] to c_{name}[6]")
+def _built_in(state: DeckState, name: str) -> Compute:
+    """What would define it: the temperature and potential energy of all beads, and their pressure with that temperature."""
+    press, pe = Compute(name, "all", "pressure", ("thermo_temp",)), Compute(name, "all", "pe")
+    return {"thermo_temp": state.thermo_temp, "thermo_press": press, "thermo_pe": pe}[name]
 
 
 # -- names of values -----------------------------------------------------------------------------------------------------------
 def compute_of(state: DeckState, name: str, word: str = "") -> tuple[Compute, ComputeSpec]:
     """A compute of the deck and its style; ParameterError, which begins with ``word``, if there is none."""
-    if name not in state.computes:
+    if name not in state.computes and name not in BUILT_IN:
         known = [*BUILT_IN, *state.computes]
         raise ParameterError(
             f"{word}{': ' if word else ''}there is no compute '{name}'; defined are {', '.join(known)}{read.near(name, known)}"
         )
-    compute = state.computes[name]
+    compute = state.computes[name] if name in state.computes else _built_in(state, name)
     return compute, COMPUTES[compute.style]
 
 
@@ -267,8 +228,6 @@ def is_extensive(state: DeckState, word: str) -> bool:
         return False
     if kind == "f":
         return average_of(state, name).is_extensive(*indices)
-    if name in BUILT_IN:
-        return BUILT_IN[name].extensive_vector if indices else BUILT_IN[name].extensive
     compute, spec = compute_of(state, name)
     return spec.is_extensive(compute, bool(indices))
 
@@ -279,6 +238,12 @@ def check_value(
     """The compute and its style; ParameterError unless ``c_name``, ``c_name[index]`` or ``c_name[index][column]`` may be a number."""
     compute, spec = compute_of(state, name, word)
     what = f"{word}{': ' if word else ''}compute {name} (style {compute.style})"
+    if name in BUILT_IN and index is not None:
+        word = word or f"c_{name}[{index}]"
+        if spec.vector is None:
+            raise ParameterError(f"{word}: compute {name} has a single value only; use c_{name}")
+        if column is not None or not 1 <= index <= 6:
+            raise ParameterError(f"{word}: compute {name} has 6 values; use c_{name}[1] to c_{name}[6]")
     if spec.tabled(compute) and not (index is None and spec.scalar is not None):
         check_place(compute, spec, index, column)
     elif column is not None:
@@ -295,10 +260,7 @@ def check_value(
 def expanded(state: DeckState, words: Sequence[str], tables: bool = False) -> tuple[str, ...]:
     """The words with every ``*`` in an index written out; with ``tables`` only columns of the tables of computes.
 
-    Raises
-    ------
-    ParameterError
-        If a word with a ``*`` names nothing that has several values, or a range has numbers that are not there.
+    ParameterError if a word with a ``*`` names nothing that has several values, or a range has numbers that are not there.
     """
     found: list[str] = []
     for word in words:
@@ -321,7 +283,5 @@ def count_of(state: DeckState, kind: str, name: str) -> int:
     """Number of values of the compute (kind ``c``) or fix (``f``) of this name: columns where every bead has some, 0 for a single one."""
     if kind == "f":
         return average_of(state, name).size
-    if name in BUILT_IN:
-        return 6 if BUILT_IN[name].vector is not None else 0
     compute, spec = compute_of(state, name)
     return spec.columns(compute) if spec.per_bead is not None or spec.tabled(compute) else spec.size(compute)

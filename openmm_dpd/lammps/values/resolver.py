@@ -6,19 +6,19 @@ import numpy as np
 
 from ...errors import ParameterError
 from ..language import arguments as read
-from ..language.expressions import ATOM_VALUES, Formula, Names, evaluate
+from ..language.expressions import ATOM_VALUES, Formula, evaluate
 from ..language.lexer import substitute
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
 from ..state.records import ForceVector
 from .compute_spec import check_place, reference
-from .computes import BUILT_IN, COMPUTES, average_of, check_built_in, check_value, compute_of
+from .computes import COMPUTES, average_of, check_value, compute_of
 from .per_bead import BEAD_WORDS, check_carried
 from .words import WORDS
 
 
-class Resolver(DeckMoment, Names):
-    """A moment at which names have values, those of :class:`~openmm_dpd.lammps.language.expressions.Names`."""
+class Resolver(DeckMoment):
+    """A moment at which names have values: those that :func:`~openmm_dpd.lammps.language.expressions.evaluate` asks for, and more."""
 
     def formula(self, text: str) -> float:
         """Value of a formula."""
@@ -44,11 +44,6 @@ class Resolver(DeckMoment, Names):
 
     def compute(self, name: str, index: int | None = None, column: int | None = None) -> float:
         """Value of ``c_name``, ``c_name[index]`` or ``c_name[index][column]``, not normalised."""
-        if name in BUILT_IN:
-            if index is None:
-                return BUILT_IN[name].value(self)
-            check_built_in(name, (index,) if column is None else (index, column), f"c_{name}[{index}]")
-            return float(self.compute_vector(name)[index - 1])
         if column is None and self.is_bead_compute(name):
             return self._of_bead(name, index)
         compute, spec = check_value(self.state, name, index, column)
@@ -65,9 +60,6 @@ class Resolver(DeckMoment, Names):
 
     def compute_vector(self, name: str, column: int | None = None) -> np.ndarray:
         """All values of ``c_name``, or of ``c_name[column]`` of a table; ParameterError if the compute has no vector."""
-        built_in = BUILT_IN[name].vector if name in BUILT_IN else None
-        if built_in is not None and column is None:
-            return built_in(self)
         compute, spec = compute_of(self.state, name)
         if spec.array is not None and spec.tabled(compute) and column is not None:
             return spec.array(self, compute)[:, column - 1]
@@ -141,10 +133,6 @@ class Resolver(DeckMoment, Names):
         if self.state.variables.get(name).style != "atom":
             return self.variable(name)
         return self.state.variables.bead_values(name, lambda text: evaluate_beads(text, self, len(self.state.atoms)))
-
-    def bead_word(self, word: str) -> np.ndarray | None:
-        """(N,) values of a word such as ``vx``, None for what is not a value of single beads."""
-        return BEAD_WORDS[word].value(self) if word in BEAD_WORDS else None
 
     def is_bead_compute(self, name: str) -> bool:
         """Whether a compute has values of single beads."""
@@ -240,8 +228,7 @@ class _BeadFormula(Formula):
         following = self.peek()[1]
         if following == "(" or (following == "[" and token in ATOM_VALUES):
             return super().name(token)
-        values = self.resolver.bead_word(token)
-        return super().name(token) if values is None else values
+        return BEAD_WORDS[token].value(self.resolver) if token in BEAD_WORDS else super().name(token)
 
     def _of_compute(self, name: str):
         index = self.index()
@@ -258,10 +245,7 @@ class _BeadFormula(Formula):
 def evaluate_beads(text: str, resolver: Resolver, n: int) -> np.ndarray:
     """(n,) values of an atom-style formula, such as ``0.5*mass*(vx^2+vy^2)``, one for each of n beads.
 
-    Raises
-    ------
-    ParameterError
-        As :func:`evaluate`, for any of the beads.
+    ParameterError as :func:`evaluate`, for any of the beads.
     """
     formula = _BeadFormula(text, resolver)
     try:

@@ -14,7 +14,7 @@ from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment, Window
 from ..state.records import Compute
-from ..styles.pair_tables import pair_tables
+from ..styles.pair_styles import pair_tables
 from .compute_spec import ComputeSpec, no_arguments
 
 
@@ -92,24 +92,12 @@ def _distribution(moment: DeckMoment, compute: Compute) -> np.ndarray:
 # -- compute msd --------------------------------------------------------------------------------------------------------------
 @dataclass
 class Displacements:
-    """Settings of a compute msd, and the positions it counts from.
+    """Settings of a compute msd, and the positions it counts from."""
 
-    Attributes
-    ----------
-    com : bool
-        Whether the motion of the centre of mass of the group is taken off.
-    average : bool
-        Whether displacements are counted from the mean of all positions so far.
-    origin : (n, 3) array
-        Positions of the group (deck units) that displacements are counted from.
-    count : int
-        Positions that ``origin`` is the mean of.
-    """
-
-    com: bool
-    average: bool
-    origin: np.ndarray
-    count: int = 1
+    com: bool  #: Whether the motion of the centre of mass of the group is taken off
+    average: bool  #: Whether displacements are counted from the mean of all positions so far
+    origin: np.ndarray  #: (n, 3) positions of the group (deck units) that displacements are counted from
+    count: int = 1  #: Positions that ``origin`` is the mean of
     _seen: tuple[Window, int] | None = field(default=None, repr=False)
 
     def include(self, moment: DeckMoment, positions: np.ndarray) -> None:
@@ -123,8 +111,7 @@ class Displacements:
 
 def parse_displacements(state: DeckState, group: str, words: list[str]) -> Displacements:
     """Settings of ``msd [com yes|no] [average yes|no]``, with the present positions as origin."""
-    options = {"com": "no", "average": "no"}
-    options |= {keyword: values[0] for keyword, values in read.options(words, {"com": 1, "average": 1}, "compute msd")}
+    options = read.single(words, "compute msd", com="no", average="no")
     com = read.switch(options["com"], "com")
     atoms = state.atoms
     origin = _members(state, state.require_box("compute msd").unwrap(atoms.positions, atoms.images), group, com)

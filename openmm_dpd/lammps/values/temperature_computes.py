@@ -8,8 +8,7 @@ from ...errors import ParameterError
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
-from ..state.records import Compute
-from ..state.temperature import Temperature
+from ..state.records import Compute, Temperature
 from .compute_spec import ComputeSpec
 
 #: Divisions of the box by the axes that are cut.
@@ -42,8 +41,8 @@ def _profile(state: DeckState, group: str, words: list[str]) -> Temperature:
     bins = [1, 1, 1]
     for axis, word in zip(axes, words[4:], strict=False):
         bins["xyz".index(axis)] = read.integer(word, f"the number of bins along {axis}", 1)
-    options = {name: values[0] for name, values in read.options(words[4 + len(axes) :], {"out": 1}, "compute temp/profile")}
-    table = read.choice(options.get("out", "tensor"), "out", ("tensor", "bin")) == "bin"
+    options = read.single(words[4 + len(axes) :], "compute temp/profile", out="tensor")
+    table = read.choice(options["out"], "out", ("tensor", "bin")) == "bin"
     # the mean velocity of the whole is taken off with those of the bins
     return Temperature(streaming=streaming, bins=(bins[0], bins[1], bins[2]), table=table, extra=3.0 - sum(streaming))
 

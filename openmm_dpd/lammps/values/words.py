@@ -13,24 +13,12 @@ from ..state.moment import DeckMoment
 
 @dataclass(frozen=True)
 class Word:
-    """A thermo word.
+    """A thermo word."""
 
-    Attributes
-    ----------
-    header : str
-        Title of its column.
-    value : callable
-        From a moment to the value, normalised where LAMMPS normalises it.
-    integer : bool
-        Whether it is a whole number.
-    needs : tuple of str
-        Fields of DeckSample that it reads.
-    """
-
-    header: str
-    value: Callable[[DeckMoment], float]
-    integer: bool = False
-    needs: tuple[str, ...] = ()
+    header: str  #: Title of its column
+    value: Callable[[DeckMoment], float]  #: From a moment to the value, normalised where LAMMPS normalises it
+    integer: bool = False  #: Whether it is a whole number
+    needs: tuple[str, ...] = ()  #: Fields of DeckSample that it reads
 
 
 def _per_bead(*names: str) -> Callable[[DeckMoment], float]:

@@ -1,19 +1,61 @@
-"""Pair style table: energies and forces of a file."""
+"""Pair styles without friction: lj/cut, with the mixing of its coefficients, and table, energies and forces of a file."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ...errors import ParameterError
-from ...model.pairs import TabulatedPair
+from ...model.pairs import LennardJones, TabulatedPair
 from ...units import UnitSystem
 from ..files.table_file import MODES, read_table, tabulated_pair
 from ..language import arguments as read
 from ..state.pair_setup import Coefficient, Find, PairStyle, Spec, Term, Values
-from .columns import cutoff_of
-from .writing import Exports, Pair, PairExport, StyleUse, exact
+from .columns import Columns, cutoff_of, settings
+from .writing import Exports, Pair, PairExport, StyleUse, exact, plain_use
 
+MIXING = ("geometric", "arithmetic", "sixthpower")
+
+_LJ = Columns({"epsilon": "energy", "sigma": "length"})
+
+
+def _lj_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
+    read.count(words, "epsilon sigma [cutoff]", 2, 3)
+    values = {"epsilon": read.non_negative(words[0], "epsilon"), "sigma": read.positive(words[1], "sigma")}
+    return values, cutoff_of(words, 2)
+
+
+def _lj_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> Term:
+    return _LJ.builder(partial(LennardJones, shift=style.shift))(style, found, units)
+
+
+def mixed(style: PairStyle, first: Coefficient, second: Coefficient) -> Coefficient:
+    """Lennard-Jones coefficients of unlike types from those of like types, by the style's mixing rule."""
+    (e1, s1), (e2, s2) = ((c.values["epsilon"], c.values["sigma"]) for c in (first, second))
+    c1, c2 = (style.cutoff(c) or 0.0 for c in (first, second))
+    epsilon = (e1 * e2) ** 0.5
+    if style.mix == "sixthpower":
+        epsilon *= 2 * s1**3 * s2**3 / (s1**6 + s2**6)
+    rules: dict[str, Callable[[float, float], float]] = {
+        "geometric": lambda a, b: (a * b) ** 0.5,
+        "arithmetic": lambda a, b: 0.5 * (a + b),
+        "sixthpower": lambda a, b: (0.5 * (a**6 + b**6)) ** (1 / 6),
+    }
+    length = rules[style.mix]
+    return Coefficient({"epsilon": epsilon, "sigma": length(s1, s2)}, length(c1, c2), None)
+
+
+def _export_lj(export: PairExport, entries: dict[Pair, LennardJones]) -> list[StyleUse]:
+    found = []
+    for shifted in (False, True):
+        mine = {pair: c for pair, c in entries.items() if bool(c.shift) == shifted}
+        if mine:
+            found.append(plain_use("lj/cut", "{cutoff}", _LJ, export, mine, "shift yes" if shifted else ""))
+    return found
+
+
+# -- table --------------------------------------------------------------------------------------------------------------------
 #: Points of LAMMPS's own tables.
 _TABLE_POINTS = 100000
 
@@ -41,10 +83,7 @@ def _table_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> Ter
     return term, remark and f"pair table {found.values['keyword']} of {found.values['file']}: {remark}"
 
 
-STYLES = {"table": Spec(_table_settings, _table_coefficient, _table_build, write=_table_words, keeps_coefficients=False)}
-
-
-def _export(export: PairExport, entries: dict[Pair, TabulatedPair]) -> list[StyleUse]:
+def _export_table(export: PairExport, entries: dict[Pair, TabulatedPair]) -> list[StyleUse]:
     units, file = export.units, f"table.{export.name}"
     lines = export.tables.setdefault(file, ["# pair tables written by openmm-dpd, units = " + units.name])
     words, written = {}, dict[int, str]()
@@ -78,4 +117,9 @@ def _table_section(c: TabulatedPair, keyword: str, units: UnitSystem) -> Iterato
         yield f"{k} {' '.join(map(repr, row))}"
 
 
-EXPORTS: Exports = {TabulatedPair: _export}
+STYLES = {
+    "lj/cut": Spec(settings("lj/cut", "cutoff"), _lj_coefficient, _lj_build, mixed=mixed),
+    "table": Spec(_table_settings, _table_coefficient, _table_build, write=_table_words, keeps_coefficients=False),
+}
+
+EXPORTS: Exports = {LennardJones: _export_lj, TabulatedPair: _export_table}

@@ -1,0 +1,265 @@
+"""Fixes by their styles: fields of beads (equations of state, sources), pressure, and what drives, confines and stops a flow."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ...errors import ParameterError
+from ...model.eos import ConstantHeatCapacity, TabulatedEOS
+from ...model.flow import AXES
+from ...model.sources import Block, Sphere
+from ..files.table_file import read_eos
+from ..language import arguments as read
+from ..language.variables import FORMULAS
+from ..output.averages import PrintFix
+from ..state.deck_state import DeckState
+from ..state.records import MomentumRemoval, PressureControl
+
+#: From (state, group, words) to the parameters of a fix.
+FixReader = Callable[[DeckState, str, list[str]], dict]
+
+
+# -- internal energies --------------------------------------------------------------------------------------------------------
+def _eos_cv(state: DeckState, group: str, words: list[str]) -> dict:
+    read.count(words, "fix ID group eos/cv cv", 1)
+    state.require_atom_style("dpd", "fix eos/cv")
+    # heat capacities of the model are in units of k_B
+    capacity = read.positive(words[0], "the heat capacity") / state.units.boltzmann
+    return {"eos": ConstantHeatCapacity(capacity), "source": capacity}
+
+
+def _eos_table(state: DeckState, group: str, words: list[str]) -> dict:
+    read.count(words, "fix ID group eos/table linear file N keyword", 4)
+    state.require_atom_style("dpd", "fix eos/table")
+    read.choice(words[0], "the style of eos/table", ("linear",))
+    read.integer(words[2], "the size of the table", 2)
+    path = state.find_file(words[1])
+    temperatures, energies = read_eos(path, words[3])
+    state.note("fix eos/table: a monotone curve through the points of the file is used, however many table points are asked for")
+    table = TabulatedEOS(temperatures * state.units.thermal_energy, energies * state.units.energy)
+    return {"eos": table, "source": (path.resolve(), words[3])}
+
+
+# -- sources ------------------------------------------------------------------------------------------------------------------
+_PLACES = {"sphere": "cx cy cz R", "cuboid": "cx cy cz Lx Ly Lz", "region": "ID"}
+
+
+def _place(state: DeckState, words: list[str], style: str) -> tuple[Block | Sphere, float]:
+    """Region and rate of ``sphere|cuboid|region ... value``."""
+    usage = " | ".join(f"{name} {values} value" for name, values in _PLACES.items())
+    read.count(words, usage, 1, None)
+    kind = read.choice(words[0], f"the region of fix {style}", list(_PLACES))
+    read.count(words[1:], f"{kind} {_PLACES[kind]} value", len(_PLACES[kind].split()) + 1)
+    rate, length = read.number(words[-1], "the rate of the source"), state.units.length
+    if kind == "region":
+        region = state.region(words[1])
+        if region.shape is None:
+            raise ParameterError(f"fix {style}: region '{words[1]}' must be the inside of a block or a sphere")
+        first, second = region.shape
+        if region.style == "block":
+            return Block(first * length, np.asarray(second) * length), rate
+        return Sphere(first * length, float(second) * length), rate
+    values = np.array([read.number(word, f"a value of {kind}") for word in words[1:-1]])
+    if kind == "cuboid":
+        return Block.centred(values[:3] * length, values[3:] * length), rate
+    if values[3] != 1:
+        state.note(
+            f"fix {style}: the sphere has the radius {values[3]:g}; LAMMPS compares r^2 with R^3, its radius is {values[3] ** 1.5:g}"
+        )
+    return Sphere(values[:3] * length, float(values[3] * length)), rate
+
+
+def _edpd_source(state: DeckState, group: str, words: list[str]) -> dict:
+    state.require_atom_style("edpd", "fix edpd/source")
+    region, rate = _place(state, words, "edpd/source")
+    return {"region": region, "rate": rate * state.units.thermal_energy / state.units.time, "species": 0}
+
+
+def _tdpd_source(state: DeckState, group: str, words: list[str]) -> dict:
+    state.require_atom_style("tdpd", "fix tdpd/source")
+    read.count(words, "fix ID group tdpd/source species sphere|cuboid|region ... value", 2, None)
+    species = state.species(words[0], "fix tdpd/source")
+    region, rate = _place(state, words[1:], "tdpd/source")
+    return {"region": region, "rate": rate / state.units.time, "species": species}
+
+
+# -- constant pressure --------------------------------------------------------------------------------------------------------
+#: Options of fix nph that are about LAMMPS's own equations of motion for the box: number of values.
+_DYNAMICS = {"drag": 1, "pchain": 1, "ploop": 1, "nreset": 1, "mtk": 1, "ptemp": 1, "flip": 1, "update": 1, "fixedpoint": 3}
+_DYNAMICS |= {"scalexy": 1, "scalexz": 1, "scaleyz": 1}
+
+
+def _nph(state: DeckState, group: str, words: list[str]) -> dict:
+    sizes = {**dict.fromkeys(("iso", "aniso", "x", "y", "z"), 3), "couple": 1, "dilate": 1, **_DYNAMICS}
+    start: list[float | None] = [None] * 3
+    stop = [0.0] * 3
+    coupled, unused = False, []
+    for keyword, values in read.options(words, sizes, "fix nph"):
+        if keyword == "couple":
+            coupled = read.choice(values[0], "couple", ("none", "xyz")) == "xyz"
+        elif keyword == "dilate":
+            if values[0] != "all":
+                raise ParameterError(f"fix nph dilate {values[0]} is not supported: all beads move with the box")
+        elif keyword in _DYNAMICS:
+            unused.append(keyword)
+        else:
+            first, last = (read.number(word, f"the pressure of {keyword}") for word in values[:2])
+            read.positive(values[2], "the damping time of the box")
+            coupled = keyword == "iso"
+            for axis in range(3) if keyword in ("iso", "aniso") else ["xyz".index(keyword)]:
+                start[axis], stop[axis] = first, last
+    axes = tuple(value is not None for value in start)
+    low = tuple(state.units.pressure * (value or 0.0) for value in start)
+    high = tuple(state.units.pressure * value for value in stop)
+    if not any(axes):
+        raise ParameterError("expected 'fix ID group nph iso|aniso|x|y|z Pstart Pstop Pdamp ...', but no pressure is given")
+    if coupled and not (all(axes) and len(set(low)) == len(set(high)) == 1):
+        raise ParameterError("fix nph: edges that change together (couple xyz) need the same pressure along x, y and z")
+    if unused:
+        state.note(f"fix nph: {', '.join(unused)} (LAMMPS's motion of the box) has no meaning here and is ignored")
+    return {"lambda": 0.5, "pressure": PressureControl(axes, coupled, low, high)}  # type: ignore[arg-type]
+
+
+# -- flow ----------------------------------------------------------------------------------------------------------------------
+_FACES = tuple(f"{axis}{end}" for axis in AXES for end in ("lo", "hi"))
+
+
+def _component(state: DeckState, word: str, fix: str, styles: tuple[str, ...] = FORMULAS) -> str:
+    """A number or a variable that exists as a formula; ``0`` for no force."""
+    if word.startswith("v_"):
+        variable = state.variables.get(word[2:])
+        if variable.style not in styles:
+            raise ParameterError(
+                f"fix {fix}: variable {word[2:]} is {variable.style}-style; an {'- or '.join(styles)}-style one is expected"
+            )
+        return word
+    number = read.number(word, f"a component of fix {fix}")
+    return repr(number) if number else "0"
+
+
+def _addforce(state: DeckState, group: str, words: list[str]) -> dict:
+    read.count(words, "fix ID group addforce fx fy fz", 3, None)
+    for keyword, values in read.options(words[3:], {"every": 1, "region": 1, "energy": 1}, "fix addforce"):
+        if keyword == "every" and read.integer(values[0], "every", 1) == 1:
+            continue
+        remedy = {"region": "use an atom-style variable such as 0.1*(z<5)", "every": "the force acts at every step"}
+        raise ParameterError(f"fix addforce {keyword} is not supported; {remedy.get(keyword, 'the force has no potential energy here')}")
+    return {"force": [_component(state, word, "addforce") for word in words[:3]]}
+
+
+def _setforce(state: DeckState, group: str, words: list[str]) -> dict:
+    read.count(words, "fix ID group setforce fx fy fz", 3, None)
+    for keyword, _ in read.options(words[3:], {"region": 1}, "fix setforce"):
+        raise ParameterError(f"fix setforce {keyword} is not supported; make a group of the region")
+    return {"force": [word if word == "NULL" else _component(state, word, "setforce") for word in words[:3]]}
+
+
+#: Directions of fix gravity as formulas, by style: how many words they have, and what they make of them.
+_DIRECTIONS: dict[str, tuple[int, tuple[str, str, str]]] = {
+    "vector": (3, ("{0}/sqrt({0}^2+{1}^2+{2}^2)", "{1}/sqrt({0}^2+{1}^2+{2}^2)", "{2}/sqrt({0}^2+{1}^2+{2}^2)")),
+    "chute": (1, ("sin(PI*{0}/180)", "0", "-cos(PI*{0}/180)")),
+    "spherical": (2, ("sin(PI*{1}/180)*cos(PI*{0}/180)", "sin(PI*{1}/180)*sin(PI*{0}/180)", "cos(PI*{1}/180)")),
+}
+
+
+def _gravity(state: DeckState, group: str, words: list[str]) -> dict:
+    read.count(words, "fix ID group gravity magnitude style values ...", 3, None)
+    size, formulas = read.style(_DIRECTIONS, "fix gravity", words[1])
+    read.count(words[2:], f"fix ID group gravity magnitude {words[1]} values ...", size)
+    magnitude, *values = (f"({_component(state, word, 'gravity', ('equal',))})" for word in (words[0], *words[2:]))
+    if values == ["(0)"] * 3:
+        raise ParameterError("fix gravity vector 0 0 0 has no direction")
+    return {"force": ["0" if formula == "0" else f"mass*{magnitude}*({formula.format(*values)})" for formula in formulas]}
+
+
+def _wall_reflect(state: DeckState, group: str, words: list[str]) -> dict:
+    read.count(words, "fix ID group wall/reflect face position ...", 2, None)
+    box, scale = state.require_box("fix wall/reflect"), state.lattice.spacing
+    faces: dict[str, str] = {}
+    for keyword, values in read.options(words, {**dict.fromkeys(_FACES, 1), "units": 1}, "fix wall/reflect"):
+        if keyword == "units":
+            scale = state.spacing(values[0])
+        elif keyword in faces:
+            raise ParameterError(f"fix wall/reflect names {keyword} twice")
+        else:
+            faces[keyword] = values[0]
+    found = {}
+    for face, word in faces.items():
+        k = AXES.index(face[0])
+        if box.periodic[k]:
+            remedy = f"'boundary {' '.join('f' if axis == k or not box.periodic[axis] else 'p' for axis in range(3))}'"
+            raise ParameterError(f"fix wall/reflect {face}: the box is periodic along {face[0]}; say {remedy}")
+        if word.startswith("v_"):
+            raise ParameterError(f"fix wall/reflect {face} {word}: walls that move are not supported; give EDGE or a number")
+        low, high = float(box.low[k]), float(box.high[k])
+        place = (low if face.endswith("lo") else high) if word == "EDGE" else read.number(word, f"the position of {face}") * float(scale[k])
+        if not low <= place <= high:
+            raise ParameterError(f"fix wall/reflect {face}: the wall lies outside the box")
+        found[face] = place * state.units.length
+    if not found:
+        raise ParameterError("fix wall/reflect needs a face, such as zlo EDGE")
+    return {"faces": found}
+
+
+def _momentum(state: DeckState, group: str, words: list[str]) -> dict:
+    usage = "fix ID group momentum N [linear x y z] [angular] [rescale]"
+    read.count(words, usage, 1, None)
+    every = read.integer(words[0], "the interval of fix momentum", 1)
+    found = dict(read.options(words[1:], {"linear": 3, "angular": 0, "rescale": 0}, "fix momentum"))
+    flags = found.get("linear", ["0", "0", "0"])
+    for flag in flags:
+        read.choice(flag, "a flag of linear", ("0", "1"))
+    x, y, z = (flag == "1" for flag in flags)
+    if not (x or y or z or "angular" in found):
+        raise ParameterError(f"fix momentum takes nothing out; expected '{usage}' with a flag of linear that is 1, or angular")
+    return {"momentum": MomentumRemoval(every, (x, y, z), "angular" in found, "rescale" in found)}
+
+
+# -- motion --------------------------------------------------------------------------------------------------------------------
+def _moving(style: str, most: int) -> FixReader:
+    """A fix that moves beads, with lambda if it takes an argument."""
+
+    def reader(state: DeckState, group: str, words: list[str]) -> dict:
+        read.count(words, f"fix ID group {style}{' [lambda]' * most}", 0, most)
+        value = read.number(words[0], "lambda") if words else 0.5
+        if not 0 <= value <= 1:
+            raise ParameterError(f"lambda must be between 0 and 1, but is {value:g}")
+        return {"lambda": value}
+
+    return reader
+
+
+def _of_all(style: str, atom_style: str | None = None) -> FixReader:
+    """A fix without arguments that acts on all beads."""
+
+    def reader(state: DeckState, group: str, words: list[str]) -> dict:
+        read.count(words, f"fix ID group {style}", 0)
+        if atom_style is not None:
+            state.require_atom_style(atom_style, f"fix {style}")
+        if group != "all":
+            state.note(f"fix {style} acts on all beads, whatever its group")
+        return {}
+
+    return reader
+
+
+#: Fix styles: from (state, group, words) to the fix's parameters.
+FIX_STYLES: dict[str, FixReader] = {
+    "nve": _moving("nve", 0),
+    "mvv/dpd": _moving("mvv/dpd", 1),
+    "mvv/edpd": _moving("mvv/edpd", 1),
+    "mvv/tdpd": _moving("mvv/tdpd", 1),
+    "shardlow": _of_all("shardlow"),
+    "dpd/energy": _of_all("dpd/energy", "dpd"),
+    "eos/cv": _eos_cv,
+    "eos/table": _eos_table,
+    "edpd/source": _edpd_source,
+    "tdpd/source": _tdpd_source,
+    "nph": _nph,
+    "addforce": _addforce,
+    "gravity": _gravity,
+    "setforce": _setforce,
+    "wall/reflect": _wall_reflect,
+    "momentum": _momentum,
+    "print": lambda state, group, words: {"reader": PrintFix(state, words)},
+}
