@@ -21,7 +21,7 @@ from openmm_dpd.schemes import SCHEMES
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXTS = [*(ROOT / name for name in ("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md")), *sorted((ROOT / "docs").rglob("*.md"))]
-DECKS = (ROOT / "docs" / "decks.md").read_text(encoding="utf-8")
+DECKS = {path.stem: path.read_text(encoding="utf-8") for path in (ROOT / "docs" / "decks").glob("*.md")}
 
 
 def blocks(text: str, language: str) -> list[str]:
@@ -85,16 +85,21 @@ TABLES = {
 
 @pytest.mark.parametrize("table", TABLES)
 def test_everything_a_deck_may_use_is_listed(table):
-    missing = [name for name in TABLES[table] if f"`{name}`" not in DECKS]
-    assert not missing
+    page = DECKS["commands" if table == "commands" else "styles"]
+    assert not [name for name in TABLES[table] if f"`{name}`" not in page]
 
 
 def test_listed_commands_exist():
-    """The first column of the table of commands, and the list of ignored ones."""
-    rows = re.findall(r"^\| (`[^|]*`) \|", DECKS.partition("## Pair styles")[0], flags=re.MULTILINE)
-    ignored = DECKS.partition("without effect: ")[2].partition("\n\n")[0]
+    """The first columns of the tables of commands, and the list of ignored ones."""
+    tables, _, rest = DECKS["commands"].partition("without effect: ")
+    rows, ignored = re.findall(r"^\| (`[^|]*`) \|", tables, flags=re.MULTILINE), rest.partition("\n\n")[0]
     named = [name for row in rows for name in re.findall(r"`([^`]+)`", row)] + re.findall(r"`([a-z_]+)`", ignored.replace("`exclude`", ""))
     assert len(named) > 40 and not [name for name in named if name not in COMMANDS]
+
+
+def test_cells_of_the_pages_about_decks_are_short():
+    rows = [line for page in DECKS.values() for line in page.splitlines() if line.startswith("|")]
+    assert len(rows) > 60 and not [cell for row in rows for cell in row.split("|") if len(cell) > 110]
 
 
 def test_every_scheme_and_phase_is_described():

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from openmm_dpd import cli
+
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
@@ -19,15 +21,20 @@ def blocks(language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```$", README, flags=re.MULTILINE | re.DOTALL)
 
 
-INSTALL, DECK, TEST = (block.splitlines() for block in blocks("bash"))
+RUN, TEST = (block.splitlines() for block in blocks("bash"))
+INLINE = re.findall(r"`([^`\n]+)`", README)
 
 
 def page(name: str) -> str:
     return (ROOT / name).read_text(encoding="utf-8")
 
 
-def test_it_is_short():
-    assert len(README.splitlines()) <= 110
+def test_it_is_short_and_begins_with_two_lines_for_each_purpose():
+    assert len(README.splitlines()) <= 95
+    assert len(RUN) == len(TEST) == 2
+    headings = re.findall(r"^## (.*)", README, flags=re.MULTILINE)
+    assert headings[0] == "Quick start"
+    assert len(re.findall(r"^- ", README.partition("## What there is")[2].partition("\n## ")[0], flags=re.MULTILINE)) == 5
 
 
 def test_script_is_the_first_example():
@@ -39,21 +46,26 @@ def test_script_is_the_first_example():
 
 def test_every_command_is_run():
     """By the next test, or by what decides whether a change lands (with options that make it print less or more)."""
-    assert all(line.startswith(("python -m venv", "pip install")) for line in INSTALL)
-    assert all(line.startswith("openmm-dpd ") for line in DECK)
     decides = [re.sub(r" -q| --durations=\d+", "", line) for line in page(".ci/run").splitlines()]
-    install, tests = TEST
-    assert tests in decides
-    (extras,) = re.findall(r"\[(.*)\]", install)
     (installed,) = [line for line in decides if line.startswith("pip install")]
-    assert set(extras.split(",")) <= set(re.findall(r"\[(.*)\]", installed)[0].split(","))
-    inline = [line for line in re.findall(r"`([^`\n]+)`", README) if line.startswith(("pip", "sphinx-build"))]
-    assert inline and not [line for line in inline if line not in page(".github/workflows/docs.yml")]
+    (settings,) = [line.removeprefix("export ") for line in decides if line.startswith("export ")]
+    assert TEST[0].endswith(f" && {installed}")
+    assert TEST[1].startswith(f"{settings} ") and TEST[1].removeprefix(f"{settings} ") in decides
+    building = [line for line in INLINE if line.startswith(("pip", "sphinx-build"))]
+    assert building and not [line for line in building if line not in page(".github/workflows/docs.yml")]
+
+
+def test_restart_and_export_are_commands():
+    """The parser takes them; what they do is tested in test_resume.py and test_export.py."""
+    lines = [RUN[1], *(line for line in INLINE if line.startswith("openmm-dpd "))]
+    run, restart, export = (cli._parser().parse_args(shlex.split(line)[1:]) for line in lines)
+    assert restart.restart == run.out and restart.deck == run.deck
+    assert (ROOT / export.deck).is_file()
 
 
 @pytest.mark.slow
-def test_install_and_deck_as_printed(tmp_path):
-    """The lines of the two blocks, in one shell, in a copy of what they need; dependencies are those that are installed here."""
+def test_the_main_job_as_printed(tmp_path):
+    """The two lines, in one shell, in a copy of what they need; dependencies are those that are installed here."""
     pytest.importorskip("setuptools", minversion="77", reason="setuptools >= 77 is not installed: pip install -e '.[test]'")
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, tmp_path)
@@ -63,7 +75,7 @@ def test_install_and_deck_as_printed(tmp_path):
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     # nothing is downloaded: pip takes setuptools and all dependencies from here ("0" is its way to say that builds are not isolated)
     environment |= {"PYTHONPATH": present, "PIP_NO_DEPS": "1", "PIP_NO_BUILD_ISOLATION": "0", "PIP_NO_INDEX": "1"}
-    script = "\n".join(["set -eu", *INSTALL, "rm -r openmm_dpd build", *DECK])
+    script = "\n".join(["set -eu", RUN[0], "rm -r openmm_dpd build", RUN[1]])
     done = subprocess.run(["bash", "-c", script], cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert {path.name for path in (tmp_path / "out" / "dpd").iterdir()} >= {
@@ -73,11 +85,6 @@ def test_install_and_deck_as_printed(tmp_path):
         "thermo.png",
     }
     assert (tmp_path / "out" / "dpd.json").is_file()
-    assert "program mvv" in done.stdout
-
-
-def test_commands_name_decks_that_exist():
-    assert all((ROOT / word).is_file() for line in DECK for word in shlex.split(line) if word.startswith("examples/"))
 
 
 def test_accuracy_is_that_of_the_table_of_schemes():
@@ -95,18 +102,22 @@ def test_accuracy_is_that_of_the_table_of_schemes():
 
 
 def test_speed_is_that_of_the_atlas():
-    """Times less wall time on one core at 1 % of the configurational temperature; whole numbers, below the bound where it is one."""
-    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in page("docs/atlas.md").splitlines() if "| yes |" in line]
-    gains = {(fluid, beside): gain for fluid, beside, cores, _, _, gain, _ in rows if cores == "1"}
+    """The first measure of the table of goals, for one and two cores; the machine and the number of beads."""
 
-    def of_temperature(beside: str) -> float:
-        return float(gains["standard fluid, friction 4.5", beside].lstrip("> ").split()[0])
+    def table(text: str) -> list[list[str]]:
+        return [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line.startswith("| ")]
 
-    text = " ".join(README.partition("**Speed.**")[2].partition("## Limits")[0].split())
-    pair, shardlow, native = (int(number) for number in re.findall(r"a (\d+)th", text))
-    assert pair == round(of_temperature("LAMMPS dpd + nve"))
-    assert shardlow == round(of_temperature("LAMMPS dpd/fdt + shardlow"))
-    assert native <= of_temperature("OpenMM DPDIntegrator, CPU")
-    beside_lammps = [float(gain.lstrip("> ").split()[0]) for (_, beside), gain in gains.items() if "LAMMPS" in beside]
-    (electrolyte,) = re.findall(r"the same error costs (\d+) times less", page("docs/atlas.md"))
-    assert f"{round(min(beside_lammps))} to {electrolyte} times less time than LAMMPS" in README
+    atlas = page("docs/atlas.md")
+    gains: dict[tuple[str, str], list[str]] = {}
+    for fluid, beside, _, _, scheme, gain, _ in table(atlas.partition("<!-- begin targets -->")[2].partition("<!-- end targets -->")[0])[
+        2:
+    ]:
+        assert scheme == "`bababo`"
+        gains.setdefault((fluid, beside), []).append(gain.partition(" (")[0])
+    speed = README.partition("**Speed.**")[2].partition("## Limits")[0]
+    rows = table(speed)[2:]
+    assert len(rows) == 5 and all(gains[fluid, beside] == cells for fluid, beside, *cells in rows)
+    machine = atlas.partition("<!-- begin machine -->")[2].partition("<!-- end machine -->")[0]
+    for part in ("AMD EPYC, 2 cores", "OpenMM 8.6.1", "LAMMPS 2025.7.22.4.0"):
+        assert part in machine and part in speed
+    assert "10125 beads" in machine and "10,125 beads" in speed

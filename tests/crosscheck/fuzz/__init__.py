@@ -2,7 +2,7 @@
 
 ``python tests/crosscheck/fuzz --seeds 1000:3000 [--area setup] [--keep DIR] [--shrink]`` runs any seeds: a seed is a deck, an area of
 commands is a grammar in ``areas/``.  ``--shrink`` drops the lines that do not matter, ``--keep`` writes what both programs wrote.  What comes
-of a deck is one of ``trial.OUTCOMES``; where the programs part on purpose is in ``reasons.py`` and in ``docs/decks.md``, and grammars keep
+of a deck is one of ``trial.OUTCOMES``; where the programs part on purpose is in ``reasons.py`` and in ``docs/decks/differences.md``, and grammars keep
 away from it where they can.  A deck takes a tenth of a second or less.  With ``--resume`` no LAMMPS is asked: each deck is interrupted at
 random moments, resumed, and all its files are compared with those of a run in one piece.
 

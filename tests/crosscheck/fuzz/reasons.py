@@ -1,4 +1,4 @@
-"""Where the two programs are known to part, on purpose: docs/decks.md has the same list in full."""
+"""Where the two programs are known to part, on purpose: docs/decks/differences.md has the same list in full."""
 
 import re
 

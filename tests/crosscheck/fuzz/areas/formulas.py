@@ -44,7 +44,7 @@ class _Grammar:
             return f"{name}({inside})"
         if kind < 0.98:
             return f"atan2({self.expression(depth + 1)},{self.expression(depth + 1)})"
-        # what LAMMPS makes of a condition without anything of the beads, in a formula of beads, is a fault of its own (docs/decks.md)
+        # what LAMMPS makes of a condition without anything of the beads, in a formula of beads, is a fault of its own (docs/decks/differences.md)
         condition = f"({draw.pick(self.of_beads)})+({self.expression(depth + 1)})" if self.of_beads else self.expression(depth + 1)
         return f"ternary({condition},{self.expression(depth + 1)},{self.expression(depth + 1)})"
 
