@@ -15,11 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, UserProvidedCacheLocator
-from numba.core.serialize import dumps
 
 from .errors import OutputError
 from .files import write_whole
+from .numba_private import FunctionFiles, dumps, set_cache
 from .signals import CTRL_C
 
 _LOGGER = logging.getLogger("openmm_dpd")
@@ -101,10 +100,6 @@ def cache_folder() -> Path | None:
     return None
 
 
-class _Implementation(CompileResultCacheImpl):
-    _locator_classes = [UserProvidedCacheLocator]
-
-
 class KernelFiles:
     """The files of one kernel, one for each signature and machine: a hash, then the pickled key and code.
 
@@ -144,15 +139,8 @@ class KernelFiles:
         """Nothing: files are whole."""
 
 
-class KernelCache(FunctionCache):
+class KernelCache(FunctionFiles):
     """Numba's cache, in files of :class:`KernelFiles`: what it cannot load is compiled anew, what it cannot save is not kept."""
-
-    _impl_class = _Implementation
-
-    def __init__(self, function) -> None:
-        super().__init__(function)
-        stamp = self._impl.locator.get_source_stamp()
-        self._cache_file = KernelFiles(self.cache_path, self._impl.filename_base, stamp)  # type: ignore[assignment]
 
     def load_overload(self, sig, target_context):
         """The compiled function, or None."""
@@ -179,7 +167,7 @@ def keep_on_disk(dispatcher: Any) -> None:
     given = config.CACHE_DIR  # type: ignore[attr-defined]
     config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]
     try:
-        dispatcher._cache = KernelCache(dispatcher.py_func)
+        set_cache(dispatcher, KernelCache(dispatcher.py_func, KernelFiles))
     except RuntimeError as error:  # numba finds no place
         _say("place", f"kernels are compiled at every start, since there is no place to keep them ({error}); {_REMEDY}")
     finally:

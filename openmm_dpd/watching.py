@@ -9,7 +9,6 @@ to look: their steps are right beside any force, but nobody checks the System, c
 script, or takes a failed step back.
 """
 
-import gc
 import logging
 import weakref
 from collections.abc import Iterator
@@ -23,6 +22,7 @@ from .barostat_temperature import barostats, check_barostats, tell_pressures
 from .errors import PlanError
 from .made import Made, acting, lines_of, text_number, variables_number
 from .names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, PAIR_FORCE, SEED
+from .openmm_private import context_of
 from .signals import CTRL_C, unbroken
 
 _LOGGER = logging.getLogger("openmm_dpd")
@@ -65,16 +65,10 @@ class Watching:
     _begun = False
 
     def context(self) -> openmm.Context | None:
-        """The Context that this integrator belongs to, None before there is one.
-
-        OpenMM has no way from an integrator to its Context, but the Context refers to its integrator, and Python knows who does.
-        """
+        """The Context that this integrator belongs to, None before there is one."""
         found = None if self._known is None else self._known()
         if found is None or found.getIntegrator() is not self:
-            holders = gc.get_referrers(self)
-            owners = [*holders, *(owner for holder in holders if isinstance(holder, dict) for owner in gc.get_referrers(holder))]
-            found = next((owner for owner in owners if isinstance(owner, openmm.Context) and owner.getIntegrator() is self), None)
-            self._known = None
+            found, self._known = context_of(self), None  # type: ignore[arg-type]
             if found is not None:
                 self.bind(found)
         return found

@@ -14,10 +14,11 @@ from .errors import RunError
 from .execution import DOUBLE_PLATFORMS
 from .fields import field_variables, per_dof, raw_fields, raw_rates
 from .forces.fingerprint import fingerprint
-from .forces.pair_force import PairForceFunction, vectors
+from .forces.pair_force import PairForceFunction
 from .forces.thread_state import ThreadState
 from .integrators import PairIntegrator
 from .kernels.steps import Moment, StepSpec
+from .openmm_private import bare, vectors
 from .wording import in_units
 
 
@@ -59,11 +60,11 @@ class WholeSteps:
             If a step fails, with its number, as the program reports it.
         """
         own = self.function.thread_state()
-        dt = integrator.getStepSize()._value
+        dt = bare(integrator.getStepSize())
         state = context.getState(positions=True, velocities=True, parameters=True)
         # the step size as the program would set it first
         count, parameters = state.getStepCount(), state.getParameters().asdict() | {shared.DT: dt}
-        clock = list(accumulate([dt] * n, initial=state.getTime()._value))  # as OpenMM adds it up
+        clock = list(accumulate([dt] * n, initial=bare(state.getTime())))  # as OpenMM adds it up
         try:
             moment = self._moment(integrator, context, state, parameters, dt, own)
             loop = own.loop
@@ -78,7 +79,7 @@ class WholeSteps:
                     context.setTime(clock[done])
                     if self.spec.ramp is not None:
                         context.setParameter(shared.KT, m.kT)
-                return context.getState(forces=True, groups=groups).getForces(asNumpy=True)._value
+                return bare(context.getState(forces=True, groups=groups).getForces(asNumpy=True))
 
             loop.run(moment, n, forces if slow else None)
         except RunError as error:

@@ -14,6 +14,7 @@ from ..kernels.layer import CONSERVATIVE, DISSIPATIVE, RANDOM, PairSpec
 from ..kernels.steps import Moment, StepSpec
 from ..made import origin
 from ..names import Phase
+from ..openmm_private import bare, vectors
 from ..program_options import ProgramOptions
 from ..signals import CTRL_C
 from ..wording import in_length, in_units
@@ -28,16 +29,6 @@ AT_KEPT = (Phase.FORCE_KEPT, Phase.SWEEP_KEPT)
 
 #: Thermal energy, step size, seed and counter of the noise, values of the fields.
 Conditions = tuple[float, float, int, int, np.ndarray | None]
-
-
-def vectors(state: openmm.State, kind: int) -> np.ndarray:
-    """(N, 3) positions or velocities of a State, in MD units, as an array that is the caller's.
-
-    What OpenMM has for users, with units, takes longer than some steps' arithmetic.
-    """
-    found = np.empty((state._getNumParticles(), 3))
-    state._getVectorAsNumpy(kind, found)
-    return found
 
 
 class PairForceFunction:
@@ -220,7 +211,7 @@ class PairForceFunction:
         """Box vectors of a State, nm, None if the scene has none; RunError if they are too short for the pair terms."""
         if not self.periodic:
             return None
-        box = state.getPeriodicBoxVectors(asNumpy=True)._value
+        box = bare(state.getPeriodicBoxVectors(asNumpy=True))
         if self._cutoff > 0.5 * box.diagonal().min() * (1 + 1e-9):
             edges = " x ".join(map(in_length, box.diagonal()))
             raise RunError(f"the box has shrunk to {edges}, less than twice the cutoff of {in_length(self._cutoff)}")

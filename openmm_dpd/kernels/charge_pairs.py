@@ -14,7 +14,7 @@ import numpy as np
 from .compiled import helper, inlined
 from .elementary import erfc, exp
 from .extras import inverse_edges
-from .lanes import LANES, floor, load_lanes, splat, store_lanes
+from .vectors import LANES, floor, load_lanes, splat, store_lanes
 
 #: See above.
 SHARES = 8

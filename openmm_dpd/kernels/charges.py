@@ -22,8 +22,8 @@ from .columns import add_stress, push
 from .compiled import helper, serial_and_parallel
 from .elementary import erfc, exp
 from .extras import box_array, inverse_edges, minimum_image, run_terms
-from .lanes import LANES, load_lanes, splat, store_lanes
 from .threads import get_threads
+from .vectors import LANES, load_lanes, splat, store_lanes
 from .waves import ISOTROPIC, PULLS, STRIP, WEIGHTS, Waves, copy_steps, lattice_forces, structure_factors, write_phases
 
 #: Less work than this (pairs of charges, and of charges and waves) is not worth waking a second thread for.

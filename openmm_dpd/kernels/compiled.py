@@ -10,6 +10,7 @@ import numba
 from numba.extending import register_jitable
 
 from ..kernel_cache import keep_on_disk
+from ..numba_private import NO_REFERENCE_COUNTS
 
 #: Hash of all kernel sources.
 _DIGEST = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()[:12]
@@ -19,7 +20,7 @@ _SEMANTICS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 
 #: The same for code that allocates nothing.  Numba would count the references to every array of a tuple that is handed on, atomically, and
 #: for each pair that takes longer than all the rest.
-_BARE = _SEMANTICS | {"_nrt": False}
+_BARE = _SEMANTICS | NO_REFERENCE_COUNTS
 
 #: Decorators of functions that kernels call: compiled on their own, or put in where they are called.
 helper = numba.njit(**_BARE)

@@ -1,13 +1,27 @@
-"""Operations that numba has no words for: on bits, and on eight numbers at once.
+"""Operations that numba has no words for: on bits, and on eight numbers at once.  The only file with instructions of llvmlite.
 
-They are written as plain LLVM instructions, which exist on every processor; the compiler picks the best that the present one has.
+They are plain LLVM instructions, which exist on every processor; the compiler picks the best that the present one has.
+
+Loops that add up many things at once are not vectorised without fastmath, and numba does not know which arrays overlap.  With eight
+numbers as one value (``Lanes``), which stays in vector registers through a loop, both are written down::
+
+    total = splat(0.0)
+    for k in range(n):
+        total = total + load_lanes(a, 8 * k) * splat(b[k])
+    store_lanes(c, 0, total)
+
+Each lane is plain arithmetic on float64, in the order in which it is written, on every processor.
+
+Where a release of numba or llvmlite changes these instructions, ``tests/unit/test_private_interfaces.py`` fails: each of them is a loop over
+eight numbers that numba compiles too, with the same results.
 """
 
+import operator
 from typing import Any
 
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic
+from numba.extending import intrinsic, models, overload, register_model
 
 LANES = 8
 
@@ -74,3 +88,98 @@ def count_up(typing, first, target, at):
         return context.get_dummy_value()
 
     return types.void(first, target, at), code
+
+
+_VECTOR = ir.VectorType(ir.DoubleType(), LANES)
+
+
+class Lanes(types.Type):
+    """Type of eight float64."""
+
+    def __init__(self) -> None:
+        super().__init__(name="Lanes")
+
+
+lanes = Lanes()
+
+
+@register_model(Lanes)
+class _LanesModel(models.PrimitiveModel):
+    def __init__(self, manager, kind):
+        super().__init__(manager, kind, _VECTOR)
+
+
+@instruction
+def load_lanes(typing, array, index):
+    """array[index:index + 8] of a contiguous array of float64."""
+
+    def code(context, builder, signature, arguments):
+        return builder.load(lanes_at(context, builder, signature.args[0], arguments[0], arguments[1], _VECTOR), align=8)
+
+    return lanes(array, types.intp), code
+
+
+@instruction
+def store_lanes(typing, array, index, value):
+    """array[index:index + 8] = value."""
+
+    def code(context, builder, signature, arguments):
+        builder.store(arguments[2], lanes_at(context, builder, signature.args[0], arguments[0], arguments[1], _VECTOR), align=8)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, lanes), code
+
+
+@instruction
+def splat(typing, value):
+    """Eight times the same number."""
+
+    def code(context, builder, signature, arguments):
+        return splatted(builder, arguments[0], _VECTOR)
+
+    return lanes(types.float64), code
+
+
+@instruction
+def floor(typing, value):
+    """The largest whole numbers that are not larger."""
+
+    def code(context, builder, signature, arguments):
+        function = builder.module.declare_intrinsic(f"llvm.floor.v{LANES}f64", (), ir.FunctionType(_VECTOR, [_VECTOR]))
+        return builder.call(function, arguments)
+
+    return lanes(lanes), code
+
+
+@instruction
+def total(typing, value):
+    """The sum of the eight, one after the other."""
+
+    def code(context, builder, signature, arguments):
+        found = builder.extract_element(arguments[0], ir.Constant(ir.IntType(32), 0))
+        for lane in range(1, LANES):
+            found = builder.fadd(found, builder.extract_element(arguments[0], ir.Constant(ir.IntType(32), lane)))
+        return found
+
+    return types.float64(lanes), code
+
+
+def _arithmetic(word, build: str) -> None:
+    """Let an operator work on two Lanes."""
+
+    @instruction
+    def of_two(typing, first, second):
+        def code(context, builder, signature, arguments):
+            return getattr(builder, build)(*arguments)
+
+        return lanes(lanes, lanes), code
+
+    @overload(word)
+    def _operator(first, second):
+        if isinstance(first, Lanes) and isinstance(second, Lanes):
+            return lambda first, second: of_two(first, second)
+
+
+_arithmetic(operator.add, "fadd")
+_arithmetic(operator.sub, "fsub")
+_arithmetic(operator.mul, "fmul")

@@ -21,7 +21,7 @@ import numpy as np
 from ..geometry import AXES_OF_TENSOR
 from .compiled import compiled, helper, inlined
 from .elementary import exp
-from .lanes import LANES, floor, load_lanes, splat, store_lanes, total
+from .vectors import LANES, floor, load_lanes, splat, store_lanes, total
 
 #: Charges are dealt with in such strips: two vectors at once.
 STRIP = 2 * LANES

@@ -14,7 +14,6 @@ import openmm
 from ..built import BuiltSystem
 from ..errors import ParameterError
 from ..fields import per_dof, raw_fields
-from ..forces.pair_force import vectors
 from ..kernels import motion
 from ..kernels.charges import ChargeEvaluator
 from ..kernels.columns import Totals
@@ -24,6 +23,7 @@ from ..kernels.layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS
 from ..kernels.steps import Stepper
 from ..made import acting, groups_of, masses_of
 from ..names import PAIR_FORCE, SLOW_STEP
+from ..openmm_private import bare, vectors
 from ..plan import Plan
 from .kinetic_stress import kinetic_deficit, kinetic_stress
 from .stress_parts import Part, charge_evaluator, stress_parts
@@ -100,7 +100,7 @@ class Present:
         self._context, self.forces = context, context.getSystem().getForces()
         state = context.getState(positions=True, velocities=True)
         self.x, self.v = vectors(state, openmm.State.Positions), vectors(state, openmm.State.Velocities)
-        self.box = None if self.plan.scene.box is None else state.getPeriodicBoxVectors(asNumpy=True)._value
+        self.box = None if self.plan.scene.box is None else bare(state.getPeriodicBoxVectors(asNumpy=True))
         self.kT, self.seed, self.counter, self.dt = noise_state(context, self.plan)
         self._values: np.ndarray | None = None
         self._charges: tuple[float, float, np.ndarray] | None = None
@@ -144,12 +144,12 @@ class Present:
         # outside a step the pair force does not know the temperatures that a repulsion may depend on
         if self._function is None and (fields is None or fields.kind != TEMPERATURE):
             state = self._context.getState(forces=True, energy=True, groups=self._groups)
-            return Conservative(state.getPotentialEnergy()._value, state.getForces(asNumpy=True)._value, force, pairs)
+            return Conservative(bare(state.getPotentialEnergy()), bare(state.getForces(asNumpy=True)), force, pairs)
         groups = self._beside()
         if not groups:
             return Conservative(pairs.energy, force, force, pairs)
         state = self._context.getState(forces=True, energy=True, groups=groups)
-        energy, beside = state.getPotentialEnergy()._value, state.getForces(asNumpy=True)._value
+        energy, beside = bare(state.getPotentialEnergy()), bare(state.getForces(asNumpy=True))
         return Conservative(pairs.energy + energy, force + beside, force, pairs)
 
     def _beside(self) -> set[int]:
@@ -276,5 +276,5 @@ class Present:
         waiting = options.slow_every > 1 and integrator.getGlobalVariableByName(SLOW_STEP) != 0.0
         if not self.plan.execution.looped or not groups or not begun or waiting:
             return 0.0
-        slow = self._context.getState(forces=True, groups=groups).getForces(asNumpy=True)._value
+        slow = bare(self._context.getState(forces=True, groups=groups).getForces(asNumpy=True))
         return options.slow_kicks[1] * self.dt * slow * self.plan.spec.inv_mass[:, None]

@@ -117,7 +117,7 @@ class SceneSampler:
         pair, kinetic_on_step = potential - bond - angle - dihedral - other, kinetic if on_step is v else self._half(self._mass, on_step)
         return Sample(
             step=looked.getStepCount(),
-            time=looked.getTime()._value,
+            time=bare(looked.getTime()),
             n_mobile=self._n_mobile,
             dof=self._degrees_of_freedom(others),
             kinetic=kinetic,

@@ -7,13 +7,14 @@ from ..barostat_temperature import set_barostats
 from ..errors import ParameterError
 from ..integrators import RAMPED, PairIntegrator
 from ..names import COUNTER, KT, RAMP_STEP, SEED, TEMPERATURE, VOLUME_MOVES
+from ..openmm_private import bare
 from ..plan import Plan
 from ..units import BOLTZMANN, thermal_energy, thermal_energy_of
 
 
 def noise_state(context: openmm.Context, plan: Plan) -> tuple[float, int, int, float]:
     """Thermal energy, seed, noise counter and step size of a Context."""
-    dt, parameters = context.getIntegrator().getStepSize()._value, context.getParameters().asdict()
+    dt, parameters = bare(context.getIntegrator().getStepSize()), context.getParameters().asdict()
     if KT not in parameters:
         native = isinstance(context.getIntegrator(), openmm.DPDIntegrator)
         kT = BOLTZMANN * context.getIntegrator().getTemperature().value_in_unit(unit.kelvin) if native else plan.options.kT

@@ -1,0 +1,60 @@
+"""What this package takes from inside numba, which may change with any release: nothing else imports ``numba.core``.
+
+``tests/unit/test_private_interfaces.py`` tries each part, and prints what to do where one has changed:
+
+- ``FunctionFiles``, ``set_cache``, ``dumps``: adapt them to the new cache.  Until then let ``keep_on_disk`` of ``kernel_cache.py`` return at
+  once: kernels are then compiled at every start, and nothing else is lost.
+- ``NO_REFERENCE_COUNTS``: make it ``{}``.  Results keep their bits; where many pairs go through a helper it is slower.
+- ``compiling``: let it yield and call nothing.  Then nobody is told that kernels are being compiled.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, UserProvidedCacheLocator
+from numba.core.event import Listener, install_listener
+from numba.core.serialize import dumps
+
+#: Option of ``numba.njit`` for code that allocates nothing: references to arrays are not counted.
+NO_REFERENCE_COUNTS = {"_nrt": False}
+
+
+class _Implementation(CompileResultCacheImpl):
+    _locator_classes = [UserProvidedCacheLocator]
+
+
+class FunctionFiles(FunctionCache):
+    """Numba's cache of a function, in what ``files(folder, name, stamp)`` returns; the stamp changes with the source."""
+
+    _impl_class = _Implementation
+
+    def __init__(self, function: Callable, files: Callable[[str, str, Any], Any]) -> None:
+        super().__init__(function)
+        self._cache_file = files(self.cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
+
+
+def set_cache(dispatcher: Any, cache: FunctionFiles) -> None:
+    """Let a function that numba compiles use a cache."""
+    dispatcher._cache = cache
+
+
+class _Compiling(Listener):
+    def __init__(self, begun: Callable[[], None]):
+        self._begun = begun
+
+    def on_start(self, event) -> None:
+        self._begun()
+
+    def on_end(self, event) -> None:
+        pass
+
+
+@contextmanager
+def compiling(begun: Callable[[], None]) -> Iterator[None]:
+    """A block in which ``begun`` is called when a function is compiled; one that is loaded from the cache is not."""
+    with install_listener("numba:compile", _Compiling(begun)):
+        yield
+
+
+__all__ = ["NO_REFERENCE_COUNTS", "FunctionFiles", "compiling", "dumps", "set_cache"]

@@ -1,0 +1,271 @@
+"""What is taken from inside other libraries: used in one file each, tried here, and what to do where it has changed."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numba
+import numpy as np
+import openmm
+import pytest
+from import_graph import PATHS, ROOT, TREES
+from openmm import unit
+
+from openmm_dpd import kernel_cache
+from openmm_dpd.kernels.vectors import LANES, bits_set, copy_shifted, count_up, floor, load_lanes, lowest_bit, splat, store_lanes, total
+
+NUMBA, OPENMM, LLVMLITE = "openmm_dpd.numba_private", "openmm_dpd.openmm_private", "openmm_dpd.kernels.vectors"
+
+#: Modules that are not their library's documented interface (or, for llvmlite, change with it), and the file that may import them.
+MODULES = {"numba.core": NUMBA, "llvmlite": LLVMLITE, "openmm.app.internal": OPENMM, "gc": OPENMM}
+
+#: The same for attributes of objects of other libraries, and for options by name.
+ATTRIBUTES = {
+    "_value": OPENMM,
+    "_getNumParticles": OPENMM,
+    "_getVectorAsNumpy": OPENMM,
+    "_cache": NUMBA,
+    "_nrt": NUMBA,
+    "_default_value": "openmm_dpd.inputs.gsd_files",  # of gsd
+}
+
+#: Attributes of the package's own classes that others look at, and the documented one of named tuples.
+OWN = {"_DIMENSIONS", "_evaluated", "_replace", "_take"}
+
+
+@contextmanager
+def advised(module: str, what: str) -> Iterator[None]:
+    """A block that tries an interface; if it fails, what the file that uses it says about that."""
+    try:
+        yield
+    except Exception as error:
+        advice = importlib.import_module(module).__doc__
+        pytest.fail(f"{what} has changed in {numba.__version__=}, {openmm.__version__=}: {error!r}\n\n{module}:\n{advice}")
+
+
+# -- one file each ---------------------------------------------------------------------------------------------------------------
+def imported(tree: ast.AST) -> set[str]:
+    """Full names of what a file imports, also inside functions."""
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            found |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return found
+
+
+def private_names(tree: ast.AST) -> set[str]:
+    """Names with an underscore that are looked up on something else than self, and such keys of dictionaries."""
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and node.attr.startswith("_") and not node.attr.startswith("__"):
+            if not (isinstance(node.value, ast.Name) and node.value.id in ("self", "cls")):
+                found.add(node.attr)
+        elif isinstance(node, ast.Dict):
+            found |= {key.value for key in node.keys if isinstance(key, ast.Constant) and key.value == "_nrt"}
+    return found
+
+
+def test_modules_are_imported_in_one_file_each():
+    found = {
+        (private, module)
+        for module, tree in TREES.items()
+        for private in MODULES
+        for name in imported(tree)
+        if name == private or name.startswith(f"{private}.")
+    }
+    assert found == set(MODULES.items())
+
+
+def test_attributes_are_used_in_one_file_each():
+    found = {(name, module) for module, tree in TREES.items() for name in private_names(tree) - OWN}
+    assert found == set(ATTRIBUTES.items())
+
+
+def test_uses_are_found():
+    tree = ast.parse("import gc\nfrom numba.core import event\nx._value\nself._held\nnjit(**{'_nrt': False})\nsuper()._take()")
+    assert imported(tree) == {"gc", "numba.core.event"}
+    assert private_names(tree) == {"_value", "_nrt", "_take"}
+
+
+def test_files_with_private_parts_say_what_to_do():
+    for module in (NUMBA, OPENMM):
+        tree, text = TREES[module], (ROOT / PATHS[module]).read_text(encoding="utf-8")
+        (exported,) = [node.value for node in tree.body if isinstance(node, ast.Assign) and node.targets[0].id == "__all__"]
+        assert not [name for name in ast.literal_eval(exported) if f"``{name}``" not in ast.get_docstring(tree)], text
+
+
+# -- numba -----------------------------------------------------------------------------------------------------------------------
+def first_of(pair):
+    return pair[0][0] + pair[1][0]
+
+
+def through(helper):
+    """A kernel that hands a tuple of arrays to a helper."""
+
+    def kernel(a, b):
+        found = 0.0
+        for _ in range(len(a)):
+            found += helper((a, b))
+        return found
+
+    return kernel
+
+
+def counted(options: dict[str, bool]) -> bool:
+    """Whether references to arrays are counted on the way through a helper."""
+    helper = numba.njit(**options)(first_of)
+    kernel = numba.njit(**options)(through(helper))
+    assert kernel(np.ones(3), np.ones(3)) == 6.0
+    return any("NRT_incref" in code for code in kernel.inspect_asm().values())
+
+
+def test_references_are_not_counted():
+    with advised(NUMBA, "the option _nrt"):
+        from openmm_dpd.numba_private import NO_REFERENCE_COUNTS
+
+        assert counted({}) and not counted(NO_REFERENCE_COUNTS)
+
+
+def test_compiled_functions_are_kept_in_our_files(tmp_path, monkeypatch):
+    """Loaded and saved by numba, with a key; an exception in them reaches it."""
+    kept: dict[str, object] = {}
+
+    class Files:
+        def __init__(self, folder, name, stamp):
+            self.place = f"{folder} {name} {stamp}"
+
+        def load(self, key):
+            return kept.get(f"{self.place} {key}")
+
+        def save(self, key, data):
+            kept[f"{self.place} {key}"] = data
+
+        def flush(self):
+            pass
+
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    with advised(NUMBA, "the cache of compiled functions"):
+        from openmm_dpd.numba_private import FunctionFiles, dumps, set_cache
+
+        results = []
+        for _ in range(2):
+            dispatcher = numba.njit(first_of)
+            set_cache(dispatcher, FunctionFiles(first_of, Files))
+            results.append((dispatcher((np.ones(2), np.ones(2))), sum(dispatcher.stats.cache_hits.values()), len(kept)))
+        assert results == [(2.0, 0, 1), (2.0, 1, 1)]
+        assert all(place.startswith(str(tmp_path)) and "first_of" in place for place in kept)
+        assert kernel_cache.pickle.loads(dumps(("key", 1))) == ("key", 1)
+
+
+def test_who_waits_for_the_compiler_hears_of_it():
+    heard = []
+    with advised(NUMBA, "the events of the compiler"):
+        from openmm_dpd.numba_private import compiling
+
+        with compiling(lambda: heard.append(1)):
+            dispatcher = numba.njit(first_of)
+            assert not heard
+            dispatcher((np.ones(1), np.ones(1)))
+            assert heard
+            heard.clear()
+            dispatcher((np.ones(1), np.ones(1)))
+        numba.njit(first_of)((np.ones(1), np.ones(1)))
+        assert not heard
+
+
+def test_instructions_do_what_loops_do():
+    """Of every one, beside numpy."""
+    bits = np.uint64(0b101000)
+    a, b = np.random.default_rng(1).normal(size=(2, LANES))
+
+    def all_of_them(a, b, sums, moved, counts, bits):
+        one, other = load_lanes(a, 0), load_lanes(b, 0)
+        store_lanes(sums, 0, floor(one + other) * splat(2.0) - one)
+        copy_shifted(a, 0, 0.5, moved, 0)
+        count_up(np.uint64(7), counts, 0)
+        return total(one), lowest_bit(bits), bits_set(bits)
+
+    with advised(LLVMLITE, "the instructions of llvmlite"):
+        sums, moved, counts = np.zeros(LANES), np.zeros(LANES), np.zeros(LANES, np.uint32)
+        found = numba.njit(all_of_them)(a, b, sums, moved, counts, bits)
+        in_order = 0.0 + sum(a[1:].tolist(), a[0])
+        assert found == (in_order, 3, 2)
+        assert np.array_equal(sums, np.floor(a + b) * 2 - a) and np.array_equal(moved, a + 0.5)
+        assert np.array_equal(counts, np.arange(7, 7 + LANES))
+
+
+# -- OpenMM ----------------------------------------------------------------------------------------------------------------------
+def three_particles() -> tuple[openmm.Context, openmm.Integrator]:
+    """A Context with positions, velocities, a box and a force."""
+    system, force = openmm.System(), openmm.CustomExternalForce("x^2")
+    for k in range(3):
+        system.addParticle(1.0)
+        force.addParticle(k)
+    system.addForce(force)
+    system.setDefaultPeriodicBoxVectors([3, 0, 0], [0, 4, 0], [0, 0, 5])
+    integrator = openmm.VerletIntegrator(0.25)
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName("Reference"))
+    context.setPositions(np.arange(9.0).reshape(3, 3) / 7)
+    context.setVelocities(np.arange(9.0).reshape(3, 3) / 11)
+    return context, integrator
+
+
+def test_quantities_hold_numbers_in_their_units():
+    context, integrator = three_particles()
+    integrator.step(1)
+    state = context.getState(energy=True, forces=True)
+    energy, force = unit.kilojoule_per_mole, unit.kilojoule_per_mole / unit.nanometer
+    cases = [
+        (integrator.getStepSize(), unit.picosecond),
+        (state.getTime(), unit.picosecond),
+        (state.getPotentialEnergy(), energy),
+        (state.getForces(asNumpy=True), force),
+        (state.getPeriodicBoxVectors(asNumpy=True), unit.nanometer),
+    ]
+    with advised(OPENMM, "Quantity"):
+        from openmm_dpd.openmm_private import bare
+
+        for quantity, in_units in cases:
+            found, expected = bare(quantity), quantity.value_in_unit(in_units)
+            assert type(found) is type(expected) and type(found) in (float, np.ndarray) and np.array_equal(found, expected)
+            assert np.array_equal(expected, quantity.value_in_unit_system(unit.md_unit_system))  # what the file says to do instead
+
+
+def test_vectors_of_a_state_are_the_callers_own():
+    state = three_particles()[0].getState(positions=True, velocities=True)
+    with advised(OPENMM, "State"):
+        from openmm_dpd.openmm_private import vectors
+
+        x, v = vectors(state, openmm.State.Positions), vectors(state, openmm.State.Velocities)
+        assert np.array_equal(x, np.arange(9.0).reshape(3, 3) / 7) and np.array_equal(v, np.arange(9.0).reshape(3, 3) / 11)
+        x[:] = 0.0
+        assert vectors(state, openmm.State.Positions)[2, 2] == 8 / 7
+
+
+def test_the_context_of_an_integrator_is_found():
+    with advised(OPENMM, "the way from an integrator to its Context"):
+        from openmm_dpd.openmm_private import context_of
+
+        context, integrator = three_particles()
+        assert context_of(integrator) is context
+        assert context_of(openmm.VerletIntegrator(0.1)) is None
+        holder = {"integrator": integrator, "list": [integrator]}
+        assert context_of(integrator) is context and holder
+
+
+def test_a_frame_is_written_as_xtc(tmp_path):
+    mdtraj = pytest.importorskip("mdtraj")
+    x = np.random.default_rng(2).random((20, 3)).astype(np.float32)
+    with advised(OPENMM, "xtc_write_frame"):
+        from openmm_dpd.openmm_private import xtc_write_frame
+
+        path = tmp_path / "frame.xtc"
+        xtc_write_frame(str(path).encode(), x, 3 * np.eye(3, dtype=np.float32), np.float32(2.5), np.int32(7))
+        with mdtraj.formats.XTCTrajectoryFile(str(path)) as file:
+            xyz, time, step, box = file.read()
+        assert np.abs(xyz[0] - x).max() < 6e-4 and (time[0], step[0]) == (2.5, 7) and np.array_equal(box[0], 3 * np.eye(3))
