@@ -2,8 +2,8 @@
 
 ``tests/unit/test_private_interfaces.py`` tries each part, and prints what to do where one has changed:
 
-- ``FunctionFiles``, ``set_cache``, ``dumps``: adapt them to the new cache.  Until then let ``keep_on_disk`` of ``kernel_cache.py`` return at
-  once: kernels are then compiled at every start, and nothing else is lost.
+- ``FunctionFiles``, ``set_cache``, ``dumps``: adapt them to the new cache.  Until then let ``keep_on_disk`` of ``kernel_cache.py`` return
+  at once: kernels are then compiled at every start, and nothing else is lost.
 - ``NO_REFERENCE_COUNTS``: make it ``{}``.  Results keep their bits; where many pairs go through a helper it is slower.
 - ``compiling``: let it yield and call nothing.  Then nobody is told that kernels are being compiled.
 """
