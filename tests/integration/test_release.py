@@ -86,7 +86,16 @@ def documented() -> set[str]:
 
 
 def test_workflows_are_there():
-    assert {path.stem for path in WORKFLOWS} == {"lint", "tests", "docs"}
+    assert {path.stem for path in WORKFLOWS} == {"lint", "tests", "docs", "nightly"}
+
+
+def test_every_dependency_has_one_lower_bound_and_no_other():
+    """The oldest versions are installed from these, and tried every night."""
+    extras = PROJECT["optional-dependencies"]
+    wanted = [*PROJECT["dependencies"], *(line for lines in extras.values() for line in lines)]
+    assert len(wanted) > 20 and not [line for line in wanted if not re.fullmatch(r"[\w.-]+>=[\d.]+", line)]
+    jobs = yaml.safe_load(text(".github/workflows/nightly.yml"))["jobs"]
+    assert PROJECT["requires-python"] == ">=" + jobs["oldest"]["steps"][1]["with"]["python-version"]
 
 
 @pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.stem)
