@@ -109,7 +109,7 @@ def plot(results: list[dict], file: str) -> None:
         rows = [r for r in results if r["scheme"] == scheme and "drift" in r]
         x, y, e = (np.array([r[key] for r in rows]) for key in ("dt", "drift", "drift_error"))
         seen = np.abs(y) > 2 * e
-        x = x * 1.015 ** (number - 2)  # so that bars of different schemes stand beside each other
+        x = x * 1.015 ** (number - 2)  # so that bars of different schemes are beside each other
         label, colour = {"mvv": "mvv (velocity Verlet)"}.get(scheme, scheme), f"C{number}"
         axes.errorbar(x[seen], np.abs(y[seen]), yerr=e[seen], marker="o", capsize=3, color=colour, label=label)
         axes.errorbar(x[~seen], (np.abs(y) + 2 * e)[~seen], yerr=0.5 * e[~seen], uplims=True, fmt="none", color=colour)

@@ -83,7 +83,7 @@ def speed(kind: str, beads: int, threads: int) -> dict:
 
 def memory(kind: str, beads: int) -> dict:
     """Peak of the memory of this process with a scheme, or with OpenMM alone (kind "openmm")."""
-    # what Python, numba and the compiled kernels take whatever the size
+    # what Python, numba and the compiled kernels take at any size
     running("middle", 375, 1)[0].step(5)
     if kind != "openmm":
         running(kind, beads, 1)[0].step(5)

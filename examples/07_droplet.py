@@ -2,7 +2,7 @@
 
 The attraction (A < 0) and a repulsion that grows with the local density (B > 0) hold a liquid together without walls, so it has a surface
 and a surface tension.  A flat film in an empty box is not in equilibrium: it contracts.  The relative shape anisotropy of its gyration
-tensor (mdtraj) falls towards 0, the value of a sphere, and the local densities tell liquid from surface.
+tensor (mdtraj) falls towards 0, the value of a sphere, and the local densities distinguish liquid from surface.
 
     python examples/07_droplet.py        # a quarter of a minute
 """

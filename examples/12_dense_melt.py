@@ -1,7 +1,7 @@
 """A melt of polyethylene, from random walks that overlap to a run at constant pressure.
 
 Chains of united atoms (TraPPE-UA, rigid bonds) are drawn as random walks at random places, at a density near the melt's.  relax_dense()
-lets them slip through each other under the soft repulsion of DPD, which rises until they stand apart; OpenMM's minimiser and a barostat
+lets them slip through each other under the soft repulsion of DPD, which rises until they are apart; OpenMM's minimiser and a barostat
 take over from there.  For comparison the minimiser starts from the same walks.
 
     python examples/12_dense_melt.py

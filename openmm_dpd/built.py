@@ -58,7 +58,7 @@ class BuiltSystem:
         return f"{explain_plan(self.plan)}\n{listing}"
 
     def simulation(self, platform: openmm.Platform | str | None = None, properties: dict[str, str] | None = None) -> app.Simulation:
-        """A Simulation with positions and velocities set, such as constraints allow them, on the plan's platform by default.
+        """A Simulation with positions and velocities set (those along constraints removed), on the plan's platform by default.
 
         It is one that refuses states of other schemes, and that can minimise on OpenCL through PoCL (:mod:`openmm_dpd.simulation`).
 

@@ -19,7 +19,7 @@ from .platforms import platform_here
 from .schemes import SCHEMES, scheme_of
 from .signals import Signals
 
-#: Options of several commands: their names, and what argparse is told.
+#: Options of several commands: their names, and what argparse takes.
 _SHARED = {
     "deck": ("deck", {"type": Path, "metavar": "DECK", "help": "LAMMPS input script"}),
     "var": (
@@ -73,8 +73,8 @@ _SHARED = {
 def _add(parser: argparse.ArgumentParser, names: str) -> None:
     """Add options of :data:`_SHARED`."""
     for name in names.split():
-        called, told = _SHARED[name]
-        parser.add_argument(*([called] if isinstance(called, str) else called), **told)  # type: ignore[arg-type]
+        called, settings = _SHARED[name]
+        parser.add_argument(*([called] if isinstance(called, str) else called), **settings)  # type: ignore[arg-type]
 
 
 def _parser() -> argparse.ArgumentParser:

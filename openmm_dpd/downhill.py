@@ -16,7 +16,7 @@ from .errors import RunError
 from .made import masses_of, virtual_sites
 from .signals import CTRL_C
 
-#: Steps, with the changes of the slope, that tell of the curvature, and lengths of a step that are tried.
+#: Steps, with the changes of the slope, that the curvature is taken from, and lengths of a step that are tried.
 MEMORY, TRIES = 8, 30
 
 #: Part of the energy that may be rounding: CPU and GPU platforms compute in single precision.
@@ -148,15 +148,15 @@ def _lowest(slope: _Slope, x: np.ndarray, tolerance: float, iterations: int, rep
             known.append((step, change))
         if reporter is not None:
             springs, error, _ = slope.springs(x)
-            told = {"system energy": energy - springs, "restraint energy": springs, "restraint strength": slope.strength}
-            if reporter.report(done, x.ravel(), gradient.ravel(), {**told, "max constraint error": error}):
+            values = {"system energy": energy - springs, "restraint energy": springs, "restraint strength": slope.strength}
+            if reporter.report(done, x.ravel(), gradient.ravel(), {**values, "max constraint error": error}):
                 break
         done += 1
     return x
 
 
 def _way(gradient: np.ndarray, known: deque) -> np.ndarray:
-    """The way to the minimum of the parabola that slope and known changes tell of; straight down if they tell of none."""
+    """The way to the minimum of the parabola through slope and known changes; straight down if they define none."""
     way, shares = -gradient, []
     for step, change in reversed(known):
         shares.append(np.vdot(step, way) / np.vdot(step, change))

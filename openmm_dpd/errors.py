@@ -38,7 +38,7 @@ class DeckError(DPDError):
     message : str
         What is wrong.
     file : str, optional
-        File in which it stands.
+        The file that has it.
     line : int, optional
         Line number, counted from 1.
     """

@@ -77,7 +77,7 @@ class FieldWriter:
         self._report(archive.start_dir)
 
     def _report(self, directory: int) -> None:
-        """Tell a ledger where the archive's directory begins, which the next frame overwrites."""
+        """Record in a ledger where the archive's directory begins, which the next frame overwrites."""
         ledger = ledger_in_use()
         if ledger is not None:
             ledger.tail(self.file, directory)

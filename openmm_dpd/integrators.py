@@ -122,7 +122,7 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
             self.agree(context, kT, kT / BOLTZMANN)
 
     def agree(self, context: openmm.Context, kT: float, kelvin: float) -> None:
-        """Set thermal energy (kJ/mol) and temperature, which have to fit, at once: whatever is set next is then known to be later."""
+        """Set thermal energy (kJ/mol) and temperature, which have to fit, at once: what is set next is then known to be later."""
         put = openmm.CustomIntegrator.setGlobalVariableByName
         context.setParameter(KT, kT)
         put(self, TEMPERATURE, kelvin)
@@ -172,7 +172,7 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
         if not isinstance(kelvin, float) or not 0.0 <= kelvin < np.inf:
             raise ParameterError(f"the temperature must be a single number of kelvin >= 0, not {temperature!r}")
         context, put = self.context(), openmm.CustomIntegrator.setGlobalVariableByName
-        if context is None:  # for the next step to take, whatever it took before
+        if context is None:  # for the next step to take, regardless of what it took before
             put(self, TEMPERATURE, kelvin)
             put(self, SEEN_TEMPERATURE, -1.0)
         elif kelvin != self.getTemperature().value_in_unit(unit.kelvin):
@@ -208,7 +208,7 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
     def setRandomNumberSeed(self, seed: int) -> None:
         """Set the seed of the noise, and of the random numbers of OpenMM's barostats (these when a Context is made next).
 
-        The noise takes it over at the next step, whatever the seed of a state that was loaded; 0 draws a seed, as in OpenMM.
+        The noise takes it over at the next step, regardless of the seed of a state that was loaded; 0 draws a seed, as in OpenMM.
         """
         super().setRandomNumberSeed(seed)
         if self.made is not None:

@@ -40,7 +40,7 @@ LISTED = (
 
 
 def text_number(text: str) -> float:
-    """What stands for a text in a context parameter; 0 for an empty one."""
+    """A number for a text in a context parameter; 0 for an empty one."""
     return float(crc32(text.encode()))
 
 
@@ -79,12 +79,12 @@ def groups_of(force: openmm.Force) -> set[int]:
 
 
 def acting(forces: Iterable[openmm.Force]) -> list[openmm.Force]:
-    """Those that have an energy, whatever it may be at present."""
+    """Those that have an energy, even if it is 0 at present."""
     return [force for force in forces if not isinstance(force, (*BAROSTATS, openmm.CMMotionRemover, openmm.AndersenThermostat))]
 
 
 def refuse_thermostat(force: openmm.Force) -> None:
-    """Raise PlanError for a force that has or needs a thermostat of its own, which pairwise friction does not stand beside."""
+    """Raise PlanError for a force that has or needs a thermostat of its own, which pairwise friction cannot be combined with."""
     if isinstance(force, openmm.DrudeForce):
         raise PlanError(
             "the System has a DrudeForce, whose particles must be kept at about 1 K against their atoms, and pairwise friction would heat "
@@ -123,7 +123,7 @@ class Made:
     kT : float
         Thermal energy the script asked for, kJ/mol (that at the beginning of a ramp).
     asked : float
-        The same as it stands in states.
+        The same as it is in states.
     seed : int or None
         The seed the script chose; None if it left the choice to the package.
     """
@@ -144,7 +144,7 @@ class Made:
     def of(
         cls, maker: str, system: openmm.System, own: Sequence[openmm.Force], options: ProgramOptions, integrator: openmm.Integrator
     ) -> Made:
-        """What stands in a System now, and what was asked for."""
+        """What a System has now, and what was asked for."""
         forces = tuple((force.getName(), force.getForceGroup()) for force in own)
         seed = options.seed if options.seeded else None
         there = masses_of(system), options.constraints, virtual_sites(system), forces

@@ -1,7 +1,7 @@
 """Beads of a scene beside atoms of a force field, in one System.
 
 Every force of the atoms keeps acting on the atoms alone, every pair term of the scene on its beads alone, and what acts between atoms
-and beads stands in a table of its own, by names of classes of atoms and of bead types.  Nothing is counted twice, because nothing else
+and beads is in a table of its own, by names of classes of atoms and of bead types.  Nothing is counted twice, because nothing else
 is added:
 
 - in a NonbondedForce beads have no charge and no well depth;
@@ -86,7 +86,7 @@ def create_mixed_system(
         Class of each particle of the System, in any names that are not bead types.  None: beads do not see it.
     cross : table, or a sequence of tables
         What acts between classes and bead types, ``{("solute", "W"): DPD(A=..., gamma=...)}``; tables of different kinds are laid over
-        each other.  ``"*"`` stands for all classes beside a bead type, for all bead types beside a class.  Every class needs an entry
+        each other.  ``"*"`` is all classes beside a bead type, for all bead types beside a class.  Every class needs an entry
         with every bead type (or NONE).  Two classes may have friction (a DPD with A = 0), nothing else, and have none by default.
     dt, scheme, platform, seed
         As in :func:`openmm_dpd.build.build`; constraints and virtual sites need ``middle``.
@@ -147,7 +147,7 @@ def _check_scene(scene: Scene) -> None:
 
 
 def _allowed() -> str:
-    """Names of the kinds that may stand beside atoms."""
+    """Names of the kinds that may be beside atoms."""
     return ", ".join(kind.name for kind in KINDS.values() if kind.beside_atoms)
 
 
@@ -209,7 +209,7 @@ def _tables(scene: Scene, classes: list[str | None], cross) -> list[PairTable]:
             merged.append((kind, found))
         else:
             home.update(found)
-    # what no table names does not interact: atoms with atoms, unseen atoms with everything (the scene has seen to its own beads)
+    # what no table names does not interact: atoms with atoms, unseen atoms with everything (the scene has its own beads)
     every = [*names, UNSEEN, *scene.type_names]
     silent = {(a, b): NONE for k, a in enumerate(every) for b in every[k:]}
     tables = [PairTable(table) for kind, table in merged if kind is not None]
@@ -233,7 +233,7 @@ def _cross_entries(table: PairTable, names: list[str], types: list[str]) -> dict
                 raise ParameterError(f"for {key} in `cross`: there is no class of atoms or bead type {name!r} ({known})")
         sides = [name for name in key if name in names], [name for name in key if name in types]
         if len(sides[1]) == 2:
-            raise ParameterError(f"for {key} in `cross`: both are bead types; what acts between beads stands in the scene")
+            raise ParameterError(f"for {key} in `cross`: both are bead types; what acts between beads is in the scene")
         if len(sides[0]) == 2:
             if value is not NONE and (not kind_for(type(value)).thermostat or value.has_conservative):
                 raise ParameterError(

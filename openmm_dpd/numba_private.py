@@ -5,7 +5,7 @@
 - ``FunctionFiles``, ``set_cache``, ``dumps``: adapt them to the new cache.  Until then let ``keep_on_disk`` of ``kernel_cache.py`` return
   at once: kernels are then compiled at every start, and nothing else is lost.
 - ``NO_REFERENCE_COUNTS``: make it ``{}``.  Results keep their bits; where many pairs go through a helper it is slower.
-- ``compiling``: let it yield and call nothing.  Then nobody is told that kernels are being compiled.
+- ``compiling``: let it yield and call nothing.  Then nobody hears that kernels are being compiled.
 """
 
 from collections.abc import Callable, Iterator

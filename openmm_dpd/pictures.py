@@ -11,7 +11,7 @@ import numpy as np
 from .errors import ParameterError
 from .files import write_whole
 
-#: Panels from top to bottom: what stands at the axis, and the columns drawn there with their labels, the first one in front.
+#: Panels from top to bottom: the label of the axis, and the columns drawn there with their labels, the first one in front.
 PANELS = (
     ("temperature", {"temp": "kinetic", "temp_conf": "configurational"}),
     ("pressure", {"press": "as in the thermo output", "press_full": "with friction"}),
@@ -19,7 +19,7 @@ PANELS = (
     ("total energy", {"etotal": "total energy"}),
 )
 
-#: Colours (dark for means, light for rows), told apart by colour-blind readers too.
+#: Colours (dark for means, light for rows), which colour-blind readers can distinguish too.
 COLOURS = (("#1f5a99", "#a9c6e3"), ("#b3541e", "#efc9ae"))
 
 #: What the lines are.
@@ -169,7 +169,7 @@ def _level(target: float | Sequence[float] | np.ndarray | None, rows: int) -> np
 def _spans(x: np.ndarray, runs: Sequence[float]) -> list[slice]:
     """Rows of each run.
 
-    The last row of one run and the first row of the next may both stand at the x where the next begins; a single row there is the next
+    The last row of one run and the first row of the next may both be at the x where the next begins; a single row there is the next
     run's first.
     """
     if len(runs) and np.any(np.diff(x) < 0):

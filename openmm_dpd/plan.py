@@ -44,7 +44,7 @@ class Plan:
     ----------
     scene : Scene
         All particles.  Those of a System made elsewhere come first: their classes are further types, their positions those that were given
-        (or 0), and their masses stand in ``bead_masses``.
+        (or 0), and their masses are in ``bead_masses``.
     spec : PairSpec
         The pair terms, for the engine.
     options : ProgramOptions
@@ -171,7 +171,7 @@ def make_plan(
     loop : bool, default True
         Whether the kernel carries out many whole steps at once where it can: where it holds every fast force of the scene, on the CPU and
         Reference platforms, and on others if it holds the conservative force.  Forces that stay OpenMM's (lattice sums of many charges,
-        formulas of the position, whatever is added to the System) then kick before and after each step, and a barostat acts at the end
+        formulas of the position, forces added to the System) then kick before and after each step, and a barostat acts at the end
         of up to ten steps.  Otherwise the program does one step at a time.
     slow_every : int, default 1
         In such loops: after how many steps of the Context forces that stay OpenMM's kick (multiple time steps, impulses as in r-RESPA:

@@ -14,7 +14,7 @@ from .units import to_md
 #: Residue and segment name of all beads.  No reader knows "MOL" as an amino acid, nucleotide, water or solvent.
 RESIDUE, SEGMENT = "MOL", "DPD"
 
-#: Sections of what this package has not, by what stands in them.
+#: Sections of what this package has not, by what they have.
 _OTHERS = {"dihedrals": "!NPHI", "impropers": "!NIMPHI", "cross-terms": "!NCRTERM", "lone pairs": "!NUMLP"}
 
 
@@ -51,7 +51,7 @@ def write_psf(
     """Write a topology file with real masses and charges: PSF in NAMD's variant, whose columns are separated by blanks.
 
     Read by :func:`load_topology`, mdtraj (which drops the masses), VMD (names of at most 7 characters), MDAnalysis and others.  Fixed
-    columns would cut digits, long names and large indices, and readers of CHARMM's extended columns disagree on where they stand.
+    columns would cut digits, long names and large indices, and readers of CHARMM's extended columns disagree on their places.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def write_psf(
     for what, given in (("bead type", numbers), ("name of a molecule,", dict.fromkeys(called))):
         for name in given:
             if not name or not name.isascii() or not name.isprintable() or " " in name:
-                raise ParameterError(f"the {what} {name!r} cannot stand in a PSF file; use printable ASCII characters without blanks")
+                raise ParameterError(f"the {what} {name!r} cannot be in a PSF file; use printable ASCII characters without blanks")
     mass = _per_bead(masses, "mass", "masses", count)
     if np.any(mass < 0):
         raise ParameterError(f"bead {int(np.argmin(mass))} has the mass {mass.min():g}; masses must be >= 0")

@@ -17,7 +17,7 @@ def groups(scene: Scene) -> tuple[list[Groups], list[str]]:
 
     Layers add up.  The repulsion of a pair is a = cutoff^2/kT times the sum of its curvatures A/cutoff, which for layers of one cutoff is
     that of the sum of their A.  Layers of different cutoffs are taken for a single one with all of the curvature, at each of their cutoffs,
-    and the worst counts.  Friction adds up as the drag on a bead, whatever the cutoffs of its layers.
+    and the worst counts.  Friction adds up as the drag on a bead, for any cutoffs of its layers.
 
     A mixture is taken for the worst of the fluids that its pairs of types would make at its density, each with its own friction, if it has
     any, and with the mean of all beads, well mixed, through which the heat of a long step leaves.

@@ -21,7 +21,7 @@ from .programs.native import native_marker
 
 
 def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, function: PairForceFunction | None) -> openmm.System:
-    """The System, whose parameters tell of the integrator."""
+    """The System, whose parameters name the integrator."""
     scene, options = plan.scene, plan.options
     periodic = scene.box is not None
     system = openmm.System()
@@ -34,7 +34,7 @@ def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, func
     densities = [layer for layer in layers if resolved_kind(layer).density_force is not None]
     held = plan.execution.held
     tables = (*layers, *(() if "overlays" in held else plan.overlays))
-    expressions = [resolved_kind(table).potential(table, scene.type_names) for table in tables]  # type: ignore[misc]  # make_plan has seen to it
+    expressions = [resolved_kind(table).potential(table, scene.type_names) for table in tables]  # type: ignore[misc]  # make_plan refuses others
     factors = _excluded_pairs(plan, expressions)
     free = _add_pair_expressions(system, plan, expressions, factors)
     _add_charges(system, plan, factors)

@@ -16,7 +16,7 @@ _TOKEN = re.compile(r"(\d*)([A-Z])(?:/(\d+))?")
 #: Letters of a word, and what they do.
 LETTERS = {"A": "drift", "B": "kick", "O": "sweep of exact pair updates", "S": "sweep of Shardlow's pair updates"}
 
-#: Those that stand for friction and noise.
+#: Those of friction and noise.
 SWEEPS = ("O", "S")
 
 #: One letter of a word and its part of the step.
@@ -88,7 +88,7 @@ class Scheme:
     def lag(self) -> float:
         """The part of a step's kick by which velocities, read at whole steps, are behind positions.
 
-        Each kick counts with the drift that follows it, less half a step in all: where kicks stand evenly between the drifts that is half
+        Each kick counts with the drift that follows it, less half a step in all: where kicks come evenly between the drifts that is half
         of what the kick before the first drift has more than the one after the last.
         """
         left, behind = Fraction(1), Fraction(-1, 2)

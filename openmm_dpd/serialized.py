@@ -1,7 +1,7 @@
 """Reading what OpenMM's XmlSerializer wrote, without running other people's code in it.
 
 A PythonForce is written as a pickled Python object, and to unpickle is to run: OpenMM's own ``XmlSerializer.deserialize`` carries out
-whatever a file of unknown origin says.
+even if a file of unknown origin asks for it.
 """
 
 import importlib

@@ -1,6 +1,6 @@
 """SIGINT and SIGTERM (from a batch system, for example): steps are taken whole or not, and a run ends without losing results.
 
-Python carries a handler out before whatever line comes next, in what OpenMM calls too.  Of an exception that is raised there OpenMM makes
+Python carries a handler out before any next line, in what OpenMM calls too.  Of an exception that is raised there OpenMM makes
 an error without a text, or one of Python's own inside.  So a signal that comes in steps is noted, and acts between two of them.
 """
 
@@ -72,7 +72,7 @@ class Signals(threading.local):
 
     @property
     def status(self) -> int:
-        """Exit status that tells of it."""
+        """Its exit status."""
         return 128 + (self.seen[0] if self.seen else int(signal.SIGINT))
 
 
@@ -82,7 +82,7 @@ CTRL_C = Signals(patient=True)
 
 @contextmanager
 def unbroken() -> Iterator[None]:
-    """Within, Ctrl-C waits for ``CTRL_C.check()``, and comes out as a KeyboardInterrupt, whatever OpenMM has made of that.
+    """Within, Ctrl-C waits for ``CTRL_C.check()``, and comes out as a KeyboardInterrupt, even where OpenMM has made another error of it.
 
     Only Python's own handler is replaced: those of decks and of others act as they do.
     """

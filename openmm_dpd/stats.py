@@ -25,7 +25,7 @@ class Average:
     mean : float or None
         Mean over all rows; None if there is no row.
     sem : float or None
-        Standard error of the mean; None if there are too few rows to tell.
+        Standard error of the mean; None if there are too few rows.
     n_blocks : int
         Number of blocks the error was taken from (0 if there is none).
     tau : float or None
@@ -186,7 +186,7 @@ def equilibrated(values, *, name: str = "the series") -> int:
     Returns
     -------
     int
-        Number of rows to leave out.  0 with fewer than ten rows, which cannot tell, and about 3 % of the rows of a series in equilibrium.
+        Number of rows to leave out.  0 with fewer than ten rows, and about 3 % of the rows of a series in equilibrium.
         Where it is half of the rows, the series still changes there: it is too short, or has no equilibrium.
 
     Raises

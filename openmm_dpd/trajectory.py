@@ -147,7 +147,7 @@ def bead_element(name: str, mass: float, charge: float = 0.0) -> Any:
 
 
 def load_topology(path: str | os.PathLike) -> mdtraj.Topology:
-    """mdtraj topology of a PSF file, with the masses and charges that stand in it.
+    """mdtraj topology of a PSF file, with the masses and charges in it.
 
     ``atom.name`` is the bead's type as it was written, ``atom.element.mass`` its mass (Da), ``atom.element.charge`` its charge (e).  Each
     run of beads of one molecule is a residue, whose ``resSeq`` is the molecule number and whose name is the molecule's.  Elements are not

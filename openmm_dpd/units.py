@@ -167,7 +167,7 @@ def md_tension(value) -> float:
 
 
 def _molar(value, plain: unit.Unit, molar: unit.Unit, name: str) -> float:
-    """A number in ``molar`` units; ``plain`` is made of bar and nm, which OpenMM's units tell from an energy per mole."""
+    """A number in ``molar`` units; ``plain`` is made of bar and nm, which OpenMM's units distinguish from an energy per mole."""
     if unit.is_quantity(value) and value.unit.is_compatible(plain):
         value = value.value_in_unit(plain) / BAR_PER_MD_PRESSURE
     elif unit.is_quantity(value):

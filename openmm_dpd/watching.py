@@ -1,6 +1,6 @@
 """Steps with an eye on the Context they run in: which forces act in it, who wrote its state, and what a failed step left.
 
-OpenMM integrates whatever is in the System when the Context is made.  The programs of this package have to know a little more: which
+OpenMM integrates all forces of the System when the Context is made.  The programs of this package have to know a little more: which
 forces are theirs, and whether there are others.  So :meth:`Watching.step` looks at the System that the Context really has, whoever made it
 and whenever a force came in, before it steps.
 

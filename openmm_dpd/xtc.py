@@ -12,7 +12,7 @@ from .errors import RunError
 from .files import BlockFile, writing
 from .openmm_private import xtc_write_frame
 
-#: Parts of a nm that the library rounds to, and where they stand in a frame; frames of up to nine beads are not rounded.
+#: Parts of a nm that the library rounds to, and their place in a frame; frames of up to nine beads are not rounded.
 _PRECISION, _PLACE, _MOST_PLAIN = 1000, slice(56, 60), 9
 
 

@@ -56,7 +56,7 @@ def signal_at(call: int, number: int) -> Iterator[list[int]]:
 def crash_in(out: Path, copy: Path, seed: int) -> Iterator[list[int]]:
     """Within, a folder is copied at a random call behind its first checkpoint, as a crash would leave it there; counts all calls.
 
-    Whatever a run writes is on disk at once, so this is a SIGKILL that needs no process.
+    All that a run writes is on disk at once, so this is a SIGKILL that needs no process.
     """
     draw, begun, seen, latest = random.Random(seed), 0, [0], out / "checkpoint" / "latest"
 
@@ -88,7 +88,7 @@ def interrupted(call: int, number: int, arguments: list[str]) -> int:
 
 
 def contents(out: Path) -> dict[str, object]:
-    """Everything in a folder of results, without what tells of wall time."""
+    """Everything in a folder of results, without wall times."""
     found: dict[str, object] = {}
     for path in sorted(path for path in out.rglob("*") if path.is_file()):
         name = str(path.relative_to(out))

@@ -92,7 +92,7 @@ def antisymmetric_noise(xi, n: int) -> np.ndarray:
 
 
 def matrices(types, *coefficients) -> list[np.ndarray]:
-    """Coefficients as symmetric (T, T) arrays, T = max(types) + 1 or more; a number stands for all pairs of types."""
+    """Coefficients as symmetric (T, T) arrays, T = max(types) + 1 or more; a number is for all pairs of types."""
     n_types = int(np.max(types)) + 1
     result = []
     for coefficient in coefficients:

@@ -48,7 +48,7 @@ def fluid(
 ) -> dpd.Scene:
     """Random two-type fluid with velocities (no total momentum), its beads strewn over ``2 spread + 1`` images of the box along each edge.
 
-    The velocities make the relative motion visible: they are those of kT = 1 whatever the scene's kT.
+    The velocities make the relative motion visible: they are those of kT = 1 for any kT of the scene.
     """
     rng = np.random.default_rng(seed)
     if n is None:

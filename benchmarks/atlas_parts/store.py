@@ -1,4 +1,4 @@
-"""Results of jobs in a file of JSON lines: a job that stands there is not run again, so that a long run can be interrupted."""
+"""Results of jobs in a file of JSON lines: a job that is there is not run again, so that a long run can be interrupted."""
 
 from __future__ import annotations
 

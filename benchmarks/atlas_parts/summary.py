@@ -197,7 +197,7 @@ def _targets(fluid: dict, name: str, peer: str, aims: dict[int, float]) -> list[
     measures = ("drift", "agree") if FLUIDS[name].conserves else ("T_conf", "U")
     found = []
     for cores, aim in aims.items():
-        # a peer that has one thread whatever it is given was timed on one core only
+        # a peer that always has one thread was timed on one core only
         other = fluid["methods"].get(peer, {}).get("wall", {})
         other = other.get(str(cores)) or (other.get("1") if "DPDIntegrator" in peer else None)
         if not other or any(not other.get(m) for m in measures):

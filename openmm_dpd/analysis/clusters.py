@@ -59,7 +59,7 @@ def cluster_labels(
         Beads not further apart than this are in one cluster.
     box : (3, 3) box vectors as rows, or None
     molecules : (N,) array of int, optional
-        Beads of one molecule are in one cluster whatever their distance; the size of a cluster is then its number of molecules.
+        Beads of one molecule are in one cluster at any distance; the size of a cluster is then its number of molecules.
     """
     i, j, _ = pairs_within(np.asarray(positions, dtype=np.float64), None, box, positive_number(cutoff, "cutoff"))
     units = np.arange(len(positions)) if molecules is None else np.unique(molecules, return_inverse=True)[1]
@@ -103,7 +103,7 @@ def cluster_sizes(trajectory: Trajectories, beads: Beads = None, *, cutoff: floa
     topology, frames = frames_of(trajectory)
     group = selected(topology, beads)
     units = np.arange(len(group)) if by == "bead" else np.unique(molecule_labels(topology)[group], return_inverse=True)[1]
-    # one bead of each unit stands for it when clusters are counted
+    # one bead of each unit represents it when clusters are counted
     first = np.unique(units, return_index=True)[1]
     found = []
     for frame in frames:

@@ -231,7 +231,7 @@ def velocity_autocorrelation(
     Raises
     ------
     ParameterError
-        If there are fewer than 2 frames, a lag or an index is out of range, or an index stands there twice.
+        If there are fewer than 2 frames, a lag or an index is out of range, or an index appears twice.
     """
     interval = positive_number(interval, "interval")
     kept: list[np.ndarray] = []

@@ -88,5 +88,5 @@ def _counts(frame: Frame, a: np.ndarray, b: np.ndarray, labels: np.ndarray, edge
     """Numbers of pairs by distance."""
     same = a is b
     i, j, r = pairs_within(frame.positions[a], None if same else frame.positions[b], frame.box, edges[-1])
-    # each pair of equal beads stands for (i, j) and (j, i)
+    # each pair of equal beads is (i, j) and (j, i)
     return (2 if same else 1) * np.histogram(r[labels[a[i]] != labels[b[j]]], len(edges) - 1, (0.0, edges[-1]))[0]

@@ -130,7 +130,7 @@ def selected(topology: mdtraj.Topology, beads: Beads, what: str = "beads") -> np
     Raises
     ------
     ParameterError
-        If no bead is of the type, an index is out of range or stands twice, or there is none.
+        If no bead is of the type, an index is out of range or appears twice, or there is none.
     """
     return of_types(type_names(topology), beads, what)
 
@@ -161,7 +161,7 @@ def indices(beads: Sequence[int] | np.ndarray, count: int, what: str = "beads", 
     if array.min() < 0 or array.max() >= count:
         raise ParameterError(f"{what}: indices must be from 0 to {count - 1}; there is {array.min() if array.min() < 0 else array.max()}")
     if len(np.unique(array)) < len(array):
-        raise ParameterError(f"{what}: an index stands there twice")
+        raise ParameterError(f"{what}: an index appears twice")
     return array.astype(np.int64)
 
 

@@ -38,7 +38,7 @@ def bilayer_thickness(trajectory: Trajectories, heads: Beads, tails: Beads = Non
         Beads of the head groups.
     tails : str, sequence of str, array of int, or None
         Beads whose centre of mass is the middle of the bilayer; the heads by default.  Needed if the layer of solvent is about as thick as
-        the bilayer, because the heads alone do not tell which side of them is inside.
+        the bilayer, because the heads alone do not show which side of them is inside.
     axis : {"z", "y", "x"} or int
         Box vector across the bilayer; heights are measured normal to the plane of the two others.
 
@@ -156,7 +156,7 @@ def height_spectrum(trajectory: Trajectories, heads: Beads, tails: Beads, *, q_m
 
     .. math:: h(\mathbf r) = \sum_{\mathbf q} h_{\mathbf q} e^{i \mathbf q \cdot \mathbf r}
 
-    is the surface between the two leaflets.  A lipid whose heads are above its tails is in the upper leaflet, so leaflets are told apart
+    is the surface between the two leaflets.  A lipid whose heads are above its tails is in the upper leaflet, so leaflets are distinguished
     however far the bilayer undulates.  The heights of the heads of each leaflet, one point for each lipid, are fitted by the waves up to
     q_max (least squares), and h is the mean of both.  What scatters around the fit, lipids that stick out and waves beyond q_max, adds to
     |h_q|^2 as much as it adds to the variance of the coefficients; that is taken off.
@@ -367,7 +367,7 @@ def _most_likely(columns: np.ndarray, offset: np.ndarray, mean: np.ndarray, weig
         return (columns * weights / (c @ columns + offset) ** 2) @ columns.T
 
     start = np.zeros(len(columns))
-    # positive whatever the offset is
+    # positive for any offset
     start[0] = 1.0 + max(0.0, float(np.max(-offset / columns[0])))
     done = minimize(cost, start, jac=gradient, hess=hessian, method="trust-exact", options={"gtol": 1e-9})
     if not np.linalg.norm(gradient(done.x)) < 1e-6 * np.linalg.norm(columns @ (weights * np.abs(mean))):

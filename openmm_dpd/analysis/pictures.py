@@ -13,7 +13,7 @@ from .clusters import Clusters
 from .curves import Curve
 from .diffusion import MeanSquaredDisplacement, diffusion_coefficient
 
-#: Colours of lines, told apart by colour-blind readers too.
+#: Colours of lines, which colour-blind readers can distinguish too.
 LINES = ("#1f5a99", "#b3541e", "#3b7d3b", "#7a4a8c", "#8a6d1d", "#555555")
 
 

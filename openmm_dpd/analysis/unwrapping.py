@@ -37,7 +37,7 @@ def unwrapped(topology: mdtraj.Topology, frames: Iterator[Frame], unwrap: bool |
     Raises
     ------
     ParameterError
-        If beads move too far between frames to tell their way, time goes back, or (``auto``) positions are neither folded nor continuous.
+        If beads move too far between frames to know their way, time goes back, or (``auto``) positions are neither folded nor continuous.
     """
     if unwrap not in (True, False, "auto"):
         raise ParameterError(f"unwrap must be True, False or 'auto', not {unwrap!r}")

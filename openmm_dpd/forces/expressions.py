@@ -129,7 +129,7 @@ def exception_force(
     """Bond force that gives single pairs the same potential times a factor.
 
     It serves scaled bonded neighbours, and beads that start at the same point: every OpenMM platform divides by r in a
-    CustomNonbondedForce and returns NaN at r = 0 whatever the expression, but not in a bond force.
+    CustomNonbondedForce and returns NaN at r = 0 for any expression, but not in a bond force.
     """
     head, *definitions = expression.energy.split(";")
     # in OpenMM a definition comes before those that it uses

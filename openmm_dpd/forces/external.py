@@ -1,7 +1,7 @@
 """Forces on single beads: body forces with a pattern, and formulas of the position.
 
 OpenMM folds positions back into the box when it likes, and a potential -f.x would jump with them.  So where there is a box the
-expression is -f.(x - q(x)) with q(x) = floor(S x)/S, whose derivative is 0: the force is f, and the energy stays below f/S.  Whatever only
+expression is -f.(x - q(x)) with q(x) = floor(S x)/S, whose derivative is 0: the force is f, and the energy stays below f/S.  What only
 modulates the force is a function of q as well, so that it adds no derivative.
 """
 

@@ -1,4 +1,4 @@
-"""The PythonForce that stands between OpenMM and the pair kernel."""
+"""The PythonForce between OpenMM and the pair kernel."""
 
 import threading
 

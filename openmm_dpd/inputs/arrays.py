@@ -1,4 +1,4 @@
-"""Beads as arrays, whatever they were read from, and how they are called."""
+"""Beads of any source as arrays, and how they are called."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""The one way from beads, whatever they were read from, to a Scene."""
+"""The one way from beads of any source to a Scene."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -43,7 +43,7 @@ def scene_from_beads(
         :class:`~openmm_dpd.molecules.FENESpring`, :class:`~openmm_dpd.molecules.MorseSpring`), springs by the types of two beads,
         ``{("*", "*"): Spring(...), ("A", "B"): Spring(...)}`` with later entries before earlier ones, or, where the source names types of
         bonds (GSD and data files), springs by these names, ``{"A-B": Spring(...)}``.  A sequence of :class:`openmm_dpd.HarmonicBonds` and
-        its neighbours stands in the place of the bonds of the source.
+        its neighbours takes the place of the bonds of the source.
     angles : bend or mapping, optional
         What the angles are, likewise with three types or with names.  Where the source lists angles, each of these needs a bend; where it
         lists none, bends act between bonds as in :func:`openmm_dpd.molecules.join`.

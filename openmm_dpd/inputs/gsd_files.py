@@ -19,7 +19,7 @@ def scene_from_gsd(source, *, pairs, kT, frame: int = -1, units: str = "lj", **c
     """A Scene from a GSD file of HOOMD-blue, or of :func:`openmm_dpd.outputs.write_gsd`.
 
     Types, masses, charges, bonds, angles, box with tilts, and velocities are taken over, positions are carried to their images, and the
-    corner of the box becomes the origin (in HOOMD its middle is).  The format does not tell zeros from what nobody set: velocities, or
+    corner of the box becomes the origin (in HOOMD its middle is).  In the format zeros may be what nobody set: velocities, or
     charges, that are all 0 count as none.  Diameters and shapes of types, which are for pictures, are not looked at.
 
     Parameters

@@ -39,7 +39,7 @@ def scene_from_lammps_data(
     units : {"lj", "real", "metal"}
         Units of the file.
     atom_style : str, optional
-        One of ``atomic``, ``charge``, ``bond``, ``angle``, ``molecular``, ``full``; by default what stands behind ``Atoms #``.
+        One of ``atomic``, ``charge``, ``bond``, ``angle``, ``molecular``, ``full``; by default what follows ``Atoms #``.
     **choices
         As for :func:`scene_from_beads`; in ``bonds`` and ``angles`` types may be named by their numbers, ``{"1": Spring(...)}``.
 
@@ -48,7 +48,7 @@ def scene_from_lammps_data(
     DeckError
         With file and line, for what cannot be read, dihedrals and impropers among it.
     ParameterError
-        As :func:`scene_from_beads`, and if nothing tells the atom style.
+        As :func:`scene_from_beads`, and if nothing says the atom style.
     """
     path, system = Path(path), unit_system(units)
     data = read_data_file(path, _style(path, atom_style))

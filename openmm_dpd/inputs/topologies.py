@@ -87,7 +87,7 @@ def scene_from_topology(topology: app.Topology, positions, typing=None, *, pairs
 
 
 def scene_from_mdtraj(trajectory: mdtraj.Trajectory, typing=None, *, pairs, kT, frame: int = -1, molecules="residues", **choices) -> Scene:
-    """A Scene from a frame of an mdtraj trajectory: of whatever file mdtraj reads.
+    """A Scene from a frame of an mdtraj trajectory: of any file that mdtraj reads.
 
     Masses are those of the topology's elements: real ones with :func:`openmm_dpd.trajectory.load_topology`, but guessed from names
     with a PDB or GRO file of beads, for which ``masses`` has to be given.

@@ -1,9 +1,9 @@
 """The loop over all pairs: colours, blocks of columns, columns, pairs.
 
-It stands here once.  What is done with a column and with a pair is put in when it is compiled::
+It is written here once.  What is done with a column and with a pair is put in when it is compiled::
 
     first(pairs, data, begin, end)              for the sorted beads begin:end, before all else
-    before(pairs, data, begin, m, scratch)      once for each column, the pairs begin:begin + m: whatever can be done for many pairs at once
+    before(pairs, data, begin, m, scratch)      once for each column, the pairs begin:begin + m: what can be done for many pairs at once
     pair(pairs, data, scratch, n, k, column)    for each pair number n, the k-th of its column: returns energy, virial, virial of friction
     last(pairs, data, begin, end)               for the sorted beads begin:end, after all else
 

@@ -57,6 +57,6 @@ def compiled(function: Callable, *, parallel: bool = False, bare: bool = False, 
 def serial_and_parallel(function: Callable) -> tuple[Any, Any]:
     """Compile a function that loops with prange, and allocates nothing, twice.
 
-    What is inside the loop had better be the call of a helper: numba tries its own ideas of parallel arrays on all that it sees there.
+    What is inside the loop should be the call of a helper: numba tries its own ideas of parallel arrays on all that it sees there.
     """
     return compiled(function, bare=True), compiled(function, bare=True, parallel=True)

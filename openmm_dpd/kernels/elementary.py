@@ -137,5 +137,5 @@ def erfc(x):
 
 
 def without_last_bits(values: np.ndarray, bits: int) -> np.ndarray:
-    """Values with so many bits after the point: those of a library's function, of whatever it made of the last one."""
+    """Values with so many bits after the point: those of a library's function without its last ones."""
     return np.round(values * 2.0**bits) / 2.0**bits

@@ -7,7 +7,7 @@ Force form (rates per pair; w = 1 - r/rc, 1/Theta = (1/theta_i + 1/theta_j)/2, g
     du_cond = kappa w^2 (1/theta_i - 1/theta_j) + sqrt(2 kappa) w xi_q/sqrt(dt)               to i, minus it to j
 
 Sweep form, pair by pair.  The pair's kinetic energy of relative motion K = (e.v)^2/(2 im) and its internal energies change together:
-each bead gets half of what K loses, so that the energy is conserved to rounding whatever dt is.
+each bead gets half of what K loses, so that the energy is conserved to rounding for any dt.
 
 - *frozen* (fix shardlow): Shardlow's update at the temperatures the beads had before the sweep, and an Euler step of conduction.
 - *exact*: the update leaves the weight exp(S_i + S_j) of the pair invariant for any dt.  For the motion, e.v performs the exact
@@ -192,7 +192,7 @@ def _balance(total, ci, cj, ki, kj, start, nodes, pieces):
         return ci * cj
     if kj == CONSTANT and ki == RESERVOIR:
         return total - ci * cj
-    # a reservoir takes whatever is left: only the other bead limits the share
+    # a reservoir takes what is left: only the other bead limits the share
     low, high = -np.inf, np.inf
     if ki != RESERVOIR:
         low = 0.0 if ki == CONSTANT else nodes[start[ki]]

@@ -97,7 +97,7 @@ def run_terms(serial, parallel, many: bool, *arguments) -> float:
 
 @njit(inline="always")
 def inverse_edges(box):
-    """One over the diagonal of a box; zeros for a box of zeros, which stands for no box."""
+    """One over the diagonal of a box; zeros for a box of zeros, which means no box."""
     if box[0, 0] == 0.0:
         return 0.0, 0.0, 0.0
     return 1.0 / box[0, 0], 1.0 / box[1, 1], 1.0 / box[2, 2]

@@ -80,7 +80,7 @@ def add_to_moving(begin, end, values, changes, inv_mass):
 
 @counting
 def move(begin, end, x, v, force, inv_mass, kick, time, limit):
-    """Kick and drift: whatever a step does between two looks at the pairs.
+    """Kick and drift: all that a step does between two looks at the pairs.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Random numbers as a pure function of (seed, counter, layer of terms, thermal energy, pair, stream).
 
-The same pair gets the same number whatever the order of pairs, the number of threads or the platform, and a restart draws what an
+The same pair gets the same number for any order of pairs, number of threads and platform, and a restart draws what an
 uninterrupted run would have drawn.  The thermal energy is in the key so that replicas of one run at different temperatures, which share
 seed and counter, do not share their noise.  The hash is two rounds of the 64-bit finaliser "mix13" (Stafford; the one of SplitMix64,
 Steele, Lea and Flood, OOPSLA 2014, doi:10.1145/2660193.2660195); its bits are turned into a standard normal number by the inverse
@@ -50,7 +50,7 @@ def mix(z):
 
 
 def call_key(*words: int) -> np.uint64:
-    """Key of one evaluation from numbers between 0 and 2^64: seed, count of the program's own noise counter, and whatever else tells it."""
+    """Key of one evaluation from numbers between 0 and 2^64: seed, count of the program's own noise counter, and the like."""
     mask = (1 << 64) - 1
 
     def mixed(z: int) -> int:
@@ -59,7 +59,7 @@ def call_key(*words: int) -> np.uint64:
         return z ^ (z >> 31)
 
     key = 0
-    # one after the other, each through the finaliser, so that no sum of two of them can stand for another
+    # one after the other, each through the finaliser, so that no sum of two of them is another
     for word in words:
         key = mixed((key + word + int(_GOLDEN)) & mask)
     return np.uint64(key)

@@ -1,4 +1,4 @@
-"""Who waits for the compiler is told so."""
+"""A notice for those who wait for the compiler."""
 
 import logging
 import threading

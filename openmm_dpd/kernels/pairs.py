@@ -20,7 +20,7 @@ def no_exceptions() -> Exceptions:
 
 
 def compressed_exceptions(factors: dict[tuple[int, int], float], n_beads: int) -> Exceptions:
-    """Factors of pairs of beads as exceptions, which stand there in both directions."""
+    """Factors of pairs of beads as exceptions, each in both directions."""
     if not factors:
         return no_exceptions()
     rows = sorted([(i, j, f) for (i, j), f in factors.items()] + [(j, i, f) for (i, j), f in factors.items()])

@@ -79,7 +79,7 @@ class Kind:
         Friction coefficients (Da/ps) with the exponents of their noise, of a soft repulsion A (1 - r/cutoff): what the table of steps is
         about.
     unlike_lammps : str, optional
-        What it does unlike LAMMPS unless a scene has ``compat="lammps"``.
+        Differences from LAMMPS unless a scene has ``compat="lammps"``.
     """
 
     coefficient: type[PairCoefficient]

@@ -25,7 +25,7 @@ class Observer:
     built : BuiltSystem
         What :func:`openmm_dpd.build`, :func:`openmm_dpd.add_thermostat` or :func:`openmm_dpd.create_mixed_system` returned.  Of a
         scene it gives a :class:`Sample`, with every term; beside the forces of a System made elsewhere a :class:`SystemSample`, with
-        what any System tells.
+        what any System has.
 
     Raises
     ------

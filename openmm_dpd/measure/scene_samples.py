@@ -15,6 +15,7 @@ from ..kernels.motion import second_moments
 from ..kinds import resolved_kind
 from ..made import groups_of
 from ..names import COULOMB_GROUP, EXTERNAL_GROUP, LATTICE_GROUP
+from ..openmm_private import bare
 from ..plan import Plan
 from .bonded_sums import angle_sums, bond_sums, dihedral_sums
 from .present import Present

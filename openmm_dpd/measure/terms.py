@@ -16,7 +16,7 @@ from .observer import require_built
 def force_terms(
     built: BuiltSystem, positions=None, velocities=None, *, counter: int = 1, properties: dict[str, str] | None = None
 ) -> dict[str, np.ndarray]:
-    """Forces term by term at given positions and velocities, always in force form, whatever the scheme.
+    """Forces term by term at given positions and velocities, always in force form, for any scheme.
 
     Parameters
     ----------
@@ -39,12 +39,12 @@ def force_terms(
     Raises
     ------
     ParameterError
-        If a value has the wrong shape, or ``built`` is something else: the terms of atoms beside beads are not told apart.
+        If a value has the wrong shape, or ``built`` is something else: the terms of atoms beside beads are not separated.
     """
     require_built(built, "force_terms")
     if built.plan.host is not None:
         raise ParameterError(
-            "force_terms tells the terms of a scene alone apart; beside the forces of a System made elsewhere ask for "
+            "force_terms separates the terms of a scene alone; beside the forces of a System made elsewhere ask for "
             "context.getState(forces=True)"
         )
     plan = built.plan

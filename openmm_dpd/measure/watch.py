@@ -18,7 +18,7 @@ TOLERANCE, ERRORS = 0.05, 4.0
 #: Rows after which a running simulation is looked at first; then after twice as many, and so on.
 FIRST_LOOK = 20
 
-#: With fewer rows nothing is said: their second half cannot tell whether the temperature still changes.
+#: With fewer rows nothing is said: their second half cannot show whether the temperature still changes.
 LEAST_ROWS = 6
 
 
@@ -38,7 +38,7 @@ def temperature_warning(kT: Sequence[float], target: float, dof: int, unit: str 
     """What is wrong with the mean kinetic temperature of the second half of some rows, or None.
 
     The standard error comes from blocks, and from what is known beforehand: in equilibrium the kinetic energy of ``dof`` degrees of
-    freedom varies by sqrt(2/dof) of its mean, and whatever part of that variance rows close in time do not show, their mean has.
+    freedom varies by sqrt(2/dof) of its mean, and what part of that variance rows close in time do not show, their mean has.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Formulas of the position, checked before OpenMM reads them.
 
-OpenMM reports a syntax error together with the whole expression it stands in, never reports a value that is not finite, and does not come
+OpenMM reports a syntax error together with the whole expression, never reports a value that is not finite, and does not come
 back from a formula whose constants give NaN, such as ``sqrt(-1)*x``: its optimiser compares until two results agree.
 """
 

@@ -27,7 +27,7 @@ class MDPD(PairCoefficient):
       potential.  The energy reported is LAMMPS's, A cutoff w_c^2/2 + B cutoff_B (rho_i + rho_j) w_d^2/2 per pair, in which the densities
       count as frozen: it is no conserved quantity.
     - ``kernel="quadratic"``, Warren's: W = 15/(2 pi h^3) (1 - r/h)^2 with h = cutoff_B.  The many-body force is minus the gradient of
-      sum over i of pi B h^4 rho_i^2/30, which is the energy reported.  Here rho counts beads, whatever their masses.
+      sum over i of pi B h^4 rho_i^2/30, which is the energy reported.  Here rho counts beads, regardless of their masses.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@ class PairTable:
     Parameters
     ----------
     entries : mapping of (str, str) to a pair coefficient
-        Keys name two bead types in any order; ``"*"`` stands for every type.  Later entries overwrite earlier ones, as in LAMMPS, so put
+        Keys name two bead types in any order; ``"*"`` is every type.  Later entries overwrite earlier ones, as in LAMMPS, so put
         wildcards first; but two keys that differ in the order of their types only must agree.  The value
         :data:`~openmm_dpd.model.pairs.NONE` says that a pair does not interact.
 

@@ -57,7 +57,7 @@ class DenseStart:
     unresolved : tuple of Piercing
         Those that still do.
     replaced : tuple of str
-        Classes of the forces that soft repulsion stood for.
+        Classes of the forces that soft repulsion replaced.
     seconds : float
         Wall time.
     """

@@ -23,7 +23,7 @@ class Mixture:
     Attributes
     ----------
     kinds : tuple of (Molecule, int)
-        Kinds of molecules and their numbers, in the order in which their beads stand.
+        Kinds of molecules and their numbers, in the order of their beads.
     positions : (N, 3) array
         nm; molecules are whole and may reach over the faces of the box.
     box : (3, 3) array

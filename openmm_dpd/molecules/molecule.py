@@ -155,7 +155,7 @@ def bead_types(types: Sequence[str] | str) -> tuple[str, ...]:
 
 
 def sequence(text: str) -> tuple[str, ...]:
-    """Bead types from text: names, numbers that repeat what stands before them, parentheses.
+    """Bead types from text: names, numbers that repeat what comes before them, parentheses.
 
     A name is a capital letter with the small letters after it.
 

@@ -41,13 +41,13 @@ class Model:
 
 
 def grafmueller_2009(tail: int = 4) -> Model:
-    """H3(T_n)2 lipid with two stiff tails in water W; four tail beads stand for a lipid like DMPC.
+    """H3(T_n)2 lipid with two stiff tails in water W; four tail beads make a lipid like DMPC.
 
     Repulsion a_ij (kT/r_c) H-H 30, T-T 10, W-W 25, H-T 35, H-W 30, T-W 75; friction 4.5; density 3.  Bonds (1/2) k2 (r - l0)^2 with
     k2 = 128 and l0 = 0.5, that is ``Spring(k=64, r0=0.5)`` here.  Bends k3 (1 - cos phi), k3 = 15, phi = 0 for a straight tail, at every
     H-T-T and T-T-T, that is ``CosineBend(15)``.  The second and the third of the three head beads in a row carry a tail each.
 
-    Grafmueller, Shillcock and Lipowsky, Biophys. J. 96, 2658 (2009), with the numbers as they stand in the bilayer that is distributed
+    Grafmueller, Shillcock and Lipowsky, Biophys. J. 96, 2658 (2009), with the numbers as they are in the bilayer that is distributed
     with Osprey-DPD, the program of one of the authors.
     """
     whole_number(tail, "the number of beads in a tail", least=1)

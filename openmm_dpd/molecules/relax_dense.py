@@ -70,7 +70,7 @@ def relax_dense(
 
     between all pairs that the force field does not exclude, with :math:`\sigma_{ij}` the mean of their van der Waals diameters.
     Bonded forces, external forces, virtual sites and frozen atoms stay.  Molecules move with pairwise friction and noise (exact pair
-    updates) while E rises in nine stages from 10 to 1000 kJ/mol; first they pass through each other, in the end they stand apart.  A
+    updates) while E rises in nine stages from 10 to 1000 kJ/mol; first they pass through each other, in the end they are apart.  A
     stage that flies apart is repeated with half the step.  The repulsion drives bonds out of rings of up to about ten atoms by itself;
     where one is still in a ring afterwards, it is pushed out over an edge of the ring, and the system is relaxed again.
 
@@ -80,7 +80,7 @@ def relax_dense(
         Made by ``openmm.app.ForceField``, say; stays as it is.  Its charges, custom nonbonded forces and implicit solvent do not act
         here; barostats, thermostats and motion removers neither.  Constraints act as stiff bonds and hold exactly in the result.
     topology : openmm.app.Topology
-        Its bonds tell where rings are.
+        Its bonds say where rings are.
     positions : (N, 3) array of lengths
         Molecules in one piece, anywhere.  Nothing else is asked of them: atoms may be at one place.
     temperature : temperature

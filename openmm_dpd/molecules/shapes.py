@@ -40,9 +40,9 @@ def random_shapes(molecule: Molecule, count: int, rng: np.random.Generator, *, s
 
 
 def upright_shape(molecule: Molecule, spacing: float) -> np.ndarray:
-    """The molecule standing on its tails, bead 0 on top, the lowest bead at height 0: (n, 3) in nm; all bonds at their lengths."""
+    """The molecule upright on its tails, bead 0 on top, the lowest bead at height 0: (n, 3) in nm; all bonds at their lengths."""
     if len(molecule.bonds) >= molecule.n_beads:
-        raise ParameterError(f"{molecule.name} has a ring; only molecules without one can stand in a layer")
+        raise ParameterError(f"{molecule.name} has a ring; only molecules without one can be in a layer")
     lengths, tree = _lengths(molecule, spacing), molecule.tree()
     children: dict[int | None, list[int]] = {}
     for bead, parent in tree:

@@ -14,7 +14,7 @@ from ..units import to_md
 #: Context parameter with the energy (kJ/mol) of a pair at distance 0.
 STRENGTH = "soft_strength"
 
-#: Forces between all atoms, which soft repulsion stands for.
+#: Forces between all atoms, which soft repulsion replaces.
 REPLACED = (
     openmm.NonbondedForce,
     openmm.CustomNonbondedForce,
@@ -108,7 +108,7 @@ def excluded_pairs(system: openmm.System) -> np.ndarray:
 
 
 def replaced_forces(system: openmm.System) -> list[str]:
-    """Names of the classes of forces that soft repulsion stands for.
+    """Names of the classes of forces that soft repulsion replaces.
 
     Raises
     ------

@@ -157,7 +157,7 @@ def _coded(names: list[str]) -> list:
 
 
 def _coefficients(group) -> np.ndarray:
-    """Kind and coefficients of each bond or angle, as text that tells them apart, (K,)."""
+    """Kind and coefficients of each bond or angle, as text that distinguishes them, (K,)."""
     return np.array([f"{type(group).__name__} {row}" for row in group.coefficients.tolist()], dtype=object)
 
 

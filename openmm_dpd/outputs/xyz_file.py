@@ -30,7 +30,7 @@ def write_xyz(path: str | os.PathLike, source, *, state=None, units: str = "lj",
     units : {"lj", "real", "metal"}
         Units of the file: nm and ps with ``lj``, angstrom and fs with ``real``, angstrom and ps with ``metal``.
     species : mapping of types to text, optional
-        What stands in the first column for a type; by default its name.  ASE takes chemical symbols only.
+        What the first column has for a type; by default its name.  ASE takes chemical symbols only.
 
     Raises
     ------
@@ -106,9 +106,7 @@ def _species(scene: Scene, given: Mapping[str, str] | None) -> list[str]:
         raise ParameterError(f"species must map each of the types {', '.join(scene.type_names)} to text, not {what_is(given)}")
     for text in called.values():
         if not isinstance(text, str) or not text.isprintable() or not text or " " in text:
-            raise ParameterError(
-                f"the name {text!r} cannot stand in an XYZ file; species={{...}} gives one that is printable without blanks"
-            )
+            raise ParameterError(f"the name {text!r} cannot be in an XYZ file; species={{...}} gives one that is printable without blanks")
     return [called[name] for name in scene.types]
 
 

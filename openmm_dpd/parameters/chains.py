@@ -29,7 +29,7 @@ class _Column:
     def __init__(self, rows: dict[tuple[float, float, int], float]):
         self.lengths = np.array(sorted({n for *_, n in rows}))
         springs = {(k, r0) for k, r0, _ in rows}
-        #: Springs without a rest length stand for themselves; the others are all stiffnesses with all rest lengths.
+        #: Springs without a rest length are as they are; the others are all stiffnesses with all rest lengths.
         self.alone = {spring: np.array([rows[(*spring, n)] for n in self.lengths]) for spring in springs if spring[1] == 0}
         self.k, self.r0 = (sorted({spring[axis] for spring in springs if spring not in self.alone}) for axis in (0, 1))
         self.grid = [

@@ -1,4 +1,4 @@
-"""Physical units of a reduced model: what a bead stands for."""
+"""Physical units of a reduced model: what a bead represents."""
 
 from dataclasses import dataclass
 
@@ -146,12 +146,12 @@ class BeadMapping:
         return repulsion_from_compressibility(self.inverse_compressibility, self.density, equation=equation)
 
     def diffusion_time(self, D) -> unit.Quantity:
-        r"""The time that a unit of reduced time stands for if beads are to diffuse as the molecules do.
+        r"""The time that a unit of reduced time represents if beads are to diffuse as the molecules do.
 
         .. math:: \tau_D = \frac{N_m D\, r_c^2}{D_{exp}},
 
         where D is the reduced diffusion coefficient of a bead.  The mean of N_m molecules diffuses N_m times slower than each of them.  A
-        soft fluid diffuses fast: this time is many times tau, and only stands for the pace of what diffusion drives.
+        soft fluid diffuses fast: this time is many times tau, and is only the pace of what diffusion drives.
 
         Parameters
         ----------

@@ -1,6 +1,6 @@
 """Partition coefficients of molecules between two solvents: by theory, by measurement, and the repulsion for a wanted one.
 
-log P = log10 of c_octanol/c_water at infinite dilution; "octanol" stands for any other solvent than water, as the model has it.
+log P = log10 of c_octanol/c_water at infinite dilution; "octanol" is any other solvent than water, as the model has it.
 """
 
 import math

@@ -1,6 +1,6 @@
 """Equations of state of a fluid of soft beads of one kind, and the repulsion for a wanted compressibility.
 
-All is reduced: lengths in rc, energies in kT, so A stands for A rc/kT, the density for beads in rc^3 and the pressure for p rc^3/kT.
+All is reduced: lengths in rc, energies in kT, so A means A rc/kT, the density for beads in rc^3 and the pressure for p rc^3/kT.
 """
 
 import json
@@ -154,7 +154,7 @@ def pressure(A, density=3.0, *, equation: str = "measured", extrapolate: bool = 
     References
     ----------
     Groot and Warren, J. Chem. Phys. 107, 4423 (1997): alpha = 0.101, up to 21 % too high at density 2, 9 % at density 3 and 1 % at 8.
-    Liyana-Arachchi et al., J. Chem. Phys. 142, 044902 (2015), eqs 10 and 14, with the coefficients as they stand in the programs of Allen
+    Liyana-Arachchi et al., J. Chem. Phys. 142, 044902 (2015), eqs 10 and 14, with the coefficients as they are in the programs of Allen
     and Tildesley's Computer Simulation of Liquids (2017): within 2 % of the measured pressures up to A = 40.  Its polynomial for the second
     virial coefficient leaves the exact one beyond: by 20 % at 60, and by a factor of 4 at 80.
 

@@ -105,7 +105,7 @@ class _Writer:
         return n + 1
 
     def sweep(self, n: int, part: Fraction) -> int:
-        """Sweep, with the kicks by the same acceleration that stand around it."""
+        """Sweep, with the kicks by the same acceleration around it."""
         p, options = self.p, self.options
         if not self.ramped:
             p.next_temperature()

@@ -17,7 +17,7 @@ decks : name of the deck ->
     variables                the index variables that were overridden
     dt, seconds, warnings, dangerous_builds
     first                    the row before the first step of the first run, all digits
-    first_deterministic      which of these follow from the deck and its files alone, whatever random
+    first_deterministic      which of these follow from the deck and its files alone, with any random
                              numbers a program draws
     production               statistics of the last run: steps, sample_every, discard (steps left out),
                              samples, quantities: word -> mean, sem, sd, block (steps), blocks,
@@ -28,7 +28,7 @@ decks : name of the deck ->
                              before the first step left out), averaged over the seeds
 static : name -> energies of lattices, without random numbers.
 
-``pe_per_bead`` stands beside the thermo words.  All quantities of a deck share one block length (blocks.py).
+``pe_per_bead`` is beside the thermo words.  All quantities of a deck share one block length (blocks.py).
 """
 
 import argparse

@@ -74,7 +74,7 @@ def cells() -> tuple[Cell, ...]:
 
 @cache
 def covering(strength: int, platforms: tuple[str, ...] = LEVELS["platform"]) -> tuple[Cell, ...]:
-    """A selection in which every two (or three: ``strength``) levels that some cell has together stand together at least once.
+    """A selection in which every two (or three: ``strength``) levels that some cell has together are together at least once.
 
     Next comes always the cell that adds most, of several the one whose levels were taken least so far.
     """
@@ -342,7 +342,7 @@ ADD: dict[str, Callable] = {
     "barostat": add_barostat,
 }
 
-#: Steps t in which a constant force moves a particle by a dt^2 (t^2/2 + what stands here t): kicks stand before drifts, or around them.
+#: Steps t in which a constant force moves a particle by a dt^2 (t^2/2 + this number t): kicks come before drifts, or around them.
 AHEAD = {"middle": 0.5, "native": 0.5}
 
 

@@ -268,7 +268,7 @@ def test_two_runs_after_resetting_the_step_count_draw_different_noise(choices):
 
 @pytest.mark.parametrize("count", [2**24, 2**52])
 def test_the_noise_count_may_be_large(device, count):
-    """It is a whole number in a double on every platform; beyond 2^24 single precision would stand still."""
+    """It is a whole number in a double on every platform; beyond 2^24 single precision would not count on."""
     table = {("W", "W"): D(gamma=4.5)}
     simulation = run_of(beads(table=table), device, dt=0.04, scheme="middle")
     simulation.context.setParameter(COUNTER, float(count))

@@ -41,7 +41,7 @@ def test_forces_are_those_of_all_other_pairs(device, conservative, distance):
     built = dpd.build(scene, dt=0.01, platform=device.platform, conservative=conservative, seed=3)
     forces = dpd.force_terms(built, properties=device.properties)
     expected = oracle.conservative(scene.positions, scene.type_ids, oracle_params(scene), scene.box)
-    # single precision cannot tell 1e-12 beside a coordinate of 4 from nothing, and a pair at 0 has no force either
+    # single precision has no 1e-12 beside a coordinate of 4, and a pair at 0 has no force either
     exact = 1e-9 if conservative == "kernel" or device.platform == "Reference" else 2e-4
     np.testing.assert_allclose(forces["conservative"], expected.forces, rtol=0, atol=device.choose(exact, 2e-4, 2e-4))
     for name in ("dissipative", "random"):
@@ -108,7 +108,7 @@ def test_beads_that_meet_later(host):
 
 
 def test_beads_that_meet_later_in_openmms_force(host):
-    """A CustomNonbondedForce gives NaN there whatever its expression, and only pairs that start at one point can be taken out of it: an error."""
+    """A CustomNonbondedForce gives NaN there for any expression, and only pairs that start at one point can be taken out of it: an error."""
     simulation = run_of(beads(), host, dt=0.02, scheme="middle", conservative="openmm")
     x, _ = state_of(simulation.context)
     x[3] = x[4]
@@ -118,7 +118,7 @@ def test_beads_that_meet_later_in_openmms_force(host):
 
 
 def test_frozen_coincident_pair(host):
-    """Two wall beads at one point stay there for good, and a third bead is pushed by both."""
+    """Two wall beads at one point stay there, and a third bead is pushed by both."""
     scene = scene_of(0.0, mobile=~np.isin(np.arange(60), [0, 1]))
     for conservative in ("kernel", "openmm"):
         simulation = run_of(scene, host, dt=0.02, scheme="aboba", conservative=conservative)

@@ -309,7 +309,7 @@ def test_three_temperatures_agree_at_equilibrium(seed):
 
 @pytest.mark.parametrize("scheme", ["middle", "shardlow", "mvv"])
 def test_a_volume_move_conserves_enthalpy_with_any_scheme(scheme):
-    """Positions and velocities of one moment, whatever the scheme keeps."""
+    """Positions and velocities of one moment, for any scheme."""
     simulation = running(soft_fluid(), DEVICES[1], scheme=scheme, dt=0.01)
     simulation.step(50)
     observer, barostat = dpd.Observer(simulation.built), EnthalpyBarostat(simulation.built, 25.0)

@@ -139,7 +139,7 @@ def test_walls_and_body_forces_on_platforms(device):
 
 @pytest.mark.parametrize("gamma", [0.0, 4.5])
 def test_beads_on_which_only_body_forces_act(device, gamma):
-    """Along such an axis a bead is accelerated evenly, whatever is around it; the others feel it as ever."""
+    """Along such an axis a bead is accelerated evenly among any neighbours; the others feel it as before."""
     rng, taken = np.random.default_rng(7), np.ones((192, 3), bool)
     taken[:40, 2] = taken[30:50, 0] = False
     common = {

@@ -113,7 +113,7 @@ run 20
 
 @pytest.mark.parametrize("scheme", ["middle", "aboba"])
 def test_decks_print_what_lammps_defines(scheme, tmp_path):
-    """Pressures of their last row are those of velocities as they stand in the state that the run leaves."""
+    """Pressures of their last row are those of velocities as they are in the state that the run leaves."""
     (tmp_path / "in.fluid").write_text(DECK, encoding="utf-8")
     found = run_deck(tmp_path / "in.fluid", RunOptions(scheme=scheme, platform="Reference"), out=tmp_path / "out")["runs"][0]["thermo"]
     state = openmm.XmlSerializer.deserialize((tmp_path / "out" / "final_state.xml").read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""Constant pressure and surface tension: what stands in the System, what is refused, restarts, and what is measured."""
+"""Constant pressure and surface tension: what the System has, what is refused, restarts, and what is measured."""
 
 import numpy as np
 import openmm

@@ -278,7 +278,7 @@ def test_what_is_not_measured_of_atoms_and_beads():
             dpd.DPDReporter(StringIO(), 2, whole, columns)
     with pytest.raises(dpd.ParameterError, match="columns kT_beads are not measured for a scene alone"):
         dpd.DPDReporter(StringIO(), 2, dpd.build(beads(x), dt=0.001, platform="Reference"), ["step", "kT_beads"])
-    with pytest.raises(dpd.ParameterError, match="force_terms tells the terms of a scene alone apart; .*getState"):
+    with pytest.raises(dpd.ParameterError, match="force_terms separates the terms of a scene alone; .*getState"):
         dpd.force_terms(whole)
 
 

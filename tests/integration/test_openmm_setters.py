@@ -97,12 +97,16 @@ def test_every_force_is_in_the_table():
 
 def test_the_page_says_what_the_table_says():
     page = (ROOT / "docs" / "howto" / "changes.md").read_text(encoding="utf-8")
-    rows = {f"| `{method}` | {told(whole)} | {told(program)} |" for rows in METHODS.values() for method, (whole, program) in rows.items()}
+    rows = {
+        f"| `{method}` | {in_table(whole)} | {in_table(program)} |"
+        for rows in METHODS.values()
+        for method, (whole, program) in rows.items()
+    }
     assert not [row for row in sorted(rows) if row not in page]
     assert page.count("\n| `") == len(rows)
 
 
-def told(does: str) -> str:
+def in_table(does: str) -> str:
     """What a change does, in the words of the page."""
     words = {"": "-", "anew": "after `reinitialize`", "refused": "refused", "anew refused": "refused after `reinitialize`"}
     word = does.partition(": ")[0]
@@ -574,15 +578,15 @@ def test_molecules_are_scaled_by_beads_when_the_context_is_made_anew(way):
     assert abs(length() - first) > 1e-3
 
 
-@pytest.mark.parametrize(("kT", "told"), [(1.0, True), (2.494, False)])
-def test_a_pressure_in_bar_beside_a_reduced_scene_is_said_in_its_units(kT, told, caplog):
+@pytest.mark.parametrize(("kT", "reported"), [(1.0, True), (2.494, False)])
+def test_a_pressure_in_bar_beside_a_reduced_scene_is_said_in_its_units(kT, reported, caplog):
     for name, make in BAROSTATS.items():
         caplog.clear()
         barostat = make(23.7, 0)
         Run("whole", [barostat], kT=kT)
         found = [record.getMessage() for record in caplog.records if "23.7" in record.getMessage()]
-        assert bool(found) == told
-        assert not told or name in found[0] and "1.42725" in found[0] and "add_barostat" in found[0]
+        assert bool(found) == reported
+        assert not reported or name in found[0] and "1.42725" in found[0] and "add_barostat" in found[0]
 
 
 def test_a_pressure_that_was_converted_is_not_spoken_of(caplog):

@@ -120,7 +120,7 @@ def test_rows_go_on_after_those_that_are_there(tmp_path):
             with pytest.raises(ParameterError, match=r"cannot append to .*rows.csv: its header is 'step,kT', the columns are 'step,time'"):
                 dpd.DPDReporter(file, 2, built, ("step", "time"), append=True)
     assert path.read_text() == before
-    assert steps(path) == ["step", "18", "20"]  # without append as ever
+    assert steps(path) == ["step", "18", "20"]  # without append
     path.write_text("")
     with open(path, "a") as file:
         assert steps(file) == ["step", "22", "24"]

@@ -175,7 +175,7 @@ def test_setting_is_refused_with_a_ramp(way):
 
 @pytest.mark.parametrize("value", [-1.0, float("nan"), float("inf"), "warm", 3 * unit.nanometer])
 def test_senseless_temperatures_are_refused(value):
-    """Whatever was set before holds."""
+    """What was set before holds."""
     simulation = fluid(platform="Reference")
     with pytest.raises((dpd.DPDError, openmm.OpenMMException, TypeError)):
         simulation.integrator.setTemperature(value)
@@ -186,7 +186,7 @@ def test_senseless_temperatures_are_refused(value):
 # -- noise ---------------------------------------------------------------------------------------------------------------------------
 @WAY
 def test_the_seed_of_the_integrator_is_that_of_the_noise(way):
-    """Whatever the seed of a state that is loaded, from the next step on; 0 draws one, as in OpenMM."""
+    """Whichever seed a state has that is loaded, from the next step on; 0 draws one, as in OpenMM."""
 
     def after(*seeds):
         simulation = fluid(way, platform="Reference", seed=4)
@@ -277,7 +277,7 @@ def kinetic(v: np.ndarray) -> float:
 
 
 def holds(samples: list[float], kT: float) -> None:
-    """The mean is the temperature asked for, within 1 % and four standard errors; and the errors are small enough to tell."""
+    """The mean is the temperature asked for, within 1 % and four standard errors; and the errors are small."""
     average = block_average(samples)
     assert average.sem is not None and average.sem < 0.015 * kT
     assert abs(average.mean - kT) < 0.01 * kT + 4 * average.sem, (average, kT)
@@ -434,7 +434,7 @@ def test_umbrellas_give_back_the_free_energy(way, scheme, kind, group, seed):
     error = sem / mean
     off = free[1:] - free[0]
     error = np.hypot(error[1:], error[0])
-    assert error.max() < 0.06, "too short to tell"
+    assert error.max() < 0.06, "too short"
     assert np.abs(off).max() < 0.1 and np.all(np.abs(off) < 4 * error), (off, error)
 
 

@@ -101,8 +101,8 @@ def test_as_low_as_openmms():
     np.testing.assert_allclose(ours.context.getState(positions=True).getPositions(asNumpy=True)._value, x, atol=1e-6)
 
 
-class Told(openmm.MinimizationReporter):
-    """Keeps the energies that it is told, and ends after five."""
+class Energies(openmm.MinimizationReporter):
+    """Keeps the energies that are reported, and ends after five."""
 
     def __init__(self):
         super().__init__()
@@ -116,10 +116,10 @@ class Told(openmm.MinimizationReporter):
 
 def test_reporters_are_told_and_end_it():
     """Every iteration lowers the energy."""
-    simulation, told = start("Reference"), Told()
-    simulation.minimizeEnergy(0.0, 0, told)
-    assert len(told.energies) == 5 and np.all(np.diff(told.energies) < 0)
-    assert told.energies[-1] == pytest.approx(energy_and_velocities(simulation)[0], rel=1e-12)
+    simulation, reported = start("Reference"), Energies()
+    simulation.minimizeEnergy(0.0, 0, reported)
+    assert len(reported.energies) == 5 and np.all(np.diff(reported.energies) < 0)
+    assert reported.energies[-1] == pytest.approx(energy_and_velocities(simulation)[0], rel=1e-12)
 
 
 @pytest.mark.parametrize("loop", [True, False])

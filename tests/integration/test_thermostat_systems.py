@@ -108,7 +108,7 @@ def test_frozen_particles_take_up_momentum():
 def test_restart_with_a_barostat(model):
     """A checkpoint in a new Context of copies that went through XML continues bit for bit, in the box that volume moves left.
 
-    Up to the next volume move: OpenMM's checkpoints do not hold the counter and the random numbers of a barostat, whatever the integrator.
+    Up to the next volume move: OpenMM's checkpoints do not hold the counter and the random numbers of a barostat, with any integrator.
     """
     _, positions, text = solvated(model)
     system = openmm.XmlSerializer.deserialize(text)

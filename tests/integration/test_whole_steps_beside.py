@@ -113,7 +113,7 @@ HOWS = ("loop", "bare", "XML", "loop=False", "compound", "reinitialized")
     ],
 )
 def test_a_force_of_the_users_acts_in_full(name, group, scheme, how):
-    """N f t of momentum in 23 steps, whatever it is and wherever it comes in."""
+    """N f t of momentum in 23 steps, for every force and place."""
     gained, _, _ = run_with(FORCES[name], group, how, scheme, 23)
     expected = np.array([N * FORCE * 23 * DT, 0, 0])
     assert np.abs(gained - expected).max() < 1e-4 * expected[0]
@@ -395,7 +395,7 @@ def test_a_step_without_the_subclass_after_a_look(loop):
 def test_after_energies_were_set(scheme, change):
     simulation = started("energies", scheme)
     change(simulation)
-    if scheme == "mvv":  # what is set by hand leaves the rates of before; OpenMM does not tell
+    if scheme == "mvv":  # what is set by hand leaves the rates of before; OpenMM does not report it
         simulation.integrator.setGlobalVariableByName("valid_for", -1.0)
     follows(simulation, "energies", scheme)
 

@@ -319,7 +319,7 @@ def test_a_start_that_runs_away(scheme, kind):
 # -- Ctrl-C ----------------------------------------------------------------------------------------------------------------------------
 @pytest.fixture
 def ctrl_c():
-    """Has a SIGINT come after some seconds, in whatever line that is."""
+    """Has a SIGINT come after some seconds, in any line."""
     if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
         pytest.skip("signals go to the main thread, and Windows has no such timer")
     before = signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))

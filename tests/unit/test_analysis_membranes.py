@@ -111,7 +111,7 @@ def slow_waves(frames: int, seed: int) -> HeightSpectrum:
 
 @pytest.mark.slow
 def test_errors_from_correlated_frames():
-    """The scatter over 80 runs, known to 8 %, is what the errors say where runs are long enough; short ones are told."""
+    """The scatter over 80 runs, known to 8 %, is what the errors say where runs are long enough; short ones are reported."""
     fits = [bending_modulus(slow_waves(1500, seed), KT, tension=TENSION).kappa for seed in range(80)]
     scatter, errors = np.std([fit.mean for fit in fits], ddof=1), np.sqrt(np.mean([fit.sem**2 for fit in fits]))
     assert 0.8 < scatter / errors < 1.25 and abs(np.mean([fit.mean for fit in fits]) - KAPPA) < 4 * scatter / 80**0.5

@@ -138,7 +138,7 @@ def test_folded_paths_are_unwrapped(box):
 
 
 def test_unwrapping_in_a_box_that_changes():
-    """Beads that stand still in a breathing box, folded: they move by less than the box does."""
+    """Beads that do not move in a breathing box, folded: they move by less than the box does."""
     edges = 5 + 0.02 * np.sin(np.arange(40.0))
     x = np.random.default_rng(2).random((20, 3)) * 0.9 + np.array([4.5, 1, 2])
     frames = [x - np.floor(x / edge) * edge for edge in edges]
@@ -256,7 +256,7 @@ def test_velocities_and_frames_must_match():
         velocity_autocorrelation(np.zeros((1, 5, 3)), interval=1)
     for beads, message in (
         ([7], "indices must be from 0 to 4; there is 7"),
-        ([1, 1], "an index stands there twice"),
+        ([1, 1], "an index appears twice"),
         ([-1], "indices must be from 0 to 4; there is -1"),
         (["A"], "indices or a mask of 5, not <U1"),
         (np.ones(4, dtype=bool), "indices or a mask of 5, not bool"),

@@ -293,7 +293,7 @@ def test_planted_bilayer():
 
 
 def test_thick_bilayers_need_their_tails():
-    """Heads half a box apart do not tell which side is inside; with the tails they do, also when the water is thinner than the bilayer."""
+    """Heads half a box apart do not show which side is inside; with the tails they do, also when the water is thinner than the bilayer."""
     with pytest.raises(ParameterError, match="spread evenly"):
         bilayer_thickness(bilayer(2, 3, thickness=5.0), "H")
     assert bilayer_thickness(bilayer(2, 20, thickness=7.0), "H", "T").mean == pytest.approx(7.0, abs=0.1)
@@ -360,7 +360,7 @@ def test_errors():
         (lambda: structure_factor([trajectory, random_trajectory(1, 9, 1, box)], q_max=3), "they have 10 and 9"),
         (lambda: structure_factor(trajectory, "B", q_max=3), "no bead is of type 'B'; there are 'A'"),
         (lambda: structure_factor(trajectory, [0, 10], q_max=3), "from 0 to 9; there is 10"),
-        (lambda: structure_factor(trajectory, [3, 3], q_max=3), "stands there twice"),
+        (lambda: structure_factor(trajectory, [3, 3], q_max=3), "appears twice"),
         (lambda: structure_factor(trajectory, [], q_max=3), "no beads are selected"),
         (lambda: structure_factor(trajectory, q_max=0.5), "below the shortest wave vector of the box, 0.8976"),
         (lambda: structure_factor(trajectory, q_max=2000), "wave vectors"),

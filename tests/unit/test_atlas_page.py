@@ -87,7 +87,7 @@ def test_diffusion_of_a_random_walk():
 
 
 def test_a_store_goes_on_where_it_stopped(tmp_path):
-    """Also after a line that was cut off, and whatever a report added."""
+    """Also after a line that was cut off, and with anything that a report added."""
     job = {"fluid": "weak", "dt": 0.02}
     store = Store(tmp_path / "results.jsonl")
     store.add(job | {"U": [1.0, 0.1], "seconds": 3})

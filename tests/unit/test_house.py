@@ -9,7 +9,7 @@ from openmm_dpd import kinds
 
 LAMMPS = {module for module in TREES if module.startswith("openmm_dpd.lammps")}
 
-#: Where kinds may be told apart: the files that define them, and their records.
+#: Where kinds may be distinguished: the files that define them, and their records.
 HOME = ("openmm_dpd.model", "openmm_dpd.kernels", "openmm_dpd.kinds")
 
 
@@ -104,7 +104,7 @@ ADDED = {
     "steps for bonds and angles by what a word does to their vibrations": 285,
     "a minimiser that breaks no bonds, for scripts and decks on every platform": 185,
     "where averages begin, and their picture": 83,
-    "what decks are told, in their units and words": 131,
+    "messages for decks, in their units and words": 131,
     "notices of the compiler, python -m openmm_dpd": 52,
     "what changes between steps: Contexts made anew, force groups, lines of programs, walls": 80,
     "bonds and angles of anybody's: records, which kernels and OpenMM's forces are made of": 70,
@@ -115,7 +115,7 @@ ADDED = {
 
 
 def test_the_core_stays_short():
-    """The package had 35,281 lines when its clean-up began; 20,882 of these stood where no feature has been added since."""
+    """The package had 35,281 lines when its clean-up began; 20,882 of these were where no feature has been added since."""
     core = [path for path in PATHS.values() if not path.removeprefix("openmm_dpd/").startswith(GROWN)]
     assert len(core) > 120 and sum(len((ROOT / path).read_text(encoding="utf-8").splitlines()) for path in core) < 20_882 + sum(
         ADDED.values()

@@ -1,4 +1,4 @@
-"""Pair lists: every pair once, whatever the box, the images and the number of threads."""
+"""Pair lists: every pair once, for any box, images and number of threads."""
 
 import itertools
 
@@ -218,7 +218,7 @@ def test_position_that_is_not_finite_is_named(box, value):
 
 @pytest.mark.parametrize("far", [1e5, 1e7, 1e10, 1e14])
 def test_beads_without_a_box_may_be_far_apart(far):
-    """Cells are limited in number, whatever the extent (a million cells along each edge would overflow their count)."""
+    """Cells are limited in number, for any extent (a million cells along each edge would overflow their count)."""
     x = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [far, far, -far], [far, 0.25 * far, -far], [far, far + 0.5, -far]])
     engine = simple_engine(len(x))
     engine.prepare(x, None)

@@ -190,7 +190,7 @@ def test_exact_sweep_samples_the_microcanonical_distribution(capacity, dt):
 
 
 def test_the_distribution_test_can_fail():
-    """It tells the weight u^C from u^(C-1)."""
+    """It distinguishes the weight u^C from u^(C-1)."""
     (u, _), energy = sampled(cluster(ConstantHeatCapacity(2.0)), "middle", 1.0, 40_000, 10)
     assert stats.kstest(u[::4] / energy, stats.beta(2, 10 + 6).cdf).pvalue < 1e-8
 
@@ -209,7 +209,7 @@ def test_exact_sweep_with_a_table():
     for weight in (table, constant, constant):
         rest = np.convolve(rest, weight)[: len(grid)]
         rest = rest / rest.max()
-    # grid points stand for cells: the total of four cells lies two cells below the sum of their upper ends
+    # grid points are cells: the total of four cells lies two cells below the sum of their upper ends
     density = table[:-4] * rest[::-1][4:]
     cdf = np.cumsum(density) / density.sum()
     p = stats.kstest(u[::4], lambda value: np.interp(value, grid[:-4], cdf)).pvalue

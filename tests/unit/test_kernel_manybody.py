@@ -241,7 +241,7 @@ def test_friction_and_noise_are_those_of_dpd(table, update):
     fluid = bonded(table, BOXES["tilted"])
     zero, one = np.zeros((2, 2)), np.ones((2, 2))
     plain = TermTable(zero, matrix(table, "gamma"), np.full((2, 2), np.nan), zero, one, one, matrix(table, "cutoff"))
-    # a pair of factor 0 may stand in one list and not in the other, and then the orders of pairs differ
+    # a pair of factor 0 may be in one list and not in the other, and then the orders of pairs differ
     factors = {pair: max(factor, 0.1) for pair, factor in FACTORS.items()}
     ours, dpd = fluid.engine(factors=factors, update=update), fluid.engine(factors=factors, update=update, terms=(plain,))
     kick = ours.sweep(fluid.v, KT, DT, SEED, COUNTER)

@@ -78,7 +78,7 @@ def bits_of(upper_tail, sign):
 
 @pytest.mark.parametrize("sign", [0, 1])
 def test_inverse_distribution_function_to_2e_6(sign):
-    """Every sign, cell and place in it becomes the normal quantile it stands for, into both tails."""
+    """Every sign, cell and place in it becomes its normal quantile, into both tails."""
     rng = np.random.default_rng(2)
     bits = bits_of(np.concatenate([rng.random(100_000) / 2, 10.0 ** rng.uniform(-12, -1, 10_000)]), sign)
     cell, place = (bits >> np.uint64(55)) & np.uint64(255), ((bits >> np.uint64(3)) & np.uint64(2**52 - 1)).astype(float) + 0.5

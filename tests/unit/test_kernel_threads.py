@@ -10,7 +10,7 @@ from openmm_dpd.kernels import threads
 
 @pytest.fixture
 def watch(monkeypatch, two_threads):
-    """A fresh watch, two threads, and clocks that stand."""
+    """A fresh watch, two threads, and clocks that stop."""
     fresh = threads._Watch()
     monkeypatch.setattr(threads, "_WATCH", fresh)
     threads.set_threads(2)

@@ -219,7 +219,7 @@ def test_velocity_create(tmp_path, units, options):
     energy = masses * np.sum(v**2, axis=1)
     ratio = energy[masses > 1].mean() / energy[masses == 1].mean()
     assert abs(ratio - 1) < 4 * np.sqrt(2 / 1800 + 2 / 1200)
-    # fourth moment tells the distributions apart: 3 for Gaussian, 9/5 for uniform
+    # fourth moment distinguishes the distributions: 3 for Gaussian, 9/5 for uniform
     reduced = (v * np.sqrt(masses)[:, None]).ravel()
     kurtosis = np.mean(reduced**4) / np.mean(reduced**2) ** 2
     assert abs(kurtosis - (3 if "gaussian" in options else 1.8)) < 4 * (np.sqrt(24 / 3000) if "gaussian" in options else 0.02)

@@ -1,4 +1,4 @@
-"""The folders of ``openmm_dpd/lammps`` stand on each other, and no file leads back to itself: read from the imports, all of them."""
+"""The folders of ``openmm_dpd/lammps`` are layers, and no file leads back to itself: read from the imports, all of them."""
 
 import ast
 import re

@@ -114,7 +114,7 @@ REFUSED = {
     "setforce beside shardlow": (
         "pair_style dpd/fdt 1 1 1\npair_coeff * * 25 3\nfix 3 all shardlow\n" + NVE + "fix 2 low setforce NULL NULL 0\nrun 1\n",
         "p p p",
-        "fix 2: fix shardlow moves beads whatever their force is",
+        "fix 2: fix shardlow moves beads regardless of their force",
     ),
     "setforce beside nph": (
         "fix 1 all nph iso 0 0 1\nfix 2 low setforce NULL NULL 0\nrun 1\n",

@@ -64,7 +64,7 @@ def test_units_and_cutoff(table):
 
 
 def test_forces_that_are_not_the_slope_define_the_potential(table):
-    """LAMMPS moves the beads by the forces of the file, whatever its energies are."""
+    """LAMMPS moves the beads by the forces of the file, not by its energies."""
     even = read_table(table, "EVEN")
     data = replace(even, forces=1.5 * even.forces)
     pair, remark = tabulated_pair(data, None, LJ)

@@ -186,7 +186,7 @@ ATOM = ("sign(x-1.2)", "round(x*2.5)", "round(-2.5*x)", "sign(0)", "ternary(x>1.
 
 
 def test_variables_within_formulas_have_fifteen_digits(tmp_path):
-    """LAMMPS puts their text there; where they stand alone they keep all digits."""
+    """LAMMPS puts their text there; alone they keep all digits."""
     text = f"""{FOUR}fix 1 all nve
 variable a equal 0.1+0.2
 variable b equal v_a==0.3
@@ -339,7 +339,7 @@ fix 1 all nve
 
 
 def on_faces(units: str, tilt: str) -> str:
-    """Beads that nothing moves on faces of everything, where a rounding error on the way through a simulation would tell."""
+    """Beads that nothing moves on faces of everything, where a rounding error on the way through a simulation would show."""
     scale = 1.1 if units == "real" else 1.1**-3
     return ON_FACES.format(units=units, scale=scale, box=f"prism 0 8 0 8 0 8 {tilt}" if tilt else "block 0 8 0 8 0 8")
 

@@ -1,4 +1,4 @@
-"""The table of layers in ARCHITECTURE.md: every module stands in it, and imports only from its own row and the rows above."""
+"""The table of layers in ARCHITECTURE.md: every module is in it, and imports only from its own row and the rows above."""
 
 import re
 

@@ -47,7 +47,7 @@ def forces_at(engine: PairEngine, place: tuple, scene: dpd.Scene) -> list[np.nda
 
 @pytest.fixture
 def threads(request, monkeypatch):
-    """So many threads, whatever the clock says about the cores: which lines are run, and how many, has to be the same each time.
+    """So many threads, regardless of what the clock says about the cores: which lines are run, and how many, has to be the same each time.
 
     The lock goes: a tracer can raise where a with statement ends, before it lets go of the lock; signals and failed calls cannot.
     """

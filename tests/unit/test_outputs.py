@@ -348,7 +348,7 @@ def test_ase_reads_it(tmp_path):
     ("species", "message"),
     [
         ({"A": "C"}, "species must map each of the types A, B to text"),
-        ({"A": "C", "B": "a b"}, "the name 'a b' cannot stand"),
+        ({"A": "C", "B": "a b"}, "the name 'a b' cannot be"),
         ("AB", "must map each"),
     ],
 )

@@ -1,4 +1,4 @@
-"""What a caller hands over is copied: frozen classes stay what they were, whatever happens to the arrays they were made from."""
+"""What a caller hands over is copied: frozen classes stay what they were, also when the arrays they were made from change."""
 
 import importlib
 import pickle

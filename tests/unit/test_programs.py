@@ -61,7 +61,7 @@ COMMENTED = "middle_openmm"
 
 
 def without_comments(listing: str) -> str:
-    """A listing without what stands behind ``#`` in a line, and without the words that describe schemes and variables."""
+    """A listing without what follows ``#`` in a line, and without the words that describe schemes and variables."""
     lines = [line.partition("#")[0].rstrip() for line in listing.splitlines()]
     lines[0] = lines[0].partition(" (")[0]
     return "\n".join(line.partition(": ")[0] if line.lstrip().startswith(("global ", "per DOF ")) else line for line in lines) + "\n"
@@ -153,11 +153,11 @@ def test_each_sweep_draws_new_noise(options):
 @CASE
 def test_kernel_learns_the_step_size_of_every_step(options):
     program = make_program(options)
-    told = [step.expression for step in program.steps if step.target == DT]
+    sizes = [step.expression for step in program.steps if step.target == DT]
     if "O/2" in options.scheme.word and options.thermostat:  # half a sweep lasts half a step
-        assert told == ["dt", "0.5*dt", "dt", "0.5*dt", "dt"]
+        assert sizes == ["dt", "0.5*dt", "dt", "0.5*dt", "dt"]
     else:
-        assert told == (["dt"] if options.kernel else [])
+        assert sizes == (["dt"] if options.kernel else [])
 
 
 @CASE

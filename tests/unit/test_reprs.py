@@ -1,4 +1,4 @@
-"""What a notebook shows of an object is one line with counts, whatever its size."""
+"""What a notebook shows of an object is one line with counts, at any size."""
 
 import numpy as np
 

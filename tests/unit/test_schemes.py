@@ -1,4 +1,4 @@
-"""Schemes as words: what is read and what is refused, what a word says about itself, and where words stand in for names."""
+"""Schemes as words: what is read and what is refused, what a word says about itself, and where words replace names."""
 
 import io
 import json
@@ -352,7 +352,7 @@ def test_the_command_line_refuses_what_is_no_step(deck, tmp_path, capsys, word, 
 
 
 def test_a_deck_runs_as_the_scene_does(deck, tmp_path):
-    """A deck's run with a word is that of the name it stands for."""
+    """A deck's run with a word is that of its name."""
     runs = [
         run_deck(deck, RunOptions(scheme=text, platform="CPU", threads=1), out=tmp_path / text[0])["runs"]
         for text in ("middle", "B A/2 O A/2")

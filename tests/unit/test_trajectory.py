@@ -199,8 +199,8 @@ def test_units_of_masses(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"names": ["A", "B C"]}, "'B C' cannot stand in a PSF file"),
-        ({"names": ["A", ""]}, "'' cannot stand"),
+        ({"names": ["A", "B C"]}, "'B C' cannot be in a PSF file"),
+        ({"names": ["A", ""]}, "'' cannot be"),
         ({"masses": [1.0]}, "masses must have one entry for each of the 2 names"),
         ({"masses": [1.0, -2.0]}, "bead 1 has the mass -2"),
         ({"masses": [1.0, np.nan]}, "masses holds nan"),
@@ -292,7 +292,7 @@ def test_reporters_and_pdb(tmp_path):
 
 
 def test_openmm_reads_molecules_of_different_beads(tmp_path):
-    """Its readers tell the atoms of a residue apart by their names."""
+    """Its readers distinguish the atoms of a residue by their names."""
     names, bonds = ["A", "B", "C", "W", "W"], [(0, 1), (1, 2)]
     topology = openmm_topology(names, None, bonds, np.diag([6.0, 6.0, 6.0]))
     positions = np.random.default_rng(2).uniform(0, 6, (5, 3)) * unit.nanometer

@@ -123,7 +123,7 @@ def _numbers(state: DeckState, mask: np.ndarray, word: str, what: str) -> np.nda
 
 
 def _integers(state: DeckState, mask: np.ndarray, word: str, what: str, minimum: int | None = None) -> np.ndarray:
-    """The same as whole numbers; values of variables lose what stands behind the point, as in LAMMPS."""
+    """The same as whole numbers; values of variables lose their fraction, as in LAMMPS."""
     if not word.startswith("v_"):
         read.integer(word, what, minimum)
     values = _numbers(state, mask, word, what).astype(np.int64)

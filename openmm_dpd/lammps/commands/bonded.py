@@ -57,7 +57,7 @@ def _coeff(state: DeckState, args: list[str], what: str) -> None:
         usage = f"{command} type {style}" if setup.style == "hybrid" else f"{command} type"
         values = known[style].coefficient(words, usage, state.units)
         if known[style].kind is not None:
-            # built once now, so that a value out of bounds is reported where it stands
+            # built once now, so that a value out of bounds is reported with its line
             known[style].build(np.arange(JOINED[what][0])[None, :], values)
     setup.coefficients.update(dict.fromkeys(kinds, (style, values)))
 

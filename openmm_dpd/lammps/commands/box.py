@@ -223,7 +223,7 @@ def _take_coefficients(state: DeckState, data: DataFile, path: Path) -> None:
 
 
 def _check_special(state: DeckState, gone: np.ndarray, bonds: np.ndarray) -> None:
-    """Raise ParameterError if beads that stay would be no bonded neighbours any more: in LAMMPS they are for good."""
+    """Raise ParameterError if beads that stay would be no bonded neighbours any more: in LAMMPS they stay so."""
     largest = int(state.atoms.ids.max()) + 1 if len(state.bonds) else 0
     before, after = (bonded_neighbours(terms[:, 1:], largest) for terms in (state.bonds, bonds))
     for shell, factor, factor_of_charges in zip((1, 2, 3), state.special, state.special_charges, strict=True):
@@ -257,7 +257,7 @@ def delete_atoms(state: DeckState, args: list[str]) -> None:
     _check_special(state, gone, kept_terms["bonds"])
     for name, terms in kept_terms.items():
         setattr(state, name, terms)
-    # LAMMPS hands out new ids only in atom styles without molecules, in the order in which beads stand in its memory
+    # LAMMPS hands out new ids only in atom styles without molecules, in the order in which beads are in its memory
     compress = read.switch(options["compress"], "compress") and state.atom_style not in BONDED_STYLES
     if compress:
         _check_standing(state, "delete_atoms", "keep the ids with 'compress no'")

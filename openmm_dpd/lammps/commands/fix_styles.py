@@ -237,7 +237,7 @@ def _of_all(style: str, atom_style: str | None = None) -> FixReader:
         if atom_style is not None:
             state.require_atom_style(atom_style, f"fix {style}")
         if group != "all":
-            state.note(f"fix {style} acts on all beads, whatever its group")
+            state.note(f"fix {style} acts on all beads, not only on its group")
         return {}
 
     return reader

@@ -76,7 +76,7 @@ def write_restart(state: DeckState, args: list[str]) -> None:
 
 @command("read_restart file", 1, box=False)
 def read_restart(state: DeckState, args: list[str]) -> None:
-    """``read_restart file``: as if the commands that made the system stood here."""
+    """``read_restart file``: as if the commands that made the system were here."""
     if "*" in args[0]:
         raise ParameterError(f"read_restart '{args[0]}': name one file")
     for name, words in load_restart(state, state.find_file(args[0])):

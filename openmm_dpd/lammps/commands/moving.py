@@ -116,7 +116,7 @@ def replicate(state: DeckState, args: list[str]) -> None:
     atoms.take(np.tile(np.arange(n), len(cells)))
     atoms.ids = atoms.ids + most * copy
     atoms.molecules = np.where(atoms.molecules > 0, atoms.molecules + molecules * copy, 0)
-    # beads stand in LAMMPS's memory with z fastest
+    # beads are in LAMMPS's memory with z fastest
     i, j, k = cells.T
     atoms.slots = np.tile(slots, len(cells)) + n * np.repeat((i * ny + j) * nz + k, n)
     state.groups = {name: np.tile(mask, len(cells)) for name, mask in state.groups.items()}
@@ -230,7 +230,7 @@ def _set(state: DeckState, group: str, mask: np.ndarray, words: list[str], optio
         if word == "NULL":
             continue
         if word.startswith("v_"):
-            # as in LAMMPS it sees the velocities of before, whatever the axis, and its values have no lattice units
+            # as in LAMMPS it sees the velocities of before, for any axis, and its values have no lattice units
             value = values_of_variable(state, word, "velocity set")[mask]
         else:
             value = read.number(word, f"the velocity along {'xyz'[axis]}") * scale[axis]

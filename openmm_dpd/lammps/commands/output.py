@@ -50,7 +50,7 @@ def thermo_modify(state: DeckState, args: list[str]) -> None:
         elif keyword == "temp":
             state.temperature_compute(word)
             settings.temp = word
-            # the pressure that is printed takes it over, for good
+            # the pressure that is printed takes it over
             state.pressure_temps[settings.press] = word
         elif keyword == "press":
             if word != "thermo_press" and (word not in state.computes or state.computes[word].style != "pressure"):

@@ -100,7 +100,7 @@ def pair_coeff(state: DeckState, args: list[str]) -> None:
     values, cutoff = style.spec.coefficient(style, words, state.find_file)
     coefficient = Coefficient(values, cutoff, state.here)
     try:
-        # built once now, so that a value out of bounds is reported where it stands
+        # built once now, so that a value out of bounds is reported with its line
         style.spec.build(style, coefficient, state.units)
     except ParameterError as error:
         raise ParameterError(f"pair style {style.name}, types {args[0]} {args[1]}: {error}") from None

@@ -89,7 +89,7 @@ def read_lammps_dump(
 # -- text to frames -----------------------------------------------------------------------------------------------------------
 @dataclass
 class _Part:
-    """What stands behind a line ``ITEM: ...``: number of that line, the words after the title, and the lines below it."""
+    """What follows a line ``ITEM: ...``: number of that line, the words after the title, and the lines below it."""
 
     line: int
     words: list[str]

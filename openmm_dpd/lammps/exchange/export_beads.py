@@ -34,7 +34,7 @@ class BeadTypes:
     of_bead: np.ndarray  #: (N,) type of each bead, counted from 1
     names: tuple[str, ...]  #: The scene's type of each
     masses: tuple[float, ...]  #: Da
-    frozen: tuple[bool, ...]  #: Whether its beads never move (only told apart where that matters)
+    frozen: tuple[bool, ...]  #: Whether its beads never move (only distinguished where that matters)
 
     def __len__(self) -> int:
         return len(self.names)
@@ -75,7 +75,7 @@ def lammps_types(scene: Scene, apart: bool = False) -> BeadTypes:
 
 
 def unused_type(scene: Scene) -> str | None:
-    """The last type of a scene with segments if no bead has it and it meets no other: that of a deck which stands for bonds."""
+    """The last type of a scene with segments if no bead has it and it meets no other: that of a deck which is the type of bonds."""
     last = scene.type_names[-1]
     if scene.segments is None or np.any(scene.type_ids == len(scene.masses) - 1):
         return None

@@ -196,7 +196,7 @@ def export_texts(job: Job) -> dict[str, str]:
 def _header(job: Job) -> Iterator[str]:
     yield f"# {job.name}: written by openmm-dpd.  Run it in its own folder, for example: mpirun -np 16 lmp -in in.{job.name}"
     if job.units is LJ:
-        yield "# Numbers are in nm, Da, ps and kJ/mol with k_B = 1, or in whatever reduced units the scene was written"
+        yield "# Numbers are in nm, Da, ps and kJ/mol with k_B = 1, or in the reduced units in which the scene was written"
     yield "# atom types: " + ", ".join(f"{k} = {name}" for k, name in enumerate(job.types.names, start=1))
     for text in job.differences.found:
         yield f"# DIFFERENT: {text}"

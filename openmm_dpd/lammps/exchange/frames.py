@@ -87,7 +87,7 @@ class LammpsFrames:
     def scene(self, frame: int = -1, scene: Scene | None = None) -> Scene:
         """The scene with positions, velocities, box and fields of the beads taken from one frame.
 
-        Positions are carried to their images where the file tells them.
+        Positions are carried to their images where the file has them.
 
         Parameters
         ----------
@@ -126,7 +126,7 @@ class LammpsFrames:
         scene : Scene, optional
             The one given to the reader by default.
         dt : time, optional
-            Step size, for the times of the frames; the numbers of the steps stand there without it.
+            Step size, for the times of the frames; without it the numbers of the steps.
         unwrap : bool
             Positions carried to their images.
         """

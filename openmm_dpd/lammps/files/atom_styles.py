@@ -46,7 +46,7 @@ def atom_columns(styles: Sequence[str], n_species: int = 0) -> tuple[str, ...]:
     Parameters
     ----------
     styles : sequence of str
-        The atom style, or several that stand behind ``hybrid``.
+        The atom style, or several that follow ``hybrid``.
     n_species : int
         Number of concentrations of ``tdpd``: columns ``c1``, ``c2``, ...
     """

@@ -53,7 +53,7 @@ class DataFile:
     n_dihedral_types: int = 0
     dihedrals: np.ndarray = field(default_factory=lambda: np.zeros((0, 5), dtype=np.int64))  #: (D, 5) type and four ids
     coefficients: dict[str, list[Row]] = field(default_factory=dict)  #: Lines of the Coeffs sections by section name
-    hints: dict[str, str] = field(default_factory=dict)  #: What stands behind ``#`` on section lines
+    hints: dict[str, str] = field(default_factory=dict)  #: What follows ``#`` on section lines
 
 
 class DataReader:
@@ -67,7 +67,7 @@ class DataReader:
         self.fail = self.file.error
         self.header: dict[tuple[str, ...], list[float]] = {}
         self.sections: dict[str, tuple[int, list[Row]]] = {}
-        self.hints: dict[str, str] = {}  #: What stands behind ``#`` on section lines
+        self.hints: dict[str, str] = {}  #: What follows ``#`` on section lines
         body: list[Row] | None = None
         for number, words in self.file.rows():
             if number == 1:

@@ -26,7 +26,7 @@ _LAMMPS = b"LammpS RestartT"
 
 
 def restart_bytes(state: DeckState) -> bytes:
-    """Contents of a restart file: box, beads, bonds, groups, step and time, the commands about interactions, and where the noise stands.
+    """Contents of a restart file: box, beads, bonds, groups, step and time, the commands about interactions, and the counter of the noise.
 
     All numbers with all their bits.
     """

@@ -190,7 +190,7 @@ class Formula(Expression):
         return self.resolver.call(token, arguments)
 
     def listed(self, one: Callable[[], T]) -> list[T]:
-        """What stands between parentheses, separated by commas."""
+        """What is between parentheses, separated by commas."""
         self.expect("(")
         found = [one()]
         while self.peek()[1] == ",":

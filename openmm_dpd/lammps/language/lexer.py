@@ -14,7 +14,7 @@ from ...errors import DeckError, DPDError, ParameterError
 
 TRIPLE = '"""'
 
-#: Stands for characters of other encodings; no text of any language has it.
+#: In place of characters of other encodings; no text of any language has it.
 UNKNOWN = "\uffff"
 
 

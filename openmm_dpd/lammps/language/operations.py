@@ -43,7 +43,7 @@ UNARY = {
     "!": Operation(lambda a: float(a == 0), _truth(np.logical_not), lambda a: f"delta({a})"),
 }
 
-#: What a number in a formula stands for.
+#: What a number in a formula means.
 LITERAL = Operation(float, float, lambda word: repr(float(word)))
 
 #: Operators from loose to tight.

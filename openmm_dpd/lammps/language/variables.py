@@ -117,7 +117,7 @@ class Variables:
         return known(self._found, name, "variable")
 
     def value(self, name: str, evaluate: Callable[[str], float]) -> float:
-        """Number that ``v_name`` stands for; ``evaluate`` gives the values of formulas."""
+        """Number that ``v_name`` is; ``evaluate`` gives the values of formulas."""
         variable = self.get(name)
         if variable.style == "atom":
             raise ParameterError(f"variable {name} is atom-style: it has a value for every bead; use compute reduce or fix ave/chunk")
@@ -152,7 +152,7 @@ class Variables:
             self._evaluating.pop()
 
     def text(self, name: str, evaluate: Callable[[str], float]) -> str:
-        """Text that ``${name}`` stands for."""
+        """Text that replaces ``${name}``."""
         variable = self.get(name)
         if variable.style == "format":
             return variable.form.replace("l", "") % self._evaluated(name, variable, lambda shown: self.value(shown, evaluate))

@@ -219,7 +219,7 @@ def split_values(args: list[str], starts: tuple[str, ...], own: dict[str, int], 
 
 
 def check_words(state: DeckState, words: tuple[str, ...], style: str, first: str) -> tuple[str, ...]:
-    """The words, if there are some and each names a number; ``first`` is what stands in their place."""
+    """The words, if there are some and each names a number; ``first`` is what is in their place."""
     if not words:
         raise ParameterError(f"fix {style}: expected c_id, c_id[i], f_id or v_name, not '{first}'")
     for word in words:

@@ -182,7 +182,7 @@ class Thermo:
         return " ".join(title.center(width) for title, width in zip(titles, self._widths(), strict=True)).rstrip()
 
     def footer(self) -> str:
-        """The line behind the last row: yaml needs one to tell the documents of several runs apart."""
+        """The line behind the last row: yaml needs one to separate the documents of several runs."""
         return "..." if self.state.thermo.layout == "yaml" else ""
 
     def row(self, values: dict[str, float], sample: DeckSample) -> str:

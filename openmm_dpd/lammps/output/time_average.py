@@ -93,7 +93,7 @@ class TimeAverage(AveragingFix):
 
 
 def _places(word: str, rows: int | None) -> list[str]:
-    """The single values that a word stands for; columns of tables are all alike."""
+    """The single values that a word means; columns of tables are all alike."""
     return [word] if rows is None else [word if "[" in word else f"{word}[{k}]" for k in range(1, rows + 1)]
 
 

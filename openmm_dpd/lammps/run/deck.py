@@ -78,7 +78,7 @@ def if_(deck: DeckState, args: list[str]) -> None:
     usage = "if condition then command ... elif condition command ... else command ..."
     read.count(args, usage, 3, None)
     if args[1] != "then":
-        raise ParameterError(f"expected '{usage}', but '{args[1]}' stands in the place of then")
+        raise ParameterError(f"expected '{usage}', but '{args[1]}' is in the place of then")
     for condition, commands in _branches(args):
         # a condition in quotes has its variables still
         if condition is None or condition_holds(output.expand(deck, condition)):
@@ -171,7 +171,7 @@ def _run(deck: DeckState, steps: int, begin: int | None, end: int | None) -> Non
 
 @command("minimize etol ftol maxiter maxeval", 4, box=True)
 def minimize(deck: DeckState, args: list[str]) -> None:
-    """``minimize etol ftol maxiter maxeval``: all beads move, whatever fixes say, but for those that fix setforce holds."""
+    """``minimize etol ftol maxiter maxeval``: all beads move, also without an integrating fix, but for those that fix setforce holds."""
     if deck.pair.where is None:
         raise ParameterError("minimize needs a pair_style before it")
     etol, ftol = (read.non_negative(word, name) for word, name in zip(args[:2], ("etol", "ftol"), strict=True))
@@ -199,7 +199,7 @@ def execute_text(deck: DeckState, text: str) -> None:
 
 
 def execute(deck: DeckState, line: Line) -> None:
-    """Carry out one logical line; DeckError with its file and number for unknown commands and whatever the command does not accept."""
+    """Carry out one logical line; DeckError with its file and number for unknown commands and what the command does not accept."""
     deck.here = line
     try:
         words = split_words(output.expand(deck, line.text))

@@ -86,7 +86,7 @@ def run_deck(
         What overrides the deck.
     out : str or Path, optional
         Folder for trajectory (``trajectory.dcd``, ``topology.psf``), log (``log.txt``), checkpoint, final state, picture (``thermo.png``)
-        and whatever the deck writes; by default the deck's own files go to the working directory, and nothing else is written.
+        and what the deck writes; by default the deck's own files go to the working directory, and nothing else is written.
     log : callable, optional
         Takes the lines of output.
     variables : mapping, optional
@@ -218,7 +218,7 @@ def deck_forces(
 ) -> dict[str, np.ndarray]:
     """Forces term by term at the first configuration and velocities of a deck.
 
-    Always in force form, whatever the scheme; in the deck's units and in the order of the atom ids.
+    Always in force form, for any scheme; in the deck's units and in the order of the atom ids.
 
     Returns
     -------

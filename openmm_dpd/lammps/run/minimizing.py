@@ -90,7 +90,7 @@ def _row(request: RunRequest, sampler: Sampler, log: Callable[[str], None], titl
     if title and thermo.header():
         log(thermo.header())
     step = request.last_step
-    # as in LAMMPS the end is in every dump, whatever its interval
+    # as in LAMMPS the end is in every dump, at any interval
     dumps = [dump for dump in request.dumps if (dump.due(step) if title else dump.last_step != step)]
     sample = sampler.full(step, thermo.needs.union(("positions",), *(dump.needs(request.state) for dump in dumps)), 0.0)[0]
     for dump in dumps:

@@ -33,7 +33,7 @@ class RunResult:
     conf: list[tuple[float, float]] = field(default_factory=list)
     no_laplacian: str | None = None  #: Why there is no configurational temperature
     target_kT: list[float] = field(default_factory=list)  #: Thermal energy (kJ/mol) that the thermostat is set to at each row
-    kinetic_kT: list[float] = field(default_factory=list)  #: That of the motion of all mobile beads, whatever compute ``temp`` stands for
+    kinetic_kT: list[float] = field(default_factory=list)  #: That of the motion of all mobile beads, for any compute ``temp``. stands for
     momentum: float = 0.0  #: Largest component of the total momentum at the end, in the deck's units
     #: The last block of every fix ave/chunk: {id: {"coord": [...], "ncount": [...], value: [...]}}.
     profiles: dict[str, dict[str, list[float]]] = field(default_factory=dict)

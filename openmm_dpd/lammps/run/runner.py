@@ -112,7 +112,7 @@ class DeckRunner:
 
     # -- one run ------------------------------------------------------------------------------------------------------------------
     def _carry_out(self, request: RunRequest, scene, simulation: app.Simulation, built: BuiltSystem, result: RunResult, present) -> None:
-        """Take the steps; whatever ends them early, the result and the state of the last step are kept."""
+        """Take the steps; if anything ends them early, the result and the state of the last step are kept."""
         first = request.first_step if present is None else present["step"]
         bar = self.progress(request.steps, first - request.first_step) if self.progress else None
         try:

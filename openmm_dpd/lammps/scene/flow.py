@@ -107,7 +107,7 @@ def still_beads(state: DeckState, mobile: np.ndarray) -> np.ndarray:
     for fix in state.fixes_of("setforce"):
         for other in state.fixes_of("shardlow", "nph") if np.any(taken & state.group(fix.group)) else ():
             if other.style == "shardlow":
-                raise fix.error("fix shardlow moves beads whatever their force is; leave them out of the integrating fix instead")
+                raise fix.error("fix shardlow moves beads regardless of their force; leave them out of the integrating fix instead")
             raise fix.error("beside fix nph forces cannot be taken from beads that move, since there is no ensemble of such beads")
     return mobile & found.still & ~state.atoms.velocities.any(axis=1)
 

@@ -32,7 +32,7 @@ class Atoms:
     capacities: np.ndarray = _empty(0)
     concentrations: np.ndarray = _empty(0, 0)  #: (N, K) concentrations of ``atom_style tdpd``
     densities: np.ndarray = _empty(0)  #: (N,) local densities of ``atom_style mdpd``, in the deck's units
-    #: (N,) where each bead stands in LAMMPS's memory before the first run: the order in which ``delete_atoms`` hands out new ids.
+    #: (N,) where each bead is in LAMMPS's memory before the first run: the order in which ``delete_atoms`` hands out new ids.
     slots: np.ndarray = _empty(0, dtype=np.int64)
 
     def __len__(self) -> int:
@@ -63,16 +63,16 @@ class Atoms:
 
     def vacate(self, doomed: np.ndarray) -> None:
         """Change ``slots`` as LAMMPS does before beads are dropped: the last one takes the place of each that goes."""
-        standing = np.argsort(self.slots).tolist()
+        places = np.argsort(self.slots).tolist()
         slot = 0
-        while slot < len(standing):
-            if doomed[standing[slot]]:
-                last = standing.pop()
-                if slot < len(standing):
-                    standing[slot] = last
+        while slot < len(places):
+            if doomed[places[slot]]:
+                last = places.pop()
+                if slot < len(places):
+                    places[slot] = last
             else:
                 slot += 1
-        self.slots[standing] = np.arange(len(standing))
+        self.slots[places] = np.arange(len(places))
 
     def index_of(self, ids: np.ndarray) -> np.ndarray:
         """Indices of beads by id; KeyError with the first id that does not exist."""

@@ -15,7 +15,7 @@ from .box import Box
 
 @dataclass(frozen=True)
 class Fix:
-    """One fix: its id, group and style, its parameters and where it stands."""
+    """One fix: its id, group and style, its parameters and its place."""
 
     name: str
     group: str
@@ -45,7 +45,7 @@ class Valued:
 
     @property
     def size(self) -> int:
-        """Number of values that ``f_id[*]`` stands for."""
+        """Number of values of ``f_id[*]``."""
         return (self.shape[0] or 0) if len(self.shape) == 1 else 0
 
     def is_extensive(self, *indices: int) -> bool:

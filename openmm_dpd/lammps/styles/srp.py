@@ -102,10 +102,10 @@ def segments_of(state: DeckState, compat: str) -> SegmentalRepulsion | None:
         met = sorted(pair for pair in other.coefficients if other is not style and kind in pair)
         if met:
             i, j = met[0]
-            raise style.error(f"type {kind} stands for bonds (bptype), but types {i} {j} have coefficients of {other.name}; use none")
+            raise style.error(f"type {kind} is the type of bonds (bptype), but types {i} {j} have coefficients of {other.name}; use none")
     if np.any(state.atoms.types == kind):
         count = int(np.sum(state.atoms.types == kind))
-        raise style.error(f"type {kind} stands for bonds (bptype), but {count} beads have it (LAMMPS would delete them)")
+        raise style.error(f"type {kind} is the type of bonds (bptype), but {count} beads have it (LAMMPS would delete them)")
     coefficient = style.coefficients[(kind, kind)]
     cutoff = style.cutoff(coefficient)
     assert cutoff is not None

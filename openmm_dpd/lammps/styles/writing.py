@@ -85,7 +85,7 @@ class StyleUse:
     coefficients: dict[Pair, str]  #: By pair of the scene's bead types
     cutoff: float  #: Largest range, nm
     modify: str = ""  #: Words of a pair_modify command, if it needs one
-    constant: bool = False  #: Whether its temperature is 0 whatever the scene's (it has no friction)
+    constant: bool = False  #: Whether its temperature is 0 at any temperature of the scene (it has no friction)
 
 
 @dataclass

@@ -39,7 +39,7 @@ class Slicing:
         low, high = (end if end is not None else of_box for end, of_box in zip(self.bound, (low, high), strict=True))
         ends = {"lower": low, "center": 0.5 * (low + high), "upper": high}
         origin = ends[self.origin] if isinstance(self.origin, str) else self.origin
-        # faces stand at origin + n*thickness; the outermost are those at the ends or just beyond, and a face a rounding error off an end
+        # faces are at origin + n*thickness; the outermost are those at the ends or just beyond, and a face a rounding error off an end
         # counts as being there
         first = np.floor((low - origin) / self.thickness + 1e-9)
         last = np.ceil((high - origin) / self.thickness - 1e-9)

@@ -1,4 +1,4 @@
-"""What the names in a formula or a column stand for at one moment."""
+"""What the names in a formula or a column mean at one moment."""
 
 import math
 
@@ -39,7 +39,7 @@ class Resolver(DeckMoment):
         return self.state.variables.operand(name, self.formula)
 
     def variable_alone(self, name: str) -> float:
-        """Value of ``v_name`` where it stands by itself."""
+        """Value of ``v_name`` by itself."""
         return self.state.variables.value(name, self.formula)
 
     def compute(self, name: str, index: int | None = None, column: int | None = None) -> float:
@@ -92,7 +92,7 @@ class Resolver(DeckMoment):
             raise ParameterError(f"{what}[{identity}]: there is no bead with the id {identity}") from None
 
     def number(self, word: str) -> float:
-        """Value of ``c_id``, ``f_id`` or ``v_name``, perhaps with indices, where it stands by itself."""
+        """Value of ``c_id``, ``f_id`` or ``v_name``, perhaps with indices, by itself."""
         kind, name, indices = reference(word)
         if kind == "v":
             return self.variable_alone(name)

@@ -105,7 +105,7 @@ _FACES = ("x", "y", "z", "xs", "ys", "zs", "ix", "iy", "iz")
 
 
 def _settle_faces(left: list[list[str]], right: list[list[str]]) -> None:
-    """Beads a rounding error off a face of the box may stand at either end of it: take LAMMPS's end for both, where the rest agrees."""
+    """Beads a rounding error off a face of the box may be at either end of it: take LAMMPS's end for both, where the rest agrees."""
     titles: list[str] = []
     for a, b in zip(left, right, strict=False):
         if a[:2] == ["ITEM:", "ATOMS"]:

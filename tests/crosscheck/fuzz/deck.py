@@ -116,8 +116,8 @@ class Deck:
         """Print values of formulas to a file."""
         self.add('print "' + " ".join(f"$({formula}:%.15g)" for formula in formulas) + '" append values.txt screen no')
 
-    def tell(self, text: str) -> None:
-        """Print text to a file, with whatever ``$`` stands in it."""
+    def say(self, text: str) -> None:
+        """Print text to a file, with any ``$`` in it."""
         self.add(f'print "{text}" append values.txt screen no')
 
     def run(self, *words: object) -> None:

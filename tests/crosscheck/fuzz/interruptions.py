@@ -73,14 +73,14 @@ class Interruptions:
 
         every = ["--checkpoint", str(draw.whole(1, 4)), "--threads", "1", "--quiet"]
         with crash_in(whole, crashed, draw.whole(0, 10**6)) as calls:
-            expected = told(whole, words(whole))
+            expected = results(whole, words(whole))
         if NOT_RESUMABLE in expected[0]:
             return "both refuse", expected[0]
         with redirect_stderr(io.StringIO()):
             interrupted(draw.whole(calls[0] // 3, calls[0]), signal.SIGINT, ["run", *words(stopped)])
         resumed = [out for out in (crashed, stopped) if (out / "checkpoint" / "latest").exists()]
         for out in resumed:
-            found = told(out, [str(self.folder / f"in.{number}"), "--restart", str(out), "--quiet"])
+            found = results(out, [str(self.folder / f"in.{number}"), "--restart", str(out), "--quiet"])
             differing = [name for name in sorted({*found[1], *expected[1]}) if found[1].get(name) != expected[1].get(name)]
             if found[0] != expected[0]:
                 return "difference", f"the error: of {out.name}, {found[0]!r}, and in one piece {expected[0]!r}"
@@ -89,7 +89,7 @@ class Interruptions:
         return "agree" if resumed and not expected[0] else "both refuse", expected[0]
 
 
-def told(out: Path, words: list[str]) -> tuple[str, dict[str, object]]:
+def results(out: Path, words: list[str]) -> tuple[str, dict[str, object]]:
     """The error of a run, and what is in its folder then."""
     with redirect_stderr(io.StringIO()) as stream:
         main(["run", *words])

@@ -18,7 +18,7 @@ EXPECTED: tuple[tuple[str | None, str | None, str | None, str], ...] = (
     (None, r"Two fix commands using same compute chunk/atom", None, "LAMMPS ties the chunks of a compute to one fix at a time"),
     (None, r"in variable requires thermo to use/init", None, "LAMMPS computes in formulas what the thermo output computes"),
     (None, r"Fix momentum group has no atoms", None, "nothing is taken out of no beads"),
-    (None, r"Failed to reorder neighbor lists", None, "LAMMPS asks to be told of this one"),
+    (None, r"Failed to reorder neighbor lists", None, "LAMMPS asks for reports of this one"),
     (None, r"Cannot reset timestep with active dump", None, "frames are counted anew here"),
     (None, r"exceeds ghost atom range|requires ghost atoms store velocity", None, "there are no ghosts here"),
     (None, r"Lost atoms|Non-numeric|simulation unstable", None, "beads that fly apart: each program has its own bound"),

@@ -15,7 +15,7 @@ _NOISE = re.compile(r"WARNING|^Generated|^Last command|^For more information|^Ne
 
 
 def _thermo_of_log(text: str) -> str:
-    """Thermo output of a log: what stands between the mark before a run and the loop time."""
+    """Thermo output of a log: what is between the mark before a run and the loop time."""
     found: list[str] = []
     for part in text.split(MARK)[1:]:
         body = part.split("Loop time of")[0]
@@ -65,7 +65,7 @@ SIDES: dict[str, Callable[[str, dict], tuple[str, str, str]]] = {"lammps": _with
 def main(side: str) -> None:
     """Serve until standard input ends."""
     answers = os.fdopen(os.dup(1), "w")
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # whatever else is printed is no answer
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what else is printed is no answer
     for line in sys.stdin:
         task = json.loads(line)
         os.chdir(task["folder"])

@@ -79,7 +79,7 @@ def formulas(draw: Draw) -> Deck:
     leaves.append("v_i")
     for _ in range(12):
         deck.show(grammar.expression())
-    deck.tell("$(v_e0:%10.4f) ${e0} $s $i ${i}")
+    deck.say("$(v_e0:%10.4f) ${e0} $s $i ${i}")
     deck.add("pair_style", "zero", 0.4 * deck.units.length)
     deck.add("pair_coeff", "*", "*")
     deck.add("fix", 1, "all", "nve")

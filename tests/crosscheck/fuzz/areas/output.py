@@ -50,7 +50,7 @@ def output(draw: Draw) -> Deck:
         # wrapped positions of beads at a face are at either end
         deck.add("dump_modify", "b", "unwrap", "yes", *(["sfactor", 0.5, "tfactor", 2] if draw.chance(0.3) else []))
     deck.run(draw.whole(0, 4))
-    deck.tell(f"step $(step) $(step:%08.3f) {draw.pick(['a', 'b'])} \\t")
+    deck.say(f"step $(step) $(step:%08.3f) {draw.pick(['a', 'b'])} \\t")
     deck.run(draw.whole(0, 3))
     return deck
 

@@ -175,7 +175,7 @@ _WEIGHTS: dict[str, float] = {
 
 
 def setup(draw: Draw) -> Deck:
-    """A deck about what stands before the first run."""
+    """A deck about what comes before the first run."""
     deck = Deck(draw)
     units(deck)
     deck.style = draw.pick(["atomic", "atomic", "charge", "bond", "angle", "molecular", "full"])
