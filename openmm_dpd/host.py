@@ -16,24 +16,12 @@ from .units import to_md
 
 @dataclass(frozen=True, eq=False)
 class Host:
-    """What a plan has to know of it.
+    """What a plan has to know of it."""
 
-    Attributes
-    ----------
-    masses : (N,) array
-        Masses of its particles, Da.
-    left_out : (N,) bool array
-        Which of them take no part in friction and noise.
-    constrained : bool
-        Whether it has constraints or virtual sites.
-    pair_group : int
-        The highest force group that no force of it is in.
-    """
-
-    masses: np.ndarray
-    left_out: np.ndarray
-    constrained: bool
-    pair_group: int
+    masses: np.ndarray  #: (N,) masses of its particles, Da
+    left_out: np.ndarray  #: (N,) bool which of them take no part in friction and noise
+    constrained: bool  #: Whether it has constraints or virtual sites
+    pair_group: int  #: The highest force group that no force of it is in
 
     @classmethod
     def of(cls, system: openmm.System, left_out: np.ndarray) -> Host:

@@ -186,35 +186,18 @@ class UnitSystem:
 
     The energy factor follows from LAMMPS's own ``mvv2e`` (mass*velocity^2 to energy), so that trajectories agree to all
     digits with LAMMPS's even though its constants are older than today's CODATA values.
-
-    Attributes
-    ----------
-    name : str
-        ``lj``, ``real`` or ``metal``.
-    length, mass, time : float
-        nm, Da and ps per unit.
-    mvv2e : float
-        LAMMPS's factor from mass*velocity^2 to energy.
-    boltzmann : float
-        Energy per temperature, in the style's units.
-    nktv2p : float
-        LAMMPS's factor from energy/volume to pressure.
-    timestep : float
-        The style's default time step.
-    normalize : bool
-        Whether thermo output is per bead by default.
     """
 
-    name: str
-    length: float
+    name: str  #: ``lj``, ``real`` or ``metal``
+    length: float  #: length, mass, time: nm, Da and ps per unit
     mass: float
     time: float
-    mvv2e: float
-    boltzmann: float
-    nktv2p: float
-    timestep: float
+    mvv2e: float  #: LAMMPS's factor from mass*velocity^2 to energy
+    boltzmann: float  #: Energy per temperature, in the style's units
+    nktv2p: float  #: LAMMPS's factor from energy/volume to pressure
+    timestep: float  #: The style's default time step
     skin: float
-    normalize: bool
+    normalize: bool  #: Whether thermo output is per bead by default
     density: float  # mass/volume in the style's units to the printed density
 
     @property

@@ -17,23 +17,12 @@ LEAST_RESULTANT = 0.05
 
 @dataclass(frozen=True)
 class Slicer:
-    """Puts beads into slices of a frame.
+    """Puts beads into slices of a frame."""
 
-    Attributes
-    ----------
-    axis : int
-        Box vector along which slices follow each other; they are parallel to the two others.
-    n_bins : int
-    centre : (M,) array of int or None
-        Beads whose centre of mass is put in the middle.
-    weights : (N,) array
-        Masses for that.
-    """
-
-    axis: int
+    axis: int  #: Box vector along which slices follow each other; they are parallel to the two others
     n_bins: int
-    centre: np.ndarray | None
-    weights: np.ndarray
+    centre: np.ndarray | None  #: (M,) of int or None; beads whose centre of mass is put in the middle
+    weights: np.ndarray  #: (N,) masses for that
 
     def heights(self, frame: Frame) -> np.ndarray:
         """Place of each bead along the axis as a fraction of the box, folded to [0, 1); the centre of mass is at 1/2 if there is one."""

@@ -26,21 +26,11 @@ from ..units import COULOMB
 
 @dataclass(frozen=True)
 class Radial:
-    """A function of r: a polynomial in r/scale below ``scale``, ``outer`` (an expression in ``far``) above.
+    """A function of r: a polynomial in r/scale below ``scale``, ``outer`` (an expression in ``far``) above."""
 
-    Attributes
-    ----------
-    coefficients : array
-        Of the powers of r/scale.
-    outer : str
-        Expression.
-    scale : float
-        nm.
-    """
-
-    coefficients: np.ndarray
-    outer: str
-    scale: float
+    coefficients: np.ndarray  #: Of the powers of r/scale
+    outer: str  #: Expression
+    scale: float  #: nm
 
     def text(self, name: str) -> str:
         """Definitions of ``name``, and of what it needs, for the end of an expression."""

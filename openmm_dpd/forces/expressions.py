@@ -16,26 +16,13 @@ COINCIDENT = 1e-10
 
 @dataclass(frozen=True)
 class PairExpression:
-    """A radial pair potential U(r; type1, type2).
+    """A radial pair potential U(r; type1, type2)."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the forces made from it.
-    energy : str
-        Expression in r, type1, type2, zero from the cutoff on.
-    functions : mapping of str to a function that makes a TabulatedFunction
-    cutoff : float
-        Largest cutoff, nm.
-    skips_coincident : bool
-        Whether beads at the same point have no energy; else they have that at :data:`COINCIDENT`.
-    """
-
-    name: str
-    energy: str
-    cutoff: float
+    name: str  #: Name of the forces made from it
+    energy: str  #: Expression in r, type1, type2, zero from the cutoff on
+    cutoff: float  #: Largest cutoff, nm
     functions: dict[str, Callable[[], openmm.TabulatedFunction]] = field(default_factory=dict)
-    skips_coincident: bool = False
+    skips_coincident: bool = False  #: Whether beads at the same point have no energy; else they have that at :data:`COINCIDENT`
 
     @property
     def typed(self) -> bool:

@@ -14,23 +14,12 @@ from .compiled import helper, inlined, serial_and_parallel
 
 
 class Grid(NamedTuple):
-    """Cells of equal size.
+    """Cells of equal size."""
 
-    Attributes
-    ----------
-    box : (3, 3) array
-        Lower-triangular box vectors; without a box the extent of the grid.
-    origin : (3,) array
-        Lower corner.
-    periodic : bool
-    nx, ny, nz : int
-        Cells along each axis.
-    """
-
-    box: np.ndarray
-    origin: np.ndarray
+    box: np.ndarray  #: (3, 3) lower-triangular box vectors; without a box the extent of the grid
+    origin: np.ndarray  #: (3,) lower corner
     periodic: bool
-    nx: int
+    nx: int  #: nx, ny, nz: cells along each axis
     ny: int
     nz: int
 

@@ -31,44 +31,20 @@ FEW = 400_000
 
 @dataclass(frozen=True, eq=False)
 class ChargeTerms:
-    """All charges.
-
-    Attributes
-    ----------
-    beads : (M,) int64
-        Beads that have a charge.
-    charges : (M,) float64
-        Theirs, in elementary charges.
-    constant : float
-        Coulomb constant, kJ/mol nm.
-    short : Quintics
-        s(r) - erf(alpha r)/r up to the cutoff; s(r), and 1/r from its end on, where there is no box.
-    cutoff : float
-        nm; infinite without a box.
-    alpha : float
-        Splitting parameter (1/nm); 0 without a box.
-    k_max : float
-        The longest wave vector, 1/nm; 0 without a box.
-    whole : Quintics
-        s(r), and 1/r from its end on; for bonded neighbours.
-    pairs : (E, 2) int64
-        Bonded neighbours, as numbers of charges (not of beads).
-    factors : (E,) float64
-        Theirs.
-    """
+    """All charges."""
 
     term: ClassVar[str] = "electrostatic"
 
-    beads: np.ndarray
-    charges: np.ndarray
-    constant: float
-    short: Quintics
-    cutoff: float
-    alpha: float
-    k_max: float
-    whole: Quintics
-    pairs: np.ndarray
-    factors: np.ndarray
+    beads: np.ndarray  #: (M,) beads that have a charge
+    charges: np.ndarray  #: (M,) theirs, in elementary charges
+    constant: float  #: Coulomb constant, kJ/mol nm
+    short: Quintics  #: s(r) - erf(alpha r)/r up to the cutoff; s(r), and 1/r from its end on, where there is no box
+    cutoff: float  #: nm; infinite without a box
+    alpha: float  #: Splitting parameter (1/nm); 0 without a box
+    k_max: float  #: The longest wave vector, 1/nm; 0 without a box
+    whole: Quintics  #: s(r), and 1/r from its end on; for bonded neighbours
+    pairs: np.ndarray  #: (E, 2) bonded neighbours, as numbers of charges (not of beads)
+    factors: np.ndarray  #: (E,) theirs
 
     def evaluator(self) -> ChargeEvaluator:
         """What computes it."""
@@ -96,44 +72,20 @@ class Law(NamedTuple):
 
 
 class ChargeSpace(NamedTuple):
-    """What the kernel writes on; ``room`` is the number of charges, and some without a charge that make up whole strips.
+    """What the kernel writes on; ``room`` is the number of charges, and some without a charge that make up whole strips."""
 
-    Attributes
-    ----------
-    xs : (3 room,) float64
-        Positions, x of all charges first.
-    q : (room,) float64
-        Charges; 0 at the end.
-    tables, start : arrays
-        Phases of all charges and where they begin for each axis, see :func:`.waves.write_phases`.
-    counts : (3,) int64
-        How many of them.
-    steps : (16 room,) float64
-        See :func:`.waves.copy_steps`.
-    pulls : float64
-        See :func:`.waves.structure_factors`.
-    forces : float64
-        Three components of the forces of the lattice, then those of each share of the pairs.
-    of_shares, of_blocks : (shares, 2) and (B, 2) float64
-        Energy and virial of shares of the pairs, of blocks of waves.
-    outer : (parts, 18 room) float64
-        Scratch of each thread.
-    hits : (parts, room) uint32
-        The same.
-    """
-
-    xs: np.ndarray
-    q: np.ndarray
-    tables: np.ndarray
+    xs: np.ndarray  #: (3 room,) positions, x of all charges first
+    q: np.ndarray  #: (room,) charges; 0 at the end
+    tables: np.ndarray  #: tables, start: phases of all charges and where they begin for each axis, see :func:`.waves.write_phases`
     start: np.ndarray
-    counts: np.ndarray
-    steps: np.ndarray
-    pulls: np.ndarray
-    forces: np.ndarray
-    of_shares: np.ndarray
+    counts: np.ndarray  #: (3,) how many of them
+    steps: np.ndarray  #: (16 room,) see :func:`.waves.copy_steps`
+    pulls: np.ndarray  #: See :func:`.waves.structure_factors`
+    forces: np.ndarray  #: Three components of the forces of the lattice, then those of each share of the pairs
+    of_shares: np.ndarray  #: of_shares, of_blocks: (shares, 2) and (B, 2) energy and virial of shares of the pairs, of blocks of waves
     of_blocks: np.ndarray
-    outer: np.ndarray
-    hits: np.ndarray
+    outer: np.ndarray  #: (parts, 18 room) scratch of each thread
+    hits: np.ndarray  #: (parts, room) uint32 the same
 
 
 @helper

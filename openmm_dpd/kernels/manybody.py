@@ -43,36 +43,24 @@ _NO_FORCE = 1e-300
 class ManyBodyTable:
     """Coefficients of one layer, as (T, T) symmetric arrays (MD units); cutoff 0 means no interaction.
 
-    Attributes
-    ----------
-    A, B, gamma : (T, T) arrays
-    cutoff : (T, T) array
-        Range of the pair list.
-    cutoff_A, cutoff_B, cutoff_density : (T, T) arrays
-        Ranges of attraction and friction, of the repulsion and of the density; the first is the longest and equals ``cutoff``.
-    lucy : bool
-        Lucy kernel; otherwise the quadratic one.
-    mass : (N,) array
-        Masses of all beads, frozen ones too, which weigh them in the Lucy density; the quadratic one counts beads.
-    conservative : bool
-        Whether there is a conservative part at all.
-
     Raises
     ------
     ParameterError
         If cutoff_A is not the longest range.
     """
 
-    A: np.ndarray
-    B: np.ndarray
-    gamma: np.ndarray
-    cutoff: np.ndarray
+    A: np.ndarray  #: (T, T)
+    B: np.ndarray  #: (T, T)
+    gamma: np.ndarray  #: (T, T)
+    cutoff: np.ndarray  #: (T, T) range of the pair list
+    #: cutoff_A, cutoff_B, cutoff_density: (T, T) ranges of attraction and friction, of the repulsion and of the density; the first is the
+    #: longest and equals ``cutoff``
     cutoff_A: np.ndarray
     cutoff_B: np.ndarray
     cutoff_density: np.ndarray
-    lucy: bool
-    mass: np.ndarray
-    conservative: bool = True
+    lucy: bool  #: Lucy kernel; otherwise the quadratic one
+    mass: np.ndarray  #: (N,) masses of all beads, frozen ones too, which weigh them in the Lucy density; the quadratic one counts beads
+    conservative: bool = True  #: Whether there is a conservative part at all
 
     def __post_init__(self) -> None:
         # friction has to end before the list does

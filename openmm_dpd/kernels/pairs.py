@@ -30,45 +30,23 @@ def compressed_exceptions(factors: dict[tuple[int, int], float], n_beads: int) -
 
 
 class Pairs(NamedTuple):
-    """What the loops over pairs read, M beads sorted into cells.
+    """What the loops over pairs read, M beads sorted into cells."""
 
-    Attributes
-    ----------
-    order : (M,) array
-        Index of each sorted bead; the pairs count sorted beads.
-    types, inv_mass : (M,) arrays
-    ntypes : int
-    pi, pj : (room,) arrays of uint32
-        Beads of each pair.
-    geometry : (4, room) array
-        Unit vector from j to i, and distance.
-    factors : (room,) array
-        Factors of bonded neighbours; of length 0 if there are none.
-    columns, block_start, colour_start : arrays
-        Columns in blocks, blocks in colours.
-    start, found : arrays
-        Column c has the pairs start[c]:start[c] + found[c].
-    sums : (columns, 3) array
-        Energy, virial and virial of the friction of each column, see :mod:`.columns`.
-    stress : (columns, 6) array
-        Its stress tensor; of length 0 where none is asked for.
-    """
-
-    order: np.ndarray
-    types: np.ndarray
-    inv_mass: np.ndarray
+    order: np.ndarray  #: (M,) index of each sorted bead; the pairs count sorted beads
+    types: np.ndarray  #: (M,)
+    inv_mass: np.ndarray  #: (M,)
     ntypes: int
-    pi: np.ndarray
+    pi: np.ndarray  #: pi, pj: (room,) uint32, beads of each pair
     pj: np.ndarray
-    geometry: np.ndarray
-    factors: np.ndarray
-    columns: np.ndarray
+    geometry: np.ndarray  #: (4, room) unit vector from j to i, and distance
+    factors: np.ndarray  #: (room,) factors of bonded neighbours; of length 0 if there are none
+    columns: np.ndarray  #: columns, block_start, colour_start: columns in blocks, blocks in colours
     block_start: np.ndarray
     colour_start: np.ndarray
-    start: np.ndarray
+    start: np.ndarray  #: start, found: column c has the pairs start[c]:start[c] + found[c]
     found: np.ndarray
-    sums: np.ndarray
-    stress: np.ndarray
+    sums: np.ndarray  #: (columns, 3) energy, virial and virial of the friction of each column, see :mod:`.columns`
+    stress: np.ndarray  #: (columns, 6) its stress tensor; of length 0 where none is asked for
 
 
 class Scratch(NamedTuple):

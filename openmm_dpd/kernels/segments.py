@@ -34,29 +34,16 @@ D_MIN = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class SegmentSpec:
-    """Repulsion between bonds: the part of the kernel's input that never changes, an :class:`.extras.Extra`.
-
-    Attributes
-    ----------
-    n_beads : int
-    pairs : (S, 2) int64
-        Beads of each segment.
-    A, cutoff : float
-        Force at d = 0 (kJ/mol/nm) and range (nm).
-    rule : int
-        ``MID``, ``NEAREST`` or ``CLAMPED``.
-    exclude_adjoining : bool
-        Whether segments that share a bead leave each other alone.
-    """
+    """Repulsion between bonds: the part of the kernel's input that never changes, an :class:`.extras.Extra`."""
 
     term: ClassVar[str] = "conservative"
 
     n_beads: int
-    pairs: np.ndarray
-    A: float
+    pairs: np.ndarray  #: (S, 2) beads of each segment
+    A: float  #: A, cutoff: force at d = 0 (kJ/mol/nm) and range (nm)
     cutoff: float
-    rule: int
-    exclude_adjoining: bool = True
+    rule: int  #: ``MID``, ``NEAREST`` or ``CLAMPED``
+    exclude_adjoining: bool = True  #: Whether segments that share a bead leave each other alone
 
     def evaluator(self) -> SegmentEngine:
         """What computes it."""

@@ -15,23 +15,12 @@ from ..model.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """N beads at one moment; nm, ps.
+    """N beads at one moment; nm, ps."""
 
-    Attributes
-    ----------
-    scene : Scene
-        What does not change.
-    positions : (N, 3) array
-    velocities : (N, 3) array or None
-    box : (3, 3) array or None
-    step : int
-    time : float
-    """
-
-    scene: Scene
-    positions: np.ndarray
-    velocities: np.ndarray | None
-    box: np.ndarray | None
+    scene: Scene  #: What does not change
+    positions: np.ndarray  #: (N, 3)
+    velocities: np.ndarray | None  #: (N, 3) or None
+    box: np.ndarray | None  #: (3, 3) or None
     step: int = 0
     time: float = 0.0
 
