@@ -127,13 +127,8 @@ class Made:
         return cls(maker, *there, used, lines, options.scheme.name, options.kT, _asked(options), seed)
 
     def check(self, system: openmm.System) -> list[openmm.Force]:
-        """The forces in a System that the package did not make.
-
-        Raises
-        ------
-        PlanError
-            If the System is not the one that the integrator was made for, or has something that would not act, or twice.
-        """
+        """The forces in a System that the package did not make; PlanError if it is another System, or has something that would not act, or
+        twice."""
         count, maker = len(self.masses), self.maker
         if system.getNumParticles() != count:
             raise PlanError(f"the System has {system.getNumParticles()} particles, but {maker} made the integrator for {count}")

@@ -120,13 +120,7 @@ def _entry_by_entry(value, dimension: str, name: str) -> np.ndarray:
 
 
 def whole_number(value, name: str, least: int | None = None) -> int:
-    """An integer, of at least so much.
-
-    Raises
-    ------
-    ParameterError
-        For anything else: a float (1e5 is one), a truth value, a Quantity.
-    """
+    """An integer, of at least so much; ParameterError for anything else: a float (1e5 is one), a truth value, a Quantity."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
         raise ParameterError(f"{name} must be a whole number, not {value!r}")
     if least is not None and value < least:

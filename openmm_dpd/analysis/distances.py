@@ -68,19 +68,8 @@ def radial_distribution(
 
 
 def distribution_of_counts(counts: np.ndarray, edges: np.ndarray, pairs: float, volume: float) -> np.ndarray:
-    """g(r) of :func:`radial_distribution` in one frame.
-
-    Parameters
-    ----------
-    counts : (B,) array
-        Pairs by distance.
-    edges : (B + 1,) array
-        Edges of the bins.
-    pairs : float
-        Number of all pairs, at any distance.
-    volume : float
-        Of the box, in the cube of the unit of ``edges``.
-    """
+    """g(r) of :func:`radial_distribution` in one frame, from the pairs by distance (B,), edges of the bins (B + 1,), and the number of all
+    pairs."""
     return counts * volume / (pairs * (4 * np.pi / 3 * np.diff(edges**3)))
 
 

@@ -42,23 +42,15 @@ class Slicer:
 
 
 def sums_in_slices(number: np.ndarray, weights: np.ndarray | None, count: int) -> np.ndarray:
-    """Sums of ``weights`` over the beads in each of ``count`` slices, (count,); without weights the numbers of beads.
-
-    ``number`` (K,) is the slice of each bead.
-    """
+    """Sums of weights (or numbers) of the beads in each of ``count`` slices, (count,), from the slice of each bead."""
     return np.bincount(number, weights, count).astype(np.float64)
 
 
 def periodic_centre(fractions: np.ndarray, weights: np.ndarray) -> float:
-    r"""Centre of mass of beads in a periodic direction, as a fraction of the box.
+    """Centre of mass of beads in a periodic direction, as a fraction of the box; ParameterError if they are spread evenly and have none.
 
     The phase of sum w exp(2 pi i s) is the centre of a symmetric distribution; the mean of the positions folded around it is the centre of
     mass of what does not reach around the box (L. Bai and D. Breen, J. Graphics Tools 13, 53 (2008), for the phase).
-
-    Raises
-    ------
-    ParameterError
-        If the beads are spread evenly, so that there is no centre.
     """
     resultant = np.sum(weights * np.exp(2j * np.pi * fractions)) / weights.sum()
     if abs(resultant) < LEAST_RESULTANT:

@@ -62,14 +62,9 @@ def parameters(arrays: dict[str, np.ndarray]) -> tuple[str, dict]:
 def radial_expression(
     name: str, table: Mapping, names: list[str], energy: str, columns: dict[str, tuple[Callable, float]], **choices
 ) -> PairExpression:
-    """Expression of one table, which is 0 from the cutoff ``rc`` on.
+    """Expression of one table, which is ``energy`` up to the cutoff ``rc`` and 0 from there on.
 
-    Parameters
-    ----------
-    energy : str
-        Below the cutoff.
-    columns : dict
-        Names in it, what they are of a coefficient, and where there is no interaction.
+    ``columns`` are the names in it, what they are of a coefficient, and where there is no interaction.
     """
     columns = {**columns, "rc": (lambda c: c.cutoff, 1.0)}
     text, functions = parameters({key: type_pairs(table, names, *column) for key, column in columns.items()})

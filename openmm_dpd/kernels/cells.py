@@ -116,20 +116,10 @@ def scratch_for(beads: int, chunks: int, cells: int) -> CellScratch:
 
 
 def _bin_beads(x, beads, of_beads, grid, scratch, count, order, xs, sorted_types, sorted_inv_mass):
-    """Counting sort of the beads by cell (y fastest, then x), stable in the bead's index.
+    """Counting sort of the ``beads`` that take part by cell (y fastest, then x), stable in the bead's index.
 
-    Parameters
-    ----------
-    x : (N, 3) positions; beads : (M,) indices of the beads that take part
-    of_beads : :class:`OfBeads`; grid : :class:`Grid`; scratch : :class:`CellScratch`
-    count : (ncells + 1,) out: first sorted bead of each cell
-    order : (M,) out: index of each sorted bead; xs : (3, M or more) out: its position, wrapped into the grid
-    sorted_types, sorted_inv_mass : (M,) out
-
-    Returns
-    -------
-    int
-        -1, or the index of the first bead whose position is not finite.
+    Writes ``count`` (ncells + 1,), the first sorted bead of each cell; ``order`` (M,), the index of each sorted bead; ``xs`` (3, M or
+    more), its position, wrapped into the grid; and what else is sorted.  Returns -1, or the first bead whose position is not finite.
     """
     place, usable = scratch.place, scratch.usable
     for chunk in prange(len(usable)):

@@ -250,25 +250,16 @@ class ChargeEvaluator:
         return short, lattice, virial + lattice_virial
 
     def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
-        """See :class:`.extras.Evaluator`.
-
-        Raises
-        ------
-        RunError
-            If a position is not finite, or the box narrower than twice the cutoff.
-        """
+        """See :class:`.extras.Evaluator`; RunError if a position is not finite, or the box narrower than twice the cutoff."""
         short, lattice, _ = self._run(x, box, force)
         return short + lattice
 
     def parts(self, x: np.ndarray, box: np.ndarray | None) -> tuple[float, float, float]:
-        """Energies of the short-ranged part (with what is taken out for bonded neighbours) and of the lattice, and the virial of both.
+        """Energies of the short-ranged part (with what is taken out for bonded neighbours) and of the lattice, and the virial of both,
+        kJ/mol.
 
-        All in kJ/mol; the virial is the sum of r.F, minus the derivative of the energy with respect to the logarithm of the box's edges.
-
-        Raises
-        ------
-        RunError
-            If a position is not finite, or the box narrower than twice the cutoff.
+        The virial is the sum of r.F, minus the derivative of the energy with respect to the logarithm of the box's edges.  RunError as
+        above.
         """
         return self._run(x, box, np.zeros_like(x))
 

@@ -176,13 +176,7 @@ class TermEvaluator:
         self._arguments = beads, terms.kinds, terms.parameters, *bead_rows(beads), np.zeros((beads.size, 3)), energy_chunks(len(beads))
 
     def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
-        """See :class:`Evaluator`.
-
-        Raises
-        ------
-        RunError
-            If a term has no finite energy: the position of a bead is not finite, or a bond has a length at which there is none.
-        """
+        """See :class:`Evaluator`; RunError if a term has no finite energy: a position is not finite, or a bond has a length without one."""
         many = len(self._arguments[0]) >= self.fewest
         energy = run_terms(*self._kernels, many, x, box_array(box), *self._arguments, force)
         if not math.isfinite(energy):

@@ -43,10 +43,7 @@ _NO_FORCE = 1e-300
 class ManyBodyTable:
     """Coefficients of one layer, as (T, T) symmetric arrays (MD units); cutoff 0 means no interaction.
 
-    Raises
-    ------
-    ParameterError
-        If cutoff_A is not the longest range.
+    ParameterError if cutoff_A is not the longest range.
     """
 
     A: np.ndarray  #: (T, T)

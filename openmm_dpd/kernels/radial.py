@@ -126,13 +126,7 @@ class RadialEvaluator:
         self._potential = Potential(terms.which, terms.lennard_jones, tables.start, tables.knots, tables.cubics, f, f)
 
     def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
-        """See :class:`.extras.Evaluator`.
-
-        Raises
-        ------
-        RunError
-            If a position is not finite.
-        """
+        """See :class:`.extras.Evaluator`; RunError if a position is not finite."""
         return self._sums(x, box, force).energy
 
     def stress(self, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:

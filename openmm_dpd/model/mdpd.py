@@ -85,10 +85,7 @@ def check_many_body(table: Mapping) -> MDPD:
     All must have one kernel.  With the quadratic kernel B and cutoff_B must be the same for all pairs that interact: else the forces derive
     from no potential (Warren, Phys. Rev. E 87, 045303 (2013)).  NONE is no obstacle: such beads do not count in each other's density.
 
-    Raises
-    ------
-    ParameterError
-        If they differ; it names the types.
+    ParameterError if they differ; it names the types.
     """
     entries = [(pair, c) for pair, c in table.items() if c is not NONE]
     if not entries:

@@ -233,17 +233,7 @@ def join(types, pairs, spring: Springs, bend: Bends = None, *, name: str = "", c
 
 
 def bends_between(types: Sequence[str], pairs: np.ndarray, bend: Bends) -> list[tuple[int, int, int, object]]:
-    """Angles between bonds: the three beads, the vertex in the middle, and the bend.
-
-    Parameters
-    ----------
-    types : sequence of str
-        Types of all beads.
-    pairs : (B, 2) array of int
-        Bonds.
-    bend : bend or mapping
-        As for :func:`join`.
-    """
+    """Angles between bonds (B, 2): the three beads, the vertex in the middle, and the bend, of those that :func:`join` takes."""
     angles: list[tuple[int, int, int, object]] = []
     for vertex, around in enumerate(_neighbours(len(types), pairs)):
         if isinstance(bend, BENDS) and len(around) != 2:

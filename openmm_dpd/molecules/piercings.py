@@ -166,26 +166,10 @@ def pushed_out(
     *,
     turn: int = 0,
 ) -> np.ndarray:
-    """Positions with pierced rings and bonds moved apart, in the plane of the ring, over one of its edges.
+    """Positions with pierced rings and bonds, as :func:`crossings` gives them, moved apart in the plane of the ring, over one of its edges.
 
     The bond goes past the edge that is the ``turn``-th nearest; atoms up to four bonds from it go a part of the way, so that the chain
-    is bent and not torn.  If the bond cannot move, the ring does, the other way.
-
-    Parameters
-    ----------
-    x : (N, 3) array, nm
-    found : list of (ring, bond)
-        As :func:`crossings` gives them.
-    bonds, box
-        As there.
-    mobile : (N,) array of bool
-        Which atoms may be moved.
-    turn : int
-        Another way out at each further attempt.
-
-    Returns
-    -------
-    (N, 3) array
+    is bent and not torn.  If the bond cannot move (``mobile`` (N,) says which atoms may), the ring does, the other way.
     """
     x = x.copy()
     neighbours = neighbours_of(bonds, len(x))

@@ -51,13 +51,7 @@ def reduced_number(value, name: str, *, positive: bool = False) -> float:
 
 
 def outside(values: Mapping[str, float], bounds: Bounds, source: str, extrapolate: bool | None) -> bool:
-    """Whether a value is outside of its bounds; ``extrapolate`` is None where a caller cannot go on beyond them.
-
-    Raises
-    ------
-    ParameterError
-        If one is, unless ``extrapolate``; it names the value, the bounds and the source.
-    """
+    """Whether a value is outside of its bounds, where a caller may ``extrapolate`` (None: cannot); else that is a ParameterError."""
     for name, value in values.items():
         low, high = bounds[name]
         slack = _SLACK * max(abs(low), abs(high))

@@ -45,13 +45,8 @@ class Insertion:
 
 
 def insertion(molecule: Molecule, solvent: Scene, parts: np.ndarray, seed: int) -> Insertion:
-    """Copies of the molecule in the solvent, one for each part of the repulsion between the two.
-
-    Raises
-    ------
-    ParameterError
-        If the scene or the molecule has something that cannot be coupled so.
-    """
+    """Copies of the molecule in the solvent, one for each part of the repulsion between the two; ParameterError if one has what cannot be
+    coupled so."""
     check(molecule, solvent)
     copies = len(parts)
     names = {(k, name): _free_name(f"{name}:{k + 1}", solvent.type_names) for k in range(copies) for name in dict.fromkeys(molecule.types)}
