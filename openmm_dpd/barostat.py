@@ -318,6 +318,3 @@ def _entropy_gain(u, share, capacity, curve, start, nodes, pieces):
             return -np.inf
         total += entropy_change(u[i], u[i] + share, capacity[i], curve[i], start, nodes, pieces)
     return total
-
-
-__all__ = ["EnthalpyBarostat", "add_barostat"]

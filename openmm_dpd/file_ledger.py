@@ -163,6 +163,3 @@ _LEDGER: ContextVar[FileLedger | None] = ContextVar("ledger", default=None)
 def ledger_in_use() -> FileLedger | None:
     """The ledger that takes reports now."""
     return _LEDGER.get()
-
-
-__all__ = ["FileLedger", "ledger_in_use"]

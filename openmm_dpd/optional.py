@@ -16,6 +16,3 @@ def optional_package(name: str, extra: str, what: str) -> ModuleType:
         raise ParameterError(
             f"{what} the package {package}, which cannot be imported ({error}); install it: pip install 'openmm-dpd[{extra}]'"
         ) from None
-
-
-__all__ = ["optional_package"]

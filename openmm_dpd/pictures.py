@@ -45,17 +45,17 @@ def thermo_picture(
 ) -> None:
     """Draw thermo columns, rows by their words, against one of them, ``x``, into a PNG file.
 
-    Drawn are ``temp``, ``temp_conf``, ``press``, ``press_full``, ``pe`` and ``etotal``; panels without a column are left out, a NaN is a gap.  Rows
-    are light lines (dots as well if they are few), means over a sliding window (a tenth of a run, at least 5 rows) dark ones; a line at the
-    foot says so.
+    Drawn are ``temp``, ``temp_conf``, ``press``, ``press_full``, ``pe`` and ``etotal``; panels without a column are left out, a NaN
+    is a gap. Rows are light lines (dots as well if they are few), means over a sliding window (a tenth of a run, at least 5 rows)
+    dark ones; a line at the foot says so.
 
-    At the ``runs``, values of x where a new run begins, is a thin line, and means do not reach over it; x must not go back then.  ``target`` is
-    the temperature of the thermostat, one number or one per row.  ``counted`` are the rows that averages are taken over: all behind some row of
-    each run.  The rows before it are shaded, have no mean, and may leave the picture, since axes have the range of the others.  ``labels`` are
-    units by the names of panels and of the column x.
+    At the ``runs``, values of x where a new run begins, is a thin line, and means do not reach over it; x must not go back then.
+    ``target`` is the temperature of the thermostat, one number or one per row. ``counted`` are the rows that averages are taken over:
+    all behind some row of each run. The rows before it are shaded, have no mean, and may leave the picture, since axes have the range
+    of the others. ``labels`` are units by the names of panels and of the column x.
 
-    ParameterError if there is nothing to draw, or columns are no numbers, differ in length, or go back; OutputError if the file cannot be
-    written.
+    ParameterError if there is nothing to draw, or columns are no numbers, differ in length, or go back; OutputError if the file
+    cannot be written.
     """
     if not isinstance(columns, Mapping):
         raise ParameterError(f"expected a mapping of words to rows, not {reprlib.repr(columns)}")

@@ -80,6 +80,3 @@ def _radii(scene: Scene, given) -> dict[str, float]:
         if not isinstance(size, float) or size < 0:
             raise ParameterError(f"the radius of type {name!r} must be a number >= 0, not {named[name]!r}")
     return sizes
-
-
-__all__ = ["view"]

@@ -60,6 +60,3 @@ def _length(frame: bytes) -> int:
     if beads <= _MOST_PLAIN:
         return 56 + 12 * beads
     return 92 + (int.from_bytes(frame[88:92], "big") + 3) // 4 * 4
-
-
-__all__ = ["XTCWriter"]

@@ -373,13 +373,3 @@ def _most_likely(columns: np.ndarray, offset: np.ndarray, mean: np.ndarray, weig
     if not np.linalg.norm(gradient(done.x)) < 1e-6 * np.linalg.norm(columns @ (weights * np.abs(mean))):
         raise ParameterError(f"no bending modulus fits this spectrum: {done.message}")
     return done.x
-
-
-__all__ = [
-    "BendingModulus",
-    "HeightSpectrum",
-    "area_per_lipid",
-    "bending_modulus",
-    "bilayer_thickness",
-    "height_spectrum",
-]

@@ -100,6 +100,3 @@ def _mapped(typing: Mapping, residue: str, atom: str, source: str) -> object:
     if not found:
         raise ParameterError(f"{source}: typing has no bead type for atom {atom!r} of residue {residue!r}")
     return found.pop()
-
-
-__all__ = ["BeadArrays", "named_types"]

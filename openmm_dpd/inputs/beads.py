@@ -149,6 +149,3 @@ def _masses(beads: BeadArrays, types: list[str], masses) -> tuple[dict[str, Any]
     by_type = {name: float(single[first[name]]) for name in order if name in first}
     same = np.array_equal(single, [by_type[name] for name in beads.types])
     return by_type, None if same else single
-
-
-__all__ = ["scene_from_beads"]

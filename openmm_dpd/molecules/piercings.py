@@ -206,6 +206,3 @@ def _named(atoms: list[app.topology.Atom], between: str) -> str:
     chains, own = list(residues[0].chain.topology.chains()), residues[0].chain
     chain = f" of chain {own.id.strip() or own.index + 1}" if len(chains) > 1 else ""
     return f"{between.join(atom.name for atom in atoms)} of {'/'.join(f'{r.name} {r.id}' for r in residues)}{chain}"
-
-
-__all__ = ["Piercing", "find_piercings"]

@@ -63,6 +63,3 @@ def within_bonds(neighbours: list[list[int]], atoms: tuple[int, ...], reach: int
                     distance[other] = distance[atom] + 1
                     queue.append(other)
     return distance
-
-
-__all__ = ["neighbours_of", "small_rings", "within_bonds"]

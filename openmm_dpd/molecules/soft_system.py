@@ -147,6 +147,3 @@ def largest_overlap(x: np.ndarray, sizes: np.ndarray, excluded: np.ndarray, box:
     i, j = np.minimum(seen[i], seen[j]), np.maximum(seen[i], seen[j])
     free = ~np.isin(i * len(x) + j, excluded @ np.array([len(x), 1]))
     return float(np.max(1 - r[free] / (0.5 * (sizes[i[free]] + sizes[j[free]])), initial=0.0))
-
-
-__all__ = ["STRENGTH", "atom_diameters", "excluded_pairs", "largest_overlap", "nonbonded_of", "replaced_forces", "soft_system"]

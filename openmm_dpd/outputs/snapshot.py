@@ -69,6 +69,3 @@ class FrameReporter(Cadence):
     """Base of reporters that write positions, not folded into the box, and velocities."""
 
     _INCLUDE, _FOLDED = ("positions", "velocities"), False
-
-
-__all__ = ["FrameReporter", "Snapshot", "scene_of"]
