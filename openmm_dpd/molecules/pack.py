@@ -8,6 +8,7 @@ import numpy as np
 from openmm import unit
 
 from ..errors import ParameterError, what_is
+from ..model.pairs import checked
 from ..model.scene import box_vectors
 from ..model.sources import Block, Sphere
 from ..units import thermal_energy, to_md, whole_number
@@ -164,10 +165,7 @@ def _number_density(value) -> float:
         if not value.unit.is_compatible(unit.nanometer**-3):
             raise ParameterError(f"density has the unit {value.unit}; expected beads per volume, such as 3 / nanometer**3")
         value = value.value_in_unit(unit.nanometer**-3)
-    rho = to_md(value, "dimensionless", "density")
-    if not isinstance(rho, float) or rho <= 0:
-        raise ParameterError(f"density must be one number > 0, not {value!r}")
-    return rho
+    return checked(value, "dimensionless", "density", positive=True)
 
 
 def _box(box, rho: float, beads: int, filler: Molecule | None) -> np.ndarray:
