@@ -12,7 +12,7 @@ from ..errors import ParameterError
 from ..geometry import AXES_OF_TENSOR
 from ..stats import Average, block_average
 from .frames import Beads, Frame, Trajectories, chunks_of, frames_of, selected, weights_of
-from .molecules import bonds_of, bonds_outwards, molecule_labels
+from .molecules import bonds_of, bonds_outwards, means_over, molecule_labels
 
 if TYPE_CHECKING:
     import mdtraj
@@ -89,8 +89,7 @@ def gyration_tensors(positions: np.ndarray, masses: np.ndarray, units: np.ndarra
     up to the square of the radius of gyration.
     """
     total = np.bincount(units, masses)
-    centre = np.column_stack([np.bincount(units, masses * column) for column in positions.T]) / total[:, None]
-    d = positions - centre[units]
+    d = positions - means_over(units, masses, positions)[units]
     return np.column_stack([np.bincount(units, masses * d[:, a] * d[:, b]) / total for a, b in AXES_OF_TENSOR])
 
 

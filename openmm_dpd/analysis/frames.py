@@ -110,6 +110,12 @@ def selected(topology: mdtraj.Topology, beads: Beads, what: str = "beads") -> np
     return of_types(type_names(topology), beads, what)
 
 
+def two_selected(topology: mdtraj.Topology, beads: Beads, other: Beads) -> tuple[np.ndarray, np.ndarray]:
+    """Two sets of beads; the first one again where there is no other."""
+    first = selected(topology, beads, "beads")
+    return first, first if other is None else selected(topology, other, "other")
+
+
 def of_types(names: np.ndarray, beads: Beads, what: str) -> np.ndarray:
     """As :func:`selected`, of beads with these types, (N,)."""
     if beads is None:

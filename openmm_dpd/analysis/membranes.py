@@ -14,7 +14,7 @@ from ..stats import Average, block_average, long_enough
 from ..units import md_tension, thermal_energy, to_md
 from .curves import Curve, curve_of
 from .frames import Frame, axis_number, frames_of, positive_number, selected, weights_of
-from .molecules import molecule_labels
+from .molecules import means_over, molecule_labels
 from .profiles import periodic_centre
 
 if TYPE_CHECKING:
@@ -234,9 +234,7 @@ class _Lipids:
 
         def centre(beads: np.ndarray, lipid: np.ndarray) -> np.ndarray:
             d = s[beads] - start[lipid]
-            d -= np.round(d)
-            sums = np.column_stack([np.bincount(lipid, weights=column) for column in d.T])
-            return sums / np.bincount(lipid)[:, None]
+            return means_over(lipid, None, d - np.round(d))
 
         head, tail = centre(self.heads, self.of_head), centre(self.tails, self.of_tail)
         height = (start + head)[:, k] - periodic_centre(s[self.tails, k], np.ones(len(self.tails)))

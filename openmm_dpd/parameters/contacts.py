@@ -3,7 +3,7 @@
 import numpy as np
 from openmm import app, unit
 
-from ..analysis.frames import Beads, Trajectories, frames_of, of_types, selected
+from ..analysis.frames import Beads, Trajectories, frames_of, of_types, two_selected
 from ..analysis.molecules import molecule_labels
 from ..built import BuiltSystem
 from ..errors import ParameterError
@@ -78,9 +78,9 @@ def chi_slope(trajectory: Trajectories, beads: Beads = None, other: Beads = None
     First-order perturbation theory, as in D. C. Morse and J. K. Chung, arXiv:0810.5389 (2008).
     """
     topology, frames = frames_of(trajectory)
-    first = selected(topology, beads, "beads")
-    second = first if other is None else selected(topology, other, "other")
-    contacts = _Contacts(first, second, molecule_labels(topology), checked(cutoff, "length", "cutoff", positive=True))
+    contacts = _Contacts(
+        *two_selected(topology, beads, other), molecule_labels(topology), checked(cutoff, "length", "cutoff", positive=True)
+    )
     return block_average([contacts(frame.positions, frame.box) for frame in frames], name=_NAME)
 
 

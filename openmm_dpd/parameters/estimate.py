@@ -1,7 +1,9 @@
 """What a relation or a table says: the number, and what is known about it."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib.resources import files
 
 from ..errors import ParameterError
 from ..model.pairs import checked
@@ -48,6 +50,11 @@ class Estimate:
 def reduced_number(value, name: str, *, positive: bool = False) -> float:
     """One reduced number >= 0 (or > 0), bare or an Estimate."""
     return checked(value.value if isinstance(value, Estimate) else value, "dimensionless", name, positive=positive)
+
+
+def shipped_rows(name: str) -> list:
+    """Rows of a measured table of the package."""
+    return json.loads(files("openmm_dpd").joinpath(f"data/{name}.json").read_text(encoding="utf-8"))["rows"]
 
 
 def outside(values: Mapping[str, float], bounds: Bounds, source: str, extrapolate: bool | None) -> bool:
