@@ -196,13 +196,7 @@ charge_forces, charge_forces_parallel = serial_and_parallel(_charge_forces)
 
 
 class ChargeEvaluator:
-    """Computes :class:`ChargeTerms`.
-
-    Attributes
-    ----------
-    fewest : int
-        Work from which on several threads share it.
-    """
+    """Computes :class:`ChargeTerms`; from so much work as ``fewest`` on several threads share it."""
 
     def __init__(self, terms: ChargeTerms):
         self.terms, self.fewest = terms, FEW
@@ -303,14 +297,7 @@ def _space_for(charges: np.ndarray, waves: Waves, threads: int) -> ChargeSpace:
 def cost(n_charges: int, box: np.ndarray | None, k_max: float, cutoff: float) -> float:
     """Microseconds that one evaluation takes on one core, to a tenth or so on the one where this was measured.
 
-    Parameters
-    ----------
-    n_charges : int
-    box : (3, 3) array, or None
-    k_max : float
-        The longest wave vector, 1/nm; of no importance without a box.
-    cutoff : float
-        nm; of no importance without a box.
+    The longest wave vector ``k_max`` (1/nm) and the cutoff are of no importance without a box.
     """
     near, waves = 1.0, 0.0
     if box is not None:

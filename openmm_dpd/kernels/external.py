@@ -76,13 +76,7 @@ body_forces, body_forces_parallel = serial_and_parallel(_body_forces)
 
 
 class BodyEvaluator:
-    """Computes :class:`BodyTerms`.
-
-    Attributes
-    ----------
-    fewest : int
-        Beads from which on several threads share the work.
-    """
+    """Computes :class:`BodyTerms`; from so many beads as ``fewest`` on several threads share the work."""
 
     def __init__(self, terms: BodyTerms):
         self.terms, self.fewest = terms, FEW

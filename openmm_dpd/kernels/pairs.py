@@ -64,26 +64,13 @@ def _without_room(ny: int, nz: int) -> tuple[np.ndarray, ...]:
 
 
 class PairList:
-    """Lists the pairs of beads that are within reach of each other.
+    """Lists the pairs of beads that are within reach of each other: beads of types >= 0, in the range of two types (0: no interaction).
 
     An error, or Ctrl-C, may come before any line.  So arrays that have to fit each other are made first, and taken over together in one
     statement, with what says which ones they are; after an error the next :meth:`build` goes on with those before or those after it.
 
-    Parameters
-    ----------
-    types : (N,) int32 array
-        Type of each particle; -1 for one that takes no part.
-    inv_mass : (N,) array
-        1/mass, sorted with the beads for who reads the list.
-    cutoff : (T, T) array
-        Range for each pair of types; 0 means no interaction.
-    exceptions : three arrays
-        Bonded neighbours in compressed rows: start (N + 1,), bead (E,), factor (E,); start is empty if there are none.
-
-    Attributes
-    ----------
-    arrays : Pairs
-        What the loops over pairs read; not valid any more after the next :meth:`build`.
+    ``inv_mass`` is sorted with the beads for who reads the list.  ``arrays`` are what the loops over pairs read; not valid any more after
+    the next :meth:`build`.
     """
 
     def __init__(self, types: np.ndarray, inv_mass: np.ndarray, cutoff: np.ndarray, exceptions: Exceptions | None = None):

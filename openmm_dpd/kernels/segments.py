@@ -171,15 +171,10 @@ segment_forces = over_pairs("segment_forces", _contact)
 
 
 class SegmentEngine:
-    """Evaluates one :class:`SegmentSpec`.
+    """Evaluates one :class:`SegmentSpec`; it belongs to one thread at a time.
 
-    One engine belongs to one thread at a time.  The results are the same, bit for bit, for any number of threads, and depend on the
-    present positions alone.
-
-    Attributes
-    ----------
-    stress : (6,) array
-        Sum over contacts of d F (xx, yy, zz, xy, xz, yz) of the last call of :meth:`forces`; its trace is the virial.
+    The results are the same, bit for bit, for any number of threads, and depend on the present positions alone.  ``stress`` (6,) is the
+    sum over contacts of d F (xx, yy, zz, xy, xz, yz) of the last call of :meth:`forces`; its trace is the virial.
     """
 
     def __init__(self, spec: SegmentSpec):
@@ -193,10 +188,7 @@ class SegmentEngine:
     def forces(self, x: np.ndarray, box: np.ndarray | None) -> tuple[float, np.ndarray, float]:
         """Energy, forces (N, 3) and virial at positions x (N, 3), in or beyond the box.
 
-        Raises
-        ------
-        RunError
-            If a position is not finite, or the box too small for the range and the length of the bonds.
+        RunError if a position is not finite, or the box too small for the range and the length of the bonds.
         """
         if self._last is not None:
             last_x, last_box, result = self._last

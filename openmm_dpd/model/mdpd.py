@@ -107,15 +107,10 @@ def check_many_body(table: Mapping) -> MDPD:
 
 
 def why_no_openmm_force(table: Mapping, exceptions: dict[tuple[int, int], float], coincident: list[tuple[int, int]]) -> str | None:
-    """Why only the pair kernel can compute the conservative force, or None.
+    """Why only the pair kernel can compute the conservative force, or None, from a table, factors of bonded neighbours, and beads at one
+    point.
 
-    Parameters
-    ----------
-    table : dict of (str, str) to MDPD or NONE
-    exceptions : dict of (int, int) to float
-        Bonded neighbours with their factors.
-    coincident : list of (int, int)
-        Beads at the same point: every platform returns NaN or nonsense from a CustomGBForce at r = 0, even for excluded pairs.
+    At r = 0 every platform returns NaN or nonsense from a CustomGBForce, even for excluded pairs.
     """
     if check_many_body(table).kernel != "quadratic":
         return "the force of MDPD with the Lucy kernel derives from no potential"
