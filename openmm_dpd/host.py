@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import openmm
-from openmm import app, unit
+from openmm import app
 
 from .errors import ParameterError, PlanError
 from .made import groups_of, masses_of, refuse_thermostat, virtual_sites
+from .model.scene import box_vectors
 from .names import PAIR_FORCE
 from .units import to_md
 
@@ -45,10 +46,7 @@ def check_system(system: openmm.System) -> None:
 
 def box_of(system: openmm.System) -> np.ndarray | None:
     """(3, 3) box vectors of a periodic System, nm; None for one that is not periodic."""
-    if not system.usesPeriodicBoundaryConditions():
-        return None
-    rows = (vector.value_in_unit(unit.nanometer) for vector in system.getDefaultPeriodicBoxVectors())
-    return np.array([[row.x, row.y, row.z] for row in rows])
+    return box_vectors(system.getDefaultPeriodicBoxVectors()) if system.usesPeriodicBoundaryConditions() else None
 
 
 def degrees_of_freedom(system: openmm.System, *, momentum: bool = True) -> int:

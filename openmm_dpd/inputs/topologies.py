@@ -72,7 +72,6 @@ def scene_from_topology(topology: app.Topology, positions, typing=None, *, pairs
     vectors = topology.getPeriodicBoxVectors()
     atoms = list(topology.atoms())
     masses = [None if atom.element is None else atom.element.mass.value_in_unit(unit.dalton) for atom in atoms]
-    bonds = [(bond[0].index, bond[1].index) for bond in topology.bonds()]
     beads = BeadArrays(
         types=named_types(atoms, typing, "the topology"),
         positions=_positions(positions, len(atoms)),
@@ -81,7 +80,7 @@ def scene_from_topology(topology: app.Topology, positions, typing=None, *, pairs
         box=None if vectors is None else reduced(vectors.value_in_unit(unit.nanometer)),
         molecules=_molecules(atoms, molecules),
         residues=[atom.residue.name or "MOL" for atom in atoms],
-        bonds=_once(bonds),
+        bonds=_once(topology.bonds()),
     )
     return scene_from_beads(beads, pairs=pairs, kT=kT, **choices)
 
@@ -130,7 +129,7 @@ def scene_from_mdtraj(trajectory: mdtraj.Trajectory, typing=None, *, pairs, kT, 
         charges=charges if charges.any() else None,
         molecules=_molecules(atoms, molecules),
         residues=[atom.residue.name or "MOL" for atom in atoms],
-        bonds=_once([(bond[0].index, bond[1].index) for bond in trajectory.topology.bonds]),
+        bonds=_once(trajectory.topology.bonds),
     )
     return scene_from_beads(beads, pairs=pairs, kT=kT, **choices)
 
@@ -143,8 +142,9 @@ def _positions(positions, count: int) -> np.ndarray:
     return found
 
 
-def _once(bonds: list[tuple[int, int]]) -> np.ndarray:
+def _once(bonds) -> np.ndarray:
     """Bonds without repetitions, which topologies of files have, in their order."""
+    bonds = [(bond[0].index, bond[1].index) for bond in bonds]
     seen = {tuple(sorted(pair)): pair for pair in reversed(bonds)}
     return np.array(list(seen.values())[::-1], dtype=np.int64).reshape(-1, 2)
 
