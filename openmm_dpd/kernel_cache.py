@@ -106,13 +106,7 @@ def cache_folder() -> Path | None:
 class KernelFiles:
     """The files of one kernel, one for each signature and machine: a hash, then the pickled key and code.
 
-    Parameters
-    ----------
-    folder : path-like
-    name : str
-        What the files' names begin with.
-    stamp
-        What must be unchanged for a file to be found, such as the kernel's source.
+    Their names begin with ``name``; ``stamp`` is what must be unchanged for a file to be found, such as the kernel's source.
     """
 
     def __init__(self, folder: str | os.PathLike, name: str, stamp: Any):

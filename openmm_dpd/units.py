@@ -199,50 +199,16 @@ class UnitSystem:
         """Names of the units by dimension; reduced ones have none."""
         return _UNIT_NAMES[self.name]
 
-    @property
-    def velocity(self) -> float:
-        """nm/ps per velocity unit."""
-        return self.length / self.time
-
-    @property
-    def energy(self) -> float:
-        """kJ/mol per energy unit."""
-        return self.mass * self.velocity**2 / self.mvv2e
-
-    @property
-    def force(self) -> float:
-        """kJ/mol/nm per force unit."""
-        return self.energy / self.length
-
-    @property
-    def friction(self) -> float:
-        """Da/ps per unit of gamma (force/velocity)."""
-        return self.force / self.velocity
-
-    @property
-    def noise(self) -> float:
-        """kJ/mol/nm ps^(1/2) per unit of sigma (force*time^(1/2))."""
-        return self.force * self.time**0.5
-
-    @property
-    def inverse_length(self) -> float:
-        """1/nm per inverse of the length unit."""
-        return 1 / self.length
-
-    @property
-    def thermal_energy(self) -> float:
-        """Thermal energy in kJ/mol per unit of temperature."""
-        return self.boltzmann * self.energy
-
-    @property
-    def conduction(self) -> float:
-        """(kJ/mol)^2/ps per unit of LAMMPS's conductivity, an energy times a temperature per time."""
-        return self.energy * self.thermal_energy / self.time
-
-    @property
-    def pressure(self) -> float:
-        """kJ/mol/nm^3 per unit of pressure."""
-        return self.energy / self.length**3 / self.nktv2p
+    velocity = property(lambda self: self.length / self.time, doc="nm/ps per velocity unit.")
+    energy = property(lambda self: self.mass * self.velocity**2 / self.mvv2e, doc="kJ/mol per energy unit.")
+    force = property(lambda self: self.energy / self.length, doc="kJ/mol/nm per force unit.")
+    friction = property(lambda self: self.force / self.velocity, doc="Da/ps per unit of gamma (force/velocity).")
+    noise = property(lambda self: self.force * self.time**0.5, doc="kJ/mol/nm ps^(1/2) per unit of sigma (force*time^(1/2)).")
+    inverse_length = property(lambda self: 1 / self.length, doc="1/nm per inverse of the length unit.")
+    thermal_energy = property(lambda self: self.boltzmann * self.energy, doc="Thermal energy in kJ/mol per unit of temperature.")
+    #: (kJ/mol)^2/ps per unit of LAMMPS's conductivity, an energy times a temperature per time.
+    conduction = property(lambda self: self.energy * self.thermal_energy / self.time)
+    pressure = property(lambda self: self.energy / self.length**3 / self.nktv2p, doc="kJ/mol/nm^3 per unit of pressure.")
 
 
 LJ = UnitSystem("lj", 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.005, 0.3, True, 1.0)

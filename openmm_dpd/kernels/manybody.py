@@ -40,15 +40,12 @@ _NO_FORCE = 1e-300
 
 @dataclass(frozen=True, eq=False)
 class ManyBodyTable:
-    """Coefficients of one layer, as (T, T) symmetric arrays (MD units); cutoff 0 means no interaction.
+    """Coefficients of one layer, as (T, T) symmetric arrays (MD units); cutoff 0 means no interaction."""
 
-    ParameterError if cutoff_A is not the longest range.
-    """
-
-    A: np.ndarray  #: (T, T)
-    B: np.ndarray  #: (T, T)
-    gamma: np.ndarray  #: (T, T)
-    cutoff: np.ndarray  #: (T, T) range of the pair list
+    A: np.ndarray
+    B: np.ndarray
+    gamma: np.ndarray
+    cutoff: np.ndarray  #: Range of attraction and friction, the longest one
     cutoff_B: np.ndarray
     cutoff_density: np.ndarray
     lucy: bool  #: Lucy kernel; otherwise the quadratic one
