@@ -210,16 +210,17 @@ def change(v, i, j, wi, wj, dx, dy, dz):
 
 @helper
 def clear(pairs, data, begin, end):
-    """Begin with no force ``f`` (M, 3)."""
+    """Begin with no force: of a :class:`.layer.Motion`, ``f`` (M, 3)."""
+    f = data.motion.f
     for k in range(begin, end):
-        data.f[k, 0] = data.f[k, 1] = data.f[k, 2] = 0.0
+        f[k, 0] = f[k, 1] = f[k, 2] = 0.0
 
 
 @helper
 def gather_and_clear(pairs, data, begin, end):
     """The same, and sort the velocities ``seen`` (N, 3), 0 if there are none, into ``v`` (M, 3)."""
     clear(pairs, data, begin, end)
-    seen, v, order = data.seen, data.v, pairs.order
+    seen, v, order = data.motion.seen, data.motion.v, pairs.order
     for k in range(begin, end):
         if len(seen):
             i = order[k]
@@ -231,10 +232,10 @@ def gather_and_clear(pairs, data, begin, end):
 @helper
 def deliver(pairs, data, begin, end):
     """Write the forces ``f`` to ``out`` (N, 3), or add them there."""
-    f, out, order = data.f, data.out, pairs.order
+    f, out, order = data.motion.f, data.motion.out, pairs.order
     for k in range(begin, end):
         i = order[k]
-        if data.add:
+        if data.motion.add:
             out[i, 0] += f[k, 0]
             out[i, 1] += f[k, 1]
             out[i, 2] += f[k, 2]

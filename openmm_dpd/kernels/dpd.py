@@ -82,7 +82,7 @@ class SweptLayer:
         A fifteenth of the second is the mean stress of an affine shear at rate 1.
         """
         call = Call(DISSIPATIVE, v, kT, 1.0, 0, 0)
-        found = forces.friction_sums(self.pairs, forces.Repulsion(self._at(kT), *self._motion.arrays(call, v, False)), True)
+        found = forces.friction_sums(self.pairs, forces.Repulsion(self._at(kT), self._motion.arrays(call, v, False)), True)
         assert found.stress is not None
         return found.stress, found.energy
 
@@ -98,7 +98,7 @@ class DPDLayer(SweptLayer):
     def forces(self, call: Call, out: np.ndarray, add: bool) -> Sums:
         """Force form at the listed positions, written or added to ``out``."""
         noise = call.key(self.number), call.rsqrt_dt
-        terms = forces.Terms(call.which & _TERMS, self._plain, *noise, self._at(call.kT), *self._motion.arrays(call, out, add))
+        terms = forces.Terms(call.which & _TERMS, self._plain, *noise, self._at(call.kT), self._motion.arrays(call, out, add))
         return forces.pair_forces(self.pairs, terms, self._transverse, call.which)
 
     def laplacian(self) -> float:

@@ -23,7 +23,7 @@ from ..wording import bead_names, bead_number, in_number
 from .columns import approach, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
 from .compiled import inlined
 from .elementary import power
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Layer, Motion, PairSpec, SortedMotion, Sums, table_of
 from .noise import normal, pair_key
 from .pairs import PairList
 
@@ -88,7 +88,7 @@ class ThermalLayer:
         noise = call.key(self.number), call.rsqrt_dt
         of_beads = self.coefficients, capacity, temperature
         motion = self._motion.arrays(call, out, add)
-        given = Heat(call.which, self.lammps, *noise, *of_beads, heat, failed, *motion)
+        given = Heat(call.which, self.lammps, *noise, *of_beads, heat, failed, motion)
         totals = thermal_forces(pairs, given)
         if failed.max(initial=-1) >= 0:
             self._raise_conduction(int(failed[failed >= 0][0]), temperature)
@@ -182,10 +182,7 @@ def _conduction(which, coefficients, row, r, ti, tj, kappa, rsqrt_dt, xi):
 
 
 class Heat(NamedTuple):
-    """What the force form reads and writes beside the pairs; ``failed``: a pair of each column whose conduction is negative, or -1.
-
-    See also :class:`.layer.SortedMotion`.
-    """
+    """What the force form reads and writes beside the pairs; ``failed``: a pair of each column whose conduction is negative, or -1."""
 
     which: int
     lammps: bool
@@ -196,11 +193,7 @@ class Heat(NamedTuple):
     temperature: np.ndarray
     heat: np.ndarray
     failed: np.ndarray
-    seen: np.ndarray
-    v: np.ndarray
-    f: np.ndarray
-    out: np.ndarray
-    add: bool
+    motion: Motion
 
 
 @inlined
@@ -218,7 +211,7 @@ def _pair_heat(pairs, data, scratch, n, k, column):
     if inside and which & CONSERVATIVE:
         radial, energy = soft(factor * c[row, A] * 0.5 * (ti + tj), c[row, CUTOFF], r)
     if inside and which & (DISSIPATIVE | RANDOM):
-        ev = approach(pairs, data.v, n, i, j)
+        ev = approach(pairs, data.motion.v, n, i, j)
         im = pairs.inv_mass[i] + pairs.inv_mass[j]
         if lammps:
             im = pairs.inv_mass[i] if lower else pairs.inv_mass[j]
@@ -237,7 +230,7 @@ def _pair_heat(pairs, data, scratch, n, k, column):
         heat[j] -= flux
     heat[i] += gain
     heat[j] += gain
-    return energy, push_apart(pairs, data.f, n, i, j, radial), -drag * r
+    return energy, push_apart(pairs, data.motion.f, n, i, j, radial), -drag * r
 
 
 thermal_forces = over_pairs("thermal_forces", _pair_heat, first=gather_and_clear, last=deliver)

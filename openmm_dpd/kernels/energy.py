@@ -34,7 +34,7 @@ from .columns import approach, change, deliver, factor_of, gather_and_clear, ove
 from .compiled import compiled, helper, inlined
 from .elementary import exp
 from .eos import CONSTANT, RESERVOIR, EOSTable, curvature, entropy_change, in_range, inverse_temperature, log_ratio
-from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
+from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, Motion, PairSpec, SortedMotion, Sums, table_of
 from .noise import normal, pair_key, uniform
 from .pairs import PairList
 from .sweeps import decay
@@ -88,12 +88,12 @@ class EnergyLayer:
         """Force form at the listed positions, written or added to ``out``."""
         pairs, motion = self.pairs, self._motion.arrays(call, out, add)
         if not call.which & (DISSIPATIVE | RANDOM):
-            return Sums(*forces.conservative_forces(pairs, forces.Repulsion(self.coefficients, *motion)))
+            return Sums(*forces.conservative_forces(pairs, forces.Repulsion(self.coefficients, motion)))
         assert call.field_values is not None and (call.velocities is not None or not call.which & DISSIPATIVE)
         inverse = 1.0 / np.take(self._thetas(call.field_values.sum(axis=1), "within the step"), pairs.order)
         rates = np.zeros((len(inverse), 2))
         noise = call.key(self.number), call.rsqrt_dt
-        given = Rates(call.which, *noise, self.coefficients, inverse, rates, *motion)
+        given = Rates(call.which, *noise, self.coefficients, inverse, rates, motion)
         found = energy_forces(pairs, given)
         return Sums(found.energy, found.virial, found.drag, rates=rates)
 
@@ -123,7 +123,7 @@ def totals(energies, increments):
 
 
 class Rates(NamedTuple):
-    """What the force form reads (``inverse``: (M,) 1/temperatures) and writes beside the pairs; see also :class:`.layer.SortedMotion`."""
+    """What the force form reads (``inverse``: (M,) 1/temperatures) and writes beside the pairs."""
 
     which: int
     key: np.uint64
@@ -131,11 +131,7 @@ class Rates(NamedTuple):
     coefficients: np.ndarray
     inverse: np.ndarray
     rates: np.ndarray
-    seen: np.ndarray
-    v: np.ndarray
-    f: np.ndarray
-    out: np.ndarray
-    add: bool
+    motion: Motion
 
 
 @inlined
@@ -149,7 +145,7 @@ def _pair_rates(pairs, data, scratch, n, k, column):
     if which & (DISSIPATIVE | RANDOM):
         strength = factor * (c[row, SIGMA] * w) ** 2
         kappa = c[row, KAPPA] * w * w
-        ev = approach(pairs, data.v, n, i, j)
+        ev = approach(pairs, data.motion.v, n, i, j)
         if which & DISSIPATIVE:
             # gamma w^2 = sigma^2 w^2 (1/theta_i + 1/theta_j)/4
             drag = 0.25 * strength * (inverse[i] + inverse[j]) * ev
@@ -167,7 +163,7 @@ def _pair_rates(pairs, data, scratch, n, k, column):
         rates[j, 0] -= conducted
         rates[i, 1] += heat
         rates[j, 1] += heat
-    return energy, push_apart(pairs, data.f, n, i, j, radial), -drag * r
+    return energy, push_apart(pairs, data.motion.f, n, i, j, radial), -drag * r
 
 
 energy_forces = over_pairs("energy_forces", _pair_rates, first=gather_and_clear, last=deliver)

@@ -16,7 +16,7 @@ import numpy as np
 from .columns import add_stress, approach, clear, deliver, factor_of, gather_and_clear, over_pairs, push, push_apart, row_of, soft
 from .compiled import helper, inlined
 from .elementary import power
-from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS, Sums
+from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS, Motion, Sums
 from .noise import draw, normal
 from .pairs import PairList
 
@@ -31,11 +31,7 @@ class Repulsion(NamedTuple):
     """What the conservative force reads and writes beside the pairs, from a table that begins with A and CUTOFF."""
 
     coefficients: np.ndarray
-    seen: np.ndarray
-    v: np.ndarray
-    f: np.ndarray
-    out: np.ndarray
-    add: bool
+    motion: Motion
 
 
 class Terms(NamedTuple):
@@ -46,11 +42,7 @@ class Terms(NamedTuple):
     key: np.uint64  #: key, rsqrt_dt: of the noise
     rsqrt_dt: float
     coefficients: np.ndarray  #: (T*T, 8)
-    seen: np.ndarray  #: seen, v, f, out, add: see :class:`.layer.SortedMotion`
-    v: np.ndarray
-    f: np.ndarray
-    out: np.ndarray
-    add: bool
+    motion: Motion
 
 
 @inlined
@@ -97,7 +89,7 @@ def _transverse_force(pairs, data, key, n, i, j):
     w = power(1.0 - g[3, n] / c[row, CUTOFF], c[row, EXPONENT_PERP])
     fx, fy, fz = 0.0, 0.0, 0.0
     if data.which & DISSIPATIVE:
-        v, ev = data.v, approach(pairs, data.v, n, i, j)
+        v, ev = data.motion.v, approach(pairs, data.motion.v, n, i, j)
         drag = factor * c[row, GAMMA_PERP] * w * w
         fx -= drag * (v[i, 0] - v[j, 0] - ev * ex)
         fy -= drag * (v[i, 1] - v[j, 1] - ev * ey)
@@ -119,25 +111,25 @@ def _conservative(pairs, data, scratch, n, k, column):
     i, j = pairs.pi[n], pairs.pj[n]
     row = row_of(pairs, i, j)
     radial, energy = soft(factor_of(pairs, n) * data.coefficients[row, A], data.coefficients[row, CUTOFF], pairs.geometry[3, n])
-    return energy, push_apart(pairs, data.f, n, i, j, radial), 0.0
+    return energy, push_apart(pairs, data.motion.f, n, i, j, radial), 0.0
 
 
 @inlined
 def _central(pairs, data, scratch, n, k, column):
     i, j, values = pairs.pi[n], pairs.pj[n], scratch.values
-    drag = values[_DRAG, k] * approach(pairs, data.v, n, i, j)
-    virial = push_apart(pairs, data.f, n, i, j, values[_PUSH, k] - drag)
+    drag = values[_DRAG, k] * approach(pairs, data.motion.v, n, i, j)
+    virial = push_apart(pairs, data.motion.f, n, i, j, values[_PUSH, k] - drag)
     return values[_ENERGY, k], virial, -drag * pairs.geometry[3, n]
 
 
 @inlined
 def _any(pairs, data, scratch, n, k, column):
     i, j, g, values = pairs.pi[n], pairs.pj[n], pairs.geometry, scratch.values
-    drag = values[_DRAG, k] * approach(pairs, data.v, n, i, j)
-    virial = push_apart(pairs, data.f, n, i, j, values[_PUSH, k] - drag)
+    drag = values[_DRAG, k] * approach(pairs, data.motion.v, n, i, j)
+    virial = push_apart(pairs, data.motion.f, n, i, j, values[_PUSH, k] - drag)
     # perpendicular to e: these add nothing to r.F
     tx, ty, tz = _transverse_force(pairs, data, scratch.bits[k], n, i, j)
-    push(data.f, i, j, tx, ty, tz)
+    push(data.motion.f, i, j, tx, ty, tz)
     if len(pairs.stress):
         x, y, z = g[3, n] * g[0, n], g[3, n] * g[1, n], g[3, n] * g[2, n]
         add_stress(pairs.stress, column, x * tx, y * ty, z * tz, x * ty, x * tz, y * tz)
@@ -154,7 +146,7 @@ def pair_forces(pairs: PairList, terms: Terms, transverse: bool, more: int) -> S
     """Compute the forces.  ``transverse`` says whether there are transverse terms, ``more`` whether STRESS and LAPLACIAN are wanted."""
     if terms.which != CONSERVATIVE:
         return Sums(*(_any_forces if transverse else _central_forces)(pairs, terms, more & STRESS))
-    given = Repulsion(terms.coefficients, *terms[-5:])
+    given = Repulsion(terms.coefficients, terms.motion)
     if not more & LAPLACIAN:
         return Sums(*conservative_forces(pairs, given, more & STRESS))
     found = _curved_forces(pairs, given, more & STRESS)
@@ -213,7 +205,7 @@ def _pair_drag(pairs, data, scratch, n, k, column):
     w, s = 1.0 - r / c[row, CUTOFF], c[row, EXPONENT]
     w = w if s == 1.0 else _rare_power(w, s)
     drag = factor_of(pairs, n) * c[row, GAMMA] * w * w * r
-    virial = -drag * approach(pairs, data.v, n, i, j)
+    virial = -drag * approach(pairs, data.motion.v, n, i, j)
     return drag * r, virial, virial
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -68,19 +68,29 @@ class Sums:
 NO_VELOCITIES = np.zeros((0, 3))
 
 
-class SortedMotion:
+class Motion(NamedTuple):
     """Velocities and forces of M beads in the order of a pair list, and where they come from and go to.
 
     The loops over pairs fetch and deliver them, see :func:`.columns.gather_and_clear` and :func:`.columns.deliver`.
     """
 
+    seen: np.ndarray  #: (N, 3) velocities, or of length 0
+    v: np.ndarray
+    f: np.ndarray
+    out: np.ndarray  #: (N, 3) forces, written or (``add``) added to
+    add: bool
+
+
+class SortedMotion:
+    """The arrays of one :class:`Motion`, used again and again."""
+
     def __init__(self, beads: int):
         self.v, self.f = np.zeros((beads, 3)), np.zeros((beads, 3))
 
-    def arrays(self, call: Call, out: np.ndarray, add: bool) -> tuple[Any, ...]:
-        """``seen``, ``v``, ``f``, ``out``, ``add``: the last items of what a loop over pairs reads and writes."""
+    def arrays(self, call: Call, out: np.ndarray, add: bool) -> Motion:
+        """With the velocities of a call."""
         seen = call.velocities if call.which & (DISSIPATIVE | RANDOM) else None
-        return NO_VELOCITIES if seen is None else seen, self.v, self.f, out, add
+        return Motion(NO_VELOCITIES if seen is None else seen, self.v, self.f, out, add)
 
 
 class Layer(Protocol):

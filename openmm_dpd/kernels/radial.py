@@ -14,6 +14,7 @@ import numpy as np
 
 from .columns import Totals, clear, deliver, factor_of, over_pairs, push_apart
 from .compiled import helper, inlined
+from .layer import NO_VELOCITIES, Motion
 from .pairs import Exceptions, PairList, no_exceptions
 
 
@@ -88,16 +89,14 @@ def _cubic(r, first, last, knots, cubics):
 
 
 class Potential(NamedTuple):
-    """What the loop reads and writes beside the pairs; ``f``: (M, 3) forces on the sorted beads, added to ``out`` (N, 3)."""
+    """What the loop reads and writes beside the pairs."""
 
     which: np.ndarray
     lennard_jones: np.ndarray
     start: np.ndarray
     knots: np.ndarray
     cubics: np.ndarray
-    f: np.ndarray
-    out: np.ndarray
-    add: bool = True
+    motion: Motion
 
 
 @helper
@@ -110,7 +109,7 @@ def _radial_pair(pairs, data, scratch, n, k, column):
     else:
         energy, size = _cubic(r, data.start[table], data.start[table + 1] - 1, data.knots, data.cubics)
     factor = factor_of(pairs, n)
-    return factor * energy, push_apart(pairs, data.f, n, i, j, factor * size), 0.0
+    return factor * energy, push_apart(pairs, data.motion.f, n, i, j, factor * size), 0.0
 
 
 radial_forces = over_pairs("radial_forces", _radial_pair, first=clear, last=deliver)
@@ -123,7 +122,8 @@ class RadialEvaluator:
         self.terms = terms
         self._pairs = PairList(terms.types, np.ones(len(terms.types)), terms.cutoff, terms.exceptions)
         tables, f = terms.tables, np.zeros((len(self._pairs.beads), 3))
-        self._potential = Potential(terms.which, terms.lennard_jones, tables.start, tables.knots, tables.cubics, f, f)
+        motion = Motion(NO_VELOCITIES, f, f, f, True)
+        self._potential = Potential(terms.which, terms.lennard_jones, tables.start, tables.knots, tables.cubics, motion)
 
     def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
         """See :class:`.extras.Evaluator`; RunError if a position is not finite."""
@@ -138,4 +138,4 @@ class RadialEvaluator:
         if not len(self._pairs.beads):
             return Totals(0.0, 0.0, 0.0)
         self._pairs.build(x, box)
-        return radial_forces(self._pairs, self._potential._replace(out=force), tensor)
+        return radial_forces(self._pairs, self._potential._replace(motion=self._potential.motion._replace(out=force)), tensor)

@@ -19,7 +19,7 @@ from .columns import approach, deliver, factor_of, gather_and_clear, over_pairs,
 from .compiled import inlined
 from .edpd import clamped
 from .elementary import power
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
+from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Layer, Motion, PairSpec, SortedMotion, Sums, table_of
 from .noise import normal, pair_key
 from .pairs import PairList
 
@@ -74,8 +74,8 @@ class SpeciesLayer:
             concentrations = np.take(call.field_values, pairs.order, axis=0)
         rates = np.zeros(concentrations.shape)
         noise = call.key(self.number), call.rsqrt_dt
-        of_beads = concentrations, rates, *self._motion.arrays(call, out, add)
-        given = Diffusion(call.which, call.kT, *noise, self.coefficients, self.exchange, *of_beads)
+        motion = self._motion.arrays(call, out, add)
+        given = Diffusion(call.which, call.kT, *noise, self.coefficients, self.exchange, concentrations, rates, motion)
         found = species_forces(pairs, given)
         return Sums(found.energy, found.virial, found.drag, rates=rates)
 
@@ -89,7 +89,7 @@ class SpeciesLayer:
 
 
 class Diffusion(NamedTuple):
-    """What the force form reads and writes beside the pairs; ``c``: (M, K) concentrations; see also :class:`.layer.SortedMotion`."""
+    """What the force form reads and writes beside the pairs; ``c``: (M, K) concentrations."""
 
     which: int
     kT: float
@@ -99,11 +99,7 @@ class Diffusion(NamedTuple):
     exchange: np.ndarray
     c: np.ndarray
     rates: np.ndarray
-    seen: np.ndarray
-    v: np.ndarray
-    f: np.ndarray
-    out: np.ndarray
-    add: bool
+    motion: Motion
 
 
 @inlined
@@ -122,11 +118,11 @@ def _pair_diffusion(pairs, data, scratch, n, k, column):
         if which & CONSERVATIVE:
             radial, energy = soft(factor * coefficients[row, A], coefficients[row, CUTOFF], r)
         if which & DISSIPATIVE:
-            drag = friction * approach(pairs, data.v, n, i, j)
+            drag = friction * approach(pairs, data.motion.v, n, i, j)
             radial -= drag
         if which & RANDOM:
             radial += np.sqrt(2.0 * data.kT * friction) * data.rsqrt_dt * normal(pair, MOTION)
-        virial = push_apart(pairs, data.f, n, i, j, radial)
+        virial = push_apart(pairs, data.motion.f, n, i, j, radial)
     if r < coefficients[row, CUTOFF_C] and which & (DISSIPATIVE | RANDOM):
         w = 1.0 - r / coefficients[row, CUTOFF_C]
         scale = data.rsqrt_dt if order[i] < order[j] else -data.rsqrt_dt
