@@ -244,14 +244,13 @@ def _export(options: argparse.Namespace, signals: Signals) -> None:
 
 def _make_folder(folder: Path, option: str) -> None:
     """Make a folder for results; ParameterError if that is impossible, before anything is computed."""
+    wrong = "cannot be made"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ParameterError(f"{option}: the folder {folder} cannot be made ({error.strerror}); give another one") from None
-    try:
+        wrong = "is not writable"
         tempfile.TemporaryFile(dir=folder).close()
     except OSError as error:
-        raise ParameterError(f"{option}: the folder {folder} is not writable ({error.strerror}); give another one") from None
+        raise ParameterError(f"{option}: the folder {folder} {wrong} ({error.strerror}); give another one") from None
 
 
 def _check_target(path: Path) -> None:

@@ -12,7 +12,7 @@ from .errors import ParameterError, PlanError
 from .made import groups_of, masses_of, refuse_thermostat, virtual_sites
 from .model.scene import box_vectors
 from .names import PAIR_FORCE
-from .units import to_md
+from .units import position_array
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,4 @@ def checked_positions(topology, system: openmm.System, positions) -> np.ndarray:
     if not isinstance(topology, app.Topology) or topology.getNumAtoms() != n:
         what = f"has {topology.getNumAtoms()} atoms" if isinstance(topology, app.Topology) else f"is a {type(topology).__name__}"
         raise ParameterError(f"the Topology must have the {n} particles of the System as its atoms, but it {what}")
-    x = np.asarray(to_md(positions, "length", "positions"), dtype=float)
-    if x.shape != (n, 3):
-        raise ParameterError(f"positions must have shape ({n}, 3), as the System has {n} particles, not {x.shape}")
-    return x
+    return position_array(positions, n, f"the System has {n} particles")

@@ -119,6 +119,14 @@ def _entry_by_entry(value, dimension: str, name: str) -> np.ndarray:
     return np.array(entries, dtype=np.float64)
 
 
+def position_array(positions, count: int, what: str) -> np.ndarray:
+    """Positions as an array (count, 3) of nm; ParameterError that says ``what`` there are so many of."""
+    x = np.asarray(to_md(positions, "length", "positions"), dtype=np.float64)
+    if x.shape != (count, 3):
+        raise ParameterError(f"positions must have shape ({count}, 3), as {what}, not {x.shape}")
+    return x
+
+
 def whole_number(value, name: str, least: int | None = None) -> int:
     """An integer, of at least so much; ParameterError for anything else: a float (1e5 is one), a truth value, a Quantity."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):

@@ -90,7 +90,6 @@ def scene_from_beads(
     )
 
 
-# -- helpers -------------------------------------------------------------------------------------------------------------------
 def _left_out(beads: BeadArrays, leave_out: Sequence[str]) -> set[str]:
     if isinstance(leave_out, str) or not isinstance(leave_out, Iterable):
         raise ParameterError(f"leave_out must be a sequence of names, such as ('dihedrals',), not {what_is(leave_out)}")

@@ -10,7 +10,7 @@ from openmm import app, unit
 from ..errors import ParameterError, what_is
 from ..geometry import reduced
 from ..model.scene import Scene
-from ..units import to_md, whole_number
+from ..units import position_array, whole_number
 from .arrays import BeadArrays, named_types
 from .beads import scene_from_beads
 
@@ -74,7 +74,7 @@ def scene_from_topology(topology: app.Topology, positions, typing=None, *, pairs
     masses = [None if atom.element is None else atom.element.mass.value_in_unit(unit.dalton) for atom in atoms]
     beads = BeadArrays(
         types=named_types(atoms, typing, "the topology"),
-        positions=_positions(positions, len(atoms)),
+        positions=position_array(positions, len(atoms), f"the topology has {len(atoms)} atoms"),
         source="the topology",
         masses=None if None in masses or not masses else np.array(masses),
         box=None if vectors is None else reduced(vectors.value_in_unit(unit.nanometer)),
@@ -132,14 +132,6 @@ def scene_from_mdtraj(trajectory: mdtraj.Trajectory, typing=None, *, pairs, kT, 
         bonds=_once(trajectory.topology.bonds),
     )
     return scene_from_beads(beads, pairs=pairs, kT=kT, **choices)
-
-
-# -- helpers -------------------------------------------------------------------------------------------------------------------
-def _positions(positions, count: int) -> np.ndarray:
-    found = np.asarray(to_md(positions, "length", "positions"))
-    if found.shape != (count, 3):
-        raise ParameterError(f"the topology has {count} atoms, but positions are of shape {found.shape}")
-    return found
 
 
 def _once(bonds) -> np.ndarray:

@@ -9,7 +9,7 @@ from ..errors import ParameterError, what_is
 from ..geometry import minimum_images, widths
 from ..model.scene import box_vectors
 from ..neighbours import pairs_within
-from ..units import to_md, whole_number
+from ..units import position_array, whole_number
 from .rings import neighbours_of, small_rings, within_bonds
 
 #: How far beyond the edge of a ring a bond is pushed that was in it, nm: about the radius of a carbon atom.
@@ -87,18 +87,10 @@ def find_piercings(topology: app.Topology, positions, box=None, *, max_ring: int
     bonds = bonds_of_topology(topology)
     if not len(bonds):
         raise ParameterError("the Topology has no bonds, so nothing is known of its rings; createStandardBonds() makes some")
-    x = finite_positions(positions, topology.getNumAtoms())
+    x = position_array(positions, topology.getNumAtoms(), "the topology says")
     vectors = box_vectors(topology.getPeriodicBoxVectors() if box is None else box)
     rings = small_rings(bonds, len(x), whole_number(max_ring, "max_ring", least=3))
     return [Piercing(ring, bond, _words(topology, ring, bond)) for ring, bond in crossings(rings, bonds, x, vectors)]
-
-
-def finite_positions(positions, n: int) -> np.ndarray:
-    """Positions as an (n, 3) array of nm."""
-    x = np.asarray(to_md(positions, "length", "positions"), dtype=np.float64)
-    if x.shape != (n, 3):
-        raise ParameterError(f"positions must have shape ({n}, 3), as there are {n} atoms, not {x.shape}")
-    return x
 
 
 def bonds_of_topology(topology: app.Topology) -> np.ndarray:
