@@ -31,10 +31,10 @@ class Scheme:
     letters: tuple[Letter, ...]  #: Empty for schemes that are no words
     reference: str  #: Where it comes from
     what: str  #: What it does, in a line
-    #: {"sweep", "force", "openmm"}: Whether friction and noise are pair updates, forces of a predicted velocity, or those of OpenMM's own
-    #: DPDIntegrator
+    # {"sweep", "force", "openmm"}: Whether friction and noise are pair updates, forces of a predicted velocity, or those of OpenMM's own
+    # DPDIntegrator
     friction: str = "sweep"
-    #: Whether it keeps constraints and virtual sites right: other words evaluate forces at positions that are not constrained yet
+    # Whether it keeps constraints and virtual sites right: other words evaluate forces at positions that are not constrained yet
     constraints: bool = False
     in_lammps: bool = False  #: Whether LAMMPS has it
     measured: bool = True  #: Whether the accuracy of its steps is in the table of :func:`openmm_dpd.recommend`

@@ -191,7 +191,7 @@ class UnitSystem:
     """
 
     name: str  #: ``lj``, ``real`` or ``metal``
-    length: float  #: length, mass, time: nm, Da and ps per unit
+    length: float  # length, mass, time: nm, Da and ps per unit
     mass: float
     time: float
     mvv2e: float  #: LAMMPS's factor from mass*velocity^2 to energy

@@ -19,8 +19,8 @@ class PairExpression:
     """A radial pair potential U(r; type1, type2)."""
 
     name: str  #: Name of the forces made from it
-    energy: str  #: Expression in r, type1, type2, zero from the cutoff on
-    cutoff: float  #: Largest cutoff, nm
+    energy: str  # Expression in r, type1, type2, zero from the cutoff on
+    cutoff: float  # Largest cutoff, nm
     functions: dict[str, Callable[[], openmm.TabulatedFunction]] = field(default_factory=dict)
     skips_coincident: bool = False  #: Whether beads at the same point have no energy; else they have that at :data:`COINCIDENT`
 

@@ -19,7 +19,7 @@ class Grid(NamedTuple):
     box: np.ndarray  #: (3, 3) lower-triangular box vectors; without a box the extent of the grid
     origin: np.ndarray  #: (3,) lower corner
     periodic: bool
-    nx: int  #: nx, ny, nz: cells along each axis
+    nx: int  # nx, ny, nz: cells along each axis
     ny: int
     nz: int
 

@@ -39,7 +39,7 @@ class ChargeTerms:
     charges: np.ndarray  #: (M,) theirs, in elementary charges
     constant: float  #: Coulomb constant, kJ/mol nm
     short: Quintics  #: s(r) - erf(alpha r)/r up to the cutoff; s(r), and 1/r from its end on, where there is no box
-    cutoff: float  #: nm; infinite without a box
+    cutoff: float  # nm; infinite without a box
     alpha: float  #: Splitting parameter (1/nm); 0 without a box
     k_max: float  #: The longest wave vector, 1/nm; 0 without a box
     whole: Quintics  #: s(r), and 1/r from its end on; for bonded neighbours
@@ -76,13 +76,13 @@ class ChargeSpace(NamedTuple):
 
     xs: np.ndarray  #: (3 room,) positions, x of all charges first
     q: np.ndarray  #: (room,) charges; 0 at the end
-    tables: np.ndarray  #: tables, start: phases of all charges and where they begin for each axis, see :func:`.waves.write_phases`
+    tables: np.ndarray  # tables, start: phases of all charges and where they begin for each axis, see :func:`.waves.write_phases`
     start: np.ndarray
     counts: np.ndarray  #: (3,) how many of them
     steps: np.ndarray  #: (16 room,) see :func:`.waves.copy_steps`
     pulls: np.ndarray  #: See :func:`.waves.structure_factors`
     forces: np.ndarray  #: Three components of the forces of the lattice, then those of each share of the pairs
-    of_shares: np.ndarray  #: of_shares, of_blocks: (shares, 2) and (B, 2) energy and virial of shares of the pairs, of blocks of waves
+    of_shares: np.ndarray  # of_shares, of_blocks: (shares, 2) and (B, 2) energy and virial of shares of the pairs, of blocks of waves
     of_blocks: np.ndarray
     outer: np.ndarray  #: (parts, 18 room) scratch of each thread
     hits: np.ndarray  #: (parts, room) uint32 the same

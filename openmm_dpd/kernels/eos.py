@@ -25,7 +25,7 @@ class EOSTable:
     curve: np.ndarray  #: (N,) int32 CONSTANT, RESERVOIR, or the number of the curve
     start: np.ndarray  #: (C + 1,) first node of each curve
     nodes: np.ndarray  #: (P,) energies at the nodes, all curves one after the other
-    pieces: np.ndarray  #: (P, 5) per interval: cubic coefficients of 1/theta, highest power first, and the entropy at its left end
+    pieces: np.ndarray  # (P, 5) per interval: cubic coefficients of 1/theta, highest power first, and the entropy at its left end
 
     def of(self, beads: np.ndarray) -> EOSTable:
         """The same for a choice of beads."""

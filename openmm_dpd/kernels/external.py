@@ -30,7 +30,7 @@ class BodyTerms:
     vectors: np.ndarray  #: (M, 3) forces f on them, kJ/mol/nm
     pattern: int = UNIFORM  #: ``UNIFORM``, ``HALVES`` or ``SINE``
     axis: int = 0  #: Axis along which the pattern varies
-    origin: float = 0.0  #: origin, period: where it begins and how long it is, nm
+    origin: float = 0.0  # origin, period: where it begins and how long it is, nm
     period: float = 1.0
 
     def evaluator(self) -> Evaluator:

@@ -24,11 +24,11 @@ class FieldSource(Protocol):
 class FieldSpec:
     """The part of per-bead fields that never changes."""
 
-    kind: str  #: ENERGY (columns: conductive, mechanical), TEMPERATURE (one column) or SPECIES (one column each)
+    kind: str  # ENERGY (columns: conductive, mechanical), TEMPERATURE (one column) or SPECIES (one column each)
     initial: np.ndarray  #: (N, K) values at the start
     immobile: np.ndarray  #: (N,) of bool beads whose values the program does not change
-    capacity: np.ndarray | None = None  #: (N,) or None; TEMPERATURE: heat capacities
-    eos: EOSTable | None = None  #: ENERGY: equations of state
+    capacity: np.ndarray | None = None  # (N,) or None; TEMPERATURE: heat capacities
+    eos: EOSTable | None = None  # ENERGY: equations of state
     sources: tuple[FieldSource, ...] = ()
 
     @property

@@ -39,7 +39,7 @@ class Terms(NamedTuple):
 
     which: int  #: Sum of CONSERVATIVE, DISSIPATIVE, RANDOM
     plain: bool  #: Whether all pairs have the same coefficients, the factor 1 and the exponent 1
-    key: np.uint64  #: key, rsqrt_dt: of the noise
+    key: np.uint64  # key, rsqrt_dt: of the noise
     rsqrt_dt: float
     coefficients: np.ndarray  #: (T*T, 8)
     motion: Motion

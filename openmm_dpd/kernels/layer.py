@@ -33,12 +33,12 @@ class Call:
 
     which: int  #: Sum of CONSERVATIVE, DISSIPATIVE, RANDOM, and perhaps STRESS, LAPLACIAN
     velocities: np.ndarray | None  #: (N, 3) or None
-    kT: float  #: kT, dt: thermal energy and time step; noise as a force has the amplitude sigma/sqrt(dt)
+    kT: float  # kT, dt: thermal energy and time step; noise as a force has the amplitude sigma/sqrt(dt)
     dt: float
-    seed: int  #: seed, counter: key of the noise
+    seed: int  # seed, counter: key of the noise
     counter: int
     field_values: np.ndarray | None = None  #: (N, K) or None; values of the per-bead fields (see :mod:`.fields`)
-    update: int = EXACT  #: Pair update of a sweep: EXACT or SHARDLOW
+    update: int = EXACT  # Pair update of a sweep: EXACT or SHARDLOW
 
     def key(self, number: int) -> np.uint64:
         """Key of the noise of layer number ``number``; 0 where none is asked for."""
@@ -54,13 +54,13 @@ class Call:
 class Sums:
     """What the force form of one layer gives beside the forces."""
 
-    energy: float  #: energy, virial: conservative energy, and the sum over pairs of r_ij . F_ij of the chosen terms
+    energy: float  # energy, virial: conservative energy, and the sum over pairs of r_ij . F_ij of the chosen terms
     virial: float
     drag: float = 0.0  #: The part of the virial that the friction has
     #: (6,) or None; sum over pairs of r_ij F_ij, components xx, yy, zz, xy, xz, yz; only if asked for, and only of layers that have it
     stress: np.ndarray | None = None
     laplacian: float | None = None  #: If it came with the forces; otherwise :meth:`Layer.laplacian` has it
-    #: (M, K) or None; change per time of the per-bead fields (for internal energies: conductive, mechanical), in the order of the pair list
+    # (M, K) or None; change per time of the per-bead fields (for internal energies: conductive, mechanical), in the order of the pair list
     rates: np.ndarray | None = None
 
 
@@ -131,11 +131,11 @@ class Table(Protocol):
 class PairSpec:
     """The part of the kernel's input that never changes."""
 
-    types: np.ndarray  #: (N,) int32 type of each particle; -1 for one that takes no part in any pair term
+    types: np.ndarray  # (N,) int32 type of each particle; -1 for one that takes no part in any pair term
     inv_mass: np.ndarray  #: (N,) 1/mass; 0 for a particle that does not move
     terms: tuple[Table, ...]  #: Coefficients of the layers, evaluated one after the other
-    update: int = EXACT  #: Pair update of the sweep: EXACT or SHARDLOW
-    #: Bonded neighbours in compressed rows: start (N + 1,), bead (E,), factor (E,); start is empty if there are none
+    update: int = EXACT  # Pair update of the sweep: EXACT or SHARDLOW
+    # Bonded neighbours in compressed rows: start (N + 1,), bead (E,), factor (E,); start is empty if there are none
     exceptions: Exceptions = field(default_factory=no_exceptions)
     wall_velocity: np.ndarray | None = None  #: (N, 3), or None; velocity with which immobile particles take part in the friction
     fields: FieldSpec | None = None  #: Per-bead fields, if there are any

@@ -45,7 +45,7 @@ class ManyBodyTable:
     A: np.ndarray
     B: np.ndarray
     gamma: np.ndarray
-    cutoff: np.ndarray  #: Range of attraction and friction, the longest one
+    cutoff: np.ndarray  # Range of attraction and friction, the longest one
     cutoff_B: np.ndarray
     cutoff_density: np.ndarray
     lucy: bool  #: Lucy kernel; otherwise the quadratic one

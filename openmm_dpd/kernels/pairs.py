@@ -33,17 +33,17 @@ class Pairs(NamedTuple):
     """What the loops over pairs read, M beads sorted into cells."""
 
     order: np.ndarray  #: (M,) index of each sorted bead; the pairs count sorted beads
-    types: np.ndarray  #: (M,)
+    types: np.ndarray  # (M,)
     inv_mass: np.ndarray  #: (M,)
     ntypes: int
-    pi: np.ndarray  #: pi, pj: (room,) uint32, beads of each pair
+    pi: np.ndarray  # pi, pj: (room,) uint32, beads of each pair
     pj: np.ndarray
     geometry: np.ndarray  #: (4, room) unit vector from j to i, and distance
     factors: np.ndarray  #: (room,) factors of bonded neighbours; of length 0 if there are none
-    columns: np.ndarray  #: columns, block_start, colour_start: columns in blocks, blocks in colours
+    columns: np.ndarray  # columns, block_start, colour_start: columns in blocks, blocks in colours
     block_start: np.ndarray
     colour_start: np.ndarray
-    start: np.ndarray  #: start, found: column c has the pairs start[c]:start[c] + found[c]
+    start: np.ndarray  # start, found: column c has the pairs start[c]:start[c] + found[c]
     found: np.ndarray
     sums: np.ndarray  #: (columns, 3) energy, virial and virial of the friction of each column, see :mod:`.columns`
     stress: np.ndarray  #: (columns, 6) its stress tensor; of length 0 where none is asked for

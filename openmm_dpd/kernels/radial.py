@@ -43,12 +43,12 @@ class RadialTerms:
 
     term: ClassVar[str] = "conservative"
 
-    types: np.ndarray  #: (N,) int32 type of each bead, -1 for one that takes no part
-    cutoff: np.ndarray  #: (T, T) nm; 0 where two types do not interact
+    types: np.ndarray  # (N,) int32 type of each bead, -1 for one that takes no part
+    cutoff: np.ndarray  # (T, T) nm; 0 where two types do not interact
     which: np.ndarray  #: (T, T) number of the table of two types, -1 for Lennard-Jones
     lennard_jones: np.ndarray  #: (T, T, 3) epsilon, sigma and shift of two types
     tables: Tables
-    #: Bonded neighbours in compressed rows: start (N + 1,), bead (E,), factor (E,); start is empty if there are none
+    # Bonded neighbours in compressed rows: start (N + 1,), bead (E,), factor (E,); start is empty if there are none
     exceptions: Exceptions = field(default_factory=no_exceptions)
 
     def evaluator(self) -> RadialEvaluator:

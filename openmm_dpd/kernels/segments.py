@@ -40,7 +40,7 @@ class SegmentSpec:
 
     n_beads: int
     pairs: np.ndarray  #: (S, 2) beads of each segment
-    A: float  #: A, cutoff: force at d = 0 (kJ/mol/nm) and range (nm)
+    A: float  # A, cutoff: force at d = 0 (kJ/mol/nm) and range (nm)
     cutoff: float
     rule: int  #: ``MID``, ``NEAREST`` or ``CLAMPED``
     exclude_adjoining: bool = True  #: Whether segments that share a bead leave each other alone

@@ -33,7 +33,7 @@ class Sweep(NamedTuple):
 
     update: int  #: EXACT or SHARDLOW
     plain: bool  #: Whether all pairs have the same coefficients and masses, the factor 1 and the exponent 1
-    halvings: int  #: For plain pairs: after so many halvings their x is 0.5 at most
+    halvings: int  # For plain pairs: after so many halvings their x is 0.5 at most
     kT: float
     dt: float
     key: np.uint64  #: Of the noise

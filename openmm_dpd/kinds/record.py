@@ -46,7 +46,7 @@ class Kind:
     coefficient: type[PairCoefficient]  #: A frozen dataclass of :mod:`openmm_dpd.model`
     #: The coefficients as the pair kernel's table, which makes the layer that evaluates them; or else
     terms: Callable[[Resolved, BeadData], Table] | None = None
-    #: (of a table and names of types) what makes it a radial potential without friction beside the pair terms: the kernel's form
+    # (of a table and names of types) what makes it a radial potential without friction beside the pair terms: the kernel's form
     overlay: Callable[[Resolved, list[str]], Curves] | None = None
     #: (of a table and names of types) the conservative force, or its radial part, as an OpenMM expression
     potential: Callable[[Resolved, list[str]], PairExpression] | None = None
@@ -65,8 +65,8 @@ class Kind:
     has_densities: bool = False  #: Whether its layers have local densities of the beads
     beside_atoms: bool = False  #: Whether beads beside atoms of a force field may have it, and it may act between the two
     thermostat: bool = False  #: Whether it can be the friction between atoms
-    #: (of a coefficient and kT) friction coefficients (Da/ps) with the exponents of their noise, of a soft repulsion A (1 - r/cutoff): what
-    #: the table of steps is about
+    # (of a coefficient and kT) friction coefficients (Da/ps) with the exponents of their noise, of a soft repulsion A (1 - r/cutoff): what
+    # the table of steps is about
     frictions: Callable[[Any, float], list[tuple[float, float]]] | None = None
     unlike_lammps: str | None = None  #: What it does unlike LAMMPS unless a scene has ``compat="lammps"``
 
