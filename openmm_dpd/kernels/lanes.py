@@ -38,70 +38,47 @@ class _LanesModel(models.PrimitiveModel):
         super().__init__(manager, kind, _VECTOR)
 
 
-@instruction
-def load_lanes(typing, array, index):
+@instruction(lambda array, index: lanes(array, types.intp))
+def load_lanes(context, builder, signature, arguments):
     """array[index:index + 8] of a contiguous array of float64."""
-
-    def code(context, builder, signature, arguments):
-        return builder.load(lanes_at(context, builder, signature.args[0], arguments[0], arguments[1], _VECTOR), align=8)
-
-    return lanes(array, types.intp), code
+    return builder.load(lanes_at(context, builder, signature.args[0], arguments[0], arguments[1], _VECTOR), align=8)
 
 
-@instruction
-def store_lanes(typing, array, index, value):
+@instruction(lambda array, index, value: types.void(array, types.intp, lanes))
+def store_lanes(context, builder, signature, arguments):
     """array[index:index + 8] = value."""
-
-    def code(context, builder, signature, arguments):
-        builder.store(arguments[2], lanes_at(context, builder, signature.args[0], arguments[0], arguments[1], _VECTOR), align=8)
-        return context.get_dummy_value()
-
-    return types.void(array, types.intp, lanes), code
+    builder.store(arguments[2], lanes_at(context, builder, signature.args[0], arguments[0], arguments[1], _VECTOR), align=8)
+    return context.get_dummy_value()
 
 
-@instruction
-def splat(typing, value):
+@instruction(lambda value: lanes(types.float64))
+def splat(context, builder, signature, arguments):
     """Eight times the same number."""
-
-    def code(context, builder, signature, arguments):
-        return splatted(builder, arguments[0], _VECTOR)
-
-    return lanes(types.float64), code
+    return splatted(builder, arguments[0], _VECTOR)
 
 
-@instruction
-def floor(typing, value):
+@instruction(lambda value: lanes(lanes))
+def floor(context, builder, signature, arguments):
     """The largest whole numbers that are not larger."""
-
-    def code(context, builder, signature, arguments):
-        function = builder.module.declare_intrinsic(f"llvm.floor.v{LANES}f64", (), ir.FunctionType(_VECTOR, [_VECTOR]))
-        return builder.call(function, arguments)
-
-    return lanes(lanes), code
+    function = builder.module.declare_intrinsic(f"llvm.floor.v{LANES}f64", (), ir.FunctionType(_VECTOR, [_VECTOR]))
+    return builder.call(function, arguments)
 
 
-@instruction
-def total(typing, value):
+@instruction(lambda value: types.float64(lanes))
+def total(context, builder, signature, arguments):
     """The sum of the eight, one after the other."""
-
-    def code(context, builder, signature, arguments):
-        found = builder.extract_element(arguments[0], ir.Constant(ir.IntType(32), 0))
-        for lane in range(1, LANES):
-            found = builder.fadd(found, builder.extract_element(arguments[0], ir.Constant(ir.IntType(32), lane)))
-        return found
-
-    return types.float64(lanes), code
+    found = builder.extract_element(arguments[0], ir.Constant(ir.IntType(32), 0))
+    for lane in range(1, LANES):
+        found = builder.fadd(found, builder.extract_element(arguments[0], ir.Constant(ir.IntType(32), lane)))
+    return found
 
 
 def _arithmetic(word, build: str) -> None:
     """Let an operator work on two Lanes."""
 
-    @instruction
-    def of_two(typing, first, second):
-        def code(context, builder, signature, arguments):
-            return getattr(builder, build)(*arguments)
-
-        return lanes(lanes, lanes), code
+    @instruction(lambda first, second: lanes(lanes, lanes))
+    def of_two(context, builder, signature, arguments):
+        return getattr(builder, build)(*arguments)
 
     @overload(word)
     def _operator(first, second):

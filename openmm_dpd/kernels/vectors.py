@@ -3,6 +3,8 @@
 They are written as plain LLVM instructions, which exist on every processor; the compiler picks the best that the present one has.
 """
 
+from collections.abc import Callable
+from inspect import Parameter, Signature
 from typing import Any
 
 from llvmlite import ir
@@ -11,28 +13,32 @@ from numba.extending import intrinsic
 
 LANES = 8
 
-#: Its arguments are values when it is called, and types when it is compiled.
-instruction: Any = intrinsic
+
+def instruction(signature: Callable) -> Callable[[Callable], Any]:
+    """A function for kernels whose code is LLVM's; ``signature`` makes numba's signature of the types of its arguments."""
+
+    def made(code):
+        def of_types(typing, *kinds):
+            return signature(*kinds), code
+
+        of_types.__name__, of_types.__doc__ = code.__name__, code.__doc__
+        given = Parameter("typing", Parameter.POSITIONAL_OR_KEYWORD), *Signature.from_callable(signature).parameters.values()
+        of_types.__signature__ = Signature(given)  # type: ignore[attr-defined]
+        return intrinsic(of_types)
+
+    return made
 
 
-@instruction
-def lowest_bit(typing, bits):
+@instruction(lambda bits: types.uint64(types.uint64))
+def lowest_bit(context, builder, signature, arguments):
     """Place of the lowest bit that is set; anything from 0 to 64 if none is."""
-
-    def code(context, builder, signature, arguments):
-        return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 0))
-
-    return types.uint64(types.uint64), code
+    return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 0))
 
 
-@instruction
-def bits_set(typing, bits):
+@instruction(lambda bits: types.uint64(types.uint64))
+def bits_set(context, builder, signature, arguments):
     """How many bits are set."""
-
-    def code(context, builder, signature, arguments):
-        return builder.ctpop(arguments[0])
-
-    return types.uint64(types.uint64), code
+    return builder.ctpop(arguments[0])
 
 
 def lanes_at(context, builder, kind, array, index, vector):
@@ -47,30 +53,22 @@ def splatted(builder, value, vector):
     return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
 
 
-@instruction
-def copy_shifted(typing, source, first, shift, target, at):
+@instruction(lambda source, first, shift, target, at: types.void(source, first, shift, target, at))
+def copy_shifted(context, builder, signature, arguments):
     """target[at:at + 8] = source[first:first + 8] + shift, arrays of float64."""
-
-    def code(context, builder, signature, arguments):
-        vector = ir.VectorType(ir.DoubleType(), LANES)
-        read = lanes_at(context, builder, signature.args[0], arguments[0], arguments[1], vector)
-        write = lanes_at(context, builder, signature.args[3], arguments[3], arguments[4], vector)
-        moved = builder.fadd(builder.load(read, align=8), splatted(builder, arguments[2], vector))
-        builder.store(moved, write, align=8)
-        return context.get_dummy_value()
-
-    return types.void(source, first, shift, target, at), code
+    vector = ir.VectorType(ir.DoubleType(), LANES)
+    read = lanes_at(context, builder, signature.args[0], arguments[0], arguments[1], vector)
+    write = lanes_at(context, builder, signature.args[3], arguments[3], arguments[4], vector)
+    moved = builder.fadd(builder.load(read, align=8), splatted(builder, arguments[2], vector))
+    builder.store(moved, write, align=8)
+    return context.get_dummy_value()
 
 
-@instruction
-def count_up(typing, first, target, at):
+@instruction(lambda first, target, at: types.void(first, target, at))
+def count_up(context, builder, signature, arguments):
     """target[at:at + 8] = first, first + 1, ..., an array of uint32."""
-
-    def code(context, builder, signature, arguments):
-        vector = ir.VectorType(ir.IntType(32), LANES)
-        write = lanes_at(context, builder, signature.args[1], arguments[1], arguments[2], vector)
-        start = splatted(builder, builder.trunc(arguments[0], ir.IntType(32)), vector)
-        builder.store(builder.add(start, ir.Constant(vector, list(range(LANES)))), write, align=4)
-        return context.get_dummy_value()
-
-    return types.void(first, target, at), code
+    vector = ir.VectorType(ir.IntType(32), LANES)
+    write = lanes_at(context, builder, signature.args[1], arguments[1], arguments[2], vector)
+    start = splatted(builder, builder.trunc(arguments[0], ir.IntType(32)), vector)
+    builder.store(builder.add(start, ir.Constant(vector, list(range(LANES)))), write, align=4)
+    return context.get_dummy_value()
