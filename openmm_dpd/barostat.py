@@ -20,6 +20,7 @@ import openmm
 from openmm import unit
 
 from .built import BuiltSystem
+from .cadence import Cadence
 from .errors import ParameterError, PlanError, what_is
 from .fields import per_dof, raw_fields
 from .kernels.compiled import compiled
@@ -28,7 +29,7 @@ from .kernels.fields import ENERGY
 from .kernels.noise import call_key, uniform
 from .made import BAROSTATS
 from .names import CONVERTED, FIELD, SEED, VOLUME_ACCEPTED, VOLUME_MOVES, VOLUME_STEP
-from .units import BAR_PER_MD_PRESSURE, BOLTZMANN, md_pressure, md_tension
+from .units import BAR_PER_MD_PRESSURE, BOLTZMANN, md_pressure, md_tension, whole_number
 
 #: Layer number under which volume moves draw their noise: far from those of pair terms.
 _NOISE_LAYER = 1 << 20
@@ -49,8 +50,7 @@ def _check(built: BuiltSystem, interval: int, axes: tuple[bool, bool, bool]) -> 
         raise PlanError("a barostat would scale the positions of immobile beads; it needs a scene where all beads move")
     if scene.interacting is not None:
         raise PlanError("a barostat needs a scene where all forces act on all beads; `interacting` takes some away")
-    if isinstance(interval, bool) or not isinstance(interval, (int, np.integer)) or interval < 1:
-        raise ParameterError(f"the interval of volume moves must be a number of steps >= 1, not {interval!r}")
+    whole_number(interval, "the interval between volume moves, in steps,", least=1)
     if len(axes) != 3 or not any(axes):
         raise ParameterError(f"axes must be three of True or False, at least one True, not {axes!r}")
 
@@ -184,7 +184,7 @@ def _membrane_barostat(box: np.ndarray, pressure, tension, xymode: str, zmode: s
     return openmm.MonteCarloMembraneBarostat(bar, bar_nm, kelvin, _XY_MODES[xymode], _Z_MODES[zmode], interval)
 
 
-class EnthalpyBarostat:
+class EnthalpyBarostat(Cadence):
     """Constant pressure and enthalpy for energy-conserving DPD: append it to ``simulation.reporters``, after all others.
 
     (OpenMM hands all reporters of a step one State taken before, so frames written after a move would mix two volumes.)
@@ -231,15 +231,11 @@ class EnthalpyBarostat:
                 "an isoenthalpic barostat needs beads with internal energies (EnergyDPD); use add_barostat for isothermal scenes"
             )
         assert fields.eos is not None
-        self.built, self.pressure, self.interval, self.adjust = built, md_pressure(pressure), int(interval), adjust
+        super().__init__(interval, "volume moves")
+        self.built, self.pressure, self.adjust = built, md_pressure(pressure), adjust
         self.axes, self.coupled = np.flatnonzero(axes), coupled
         self._fields, self._eos = fields, fields.eos
         self._groups = built.integrator.getIntegrationForceGroups()
-
-    def describeNextReport(self, simulation):
-        """Steps until the next move; nothing is wanted in the State that OpenMM hands over."""
-        steps = self.interval - simulation.currentStep % self.interval
-        return {"steps": steps, "periodic": None, "include": []}
 
     def report(self, simulation, state):
         """Try a move."""
@@ -318,6 +314,3 @@ def _entropy_gain(u, share, capacity, curve, start, nodes, pieces):
             return -np.inf
         total += entropy_change(u[i], u[i] + share, capacity[i], curve[i], start, nodes, pieces)
     return total
-
-
-__all__ = ["EnthalpyBarostat", "add_barostat"]

@@ -27,16 +27,7 @@ Radial = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
 def charge_terms(scene: Scene, ewald: EwaldSum | None, exceptions: Factors) -> ChargeTerms | None:
-    """The kernel's form of the charges of a scene; None if it has none.
-
-    Parameters
-    ----------
-    scene : Scene
-    ewald : EwaldSum or None
-        Settings of the lattice sum (``Plan.ewald``); None without a box.
-    exceptions : dict
-        Factors of the charges of bonded neighbours (``Plan.charge_exceptions``).
-    """
+    """The kernel's form of the charges of a scene, from ``Plan.ewald`` and ``Plan.charge_exceptions``; None if it has none."""
     charges = scene.electrostatics
     if charges is None or scene.charges is None:
         return None

@@ -7,6 +7,7 @@ import numpy as np
 import openmm
 
 from .errors import ParameterError, PlanError
+from .model.pairs import checked
 from .schemes import SCHEMES, Scheme
 from .units import to_md, whole_number
 from .wording import in_length
@@ -17,10 +18,7 @@ PLATFORMS = ("Reference", "CPU", "OpenCL", "CUDA", "HIP")
 
 def checked_step(dt) -> float:
     """The step size, ps."""
-    step = to_md(dt, "time", "dt")
-    if not isinstance(step, float) or step <= 0:
-        raise ParameterError(f"dt must be a single time > 0, not {dt!r}")
-    return step
+    return checked(dt, "time", "dt", positive=True)
 
 
 def checked_lam(lam, scheme: Scheme) -> float:

@@ -19,54 +19,30 @@ from .platforms import platform_here
 from .schemes import SCHEMES, scheme_of
 from .signals import Signals
 
-#: Options of several commands: their names, and what argparse takes.
+
+def _option(*names: str, **settings) -> tuple[tuple[str, ...], dict]:
+    """An option: its names, and what argparse takes."""
+    return names, settings
+
+
+_SCHEMES = f"integration scheme: {', '.join(SCHEMES)}, or a word such as 'B/2 A/2 O A/2 B/2' (default: what the deck's fixes say)"
+_COMPAT = "heat of pair style edpd: so that energy is conserved (default), or as LAMMPS computes it"
+_CONSERVATIVE = "what computes the conservative force: CustomNonbondedForce of OpenMM, or the pair kernel (default: auto)"
+_VARIABLES = {"action": "append", "default": [], "help": "set an index variable of the deck; may be repeated"}
+
+#: Options of several commands.
 _SHARED = {
-    "deck": ("deck", {"type": Path, "metavar": "DECK", "help": "LAMMPS input script"}),
-    "var": (
-        ("--var", "-var"),
-        {
-            "nargs": 2,
-            "action": "append",
-            "default": [],
-            "metavar": ("NAME", "VALUE"),
-            "help": "set an index variable of the deck; may be repeated",
-        },
-    ),
-    "scheme": (
-        "--scheme",
-        {
-            "metavar": "S",
-            "help": f"integration scheme: {', '.join(SCHEMES)}, or a word such as 'B/2 A/2 O A/2 B/2' (default: what the deck's fixes say)",
-        },
-    ),
-    "dt": ("--dt", {"type": float, "metavar": "DT", "help": "time step, in the deck's units (default: the deck's)"}),
-    "steps": ("--steps", {"type": int, "metavar": "N", "help": "number of steps of every run command (default: the deck's)"}),
-    "seed": ("--seed", {"type": int, "metavar": "K", "help": "seed of the noise (default: the deck's)"}),
-    "compat": (
-        "--compat",
-        {
-            "choices": ("consistent", "lammps"),
-            "default": "consistent",
-            "help": "heat of pair style edpd: so that energy is conserved (default), or as LAMMPS computes it",
-        },
-    ),
-    "platform": (
-        "--platform",
-        {"metavar": "P", "help": "Reference, CPU, OpenCL, CUDA or HIP (default: the fastest there is)"},
-    ),
-    "precision": (
-        "--precision",
-        {"choices": ("single", "mixed", "double"), "help": "precision of a GPU platform (default: single)"},
-    ),
-    "threads": ("--threads", {"type": int, "metavar": "N", "help": "threads of OpenMM and of the pair kernel (default: all cores)"}),
-    "conservative": (
-        "--conservative",
-        {
-            "choices": ("auto", "openmm", "kernel"),
-            "default": "auto",
-            "help": "what computes the conservative force: CustomNonbondedForce of OpenMM, or the pair kernel (default: auto)",
-        },
-    ),
+    "deck": _option("deck", type=Path, metavar="DECK", help="LAMMPS input script"),
+    "var": _option("--var", "-var", nargs=2, metavar=("NAME", "VALUE"), **_VARIABLES),
+    "scheme": _option("--scheme", metavar="S", help=_SCHEMES),
+    "dt": _option("--dt", type=float, metavar="DT", help="time step, in the deck's units (default: the deck's)"),
+    "steps": _option("--steps", type=int, metavar="N", help="number of steps of every run command (default: the deck's)"),
+    "seed": _option("--seed", type=int, metavar="K", help="seed of the noise (default: the deck's)"),
+    "compat": _option("--compat", choices=("consistent", "lammps"), default="consistent", help=_COMPAT),
+    "platform": _option("--platform", metavar="P", help="Reference, CPU, OpenCL, CUDA or HIP (default: the fastest there is)"),
+    "precision": _option("--precision", choices=("single", "mixed", "double"), help="precision of a GPU platform (default: single)"),
+    "threads": _option("--threads", type=int, metavar="N", help="threads of OpenMM and of the pair kernel (default: all cores)"),
+    "conservative": _option("--conservative", choices=("auto", "openmm", "kernel"), default="auto", help=_CONSERVATIVE),
 }
 
 
@@ -74,7 +50,7 @@ def _add(parser: argparse.ArgumentParser, names: str) -> None:
     """Add options of :data:`_SHARED`."""
     for name in names.split():
         called, settings = _SHARED[name]
-        parser.add_argument(*([called] if isinstance(called, str) else called), **settings)  # type: ignore[arg-type]
+        parser.add_argument(*called, **settings)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -92,32 +68,21 @@ def _parser() -> argparse.ArgumentParser:
         _add(added, shared)
         return added
 
-    run = command(
-        "run",
-        "run a deck; what it writes goes into a folder",
-        "deck scheme dt steps seed var platform precision threads conservative compat",
-    )
+    shared = "deck scheme dt steps seed var platform precision threads conservative compat"
+    run = command("run", "run a deck; what it writes goes into a folder", shared)
     _add_run_options(run)
     # None is what was not given: the default then, or what the run had that --restart goes on with
     run.set_defaults(compat=None, conservative=None, discard=None, format=None)
-    forces = command(
-        "forces",
-        "write the forces at the first configuration of a deck, term by term",
-        "deck seed var platform precision threads conservative compat",
-    )
+    shared = "deck seed var platform precision threads conservative compat"
+    forces = command("forces", "write the forces at the first configuration of a deck, term by term", shared)
     forces.add_argument("--json", type=Path, metavar="FILE", required=True, help="file for the forces")
     explain = command(
         "explain", "print what would be built for the first run of a deck", "deck scheme dt seed var platform threads conservative compat"
     )
     explain.add_argument("--program", action="store_true", help="list the lines of the integrator's program too")
     advice = command("recommend", "print which scheme and time step suit the first run of a deck", "deck scheme dt var")
-    advice.add_argument(
-        "--error",
-        type=float,
-        default=0.01,
-        metavar="E",
-        help="relative error of the temperatures to accept, from 0.0001 to 0.1 (default: 0.01, that is 1 %%)",
-    )
+    accepted = "relative error of the temperatures to accept, from 0.0001 to 0.1 (default: 0.01, that is 1 %%)"
+    advice.add_argument("--error", type=float, default=0.01, metavar="E", help=accepted)
     export = command("export", "write the first run of a deck as in.NAME and data.NAME, for LAMMPS on a cluster", "deck")
     export.add_argument("directory", type=Path, metavar="DIR", help="folder to write to")
     export.add_argument("--name", metavar="NAME", help="files are in.NAME and data.NAME (default: the deck's name without 'in.')")
@@ -128,37 +93,20 @@ def _parser() -> argparse.ArgumentParser:
 
 def _add_run_options(run: argparse.ArgumentParser) -> None:
     results = run.add_argument_group("results")
-    results.add_argument(
-        "--out",
-        type=Path,
-        metavar="DIR",
-        help="folder for all files that are written but those with absolute names (default: out/NAME for in.NAME)",
-    )
+    results_in = "folder for all files that are written but those with absolute names (default: out/NAME for in.NAME)"
+    results.add_argument("--out", type=Path, metavar="DIR", help=results_in)
     results.add_argument("--json", type=Path, metavar="FILE", help="write averages and profiles to this file")
-    results.add_argument(
-        "--discard",
-        type=int,
-        metavar="N",
-        help="leave N steps of each run that is as long out of averages (default: those before equilibrium)",
-    )
+    left_out = "leave N steps of each run that is as long out of averages (default: those before equilibrium)"
+    results.add_argument("--discard", type=int, metavar="N", help=left_out)
     results.add_argument("--every", type=int, metavar="N", help="steps between two frames of the trajectory (default: 100 frames a run)")
     results.add_argument("--format", choices=("dcd", "xtc"), default="dcd", help="format of the trajectory (default: dcd)")
-    results.add_argument(
-        "--quiet", action=argparse.BooleanOptionalAction, help="print nothing but errors; all rows are in DIR/log.txt (default: --no-quiet)"
-    )
+    silence = "print nothing but errors; all rows are in DIR/log.txt (default: --no-quiet)"
+    results.add_argument("--quiet", action=argparse.BooleanOptionalAction, help=silence)
     kept = run.add_argument_group("interruptions")
-    kept.add_argument(
-        "--checkpoint",
-        type=int,
-        metavar="N",
-        help="store a checkpoint every N steps (default: where a run ends, and on Ctrl-C or SIGTERM)",
-    )
-    kept.add_argument(
-        "--restart",
-        type=Path,
-        metavar="DIR",
-        help="go on with an interrupted run of this DECK, with its options, in its folder DIR (its --out)",
-    )
+    stored = "store a checkpoint every N steps (default: where a run ends, and on Ctrl-C or SIGTERM)"
+    kept.add_argument("--checkpoint", type=int, metavar="N", help=stored)
+    resumed = "go on with an interrupted run of this DECK, with its options, in its folder DIR (its --out)"
+    kept.add_argument("--restart", type=Path, metavar="DIR", help=resumed)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -170,9 +118,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     signals = Signals()
     with signals.caught():
         try:
-            {"run": _run, "forces": _forces, "explain": _explain, "recommend": _recommend, "export": _export}[options.command](
-                options, signals
-            )
+            commands = {"run": _run, "forces": _forces, "explain": _explain, "recommend": _recommend, "export": _export}
+            commands[options.command](options, signals)
         except KeyboardInterrupt as error:
             return _interrupted(signals, str(error))
         except DPDError as error:
@@ -287,18 +234,9 @@ def _export(options: argparse.Namespace, signals: Signals) -> None:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ExportWarning)  # said below, one line each
-        written = export_deck(
-            options.deck,
-            options.directory,
-            name=options.name,
-            dt=options.dt,
-            steps=options.steps,
-            scheme=options.scheme,
-            seed=options.seed,
-            every=options.every,
-            compat=options.compat,
-            variables=dict(options.var),
-        )
+        names = ("name", "dt", "steps", "scheme", "seed", "every", "compat")
+        choices = {name: getattr(options, name) for name in names}
+        written = export_deck(options.deck, options.directory, variables=dict(options.var), **choices)
     for text in written.differences:
         print(f"openmm-dpd: different in LAMMPS: {text}", file=sys.stderr)
     print("\n".join(str(path) for path in (written.deck, written.data, *written.tables)))
@@ -306,14 +244,13 @@ def _export(options: argparse.Namespace, signals: Signals) -> None:
 
 def _make_folder(folder: Path, option: str) -> None:
     """Make a folder for results; ParameterError if that is impossible, before anything is computed."""
+    wrong = "cannot be made"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ParameterError(f"{option}: the folder {folder} cannot be made ({error.strerror}); give another one") from None
-    try:
+        wrong = "is not writable"
         tempfile.TemporaryFile(dir=folder).close()
     except OSError as error:
-        raise ParameterError(f"{option}: the folder {folder} is not writable ({error.strerror}); give another one") from None
+        raise ParameterError(f"{option}: the folder {folder} {wrong} ({error.strerror}); give another one") from None
 
 
 def _check_target(path: Path) -> None:

@@ -45,15 +45,7 @@ class DCDWriter:
         self._file.write(_record(b"CORD" + control) + _record(title) + _record(struct.pack("<i", n_beads)))
 
     def write(self, positions: np.ndarray, box: np.ndarray) -> None:
-        """Add a frame.
-
-        Parameters
-        ----------
-        positions : (N, 3) array
-            Angstrom.
-        box : (3, 3) array
-            Box vectors, angstrom.
-        """
+        """Add a frame: positions (N, 3) and box vectors (3, 3) in angstrom."""
         assert len(positions) == self._n_beads
         a, b, c = np.linalg.norm(box, axis=1)
         alpha, beta, gamma = box[1] @ box[2] / (b * c), box[0] @ box[2] / (a * c), box[0] @ box[1] / (a * b)

@@ -38,25 +38,12 @@ def descend(
 ) -> None:
     """Move the particles of a Context down its potential energy; velocities stay as they are.
 
-    Parameters
-    ----------
-    context : openmm.Context
-        Constraints are springs on the way and hold at the end; particles of mass 0 stay, but for virtual sites.
-    tolerance : float
-        Root mean square of the forces on particles that move at which it ends, kJ/mol/nm.
-    iterations : int
-        Most iterations; 0 for any number.
-    reporter : openmm.MinimizationReporter, optional
-        Its ``report`` is called after every iteration, as by OpenMM's minimiser, and ends everything where it returns True.
-    longest : float
-        No particle moves farther in one iteration, nm.
-    impossible : function of positions (N, 3)
-        Says why there is no energy at these, or None.
+    Constraints are springs on the way and hold at the end; particles of mass 0 stay, but for virtual sites. It ends at a root mean
+    square of the forces on particles that move (``tolerance``, kJ/mol/nm), after so many ``iterations`` (0 for any number), or where
+    ``reporter.report``, which is called after every iteration as by OpenMM's minimiser, returns True. No particle moves farther than
+    ``longest`` (nm) in one iteration. ``impossible`` says why there is no energy at positions (N, 3), or None.
 
-    Raises
-    ------
-    RunError
-        If the energy at the start is not finite; nothing has moved then.
+    RunError if the energy at the start is not finite; nothing has moved then.
 
     References
     ----------

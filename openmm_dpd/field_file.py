@@ -22,21 +22,8 @@ _WHAT = "the file of fields"
 class FieldWriter:
     """Appends frames to a zip archive of .npy arrays, ``name/number.npy``, which ``numpy.load`` and :func:`load_fields` read.
 
-    Every frame is complete on disk when :meth:`write` returns, and nothing is held in memory.
-
-    Parameters
-    ----------
-    file : str or path
-        Written anew.
-    append : bool, default False
-        Go on with the frames of a file that is there; one that is not there is begun.
-
-    Raises
-    ------
-    ParameterError
-        If a file to go on with is none of these; from :meth:`write`, if its frames have other names or shapes.
-    OutputError
-        If the file cannot be written; the frames before stay readable.
+    Every frame is complete on disk when :meth:`write` returns, and nothing is held in memory.  An OutputError leaves the frames before
+    readable.  To ``append`` to a file with other contents is a ParameterError, also from :meth:`write`; one that is not there is begun.
     """
 
     def __init__(self, file: str | os.PathLike, append: bool = False):

@@ -27,14 +27,8 @@ class FileLedger:
     """The files of a run.  Everything in :mod:`openmm_dpd.files` reports to the ledger that is in use.
 
     Files that grow are cut back to a checkpoint; files that are written whole, and those that were begun anew since, will be written
-    again.  What is touched for the first time is noted on disk before, so that this holds after a run was killed as well.
-
-    Parameters
-    ----------
-    root : Path
-        Folder of the results; names of files in it are kept relative to it.
-    journal : Path
-        Where the notes go; the file is there once something was touched.  Other files of its folder are none of the run.
+    again.  What is touched for the first time is noted on disk before, in ``journal``, so that this holds after a run was killed as well.
+    Names of files in ``root``, the folder of the results, are kept relative to it; other files of the journal's folder are none of the run.
 
     Attributes
     ----------
@@ -106,10 +100,7 @@ class FileLedger:
     def put_back(self, lengths: dict[str, dict[str, Any]]) -> None:
         """Make the files what they were when :meth:`lengths` was asked, and go on from there.
 
-        Raises
-        ------
-        OutputError
-            If a file has gone, or is shorter than it was.
+        OutputError if a file has gone, or is shorter than it was.
         """
         now = self._read_journal()
         self.journal.parent.mkdir(parents=True, exist_ok=True)
@@ -172,6 +163,3 @@ _LEDGER: ContextVar[FileLedger | None] = ContextVar("ledger", default=None)
 def ledger_in_use() -> FileLedger | None:
     """The ledger that takes reports now."""
     return _LEDGER.get()
-
-
-__all__ = ["FileLedger", "ledger_in_use"]

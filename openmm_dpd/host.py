@@ -6,34 +6,23 @@ from dataclasses import dataclass
 
 import numpy as np
 import openmm
-from openmm import app, unit
+from openmm import app
 
 from .errors import ParameterError, PlanError
 from .made import groups_of, masses_of, refuse_thermostat, virtual_sites
+from .model.scene import box_vectors
 from .names import PAIR_FORCE
-from .units import to_md
+from .units import position_array
 
 
 @dataclass(frozen=True, eq=False)
 class Host:
-    """What a plan has to know of it.
+    """What a plan has to know of it."""
 
-    Attributes
-    ----------
-    masses : (N,) array
-        Masses of its particles, Da.
-    left_out : (N,) bool array
-        Which of them take no part in friction and noise.
-    constrained : bool
-        Whether it has constraints or virtual sites.
-    pair_group : int
-        The highest force group that no force of it is in.
-    """
-
-    masses: np.ndarray
-    left_out: np.ndarray
-    constrained: bool
-    pair_group: int
+    masses: np.ndarray  #: (N,) masses of its particles, Da
+    left_out: np.ndarray  #: (N,) bool which of them take no part in friction and noise
+    constrained: bool  #: Whether it has constraints or virtual sites
+    pair_group: int  #: The highest force group that no force of it is in
 
     @classmethod
     def of(cls, system: openmm.System, left_out: np.ndarray) -> Host:
@@ -57,10 +46,7 @@ def check_system(system: openmm.System) -> None:
 
 def box_of(system: openmm.System) -> np.ndarray | None:
     """(3, 3) box vectors of a periodic System, nm; None for one that is not periodic."""
-    if not system.usesPeriodicBoundaryConditions():
-        return None
-    rows = (vector.value_in_unit(unit.nanometer) for vector in system.getDefaultPeriodicBoxVectors())
-    return np.array([[row.x, row.y, row.z] for row in rows])
+    return box_vectors(system.getDefaultPeriodicBoxVectors()) if system.usesPeriodicBoundaryConditions() else None
 
 
 def degrees_of_freedom(system: openmm.System, *, momentum: bool = True) -> int:
@@ -107,7 +93,4 @@ def checked_positions(topology, system: openmm.System, positions) -> np.ndarray:
     if not isinstance(topology, app.Topology) or topology.getNumAtoms() != n:
         what = f"has {topology.getNumAtoms()} atoms" if isinstance(topology, app.Topology) else f"is a {type(topology).__name__}"
         raise ParameterError(f"the Topology must have the {n} particles of the System as its atoms, but it {what}")
-    x = np.asarray(to_md(positions, "length", "positions"), dtype=float)
-    if x.shape != (n, 3):
-        raise ParameterError(f"positions must have shape ({n}, 3), as the System has {n} particles, not {x.shape}")
-    return x
+    return position_array(positions, n, f"the System has {n} particles")

@@ -10,7 +10,9 @@ import logging
 import os
 import pickle
 import stat
+import sys
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +20,7 @@ import numba
 
 from .errors import OutputError
 from .files import write_whole
-from .numba_private import FunctionFiles, dumps, set_cache
+from .numba_private import NullCache, dumps, packed, set_cache, unpacked
 from .signals import CTRL_C
 
 _LOGGER = logging.getLogger("openmm_dpd")
@@ -27,7 +29,6 @@ _REMEDY = "set NUMBA_CACHE_DIR to a folder of your own"
 
 #: Bytes of the hash in front of every file.
 _SEAL = hashlib.sha256().digest_size
-
 
 #: What was said already, once in the life of the process.
 _SAID: set[str] = set()
@@ -103,17 +104,11 @@ def cache_folder() -> Path | None:
 class KernelFiles:
     """The files of one kernel, one for each signature and machine: a hash, then the pickled key and code.
 
-    Parameters
-    ----------
-    folder : path-like
-    name : str
-        What the files' names begin with.
-    stamp
-        What must be unchanged for a file to be found, such as the kernel's source.
+    Their names begin with ``name``; ``stamp`` is what must be unchanged for a file to be found, such as the kernel's source.
     """
 
     def __init__(self, folder: str | os.PathLike, name: str, stamp: Any):
-        self.folder, self.name, self.stamp = Path(folder), name, (stamp, numba.__version__)
+        self.folder, self.name, self.stamp = Path(folder), name, (stamp, numba.__version__, sys.implementation.cache_tag)
 
     def _path(self, key: Any) -> Path:
         return self.folder / f"{self.name}.{hashlib.sha256(repr((key, self.stamp)).encode()).hexdigest()[:16]}.kernel"
@@ -135,18 +130,23 @@ class KernelFiles:
         payload = dumps(((key, self.stamp), data))
         write_whole(self._path(key), hashlib.sha256(payload).digest() + payload, "the compiled kernel")
 
-    def flush(self) -> None:
-        """Nothing: files are whole."""
 
+class KernelCache(NullCache):
+    """A cache for numba in :class:`KernelFiles`: what it cannot load is compiled anew, what it cannot save is not kept."""
 
-class KernelCache(FunctionFiles):
-    """Numba's cache, in files of :class:`KernelFiles`: what it cannot load is compiled anew, what it cannot save is not kept."""
+    def __init__(self, folder: Path, function) -> None:
+        code = function.__code__
+        source = os.stat(code.co_filename)
+        stamp = code.co_filename, code.co_firstlineno, source.st_mtime, source.st_size, hashlib.sha256(code.co_code).hexdigest()
+        self._files = KernelFiles(folder, function.__name__, stamp)
 
     def load_overload(self, sig, target_context):
         """The compiled function, or None."""
         CTRL_C.check()  # to compile all that a step calls may take a minute
         try:
-            return super().load_overload(sig, target_context)
+            target_context.refresh()
+            data = self._files.load((sig, target_context.codegen().magic_tuple()))
+            return None if data is None else unpacked(target_context, data)
         except Exception as error:  # what is pickled badly can fail in any way
             _say("read", f"compiled kernels in {cache_folder()} cannot be read ({error}); they are compiled anew, and replaced")
             return None
@@ -154,21 +154,15 @@ class KernelCache(FunctionFiles):
     def save_overload(self, sig, data):
         """Keep a compiled function, if that is possible."""
         try:
-            super().save_overload(sig, data)
+            if not data.library.has_dynamic_globals:
+                self._files.save((sig, data.codegen.magic_tuple()), packed(data))
         except (OutputError, OSError) as error:
             _say("save", f"kernels are compiled at every start, since they cannot be kept: {error} ({_REMEDY})")
 
 
 def keep_on_disk(dispatcher: Any) -> None:
     """Give a function that numba compiles a place on disk, if there is one."""
-    folder, config = cache_folder(), numba.config
-    if folder is None:
-        return
-    given = config.CACHE_DIR  # type: ignore[attr-defined]
-    config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]
-    try:
-        set_cache(dispatcher, KernelCache(dispatcher.py_func, KernelFiles))
-    except RuntimeError as error:  # numba finds no place
-        _say("place", f"kernels are compiled at every start, since there is no place to keep them ({error}); {_REMEDY}")
-    finally:
-        config.CACHE_DIR = given  # type: ignore[attr-defined]
+    folder = cache_folder()
+    if folder is not None:
+        with suppress(OSError):  # a function that was typed in has no file
+            set_cache(dispatcher, KernelCache(folder, dispatcher.py_func))

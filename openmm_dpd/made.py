@@ -101,44 +101,19 @@ def refuse_thermostat(force: openmm.Force) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Made:
-    """What an integrator was made for.
+    """What an integrator was made for."""
 
-    Attributes
-    ----------
-    maker : str
-        Function of this package that made the System, or added to it.
-    masses : (N,) array
-        Masses of the particles, Da.
-    constrained : bool
-        Whether the integrator keeps constraints.
-    virtual : (N,) bool array
-        Which particles are virtual sites.
-    own : tuple of (str, int)
-        Names and force groups of the forces that the package made.
-    used : int
-        The integration force groups, a bit for each.
-    lines : int
-        Number of lines of the integrator's program; 0 where it has none.
-    scheme : str
-    kT : float
-        Thermal energy the script asked for, kJ/mol (that at the beginning of a ramp).
-    asked : float
-        The same as it is in states.
-    seed : int or None
-        The seed the script chose; None if it left the choice to the package.
-    """
-
-    maker: str
-    masses: np.ndarray
-    constrained: bool
-    virtual: np.ndarray
-    own: tuple[tuple[str, int], ...]
-    used: int
-    lines: int
+    maker: str  #: Function of this package that made the System, or added to it
+    masses: np.ndarray  #: (N,) masses of the particles, Da
+    constrained: bool  #: Whether the integrator keeps constraints
+    virtual: np.ndarray  #: (N,) bool which particles are virtual sites
+    own: tuple[tuple[str, int], ...]  #: Names and force groups of the forces that the package made
+    used: int  #: The integration force groups, a bit for each
+    lines: int  #: Number of lines of the integrator's program; 0 where it has none
     scheme: str
-    kT: float
-    asked: float
-    seed: int | None
+    kT: float  #: Thermal energy the script asked for, kJ/mol (that at the beginning of a ramp)
+    asked: float  #: The same as it stands in states
+    seed: int | None  #: The seed the script chose; None if it left the choice to the package
 
     @classmethod
     def of(
@@ -152,13 +127,8 @@ class Made:
         return cls(maker, *there, used, lines, options.scheme.name, options.kT, _asked(options), seed)
 
     def check(self, system: openmm.System) -> list[openmm.Force]:
-        """The forces in a System that the package did not make.
-
-        Raises
-        ------
-        PlanError
-            If the System is not the one that the integrator was made for, or has something that would not act, or twice.
-        """
+        """The forces in a System that the package did not make; PlanError if it is another System, or has something that would not act, or
+        twice."""
         count, maker = len(self.masses), self.maker
         if system.getNumParticles() != count:
             raise PlanError(f"the System has {system.getNumParticles()} particles, but {maker} made the integrator for {count}")

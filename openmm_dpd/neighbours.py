@@ -12,31 +12,13 @@ from .geometry import widths
 def pairs_within(
     x: np.ndarray, other: np.ndarray | None, box: np.ndarray | None, distance: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pairs of beads not further apart than a distance, with minimum images.
+    """Pairs of beads of x (N, 3) not further apart than a distance, by minimum image: indices i and j, and distances, (P,) each.
+
+    With ``other`` (M, 3), j are indices into that; else each pair is there once, with i < j.  ParameterError if the distance is more than
+    half the smallest width of the box.
 
     scipy's trees are as fast as ``freud``'s here (24,000 beads with 42 neighbours each: 0.2 s on one core for both), work in double
     precision, and are there anyway.
-
-    Parameters
-    ----------
-    x : (N, 3) positions
-    other : (M, 3) positions or None
-        None: pairs among x, each once, with i < j.
-    box : (3, 3) box vectors as rows, or None
-    distance : float
-        At most half the smallest distance between opposite faces of the box.
-
-    Returns
-    -------
-    i, j : (P,) arrays of int
-        Indices into x and into other.
-    r : (P,) array
-        Distances.
-
-    Raises
-    ------
-    ParameterError
-        If the distance is too large for the box.
     """
     if box is not None and distance > 0.5 * widths(box).min() * (1 + 1e-6):
         raise ParameterError(

@@ -2,8 +2,8 @@
 
 ``tests/unit/test_private_interfaces.py`` tries each part, and prints what to do where one has changed:
 
-- ``FunctionFiles``, ``set_cache``, ``dumps``: adapt them to the new cache.  Until then let ``keep_on_disk`` of ``kernel_cache.py`` return
-  at once: kernels are then compiled at every start, and nothing else is lost.
+- ``NullCache``, ``packed``, ``unpacked``, ``set_cache``, ``dumps``: adapt them to the new cache.  Until then let
+  ``keep_on_disk`` of ``kernel_cache.py`` return at once: kernels are then compiled at every start, and nothing else is lost.
 - ``NO_REFERENCE_COUNTS``: make it ``{}``.  Results keep their bits; where many pairs go through a helper it is slower.
 - ``compiling``: let it yield and call nothing.  Then nobody hears that kernels are being compiled.
 """
@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, UserProvidedCacheLocator
+from numba.core.caching import NullCache
+from numba.core.compiler import CompileResult
 from numba.core.event import Listener, install_listener
 from numba.core.serialize import dumps
 
@@ -20,21 +21,17 @@ from numba.core.serialize import dumps
 NO_REFERENCE_COUNTS = {"_nrt": False}
 
 
-class _Implementation(CompileResultCacheImpl):
-    _locator_classes = [UserProvidedCacheLocator]
+def packed(compiled: CompileResult) -> Any:
+    """What can be pickled of a compiled function."""
+    return compiled._reduce()
 
 
-class FunctionFiles(FunctionCache):
-    """Numba's cache of a function, in what ``files(folder, name, stamp)`` returns; the stamp changes with the source."""
-
-    _impl_class = _Implementation
-
-    def __init__(self, function: Callable, files: Callable[[str, str, Any], Any]) -> None:
-        super().__init__(function)
-        self._cache_file = files(self.cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
+def unpacked(target: Any, data: Any) -> CompileResult:
+    """The compiled function again."""
+    return CompileResult._rebuild(target, *data)
 
 
-def set_cache(dispatcher: Any, cache: FunctionFiles) -> None:
+def set_cache(dispatcher: Any, cache: NullCache) -> None:
     """Let a function that numba compiles use a cache."""
     dispatcher._cache = cache
 
@@ -57,4 +54,4 @@ def compiling(begun: Callable[[], None]) -> Iterator[None]:
         yield
 
 
-__all__ = ["NO_REFERENCE_COUNTS", "FunctionFiles", "compiling", "dumps", "set_cache"]
+__all__ = ["NO_REFERENCE_COUNTS", "NullCache", "compiling", "dumps", "packed", "set_cache", "unpacked"]

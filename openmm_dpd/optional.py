@@ -7,22 +7,8 @@ from .errors import ParameterError
 
 
 def optional_package(name: str, extra: str, what: str) -> ModuleType:
-    """The module of this name.
-
-    Parameters
-    ----------
-    name : str
-        Such as ``gsd.hoomd``.
-    extra : str
-        The extra of this package that installs it.
-    what : str
-        What needs it, for the error.
-
-    Raises
-    ------
-    ParameterError
-        If it is not installed; the message says how to install it.
-    """
+    """The module of a name, such as ``gsd.hoomd``; ParameterError, which says what needs it and which extra installs it, if it is not
+    there."""
     try:
         return import_module(name)
     except ImportError as error:
@@ -30,6 +16,3 @@ def optional_package(name: str, extra: str, what: str) -> ModuleType:
         raise ParameterError(
             f"{what} the package {package}, which cannot be imported ({error}); install it: pip install 'openmm-dpd[{extra}]'"
         ) from None
-
-
-__all__ = ["optional_package"]

@@ -43,39 +43,19 @@ def thermo_picture(
     labels: Mapping[str, str] | None = None,
     title: str = "",
 ) -> None:
-    """Draw thermo columns against time into a PNG file.
+    """Draw thermo columns, rows by their words, against one of them, ``x``, into a PNG file.
 
-    Rows are light lines (dots as well if they are few), means over a sliding window (a tenth of a run, at least 5 rows) dark ones; a line
-    at the foot says so.  Panels without a column are left out.
+    Drawn are ``temp``, ``temp_conf``, ``press``, ``press_full``, ``pe`` and ``etotal``; panels without a column are left out, a NaN
+    is a gap. Rows are light lines (dots as well if they are few), means over a sliding window (a tenth of a run, at least 5 rows)
+    dark ones; a line at the foot says so.
 
-    Parameters
-    ----------
-    path : path-like
-        PNG file to write.
-    columns : mapping of str to (n,) array_like
-        Rows of the thermo output by their words; drawn are ``temp``, ``temp_conf``, ``press``, ``press_full``, ``pe`` and ``etotal``.  A
-        NaN is a gap.
-    x : str, default "time"
-        Column to draw against.
-    runs : sequence of float
-        Values of x at which a new run begins; a thin line marks each, and means do not reach over it.  x must not go back then.
-    target : float or (n,) array_like, optional
-        Temperature that the thermostat is set to, one number or one per row.
-    counted : (n,) array_like of bool, optional
-        Rows that averages are taken over: all behind some row of each run.  The rows before it are shaded, have no mean, and may leave the
-        picture, since axes have the range of the others.
-    labels : mapping of str to str, optional
-        Units, put in brackets: for each panel (``temperature``, ``pressure``, ``potential energy``, ``total energy``) and the column x.
-    title : str
-        A line above.
+    At the ``runs``, values of x where a new run begins, is a thin line, and means do not reach over it; x must not go back then.
+    ``target`` is the temperature of the thermostat, one number or one per row. ``counted`` are the rows that averages are taken over:
+    all behind some row of each run. The rows before it are shaded, have no mean, and may leave the picture, since axes have the range
+    of the others. ``labels`` are units by the names of panels and of the column x.
 
-    Raises
-    ------
-    ParameterError
-        If there is nothing to draw, a column holds anything but numbers, the columns differ in length, or x goes back although there are
-        several runs.
-    OutputError
-        If the file cannot be written.
+    ParameterError if there is nothing to draw, or columns are no numbers, differ in length, or go back; OutputError if the file
+    cannot be written.
     """
     if not isinstance(columns, Mapping):
         raise ParameterError(f"expected a mapping of words to rows, not {reprlib.repr(columns)}")

@@ -9,13 +9,7 @@ from .errors import ParameterError
 
 
 def platform_here(platform: openmm.Platform | str | None) -> str:
-    """Name of a platform, the fastest one for None.
-
-    Raises
-    ------
-    ParameterError
-        If there is none of that name here.
-    """
+    """Name of a platform, the fastest one for None; ParameterError if there is none of that name here."""
     name = platform.getName() if isinstance(platform, openmm.Platform) else platform or fastest_platform()
     known = [openmm.Platform.getPlatform(k).getName() for k in range(openmm.Platform.getNumPlatforms())]
     if name not in known:

@@ -25,36 +25,19 @@ Letter = tuple[str, Fraction]
 
 @dataclass(frozen=True)
 class Scheme:
-    """A way to step.
+    """A way to step."""
 
-    Attributes
-    ----------
-    name : str
-        Its name, or the word itself.
-    letters : tuple of (letter, part of the step)
-        Empty for schemes that are no words.
-    reference : str
-        Where it comes from.
-    what : str
-        What it does, in a line.
-    friction : {"sweep", "force", "openmm"}
-        Whether friction and noise are pair updates, forces of a predicted velocity, or those of OpenMM's own DPDIntegrator.
-    constraints : bool
-        Whether it keeps constraints and virtual sites right: other words evaluate forces at positions that are not constrained yet.
-    in_lammps : bool
-        Whether LAMMPS has it.
-    measured : bool
-        Whether the accuracy of its steps is in the table of :func:`openmm_dpd.recommend`.
-    """
-
-    name: str
-    letters: tuple[Letter, ...]
-    reference: str
-    what: str
+    name: str  #: Its name, or the word itself
+    letters: tuple[Letter, ...]  #: Empty for schemes that are no words
+    reference: str  #: Where it comes from
+    what: str  #: What it does, in a line
+    # {"sweep", "force", "openmm"}: Whether friction and noise are pair updates, forces of a predicted velocity, or those of OpenMM's own
+    # DPDIntegrator
     friction: str = "sweep"
+    # Whether it keeps constraints and virtual sites right: other words evaluate forces at positions that are not constrained yet
     constraints: bool = False
-    in_lammps: bool = False
-    measured: bool = True
+    in_lammps: bool = False  #: Whether LAMMPS has it
+    measured: bool = True  #: Whether the accuracy of its steps is in the table of :func:`openmm_dpd.recommend`
 
     def __str__(self) -> str:
         return self.name

@@ -16,14 +16,9 @@ except ImportError:
 
 
 class Signals(threading.local):
-    """Makes a KeyboardInterrupt of a signal: at once, or within :meth:`later` where the run says.
+    """Makes a KeyboardInterrupt of a signal: at once, or within :meth:`later` where the run says; ``seen`` are the signals that have come.
 
     Signals go to the main thread; in others none is ever seen.
-
-    Attributes
-    ----------
-    seen : list of int
-        Signals that have come.
     """
 
     def __init__(self, patient: bool = False) -> None:

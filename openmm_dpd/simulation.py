@@ -38,12 +38,7 @@ class DPDSimulation(app.Simulation):
         """Minimise the potential energy by :func:`openmm_dpd.downhill.descend`, with the parameters of ``app.Simulation``.
 
         No particle moves by more than a tenth of the longest cutoff in one iteration, and no FENE bond gets as long as its R0.  OpenMM's
-        own minimiser breaks such bonds, and crashes on OpenCL through PoCL.
-
-        Raises
-        ------
-        RunError
-            If the energy is not finite at the start.
+        own minimiser breaks such bonds, and crashes on OpenCL through PoCL.  RunError if the energy is not finite at the start.
         """
         scene, plan = self._plan.scene, self._plan
 
@@ -57,13 +52,7 @@ class DPDSimulation(app.Simulation):
         descend(self.context, least, most, reporter, longest=reach, impossible=impossible)
 
     def saveState(self, file):
-        """Save the state as XML, to a file by its name or to an open one.
-
-        Raises
-        ------
-        OutputError
-            If a file cannot be written; one that was there stays, and nothing is left behind.
-        """
+        """Save the state as XML, to a file by its name or to an open one; an OutputError leaves one that was there as it is."""
         _save_whole(super().saveState, file, io.StringIO(), "the state")
 
     def saveCheckpoint(self, file):
@@ -71,16 +60,9 @@ class DPDSimulation(app.Simulation):
         _save_whole(super().saveCheckpoint, file, io.BytesIO(), "the checkpoint")
 
     def loadState(self, file):
-        """Load a state in XML, from a file's name or an open file.
+        """Load a state in XML, from a file's name or an open file; PlanError, before anything is changed, if another scheme wrote it.
 
         Variables that this integrator does not have, such as the steps of a temperature ramp that another script followed, are left out.
-
-        Raises
-        ------
-        PlanError
-            If it was written by another scheme; nothing is changed then.
-        ParameterError
-            If it is no State.
         """
         root = checked_xml(read_file(file))
         if root.tag != "State":
@@ -100,10 +82,7 @@ class DPDSimulation(app.Simulation):
     def loadCheckpoint(self, file):
         """Load a checkpoint, from a file's name or an open file.
 
-        Raises
-        ------
-        PlanError
-            If it was written by another scheme, or an integrator with other variables; positions and velocities are in the Context then.
+        PlanError if another scheme, or an integrator with other variables, wrote it; positions and velocities are in the Context then.
         """
         super().loadCheckpoint(file)
         self.integrator.settle(self.context)

@@ -27,26 +27,15 @@ _LINES = ("rho", "mass", "s", "cv")
 
 @dataclass(frozen=True)
 class Groups:
-    r"""Dimensionless groups of one pair of types in a fluid.
+    r"""Dimensionless groups of one pair of types in a fluid."""
 
-    Attributes
-    ----------
-    gamma : gamma rc/(m kT)^(1/2), friction
-    a : A rc/kT, repulsion
-    rho : N rc^3/V, density
-    mass : largest over smallest mass of the beads
-    s : exponent of the noise weight
-    cv : heat capacity of a bead over k_B, or None
-    unit_time : rc (m/kT)^(1/2), ps
-    """
-
-    gamma: float
-    a: float
-    rho: float = 3.0
-    mass: float = 1.0
-    s: float = 1.0
-    cv: float | None = None
-    unit_time: float = 1.0
+    gamma: float  #: gamma rc/(m kT)^(1/2), friction
+    a: float  #: A rc/kT, repulsion
+    rho: float = 3.0  #: N rc^3/V, density
+    mass: float = 1.0  #: largest over smallest mass of the beads
+    s: float = 1.0  #: exponent of the noise weight
+    cv: float | None = None  #: heat capacity of a bead over k_B, or None
+    unit_time: float = 1.0  #: rc (m/kT)^(1/2), ps
 
     @property
     def friction(self) -> float:

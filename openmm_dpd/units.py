@@ -119,14 +119,16 @@ def _entry_by_entry(value, dimension: str, name: str) -> np.ndarray:
     return np.array(entries, dtype=np.float64)
 
 
-def whole_number(value, name: str, least: int | None = None) -> int:
-    """An integer, of at least so much.
+def position_array(positions, count: int, what: str) -> np.ndarray:
+    """Positions as an array (count, 3) of nm; ParameterError that says ``what`` there are so many of."""
+    x = np.asarray(to_md(positions, "length", "positions"), dtype=np.float64)
+    if x.shape != (count, 3):
+        raise ParameterError(f"positions must have shape ({count}, 3), as {what}, not {x.shape}")
+    return x
 
-    Raises
-    ------
-    ParameterError
-        For anything else: a float (1e5 is one), a truth value, a Quantity.
-    """
+
+def whole_number(value, name: str, least: int | None = None) -> int:
+    """An integer, of at least so much; ParameterError for anything else: a float (1e5 is one), a truth value, a Quantity."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
         raise ParameterError(f"{name} must be a whole number, not {value!r}")
     if least is not None and value < least:
@@ -186,35 +188,18 @@ class UnitSystem:
 
     The energy factor follows from LAMMPS's own ``mvv2e`` (mass*velocity^2 to energy), so that trajectories agree to all
     digits with LAMMPS's even though its constants are older than today's CODATA values.
-
-    Attributes
-    ----------
-    name : str
-        ``lj``, ``real`` or ``metal``.
-    length, mass, time : float
-        nm, Da and ps per unit.
-    mvv2e : float
-        LAMMPS's factor from mass*velocity^2 to energy.
-    boltzmann : float
-        Energy per temperature, in the style's units.
-    nktv2p : float
-        LAMMPS's factor from energy/volume to pressure.
-    timestep : float
-        The style's default time step.
-    normalize : bool
-        Whether thermo output is per bead by default.
     """
 
-    name: str
-    length: float
+    name: str  #: ``lj``, ``real`` or ``metal``
+    length: float  # length, mass, time: nm, Da and ps per unit
     mass: float
     time: float
-    mvv2e: float
-    boltzmann: float
-    nktv2p: float
-    timestep: float
+    mvv2e: float  #: LAMMPS's factor from mass*velocity^2 to energy
+    boltzmann: float  #: Energy per temperature, in the style's units
+    nktv2p: float  #: LAMMPS's factor from energy/volume to pressure
+    timestep: float  #: The style's default time step
     skin: float
-    normalize: bool
+    normalize: bool  #: Whether thermo output is per bead by default
     density: float  # mass/volume in the style's units to the printed density
 
     @property
@@ -222,50 +207,16 @@ class UnitSystem:
         """Names of the units by dimension; reduced ones have none."""
         return _UNIT_NAMES[self.name]
 
-    @property
-    def velocity(self) -> float:
-        """nm/ps per velocity unit."""
-        return self.length / self.time
-
-    @property
-    def energy(self) -> float:
-        """kJ/mol per energy unit."""
-        return self.mass * self.velocity**2 / self.mvv2e
-
-    @property
-    def force(self) -> float:
-        """kJ/mol/nm per force unit."""
-        return self.energy / self.length
-
-    @property
-    def friction(self) -> float:
-        """Da/ps per unit of gamma (force/velocity)."""
-        return self.force / self.velocity
-
-    @property
-    def noise(self) -> float:
-        """kJ/mol/nm ps^(1/2) per unit of sigma (force*time^(1/2))."""
-        return self.force * self.time**0.5
-
-    @property
-    def inverse_length(self) -> float:
-        """1/nm per inverse of the length unit."""
-        return 1 / self.length
-
-    @property
-    def thermal_energy(self) -> float:
-        """Thermal energy in kJ/mol per unit of temperature."""
-        return self.boltzmann * self.energy
-
-    @property
-    def conduction(self) -> float:
-        """(kJ/mol)^2/ps per unit of LAMMPS's conductivity, an energy times a temperature per time."""
-        return self.energy * self.thermal_energy / self.time
-
-    @property
-    def pressure(self) -> float:
-        """kJ/mol/nm^3 per unit of pressure."""
-        return self.energy / self.length**3 / self.nktv2p
+    velocity = property(lambda self: self.length / self.time, doc="nm/ps per velocity unit.")
+    energy = property(lambda self: self.mass * self.velocity**2 / self.mvv2e, doc="kJ/mol per energy unit.")
+    force = property(lambda self: self.energy / self.length, doc="kJ/mol/nm per force unit.")
+    friction = property(lambda self: self.force / self.velocity, doc="Da/ps per unit of gamma (force/velocity).")
+    noise = property(lambda self: self.force * self.time**0.5, doc="kJ/mol/nm ps^(1/2) per unit of sigma (force*time^(1/2)).")
+    inverse_length = property(lambda self: 1 / self.length, doc="1/nm per inverse of the length unit.")
+    thermal_energy = property(lambda self: self.boltzmann * self.energy, doc="Thermal energy in kJ/mol per unit of temperature.")
+    #: (kJ/mol)^2/ps per unit of LAMMPS's conductivity, an energy times a temperature per time.
+    conduction = property(lambda self: self.energy * self.thermal_energy / self.time)
+    pressure = property(lambda self: self.energy / self.length**3 / self.nktv2p, doc="kJ/mol/nm^3 per unit of pressure.")
 
 
 LJ = UnitSystem("lj", 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.005, 0.3, True, 1.0)

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 
 from .errors import ParameterError
+from .model.pairs import checked
 from .model.scene import Scene
 from .optional import optional_package
 from .outputs.pdb_file import pdb_text
 from .outputs.snapshot import Snapshot, scene_of
-from .units import to_md
 
 #: Colours of the types in their order: those of matplotlib, and again from the first one.
 _COLOURS = ("#1f77b4", "#ff7f0e", "#2ca02c", "#d62728", "#9467bd", "#8c564b", "#e377c2", "#7f7f7f", "#bcbd22", "#17becf")
@@ -75,11 +75,4 @@ def _radii(scene: Scene, given) -> dict[str, float]:
         raise ParameterError(
             f"radii must have one entry for each of the types {', '.join(scene.type_names)}; {wrong[0]} is missing or unknown"
         )
-    sizes = {name: to_md(size, "length", f"the radius of type {name!r}") for name, size in named.items()}
-    for name, size in sizes.items():
-        if not isinstance(size, float) or size < 0:
-            raise ParameterError(f"the radius of type {name!r} must be a number >= 0, not {named[name]!r}")
-    return sizes
-
-
-__all__ = ["view"]
+    return {name: checked(size, "length", f"the radius of type {name!r}") for name, size in named.items()}

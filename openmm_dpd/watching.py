@@ -84,14 +84,8 @@ class Watching:
     def step(self, steps: int) -> None:
         """Take steps; one that fails leaves everything as it was after the last :data:`PIECE` steps that did not.
 
-        Raises
-        ------
-        PlanError
-            If something in the Context's System would not act, or its state was written by another scheme.
-        openmm.OpenMMException
-            If a step fails, with the reason.
-        KeyboardInterrupt
-            After Ctrl-C, which waits for the end of a step.
+        PlanError if something in the Context's System would not act, or its state was written by another scheme. openmm.OpenMMException if
+        a step fails, with the reason. KeyboardInterrupt: After Ctrl-C, which waits for the end of a step.
         """
         context = None if self.made is None else self.context()
         if context is None:
@@ -167,10 +161,7 @@ class Watching:
     def settle(self, context: openmm.Context) -> None:
         """Begin a new Context, and let what this script asked for hold where another one wrote the state.
 
-        Raises
-        ------
-        PlanError
-            If it was written by another scheme, or by an integrator with other variables.
+        PlanError if it was written by another scheme, or by an integrator with other variables.
         """
         made, parameters = self.made, context.getParameters()
         if made is None or BY_SCHEME not in parameters:

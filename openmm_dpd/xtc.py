@@ -17,49 +17,18 @@ _PRECISION, _PLACE, _MOST_PLAIN = 1000, slice(56, 60), 9
 
 
 class XTCWriter:
-    """Writes an XTC file, frame by frame: by default to 0.001 nm, as GROMACS and mdtraj do.
+    """Writes an XTC file, frame by frame: a nm in ``precision`` parts, by default to 0.001 nm, as GROMACS and mdtraj do.
 
-    A frame that cannot be written leaves the file as it was before.
-
-    Parameters
-    ----------
-    path : path-like
-    n_beads : int
-        Number of beads of every frame.
-    what : str
-        What it is, for errors.
-    append : bool, default False
-        Go on with what is there.
-    precision : int, default 1000
-        Into how many parts a nm is divided.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
+    A frame that cannot be written leaves the file as it was before, with an OutputError.  ``append``: go on with what is there.
     """
 
     def __init__(self, path: str | os.PathLike, n_beads: int, what: str, append: bool = False, precision: int = _PRECISION):
         self._file, self._n_beads, self._what, self._precision = BlockFile(path, what, append), n_beads, what, precision
 
     def write(self, positions: np.ndarray, box: np.ndarray, time: float, step: int) -> None:
-        """Add a frame.
+        """Add a frame: positions and box vectors in nm, time in ps.  The format has 32 bits for steps: larger ones begin again at 0.
 
-        Parameters
-        ----------
-        positions : (N, 3) array
-            nm.
-        box : (3, 3) array
-            Box vectors, nm.
-        time : float
-            ps.
-        step : int
-            Number of the step; the format has 32 bits for it, larger ones begin again at 0.
-
-        Raises
-        ------
-        RunError
-            If a position is too large for the format.
+        RunError if a position is too large for the format.
         """
         assert len(positions) == self._n_beads
         largest = (2**31 - 1) / self._precision  # whole numbers in 32 bits
@@ -91,6 +60,3 @@ def _length(frame: bytes) -> int:
     if beads <= _MOST_PLAIN:
         return 56 + 12 * beads
     return 92 + (int.from_bytes(frame[88:92], "big") + 3) // 4 * 4
-
-
-__all__ = ["XTCWriter"]

@@ -12,7 +12,7 @@ from ..errors import ParameterError
 from ..geometry import AXES_OF_TENSOR
 from ..stats import Average, block_average
 from .frames import Beads, Frame, Trajectories, chunks_of, frames_of, selected, weights_of
-from .molecules import bonds_of, bonds_outwards, molecule_labels
+from .molecules import bonds_of, bonds_outwards, means_over, molecule_labels
 
 if TYPE_CHECKING:
     import mdtraj
@@ -83,24 +83,13 @@ def radius_of_gyration(trajectory: Trajectories, beads: Beads = None) -> Molecul
 
 
 def gyration_tensors(positions: np.ndarray, masses: np.ndarray, units: np.ndarray) -> np.ndarray:
-    r"""Gyration tensors of molecules, S_ab = sum m (r - r_com)_a (r - r_com)_b/sum m.
+    """Gyration tensors of M molecules, S_ab = sum m (r - r_com)_a (r - r_com)_b/sum m, as (M, 6): xx, yy, zz, xy, xz, yz.
 
-    Parameters
-    ----------
-    positions : (N, 3) array
-        Of beads, with molecules whole.
-    masses : (N,) array
-    units : (N,) array of int
-        Number of the molecule of each bead, from 0 to M - 1.
-
-    Returns
-    -------
-    (M, 6) array
-        xx, yy, zz, xy, xz, yz; the first three add up to the square of the radius of gyration.
+    ``positions`` (N, 3) have molecules whole, ``units`` (N,) are the numbers of the beads' molecules, from 0 to M - 1.  The first three add
+    up to the square of the radius of gyration.
     """
     total = np.bincount(units, masses)
-    centre = np.column_stack([np.bincount(units, masses * column) for column in positions.T]) / total[:, None]
-    d = positions - centre[units]
+    d = positions - means_over(units, masses, positions)[units]
     return np.column_stack([np.bincount(units, masses * d[:, a] * d[:, b]) / total for a, b in AXES_OF_TENSOR])
 
 

@@ -10,7 +10,7 @@ from ..stats import Average, block_average
 from ..units import thermal_energy, to_md
 from .curves import Curve, curve_of_averages
 from .frames import Beads, Trajectories, axis_number, frames_of, indices, positive_number, selected, weights_of
-from .molecules import molecule_labels
+from .molecules import means_over, molecule_labels
 from .profiles import velocity_frames
 from .unwrapping import unwrapped
 
@@ -91,7 +91,7 @@ def mean_squared_displacement(
     kept: list[np.ndarray] = []
     for x in unwrapped(topology, frames, unwrap):
         moved = x if drift else x - masses @ x / masses.sum()
-        kept.append((moved[group] if units is None else _centres(moved[group], masses[group], units))[:, along])
+        kept.append((moved[group] if units is None else means_over(units, masses[group], moved[group]))[:, along])
     rows = _lagged(np.array(kept), lags, "a mean squared displacement", lambda a, b: mean_squares(a, b).sum(axis=-1))
     curve = _average_lags(rows, interval)
     return MeanSquaredDisplacement(curve.x, curve.y, curve.sem, curve.n_frames, rows[1], len(along))
@@ -101,10 +101,6 @@ def mean_squares(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """Mean squared displacements along each axis, (..., axes), of beads at (..., beads, axes)."""
     d = end - start
     return np.einsum("...ik,...ik->...k", d, d) / start.shape[-2]
-
-
-def _centres(x: np.ndarray, masses: np.ndarray, units: np.ndarray) -> np.ndarray:
-    return np.column_stack([np.bincount(units, masses * column) for column in x.T]) / np.bincount(units, masses)[:, None]
 
 
 def _lagged(values: np.ndarray, lags: Sequence[int] | None, what: str, mean_of) -> tuple[np.ndarray, np.ndarray]:

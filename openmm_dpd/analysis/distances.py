@@ -6,7 +6,7 @@ from ..errors import ParameterError
 from ..neighbours import pairs_within
 from ..units import whole_number
 from .curves import Curve, curve_of
-from .frames import Beads, Frame, Trajectories, frames_of, positive_number, selected
+from .frames import Beads, Frame, Trajectories, frames_of, positive_number, two_selected
 from .molecules import molecule_labels
 
 
@@ -51,8 +51,7 @@ def radial_distribution(
     """
     r_max, n_bins = positive_number(r_max, "r_max"), whole_number(n_bins, "n_bins", least=1)
     topology, frames = frames_of(trajectory)
-    a = selected(topology, beads, "beads")
-    b = a if other is None else selected(topology, other, "other")
+    a, b = two_selected(topology, beads, other)
     # what a pair must differ in
     labels = molecule_labels(topology) if between_molecules else np.arange(topology.n_atoms)
     own = np.bincount(labels[a], minlength=len(labels)) @ np.bincount(labels[b], minlength=len(labels))
@@ -68,19 +67,8 @@ def radial_distribution(
 
 
 def distribution_of_counts(counts: np.ndarray, edges: np.ndarray, pairs: float, volume: float) -> np.ndarray:
-    """g(r) of :func:`radial_distribution` in one frame.
-
-    Parameters
-    ----------
-    counts : (B,) array
-        Pairs by distance.
-    edges : (B + 1,) array
-        Edges of the bins.
-    pairs : float
-        Number of all pairs, at any distance.
-    volume : float
-        Of the box, in the cube of the unit of ``edges``.
-    """
+    """g(r) of :func:`radial_distribution` in one frame, from the pairs by distance (B,), edges of the bins (B + 1,), and the number of all
+    pairs."""
     return counts * volume / (pairs * (4 * np.pi / 3 * np.diff(edges**3)))
 
 

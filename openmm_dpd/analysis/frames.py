@@ -42,23 +42,9 @@ class Frame:
 
 
 def chunks_of(trajectory: Trajectories) -> tuple[mdtraj.Topology, Iterator[mdtraj.Trajectory]]:
-    """Topology and chunks of a trajectory.
+    """Topology (of the first chunk) and chunks of a trajectory, of which one is held at a time; an iterator can be used once.
 
-    Parameters
-    ----------
-    trajectory : mdtraj.Trajectory, or an iterable of them
-        Only one chunk is held at a time.  An iterator, such as ``mdtraj.iterload`` returns, can be used once.
-
-    Returns
-    -------
-    topology : mdtraj.Topology
-        Of the first chunk.
-    chunks : iterator of mdtraj.Trajectory
-
-    Raises
-    ------
-    ParameterError
-        If it is something else, has no frame or no topology, a coordinate is not finite, or the number of beads changes between chunks.
+    ParameterError if it is something else, has no frame or no topology, a coordinate is not finite, or the number of beads changes.
     """
     import mdtraj
 
@@ -117,22 +103,17 @@ def type_names(topology: mdtraj.Topology) -> np.ndarray:
 
 
 def selected(topology: mdtraj.Topology, beads: Beads, what: str = "beads") -> np.ndarray:
-    """Indices of the beads that are meant.
+    """Indices of the beads that are meant: those of a type, of several types, indices from 0, a mask, or all.
 
-    Parameters
-    ----------
-    topology : mdtraj.Topology
-    beads : str, sequence of str, array of int, array of bool, or None
-        A type, several types, indices from 0 (as ``topology.select`` returns), a mask, or all.
-    what : str
-        What they are, for error messages.
-
-    Raises
-    ------
-    ParameterError
-        If no bead is of the type, an index is out of range or appears twice, or there is none.
+    ParameterError, which calls them ``what``, if no bead is of the type, an index is out of range or stands twice, or there is none.
     """
     return of_types(type_names(topology), beads, what)
+
+
+def two_selected(topology: mdtraj.Topology, beads: Beads, other: Beads) -> tuple[np.ndarray, np.ndarray]:
+    """Two sets of beads; the first one again where there is no other."""
+    first = selected(topology, beads, "beads")
+    return first, first if other is None else selected(topology, other, "other")
 
 
 def of_types(names: np.ndarray, beads: Beads, what: str) -> np.ndarray:

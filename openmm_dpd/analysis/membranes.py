@@ -14,7 +14,7 @@ from ..stats import Average, block_average, long_enough
 from ..units import md_tension, thermal_energy, to_md
 from .curves import Curve, curve_of
 from .frames import Frame, axis_number, frames_of, positive_number, selected, weights_of
-from .molecules import molecule_labels
+from .molecules import means_over, molecule_labels
 from .profiles import periodic_centre
 
 if TYPE_CHECKING:
@@ -234,9 +234,7 @@ class _Lipids:
 
         def centre(beads: np.ndarray, lipid: np.ndarray) -> np.ndarray:
             d = s[beads] - start[lipid]
-            d -= np.round(d)
-            sums = np.column_stack([np.bincount(lipid, weights=column) for column in d.T])
-            return sums / np.bincount(lipid)[:, None]
+            return means_over(lipid, None, d - np.round(d))
 
         head, tail = centre(self.heads, self.of_head), centre(self.tails, self.of_tail)
         height = (start + head)[:, k] - periodic_centre(s[self.tails, k], np.ones(len(self.tails)))
@@ -373,13 +371,3 @@ def _most_likely(columns: np.ndarray, offset: np.ndarray, mean: np.ndarray, weig
     if not np.linalg.norm(gradient(done.x)) < 1e-6 * np.linalg.norm(columns @ (weights * np.abs(mean))):
         raise ParameterError(f"no bending modulus fits this spectrum: {done.message}")
     return done.x
-
-
-__all__ = [
-    "BendingModulus",
-    "HeightSpectrum",
-    "area_per_lipid",
-    "bending_modulus",
-    "bilayer_thickness",
-    "height_spectrum",
-]

@@ -26,6 +26,12 @@ def molecule_labels(topology: mdtraj.Topology) -> np.ndarray:
     return connected(bonds, topology.n_atoms).astype(np.int64)
 
 
+def means_over(units: np.ndarray, weights: np.ndarray | None, x: np.ndarray) -> np.ndarray:
+    """Weighted means (M, 3) over the beads of each of M units, whose numbers from 0 to M - 1 are given for every bead."""
+    sums = [np.bincount(units, column if weights is None else weights * column) for column in x.T]
+    return np.column_stack(sums) / np.bincount(units, weights)[:, None]
+
+
 def bonds_outwards(topology: mdtraj.Topology) -> np.ndarray:
     """Bonds (parent, child) that reach every bead of a molecule from one of its beads, parents first.
 

@@ -17,23 +17,12 @@ LEAST_RESULTANT = 0.05
 
 @dataclass(frozen=True)
 class Slicer:
-    """Puts beads into slices of a frame.
+    """Puts beads into slices of a frame."""
 
-    Attributes
-    ----------
-    axis : int
-        Box vector along which slices follow each other; they are parallel to the two others.
-    n_bins : int
-    centre : (M,) array of int or None
-        Beads whose centre of mass is put in the middle.
-    weights : (N,) array
-        Masses for that.
-    """
-
-    axis: int
+    axis: int  #: Box vector along which slices follow each other; they are parallel to the two others
     n_bins: int
-    centre: np.ndarray | None
-    weights: np.ndarray
+    centre: np.ndarray | None  #: (M,) of int or None; beads whose centre of mass is put in the middle
+    weights: np.ndarray  #: (N,) masses for that
 
     def heights(self, frame: Frame) -> np.ndarray:
         """Place of each bead along the axis as a fraction of the box, folded to [0, 1); the centre of mass is at 1/2 if there is one."""
@@ -53,23 +42,15 @@ class Slicer:
 
 
 def sums_in_slices(number: np.ndarray, weights: np.ndarray | None, count: int) -> np.ndarray:
-    """Sums of ``weights`` over the beads in each of ``count`` slices, (count,); without weights the numbers of beads.
-
-    ``number`` (K,) is the slice of each bead.
-    """
+    """Sums of weights (or numbers) of the beads in each of ``count`` slices, (count,), from the slice of each bead."""
     return np.bincount(number, weights, count).astype(np.float64)
 
 
 def periodic_centre(fractions: np.ndarray, weights: np.ndarray) -> float:
-    r"""Centre of mass of beads in a periodic direction, as a fraction of the box.
+    """Centre of mass of beads in a periodic direction, as a fraction of the box; ParameterError if they are spread evenly and have none.
 
     The phase of sum w exp(2 pi i s) is the centre of a symmetric distribution; the mean of the positions folded around it is the centre of
     mass of what does not reach around the box (L. Bai and D. Breen, J. Graphics Tools 13, 53 (2008), for the phase).
-
-    Raises
-    ------
-    ParameterError
-        If the beads are spread evenly, so that there is no centre.
     """
     resultant = np.sum(weights * np.exp(2j * np.pi * fractions)) / weights.sum()
     if abs(resultant) < LEAST_RESULTANT:

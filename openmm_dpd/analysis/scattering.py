@@ -4,7 +4,7 @@ import numpy as np
 
 from ..errors import ParameterError
 from .curves import Curve, curve_of
-from .frames import Beads, Frame, Trajectories, frames_of, positive_number, selected
+from .frames import Beads, Frame, Trajectories, frames_of, positive_number, two_selected
 
 #: More wave vectors than that are a mistake.
 MOST_VECTORS = 5_000_000
@@ -57,8 +57,7 @@ def structure_factor(
     """
     q_max = positive_number(q_max, "q_max")
     topology, frames = frames_of(trajectory)
-    a = selected(topology, beads, "beads")
-    b = a if other is None else selected(topology, other, "other")
+    a, b = two_selected(topology, beads, other)
     sums: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for frame in frames:
         q, strength = _strengths(frame, a, b, q_max)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import ParameterError
 from .frames import Frame
-from .molecules import molecule_labels
+from .molecules import means_over, molecule_labels
 
 if TYPE_CHECKING:
     import mdtraj
@@ -79,6 +79,6 @@ def _check(frame: Frame, number: int, step: np.ndarray, labels: np.ndarray | Non
 def is_folded(frame: Frame, labels: np.ndarray) -> bool:
     """Whether the centres of all molecules lie in one cell: a parallelepiped, or the brick (OpenMM's choice for tilted boxes)."""
     assert frame.box is not None
-    centres = np.column_stack([np.bincount(labels, column) for column in frame.positions.T]) / np.bincount(labels)[:, None]
+    centres = means_over(labels, None, frame.positions)
     spans = (np.ptp(centres @ np.linalg.inv(frame.box), axis=0), np.ptp(centres, axis=0) / np.diagonal(frame.box))
     return any(bool(np.all(span <= 1 + 1e-4)) for span in spans)

@@ -26,21 +26,11 @@ from ..units import COULOMB
 
 @dataclass(frozen=True)
 class Radial:
-    """A function of r: a polynomial in r/scale below ``scale``, ``outer`` (an expression in ``far``) above.
+    """A function of r: a polynomial in r/scale below ``scale``, ``outer`` (an expression in ``far``) above."""
 
-    Attributes
-    ----------
-    coefficients : array
-        Of the powers of r/scale.
-    outer : str
-        Expression.
-    scale : float
-        nm.
-    """
-
-    coefficients: np.ndarray
-    outer: str
-    scale: float
+    coefficients: np.ndarray  #: Of the powers of r/scale
+    outer: str  #: Expression
+    scale: float  #: nm
 
     def text(self, name: str) -> str:
         """Definitions of ``name``, and of what it needs, for the end of an expression."""
@@ -83,22 +73,10 @@ def electrostatic_forces(
     *,
     listed: bool,
 ) -> list[openmm.Force]:
-    """All forces of smeared charges.
+    """All forces of smeared charges; without ``ewald`` there is no periodic box and no cutoff.
 
-    Parameters
-    ----------
-    charges : SmearedCharges
-    q : (N,) array
-        Elementary charges.
-    constant : float
-        Coulomb constant, kJ/mol nm.
-    ewald : EwaldSum or None
-        None: no periodic box, no cutoff.
-    factors : dict of (int, int) to float
-        Pairs that are excluded from the pair force, and the factor of their smeared interaction: bonded neighbours, and beads that start
-        at the same point (factor 1).
-    listed : bool
-        Whether the pair force uses the neighbour list of all beads rather than all pairs of charged beads.
+    ``factors`` are of the smeared interaction of pairs that are excluded from the pair force: bonded neighbours, and beads that start at
+    the same point (factor 1).  ``listed``: it uses the neighbour list of all beads rather than all pairs of charged beads.
     """
     # where the polynomial ends: the series of both parts still converge fast there
     scale = 1.0 / charges.steepness if ewald is None else min(1.0 / charges.steepness, 1.0 / ewald.alpha, ewald.cutoff)

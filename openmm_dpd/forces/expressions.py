@@ -16,26 +16,13 @@ COINCIDENT = 1e-10
 
 @dataclass(frozen=True)
 class PairExpression:
-    """A radial pair potential U(r; type1, type2).
+    """A radial pair potential U(r; type1, type2)."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the forces made from it.
-    energy : str
-        Expression in r, type1, type2, zero from the cutoff on.
-    functions : mapping of str to a function that makes a TabulatedFunction
-    cutoff : float
-        Largest cutoff, nm.
-    skips_coincident : bool
-        Whether beads at the same point have no energy; else they have that at :data:`COINCIDENT`.
-    """
-
-    name: str
-    energy: str
-    cutoff: float
+    name: str  #: Name of the forces made from it
+    energy: str  # Expression in r, type1, type2, zero from the cutoff on
+    cutoff: float  # Largest cutoff, nm
     functions: dict[str, Callable[[], openmm.TabulatedFunction]] = field(default_factory=dict)
-    skips_coincident: bool = False
+    skips_coincident: bool = False  #: Whether beads at the same point have no energy; else they have that at :data:`COINCIDENT`
 
     @property
     def typed(self) -> bool:
@@ -75,14 +62,9 @@ def parameters(arrays: dict[str, np.ndarray]) -> tuple[str, dict]:
 def radial_expression(
     name: str, table: Mapping, names: list[str], energy: str, columns: dict[str, tuple[Callable, float]], **choices
 ) -> PairExpression:
-    """Expression of one table, which is 0 from the cutoff ``rc`` on.
+    """Expression of one table, which is ``energy`` up to the cutoff ``rc`` and 0 from there on.
 
-    Parameters
-    ----------
-    energy : str
-        Below the cutoff.
-    columns : dict
-        Names in it, what they are of a coefficient, and where there is no interaction.
+    ``columns`` are the names in it, what they are of a coefficient, and where there is no interaction.
     """
     columns = {**columns, "rc": (lambda c: c.cutoff, 1.0)}
     text, functions = parameters({key: type_pairs(table, names, *column) for key, column in columns.items()})

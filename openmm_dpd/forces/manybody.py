@@ -24,21 +24,7 @@ def density_force(
 ) -> openmm.CustomGBForce:
     """The energy sum over i of pi B h^4 rho_i^2/30, rho_i = sum over j of 15/(2 pi h^3) (1 - r/h)^2, as a CustomGBForce.
 
-    Parameters
-    ----------
-    table : mapping of (str, str) to MDPD or NONE
-    names : list of str
-        Names of the types.
-    types : (N,) int array
-        Type of each bead.
-    exclusions : list of (int, int)
-        Bonded neighbours that do not count in each other's density.
-    periodic : bool
-
-    Raises
-    ------
-    ParameterError
-        If the coefficients do not go together.
+    Bonded neighbours in ``exclusions`` do not count in each other's density.  ParameterError if the coefficients do not go together.
     """
     coefficient = check_many_body(table)
     h = coefficient.cutoff_B

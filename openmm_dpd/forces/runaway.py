@@ -17,24 +17,10 @@ FASTEST = 10.0
 
 
 def runaway(v: np.ndarray, inv_mass: np.ndarray, kT: float, dt: float, cutoff: float) -> str | None:
-    """What is wrong with the velocities of a step, or None.
+    """What is wrong with the velocities (N, 3) of a step, in a sentence, or None; beads of ``inv_mass`` 0 are not looked at.
 
-    Parameters
-    ----------
-    v : (N, 3) array
-        Velocities, nm/ps.
-    inv_mass : (N,) array
-        1/mass; beads with 0 do not move and are not looked at.
-    kT : float
-        Thermal energy, kJ/mol.
-    dt, cutoff : float
-        Step size, ps, and longest range of the pair terms, nm.
-
-    Returns
-    -------
-    str or None
-        A sentence, if a velocity is not finite, or if a bead is faster than ten thermal velocities *and* crosses more than a cutoff in one
-        step.  Either alone may be meant: a quench from a hot start, or an ideal gas with a long step.
+    Wrong is a velocity that is not finite, and a bead that is faster than ten thermal velocities *and* crosses more than the longest
+    cutoff in one step.  Either alone may be meant: a quench from a hot start, or an ideal gas with a long step.
     """
     if motion.largest(v) * dt <= NEAR * cutoff:  # the usual case, in one pass; NaN falls through
         return None

@@ -73,34 +73,17 @@ class ConservativeForce:
 
 @dataclass(eq=False)
 class ThreadState:
-    """All of it; nothing that could not be computed again.
-
-    Attributes
-    ----------
-    engine : Engine
-    loop : Stepper or None
-        Whole steps with that engine.
-    fields : Fields or None
-        Internal energies, temperatures or concentrations as programs have shown them, or a loop has left them.
-    conservative : ConservativeForce
-    fingerprints : Fingerprints
-    kept : (N, 3) array or None
-        Positions that were stored last.
-    failed : (int, float) or None
-        Phase and noise counter of an evaluation that failed.
-    v, result : (N, 3) arrays
-        Velocities that were shown, and what an evaluation returns: written again and again, since OpenMM copies what it is given.
-    """
+    """All of it; nothing that could not be computed again."""
 
     engine: Engine
-    loop: Stepper | None
-    fields: Fields | None
+    loop: Stepper | None  #: Whole steps with that engine
+    fields: Fields | None  #: Internal energies, temperatures or concentrations as programs have shown them, or a loop has left them
     conservative: ConservativeForce = field(init=False)
     fingerprints: Fingerprints = field(default_factory=Fingerprints)
-    kept: np.ndarray | None = None
-    failed: tuple[int, float] | None = None
-    v: np.ndarray = field(init=False)
-    result: np.ndarray = field(init=False)
+    kept: np.ndarray | None = None  #: (N, 3) positions that were stored last
+    failed: tuple[int, float] | None = None  #: Phase and noise counter of an evaluation that failed
+    v: np.ndarray = field(init=False)  # v, result: (N, 3) velocities that were shown, and what an evaluation returns:
+    result: np.ndarray = field(init=False)  # written again and again, since OpenMM copies what it is given
 
     def __post_init__(self):
         self.conservative = ConservativeForce(self.engine)

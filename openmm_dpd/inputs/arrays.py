@@ -61,22 +61,10 @@ class BeadArrays:
 
 
 def named_types(atoms: Iterable, typing, source: str) -> list[str]:
-    """Type of each atom of an OpenMM or mdtraj topology.
+    """Type of each atom (with ``name``, ``index``, ``residue.name``) of an OpenMM or mdtraj topology.
 
-    Parameters
-    ----------
-    atoms : iterable of atoms
-        With ``name``, ``index`` and ``residue.name``.
-    typing : None, mapping or function
-        None: the names of the atoms.  A mapping has names of atoms, names of residues, or pairs ``(residue, atom)``, which come first.  A
-        function takes the atom.
-    source : str
-        For errors.
-
-    Raises
-    ------
-    ParameterError
-        If an atom gets no type, two different ones, or one that is no text.
+    ``typing`` is None: the names of the atoms; a mapping that has names of atoms, names of residues, or pairs ``(residue, atom)``, which
+    come first; or a function of the atom.  ParameterError if an atom gets no type, two different ones, or one that is no text.
     """
     if typing is not None and not isinstance(typing, Mapping) and not callable(typing):
         raise ParameterError(
@@ -112,6 +100,3 @@ def _mapped(typing: Mapping, residue: str, atom: str, source: str) -> object:
     if not found:
         raise ParameterError(f"{source}: typing has no bead type for atom {atom!r} of residue {residue!r}")
     return found.pop()
-
-
-__all__ = ["BeadArrays", "named_types"]

@@ -90,7 +90,6 @@ def scene_from_beads(
     )
 
 
-# -- helpers -------------------------------------------------------------------------------------------------------------------
 def _left_out(beads: BeadArrays, leave_out: Sequence[str]) -> set[str]:
     if isinstance(leave_out, str) or not isinstance(leave_out, Iterable):
         raise ParameterError(f"leave_out must be a sequence of names, such as ('dihedrals',), not {what_is(leave_out)}")
@@ -149,6 +148,3 @@ def _masses(beads: BeadArrays, types: list[str], masses) -> tuple[dict[str, Any]
     by_type = {name: float(single[first[name]]) for name in order if name in first}
     same = np.array_equal(single, [by_type[name] for name in beads.types])
     return by_type, None if same else single
-
-
-__all__ = ["scene_from_beads"]

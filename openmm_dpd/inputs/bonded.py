@@ -99,6 +99,3 @@ def _bends_of_bonds(beads: BeadArrays, springs: Sequence, bend) -> list:
     if not found:
         raise ParameterError(f"{beads.source} lists no angles, and no two of its bonds meet at types that `angles` names")
     return many_terms(np.array([entry[:3] for entry in found], dtype=np.int64), [entry[3] for entry in found])
-
-
-__all__ = ["scene_angles", "scene_bonds"]

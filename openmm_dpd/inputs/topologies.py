@@ -10,7 +10,7 @@ from openmm import app, unit
 from ..errors import ParameterError, what_is
 from ..geometry import reduced
 from ..model.scene import Scene
-from ..units import to_md, whole_number
+from ..units import position_array, whole_number
 from .arrays import BeadArrays, named_types
 from .beads import scene_from_beads
 
@@ -72,16 +72,15 @@ def scene_from_topology(topology: app.Topology, positions, typing=None, *, pairs
     vectors = topology.getPeriodicBoxVectors()
     atoms = list(topology.atoms())
     masses = [None if atom.element is None else atom.element.mass.value_in_unit(unit.dalton) for atom in atoms]
-    bonds = [(bond[0].index, bond[1].index) for bond in topology.bonds()]
     beads = BeadArrays(
         types=named_types(atoms, typing, "the topology"),
-        positions=_positions(positions, len(atoms)),
+        positions=position_array(positions, len(atoms), f"the topology has {len(atoms)} atoms"),
         source="the topology",
         masses=None if None in masses or not masses else np.array(masses),
         box=None if vectors is None else reduced(vectors.value_in_unit(unit.nanometer)),
         molecules=_molecules(atoms, molecules),
         residues=[atom.residue.name or "MOL" for atom in atoms],
-        bonds=_once(bonds),
+        bonds=_once(topology.bonds()),
     )
     return scene_from_beads(beads, pairs=pairs, kT=kT, **choices)
 
@@ -130,21 +129,14 @@ def scene_from_mdtraj(trajectory: mdtraj.Trajectory, typing=None, *, pairs, kT, 
         charges=charges if charges.any() else None,
         molecules=_molecules(atoms, molecules),
         residues=[atom.residue.name or "MOL" for atom in atoms],
-        bonds=_once([(bond[0].index, bond[1].index) for bond in trajectory.topology.bonds]),
+        bonds=_once(trajectory.topology.bonds),
     )
     return scene_from_beads(beads, pairs=pairs, kT=kT, **choices)
 
 
-# -- helpers -------------------------------------------------------------------------------------------------------------------
-def _positions(positions, count: int) -> np.ndarray:
-    found = np.asarray(to_md(positions, "length", "positions"))
-    if found.shape != (count, 3):
-        raise ParameterError(f"the topology has {count} atoms, but positions are of shape {found.shape}")
-    return found
-
-
-def _once(bonds: list[tuple[int, int]]) -> np.ndarray:
+def _once(bonds) -> np.ndarray:
     """Bonds without repetitions, which topologies of files have, in their order."""
+    bonds = [(bond[0].index, bond[1].index) for bond in bonds]
     seen = {tuple(sorted(pair)): pair for pair in reversed(bonds)}
     return np.array(list(seen.values())[::-1], dtype=np.int64).reshape(-1, 2)
 

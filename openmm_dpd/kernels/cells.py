@@ -14,23 +14,12 @@ from .compiled import helper, inlined, serial_and_parallel
 
 
 class Grid(NamedTuple):
-    """Cells of equal size.
+    """Cells of equal size."""
 
-    Attributes
-    ----------
-    box : (3, 3) array
-        Lower-triangular box vectors; without a box the extent of the grid.
-    origin : (3,) array
-        Lower corner.
-    periodic : bool
-    nx, ny, nz : int
-        Cells along each axis.
-    """
-
-    box: np.ndarray
-    origin: np.ndarray
+    box: np.ndarray  #: (3, 3) lower-triangular box vectors; without a box the extent of the grid
+    origin: np.ndarray  #: (3,) lower corner
     periodic: bool
-    nx: int
+    nx: int  # nx, ny, nz: cells along each axis
     ny: int
     nz: int
 
@@ -127,20 +116,10 @@ def scratch_for(beads: int, chunks: int, cells: int) -> CellScratch:
 
 
 def _bin_beads(x, beads, of_beads, grid, scratch, count, order, xs, sorted_types, sorted_inv_mass):
-    """Counting sort of the beads by cell (y fastest, then x), stable in the bead's index.
+    """Counting sort of the ``beads`` that take part by cell (y fastest, then x), stable in the bead's index.
 
-    Parameters
-    ----------
-    x : (N, 3) positions; beads : (M,) indices of the beads that take part
-    of_beads : :class:`OfBeads`; grid : :class:`Grid`; scratch : :class:`CellScratch`
-    count : (ncells + 1,) out: first sorted bead of each cell
-    order : (M,) out: index of each sorted bead; xs : (3, M or more) out: its position, wrapped into the grid
-    sorted_types, sorted_inv_mass : (M,) out
-
-    Returns
-    -------
-    int
-        -1, or the index of the first bead whose position is not finite.
+    Writes ``count`` (ncells + 1,), the first sorted bead of each cell; ``order`` (M,), the index of each sorted bead; ``xs`` (3, M or
+    more), its position, wrapped into the grid; and what else is sorted.  Returns -1, or the first bead whose position is not finite.
     """
     place, usable = scratch.place, scratch.usable
     for chunk in prange(len(usable)):

@@ -25,18 +25,10 @@ TINY = 1e-200
 
 @dataclass(frozen=True, eq=False)
 class Quintics:
-    """An even function of the distance as polynomials on pieces of the same length, with two continuous derivatives.
+    """An even function of the distance as polynomials on pieces of the same length, with two continuous derivatives."""
 
-    Attributes
-    ----------
-    coefficients : (K, 6) float64
-        Of the powers 0 to 5 of the place in the piece, from 0 to 1.
-    end : float
-        Where the last piece ends, nm.
-    """
-
-    coefficients: np.ndarray
-    end: float
+    coefficients: np.ndarray  #: (K, 6) of the powers 0 to 5 of the place in the piece, from 0 to 1
+    end: float  #: Where the last piece ends, nm
 
     @staticmethod
     def of(values: np.ndarray, slopes: np.ndarray, curvatures: np.ndarray, end: float) -> Quintics:

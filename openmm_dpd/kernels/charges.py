@@ -32,44 +32,20 @@ FEW = 400_000
 
 @dataclass(frozen=True, eq=False)
 class ChargeTerms:
-    """All charges.
-
-    Attributes
-    ----------
-    beads : (M,) int64
-        Beads that have a charge.
-    charges : (M,) float64
-        Theirs, in elementary charges.
-    constant : float
-        Coulomb constant, kJ/mol nm.
-    short : Quintics
-        s(r) - erf(alpha r)/r up to the cutoff; s(r), and 1/r from its end on, where there is no box.
-    cutoff : float
-        nm; infinite without a box.
-    alpha : float
-        Splitting parameter (1/nm); 0 without a box.
-    k_max : float
-        The longest wave vector, 1/nm; 0 without a box.
-    whole : Quintics
-        s(r), and 1/r from its end on; for bonded neighbours.
-    pairs : (E, 2) int64
-        Bonded neighbours, as numbers of charges (not of beads).
-    factors : (E,) float64
-        Theirs.
-    """
+    """All charges."""
 
     term: ClassVar[str] = "electrostatic"
 
-    beads: np.ndarray
-    charges: np.ndarray
-    constant: float
-    short: Quintics
-    cutoff: float
-    alpha: float
-    k_max: float
-    whole: Quintics
-    pairs: np.ndarray
-    factors: np.ndarray
+    beads: np.ndarray  #: (M,) beads that have a charge
+    charges: np.ndarray  #: (M,) theirs, in elementary charges
+    constant: float  #: Coulomb constant, kJ/mol nm
+    short: Quintics  #: s(r) - erf(alpha r)/r up to the cutoff; s(r), and 1/r from its end on, where there is no box
+    cutoff: float  # nm; infinite without a box
+    alpha: float  #: Splitting parameter (1/nm); 0 without a box
+    k_max: float  #: The longest wave vector, 1/nm; 0 without a box
+    whole: Quintics  #: s(r), and 1/r from its end on; for bonded neighbours
+    pairs: np.ndarray  #: (E, 2) bonded neighbours, as numbers of charges (not of beads)
+    factors: np.ndarray  #: (E,) theirs
 
     def evaluator(self) -> ChargeEvaluator:
         """What computes it."""
@@ -97,45 +73,21 @@ class Law(NamedTuple):
 
 
 class ChargeSpace(NamedTuple):
-    """What the kernel writes on; ``room`` is the number of charges, and some without a charge that make up whole strips.
+    """What the kernel writes on; ``room`` is the number of charges, and some without a charge that make up whole strips."""
 
-    Attributes
-    ----------
-    xs : (3 room,) float64
-        Positions, x of all charges first.
-    q : (room,) float64
-        Charges; 0 at the end.
-    tables, start : arrays
-        Phases of all charges and where they begin for each axis, see :func:`.waves.write_phases`.
-    counts : (3,) int64
-        How many of them.
-    steps : (16 room,) float64
-        See :func:`.waves.copy_steps`.
-    energies, pulls : float64
-        See :func:`.waves.structure_factors`.
-    forces : float64
-        Three components of the forces of the lattice, then those of each share of the pairs.
-    of_shares, of_blocks : (shares, 7) and (B,) float64
-        Energy and six sums of r F of shares of the pairs, energy of blocks of waves.
-    outer : (parts, 18 room) float64
-        Scratch of each thread.
-    hits : (parts, room) uint32
-        The same.
-    """
-
-    xs: np.ndarray
-    q: np.ndarray
-    tables: np.ndarray
+    xs: np.ndarray  #: (3 room,) positions, x of all charges first
+    q: np.ndarray  #: (room,) charges; 0 at the end
+    tables: np.ndarray  # tables, start: phases of all charges and where they begin for each axis, see :func:`.waves.write_phases`
     start: np.ndarray
-    counts: np.ndarray
-    steps: np.ndarray
-    energies: np.ndarray
+    counts: np.ndarray  #: (3,) how many of them
+    steps: np.ndarray  #: (16 room,) see :func:`.waves.copy_steps`
+    energies: np.ndarray  # energies, pulls: see :func:`.waves.structure_factors`
     pulls: np.ndarray
-    forces: np.ndarray
-    of_shares: np.ndarray
-    of_blocks: np.ndarray
-    outer: np.ndarray
-    hits: np.ndarray
+    forces: np.ndarray  #: Three components of the forces of the lattice, then those of each share of the pairs
+    of_shares: np.ndarray  #: (shares, 7) energy and six sums of r F of shares of the pairs
+    of_blocks: np.ndarray  #: (B,) energy of blocks of waves
+    outer: np.ndarray  #: (parts, 18 room) scratch of each thread
+    hits: np.ndarray  #: (parts, room) uint32 the same
 
 
 @helper
@@ -247,13 +199,7 @@ charge_forces, charge_forces_parallel = serial_and_parallel(_charge_forces)
 
 
 class ChargeEvaluator:
-    """Computes :class:`ChargeTerms`.
-
-    Attributes
-    ----------
-    fewest : int
-        Work from which on several threads share it.
-    """
+    """Computes :class:`ChargeTerms`; from so much work as ``fewest`` on several threads share it."""
 
     def __init__(self, terms: ChargeTerms):
         self.terms, self.fewest = terms, FEW
@@ -305,24 +251,14 @@ class ChargeEvaluator:
         return short, lattice
 
     def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
-        """See :class:`.extras.Evaluator`.
-
-        Raises
-        ------
-        RunError
-            If a position is not finite, or the box narrower than twice the cutoff.
-        """
+        """See :class:`.extras.Evaluator`; RunError if a position is not finite, or the box narrower than twice the cutoff."""
         return sum(self._run(x, box, force, np.zeros((0, 6))))
 
     def parts(self, x: np.ndarray, box: np.ndarray | None) -> tuple[float, float, np.ndarray]:
         """Energies of the short-ranged part (with what is taken out for bonded neighbours) and of the lattice, and the stress of both.
 
         All in kJ/mol; the stress has (6,) sums of r F, minus the derivatives of the energy with respect to strains of box and positions.
-
-        Raises
-        ------
-        RunError
-            If a position is not finite, or the box narrower than twice the cutoff.
+        RunError as above.
         """
         stress = np.zeros((1, 6))
         return *self._run(x, box, np.zeros_like(x), stress), stress[0]
@@ -368,14 +304,7 @@ def _space_for(charges: np.ndarray, waves: Waves, threads: int) -> ChargeSpace:
 def cost(n_charges: int, box: np.ndarray | None, k_max: float, cutoff: float) -> float:
     """Microseconds that one evaluation takes on one core, to a tenth or so on the one where this was measured.
 
-    Parameters
-    ----------
-    n_charges : int
-    box : (3, 3) array, or None
-    k_max : float
-        The longest wave vector, 1/nm; of no importance without a box.
-    cutoff : float
-        nm; of no importance without a box.
+    The longest wave vector ``k_max`` (1/nm) and the cutoff are of no importance without a box.
     """
     near, waves = 1.0, 0.0
     if box is not None:

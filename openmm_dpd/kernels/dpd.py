@@ -48,16 +48,8 @@ class TermTable:
 class SweptLayer:
     """What layers whose friction and noise are those of DPD have in common.
 
-    Parameters
-    ----------
-    table : table with ``coefficients(kT)``, whose first columns are those of :mod:`.forces`
-    number : int
-        Of the layer.
-    pairs : PairList
-    plain : bool
-        As in :class:`.forces.Terms`.
-    transverse : bool
-        Whether there are transverse terms.
+    ``table`` has ``coefficients(kT)``, whose first columns are those of :mod:`.forces`; ``plain`` is as in :class:`.forces.Terms`;
+    ``transverse`` says whether there are transverse terms.
     """
 
     #: Whether A w is all of the repulsion.

@@ -19,27 +19,13 @@ CONSTANT, RESERVOIR = -1, -2
 
 @dataclass(frozen=True, eq=False)
 class EOSTable:
-    """Equation of state of each bead.
+    """Equation of state of each bead."""
 
-    Attributes
-    ----------
-    capacity : (N,) array
-        Heat capacity; theta for a reservoir; unused for a curve.
-    curve : (N,) int32 array
-        CONSTANT, RESERVOIR, or the number of the curve.
-    start : (C + 1,) int64 array
-        First node of each curve.
-    nodes : (P,) array
-        Energies at the nodes, all curves one after the other.
-    pieces : (P, 5) array
-        Per interval: cubic coefficients of 1/theta, highest power first, and the entropy at its left end.
-    """
-
-    capacity: np.ndarray
-    curve: np.ndarray
-    start: np.ndarray
-    nodes: np.ndarray
-    pieces: np.ndarray
+    capacity: np.ndarray  #: (N,) heat capacity; theta for a reservoir; unused for a curve
+    curve: np.ndarray  #: (N,) int32 CONSTANT, RESERVOIR, or the number of the curve
+    start: np.ndarray  #: (C + 1,) first node of each curve
+    nodes: np.ndarray  #: (P,) energies at the nodes, all curves one after the other
+    pieces: np.ndarray  # (P, 5) per interval: cubic coefficients of 1/theta, highest power first, and the entropy at its left end
 
     def of(self, beads: np.ndarray) -> EOSTable:
         """The same for a choice of beads."""

@@ -22,28 +22,15 @@ class BodyTerms:
     """A force on single beads.
 
     The period is that of the scene's box, not of the present one: a pattern does not follow a barostat.
-
-    Attributes
-    ----------
-    beads : (M,) uint32
-        Beads it acts on, each once.
-    vectors : (M, 3) float64
-        Forces f on them, kJ/mol/nm.
-    pattern : int
-        ``UNIFORM``, ``HALVES`` or ``SINE``.
-    axis : int
-        Axis along which the pattern varies.
-    origin, period : float
-        Where it begins and how long it is, nm.
     """
 
     term: ClassVar[str] = "external"
 
-    beads: np.ndarray
-    vectors: np.ndarray
-    pattern: int = UNIFORM
-    axis: int = 0
-    origin: float = 0.0
+    beads: np.ndarray  #: (M,) uint32 beads it acts on, each once
+    vectors: np.ndarray  #: (M, 3) forces f on them, kJ/mol/nm
+    pattern: int = UNIFORM  #: ``UNIFORM``, ``HALVES`` or ``SINE``
+    axis: int = 0  #: Axis along which the pattern varies
+    origin: float = 0.0  # origin, period: where it begins and how long it is, nm
     period: float = 1.0
 
     def evaluator(self) -> Evaluator:
@@ -89,13 +76,7 @@ body_forces, body_forces_parallel = serial_and_parallel(_body_forces)
 
 
 class BodyEvaluator:
-    """Computes :class:`BodyTerms`.
-
-    Attributes
-    ----------
-    fewest : int
-        Beads from which on several threads share the work.
-    """
+    """Computes :class:`BodyTerms`; from so many beads as ``fewest`` on several threads share the work."""
 
     def __init__(self, terms: BodyTerms):
         self.terms, self.fewest = terms, FEW

@@ -36,28 +36,11 @@ class Evaluator(Protocol):
     """
 
     def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
-        """Add the forces at the positions x to ``force``, and return the energy: the same bits for any number of threads.
+        """Add the forces at the positions x to ``force``, and return the energy (nm, kJ/mol): the same bits for any number of threads.
 
-        Parameters
-        ----------
-        x : (N, 3) float64
-            Positions (nm), in or beyond the box: every distance is taken by minimum image.
-        box : (3, 3) float64, or None
-            Reduced box vectors (nm).
-        force : (N, 3) float64
-            Forces (kJ/mol/nm); what is there stays and is added to.
-        scale : float
-            Factor of forces on single beads; all other kinds ignore it.
-
-        Returns
-        -------
-        float
-            Energy, kJ/mol.
-
-        Raises
-        ------
-        RunError
-            If there is no finite energy; what ``force`` holds then means nothing.
+        Positions (N, 3) are in or beyond the box of reduced vectors (nm): every distance is taken by minimum image.  ``scale`` is the
+        factor of forces on single beads; all other kinds ignore it.  RunError if there is no finite energy; what ``force`` holds then
+        means nothing.
         """
 
 
@@ -232,13 +215,8 @@ class BondedKernel:
 class TermEvaluator:
     """Computes bonded terms.
 
-    One thread adds each term to the forces on its beads as it goes.  Several first write down what each term does; then each takes a bead
-    and adds up its row of terms, in the same order.
-
-    Attributes
-    ----------
-    fewest : int
-        Terms from which on several threads share the work.
+    One thread adds each term to the forces on its beads as it goes.  Several (from ``fewest`` terms on) first write down what each term
+    does; then each takes a bead and adds up its row of terms, in the same order.
     """
 
     def __init__(self, terms: BondedKernel):
@@ -248,13 +226,7 @@ class TermEvaluator:
         self._arguments = beads, terms.parameters, *bead_rows(beads), np.zeros((beads.size, 3)), energy_chunks(len(beads))
 
     def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
-        """See :class:`Evaluator`.
-
-        Raises
-        ------
-        RunError
-            If a term has no finite energy: the position of a bead is not finite, or a bond has a length at which there is none.
-        """
+        """See :class:`Evaluator`; RunError if a term has no finite energy: a position is not finite, or a bond has a length without one."""
         many = len(self.terms.beads) >= self.fewest
         energy = run_terms(*self._kernels, many, x, box_array(box), *self._arguments, force)
         if not math.isfinite(energy):

@@ -22,28 +22,13 @@ class FieldSource(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class FieldSpec:
-    """The part of per-bead fields that never changes.
+    """The part of per-bead fields that never changes."""
 
-    Attributes
-    ----------
-    kind : str
-        ENERGY (columns: conductive, mechanical), TEMPERATURE (one column) or SPECIES (one column each).
-    initial : (N, K) array
-        Values at the start.
-    capacity : (N,) array or None
-        TEMPERATURE: heat capacities.
-    eos : EOSTable or None
-        ENERGY: equations of state.
-    immobile : (N,) array of bool
-        Beads whose values the program does not change.
-    sources : tuple of FieldSource
-    """
-
-    kind: str
-    initial: np.ndarray
-    immobile: np.ndarray
-    capacity: np.ndarray | None = None
-    eos: EOSTable | None = None
+    kind: str  # ENERGY (columns: conductive, mechanical), TEMPERATURE (one column) or SPECIES (one column each)
+    initial: np.ndarray  #: (N, K) values at the start
+    immobile: np.ndarray  #: (N,) of bool beads whose values the program does not change
+    capacity: np.ndarray | None = None  # (N,) or None; TEMPERATURE: heat capacities
+    eos: EOSTable | None = None  # ENERGY: equations of state
     sources: tuple[FieldSource, ...] = ()
 
     @property

@@ -39,27 +39,14 @@ class Repulsion(NamedTuple):
 
 
 class Terms(NamedTuple):
-    """What the force form reads and writes beside the pairs.
+    """What the force form reads and writes beside the pairs."""
 
-    Attributes
-    ----------
-    which : int
-        Sum of CONSERVATIVE, DISSIPATIVE, RANDOM.
-    plain : bool
-        Whether all pairs have the same coefficients, the factor 1 and the exponent 1.
-    key, rsqrt_dt
-        Of the noise.
-    coefficients : (T*T, 8) array
-    seen, v, f, out, add
-        See :class:`.layer.SortedMotion`.
-    """
-
-    which: int
-    plain: bool
-    key: np.uint64
+    which: int  #: Sum of CONSERVATIVE, DISSIPATIVE, RANDOM
+    plain: bool  #: Whether all pairs have the same coefficients, the factor 1 and the exponent 1
+    key: np.uint64  # key, rsqrt_dt: of the noise
     rsqrt_dt: float
-    coefficients: np.ndarray
-    seen: np.ndarray
+    coefficients: np.ndarray  #: (T*T, 8)
+    seen: np.ndarray  # seen, v, f, out, add: see :class:`.layer.SortedMotion`
     v: np.ndarray
     f: np.ndarray
     out: np.ndarray

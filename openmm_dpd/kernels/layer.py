@@ -29,31 +29,16 @@ _NO_KEY = np.uint64(0)
 
 @dataclass(frozen=True, eq=False)
 class Call:
-    """What pair terms depend on beside the positions.
+    """What pair terms depend on beside the positions."""
 
-    Attributes
-    ----------
-    which : int
-        Sum of CONSERVATIVE, DISSIPATIVE, RANDOM, and perhaps STRESS, LAPLACIAN.
-    velocities : (N, 3) array or None
-    kT, dt : float
-        Thermal energy and time step; noise as a force has the amplitude sigma/sqrt(dt).
-    seed, counter : int
-        Key of the noise.
-    field_values : (N, K) array or None
-        Values of the per-bead fields (see :mod:`.fields`).
-    update : int
-        Pair update of a sweep: EXACT or SHARDLOW.
-    """
-
-    which: int
-    velocities: np.ndarray | None
-    kT: float
+    which: int  #: Sum of CONSERVATIVE, DISSIPATIVE, RANDOM, and perhaps STRESS, LAPLACIAN
+    velocities: np.ndarray | None  #: (N, 3) or None
+    kT: float  # kT, dt: thermal energy and time step; noise as a force has the amplitude sigma/sqrt(dt)
     dt: float
-    seed: int
+    seed: int  # seed, counter: key of the noise
     counter: int
-    field_values: np.ndarray | None = None
-    update: int = EXACT
+    field_values: np.ndarray | None = None  #: (N, K) or None; values of the per-bead fields (see :mod:`.fields`)
+    update: int = EXACT  # Pair update of a sweep: EXACT or SHARDLOW
 
     def key(self, number: int) -> np.uint64:
         """Key of the noise of layer number ``number``; 0 where none is asked for."""
@@ -67,27 +52,15 @@ class Call:
 
 @dataclass(frozen=True, eq=False)
 class Sums:
-    """What the force form of one layer gives beside the forces.
+    """What the force form of one layer gives beside the forces."""
 
-    Attributes
-    ----------
-    energy, virial : float
-        Conservative energy, and the sum over pairs of r_ij . F_ij of the chosen terms.
-    drag : float
-        The part of the virial that the friction has.
-    stress : (6,) array or None
-        Sum over pairs of r_ij F_ij, components xx, yy, zz, xy, xz, yz; only if asked for, and only of layers that have it.
-    laplacian : float or None
-        If it came with the forces; otherwise :meth:`Layer.laplacian` has it.
-    rates : (M, K) array or None
-        Change per time of the per-bead fields (for internal energies: conductive, mechanical), in the order of the pair list.
-    """
-
-    energy: float
+    energy: float  # energy, virial: conservative energy, and the sum over pairs of r_ij . F_ij of the chosen terms
     virial: float
-    drag: float = 0.0
+    drag: float = 0.0  #: The part of the virial that the friction has
+    #: (6,) or None; sum over pairs of r_ij F_ij, components xx, yy, zz, xy, xz, yz; only if asked for, and only of layers that have it
     stress: np.ndarray | None = None
-    laplacian: float | None = None
+    laplacian: float | None = None  #: If it came with the forces; otherwise :meth:`Layer.laplacian` has it
+    # (M, K) or None; change per time of the per-bead fields (for internal energies: conductive, mechanical), in the order of the pair list
     rates: np.ndarray | None = None
 
 
@@ -105,7 +78,10 @@ class SortedMotion:
         self.v, self.f = np.zeros((beads, 3)), np.zeros((beads, 3))
 
     def arrays(self, call: Call, out: np.ndarray, add: bool) -> tuple[Any, ...]:
-        """``seen``, ``v``, ``f``, ``out``, ``add``: the last items of what a loop over pairs reads and writes."""
+        """``seen``, ``v``, ``f``, ``out``, ``add``: the last items of what a loop over pairs reads and writes.
+
+        They are no record in that record: numba does not compile loops for several threads over one.
+        """
         seen = call.velocities if call.which & (DISSIPATIVE | RANDOM) else None
         return NO_VELOCITIES if seen is None else seen, self.v, self.f, out, add
 
@@ -146,36 +122,15 @@ class Table(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class PairSpec:
-    """The part of the kernel's input that never changes.
+    """The part of the kernel's input that never changes."""
 
-    Attributes
-    ----------
-    types : (N,) int32
-        Type of each particle; -1 for one that takes no part in any pair term.
-    inv_mass : (N,) float64
-        1/mass; 0 for a particle that does not move.
-    terms : tuple of tables
-        Coefficients of the layers, evaluated one after the other.
-    update : int
-        Pair update of the sweep: EXACT or SHARDLOW.
-    exceptions : three arrays
-        Bonded neighbours in compressed rows: start (N + 1,), bead (E,), factor (E,); start is empty if there are none.
-    wall_velocity : (N, 3) float64, or None
-        Velocity with which immobile particles take part in the friction.
-    fields : FieldSpec or None
-        Per-bead fields, if there are any.
-    sweeps : bool
-        Whether the scheme sweeps over pairs at all.
-    extras : tuple of Extra
-        Conservative forces beside the pair terms (see :mod:`.extras`).
-    """
-
-    types: np.ndarray
-    inv_mass: np.ndarray
-    terms: tuple[Table, ...]
-    update: int = EXACT
+    types: np.ndarray  # (N,) int32 type of each particle; -1 for one that takes no part in any pair term
+    inv_mass: np.ndarray  #: (N,) 1/mass; 0 for a particle that does not move
+    terms: tuple[Table, ...]  #: Coefficients of the layers, evaluated one after the other
+    update: int = EXACT  # Pair update of the sweep: EXACT or SHARDLOW
+    # Bonded neighbours in compressed rows: start (N + 1,), bead (E,), factor (E,); start is empty if there are none
     exceptions: Exceptions = field(default_factory=no_exceptions)
-    wall_velocity: np.ndarray | None = None
-    fields: FieldSpec | None = None
-    sweeps: bool = True
-    extras: tuple[Extra, ...] = ()
+    wall_velocity: np.ndarray | None = None  #: (N, 3), or None; velocity with which immobile particles take part in the friction
+    fields: FieldSpec | None = None  #: Per-bead fields, if there are any
+    sweeps: bool = True  #: Whether the scheme sweeps over pairs at all
+    extras: tuple[Extra, ...] = ()  #: Conservative forces beside the pair terms (see :mod:`.extras`)

@@ -1,6 +1,6 @@
 """The layer of many-body DPD: attraction, and a repulsion that grows with the local density.
 
-Per listed pair, with w = 1 - r/cutoff_A, w_d = max(0, 1 - r/cutoff_B) and f the factor of bonded neighbours::
+Per listed pair, with w = 1 - r/cutoff, w_d = max(0, 1 - r/cutoff_B) and f the factor of bonded neighbours::
 
     C   f [ A w + B (rho_i + rho_j) w_d ]
     D   - f gamma w^2 (e.v)
@@ -11,7 +11,7 @@ A first pass over the pairs adds up the densities rho_i at the listed positions;
 - Lucy kernel: rho_i = sum over j of m_j 105/(16 pi h^3) (1 + 3 r/h)(1 - r/h)^3 with h = cutoff_density.  As in LAMMPS bonded neighbours
   count in full for any factor, and the energy is that of the pairs with the densities held fixed.  There is no potential.
 - Quadratic kernel: rho_i = sum over j of f 15/(2 pi h^3) (1 - r/h)^2 with h = cutoff_B.  With B and h the same for all pairs that
-  interact, the force is minus the gradient of sum over pairs of f A cutoff_A w^2/2 + sum over i of pi B h^4 rho_i^2/30.  The factor has to
+  interact, the force is minus the gradient of sum over pairs of f A cutoff w^2/2 + sum over i of pi B h^4 rho_i^2/30.  The factor has to
   be in the density as well: only then is there a potential.
 
 Friction and noise are those of DPD, so a sweep is that of :mod:`.sweeps`.  A pair closer than the list's shortest distance counts nowhere.
@@ -22,7 +22,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import ParameterError
 from .columns import approach, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
 from .compiled import helper, inlined
 from .dpd import SweptLayer
@@ -41,50 +40,21 @@ _NO_FORCE = 1e-300
 
 @dataclass(frozen=True, eq=False)
 class ManyBodyTable:
-    """Coefficients of one layer, as (T, T) symmetric arrays (MD units); cutoff 0 means no interaction.
-
-    Attributes
-    ----------
-    A, B, gamma : (T, T) arrays
-    cutoff : (T, T) array
-        Range of the pair list.
-    cutoff_A, cutoff_B, cutoff_density : (T, T) arrays
-        Ranges of attraction and friction, of the repulsion and of the density; the first is the longest and equals ``cutoff``.
-    lucy : bool
-        Lucy kernel; otherwise the quadratic one.
-    mass : (N,) array
-        Masses of all beads, frozen ones too, which weigh them in the Lucy density; the quadratic one counts beads.
-    conservative : bool
-        Whether there is a conservative part at all.
-
-    Raises
-    ------
-    ParameterError
-        If cutoff_A is not the longest range.
-    """
+    """Coefficients of one layer, as (T, T) symmetric arrays (MD units); cutoff 0 means no interaction."""
 
     A: np.ndarray
     B: np.ndarray
     gamma: np.ndarray
-    cutoff: np.ndarray
-    cutoff_A: np.ndarray
+    cutoff: np.ndarray  # Range of attraction and friction, the longest one
     cutoff_B: np.ndarray
     cutoff_density: np.ndarray
-    lucy: bool
-    mass: np.ndarray
-    conservative: bool = True
-
-    def __post_init__(self) -> None:
-        # friction has to end before the list does
-        for name in ("cutoff", "cutoff_B", "cutoff_density"):
-            values = getattr(self, name)
-            if np.any(values > self.cutoff_A) or (name == "cutoff" and np.any(values < self.cutoff_A)):
-                raise ParameterError(f"cutoff_A = {self.cutoff_A.tolist()} must be the longest range, but {name} = {values.tolist()}")
+    lucy: bool  #: Lucy kernel; otherwise the quadratic one
+    mass: np.ndarray  #: (N,) masses of all beads, frozen ones too, which weigh them in the Lucy density; the quadratic one counts beads
 
     def coefficients(self, kT: float) -> np.ndarray:
         """(T*T, 11) table at the thermal energy kT: sigma^2 = 2 kT gamma."""
         zero, one = np.zeros_like(self.A), np.ones_like(self.A)
-        of_dpd = self.A, self.cutoff_A, self.gamma, np.sqrt(2.0 * kT * self.gamma), zero, zero, one, one
+        of_dpd = self.A, self.cutoff, self.gamma, np.sqrt(2.0 * kT * self.gamma), zero, zero, one, one
         return table_of(*of_dpd, self.B, self.cutoff_B, self.cutoff_density)
 
     def layer(self, spec: PairSpec, number: int) -> Layer:
@@ -121,8 +91,7 @@ class ManyBodyLayer(SweptLayer):
     def forces(self, call: Call, out: np.ndarray, add: bool) -> Sums:
         """Force form at the listed positions, written or added to ``out``."""
         pairs = self.pairs
-        which = call.which if self.table.conservative else call.which & ~CONSERVATIVE
-        coefficients = self._at(call.kT)
+        which, coefficients = call.which, self._at(call.kT)
         rho = self._sorted_densities(coefficients) if which & CONSERVATIVE else np.zeros(0)
         noise = call.key(self.number), call.rsqrt_dt
         share = 0.5 if self.table.lucy else 0.25
@@ -133,8 +102,6 @@ class ManyBodyLayer(SweptLayer):
         """Sum over mobile beads of the Laplacian of the conservative energy; NaN with the Lucy kernel, whose force has no potential."""
         if self.table.lucy:
             return float("nan")
-        if not self.table.conservative:
-            return 0.0
         coefficients = self._at(0.0)
         return many_body_laplacian(self.pairs, coefficients, self._sorted_densities(coefficients))
 

@@ -82,19 +82,8 @@ def add_to_moving(begin, end, values, changes, inv_mass):
 def move(begin, end, x, v, force, inv_mass, kick, time, limit):
     """Kick and drift: all that a step does between two looks at the pairs.
 
-    Parameters
-    ----------
-    x, v, force, inv_mass : (3N,) arrays
-        All components, one after the other: this way (and counted without a sign) several of them are treated at once.
-    kick, time : float
-        For how long the force acts, and beads that move then drift.
-    limit : float
-        Of the components of v, before the drift.
-
-    Returns
-    -------
-    int
-        How many components are larger, or not a number.
+    The force acts for the time ``kick``, beads that move then drift for ``time``.  Arrays are (3N,), all components one after the other:
+    this way (and counted without a sign) several of them are treated at once.  Returns how many components of v are not below ``limit``.
     """
     count = 0
     for c in range(np.uint64(begin), np.uint64(end)):

@@ -30,45 +30,23 @@ def compressed_exceptions(factors: dict[tuple[int, int], float], n_beads: int) -
 
 
 class Pairs(NamedTuple):
-    """What the loops over pairs read, M beads sorted into cells.
+    """What the loops over pairs read, M beads sorted into cells."""
 
-    Attributes
-    ----------
-    order : (M,) array
-        Index of each sorted bead; the pairs count sorted beads.
-    types, inv_mass : (M,) arrays
-    ntypes : int
-    pi, pj : (room,) arrays of uint32
-        Beads of each pair.
-    geometry : (4, room) array
-        Unit vector from j to i, and distance.
-    factors : (room,) array
-        Factors of bonded neighbours; of length 0 if there are none.
-    columns, block_start, colour_start : arrays
-        Columns in blocks, blocks in colours.
-    start, found : arrays
-        Column c has the pairs start[c]:start[c] + found[c].
-    sums : (columns, 3) array
-        Energy, virial and virial of the friction of each column, see :mod:`.columns`.
-    stress : (columns, 6) array
-        Its stress tensor; of length 0 where none is asked for.
-    """
-
-    order: np.ndarray
-    types: np.ndarray
-    inv_mass: np.ndarray
+    order: np.ndarray  #: (M,) index of each sorted bead; the pairs count sorted beads
+    types: np.ndarray  # (M,)
+    inv_mass: np.ndarray  #: (M,)
     ntypes: int
-    pi: np.ndarray
+    pi: np.ndarray  # pi, pj: (room,) uint32, beads of each pair
     pj: np.ndarray
-    geometry: np.ndarray
-    factors: np.ndarray
-    columns: np.ndarray
+    geometry: np.ndarray  #: (4, room) unit vector from j to i, and distance
+    factors: np.ndarray  #: (room,) factors of bonded neighbours; of length 0 if there are none
+    columns: np.ndarray  # columns, block_start, colour_start: columns in blocks, blocks in colours
     block_start: np.ndarray
     colour_start: np.ndarray
-    start: np.ndarray
+    start: np.ndarray  # start, found: column c has the pairs start[c]:start[c] + found[c]
     found: np.ndarray
-    sums: np.ndarray
-    stress: np.ndarray
+    sums: np.ndarray  #: (columns, 3) energy, virial and virial of the friction of each column, see :mod:`.columns`
+    stress: np.ndarray  #: (columns, 6) its stress tensor; of length 0 where none is asked for
 
 
 class Scratch(NamedTuple):
@@ -86,26 +64,13 @@ def _without_room(ny: int, nz: int) -> tuple[np.ndarray, ...]:
 
 
 class PairList:
-    """Lists the pairs of beads that are within reach of each other.
+    """Lists the pairs of beads that are within reach of each other: beads of types >= 0, in the range of two types (0: no interaction).
 
     An error, or Ctrl-C, may come before any line.  So arrays that have to fit each other are made first, and taken over together in one
     statement, with what says which ones they are; after an error the next :meth:`build` goes on with those before or those after it.
 
-    Parameters
-    ----------
-    types : (N,) int32 array
-        Type of each particle; -1 for one that takes no part.
-    inv_mass : (N,) array
-        1/mass, sorted with the beads for who reads the list.
-    cutoff : (T, T) array
-        Range for each pair of types; 0 means no interaction.
-    exceptions : three arrays
-        Bonded neighbours in compressed rows: start (N + 1,), bead (E,), factor (E,); start is empty if there are none.
-
-    Attributes
-    ----------
-    arrays : Pairs
-        What the loops over pairs read; not valid any more after the next :meth:`build`.
+    ``inv_mass`` is sorted with the beads for who reads the list.  ``arrays`` are what the loops over pairs read; not valid any more after
+    the next :meth:`build`.
     """
 
     def __init__(self, types: np.ndarray, inv_mass: np.ndarray, cutoff: np.ndarray, exceptions: Exceptions | None = None):

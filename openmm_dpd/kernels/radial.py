@@ -19,21 +19,11 @@ from .pairs import Exceptions, PairList, no_exceptions
 
 @dataclass(frozen=True, eq=False)
 class Tables:
-    """Piecewise cubics, U = ((c0 t + c1) t + c2) t + c3 with t = r - knot, one after the other.
+    """Piecewise cubics, U = ((c0 t + c1) t + c2) t + c3 with t = r - knot, one after the other."""
 
-    Attributes
-    ----------
-    start : (K + 1,) int64
-        First knot of each table, and the end of the last one.
-    knots : (M,) float64
-        Increasing within each table, evenly to a good approximation.
-    cubics : (M, 4) float64
-        Coefficients from each knot on; those of a table's last knot are not used.
-    """
-
-    start: np.ndarray
-    knots: np.ndarray
-    cubics: np.ndarray
+    start: np.ndarray  #: (K + 1,) first knot of each table, and the end of the last one
+    knots: np.ndarray  #: (M,) increasing within each table, evenly to a good approximation
+    cubics: np.ndarray  #: (M, 4) coefficients from each knot on; those of a table's last knot are not used
 
     @staticmethod
     def of(pieces: list[tuple[np.ndarray, np.ndarray]]) -> Tables:
@@ -48,30 +38,16 @@ class Tables:
 
 @dataclass(frozen=True, eq=False)
 class RadialTerms:
-    """A potential between the beads of T types.
-
-    Attributes
-    ----------
-    types : (N,) int32
-        Type of each bead, -1 for one that takes no part.
-    cutoff : (T, T) float64
-        nm; 0 where two types do not interact.
-    which : (T, T) int64
-        Number of the table of two types, -1 for Lennard-Jones.
-    lennard_jones : (T, T, 3) float64
-        epsilon, sigma and shift of two types.
-    tables : Tables
-    exceptions : three arrays
-        Bonded neighbours in compressed rows: start (N + 1,), bead (E,), factor (E,); start is empty if there are none.
-    """
+    """A potential between the beads of T types."""
 
     term: ClassVar[str] = "conservative"
 
-    types: np.ndarray
-    cutoff: np.ndarray
-    which: np.ndarray
-    lennard_jones: np.ndarray
+    types: np.ndarray  # (N,) int32 type of each bead, -1 for one that takes no part
+    cutoff: np.ndarray  # (T, T) nm; 0 where two types do not interact
+    which: np.ndarray  #: (T, T) number of the table of two types, -1 for Lennard-Jones
+    lennard_jones: np.ndarray  #: (T, T, 3) epsilon, sigma and shift of two types
     tables: Tables
+    # Bonded neighbours in compressed rows: start (N + 1,), bead (E,), factor (E,); start is empty if there are none
     exceptions: Exceptions = field(default_factory=no_exceptions)
 
     def evaluator(self) -> RadialEvaluator:
@@ -150,13 +126,7 @@ class RadialEvaluator:
         self._potential = Potential(terms.which, terms.lennard_jones, tables.start, tables.knots, tables.cubics, f, f)
 
     def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
-        """See :class:`.extras.Evaluator`.
-
-        Raises
-        ------
-        RunError
-            If a position is not finite.
-        """
+        """See :class:`.extras.Evaluator`; RunError if a position is not finite."""
         return self._sums(x, box, force).energy
 
     def stress(self, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:

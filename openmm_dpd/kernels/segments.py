@@ -34,29 +34,16 @@ D_MIN = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class SegmentSpec:
-    """Repulsion between bonds: the part of the kernel's input that never changes, an :class:`.extras.Extra`.
-
-    Attributes
-    ----------
-    n_beads : int
-    pairs : (S, 2) int64
-        Beads of each segment.
-    A, cutoff : float
-        Force at d = 0 (kJ/mol/nm) and range (nm).
-    rule : int
-        ``MID``, ``NEAREST`` or ``CLAMPED``.
-    exclude_adjoining : bool
-        Whether segments that share a bead leave each other alone.
-    """
+    """Repulsion between bonds: the part of the kernel's input that never changes, an :class:`.extras.Extra`."""
 
     term: ClassVar[str] = "conservative"
 
     n_beads: int
-    pairs: np.ndarray
-    A: float
+    pairs: np.ndarray  #: (S, 2) beads of each segment
+    A: float  # A, cutoff: force at d = 0 (kJ/mol/nm) and range (nm)
     cutoff: float
-    rule: int
-    exclude_adjoining: bool = True
+    rule: int  #: ``MID``, ``NEAREST`` or ``CLAMPED``
+    exclude_adjoining: bool = True  #: Whether segments that share a bead leave each other alone
 
     def evaluator(self) -> SegmentEngine:
         """What computes it."""
@@ -184,10 +171,9 @@ segment_forces = over_pairs("segment_forces", _contact)
 
 
 class SegmentEngine:
-    """Evaluates one :class:`SegmentSpec`.
+    """Evaluates one :class:`SegmentSpec`; it belongs to one thread at a time.
 
-    One engine belongs to one thread at a time.  The results are the same, bit for bit, for any number of threads, and depend on the
-    present positions alone.
+    The results are the same, bit for bit, for any number of threads, and depend on the present positions alone.
     """
 
     def __init__(self, spec: SegmentSpec):
@@ -200,10 +186,7 @@ class SegmentEngine:
     def forces(self, x: np.ndarray, box: np.ndarray | None) -> tuple[float, np.ndarray, np.ndarray]:
         """Energy, forces (N, 3) and sum over contacts of d F (6,) (xx, yy, zz, xy, xz, yz) at positions x (N, 3), in or beyond the box.
 
-        Raises
-        ------
-        RunError
-            If a position is not finite, or the box too small for the range and the length of the bonds.
+        RunError if a position is not finite, or the box too small for the range and the length of the bonds.
         """
         if self._last is not None:
             last_x, last_box, result = self._last

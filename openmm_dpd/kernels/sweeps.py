@@ -29,35 +29,17 @@ _LOST, _KICK, _UNUSED, _NOISE = range(4)
 
 
 class Sweep(NamedTuple):
-    """What the sweep form reads and writes beside the pairs.
+    """What the sweep form reads and writes beside the pairs."""
 
-    Attributes
-    ----------
-    update : int
-        EXACT or SHARDLOW.
-    plain : bool
-        Whether all pairs have the same coefficients and masses, the factor 1 and the exponent 1.
-    halvings : int
-        For plain pairs: after so many halvings their x is 0.5 at most.
-    kT, dt : float
-    key : uint64
-        Of the noise.
-    coefficients : (T*T, 8) array
-    velocities : (N, 3) array
-        Updated in place.
-    v : (M, 3) array
-        Scratch for the sorted velocities.
-    """
-
-    update: int
-    plain: bool
-    halvings: int
+    update: int  #: EXACT or SHARDLOW
+    plain: bool  #: Whether all pairs have the same coefficients and masses, the factor 1 and the exponent 1
+    halvings: int  # For plain pairs: after so many halvings their x is 0.5 at most
     kT: float
     dt: float
-    key: np.uint64
-    coefficients: np.ndarray
-    velocities: np.ndarray
-    v: np.ndarray
+    key: np.uint64  #: Of the noise
+    coefficients: np.ndarray  #: (T*T, 8)
+    velocities: np.ndarray  #: (N, 3) updated in place
+    v: np.ndarray  #: (M, 3) scratch for the sorted velocities
 
 
 @inlined

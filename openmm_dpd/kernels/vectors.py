@@ -17,6 +17,8 @@ over eight numbers that numba compiles too, with the same results.
 """
 
 import operator
+from collections.abc import Callable
+from inspect import Parameter, Signature
 from typing import Any
 
 from llvmlite import ir
@@ -25,28 +27,32 @@ from numba.extending import intrinsic, models, overload, register_model
 
 LANES = 8
 
-#: Its arguments are values when it is called, and types when it is compiled.
-instruction: Any = intrinsic
+
+def instruction(signature: Callable) -> Callable[[Callable], Any]:
+    """A function for kernels whose code is LLVM's; ``signature`` makes numba's signature of the types of its arguments."""
+
+    def made(code):
+        def of_types(typing, *kinds):
+            return signature(*kinds), code
+
+        of_types.__name__, of_types.__doc__ = code.__name__, code.__doc__
+        given = Parameter("typing", Parameter.POSITIONAL_OR_KEYWORD), *Signature.from_callable(signature).parameters.values()
+        of_types.__signature__ = Signature(given)  # type: ignore[attr-defined]
+        return intrinsic(of_types)
+
+    return made
 
 
-@instruction
-def lowest_bit(typing, bits):
+@instruction(lambda bits: types.uint64(types.uint64))
+def lowest_bit(context, builder, signature, arguments):
     """Place of the lowest bit that is set; anything from 0 to 64 if none is."""
-
-    def code(context, builder, signature, arguments):
-        return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 0))
-
-    return types.uint64(types.uint64), code
+    return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 0))
 
 
-@instruction
-def bits_set(typing, bits):
+@instruction(lambda bits: types.uint64(types.uint64))
+def bits_set(context, builder, signature, arguments):
     """How many bits are set."""
-
-    def code(context, builder, signature, arguments):
-        return builder.ctpop(arguments[0])
-
-    return types.uint64(types.uint64), code
+    return builder.ctpop(arguments[0])
 
 
 def lanes_at(context, builder, kind, array, index, vector):
@@ -61,33 +67,25 @@ def splatted(builder, value, vector):
     return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
 
 
-@instruction
-def copy_shifted(typing, source, first, shift, target, at):
+@instruction(lambda source, first, shift, target, at: types.void(source, first, shift, target, at))
+def copy_shifted(context, builder, signature, arguments):
     """target[at:at + 8] = source[first:first + 8] + shift, arrays of float64."""
-
-    def code(context, builder, signature, arguments):
-        vector = ir.VectorType(ir.DoubleType(), LANES)
-        read = lanes_at(context, builder, signature.args[0], arguments[0], arguments[1], vector)
-        write = lanes_at(context, builder, signature.args[3], arguments[3], arguments[4], vector)
-        moved = builder.fadd(builder.load(read, align=8), splatted(builder, arguments[2], vector))
-        builder.store(moved, write, align=8)
-        return context.get_dummy_value()
-
-    return types.void(source, first, shift, target, at), code
+    vector = ir.VectorType(ir.DoubleType(), LANES)
+    read = lanes_at(context, builder, signature.args[0], arguments[0], arguments[1], vector)
+    write = lanes_at(context, builder, signature.args[3], arguments[3], arguments[4], vector)
+    moved = builder.fadd(builder.load(read, align=8), splatted(builder, arguments[2], vector))
+    builder.store(moved, write, align=8)
+    return context.get_dummy_value()
 
 
-@instruction
-def count_up(typing, first, target, at):
+@instruction(lambda first, target, at: types.void(first, target, at))
+def count_up(context, builder, signature, arguments):
     """target[at:at + 8] = first, first + 1, ..., an array of uint32."""
-
-    def code(context, builder, signature, arguments):
-        vector = ir.VectorType(ir.IntType(32), LANES)
-        write = lanes_at(context, builder, signature.args[1], arguments[1], arguments[2], vector)
-        start = splatted(builder, builder.trunc(arguments[0], ir.IntType(32)), vector)
-        builder.store(builder.add(start, ir.Constant(vector, list(range(LANES)))), write, align=4)
-        return context.get_dummy_value()
-
-    return types.void(first, target, at), code
+    vector = ir.VectorType(ir.IntType(32), LANES)
+    write = lanes_at(context, builder, signature.args[1], arguments[1], arguments[2], vector)
+    start = splatted(builder, builder.trunc(arguments[0], ir.IntType(32)), vector)
+    builder.store(builder.add(start, ir.Constant(vector, list(range(LANES)))), write, align=4)
+    return context.get_dummy_value()
 
 
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
@@ -109,70 +107,47 @@ class _LanesModel(models.PrimitiveModel):
         super().__init__(manager, kind, _VECTOR)
 
 
-@instruction
-def load_lanes(typing, array, index):
+@instruction(lambda array, index: lanes(array, types.intp))
+def load_lanes(context, builder, signature, arguments):
     """array[index:index + 8] of a contiguous array of float64."""
-
-    def code(context, builder, signature, arguments):
-        return builder.load(lanes_at(context, builder, signature.args[0], arguments[0], arguments[1], _VECTOR), align=8)
-
-    return lanes(array, types.intp), code
+    return builder.load(lanes_at(context, builder, signature.args[0], arguments[0], arguments[1], _VECTOR), align=8)
 
 
-@instruction
-def store_lanes(typing, array, index, value):
+@instruction(lambda array, index, value: types.void(array, types.intp, lanes))
+def store_lanes(context, builder, signature, arguments):
     """array[index:index + 8] = value."""
-
-    def code(context, builder, signature, arguments):
-        builder.store(arguments[2], lanes_at(context, builder, signature.args[0], arguments[0], arguments[1], _VECTOR), align=8)
-        return context.get_dummy_value()
-
-    return types.void(array, types.intp, lanes), code
+    builder.store(arguments[2], lanes_at(context, builder, signature.args[0], arguments[0], arguments[1], _VECTOR), align=8)
+    return context.get_dummy_value()
 
 
-@instruction
-def splat(typing, value):
+@instruction(lambda value: lanes(types.float64))
+def splat(context, builder, signature, arguments):
     """Eight times the same number."""
-
-    def code(context, builder, signature, arguments):
-        return splatted(builder, arguments[0], _VECTOR)
-
-    return lanes(types.float64), code
+    return splatted(builder, arguments[0], _VECTOR)
 
 
-@instruction
-def floor(typing, value):
+@instruction(lambda value: lanes(lanes))
+def floor(context, builder, signature, arguments):
     """The largest whole numbers that are not larger."""
-
-    def code(context, builder, signature, arguments):
-        function = builder.module.declare_intrinsic(f"llvm.floor.v{LANES}f64", (), ir.FunctionType(_VECTOR, [_VECTOR]))
-        return builder.call(function, arguments)
-
-    return lanes(lanes), code
+    function = builder.module.declare_intrinsic(f"llvm.floor.v{LANES}f64", (), ir.FunctionType(_VECTOR, [_VECTOR]))
+    return builder.call(function, arguments)
 
 
-@instruction
-def total(typing, value):
+@instruction(lambda value: types.float64(lanes))
+def total(context, builder, signature, arguments):
     """The sum of the eight, one after the other."""
-
-    def code(context, builder, signature, arguments):
-        found = builder.extract_element(arguments[0], ir.Constant(ir.IntType(32), 0))
-        for lane in range(1, LANES):
-            found = builder.fadd(found, builder.extract_element(arguments[0], ir.Constant(ir.IntType(32), lane)))
-        return found
-
-    return types.float64(lanes), code
+    found = builder.extract_element(arguments[0], ir.Constant(ir.IntType(32), 0))
+    for lane in range(1, LANES):
+        found = builder.fadd(found, builder.extract_element(arguments[0], ir.Constant(ir.IntType(32), lane)))
+    return found
 
 
 def _arithmetic(word, build: str) -> None:
     """Let an operator work on two Lanes."""
 
-    @instruction
-    def of_two(typing, first, second):
-        def code(context, builder, signature, arguments):
-            return getattr(builder, build)(*arguments)
-
-        return lanes(lanes, lanes), code
+    @instruction(lambda first, second: lanes(lanes, lanes))
+    def of_two(context, builder, signature, arguments):
+        return getattr(builder, build)(*arguments)
 
     @overload(word)
     def _operator(first, second):

@@ -35,26 +35,13 @@ ISOTROPIC = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 
 
 class Waves(NamedTuple):
-    """All waves of a box, B blocks with R rows.
+    """All waves of a box, B blocks with R rows."""
 
-    Attributes
-    ----------
-    most : (3,) int64
-        Largest n of each axis.
-    recip : (3, 3) float64
-        Rows are the reciprocal vectors, without the factor 2 pi.
-    blocks : (B, 4) int64
-        First n2, n3, how many n1 (an even number), first row.
-    depth : (8 B,) int64
-        How many n1 each column of a block has; 0 for one that is not needed.
-    weights : (16 R,) float64
-        Factor of |S|^2 in the energy for n1 and for -n1; 0 beyond the limit, and where a wave would count twice.
-    """
-
-    most: np.ndarray
-    recip: np.ndarray
-    blocks: np.ndarray
-    depth: np.ndarray
+    most: np.ndarray  #: (3,) largest n of each axis
+    recip: np.ndarray  #: (3, 3) rows are the reciprocal vectors, without the factor 2 pi
+    blocks: np.ndarray  #: (B, 4) first n2, n3, how many n1 (an even number), first row
+    depth: np.ndarray  #: (8 B,) how many n1 each column of a block has; 0 for one that is not needed
+    #: (16 R,) factor of |S|^2 in the energy for n1 and for -n1; 0 beyond the limit, and where a wave would count twice
     weights: np.ndarray
 
     @staticmethod

@@ -11,7 +11,7 @@ from .record import BeadData, Kind, Resolved, register, symmetric_arrays
 
 
 def _terms(table: Resolved, beads: BeadData) -> ManyBodyTable:
-    arrays = symmetric_arrays(table, beads.names, "A B gamma cutoff cutoff_B cutoff_density", cutoff_A=lambda c: c.cutoff)
+    arrays = symmetric_arrays(table, beads.names, "A B gamma cutoff cutoff_B cutoff_density")
     return ManyBodyTable(**arrays, lucy=check_many_body(table).kernel == "lucy", mass=beads.masses.copy())
 
 

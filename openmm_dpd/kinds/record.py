@@ -42,63 +42,34 @@ class Kind:
     """One kind of pair coefficients.
 
     What is not given is not possible, and refused where it is asked for.
-
-    Attributes
-    ----------
-    coefficient : type
-        A frozen dataclass of :mod:`openmm_dpd.model`, a :class:`~openmm_dpd.model.pairs.PairCoefficient`.
-    terms : function of (resolved table, BeadData), optional
-        The coefficients as the pair kernel's table, which makes the layer that evaluates them; or else
-    overlay : function of (resolved table, names of types), optional
-        what makes it a radial potential without friction beside the pair terms: the kernel's form.
-    potential : function of (resolved table, names of types), optional
-        The conservative force, or its radial part, as an OpenMM expression.
-    density_force : function of (resolved table, names, type numbers, excluded pairs, periodic), optional
-        A many-body force of OpenMM's that goes with it.
-    why_kernel_only : function of (resolved table, Scene, exceptions, platform), optional
-        Why only the kernel can compute the conservative force of a scene, or None.
-    fields : function of Scene, optional
-        Per-bead fields, for the kernel; for coefficients that have ``internal``.
-    field_text : str
-        What the per-DOF variables hold.
-    no_sweep : str, optional
-        Why no scheme with sweeps runs it, a part of a sentence that begins with its name.
-    why_not_native : function of a coefficient, optional
-        Why OpenMM's DPDIntegrator cannot apply its friction, a part of a sentence, or None.
-    why_no_laplacian : function of a resolved table
-        Why there is no Laplacian of the potential, hence no configurational temperature, or None.
-    has_stress : bool
-        Whether its layers sum stress tensors.
-    has_densities : bool
-        Whether its layers have local densities of the beads.
-    beside_atoms : bool
-        Whether beads beside atoms of a force field may have it, and it may act between the two.
-    thermostat : bool
-        Whether it can be the friction between atoms.
-    frictions : function of (coefficient, kT), optional
-        Friction coefficients (Da/ps) with the exponents of their noise, of a soft repulsion A (1 - r/cutoff): what the table of steps is
-        about.
-    unlike_lammps : str, optional
-        Differences from LAMMPS unless a scene has ``compat="lammps"``.
     """
 
-    coefficient: type[PairCoefficient]
+    coefficient: type[PairCoefficient]  #: A frozen dataclass of :mod:`openmm_dpd.model`
+    #: The coefficients as the pair kernel's table, which makes the layer that evaluates them; or else
     terms: Callable[[Resolved, BeadData], Table] | None = None
+    # (of a table and names of types) what makes it a radial potential without friction beside the pair terms: the kernel's form
     overlay: Callable[[Resolved, list[str]], Curves] | None = None
+    #: (of a table and names of types) the conservative force, or its radial part, as an OpenMM expression
     potential: Callable[[Resolved, list[str]], PairExpression] | None = None
+    #: (of a table, names, type numbers, excluded pairs, whether it is periodic) a many-body force of OpenMM's that goes with it
     density_force: Callable[..., openmm.Force] | None = None
+    #: (of a table, Scene, exceptions, platform) why only the kernel can compute the conservative force of a scene, or None
     why_kernel_only: Callable[[Resolved, Scene, dict[tuple[int, int], float], str | None], str | None] | None = None
-    fields: Callable[[Scene], FieldSpec] | None = None
-    field_text: str = ""
-    no_sweep: str | None = None
+    fields: Callable[[Scene], FieldSpec] | None = None  #: Per-bead fields, for the kernel; for coefficients that have ``internal``
+    field_text: str = ""  #: What the per-DOF variables hold
+    no_sweep: str | None = None  #: Why no scheme with sweeps runs it, a part of a sentence that begins with its name
+    #: Why OpenMM's DPDIntegrator cannot apply its friction, a part of a sentence, or None
     why_not_native: Callable[[Any], str | None] | None = None
+    #: Why there is no Laplacian of the potential, hence no configurational temperature, or None
     why_no_laplacian: Callable[[Resolved], str | None] = lambda _: None
-    has_stress: bool = False
-    has_densities: bool = False
-    beside_atoms: bool = False
-    thermostat: bool = False
+    has_stress: bool = False  #: Whether its layers sum stress tensors
+    has_densities: bool = False  #: Whether its layers have local densities of the beads
+    beside_atoms: bool = False  #: Whether beads beside atoms of a force field may have it, and it may act between the two
+    thermostat: bool = False  #: Whether it can be the friction between atoms
+    # (of a coefficient and kT) friction coefficients (Da/ps) with the exponents of their noise, of a soft repulsion A (1 - r/cutoff): what
+    # the table of steps is about
     frictions: Callable[[Any, float], list[tuple[float, float]]] | None = None
-    unlike_lammps: str | None = None
+    unlike_lammps: str | None = None  #: What it does unlike LAMMPS unless a scene has ``compat="lammps"``
 
     def __post_init__(self):
         if (self.terms is None) == (self.overlay is None):

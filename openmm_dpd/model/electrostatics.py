@@ -9,19 +9,13 @@ import numpy as np
 from scipy.special import erf
 
 from ..errors import ParameterError, what_is
-from ..units import COULOMB, to_md, whole_number
+from ..units import COULOMB, whole_number
 from ..wording import in_length, in_units
 from .owned import keep
+from .pairs import checked
 
 #: A larger PME grid is a mistake: 512^3 points, 2 GB on the Reference platform.
 MOST_GRID_POINTS = 512**3
-
-
-def _positive(value, dimension: str, name: str) -> float:
-    found = to_md(value, dimension, name)
-    if not isinstance(found, float) or found <= 0:
-        raise ParameterError(f"{name} must be one number > 0, not {value!r}")
-    return found
 
 
 def special_factors(value, name: str) -> tuple[float, float, float]:
@@ -52,7 +46,7 @@ class SmearedCharges:
 
     def __post_init__(self):
         what = f"of {type(self).__name__}"
-        keep(self, **{self._WIDTH: _positive(getattr(self, self._WIDTH), "length", f"{self._WIDTH} {what}")})
+        keep(self, **{self._WIDTH: checked(getattr(self, self._WIDTH), "length", f"{self._WIDTH} {what}", positive=True)})
         given = [name for name in ("permittivity", "bjerrum_length") if getattr(self, name) is not None]
         if len(given) != 1:
             got = "both are given" if given else "neither is given"
@@ -60,8 +54,8 @@ class SmearedCharges:
         dimensions = {"permittivity": "dimensionless", "bjerrum_length": "length", "cutoff": "length", "alpha": "inverse_length"}
         for name, dimension in dimensions.items():
             if getattr(self, name) is not None:
-                keep(self, **{name: _positive(getattr(self, name), dimension, f"{name} {what}")})
-        tolerance = _positive(self.tolerance, "dimensionless", f"tolerance {what}")
+                keep(self, **{name: checked(getattr(self, name), dimension, f"{name} {what}", positive=True)})
+        tolerance = checked(self.tolerance, "dimensionless", f"tolerance {what}")
         if not 1e-10 <= tolerance <= 0.1:
             raise ParameterError(f"tolerance {what} must be between 1e-10 and 0.1, not {self.tolerance!r}")
         keep(self, tolerance=tolerance)
@@ -266,10 +260,7 @@ class EwaldSum:
 def ewald_sum(charges: SmearedCharges, box: np.ndarray, n_charges: int) -> EwaldSum:
     """Cutoff, alpha and grid that make the forces as exact as the tolerance says.
 
-    Raises
-    ------
-    ParameterError
-        If the cutoff is over half the box, whether given or needed, or cutoff, alpha and grid do not go together.
+    ParameterError if the cutoff is over half the box, whether given or needed, or cutoff, alpha and grid do not go together.
     """
     half = 0.5 * float(np.diag(box).min())
     cutoff = charges.cutoff

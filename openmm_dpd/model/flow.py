@@ -12,6 +12,7 @@ from ..units import to_md
 from ..wording import bead_number, either, in_length, in_number, unit_name
 from .formulas import read_formula, values
 from .owned import keep
+from .pairs import checked
 from .sources import point
 
 AXES = ("x", "y", "z")
@@ -63,13 +64,6 @@ class _OnBeads:
         if not chosen.any():
             raise ParameterError(f"{what} acts on no bead")
         return chosen
-
-
-def _length(value, what: str) -> float:
-    length = to_md(value, "length", what)
-    if not isinstance(length, float):
-        raise ParameterError(f"{what} must be one length, not {value!r}")
-    return length
 
 
 def _axis(value, what: str) -> int:
@@ -137,7 +131,7 @@ class BodyForce(_OnBeads):
             raise ParameterError("a uniform body force has no axis; for reverse Poiseuille flow say pattern='halves'")
         if self.pattern != "uniform":
             _axis(self.axis, f"a body force with the pattern {self.pattern!r}")
-        keep(self, origin=_length(self.origin, "the origin of a body force"))
+        keep(self, origin=checked(self.origin, "length", "the origin of a body force", signed=True))
 
     def vectors(self, type_ids: np.ndarray, type_names: list[str], box: np.ndarray | None) -> np.ndarray:
         """(N, 3) force of each bead before the pattern; ParameterError if it does not fit the scene."""
@@ -244,7 +238,7 @@ class Wall:
 
     def __post_init__(self):
         _axis(self.axis, "a wall")
-        keep(self, position=_length(self.position, "the position of a wall"))
+        keep(self, position=checked(self.position, "length", "the position of a wall", signed=True))
         if self.side not in ("above", "below"):
             raise ParameterError(f"the side of a wall is where the beads are, 'above' or 'below', not {self.side!r}")
         if self.kind not in KINDS:
@@ -270,11 +264,8 @@ class Gap(NamedTuple):
 def gaps(walls: Sequence[Wall], box: np.ndarray | None) -> dict[int, Gap]:
     """Axis number -> gap between its walls.
 
-    Raises
-    ------
-    ParameterError
-        If two walls have the same axis and side, kinds differ on one axis, a periodic axis has a single wall, or nothing solid is
-        left between the images.
+    ParameterError if two walls have the same axis and side, kinds differ on one axis, a periodic axis has a single wall, or nothing solid
+    is left between the images.
     """
     if isinstance(walls, Wall) or not all(isinstance(wall, Wall) for wall in walls):
         raise ParameterError(f"walls must be a sequence of Wall, such as [Wall('z', 0.0, 'above'), ...], not {what_is(walls)}")

@@ -85,10 +85,7 @@ def check_many_body(table: Mapping) -> MDPD:
     All must have one kernel.  With the quadratic kernel B and cutoff_B must be the same for all pairs that interact: else the forces derive
     from no potential (Warren, Phys. Rev. E 87, 045303 (2013)).  NONE is no obstacle: such beads do not count in each other's density.
 
-    Raises
-    ------
-    ParameterError
-        If they differ; it names the types.
+    ParameterError if they differ; it names the types.
     """
     entries = [(pair, c) for pair, c in table.items() if c is not NONE]
     if not entries:
@@ -110,15 +107,10 @@ def check_many_body(table: Mapping) -> MDPD:
 
 
 def why_no_openmm_force(table: Mapping, exceptions: dict[tuple[int, int], float], coincident: list[tuple[int, int]]) -> str | None:
-    """Why only the pair kernel can compute the conservative force, or None.
+    """Why only the pair kernel can compute the conservative force, or None, from a table, factors of bonded neighbours, and beads at one
+    point.
 
-    Parameters
-    ----------
-    table : dict of (str, str) to MDPD or NONE
-    exceptions : dict of (int, int) to float
-        Bonded neighbours with their factors.
-    coincident : list of (int, int)
-        Beads at the same point: every platform returns NaN or nonsense from a CustomGBForce at r = 0, even for excluded pairs.
+    At r = 0 every platform returns NaN or nonsense from a CustomGBForce, even for excluded pairs.
     """
     if check_many_body(table).kernel != "quadratic":
         return "the force of MDPD with the Lucy kernel derives from no potential"

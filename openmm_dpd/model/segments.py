@@ -6,10 +6,10 @@ import numpy as np
 
 from ..errors import ParameterError
 from ..geometry import minimum_images
-from ..units import to_md
 from ..wording import bead_names, in_length
 from .bonds import bead_indices
 from .owned import keep
+from .pairs import checked
 
 #: What the distance of two segments is.
 DISTANCES = ("mid", "min")
@@ -49,12 +49,8 @@ class SegmentalRepulsion:
     exclude_adjoining: bool = True
 
     def __post_init__(self):
-        for name, dimension, least in (("A", "force", 0.0), ("cutoff", "length", None)):
-            value = to_md(getattr(self, name), dimension, f"{name} of the segmental repulsion")
-            if not isinstance(value, float) or (value <= 0 if least is None else value < least):
-                bound = "> 0" if least is None else ">= 0"
-                raise ParameterError(f"{name} of the segmental repulsion must be one number {bound}, not {getattr(self, name)!r}")
-            keep(self, **{name: value})
+        keep(self, A=checked(self.A, "force", "A of the segmental repulsion"))
+        keep(self, cutoff=checked(self.cutoff, "length", "cutoff of the segmental repulsion", positive=True))
         if self.distance not in DISTANCES:
             raise ParameterError(f"distance of the segmental repulsion must be 'mid' or 'min', not {self.distance!r}")
         if not isinstance(self.exclude_adjoining, (bool, np.bool_)):

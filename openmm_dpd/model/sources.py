@@ -10,6 +10,7 @@ from ..errors import ParameterError, what_is
 from ..geometry import folded
 from ..units import to_md
 from .owned import keep
+from .pairs import checked
 
 
 def point(value, name: str) -> np.ndarray:
@@ -74,9 +75,7 @@ class Sphere:
     radius: float
 
     def __post_init__(self):
-        keep(self, centre=point(self.centre, "centre"), radius=to_md(self.radius, "length", "radius"))
-        if not isinstance(self.radius, float) or self.radius <= 0:
-            raise ParameterError(f"the radius of a sphere must be > 0, but is {self.radius!r}")
+        keep(self, centre=point(self.centre, "centre"), radius=checked(self.radius, "length", "the radius of a sphere", positive=True))
 
     def contains(self, x: np.ndarray) -> np.ndarray:
         """Mask of the positions (N, 3) inside."""

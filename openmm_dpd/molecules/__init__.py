@@ -1,49 +1,27 @@
 """Molecules as data, and boxes packed with them."""
 
-from .builders import bead, block_copolymer, branched, linear, lipid, ring, star, surfactant
-from .dense_start import DenseStart, PiercingWarning, Stage
-from .mixture import Mixture
-from .molecule import Molecule, formula, join, sequence
-from .pack import Bilayer, Scattered, pack
-from .piercings import Piercing, find_piercings
-from .published import Model, grafmueller_2009, like_repulsion, unlike_repulsion
-from .relax import relax
-from .relax_dense import relax_dense
-from .terms import Bend, CosineBend, FENESpring, MorseSpring, Spring
-from .vesicles import Vesicle
-
-__all__ = [
-    "Bend",
-    "Bilayer",
-    "CosineBend",
-    "DenseStart",
-    "FENESpring",
-    "Mixture",
-    "Model",
-    "Molecule",
-    "MorseSpring",
-    "Piercing",
-    "PiercingWarning",
-    "Scattered",
-    "Spring",
-    "Stage",
-    "Vesicle",
-    "bead",
-    "block_copolymer",
-    "branched",
-    "find_piercings",
-    "formula",
-    "grafmueller_2009",
-    "join",
-    "like_repulsion",
-    "linear",
-    "lipid",
-    "pack",
-    "relax",
-    "relax_dense",
-    "ring",
-    "sequence",
-    "star",
-    "surfactant",
-    "unlike_repulsion",
-]
+from .builders import (
+    bead as bead,
+    block_copolymer as block_copolymer,
+    branched as branched,
+    linear as linear,
+    lipid as lipid,
+    ring as ring,
+    star as star,
+    surfactant as surfactant,
+)
+from .dense_start import DenseStart as DenseStart, PiercingWarning as PiercingWarning, Stage as Stage
+from .mixture import Mixture as Mixture
+from .molecule import Molecule as Molecule, formula as formula, join as join, sequence as sequence
+from .pack import Bilayer as Bilayer, Scattered as Scattered, pack as pack
+from .piercings import Piercing as Piercing, find_piercings as find_piercings
+from .published import (
+    Model as Model,
+    grafmueller_2009 as grafmueller_2009,
+    like_repulsion as like_repulsion,
+    unlike_repulsion as unlike_repulsion,
+)
+from .relax import relax as relax
+from .relax_dense import relax_dense as relax_dense
+from .terms import Bend as Bend, CosineBend as CosineBend, FENESpring as FENESpring, MorseSpring as MorseSpring, Spring as Spring
+from .vesicles import Vesicle as Vesicle

@@ -57,6 +57,3 @@ def whole_bonds(system: openmm.System, topology: app.Topology, x: np.ndarray, bo
             "give molecules in one piece"
         )
     return bonds
-
-
-__all__ = ["common_box", "marked", "whole_bonds"]

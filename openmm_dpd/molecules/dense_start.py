@@ -89,6 +89,3 @@ class DenseStart:
 
     def _repr_html_(self) -> str:
         return fact_table("DenseStart", self._facts())
-
-
-__all__ = ["DenseStart", "PiercingWarning", "Stage"]

@@ -14,6 +14,7 @@ from ..model.bonds import Bonds
 from ..model.scene import Scene
 from ..trajectory import write_psf
 from .molecule import Molecule
+from .terms import many_terms
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,18 +124,14 @@ class Mixture:
         return np.concatenate([group.triples for group in self.angles] or [np.zeros((0, 3), dtype=np.int64)])
 
     def _terms(self, what: str, width: int) -> list:
-        beads: dict[type, list[np.ndarray]] = {}
-        terms: dict[type, list] = {}
-        start = 0
+        beads, terms, start = [np.zeros((0, width), np.int64)], [], 0
         for molecule, count in self.kinds:
             first = start + molecule.n_beads * np.arange(count)
             start += molecule.n_beads * count
-            for kind in dict.fromkeys(type(entry[-1]) for entry in getattr(molecule, what)):
-                chosen = [entry for entry in getattr(molecule, what) if type(entry[-1]) is kind]
-                local = np.array([entry[:-1] for entry in chosen])
-                beads.setdefault(kind, []).append((first[:, None, None] + local).reshape(-1, width))
-                terms.setdefault(kind, []).extend([entry[-1] for entry in chosen] * count)
-        return [kind.many(np.concatenate(beads[kind]), terms[kind]) for kind in beads]  # type: ignore[attr-defined]
+            local = np.array([entry[:-1] for entry in getattr(molecule, what)], np.int64).reshape(-1, width)
+            beads.append((first[:, None, None] + local).reshape(-1, width))
+            terms += [entry[-1] for entry in getattr(molecule, what)] * count
+        return many_terms(np.concatenate(beads), terms)
 
     # -- out -------------------------------------------------------------------------------------------------------------------
     def scene(self, *, pairs, kT, masses: float | Mapping[str, float] = 1.0, **options) -> Scene:

@@ -12,6 +12,7 @@ from ..errors import ParameterError, what_is
 from ..html import fact_table
 from ..model.owned import known_under
 from ..units import to_md, whole_number
+from .rings import neighbours_of
 from .terms import AnyBend, AnySpring
 
 #: A spring for every bond, or springs by the types of the two beads (``"*"`` for any type).
@@ -102,7 +103,7 @@ class Molecule:
 
     def tree(self) -> list[tuple[int, int | None]]:
         """Beads in the order in which they are reached from bead 0, each with the neighbour it is reached from."""
-        neighbours = _neighbours(self.n_beads, self.bond_pairs)
+        neighbours = neighbours_of(self.bond_pairs, self.n_beads)
         order: list[tuple[int, int | None]] = [(0, None)]
         seen = {0}
         for bead, _ in order:
@@ -235,19 +236,9 @@ def join(types, pairs, spring: Springs, bend: Bends = None, *, name: str = "", c
 
 
 def bends_between(types: Sequence[str], pairs: np.ndarray, bend: Bends) -> list[tuple[int, int, int, object]]:
-    """Angles between bonds: the three beads, the vertex in the middle, and the bend.
-
-    Parameters
-    ----------
-    types : sequence of str
-        Types of all beads.
-    pairs : (B, 2) array of int
-        Bonds.
-    bend : bend or mapping
-        As for :func:`join`.
-    """
+    """Angles between bonds (B, 2): the three beads, the vertex in the middle, and the bend, of those that :func:`join` takes."""
     angles: list[tuple[int, int, int, object]] = []
-    for vertex, around in enumerate(_neighbours(len(types), pairs)):
+    for vertex, around in enumerate(neighbours_of(pairs, len(types))):
         if isinstance(bend, AnyBend) and len(around) != 2:
             continue
         for i, k in combinations(around, 2):
@@ -283,13 +274,4 @@ def by_types(given, types: tuple[str, ...], kind: type, what: str):
             raise ParameterError(f"a mapping of {what}s needs keys of {len(types)} types and {what}s as values; it has {found_instead}")
         if any(all(k in ("*", t) for k, t in zip(key, order, strict=True)) for order in (types, types[::-1])):
             found = value
-    return found
-
-
-def _neighbours(count: int, pairs: np.ndarray) -> list[list[int]]:
-    """Bonded neighbours of each bead, in the order of the bonds."""
-    found: list[list[int]] = [[] for _ in range(count)]
-    for i, j in pairs.tolist():
-        found[i].append(j)
-        found[j].append(i)
     return found

@@ -8,6 +8,7 @@ import numpy as np
 from openmm import unit
 
 from ..errors import ParameterError, what_is
+from ..model.pairs import checked
 from ..model.scene import box_vectors
 from ..model.sources import Block, Sphere
 from ..units import thermal_energy, to_md, whole_number
@@ -164,10 +165,7 @@ def _number_density(value) -> float:
         if not value.unit.is_compatible(unit.nanometer**-3):
             raise ParameterError(f"density has the unit {value.unit}; expected beads per volume, such as 3 / nanometer**3")
         value = value.value_in_unit(unit.nanometer**-3)
-    rho = to_md(value, "dimensionless", "density")
-    if not isinstance(rho, float) or rho <= 0:
-        raise ParameterError(f"density must be one number > 0, not {value!r}")
-    return rho
+    return checked(value, "dimensionless", "density", positive=True)
 
 
 def _box(box, rho: float, beads: int, filler: Molecule | None) -> np.ndarray:
@@ -197,7 +195,6 @@ def _filling(vectors: np.ndarray, rho: float, beads: int, filler: Molecule | Non
     return (total - beads) // filler.n_beads
 
 
-# -- places ------------------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class _Slab:
     """The room of a bilayer in a periodic box."""
@@ -235,19 +232,12 @@ class _Free:
 
     def outside(self, points: np.ndarray) -> np.ndarray:
         """Mask of the points out of all bilayers and vesicles."""
-        keep = np.ones(len(points), bool)
-        for slab in self.slabs:
-            keep &= slab.outside(points)
-        for shell in self.shells:
-            keep &= shell.outside(points)
-        return keep
+        masks = [slab.outside(points) for slab in self.slabs] + [shell.outside(points) for shell in self.shells]
+        return np.all(masks, axis=0) if masks else np.ones(len(points), bool)
 
     def anywhere(self, points: np.ndarray) -> np.ndarray:
         """Mask of the points out of all membranes, the insides of vesicles included."""
-        keep = self.outside(points)
-        for shell in self.shells:
-            keep |= shell.inside(points)
-        return keep
+        return np.any([self.outside(points), *(shell.inside(points) for shell in self.shells)], axis=0)
 
     def solvent(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """Places of the solvent, (count, 3): each vesicle holds its share by volume."""

@@ -9,7 +9,7 @@ from ..errors import ParameterError, what_is
 from ..geometry import minimum_images, widths
 from ..model.scene import box_vectors
 from ..neighbours import pairs_within
-from ..units import to_md, whole_number
+from ..units import position_array, whole_number
 from .rings import neighbours_of, small_rings, within_bonds
 
 #: How far beyond the edge of a ring a bond is pushed that was in it, nm: about the radius of a carbon atom.
@@ -87,18 +87,10 @@ def find_piercings(topology: app.Topology, positions, box=None, *, max_ring: int
     bonds = bonds_of_topology(topology)
     if not len(bonds):
         raise ParameterError("the Topology has no bonds, so nothing is known of its rings; createStandardBonds() makes some")
-    x = finite_positions(positions, topology.getNumAtoms())
+    x = position_array(positions, topology.getNumAtoms(), "the topology says")
     vectors = box_vectors(topology.getPeriodicBoxVectors() if box is None else box)
     rings = small_rings(bonds, len(x), whole_number(max_ring, "max_ring", least=3))
     return [Piercing(ring, bond, _words(topology, ring, bond)) for ring, bond in crossings(rings, bonds, x, vectors)]
-
-
-def finite_positions(positions, n: int) -> np.ndarray:
-    """Positions as an (n, 3) array of nm."""
-    x = np.asarray(to_md(positions, "length", "positions"), dtype=np.float64)
-    if x.shape != (n, 3):
-        raise ParameterError(f"positions must have shape ({n}, 3), as there are {n} atoms, not {x.shape}")
-    return x
 
 
 def bonds_of_topology(topology: app.Topology) -> np.ndarray:
@@ -166,26 +158,10 @@ def pushed_out(
     *,
     turn: int = 0,
 ) -> np.ndarray:
-    """Positions with pierced rings and bonds moved apart, in the plane of the ring, over one of its edges.
+    """Positions with pierced rings and bonds, as :func:`crossings` gives them, moved apart in the plane of the ring, over one of its edges.
 
     The bond goes past the edge that is the ``turn``-th nearest; atoms up to four bonds from it go a part of the way, so that the chain
-    is bent and not torn.  If the bond cannot move, the ring does, the other way.
-
-    Parameters
-    ----------
-    x : (N, 3) array, nm
-    found : list of (ring, bond)
-        As :func:`crossings` gives them.
-    bonds, box
-        As there.
-    mobile : (N,) array of bool
-        Which atoms may be moved.
-    turn : int
-        Another way out at each further attempt.
-
-    Returns
-    -------
-    (N, 3) array
+    is bent and not torn.  If the bond cannot move (``mobile`` (N,) says which atoms may), the ring does, the other way.
     """
     x = x.copy()
     neighbours = neighbours_of(bonds, len(x))
@@ -222,6 +198,3 @@ def _named(atoms: list[app.topology.Atom], between: str) -> str:
     chains, own = list(residues[0].chain.topology.chains()), residues[0].chain
     chain = f" of chain {own.id.strip() or own.index + 1}" if len(chains) > 1 else ""
     return f"{between.join(atom.name for atom in atoms)} of {'/'.join(f'{r.name} {r.id}' for r in residues)}{chain}"
-
-
-__all__ = ["Piercing", "find_piercings"]

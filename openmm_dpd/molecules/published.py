@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ..errors import ParameterError
-from ..model.pairs import DPD
-from ..units import to_md, whole_number
+from ..model.pairs import DPD, checked
+from ..units import whole_number
 from .builders import lipid
 from .molecule import Molecule
 from .terms import CosineBend, Spring
@@ -59,10 +59,7 @@ def grafmueller_2009(tail: int = 4) -> Model:
 
 def like_repulsion(density: float = 3.0) -> float:
     """a_ii = 75 kT/(rho r_c^4), in reduced units; Groot and Warren, J. Chem. Phys. 107, 4423 (1997)."""
-    number = to_md(density, "dimensionless", "density")
-    if not isinstance(number, float) or number <= 0:
-        raise ParameterError(f"density must be > 0, but is {density!r}")
-    return 75.0 / number
+    return 75.0 / checked(density, "dimensionless", "density", positive=True)
 
 
 def unlike_repulsion(chi: float, density: float = 3.0) -> float:
@@ -73,7 +70,4 @@ def unlike_repulsion(chi: float, density: float = 3.0) -> float:
     slopes = {3.0: 0.286, 5.0: 0.689}
     if density not in (3, 5):
         raise ParameterError(f"the relation of a to chi is known for the densities 3 and 5, not {density!r}")
-    number = to_md(chi, "dimensionless", "chi")
-    if not isinstance(number, float):
-        raise ParameterError(f"chi must be one number, not {chi!r}")
-    return like_repulsion(density) + number / slopes[float(density)]
+    return like_repulsion(density) + checked(chi, "dimensionless", "chi", signed=True) / slopes[float(density)]

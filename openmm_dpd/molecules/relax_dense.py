@@ -266,6 +266,3 @@ class _Work:
         energy = state.getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)
         found = state.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
         return energy if np.isfinite(energy) else float("inf"), np.array(found, dtype=np.float64)
-
-
-__all__ = ["relax_dense"]

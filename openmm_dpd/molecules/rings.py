@@ -15,23 +15,9 @@ def neighbours_of(bonds: np.ndarray, n: int) -> list[list[int]]:
 
 
 def small_rings(bonds: np.ndarray, n: int, largest: int) -> list[tuple[int, ...]]:
-    """The smallest rings through each bond, up to a size.
+    """The smallest rings through each bond, of up to ``largest`` atoms: the atoms of each in the order of its bonds, each ring once.
 
     The two rings of a fused pair are both found, the outline around them is not: each of its bonds is in a smaller ring.
-
-    Parameters
-    ----------
-    bonds : (B, 2) array of int
-        Pairs of atoms.
-    n : int
-        Number of atoms.
-    largest : int
-        Most atoms of a ring.
-
-    Returns
-    -------
-    list of tuple of int
-        Atoms of each ring in the order of its bonds, each ring once.
     """
     neighbours = [set(found) for found in neighbours_of(bonds, n)]
     ends = deque(atom for atom in range(n) if len(neighbours[atom]) == 1)
@@ -77,6 +63,3 @@ def within_bonds(neighbours: list[list[int]], atoms: tuple[int, ...], reach: int
                     distance[other] = distance[atom] + 1
                     queue.append(other)
     return distance
-
-
-__all__ = ["neighbours_of", "small_rings", "within_bonds"]

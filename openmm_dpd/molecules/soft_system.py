@@ -40,23 +40,11 @@ NONE = -1e3
 
 
 def atom_diameters(system: openmm.System, topology: app.Topology, given=None) -> np.ndarray:
-    """Van der Waals diameters, (N,) in nm; 0 for particles that repel nothing.
+    """Van der Waals diameters, (N,) in nm, those that are given or else; 0 for particles that repel nothing.
 
     They are the sigma of the NonbondedForce where it has a well depth.  Where it has none, virtual sites get 0, hydrogens 0.1 nm, and
     other atoms (CHARMM's, whose Lennard-Jones terms are in a CustomNonbondedForce) twice the van der Waals radius of their element in
-    mdtraj's table.
-
-    Parameters
-    ----------
-    system : openmm.System
-    topology : openmm.app.Topology
-    given : (N,) array of lengths, optional
-        Take these.
-
-    Raises
-    ------
-    ParameterError
-        If an atom has neither a well depth nor an element, or a given diameter is negative.
+    mdtraj's table; ParameterError if there is no element either.
     """
     n = system.getNumParticles()
     if given is not None:
@@ -108,13 +96,7 @@ def excluded_pairs(system: openmm.System) -> np.ndarray:
 
 
 def replaced_forces(system: openmm.System) -> list[str]:
-    """Names of the classes of forces that soft repulsion replaces.
-
-    Raises
-    ------
-    PlanError
-        If there is a force that can neither stay nor be replaced.
-    """
+    """Names of the classes of forces that soft repulsion stands for; PlanError if there is one that can neither stay nor be replaced."""
     for force in system.getForces():
         if not isinstance(force, (*LISTED, *REPLACED, *LEFT_OUT)):
             raise PlanError(
@@ -129,21 +111,8 @@ def soft_system(system: openmm.System, sizes: np.ndarray, reach: float, *, mobil
     .. math:: U(r) = \frac{E}{2} \left(1 - \frac{r}{r_c}\right)^2 \quad (r < r_c), \qquad r_c = c\,\frac{\sigma_i + \sigma_j}{2},
 
     that of DPD with A = E/r_c (R. D. Groot and P. B. Warren, J. Chem. Phys. 107, 4423 (1997)), between all pairs that the force field does
-    not exclude.  E is the Context parameter ``soft_strength``.  Constraints become stiff bonds, and every atom that moves has the same
-    mass.
-
-    Parameters
-    ----------
-    system : openmm.System
-        Stays as it is.
-    sizes : (N,) array
-        Diameters sigma, nm; 0 for none.
-    reach : float
-        The factor c.
-    mobile : (N,) array of bool
-        Which particles move by themselves: no virtual sites.
-    periodic : bool
-        Whether repulsion acts across the faces of the box.
+    not exclude, with ``sizes`` sigma (nm; 0 for none) and the factor c = ``reach``.  E is the Context parameter ``soft_strength``.
+    Constraints become stiff bonds, and every atom that moves by itself (``mobile``) has the same mass.
     """
     soft = copy.deepcopy(system)
     for k in reversed(range(system.getNumForces())):
@@ -178,6 +147,3 @@ def largest_overlap(x: np.ndarray, sizes: np.ndarray, excluded: np.ndarray, box:
     i, j = np.minimum(seen[i], seen[j]), np.maximum(seen[i], seen[j])
     free = ~np.isin(i * len(x) + j, excluded @ np.array([len(x), 1]))
     return float(np.max(1 - r[free] / (0.5 * (sizes[i[free]] + sizes[j[free]])), initial=0.0))
-
-
-__all__ = ["STRENGTH", "atom_diameters", "excluded_pairs", "largest_overlap", "nonbonded_of", "replaced_forces", "soft_system"]

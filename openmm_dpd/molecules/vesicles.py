@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import ParameterError
+from ..model.pairs import checked
 from ..units import to_md
 from .molecule import Molecule
 from .shapes import GAP, upright_shape
@@ -47,10 +48,7 @@ class Vesicle:
 
     def __post_init__(self):
         for name, what in (("radius", "the radius of a vesicle"), ("thickness", "the thickness of its membrane")):
-            value = to_md(getattr(self, name), "length", what)
-            if not isinstance(value, float) or value <= 0:
-                raise ParameterError(f"{what} must be one length > 0, not {getattr(self, name)!r}")
-            object.__setattr__(self, name, value)
+            object.__setattr__(self, name, checked(getattr(self, name), "length", what, positive=True))
         if self.radius <= self.thickness / 2:
             raise ParameterError(f"a vesicle of radius {self.radius:g} with a membrane of {self.thickness:g} has no inside")
         areas = np.atleast_1d(to_md(self.area_per_lipid, "area", "the area per lipid"))

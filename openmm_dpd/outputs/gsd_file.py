@@ -180,6 +180,3 @@ def _named_groups(types, groups: list) -> tuple[list[str], np.ndarray, np.ndarra
             names.append(pair if seen[pair] == 1 else f"{pair}-{seen[pair]}")
         typeid.append(numbers[key])
     return names, np.array(typeid, dtype=np.uint32), rows
-
-
-__all__ = ["MOLECULES", "GSDReporter", "write_gsd"]

@@ -86,6 +86,3 @@ def _cell(box: np.ndarray) -> str:
         np.degrees(np.arccos(box[i] @ box[j] / (np.linalg.norm(box[i]) * np.linalg.norm(box[j])))) for i, j in ((1, 2), (0, 2), (0, 1))
     )
     return f"CRYST1{10 * a:9.3f}{10 * b:9.3f}{10 * c:9.3f}{alpha:7.2f}{beta:7.2f}{gamma:7.2f} P 1           1 "
-
-
-__all__ = ["pdb_text", "write_pdb"]

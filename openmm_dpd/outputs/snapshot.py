@@ -15,23 +15,12 @@ from ..model.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """N beads at one moment; nm, ps.
+    """N beads at one moment; nm, ps."""
 
-    Attributes
-    ----------
-    scene : Scene
-        What does not change.
-    positions : (N, 3) array
-    velocities : (N, 3) array or None
-    box : (3, 3) array or None
-    step : int
-    time : float
-    """
-
-    scene: Scene
-    positions: np.ndarray
-    velocities: np.ndarray | None
-    box: np.ndarray | None
+    scene: Scene  #: What does not change
+    positions: np.ndarray  #: (N, 3)
+    velocities: np.ndarray | None  #: (N, 3) or None
+    box: np.ndarray | None  #: (3, 3) or None
     step: int = 0
     time: float = 0.0
 
@@ -39,10 +28,7 @@ class Snapshot:
     def of(cls, source, state: openmm.State | None = None) -> Snapshot:
         """Of a Scene or what :func:`openmm_dpd.build` returned; of the state of a run, if one is given.
 
-        Raises
-        ------
-        ParameterError
-            If it is something else, the state has no positions, or is one of other particles.
+        ParameterError if it is something else, the state has no positions, or is one of other particles.
         """
         scene = scene_of(source)
         if state is None:
@@ -83,6 +69,3 @@ class FrameReporter(Cadence):
     """Base of reporters that write positions, not folded into the box, and velocities."""
 
     _INCLUDE, _FOLDED = ("positions", "velocities"), False
-
-
-__all__ = ["FrameReporter", "Snapshot", "scene_of"]

@@ -119,6 +119,3 @@ def _check_file(file: str | os.PathLike, species: list[str]) -> None:
         found = [lines.readline().partition(" ")[0] for _ in species]
     if count != str(len(species)) or "Properties=species:S:1:pos:R:3:velo:R:3" not in words or found != species:
         raise ParameterError(f"cannot append to {os.fspath(file)}: it does not begin with a frame of these {len(species)} beads")
-
-
-__all__ = ["XYZReporter", "write_xyz"]

@@ -3,10 +3,8 @@
 Reduced: rc = m = kT = 1.  The table has A = 75/density (docs/measure/chain_slopes.py).
 """
 
-import json
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib.resources import files
 
 import numpy as np
 from scipy.interpolate import CubicSpline, RectBivariateSpline
@@ -14,7 +12,7 @@ from scipy.interpolate import CubicSpline, RectBivariateSpline
 from ..errors import ParameterError
 from ..molecules.terms import Spring
 from ..units import whole_number
-from .estimate import Bounds, Estimate, outside, reduced_number
+from .estimate import Bounds, Estimate, outside, reduced_number, shipped_rows
 from .state import overlap_energy
 
 _SOURCE = "docs/measure/chain_slopes.py"
@@ -61,7 +59,7 @@ class _Table:
 
 @lru_cache(maxsize=1)
 def _table() -> _Table:
-    rows = json.loads(files("openmm_dpd").joinpath("data/chi_chains.json").read_text(encoding="utf-8"))["rows"]
+    rows = shipped_rows("chi_chains")
     single = {rho: slope for rho, _, _, n, slope, *_ in rows if n == 1}
     ratios: dict[float, dict] = {rho: {} for rho in sorted(single)}
     bonds: dict[float, dict] = {rho: {} for rho in sorted(single)}

@@ -6,10 +6,8 @@ chi = x.  For single beads x is dA times twice the energy of a bead over A, whic
 chi = x f(x), with f measured at A = 75/density (docs/measure/demixing.py).
 """
 
-import json
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib.resources import files
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -19,7 +17,7 @@ from ..errors import ParameterError
 from ..molecules.published import like_repulsion, unlike_repulsion
 from ..molecules.terms import Spring
 from .chains import chain_chi_slope, volume_per_bead
-from .estimate import Bounds, Estimate, outside, reduced_number
+from .estimate import Bounds, Estimate, outside, reduced_number, shipped_rows
 from .state import measured_bounds, overlap_energy
 
 _SOURCE = "docs/measure/demixing.py"
@@ -49,7 +47,7 @@ class _Table:
 
 @lru_cache(maxsize=1)
 def _table() -> _Table:
-    rows = json.loads(files("openmm_dpd").joinpath("data/chi.json").read_text(encoding="utf-8"))["rows"]
+    rows = shipped_rows("chi")
     curves, ends = {}, []
     for density in sorted({row[0] for row in rows}):
         slope = overlap_energy(75.0 / density, density)

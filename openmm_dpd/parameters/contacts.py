@@ -3,16 +3,16 @@
 import numpy as np
 from openmm import app, unit
 
-from ..analysis.frames import Beads, Trajectories, frames_of, of_types, selected
+from ..analysis.frames import Beads, Trajectories, frames_of, of_types, two_selected
 from ..analysis.molecules import molecule_labels
 from ..built import BuiltSystem
 from ..errors import ParameterError
 from ..measure.observer import require_built
-from ..model.pairs import SoftRepulsion
+from ..model.pairs import SoftRepulsion, checked
 from ..model.scene import Scene
 from ..neighbours import connected, pairs_within
 from ..stats import Average, block_average
-from ..units import to_md, whole_number
+from ..units import whole_number
 
 _NAME = "the slope of chi"
 
@@ -78,9 +78,9 @@ def chi_slope(trajectory: Trajectories, beads: Beads = None, other: Beads = None
     First-order perturbation theory, as in D. C. Morse and J. K. Chung, arXiv:0810.5389 (2008).
     """
     topology, frames = frames_of(trajectory)
-    first = selected(topology, beads, "beads")
-    second = first if other is None else selected(topology, other, "other")
-    contacts = _Contacts(first, second, molecule_labels(topology), _length(cutoff))
+    contacts = _Contacts(
+        *two_selected(topology, beads, other), molecule_labels(topology), checked(cutoff, "length", "cutoff", positive=True)
+    )
     return block_average([contacts(frame.positions, frame.box) for frame in frames], name=_NAME)
 
 
@@ -139,13 +139,6 @@ def measured_chi_slope(
         box = None if scene.box is None else state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer)
         rows.append(contacts(x, box))
     return block_average(rows, name=_NAME)
-
-
-def _length(cutoff) -> float:
-    value = to_md(cutoff, "length", "cutoff")
-    if not isinstance(value, float) or not value > 0:
-        raise ParameterError(f"cutoff must be a length > 0, not {cutoff!r}")
-    return value
 
 
 def _cutoff(scene: Scene, first: np.ndarray, second: np.ndarray) -> float:

@@ -4,12 +4,10 @@ All is reduced: rc = m = kT = 1.  The table (docs/measure/transport_table.py) ha
 transverse friction, each over the drag on a bead: exponents, transverse parts of the drag, repulsions.
 """
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib.resources import files
 
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
@@ -17,7 +15,7 @@ from scipy.optimize import brentq
 
 from ..errors import ParameterError
 from ..stability_table import drag
-from .estimate import Bounds, Estimate, outside, reduced_number
+from .estimate import Bounds, Estimate, outside, reduced_number, shipped_rows
 
 #: The one density that was measured.
 DENSITY = 3.0
@@ -93,7 +91,7 @@ def _plane(rows: list[dict], name: str) -> _Plane:
 
 @lru_cache(maxsize=1)
 def _planes() -> Mapping[str, _Plane]:
-    rows = json.loads(files("openmm_dpd").joinpath("data/transport.json").read_text(encoding="utf-8"))["rows"]
+    rows = shipped_rows("transport")
     return {name: _plane(rows, name) for name in _BASE}
 
 

@@ -1,7 +1,9 @@
 """What a relation or a table says: the number, and what is known about it."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib.resources import files
 
 from ..errors import ParameterError
 from ..model.pairs import checked
@@ -50,14 +52,13 @@ def reduced_number(value, name: str, *, positive: bool = False) -> float:
     return checked(value.value if isinstance(value, Estimate) else value, "dimensionless", name, positive=positive)
 
 
-def outside(values: Mapping[str, float], bounds: Bounds, source: str, extrapolate: bool | None) -> bool:
-    """Whether a value is outside of its bounds; ``extrapolate`` is None where a caller cannot go on beyond them.
+def shipped_rows(name: str) -> list:
+    """Rows of a measured table of the package."""
+    return json.loads(files("openmm_dpd").joinpath(f"data/{name}.json").read_text(encoding="utf-8"))["rows"]
 
-    Raises
-    ------
-    ParameterError
-        If one is, unless ``extrapolate``; it names the value, the bounds and the source.
-    """
+
+def outside(values: Mapping[str, float], bounds: Bounds, source: str, extrapolate: bool | None) -> bool:
+    """Whether a value is outside of its bounds, where a caller may ``extrapolate`` (None: cannot); else that is a ParameterError."""
     for name, value in values.items():
         low, high = bounds[name]
         slack = _SLACK * max(abs(low), abs(high))

@@ -261,13 +261,7 @@ class _Run:
         self._rooms.append(room * self._volume)
 
     def densities(self, wanted: float) -> np.ndarray:
-        """(samples,) densities of the solvent far from all copies over the wanted one.
-
-        Raises
-        ------
-        ParameterError
-            If there is next to no such place.
-        """
+        """(samples,) densities of the solvent far from all copies over the wanted one; ParameterError if there is next to no such place."""
         rooms = np.array(self._rooms)
         part = float(rooms.mean()) / self._volume
         if part < _LEAST_FAR:

@@ -20,23 +20,13 @@ from ..neighbours import graph
 
 @dataclass(frozen=True, eq=False)
 class Insertion:
-    """Copies of a molecule in a solvent, the beads of the solvent first.
+    """Copies of a molecule in a solvent, the beads of the solvent first."""
 
-    Attributes
-    ----------
-    scene : Scene
-        One bead in the middle of each copy stays where it is.
-    solvent : int
-        Beads of the solvent.
-    copies : int
-    repulsion : tuple of ((n, S), (n, S)) arrays
-        A and cutoff between the n beads of the molecule and the S types of the solvent at full coupling, for each table of pairs; 0 for
-        types without beads.
-    """
-
-    scene: Scene
-    solvent: int
+    scene: Scene  #: One bead in the middle of each copy stays where it is
+    solvent: int  #: Beads of the solvent
     copies: int
+    #: A and cutoff between the n beads of the molecule and the S types of the solvent at full coupling, for each table of pairs; 0
+    #: for types without beads
     repulsion: tuple[tuple[np.ndarray, np.ndarray], ...]
 
     @property
@@ -55,13 +45,8 @@ class Insertion:
 
 
 def insertion(molecule: Molecule, solvent: Scene, parts: np.ndarray, seed: int) -> Insertion:
-    """Copies of the molecule in the solvent, one for each part of the repulsion between the two.
-
-    Raises
-    ------
-    ParameterError
-        If the scene or the molecule has something that cannot be coupled so.
-    """
+    """Copies of the molecule in the solvent, one for each part of the repulsion between the two; ParameterError if one has what cannot be
+    coupled so."""
     check(molecule, solvent)
     copies = len(parts)
     names = {(k, name): _free_name(f"{name}:{k + 1}", solvent.type_names) for k in range(copies) for name in dict.fromkeys(molecule.types)}

@@ -3,18 +3,16 @@
 All is reduced: lengths in rc, energies in kT, so A means A rc/kT, the density for beads in rc^3 and the pressure for p rc^3/kT.
 """
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib.resources import files
 
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 from scipy.optimize import brentq
 
 from ..errors import ParameterError
-from .estimate import Bounds, Estimate, outside, reduced_number
+from .estimate import Bounds, Estimate, outside, reduced_number, shipped_rows
 
 #: Coefficients of B2/A and of the dense limit: eqs 10 and 14 of Liyana-Arachchi et al.
 _B2 = (9.755e-2, -4.912e-3, 1.556e-4, -2.585e-6, 1.705e-8)
@@ -68,7 +66,7 @@ class _Measured:
 
 @lru_cache(maxsize=1)
 def _table() -> _Measured:
-    rows = np.array(json.loads(files("openmm_dpd").joinpath("data/pressures.json").read_text(encoding="utf-8"))["rows"])
+    rows = np.array(shipped_rows("pressures"))
     densities, repulsions = np.unique(rows[:, 0]), np.unique(rows[:, 1])
     density, A, p, _, u, _ = rows.T.reshape(6, len(densities), len(repulsions))
 

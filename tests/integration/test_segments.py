@@ -275,9 +275,9 @@ def test_errors_of_decks(tmp_path, name):
 
 S = dpd.SegmentalRepulsion
 BAD = {
-    "negative A": (lambda: S(-1.0), "A of the segmental repulsion must be one number >= 0, not -1.0"),
-    "no cutoff": (lambda: S(1.0, 0.0), "cutoff of the segmental repulsion must be one number > 0"),
-    "an array": (lambda: S([1.0, 2.0]), "A of the segmental repulsion must be one number"),
+    "negative A": (lambda: S(-1.0), "A of the segmental repulsion must be >= 0, but is -1"),
+    "no cutoff": (lambda: S(1.0, 0.0), "cutoff of the segmental repulsion must be > 0"),
+    "an array": (lambda: S([1.0, 2.0]), "A of the segmental repulsion must be a single number"),
     "unit": (lambda: S(1 * unit.nanometer), "A of the segmental repulsion has the unit nanometer, which is no force"),
     "distance": (lambda: S(1.0, 1.0, "nearest"), "must be 'mid' or 'min', not 'nearest'"),
     "sharing": (lambda: S(1.0, 1.0, "min", exclude_adjoining=False), "they must be left out"),

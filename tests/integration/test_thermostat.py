@@ -132,7 +132,7 @@ def system_of(n: int = 4, edge: float = 3.0) -> openmm.System:
         ({"scheme": "mvv", "lam": 5}, dpd.ParameterError, "lam.*between 0 and 1.*5"),
         ({"scheme": "mvv", "lam": float("nan")}, dpd.ParameterError, "lam.*nan"),
         ({"platform": "cpu"}, dpd.ParameterError, "platform.*'cpu'"),
-        ({"dt": 0}, dpd.ParameterError, "dt must be a single time > 0"),
+        ({"dt": 0}, dpd.ParameterError, "dt must be > 0, but is 0"),
         ({"scheme": "native"}, dpd.ParameterError, "OpenMM's own thermostat; make a DPDIntegrator"),
         ({"scheme": "verlet"}, dpd.ParameterError, "unknown scheme 'verlet'.*or a word"),
     ],

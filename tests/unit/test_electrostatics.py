@@ -259,8 +259,8 @@ def test_units():
 
 
 BAD = [
-    ("lamda of SlaterCharges must be one number > 0", {"lamda": 0.0, "permittivity": 1}),
-    ("lamda of SlaterCharges must be one number > 0", {"lamda": -1.0, "permittivity": 1}),
+    ("lamda of SlaterCharges must be > 0", {"lamda": 0.0, "permittivity": 1}),
+    ("lamda of SlaterCharges must be > 0", {"lamda": -1.0, "permittivity": 1}),
     ("lamda of SlaterCharges holds nan", {"lamda": float("nan"), "permittivity": 1}),
     ("which is no length", {"lamda": 1 * unit.picosecond, "permittivity": 1}),
     ("both are given", {"lamda": 1, "permittivity": 1, "bjerrum_length": 1}),

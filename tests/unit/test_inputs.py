@@ -178,7 +178,7 @@ MISTAKES = [
     ({"leave_out": ["bonds"]}, "bonds are given, and leave_out names them"),
     ({"leave_out": ["dihedrals"]}, "leave_out names dihedrals; what can be left out of the topology is bonds, angles"),
     ({"leave_out": "bonds"}, "leave_out must be a sequence of names"),
-    ({"positions": np.zeros((3, 3))}, r"the topology has 4 atoms, but positions are of shape \(3, 3\)"),
+    ({"positions": np.zeros((3, 3))}, r"positions must have shape \(4, 3\), as the topology has 4 atoms, not \(3, 3\)"),
     ({"positions": np.full((4, 3), np.nan)}, "positions holds nan at index"),
     ({"masses": {"W": 1.0}}, "masses has no mass of the bead type 'T'; it has W"),
     ({"masses": -1.0}, "mass of type 'W' must be a number > 0"),

@@ -62,7 +62,7 @@ def is_lucy(table: dict) -> bool:
 
 def kernel_table(table: dict, mass) -> ManyBodyTable:
     keys = ("A", "B", "gamma", "cutoff", "cutoff_B", "cutoff_density")
-    return ManyBodyTable(**{key: matrix(table, key) for key in keys}, cutoff_A=matrix(table, "cutoff"), lucy=is_lucy(table), mass=mass)
+    return ManyBodyTable(**{key: matrix(table, key) for key in keys}, lucy=is_lucy(table), mass=mass)
 
 
 class Fluid:
@@ -262,22 +262,6 @@ def test_same_bits_for_any_number_of_threads(table, two_threads):
         results.append([np.array([energy, virial]), force, engine.layers[0].densities, engine.sweep(fluid.v, KT, DT, SEED, COUNTER)])
     for one, two in zip(*results, strict=True):
         assert np.array_equal(one, two)
-
-
-def test_a_table_without_conservative_part():
-    fluid = Fluid(TABLES["quadratic"])
-    table = kernel_table(fluid.table, fluid.mass)
-    off = ManyBodyTable(**{**vars(table), "conservative": False})
-    quiet, full = fluid.engine(terms=(off,)), fluid.engine()
-    energy, force, _ = quiet.forces(ALL, fluid.v, KT, DT, SEED, COUNTER)
-    assert energy == 0.0 and quiet.laplacian() == 0.0
-    assert np.array_equal(force, full.forces(DISSIPATIVE | RANDOM, fluid.v, KT, DT, SEED, COUNTER)[1])
-
-
-def test_the_attraction_has_the_longest_range():
-    with pytest.raises(ParameterError, match="longest range"):
-        table = kernel_table(TABLES["quadratic"], np.ones(3))
-        ManyBodyTable(**{**vars(table), "cutoff_density": table.cutoff_A * 1.1})
 
 
 def test_coincident_beads_feel_all_others():

@@ -99,7 +99,7 @@ def test_two_vesicles_a_bilayer_and_what_floats_around():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Vesicle(0, 1.4, 4.0), "radius of a vesicle must be one length > 0"),
+        (lambda: Vesicle(0, 1.4, 4.0), "radius of a vesicle must be > 0, but is 0"),
         (lambda: Vesicle(2.0, 1.4, 4.0), "radius 2 with a membrane of 4 has no inside"),
         (lambda: Vesicle(4.0, -1.4, 4.0), "one area > 0"),
         (lambda: Vesicle(4.0, (1.4, 1.4, 1.4), 4.0), "one area > 0"),

@@ -44,6 +44,10 @@ def bonds(**coefficients: float) -> dict:
     return {"pairs": np.array(PAIRS), **{name: np.array([value, value]) for name, value in coefficients.items()}}
 
 
+def dihedrals(*coefficients: str) -> dict:
+    return {"quads": np.array([[0, 1, 2, 3]]), **{name: np.array([1.0]) for name in coefficients}}
+
+
 #: For each class that takes arrays, sequences or mappings, arguments made anew.
 EXAMPLES = {
     dpd.Scene: scene_arguments,
@@ -52,6 +56,9 @@ EXAMPLES = {
     dpd.MorseBonds: lambda: bonds(D=1.0, alpha=1.0, r0=1.0),
     dpd.HarmonicAngles: lambda: {"triples": np.array([[0, 1, 2]]), "k": np.array([1.0]), "theta0": np.array([1.0])},
     dpd.CosineAngles: lambda: {"triples": np.array([[0, 1, 2]]), "k": np.array([1.0])},
+    dpd.HarmonicDihedrals: lambda: dihedrals("k", "d", "n"),
+    dpd.OPLSDihedrals: lambda: dihedrals("K1", "K2", "K3", "K4"),
+    dpd.MultiHarmonicDihedrals: lambda: dihedrals("A1", "A2", "A3", "A4", "A5"),
     dpd.TabulatedPair: lambda: {"distances": DISTANCES.copy(), "energies": 1 - DISTANCES, "forces": np.ones(12)},
     dpd.TabulatedEOS: lambda: {"thetas": np.array([1.0, 2.0]), "energies": np.array([1.0, 3.0])},
     dpd.SegmentalRepulsion: lambda: {"A": 1.0, "bonds": np.array(PAIRS)},

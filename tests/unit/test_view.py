@@ -61,7 +61,7 @@ def test_radii(nglview):
     ("radii", "message"),
     [
         ({"W": 1.0}, "radii must have one entry for each of the types oil_drop, W; oil_drop is missing or unknown"),
-        (-1.0, "the radius of type 'oil_drop' must be a number >= 0, not -1.0"),
+        (-1.0, "the radius of type 'oil_drop' must be >= 0, but is -1"),
         (np.nan, "must be finite"),
     ],
 )
