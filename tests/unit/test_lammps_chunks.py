@@ -113,7 +113,7 @@ def test_what_a_formula_of_single_beads_needs(tmp_path):
     request = request_of(tmp_path, DECK + text)
     needs = [set(average.needs(request.state)) for average in request.averages]
     assert needs == [
-        {"velocities", "forces", "positions", "pair_energy", "bond_energy", "angle_energy"},
+        {"velocities", "forces", "positions", "pair_energy", "bond_energy", "angle_energy", "dihedral_energy"},
         {"velocities", "positions"},
         {"positions"},
     ]

@@ -235,7 +235,8 @@ def test_a_sample_needs_no_more_than_is_averaged(tmp_path):
     )
     request = request_of(tmp_path, text)
     needs = [set(average.needs(request.state)) for average in request.averages]
-    assert needs == [{"positions", "fields"}, {"positions", "velocities"}, {"velocities"}, {"pair_energy", "bond_energy", "angle_energy"}]
+    potential = {"pair_energy", "bond_energy", "angle_energy", "dihedral_energy"}
+    assert needs == [{"positions", "fields"}, {"positions", "velocities"}, {"velocities"}, potential]
 
 
 # -- in a run -----------------------------------------------------------------------------------------------------------------------
