@@ -22,7 +22,7 @@ from atlas_parts.scenes import SCENES, deviations  # noqa: E402
 from atlas_parts.store import Store  # noqa: E402
 
 import openmm_dpd as dpd  # noqa: E402
-from openmm_dpd.schemes import SCHEMES  # noqa: E402
+from openmm_dpd.model.schemes import SCHEMES  # noqa: E402
 
 #: Deviation that is allowed beside two standard errors.
 ALLOWED = 0.015

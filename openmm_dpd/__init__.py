@@ -1,9 +1,6 @@
 """Dissipative particle dynamics for OpenMM."""
 
-from .barostat import EnthalpyBarostat as EnthalpyBarostat, add_barostat as add_barostat
-from .build import build as build, build_plan as build_plan
-from .built import BuiltSystem as BuiltSystem
-from .errors import (
+from .base.errors import (
     DeckError as DeckError,
     DPDError as DPDError,
     OutputError as OutputError,
@@ -12,10 +9,7 @@ from .errors import (
     ProgramError as ProgramError,
     RunError as RunError,
 )
-from .explain import explain_plan as explain_plan
-from .field_file import FieldReporter as FieldReporter, load_fields as load_fields
-from .fields import read_fields as read_fields, write_fields as write_fields
-from .host import degrees_of_freedom as degrees_of_freedom
+from .base.platforms import fastest_platform as fastest_platform
 from .kernels.threads import get_threads as get_threads, set_threads as set_threads
 from .measure import (
     DPDReporter as DPDReporter,
@@ -25,7 +19,6 @@ from .measure import (
     set_kT as set_kT,
     set_temperature as set_temperature,
 )
-from .mixed_system import MixedSystem as MixedSystem, create_mixed_system as create_mixed_system
 from .model.angles import CosineAngles as CosineAngles, HarmonicAngles as HarmonicAngles
 from .model.bonds import FENEBonds as FENEBonds, HarmonicBonds as HarmonicBonds, MorseBonds as MorseBonds
 from .model.dihedrals import (
@@ -47,10 +40,17 @@ from .model.sources import Block as Block, Source as Source, Sphere as Sphere
 from .model.table import PairTable as PairTable
 from .model.tdpd import TDPD as TDPD
 from .model.temperature import TemperatureRamp as TemperatureRamp
-from .plan import Plan as Plan, make_plan as make_plan
-from .platforms import fastest_platform as fastest_platform
-from .recommend import Choice as Choice, Recommendation as Recommendation, recommend as recommend
-from .serialized import load_xml as load_xml
-from .thermostat import add_thermostat as add_thermostat
+from .plan.explain import explain_plan as explain_plan
+from .plan.host import degrees_of_freedom as degrees_of_freedom
+from .plan.plan import Plan as Plan, make_plan as make_plan
+from .simulation.advice.recommend import Choice as Choice, Recommendation as Recommendation, recommend as recommend
+from .simulation.barostat import EnthalpyBarostat as EnthalpyBarostat, add_barostat as add_barostat
+from .simulation.build import build as build, build_plan as build_plan
+from .simulation.built import BuiltSystem as BuiltSystem
+from .simulation.field_file import FieldReporter as FieldReporter, load_fields as load_fields
+from .simulation.fields import read_fields as read_fields, write_fields as write_fields
+from .simulation.mixed_system import MixedSystem as MixedSystem, create_mixed_system as create_mixed_system
+from .simulation.serialized import load_xml as load_xml
+from .simulation.thermostat import add_thermostat as add_thermostat
 
 __version__ = "0.2.0"

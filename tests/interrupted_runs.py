@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 
 import openmm_dpd.lammps  # before calls are counted
-from openmm_dpd.cli import main
-from openmm_dpd.field_file import load_fields
+from openmm_dpd.__main__ import main
+from openmm_dpd.simulation.field_file import load_fields
 
 PACKAGE = Path(openmm_dpd.lammps.__file__).parents[1]
 

@@ -9,10 +9,10 @@ from devices import Device
 from scenes import BOXES, EXTENDED, MASSES, PARTIAL, PLAIN, fluid, state_of
 
 import openmm_dpd as dpd
-from openmm_dpd.build import build_plan
-from openmm_dpd.fields import raw_fields
 from openmm_dpd.model.eos import ConstantHeatCapacity, TabulatedEOS
-from openmm_dpd.plan import Plan, make_plan
+from openmm_dpd.plan.plan import Plan, make_plan
+from openmm_dpd.simulation.build import build_plan
+from openmm_dpd.simulation.fields import raw_fields
 
 N, SEED = 60, 11
 TILTED = BOXES["tilted"]

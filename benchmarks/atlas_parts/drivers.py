@@ -14,7 +14,7 @@ import openmm
 from openmm import unit
 
 import openmm_dpd as dpd
-from openmm_dpd.errors import DPDError
+from openmm_dpd.base.errors import DPDError
 
 from . import peer
 from .fluids import FLUIDS, Fluid, Method, methods

@@ -11,7 +11,7 @@ import openmm
 
 import openmm_dpd as dpd
 from openmm_dpd.lammps import deck_scene
-from openmm_dpd.schemes import SCHEMES
+from openmm_dpd.model.schemes import SCHEMES
 
 DECKS = Path(__file__).resolve().parents[2] / "examples" / "decks"
 

@@ -1,6 +1,6 @@
-"""chi of linear chains per extra repulsion, to first order, over bonds and lengths: what openmm_dpd/data/chi_chains.json holds.
+"""chi of linear chains per extra repulsion, to first order, over bonds and lengths: what openmm_dpd/parameters/chi_chains.json holds.
 
-    python docs/measure/chain_slopes.py --write openmm_dpd/data/chi_chains.json
+    python docs/measure/chain_slopes.py --write openmm_dpd/parameters/chi_chains.json
     python docs/measure/chain_slopes.py --check
 
 A melt of one kind, A = 75/density, is measured by openmm_dpd.parameters.measured_chi_slope.  A run that was interrupted goes on behind the
@@ -20,10 +20,10 @@ from itertools import product
 import numpy as np
 from demixing import Model, fluid, per_time
 from openmm import unit
+from openmm_dpd.stats import block_average
 
 from openmm_dpd.molecules import Spring
 from openmm_dpd.parameters import chain_chi_slope, measured_chi_slope
-from openmm_dpd.stats import block_average
 
 DENSITIES, LENGTHS = (3.0, 5.0), (1, 2, 3, 5, 10, 20)
 

@@ -1,6 +1,6 @@
-"""Flory-Huggins parameters of binary fluids of beads and of chains: what openmm_dpd/data/chi.json holds, and the tables of docs/validation.md.
+"""Flory-Huggins parameters of binary fluids of beads and of chains: what openmm_dpd/parameters/chi.json holds, and the tables of docs/validation.md.
 
-    python docs/measure/demixing.py --all --write openmm_dpd/data/chi.json
+    python docs/measure/demixing.py --all --write openmm_dpd/parameters/chi.json
     python docs/measure/demixing.py --density 3 --beads 4 --spring 2 0 --points 2.3 3 --mixed 1.6
     python docs/measure/demixing.py --density 3 --beads 4 --spring 2 0 --mixed 3 --dilute 0.02
 
@@ -26,11 +26,11 @@ from functools import lru_cache
 
 import numpy as np
 from openmm import unit
+from openmm_dpd.stats import ratio_average
 
 import openmm_dpd as dpd
 from openmm_dpd.molecules import Spring, linear, pack
 from openmm_dpd.parameters import chi_from_composition, composition_from_chi, measured_chi_slope
-from openmm_dpd.stats import ratio_average
 
 #: dA times the density: demixed single beads at each density, and the mixed ones that the integral runs over.
 DEMIXED = {3.0: (24.5, 27.0, 33.0, 42.0, 54.0), 5.0: (22.0, 27.0, 33.0, 42.0)}

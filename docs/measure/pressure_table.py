@@ -1,6 +1,6 @@
-"""Pressure and energy of one-component fluids over density and repulsion: what openmm_dpd/data/pressures.json holds.
+"""Pressure and energy of one-component fluids over density and repulsion: what openmm_dpd/parameters/pressures.json holds.
 
-    python docs/measure/pressure_table.py --write openmm_dpd/data/pressures.json
+    python docs/measure/pressure_table.py --write openmm_dpd/parameters/pressures.json
 
 Reduced units, rc = m = kT = 1; each row: density, A, pressure and its standard error, energy of a bead and its standard error.
 """

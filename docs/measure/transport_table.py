@@ -1,6 +1,6 @@
-"""Diffusion and viscosity of one-component fluids at density 3: what openmm_dpd/data/transport.json holds.
+"""Diffusion and viscosity of one-component fluids at density 3: what openmm_dpd/parameters/transport.json holds.
 
-    python docs/measure/transport_table.py --plane exponent --write openmm_dpd/data/transport.json
+    python docs/measure/transport_table.py --plane exponent --write openmm_dpd/parameters/transport.json
 
 Each point is one run of 3,000 beads in a cubic box, driven by a force f sin(2 pi z/L) along x.  Viscosity: the amplitude v of the flow,
 eta = rho f/(k^2 v), k = 2 pi/L.  Diffusion: mean squared displacements along y and z, across the flow, with the correction for the
@@ -16,11 +16,11 @@ import os
 import mdtraj
 import numpy as np
 from openmm import unit
+from openmm_dpd.stats import block_average
 
 import openmm_dpd as dpd
 from openmm_dpd.analysis import diffusion_coefficient, mean_squared_displacement
-from openmm_dpd.stability_table import drag
-from openmm_dpd.stats import block_average
+from openmm_dpd.simulation.advice.stability_table import drag
 
 #: Drag of a bead in its surroundings, as the gamma that gives it with the exponent 1 and without transverse friction.
 DRAGS = (2.0, 4.5, 13.5, 40.5, 120.0)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import ParameterError
-from ..geometry import AXES_OF_TENSOR
-from ..stats import Average, block_average
+from ..base.errors import ParameterError
+from ..base.geometry import AXES_OF_TENSOR
+from ..base.stats import Average, block_average
 from .frames import Beads, Frame, Trajectories, chunks_of, frames_of, selected, weights_of
 from .molecules import bonds_of, bonds_outwards, means_over, molecule_labels
 

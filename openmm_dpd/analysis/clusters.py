@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import ParameterError
-from ..neighbours import connected, pairs_within
-from ..stats import Average, ratio_average
-from ..units import whole_number
+from ..base.errors import ParameterError
+from ..base.neighbours import connected, pairs_within
+from ..base.stats import Average, ratio_average
+from ..base.units import whole_number
 from .frames import Beads, Trajectories, frames_of, positive_number, selected
 from .molecules import molecule_labels
 
@@ -21,9 +21,9 @@ class Clusters:
     ----------
     sizes : tuple of arrays of int
         Sizes of the clusters in each frame, largest first; those below ``least`` are left out.
-    number_average : openmm_dpd.stats.Average
+    number_average : openmm_dpd.base.stats.Average
         Mean size of a cluster, <sum n>/<number of clusters>, with its error from blocks of frames.
-    weight_average : openmm_dpd.stats.Average
+    weight_average : openmm_dpd.base.stats.Average
         Mean size of the cluster that a unit is in, <sum n^2>/<sum n>.
     """
 

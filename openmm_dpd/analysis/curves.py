@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..stats import Average, block_average, ratio_average
+from ..base.stats import Average, block_average, ratio_average
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,7 +16,7 @@ class Curve:
     ----------
     x, y : (K,) arrays
     sem : (K,) array
-        Standard errors of y from blocks of frames (:func:`openmm_dpd.stats.block_average`); NaN with too few frames (fewer than 5).
+        Standard errors of y from blocks of frames (:func:`openmm_dpd.base.stats.block_average`); NaN with too few frames (fewer than 5).
         Below about 30 frames they tend to be too small.
     n_frames : int
         Number of frames.

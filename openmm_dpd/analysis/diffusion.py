@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..errors import ParameterError
-from ..stats import Average, block_average
-from ..units import thermal_energy, to_md
+from ..base.errors import ParameterError
+from ..base.stats import Average, block_average
+from ..base.units import thermal_energy, to_md
 from .curves import Curve, curve_of_averages
 from .frames import Beads, Trajectories, axis_number, frames_of, indices, positive_number, selected, weights_of
 from .molecules import means_over, molecule_labels
@@ -164,7 +164,7 @@ def diffusion_coefficient(
 
     Returns
     -------
-    openmm_dpd.stats.Average
+    openmm_dpd.base.stats.Average
         In nm^2/ps.  ``converged`` says whether the trajectory is long enough for the error to be right.
 
     Raises

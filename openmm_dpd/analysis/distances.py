@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from ..errors import ParameterError
-from ..neighbours import pairs_within
-from ..units import whole_number
+from ..base.errors import ParameterError
+from ..base.neighbours import pairs_within
+from ..base.units import whole_number
 from .curves import Curve, curve_of
 from .frames import Beads, Frame, Trajectories, frames_of, positive_number, two_selected
 from .molecules import molecule_labels

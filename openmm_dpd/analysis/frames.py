@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from ..bead_elements import bead_masses
-from ..errors import ParameterError
+from ..base.errors import ParameterError
+from ..io.bead_elements import bead_masses
 
 if TYPE_CHECKING:
     import mdtraj
@@ -51,7 +51,7 @@ def chunks_of(trajectory: Trajectories) -> tuple[mdtraj.Topology, Iterator[mdtra
     if isinstance(trajectory, (str, bytes)) or not isinstance(trajectory, (mdtraj.Trajectory, Iterable)):
         raise ParameterError(
             f"a trajectory must be an mdtraj.Trajectory or chunks of one (mdtraj.iterload), not {type(trajectory).__name__}; "
-            "openmm_dpd.trajectory.load reads a file"
+            "openmm_dpd.io.trajectory.load reads a file"
         )
     chunks = _checked(iter([trajectory] if isinstance(trajectory, mdtraj.Trajectory) else trajectory))
     first = next(chunks, None)
@@ -68,7 +68,7 @@ def _checked(chunks: Iterator) -> Iterator[mdtraj.Trajectory]:
         if not isinstance(chunk, mdtraj.Trajectory):
             raise ParameterError(f"chunks of a trajectory must be mdtraj.Trajectory objects, not {type(chunk).__name__}")
         if chunk.topology is None:
-            raise ParameterError("the trajectory has no topology; load it with one (openmm_dpd.trajectory.load_topology)")
+            raise ParameterError("the trajectory has no topology; load it with one (openmm_dpd.io.trajectory.load_topology)")
         if beads is not None and chunk.n_atoms != beads:
             raise ParameterError(f"chunks of one trajectory must have the same beads; they have {beads} and {chunk.n_atoms}")
         bad = np.flatnonzero(~np.isfinite(chunk.xyz).all(axis=(1, 2)))

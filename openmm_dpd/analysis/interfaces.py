@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ..errors import ParameterError
-from ..stats import Average, block_average
+from ..base.errors import ParameterError
+from ..base.stats import Average, block_average
 from .frames import axis_number
 
 
@@ -26,7 +26,7 @@ def surface_tension(pressure, length, *, axis: str | int = "z", interfaces: int 
 
     Returns
     -------
-    openmm_dpd.stats.Average
+    openmm_dpd.base.stats.Average
         Pressure times length: kJ/mol/nm^2 if these are kJ/mol/nm^3 and nm.
 
     Raises

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import minimize
 
-from ..errors import ParameterError
-from ..geometry import widths
-from ..stats import Average, block_average, long_enough
-from ..units import md_tension, thermal_energy, to_md
+from ..base.errors import ParameterError
+from ..base.geometry import widths
+from ..base.stats import Average, block_average, long_enough
+from ..base.units import md_tension, thermal_energy, to_md
 from .curves import Curve, curve_of
 from .frames import Frame, axis_number, frames_of, positive_number, selected, weights_of
 from .molecules import means_over, molecule_labels
@@ -44,7 +44,7 @@ def bilayer_thickness(trajectory: Trajectories, heads: Beads, tails: Beads = Non
 
     Returns
     -------
-    openmm_dpd.stats.Average
+    openmm_dpd.base.stats.Average
         Mean over frames (nm) with its standard error.
 
     Raises
@@ -80,7 +80,7 @@ def area_per_lipid(trajectory: Trajectories, lipids: Beads | int, *, axis: str |
 
     Returns
     -------
-    openmm_dpd.stats.Average
+    openmm_dpd.base.stats.Average
         Mean over frames (nm^2) with its standard error, which is 0 if the box does not change.
 
     Raises
@@ -133,9 +133,9 @@ class BendingModulus:
 
     Attributes
     ----------
-    kappa : openmm_dpd.stats.Average
+    kappa : openmm_dpd.base.stats.Average
         Bending modulus, kJ/mol, with its error from blocks of frames.
-    tension : openmm_dpd.stats.Average
+    tension : openmm_dpd.base.stats.Average
         Tension, kJ/mol/nm^2; without an error if it was given.
     kT : float
         Thermal energy, kJ/mol.
@@ -282,8 +282,8 @@ def bending_modulus(spectrum: HeightSpectrum, kT, *, q_max=None, tension=None) -
     .. math:: A \langle |h_q|^2 \rangle = \frac{k_B T}{\kappa q^4 + \sigma q^2}
 
     is fitted by the most likely kappa and sigma for Gaussian amplitudes, whose squares are distributed exponentially: every wave counts
-    by its relative deviation, and the less the more of it was noise.  Errors are those of :func:`openmm_dpd.stats.block_average` for what
-    each wave contributes to the result, added up as those of independent waves.
+    by its relative deviation, and the less the more of it was noise.  Errors are those of :func:`openmm_dpd.base.stats.block_average` for
+    what each wave contributes to the result, added up as those of independent waves.
 
     Parameters
     ----------

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.sparse.csgraph import breadth_first_order
 
-from ..neighbours import connected, graph
+from ..base.neighbours import connected, graph
 
 if TYPE_CHECKING:
     import mdtraj

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import ParameterError
-from ..pictures import finish_axis, new_figure, with_unit, write_picture
+from ..base.errors import ParameterError
+from ..io.pictures import finish_axis, new_figure, with_unit, write_picture
 from .clusters import Clusters
 from .curves import Curve
 from .diffusion import MeanSquaredDisplacement, diffusion_coefficient

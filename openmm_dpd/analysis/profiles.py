@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import ParameterError
-from ..geometry import widths
-from ..units import whole_number
+from ..base.errors import ParameterError
+from ..base.geometry import widths
+from ..base.units import whole_number
 from .curves import Curve, curve_of, ratio_curve
 from .frames import Beads, Frame, Trajectories, axis_number, frames_of, selected, type_names, weights_of
 
@@ -108,7 +108,7 @@ def density_profile(
     Examples
     --------
     >>> import mdtraj, numpy as np
-    >>> from openmm_dpd.trajectory import load_topology, write_psf
+    >>> from openmm_dpd.io.trajectory import load_topology, write_psf
     >>> write_psf("film.psf", names=["A", "B"] * 50, masses=np.ones(100))
     >>> x = np.random.default_rng(1).random((10, 100, 3)) * 5.0  # mostly from mdtraj.iterload("film.dcd", top=topology)
     >>> box = {"unitcell_lengths": np.full((10, 3), 5.0), "unitcell_angles": np.full((10, 3), 90.0)}

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..errors import ParameterError
+from ..base.errors import ParameterError
 from .curves import Curve, curve_of
 from .frames import Beads, Frame, Trajectories, frames_of, positive_number, two_selected
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import ParameterError
+from ..base.errors import ParameterError
 from .frames import Frame
 from .molecules import means_over, molecule_labels
 

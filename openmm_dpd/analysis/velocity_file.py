@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..errors import ParameterError
+from ..base.errors import ParameterError
 
 
 def read_velocities(file: str | os.PathLike) -> Iterator[np.ndarray]:

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import ParameterError
-from ..stats import block_average
-from ..units import thermal_energy, to_md
+from ..base.errors import ParameterError
+from ..base.stats import block_average
+from ..base.units import thermal_energy, to_md
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,9 +14,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numba import prange
 
-from ..errors import RunError
-from ..geometry import weighted_sum
-from ..wording import bead_number, in_length
+from ..base.errors import RunError
+from ..base.geometry import weighted_sum
+from ..base.wording import bead_number, in_length
 from .charge_pairs import SHARES, Quintics, charge_row, exception
 from .columns import add_stress, push
 from .compiled import helper, serial_and_parallel

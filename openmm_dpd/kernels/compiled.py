@@ -9,8 +9,8 @@ from typing import Any
 import numba
 from numba.extending import register_jitable
 
-from ..kernel_cache import keep_on_disk
-from ..numba_private import NO_REFERENCE_COUNTS
+from ..base.kernel_cache import keep_on_disk
+from ..base.numba_private import NO_REFERENCE_COUNTS
 
 #: Hash of all kernel sources.
 _DIGEST = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()[:12]

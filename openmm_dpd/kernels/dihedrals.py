@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..wording import bead_names
+from ..base.wording import bead_names
 from .extras import BondedKernel, minimum_image
 
 #: Least square of the sine between two bonds that a force is divided by.

@@ -18,8 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import RunError
-from ..wording import bead_names, bead_number, in_number
+from ..base.errors import RunError
+from ..base.wording import bead_names, bead_number, in_number
 from .columns import approach, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
 from .compiled import inlined
 from .elementary import power

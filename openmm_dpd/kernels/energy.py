@@ -27,8 +27,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import RunError
-from ..wording import bead_number, in_units
+from ..base.errors import RunError
+from ..base.wording import bead_number, in_units
 from . import forces
 from .columns import approach, change, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
 from .compiled import compiled, helper, inlined

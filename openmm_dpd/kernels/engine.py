@@ -6,7 +6,7 @@
 
 import numpy as np
 
-from ..errors import RunError
+from ..base.errors import RunError
 from . import motion
 from .columns import Totals
 from .interface import Engine

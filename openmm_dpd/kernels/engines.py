@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import ParameterError
+from ..base.errors import ParameterError
 from .engine import host_engine, warm_up
 from .extras import warm_up_extras
 from .interface import Engine

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numba import njit, prange
 
-from ..errors import RunError
+from ..base.errors import RunError
 from .compiled import compiled, renamed
 from .notice import LOGGER, announced
 from .threads import dispatch, get_threads

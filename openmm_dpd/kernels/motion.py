@@ -126,7 +126,7 @@ def as_force(begin, end, change, inv_mass, dt):
 
 @inlined
 def _put_back(x, low, high, start, period):
-    """Coordinate after a reflection at two walls; see :mod:`openmm_dpd.programs.walls`."""
+    """Coordinate after a reflection at two walls; see :mod:`openmm_dpd.simulation.programs.walls`."""
     folded = x - period * np.floor((x - start) / period)
     return x + 2.0 * max(0.0, low - folded) - 2.0 * max(0.0, folded - high)
 

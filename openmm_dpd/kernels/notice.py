@@ -5,8 +5,8 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from ..kernel_cache import cache_folder
-from ..numba_private import compiling
+from ..base.kernel_cache import cache_folder
+from ..base.numba_private import compiling
 
 #: Where a script learns that it waits; logging.getLogger("openmm_dpd").setLevel("ERROR") silences it.
 LOGGER = logging.getLogger("openmm_dpd")

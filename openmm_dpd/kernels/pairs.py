@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import RunError
-from ..geometry import widths
-from ..wording import bead_number
+from ..base.errors import RunError
+from ..base.geometry import widths
+from ..base.wording import bead_number
 from . import cells, listing
 from .threads import dispatch, get_threads
 

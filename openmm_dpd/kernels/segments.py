@@ -19,9 +19,9 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from ..errors import RunError
-from ..geometry import minimum_images
-from ..wording import bead_names, in_length
+from ..base.errors import RunError
+from ..base.geometry import minimum_images
+from ..base.wording import bead_names, in_length
 from .columns import add_stress, over_pairs
 from .compiled import helper, inlined
 from .pairs import PairList, compressed_exceptions, no_exceptions

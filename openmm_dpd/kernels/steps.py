@@ -1,6 +1,6 @@
 """Whole steps on the kernel's own arrays: n of them in a loop, without a way back to OpenMM in between.
 
-A step is a word of drifts, kicks and sweeps (see :mod:`openmm_dpd.schemes`), or the modified velocity Verlet scheme, whose
+A step is a word of drifts, kicks and sweeps (see :mod:`openmm_dpd.model.schemes`), or the modified velocity Verlet scheme, whose
 friction is a force.  All that a step begins with is in the :class:`Moment`, so that a run gives the same bits however it is cut.
 """
 
@@ -10,8 +10,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..errors import RunError
-from ..signals import CTRL_C
+from ..base.errors import RunError
+from ..base.signals import CTRL_C
 from . import motion
 from .columns import Totals
 from .interface import Engine
@@ -23,7 +23,8 @@ UPDATES = {"O": EXACT, "S": SHARDLOW}
 
 
 def ramped_energy(ramp: Any, steps: float) -> float:
-    """Thermal energy on a temperature ramp after some steps; as :func:`openmm_dpd.programs.program.ramp_expression` has it, to the bit."""
+    """Thermal energy on a temperature ramp after some steps; as :func:`openmm_dpd.simulation.programs.program.ramp_expression` has it, to
+    the bit."""
     part = (steps - ramp.first_step) * (1.0 / (ramp.last_step - ramp.first_step))
     return ramp.kT_start + (ramp.kT_end - ramp.kT_start) * min(1.0, max(0.0, part))
 
@@ -45,7 +46,7 @@ class StepSpec:
     lam, field_lam : float
         Weights of the prediction of velocities and of fields in that scheme.
     walls : five arrays (3,), or None
-        Planes that beads do not pass: low, high, start, period, back (see :mod:`openmm_dpd.programs.walls`).
+        Planes that beads do not pass: low, high, start, period, back (see :mod:`openmm_dpd.simulation.programs.walls`).
     ramp : openmm_dpd.model.temperature.TemperatureRamp or None
     """
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import RunError
+from ..base.errors import RunError
 from . import forces
 from .columns import approach, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
 from .compiled import inlined

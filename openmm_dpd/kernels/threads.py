@@ -6,7 +6,7 @@ import time
 
 import numba
 
-from ..errors import ParameterError
+from ..base.errors import ParameterError
 
 # Threads of GNU OpenMP that spin while they wait stall each other, and OpenMM's own, wherever there are fewer free cores than threads
 # (a step can take ten times as long); the variable is read when the library is loaded, at the first parallel call, and a user's own

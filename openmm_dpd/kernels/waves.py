@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..geometry import AXES_OF_TENSOR
+from ..base.geometry import AXES_OF_TENSOR
 from .compiled import compiled, helper, inlined
 from .elementary import exp
 from .vectors import LANES, floor, load_lanes, splat, store_lanes, total

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..plan import Plan
+from ..plan.plan import Plan
 
 
 def bond_sums(plan: Plan, x: np.ndarray, box: np.ndarray | None, mobile: np.ndarray) -> tuple[float, float]:

@@ -5,12 +5,12 @@ from openmm import unit
 
 from ..analysis.profiles import sums_in_slices
 from ..analysis.viscosity import VelocityProfile
-from ..built import BuiltSystem
-from ..cadence import Cadence
-from ..errors import ParameterError
+from ..base.cadence import Cadence
+from ..base.errors import ParameterError
+from ..base.stats import block_average
+from ..base.units import whole_number
 from ..model.flow import AXES, require_plain_axis
-from ..stats import block_average
-from ..units import whole_number
+from ..simulation.built import BuiltSystem
 from .kinetic_stress import needs_forces
 from .observer import require_built
 from .present import Present, require_stress

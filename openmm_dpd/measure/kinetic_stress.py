@@ -5,7 +5,7 @@ from fractions import Fraction
 import numpy as np
 
 from ..kernels.motion import second_moments
-from ..schemes import SWEEPS, Letter, Scheme
+from ..model.schemes import SWEEPS, Letter, Scheme
 
 
 def kinetic_deficit(scheme: Scheme) -> float:

@@ -10,8 +10,8 @@ from typing import Any
 
 import openmm
 
-from ..built import BuiltSystem
-from ..errors import ParameterError, what_is
+from ..base.errors import ParameterError, what_is
+from ..simulation.built import BuiltSystem
 from .scene_samples import SceneSampler
 from .system_samples import SystemSampler
 from .temperature import check_context

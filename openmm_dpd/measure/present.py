@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 import openmm
 
-from ..built import BuiltSystem
-from ..errors import ParameterError
-from ..fields import per_dof, raw_fields
+from ..base.errors import ParameterError
+from ..base.names import PAIR_FORCE, SLOW_STEP
+from ..base.openmm_private import bare, vectors
 from ..kernels import motion
 from ..kernels.charges import ChargeEvaluator
 from ..kernels.columns import Totals
@@ -21,10 +21,10 @@ from ..kernels.fields import TEMPERATURE
 from ..kernels.interface import Engine
 from ..kernels.layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS
 from ..kernels.steps import Stepper
-from ..made import acting, groups_of, masses_of
-from ..names import PAIR_FORCE, SLOW_STEP
-from ..openmm_private import bare, vectors
-from ..plan import Plan
+from ..plan.made import acting, groups_of, masses_of
+from ..plan.plan import Plan
+from ..simulation.built import BuiltSystem
+from ..simulation.fields import per_dof, raw_fields
 from .kinetic_stress import kinetic_deficit, kinetic_stress
 from .stress_parts import Part, charge_evaluator, stress_parts
 from .temperature import noise_state

@@ -11,12 +11,12 @@ from typing import Any, TextIO
 import numpy as np
 from openmm import unit
 
-from ..built import BuiltSystem
-from ..cadence import Cadence
-from ..errors import ParameterError
-from ..field_file import FieldWriter
+from ..base.cadence import Cadence
+from ..base.errors import ParameterError
+from ..base.units import BAR_PER_MD_PRESSURE
 from ..kernels.fields import ENERGY, TEMPERATURE
-from ..units import BAR_PER_MD_PRESSURE
+from ..simulation.built import BuiltSystem
+from ..simulation.field_file import FieldWriter
 from .observer import Observer, require_built
 from .temperature import kelvin
 from .watch import TemperatureWatch

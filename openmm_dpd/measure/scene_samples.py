@@ -7,16 +7,16 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from ..built import BuiltSystem
-from ..errors import RunError
+from ..base.errors import RunError
+from ..base.names import COULOMB_GROUP, EXTERNAL_GROUP, LATTICE_GROUP
+from ..base.openmm_private import bare
 from ..kernels.fields import ENERGY, TEMPERATURE
 from ..kernels.layer import LAPLACIAN
 from ..kernels.motion import second_moments
-from ..kinds import resolved_kind
-from ..made import groups_of
-from ..names import COULOMB_GROUP, EXTERNAL_GROUP, LATTICE_GROUP
-from ..openmm_private import bare
-from ..plan import Plan
+from ..plan.kinds import resolved_kind
+from ..plan.made import groups_of
+from ..plan.plan import Plan
+from ..simulation.built import BuiltSystem
 from .bonded_sums import angle_sums, bond_sums, dihedral_sums
 from .present import Present
 from .sample import Sample

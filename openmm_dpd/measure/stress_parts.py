@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from ..charge_forces import charge_terms
-from ..extra_forces import extras
-from ..geometry import minimum_images, symmetric_products
+from ..base.geometry import minimum_images, symmetric_products
 from ..kernels.charges import ChargeEvaluator
 from ..kernels.extras import warm_up_extras
-from ..plan import Plan
+from ..plan.charge_forces import charge_terms
+from ..plan.extra_forces import extras
+from ..plan.plan import Plan
 
 #: (x, box) -> (6,) sums of r F (xx, yy, zz, xy, xz, yz; kJ/mol).
 Part = Callable[[np.ndarray, np.ndarray | None], np.ndarray]

@@ -4,10 +4,10 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from ..built import BuiltSystem
-from ..errors import RunError
-from ..host import Freedom
-from ..names import KT
+from ..base.errors import RunError
+from ..base.names import KT
+from ..plan.host import Freedom
+from ..simulation.built import BuiltSystem
 from .sample import SystemSample
 
 

@@ -3,13 +3,13 @@
 import openmm
 from openmm import unit
 
-from ..barostat_temperature import set_barostats
-from ..errors import ParameterError
-from ..integrators import RAMPED, PairIntegrator
-from ..names import COUNTER, KT, RAMP_STEP, SEED, TEMPERATURE, VOLUME_MOVES
-from ..openmm_private import bare
-from ..plan import Plan
-from ..units import BOLTZMANN, thermal_energy, thermal_energy_of
+from ..base.errors import ParameterError
+from ..base.names import COUNTER, KT, RAMP_STEP, SEED, TEMPERATURE, VOLUME_MOVES
+from ..base.openmm_private import bare
+from ..base.units import BOLTZMANN, thermal_energy, thermal_energy_of
+from ..plan.plan import Plan
+from ..simulation.barostat_temperature import set_barostats
+from ..simulation.integrators import RAMPED, PairIntegrator
 
 
 def noise_state(context: openmm.Context, plan: Plan) -> tuple[float, int, int, float]:

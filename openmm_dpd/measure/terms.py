@@ -4,12 +4,12 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from ..built import BuiltSystem
-from ..errors import ParameterError
+from ..base.errors import ParameterError
+from ..base.names import BONDED_GROUP, COULOMB_GROUP, EXTERNAL_GROUP, LATTICE_GROUP
+from ..base.units import to_md, whole_number
 from ..kernels.layer import DISSIPATIVE, RANDOM
-from ..made import groups_of
-from ..names import BONDED_GROUP, COULOMB_GROUP, EXTERNAL_GROUP, LATTICE_GROUP
-from ..units import to_md, whole_number
+from ..plan.made import groups_of
+from ..simulation.built import BuiltSystem
 from .observer import require_built
 
 

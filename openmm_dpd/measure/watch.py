@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..base.stats import block_average
 from ..kernels.fields import ENERGY, TEMPERATURE
-from ..plan import Plan
-from ..stats import block_average
+from ..plan.plan import Plan
 from .sample import SystemSample
 
 #: What a mean temperature may be off: this fraction of the set one, and so many standard errors.

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import ParameterError
-from ..geometry import minimum_images
+from ..base.errors import ParameterError
+from ..base.geometry import minimum_images
 from .bonds import BondedTerms, check_members
 
 

@@ -5,10 +5,10 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from ..errors import ParameterError
-from ..geometry import minimum_images, widths
-from ..units import to_md
-from ..wording import bead_names, in_length, overstretched
+from ..base.errors import ParameterError
+from ..base.geometry import minimum_images, widths
+from ..base.units import to_md
+from ..base.wording import bead_names, in_length, overstretched
 from .owned import keep
 
 #: r/sigma where the repulsion of a FENE bond ends, the minimum of Lennard-Jones.
@@ -86,7 +86,7 @@ class BondedTerms:
     """What all kinds of bonds, angles and dihedrals have in common: beads, and coefficients for each.
 
     A kind is a frozen dataclass with a field for the beads, named as in ``_BEADS``, and one for each of ``_DIMENSIONS``, in this order.
-    Its record (:mod:`openmm_dpd.kinds.bonded`) says how it is computed.
+    Its record (:mod:`openmm_dpd.plan.kinds.bonded`) says how it is computed.
     """
 
     #: Name of the beads, how many a term has, and what a term is called.

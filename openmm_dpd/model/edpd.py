@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from ..errors import ParameterError
-from ..units import to_md
+from ..base.errors import ParameterError
+from ..base.units import to_md
 from .internal import BeadTemperatures
 from .owned import keep
 from .pairs import PairCoefficient

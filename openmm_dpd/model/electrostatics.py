@@ -8,9 +8,9 @@ from typing import ClassVar
 import numpy as np
 from scipy.special import erf
 
-from ..errors import ParameterError, what_is
-from ..units import COULOMB, whole_number
-from ..wording import in_length, in_units
+from ..base.errors import ParameterError, what_is
+from ..base.units import COULOMB, whole_number
+from ..base.wording import in_length, in_units
 from .owned import keep
 from .pairs import checked
 

@@ -14,8 +14,8 @@ import numpy as np
 from openmm import unit
 from scipy.interpolate import PchipInterpolator
 
-from ..errors import ParameterError
-from ..units import BOLTZMANN, thermal_energies, to_md
+from ..base.errors import ParameterError
+from ..base.units import BOLTZMANN, thermal_energies, to_md
 from .owned import keep
 
 

@@ -6,10 +6,10 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from ..errors import ParameterError, what_is
-from ..geometry import folded
-from ..units import to_md
-from ..wording import bead_number, either, in_length, in_number, unit_name
+from ..base.errors import ParameterError, what_is
+from ..base.geometry import folded
+from ..base.units import to_md
+from ..base.wording import bead_number, either, in_length, in_number, unit_name
 from .formulas import read_formula, values
 from .owned import keep
 from .pairs import checked

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from scipy.special import erf
 
-from ..errors import ParameterError
+from ..base.errors import ParameterError
 
 #: OpenMM's functions: number of arguments, and the same in numpy.
 FUNCTIONS: dict[str, tuple[int, Callable]] = {

@@ -1,7 +1,7 @@
 """Per-bead fields: internal energies, temperatures, or concentrations.
 
-During a run they are state of the Context (per-DOF variables of the integrator, see :mod:`openmm_dpd.fields`).  The classes of this file
-hold the values at the start.
+During a run they are state of the Context (per-DOF variables of the integrator, see :mod:`openmm_dpd.simulation.fields`).  The classes of
+this file hold the values at the start.
 """
 
 from collections.abc import Mapping, Sequence
@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import ParameterError, what_is
-from ..units import thermal_energies, to_md
-from ..wording import bead_number, in_number
+from ..base.errors import ParameterError, what_is
+from ..base.units import thermal_energies, to_md
+from ..base.wording import bead_number, in_number
 from .eos import ConstantHeatCapacity, EquationOfState, TabulatedEOS, heat_capacity
 from .owned import keep
 from .pairs import NONE

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ..errors import ParameterError
+from ..base.errors import ParameterError
 from .owned import keep
 from .pairs import NONE, PairCoefficient
 

@@ -5,7 +5,7 @@ force F acts as +F e on i and -F e on j, so that a positive F repels.  Pairs int
 r < 1e-10 is skipped altogether: no force, no energy, no noise.
 
 Each kind keeps its own table of type pairs; its properties are in its record in
-:mod:`openmm_dpd.kinds`.
+:mod:`openmm_dpd.plan.kinds`.
 """
 
 from dataclasses import dataclass, fields
@@ -14,9 +14,9 @@ from typing import ClassVar
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from ..errors import ParameterError
-from ..units import to_md
-from ..wording import in_length, in_number, in_units, thermal
+from ..base.errors import ParameterError
+from ..base.units import to_md
+from ..base.wording import in_length, in_number, in_units, thermal
 from .owned import keep
 
 
@@ -39,7 +39,7 @@ class PairCoefficient:
     """Base of all kinds of pair coefficients.
 
     A kind is a frozen dataclass that has at least a ``cutoff`` (nm).  The pair kernel or an OpenMM force evaluates it, as its record in
-    :mod:`openmm_dpd.kinds` says.
+    :mod:`openmm_dpd.plan.kinds` says.
     """
 
     #: Its per-bead fields: a class of :mod:`openmm_dpd.model.internal`.

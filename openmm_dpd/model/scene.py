@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..errors import ParameterError, what_is
-from ..html import fact_table
-from ..units import thermal_energy, to_md
-from ..wording import bead_number, either
+from ..base.errors import ParameterError, what_is
+from ..base.html import fact_table
+from ..base.units import thermal_energy, to_md
+from ..base.wording import bead_number, either
 from .angles import Angles, check_angles
 from .bonds import BondedTerms, Bonds, check_members
 from .dihedrals import Dihedrals, check_dihedrals
@@ -72,7 +72,7 @@ class Scene:
     box : (3,) or (3, 3) array of lengths, optional
         Edges or box vectors.  None: no periodic box.
     velocities : (N, 3) array, optional
-        nm/ps.  Drawn from the Maxwell distribution if absent (see :func:`openmm_dpd.build.build`).
+        nm/ps.  Drawn from the Maxwell distribution if absent (see :func:`openmm_dpd.simulation.build.build`).
     bead_masses : (N,) array, optional
         Masses of the single beads where they differ from those of their types.
     charges : (N,) array, optional

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import ParameterError
-from ..geometry import minimum_images
-from ..wording import bead_names, in_length
+from ..base.errors import ParameterError
+from ..base.geometry import minimum_images
+from ..base.wording import bead_names, in_length
 from .bonds import bead_indices
 from .owned import keep
 from .pairs import checked

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import ParameterError, what_is
-from ..geometry import folded
-from ..units import to_md
+from ..base.errors import ParameterError, what_is
+from ..base.geometry import folded
+from ..base.units import to_md
 from .owned import keep
 from .pairs import checked
 

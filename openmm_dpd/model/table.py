@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from itertools import combinations_with_replacement
 
-from ..errors import ParameterError, what_is
+from ..base.errors import ParameterError, what_is
 from .pairs import NONE, PairCoefficient
 
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import ParameterError
-from ..units import to_md
+from ..base.errors import ParameterError
+from ..base.units import to_md
 from .internal import Concentrations
 from .owned import keep
 from .pairs import SoftRepulsion

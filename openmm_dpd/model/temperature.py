@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from ..errors import ParameterError
-from ..units import thermal_energy, whole_number
+from ..base.errors import ParameterError
+from ..base.units import thermal_energy, whole_number
 from .owned import keep
 
 

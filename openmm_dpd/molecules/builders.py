@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..errors import ParameterError
-from ..units import whole_number
+from ..base.errors import ParameterError
+from ..base.units import whole_number
 from .molecule import Bends, Molecule, Springs, bead_types, join
 
 

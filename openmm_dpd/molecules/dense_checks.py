@@ -4,10 +4,10 @@ import numpy as np
 import openmm
 from openmm import app
 
-from ..errors import ParameterError, what_is
-from ..geometry import minimum_images
-from ..made import LISTED
+from ..base.errors import ParameterError, what_is
+from ..base.geometry import minimum_images
 from ..model.scene import box_vectors
+from ..plan.made import LISTED
 from .piercings import bonds_of_topology
 
 

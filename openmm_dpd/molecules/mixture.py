@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import ParameterError
+from ..base.errors import ParameterError
+from ..io.trajectory import write_psf
 from ..model.angles import Angles
 from ..model.bonds import Bonds
 from ..model.scene import Scene
-from ..trajectory import write_psf
 from .molecule import Molecule
 from .terms import many_terms
 

@@ -8,10 +8,10 @@ from itertools import combinations, groupby
 
 import numpy as np
 
-from ..errors import ParameterError, what_is
-from ..html import fact_table
+from ..base.errors import ParameterError, what_is
+from ..base.html import fact_table
+from ..base.units import to_md, whole_number
 from ..model.owned import known_under
-from ..units import to_md, whole_number
 from .rings import neighbours_of
 from .terms import AnyBend, AnySpring
 

@@ -7,11 +7,11 @@ from itertools import combinations
 import numpy as np
 from openmm import unit
 
-from ..errors import ParameterError, what_is
+from ..base.errors import ParameterError, what_is
+from ..base.units import thermal_energy, to_md, whole_number
 from ..model.pairs import checked
 from ..model.scene import box_vectors
 from ..model.sources import Block, Sphere
-from ..units import thermal_energy, to_md, whole_number
 from .mixture import Mixture
 from .molecule import Molecule
 from .shapes import GAP, random_shapes, upright_shape

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from openmm import app
 
-from ..errors import ParameterError, what_is
-from ..geometry import minimum_images, widths
+from ..base.errors import ParameterError, what_is
+from ..base.geometry import minimum_images, widths
+from ..base.neighbours import pairs_within
+from ..base.units import position_array, whole_number
 from ..model.scene import box_vectors
-from ..neighbours import pairs_within
-from ..units import position_array, whole_number
 from .rings import neighbours_of, small_rings, within_bonds
 
 #: How far beyond the edge of a ring a bond is pushed that was in it, nm: about the radius of a carbon atom.

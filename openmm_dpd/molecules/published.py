@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ..errors import ParameterError
+from ..base.errors import ParameterError
+from ..base.units import whole_number
 from ..model.pairs import DPD, checked
-from ..units import whole_number
 from .builders import lipid
 from .molecule import Molecule
 from .terms import CosineBend, Spring

@@ -6,10 +6,10 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from ..build import build
-from ..errors import ParameterError, RunError
+from ..base.errors import ParameterError, RunError
+from ..base.units import to_md, whole_number
 from ..model.scene import Scene
-from ..units import to_md, whole_number
+from ..simulation.build import build
 
 #: A mixture that is hotter than so many times its kT after relaxing has blown up.
 HOT = 10.0

@@ -8,14 +8,14 @@ import numpy as np
 import openmm
 from openmm import app, unit
 
-from ..errors import ParameterError, RunError, what_is
-from ..geometry import widths
-from ..host import checked_positions, degrees_of_freedom
-from ..made import masses_of
+from ..base.errors import ParameterError, RunError, what_is
+from ..base.geometry import widths
+from ..base.platforms import platform_here
+from ..base.units import BOLTZMANN, to_md, whole_number
 from ..model.pairs import DPD
-from ..platforms import platform_here
-from ..thermostat import add_thermostat
-from ..units import BOLTZMANN, to_md, whole_number
+from ..plan.host import checked_positions, degrees_of_freedom
+from ..plan.made import masses_of
+from ..simulation.thermostat import add_thermostat
 from .dense_checks import common_box, marked, whole_bonds
 from .dense_start import DenseStart, PiercingWarning, Stage
 from .piercings import Piercing, find_piercings, pushed_out

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import ParameterError
+from ..base.errors import ParameterError
 from .molecule import Molecule
 
 #: Clear distance between the middle of a bilayer and the innermost beads of its leaflets, in units of the distance between beads.

@@ -6,10 +6,10 @@ import numpy as np
 import openmm
 from openmm import app, unit
 
-from ..errors import ParameterError, PlanError
-from ..made import BAROSTATS, LISTED
-from ..neighbours import pairs_within
-from ..units import to_md
+from ..base.errors import ParameterError, PlanError
+from ..base.neighbours import pairs_within
+from ..base.units import to_md
+from ..plan.made import BAROSTATS, LISTED
 
 #: Context parameter with the energy (kJ/mol) of a pair at distance 0.
 STRENGTH = "soft_strength"

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import ParameterError
+from ..base.errors import ParameterError
+from ..base.units import to_md
 from ..model.pairs import checked
-from ..units import to_md
 from .molecule import Molecule
 from .shapes import GAP, upright_shape
 

@@ -9,9 +9,9 @@ from functools import lru_cache
 import numpy as np
 from scipy.interpolate import CubicSpline, RectBivariateSpline
 
-from ..errors import ParameterError
+from ..base.errors import ParameterError
+from ..base.units import whole_number
 from ..molecules.terms import Spring
-from ..units import whole_number
 from .estimate import Bounds, Estimate, outside, reduced_number, shipped_rows
 from .state import overlap_energy
 

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq
 
-from ..errors import ParameterError
+from ..base.errors import ParameterError
 from ..molecules.published import like_repulsion, unlike_repulsion
 from ..molecules.terms import Spring
 from .chains import chain_chi_slope, volume_per_bead

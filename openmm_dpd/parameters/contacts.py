@@ -5,14 +5,14 @@ from openmm import app, unit
 
 from ..analysis.frames import Beads, Trajectories, frames_of, of_types, two_selected
 from ..analysis.molecules import molecule_labels
-from ..built import BuiltSystem
-from ..errors import ParameterError
+from ..base.errors import ParameterError
+from ..base.neighbours import connected, pairs_within
+from ..base.stats import Average, block_average
+from ..base.units import whole_number
 from ..measure.observer import require_built
 from ..model.pairs import SoftRepulsion, checked
 from ..model.scene import Scene
-from ..neighbours import connected, pairs_within
-from ..stats import Average, block_average
-from ..units import whole_number
+from ..simulation.built import BuiltSystem
 
 _NAME = "the slope of chi"
 
@@ -58,7 +58,7 @@ def chi_slope(trajectory: Trajectories, beads: Beads = None, other: Beads = None
 
     Returns
     -------
-    openmm_dpd.stats.Average
+    openmm_dpd.base.stats.Average
         chi for a dA rc of 1 kT.
 
     Raises
@@ -110,7 +110,7 @@ def measured_chi_slope(
 
     Returns
     -------
-    openmm_dpd.stats.Average
+    openmm_dpd.base.stats.Average
         chi for a dA rc of 1 kT.
 
     Raises

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 
-from ..errors import ParameterError
+from ..base.errors import ParameterError
 from ..model.pairs import checked
 
 #: Lowest and highest value of each variable that a relation holds for.

@@ -5,9 +5,9 @@ import math
 from openmm import unit
 from scipy.optimize import brentq
 
-from ..errors import ParameterError
+from ..base.errors import ParameterError
+from ..base.units import BOLTZMANN, DIMENSIONS, md_pressure, to_md, whole_number
 from ..model.pairs import checked
-from ..units import BOLTZMANN, DIMENSIONS, md_pressure, to_md, whole_number
 from .estimate import reduced_number
 
 

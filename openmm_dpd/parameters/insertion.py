@@ -8,15 +8,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from openmm import unit
 
-from ..build import build
-from ..errors import ParameterError
-from ..geometry import minimum_images, widths
+from ..base.errors import ParameterError
+from ..base.geometry import minimum_images, widths
+from ..base.stats import block_average
+from ..base.units import whole_number
 from ..model.pairs import checked
 from ..model.scene import Scene
 from ..molecules import Molecule
-from ..recommend import recommend
-from ..stats import block_average
-from ..units import whole_number
+from ..simulation.advice.recommend import recommend
+from ..simulation.build import build
 from .estimate import Estimate, reduced_number
 from .insertion_scene import Insertion, insertion
 

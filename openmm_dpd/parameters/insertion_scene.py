@@ -7,15 +7,15 @@ from itertools import combinations_with_replacement
 import numpy as np
 from scipy.sparse.csgraph import shortest_path
 
-from ..errors import ParameterError, what_is
-from ..geometry import minimum_images, widths
+from ..base.errors import ParameterError, what_is
+from ..base.geometry import minimum_images, widths
+from ..base.neighbours import graph
 from ..model.pairs import NONE, SoftRepulsion
 from ..model.scene import Scene
 from ..model.table import PairTable
 from ..model.temperature import TemperatureRamp
 from ..molecules import Molecule, pack
 from ..molecules.terms import many_terms
-from ..neighbours import graph
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 from openmm import unit
 
-from ..errors import ParameterError
+from ..base.errors import ParameterError
+from ..base.units import BOLTZMANN, DIMENSIONS, md_pressure, to_md, whole_number
 from ..model.owned import keep
 from ..model.pairs import DPD, checked
-from ..units import BOLTZMANN, DIMENSIONS, md_pressure, to_md, whole_number
 from .estimate import Estimate, reduced_number
 from .state import repulsion_from_compressibility
 

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..build import build
+from ..base.stats import Average, block_average
+from ..base.units import whole_number
 from ..measure import Observer
 from ..model.pairs import DPD
 from ..model.scene import Scene
-from ..stats import Average, block_average
-from ..units import whole_number
+from ..simulation.build import build
 from .estimate import reduced_number
 
 #: Time before samples are taken and between two of them, in units of rc (m/kT)^(1/2): soft beads forget their start in a few of these.
@@ -22,9 +22,9 @@ class MeasuredPressure:
 
     Attributes
     ----------
-    pressure : openmm_dpd.stats.Average
+    pressure : openmm_dpd.base.stats.Average
         p rc^3/kT.
-    energy : openmm_dpd.stats.Average
+    energy : openmm_dpd.base.stats.Average
         Potential energy of a bead over kT.
     """
 
@@ -55,7 +55,7 @@ def measured_pressure(
     Returns
     -------
     MeasuredPressure
-        Standard errors are those of :func:`openmm_dpd.stats.block_average`.
+        Standard errors are those of :func:`openmm_dpd.base.stats.block_average`.
 
     Raises
     ------

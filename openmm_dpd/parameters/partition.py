@@ -8,11 +8,11 @@ import math
 import numpy as np
 from scipy.optimize import brentq
 
-from ..errors import ParameterError
+from ..base.errors import ParameterError
+from ..base.units import whole_number
 from ..model.pairs import checked
 from ..model.scene import Scene
 from ..molecules import Molecule
-from ..units import whole_number
 from .estimate import Estimate
 from .insertion import excess_chemical_potential
 from .insertion_scene import between, check

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.interpolate import RectBivariateSpline
 from scipy.optimize import brentq
 
-from ..errors import ParameterError
+from ..base.errors import ParameterError
 from .estimate import Bounds, Estimate, outside, reduced_number, shipped_rows
 
 #: Coefficients of B2/A and of the dense limit: eqs 10 and 14 of Liyana-Arachchi et al.

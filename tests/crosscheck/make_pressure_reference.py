@@ -13,7 +13,6 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-
 from openmm_dpd.stats import block_average
 
 HERE = Path(__file__).parent

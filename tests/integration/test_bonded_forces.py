@@ -9,8 +9,8 @@ from openmm import unit
 from scenes import beads
 
 import openmm_dpd as dpd
+from openmm_dpd.base.names import BONDED_GROUP
 from openmm_dpd.lammps import RunOptions, read_deck, run_deck
-from openmm_dpd.names import BONDED_GROUP
 
 NO_LAMMPS = lammps_peer.why_missing()
 BOX = np.array([[6.2, 0, 0], [1.3, 5.9, 0], [-1.1, 1.7, 6.4]])

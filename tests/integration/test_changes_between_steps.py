@@ -10,7 +10,7 @@ from openmm import app, unit
 from scenes import BOXES, EXTENDED, D, beads, fluid, run_of, same_bits, state_of
 
 import openmm_dpd as dpd
-from openmm_dpd.names import COUNTER, KT, PHASE, SEED, Phase
+from openmm_dpd.base.names import COUNTER, KT, PHASE, SEED, Phase
 
 SCHEMES = {
     "mvv": {"scheme": "mvv"},

@@ -11,7 +11,7 @@ import openmm
 import pytest
 from openmm import app, unit
 
-from openmm_dpd.errors import ParameterError, PlanError, RunError
+from openmm_dpd.base.errors import ParameterError, PlanError, RunError
 from openmm_dpd.molecules import PiercingWarning, find_piercings, relax_dense
 from openmm_dpd.molecules.soft_system import atom_diameters, excluded_pairs
 

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 import openmm_dpd as dpd
-from openmm_dpd import cli
+from openmm_dpd import __main__ as cli
+from openmm_dpd.base.names import Phase
 from openmm_dpd.lammps.commands.fixes import AVERAGES, FIX_STYLES
 from openmm_dpd.lammps.run.deck import COMMANDS
 from openmm_dpd.lammps.styles.pair_styles import PAIR_STYLES
 from openmm_dpd.lammps.values.computes import COMPUTES
 from openmm_dpd.lammps.values.words import WORDS
-from openmm_dpd.names import Phase
-from openmm_dpd.schemes import SCHEMES
+from openmm_dpd.model.schemes import SCHEMES
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXTS = [*(ROOT / name for name in ("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md")), *sorted((ROOT / "docs").rglob("*.md"))]

@@ -9,15 +9,15 @@ from openmm import unit
 from scenes import BOXES, fluid, state_of
 
 import openmm_dpd as dpd
-from openmm_dpd.barostat import EnthalpyBarostat, add_barostat
-from openmm_dpd.errors import ParameterError, PlanError
-from openmm_dpd.fields import raw_fields, read_fields, write_fields
+from openmm_dpd.base.errors import ParameterError, PlanError
+from openmm_dpd.base.names import COUNTER
 from openmm_dpd.kernels.engine import CONSERVATIVE, PairEngine
 from openmm_dpd.model.energy_dpd import EnergyDPD
 from openmm_dpd.model.eos import ConstantHeatCapacity, TabulatedEOS
 from openmm_dpd.model.internal import InternalEnergy
-from openmm_dpd.names import COUNTER
-from openmm_dpd.plan import make_plan
+from openmm_dpd.plan.plan import make_plan
+from openmm_dpd.simulation.barostat import EnthalpyBarostat, add_barostat
+from openmm_dpd.simulation.fields import raw_fields, read_fields, write_fields
 
 SCHEMES = ("mvv", "shardlow", "middle", "aboba", "bababo")
 SCHEME = pytest.mark.parametrize("scheme", SCHEMES)

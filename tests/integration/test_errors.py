@@ -11,7 +11,7 @@ from scenes import D, beads, run_of, state_of
 
 import openmm_dpd as dpd
 from openmm_dpd import DPDError, ParameterError, PlanError
-from openmm_dpd.names import KT
+from openmm_dpd.base.names import KT
 
 N = 20
 X = np.random.default_rng(0).random((N, 3)) * 3

@@ -10,8 +10,8 @@ from openmm import unit
 from scenes import beads, fluid, state_of
 
 import openmm_dpd as dpd
-from openmm_dpd.fields import raw_fields
 from openmm_dpd.model.eos import ConstantHeatCapacity
+from openmm_dpd.simulation.fields import raw_fields
 
 SCHEMES = ("mvv", "shardlow", "middle", "aboba", "bababo")
 SCHEME = pytest.mark.parametrize("scheme", SCHEMES)

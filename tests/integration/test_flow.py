@@ -8,7 +8,7 @@ from openmm import unit
 import openmm_dpd as dpd
 from openmm_dpd.analysis import poiseuille_viscosity
 from openmm_dpd.measure import ProfileReporter
-from openmm_dpd.schemes import SCHEMES
+from openmm_dpd.model.schemes import SCHEMES
 
 LOW, HIGH, EDGES = 1.5, 4.5, np.array([3.0, 3.0, 6.0])
 

@@ -9,7 +9,7 @@ from openmm import unit
 from scenes import BOXES, EXTENDED, PARTIAL, PLAIN, beads, chains, factor_of, fluid, noise_of, oracle_params
 
 import openmm_dpd as dpd
-from openmm_dpd.names import PAIR_GROUP
+from openmm_dpd.base.names import PAIR_GROUP
 
 NO_LAMMPS = lammps_peer.why_missing()
 DEVICE_IDS = {"indirect": ["device"], "ids": lambda value: str(value)}

@@ -15,7 +15,7 @@ from full_disk import file_limit, small_disk
 
 import openmm_dpd as dpd
 from openmm_dpd import trajectory
-from openmm_dpd.cli import main
+from openmm_dpd.__main__ import main
 from openmm_dpd.lammps import RunOptions, run_deck
 
 #: Rows, a dump and an average every ten steps.
@@ -150,7 +150,7 @@ def test_an_average_that_cannot_be_computed_is_null_with_a_reason(tmp_path):
 def test_a_run_that_is_asked_to_end_keeps_what_is_there(deck, number, status, scheme, platform):
     out = deck.parent / "out"
     chosen = ["--platform", platform, "--scheme", scheme, "--steps", "100000000"]
-    command = [sys.executable, "-m", "openmm_dpd.cli", *arguments(deck, out, *chosen)]
+    command = [sys.executable, "-m", "openmm_dpd.__main__", *arguments(deck, out, *chosen)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         rows = (line for line in process.stdout if line.split()[:1] == ["100"])
         assert next(rows, None) is not None

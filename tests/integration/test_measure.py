@@ -11,7 +11,7 @@ from kinds import everything, made, running, same
 from openmm import unit
 
 import openmm_dpd as dpd
-from openmm_dpd.errors import ParameterError
+from openmm_dpd.base.errors import ParameterError
 from openmm_dpd.measure.bonded_sums import bond_sums
 from openmm_dpd.measure.stress_parts import stress_parts
 

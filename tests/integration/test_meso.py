@@ -12,9 +12,9 @@ from judged import any_seed
 from scenes import BOXES, MASSES, fluid, state_of
 
 import openmm_dpd as dpd
-from openmm_dpd.errors import ParameterError, PlanError
-from openmm_dpd.fields import raw_fields, read_fields, write_fields
+from openmm_dpd.base.errors import ParameterError, PlanError
 from openmm_dpd.kernels.engine import PairEngine
+from openmm_dpd.simulation.fields import raw_fields, read_fields, write_fields
 
 DT, SEED, N = 0.01, 11, 90
 HEAT = {

@@ -9,10 +9,10 @@ from openmm import unit
 from scenes import BOXES, EXTENDED, PLAIN, D, beads, chains, fluid
 
 import openmm_dpd as dpd
+from openmm_dpd.base.names import PAIR_GROUP, PARAMETERS
 from openmm_dpd.kernels import forces
 from openmm_dpd.measure import StressReporter
-from openmm_dpd.names import PAIR_GROUP, PARAMETERS
-from openmm_dpd.plan import make_plan
+from openmm_dpd.plan.plan import make_plan
 
 SCHEMES = pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba", "bababo"])
 PLACEMENTS = pytest.mark.parametrize("conservative", ["kernel", "openmm"])

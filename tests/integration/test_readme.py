@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from openmm_dpd import cli
+from openmm_dpd import __main__ as cli
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import openmm_dpd as dpd
-from openmm_dpd.errors import ParameterError
+from openmm_dpd.base.errors import ParameterError
 
 N, EDGE = 375, 5.0
 

@@ -14,7 +14,7 @@ from restart_runs import AFTER, BEFORE, HOW
 from scenes import EXTENDED, beads, fluid, run_of, same_bits, state_of
 
 import openmm_dpd as dpd
-from openmm_dpd.names import COUNTER
+from openmm_dpd.base.names import COUNTER
 
 
 @pytest.fixture(scope="module", params=["Reference", "CPU"])

@@ -11,8 +11,8 @@ import pytest
 from interrupted_runs import contents, interrupted, signal_at
 
 import openmm_dpd as dpd
-from openmm_dpd.cli import main
-from openmm_dpd.files import BlockFile
+from openmm_dpd.__main__ import main
+from openmm_dpd.base.files import BlockFile
 from openmm_dpd.lammps.run.checkpoint import Checkpoints
 from openmm_dpd.lammps.values import computes
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from interrupted_runs import contents, interrupted, signal_at
 
-from openmm_dpd.cli import main
+from openmm_dpd.__main__ import main
 from openmm_dpd.lammps.run.checkpoint import Checkpoints
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals")

@@ -8,9 +8,9 @@ from openmm import unit
 from scenes import beads
 
 import openmm_dpd as dpd
+from openmm_dpd.base.names import BONDED_GROUP, SEGMENT_GROUP
 from openmm_dpd.lammps import read_deck
 from openmm_dpd.lammps.styles.srp import srp_settings
-from openmm_dpd.names import BONDED_GROUP, SEGMENT_GROUP
 
 NO_LAMMPS = lammps_peer.why_missing()
 LAMMPS = pytest.mark.skipif(NO_LAMMPS is not None, reason=str(NO_LAMMPS))

@@ -9,7 +9,7 @@ from devices import Device
 from openmm import app, unit
 
 import openmm_dpd as dpd
-from openmm_dpd.platforms import platform_here
+from openmm_dpd.base.platforms import platform_here
 
 OPENCL = pytest.mark.parametrize("device", [Device("OpenCL", "single")], ids=str, indirect=True)
 N, EDGE = 192, 4.0

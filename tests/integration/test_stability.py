@@ -7,9 +7,9 @@ from devices import DEVICES
 from judged import any_seed, bounded, judge, ratios
 
 import openmm_dpd as dpd
-from openmm_dpd.errors import RunError
-from openmm_dpd.forces.runaway import runaway
+from openmm_dpd.base.errors import RunError
 from openmm_dpd.lammps import RunOptions, run_deck
+from openmm_dpd.plan.forces.runaway import runaway
 
 N, EDGE = 375, 5.0
 TOO_FAST = "more than the cutoff"

@@ -7,9 +7,9 @@ from devices import DEVICES
 from scenes import BOXES, EXTENDED, PLAIN, chains, factor_of, fluid, listed_pairs, noise_of, oracle_params, run_of, state_of
 
 import openmm_dpd as dpd
+from openmm_dpd.base.names import COUNTER
 from openmm_dpd.kernels.engine import PairEngine
-from openmm_dpd.names import COUNTER
-from openmm_dpd.plan import make_plan
+from openmm_dpd.plan.plan import make_plan
 
 KT, DT, SEED = 1.3, 0.03, 11
 SCHEMES = {

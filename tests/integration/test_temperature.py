@@ -7,7 +7,7 @@ from judged import any_seed, judge
 from scenes import BOXES, EXTENDED, D, beads, fluid, run_of, state_of
 
 import openmm_dpd as dpd
-from openmm_dpd.names import KT
+from openmm_dpd.base.names import KT
 
 REFERENCE, CPU = DEVICES[:2]
 SCHEMES = {

@@ -13,7 +13,7 @@ import pytest
 from scenes import MASSES, PLAIN, chains, fluid, noise_of, state_of
 
 import openmm_dpd as dpd
-from openmm_dpd.errors import ParameterError, PlanError
+from openmm_dpd.base.errors import ParameterError, PlanError
 from openmm_dpd.kernels.columns import Totals
 from openmm_dpd.kernels.engine import PairEngine
 from openmm_dpd.kernels.engines import ENGINES, EngineKind, engine_kind, register_engine
@@ -21,7 +21,7 @@ from openmm_dpd.kernels.interface import Engine
 from openmm_dpd.kernels.layer import CONSERVATIVE, DISSIPATIVE, RANDOM, SHARDLOW
 from openmm_dpd.kernels.steps import StepLoop
 from openmm_dpd.measure import StressReporter
-from openmm_dpd.schemes import SCHEMES
+from openmm_dpd.model.schemes import SCHEMES
 
 OWN = "A/4 O/2 A/4 B/3 S/2 A/2 2B/3"
 WORDS = [name for name, scheme in SCHEMES.items() if not scheme.native] + [OWN]

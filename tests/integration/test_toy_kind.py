@@ -14,16 +14,17 @@ from openmm import app
 from scenes import BOXES, MASSES
 
 import openmm_dpd as dpd
-from openmm_dpd import kinds, serialized
-from openmm_dpd.errors import ParameterError, PlanError
-from openmm_dpd.forces.expressions import PairExpression, parameters, type_pairs
-from openmm_dpd.geometry import minimum_images
+from openmm_dpd.base.errors import ParameterError, PlanError
+from openmm_dpd.base.geometry import minimum_images
 from openmm_dpd.kernels.dpd import DPDLayer, TermTable
 from openmm_dpd.kernels.layer import CONSERVATIVE
 from openmm_dpd.lammps import export_lammps
 from openmm_dpd.measure import StressReporter
 from openmm_dpd.model.pairs import PairCoefficient
-from openmm_dpd.schemes import SCHEMES
+from openmm_dpd.model.schemes import SCHEMES
+from openmm_dpd.plan import kinds
+from openmm_dpd.plan.forces.expressions import PairExpression, parameters, type_pairs
+from openmm_dpd.simulation import serialized
 
 BOX, N = BOXES["ortho"], 90
 

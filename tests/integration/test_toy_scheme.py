@@ -5,8 +5,8 @@ from devices import Device
 from scenes import beads, run_of, same_bits, state_of
 
 import openmm_dpd as dpd
-from openmm_dpd.recommend import advice
-from openmm_dpd.schemes import SCHEMES, Scheme, read_word
+from openmm_dpd.model.schemes import SCHEMES, Scheme, read_word
+from openmm_dpd.simulation.advice.recommend import advice
 
 WORD = "B/2 A/2 O A/2 B/2"
 REFERENCE = Device("Reference")

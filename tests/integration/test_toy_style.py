@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import openmm_dpd as dpd
-from openmm_dpd.errors import DeckError
+from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, deck_scene, export_lammps, run_deck
 from openmm_dpd.lammps.state.pair_setup import Spec
 from openmm_dpd.lammps.styles.columns import Columns, settings

@@ -15,10 +15,10 @@ from openmm import unit
 from scenes import beads
 
 import openmm_dpd as dpd
-from openmm_dpd.errors import RunError
+from openmm_dpd.base.errors import RunError
+from openmm_dpd.base.names import PORTABLE
 from openmm_dpd.kernels import motion
 from openmm_dpd.kernels.engine import PairEngine
-from openmm_dpd.names import PORTABLE
 
 STEPS, BEFORE, AFTER = 3, 2, 4
 

@@ -4,6 +4,7 @@ import mdtraj
 import numpy as np
 import pytest
 from openmm import app, unit
+from openmm_dpd.trajectory import load, write_psf
 from test_analysis_structure import BOXES, TILTED, chunks, random_trajectory, trajectory_of
 
 import openmm_dpd as dpd
@@ -19,9 +20,8 @@ from openmm_dpd.analysis import (
     velocity_autocorrelation,
     velocity_profile,
 )
-from openmm_dpd.field_file import load_fields
 from openmm_dpd.measure import VelocityReporter
-from openmm_dpd.trajectory import load, write_psf
+from openmm_dpd.simulation.field_file import load_fields
 
 
 def walk(seed: int, beads: int, frames: int, sigma: float) -> np.ndarray:

@@ -8,7 +8,7 @@ import pytest
 from openmm import unit
 
 import openmm_dpd as dpd
-from openmm_dpd.errors import ParameterError
+from openmm_dpd.base.errors import ParameterError
 from openmm_dpd.molecules import FENESpring, Spring, bead, branched, pack
 from openmm_dpd.parameters import (
     chain_chi_slope,

@@ -8,10 +8,10 @@ import openmm
 import pytest
 from devices import DEVICES
 from openmm import unit
+from openmm_dpd.units import COULOMB
 from oracle_charges import gaussian_tail, lattice_sum, slater_tail
 
 import openmm_dpd as dpd
-from openmm_dpd.units import COULOMB
 
 mpmath = pytest.importorskip("mpmath")
 
@@ -230,7 +230,7 @@ def test_one_list_or_all_pairs():
     found = []
     for listed in (True, False):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(sys.modules["openmm_dpd.scene_system"], "needs_list", lambda *_, answer=listed: answer)
+            patch.setattr(sys.modules["openmm_dpd.simulation.scene_system"], "needs_list", lambda *_, answer=listed: answer)
             built = dpd.build(scene(x, q, charges_of("slater", 0.25), [5.0] * 3), dt=0.01, platform="Reference", seed=1, loop=False)
         pair = next(f for f in built.system.getForces() if isinstance(f, openmm.CustomNonbondedForce))
         assert (pair.getNumInteractionGroups() == 0) == listed

@@ -11,8 +11,8 @@ from import_graph import PATHS, ROOT
 from kinds import KINDS
 
 import openmm_dpd as dpd
-from openmm_dpd.build import build_plan
-from openmm_dpd.forces.bonded import MOLECULES
+from openmm_dpd.plan.forces.bonded import MOLECULES
+from openmm_dpd.simulation.build import build_plan
 
 SOURCES = {path: (ROOT / path).read_text(encoding="utf-8") for path in PATHS.values()}
 

@@ -6,12 +6,12 @@ import mdtraj
 import numpy as np
 import pytest
 
-from openmm_dpd.dcd import DCDWriter
-from openmm_dpd.errors import OutputError
-from openmm_dpd.field_file import FieldWriter, load_fields
-from openmm_dpd.file_ledger import FileLedger
-from openmm_dpd.files import BlockFile, append_block, write_whole
-from openmm_dpd.xtc import XTCWriter
+from openmm_dpd.base.errors import OutputError
+from openmm_dpd.base.file_ledger import FileLedger
+from openmm_dpd.base.files import BlockFile, append_block, write_whole
+from openmm_dpd.io.dcd import DCDWriter
+from openmm_dpd.io.xtc import XTCWriter
+from openmm_dpd.simulation.field_file import FieldWriter, load_fields
 
 BOX = np.diag([3.0, 4.0, 5.0])
 

@@ -8,9 +8,9 @@ import pytest
 from full_disk import file_limit
 
 import openmm_dpd as dpd
-from openmm_dpd.dcd import DCDWriter
-from openmm_dpd.field_file import FieldWriter, load_fields
-from openmm_dpd.files import BlockFile, append_block, write_whole
+from openmm_dpd.base.files import BlockFile, append_block, write_whole
+from openmm_dpd.io.dcd import DCDWriter
+from openmm_dpd.simulation.field_file import FieldWriter, load_fields
 
 
 def test_a_file_that_cannot_be_written_stays_what_it_was(tmp_path):

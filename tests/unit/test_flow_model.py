@@ -9,12 +9,12 @@ from openmm import unit
 from scenes import beads, fluid
 
 import openmm_dpd as dpd
-from openmm_dpd.execution import Execution
+from openmm_dpd.base.names import BODY_FORCE, EXTERNAL_GROUP
 from openmm_dpd.model.flow import gaps
-from openmm_dpd.names import BODY_FORCE, EXTERNAL_GROUP
-from openmm_dpd.program_options import ProgramOptions
-from openmm_dpd.programs import make_program, walls
-from openmm_dpd.schemes import SCHEMES
+from openmm_dpd.model.schemes import SCHEMES
+from openmm_dpd.plan.execution import Execution
+from openmm_dpd.plan.program_options import ProgramOptions
+from openmm_dpd.simulation.programs import make_program, walls
 
 OWN = [name for name, scheme in SCHEMES.items() if not scheme.native]
 PLATFORM = pytest.mark.parametrize("platform", ["Reference", "CPU"])

@@ -5,12 +5,12 @@ from collections import defaultdict
 
 from import_graph import PATHS, ROOT, TREES, circles
 
-from openmm_dpd import kinds
+from openmm_dpd.plan import kinds
 
 LAMMPS = {module for module in TREES if module.startswith("openmm_dpd.lammps")}
 
 #: Where kinds may be distinguished: the files that define them, and their records.
-HOME = ("openmm_dpd.model", "openmm_dpd.kernels", "openmm_dpd.kinds")
+HOME = ("openmm_dpd.model", "openmm_dpd.kernels", "openmm_dpd.plan.kinds")
 
 
 #: Classes of per-bead fields.

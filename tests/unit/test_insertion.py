@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 import openmm_dpd as dpd
 from openmm_dpd import ParameterError
-from openmm_dpd.geometry import minimum_images
+from openmm_dpd.base.geometry import minimum_images
 from openmm_dpd.molecules import Molecule, Spring, linear, pack
 from openmm_dpd.parameters import (
     Estimate,

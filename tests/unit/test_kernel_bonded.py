@@ -8,12 +8,12 @@ from reference_forces import BOXES
 from scenes import beads
 
 import openmm_dpd as dpd
-from openmm_dpd.errors import RunError
-from openmm_dpd.extra_forces import extras
+from openmm_dpd.base.errors import RunError
 from openmm_dpd.kernels.angles import angle
 from openmm_dpd.kernels.extras import _kernels, warm_up_extras
 from openmm_dpd.kernels.threads import set_threads
-from openmm_dpd.kinds import bonded_forces
+from openmm_dpd.plan.extra_forces import extras
+from openmm_dpd.plan.kinds import bonded_forces
 
 EVERY_BOX = pytest.mark.parametrize("box", BOXES)
 

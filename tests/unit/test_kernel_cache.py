@@ -10,8 +10,8 @@ import numba
 import pytest
 from full_disk import file_limit
 
-from openmm_dpd import kernel_cache
-from openmm_dpd.kernel_cache import KernelFiles, cache_folder, why_unusable
+from openmm_dpd.base import kernel_cache
+from openmm_dpd.base.kernel_cache import KernelFiles, cache_folder, why_unusable
 from openmm_dpd.kernels.compiled import compiled
 
 POSIX = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="no owners of files here")

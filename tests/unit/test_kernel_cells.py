@@ -8,12 +8,12 @@ import pytest
 from scenes import BOXES, EXTENDED, TABLES, chains, factor_of, fluid, listed_pairs, oracle_params
 
 from openmm_dpd import RunError
+from openmm_dpd.base.neighbours import coincident_pairs
 from openmm_dpd.kernels import cells
 from openmm_dpd.kernels.dpd import TermTable
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, PairSpec
 from openmm_dpd.kernels.threads import set_threads
-from openmm_dpd.neighbours import coincident_pairs
-from openmm_dpd.plan import make_plan
+from openmm_dpd.plan.plan import make_plan
 
 BOX = pytest.mark.parametrize("box", BOXES.values(), ids=BOXES.keys())
 

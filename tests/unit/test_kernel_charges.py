@@ -7,18 +7,18 @@ import numpy as np
 import openmm
 import pytest
 import reference_forces as check
+from openmm_dpd.units import COULOMB
 from oracle_charges import gaussian_tail, lattice_sum, slater_tail
 
 import openmm_dpd as dpd
-from openmm_dpd.charge_forces import charge_terms, longest_wave
-from openmm_dpd.errors import RunError
-from openmm_dpd.forces.electrostatics import electrostatic_forces
-from openmm_dpd.geometry import AXES_OF_TENSOR, symmetric_products
+from openmm_dpd.base.errors import RunError
+from openmm_dpd.base.geometry import AXES_OF_TENSOR, symmetric_products
 from openmm_dpd.kernels.charges import cost, pme_cost
 from openmm_dpd.kernels.extras import warm_up_extras
 from openmm_dpd.kernels.waves import LANES, WEIGHTS, Waves
 from openmm_dpd.model.electrostatics import ewald_sum
-from openmm_dpd.units import COULOMB
+from openmm_dpd.plan.charge_forces import charge_terms, longest_wave
+from openmm_dpd.plan.forces.electrostatics import electrostatic_forces
 
 BOXES = {
     "none": None,

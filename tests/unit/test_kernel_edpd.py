@@ -6,12 +6,12 @@ import pytest
 from scenes import BOXES, MASSES, chains, fluid, noise_of
 
 import openmm_dpd as dpd
-from openmm_dpd.errors import RunError
+from openmm_dpd.base.errors import RunError
 from openmm_dpd.kernels.edpd import clamped
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
 from openmm_dpd.model.edpd import EDPD
 from openmm_dpd.model.internal import BeadTemperatures
-from openmm_dpd.plan import make_plan
+from openmm_dpd.plan.plan import make_plan
 
 BOX = pytest.mark.parametrize("box", BOXES.values(), ids=BOXES.keys())
 COMPAT = pytest.mark.parametrize("compat", ["consistent", "lammps"])

@@ -7,13 +7,13 @@ from scenes import BOXES, MASSES, chains, fluid, listed_pairs, noise_of
 from scipy import stats
 
 import openmm_dpd as dpd
-from openmm_dpd.errors import ParameterError, RunError
+from openmm_dpd.base.errors import ParameterError, RunError
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
 from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.model.energy_dpd import EnergyDPD
 from openmm_dpd.model.eos import ConstantHeatCapacity, TabulatedEOS
 from openmm_dpd.model.internal import InternalEnergy
-from openmm_dpd.plan import make_plan
+from openmm_dpd.plan.plan import make_plan
 
 BOX = pytest.mark.parametrize("box", BOXES.values(), ids=BOXES.keys())
 DT, SEED, COUNTER = 0.02, 21, 5

@@ -8,15 +8,15 @@ from reference_forces import BOXES
 from scenes import MASSES, beads, fluid
 
 import openmm_dpd as dpd
-from openmm_dpd.extra_forces import extras
-from openmm_dpd.forces.external import external_force
+from openmm_dpd.base.names import BODY_FORCE, PAIR_FORCE
 from openmm_dpd.kernels.angles import CosineAngleTerms
 from openmm_dpd.kernels.bonded import FENEBondTerms, HarmonicBondTerms
 from openmm_dpd.kernels.external import BodyTerms
 from openmm_dpd.kernels.extras import warm_up_extras
 from openmm_dpd.kernels.radial import RadialTerms
 from openmm_dpd.kernels.segments import SegmentSpec
-from openmm_dpd.names import BODY_FORCE, PAIR_FORCE
+from openmm_dpd.plan.extra_forces import extras
+from openmm_dpd.plan.forces.external import external_force
 
 PUSH = (0.7, -1.3, 2.1)
 

@@ -8,7 +8,7 @@ from scenes import BOXES, EXTENDED, PLAIN, TABLES, D, chains, factor_of, fluid, 
 import openmm_dpd as dpd
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
 from openmm_dpd.kernels.threads import set_threads
-from openmm_dpd.plan import make_plan
+from openmm_dpd.plan.plan import make_plan
 
 BOX = pytest.mark.parametrize("box", BOXES.values(), ids=BOXES.keys())
 TABLE = pytest.mark.parametrize("table", TABLES.values(), ids=TABLES.keys())

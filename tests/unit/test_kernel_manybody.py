@@ -14,8 +14,7 @@ from openmm import unit
 from scenes import BOXES, MASSES, noise_of
 
 import openmm_dpd as dpd
-from openmm_dpd.build import build_plan
-from openmm_dpd.errors import ParameterError, PlanError
+from openmm_dpd.base.errors import ParameterError, PlanError
 from openmm_dpd.kernels.dpd import TermTable
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, PairSpec
 from openmm_dpd.kernels.manybody import ManyBodyTable
@@ -24,6 +23,7 @@ from openmm_dpd.kernels.sweeps import EXACT, SHARDLOW
 from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.model.mdpd import MDPD, check_many_body, why_no_openmm_force
 from openmm_dpd.model.pairs import NONE
+from openmm_dpd.simulation.build import build_plan
 
 ALL = CONSERVATIVE | DISSIPATIVE | RANDOM
 KT, DT, SEED, COUNTER = 1.3, 0.02, 21, 5

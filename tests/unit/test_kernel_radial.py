@@ -10,12 +10,12 @@ from reference_forces import BOXES
 from scenes import BOXES as MORE_BOXES, MASSES, beads
 
 import openmm_dpd as dpd
-from openmm_dpd.errors import RunError
-from openmm_dpd.extra_forces import extras, radial_terms
-from openmm_dpd.forces.expressions import exception_force, nonbonded_force
-from openmm_dpd.forces.overlays import energy_spline
-from openmm_dpd.forces.segments import segment_force, segment_spec
-from openmm_dpd.kinds import resolved_kind
+from openmm_dpd.base.errors import RunError
+from openmm_dpd.plan.extra_forces import extras, radial_terms
+from openmm_dpd.plan.forces.expressions import exception_force, nonbonded_force
+from openmm_dpd.plan.forces.overlays import energy_spline
+from openmm_dpd.plan.forces.segments import segment_force, segment_spec
+from openmm_dpd.plan.kinds import resolved_kind
 
 NAMES = list(MASSES)
 LJ = dpd.LennardJones

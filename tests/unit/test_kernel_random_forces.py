@@ -10,7 +10,7 @@ from scenes import D
 
 import openmm_dpd as dpd
 from openmm_dpd.kernels.engine import RANDOM, PairEngine
-from openmm_dpd.plan import make_plan
+from openmm_dpd.plan.plan import make_plan
 
 PAIRS, CALLS, KT, DT = 500, 400, 1.7, 0.013
 COEFFICIENT = D(gamma=4.5, gamma_perp=2.0, exponent=0.7, exponent_perp=1.6, cutoff=1.2)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scenes import BOXES
 
-from openmm_dpd.errors import RunError
+from openmm_dpd.base.errors import RunError
 from openmm_dpd.kernels.segments import CLAMPED, MID, NEAREST, SegmentEngine, SegmentSpec, adjoining
 from openmm_dpd.kernels.threads import set_threads
 

@@ -9,7 +9,7 @@ import openmm_dpd as dpd
 from openmm_dpd.kernels.engine import PairEngine
 from openmm_dpd.kernels.layer import EXACT, SHARDLOW
 from openmm_dpd.kernels.threads import set_threads
-from openmm_dpd.plan import make_plan
+from openmm_dpd.plan.plan import make_plan
 
 BOX = pytest.mark.parametrize("box", BOXES.values(), ids=BOXES.keys())
 UPDATE = pytest.mark.parametrize("scheme", ["middle", "shardlow"])

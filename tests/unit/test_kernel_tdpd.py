@@ -7,13 +7,13 @@ import pytest
 from scenes import BOXES, MASSES, chains, fluid
 
 import openmm_dpd as dpd
-from openmm_dpd.errors import RunError
+from openmm_dpd.base.errors import RunError
 from openmm_dpd.kernels import noise as hashed
 from openmm_dpd.kernels.compiled import compiled
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
 from openmm_dpd.model.internal import Concentrations
 from openmm_dpd.model.tdpd import TDPD
-from openmm_dpd.plan import make_plan
+from openmm_dpd.plan.plan import make_plan
 
 BOX = pytest.mark.parametrize("box", BOXES.values(), ids=BOXES.keys())
 SPECIES = pytest.mark.parametrize("n_species", [1, 3, 4])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from openmm_dpd.errors import DeckError
+from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import read_deck
 
 

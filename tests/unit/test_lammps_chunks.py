@@ -9,7 +9,7 @@ import lammps_steps
 import numpy as np
 import pytest
 
-from openmm_dpd.errors import DeckError
+from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, RunRequest, read_deck, run_deck
 from openmm_dpd.lammps.state.records import DeckSample
 from openmm_dpd.lammps.values.resolver import Resolver

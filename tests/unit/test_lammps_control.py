@@ -5,7 +5,7 @@ from pathlib import Path
 import lammps_peer
 import pytest
 
-from openmm_dpd.errors import DeckError, ParameterError
+from openmm_dpd.base.errors import DeckError, ParameterError
 from openmm_dpd.lammps import RunOptions, read_deck, run_deck
 from openmm_dpd.lammps.language.expressions import condition_holds
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from openmm_dpd.errors import DeckError, ParameterError
+from openmm_dpd.base.errors import DeckError, ParameterError
 from openmm_dpd.lammps import read_deck
 from openmm_dpd.lammps.files.atom_styles import ATOM_STYLES
 from openmm_dpd.lammps.files.data_file import read_data_file

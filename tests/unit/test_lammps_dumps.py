@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mdtraj.formats import XTCTrajectoryFile
 
-from openmm_dpd.errors import DeckError, RunError
+from openmm_dpd.base.errors import DeckError, RunError
 from openmm_dpd.lammps import RunOptions, read_deck, run_deck
 
 BEADS = """units {units}

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from openmm_dpd.errors import DeckError
+from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, deck_forces, read_deck
 from openmm_dpd.lammps.files.table_file import read_eos
 from openmm_dpd.lammps.output.data_writer import data_file_lines

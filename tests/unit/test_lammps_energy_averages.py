@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from openmm_dpd.errors import DeckError
+from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, RunRequest, read_deck, run_deck
 from openmm_dpd.lammps.output.averages import Schedule
 from openmm_dpd.lammps.state.records import DeckSample

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from lammps_beads import ours, same_beads, theirs
 
-from openmm_dpd.errors import DeckError
+from openmm_dpd.base.errors import DeckError
 
 MISSING = lammps_peer.why_missing()
 pytestmark = pytest.mark.skipif(MISSING is not None, reason=str(MISSING))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import openmm_dpd as dpd
-from openmm_dpd.cli import main
+from openmm_dpd.__main__ import main
 from openmm_dpd.lammps import (
     ExportWarning,
     RunOptions,

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from openmm_dpd.errors import ParameterError
+from openmm_dpd.base.errors import ParameterError
 from openmm_dpd.lammps.language.expressions import evaluate
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from openmm_dpd.errors import DeckError, ParameterError
+from openmm_dpd.base.errors import DeckError, ParameterError
 from openmm_dpd.lammps.language.lexer import Line, logical_lines, read_text, split_words, strip_comment, substitute
 from openmm_dpd.lammps.language.variables import Variables
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from test_lammps_moving import chains
 
-from openmm_dpd.errors import DeckError
+from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, explain_deck, run_deck
 
 NO_LAMMPS = lammps_peer.why_missing()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from test_lammps_thermo_live import numbers, table
 
-from openmm_dpd.errors import DeckError
+from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, run_deck
 from openmm_dpd.lammps.state.records import MomentumRemoval, without_rotation
 

@@ -6,7 +6,7 @@ import lammps_peer
 import pytest
 from test_lammps_moving import chains
 
-from openmm_dpd.errors import DeckError
+from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, run_deck
 
 #: How beads are made and what moves them, which a restart file does not hold.

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from openmm_dpd.errors import DeckError, ParameterError
+from openmm_dpd.base.errors import DeckError, ParameterError
 from openmm_dpd.lammps import RunRequest, read_deck
 from openmm_dpd.lammps.state.records import DeckSample
 from openmm_dpd.lammps.values.resolver import Resolver

@@ -6,9 +6,9 @@ import pytest
 from test_lammps_chunks import BEADS, BLOCK, DECK, FLUID, FREE, PRISM, QUICK, beside_lammps, context_of, request_of
 
 from openmm_dpd.analysis import radial_distribution
-from openmm_dpd.errors import DeckError
+from openmm_dpd.base.errors import DeckError
+from openmm_dpd.base.neighbours import pairs_within
 from openmm_dpd.lammps import RunOptions, run_deck
-from openmm_dpd.neighbours import pairs_within
 
 
 # -- rdf -----------------------------------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from test_lammps_thermo_live import both
 
-from openmm_dpd.errors import DeckError
+from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, run_deck
 
 MISSING = lammps_peer.why_missing()

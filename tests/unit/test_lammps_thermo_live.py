@@ -6,7 +6,7 @@ import lammps_peer
 import numpy as np
 import pytest
 
-from openmm_dpd.errors import DeckError
+from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, read_deck
 from openmm_dpd.lammps.run.runner import DeckRunner
 

@@ -4,7 +4,7 @@ import lammps_peer
 import numpy as np
 import pytest
 
-from openmm_dpd.errors import DeckError
+from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import read_deck
 
 MISSING = lammps_peer.why_missing()

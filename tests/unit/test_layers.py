@@ -57,7 +57,7 @@ def test_kernels_know_neither_openmm_nor_the_model():
 def test_the_model_knows_no_openmm_force():
     for module in TREES:
         if module.startswith("openmm_dpd.model"):
-            assert not [name for name in GRAPH[module] if name.startswith(("openmm_dpd.forces", "openmm_dpd.kernels"))]
+            assert not [name for name in GRAPH[module] if name.startswith(("openmm_dpd.plan.forces", "openmm_dpd.kernels"))]
 
 
 def test_analysis_knows_no_context():

@@ -5,7 +5,7 @@ import pytest
 from openmm import unit
 
 import openmm_dpd as dpd
-from openmm_dpd.errors import ParameterError, RunError
+from openmm_dpd.base.errors import ParameterError, RunError
 from openmm_dpd.molecules import (
     Bend,
     Bilayer,

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from openmm_dpd.errors import ParameterError
-from openmm_dpd.pictures import _sliding_mean, _spans, thermo_picture
+from openmm_dpd.base.errors import ParameterError
+from openmm_dpd.io.pictures import _sliding_mean, _spans, thermo_picture
 
 
 def rows(count: int) -> dict[str, np.ndarray]:

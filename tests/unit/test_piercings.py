@@ -7,7 +7,7 @@ import pytest
 from openmm import app, unit
 from scipy.spatial.transform import Rotation
 
-from openmm_dpd.errors import ParameterError
+from openmm_dpd.base.errors import ParameterError
 from openmm_dpd.molecules import find_piercings
 from openmm_dpd.molecules.piercings import bonds_of_topology, crossings, pushed_out
 from openmm_dpd.molecules.rings import small_rings

@@ -17,7 +17,7 @@ from openmm import unit
 
 from openmm_dpd.kernels.vectors import LANES, bits_set, copy_shifted, count_up, floor, load_lanes, lowest_bit, splat, store_lanes, total
 
-NUMBA, OPENMM, LLVMLITE = "openmm_dpd.numba_private", "openmm_dpd.openmm_private", "openmm_dpd.kernels.vectors"
+NUMBA, OPENMM, LLVMLITE = "openmm_dpd.base.numba_private", "openmm_dpd.base.openmm_private", "openmm_dpd.kernels.vectors"
 
 #: Modules that are not their library's documented interface (or, for llvmlite, change with it), and the file that may import them.
 MODULES = {"numba.core": NUMBA, "llvmlite": LLVMLITE, "openmm.app.internal": OPENMM, "gc": OPENMM}
@@ -128,7 +128,7 @@ def counted(options: dict[str, bool]) -> bool:
 
 def test_references_are_not_counted():
     with advised(NUMBA, "the option _nrt"):
-        from openmm_dpd.numba_private import NO_REFERENCE_COUNTS
+        from openmm_dpd.base.numba_private import NO_REFERENCE_COUNTS
 
         assert counted({}) and not counted(NO_REFERENCE_COUNTS)
 
@@ -137,7 +137,7 @@ def test_compiled_functions_are_kept_and_come_back():
     """Loaded and saved by numba, by signature, through pickles."""
     kept: dict[object, bytes] = {}
     with advised(NUMBA, "the cache of compiled functions"):
-        from openmm_dpd.numba_private import NullCache, dumps, packed, set_cache, unpacked
+        from openmm_dpd.base.numba_private import NullCache, dumps, packed, set_cache, unpacked
 
         class Kept(NullCache):
             def load_overload(self, sig, target_context):
@@ -159,7 +159,7 @@ def test_compiled_functions_are_kept_and_come_back():
 def test_who_waits_for_the_compiler_hears_of_it():
     heard = []
     with advised(NUMBA, "the events of the compiler"):
-        from openmm_dpd.numba_private import compiling
+        from openmm_dpd.base.numba_private import compiling
 
         with compiling(lambda: heard.append(1)):
             dispatcher = numba.njit(first_of)
@@ -222,7 +222,7 @@ def test_quantities_hold_numbers_in_their_units():
         (state.getPeriodicBoxVectors(asNumpy=True), unit.nanometer),
     ]
     with advised(OPENMM, "Quantity"):
-        from openmm_dpd.openmm_private import bare
+        from openmm_dpd.base.openmm_private import bare
 
         for quantity, in_units in cases:
             found, expected = bare(quantity), quantity.value_in_unit(in_units)
@@ -233,7 +233,7 @@ def test_quantities_hold_numbers_in_their_units():
 def test_vectors_of_a_state_are_the_callers_own():
     state = three_particles()[0].getState(positions=True, velocities=True)
     with advised(OPENMM, "State"):
-        from openmm_dpd.openmm_private import vectors
+        from openmm_dpd.base.openmm_private import vectors
 
         x, v = vectors(state, openmm.State.Positions), vectors(state, openmm.State.Velocities)
         assert np.array_equal(x, np.arange(9.0).reshape(3, 3) / 7) and np.array_equal(v, np.arange(9.0).reshape(3, 3) / 11)
@@ -243,7 +243,7 @@ def test_vectors_of_a_state_are_the_callers_own():
 
 def test_the_context_of_an_integrator_is_found():
     with advised(OPENMM, "the way from an integrator to its Context"):
-        from openmm_dpd.openmm_private import context_of
+        from openmm_dpd.base.openmm_private import context_of
 
         context, integrator = three_particles()
         assert context_of(integrator) is context
@@ -256,7 +256,7 @@ def test_a_frame_is_written_as_xtc(tmp_path):
     mdtraj = pytest.importorskip("mdtraj")
     x = np.random.default_rng(2).random((20, 3)).astype(np.float32)
     with advised(OPENMM, "xtc_write_frame"):
-        from openmm_dpd.openmm_private import xtc_write_frame
+        from openmm_dpd.base.openmm_private import xtc_write_frame
 
         path = tmp_path / "frame.xtc"
         xtc_write_frame(str(path).encode(), x, 3 * np.eye(3, dtype=np.float32), np.float32(2.5), np.int32(7))

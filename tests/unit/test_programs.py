@@ -9,12 +9,12 @@ import openmm
 import pytest
 
 from openmm_dpd import PlanError, ProgramError, TemperatureRamp
-from openmm_dpd.execution import Execution
-from openmm_dpd.names import AHEAD, COUNTER, DT, KT, PARAMETERS, PHASE, PORTABLE, Phase
-from openmm_dpd.program_options import ProgramOptions
-from openmm_dpd.programs import make_program, walls
-from openmm_dpd.programs.program import Program
-from openmm_dpd.schemes import SCHEMES, scheme_of
+from openmm_dpd.base.names import AHEAD, COUNTER, DT, KT, PARAMETERS, PHASE, PORTABLE, Phase
+from openmm_dpd.model.schemes import SCHEMES, scheme_of
+from openmm_dpd.plan.execution import Execution
+from openmm_dpd.plan.program_options import ProgramOptions
+from openmm_dpd.simulation.programs import make_program, walls
+from openmm_dpd.simulation.programs.program import Program
 
 GOLDEN = Path(__file__).parent / "golden"
 BASE = ProgramOptions(scheme=SCHEMES["mvv"], dt=0.02, kT=1.0, seed=1, execution=Execution())

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import openmm_dpd as dpd
-from openmm_dpd.errors import ParameterError
-from openmm_dpd.recommend import advice, predicted_error, recommend
-from openmm_dpd.scene_groups import charge_frequency, groups
-from openmm_dpd.schemes import SCHEMES
-from openmm_dpd.stability_table import LEVELS, Groups, StabilityTable, shipped_table
+from openmm_dpd.base.errors import ParameterError
+from openmm_dpd.model.schemes import SCHEMES
+from openmm_dpd.simulation.advice.recommend import advice, predicted_error, recommend
+from openmm_dpd.simulation.advice.scene_groups import charge_frequency, groups
+from openmm_dpd.simulation.advice.stability_table import LEVELS, Groups, StabilityTable, shipped_table
 
 BASE = {"gamma": 4.5, "a": 25.0, "rho": 3.0, "mass": 1.0, "s": 1.0, "cv": None}
 

@@ -4,7 +4,7 @@ import numpy as np
 
 import openmm_dpd as dpd
 from openmm_dpd.analysis import VelocityProfile
-from openmm_dpd.errors import what_is
+from openmm_dpd.base.errors import what_is
 from openmm_dpd.molecules import Spring, linear, pack, star
 
 SPRING = Spring(k=2.0, r0=0.0)

@@ -86,9 +86,9 @@ def test_planted_code_is_not_run(tmp_path, through):
 def test_names_do_not_lead_out_of_the_package(tmp_path):
     """Protocol 4 looks up names with dots, and every module has others among its names."""
     for module, name in (
-        ("openmm_dpd.forces.pair_force", "np.save"),
-        ("openmm_dpd.forces.pair_force", "engine_kind"),
-        ("openmm_dpd.cli", "Path"),
+        ("openmm_dpd.plan.forces.pair_force", "np.save"),
+        ("openmm_dpd.plan.forces.pair_force", "engine_kind"),
+        ("openmm_dpd.__main__", "Path"),
     ):
         payload = b"\x80\x04" + b"".join(b"\x8c" + bytes([len(word)]) + word.encode() for word in (module, name)) + b"\x93."
         text = system_with(Planted(opened, tmp_path))

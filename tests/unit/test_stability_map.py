@@ -5,7 +5,7 @@ import copy
 import pytest
 import stability
 
-from openmm_dpd.stability_table import StabilityTable
+from openmm_dpd.simulation.advice.stability_table import StabilityTable
 
 
 def smooth() -> dict:

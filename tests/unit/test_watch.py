@@ -7,7 +7,7 @@ import pytest
 
 import openmm_dpd as dpd
 from openmm_dpd.measure.watch import TemperatureWatch, has_set_temperature, temperature_warning
-from openmm_dpd.plan import make_plan
+from openmm_dpd.plan.plan import make_plan
 
 DOF = 1122  # of 375 beads: one row is known to 4.2 %
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...errors import ParameterError
+from ...base.errors import ParameterError
 from ..files.atom_styles import BONDED_STYLES, CHARGED_STYLES
 from ..language import arguments as read
 from ..state.deck_state import DeckState

@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from ...errors import ParameterError
+from ...base.errors import ParameterError
 from ..files.atom_styles import JOINED
 from ..language import arguments as read
 from ..state.deck_state import DeckState

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import DeckError, ParameterError
+from ...base.errors import DeckError, ParameterError
 from ...model.bonds import bonded_neighbours
 from ..files.atom_styles import ARRAYS, BONDED_STYLES, JOINED
 from ..files.data_file import DataFile, read_data_file

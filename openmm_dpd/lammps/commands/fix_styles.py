@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...errors import ParameterError
+from ...base.errors import ParameterError
 from ...model.eos import ConstantHeatCapacity, TabulatedEOS
 from ...model.flow import AXES
 from ...model.sources import Block, Sphere

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 
-from ...errors import ParameterError
-from ...files import write_whole
+from ...base.errors import ParameterError
+from ...base.files import write_whole
 from ..files.restart_file import load_restart, restart_bytes
 from ..language import arguments as read
 from ..output.averages import AveragingFix

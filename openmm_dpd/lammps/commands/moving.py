@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...errors import ParameterError
+from ...base.errors import ParameterError
 from ...kernels.elementary import without_last_bits
 from ...kernels.noise import mix
 from ..files.atom_styles import JOINED

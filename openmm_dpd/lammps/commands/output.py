@@ -3,8 +3,8 @@
 import re
 from dataclasses import replace
 
-from ...errors import ParameterError
-from ...files import append_block, write_whole
+from ...base.errors import ParameterError
+from ...base.files import append_block, write_whole
 from ..language import arguments as read
 from ..output.data_writer import data_file_lines
 from ..output.dumps import BINARY, COLUMNS, STYLES as DUMP_STYLES, Dump

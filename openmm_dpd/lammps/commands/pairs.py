@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from ...errors import ParameterError
+from ...base.errors import ParameterError
 from ..files.table_file import MODES
 from ..language import arguments as read
 from ..state.deck_state import DeckState

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import ParameterError
-from ...units import UNIT_SYSTEMS
+from ...base.errors import ParameterError
+from ...base.units import UNIT_SYSTEMS
 from ..files.atom_styles import ATOM_STYLES
 from ..language import arguments as read
 from ..language.arguments import INSTEAD

@@ -1,7 +1,7 @@
 """Reading LAMMPS's text dumps (dump styles custom and atom) with all that they hold.
 
 mdtraj reads such files as well, but takes lengths as angstrom, wants x, y, z, and drops velocities, forces, image flags and
-per-bead values.  For DCD files it is all that is needed: :func:`openmm_dpd.trajectory.load`.
+per-bead values.  For DCD files it is all that is needed: :func:`openmm_dpd.io.trajectory.load`.
 """
 
 import re
@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import DeckError, ParameterError
+from ...base.errors import DeckError, ParameterError
+from ...base.units import UnitSystem, unit_system
 from ...model.scene import Scene
-from ...units import UnitSystem, unit_system
 from ..files.text_file import TextFile
 from ..state.box import Box
 from .frames import LammpsFrames

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ...build import BuiltSystem
-from ...errors import ParameterError
-from ...files import write_whole, writing
+from ...base.errors import ParameterError
+from ...base.files import write_whole, writing
 from ...model.scene import Scene
-from ...plan import Plan
-from ...schemes import scheme_of
+from ...model.schemes import scheme_of
+from ...plan.plan import Plan
+from ...simulation.build import BuiltSystem
 from ..run.options import RunOptions, first_request
 from .export_job import DUMP, FINAL, Job, export_texts, make_job
 

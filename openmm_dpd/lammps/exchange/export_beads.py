@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...errors import ParameterError
-from ...kinds import kind_for
+from ...base.errors import ParameterError
+from ...base.units import UnitSystem, thermal_energies
 from ...model.flow import gaps
 from ...model.internal import BeadTemperatures, Concentrations, InternalEnergy
 from ...model.pairs import NONE
 from ...model.scene import Scene
-from ...units import UnitSystem, thermal_energies
+from ...plan.kinds import kind_for
 from ..files.atom_styles import JOINED
 from ..files.data_file import DataFile
 from ..state.box import Box

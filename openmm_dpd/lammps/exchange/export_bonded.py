@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...errors import ParameterError
-from ...kinds import bonded_kind
+from ...base.errors import ParameterError
+from ...base.units import UnitSystem
 from ...model.scene import Scene
-from ...units import UnitSystem
+from ...plan.kinds import bonded_kind
 from ..files.atom_styles import JOINED
 from ..styles.bonded_styles import bonded_styles
 from ..styles.writing import exact

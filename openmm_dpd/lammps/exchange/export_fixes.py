@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...errors import ParameterError
+from ...base.errors import ParameterError
+from ...base.units import UnitSystem
 from ...model.edpd import EDPD
 from ...model.energy_dpd import EnergyDPD
 from ...model.eos import ConstantHeatCapacity, TabulatedEOS
@@ -15,11 +16,10 @@ from ...model.internal import BeadTemperatures, InternalEnergy
 from ...model.mdpd import MDPD
 from ...model.pairs import DPD
 from ...model.scene import Scene
+from ...model.schemes import scheme_of
 from ...model.sources import Block
 from ...model.tdpd import TDPD
 from ...model.temperature import TemperatureRamp
-from ...schemes import scheme_of
-from ...units import UnitSystem
 from ..language.lexer import closing_parenthesis
 from ..styles.writing import Differences, exact, group_lines
 from .export_beads import BeadTypes, longest_cutoff

@@ -7,15 +7,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...build import initial_velocities
-from ...choices import checked_seed
-from ...errors import ParameterError
+from ...base.errors import ParameterError
+from ...base.units import LJ, UnitSystem, to_md, unit_system, whole_number
 from ...model.flow import AXES, PositionForce, gaps
 from ...model.internal import BeadTemperatures, Concentrations, InternalEnergy
 from ...model.scene import Scene
+from ...model.schemes import scheme_of
 from ...model.temperature import TemperatureRamp
-from ...schemes import scheme_of
-from ...units import LJ, UnitSystem, to_md, unit_system, whole_number
+from ...plan.choices import checked_seed
+from ...simulation.build import initial_velocities
 from ..files.atom_styles import JOINED
 from ..files.data_lines import data_lines
 from ..styles.charges import charge_use

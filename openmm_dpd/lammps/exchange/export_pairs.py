@@ -5,10 +5,10 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 
-from ...errors import ParameterError
+from ...base.errors import ParameterError
+from ...base.units import UnitSystem
 from ...model.pairs import NONE
 from ...model.scene import Scene
-from ...units import UnitSystem
 from ..styles.charges import QQR2E
 from ..styles.pair_styles import EXPORTS
 from ..styles.writing import Pair, PairExport, StyleUse, exact, lammps_seed

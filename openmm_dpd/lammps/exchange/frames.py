@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...errors import ParameterError
+from ...base.errors import ParameterError
+from ...base.units import UnitSystem, to_md, unit_system
+from ...io.trajectory import load_topology
 from ...model.internal import BeadTemperatures, Concentrations, Internal, InternalEnergy
 from ...model.scene import Scene
-from ...trajectory import load_topology
-from ...units import UnitSystem, to_md, unit_system
 from ..files.atom_styles import ATOM_STYLES
 from ..files.data_file import DataReader
 from ..run.trajectory import write_topology

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import ParameterError
+from ...base.errors import ParameterError
 from ..language.arguments import near
 from ..state.box import Box
 from .atom_styles import JOINED, atom_columns

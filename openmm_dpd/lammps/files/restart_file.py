@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import ParameterError
-from ...units import UNIT_SYSTEMS
+from ...base.errors import ParameterError
+from ...base.units import UNIT_SYSTEMS
 from ..state.atoms import Atoms
 from ..state.box import Box
 from ..state.deck_state import DeckState

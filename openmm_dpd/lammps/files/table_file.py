@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from ...errors import ParameterError
+from ...base.errors import ParameterError
+from ...base.units import UnitSystem
 from ...model.pairs import TabulatedPair
-from ...units import UnitSystem
 from ..language import arguments as read
 from .text_file import Row, TextFile
 

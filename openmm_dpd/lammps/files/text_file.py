@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...errors import DeckError
+from ...base.errors import DeckError
 from ..language import arguments as read
 from ..language.lexer import read_text
 

@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from ...errors import ParameterError
+from ...base.errors import ParameterError
 
 _ROWS = json.loads((files("openmm_dpd") / "data" / "deck_words.json").read_text(encoding="utf-8"))
 

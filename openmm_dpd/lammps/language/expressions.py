@@ -12,7 +12,7 @@ from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, NoReturn, TypeVar
 
-from ...errors import DPDError, ParameterError
+from ...base.errors import DPDError, ParameterError
 from .arguments import near
 from .operations import FUNCTIONS, LEVELS, LITERAL, UNARY, Operation
 

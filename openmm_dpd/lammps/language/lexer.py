@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ...errors import DeckError, DPDError, ParameterError
+from ...base.errors import DeckError, DPDError, ParameterError
 
 TRIPLE = '"""'
 

@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 from typing import NoReturn
 
-from ...errors import ParameterError
+from ...base.errors import ParameterError
 from .expressions import CONSTANTS, Formula, evaluate
 from .variables import Variables
 

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from ...errors import ParameterError
+from ...base.errors import ParameterError
 from . import arguments as read
 from .arguments import as_float, identifier, integer, known
 from .lexer import Line, errors_at

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ...errors import ParameterError
-from ...files import append_block, write_whole
+from ...base.errors import ParameterError
+from ...base.files import append_block, write_whole
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.records import Valued

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ...analysis.profiles import sums_in_slices
-from ...errors import ParameterError
+from ...base.errors import ParameterError
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..values.chunks import Bins, chunk_numbers

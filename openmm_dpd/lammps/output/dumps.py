@@ -4,10 +4,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...dcd import DCDWriter
-from ...files import BlockFile, write_whole
-from ...units import UnitSystem
-from ...xtc import XTCWriter
+from ...base.files import BlockFile, write_whole
+from ...base.units import UnitSystem
+from ...io.dcd import DCDWriter
+from ...io.xtc import XTCWriter
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
 from ..values.per_bead import BEAD_WORDS, BeadWord, axis_of

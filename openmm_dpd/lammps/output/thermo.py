@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from ...errors import ParameterError
+from ...base.errors import ParameterError
 from ..language import arguments as read
 from ..language.lexer import errors_at, located, substitute
 from ..language.variables import FORMULAS

@@ -2,13 +2,13 @@
 
 from typing import Any
 
-from ...barostat import EnthalpyBarostat, add_barostat
-from ...build import BuiltSystem, build
-from ...errors import ParameterError
-from ...kinds import kind_for
+from ...base.errors import ParameterError
+from ...base.wording import read_by
 from ...model.scene import Scene
-from ...schemes import scheme_of
-from ...wording import read_by
+from ...model.schemes import scheme_of
+from ...plan.kinds import kind_for
+from ...simulation.barostat import EnthalpyBarostat, add_barostat
+from ...simulation.build import BuiltSystem, build
 from ..language.lexer import errors_at
 from .options import RunOptions
 from .request import RunRequest

@@ -16,10 +16,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from ...errors import ParameterError
-from ...file_ledger import FileLedger
-from ...files import write_whole, writing
-from ...serialized import ARRAYS, DataUnpickler
+from ...base.errors import ParameterError
+from ...base.file_ledger import FileLedger
+from ...base.files import write_whole, writing
+from ...simulation.serialized import ARRAYS, DataUnpickler
 from ..state.deck_state import DeckState
 from .options import RunOptions
 
@@ -43,7 +43,8 @@ PARTS = (
 #: What may be in a checkpoint beside plain values, for writing and reading.  Classes of these packages hold data only: unpickling
 #: them cannot do anything else.
 _PACKAGES = tuple(
-    f"openmm_dpd.{name}" for name in ("model.", "units", *(f"lammps.{part}." for part in "language state output values styles".split()))
+    f"openmm_dpd.{name}"
+    for name in ("model.", "base.units", *(f"lammps.{part}." for part in "language state output values styles".split()))
 )
 
 #: What numpy and the standard library need.
@@ -106,8 +107,8 @@ class Latest:
     """Where a deck was interrupted.
 
     Its file, the RunOptions, variables of the command line, the SHA-256 of each file that was read, what
-    :meth:`openmm_dpd.file_ledger.FileLedger.put_back` needs, how many runs are done, the one that was interrupted (None between two runs),
-    and what the caller was asked for beside all this, such as a file for the report.
+    :meth:`openmm_dpd.base.file_ledger.FileLedger.put_back` needs, how many runs are done, the one that was interrupted (None between two
+    runs), and what the caller was asked for beside all this, such as a file for the report.
     """
 
     deck: str

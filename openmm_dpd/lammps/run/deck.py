@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import DeckError, OutputError, ParameterError
-from ...wording import read_by
+from ...base.errors import DeckError, OutputError, ParameterError
+from ...base.wording import read_by
 from ..commands import beads, bonded, box, fixes, moving, output, pairs  # noqa: F401  each enters its commands
 from ..commands.setup import COMMANDS, command
 from ..language import arguments as read

@@ -9,17 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import OutputError, ParameterError
-from ...file_ledger import ledger_in_use
-from ...files import BlockFile
+from ...base.errors import OutputError, ParameterError
+from ...base.file_ledger import ledger_in_use
+from ...base.files import BlockFile
+from ...base.signals import Signals
+from ...base.wording import read_by
+from ...io.pictures import thermo_picture
 from ...kernels.threads import set_threads
 from ...measure import force_terms
 from ...model.internal import BeadTemperatures, InternalEnergy
 from ...model.scene import Scene
-from ...pictures import thermo_picture
-from ...recommend import advice, recommend
-from ...signals import Signals
-from ...wording import read_by
+from ...simulation.advice.recommend import advice, recommend
 from .building import build_request
 from .checkpoint import Checkpoints
 from .deck import read_deck
@@ -96,7 +96,7 @@ def run_deck(
     keep : callable, optional
         Takes what is returned; of a run that is cut short too, with what was computed until then.
     signals : Signals, optional
-        Those that may cut a run short (:mod:`openmm_dpd.signals`).
+        Those that may cut a run short (:mod:`openmm_dpd.base.signals`).
     restart : str or Path, optional
         Folder of a run that was interrupted, or a file of its ``checkpoint``: go on with it, with the options that it had.  ``options`` and
         ``variables`` may repeat these; only ``threads`` and ``checkpoint`` may be others.

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from openmm import unit
 
-from ...errors import ParameterError
+from ...base.errors import ParameterError
 from ..language.lexer import errors_at
 from ..state.records import StoppingRule
 from ..values.resolver import Resolver

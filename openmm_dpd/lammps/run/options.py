@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...errors import ParameterError
+from ...base.errors import ParameterError
 from ...kernels.threads import get_threads
 from .deck import read_deck
 from .request import RunRequest
@@ -35,7 +35,7 @@ class RunOptions:
     discard : int
         Steps that averages leave out at the beginning of each run that is as long (default: those before equilibrium).
     conservative : str
-        Where the conservative force is computed, see :func:`openmm_dpd.plan.make_plan`.
+        Where the conservative force is computed, see :func:`openmm_dpd.plan.plan.make_plan`.
     compat : str
         ``consistent``, or ``lammps`` for the heat of pair style edpd as LAMMPS computes it.
     checkpoint : int

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import DeckError, ParameterError
+from ...base.errors import DeckError, ParameterError
+from ...base.stats import MIN_BLOCKS, block_average, equilibrated, ratio_average
 from ...kernels.threads import get_threads
 from ...measure import Sample
 from ...measure.watch import temperature_warning
-from ...stats import MIN_BLOCKS, block_average, equilibrated, ratio_average
 from ..output.chunk_average import ChunkAverage
 from ..output.thermo import ALWAYS
 from .request import RunRequest
@@ -76,8 +76,8 @@ class RunResult:
     def start(self) -> int:
         """The first row that averages are taken over: where ``discard`` says, or where the run is in equilibrium.
 
-        It is the same row for all columns: the last one that :func:`openmm_dpd.stats.equilibrated` finds.  A column of the deck's own that
-        still changes where half of the rows are left out, as a mean square displacement does, has no say.
+        It is the same row for all columns: the last one that :func:`openmm_dpd.base.stats.equilibrated` finds.  A column of the deck's own
+        that still changes where half of the rows are left out, as a mean square displacement does, has no say.
         """
         if self.discard is not None and self.discard <= self.request.steps:
             late = np.array(self.steps_done) - self.request.first_step >= self.discard

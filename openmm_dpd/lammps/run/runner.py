@@ -8,14 +8,14 @@ from typing import Any
 import openmm
 from openmm import app
 
-from ...build import BuiltSystem
-from ...errors import OutputError, ParameterError, RunError
-from ...forces.segments import warm_up_segments
+from ...base.errors import OutputError, ParameterError, RunError
+from ...base.names import COUNTER
+from ...base.signals import Signals
 from ...kernels.engine import warm_up
 from ...kernels.threads import set_threads
-from ...made import BAROSTATS
-from ...names import COUNTER
-from ...signals import Signals
+from ...plan.forces.segments import warm_up_segments
+from ...plan.made import BAROSTATS
+from ...simulation.build import BuiltSystem
 from ..output.thermo import ALWAYS
 from ..state.deck_state import DeckState
 from .building import build_request, connect_barostat

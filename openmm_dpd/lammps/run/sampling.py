@@ -6,13 +6,13 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from ...build import BuiltSystem
-from ...fields import read_fields
 from ...kernels.motion import second_moments
 from ...measure import Sample
 from ...measure.present import require_stress, why_no_stress
 from ...measure.scene_samples import SceneSampler
-from ...schemes import scheme_of
+from ...model.schemes import scheme_of
+from ...simulation.build import BuiltSystem
+from ...simulation.fields import read_fields
 from ..state.records import FORCE_FIXES, DeckSample
 from ..values.resolver import Resolver, evaluate_beads
 from .request import RunRequest

@@ -11,16 +11,16 @@ import numpy as np
 import openmm
 from openmm import app
 
-from ...build import BuiltSystem
-from ...errors import RunError
-from ...fields import read_fields
-from ...files import write_whole
+from ...base.errors import RunError
+from ...base.files import write_whole
+from ...base.names import COUNTER
+from ...base.signals import Signals
 from ...measure import Sample
 from ...measure.watch import has_set_temperature
 from ...model.scene import Scene
-from ...names import COUNTER
-from ...signals import Signals
-from ...watching import PIECE
+from ...simulation.build import BuiltSystem
+from ...simulation.fields import read_fields
+from ...simulation.watching import PIECE
 from ..files.restart_file import restart_bytes
 from ..state.records import DeckSample, Fix, MomentumRemoval
 from ..values.resolver import Resolver

@@ -6,14 +6,14 @@ import numpy as np
 import openmm
 from openmm import app, unit
 
-from ...build import BuiltSystem
-from ...dcd import DCDWriter
-from ...field_file import FieldWriter, has_fields
-from ...fields import read_fields
-from ...files import writing
+from ...base.files import writing
+from ...io.dcd import DCDWriter
+from ...io.trajectory import write_psf
+from ...io.xtc import XTCWriter
 from ...model.scene import Scene
-from ...trajectory import write_psf
-from ...xtc import XTCWriter
+from ...simulation.build import BuiltSystem
+from ...simulation.field_file import FieldWriter, has_fields
+from ...simulation.fields import read_fields
 from .request import RunRequest
 
 #: About how many frames a run gives, unless it is said how many.

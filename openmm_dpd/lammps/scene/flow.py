@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...errors import ParameterError
+from ...base.errors import ParameterError
 from ...model.flow import AXES, SPECULAR, BodyForce, PositionForce, Wall
 from ..language.expressions import evaluate
 from ..language.lexer import errors_at

@@ -2,13 +2,13 @@
 
 import numpy as np
 
+from ...base.wording import read_by
 from ...model.bonds import HarmonicBonds
 from ...model.eos import EquationOfState
 from ...model.internal import BeadTemperatures, Concentrations, Internal, InternalEnergy
 from ...model.scene import Scene
 from ...model.sources import Source
 from ...model.temperature import TemperatureRamp
-from ...wording import read_by
 from ..language.lexer import errors_at, located
 from ..state.deck_state import DeckState
 from ..state.moment import Window

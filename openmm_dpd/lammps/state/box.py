@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...errors import ParameterError
-from ...geometry import reduced
+from ...base.errors import ParameterError
+from ...base.geometry import reduced
 
 #: Boxes that wrapping takes off one after the other, as LAMMPS does; those beyond are taken off at once.
 _ONE_BY_ONE = 100

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import ParameterError
-from ...files import writing
-from ...geometry import weighted_sum
-from ...units import LJ, UnitSystem
+from ...base.errors import ParameterError
+from ...base.files import writing
+from ...base.geometry import weighted_sum
+from ...base.units import LJ, UnitSystem
 from ..language import arguments as read
 from ..language.lexer import Line, Script
 from ..language.variables import Variables
@@ -24,7 +24,7 @@ from .regions import Region
 
 
 def bead_fields(atom_style: str, units: UnitSystem) -> dict[str, tuple[str, float]]:
-    """Names of :func:`openmm_dpd.fields.read_fields` -> the array of Atoms that holds the values, and its unit."""
+    """Names of :func:`openmm_dpd.simulation.fields.read_fields` -> the array of Atoms that holds the values, and its unit."""
     return {
         "u_cond": ("u_cond", 1.0),
         "u_mech": ("u_mech", 1.0),
@@ -289,7 +289,7 @@ class DeckState:
         """Take over the result of a run: positions (nm), continuous with those of the scene it started from, and velocities (nm/ps).
 
         ``box`` has new vectors, if they have changed (its lower corner stays), ``fields`` those of the beads, as
-        :func:`openmm_dpd.fields.read_fields` gives them.
+        :func:`openmm_dpd.simulation.fields.read_fields` gives them.
         """
         if box is not None:
             self.box = self.require_box("a run").following(np.asarray(box) / self.units.length)

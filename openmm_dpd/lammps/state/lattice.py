@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...errors import ParameterError
+from ...base.errors import ParameterError
 from ..language import arguments as read
 from .box import Box
 

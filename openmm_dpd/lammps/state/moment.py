@@ -6,9 +6,9 @@ from functools import cached_property
 
 import numpy as np
 
-from ...errors import ParameterError
-from ...geometry import symmetric_products
-from ...units import UnitSystem
+from ...base.errors import ParameterError
+from ...base.geometry import symmetric_products
+from ...base.units import UnitSystem
 from .box import Box
 from .deck_state import DeckState, bead_fields
 from .records import Compute, DeckSample
@@ -94,7 +94,7 @@ class DeckMoment(ABC):
         return value
 
     def field(self, name: str) -> np.ndarray:
-        """A field of the beads, by its name in :func:`openmm_dpd.fields.read_fields` and in the same units.
+        """A field of the beads, by its name in :func:`openmm_dpd.simulation.fields.read_fields` and in the same units.
 
         It is that of the deck where the simulation does not change it; ParameterError if it does, but was not asked.
         """

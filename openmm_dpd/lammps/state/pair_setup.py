@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ...errors import DeckError
-from ...units import UnitSystem
+from ...base.errors import DeckError
+from ...base.units import UnitSystem
 from ..language.lexer import Line, located
 
 

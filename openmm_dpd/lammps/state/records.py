@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import DeckError, ParameterError
-from ...geometry import weighted_sum
+from ...base.errors import DeckError, ParameterError
+from ...base.geometry import weighted_sum
 from ..language.lexer import Line, located
 from .box import Box
 
@@ -152,7 +152,7 @@ class DeckSample:
     velocities: np.ndarray | None = None
     forces: np.ndarray | None = None  #: (N, 3) total forces, with friction and noise where they are forces (``mvv``)
     before: Mapping[str, np.ndarray] | None = None  #: Total force on the group of each fix addforce and setforce before it acted
-    #: The beads' fields, as :func:`openmm_dpd.fields.read_fields` gives them; empty if there are none.
+    #: The beads' fields, as :func:`openmm_dpd.simulation.fields.read_fields` gives them; empty if there are none.
     fields: Mapping[str, np.ndarray] | None = None
     cpu: float = 0.0  #: Seconds since the run began
 

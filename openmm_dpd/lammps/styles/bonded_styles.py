@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ...kinds import BONDED_KINDS, BondedKind
-from ...units import UnitSystem
+from ...base.units import UnitSystem
+from ...plan.kinds import BONDED_KINDS, BondedKind
 from ..files.atom_styles import JOINED
 from ..language import arguments as read
 from .columns import Columns

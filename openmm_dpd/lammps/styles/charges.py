@@ -5,10 +5,10 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 
-from ...errors import ParameterError
+from ...base.errors import ParameterError
+from ...base.units import COULOMB, UnitSystem
 from ...model.electrostatics import GaussianCharges, SlaterCharges, ewald_sum
 from ...model.scene import Scene
-from ...units import COULOMB, UnitSystem
 from ..files.atom_styles import CHARGED_STYLES
 from ..language import arguments as read
 from ..language.lexer import errors_at, located

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from ...base.units import UnitSystem
 from ...model.pairs import NONE
-from ...units import UnitSystem
 from ..language import arguments as read
 from ..state.pair_setup import Coefficient, Find, PairStyle, Term, Values
 

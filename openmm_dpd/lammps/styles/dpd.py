@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...errors import ParameterError
+from ...base.errors import ParameterError
+from ...base.units import UnitSystem
 from ...model.energy_dpd import EnergyDPD
 from ...model.pairs import DPD
-from ...units import UnitSystem
 from ..state.pair_setup import Coefficient, PairStyle, Spec, Term
 from .columns import Columns, settings
 from .writing import Exports, Pair, PairExport, StyleUse, exact, plain_use

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from ...errors import ParameterError
+from ...base.errors import ParameterError
+from ...base.units import UnitSystem
 from ...model.edpd import EDPD
 from ...model.mdpd import MDPD
 from ...model.tdpd import TDPD
-from ...units import UnitSystem
 from ..language import arguments as read
 from ..state.pair_setup import Coefficient, Find, PairStyle, Spec, Term, Values
 from .columns import Columns, no_force, settings

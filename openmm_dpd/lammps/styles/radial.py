@@ -6,9 +6,9 @@ from functools import partial
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from ...errors import ParameterError
+from ...base.errors import ParameterError
+from ...base.units import UnitSystem
 from ...model.pairs import LennardJones, TabulatedPair
-from ...units import UnitSystem
 from ..files.table_file import MODES, read_table, tabulated_pair
 from ..language import arguments as read
 from ..state.pair_setup import Coefficient, Find, PairStyle, Spec, Term, Values

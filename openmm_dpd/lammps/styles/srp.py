@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from ...errors import ParameterError
+from ...base.errors import ParameterError
+from ...base.units import UnitSystem
 from ...model.scene import Scene
 from ...model.segments import DISTANCES, SegmentalRepulsion
-from ...units import UnitSystem
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.pair_setup import Find, PairStyle, Spec, Values

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import ParameterError
+from ...base.errors import ParameterError
+from ...base.units import UnitSystem
 from ...model.scene import Scene
-from ...units import UnitSystem
 from .columns import Columns
 
 Pair = tuple[str, str]

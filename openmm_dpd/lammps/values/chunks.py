@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...errors import ParameterError
+from ...base.errors import ParameterError
 from ..language import arguments as read
 from ..state.box import Box
 from ..state.deck_state import DeckState

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...errors import ParameterError
+from ...base.errors import ParameterError
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...errors import ParameterError
+from ...base.errors import ParameterError
 from ..files.atom_styles import BONDED_STYLES, CHARGED_STYLES
 from ..language import arguments as read
 from ..state.atoms import Atoms

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ...errors import ParameterError
+from ...base.errors import ParameterError
 from ..language import arguments as read
 from ..language.expressions import ATOM_VALUES, Formula, evaluate
 from ..language.lexer import substitute

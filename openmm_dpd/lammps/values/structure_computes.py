@@ -7,9 +7,9 @@ import numpy as np
 from ...analysis.chains import gyration_tensors
 from ...analysis.diffusion import mean_squares
 from ...analysis.distances import distribution_of_counts
-from ...errors import ParameterError
+from ...base.errors import ParameterError
+from ...base.neighbours import pairs_within
 from ...model.bonds import bonded_neighbours
-from ...neighbours import pairs_within
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment, Window

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from ...geometry import AXES_OF_TENSOR
+from ...base.geometry import AXES_OF_TENSOR
 from ..state.moment import DeckMoment
 
 

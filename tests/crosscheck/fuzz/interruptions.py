@@ -12,7 +12,7 @@ from unittest.mock import patch
 
 from interrupted_runs import contents, crash_in, interrupted
 
-from openmm_dpd.cli import main
+from openmm_dpd.__main__ import main
 
 from .deck import Deck
 from .draw import Draw

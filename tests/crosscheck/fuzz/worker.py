@@ -44,7 +44,7 @@ def _with_ours(deck: str, options: dict) -> tuple[str, str, str]:
     import logging
 
     logging.getLogger("openmm_dpd").setLevel(logging.CRITICAL)
-    from openmm_dpd.errors import DeckError, RunError
+    from openmm_dpd.base.errors import DeckError, RunError
     from openmm_dpd.lammps import RunOptions, run_deck
 
     lines: list[str] = []

@@ -1,0 +1,182 @@
+"""GSD files in HOOMD's schema, for OVITO, freud and HOOMD-blue."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from ...base.errors import ParameterError
+from ...base.files import writing
+from ...base.optional import optional_package
+from ...base.units import unit_system
+from ...model.scene import Scene
+from .snapshot import FrameReporter, Snapshot, scene_of
+
+#: Where molecule numbers are: OVITO takes logged values of particles for properties of particles.
+MOLECULES = "particles/molecule"
+
+_WHAT = "the GSD file"
+
+
+def write_gsd(path: str | os.PathLike, source, *, state=None, units: str = "lj") -> None:
+    """Write one frame: types, masses, charges, bonds, angles, molecule numbers, box, positions and velocities, in single precision.
+
+    The middle of the box becomes the origin, as in HOOMD; positions are folded into the box, with image flags.  Bonds are called by the
+    types of their beads, ``A-B``; where those of two types have several coefficients, the second ones are ``A-B-2``, and so on.  What
+    GSD files have no place for are pair coefficients, kT, names of molecules, and which beads are mobile.
+
+    Parameters
+    ----------
+    path : path-like
+        Overwritten.
+    source : Scene, or what :func:`openmm_dpd.build` returned
+    state : openmm.State, optional
+        Positions, velocities and box of a run, ``context.getState(positions=True, velocities=True)``; by default those of the start.
+    units : {"lj", "real", "metal"}
+        Units of the file: nm, Da and ps with ``lj``.  Charges are elementary charges with all of them.
+
+    Raises
+    ------
+    ParameterError
+        If there is no periodic box, or the package gsd is not installed.
+    OutputError
+        If the file cannot be written; one that was there is kept.
+    """
+    target = Path(os.path.realpath(path))
+    frames = _Frames(scene_of(source), units)
+    beside = target.with_name(f".{target.name[:100]}.{os.getpid()}.tmp")
+    try:
+        with writing(path, _WHAT), frames.opened(beside, "w") as file:
+            frames.append(file, Snapshot.of(source, state))
+        with writing(path, _WHAT):
+            os.replace(beside, target)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+class GSDReporter(FrameReporter):
+    """Writes frames to a GSD file, for ``simulation.reporters``; every frame is in the file when the step is over.
+
+    Parameters
+    ----------
+    file : path-like
+    interval : int
+        Steps between frames.
+    built : BuiltSystem
+        What :func:`openmm_dpd.build` returned.
+    units : {"lj", "real", "metal"}
+        As for :func:`write_gsd`.
+    append : bool, default False
+        Go on with the frames of a file that is there; one that is not there is begun.
+
+    Raises
+    ------
+    ParameterError
+        As :func:`write_gsd`, if the interval is no whole number of at least 1, or if a file to go on with is one of other beads.
+    OutputError
+        If the file cannot be written; the frames before stay readable.
+    """
+
+    def __init__(self, file: str | os.PathLike, interval: int, built, *, units: str = "lj", append: bool = False):
+        super().__init__(interval)
+        self._built, self._path = built, os.fspath(file)
+        self._frames = _Frames(scene_of(built), units)
+        append = append and os.path.exists(file)
+        if append:
+            self._frames.check(self._path)
+        else:
+            with writing(file, _WHAT), self._frames.opened(self._path, "w"):
+                pass
+
+    def report(self, simulation, state):
+        """Write one frame."""
+        with writing(self._path, _WHAT), self._frames.opened(self._path, "r+") as file:
+            self._frames.append(file, Snapshot.of(self._built, state))
+
+
+class _Frames:
+    """Frames of one scene."""
+
+    def __init__(self, scene: Scene, units: str):
+        if scene.box is None:
+            raise ParameterError("a GSD file needs a periodic box, and the scene has none; extended XYZ files do not")
+        self._hoomd = optional_package("gsd.hoomd", "gsd", "GSD files need")
+        self.scene, self._units = scene, unit_system(units)
+        bonds = [(group.pairs, _coefficients(group)) for group in scene.bonds]
+        angles = [(group.triples, _coefficients(group)) for group in scene.angles]
+        self._bonds, self._angles = (_named_groups(scene.types, groups) for groups in (bonds, angles))
+
+    def opened(self, path, mode: str):
+        """The file; close it."""
+        return self._hoomd.open(os.fspath(path), mode)
+
+    def check(self, path: str) -> None:
+        """Raise ParameterError if a file to go on with does not hold these beads."""
+        try:
+            with self.opened(path, "r") as file:
+                first = file[0] if len(file) else None
+        except (OSError, RuntimeError) as error:
+            raise ParameterError(f"cannot append to {path}: it cannot be read as a GSD file ({error})") from None
+        if first is None:
+            return
+        types = [first.particles.types[k] for k in first.particles.typeid]
+        if types != list(self.scene.types):
+            raise ParameterError(f"cannot append to {path}: it holds {len(types)} beads, and not those of this scene")
+
+    def append(self, file, now: Snapshot) -> None:
+        """Add a frame, and see it into the file."""
+        scene, units = self.scene, self._units
+        assert now.box is not None
+        frame = self._hoomd.Frame()
+        frame.configuration.step = now.step
+        x, y, z = np.diag(now.box)
+        tilts = now.box[1, 0] / y, now.box[2, 0] / z, now.box[2, 1] / z
+        frame.configuration.box = np.array([x / units.length, y / units.length, z / units.length, *tilts])
+        images = np.floor(now.positions @ np.linalg.inv(now.box))
+        beads = frame.particles
+        beads.N, beads.types, beads.typeid = scene.n_beads, _coded(scene.type_names), scene.type_ids
+        beads.position = (now.positions - images @ now.box - 0.5 * now.box.sum(axis=0)) / units.length
+        beads.image = images.astype(np.int32)
+        beads.mass = scene.bead_masses / units.mass
+        if now.velocities is not None:
+            beads.velocity = now.velocities / units.velocity
+        if scene.charges is not None:
+            beads.charge = scene.charges
+        for part, (names, typeid, group) in ((frame.bonds, self._bonds), (frame.angles, self._angles)):
+            if len(group):
+                part.N, part.types, part.typeid, part.group = len(group), _coded(names), typeid, group
+        if scene.molecules is not None:
+            frame.log[MOLECULES] = scene.molecules.astype(np.int32)
+        file.append(frame)
+        file.flush()
+
+
+def _coded(names: list[str]) -> list:
+    """Names as the package gsd takes them: the files hold UTF-8, but it makes nothing but ASCII of text."""
+    return [name if name.isascii() else name.encode() for name in names]
+
+
+def _coefficients(group) -> np.ndarray:
+    """Kind and coefficients of each bond or angle, as text that distinguishes them, (K,)."""
+    return np.array([f"{type(group).__name__} {row}" for row in group.coefficients.tolist()], dtype=object)
+
+
+def _named_groups(types, groups: list) -> tuple[list[str], np.ndarray, np.ndarray]:
+    """Names of the types of bonds or angles, the type of each, and the beads of each."""
+    if not groups:
+        return [], np.zeros(0, np.uint32), np.zeros((0, 2), np.int64)
+    rows = np.concatenate([rows for rows, _ in groups])
+    names: list[str] = []
+    numbers: dict[tuple[str, str], int] = {}
+    seen: dict[str, int] = {}
+    typeid = []
+    for row, coefficients in zip(rows.tolist(), np.concatenate([text for _, text in groups]), strict=True):
+        called = [types[bead] for bead in row]
+        pair = "-".join(min(called, called[::-1]))
+        key = (pair, coefficients)
+        if key not in numbers:
+            seen[pair] = seen.get(pair, 0) + 1
+            numbers[key] = len(names)
+            names.append(pair if seen[pair] == 1 else f"{pair}-{seen[pair]}")
+        typeid.append(numbers[key])
+    return names, np.array(typeid, dtype=np.uint32), rows

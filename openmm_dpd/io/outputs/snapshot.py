@@ -1,0 +1,71 @@
+"""One moment of a scene, to be written."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import openmm
+from openmm import unit
+
+from ...base.cadence import Cadence
+from ...base.errors import ParameterError, what_is
+from ...model.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """N beads at one moment; nm, ps."""
+
+    scene: Scene  #: What does not change
+    positions: np.ndarray  #: (N, 3)
+    velocities: np.ndarray | None  #: (N, 3) or None
+    box: np.ndarray | None  #: (3, 3) or None
+    step: int = 0
+    time: float = 0.0
+
+    @classmethod
+    def of(cls, source, state: openmm.State | None = None) -> Snapshot:
+        """Of a Scene or what :func:`openmm_dpd.build` returned; of the state of a run, if one is given.
+
+        ParameterError if it is something else, the state has no positions, or is one of other particles.
+        """
+        scene = scene_of(source)
+        if state is None:
+            if source is scene:
+                return cls(scene, scene.positions, scene.velocities, scene.box)
+            velocities = source.velocities.value_in_unit(unit.nanometer / unit.picosecond)
+            return cls(scene, source.positions.value_in_unit(unit.nanometer), velocities, scene.box)
+        if not isinstance(state, openmm.State):
+            raise ParameterError(f"state must be an openmm.State, as context.getState(positions=True) returns, not {what_is(state)}")
+        try:
+            positions = state.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+        except openmm.OpenMMException:
+            raise ParameterError("the state has no positions; ask for them: context.getState(positions=True, velocities=True)") from None
+        if len(positions) != scene.n_beads:
+            raise ParameterError(f"the state has {len(positions)} particles, but the scene has {scene.n_beads} beads")
+        try:
+            velocities = state.getVelocities(asNumpy=True).value_in_unit(unit.nanometer / unit.picosecond)
+        except openmm.OpenMMException:
+            velocities = None
+        box = None if scene.box is None else np.array(state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer))
+        bad = np.argwhere(~np.isfinite(positions))
+        if len(bad):
+            raise ParameterError(f"bead {bad[0, 0]} is at {positions[bad[0, 0]].tolist()}; every coordinate must be finite")
+        return cls(scene, positions, velocities, box, state.getStepCount(), state.getTime().value_in_unit(unit.picosecond))
+
+
+def scene_of(source) -> Scene:
+    """The scene of a Scene, or of what :func:`openmm_dpd.build` returned."""
+    scene = source if isinstance(source, Scene) else getattr(getattr(source, "plan", None), "scene", None)
+    if not isinstance(scene, Scene):
+        raise ParameterError(f"expected a Scene or what openmm_dpd.build() returned, not {what_is(source)}")
+    if scene is not source and source.plan.host is not None:
+        raise ParameterError("a System made elsewhere has particles that are no beads; OpenMM's reporters write files of it")
+    return scene
+
+
+class FrameReporter(Cadence):
+    """Base of reporters that write positions, not folded into the box, and velocities."""
+
+    _INCLUDE, _FOLDED = ("positions", "velocities"), False

@@ -1,0 +1,235 @@
+"""The picture of a run: temperature, pressure and energies against time, drawn with matplotlib but without its global state."""
+
+import io
+import os
+import reprlib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..base.errors import ParameterError
+from ..base.files import write_whole
+
+#: Panels from top to bottom: the label of the axis, and the columns drawn there with their labels, the first one in front.
+PANELS = (
+    ("temperature", {"temp": "kinetic", "temp_conf": "configurational"}),
+    ("pressure", {"press": "as in the thermo output", "press_full": "with friction"}),
+    ("potential energy", {"pe": "potential energy"}),
+    ("total energy", {"etotal": "total energy"}),
+)
+
+#: Colours (dark for means, light for rows), which colour-blind readers can distinguish too.
+COLOURS = (("#1f5a99", "#a9c6e3"), ("#b3541e", "#efc9ae"))
+
+#: What the lines are.
+CAPTION = "light: rows of the thermo output; dark: mean over a tenth of the run around each row; dotted: a new run begins"
+
+#: What the shading is.
+LEFT_OUT = "\ngrey: left out of averages, and of the range of the axes"
+
+#: Most rows that are drawn one by one; longer series show every so many.
+MOST_ROWS = 20_000
+
+
+def thermo_picture(
+    path: str | os.PathLike,
+    columns: Mapping[str, Sequence[float] | np.ndarray],
+    *,
+    x: str = "time",
+    runs: Sequence[float] = (),
+    target: float | Sequence[float] | np.ndarray | None = None,
+    counted: Sequence[bool] | np.ndarray | None = None,
+    labels: Mapping[str, str] | None = None,
+    title: str = "",
+) -> None:
+    """Draw thermo columns, rows by their words, against one of them, ``x``, into a PNG file.
+
+    Drawn are ``temp``, ``temp_conf``, ``press``, ``press_full``, ``pe`` and ``etotal``; panels without a column are left out, a NaN
+    is a gap. Rows are light lines (dots as well if they are few), means over a sliding window (a tenth of a run, at least 5 rows)
+    dark ones; a line at the foot says so.
+
+    At the ``runs``, values of x where a new run begins, is a thin line, and means do not reach over it; x must not go back then.
+    ``target`` is the temperature of the thermostat, one number or one per row. ``counted`` are the rows that averages are taken over:
+    all behind some row of each run. The rows before it are shaded, have no mean, and may leave the picture, since axes have the range
+    of the others. ``labels`` are units by the names of panels and of the column x.
+
+    ParameterError if there is nothing to draw, or columns are no numbers, differ in length, or go back; OutputError if the file
+    cannot be written.
+    """
+    if not isinstance(columns, Mapping):
+        raise ParameterError(f"expected a mapping of words to rows, not {reprlib.repr(columns)}")
+    data = {word: _numbers(values, f"the column {word!r}") for word, values in columns.items()}
+    _check(data, x)
+    panels = _panels(data)
+    level = _level(target, len(data[x]))
+    labels = labels or {}
+    spans = _spans(data[x], runs)
+    mask = np.ones(len(data[x]), bool) if counted is None else np.asarray(counted, bool)
+    if mask.shape != data[x].shape:
+        raise ParameterError(f"counted has the shape {mask.shape}; it must say of each of the {len(data[x])} rows whether it counts")
+    left_out = [slice(span.start, span.start + int(np.sum(~mask[span]))) for span in spans]
+    figure = new_figure(8.0, 0.9 + 1.9 * len(panels))
+    axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+    for axis, (name, words) in zip(axes, panels, strict=True):
+        for number, (word, label) in enumerate(words.items()):
+            # the first column in front
+            _draw(axis, data[x], data[word], spans, left_out, label, COLOURS[number], 3 - number)
+        set_level = name == "temperature" and level is not None
+        if set_level:
+            axis.plot(data[x], level, color="black", linewidth=1.2, linestyle=(0, (5, 3)), label="set", zorder=3.9)
+        for start in runs:
+            axis.axvline(start, color="0.6", linewidth=0.8, linestyle=":", zorder=0)
+        for rows in left_out:
+            axis.axvspan(data[x][rows.start], data[x][min(rows.stop, len(data[x]) - 1)], color="0.93", linewidth=0, zorder=0)
+        finish_axis(axis, with_unit(name, labels.get(name), "\n"), legend=len(words) > 1 or set_level)
+        if not mask.all():
+            _scale(axis, [data[word][mask] for word in words] + ([level[mask]] if level is not None and set_level else []))
+    figure.align_ylabels(axes)
+    axes[-1].set_xlabel(with_unit(x, labels.get(x)), fontsize=11)
+    figure.supxlabel(CAPTION + LEFT_OUT * (not mask.all()), fontsize=9, color="0.35")
+    if title:
+        figure.suptitle(title, fontsize=12)
+    write_picture(path, figure)
+
+
+def new_figure(width: float, height: float) -> Any:
+    """A matplotlib figure of so many inches, outside of its global state."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), dpi=150, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def write_picture(path: str | os.PathLike, figure: Any) -> None:
+    """Write a matplotlib figure as a PNG file; OutputError if that fails."""
+    picture = io.BytesIO()
+    figure.savefig(picture, format="png")
+    write_whole(path, picture.getvalue(), "the picture")
+
+
+def _numbers(values: Any, name: str) -> np.ndarray:
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ParameterError(f"{name} must be numbers, not {reprlib.repr(values)}") from None
+
+
+def _check(data: Mapping[str, np.ndarray], x: str) -> None:
+    if x not in data:
+        raise ParameterError(f"there is no column {x!r} to draw against; there are {', '.join(data) or 'none'}")
+    rows = data[x].shape
+    if len(rows) != 1 or rows[0] == 0:
+        raise ParameterError(f"there are no rows to draw: the column {x!r} has the shape {rows}")
+    for word, values in data.items():
+        if values.shape != rows:
+            raise ParameterError(f"the column {word!r} has the shape {values.shape}, but {x!r} has {rows}")
+
+
+def _panels(data: Mapping[str, np.ndarray]) -> list[tuple[str, dict[str, str]]]:
+    """Panels with at least one column, and those columns with their labels."""
+    panels = [(name, {word: label for word, label in words.items() if word in data}) for name, words in PANELS]
+    if not any(words for _, words in panels):
+        raise ParameterError(f"nothing to draw: none of {', '.join(word for _, words in PANELS for word in words)} is among the columns")
+    return [(name, words) for name, words in panels if words]
+
+
+def _level(target: float | Sequence[float] | np.ndarray | None, rows: int) -> np.ndarray | None:
+    """Target temperature of each row."""
+    if target is None:
+        return None
+    level = _numbers(target, "target")
+    if level.shape not in ((), (rows,)):
+        raise ParameterError(f"target has the shape {level.shape}; it must be one number or one for each of the {rows} rows")
+    return np.broadcast_to(level, (rows,))
+
+
+def _spans(x: np.ndarray, runs: Sequence[float]) -> list[slice]:
+    """Rows of each run.
+
+    The last row of one run and the first row of the next may both be at the x where the next begins; a single row there is the next
+    run's first.
+    """
+    if len(runs) and np.any(np.diff(x) < 0):
+        row = int(np.argmax(np.diff(x) < 0)) + 1
+        raise ParameterError(
+            f"several runs cannot be drawn against a column that goes back (from {x[row - 1]:g} to {x[row]:g} in row {row})"
+        )
+    edges = [0]
+    for start in sorted(runs):
+        first, behind = int(np.searchsorted(x, start, side="left")), int(np.searchsorted(x, start, side="right"))
+        edge = first + 1 if behind - first > 1 else first
+        if edges[-1] < edge < len(x):
+            edges.append(edge)
+    return [slice(start, stop) for start, stop in zip(edges, [*edges[1:], len(x)], strict=True)]
+
+
+def _sliding_mean(values: np.ndarray, window: int) -> np.ndarray:
+    """Mean over ``window`` rows around each, of which those beyond the ends are missing; NaN rows do not count."""
+    good = np.isfinite(values)
+    total = np.concatenate([[0.0], np.cumsum(np.where(good, values, 0.0))])
+    count = np.concatenate([[0], np.cumsum(good)])
+    row = np.arange(len(values))
+    low, high = np.maximum(row - window // 2, 0), np.minimum(row + window // 2 + 1, len(values))
+    rows = count[high] - count[low]
+    return np.divide(total[high] - total[low], rows, out=np.full(len(values), np.nan), where=rows > 0)
+
+
+def _scale(axis: Any, counted: list[np.ndarray]) -> None:
+    """Give an axis the range of what counts."""
+    values = np.concatenate(counted)
+    values = values[np.isfinite(values)]
+    if np.ptp(values) if len(values) else 0:
+        margin = 0.12 * np.ptp(values)
+        axis.set_ylim(values.min() - margin, values.max() + margin)
+
+
+def _draw(axis: Any, x: np.ndarray, values: np.ndarray, spans: list[slice], left_out: list[slice], label: str, colours, depth: int) -> None:
+    """One column: rows light, sliding means of those that are not left out dark; few rows are dots."""
+    dark, light = colours
+    few = all(span.stop - span.start <= 60 for span in spans)
+    for number, (span, start) in enumerate(zip(spans, (rows.stop for rows in left_out), strict=True)):
+        rows = span.stop - span.start
+        step = max(1, rows // MOST_ROWS)
+        axis.plot(
+            x[span][::step], values[span][::step], color=light, linewidth=0.9, marker="o" if few else None, markersize=3.5, zorder=depth
+        )
+        mean = _sliding_mean(values[start : span.stop], max(5, rows // 10))
+        axis.plot(
+            x[start : span.stop : step], mean[::step], color=dark, linewidth=1.7, label=label if number == 0 else None, zorder=depth + 3
+        )
+
+
+def finish_axis(axis: Any, name: str, legend: bool) -> None:
+    """Label, grid and frame of one panel, and its legend above it."""
+    axis.set_ylabel(name, fontsize=11)
+    axis.tick_params(labelsize=10)
+    axis.grid(color="0.92", linewidth=0.7)
+    axis.set_axisbelow(True)
+    axis.margins(x=0.01, y=0.12)
+    # an offset such as "+1.234e5" above an axis is overlooked
+    if axis.get_yscale() == "linear":
+        axis.ticklabel_format(axis="y", useOffset=False)
+    for side in ("top", "right"):
+        axis.spines[side].set_visible(False)
+    if legend:
+        handles, texts = axis.get_legend_handles_labels()
+        order = sorted(range(len(texts)), key=lambda k: -handles[k].get_zorder())
+        # above the panel, where it covers nothing
+        axis.legend(
+            [handles[k] for k in order],
+            [texts[k] for k in order],
+            loc="lower right",
+            bbox_to_anchor=(1.0, 0.98),
+            ncols=len(order),
+            fontsize=9.5,
+            frameon=False,
+            borderaxespad=0.0,
+        )
+
+
+def with_unit(name: str, unit: str | None, separator: str = " ") -> str:
+    """Name of an axis with its unit in brackets, if it has one."""
+    return f"{name}{separator}[{unit}]" if unit else name

@@ -1,0 +1,78 @@
+"""Beads in a notebook, with nglview."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..base.errors import ParameterError
+from ..base.optional import optional_package
+from ..model.pairs import checked
+from ..model.scene import Scene
+from .outputs.pdb_file import pdb_text
+from .outputs.snapshot import Snapshot, scene_of
+
+#: Colours of the types in their order: those of matplotlib, and again from the first one.
+_COLOURS = ("#1f77b4", "#ff7f0e", "#2ca02c", "#d62728", "#9467bd", "#8c564b", "#e377c2", "#7f7f7f", "#bcbd22", "#17becf")
+
+
+def view(source, *, state=None, radii=None):
+    """A widget of nglview: a sphere for each bead, coloured by its type, sticks for bonds, and the edges of the box.
+
+    Parameters
+    ----------
+    source : BuiltSystem or Scene
+        What :func:`openmm_dpd.build` returned, or a scene, of up to 99,999 beads.
+    state : openmm.State, optional
+        Positions and box of a run, ``context.getState(positions=True)``; by default those of the start.
+    radii : length, or mapping of types to lengths, optional
+        Radii of the beads; by default a quarter of the cutoff of their type with itself.  0 hides a type.
+
+    Returns
+    -------
+    nglview.NGLWidget
+
+    Raises
+    ------
+    ParameterError
+        If nglview is not installed, a radius is negative, missing or of no type, or the beads do not fit into a PDB file, as which
+        nglview gets them.
+    """
+    nglview = optional_package("nglview", "view", "the view in a notebook needs")
+    scene = scene_of(source)
+    sizes = _radii(scene, radii)
+    structure = nglview.TextStructure(pdb_text(Snapshot.of(source, state)), ext="pdb")
+    widget = nglview.NGLWidget(structure)
+    widget.clear_representations()
+    for k, name in enumerate(scene.type_names):
+        beads = np.flatnonzero(scene.type_ids == k)
+        if len(beads) and sizes[name] > 0:
+            colour = _COLOURS[k % len(_COLOURS)]
+            widget.add_representation("spacefill", selection=_selection(beads), color=colour, radius=10 * sizes[name])
+    bonded = np.unique(scene.bond_pairs)
+    if len(bonded):
+        thin = min([size for size in sizes.values() if size > 0], default=0.1) / 3
+        widget.add_representation("licorice", selection=_selection(bonded), color="#555555", radius=10 * thin)
+    if scene.box is not None:
+        widget.add_representation("unitcell")
+    widget.center()
+    return widget
+
+
+def _selection(beads: np.ndarray) -> str:
+    """Beads in NGL's language, whose names of atoms are capital letters only."""
+    return "@" + ",".join(map(str, beads.tolist()))
+
+
+def _radii(scene: Scene, given) -> dict[str, float]:
+    """Radius (nm) of every type."""
+    if given is None:
+        tables: list[dict[tuple[str, str], Any]] = [table.resolve(scene.type_names) for table in scene.tables]
+        return {name: 0.25 * max(table[name, name].cutoff for table in tables if (name, name) in table) for name in scene.type_names}
+    named = given if isinstance(given, Mapping) else dict.fromkeys(scene.type_names, given)
+    wrong = sorted(map(str, set(named) ^ set(scene.type_names)))
+    if wrong:
+        raise ParameterError(
+            f"radii must have one entry for each of the types {', '.join(scene.type_names)}; {wrong[0]} is missing or unknown"
+        )
+    return {name: checked(size, "length", f"the radius of type {name!r}") for name, size in named.items()}

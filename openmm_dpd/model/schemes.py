@@ -1,0 +1,216 @@
+"""Schemes: the substeps of a step, as the word that papers print.
+
+``A`` drift, ``B`` kick, ``O`` sweep of exact pair updates, ``S`` sweep of Shardlow's, each over a part of the step: ``3B/5`` is a kick over
+three fifths of it.  To add a scheme: one entry of :data:`SCHEMES`.
+"""
+
+import re
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+
+from ..base.errors import ParameterError
+
+_TOKEN = re.compile(r"(\d*)([A-Z])(?:/(\d+))?")
+
+#: Letters of a word, and what they do.
+LETTERS = {"A": "drift", "B": "kick", "O": "sweep of exact pair updates", "S": "sweep of Shardlow's pair updates"}
+
+#: Those of friction and noise.
+SWEEPS = ("O", "S")
+
+#: One letter of a word and its part of the step.
+Letter = tuple[str, Fraction]
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """A way to step."""
+
+    name: str  #: Its name, or the word itself
+    letters: tuple[Letter, ...]  #: Empty for schemes that are no words
+    reference: str  #: Where it comes from
+    what: str  #: What it does, in a line
+    # {"sweep", "force", "openmm"}: Whether friction and noise are pair updates, forces of a predicted velocity, or those of OpenMM's own
+    # DPDIntegrator
+    friction: str = "sweep"
+    # Whether it keeps constraints and virtual sites right: other words evaluate forces at positions that are not constrained yet
+    constraints: bool = False
+    in_lammps: bool = False  #: Whether LAMMPS has it
+    measured: bool = True  #: Whether the accuracy of its steps is in the table of :func:`openmm_dpd.recommend`
+
+    def __str__(self) -> str:
+        return self.name
+
+    @property
+    def word(self) -> str:
+        """The word, empty if there is none."""
+        return " ".join(spelt(letter) for letter in self.letters)
+
+    @property
+    def sweeps(self) -> bool:
+        """Whether friction and noise are sweeps of pair updates."""
+        return self.friction == "sweep"
+
+    @property
+    def predicts(self) -> bool:
+        """Whether friction is a force of a velocity that is predicted with a weight (``lam``)."""
+        return self.friction == "force"
+
+    @property
+    def native(self) -> bool:
+        """Whether OpenMM's own DPDIntegrator steps."""
+        return self.friction == "openmm"
+
+    @property
+    def shardlow(self) -> bool:
+        """Whether its pair updates are Shardlow's."""
+        return any(letter == "S" for letter, _ in self.letters)
+
+    @cached_property
+    def lag(self) -> float:
+        """The part of a step's kick by which velocities, read at whole steps, are behind positions.
+
+        Each kick counts with the drift that follows it, less half a step in all: where kicks come evenly between the drifts that is half
+        of what the kick before the first drift has more than the one after the last.
+        """
+        left, behind = Fraction(1), Fraction(-1, 2)
+        for letter, part in self.motion:
+            if letter == "A":
+                left -= part
+            elif letter == "B":
+                behind += part * left
+        return float(behind)
+
+    def on_step(self, v, force, inv_mass, dt: float):
+        """Velocities (N, 3) of the same moment as the positions, from those at a whole step and the force there."""
+        return v + self.lag * dt * inv_mass[:, None] * force if self.lag else v
+
+    @property
+    def motion(self) -> tuple[Letter, ...]:
+        """The letters of a step, also of the schemes that are no words."""
+        return self.letters or (_MIDDLE if self.native else _VERLET)
+
+    def steps(self, thermostat: bool = True) -> tuple[Letter, ...]:
+        """The letters; drifts or kicks that follow each other are put together, and without friction and noise sweeps are left out.
+
+        What is no word is velocity Verlet then.
+        """
+        kept: list[Letter] = []
+        for letter, part in self.motion:
+            if letter in SWEEPS and not thermostat:
+                continue
+            if kept and kept[-1][0] == letter and letter not in SWEEPS:  # two sweeps are not one of their length
+                kept[-1] = (letter, kept[-1][1] + part)
+            else:
+                kept.append((letter, part))
+        return tuple(kept)
+
+
+def spelt(letter: Letter) -> str:
+    """A letter as written in a word."""
+    name, part = letter
+    return ("" if part.numerator == 1 else str(part.numerator)) + name + ("" if part.denominator == 1 else f"/{part.denominator}")
+
+
+def read_word(text: str) -> tuple[Letter, ...]:
+    """The letters of a word.
+
+    Raises
+    ------
+    ParameterError
+        If it is no consistent step.
+    """
+    letters: list[Letter] = []
+    for token in text.split():
+        found = _TOKEN.fullmatch(token)
+        if found is None or found[2] not in LETTERS:
+            allowed = ", ".join(f"{letter} ({what})" for letter, what in LETTERS.items())
+            raise ParameterError(f"{token!r} is no part of a step in the scheme {text!r}; the letters are {allowed}, as in '3B/5'")
+        if found[1] and not int(found[1]) or found[3] and not int(found[3]):
+            raise ParameterError(f"{token!r} in the scheme {text!r} is no part of a step: a number in it is 0")
+        letters.append((found[2], Fraction(int(found[1] or 1), int(found[3] or 1))))
+    for group, what in ((("A",), "drifts A"), (("B",), "kicks B"), (SWEEPS, "sweeps O and S")):
+        total = sum((part for letter, part in letters if letter in group), Fraction(0))
+        if total != 1:
+            raise ParameterError(f"the {what} of the scheme {text!r} add up to {total} of a step, not to 1")
+    return tuple(letters)
+
+
+_VERLET = (("B", Fraction(1, 2)), ("A", Fraction(1)), ("B", Fraction(1, 2)))
+
+_MIDDLE = read_word("B A/2 O A/2")  # that of OpenMM's DPDIntegrator
+
+
+def _word(name: str, word: str, reference: str, what: str, **properties) -> Scheme:
+    return Scheme(name, read_word(word), reference, what, **properties)
+
+
+_ALL = (
+    Scheme(
+        "mvv",
+        (),
+        "Groot and Warren 1997",
+        "modified velocity Verlet: friction and noise are forces (LAMMPS: fix nve, fix mvv/dpd)",
+        friction="force",
+        in_lammps=True,
+    ),
+    _word(
+        "shardlow",
+        "S B/2 A B/2",
+        "Shardlow 2003, S1",
+        "one sweep of Shardlow's pair updates, then velocity Verlet (LAMMPS: fix shardlow)",
+        in_lammps=True,
+    ),
+    _word(
+        "middle",
+        "B A/2 O A/2",
+        "Zhang et al. 2019, with exact pair updates",
+        "kick, half drift, sweep of exact pair updates, half drift",
+        constraints=True,
+    ),
+    _word(
+        "aboba",
+        "A/2 B/2 O B/2 A/2",
+        "Shang 2021, ABOBA, with exact pair updates",
+        "half drift, half kick, sweep of exact pair updates, half kick, half drift",
+    ),
+    _word(
+        "bababo",
+        "B/5 A/2 3B/5 A/2 B/5 O",
+        "McLachlan 1995 with weights for sampling, and exact pair updates",
+        "kick, half drift, kick, half drift, kick, sweep of exact pair updates: two forces per step, for steps twice as long",
+    ),
+    Scheme("native", (), "OpenMM", "OpenMM's own DPDIntegrator", friction="openmm"),
+)
+
+#: The schemes that have a name.
+SCHEMES: dict[str, Scheme] = {scheme.name: scheme for scheme in _ALL}
+
+
+def scheme_of(text: str | Scheme) -> Scheme:
+    """The scheme of a name or of a word; the word of a named scheme is that scheme.
+
+    Raises
+    ------
+    ParameterError
+        If it is neither.
+    """
+    if isinstance(text, Scheme):
+        return text
+    if not isinstance(text, str) or not text.strip():
+        raise ParameterError(f"unknown scheme {text!r}; it must be {_CHOICES}")
+    if text in SCHEMES:
+        return SCHEMES[text]
+    if not any(letter in text.split()[0] for letter in LETTERS):
+        raise ParameterError(f"unknown scheme {text!r}; it must be {_CHOICES}")
+    letters = read_word(text)
+    for scheme in SCHEMES.values():
+        if scheme.letters == letters:
+            return scheme
+    made = Scheme("", letters, "a word of your own", "", measured=False)
+    what = ", ".join(LETTERS[letter].replace("sweep", f"sweep over {part}") if part != 1 else LETTERS[letter] for letter, part in letters)
+    return Scheme(made.word, letters, made.reference, what, measured=False)
+
+
+_CHOICES = f"one of {', '.join(SCHEMES)}, or a word such as 'B/2 A/2 O A/2 B/2'"

@@ -1,0 +1,101 @@
+"""Bonds and angles that a source lists, and tables of springs and bends, as those of a Scene."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ...base.errors import ParameterError, what_is
+from ...io.psf import checked_bonds
+from ...model.owned import known_under
+from ..molecule import bends_between, by_types
+from ..terms import AnyBend, AnySpring, many_terms
+from .arrays import BeadArrays
+
+
+def scene_bonds(beads: BeadArrays, given) -> Sequence:
+    """Bonds of a Scene: those of the source, with the given springs, or the given ones."""
+    return given if _ready(given) else _terms(beads, beads.bonds, beads.bond_names, given, "bond")
+
+
+def scene_angles(beads: BeadArrays, given, bonds: Sequence) -> Sequence:
+    """Angles of a Scene: those of the source, with the given bends, the given ones, or those between bonds (of the Scene)."""
+    if _ready(given):
+        return given
+    if len(beads.angles) or given is None:
+        return _terms(beads, beads.angles, beads.angle_names, given, "angle")
+    return _bends_of_bonds(beads, bonds, given)
+
+
+def _terms(beads: BeadArrays, rows: np.ndarray, names: list[str] | None, given, what: str) -> list:
+    """Bonds or angles of a Scene: one object for each kind of spring or bend."""
+    kind: type
+    kind, term, width = (AnySpring, "spring", 2) if what == "bond" else (AnyBend, "bend", 3)
+    rows = checked_bonds(rows, len(beads.types), width)
+    if names is not None and len(names) != len(rows):
+        raise ParameterError(f"{beads.source} has {len(rows)} {what}s, but {len(names)} names of their types")
+    if given is None:
+        if not len(rows):
+            return []
+        called = _called(beads, rows[0], names, 0)
+        raise ParameterError(
+            f"{beads.source} has {len(rows)} {what}s, the first one between {called}, but no {what}s are given: "
+            f"{what}s={{...}} says what they are, leave_out=({what + 's'!r},) leaves them out"
+        )
+    if not len(rows):
+        raise ParameterError(
+            f"{beads.source} has no {what}s that the given {what}s could act on; a sequence of {what}s says where they are"
+        )
+    by_name = isinstance(given, Mapping) and bool(given) and all(isinstance(key, str) for key in given)
+    if by_name and names is None:
+        raise ParameterError(f"{beads.source} has no names of {what} types; the keys of {what}s must be bead types, such as ('A', 'B')")
+    if isinstance(given, Mapping):
+        _check_keys(given, set(names or ()) if by_name else set(beads.types) | {"*"} | set(beads.type_names or ()), beads.source, what)
+    chosen, known = [], dict[Any, Any]()
+    for k, row in enumerate(rows.tolist()):
+        key: Any = names[k] if by_name and names is not None else tuple(beads.types[bead] for bead in row)
+        if key not in known:
+            known[key] = _named(given, key, kind, term) if by_name else by_types(given, key, kind, term)
+        if known[key] is None:
+            raise ParameterError(f"{beads.source}: no {term} is given for the {what} between {_called(beads, row, names, k)}")
+        chosen.append(known[key])
+    return many_terms(rows, chosen)
+
+
+def _named(given: Mapping, key: str, kind: type, term: str):
+    found = given.get(key)
+    if found is not None and not isinstance(found, kind):
+        raise ParameterError(f"the {term} for {key!r} must be one of {', '.join(known_under(kind))}, not {what_is(found)}")
+    return found
+
+
+def _check_keys(given: Mapping, known: set[str], source: str, what: str) -> None:
+    """Raise ParameterError if a table names types that there are not, which would not act."""
+    for key in given:
+        for name in (key,) if isinstance(key, str) else key if isinstance(key, tuple) else ():
+            if name not in known:
+                there = ", ".join(sorted(known - {"*"})) or "none"
+                raise ParameterError(f"for {what}s {key!r}: there is no type {name!r} in {source}; there are {there}")
+
+
+def _called(beads: BeadArrays, row, names: list[str] | None, k: int) -> str:
+    types = ", ".join(repr(beads.types[bead]) for bead in row)
+    return f"types {types}" + (f" ({names[k]!r})" if names is not None else "")
+
+
+def _ready(given) -> bool:
+    """Whether bonds or angles are those of a Scene already."""
+    return isinstance(given, Sequence) and not isinstance(given, str)
+
+
+def _bends_of_bonds(beads: BeadArrays, springs: Sequence, bend) -> list:
+    """Angles where two bonds meet, as molecules have them."""
+    bonded = np.concatenate([np.zeros((0, 2), dtype=np.int64), *(bonds.pairs for bonds in springs)])
+    if isinstance(bend, Mapping):
+        if any(isinstance(key, str) for key in bend):
+            raise ParameterError(f"{beads.source} has no names of angle types; the keys of angles must be three bead types")
+        _check_keys(bend, set(beads.types) | {"*"} | set(beads.type_names or ()), beads.source, "angle")
+    found = bends_between(beads.types, bonded, bend)
+    if not found:
+        raise ParameterError(f"{beads.source} lists no angles, and no two of its bonds meet at types that `angles` names")
+    return many_terms(np.array([entry[:3] for entry in found], dtype=np.int64), [entry[3] for entry in found])

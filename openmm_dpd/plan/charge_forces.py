@@ -1,0 +1,162 @@
+"""Scene -> the kernel of its smeared charges: the same energies and forces that :mod:`openmm_dpd.plan.forces.electrostatics` makes of
+OpenMM's.
+
+OpenMM's PME has the error that its grid has.  The kernel goes through all waves up to one that makes a relative error of the forces of the
+scene's tolerance, or of 1e-6 if that is less, so that what remains is the error of the cutoff in real space.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from ..kernels.charge_pairs import Quintics
+from ..kernels.charges import ChargeTerms, cost, pme_cost
+from ..kernels.elementary import erfc, exp
+from ..model.electrostatics import EwaldSum, SlaterCharges, SmearedCharges, ewald_sum, short_series, without_last_digits
+from ..model.scene import Scene
+from .pair_spec import Factors, neighbour_factors
+
+#: The largest relative error of forces that waves beyond the last one make.
+LARGEST_ERROR = 1e-6
+
+#: Errors of the polynomials, in units of 1/width, and of their slopes, in units of 1/width^2.
+VALUE_ERROR, SLOPE_ERROR = 5e-13, 1e-10
+
+#: A function of an array of distances: its values, first and second derivatives.
+Radial = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+
+
+def charge_terms(scene: Scene, ewald: EwaldSum | None, exceptions: Factors) -> ChargeTerms | None:
+    """The kernel's form of the charges of a scene, from ``Plan.ewald`` and ``Plan.charge_exceptions``; None if it has none."""
+    charges = scene.electrostatics
+    if charges is None or scene.charges is None:
+        return None
+    beads = np.flatnonzero(scene.charges).astype(np.int64)
+    number = {int(bead): k for k, bead in enumerate(beads)}
+    bonded = {(number[i], number[j]): f for (i, j), f in sorted(exceptions.items()) if i in number and j in number and f != 1.0}
+    whole = quintics(_whole(charges), charges.reach(1e-17), charges.steepness)
+    if ewald is None:
+        short, cutoff, alpha, k_max = whole, math.inf, 0.0, 0.0
+    else:
+        short, cutoff, alpha = quintics(_difference(charges, ewald), ewald.cutoff, charges.steepness), ewald.cutoff, ewald.alpha
+        k_max = longest_wave(alpha, min(charges.tolerance, LARGEST_ERROR))
+    return ChargeTerms(
+        beads=beads,
+        charges=scene.charges[beads].astype(np.float64),
+        constant=charges.coulomb(scene.initial_kT),
+        short=short,
+        cutoff=cutoff,
+        alpha=alpha,
+        k_max=k_max,
+        whole=whole,
+        pairs=np.array(list(bonded), np.int64).reshape(-1, 2),
+        factors=np.array(list(bonded.values()), np.float64),
+    )
+
+
+def charge_factors(scene: Scene) -> Factors:
+    """Factors of the charges of bonded neighbours, where other than 1."""
+    if scene.electrostatics is None:
+        return {}
+    return neighbour_factors(scene, scene.electrostatics.bonded_factors or scene.bonded_factors)
+
+
+def ewald_of(scene: Scene) -> EwaldSum | None:
+    """Settings of the lattice sum of a scene with charges in a box; None without."""
+    if scene.electrostatics is None or scene.charges is None or scene.box is None:
+        return None
+    return ewald_sum(scene.electrostatics, scene.box, int(np.count_nonzero(scene.charges)))
+
+
+def few_charges(scene: Scene, ewald: EwaldSum | None) -> bool:
+    """Whether the kernel's direct sum over waves takes less time than OpenMM's PME."""
+    if scene.electrostatics is None or scene.charges is None:
+        return False
+    count = int(np.count_nonzero(scene.charges))
+    if ewald is None:
+        return count < 2000
+    k_max = longest_wave(ewald.alpha, min(scene.electrostatics.tolerance, LARGEST_ERROR))
+    return cost(count, scene.box, k_max, ewald.cutoff) < pme_cost(ewald.grid, scene.n_beads)
+
+
+def longest_wave(alpha: float, error: float) -> float:
+    """Wave vector (1/nm) up to which the waves make a relative error of forces that is no larger: exp(-k^2/(4 alpha^2)) = error.
+
+    The forces of charges without order have the error sqrt(alpha/k) exp(-k^2/(4 alpha^2)) or less.
+    """
+    return without_last_digits(2.0 * alpha * math.sqrt(-math.log(error)))
+
+
+def quintics(function: Radial, end: float, steepness: float) -> Quintics:
+    """A function as polynomials up to the distance ``end``, as many as it takes."""
+    pieces = 32
+    while True:
+        pieces += pieces // 4
+        found = Quintics.of(*function(np.linspace(0.0, end, pieces + 1)), end)
+        worst = [0.0, 0.0]
+        for part in (0.25, 0.5, 0.75):
+            powers = part ** np.arange(6)
+            slopes = np.concatenate([[0.0], np.arange(1, 6) * powers[:-1]]) * found.per_length
+            value, slope, _ = function((np.arange(pieces) + part) / found.per_length)
+            worst[0] = max(worst[0], float(np.abs(found.coefficients @ powers - value).max()) / steepness)
+            worst[1] = max(worst[1], float(np.abs(found.coefficients @ slopes - slope).max()) / steepness**2)
+        if (worst[0] < VALUE_ERROR and worst[1] < SLOPE_ERROR) or pieces > 10_000:
+            return found
+
+
+def _joined(series: np.ndarray, scale: float, outer: Radial) -> Radial:
+    """A power series in r/scale below ``scale``, a formula above."""
+    slopes = np.polynomial.polynomial.polyder(series) / scale
+    curvatures = np.polynomial.polynomial.polyder(slopes) / scale
+
+    def function(r):
+        near, far = np.minimum(r, scale) / scale, outer(np.maximum(r, scale))
+        rows = (np.polynomial.polynomial.polyval(near, part) for part in (series, slopes, curvatures))
+        return tuple(np.where(r < scale, inner, beyond) for inner, beyond in zip(rows, far, strict=True))
+
+    return function
+
+
+def _over_r(r, g, g1, g2):
+    """Derivatives of g/r from those of g."""
+    value = g / r
+    slope = (g1 - value) / r
+    return value, slope, (g2 - 2 * slope) / r
+
+
+def _error_function(steepness: float, r):
+    """erfc(steepness r) and its derivatives."""
+    slope = -2 * steepness / math.sqrt(math.pi) * exp(-((steepness * r) ** 2))
+    return erfc(steepness * r), slope, -2 * steepness**2 * r * slope
+
+
+def _cloud(charges: SmearedCharges, r):
+    """1 - r s(r) and its derivatives."""
+    k = charges.steepness
+    if not isinstance(charges, SlaterCharges):
+        return _error_function(k, r)
+    e = exp(-2 * k * r)
+    return (1 + k * r) * e, -k * (1 + 2 * k * r) * e, 4 * k**3 * r * e
+
+
+def _whole(charges: SmearedCharges) -> Radial:
+    """s(r)."""
+    scale = 1.0 / charges.steepness
+
+    def outer(r):
+        cloud, slope, curvature = _cloud(charges, r)
+        return _over_r(r, 1 - cloud, -slope, -curvature)
+
+    return _joined(charges.series(scale), scale, outer)
+
+
+def _difference(charges: SmearedCharges, ewald: EwaldSum) -> Radial:
+    """s(r) - erf(alpha r)/r, without a difference of nearly equal numbers at any distance."""
+    scale = min(1.0 / charges.steepness, 1.0 / ewald.alpha, ewald.cutoff)
+
+    def outer(r):
+        rows = zip(_error_function(ewald.alpha, r), _cloud(charges, r), strict=True)
+        return _over_r(r, *(image - cloud for image, cloud in rows))
+
+    return _joined(short_series(charges, ewald.alpha, scale), scale, outer)

@@ -1,0 +1,119 @@
+"""Who computes what in a step, and why: one record, made by :func:`openmm_dpd.plan.plan.make_plan` and nowhere else."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from ..base.errors import PlanError
+from ..model.flow import BodyForce
+from ..model.scene import Scene
+from ..model.schemes import Scheme
+
+#: Platforms where positions, velocities and forces are double precision.
+DOUBLE_PLATFORMS = ("Reference", "CPU")
+
+#: What a scene may have beside its pair terms, and the pair kernel may hold.
+PARTS = ("bonds", "angles", "dihedrals", "overlays", "segments", "body forces", "walls", "charges")
+
+
+@dataclass(frozen=True)
+class Execution:
+    """Who computes what.
+
+    Attributes
+    ----------
+    engine : str
+        Name of the pair kernel's engine (:mod:`openmm_dpd.kernels.engines`).
+    steps : {"program", "loop", "openmm"}
+        How steps are done: one by one by the integrator's program, many at once in a loop over the pair kernel's own arrays, or by OpenMM's
+        own integrator.
+    conservative : {"kernel", "openmm", "none"}
+        What computes the conservative force of the pair terms.
+    held : frozenset of str
+        Which :data:`PARTS` of the scene the pair kernel holds; the rest is OpenMM's.
+    precision : {"double", "single"}
+        What positions, velocities and forces of the platform have at least.
+    why : dict
+        The reason for "engine", "steps", "conservative" and "precision", and for each part of the scene that is held or could be.
+    """
+
+    steps: str = "program"
+    conservative: str = "openmm"
+    held: frozenset[str] = frozenset()
+    precision: str = "double"
+    engine: str = "host"
+    why: Mapping[str, str] = field(default_factory=dict, compare=False)
+
+    @property
+    def looped(self) -> bool:
+        """Whether many steps are done at once, so that a program may only count them."""
+        return self.steps == "loop"
+
+    @property
+    def pushes(self) -> bool:
+        """Whether the pair kernel computes any conservative force."""
+        return self.conservative == "kernel" or self.looped
+
+
+def conservative_place(asked: str, repulsive: bool, thermostat: bool, only: str | None, faster: bool, scheme: Scheme) -> tuple[str, str]:
+    """Where the conservative force of the pair terms is computed, and why.
+
+    ``only`` is the reason why it must be the kernel, ``faster`` whether that passes over the pairs faster than OpenMM does.
+    """
+    if not repulsive:
+        return "none", "there is no repulsion"
+    if only is not None:
+        if scheme.native or asked == "openmm":
+            what = "the native scheme" if scheme.native else "conservative='openmm'"
+            raise PlanError(f"{what} is not possible: {only}")
+        return "kernel", only
+    if scheme.native and asked == "kernel":
+        raise PlanError("the native scheme has no pair kernel; use conservative='openmm'")
+    if asked != "auto":
+        return asked, "as asked for"
+    if scheme.native or not thermostat:
+        return "openmm", "there is no pair kernel"
+    return ("kernel", "it passes over the same pairs anyway") if faster else ("openmm", "it takes less time on this platform")
+
+
+def why_no_loop(
+    conservative: str, thermostat: bool, scheme: Scheme, platform: str | None, loop: bool, compensated: bool, scene: Scene, hosted: bool
+) -> str | None:
+    """Why the pair kernel cannot carry out whole steps by itself, or None.
+
+    ``compensated`` says whether the program has to balance energies, ``hosted`` whether the System was made elsewhere.
+    """
+    less = f"velocities on the platform {platform} are less than double precision, so that the program balances the energies"
+    reasons = {
+        "OpenMM's own integrator steps": scheme.native,
+        "the forces of a System made elsewhere act as well": hosted,
+        "switched off": not loop,
+        "on some beads only body forces act": scene.interacting is not None,
+        "the conservative force is a CustomNonbondedForce": conservative == "openmm",
+        "the pair kernel holds no conservative force": conservative == "none" and not (thermostat and platform in DOUBLE_PLATFORMS),
+        less: compensated,
+    }
+    return next((reason for reason, holds in reasons.items() if holds), None)
+
+
+def why_parts(scene: Scene, overlays: bool, looped: bool, few_charges: bool, double: bool) -> tuple[frozenset[str], dict[str, str]]:
+    """What the pair kernel holds of a scene beside its pair terms, and the reason for each part that the scene has."""
+    there = {
+        "bonds": scene.bonds,
+        "angles": scene.angles,
+        "dihedrals": scene.dihedrals,
+        "overlays": overlays,
+        "segments": scene.segments,
+        "body forces": any(isinstance(term, BodyForce) for term in scene.body_forces),
+        "walls": scene.walls,
+    }
+    why = dict.fromkeys((part for part, found in there.items() if found), "a loop holds all it can" if looped else "there is no loop")
+    held = frozenset(why) if looped else frozenset()
+    if scene.electrostatics is None:
+        return held, why
+    if not looped:
+        return held, why | {"charges": "there is no loop"}
+    if not double:
+        return held, why | {"charges": "the platform sums them"}
+    if not few_charges:
+        return held, why | {"charges": "for so many PME takes less time"}
+    return held | {"charges"}, why | {"charges": "so few take less time without a grid"}

@@ -1,0 +1,241 @@
+"""The PythonForce between OpenMM and the pair kernel."""
+
+import threading
+
+import numpy as np
+import openmm
+
+from ...base import names
+from ...base.errors import RunError
+from ...base.names import Phase
+from ...base.openmm_private import bare, vectors
+from ...base.signals import CTRL_C
+from ...base.wording import in_length, in_units
+from ...kernels import motion
+from ...kernels.engines import engine_kind
+from ...kernels.fields import ENERGY
+from ...kernels.layer import CONSERVATIVE, DISSIPATIVE, RANDOM, PairSpec
+from ...kernels.steps import Moment, StepSpec
+from ..made import origin
+from ..program_options import ProgramOptions
+from .runaway import NEAR, runaway
+from .thread_state import Fields, ThreadState
+
+#: Phases that store the positions.
+KEEPING = (Phase.STORE, Phase.FINGERPRINT, Phase.CONSERVE)
+
+#: Phases that look at the kept positions.
+AT_KEPT = (Phase.FORCE_KEPT, Phase.SWEEP_KEPT)
+
+#: Thermal energy, step size, seed and counter of the noise, values of the fields.
+Conditions = tuple[float, float, int, int, np.ndarray | None]
+
+
+class PairForceFunction:
+    """The callable inside the PythonForce: state -> (energy, forces), as the phase in the context parameters says.
+
+    It is complete and immutable once constructed, because OpenMM pickles it into the System.  What it stores between two calls of one step
+    is private to the calling thread, so that several Contexts can step one System, and can always be computed again.
+
+    Parameters
+    ----------
+    spec : PairSpec
+        The pair terms.
+    conservative : bool
+        Whether this force computes the conservative terms too.
+    periodic : bool
+        Whether there is a periodic box.
+    scale : float
+        Changes of the per-bead fields are returned in units of this.
+    balanced : bool
+        Whether, for internal energies, the change of a bead's kinetic energy counts in (the program takes it off again).
+    length_checked : sequence of Bonds
+        Bonds whose lengths are checked once in every step: a bond that is too long would make the positions NaN.
+    steps : StepSpec or None
+        A whole step, if this force can do it.
+    engine : str
+        Name of the engine (:mod:`openmm_dpd.kernels.engines`).
+    """
+
+    def __init__(
+        self,
+        spec: PairSpec,
+        conservative: bool,
+        periodic: bool,
+        scale: float = 1.0,
+        balanced: bool = False,
+        length_checked: tuple = (),
+        steps: StepSpec | None = None,
+        engine: str = "host",
+    ):
+        self.spec, self.conservative, self.periodic = spec, conservative, periodic
+        self.scale, self.balanced, self.length_checked, self.steps = scale, balanced, length_checked, steps
+        self.engine = engine
+        self._cutoff = max(float(term.cutoff.max()) for term in spec.terms)
+        self._zero = np.zeros((len(spec.types), 3))
+        self._local = threading.local()
+
+    def __reduce__(self):
+        known = self.spec, self.conservative, self.periodic, self.scale, self.balanced, self.length_checked, self.steps, self.engine
+        return type(self), known
+
+    def thread_state(self) -> ThreadState:
+        """What the calling thread keeps."""
+        found = getattr(self._local, "state", None)
+        if found is None:
+            kind = engine_kind(self.engine)
+            kind.warm_up(self.spec)
+            engine = kind.make(self.spec)
+            loop = None if self.steps is None else kind.stepper(self.steps, engine, self._watch, NEAR * self._cutoff)
+            found = self._local.state = ThreadState(engine, loop, None if self.spec.fields is None else Fields(self.spec.fields))
+        return found
+
+    def __call__(self, state):
+        CTRL_C.check()
+        parameters = state.getParameters()
+        phase = int(parameters[names.PHASE])
+        if phase == Phase.IDLE and not self.conservative:
+            return 0.0, self._zero
+        own = self.thread_state()
+        here = (phase, parameters[names.COUNTER])
+        if phase != Phase.IDLE and here == own.failed:
+            # a step failed and its phase is still set: a call from outside gets what IDLE gives, but a new step may begin so too
+            phase = phase if phase in KEEPING else int(Phase.IDLE)
+        elif phase != Phase.IDLE:
+            own.failed = None
+        try:
+            return self._evaluate(own, phase, state, parameters)
+        except BaseException as error:
+            own.failed = here
+            if isinstance(error, RunError) and phase != Phase.IDLE:
+                raise RunError(f"step {state.getStepCount() + 1}: {error}") from error
+            raise
+
+    def _evaluate(self, own: ThreadState, phase: int, state, parameters: dict):
+        """Energy and forces for a phase."""
+        x = self.positions(state)
+        box = self.box(state)
+        self.scale_body_forces(own, parameters)
+        if phase in KEEPING:
+            for bonds in self.length_checked:
+                wrong = bonds.overstretched(x, box)
+                if wrong is not None:
+                    raise RunError(f"{wrong}; the step size may be too large")
+            own.kept = x
+        if phase in (Phase.FINGERPRINT, Phase.STORE) and own.failed is None:
+            return (own.fingerprints.of(x, box, parameters) if phase == Phase.FINGERPRINT else 0.0), self._zero
+        if phase == Phase.IDLE and not self.conservative:
+            return 0.0, self._zero
+        if phase == Phase.IDLE or phase in KEEPING:
+            if not self.conservative:
+                return 0.0, self._zero
+            own.engine.prepare(x, box)
+            return own.conservative.now(own.fields)
+        return 0.0, self._in_step(own, phase, x, box, parameters)
+
+    def _in_step(self, own: ThreadState, phase: int, x: np.ndarray, box: np.ndarray | None, parameters: dict) -> np.ndarray:
+        kept, block = own.kept, phase % 100
+        phase -= block if phase >= Phase.SWEEP_SEEN else 0
+        if kept is None:
+            raise RunError(f"phase {phase} of the pair force came before any positions were stored: no integrator of openmm_dpd does that")
+        if not parameters[names.DT] > 0.0:
+            raise RunError(f"the step size must be > 0, but the integrator's is {in_units(parameters[names.DT], 'time')}")
+        fields = own.fields
+        if phase == Phase.CHANGE:
+            assert fields is not None
+            return fields.changes(block) / self.scale
+        if phase == Phase.READ:
+            assert fields is not None
+            fields.read(block, (x - kept) / parameters[names.TAU])
+            return self._zero
+        dt, tau, kT = parameters[names.DT], parameters[names.TAU], self.thermal_energy(parameters)
+        key = (int(parameters[names.SEED]), int(parameters[names.COUNTER]))
+        motion.seen_velocities(x, kept, tau, own.v)
+        self._check(own.v, kT, dt)
+        own.engine.prepare(kept if phase in AT_KEPT else x, box)
+        conditions = (kT, dt, *key, None if fields is None else fields.values)
+        return self._sweep(own, block, conditions) if phase >= Phase.SWEEP_SEEN else self._force(own, phase, conditions)
+
+    def scale_body_forces(self, own: ThreadState, parameters) -> None:
+        """Take the factor of body forces over from the Context."""
+        scale = parameters[names.BODY_FORCE] if names.BODY_FORCE in parameters else 1.0
+        if scale != own.engine.body_scale:
+            own.engine.number += 1  # first: what was computed before is not valid any more
+            own.engine.body_scale = scale
+
+    def thermal_energy(self, parameters) -> float:
+        """kT of the Context; RunError if it is none."""
+        kT = parameters[names.KT]
+        if not 0.0 <= kT < np.inf:
+            raise RunError(f"the context parameter {names.KT} must be >= 0 and finite, but is {kT}")
+        return kT
+
+    def _watch(self, v: np.ndarray, moment: Moment) -> None:
+        self._check(v, moment.kT, moment.dt)
+
+    def _check(self, v: np.ndarray, kT: float, dt: float) -> None:
+        """RunError if beads run away."""
+        wrong = runaway(v, self.spec.inv_mass, kT, dt, self._cutoff)
+        if wrong is not None:
+            raise RunError(f"{wrong}; the step size is too large for this scheme, or the start is too far from equilibrium")
+
+    def _force(self, own: ThreadState, phase: int, conditions: Conditions) -> np.ndarray:
+        """Force form at the prepared positions."""
+        which = DISSIPATIVE | RANDOM
+        if phase == Phase.FORCE_SEEN and self.conservative:
+            which |= CONSERVATIVE
+        force = own.engine.forces(which, own.v, *conditions, own.result)[1]
+        if own.fields is not None:
+            own.fields.last = own.engine.rates
+        return force
+
+    def _sweep(self, own: ThreadState, update: int, conditions: Conditions) -> np.ndarray:
+        """Impulses/dt of a sweep at the prepared positions."""
+        engine, v, dt = own.engine, own.v, conditions[1]
+        change = engine.sweep(v, *conditions, own.result, update)
+        if own.fields is not None:
+            own.fields.last = engine.increments
+            if self.balanced:
+                own.fields.balance(v, change, self.spec.inv_mass)
+        motion.as_force(change, self.spec.inv_mass, dt)
+        return change
+
+    def positions(self, state) -> np.ndarray:
+        """Positions of a State, nm."""
+        x = vectors(state, openmm.State.Positions)
+        if len(x) != len(self.spec.types):
+            raise RunError(f"the System has {len(x)} particles, but its DPD pair terms were made for {len(self.spec.types)}")
+        return x
+
+    def box(self, state) -> np.ndarray | None:
+        """Box vectors of a State, nm, None if the scene has none; RunError if they are too short for the pair terms."""
+        if not self.periodic:
+            return None
+        box = bare(state.getPeriodicBoxVectors(asNumpy=True))
+        if self._cutoff > 0.5 * box.diagonal().min() * (1 + 1e-9):
+            edges = " x ".join(map(in_length, box.diagonal()))
+            raise RunError(f"the box has shrunk to {edges}, less than twice the cutoff of {in_length(self._cutoff)}")
+        return box
+
+
+def pair_force(function: PairForceFunction, *, options: ProgramOptions, integrator: openmm.Integrator) -> openmm.PythonForce:
+    """PythonForce that evaluates the pair terms, with its context parameters (see :mod:`openmm_dpd.base.names`)."""
+    parameters = {
+        names.PHASE: float(Phase.IDLE),
+        names.TAU: options.dt,
+        names.DT: options.dt,
+        names.KT: options.kT,
+        names.COUNTER: 0.0,
+        names.SEED: float(options.seed),
+    }
+    parameters |= origin(options, integrator)
+    if function.spec.fields is not None and function.spec.fields.kind == ENERGY:
+        parameters |= {names.VOLUME_MOVES: 0.0, names.VOLUME_STEP: 0.01, names.VOLUME_ACCEPTED: 0.0}
+    if any(extra.term == "external" for extra in function.spec.extras):
+        parameters[names.BODY_FORCE] = 1.0
+    force = openmm.PythonForce(function, parameters)
+    force.setName(names.PAIR_FORCE)
+    force.setForceGroup(options.pair_group)
+    # true exactly when the scene is periodic: only then are the positions handed over meaningful on GPU platforms
+    force.setUsesPeriodicBoundaryConditions(function.periodic)
+    return force

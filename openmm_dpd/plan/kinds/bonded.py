@@ -1,0 +1,93 @@
+"""The properties of a kind of bonds, angles or dihedrals, as one record; the register of all of them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import openmm
+
+from ...base.errors import ParameterError
+from ...kernels.extras import BondedKernel
+from ...model.bonds import BondedTerms
+from ...simulation.serialized import trust
+from ..forces.bonded import Energy, bonded_force
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BondedKind:
+    """One kind of bonds, angles or dihedrals.
+
+    Attributes
+    ----------
+    terms : type
+        A frozen dataclass, a :class:`~openmm_dpd.model.bonds.Bonds`, :class:`~openmm_dpd.model.angles.Angles` or
+        :class:`~openmm_dpd.model.dihedrals.Dihedrals`: coefficients with bounds, energy and two derivatives.
+    kernel : type
+        The same terms for compiled loops: a :class:`~openmm_dpd.kernels.bonded.BondTerms`, :class:`~openmm_dpd.kernels.angles.AngleTerms`
+        or :class:`~openmm_dpd.kernels.dihedrals.DihedralTerms` with a formula.
+    energies : tuple of Energy
+        The same terms as forces of OpenMM's.  The first one has the name of the kind, such as "harmonic bonds".
+    style : str, optional
+        Name in LAMMPS; without one the kind is neither read nor exported.
+    words : dict
+        Coefficients in the order of LAMMPS's: their dimension (:data:`openmm_dpd.lammps.styles.columns.FACTORS`) and their name there.
+    """
+
+    terms: type[BondedTerms]
+    kernel: type[BondedKernel]
+    energies: tuple[Energy, ...]
+    style: str | None = None
+    words: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+
+    def __post_init__(self):
+        if len(self.kernel.sample) != self.width:
+            raise ParameterError(f"the kernel of the kind {self.terms.__name__} is for {len(self.kernel.sample)} beads, not {self.width}")
+
+    @property
+    def width(self) -> int:
+        """Beads of each term."""
+        return self.terms._BEADS[1]
+
+    @property
+    def name(self) -> str:
+        """What its terms are called."""
+        return self.energies[0].name
+
+
+#: All kinds of bonds, angles and dihedrals, by their classes.
+BONDED_KINDS: dict[type[BondedTerms], BondedKind] = {}
+
+
+def register_bonded(kind: BondedKind) -> BondedKind:
+    """Make a kind known to the package.
+
+    Raises
+    ------
+    ParameterError
+        If there is another one for its class.
+    """
+    if BONDED_KINDS.setdefault(kind.terms, kind) is not kind:
+        raise ParameterError(f"there is a kind for {kind.terms.__name__} already")
+    trust(kind.terms.__module__, kind.kernel.__module__)
+    return kind
+
+
+def bonded_kind(terms: type[BondedTerms]) -> BondedKind:
+    """The kind of a class of bonds, angles or dihedrals.
+
+    Raises
+    ------
+    ParameterError
+        If none was registered.
+    """
+    if terms not in BONDED_KINDS:
+        raise ParameterError(f"nothing is known of {terms.__name__}; register their kind (openmm_dpd.plan.kinds.register_bonded)")
+    return BONDED_KINDS[terms]
+
+
+def bonded_forces(groups: Sequence[BondedTerms], periodic: bool) -> list[openmm.Force]:
+    """Forces of OpenMM's for bonds, angles and dihedrals, those of each kind that there is."""
+    made = []
+    for kind in sorted(BONDED_KINDS.values(), key=lambda kind: kind.width):
+        found = [group for group in groups if type(group) is kind.terms]
+        made += [bonded_force(energy, found, periodic) for energy in kind.energies if found]
+    return [force for force in made if force is not None]

@@ -1,0 +1,142 @@
+"""The properties of a kind of pair coefficients, as one record; the register of all kinds; coefficients as arrays."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Any, NamedTuple
+
+import numpy as np
+import openmm
+
+from ...base.errors import ParameterError
+from ...kernels.fields import FieldSpec
+from ...kernels.layer import Table
+from ...kernels.radial import Tables
+from ...model.pairs import NONE, PairCoefficient
+from ...model.scene import Scene
+from ...simulation.serialized import trust
+from ..forces.expressions import PairExpression
+
+#: Coefficients by pair of types, all of one kind or NONE.
+Resolved = Mapping[tuple[str, str], Any]
+
+
+class BeadData(NamedTuple):
+    """What coefficients may depend on: names of the types, masses of the beads, and the scene's ``compat``."""
+
+    names: list[str]
+    masses: np.ndarray
+    compat: str = "consistent"
+
+
+class Curves(NamedTuple):
+    """A table of radial potentials as :class:`openmm_dpd.kernels.radial.RadialTerms` needs it."""
+
+    which: np.ndarray
+    lennard_jones: np.ndarray
+    tables: Tables
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Kind:
+    """One kind of pair coefficients.
+
+    What is not given is not possible, and refused where it is asked for.
+    """
+
+    coefficient: type[PairCoefficient]  #: A frozen dataclass of :mod:`openmm_dpd.model`
+    #: The coefficients as the pair kernel's table, which makes the layer that evaluates them; or else
+    terms: Callable[[Resolved, BeadData], Table] | None = None
+    # (of a table and names of types) what makes it a radial potential without friction beside the pair terms: the kernel's form
+    overlay: Callable[[Resolved, list[str]], Curves] | None = None
+    #: (of a table and names of types) the conservative force, or its radial part, as an OpenMM expression
+    potential: Callable[[Resolved, list[str]], PairExpression] | None = None
+    #: (of a table, names, type numbers, excluded pairs, whether it is periodic) a many-body force of OpenMM's that goes with it
+    density_force: Callable[..., openmm.Force] | None = None
+    #: (of a table, Scene, exceptions, platform) why only the kernel can compute the conservative force of a scene, or None
+    why_kernel_only: Callable[[Resolved, Scene, dict[tuple[int, int], float], str | None], str | None] | None = None
+    fields: Callable[[Scene], FieldSpec] | None = None  #: Per-bead fields, for the kernel; for coefficients that have ``internal``
+    field_text: str = ""  #: What the per-DOF variables hold
+    no_sweep: str | None = None  #: Why no scheme with sweeps runs it, a part of a sentence that begins with its name
+    #: Why OpenMM's DPDIntegrator cannot apply its friction, a part of a sentence, or None
+    why_not_native: Callable[[Any], str | None] | None = None
+    #: Why there is no Laplacian of the potential, hence no configurational temperature, or None
+    why_no_laplacian: Callable[[Resolved], str | None] = lambda _: None
+    has_stress: bool = False  #: Whether its layers sum stress tensors
+    has_densities: bool = False  #: Whether its layers have local densities of the beads
+    beside_atoms: bool = False  #: Whether beads beside atoms of a force field may have it, and it may act between the two
+    thermostat: bool = False  #: Whether it can be the friction between atoms
+    # (of a coefficient and kT) friction coefficients (Da/ps) with the exponents of their noise, of a soft repulsion A (1 - r/cutoff): what
+    # the table of steps is about
+    frictions: Callable[[Any, float], list[tuple[float, float]]] | None = None
+    unlike_lammps: str | None = None  #: What it does unlike LAMMPS unless a scene has ``compat="lammps"``
+
+    def __post_init__(self):
+        if (self.terms is None) == (self.overlay is None):
+            raise ParameterError(f"the kind {self.name} must be either terms of the pair kernel or an overlay")
+        if self.overlay is not None and self.potential is None:
+            raise ParameterError(f"the overlay {self.name} needs a potential for OpenMM")
+        if (self.coefficient.internal is None) != (self.fields is None):
+            raise ParameterError(f"the kind {self.name} must name its per-bead fields and say how the kernel reads them, or neither")
+
+    @property
+    def name(self) -> str:
+        """Name of the class of coefficients."""
+        return self.coefficient.__name__
+
+    def kernel_only(self, table: Resolved, scene: Scene, exceptions: dict[tuple[int, int], float], platform: str | None) -> str | None:
+        """Why only the pair kernel can compute the conservative force in a scene, or None."""
+        if self.potential is None and self.why_kernel_only is None:
+            return f"there is no OpenMM force for {self.name}"
+        return self.why_kernel_only(table, scene, exceptions, platform) if self.why_kernel_only else None
+
+
+#: All kinds, by the class of their coefficients.
+KINDS: dict[type[PairCoefficient], Kind] = {}
+
+
+def register(kind: Kind) -> Kind:
+    """Make a kind known to the package.  Tables and layers of the module of its coefficients can be read by :func:`openmm_dpd.load_xml`.
+
+    Raises
+    ------
+    ParameterError
+        If there is another one for its coefficients.
+    """
+    if KINDS.setdefault(kind.coefficient, kind) is not kind:
+        raise ParameterError(f"there is a kind for {kind.name} already")
+    trust(kind.coefficient.__module__)
+    return kind
+
+
+def kind_for(coefficient: type[PairCoefficient]) -> Kind:
+    """The kind of a class of coefficients.
+
+    Raises
+    ------
+    ParameterError
+        If none was registered.
+    """
+    if coefficient not in KINDS:
+        raise ParameterError(f"nothing is known of pair terms {coefficient.__name__}; register their kind (openmm_dpd.plan.kinds.register)")
+    return KINDS[coefficient]
+
+
+def resolved_kind(table: Resolved) -> Kind:
+    """The kind of a resolved table that is not empty."""
+    return kind_for(next(type(c) for c in table.values() if c is not NONE))
+
+
+def symmetric_arrays(table: Resolved, names: list[str], fields: str, **others: Callable[[Any], Any]) -> dict[str, Any]:
+    """(T, T, ...) symmetric arrays of these fields of the coefficients, and of what others are; zeros for pairs without a coefficient."""
+    place = {name: k for k, name in enumerate(names)}
+    found = [(place[a], place[b], c) for (a, b), c in table.items() if c is not NONE]
+    arrays: dict[str, np.ndarray] = {}
+    if found:
+        first, second, coefficients = zip(*found, strict=True)
+        for key, value in ({name: attrgetter(name) for name in fields.split()} | others).items():
+            given = np.array([value(c) for c in coefficients], dtype=float)
+            array = np.zeros((len(names), len(names), *given.shape[1:]))
+            array[first, second] = array[second, first] = given
+            arrays[key] = array
+    return arrays

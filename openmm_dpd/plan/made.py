@@ -1,0 +1,221 @@
+"""What an integrator was made for: whose forces those of a System are, and who wrote a state."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from zlib import crc32
+
+import numpy as np
+import openmm
+from openmm import unit
+
+from ..base.errors import PlanError
+from ..base.names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES
+from .program_options import ProgramOptions
+
+#: Forces that change the box now and then, and exert no force.
+BAROSTATS = (
+    openmm.MonteCarloBarostat,
+    openmm.MonteCarloAnisotropicBarostat,
+    openmm.MonteCarloFlexibleBarostat,
+    openmm.MonteCarloMembraneBarostat,
+)
+
+#: Forces that list the particles they act on, so that others do not concern them.
+LISTED = (
+    openmm.HarmonicBondForce,
+    openmm.HarmonicAngleForce,
+    openmm.PeriodicTorsionForce,
+    openmm.RBTorsionForce,
+    openmm.CMAPTorsionForce,
+    openmm.CustomBondForce,
+    openmm.CustomAngleForce,
+    openmm.CustomTorsionForce,
+    openmm.CustomCompoundBondForce,
+    openmm.CustomCentroidBondForce,
+    openmm.CustomExternalForce,
+)
+
+
+def text_number(text: str) -> float:
+    """A number for a text in a context parameter; 0 for an empty one."""
+    return float(crc32(text.encode()))
+
+
+def origin(options: ProgramOptions, integrator: openmm.Integrator) -> dict[str, float]:
+    """Context parameters by which a state says who wrote it."""
+    return {
+        BY_SCHEME: text_number(options.scheme.name),
+        BY_KT: _asked(options),
+        BY_SEED: float(options.seed),
+        BY_VARIABLES: variables_number(integrator),
+        BESIDE: 0.0,
+        BEGUN: 0.0,
+    }
+
+
+def variables_number(integrator: openmm.Integrator) -> float:
+    """A number for the names of an integrator's variables, 0 if it has none."""
+    if not isinstance(integrator, openmm.CustomIntegrator):
+        return 0.0
+    single = map(integrator.getGlobalVariableName, range(integrator.getNumGlobalVariables()))
+    per_dof = map(integrator.getPerDofVariableName, range(integrator.getNumPerDofVariables()))
+    return text_number(" ".join([*single, "each", *per_dof]))
+
+
+def _asked(options: ProgramOptions) -> float:
+    """A number for the temperature that a script asked for: the thermal energy, or a negative one for a ramp."""
+    return options.kT if options.ramp is None else -1.0 - text_number(repr(options.ramp))
+
+
+def groups_of(force: openmm.Force) -> set[int]:
+    """Force groups in which a force acts."""
+    groups = {force.getForceGroup()}
+    if isinstance(force, openmm.NonbondedForce) and force.getReciprocalSpaceForceGroup() >= 0:
+        groups.add(force.getReciprocalSpaceForceGroup())
+    return groups
+
+
+def acting(forces: Iterable[openmm.Force]) -> list[openmm.Force]:
+    """Those that have an energy, even if it is 0 at present."""
+    return [force for force in forces if not isinstance(force, (*BAROSTATS, openmm.CMMotionRemover, openmm.AndersenThermostat))]
+
+
+def refuse_thermostat(force: openmm.Force) -> None:
+    """Raise PlanError for a force that has or needs a thermostat of its own, which pairwise friction cannot be combined with."""
+    if isinstance(force, openmm.DrudeForce):
+        raise PlanError(
+            "the System has a DrudeForce, whose particles must be kept at about 1 K against their atoms, and pairwise friction would heat "
+            "them to the temperature of everything; take OpenMM's DrudeLangevinIntegrator, or a force field that is not polarizable"
+        )
+    if isinstance(force, openmm.AndersenThermostat):
+        raise PlanError("the System has an AndersenThermostat beside the DPD thermostat; remove it")
+    if isinstance(force, openmm.CMMotionRemover):
+        raise PlanError(
+            "the System has a CMMotionRemover, which DPD does not need (it conserves momentum) and which takes energy out of the flow; "
+            "make the System with removeCMMotion=False"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """What an integrator was made for."""
+
+    maker: str  #: Function of this package that made the System, or added to it
+    masses: np.ndarray  #: (N,) masses of the particles, Da
+    constrained: bool  #: Whether the integrator keeps constraints
+    virtual: np.ndarray  #: (N,) bool which particles are virtual sites
+    own: tuple[tuple[str, int], ...]  #: Names and force groups of the forces that the package made
+    used: int  #: The integration force groups, a bit for each
+    lines: int  #: Number of lines of the integrator's program; 0 where it has none
+    scheme: str
+    kT: float  #: Thermal energy the script asked for, kJ/mol (that at the beginning of a ramp)
+    asked: float  #: The same as it stands in states
+    seed: int | None  #: The seed the script chose; None if it left the choice to the package
+
+    @classmethod
+    def of(
+        cls, maker: str, system: openmm.System, own: Sequence[openmm.Force], options: ProgramOptions, integrator: openmm.Integrator
+    ) -> Made:
+        """What a System has now, and what was asked for."""
+        forces = tuple((force.getName(), force.getForceGroup()) for force in own)
+        seed = options.seed if options.seeded else None
+        there = masses_of(system), options.constraints, virtual_sites(system), forces
+        used, lines = integrator.getIntegrationForceGroups(), lines_of(integrator)
+        return cls(maker, *there, used, lines, options.scheme.name, options.kT, _asked(options), seed)
+
+    def check(self, system: openmm.System) -> list[openmm.Force]:
+        """The forces in a System that the package did not make; PlanError if it is another System, or has something that would not act, or
+        twice."""
+        count, maker = len(self.masses), self.maker
+        if system.getNumParticles() != count:
+            raise PlanError(f"the System has {system.getNumParticles()} particles, but {maker} made the integrator for {count}")
+        if system.getNumConstraints() and not self.constrained:
+            raise PlanError(
+                f"the System has {system.getNumConstraints()} constraints, and it had none when {maker} made the integrator, "
+                f"which would ignore them; {self._remedy('hold distances by stiff bonds of the scene', 'add them')}"
+            )
+        changed = np.flatnonzero(virtual_sites(system) != self.virtual)
+        if len(changed):
+            what = f"particle {changed[0]} has become a virtual site, or is none any more, since {maker} made the integrator"
+            raise PlanError(f"{what}; {self._remedy('a scene has none', 'do that')}")
+        changed = np.flatnonzero(masses_of(system) != self.masses)
+        if len(changed):
+            what = f"the mass of particle {changed[0]} is not what it was when {maker} made the integrator"
+            raise PlanError(f"{what}; {self._remedy('give the scene its masses', 'change it')}")
+        return self._foreign(system)
+
+    def check_groups(self, groups: int) -> None:
+        """Raise PlanError if integration force groups leave out a force of the package that acted, or have one that did not."""
+        for name, group in self.own:
+            if (groups ^ self.used) >> group & 1:
+                was = "in" if self.used >> group & 1 else "not in"
+                raise PlanError(
+                    f"force group {group} with {name!r} was {was} the integration force groups when {self.maker} made the integrator; "
+                    "let setIntegrationForceGroups change the groups of your own forces only"
+                )
+
+    def check_writer(self, parameters: Mapping[str, float]) -> None:
+        """Raise PlanError if the parameters of a state say that another scheme wrote it."""
+        if BY_SCHEME in parameters and parameters[BY_SCHEME] != text_number(self.scheme):
+            raise PlanError(
+                f"the state was written by another scheme than {self.scheme!r}, and schemes keep velocities at different times; take "
+                "positions, velocities and box vectors from it (context.setPositions(state.getPositions()), ...) into a new Context"
+            )
+
+    def others(self, forces: Iterable[openmm.Force]) -> list[openmm.Force]:
+        """Forces of a System that have an energy and that the package did not make."""
+        return acting(self._told_apart(forces)[1])
+
+    def _told_apart(self, forces: Iterable[openmm.Force]) -> tuple[Counter, list[openmm.Force]]:
+        """Own forces that are not there (or not in their group), and forces of others."""
+        missing, foreign = Counter(self.own), []
+        for force in forces:
+            place = (force.getName(), force.getForceGroup())
+            if missing[place]:
+                missing[place] -= 1
+            else:
+                foreign.append(force)
+        return missing, foreign
+
+    def _remedy(self, scene: str, before: str) -> str:
+        return scene if self.maker == "build()" else f"{before} before {self.maker}"
+
+    def _foreign(self, system: openmm.System) -> list[openmm.Force]:
+        missing, foreign = self._told_apart(system.getForces())
+        lost = next(missing.elements(), None)
+        if lost is not None:
+            name, group = lost
+            now = [force.getForceGroup() for force in foreign if force.getName() == name]
+            what = f"is in group {now[0]} now" if now else "is gone"
+            raise PlanError(
+                f"the force {name!r}, which {self.maker} put into force group {group}, {what}; leave the package's own forces as they are, "
+                "and give other forces any groups that are free"
+            )
+        taken = {group: name for name, group in self.own}
+        for force in foreign:
+            for group in groups_of(force) & set(taken):
+                free = ", ".join(str(g) for g in range(32) if g not in taken)
+                raise PlanError(
+                    f"the {force.getName()} is in force group {group}, which {taken[group]!r} of this package needs for itself; "
+                    f"free groups are {free}"
+                )
+            refuse_thermostat(force)
+        return foreign
+
+
+def lines_of(integrator: openmm.Integrator) -> int:
+    """Number of lines of an integrator's program; 0 where it has none."""
+    return integrator.getNumComputations() if isinstance(integrator, openmm.CustomIntegrator) else 0
+
+
+def masses_of(system: openmm.System) -> np.ndarray:
+    """Masses of all particles, Da."""
+    return np.array([m.value_in_unit(unit.dalton) for m in map(system.getParticleMass, range(system.getNumParticles()))])
+
+
+def virtual_sites(system: openmm.System) -> np.ndarray:
+    """(N,) which particles are virtual sites."""
+    return np.array([system.isVirtualSite(k) for k in range(system.getNumParticles())], dtype=bool)

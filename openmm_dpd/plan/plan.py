@@ -1,0 +1,285 @@
+"""Scene + choices -> Plan: the least that this scene needs, decided before anything is built."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..base.errors import ParameterError, PlanError, what_is
+from ..base.html import fact_table
+from ..base.names import PAIR_GROUP
+from ..kernels.engines import EngineKind, engine_kind
+from ..kernels.fields import ENERGY
+from ..kernels.interface import Engine
+from ..kernels.layer import PairSpec
+from ..model.electrostatics import EwaldSum
+from ..model.flow import gaps, kind_of
+from ..model.pairs import NONE
+from ..model.scene import Scene
+from ..model.schemes import scheme_of
+from ..model.temperature import TemperatureRamp
+from .charge_forces import charge_factors, ewald_of, few_charges
+from .choices import check_cutoffs, checked_interval, checked_lam, checked_seed, checked_step, predicting
+from .execution import DOUBLE_PLATFORMS, PARTS, Execution, conservative_place, why_no_loop, why_parts
+from .host import Host
+from .kinds import Kind, bonded_kind, resolved_kind
+from .neighbour_list import listed
+from .pair_spec import Factors, longest, neighbour_factors, pair_spec
+from .program_options import ProgramOptions, field_options, tau_ratio
+
+#: Coefficients by pair of types, all of one kind.
+ResolvedTable = dict[tuple[str, str], Any]
+
+
+#: What an engine needs for the letters of a word that sweep.
+_SWEEPS = {"O": "exact pair updates", "S": "Shardlow's pair updates"}
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What will be built.
+
+    Attributes
+    ----------
+    scene : Scene
+        All particles.  Those of a System made elsewhere come first: their classes are further types, their positions those that were given
+        (or 0), and their masses are in ``bead_masses``.
+    spec : PairSpec
+        The pair terms, for the engine.
+    options : ProgramOptions
+        What the integrator's program has to know.
+    layers, overlays : tuples of tables
+        What the pair kernel evaluates, and overlays, each {pair of types: coefficient} of one kind.
+    exceptions, charge_exceptions : dict
+        Factors of bonded neighbours other than 1.
+    platform : str or None
+        Name of the platform.
+    ewald : EwaldSum or None
+        Settings of the lattice sum of charges.
+    host : Host or None
+        The System made elsewhere that the pair terms are added to.
+    """
+
+    scene: Scene
+    spec: PairSpec
+    options: ProgramOptions
+    layers: tuple[ResolvedTable, ...]
+    overlays: tuple[ResolvedTable, ...]
+    exceptions: Factors
+    platform: str | None
+    ewald: EwaldSum | None = None
+    charge_exceptions: Factors = field(default_factory=dict)
+    host: Host | None = None
+
+    def __repr__(self) -> str:
+        options = self.options
+        return f"<Plan for {self.platform}: {options.scheme}, dt = {options.dt:g} ps, {self.scene!r}>"
+
+    def _repr_html_(self) -> str:
+        return fact_table("Plan", self.facts())
+
+    def facts(self) -> dict[str, object]:
+        """What a person wants to know, by name."""
+        options = self.options
+        known = {"platform": self.platform, "scheme": options.scheme, "dt": f"{options.dt:g} ps", "seed": options.seed}
+        if self.host is None:
+            return {**known, **self.scene.facts()}
+        return {"atoms": self.n_atoms, **known, **self.scene.facts(), "beads": self.scene.n_beads - self.n_atoms or None}
+
+    @property
+    def execution(self) -> Execution:
+        """Who computes what, and why."""
+        return self.options.execution
+
+    @property
+    def engine(self) -> EngineKind:
+        """What evaluates the pair terms, and what it can do."""
+        return engine_kind(self.execution.engine)
+
+    def new_engine(self) -> Engine:
+        """A new engine for the pair terms alone."""
+        return self.engine.make(self.spec)
+
+    def needs(self) -> Iterator[str]:
+        """What an engine has to be able to do: kinds of pair coefficients by name, pair updates, boxes, beads, and parts of the scene."""
+        scene, options = self.scene, self.options
+        yield from dict.fromkeys(kind.name for kind in self.kinds)
+        if options.predicting:
+            yield "friction as a force"
+        yield from dict.fromkeys(_SWEEPS[letter] for letter, _ in options.scheme.steps(options.thermostat) if letter in _SWEEPS)
+        features = {
+            "several tables": len(self.layers) > 1,
+            "scenes without a box": scene.box is None,
+            "tilted boxes": scene.box is not None and bool(np.any(np.tril(scene.box, -1))),
+            "factors of bonded neighbours": bool(self.exceptions),
+            "immobile beads": bool(scene.immobile.any()),
+            "particles that are left out": self.host is not None,
+        }
+        yield from (name for name, there in features.items() if there)
+        yield from (part for part in PARTS if part in self.execution.held)
+
+    @property
+    def n_atoms(self) -> int:
+        """Number of particles of a System made elsewhere; beads come after them."""
+        return 0 if self.host is None else len(self.host.masses)
+
+    def listed(self, cutoff: float) -> bool:
+        """Whether OpenMM's pair forces with this cutoff can take the pairs from a neighbour list; they go through all pairs otherwise."""
+        return listed(self.platform, self.scene.box, cutoff)
+
+    @property
+    def kinds(self) -> tuple[Kind, ...]:
+        """The kinds of ``layers``."""
+        return tuple(map(resolved_kind, self.layers))
+
+
+def make_plan(
+    scene: Scene,
+    *,
+    dt,
+    scheme: str = "middle",
+    lam: float = 0.5,
+    conservative: str = "auto",
+    platform: str | None = None,
+    seed: int | None = None,
+    loop: bool = True,
+    slow_every: int = 1,
+    engine: str = "auto",
+    host: Host | None = None,
+) -> Plan:
+    """Decide what to build.
+
+    Parameters
+    ----------
+    scene : Scene
+    dt : time
+        Step size (bare numbers: ps).
+    scheme : str, default "middle"
+        Name of one of :data:`openmm_dpd.model.schemes.SCHEMES`, or a word of drifts ``A``, kicks ``B`` and sweeps of pair updates, exact
+        ones ``O`` or Shardlow's ``S``, each with its part of the step: ``"B/2 A/2 O A/2 B/2"``.
+    lam : float, default 0.5
+        Weight of the velocity prediction of ``mvv``, between 0 and 1; 0.5 is plain velocity Verlet.
+    conservative : {"auto", "openmm", "kernel"}
+        Where the conservative DPD force is computed: a CustomNonbondedForce, or the pair kernel.  ``auto`` takes the kernel on the CPU
+        platform, where it is faster, and OpenMM elsewhere (but on the Reference platform in small tilted boxes, where OpenMM would go
+        through all pairs, the kernel).
+    platform : str, optional
+        Name of the platform that will be used, if it is known.
+    seed : int, optional
+        Seed of the noise, 0 <= seed < 2^31; drawn from the operating system and recorded in the plan by default.
+    loop : bool, default True
+        Whether the kernel carries out many whole steps at once where it can: where it holds every fast force of the scene, on the CPU and
+        Reference platforms, and on others if it holds the conservative force.  Forces that stay OpenMM's (lattice sums of many charges,
+        formulas of the position, forces added to the System) then kick before and after each step, and a barostat acts at the end
+        of up to ten steps.  Otherwise the program does one step at a time.
+    slow_every : int, default 1
+        In such loops: after how many steps of the Context forces that stay OpenMM's kick (multiple time steps, impulses as in r-RESPA:
+        Tuckerman, Berne and Martyna, J. Chem. Phys. 97, 1990 (1992)).
+    engine : str, default "auto"
+        What evaluates the pair terms: "host" is the compiled kernel, which "auto" takes; others have to be registered
+        (:func:`openmm_dpd.kernels.engines.register_engine`).
+    host : Host, optional
+        A System made elsewhere whose particles are the first of the scene; its forces act beside the pair terms.
+
+    Raises
+    ------
+    ParameterError, PlanError
+        If a choice is out of bounds or cannot be combined with the scene.
+    """
+    if not isinstance(scene, Scene):
+        raise ParameterError(f"expected a Scene, not {what_is(scene)}")
+    step = checked_step(dt)
+    chosen = scheme_of(scheme)
+    lam = checked_lam(lam, chosen)
+    if conservative not in ("auto", "openmm", "kernel"):
+        raise ParameterError(f"conservative must be 'auto', 'openmm' or 'kernel', not {conservative!r}")
+    resolved = [table.resolve(scene.type_names) for table in scene.tables]
+    tables: list[ResolvedTable] = [table for table in resolved if any(c is not NONE for c in table.values())]
+    layers = [table for table in tables if resolved_kind(table).overlay is None]
+    overlays = [table for table in tables if resolved_kind(table).overlay is not None]
+    kinds = list(map(resolved_kind, layers))
+    for group in scene.bonded:
+        bonded_kind(type(group))  # or it is refused
+    check_cutoffs(scene.box, [*layers, *overlays])
+    for kind in kinds:
+        if kind.no_sweep and not chosen.predicts:
+            raise PlanError(f"{kind.name} {kind.no_sweep}; only scheme={predicting()} runs it, not {chosen.name!r}")
+    if scene.interacting is not None and not chosen.predicts:
+        raise PlanError(
+            f"`interacting` takes forces from beads, but the pair updates of scheme {chosen.name!r} change velocities without forces; "
+            f"only scheme={predicting()} can do that"
+        )
+    exceptions = neighbour_factors(scene, scene.bonded_factors)
+    repulsive = any(c is not NONE and c.has_conservative for table in layers for c in table.values())
+    thermostat = any(c is not NONE and c.has_thermostat for table in layers for c in table.values())
+    reasons = (kind.kernel_only(table, scene, exceptions, platform) for kind, table in zip(kinds, layers, strict=True))
+    only = next(filter(None, reasons), None)
+    double = platform in DOUBLE_PLATFORMS
+    faster = double or not listed(platform, scene.box, longest(layers))
+    where, why_there = conservative_place(conservative, repulsive, thermostat, only, faster, chosen)
+    carriers = [kind for kind in kinds if kind.fields is not None]
+    fields = carriers[0].fields(scene) if carriers else None  # type: ignore[misc]
+    choices = field_options(scene, fields, longest(layers), double, lam)
+    choices |= {"field_names": carriers[0].field_text} if carriers else {}
+    no_loop = why_no_loop(where, thermostat, chosen, platform, loop, choices.get("compensated", False), scene, host is not None)
+    ewald = ewald_of(scene)
+    held, why_held = why_parts(scene, bool(overlays), no_loop is None, double and few_charges(scene, ewald), double)
+    execution = Execution(
+        engine=engine_kind("host" if engine == "auto" else engine).name,
+        steps="openmm" if chosen.native else "program" if no_loop else "loop",
+        conservative=where,
+        held=held,
+        precision="double" if double else "single",
+        why={
+            "engine": "it runs everything" if engine == "auto" else "as asked for",
+            "steps": no_loop or "the pair kernel holds all fast forces",
+            "conservative": why_there,
+            "precision": f"platform {platform}" if platform else "no platform is named",
+            **why_held,
+        },
+    )
+    options = ProgramOptions(
+        scheme=chosen,
+        dt=step,
+        kT=scene.initial_kT,
+        seed=checked_seed(seed),
+        lam=lam,
+        thermostat=thermostat,
+        execution=execution,
+        slow_every=checked_interval(slow_every, no_loop),
+        settable=thermostat and not isinstance(scene.kT, TemperatureRamp) and (fields is None or fields.kind != ENERGY),
+        pair_group=PAIR_GROUP if host is None else host.pair_group,
+        constraints=host is not None and host.constrained,
+        seeded=seed is not None,
+        ramp=scene.kT if isinstance(scene.kT, TemperatureRamp) else None,
+        tau_ratio=tau_ratio(double),
+        walls=kind_of(gaps(scene.walls, scene.box)),
+        partial=scene.interacting is not None,
+        **choices,
+    )
+    left_out = None if host is None else np.pad(host.left_out, (0, scene.n_beads - len(host.masses)))
+    plan = Plan(
+        scene=scene,
+        spec=pair_spec(scene, kinds, layers, exceptions, chosen, fields, left_out),
+        options=options,
+        layers=tuple(layers),
+        overlays=tuple(overlays),
+        exceptions=exceptions,
+        platform=platform,
+        ewald=ewald,
+        charge_exceptions=charge_factors(scene),
+        host=host,
+    )
+    if engine != "auto":
+        _check_engine(plan)
+    return plan
+
+
+def _check_engine(plan: Plan) -> None:
+    """Raise PlanError if the engine would have nothing to do, or cannot do it all."""
+    execution, lacks = plan.execution, plan.engine.lacks(plan.needs())
+    if plan.options.scheme.native or not plan.options.kernel:
+        raise PlanError(f"the engine {execution.engine!r} would have nothing to do: {execution.why['steps']}")
+    if lacks is not None:
+        raise PlanError(f"the engine {execution.engine!r} cannot run this scene: it has no {lacks}")

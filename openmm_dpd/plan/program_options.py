@@ -1,0 +1,149 @@
+"""What a program is written for."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..base.names import PAIR_GROUP
+from ..kernels.fields import ENERGY, TEMPERATURE, FieldSpec
+from ..model.scene import Scene
+from ..model.schemes import Scheme
+from ..model.temperature import TemperatureRamp
+from .execution import Execution
+
+
+@dataclass(frozen=True)
+class ProgramOptions:
+    """All that a program has to know.
+
+    Attributes
+    ----------
+    scheme : Scheme
+    dt : float
+        Step size, ps.
+    kT : float
+        Thermal energy at the start, kJ/mol.
+    seed : int
+        Seed of the noise.
+    execution : Execution
+        Who computes what.
+    lam : float
+        Weight of the velocity prediction of ``mvv``.
+    thermostat : bool
+        Whether there is friction or noise at all.
+    settable : bool
+        Whether the temperature is one number that may be set: there is friction or noise, no ramp, and no internal temperature.
+    slow_every : int
+        In such steps: after how many of them forces that stay OpenMM's kick.
+    pair_group : int
+        Force group of the pair force.
+    seeded : bool
+        Whether the caller chose the seed.
+    constraints : bool
+        Whether the System has constraints.
+    ramp : TemperatureRamp or None
+    tau_ratio : float
+        Trial drift in units of the step size.
+    trial : float or None
+        Trial drift, ps, instead.
+    walls : str
+        Kind of the walls, "specular", "bounce-back" or "mixed"; empty if there are none.
+    partial : bool
+        Whether there are beads on which only body forces act along some axis.
+    field_blocks : int
+        Number of per-DOF variables that hold internal energies, temperatures or concentrations.
+    field_names : str
+        What they hold, for the listing.
+    field_lam : float
+        Weight of the prediction of the fields in ``mvv``.
+    field_reach : float
+        Largest displacement that shows them to the pair force, nm.
+    field_scale : float
+        Their changes come back in units of this.
+    compensated : bool
+        Whether velocities or forces are less than double precision, so that energies have to be balanced by the program.
+    """
+
+    scheme: Scheme
+    dt: float
+    kT: float
+    seed: int
+    execution: Execution
+    lam: float = 0.5
+    thermostat: bool = True
+    settable: bool = False
+    slow_every: int = 1
+    pair_group: int = PAIR_GROUP
+    seeded: bool = False
+    constraints: bool = False
+    ramp: TemperatureRamp | None = None
+    tau_ratio: float = 1.0 / 32.0
+    trial: float | None = None
+    walls: str = ""
+    partial: bool = False
+    field_blocks: int = 0
+    field_names: str = ""
+    field_lam: float = 0.5
+    field_reach: float = 0.1
+    field_scale: float = 1.0
+    compensated: bool = False
+
+    @property
+    def openmm_seed(self) -> int:
+        """The seed for OpenMM's own random numbers, where 0 would mean any."""
+        return self.seed or 2**31 - 1
+
+    @property
+    def trial_time(self) -> str:
+        """Length of trial drifts, as an expression."""
+        return f"dt*{self.tau_ratio!r}" if self.trial is None else repr(self.trial)
+
+    @property
+    def slow_kicks(self) -> tuple[float, float]:
+        """Over how many steps forces that stay OpenMM's kick, before and after: velocities lag behind them as behind all others."""
+        return self.slow_every * (0.5 + self.scheme.lag), self.slow_every * (0.5 - self.scheme.lag)
+
+    @property
+    def predicting(self) -> bool:
+        """Whether friction is a force of a predicted velocity; without friction, and fields that change, there is nothing to predict."""
+        return self.scheme.predicts and (self.thermostat or self.field_blocks > 0)
+
+    @property
+    def kernel(self) -> bool:
+        """Whether a pair kernel takes part at all."""
+        return self.thermostat or self.execution.pushes
+
+
+def tau_ratio(double: bool) -> float:
+    """Trial drift in units of dt: short where positions are double precision, longer where they may be single."""
+    return 1.0 / 32.0 if double else 0.25
+
+
+def _trial_time(scene: Scene, cutoff: float, double: bool) -> float | None:
+    """Trial drift for scenes that balance energies: 1/1000 of the range at a thermal velocity (1/50 where positions may be float32).
+
+    A power of two, so that multiplying and dividing by it is exact.
+    """
+    speed = float(np.sqrt(scene.initial_kT / scene.bead_masses.min()))
+    if speed * cutoff <= 0:
+        return None
+    return float(2.0 ** np.round(np.log2((0.001 if double else 0.02) * cutoff / speed)))
+
+
+def field_options(scene: Scene, fields: FieldSpec | None, cutoff: float, double: bool, lam: float) -> dict[str, Any]:
+    """How the program keeps and shows the per-bead fields."""
+    if fields is None:
+        return {}
+    reach = 0.25 * cutoff if double or scene.box is None else 0.2 * float(np.diag(scene.box).min())
+    typical = float(np.abs(fields.initial.sum(axis=1)).mean()) or 1.0
+    return {
+        "trial": _trial_time(scene, cutoff, double),
+        "field_blocks": fields.n_blocks,
+        # LAMMPS: fix mvv/edpd predicts temperatures with lambda, dpd/energy and mvv/tdpd take half steps
+        "field_lam": lam if fields.kind == TEMPERATURE else 0.5,
+        "field_reach": float(reach),
+        # forces are fixed-point numbers with 32 bits behind the point on GPU platforms
+        "field_scale": 1.0 if double else float(2.0 ** (np.floor(np.log2(typical)) - 10)),
+        "compensated": not double and fields.kind == ENERGY,
+    }

@@ -1,0 +1,231 @@
+"""Which scheme and which step: from the measured table of :mod:`openmm_dpd.simulation.advice.stability_table`.  Nothing here changes a
+scene or a run."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...base.errors import DPDError, ParameterError, what_is
+from ...base.units import to_md
+from ...base.wording import in_units
+from ...model.scene import Scene
+from ...model.schemes import SCHEMES, scheme_of
+from ...plan.plan import make_plan
+from ..mixed_system import MixedSystem
+from ..programs.native import why_not
+from .bonded_modes import Modes, bonded_modes
+from .scene_groups import groups, surroundings
+from .stability_table import LEVELS, SAFE, Groups, StabilityTable, shipped_table
+
+#: Smallest error that may be asked for; below, no table could have measured it.
+SMALLEST = 1e-4
+
+#: Errors at which :func:`advice` compares schemes.
+_COMPARED = (0.003, 0.05)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What one scheme needs.
+
+    Attributes
+    ----------
+    scheme : str
+    dt : float
+        Step at which the error is reached, ps.
+    relative_cost : float
+        Time for the same simulated time and the same error, beside ``mvv``.
+    limit : str
+        What limits the step: "configurational temperature", "kinetic temperature", "stability", "bonds" or "angles".
+    """
+
+    scheme: str
+    dt: float
+    relative_cost: float
+    limit: str
+
+
+@dataclass(frozen=True)
+class Recommendation:
+    """The scheme that costs least, and all others.
+
+    Attributes
+    ----------
+    scheme : str or None
+        None if the table says nothing about the scene; ``notes`` say why.
+    dt : float or None
+        Step, ps.
+    relative_cost : float or None
+        Time for the same simulated time beside ``mvv`` at the same error.
+    error : float
+        Relative error of the temperature that was asked for.
+    choices : tuple of Choice
+        All schemes, the cheapest first.
+    notes : tuple of str
+        What is outside of the table, or not covered by it.
+    """
+
+    scheme: str | None
+    dt: float | None
+    relative_cost: float | None
+    error: float
+    choices: tuple[Choice, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        lines = [f"note: {note}" for note in self.notes]
+        if self.scheme is None or self.dt is None:
+            return "\n".join(["no recommendation", *lines])
+        head = f"for temperatures within {100 * self.error:g} %: {self.scheme} at dt = {in_units(self.dt, 'time', 2)}"
+        table = [
+            f"  {one.scheme:10s} dt {in_units(one.dt, 'time', 2)}, {one.relative_cost:.2f} times the time of mvv, set by {one.limit}"
+            for one in self.choices
+        ]
+        return "\n".join([head, *table, *lines])
+
+
+def recommend(
+    scene: Scene, error: float = 0.01, *, configurations_only: bool = False, table: StabilityTable | None = None
+) -> Recommendation:
+    """Scheme, step and relative cost for an error of the temperature.
+
+    Parameters
+    ----------
+    scene : Scene
+    error : float, default 0.01
+        Relative error of the temperatures that is accepted, from 0.0001 to 0.1.
+    configurations_only : bool
+        Whether what is read from velocities may be further off (``aboba``).
+    table : StabilityTable, optional
+        Another table than the one that comes with the package.
+
+    Returns
+    -------
+    Recommendation
+
+    Raises
+    ------
+    ParameterError
+        If the error is out of bounds, or it is no Scene.
+
+    Notes
+    -----
+    The table covers soft repulsion with friction, in a box; :func:`openmm_dpd.simulation.advice.scene_groups.groups` combines layers and
+    pairs of types. Bonds and angles limit the step by what each scheme does to their vibrations
+    (:mod:`openmm_dpd.simulation.advice.bonded_modes`).  The recommendation leaves out segmental repulsion, beads without friction among
+    themselves, and charges; ``notes`` names them, charges with the frequency of two opposite ones on top of each other.  The steps of
+    ``native`` were measured on the CPU platform; on GPU platforms OpenMM's DPDIntegrator updates all pairs at once, and gets too hot at
+    shorter steps.  Without friction, or with an attraction or another potential between beads, there is no recommendation.  Beads beside
+    atoms (:func:`openmm_dpd.create_mixed_system`) take the step of the atoms and are refused.
+    """
+    if isinstance(scene, MixedSystem):
+        raise ParameterError(
+            "atoms and beads in one System take the step and scheme of the atoms (docs/howto/mixed.md), not one of the table"
+        )
+    if not isinstance(scene, Scene):
+        raise ParameterError(f"expected a Scene, not {what_is(scene)}")
+    error = to_md(error, "dimensionless", "error")
+    if not isinstance(error, float) or not SMALLEST <= error <= LEVELS[-1]:
+        raise ParameterError(
+            f"error must be a fraction of the temperature from {SMALLEST:g} to {LEVELS[-1]:g} (0.01 is 1 %), not {error!r}"
+        )
+    table = table or shipped_table()
+    pairs, notes = groups(scene)
+    outside = list(dict.fromkeys(text for at in pairs for text in table.outside(at)))
+    if not pairs or outside:
+        return Recommendation(None, None, None, error, notes=(*notes, *(f"outside of the table: {text}" for text in outside)))
+    able = [scheme for scheme in table.schemes if _runs(scene, scheme)]
+    modes = bonded_modes(scene, surroundings(pairs))
+    steps = {scheme: _step(table, scheme, modes, pairs, error, configurations_only) for scheme in able}
+    costs = {scheme: table.cost[scheme] / dt for scheme, (dt, _) in steps.items()}
+    usual = costs.get("mvv", min(costs.values()))
+    choices = [Choice(s, steps[s][0], costs[s] / usual, steps[s][1]) for s in sorted(costs, key=lambda s: costs[s])]
+    best = choices[0]
+    return Recommendation(best.scheme, best.dt, best.relative_cost, error, tuple(choices), tuple(notes))
+
+
+def _runs(scene: Scene, scheme: str) -> bool:
+    """Whether a scheme of the table can run a scene: all of this package can."""
+    if not SCHEMES[scheme].native:
+        return True
+    try:
+        return why_not(make_plan(scene, dt=0.01, scheme=scheme, platform="CPU", seed=1)) is None
+    except DPDError:  # no scheme can, but the table may still speak of the fluid
+        return False
+
+
+def _step(
+    table: StabilityTable, scheme: str, modes: list[Modes], pairs: list[Groups], error: float, configurations_only: bool
+) -> tuple[float, str]:
+    """Smallest of all limits, ps, and which one it is."""
+    limits = []
+    for at in pairs:
+        unit = at.unit_time
+        limits.append((unit * table.step(scheme, at, error, "conf"), "configurational temperature"))
+        if not configurations_only:
+            limits.append((unit * table.step(scheme, at, error, "kin"), "kinetic temperature"))
+        limits.append((unit * SAFE * table.blow(scheme, at), "stability"))
+    limits += [(one.step(scheme_of(scheme), error), one.what) for one in modes]
+    return min(limits)
+
+
+def predicted_error(scene: Scene, scheme: str, dt: float, *, table: StabilityTable | None = None) -> tuple[float, str] | None:
+    """Relative error of the worst temperature at a step (ps), signed, and which one; infinite over 10 %, None where the table ends.
+
+    Bonds and angles count by themselves (:mod:`openmm_dpd.simulation.advice.bonded_modes`).
+    """
+    word = scheme_of(scheme)
+    scheme, table = word.name, table or shipped_table()
+    pairs, _ = groups(scene)
+    if scheme not in table.schemes or not pairs or any(table.outside(at) for at in pairs):
+        return None
+    worst = (0.0, 1, "conf")
+    for at in pairs:
+        for kind in ("conf", "kin"):
+            worst = max(worst, (table.error(scheme, at, dt / at.unit_time, kind), table.sign(scheme, at, kind), kind))
+    for modes in bonded_modes(scene, surroundings(pairs)):
+        for off in modes.errors(word, np.array([dt])):
+            size = abs(float(off[0]))
+            worst = max(worst, (size if size <= LEVELS[-1] else np.inf, -1 if off[0] < 0 else 1, modes.what))
+    return worst[0] * (worst[1] or 1), {"conf": "configurational", "kin": "kinetic", "bonds": "bond", "angles": "angle"}[worst[2]]
+
+
+def advice(scene: Scene, scheme: str, dt: float, *, table: StabilityTable | None = None) -> str:
+    """What the table says about a scheme and a step (ps), in a sentence with what it leaves out."""
+    table = table or shipped_table()
+    scheme = scheme_of(scheme).name
+    found = predicted_error(scene, scheme, dt, table=table)
+    if found is None:
+        if not scheme_of(scheme).measured:
+            return f"nothing was measured for the scheme {scheme!r}; benchmarks/orders.py measures what a word does to the temperatures"
+        notes = recommend(scene, table=table).notes or (f"the table of steps has no scheme {scheme!r}",)
+        return "no advice about the step: " + "; ".join(notes)
+    return "; ".join([_sentence(scene, scheme, dt, table, found), *groups(scene)[1]])
+
+
+def _sentence(scene: Scene, scheme: str, dt: float, table: StabilityTable, found: tuple[float, str]) -> str:
+    pairs, _ = groups(scene)
+    blow = min(at.unit_time * table.blow(scheme, at) for at in pairs)
+    size, kind = abs(found[0]), found[1]
+    compared = float(np.clip(size, *_COMPARED)) if np.isfinite(size) else 0.01
+    best = recommend(scene, compared, table=table)
+    assert best.scheme is not None and best.dt is not None
+    head = f"{scheme} at dt = {in_units(dt, 'time', 3)}: "
+    other = f"{best.scheme} at {in_units(best.dt, 'time', 2)}"
+    if dt > SAFE * blow:
+        return head + f"unstable or close to it (it blows up near {in_units(blow, 'time', 2)}); {other} is {100 * compared:.2g} % off"
+    if not np.isfinite(size):
+        return head + f"more than {100 * LEVELS[-1]:g} % off ({kind} temperature); {other} is {100 * compared:.2g} % off"
+    text = head + f"{100 * size:.1g} % {'hot' if found[0] > 0 else 'cold'} ({kind} temperature)"
+    fraction = table.cost[best.scheme] / best.dt / (table.cost[scheme] / dt)
+    if fraction > 0.9:
+        return text + "; nothing here is faster by more than a tenth"
+    same = "gives the same" if np.isclose(compared, size) else f"is {100 * compared:.2g} % off"
+    return text + f"; {other} {same} for {_part(fraction)} of the time"
+
+
+def _part(fraction: float) -> str:
+    """A fraction in words where it is near one that has a name."""
+    names = {"three quarters": 0.75, "two thirds": 2 / 3, "half": 0.5, "a third": 1 / 3, "a quarter": 0.25, "a fifth": 0.2, "a tenth": 0.1}
+    near = min(names, key=lambda name: abs(np.log(fraction / names[name])))
+    return near if abs(fraction / names[near] - 1) < 0.1 else f"{100 * fraction:.0f} %"

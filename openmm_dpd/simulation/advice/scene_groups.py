@@ -1,0 +1,159 @@
+"""A scene in the dimensionless groups of the table of steps: friction and repulsion of all its layers together, charges."""
+
+from itertools import combinations_with_replacement
+
+import numpy as np
+
+from ...base.wording import in_units
+from ...model.internal import InternalEnergy
+from ...model.pairs import NONE
+from ...model.scene import Scene
+from ...plan.kinds import kind_for
+from .stability_table import Groups, drag
+
+
+def groups(scene: Scene) -> tuple[list[Groups], list[str]]:
+    """Dimensionless groups of every pair of types that repels, and what the table does not cover.
+
+    Layers add up.  The repulsion of a pair is a = cutoff^2/kT times the sum of its curvatures A/cutoff, which for layers of one cutoff is
+    that of the sum of their A.  Layers of different cutoffs are taken for a single one with all of the curvature, at each of their cutoffs,
+    and the worst counts.  Friction adds up as the drag on a bead, for any cutoffs of its layers.
+
+    A mixture is taken for the worst of the fluids that its pairs of types would make at its density, each with its own friction, if it has
+    any, and with the mean of all beads, well mixed, through which the heat of a long step leaves.
+
+    Returns
+    -------
+    groups : list of Groups
+        Empty where the table says nothing.
+    notes : list of str
+        Why, and what else is left out.
+    """
+    kT = scene.initial_kT
+    if kT <= 0:
+        return [], ["there is no temperature"]
+    if scene.box is None:
+        return [], ["there is no box, hence no density"]
+    moves = ~scene.immobile
+    if not moves.any():
+        return [], ["no bead moves"]
+    for table in scene.tables:
+        if table.kind is not None and kind_for(table.kind).frictions is None:
+            return [], [f"the table of steps is about soft repulsion; {table.kind.__name__} is not in it"]
+    terms = _terms(scene, moves)
+    curvatures = {pair: _curvatures(layers) for pair, layers in terms.items()}
+    if any(value < 0 for found in curvatures.values() for value in found.values()):
+        return [], ["an attraction (A < 0) is not in the table of steps"]
+    density, masses = scene.n_beads / float(np.prod(np.diag(scene.box))), scene.bead_masses[moves]
+    drags = {pair: sum(drag(g, density * t.cutoff**3, s) for t in layers for g, s in _frictions(t, kT)) for pair, layers in terms.items()}
+    if not any(drags.values()):
+        return [], ["there is no friction"]
+    mean = _mean(scene, moves, drags)
+    fluids = {
+        (cutoff, sum(found.values()), friction)
+        for pair, found in curvatures.items()
+        for cutoff in found
+        for friction in {drags[pair] or mean, mean}
+    }
+    if not fluids:
+        fluids = {(term.cutoff, 0.0, drags[pair] or mean) for pair, layers in terms.items() for term in layers}
+    exponents = {s for layers in terms.values() for term in layers for gamma, s in _frictions(term, kT) if gamma > 0}
+
+    light, ratio, capacity = float(masses.min()), float(masses.max() / masses.min()), _heat_capacity(scene)
+    found = []
+    for cutoff, curvature, friction in sorted(fluids):
+        a, rho, unit = curvature * cutoff**2 / kT, density * cutoff**3, cutoff * (light / kT) ** 0.5
+        reduced = friction * cutoff / (light * kT) ** 0.5
+        found += [Groups(reduced / drag(1.0, rho, s), a, rho, ratio, s, capacity, unit) for s in sorted(exponents)]
+    return found, _notes(scene, drags)
+
+
+def _terms(scene: Scene, moves: np.ndarray) -> dict[tuple[str, str], list]:
+    """The terms of all layers between types that have beads, one of which moves."""
+    names = np.array(scene.type_names)
+    present, moving = (set(names[np.unique(ids)].tolist()) for ids in (scene.type_ids, scene.type_ids[moves]))
+    layers = [table.resolve(scene.type_names) for table in scene.tables]
+    pairs = [pair for pair in combinations_with_replacement(scene.type_names, 2) if present.issuperset(pair) and moving.intersection(pair)]
+    return {pair: [layer[pair] for layer in layers if layer.get(pair, NONE) is not NONE] for pair in pairs}  # type: ignore[misc]
+
+
+def _curvatures(layers: list) -> dict[float, float]:
+    """Curvature A/cutoff of the repulsion by cutoff, kJ/mol/nm^2."""
+    found: dict[float, float] = {}
+    for layer in layers:
+        found[layer.cutoff] = found.get(layer.cutoff, 0.0) + layer.A / layer.cutoff
+    return {cutoff: curvature for cutoff, curvature in found.items() if curvature}
+
+
+def _frictions(layer, kT: float) -> list[tuple[float, float]]:
+    """Frictions (Da/ps) of a coefficient with the exponents of their noise."""
+    frictions = kind_for(type(layer)).frictions
+    return frictions(layer, kT) if frictions else []
+
+
+def _mean(scene: Scene, moves: np.ndarray, drags: dict[tuple[str, str], float]) -> float:
+    """Drag on the mean moving bead if all beads are well mixed, Da/ps; exactly that of the pairs if they are all the same."""
+    if len(set(drags.values())) == 1:
+        return next(iter(drags.values()))
+    names = scene.type_names
+    around, moving = (np.bincount(ids, minlength=len(names)) / len(ids) for ids in (scene.type_ids, scene.type_ids[moves]))
+    number = {name: k for k, name in enumerate(names)}
+    matrix = np.zeros((len(names), len(names)))
+    for (first, second), value in drags.items():
+        matrix[number[first], number[second]] = matrix[number[second], number[first]] = value
+    return float(moving @ matrix @ around)
+
+
+def _notes(scene: Scene, drags: dict[tuple[str, str], float]) -> list[str]:
+    """What a scene has that the table does not cover."""
+    alone = [first for (first, second), value in drags.items() if first == second and not value]
+    notes = [f"beads of type {name} have no friction among themselves; the step is for a mixture where others are near" for name in alone]
+    if scene.walls:
+        notes.append("walls are not in the table of steps; beads heat at bare ones at steps that the fluid takes well")
+    if scene.segments is not None:
+        notes.append("segmental repulsion is not in the table of steps")
+    if scene.dihedrals:
+        notes.append("dihedrals do not count in the steps; stiff ones may want shorter ones")
+    if scene.electrostatics is not None:
+        text = "charges are not in the table of steps"
+        frequency = charge_frequency(scene)
+        if frequency > 0:
+            text += (
+                f"; opposite ones on top of each other vibrate, which is 1 % hot at a step of "
+                f"{in_units(0.2 / frequency, 'time', 2)} if it is taken for a bond"
+            )
+        notes.append(text)
+    return notes
+
+
+def surroundings(pairs: list[Groups]) -> float:
+    """omega^2 (1/ps^2) of a bead among its soft neighbours, the largest of all pairs of types; 0 without any.
+
+    The mean over the stable modes of the standard fluid, which weighs them by omega^2 as configurational temperatures do (117 at A = 25 and
+    density 3, from the Hessian of 400 beads), taken in proportion to A and density.
+    """
+    return max((4.7 * at.a * at.rho / 3.0 / at.unit_time**2 for at in pairs), default=0.0)
+
+
+def charge_frequency(scene: Scene) -> float:
+    """Largest frequency of two opposite charges on top of each other, from the curvature at r = 0, rad/ps; 0 without any."""
+    if scene.electrostatics is None or scene.charges is None:
+        return 0.0
+    q, inverse = scene.charges, 1.0 / scene.bead_masses
+    ions = {sign: np.unique(np.stack([q, inverse], axis=1)[sign * q > 0], axis=0) for sign in (1, -1)}
+    if not len(ions[1]) or not len(ions[-1]):
+        return 0.0
+    ends = [-a[0] * b[0] * (a[1] + b[1]) for a in ions[1] for b in ions[-1]]
+    h = 1e-3 / scene.electrostatics.steepness
+    centre, beside = scene.electrostatics.potential(np.array([0.0, h]))
+    curvature = 2.0 * float(centre - beside) / h**2 * scene.electrostatics.coulomb(scene.initial_kT)
+    return float(curvature * max(ends)) ** 0.5
+
+
+def _heat_capacity(scene: Scene) -> float | None:
+    """Smallest heat capacity of a bead over k_B near its temperature, or None."""
+    if not isinstance(scene.internal, InternalEnergy):
+        return None
+    kT = scene.initial_kT
+    states = scene.internal.by_type(scene.type_names)
+    return min(float((state.energy(1.01 * kT) - state.energy(0.99 * kT)) / (0.02 * kT)) for state in states)

@@ -1,0 +1,190 @@
+"""The measured table of usable steps, and its interpolation in dimensionless groups.
+
+Units of the table: cutoff rc, mass m of the lightest bead, thermal energy kT; so a step is in units of rc (m/kT)^(1/2).  The table holds,
+for every scheme, the steps at which the configurational and the kinetic temperature are 1, 5 and 10 % off and the step that blows up, on
+a plane friction times repulsion and on lines of density, mass ratio, exponent and heat capacity (benchmarks/stability.py makes it).
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+from ...base.errors import ParameterError
+
+#: Errors at which the table has steps.
+LEVELS = (0.01, 0.05, 0.10)
+
+#: Part of the step that blows up which is never exceeded.
+SAFE = 0.7
+
+_LINES = ("rho", "mass", "s", "cv")
+
+
+@dataclass(frozen=True)
+class Groups:
+    r"""Dimensionless groups of one pair of types in a fluid."""
+
+    gamma: float  #: gamma rc/(m kT)^(1/2), friction
+    a: float  #: A rc/kT, repulsion
+    rho: float = 3.0  #: N rc^3/V, density
+    mass: float = 1.0  #: largest over smallest mass of the beads
+    s: float = 1.0  #: exponent of the noise weight
+    cv: float | None = None  #: heat capacity of a bead over k_B, or None
+    unit_time: float = 1.0  #: rc (m/kT)^(1/2), ps
+
+    @property
+    def friction(self) -> float:
+        """Friction of a bead in its surroundings, as the gamma that gives it at density 3 and exponent 1."""
+        return drag(self.gamma, self.rho, self.s)
+
+
+def drag(gamma: float, rho: float, s: float) -> float:
+    r"""Friction of a bead in its surroundings of reduced density rho, as the gamma that gives it at density 3 and exponent 1.
+
+    It is gamma rho times the integral of w^(2s): B(3, 2s + 1) = 2/((2s + 1)(2s + 2)(2s + 3)), 1/30 at s = 1.
+    """
+    s2 = 2 * s
+    return gamma * rho / 3.0 * 60.0 / ((s2 + 1) * (s2 + 2) * (s2 + 3))
+
+
+class StabilityTable:
+    """Steps by scheme, error and dimensionless groups.
+
+    Parameters
+    ----------
+    data : mapping
+        ``base`` (groups of the base fluid), ``cost`` (time of a step of each scheme), ``points``: the groups, and in ``schemes`` for each
+        scheme ``blow``, ``conf`` and ``kin`` ({"1": [step, standard error, ">" or "<" or ""], "5": ..., "10": ...}) and ``sign``.
+
+    Raises
+    ------
+    ParameterError
+        If the plane friction times repulsion has less than two values of each.
+    """
+
+    def __init__(self, data: Mapping[str, Any]):
+        self.data, self.base, self.cost = data, data["base"], dict(data["cost"])
+        self.plane = [p for p in data["points"] if all(p[name] == self.base[name] for name in _LINES)]
+        self._frictions, self._repulsions = (np.array(sorted({float(p[name]) for p in self.plane})) for name in ("gamma", "a"))
+        if len(self._frictions) < 2 or len(self._repulsions) < 2:
+            raise ParameterError("a table of steps needs a plane of at least two frictions and two repulsions")
+        self.schemes = tuple(s for s in self.cost if any(s in p["schemes"] for p in self.plane))
+        self._logs: dict[tuple, np.ndarray] = {}
+
+    def outside(self, at: Groups) -> list[str]:
+        """What is beyond the table, as sentences."""
+        found = []
+        lines = zip(("density", "mass ratio", "exponent", "heat capacity"), _LINES, strict=True)
+        rows = [("friction", self._frictions, at.friction), ("repulsion", self._repulsions, at.a)]
+        for name, known, value in [*rows, *((name, self._values(n), getattr(at, n)) for name, n in lines)]:
+            if value is None or (name == "heat capacity" and len(known) and value > known.max()):
+                continue  # beyond the largest heat capacity beads are thermostats
+            if not len(known) or not known.min() * (1 - 1e-9) <= value <= known.max() * (1 + 1e-9):
+                span = f"from {known.min():g} to {known.max():g}" if len(known) else "not at all"
+                found.append(f"the {name} {value:.3g} (reduced units); the table has it {span}")
+        return found
+
+    def _values(self, name: str) -> np.ndarray:
+        known = {p[name] for p in self.data["points"] if p[name] is not None}
+        return np.array(sorted(known))
+
+    def step(self, scheme: str, at: Groups, error: float, kind: str) -> float:
+        """Step (reduced) at which an error is reached: ``kind`` "conf" or "kin".
+
+        Between 1 and 10 %: straight lines in log-log through the table; below: with the square of the step, the order of all schemes.
+        """
+        steps = np.log(self._levels(scheme, at, kind))
+        if error < LEVELS[0]:
+            return float(np.exp(steps[0]) * (error / LEVELS[0]) ** 0.5)
+        return float(np.exp(np.interp(np.log(error), np.log(LEVELS), steps)))
+
+    def error(self, scheme: str, at: Groups, dt: float, kind: str) -> float:
+        """The inverse of :meth:`step`; infinite beyond 10 %."""
+        steps = self._levels(scheme, at, kind)
+        if dt < steps[0]:
+            return float(LEVELS[0] * (dt / steps[0]) ** 2)
+        return float("inf") if dt > steps[-1] * (1 + 1e-6) else float(np.exp(np.interp(np.log(dt), np.log(steps), np.log(LEVELS))))
+
+    def blow(self, scheme: str, at: Groups) -> float:
+        """Step (reduced) that blows up."""
+        return float(np.exp(self._interpolated(scheme, ("blow",), at)))
+
+    def sign(self, scheme: str, at: Groups, kind: str) -> int:
+        """+1 if the fluid gets too hot, -1 if too cold, at the nearest point of the plane."""
+        near = min(
+            (p for p in self.plane if scheme in p["schemes"]),
+            key=lambda p: abs(np.log(p["gamma"] / at.friction)) + abs(p["a"] ** 0.5 - at.a**0.5),
+        )
+        return int(near["schemes"][scheme]["sign"][kind])
+
+    def _levels(self, scheme: str, at: Groups, kind: str) -> np.ndarray:
+        found = [np.exp(self._interpolated(scheme, (kind, f"{100 * level:g}"), at)) for level in LEVELS]
+        # strictly increasing, so that both directions of the interpolation are defined
+        return np.maximum.accumulate(found) * np.array([1.0, 1.0 + 1e-9, 1.0 + 2e-9])
+
+    def _interpolated(self, scheme: str, path: tuple[str, ...], at: Groups) -> float:
+        value = self._on_plane(scheme, path, at.friction, at.a)
+        values = {"rho": at.rho, "mass": at.mass, "s": at.s, "cv": at.cv}
+        return value + sum(self._correction(scheme, path, name, v, at.friction) for name, v in values.items() if v != self.base[name])
+
+    def _on_plane(self, scheme: str, path: tuple[str, ...], friction: float, a: float) -> float:
+        """log(step), bilinear in log(friction) and the root of the repulsion (a frequency); the edge beyond the edge."""
+        x, y = np.log(self._frictions), np.sqrt(self._repulsions)
+        column = [np.interp(np.sqrt(a), y, row) for row in self._grid(scheme, path)]
+        return float(np.interp(np.log(friction), x, column))
+
+    def _grid(self, scheme: str, path: tuple[str, ...]) -> np.ndarray:
+        """log(step) by friction and repulsion; a missing point takes the value of its neighbour in friction."""
+        key = (scheme, *path)
+        if key not in self._logs:
+            known = {(p["gamma"], p["a"]): _log(p["schemes"][scheme], path) for p in self.plane if scheme in p["schemes"]}
+            grid = np.array([[known.get((g, a), np.nan) for a in self._repulsions] for g in self._frictions])
+            for column in grid.T:
+                have = np.isfinite(column)
+                if have.any():
+                    column[~have] = np.interp(np.log(self._frictions[~have]), np.log(self._frictions[have]), column[have])
+            for row in grid:
+                have = np.isfinite(row)
+                row[~have] = np.interp(self._repulsions[~have], self._repulsions[have], row[have])
+            self._logs[key] = grid
+        return self._logs[key]
+
+    def _correction(self, scheme: str, path: tuple[str, ...], name: str, value: float | None, friction: float) -> float:
+        """How much a line of the table lies off the plane at the same friction and repulsion, between its lines in log(friction)."""
+        if value is None:
+            return 0.0
+        lines: dict[float, list[tuple[float, float]]] = {}
+        for p in self.data["points"]:
+            others = [n for n in _LINES if n != name]
+            if scheme in p["schemes"] and p[name] != self.base[name] and all(p[n] == self.base[n] for n in others):
+                at = Groups(p["gamma"], p["a"], p["rho"], p["mass"], p["s"], p["cv"])
+                off = _log(p["schemes"][scheme], path) - self._on_plane(scheme, path, at.friction, at.a)
+                lines.setdefault(p["gamma"], []).append((float(np.log(p[name])), off))
+        found = []
+        for gamma, pairs in sorted(lines.items()):
+            if self.base[name] is not None:
+                pairs = [*pairs, (float(np.log(self.base[name])), 0.0)]
+            x, y = np.array(sorted(pairs)).T
+            found.append((np.log(gamma), np.interp(np.log(value), x, y)))
+        return float(np.interp(np.log(friction), *np.array(found).T)) if found else 0.0
+
+
+def _log(entry: Mapping[str, Any], path: tuple[str, ...]) -> float:
+    """log of a step; without a configurational temperature (no repulsion) from the kinetic one, without either from the blow-up."""
+    found: Any = entry
+    for word in path:
+        found = found[word]
+    if found is None:
+        return _log(entry, ("kin", path[1]) if path[0] == "conf" else ("blow",))
+    return float(np.log(found[0]))
+
+
+@lru_cache(maxsize=1)
+def shipped_table() -> StabilityTable:
+    """The table that comes with the package."""
+    return StabilityTable(json.loads(files(__package__).joinpath("stability.json").read_text()))

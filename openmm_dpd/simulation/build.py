@@ -1,0 +1,165 @@
+"""Plan -> OpenMM: the only place that makes a System and an integrator together."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import openmm
+from openmm import unit
+
+from ..base.geometry import weighted_sum
+from ..base.names import ALONE
+from ..base.platforms import platform_here
+from ..io.trajectory import openmm_topology
+from ..kernels.elementary import without_last_bits
+from ..kernels.steps import StepSpec
+from ..model.flow import gaps
+from ..model.scene import Scene
+from ..plan.charge_forces import charge_terms
+from ..plan.extra_forces import extras
+from ..plan.forces.bonded import MOLECULES
+from ..plan.forces.pair_force import PairForceFunction
+from ..plan.made import Made
+from ..plan.plan import Plan, make_plan
+from .built import BuiltSystem
+from .fields import field_variables
+from .integrators import PairIntegrator
+from .programs import make_program, walls
+from .programs.native import native_integrator
+from .scene_system import scene_system
+from .whole_steps import WholeSteps
+
+
+def build(
+    scene: Scene,
+    *,
+    dt,
+    scheme: str = "middle",
+    lam: float = 0.5,
+    conservative: str = "auto",
+    platform: str | None = None,
+    seed: int | None = None,
+    loop: bool = True,
+    slow_every: int = 1,
+    engine: str = "auto",
+) -> BuiltSystem:
+    """System, Topology, positions, velocities and integrator of a scene.
+
+    Parameters are those of :func:`openmm_dpd.plan.plan.make_plan`; ``platform`` is the fastest one by default.  Velocities that the scene
+    does not give are drawn from the Maxwell distribution, with no total momentum and exactly the scene's kinetic temperature.
+
+    Raises
+    ------
+    ParameterError, PlanError, ProgramError
+        If anything is missing, out of bounds, contradictory or cannot be combined, before anything runs.
+
+    Examples
+    --------
+    >>> import numpy as np, openmm_dpd as dpd
+    >>> positions = np.random.default_rng(1).random((81, 3)) * 3
+    >>> scene = dpd.Scene({"W": 1}, ["W"] * 81, positions, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1, box=[3, 3, 3])
+    >>> built = dpd.build(scene, dt=0.04, platform="Reference", seed=7)
+    >>> simulation = built.simulation()
+    >>> simulation.step(10)
+    """
+    choices = {"scheme": scheme, "lam": lam, "conservative": conservative, "seed": seed, "loop": loop, "slow_every": slow_every}
+    choices |= {"engine": engine}
+    return build_plan(make_plan(scene, dt=dt, platform=platform_here(platform), **choices))  # type: ignore[arg-type]
+
+
+def build_plan(plan: Plan) -> BuiltSystem:
+    """What :func:`build` makes, from a plan."""
+    scene, options = plan.scene, plan.options
+    program = None if options.scheme.native else make_program(options)
+    integrator = native_integrator(plan) if program is None else program.lower()
+    function = _pair_function(plan) if options.kernel and program is not None else None
+    system = scene_system(plan, integrator, function)
+    if isinstance(integrator, PairIntegrator) and function is not None and function.steps is not None:
+        integrator.whole = WholeSteps(function, options.pair_group)
+    if plan.spec.fields is not None:
+        for name, values in field_variables(plan.spec.fields.initial).items():
+            integrator.setPerDofVariableByName(name, values)
+    if scene.walls:
+        for name, values in walls.variables(gaps(scene.walls, scene.box), scene.n_beads).items():
+            integrator.setPerDofVariableByName(name, values)
+    if scene.interacting is not None:
+        integrator.setPerDofVariableByName(ALONE, (~scene.interacting).astype(float))
+    built = BuiltSystem(
+        system=system,
+        integrator=integrator,
+        topology=openmm_topology(list(scene.types), scene.molecules, scene.bond_pairs, scene.box, scene.residues),
+        positions=scene.positions.copy() * unit.nanometer,
+        velocities=initial_velocities(scene, options.seed) * (unit.nanometer / unit.picosecond),
+        plan=plan,
+        program=program,
+    )
+    run_in(built, system, system.getForces(), "build()")
+    return built
+
+
+def initial_velocities(scene: Scene, seed: int) -> np.ndarray:
+    """The scene's velocities, or Maxwell's with no total momentum and exactly the scene's temperature; immobile beads at rest."""
+    if scene.velocities is not None:
+        return scene.velocities.copy()
+    mobile = ~scene.immobile
+    mass = scene.bead_masses[mobile]
+    v = np.zeros((scene.n_beads, 3))
+    # numpy takes a few in a thousand of them from the C library's logarithm
+    normal = without_last_bits(np.random.default_rng([seed, 0xD9D]).normal(size=(len(mass), 3)), 32)
+    drawn = normal * np.sqrt(scene.initial_kT / mass)[:, None]
+    if len(mass) > 1:
+        drawn -= weighted_sum(mass, drawn) / mass.sum()
+        kinetic = np.sum(mass[:, None] * drawn**2)
+        if kinetic > 0:
+            drawn *= np.sqrt(3 * (len(mass) - 1) * scene.initial_kT / kinetic)
+    v[mobile] = drawn
+    return v
+
+
+def run_in(built: BuiltSystem, system: openmm.System, own: Sequence[openmm.Force], maker: str) -> None:
+    """Have the integrator of something built run another System, where ``own`` are the forces it was built with.
+
+    It uses the force groups of all but the forces that only list bonds, and of impulses: users put forces of their own into any group,
+    before the Context is made, and all of them have to act.
+    """
+    options = built.plan.options
+    silent = {force.getForceGroup() for force in own if force.getName() == MOLECULES}
+    silent |= set() if options.execution.pushes else {options.pair_group}
+    built.integrator.setIntegrationForceGroups(set(range(32)) - silent)
+    built.integrator.made = Made.of(maker, system, own, options, built.integrator)
+    built.system = system
+
+
+def _pair_function(plan: Plan) -> PairForceFunction:
+    """What evaluates the pair terms."""
+    scene, options, execution = plan.scene, plan.options, plan.execution
+    held = extras(scene, plan.overlays, plan.exceptions, execution.held)
+    charges = charge_terms(scene, plan.ewald, plan.charge_exceptions) if "charges" in execution.held else None
+    held += () if charges is None else (charges,)
+    return PairForceFunction(
+        replace(plan.spec, extras=held),
+        conservative=execution.pushes,
+        periodic=scene.box is not None,
+        scale=options.field_scale,
+        balanced=options.compensated and plan.spec.sweeps,
+        length_checked=() if "bonds" in execution.held else tuple(bonds for bonds in scene.bonds if bonds.limited),
+        steps=_step_spec(plan) if execution.looped else None,
+        engine=execution.engine,
+    )
+
+
+def _step_spec(plan: Plan) -> StepSpec:
+    """What a whole step is."""
+    scene, options = plan.scene, plan.options
+    predicts = options.predicting
+    found = walls.planes(gaps(scene.walls, scene.box)) if scene.walls else {}
+    return StepSpec(
+        letters=() if predicts else tuple((letter, float(part)) for letter, part in options.scheme.steps(options.thermostat)),
+        slow_kicks=options.slow_kicks,
+        slow_every=options.slow_every,
+        thermostat=options.thermostat,
+        lam=options.lam,
+        field_lam=options.field_lam,
+        walls=tuple(found[name] for name in walls.CONSTANTS) if found else None,
+        ramp=options.ramp,
+    )

@@ -1,0 +1,167 @@
+"""Per-bead fields of a running scene (internal energies, temperatures, concentrations): reading, setting, and saving them.
+
+They are per-DOF variables of the integrator (``field0``, ``field1``, ..., three values per bead in each), so OpenMM's checkpoints and saved
+states hold them.
+"""
+
+from itertools import chain
+from typing import Any
+
+import numpy as np
+import openmm
+from openmm import unit
+
+from ..base.errors import ParameterError
+from ..base.names import FIELD, RATE
+from ..base.units import thermal_energies, to_md
+from ..kernels.fields import ENERGY, TEMPERATURE, FieldSpec
+from ..model.internal import InternalEnergy
+from ..plan.plan import Plan
+
+
+def field_variables(values: np.ndarray, name: str = FIELD) -> dict[str, np.ndarray]:
+    """Per-DOF variables (N, 3) by name, for values (N, K)."""
+    blocks = -(-values.shape[1] // 3)
+    padded = np.zeros((blocks, len(values), 3))
+    for column in range(values.shape[1]):
+        padded[column // 3, :, column % 3] = values[:, column]
+    return {f"{name}{k}": block for k, block in enumerate(padded)}
+
+
+def per_dof(integrator: openmm.CustomIntegrator, name: str) -> np.ndarray:
+    """(N, 3) values of a per-DOF variable."""
+    whole = getattr(integrator, "whole", None)
+    kept = {} if whole is None else whole.kept(integrator)
+    if name in kept:
+        return kept[name]
+    values = integrator.getPerDofVariableByName(name)
+    # 80 times faster than np.array(values)
+    return np.fromiter(chain.from_iterable(values), np.float64, 3 * len(values)).reshape(-1, 3)
+
+
+def raw_fields(context: openmm.Context, spec: FieldSpec) -> np.ndarray:
+    """(N, K) values of the fields in a Context."""
+    values = _blocks(context, FIELD, spec)
+    if spec.kind == ENERGY:
+        # the third component is what rounding lost of the sum
+        values[:, 1] += values[:, 2]
+    return values[:, : spec.n_values].copy()
+
+
+def raw_rates(context: openmm.Context, spec: FieldSpec) -> np.ndarray:
+    """(N, K) changes of the fields per time, as the last step of a scheme that keeps them left them."""
+    return _blocks(context, RATE, spec)[:, : spec.n_values].copy()
+
+
+def _blocks(context: openmm.Context, name: str, spec: FieldSpec) -> np.ndarray:
+    integrator = context.getIntegrator()
+    return np.concatenate([per_dof(integrator, f"{name}{k}") for k in range(spec.n_blocks)], axis=1)
+
+
+def read_fields(context: openmm.Context, plan: Plan) -> dict[str, np.ndarray]:
+    """Per-bead fields of a running scene, by name.
+
+    Parameters
+    ----------
+    context : openmm.Context
+    plan : Plan
+        ``built.plan``.
+
+    Returns
+    -------
+    dict of arrays
+        InternalEnergy: ``u_cond``, ``u_mech`` and ``theta``, each (N,), kJ/mol.  BeadTemperatures: ``theta`` (N,), kJ/mol.
+        Concentrations: ``concentrations`` (N, K).  MDPD: ``density`` (N,), the local densities at the present positions.  Empty for a
+        scene without any of these.
+    """
+    spec = plan.spec.fields
+    if spec is None:
+        return _densities(context, plan)
+    values = raw_fields(context, spec)
+    if spec.kind == ENERGY:
+        assert spec.eos is not None
+        return {"u_cond": values[:, 0], "u_mech": values[:, 1], "theta": spec.eos.thetas(values.sum(axis=1))}
+    return {"theta": values[:, 0]} if spec.kind == TEMPERATURE else {"concentrations": values}
+
+
+def _densities(context: openmm.Context, plan: Plan) -> dict[str, np.ndarray]:
+    many_body = [k for k, kind in enumerate(plan.kinds) if kind.has_densities]
+    if not many_body:
+        return {}
+    state = context.getState(positions=True)
+    box = None if plan.scene.box is None else state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer)
+    engine = plan.new_engine()
+    engine.prepare(state.getPositions(asNumpy=True).value_in_unit(unit.nanometer), box)
+    return {"density": np.sum([engine.densities(k) for k in many_body], axis=0)}
+
+
+def write_fields(context: openmm.Context, plan: Plan, **values: Any) -> None:
+    """Set the per-bead fields of a running scene.
+
+    Those of immobile beads (walls that are heated, say) can be set where the kernel does whole steps, which ``built.explain()`` says;
+    with internal energies these beads are reservoirs, which stay as they are.
+
+    Parameters
+    ----------
+    context : openmm.Context
+    plan : Plan
+    **values
+        Names of :func:`read_fields` with one value per bead (or one for all that move), with units if you like.  For internal energies
+        either ``theta`` (everything becomes mechanical energy) or ``u_cond`` and/or ``u_mech``.
+
+    Raises
+    ------
+    ParameterError
+        If the scene has no such field, a shape is wrong, a temperature or energy is outside the equation of state (the bead is named), or
+        an immobile bead cannot take another value.
+    """
+    spec = plan.spec.fields
+    known = () if spec is None else {ENERGY: ("theta", "u_cond", "u_mech"), TEMPERATURE: ("theta",)}.get(spec.kind, ("concentrations",))
+    for name in values:
+        if name not in known:
+            raise ParameterError(f"the beads of this scene have no {name!r}; their fields are: {', '.join(known) or 'none'}")
+    if spec is None or not values:
+        return
+    old = raw_fields(context, spec)
+    new, n = old.copy(), len(old)
+    if spec.kind == ENERGY:
+        if "theta" in values:
+            if len(values) > 1:
+                raise ParameterError("give either theta or the energies, not both")
+            assert isinstance(plan.scene.internal, InternalEnergy)
+            internal = InternalEnergy(plan.scene.internal.eos, values["theta"])
+            new[...] = internal.energies(plan.scene.type_ids, plan.scene.type_names)
+        for column, name in enumerate(("u_cond", "u_mech")):
+            if name in values:
+                new[:, column] = _per_bead(to_md(values[name], "energy", name), (n,), name)
+        assert spec.eos is not None
+        bad = np.flatnonzero(np.isnan(spec.eos.thetas(new.sum(axis=1))) & ~spec.immobile)
+        if len(bad):
+            raise ParameterError(f"the internal energy {new[bad[0]].sum():g} of bead {bad[0]} is outside its equation of state")
+    elif spec.kind == TEMPERATURE:
+        new[:, 0] = _per_bead(thermal_energies(values["theta"], "theta"), (n,), "theta")
+        if np.any(new <= 0):
+            raise ParameterError(f"the theta of bead {int(np.argmin(new[:, 0]))} is {new.min():g}; it must be > 0")
+    else:
+        new[...] = _per_bead(to_md(values["concentrations"], "dimensionless", "concentrations"), new.shape, "concentrations")
+    integrator = context.getIntegrator()
+    if all(np.ndim(value / value.unit if unit.is_quantity(value) else value) == 0 for value in values.values()):
+        new[spec.immobile] = old[spec.immobile]
+    # the temperature of a reservoir depends on the sum alone
+    differ = ~np.isclose(new.sum(axis=1), old.sum(axis=1), rtol=1e-9) if spec.kind == ENERGY else np.any(new != old, axis=1)
+    other = np.flatnonzero(differ & spec.immobile)
+    if len(other) and (spec.kind == ENERGY or getattr(integrator, "whole", None) is None):
+        why = "beads with internal energies that do not move are reservoirs" if spec.kind == ENERGY else "a program of OpenMM's skips it"
+        raise ParameterError(f"bead {other[0]} is immobile and keeps its value, since {why}; leave such beads what read_fields returns")
+    for name, block in field_variables(new).items():
+        integrator.setPerDofVariableByName(name, block)
+    if any(integrator.getGlobalVariableName(k) == "valid_for" for k in range(integrator.getNumGlobalVariables())):
+        # stored accelerations and rates belong to the old values
+        integrator.setGlobalVariableByName("valid_for", -1.0)
+
+
+def _per_bead(value, shape: tuple[int, ...], name: str) -> np.ndarray:
+    array = np.asarray(value, dtype=np.float64)
+    if array.ndim and array.shape != shape:
+        raise ParameterError(f"{name} must be one number or an array of shape {shape}, not {array.shape}")
+    return np.broadcast_to(array, shape)

@@ -1,0 +1,238 @@
+"""OpenMM's integrators with a temperature and a seed, as its own integrators have them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, Protocol
+
+import numpy as np
+import openmm
+from openmm import unit
+
+from ..base.errors import ParameterError
+from ..base.names import BY_SEED, KT, RAMP_STEP, SEED, SEEN_KT, SEEN_TEMPERATURE, SLOW_STEP, STAMP, TEMPERATURE
+from ..base.units import BOLTZMANN, to_md
+from ..plan.choices import checked_seed
+from .barostat_temperature import set_barostats
+from .watching import Watching
+
+#: Temperature and thermal energy: whichever was set last holds, and the other one follows.  It is found by what both were when they last
+#: agreed.  :meth:`PairIntegrator.settle` does so before steps; these lines (kind, target, expression, why) do it in programs, which OpenMM
+#: may execute by itself.  A thermal energy that nobody changes stays as it is, bit for bit.
+AGREE = (
+    ("if", "", f"abs({TEMPERATURE}-{SEEN_TEMPERATURE})+abs({KT}-{SEEN_KT}) > 0", "was one of them set?"),
+    ("if", "", f"{TEMPERATURE} != {SEEN_TEMPERATURE}", "was it the temperature?"),
+    ("global", KT, f"{BOLTZMANN!r}*{TEMPERATURE}", ""),
+    ("global", SEEN_KT, KT, ""),
+    ("end", "", "", ""),
+    ("if", "", f"{KT} != {SEEN_KT}", "was it the thermal energy?"),
+    ("global", TEMPERATURE, f"{KT}/{BOLTZMANN!r}", ""),
+    ("end", "", "", ""),
+    ("global", SEEN_KT, KT, ""),
+    ("global", SEEN_TEMPERATURE, TEMPERATURE, ""),
+    ("end", "", "", ""),
+)
+
+
+class StepsAtOnce(Protocol):
+    """Carries out many whole steps of a Context (:class:`openmm_dpd.simulation.whole_steps.WholeSteps`)."""
+
+    function: Any
+
+    def run(self, integrator: PairIntegrator, context: openmm.Context, n: int, *, slow: bool, barostats: bool) -> None:
+        """Carry out n steps; ``slow``: forces stay OpenMM's, ``barostats``: something else has to act in these steps."""
+
+    def kept(self, integrator: PairIntegrator) -> dict[str, np.ndarray]:
+        """Values of per-DOF variables that the last steps left, if they are still there."""
+
+
+class PairIntegrator(Watching, openmm.CustomIntegrator):
+    """A scheme of this package: a CustomIntegrator with a temperature and a seed, as OpenMM's own integrators have them.
+
+    Where a CustomIntegrator has them, ``temperature`` (kelvin), :meth:`setTemperature`, :func:`openmm_dpd.set_temperature` and the
+    context parameter ``dpd_kT`` (kJ/mol) all set the thermostat, and whichever was set last holds.
+    """
+
+    _variables: frozenset[str] = frozenset()
+
+    whole: StepsAtOnce | None
+
+    def _take(self, context: openmm.Context, steps: int) -> None:
+        if self.whole is None:
+            super()._take(context, steps)
+        elif self._slow or self._barostats:
+            with self._or_back(context):
+                self.whole.run(self, context, steps, slow=self._slow, barostats=self._barostats)
+        else:  # the Context is not touched before all steps are done
+            self.whole.run(self, context, steps, slow=False, barostats=False)
+
+    def variables(self) -> frozenset[str]:
+        """Names of the global variables."""
+        if len(self._variables) != self.getNumGlobalVariables():
+            self._variables = frozenset(map(self.getGlobalVariableName, range(self.getNumGlobalVariables())))
+        return self._variables
+
+    def _take_kT(self, context: openmm.Context, kT: float) -> None:
+        if TEMPERATURE in self.variables():
+            self.agree(context, kT, kT / BOLTZMANN)
+        elif KT in context.getParameters() and RAMP_STEP not in self.variables():
+            context.setParameter(KT, kT)
+
+    def bind(self, context: openmm.Context) -> None:
+        """As for all; forces of somebody else may have changed, which in a program are part of the acceleration it keeps."""
+        super().bind(context)
+        if self._mixed and self.whole is None:
+            self._forget_acceleration()
+
+    def _forget_acceleration(self) -> None:
+        if "valid_for" in self.variables():
+            openmm.CustomIntegrator.setGlobalVariableByName(self, "valid_for", -1.0)
+
+    def _begin(self, context: openmm.Context) -> None:
+        names, parameters, put = self.variables(), context.getParameters(), openmm.CustomIntegrator.setGlobalVariableByName
+        assert self.made is not None
+        self._forget_acceleration()  # a Context that was reinitialized has lost what belonged to it
+        self._forget()
+        for name in (RAMP_STEP, SLOW_STEP) if self._begun else ():
+            if name in names:
+                put(self, name, 0.0)
+        if TEMPERATURE in names:
+            # a thermal energy that was set in this Context is later than what the integrator had before
+            earlier = parameters[KT] != self.made.kT
+            put(self, SEEN_TEMPERATURE, self.getGlobalVariableByName(TEMPERATURE) if earlier else self.made.kT / BOLTZMANN)
+            put(self, SEEN_KT, self.made.kT)
+            self._agree_on_temperature(context)
+            if context.getParameter(KT) != self.made.kT:
+                set_barostats(context, self.getGlobalVariableByName(TEMPERATURE))
+        if self._begun and self.made.seed is None and SEED in parameters and parameters[SEED] == parameters[BY_SEED]:
+            context.setParameter(SEED, checked_seed(None))  # nobody asked for the same noise in every Context
+
+    def settle(self, context: openmm.Context) -> None:
+        """As for all; and the later one of temperature and thermal energy holds."""
+        super().settle(context)
+        if self.made is not None and TEMPERATURE in self.variables() and KT in context.getParameters():
+            self._agree_on_temperature(context)
+
+    def _agree_on_temperature(self, context: openmm.Context) -> None:
+        """What the lines of :data:`AGREE` do."""
+        kelvin, kT = self.getGlobalVariableByName(TEMPERATURE), context.getParameter(KT)
+        if kelvin != self.getGlobalVariableByName(SEEN_TEMPERATURE):
+            self.agree(context, BOLTZMANN * kelvin, kelvin)
+        elif kT != self.getGlobalVariableByName(SEEN_KT):
+            self.agree(context, kT, kT / BOLTZMANN)
+
+    def agree(self, context: openmm.Context, kT: float, kelvin: float) -> None:
+        """Set thermal energy (kJ/mol) and temperature, which have to fit, at once: what is set next is then known to be later."""
+        put = openmm.CustomIntegrator.setGlobalVariableByName
+        context.setParameter(KT, kT)
+        put(self, TEMPERATURE, kelvin)
+        put(self, SEEN_TEMPERATURE, kelvin)
+        put(self, SEEN_KT, kT)
+
+    def getTemperature(self) -> unit.Quantity:
+        """The temperature of the thermostat, kelvin (that of this step, where it follows a ramp).
+
+        Raises
+        ------
+        ParameterError
+            If nothing has a temperature to be held.
+        """
+        names, context = self.variables(), self.context()
+        if not names & {TEMPERATURE, RAMP_STEP}:
+            raise ParameterError(_NOT_SETTABLE)
+        if context is None:
+            value = self.getGlobalVariableByName(TEMPERATURE) if TEMPERATURE in names else self.made.kT / BOLTZMANN  # type: ignore[union-attr]
+            return value * unit.kelvin
+        self.settle(context)
+        return self._kelvin(context) * unit.kelvin
+
+    def _kelvin(self, context: openmm.Context) -> float | None:
+        if TEMPERATURE in self.variables():
+            return self.getGlobalVariableByName(TEMPERATURE)
+        return context.getParameter(KT) / BOLTZMANN if RAMP_STEP in self.variables() else None
+
+    def setTemperature(self, temperature) -> None:
+        """Set the temperature of the thermostat, and of OpenMM's barostats beside it.
+
+        Parameters
+        ----------
+        temperature : temperature
+            Bare numbers: kelvin, as for OpenMM's integrators.
+
+        Raises
+        ------
+        ParameterError
+            If it is no temperature, or none can be set: it follows a ramp, nothing has friction or noise, or beads have temperatures of
+            their own.
+        """
+        names = self.variables()
+        if TEMPERATURE not in names:
+            raise ParameterError(RAMPED if RAMP_STEP in names else _NOT_SETTABLE)
+        kelvin = to_md(temperature, "temperature", "the temperature")
+        if not isinstance(kelvin, float) or not 0.0 <= kelvin < np.inf:
+            raise ParameterError(f"the temperature must be a single number of kelvin >= 0, not {temperature!r}")
+        context, put = self.context(), openmm.CustomIntegrator.setGlobalVariableByName
+        if context is None:  # for the next step to take, regardless of what it took before
+            put(self, TEMPERATURE, kelvin)
+            put(self, SEEN_TEMPERATURE, -1.0)
+        elif kelvin != self.getTemperature().value_in_unit(unit.kelvin):
+            self.agree(context, BOLTZMANN * kelvin, kelvin)
+            set_barostats(context, kelvin)
+
+    def setGlobalVariableByName(self, name: str, value) -> None:
+        """Set a global variable; ``temperature`` is :meth:`setTemperature`."""
+        if name == TEMPERATURE:
+            self.setTemperature(value)
+        else:
+            super().setGlobalVariableByName(name, value)
+
+    def setGlobalVariable(self, index: int, value) -> None:
+        """Set a global variable by its number; ``temperature`` is :meth:`setTemperature`."""
+        self.setGlobalVariableByName(self.getGlobalVariableName(index), value)
+
+    def setPerDofVariableByName(self, name: str, values) -> None:
+        """Set a per-DOF variable; as in OpenMM."""
+        super().setPerDofVariableByName(name, values)
+        self._forget()
+
+    def setPerDofVariable(self, index: int, values) -> None:
+        """Set a per-DOF variable; as in OpenMM."""
+        super().setPerDofVariable(index, values)
+        self._forget()
+
+    def _forget(self) -> None:
+        """Per-DOF variables are not what a loop of steps has left."""
+        if STAMP in self.variables():
+            openmm.CustomIntegrator.setGlobalVariableByName(self, STAMP, 0.0)
+
+    def setRandomNumberSeed(self, seed: int) -> None:
+        """Set the seed of the noise, and of the random numbers of OpenMM's barostats (these when a Context is made next).
+
+        The noise takes it over at the next step, regardless of the seed of a state that was loaded; 0 draws a seed, as in OpenMM.
+        """
+        super().setRandomNumberSeed(seed)
+        if self.made is not None:
+            chosen, context = int(seed) % 2**31 or checked_seed(None), self.context()
+            self.made = replace(self.made, seed=chosen)
+            if context is not None:
+                self.settle(context)
+                self._take_seed(context, chosen)
+
+
+class NativeIntegrator(Watching, openmm.DPDIntegrator):
+    """OpenMM's own DPDIntegrator."""
+
+    def step(self, steps: int) -> None:
+        """Take steps, as all integrators here; a step size of 0 is an error, of which OpenMM would make NaNs."""
+        dt = self.getStepSize().value_in_unit(unit.picosecond)
+        if not dt > 0:
+            raise openmm.OpenMMException(f"the step size must be > 0, but the integrator's is {dt:g} ps")
+        super().step(steps)
+
+    def _kelvin(self, context: openmm.Context) -> float | None:
+        return self.getTemperature().value_in_unit(unit.kelvin)
+
+
+#: Why a temperature cannot be set.
+RAMPED = "the temperature of this Context follows a ramp, which would overwrite it at the next step"
+_NOT_SETTABLE = "there is no temperature to set: nothing has friction or noise, or the beads have temperatures of their own (write_fields)"

@@ -1,0 +1,365 @@
+"""A program as data: declared variables and steps, checked before OpenMM sees them.
+
+On its Reference and CPU platforms OpenMM evaluates a misspelt name in an integrator expression as 0, without an error.  So every name
+is checked here.
+"""
+
+import re
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, field
+
+import openmm
+
+from ...base.errors import ProgramError
+from ...base.names import (
+    AHEAD,
+    ALONE,
+    COUNTER,
+    DT,
+    EXTERNAL_GROUP,
+    FIELD,
+    KT,
+    PARAMETERS,
+    PHASE,
+    PORTABLE,
+    RAMP_STEP,
+    SEEN_KT,
+    SEEN_TEMPERATURE,
+    STAMP,
+    TAU,
+    TEMPERATURE,
+    Phase,
+)
+from ...base.units import BOLTZMANN
+from ...plan.program_options import ProgramOptions
+from ..integrators import AGREE, PairIntegrator
+
+_ENERGIES = frozenset({"energy"} | {f"energy{g}" for g in range(32)})
+_PER_DOF = frozenset({"x", "v", "f", "m"} | {f"f{g}" for g in range(32)})
+_RESERVED = frozenset({"dt", "gaussian", "uniform"}) | _ENERGIES | _PER_DOF
+_FUNCTIONS = frozenset(
+    "sqrt exp log sin cos sec csc tan cot asin acos atan atan2 sinh cosh tanh erf erfc".split()
+    + "step delta square cube recip min max abs floor ceil select".split()
+    + "dot cross vector _x _y _z".split()
+)
+_NAME = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
+
+
+@dataclass(frozen=True)
+class Step:
+    """One line of a program: ``kind`` is global, sum, per_dof, constrain_positions, constrain_velocities, update, if or end."""
+
+    kind: str
+    target: str = ""
+    expression: str = ""
+    why: str = ""
+
+
+@dataclass
+class Program:
+    """An integrator program under construction.
+
+    Attributes
+    ----------
+    name : str
+        Scheme.
+    reference : str
+        Where the scheme comes from.
+    options : ProgramOptions
+        What it is written for.
+    globals_, per_dof : dict
+        Declared variables with their initial values, and what they are.
+    steps : list of Step
+    """
+
+    name: str
+    reference: str
+    options: ProgramOptions
+    globals_: dict[str, tuple[float, str]] = field(default_factory=dict)
+    per_dof: dict[str, str] = field(default_factory=dict)
+    steps: list[Step] = field(default_factory=list)
+
+    @property
+    def pair_force(self) -> str:
+        """Force of the pair force alone."""
+        return f"f{self.options.pair_group}"
+
+    @property
+    def kicking(self) -> str:
+        """Force of the kicks of a scheme: of everything that acts, or of the pair force alone where a loop could do the same step."""
+        return self.pair_force if self.options.execution.looped else "f"
+
+    @property
+    def pair_energy(self) -> str:
+        """Energy of the pair force alone."""
+        return f"energy{self.options.pair_group}"
+
+    # -- writing ---------------------------------------------------------------------------------------------------------------
+    def declare(self, name: str, value: float, why: str) -> None:
+        """Declare a global variable."""
+        self.globals_[name] = (value, why)
+
+    def declare_per_dof(self, name: str, why: str) -> None:
+        """Declare a variable with one value per degree of freedom, 0 at the start."""
+        self.per_dof[name] = why
+
+    def set(self, target: str, expression: str, why: str = "") -> None:
+        """Assign to a global variable or context parameter."""
+        self.steps.append(Step("global", target, expression, why))
+
+    def each(self, target: str, expression: str, why: str = "") -> None:
+        """Assign to x, v or a per-DOF variable, for each degree of freedom."""
+        self.steps.append(Step("per_dof", target, expression, why))
+
+    def total(self, target: str, expression: str, why: str = "") -> None:
+        """Assign to a global variable the sum over all degrees of freedom."""
+        self.steps.append(Step("sum", target, expression, why))
+
+    def phase(self, phase: Phase, block: int = 0) -> None:
+        """Set what the next evaluation of the pair force computes."""
+        self.set(PHASE, str(int(phase) + block), phase.name + (f" {block}" if phase >= Phase.SWEEP_SEEN else ""))
+
+    def begin(self) -> None:
+        """What every step starts with: barostats, then the present dt for the kernel, and which temperature holds."""
+        if self.options.kernel:
+            # an error within a step leaves another phase behind, and barostats ask for energies
+            self.phase(Phase.IDLE)
+        self.steps.append(Step("update", why="barostats and other updates of the Context's state"))
+        if self.options.execution.looped:
+            self.declare(AHEAD, 0.0, "steps that are done already: only barostats still act in them")
+            self.steps.append(Step("if", expression=f"{AHEAD} < 1", why="is this step still to be done?"))
+        if self.options.kernel:
+            self.set(DT, "dt", "so that setStepSize works")
+        if self.options.settable:
+            kelvin = self.options.kT / BOLTZMANN
+            self.declare(TEMPERATURE, kelvin, "temperature, K: set it here or by dpd_kT, the later one holds")
+            self.declare(SEEN_TEMPERATURE, kelvin, "what it was when it last agreed with dpd_kT")
+            self.declare(SEEN_KT, self.options.kT, "what dpd_kT was then")
+            self.steps += [Step(*line) for line in AGREE]
+
+    def finish(self) -> None:
+        """Close what :meth:`begin` has opened; what a loop of steps has left in per-DOF variables is not there any more."""
+        if self.options.kernel:
+            self.phase(Phase.IDLE)
+        if self.options.kernel and (self.options.field_blocks or self.options.predicting):
+            self.declare(STAMP, 0.0, "fingerprint of the per-DOF variables that a loop of steps left, or 0")
+            self.set(STAMP, "0")
+        if self.options.execution.looped:
+            self.set(AHEAD, "1")
+            self.steps.append(Step("end"))
+            self.set(AHEAD, f"{AHEAD}-1")
+
+    def show_by(self, tau: str) -> None:
+        """Say which drift shows the velocities."""
+        self.set(TAU, tau, "the drift that shows the velocities")
+
+    def next_noise(self, tau: str) -> None:
+        """Advance the noise counter and say which drift shows the velocities."""
+        self.show_by(tau)
+        self.set(COUNTER, f"{COUNTER}+1", "new noise")
+
+    def next_temperature(self) -> None:
+        """Advance the temperature ramp, if there is one."""
+        ramp = self.options.ramp
+        if ramp is None or not self.options.kernel:
+            return
+        self.declare(RAMP_STEP, 0.0, "steps done, for the temperature ramp")
+        self.set(RAMP_STEP, f"{RAMP_STEP}+1")
+        self.set(KT, ramp_expression(ramp, RAMP_STEP), "kT of this step")
+
+    def store_fingerprint(self) -> None:
+        """Have the pair force store the present positions, and give their fingerprint."""
+        self.declare("fingerprint", 0.0, "fingerprint of the present positions and parameters")
+        self.phase(Phase.FINGERPRINT)
+        self.set("fingerprint", self.pair_energy, "the pair force stores x")
+
+    def evaluate_pair_force(self, phase: Phase, why: str, block: int = 0) -> None:
+        """Evaluate the pair force for its side effect: it stores or reads something, and the energy that it returns is not used."""
+        self.declare("unused", 0.0, "energy of evaluations that are made for their side effect")
+        self.phase(phase, block)
+        self.set("unused", self.pair_energy, why)
+
+    def store(self) -> None:
+        """Have the pair force store the present positions, without a fingerprint."""
+        self.evaluate_pair_force(Phase.STORE, "the pair force stores x")
+
+    def show(self, velocity: str) -> None:
+        """Drift by tau*velocity from xs, for the pair force to see that velocity; x has to be put back afterwards."""
+        self.each("x", f"xs+{TAU}*{velocity}", "trial drift: shows this velocity")
+
+    def fields(self) -> list[str]:
+        """Names of the per-DOF variables with internal energies, temperatures or concentrations; declares them."""
+        names = [f"{FIELD}{k}" for k in range(self.options.field_blocks)]
+        for name in names:
+            self.declare_per_dof(name, self.options.field_names)
+        return names
+
+    def read(self, variables: list[str]) -> None:
+        """Have the pair force read per-DOF variables, as displacements from xs, its stored positions; x has to be put back.
+
+        The displacement is scaled so that the largest one stays below ``options.field_reach``.
+        """
+        for block, variable in enumerate(variables):
+            self.declare("size", 0.0, "sum of squares of what the pair force reads next")
+            self.total("size", f"{variable}*{variable}")
+            self.set(TAU, f"{self.options.field_reach!r}/sqrt(size+1e-280)", "scale of the displacement")
+            self.each("x", f"xs+{TAU}*{variable}", "shows these values")
+            self.evaluate_pair_force(Phase.READ, "the pair force reads them", block)
+
+    def keep_positions(self) -> None:
+        """Remember x as xs."""
+        self.declare_per_dof("xs", "positions before the trial drift")
+        self.each("xs", "x")
+
+    def keep_acceleration(self) -> None:
+        """Take the conservative acceleration of the last step, or compute it anew if something has changed since."""
+        self.declare_per_dof("acc", "conservative acceleration at x")
+        self.store_fingerprint()
+        with self.if_changed():
+            if self.options.execution.pushes:
+                self.phase(Phase.CONSERVE)
+            self.each("acc", f"{self.kicking}/m", "conservative acceleration")
+            self.leave_to_body_forces()
+
+    def leave_to_body_forces(self) -> None:
+        """Where only body forces act, the acceleration that was computed last becomes theirs."""
+        if self.options.partial:
+            self.declare_per_dof(ALONE, "1 where only body forces act, 0 elsewhere")
+            self.each("acc", f"(1-{ALONE})*acc+{ALONE}*f{EXTERNAL_GROUP}/m", "only body forces act on some beads")
+
+    def acceleration_is_kept(self) -> None:
+        """Say that the last acceleration of a step serves the next one."""
+        self.store_fingerprint()
+        self.set("valid_for", "fingerprint", "acc is valid for this")
+
+    def after_sweep(self, fields: list[str]) -> None:
+        """Take over what a sweep did to internal energies; where velocities are not double precision, by what they really changed.
+
+        There the kernel hands over how much energy a bead got in all, motion included, and what its motion took comes from the velocities
+        that the program holds; rounding of the sum is kept in the third component.
+        """
+        if not fields:
+            return
+        (u,) = fields
+        scale = self.options.field_scale
+        self.phase(Phase.CHANGE)
+        if not self.options.compensated:
+            self.each(u, f"{u}+{scale!r}*{self.pair_force}" if scale != 1.0 else f"{u}+{self.pair_force}", "energies the beads got")
+            return
+        for name, why in (("du", "change of the energies"), ("un", "energies before rounding is made good")):
+            self.declare_per_dof(name, why)
+        self.each(
+            "du", f"{scale!r}*{self.pair_force}-vector(0, 0.5*m*dot(v-vi, v+vi), 0)", "energy a bead got, less what went into its motion"
+        )
+        self.each("un", f"{u}+du")
+        self.each("du", f"du-(un-{u})", "what rounding lost")
+        self.each(u, "un+vector(0, 0, _x(du)+_y(du))", "is kept in the third component")
+
+    def before_sweep(self) -> None:
+        """Remember the velocities a sweep starts from, where they are needed afterwards."""
+        if self.options.field_blocks and self.options.compensated:
+            self.declare_per_dof("vi", "velocities before the sweep")
+            self.each("vi", "v")
+
+    def if_changed(self) -> AbstractContextManager[None]:
+        """A block that runs on the first step, and whenever x, the box or a parameter is not what the last step left behind."""
+        self.declare("valid_for", -1.0, "fingerprint at which the stored acceleration is valid")
+        return self.when("fingerprint != valid_for", "is the stored acceleration still valid?")
+
+    @contextmanager
+    def when(self, condition: str, why: str) -> Iterator[None]:
+        """A block that runs where a condition on global variables holds."""
+        self.steps.append(Step("if", expression=condition, why=why))
+        yield
+        self.steps.append(Step("end"))
+
+    def constrain_positions(self) -> None:
+        """Put constrained distances and virtual sites right."""
+        self.steps.append(Step("constrain_positions"))
+
+    def constrain_velocities(self) -> None:
+        """Remove velocities along constraints."""
+        if self.options.constraints:
+            self.steps.append(Step("constrain_velocities"))
+
+    # -- checking and building ---------------------------------------------------------------------------------------------------
+    def check(self) -> None:
+        """Raise ProgramError for an unknown name, a shadowed one, or a step with two kinds of force."""
+        context = set(PARAMETERS) if self.options.kernel else set()
+        everywhere = set(self.globals_) | context | _RESERVED
+        for name in [*self.globals_, *self.per_dof]:
+            if name in _RESERVED or name in _FUNCTIONS or name in PARAMETERS:
+                raise ProgramError(f"{self.name}: the variable {name!r} shadows a reserved name")
+        targets = {"global": set(self.globals_) | context, "sum": set(self.globals_), "per_dof": set(self.per_dof) | {"x", "v"}}
+        depth = 0
+        for number, step in enumerate(self.steps):
+            where = f"{self.name}, step {number} ({step.target} <- {step.expression})"
+            if step.kind in targets and step.target not in targets[step.kind]:
+                raise ProgramError(f"{where}: {step.target!r} was not declared")
+            names = set(_NAME.findall(step.expression))
+            per_dof = names & (_PER_DOF | set(self.per_dof))
+            if per_dof and step.kind not in ("per_dof", "sum"):
+                listing = ", ".join(map(repr, sorted(per_dof)))
+                raise ProgramError(f"{where}: {listing} has one value per degree of freedom and means nothing in a global expression")
+            unknown = names - everywhere - set(self.per_dof) - _FUNCTIONS
+            if unknown:
+                raise ProgramError(f"{where}: unknown name {', '.join(sorted(unknown))}")
+            if len({name for name in names if re.fullmatch(r"f\d*|energy\d*", name)}) > 1:
+                raise ProgramError(f"{where}: OpenMM allows one force group per step")
+            depth += (step.kind == "if") - (step.kind == "end")
+        if depth:
+            raise ProgramError(f"{self.name}: a block is not closed")
+        if sum(step.kind == "update" for step in self.steps) != 1:
+            raise ProgramError(f"{self.name}: a step must update the Context's state exactly once")
+
+    def lower(self) -> PairIntegrator:
+        """The OpenMM integrator."""
+        integrator = PairIntegrator(self.options.dt)
+        # barostats draw from a generator of the whole process, which a new Context seeds with this number last
+        openmm.CustomIntegrator.setRandomNumberSeed(integrator, self.options.openmm_seed)
+        portable = dict.fromkeys(PORTABLE if self.options.kernel else (), (0.0, ""))
+        # in an order that does not depend on the way of a step: a checkpoint has no names
+        for name, (value, _) in sorted((portable | self.globals_).items()):
+            integrator.addGlobalVariable(name, value)
+        for name in sorted(self.per_dof):
+            integrator.addPerDofVariable(name, 0.0)
+        add = {
+            "global": lambda s: integrator.addComputeGlobal(s.target, s.expression),
+            "per_dof": lambda s: integrator.addComputePerDof(s.target, s.expression),
+            "sum": lambda s: integrator.addComputeSum(s.target, s.expression),
+            "constrain_positions": lambda s: integrator.addConstrainPositions(),
+            "constrain_velocities": lambda s: integrator.addConstrainVelocities(),
+            "update": lambda s: integrator.addUpdateContextState(),
+            "if": lambda s: integrator.beginIfBlock(s.expression),
+            "end": lambda s: integrator.endBlock(),
+        }
+        for step in self.steps:
+            add[step.kind](step)
+        return integrator
+
+    def describe(self) -> str:
+        """The listing: one line per step, with why."""
+        lines = [f"program {self.name} ({self.reference})"]
+        lines += [f"  global  {name} = {value:g}: {why}" for name, (value, why) in self.globals_.items()]
+        lines += [f"  per DOF {name}: {why}" for name, why in self.per_dof.items()]
+        indent = 0
+        for number, step in enumerate(self.steps):
+            indent -= step.kind == "end"
+            text = {
+                "global": f"{step.target} <- {step.expression}",
+                "per_dof": f"{step.target} <- {step.expression}  (each)",
+                "sum": f"{step.target} <- sum of {step.expression}",
+                "if": f"if {step.expression}:",
+            }.get(step.kind, step.kind.replace("_", " "))
+            width = 52 - 2 * indent
+            why = f"{'' if len(text) < width else '  '}# {step.why}" if step.why else ""
+            lines.append(f"  {number:3d}  {'  ' * indent}{text:<{width}}{why}".rstrip())
+            indent += step.kind == "if"
+        return "\n".join(lines)
+
+
+def ramp_expression(ramp, steps: str) -> str:
+    """Thermal energy on a temperature ramp after some steps, with the reciprocal of its length: so OpenMM divides by constants."""
+    part = f"({steps}-({ramp.first_step}))*{1.0 / (ramp.last_step - ramp.first_step)!r}"
+    return f"{ramp.kT_start!r}+({ramp.kT_end - ramp.kT_start!r})*min(1, max(0, {part}))"

@@ -1,0 +1,167 @@
+"""From a word to its program, letter by letter; it works with any other force on every platform.
+
+A line of a program costs a good part of a pass over the pairs, so two things are optimised.  A drift right before a sweep also passes the
+velocities to it; where there is none (or walls reflect beads) a trial drift does, and is undone.  And a force that makes several kicks at
+the same positions is stored as an acceleration: across the end of a step with a fingerprint of what it was computed from.  Kicks by it
+are merged with the sweep between them.
+"""
+
+from fractions import Fraction
+
+from ...base.names import Phase
+from ...model.schemes import SWEEPS, Letter
+from ...plan.program_options import ProgramOptions
+from . import slow_forces
+from .program import Program
+from .walls import add_reflection
+
+
+def splitting_program(options: ProgramOptions) -> Program:
+    """The program of a scheme that is a word."""
+    scheme = options.scheme
+    return _Writer(Program(scheme.name, scheme.reference, options), scheme.steps(options.thermostat)).written()
+
+
+class _Writer:
+    """Writes the letters of one step."""
+
+    def __init__(self, program: Program, letters: tuple[Letter, ...]):
+        self.p, self.options, self.letters = program, program.options, letters
+        #: which kicks share positions: how many drifts have come before each letter; those after the last are the first of the next step
+        drifts = [sum(name == "A" for name, _ in letters[:n]) for n in range(len(letters))]
+        total = sum(name == "A" for name, _ in letters)
+        self.places = [n % total for n in drifts]
+        kicks = [n for n, (name, _) in enumerate(letters) if name == "B"]
+        #: whether the force at the end of a step serves the next one
+        self.kept = self.options.kernel and drifts[kicks[0]] == 0 and drifts[kicks[-1]] == total
+        self.owed = Fraction(0)  # part of a kick by acc that v still lacks
+        self.known = self.kept  # whether acc is the acceleration at x
+        self.seen = self.kept  # whether the pair force has stored x
+        self.away = False  # whether x is displaced from xs
+        self.shown: Fraction | None = None  # part of the drift that passes v at x
+        self.ramped = False
+
+    def written(self) -> Program:
+        """The whole program."""
+        p = self.p
+        p.begin()
+        if self.kept:
+            p.keep_acceleration()
+        slow_forces.kick_before(p)
+        n = 0
+        while n < len(self.letters):
+            name, part = self.letters[n]
+            n = {"A": self.drift, "B": self.kick}.get(name, self.sweep)(n, part)
+        self.settle()
+        self.put_back()
+        if self.options.constraints:
+            p.declare_per_dof("xu", "positions before they are constrained")
+            p.each("xu", "x")
+            p.constrain_positions()
+            p.each("v", "v+(x-xu)/dt", "the constraints' impulse")
+        if self.kept:
+            p.acceleration_is_kept()
+        slow_forces.kick_after(p)
+        return p
+
+    def drift(self, n: int, part: Fraction) -> int:
+        """Drift; the last one before a sweep passes the velocities to it."""
+        p, options = self.p, self.options
+        shows = not options.walls and n + 1 < len(self.letters) and self.letters[n + 1][0] in SWEEPS
+        if shows and not self.seen:
+            self.put_back()
+            p.store()
+        self.settle()
+        start = "xs" if self.away else "x"
+        if shows and options.field_blocks:
+            p.keep_positions()
+            p.read(p.fields())
+            start = "xs"
+        p.each("x", f"{start}+{times(part)}*v", spelling("drift", part))
+        add_reflection(p)
+        self.known = self.seen = self.away = False
+        self.shown = part if shows else None
+        return n + 1
+
+    def kick(self, n: int, part: Fraction) -> int:
+        """Kick; by an acceleration that is kept only when v is needed next."""
+        p = self.p
+        if not self.known:
+            self.put_back()
+            if self.options.execution.pushes:
+                p.phase(Phase.CONSERVE)
+                self.seen = True
+            # without a kernel nothing comes in between: OpenMM keeps the force by itself
+            here = [name for place, (name, _) in zip(self.places, self.letters, strict=True) if place == self.places[n]]
+            if not self.options.partial and (here.count("B") == 1 or not self.options.kernel):
+                p.each("v", f"v+{times(part)}*{p.kicking}/m", spelling("kick", part))
+                p.constrain_velocities()
+                return n + 1
+            p.declare_per_dof("acc", "conservative acceleration at x")
+            p.each("acc", f"{p.kicking}/m")
+            p.leave_to_body_forces()
+            self.known = True
+        self.owed += part
+        return n + 1
+
+    def sweep(self, n: int, part: Fraction) -> int:
+        """Sweep, with the kicks by the same acceleration around it."""
+        p, options = self.p, self.options
+        if not self.ramped:
+            p.next_temperature()
+            self.ramped = True
+        if part != 1:
+            p.set("dpd_dt", times(part), "how long this sweep lasts")
+        fields, update = p.fields(), SWEEPS.index(self.letters[n][0])
+        if self.shown is None:
+            self.put_back()
+            if not self.seen:
+                p.store()
+                self.seen = True
+            p.keep_positions()
+            p.read(fields)
+            p.next_noise(options.trial_time)
+            p.show(f"(v+{times(self.owed)}*acc)" if self.owed else "v")
+            p.phase(Phase.SWEEP_KEPT, update)
+            self.away = True
+        else:
+            p.next_noise(times(self.shown))
+            p.phase(Phase.SWEEP_SEEN, update)
+        n += 1
+        if fields:  # the energies want the velocities before and after the sweep alone
+            self.settle()
+        else:
+            while self.known and n < len(self.letters) and self.letters[n][0] == "B":
+                self.owed += self.letters[n][1]
+                n += 1
+        p.before_sweep()
+        kick, why = (f"+{times(self.owed)}*acc", "kicks, sweep") if self.owed else ("", "sweep")
+        p.each("v", f"v{kick}+{times(part)}*{p.pair_force}/m", why if self.shown is None else f"{why}: the drift showed the velocities")
+        p.constrain_velocities()
+        self.owed, self.shown = Fraction(0), None
+        p.after_sweep(fields)
+        if part != 1:
+            p.set("dpd_dt", "dt")
+        return n
+
+    def settle(self) -> None:
+        """Write the kicks that v still lacks."""
+        if self.owed:
+            self.p.each("v", f"v+{times(self.owed)}*acc", spelling("kick", self.owed))
+            self.owed = Fraction(0)
+
+    def put_back(self) -> None:
+        """Take back a trial drift."""
+        if self.away:
+            self.p.each("x", "xs", "back")
+            self.away = False
+
+
+def times(part: Fraction) -> str:
+    """A part of the step size, as an expression."""
+    return "dt" if part == 1 else f"{float(part)!r}*dt"
+
+
+def spelling(what: str, part: Fraction) -> str:
+    """A substep for the listing."""
+    return what if part == 1 else f"{what} over {part} of the step"

@@ -1,0 +1,63 @@
+"""Walls: after each drift, beads beyond a plane are put back and their velocities are turned round.
+
+Each degree of freedom has its own limits, so that the reflection is one expression per degree of freedom for any number of walls::
+
+    r = x + 2 max(0, low - t) - 2 max(0, t - high)        t = x folded into the period around the middle of the gap
+    specular      v <- -v of the degree of freedom where r is not x
+    bounce-back   v <- -v of the bead where r is not x for any of its degrees of freedom
+
+Only the second needs a vector function, which costs as much as five other steps on the CPU platform.  A drift that shows the
+velocities to the pair force must not be reflected before it was seen, so the schemes show them by a trial drift where there are walls.
+"""
+
+import numpy as np
+
+from ...model.flow import BOUNCE_BACK, MIXED, NOWHERE, SPECULAR, Gap, kind_of
+from .program import Program
+
+CONSTANTS = LOW, HIGH, START, PERIOD, BACK = "wall_low", "wall_high", "wall_start", "wall_period", "wall_back"
+PUT_BACK = "wall_x"
+
+
+def planes(gaps: dict[int, Gap]) -> dict[str, np.ndarray]:
+    """Values of the constants along the three axes."""
+    low, high = np.full(3, -NOWHERE), np.full(3, NOWHERE)
+    start, period = np.full(3, -1e9), np.full(3, 4e9)  # nothing is ever folded
+    back = np.zeros(3)
+    for axis, gap in gaps.items():
+        low[axis], high[axis], back[axis] = gap.low, gap.high, gap.kind == BOUNCE_BACK
+        if gap.period is not None:
+            start[axis], period[axis] = 0.5 * (gap.low + gap.high - gap.period), gap.period
+    return {LOW: low, HIGH: high, START: start, PERIOD: period, BACK: back}
+
+
+def variables(gaps: dict[int, Gap], n_beads: int) -> dict[str, np.ndarray]:
+    """Values of the per-DOF variables, (N, 3) each."""
+    values = planes(gaps)
+    if kind_of(gaps) != MIXED:
+        del values[BACK]
+    return {name: np.tile(value, (n_beads, 1)) for name, value in values.items()}
+
+
+def add_reflection(p: Program, also: tuple[str, ...] = ()) -> None:
+    """After a drift: positions back into the gaps, velocities (and other per-DOF velocities) turned round; nothing without walls."""
+    kind = p.options.walls
+    if not kind:
+        return
+    for name, why in ((LOW, "lower walls"), (HIGH, "upper walls"), (START, "where the period begins"), (PERIOD, "period")):
+        p.declare_per_dof(name, why)
+    p.declare_per_dof(PUT_BACK, "positions put back by the walls")
+    folded = f"(x-{PERIOD}*floor((x-{START})/{PERIOD}))"
+    p.each(PUT_BACK, f"x+2*max(0, {LOW}-{folded})-2*max(0, {folded}-{HIGH})", "reflect at the walls")
+    hit = f"(1-delta({PUT_BACK}-x))"
+    if kind == SPECULAR:
+        turned, why = hit, "turn the normal component"
+    elif kind == BOUNCE_BACK:
+        turned, why = f"min(1, dot({hit}, {hit}))", "turn the velocity"
+    else:
+        p.declare_per_dof(BACK, "1 along axes with bounce-back, else 0")
+        turned = f"max((1-{BACK})*{hit}, min(1, dot({BACK}*{hit}, {BACK}*{hit})))"
+        why = "turn the velocity, or its normal component"
+    for name in ("v", *also):
+        p.each(name, f"{name}*(1-2*{turned})", why)
+    p.each("x", PUT_BACK)

@@ -1,0 +1,118 @@
+"""Plan -> System: all forces that the scene needs, each in its group."""
+
+import numpy as np
+import openmm
+
+from ..base.errors import PlanError
+from ..base.names import BONDED_GROUP, LAST_POTENTIAL_GROUP, POTENTIAL_GROUP
+from ..base.neighbours import coincident_pairs
+from ..model.flow import PositionForce
+from ..plan.forces.bonded import molecules
+from ..plan.forces.electrostatics import electrostatic_forces, needs_list
+from ..plan.forces.expressions import PairExpression, exception_force, nonbonded_force
+from ..plan.forces.external import external_force
+from ..plan.forces.pair_force import PairForceFunction, pair_force
+from ..plan.forces.segments import segment_force, segment_spec
+from ..plan.kinds import bonded_forces, resolved_kind
+from ..plan.pair_spec import Factors
+from ..plan.plan import Plan
+from .integrators import NativeIntegrator, PairIntegrator
+from .programs.native import native_marker
+
+
+def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, function: PairForceFunction | None) -> openmm.System:
+    """The System, whose parameters name the integrator."""
+    scene, options = plan.scene, plan.options
+    periodic = scene.box is not None
+    system = openmm.System()
+    mobile = ~scene.immobile
+    for mass in np.where(mobile, scene.bead_masses, 0.0).tolist():
+        system.addParticle(mass)
+    if scene.box is not None:
+        system.setDefaultPeriodicBoxVectors(*(openmm.Vec3(*row) for row in scene.box.tolist()))
+    layers = plan.layers if plan.execution.conservative == "openmm" else ()
+    densities = [layer for layer in layers if resolved_kind(layer).density_force is not None]
+    held = plan.execution.held
+    tables = (*layers, *(() if "overlays" in held else plan.overlays))
+    expressions = [resolved_kind(table).potential(table, scene.type_names) for table in tables]  # type: ignore[misc]  # make_plan refuses others
+    factors = _excluded_pairs(plan, expressions)
+    free = _add_pair_expressions(system, plan, expressions, factors)
+    _add_charges(system, plan, factors)
+    if free - len(densities) + 1 < LAST_POTENTIAL_GROUP:
+        raise PlanError(f"the pair potentials and densities need more than {POTENTIAL_GROUP - LAST_POTENTIAL_GROUP + 1} force groups")
+    for k, layer in enumerate(densities):
+        excluded = sorted(pair for pair, factor in plan.exceptions.items() if factor == 0.0)
+        force = resolved_kind(layer).density_force(layer, scene.type_names, scene.type_ids, excluded, periodic)  # type: ignore[misc]
+        force.setForceGroup(free - k)
+        system.addForce(force)
+    if "bonds" in held and len(scene.bond_pairs):
+        system.addForce(molecules(scene.bond_pairs))
+    left = [group for part in ("bonds", "angles", "dihedrals") if part not in held for group in getattr(scene, part)]
+    for force in bonded_forces(left, periodic):
+        force.setForceGroup(BONDED_GROUP)
+        system.addForce(force)
+    segments = None if "segments" in held else segment_spec(scene)
+    if segments is not None:
+        system.addForce(segment_force(segments, periodic))
+    for term in scene.body_forces:
+        if "body forces" not in held or isinstance(term, PositionForce):
+            system.addForce(external_force(term, scene.type_ids, scene.type_names, scene.box))
+    if function is not None:
+        system.addForce(pair_force(function, options=options, integrator=integrator))
+    if options.scheme.native:
+        system.addForce(native_marker(options, integrator, periodic))
+    return system
+
+
+def _excluded_pairs(plan: Plan, expressions: list[PairExpression]) -> Factors:
+    """Pairs that all pair forces leave to bond forces, and their factors: bonded neighbours, and beads at the same point."""
+    scene = plan.scene
+    reaches = [e.cutoff for e in expressions]
+    if scene.electrostatics is not None:
+        reaches.append(1.0 / scene.electrostatics.steepness)
+    if not reaches:
+        return {}
+    factors = dict(plan.exceptions)
+    # GPU platforms want the same exclusions in all pair forces
+    for pair in (*plan.charge_exceptions, *coincident_pairs(scene.positions, scene.box, 1e-4 * max(reaches))):
+        factors.setdefault(pair, 1.0)
+    return factors
+
+
+def _add_charges(system: openmm.System, plan: Plan, factors: Factors) -> None:
+    """Add the forces of smeared charges."""
+    scene = plan.scene
+    if scene.electrostatics is None or "charges" in plan.execution.held:
+        return
+    assert scene.charges is not None
+    listed = plan.ewald is not None and needs_list(scene.charges, plan.ewald, scene.box) and plan.listed(plan.ewald.cutoff)
+    constant = scene.electrostatics.coulomb(scene.initial_kT)
+    factors = {pair: plan.charge_exceptions.get(pair, 1.0) for pair in factors}
+    for force in electrostatic_forces(scene.electrostatics, scene.charges, constant, plan.ewald, factors, listed=listed):
+        system.addForce(force)
+
+
+def _add_pair_expressions(system: openmm.System, plan: Plan, expressions: list[PairExpression], factors: Factors) -> int:
+    """Add the forces of radial pair potentials, and return the next group downwards.
+
+    GPU platforms want one cutoff per group and the same exclusions everywhere.
+    """
+    scene = plan.scene
+    periodic = scene.box is not None
+    exclusions = sorted(factors)
+    restored = {pair: factor for pair, factor in sorted(factors.items()) if factor > 0}
+    groups: dict[float, int] = {}
+    cutoffs = {expression.cutoff for expression in expressions}
+    if len(cutoffs) > 10:
+        raise PlanError(f"the pair potentials have {len(cutoffs)} different cutoffs; at most 10 can be built")
+    for expression in expressions:
+        number = groups.setdefault(expression.cutoff, len(groups))
+        made: list[openmm.Force] = [
+            nonbonded_force(expression, scene.type_ids, exclusions, periodic, listed=plan.listed(expression.cutoff))
+        ]
+        if restored:
+            made.append(exception_force(expression, scene.type_ids, restored, periodic))
+        for force in made:
+            force.setForceGroup(POTENTIAL_GROUP - number)
+            system.addForce(force)
+    return POTENTIAL_GROUP - len(groups)

@@ -1,0 +1,113 @@
+"""app.Simulation with what OpenMM leaves out: states of other schemes are refused in plain words, and minimising breaks no bonds."""
+
+import io
+import os
+from collections.abc import Callable
+from xml.etree import ElementTree
+
+import numpy as np
+import openmm
+from openmm import app, unit
+
+from ..base.errors import ParameterError
+from ..base.files import write_whole
+from ..base.names import BY_VARIABLES
+from ..base.signals import unbroken
+from ..base.units import whole_number
+from ..model.pairs import checked
+from ..plan.made import variables_number
+from ..plan.pair_spec import longest
+from ..plan.plan import Plan
+from .downhill import descend
+from .serialized import checked_xml, deserialized, read_file
+
+#: No bead moves farther in one iteration of the minimiser, in cutoffs.
+FARTHEST = 0.1
+
+
+class DPDSimulation(app.Simulation):
+    """A Simulation of a plan that looks at a state before it takes it over, writes one whole or not, and has a minimiser of its own; all
+    else is as always."""
+
+    def __init__(self, plan: Plan, *arguments):
+        super().__init__(*arguments)
+        self._plan = plan
+
+    @unbroken()
+    def minimizeEnergy(self, tolerance=10 * unit.kilojoules_per_mole / unit.nanometer, maxIterations=0, reporter=None):
+        """Minimise the potential energy by :func:`openmm_dpd.simulation.downhill.descend`, with the parameters of ``app.Simulation``.
+
+        No particle moves by more than a tenth of the longest cutoff in one iteration, and no FENE bond gets as long as its R0.  OpenMM's
+        own minimiser breaks such bonds, and crashes on OpenCL through PoCL.  RunError if the energy is not finite at the start.
+        """
+        scene, plan = self._plan.scene, self._plan
+
+        def impossible(x: np.ndarray) -> str | None:
+            return next(filter(None, (group.overstretched(x, box) for group in scene.bonds)), None)
+
+        vectors = self.context.getState().getPeriodicBoxVectors(asNumpy=True)
+        box = None if scene.box is None else vectors.value_in_unit(unit.nanometer)
+        reach = FARTHEST * longest((*plan.layers, *plan.overlays)) or np.inf
+        least, most = checked(tolerance, "force", "tolerance"), whole_number(maxIterations, "maxIterations", least=0)
+        descend(self.context, least, most, reporter, longest=reach, impossible=impossible)
+
+    def saveState(self, file):
+        """Save the state as XML, to a file by its name or to an open one; an OutputError leaves one that was there as it is."""
+        _save_whole(super().saveState, file, io.StringIO(), "the state")
+
+    def saveCheckpoint(self, file):
+        """Save a checkpoint, to a file by its name or to an open one; OutputError as :meth:`saveState`."""
+        _save_whole(super().saveCheckpoint, file, io.BytesIO(), "the checkpoint")
+
+    def loadState(self, file):
+        """Load a state in XML, from a file's name or an open file; PlanError, before anything is changed, if another scheme wrote it.
+
+        Variables that this integrator does not have, such as the steps of a temperature ramp that another script followed, are left out.
+        """
+        root = checked_xml(read_file(file))
+        if root.tag != "State":
+            raise ParameterError(f"this is no State: the file holds {root.tag!r}")
+        state = deserialized(root)
+        made = self.integrator.made
+        parameters = state.getParameters() if state.getDataTypes() & state.Parameters else {}
+        if made is not None:
+            made.check_writer(parameters)
+            if _take_unknown_out(root, self.integrator):
+                state = deserialized(root)
+        self.context.setState(state)
+        if BY_VARIABLES in parameters:  # they came by name
+            self.context.setParameter(BY_VARIABLES, variables_number(self.integrator))
+        self.integrator.settle(self.context)
+
+    def loadCheckpoint(self, file):
+        """Load a checkpoint, from a file's name or an open file.
+
+        PlanError if another scheme, or an integrator with other variables, wrote it; positions and velocities are in the Context then.
+        """
+        super().loadCheckpoint(file)
+        self.integrator.settle(self.context)
+
+
+def _save_whole(save: Callable, file, content: io.StringIO | io.BytesIO, what: str) -> None:
+    """Save to an open file, or by way of ``content`` to one by its name."""
+    if not isinstance(file, (str, os.PathLike)):
+        save(file)
+        return
+    save(content)
+    write_whole(file, content.getvalue(), what)
+
+
+def _take_unknown_out(root: ElementTree.Element, integrator: openmm.Integrator) -> bool:
+    """Take variables out of a state that a CustomIntegrator does not know; whether there are any."""
+    if not isinstance(integrator, openmm.CustomIntegrator):
+        return False
+    known = {integrator.getGlobalVariableName(k) for k in range(integrator.getNumGlobalVariables())}
+    known_per_dof = {integrator.getPerDofVariableName(k) for k in range(integrator.getNumPerDofVariables())}
+    single = [(node, name) for node in root.iterfind("IntegratorParameters/GlobalVariables") for name in set(node.attrib) - known]
+    per_dof = [(node, child) for node in root.iterfind("IntegratorParameters/PerDofVariables") for child in node]
+    per_dof = [(node, child) for node, child in per_dof if child.tag not in known_per_dof]
+    for node, name in single:
+        del node.attrib[name]
+    for node, child in per_dof:
+        node.remove(child)
+    return bool(single or per_dof)

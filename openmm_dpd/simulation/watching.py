@@ -1,0 +1,203 @@
+"""Steps with an eye on the Context they run in: which forces act in it, who wrote its state, and what a failed step left.
+
+OpenMM integrates all forces of the System when the Context is made.  The programs of this package have to know a little more: which
+forces are theirs, and whether there are others.  So :meth:`Watching.step` looks at the System that the Context really has, whoever made it
+and whenever a force came in, before it steps.
+
+An integrator that was read from XML is a plain ``openmm.CustomIntegrator``, and one inside an ``openmm.CompoundIntegrator`` is not asked
+to look: their steps are right beside any force, but nobody checks the System, compares the temperature of a state with that of the
+script, or takes a failed step back.
+"""
+
+import logging
+import weakref
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cached_property, lru_cache
+from typing import Any
+
+import openmm
+
+from ..base.errors import PlanError
+from ..base.names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, PAIR_FORCE, SEED
+from ..base.openmm_private import context_of
+from ..base.signals import CTRL_C, unbroken
+from ..plan.made import Made, acting, lines_of, text_number, variables_number
+from .barostat_temperature import barostats, check_barostats, tell_pressures
+
+_LOGGER = logging.getLogger("openmm_dpd")
+
+#: Steps after which what has been reached is remembered.  Simulation.step() asks for no more than that at once.
+PIECE = 10
+
+
+@lru_cache
+def watched(kind: type) -> type:
+    """A class of Contexts, ``openmm.Context`` or somebody's own, whose integrator hears when one is made anew.
+
+    OpenMM leaves no sign of that: its checkpoint brings everything back.
+    """
+
+    def reinitialize(self, preserveState=False):
+        kind.reinitialize(self, preserveState)  # type: ignore[attr-defined]
+        self.getIntegrator().bind(self)
+
+    reinitialize.__doc__ = "As before; the next step looks at the System again."
+    return type(kind.__name__, (kind,), {"reinitialize": reinitialize, "watched": True, "__module__": kind.__module__})
+
+
+class Watching:
+    """What both integrators do around OpenMM's own ``step``; instances read from XML or a pickle have ``made`` None and only step."""
+
+    made: Made | None = None
+
+    #: What carries out many steps at once; None where OpenMM does them one by one.
+    whole: Any = None
+
+    _known: weakref.ref | None = None
+    _looked_at: tuple = ()
+    _groups = 0
+    _beside = 0.0
+    _mixed = False
+    _slow = True
+    _barostats = True
+    _piece = PIECE
+    _begun = False
+
+    def context(self) -> openmm.Context | None:
+        """The Context that this integrator belongs to, None before there is one."""
+        found = None if self._known is None else self._known()
+        if found is None or found.getIntegrator() is not self:
+            found, self._known = context_of(self), None  # type: ignore[arg-type]
+            if found is not None:
+                self.bind(found)
+        return found
+
+    def bind(self, context: openmm.Context) -> None:
+        """Say which Context this integrator belongs to, or that it was made anew: the next step looks at everything in it."""
+        if not hasattr(context, "watched"):
+            context.__class__ = watched(type(context))  # type: ignore[arg-type]
+        self._known, self._looked_at = weakref.ref(context), ()
+        self._groups = self.getIntegrationForceGroups()  # type: ignore[attr-defined]
+
+    @unbroken()
+    def step(self, steps: int) -> None:
+        """Take steps; one that fails leaves everything as it was after the last :data:`PIECE` steps that did not.
+
+        PlanError if something in the Context's System would not act, or its state was written by another scheme. openmm.OpenMMException if
+        a step fails, with the reason. KeyboardInterrupt: After Ctrl-C, which waits for the end of a step.
+        """
+        context = None if self.made is None else self.context()
+        if context is None:
+            super().step(steps)  # type: ignore[misc]
+            return
+        self._look(context)
+        while steps > 0:
+            CTRL_C.check()
+            piece = min(steps, self._piece)
+            self._take(context, piece)
+            steps -= piece
+
+    def _take(self, context: openmm.Context, steps: int) -> None:
+        """Take a few steps, or none of them if one fails."""
+        with self._or_back(context):
+            super().step(steps)  # type: ignore[misc]
+
+    @contextmanager
+    def _or_back(self, context: openmm.Context) -> Iterator[None]:
+        before = context.createCheckpoint()
+        try:
+            yield
+        except BaseException:
+            context.loadCheckpoint(before)
+            raise
+
+    def _look(self, context: openmm.Context) -> None:
+        """See whether something has changed that acts at once in OpenMM, or the Context is new, and where the state comes from."""
+        system = context.getSystem()
+        groups = self.getIntegrationForceGroups()  # type: ignore[attr-defined]
+        now = (system.getNumParticles(), system.getNumForces(), groups)
+        if now != self._looked_at:
+            self._look_at_everything(context, groups)
+            self._looked_at = now
+        moving = [barostat for barostat in barostats(context) if barostat.getFrequency() > 0]
+        self._barostats = self._mixed or bool(moving)
+        self._piece = min([PIECE, *(barostat.getFrequency() for barostat in moving)])
+        self.settle(context)
+        parameters = context.getParameters()
+        if BESIDE in parameters and parameters[BESIDE] != self._beside:
+            context.setParameter(BESIDE, self._beside)
+        kelvin = self._kelvin(context) if moving else None
+        if kelvin is not None:
+            assert self.made is not None
+            check_barostats(context, moving, kelvin, self.made.asked < 0)
+
+    def _look_at_everything(self, context: openmm.Context, groups: int) -> None:
+        """Check the System of a Context, and what acts in it."""
+        made, system, new = self.made, context.getSystem(), not self._looked_at
+        assert made is not None
+        others = acting(made.check(system))
+        made.check_groups(groups)
+        if groups != self._groups and self.whole is None and isinstance(self, openmm.CustomIntegrator):
+            raise PlanError(
+                "setIntegrationForceGroups came after the Context was made, and a program of OpenMM's CustomIntegrator keeps the groups of "
+                "before; call context.reinitialize(preserveState=True) after it"
+            )
+        if lines_of(self) != made.lines:  # type: ignore[arg-type]
+            self.whole = None  # somebody added to the program, so that it has to do the steps
+        if "dt" in context.getParameters():
+            raise PlanError("a force has a global parameter called dt, which is the step size in a CustomIntegrator; rename it")
+        self._beside = text_number(" ".join(f"{type(force).__name__} {force.getName()} {force.getForceGroup()}" for force in others))
+        # a force taken from the System acts until the Context is made anew
+        self._mixed = bool(others) or (self._mixed and not new)
+        self._slow = self._mixed or any(name != PAIR_FORCE and groups >> group & 1 for name, group in made.own)
+        if new:
+            tell_pressures(context, made)
+
+    def _kelvin(self, context: openmm.Context) -> float | None:
+        """The temperature that the thermostat of a Context has now; None if nothing has one."""
+        raise NotImplementedError
+
+    def settle(self, context: openmm.Context) -> None:
+        """Begin a new Context, and let what this script asked for hold where another one wrote the state.
+
+        PlanError if it was written by another scheme, or by an integrator with other variables.
+        """
+        made, parameters = self.made, context.getParameters()
+        if made is None or BY_SCHEME not in parameters:
+            return
+        if parameters[BEGUN] == 0.0:
+            self._begin(context)
+            self._begun = True
+            context.setParameter(BEGUN, 1.0)  # last: what an error cuts short is begun anew
+        made.check_writer(parameters)
+        if parameters[BY_VARIABLES] != self._variables_number:
+            raise PlanError(
+                "the state was written by an integrator of this scheme with other variables (on another platform, or with a temperature "
+                "ramp, say), and a checkpoint cannot go from one to the other; save and load an XML state instead, by "
+                "loadState of what simulation() of this package returned"
+            )
+        if parameters[BY_KT] != made.asked:
+            now = f"the {made.kT:g} kJ/mol" if made.asked >= 0 else "the ramp"
+            _LOGGER.warning("the state was written by a run that asked for another temperature; it goes on with %s of this script", now)
+            self._take_kT(context, made.kT)
+            context.setParameter(BY_KT, made.asked)
+            for barostat in barostats(context):
+                context.setParameter(barostat.Temperature(), barostat.getDefaultTemperature())
+        if made.seed is not None and parameters[BY_SEED] != made.seed:
+            self._take_seed(context, made.seed)
+
+    def _begin(self, context: openmm.Context) -> None:
+        """What has to be so before the first step of a Context."""
+
+    def _take_seed(self, context: openmm.Context, seed: int) -> None:
+        if SEED in context.getParameters():
+            context.setParameter(SEED, seed)
+        context.setParameter(BY_SEED, seed)
+
+    @cached_property
+    def _variables_number(self) -> float:
+        return variables_number(self)  # type: ignore[arg-type]
+
+    def _take_kT(self, context: openmm.Context, kT: float) -> None:
+        """Go on at another thermal energy."""

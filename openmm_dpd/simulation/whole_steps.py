@@ -1,0 +1,182 @@
+"""Many whole steps at once: from a Context to the kernel's loop and back.
+
+:meth:`openmm_dpd.simulation.integrators.PairIntegrator.step` uses this where the pair force computes every fast force.  The program of the
+integrator does the same step by step, to rounding; this way positions and velocities are copied once for many steps.
+"""
+
+from itertools import accumulate
+
+import numpy as np
+import openmm
+
+from ..base import names as shared
+from ..base.errors import RunError
+from ..base.openmm_private import bare, vectors
+from ..base.wording import in_units
+from ..kernels.steps import Moment, StepSpec
+from ..plan.execution import DOUBLE_PLATFORMS
+from ..plan.forces.fingerprint import fingerprint
+from ..plan.forces.pair_force import PairForceFunction
+from ..plan.forces.thread_state import ThreadState
+from .fields import field_variables, per_dof, raw_fields, raw_rates
+from .integrators import PairIntegrator
+
+
+class WholeSteps:
+    """Does steps of one System.
+
+    Parameters
+    ----------
+    function : PairForceFunction
+        The callable of the pair force, with its terms and arrays.
+    pair_group : int
+        Force group of that force.
+    """
+
+    def __init__(self, function: PairForceFunction, pair_group: int):
+        self.function, self.pair_group = function, pair_group
+        self._still = np.flatnonzero(function.spec.inv_mass == 0.0)
+        self._held: tuple[float, dict[str, np.ndarray]] = (0.0, {})
+
+    @property
+    def spec(self) -> StepSpec:
+        """What a step is."""
+        assert self.function.steps is not None
+        return self.function.steps
+
+    def run(self, integrator: PairIntegrator, context: openmm.Context, n: int, *, slow: bool, barostats: bool) -> None:
+        """Do n steps.  Before they are done the Context is changed only where OpenMM's forces need it.
+
+        Parameters
+        ----------
+        slow : bool
+            Whether forces of OpenMM act.
+        barostats : bool
+            Whether a barostat acts: it does at the end of all these steps.
+
+        Raises
+        ------
+        openmm.OpenMMException
+            If a step fails, with its number, as the program reports it.
+        """
+        own = self.function.thread_state()
+        dt = bare(integrator.getStepSize())
+        state = context.getState(positions=True, velocities=True, parameters=True)
+        # the step size as the program would set it first
+        count, parameters = state.getStepCount(), state.getParameters().asdict() | {shared.DT: dt}
+        clock = list(accumulate([dt] * n, initial=bare(state.getTime())))  # as OpenMM adds it up
+        try:
+            moment = self._moment(integrator, context, state, parameters, dt, own)
+            loop = own.loop
+            assert loop is not None
+            used = integrator.getIntegrationForceGroups()
+            groups = {group for group in range(32) if used >> group & 1} - {self.pair_group}
+
+            def forces(m: Moment, done: int) -> np.ndarray:
+                if done:
+                    context.setPositions(m.x)
+                    context.setStepCount(count + done)
+                    context.setTime(clock[done])
+                    if self.spec.ramp is not None:
+                        context.setParameter(shared.KT, m.kT)
+                return bare(context.getState(forces=True, groups=groups).getForces(asNumpy=True))
+
+            loop.run(moment, n, forces if slow else None)
+        except RunError as error:
+            raise openmm.OpenMMException(f"step {count + getattr(error, 'steps_done', 0) + 1}: {error}") from error
+        reached = (count, clock[0]) if barostats else (count + n, clock[-1])
+        try:
+            self._give_back(integrator, context, state, parameters, moment, own, reached)
+        except BaseException:
+            self._give_back(integrator, context, state, parameters, moment, own, reached)  # all of it, wherever that was interrupted
+            raise
+        if barostats:
+            openmm.CustomIntegrator.setGlobalVariableByName(integrator, shared.AHEAD, float(n))
+            try:
+                openmm.CustomIntegrator.step(integrator, n)
+                context.setTime(clock[-1])  # OpenMM counts with the step size that the Context was made with
+            finally:
+                openmm.CustomIntegrator.setGlobalVariableByName(integrator, shared.AHEAD, 0.0)
+
+    def _moment(self, integrator: PairIntegrator, context: openmm.Context, state, parameters, dt: float, own: ThreadState) -> Moment:
+        """The state in which the first step begins."""
+        function, spec = self.function, self.spec
+        if not dt > 0.0:
+            raise RunError(f"the step size must be > 0, but the integrator's is {in_units(dt, 'time')}")
+        x, box = function.positions(state), function.box(state)
+        function.scale_body_forces(own, parameters)
+        v = vectors(state, openmm.State.Velocities)
+        v[self._still] = 0.0
+        kT = function.thermal_energy(parameters)
+        moment = Moment(x.copy(), v, box, dt, kT, int(parameters[shared.SEED]), int(parameters[shared.COUNTER]))
+        if spec.slow_every > 1:
+            moment.slow_step = int(integrator.getGlobalVariableByName(shared.SLOW_STEP))
+        if spec.ramp is not None:
+            moment.ramped = integrator.getGlobalVariableByName(shared.RAMP_STEP)
+        fields = function.spec.fields
+        if fields is not None:
+            moment.values = raw_fields(context, fields)
+        if spec.predicts:
+            if fields is not None:
+                moment.rates = raw_rates(context, fields)
+            if own.fingerprints.of(x, box, parameters) == integrator.getGlobalVariableByName("valid_for"):
+                moment.acc = per_dof(integrator, "acc").copy()
+        return moment
+
+    def _give_back(
+        self,
+        integrator: PairIntegrator,
+        context: openmm.Context,
+        state: openmm.State,
+        parameters: dict[str, float],
+        moment: Moment,
+        own: ThreadState,
+        reached: tuple[int, float],
+    ) -> None:
+        """Write the result of the last step into the Context."""
+        function, spec = self.function, self.spec
+        put = openmm.CustomIntegrator.setGlobalVariableByName
+        if len(self._still):
+            moment.v[self._still] = vectors(state, openmm.State.Velocities)[self._still]
+        context.setPositions(moment.x)
+        context.setVelocities(moment.v)
+        context.setParameter(shared.COUNTER, float(moment.counter))
+        context.setParameter(shared.DT, moment.dt)
+        if spec.slow_every > 1:
+            put(integrator, shared.SLOW_STEP, float(moment.slow_step))
+        if spec.ramp is not None:
+            assert moment.ramped is not None
+            context.setParameter(shared.KT, moment.kT)
+            parameters[shared.KT] = moment.kT
+            put(integrator, shared.RAMP_STEP, moment.ramped)
+        held = {}
+        if moment.values is not None and own.fields is not None:
+            own.fields.values = moment.values
+            held = field_variables(moment.values)
+        if spec.predicts:
+            assert moment.acc is not None
+            held |= {"acc": moment.acc} | ({} if moment.rates is None else field_variables(moment.rates, shared.RATE))
+            if moment.predicted is not None:
+                held["vp"] = moment.predicted
+            x, box = moment.x, moment.box
+            if context.getPlatform().getName() in DOUBLE_PLATFORMS:
+                own.fingerprints.forget()  # these beads were not just folded
+            else:  # positions are rounded there, and beads wrapped
+                after = context.getState(positions=True)
+                x, box = function.positions(after), function.box(after)
+            last = own.fingerprints.of(x, box, parameters)
+            put(integrator, "valid_for", last)
+            put(integrator, "fingerprint", last)
+        for name, values in held.items():
+            openmm.CustomIntegrator.setPerDofVariableByName(integrator, name, values)
+        if held:
+            stamp = fingerprint(next(iter(held.values())) if len(held) == 1 else np.concatenate(list(held.values())), np.zeros(0))
+            put(integrator, shared.STAMP, stamp)
+            self._held = stamp, held
+        context.setStepCount(reached[0])
+        context.setTime(reached[1])
+
+    def kept(self, integrator: PairIntegrator) -> dict[str, np.ndarray]:
+        """Those written last, if they are still there: reading them from OpenMM takes longer than some steps."""
+        stamp, held = self._held
+        return held if held and stamp == integrator.getGlobalVariableByName(shared.STAMP) else {}
