@@ -1,6 +1,11 @@
 """Dissipative particle dynamics for OpenMM."""
 
-from .base.errors import (
+import sys
+from importlib import import_module
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec
+
+from .base import (
     DeckError as DeckError,
     DPDError as DPDError,
     OutputError as OutputError,
@@ -8,8 +13,8 @@ from .base.errors import (
     PlanError as PlanError,
     ProgramError as ProgramError,
     RunError as RunError,
+    fastest_platform as fastest_platform,
 )
-from .base.platforms import fastest_platform as fastest_platform
 from .kernels.threads import get_threads as get_threads, set_threads as set_threads
 from .measure import (
     DPDReporter as DPDReporter,
@@ -19,38 +24,84 @@ from .measure import (
     set_kT as set_kT,
     set_temperature as set_temperature,
 )
-from .model.angles import CosineAngles as CosineAngles, HarmonicAngles as HarmonicAngles
-from .model.bonds import FENEBonds as FENEBonds, HarmonicBonds as HarmonicBonds, MorseBonds as MorseBonds
-from .model.dihedrals import (
+from .model import (
+    DPD as DPD,
+    EDPD as EDPD,
+    MDPD as MDPD,
+    NONE as NONE,
+    TDPD as TDPD,
+    BeadTemperatures as BeadTemperatures,
+    Block as Block,
+    BodyForce as BodyForce,
+    Concentrations as Concentrations,
+    ConstantHeatCapacity as ConstantHeatCapacity,
+    CosineAngles as CosineAngles,
+    EnergyDPD as EnergyDPD,
+    FENEBonds as FENEBonds,
+    GaussianCharges as GaussianCharges,
+    HarmonicAngles as HarmonicAngles,
+    HarmonicBonds as HarmonicBonds,
     HarmonicDihedrals as HarmonicDihedrals,
+    InternalEnergy as InternalEnergy,
+    LennardJones as LennardJones,
+    MorseBonds as MorseBonds,
     MultiHarmonicDihedrals as MultiHarmonicDihedrals,
     OPLSDihedrals as OPLSDihedrals,
+    PairTable as PairTable,
+    PositionForce as PositionForce,
+    Scene as Scene,
+    SegmentalRepulsion as SegmentalRepulsion,
+    SlaterCharges as SlaterCharges,
+    Source as Source,
+    Sphere as Sphere,
+    TabulatedEOS as TabulatedEOS,
+    TabulatedPair as TabulatedPair,
+    TemperatureRamp as TemperatureRamp,
+    Wall as Wall,
 )
-from .model.edpd import EDPD as EDPD
-from .model.electrostatics import GaussianCharges as GaussianCharges, SlaterCharges as SlaterCharges
-from .model.energy_dpd import EnergyDPD as EnergyDPD
-from .model.eos import ConstantHeatCapacity as ConstantHeatCapacity, TabulatedEOS as TabulatedEOS
-from .model.flow import BodyForce as BodyForce, PositionForce as PositionForce, Wall as Wall
-from .model.internal import BeadTemperatures as BeadTemperatures, Concentrations as Concentrations, InternalEnergy as InternalEnergy
-from .model.mdpd import MDPD as MDPD
-from .model.pairs import DPD as DPD, NONE as NONE, LennardJones as LennardJones, TabulatedPair as TabulatedPair
-from .model.scene import Scene as Scene
-from .model.segments import SegmentalRepulsion as SegmentalRepulsion
-from .model.sources import Block as Block, Source as Source, Sphere as Sphere
-from .model.table import PairTable as PairTable
-from .model.tdpd import TDPD as TDPD
-from .model.temperature import TemperatureRamp as TemperatureRamp
-from .plan.explain import explain_plan as explain_plan
-from .plan.host import degrees_of_freedom as degrees_of_freedom
-from .plan.plan import Plan as Plan, make_plan as make_plan
-from .simulation.advice.recommend import Choice as Choice, Recommendation as Recommendation, recommend as recommend
-from .simulation.barostat import EnthalpyBarostat as EnthalpyBarostat, add_barostat as add_barostat
-from .simulation.build import build as build, build_plan as build_plan
-from .simulation.built import BuiltSystem as BuiltSystem
-from .simulation.field_file import FieldReporter as FieldReporter, load_fields as load_fields
-from .simulation.fields import read_fields as read_fields, write_fields as write_fields
-from .simulation.mixed_system import MixedSystem as MixedSystem, create_mixed_system as create_mixed_system
-from .simulation.serialized import load_xml as load_xml
-from .simulation.thermostat import add_thermostat as add_thermostat
+from .plan import Plan as Plan, degrees_of_freedom as degrees_of_freedom, explain_plan as explain_plan, make_plan as make_plan
+from .simulation import (
+    BuiltSystem as BuiltSystem,
+    Choice as Choice,
+    EnthalpyBarostat as EnthalpyBarostat,
+    FieldReporter as FieldReporter,
+    MixedSystem as MixedSystem,
+    Recommendation as Recommendation,
+    add_barostat as add_barostat,
+    add_thermostat as add_thermostat,
+    build as build,
+    build_plan as build_plan,
+    create_mixed_system as create_mixed_system,
+    load_fields as load_fields,
+    load_xml as load_xml,
+    read_fields as read_fields,
+    recommend as recommend,
+    write_fields as write_fields,
+)
 
 __version__ = "0.2.0"
+
+#: Modules that scripts import by a name of their own, and where they are.
+PUBLIC_MODULES = {
+    "inputs": "molecules.inputs",
+    "outputs": "io.outputs",
+    "stats": "base.stats",
+    "trajectory": "io.trajectory",
+    "units": "base.units",
+    "view": "io.view",
+}
+
+
+class _PublicModules(MetaPathFinder, Loader):
+    """Finds :data:`PUBLIC_MODULES` by both names, as one module, when they are first imported."""
+
+    def find_spec(self, fullname, path=None, target=None):
+        package, _, name = fullname.rpartition(".")
+        return ModuleSpec(fullname, self) if package == __name__ and name in PUBLIC_MODULES else None
+
+    def exec_module(self, module):
+        name = module.__name__.rpartition(".")[2]
+        sys.modules[module.__name__] = import_module(f"{__name__}.{PUBLIC_MODULES[name]}")
+
+
+sys.meta_path.append(_PublicModules())

@@ -25,7 +25,8 @@ from openmm_dpd.simulation.field_file import load_fields
 PACKAGE = Path(openmm_dpd.lammps.__file__).parents[1]
 
 #: Files whose calls are counted: all that a run of a deck does beside its steps.
-COUNTED = (str(PACKAGE / "lammps"), *(str(PACKAGE / f"{name}.py") for name in ("files", "file_ledger", "dcd", "xtc", "field_file")))
+WRITERS = ("base/files", "base/file_ledger", "io/dcd", "io/xtc", "simulation/field_file")
+COUNTED = (str(PACKAGE / "lammps"), *(str(PACKAGE / f"{name}.py") for name in WRITERS))
 
 
 def counts(frame, event: str) -> bool:

@@ -1,0 +1,14 @@
+"""A plan becomes a System, an integrator and a Simulation; steps, and what may change between them.
+
+``programs/`` has the integrator programs, ``advice/`` which scheme and step to take.
+"""
+
+from .advice.recommend import Choice as Choice, Recommendation as Recommendation, recommend as recommend
+from .barostat import EnthalpyBarostat as EnthalpyBarostat, add_barostat as add_barostat
+from .build import build as build, build_plan as build_plan
+from .built import BuiltSystem as BuiltSystem
+from .field_file import FieldReporter as FieldReporter, load_fields as load_fields
+from .fields import read_fields as read_fields, write_fields as write_fields
+from .mixed_system import MixedSystem as MixedSystem, create_mixed_system as create_mixed_system
+from .serialized import load_xml as load_xml
+from .thermostat import add_thermostat as add_thermostat

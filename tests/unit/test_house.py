@@ -84,39 +84,3 @@ def test_names_stand_for_one_thing():
 def test_files_are_short():
     long = {path for path in PATHS.values() if len((ROOT / path).read_text(encoding="utf-8").splitlines()) > 400}
     assert {path.rpartition("/")[2] for path in long} <= LONG and len(long) <= len(LONG)
-
-
-#: Where features have been added since the core was cleaned up.
-GROWN = (
-    *("inputs/", "outputs/", "parameters/", "molecules/", "lammps/", "view.py", "optional.py", "cli.py", "barostat"),
-    *("analysis/membranes.py", "measure/present.py", "measure/kinetic_stress.py"),
-    *("file_ledger.py", "xtc.py", "files.py", "dcd.py", "field_file.py"),
-)
-
-
-#: Lines of features that have since been added to files of the core.
-ADDED = {
-    "beads on which only body forces act (Scene.interacting)": 60,
-    "one temperature of thermostat and barostats": 22,
-    "degrees of freedom by what takes up momentum": 17,
-    "Ctrl-C between two steps, and never an error of OpenMM's": 36,
-    "rest lengths over half the box, Contexts of other Systems": 14,
-    "steps for bonds and angles by what a word does to their vibrations": 285,
-    "a minimiser that breaks no bonds, for scripts and decks on every platform": 185,
-    "where averages begin, and their picture": 83,
-    "messages for decks, in their units and words": 131,
-    "notices of the compiler, python -m openmm_dpd": 52,
-    "what changes between steps: Contexts made anew, force groups, lines of programs, walls": 80,
-    "bonds and angles of anybody's: records, which kernels and OpenMM's forces are made of": 70,
-    "dihedrals: three kinds, their kernel, measured": 340,
-    "exp, log and their kin, with the same bits on every machine": 165,
-    "a record of who computes what with its reasons, engines from outside of the package": 268,
-}
-
-
-def test_the_core_stays_short():
-    """The package had 35,281 lines when its clean-up began; 20,882 of these were where no feature has been added since."""
-    core = [path for path in PATHS.values() if not path.removeprefix("openmm_dpd/").startswith(GROWN)]
-    assert len(core) > 120 and sum(len((ROOT / path).read_text(encoding="utf-8").splitlines()) for path in core) < 20_882 + sum(
-        ADDED.values()
-    )

@@ -31,7 +31,7 @@ ATTRIBUTES = {
     "_rebuild": NUMBA,
     "_reduce": NUMBA,
     "_nrt": NUMBA,
-    "_default_value": "openmm_dpd.inputs.gsd_files",  # of gsd
+    "_default_value": "openmm_dpd.molecules.inputs.gsd_files",  # of gsd
 }
 
 #: Attributes of the package's own classes that others look at, and the documented one of named tuples.

@@ -1,0 +1,79 @@
+"""The rooms of the package, by ``tests/rooms.json``: few, in one order of imports, and none larger than it says."""
+
+import json
+import re
+
+import pytest
+from import_graph import GRAPH, PACKAGE, PATHS, ROOT, TREES
+
+import openmm_dpd
+import openmm_dpd.lammps
+
+#: Room -> the most lines it may have (None: counted with the room around it), in the order of imports.
+ROOMS: dict[str, int | None] = json.loads((ROOT / "tests" / "rooms.json").read_text(encoding="utf-8"))
+
+ORDER = list(ROOMS)
+
+
+def room_of(module: str) -> str:
+    """The innermost room of a module; "top" for files beside the rooms."""
+    path = PATHS[module].removeprefix("openmm_dpd/")
+    return max((room for room in ROOMS if path.startswith(f"{room}/")), key=len, default="top")
+
+
+ROOM = {module: room_of(module) for module in TREES}
+
+
+def test_few_entries():
+    entries = {path for path in PACKAGE.iterdir() if path.name != "__pycache__"}
+    files = {path.name for path in entries if path.is_file()}
+    assert files == {"__init__.py", "__main__.py", "py.typed"}
+    assert {path.name for path in entries} - files == {room.partition("/")[0] for room in ROOMS} - {"top"}
+    assert len(entries) <= 14
+
+
+def test_imports_go_one_way():
+    """Those within functions and for type checkers too; there are no exceptions."""
+    wrong = [
+        f"{PATHS[module]} imports {PATHS[name]}"
+        for module in TREES
+        for name in GRAPH[module] & set(TREES)
+        if ORDER.index(ROOM[name]) > ORDER.index(ROOM[module])
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.parametrize(
+    ("room", "unknown"),
+    [
+        ("kernels", ("openmm", "openmm_dpd.model")),
+        ("model", ("openmm_dpd.kernels",)),
+        ("analysis", ("openmm", "openmm_dpd.model", "openmm_dpd.plan")),
+    ],
+)
+def test_what_a_room_does_not_know(room, unknown):
+    """Neither OpenMM nor the model in kernels, no kernels in the model, no Contexts in the analysis of trajectories."""
+    for module in (module for module in TREES if ROOM[module] == room):
+        assert not {name for name in GRAPH[module] if any(f"{name}.".startswith(f"{one}.") for one in unknown)}, module
+
+
+@pytest.mark.parametrize("room", [room for room, most in ROOMS.items() if most])
+def test_rooms_do_not_grow(room):
+    """Bounds may go down; what makes one go up says why in the change."""
+    inside = [path for module, path in PATHS.items() if f"{ROOM[module]}/".startswith(f"{room}/")]
+    assert sum(len((ROOT / path).read_text(encoding="utf-8").splitlines()) for path in inside) <= (ROOMS[room] or 0)
+
+
+def test_public_modules_are_found_by_both_names():
+    for name, place in openmm_dpd.PUBLIC_MODULES.items():
+        assert __import__(f"openmm_dpd.{name}", fromlist=["_"]) is __import__(f"openmm_dpd.{place}", fromlist=["_"])
+    with pytest.raises(ModuleNotFoundError):
+        __import__("openmm_dpd.nothing")
+
+
+def test_the_face_of_lammps_is_what_its_page_describes():
+    page = (ROOT / "docs" / "api" / "lammps.md").read_text(encoding="utf-8")
+    described = re.findall(r"^\.\. auto(?:function|class|exception):: openmm_dpd\.lammps\.(\w+)$", page, flags=re.MULTILINE)
+    assert len(described) == len(set(described))
+    folders = {room.rpartition("/")[2] for room in ROOMS if room.startswith("lammps/")}
+    assert {name for name in vars(openmm_dpd.lammps) if not name.startswith("_")} - folders == set(described)
