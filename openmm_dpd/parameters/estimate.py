@@ -54,7 +54,7 @@ def reduced_number(value, name: str, *, positive: bool = False) -> float:
 
 def shipped_rows(name: str) -> list:
     """Rows of a measured table of the package."""
-    return json.loads(files("openmm_dpd").joinpath(f"data/{name}.json").read_text(encoding="utf-8"))["rows"]
+    return json.loads(files(__package__).joinpath(f"{name}.json").read_text(encoding="utf-8"))["rows"]
 
 
 def outside(values: Mapping[str, float], bounds: Bounds, source: str, extrapolate: bool | None) -> bool:

@@ -3,6 +3,7 @@
 ``programs/`` has the integrator programs, ``advice/`` which scheme and step to take.
 """
 
+from ..base.serialized import load_xml as load_xml
 from .advice.recommend import Choice as Choice, Recommendation as Recommendation, recommend as recommend
 from .barostat import EnthalpyBarostat as EnthalpyBarostat, add_barostat as add_barostat
 from .build import build as build, build_plan as build_plan
@@ -10,5 +11,4 @@ from .built import BuiltSystem as BuiltSystem
 from .field_file import FieldReporter as FieldReporter, load_fields as load_fields
 from .fields import read_fields as read_fields, write_fields as write_fields
 from .mixed_system import MixedSystem as MixedSystem, create_mixed_system as create_mixed_system
-from .serialized import load_xml as load_xml
 from .thermostat import add_thermostat as add_thermostat

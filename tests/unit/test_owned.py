@@ -81,7 +81,18 @@ EXAMPLES = {
 }
 
 #: Only numbers, text and other frozen classes in them.
-SCALARS = {"ConstantHeatCapacity", "DPD", "EnergyDPD", "EwaldSum", "LennardJones", "MDPD", "SmearedCharges", "TemperatureRamp", "Wall"}
+SCALARS = {
+    "ConstantHeatCapacity",
+    "DPD",
+    "EnergyDPD",
+    "EwaldSum",
+    "LennardJones",
+    "MDPD",
+    "SmearedCharges",
+    "Scheme",
+    "TemperatureRamp",
+    "Wall",
+}
 
 
 def model_classes() -> set[type]:

@@ -28,7 +28,7 @@ from openmm_dpd.parameters.state import overlap_energy
 
 
 def table(name: str) -> dict:
-    return json.loads(files("openmm_dpd").joinpath(f"data/{name}.json").read_text(encoding="utf-8"))
+    return json.loads(files("openmm_dpd.parameters").joinpath(f"{name}.json").read_text(encoding="utf-8"))
 
 
 # -- units ------------------------------------------------------------------------------------------------------------------------

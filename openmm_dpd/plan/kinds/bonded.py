@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 import openmm
 
 from ...base.errors import ParameterError
+from ...base.serialized import trust
 from ...kernels.extras import BondedKernel
 from ...model.bonds import BondedTerms
-from ...simulation.serialized import trust
 from ..forces.bonded import Energy, bonded_force
 
 

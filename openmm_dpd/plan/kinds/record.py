@@ -9,12 +9,12 @@ import numpy as np
 import openmm
 
 from ...base.errors import ParameterError
+from ...base.serialized import trust
 from ...kernels.fields import FieldSpec
 from ...kernels.layer import Table
 from ...kernels.radial import Tables
 from ...model.pairs import NONE, PairCoefficient
 from ...model.scene import Scene
-from ...simulation.serialized import trust
 from ..forces.expressions import PairExpression
 
 #: Coefficients by pair of types, all of one kind or NONE.
