@@ -103,17 +103,17 @@ def test_cells_of_the_pages_about_decks_are_short():
 
 
 def test_every_scheme_and_phase_is_described():
-    schemes, architecture = (ROOT / "docs" / "schemes.md").read_text(encoding="utf-8"), (ROOT / "ARCHITECTURE.md").read_text()
+    schemes, steps = (ROOT / "docs" / "schemes.md").read_text(encoding="utf-8"), (ROOT / "docs" / "steps.md").read_text(encoding="utf-8")
     assert not [name for name in SCHEMES if f"| `{name}` |" not in schemes]
-    assert not [phase.name for phase in Phase if phase.name not in architecture]
+    assert not [phase.name for phase in Phase if phase.name not in steps]
 
 
-def test_the_listing_in_the_architecture_is_what_explain_prints():
+def test_the_listing_of_a_step_is_what_explain_prints():
     positions = np.random.default_rng(1).random((81, 3)) * 3
     scene = dpd.Scene({"W": 1}, ["W"] * 81, positions, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1, box=[3, 3, 3])
     built = dpd.build(scene, dt=0.04, conservative="openmm", platform="CPU", seed=7)
     assert built.program is not None and built.program.describe() in built.explain(program=True)
-    assert built.program.describe() in (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    assert built.program.describe() in (ROOT / "docs" / "steps.md").read_text(encoding="utf-8")
 
 
 def test_units_are_the_ones_in_the_code():
