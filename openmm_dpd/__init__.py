@@ -105,3 +105,9 @@ class _PublicModules(MetaPathFinder, Loader):
 
 
 sys.meta_path.append(_PublicModules())
+
+
+def __getattr__(name):
+    if name in PUBLIC_MODULES:
+        return import_module(f"{__name__}.{name}")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

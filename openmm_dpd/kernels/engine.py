@@ -38,7 +38,7 @@ class PairEngine(Engine):
 
     def holds(self, x: np.ndarray, box: np.ndarray | None) -> bool:
         """Whether the lists are those of the positions x."""
-        same_box = self._box is None if box is None else self._box is not None and np.array_equal(box, self._box)
+        same_box = self._box is None if box is None else self._box is not None and box.tobytes() == self._box.tobytes()
         return self._kept and same_box and motion.same(x, self._x)
 
     def prepare(self, x: np.ndarray, box: np.ndarray | None) -> bool:

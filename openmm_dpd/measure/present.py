@@ -40,7 +40,7 @@ class Conservative(NamedTuple):
 
 
 class FrictionSums(NamedTuple):
-    """Forces (N, 3) and virials of friction and noise."""
+    """All forces (N, 3) with friction and noise, where these are forces (``mvv``), and the virials of both."""
 
     force: np.ndarray
     dissipative: float
@@ -165,15 +165,17 @@ class Present:
         """
         engine, last = self.engine, self._last_step(False)
         if engine is None:
-            return FrictionSums(np.zeros_like(self.x), 0.0, 0.0)
+            return FrictionSums(conservative.force, 0.0, 0.0)
         if last is not None:
             total, counted = last
-            return FrictionSums(total - conservative.held, counted.drag, counted.virial - conservative.pairs.virial - counted.drag)
+            if conservative.force is not conservative.held:
+                total = conservative.force + (total - conservative.held)
+            return FrictionSums(total, counted.drag, counted.virial - conservative.pairs.virial - counted.drag)
         force, which = np.empty_like(self.x), DISSIPATIVE
         if self.plan.options.predicting:
             v, which = self.force_velocities(), DISSIPATIVE | RANDOM
         found = engine.sums(which, v, self.kT, self.dt, self.seed, self.counter, self.values, force)
-        return FrictionSums(force, found.drag, found.virial - found.drag)
+        return FrictionSums(conservative.force + force if which & RANDOM else conservative.force, found.drag, found.virial - found.drag)
 
     def _last_step(self, tensor: bool) -> tuple[np.ndarray, Totals] | None:
         """All forces of the last step (``mvv``) and their sums, if nothing has changed since."""

@@ -100,9 +100,7 @@ class SceneSampler:
         dihedral, dihedral_laplacian = dihedral_sums(plan, x, box, mobile)
         friction = present.friction(on_step, found)
         short, lattice = present.charges[:2] if "charges" in self.plan.execution.held else charge_energies(context, self.plan)
-        if plan.options.predicting:
-            every = every + friction.force
-        pushed = every
+        pushed = every = friction.force
         if plan.scene.interacting is not None:
             pushes = context.getState(forces=True, groups={EXTERNAL_GROUP}).getForces(asNumpy=True).value_in_unit(_KJ / _NM)
             pushed = np.where(plan.scene.interacting, every, pushes)

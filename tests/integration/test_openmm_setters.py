@@ -175,7 +175,7 @@ def test_a_force_that_changed_acts_from_the_first_half_kick(way, scheme):
 
 
 # -- System, Context, integrators -----------------------------------------------------------------------------------------------------------
-CLASSES = {"PairIntegrator": dpd.integrators.PairIntegrator, "System": openmm.System, "Context": openmm.Context}
+CLASSES = {"PairIntegrator": dpd.simulation.integrators.PairIntegrator, "System": openmm.System, "Context": openmm.Context}
 
 
 def spring() -> list[openmm.Force]:

@@ -16,6 +16,7 @@ import pytest
 from scenes import beads
 
 import openmm_dpd as dpd
+from openmm_dpd.base import serialized
 from openmm_dpd.base.errors import DeckError, ParameterError
 from openmm_dpd.kernels.angles import AngleTerms
 from openmm_dpd.kernels.bonded import BondTerms
@@ -27,7 +28,6 @@ from openmm_dpd.model.bonds import Bonds
 from openmm_dpd.molecules import linear, pack
 from openmm_dpd.molecules.terms import AnyBend, AnySpring
 from openmm_dpd.plan import kinds
-from openmm_dpd.simulation import serialized
 from openmm_dpd.simulation.advice.bonded_modes import bonded_modes
 
 EDGE = 6.0

@@ -48,13 +48,13 @@ class Fingerprints:
 
     def of(self, x: np.ndarray, box: np.ndarray | None, parameters: dict) -> float:
         """Fingerprint of positions, parameters and box; that of the last call if beads were only wrapped into the box since."""
-        stable = np.array([value for name, value in sorted(parameters.items()) if name not in VOLATILE])
-        if box is not None:
-            stable = np.append(stable, box.ravel())
+        stable = np.array(
+            [value for name, value in sorted(parameters.items()) if name not in VOLATILE] + ([] if box is None else box.ravel().tolist())
+        )
         value = None
         if self._last is not None:
             last, last_x, last_stable = self._last
-            if np.array_equal(stable, last_stable) and (motion.same(x, last_x) or (box is not None and only_folded(x, last_x, box))):
+            if stable.tobytes() == last_stable.tobytes() and (motion.same(x, last_x) or (box is not None and only_folded(x, last_x, box))):
                 value = last
         if value is None:
             value = fingerprint(x, stable)
