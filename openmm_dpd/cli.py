@@ -67,6 +67,7 @@ _SHARED = {
             "help": "what computes the conservative force: CustomNonbondedForce of OpenMM, or the pair kernel (default: auto)",
         },
     ),
+    "engine": ("--engine", {"metavar": "E", "help": "what evaluates the pair terms: auto (default), host, or one that was registered"}),
 }
 
 
@@ -95,19 +96,21 @@ def _parser() -> argparse.ArgumentParser:
     run = command(
         "run",
         "run a deck; what it writes goes into a folder",
-        "deck scheme dt steps seed var platform precision threads conservative compat",
+        "deck scheme dt steps seed var platform precision threads conservative engine compat",
     )
     _add_run_options(run)
     # None is what was not given: the default then, or what the run had that --restart goes on with
-    run.set_defaults(compat=None, conservative=None, discard=None, format=None)
+    run.set_defaults(compat=None, conservative=None, engine=None, discard=None, format=None)
     forces = command(
         "forces",
         "write the forces at the first configuration of a deck, term by term",
-        "deck seed var platform precision threads conservative compat",
+        "deck seed var platform precision threads conservative engine compat",
     )
     forces.add_argument("--json", type=Path, metavar="FILE", required=True, help="file for the forces")
     explain = command(
-        "explain", "print what would be built for the first run of a deck", "deck scheme dt seed var platform threads conservative compat"
+        "explain",
+        "print what would be built for the first run of a deck",
+        "deck scheme dt seed var platform threads conservative engine compat",
     )
     explain.add_argument("--program", action="store_true", help="list the lines of the integrator's program too")
     advice = command("recommend", "print which scheme and time step suit the first run of a deck", "deck scheme dt var")

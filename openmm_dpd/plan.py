@@ -114,7 +114,7 @@ class Plan:
             "tilted boxes": scene.box is not None and bool(np.any(np.tril(scene.box, -1))),
             "factors of bonded neighbours": bool(self.exceptions),
             "immobile beads": bool(scene.immobile.any()),
-            "particles that are left out": self.host is not None,
+            "particles that are left out": self.host is not None and bool(self.host.left_out.any()),
         }
         yield from (name for name, there in features.items() if there)
         yield from (part for part in PARTS if part in self.execution.held)
