@@ -235,6 +235,11 @@ def test_a_kind_that_was_not_registered_is_refused(loop):
 def test_kinds_that_make_no_sense(known):
     with pytest.raises(ParameterError, match="there is a kind for QuarticBonds already"):
         kinds.register_bonded(kinds.BondedKind(terms=QuarticBonds, kernel=QuarticBondTerms, energies=BOND.energies))
+    kinds.BONDED_KINDS.pop(QuarticBonds)
+    with pytest.raises(ParameterError, match="there are harmonic bonds already; give the energy of QuarticBonds another name"):
+        kinds.register_bonded(
+            kinds.BondedKind(terms=QuarticBonds, kernel=QuarticBondTerms, energies=(kinds.Energy("harmonic bonds", "0"),))
+        )
     with pytest.raises(ParameterError, match="the kernel of the kind QuarticBonds is for 3 beads, not 2"):
         kinds.BondedKind(terms=QuarticBonds, kernel=SquaredAngleTerms, energies=BOND.energies)
 

@@ -273,8 +273,12 @@ def test_it_is_explained(register, way):
         (lambda: replace_pairs(dpd.MDPD(A=-40, B=25, gamma=4.5)), "middle", "MDPD"),
         (lambda: dimers(mobile=np.arange(54) > 3), "middle", "immobile beads"),
         (lambda: chains(np.diag([3.7, 3.6, 3.8]), n=60), "middle", "factors of bonded neighbours"),
-        (lambda: dimers(bonds=[dpd.HarmonicBonds([[0, 27]], k=10, r0=0.3)]), "middle", "bonds"),
-        (lambda: dimers(bonds=[dpd.HarmonicBonds([[0, 27]], k=10, r0=0.3)], body_forces=[dpd.BodyForce((1, 0, 0))]), "mvv", "bonds"),
+        (lambda: dimers(bonds=[dpd.HarmonicBonds([[0, 27]], k=10, r0=0.3)]), "middle", "harmonic bonds"),
+        (
+            lambda: dimers(bonds=[dpd.HarmonicBonds([[0, 27]], k=10, r0=0.3)], body_forces=[dpd.BodyForce((1, 0, 0))]),
+            "mvv",
+            "harmonic bonds",
+        ),
         (lambda: dimers(body_forces=[dpd.BodyForce((1, 0, 0))]), "mvv", "body forces"),
     ],
 )
