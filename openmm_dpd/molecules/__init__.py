@@ -9,7 +9,7 @@ from .piercings import Piercing, find_piercings
 from .published import Model, grafmueller_2009, like_repulsion, unlike_repulsion
 from .relax import relax
 from .relax_dense import relax_dense
-from .terms import Bend, CosineBend, FENESpring, MorseSpring, Spring
+from .terms import Bend, CosineBend, FENESpring, MorseSpring, MultiHarmonicTwist, OPLSTwist, Spring, Twist
 from .vesicles import Vesicle
 
 __all__ = [
@@ -22,11 +22,14 @@ __all__ = [
     "Model",
     "Molecule",
     "MorseSpring",
+    "MultiHarmonicTwist",
+    "OPLSTwist",
     "Piercing",
     "PiercingWarning",
     "Scattered",
     "Spring",
     "Stage",
+    "Twist",
     "Vesicle",
     "bead",
     "block_copolymer",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import chains_of_beads as chains
 import lammps_peer
 import numpy as np
@@ -10,10 +12,12 @@ import pytest
 from scenes import beads
 
 import openmm_dpd as dpd
+from openmm_dpd.inputs import scene_from_lammps_data
 from openmm_dpd.lammps import RunOptions, deck_scene, export_lammps, run_deck
 from openmm_dpd.measure.bonded_sums import dihedral_sums
 from openmm_dpd.measure.stress_parts import stress_parts
 from openmm_dpd.model.bonds import bonded_neighbours
+from openmm_dpd.trajectory import read_psf
 
 NO_LAMMPS = lammps_peer.why_missing()
 BOX = np.array([[6.2, 0, 0], [1.3, 5.9, 0], [-1.1, 1.7, 6.4]])
@@ -186,15 +190,28 @@ def test_decks_and_export(tmp_path):
     x, bonds, angles, quads = walk()
     (tmp_path / "data.chains").write_text(data_file(x, bonds, angles, quads, BOX))
     deck = tmp_path / "in.chains"
-    deck.write_text(DECK + "write_data data.again\nrun 0\n")
+    deck.write_text(DECK + "write_data data.again\nwrite_restart restart.chains\nrun 0\n")
+    out = tmp_path / "out"
+    run_deck(deck, RunOptions(platform="Reference", threads=1), out=out)
+    assert np.array_equal(np.sort(read_psf(out / "topology.psf").dihedrals, axis=0), quads)
+    assert np.array_equal(np.sort(read_psf(out / "topology.psf").angles, axis=0), angles)
     read = deck_scene(deck)
+    data = scene_from_lammps_data(out / "data.again", pairs={("*", "*"): dpd.DPD(A=25)}, kT=1)
+    (out / "in.resumed").write_text(
+        "read_restart restart.chains\n" + re.sub("read_data.*", "", DECK.partition("pair_style")[2]).partition("\n")[2] + "run 0\n"
+    )
+    resumed = deck_scene(out / "in.resumed")
+    for found in (data, resumed):
+        for one, other in zip(found.dihedrals, read.dihedrals, strict=True):
+            assert type(one) is type(other) and np.array_equal(one.quads, other.quads)
+            np.testing.assert_allclose(one.coefficients, other.coefficients, rtol=1e-14)
     assert [type(group) for group in read.dihedrals] == [dpd.HarmonicDihedrals, dpd.OPLSDihedrals, dpd.MultiHarmonicDihedrals]
     assert np.array_equal(np.sort(np.concatenate([group.quads for group in read.dihedrals]), axis=0), np.sort(quads, axis=0))
     assert read.bonded_factors == (0.0, 0.5, 0.25)
     factors = dpd.make_plan(read, dt=0.002, seed=1).exceptions
     assert {pair for pair, factor in factors.items() if factor == 0.25} == bonded_neighbours(bonds, len(x))[3]
-    export_lammps(read, tmp_path / "out", "again", dt=0.002)
-    again = deck_scene(tmp_path / "out" / "in.again")
+    export_lammps(read, out, "again", dt=0.002)
+    again = deck_scene(out / "in.again")
     for first, second in zip(read.dihedrals, again.dihedrals, strict=True):
         assert type(first) is type(second) and np.array_equal(first.beads, second.beads)
         np.testing.assert_allclose(first.coefficients, second.coefficients, rtol=1e-14)

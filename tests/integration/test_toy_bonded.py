@@ -32,7 +32,7 @@ from openmm_dpd.model.angles import Angles
 from openmm_dpd.model.bonds import Bonds
 from openmm_dpd.model.dihedrals import Dihedrals
 from openmm_dpd.molecules import linear, pack
-from openmm_dpd.molecules.terms import AnyBend, AnySpring
+from openmm_dpd.molecules.terms import AnyBend, AnySpring, AnyTwist
 
 NO_LAMMPS = lammps_peer.why_missing()
 EDGE = 6.0
@@ -122,6 +122,15 @@ class SquaredBend(AnyBend):
     theta0: float
 
     KIND = SquaredAngles
+
+
+@dataclass(frozen=True)
+class HelixTwist(AnyTwist):
+    A: float
+    B: float
+    C: float
+
+    KIND = HelixDihedrals
 
 
 BOND = kinds.BondedKind(terms=QuarticBonds, kernel=QuarticBondTerms, energies=(kinds.Energy("quartic bonds", "k*(r-r0)^4"),))
@@ -288,10 +297,11 @@ def test_lammps_has_two_of_them(known, tmp_path):
 
 
 def test_molecules_of_them(known):
-    chain = linear("A4", QuarticSpring(50, 0.5), SquaredBend(5, 2.0))
+    chain = linear("A4", QuarticSpring(50, 0.5), SquaredBend(5, 2.0), twist=HelixTwist(3, -2, 5))
     mixture = pack({chain: 10}, solvent="W", density=3.0, box=[4.0] * 3, seed=1)
-    (bonds,), (angles,) = mixture.bonds, mixture.angles
+    (bonds,), (angles,), (dihedrals,) = mixture.bonds, mixture.angles, mixture.dihedrals
     assert type(bonds) is QuarticBonds and len(bonds.pairs) == 30 and type(angles) is SquaredAngles and len(angles.triples) == 20
+    assert type(dihedrals) is HelixDihedrals and dihedrals.coefficients.tolist() == [[3, -2, 5]] * 10
     np.testing.assert_allclose(bonds.lengths(mixture.positions, mixture.box), 0.5, rtol=1e-9)
 
 
