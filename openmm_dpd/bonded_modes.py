@@ -194,7 +194,7 @@ def _twists(bonds: list[_Terms], scene: Scene) -> tuple[_Terms, np.ndarray]:
     Slopes go with 1/sin of the angles at both beads in the middle.
     """
     kT, known, groups = scene.initial_kT, {}, [group for group in scene.dihedrals if len(group.quads)]
-    for group in scene.angles:
+    for group in (group for group in scene.angles if len(group.triples)):
         for (i, j, k), found in zip(group.triples.tolist(), _bent(group, kT), strict=True):
             known[j, frozenset((i, k))] = found
     dihedrals = [_terms(group, kT) for group in groups]
