@@ -10,6 +10,7 @@ from .base.errors import (
     RunError as RunError,
 )
 from .base.platforms import fastest_platform as fastest_platform
+from .base.serialized import load_xml as load_xml
 from .kernels.threads import get_threads as get_threads, set_threads as set_threads
 from .measure import (
     DPDReporter as DPDReporter,
@@ -50,7 +51,6 @@ from .simulation.built import BuiltSystem as BuiltSystem
 from .simulation.field_file import FieldReporter as FieldReporter, load_fields as load_fields
 from .simulation.fields import read_fields as read_fields, write_fields as write_fields
 from .simulation.mixed_system import MixedSystem as MixedSystem, create_mixed_system as create_mixed_system
-from .simulation.serialized import load_xml as load_xml
 from .simulation.thermostat import add_thermostat as add_thermostat
 
 __version__ = "0.2.0"

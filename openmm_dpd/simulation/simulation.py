@@ -12,6 +12,7 @@ from openmm import app, unit
 from ..base.errors import ParameterError
 from ..base.files import write_whole
 from ..base.names import BY_VARIABLES
+from ..base.serialized import checked_xml, deserialized, read_file
 from ..base.signals import unbroken
 from ..base.units import whole_number
 from ..model.pairs import checked
@@ -19,7 +20,6 @@ from ..plan.made import variables_number
 from ..plan.pair_spec import longest
 from ..plan.plan import Plan
 from .downhill import descend
-from .serialized import checked_xml, deserialized, read_file
 
 #: No bead moves farther in one iteration of the minimiser, in cutoffs.
 FARTHEST = 0.1

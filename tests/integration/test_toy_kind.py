@@ -14,6 +14,7 @@ from openmm import app
 from scenes import BOXES, MASSES
 
 import openmm_dpd as dpd
+from openmm_dpd.base import serialized
 from openmm_dpd.base.errors import ParameterError, PlanError
 from openmm_dpd.base.geometry import minimum_images
 from openmm_dpd.kernels.dpd import DPDLayer, TermTable
@@ -24,7 +25,6 @@ from openmm_dpd.model.pairs import PairCoefficient
 from openmm_dpd.model.schemes import SCHEMES
 from openmm_dpd.plan import kinds
 from openmm_dpd.plan.forces.expressions import PairExpression, parameters, type_pairs
-from openmm_dpd.simulation import serialized
 
 BOX, N = BOXES["ortho"], 90
 

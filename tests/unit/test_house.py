@@ -109,6 +109,7 @@ ADDED = {
     "what changes between steps: Contexts made anew, force groups, lines of programs, walls": 80,
     "bonds and angles of anybody's: records, which kernels and OpenMM's forces are made of": 70,
     "dihedrals: three kinds, their kernel, measured": 340,
+    "steps for dihedrals, or why there is none": 76,
     "exp, log and their kin, with the same bits on every machine": 165,
     "a record of who computes what with its reasons, engines from outside of the package": 268,
 }

@@ -19,7 +19,7 @@ from typing import Any
 from ...base.errors import ParameterError
 from ...base.file_ledger import FileLedger
 from ...base.files import write_whole, writing
-from ...simulation.serialized import ARRAYS, DataUnpickler
+from ...base.serialized import ARRAYS, DataUnpickler
 from ..state.deck_state import DeckState
 from .options import RunOptions
 

@@ -9,12 +9,12 @@ import numpy as np
 import openmm
 
 from ...base.errors import ParameterError
+from ...base.serialized import trust
 from ...kernels.fields import FieldSpec
 from ...kernels.layer import Table
 from ...kernels.radial import Tables
 from ...model.pairs import NONE, PairCoefficient
 from ...model.scene import Scene
-from ...simulation.serialized import trust
 from ..forces.expressions import PairExpression
 
 #: Coefficients by pair of types, all of one kind or NONE.
@@ -69,7 +69,7 @@ class Kind:
     # (of a coefficient and kT) friction coefficients (Da/ps) with the exponents of their noise, of a soft repulsion A (1 - r/cutoff): what
     # the table of steps is about
     frictions: Callable[[Any, float], list[tuple[float, float]]] | None = None
-    unlike_lammps: str | None = None  #: What it does unlike LAMMPS unless a scene has ``compat="lammps"``
+    unlike_lammps: str | None = None  #: Differences from LAMMPS unless a scene has ``compat="lammps"``
 
     def __post_init__(self):
         if (self.terms is None) == (self.overlay is None):

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 
 import openmm
 
-from ..base.errors import ParameterError
+from .errors import ParameterError
 
 #: What arrays are made of, in NumPy 1 and 2.
 ARRAYS = {
