@@ -43,6 +43,7 @@ _SHARED = {
     "precision": _option("--precision", choices=("single", "mixed", "double"), help="precision of a GPU platform (default: single)"),
     "threads": _option("--threads", type=int, metavar="N", help="threads of OpenMM and of the pair kernel (default: all cores)"),
     "conservative": _option("--conservative", choices=("auto", "openmm", "kernel"), default="auto", help=_CONSERVATIVE),
+    "engine": _option("--engine", metavar="E", help="what evaluates the pair terms: auto (default), host, or one that was registered"),
 }
 
 
@@ -68,16 +69,18 @@ def _parser() -> argparse.ArgumentParser:
         _add(added, shared)
         return added
 
-    shared = "deck scheme dt steps seed var platform precision threads conservative compat"
+    shared = "deck scheme dt steps seed var platform precision threads conservative engine compat"
     run = command("run", "run a deck; what it writes goes into a folder", shared)
     _add_run_options(run)
     # None is what was not given: the default then, or what the run had that --restart goes on with
-    run.set_defaults(compat=None, conservative=None, discard=None, format=None)
-    shared = "deck seed var platform precision threads conservative compat"
+    run.set_defaults(compat=None, conservative=None, engine=None, discard=None, format=None)
+    shared = "deck seed var platform precision threads conservative engine compat"
     forces = command("forces", "write the forces at the first configuration of a deck, term by term", shared)
     forces.add_argument("--json", type=Path, metavar="FILE", required=True, help="file for the forces")
     explain = command(
-        "explain", "print what would be built for the first run of a deck", "deck scheme dt seed var platform threads conservative compat"
+        "explain",
+        "print what would be built for the first run of a deck",
+        "deck scheme dt seed var platform threads conservative engine compat",
     )
     explain.add_argument("--program", action="store_true", help="list the lines of the integrator's program too")
     advice = command("recommend", "print which scheme and time step suit the first run of a deck", "deck scheme dt var")

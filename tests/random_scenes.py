@@ -1,4 +1,4 @@
-"""Random scenes with chains, springs and bends of several kinds, to be written and read back."""
+"""Random scenes with chains, springs, bends and twists of several kinds, to be written and read back."""
 
 from pathlib import Path
 
@@ -7,18 +7,23 @@ from openmm_dpd.inputs import BeadArrays, scene_from_beads
 from openmm_dpd.trajectory import write_psf
 
 import openmm_dpd as dpd
-from openmm_dpd.molecules import Bend, CosineBend, FENESpring, MorseSpring, Spring
+from openmm_dpd.molecules import Bend, CosineBend, FENESpring, MorseSpring, MultiHarmonicTwist, OPLSTwist, Spring, Twist
 
 PAIRS = {("*", "*"): dpd.DPD(A=25, gamma=4.5)}
 SPRINGS = {("*", "*"): Spring(50.0, 0.7), ("B", "A"): FENESpring(30.0, 4.0), ("C", "C"): MorseSpring(5.0, 1.0, 0.6)}
 BENDS = {("*", "*", "*"): CosineBend(2.0), ("A", "B", "C"): Bend(3.0, 2.5)}
+TWISTS = {
+    ("*", "*", "*", "*"): Twist(1.5, -1, 2),
+    ("*", "A", "B", "*"): OPLSTwist(1.0, -2.0, 3.0, 0.5),
+    ("*", "C", "C", "*"): MultiHarmonicTwist(0.1, 0.2, -0.3, 0.4, 0.5),
+}
 MASSES = {"A": 1.0, "B": 2.5, "C": 12.0, "W": 1 / 3}
 TILTED = np.array([[6.0, 0, 0], [1.5, 5.0, 0], [-2.0, 1.0, 7.0]])
 BOXES = (TILTED, np.diag([5.0, 6.0, 7.0]), np.array([[6.0, 0, 0], [-2.9, 6.0, 0], [2.9, -2.9, 7.0]]))
 
 
 def random_scene(seed: int) -> dpd.Scene:
-    """Chains of random types and lengths with bends, solvent, charges; beads up to two boxes away."""
+    """Chains of random types and lengths with bends and twists, solvent, charges; beads up to two boxes away."""
     rng, box = np.random.default_rng(seed), BOXES[seed % 3]
     types, molecules, residues, pairs = [], [], [], []
     for number in range(1, 8):
@@ -47,13 +52,16 @@ def random_scene(seed: int) -> dpd.Scene:
         residues=residues,
         bonds=pairs,
     )
-    table = {key: bend for key, bend in BENDS.items() if len(pairs)}
-    ends = set(pairs[:, 0]) & set(pairs[:, 1])
-    return scene_from_beads(arrays, pairs=PAIRS, kT=1.0, bonds=SPRINGS if len(pairs) else None, angles=table if ends else None)
+    starts = set(pairs[:, 0].tolist())
+    longest = max(next(k for k in range(len(types)) if bead + k not in starts) for bead in range(len(types)))
+    given = {
+        name: table for name, table, least in (("bonds", SPRINGS, 1), ("angles", BENDS, 2), ("dihedrals", TWISTS, 3)) if longest >= least
+    }
+    return scene_from_beads(arrays, pairs=PAIRS, kT=1.0, **given)
 
 
 def terms(groups, rows: str) -> dict:
-    """Kind and coefficients of each bond or angle, by its beads."""
+    """Kind and coefficients of each bond, angle or dihedral, by its beads."""
     found = {}
     for group in groups:
         names = [name for name in group.__dataclass_fields__ if name != rows]
@@ -70,19 +78,21 @@ def check(found: dpd.Scene, scene: dpd.Scene, *, atol: float, velocities: bool =
     np.testing.assert_allclose(found.bead_masses, scene.bead_masses, rtol=1e-6)
     assert terms(found.bonds, "pairs") == terms(scene.bonds, "pairs")
     assert terms(found.angles, "triples") == terms(scene.angles, "triples")
+    assert terms(found.dihedrals, "quads") == terms(scene.dihedrals, "quads")
     np.testing.assert_array_equal(found.molecules, scene.molecules)
     if velocities:
         np.testing.assert_allclose(found.velocities, scene.velocities, atol=1e-6, rtol=0)
 
 
 def tables(scene: dpd.Scene) -> dict:
-    """Springs and bends for a scene that has bonds, and angles."""
-    return {name: table for name, table in (("bonds", SPRINGS), ("angles", BENDS)) if getattr(scene, name)}
+    """Springs, bends and twists for a scene that has bonds, angles and dihedrals."""
+    return {name: table for name, table in (("bonds", SPRINGS), ("angles", BENDS), ("dihedrals", TWISTS)) if getattr(scene, name)}
 
 
 def psf_of(scene: dpd.Scene, path: Path | str) -> None:
     """Write all of a scene that a PSF file has."""
     angles = np.concatenate([np.zeros((0, 3), int), *(group.triples for group in scene.angles)])
+    dihedrals = np.concatenate([np.zeros((0, 4), int), *(group.quads for group in scene.dihedrals)])
     write_psf(
         path,
         names=scene.types,
@@ -92,6 +102,7 @@ def psf_of(scene: dpd.Scene, path: Path | str) -> None:
         residues=scene.residues,
         bonds=scene.bond_pairs,
         angles=angles,
+        dihedrals=dihedrals,
     )
 
 

@@ -13,6 +13,7 @@ from openmm_dpd.stats import block_average, ratio_average
 
 import openmm_dpd as dpd
 from openmm_dpd import DPD
+from openmm_dpd.molecules import Bend, Spring, Twist, linear, pack
 
 #: Longest step of the run that brings random positions to equilibrium, and its time; stiff bonds take a shorter one.
 FIRST, SETTLE = 0.004, 8.0
@@ -42,6 +43,13 @@ def chains(beads: int, bonds: Callable, length: int, rest: float, stiff: float =
     near, bends = (np.stack([first[:, k : length - w + 1 + k].ravel() for k in range(w)], axis=1) for w in (2, 3))
     angles = [dpd.HarmonicAngles(bends, stiff, np.pi)] if stiff else []
     return dpd.Scene({"A": 1.0}, ["A"] * n, x, pairs, 1.0, box=[edge] * 3, bonds=[bonds(near)], angles=angles)
+
+
+def twisted(beads: int) -> dpd.Scene:
+    """Chains of ten with bends and dihedrals."""
+    chain = linear("A10", Spring(100, 0.5), Bend(50, 1.9), twist=Twist(20, 1, 3))
+    mixture = pack({chain: beads // 10}, box=[(beads / 3.0) ** (1 / 3)] * 3, density=3.0 * (beads // 10 * 10) / beads, seed=2)
+    return mixture.scene(pairs={("A", "A"): DPD(A=25, gamma=4.5)}, kT=1.0)
 
 
 def conserving(beads: int, capacity: float) -> dpd.Scene:
@@ -85,6 +93,7 @@ SCENES: dict[str, Callable[[int], dpd.Scene]] = {
     "FENE chains with repulsion 1 of range 0.5": lambda n: chains(n, lambda b: dpd.FENEBonds(b, 20.0, 1.5, 1.0, 0.5), 10, 0.6),
     "Morse chains, D 50, alpha 8": lambda n: chains(n, lambda b: dpd.MorseBonds(b, 50.0, 8.0, 0.5), 10, 0.5),
     "chains, k 100, angles k 50": lambda n: chains(n, lambda b: dpd.HarmonicBonds(b, 100.0, 0.5), 10, 0.5, 50.0),
+    "chains, k 100, angles k 50, dihedrals k 20": twisted,
     "masses 1:100": lambda n: fluid(n, {("*", "*"): _COMMON}, masses={"A": 1.0, "B": 100.0}),
     "masses 1:10": lambda n: fluid(n, {("*", "*"): _COMMON}, masses={"A": 1.0, "B": 10.0}),
     "friction 100, exponent 0.5": lambda n: fluid(n, _one(A=25, gamma=100, exponent=0.5)),

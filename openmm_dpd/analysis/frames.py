@@ -105,7 +105,7 @@ def type_names(topology: mdtraj.Topology) -> np.ndarray:
 def selected(topology: mdtraj.Topology, beads: Beads, what: str = "beads") -> np.ndarray:
     """Indices of the beads that are meant: those of a type, of several types, indices from 0, a mask, or all.
 
-    ParameterError, which calls them ``what``, if no bead is of the type, an index is out of range or stands twice, or there is none.
+    ParameterError, which calls them ``what``, if no bead is of the type, an index is out of range or appears twice, or there is none.
     """
     return of_types(type_names(topology), beads, what)
 

@@ -1,4 +1,4 @@
-"""PSF files: topologies with names, masses, charges, molecules, bonds and angles."""
+"""PSF files: topologies with names, masses, charges, molecules, bonds, angles and dihedrals."""
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,15 +15,16 @@ from ..base.units import to_md
 RESIDUE, SEGMENT = "MOL", "DPD"
 
 #: Sections of what this package has not, by what they have.
-_OTHERS = {"dihedrals": "!NPHI", "impropers": "!NIMPHI", "cross-terms": "!NCRTERM", "lone pairs": "!NUMLP"}
+_OTHERS = {"impropers": "!NIMPHI", "cross-terms": "!NCRTERM", "lone pairs": "!NUMLP"}
 
 
 @dataclass(frozen=True, eq=False)
 class Beads:
-    """The content of a PSF file for N beads: names, masses (Da), charges (e), molecule numbers, bonds (B, 2) and angles (K, 3) from 0.
+    """The content of a PSF file for N beads: names, masses (Da), charges (e), molecule numbers, bonds (B, 2), angles (K, 3) and
+    dihedrals (D, 4) from 0.
 
-    ``residues`` and ``segments`` are the names of their molecules and segments, ``others`` the numbers of dihedrals, impropers, cross-terms
-    and lone pairs.
+    ``residues`` and ``segments`` are the names of their molecules and segments, ``others`` the numbers of impropers, cross-terms and lone
+    pairs.
     """
 
     names: list[str]
@@ -32,6 +33,7 @@ class Beads:
     molecules: np.ndarray
     bonds: np.ndarray
     angles: np.ndarray
+    dihedrals: np.ndarray
     residues: list[str]
     segments: list[str]
     others: Mapping[str, int] = field(default_factory=dict)
@@ -46,6 +48,7 @@ def write_psf(
     molecules=None,
     bonds=(),
     angles=(),
+    dihedrals=(),
     residues: Sequence[str] | None = None,
 ) -> None:
     """Write a topology file with real masses and charges: PSF in NAMD's variant, whose columns are separated by blanks.
@@ -69,13 +72,16 @@ def write_psf(
         Bead indices from 0.
     angles : (K, 3) array of int
         Bead indices from 0, the vertex in the middle.  :func:`read_psf`, VMD and MDAnalysis read them; mdtraj's topologies have none.
+    dihedrals : (D, 4) array of int
+        Bead indices from 0 along three bonds, likewise.
     residues : sequence of N str, optional
         Name of the molecule of each bead; ``MOL`` by default.
 
     Raises
     ------
     ParameterError
-        If the lengths differ, a name cannot be written, a mass is negative, a value is not finite, or a bond or angle names no bead.
+        If the lengths differ, a name cannot be written, a mass is negative, a value is not finite, or a bond, angle or dihedral names no
+        bead.
     OutputError
         If the file cannot be written.
     """
@@ -92,7 +98,7 @@ def write_psf(
         raise ParameterError(f"bead {int(np.argmin(mass))} has the mass {mass.min():g}; masses must be >= 0")
     charge = np.zeros(count) if charges is None else _per_bead(charges, "charge", "charges", count)
     pairs = checked_bonds(bonds, count)
-    triples = checked_bonds(angles, count, 3)
+    triples, quads = checked_bonds(angles, count, 3), checked_bonds(dihedrals, count, 4)
     molecule = molecule_numbers(molecules, pairs, count)
     # VMD wants at least 50 characters a line
     atom_lines = [
@@ -106,7 +112,8 @@ def write_psf(
         ("NATOM", count, atom_lines),
         ("NBOND: bonds", len(pairs), _index_lines(pairs, 4)),
         ("NTHETA: angles", len(triples), _index_lines(triples, 3)),
-        *((name, 0, []) for name in ("NPHI: dihedrals", "NIMPHI: impropers", "NDON: donors", "NACC: acceptors")),
+        ("NPHI: dihedrals", len(quads), _index_lines(quads, 2)),
+        *((name, 0, []) for name in ("NIMPHI: impropers", "NDON: donors", "NACC: acceptors")),
     ]
     text = [line for name, entries, lines in sections for line in ("", f"{entries:10d} !{name}", *lines)]
     write_whole(path, "\n".join(["PSF NAMD", *text, "", ""]), "the topology")
@@ -142,10 +149,13 @@ def read_psf(path: str | os.PathLike) -> Beads:
             raise ParameterError(f"{path}:{start + k + 1}: cannot read bead {k + 1} of {count} from this line") from None
     bonds = checked_bonds(_indices(lines, "!NBOND", "bonds", 2, path), count)
     # VMD may leave sections out that are empty
-    angles = _indices(lines, "!NTHETA", "angles", 3, path) if any("!NTHETA" in line for line in lines) else ()
+    angles, dihedrals = (
+        checked_bonds(_indices(lines, title, what, width, path) if any(title in line for line in lines) else (), count, width)
+        for title, what, width in (("!NTHETA", "angles", 3), ("!NPHI", "dihedrals", 4))
+    )
     there = {what: title for what, title in _OTHERS.items() if any(title in line for line in lines)}
     others = {what: number for what, title in there.items() if (number := _section(lines, title, path)[1])}
-    return Beads(names, columns[1], columns[0], molecules, bonds, checked_bonds(angles, count, 3), residues, segments, others)
+    return Beads(names, columns[1], columns[0], molecules, bonds, angles, dihedrals, residues, segments, others)
 
 
 # -- helpers -------------------------------------------------------------------------------------------------------------------
@@ -167,8 +177,8 @@ def residue_names(residues: Sequence[str] | None, count: int) -> list[str]:
 
 
 def checked_bonds(bonds, count: int, width: int = 2) -> np.ndarray:
-    """Bonds (width 2) as a (B, 2) array of indices in range, or angles (width 3) as a (K, 3) array."""
-    what, beads = ("bonds", "pairs") if width == 2 else ("angles", "triples")
+    """Bonds (width 2) as a (B, 2) array of indices in range, angles (3) as a (K, 3) array, or dihedrals (4) as a (D, 4) array."""
+    what, beads, number = {2: ("bonds", "pairs", "two"), 3: ("angles", "triples", "three"), 4: ("dihedrals", "quads", "four")}[width]
     try:
         array = np.asarray(bonds)
     except ValueError:
@@ -180,13 +190,12 @@ def checked_bonds(bonds, count: int, width: int = 2) -> np.ndarray:
     same = np.any(np.diff(np.sort(array, axis=1), axis=1) == 0, axis=1)
     bad = np.flatnonzero((array.min(axis=1) < 0) | (array.max(axis=1) >= count) | same)
     if len(bad):
-        number = "two" if width == 2 else "three"
         raise ParameterError(f"{what[:-1]} {bad[0]} is {array[bad[0]].tolist()}; it must join {number} different beads of 0 to {count - 1}")
     return array.astype(np.int64)
 
 
 def _index_lines(rows: np.ndarray, per_line: int) -> list[str]:
-    """Bead indices from 1, so many bonds or angles in a line."""
+    """Bead indices from 1, so many bonds, angles or dihedrals in a line."""
     flat = [f" {index:9d}" for index in (rows + 1).ravel().tolist()]
     step = per_line * rows.shape[1]
     return ["".join(flat[start : start + step]) for start in range(0, len(flat), step)]

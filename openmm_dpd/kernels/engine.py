@@ -4,6 +4,8 @@
 :class:`PairEngine` holds scratch arrays and the pair lists of the last positions it saw, nothing that could not be recomputed.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ..base.errors import RunError
@@ -11,7 +13,7 @@ from . import motion
 from .columns import Totals
 from .interface import Engine
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS, Call, Layer, PairSpec
-from .notice import LOGGER, announced
+from .notice import announced
 from .threads import get_threads
 
 
@@ -158,7 +160,7 @@ _MODELS = {
 }
 
 
-def warm_up(spec: PairSpec, log=LOGGER.warning) -> None:
+def warm_up(spec: PairSpec, log: Callable[[str], None]) -> None:
     """Compile all the kernels a run of ``spec`` can need (or load them from the cache), with a notice for each kind of model."""
     tables = tuple((type(table), bool(np.any(getattr(table, "gamma_perp", 0.0)))) for table in spec.terms)
     kinds = (tables, spec.update, spec.fields and spec.fields.kind, get_threads() > 1)

@@ -30,8 +30,8 @@ class EngineKind:
         default.  Scenes that need more are refused.
     stepper : function of (StepSpec, engine, watch, reach)
         What does whole steps with it, see :class:`.steps.StepLoop`.
-    warm_up : function of a PairSpec
-        Does what has to be done once before the first step, such as compiling.
+    warm_up : function of (PairSpec, log)
+        Does what has to be done once before the first step, such as compiling, and tells ``log``, a function of a text, if that takes long.
     """
 
     name: str
@@ -39,7 +39,7 @@ class EngineKind:
     make: Callable[[PairSpec], Engine]
     can: Container[str] | None = None
     stepper: Callable[[StepSpec, Engine, Callable[[np.ndarray, Moment], None], float], Stepper] = StepLoop
-    warm_up: Callable[[PairSpec], None] = lambda spec: None
+    warm_up: Callable[[PairSpec, Callable[[str], None]], None] = lambda spec, log: None
 
     def lacks(self, needs: Iterable[str]) -> str | None:
         """The first of some things that it cannot do, None if it can do them all."""
@@ -76,8 +76,8 @@ def engine_kind(name: str) -> EngineKind:
     return ENGINES[name]
 
 
-def _warm_up_host(spec: PairSpec) -> None:
-    warm_up(spec)
+def _warm_up_host(spec: PairSpec, log: Callable[[str], None]) -> None:
+    warm_up(spec, log)
     warm_up_extras(spec.extras)
 
 

@@ -23,5 +23,14 @@ from .published import (
 )
 from .relax import relax as relax
 from .relax_dense import relax_dense as relax_dense
-from .terms import Bend as Bend, CosineBend as CosineBend, FENESpring as FENESpring, MorseSpring as MorseSpring, Spring as Spring
+from .terms import (
+    Bend as Bend,
+    CosineBend as CosineBend,
+    FENESpring as FENESpring,
+    MorseSpring as MorseSpring,
+    MultiHarmonicTwist as MultiHarmonicTwist,
+    OPLSTwist as OPLSTwist,
+    Spring as Spring,
+    Twist as Twist,
+)
 from .vesicles import Vesicle as Vesicle

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..base.errors import ParameterError
 from ..base.units import whole_number
-from .molecule import Bends, Molecule, Springs, bead_types, join
+from .molecule import Bends, Molecule, Springs, Twists, bead_types, join
 
 
 def bead(type: str, *, charge=None, name: str = "") -> Molecule:
@@ -14,14 +14,16 @@ def bead(type: str, *, charge=None, name: str = "") -> Molecule:
     return Molecule((type,), name=name, charges=None if charge is None else (charge,))
 
 
-def linear(types: Sequence[str] | str, spring: Springs, bend: Bends = None, *, name: str = "", charges=None) -> Molecule:
+def linear(
+    types: Sequence[str] | str, spring: Springs, bend: Bends = None, *, twist: Twists = None, name: str = "", charges=None
+) -> Molecule:
     """A chain.
 
     Parameters
     ----------
     types : sequence of str, or text
         Types along the chain: ``["A"] * 6 + ["B"] * 4`` or ``"A6B4"`` (:func:`openmm_dpd.molecules.sequence`).
-    spring, bend : spring and bend, or mappings from types to them
+    spring, bend, twist : spring, bend and twist, or mappings from types to them
         As for :func:`openmm_dpd.molecules.join`.
     name : str, optional
         Name in topology files.
@@ -29,19 +31,28 @@ def linear(types: Sequence[str] | str, spring: Springs, bend: Bends = None, *, n
         Elementary charges of the beads.
     """
     names = bead_types(types)
-    return join(names, [(k, k + 1) for k in range(len(names) - 1)], spring, bend, name=name, charges=charges)
+    return join(names, [(k, k + 1) for k in range(len(names) - 1)], spring, bend, twist=twist, name=name, charges=charges)
 
 
-def block_copolymer(blocks: Sequence[str] | str, spring: Springs, bend: Bends = None, *, name: str = "", charges=None) -> Molecule:
+def block_copolymer(
+    blocks: Sequence[str] | str, spring: Springs, bend: Bends = None, *, twist: Twists = None, name: str = "", charges=None
+) -> Molecule:
     """A chain of blocks, ``"A6B4"`` or ``"A3B6A3"``; at least two types must appear.  Parameters as for :func:`linear`."""
     names = bead_types(blocks)
     if len(set(names)) < 2:
         raise ParameterError(f"a block copolymer has blocks of at least two types; {blocks!r} has one (use `linear`)")
-    return linear(names, spring, bend, name=name, charges=charges)
+    return linear(names, spring, bend, twist=twist, name=name, charges=charges)
 
 
 def surfactant(
-    head: Sequence[str] | str, tail: Sequence[str] | str, spring: Springs, bend: Bends = None, *, name: str = "", charges=None
+    head: Sequence[str] | str,
+    tail: Sequence[str] | str,
+    spring: Springs,
+    bend: Bends = None,
+    *,
+    twist: Twists = None,
+    name: str = "",
+    charges=None,
 ) -> Molecule:
     """A chain with the head first, so that :class:`openmm_dpd.molecules.Bilayer` knows which end points outwards.
 
@@ -49,18 +60,20 @@ def surfactant(
     ----------
     head, tail : sequence of str, or text
         Types, such as ``"H2"`` and ``"T4"``.
-    spring, bend, name, charges
+    spring, bend, twist, name, charges
         As for :func:`linear`.
     """
-    return linear(bead_types(head) + bead_types(tail), spring, bend, name=name, charges=charges)
+    return linear(bead_types(head) + bead_types(tail), spring, bend, twist=twist, name=name, charges=charges)
 
 
-def ring(types: Sequence[str] | str, spring: Springs, bend: Bends = None, *, name: str = "", charges=None) -> Molecule:
+def ring(
+    types: Sequence[str] | str, spring: Springs, bend: Bends = None, *, twist: Twists = None, name: str = "", charges=None
+) -> Molecule:
     """A closed chain of at least three beads; parameters as for :func:`linear`."""
     names = bead_types(types)
     if len(names) < 3:
         raise ParameterError(f"a ring needs at least 3 beads, not {len(names)}")
-    return join(names, [(k, (k + 1) % len(names)) for k in range(len(names))], spring, bend, name=name, charges=charges)
+    return join(names, [(k, (k + 1) % len(names)) for k in range(len(names))], spring, bend, twist=twist, name=name, charges=charges)
 
 
 def branched(
@@ -69,6 +82,7 @@ def branched(
     spring: Springs,
     bend: Bends = None,
     *,
+    twist: Twists = None,
     name: str = "",
     charges=None,
 ) -> Molecule:
@@ -81,8 +95,8 @@ def branched(
     branches : mapping
         Index of a bead of the backbone to the types of its side chain, from the backbone outwards; a list of texts for several side
         chains at one bead: ``{1: "T4", 2: ["T4", "T2"]}``.
-    spring, bend : spring and bend, or mappings from types to them
-        As for :func:`openmm_dpd.molecules.join`.  A single bend leaves branching points free.
+    spring, bend, twist : spring, bend and twist, or mappings from types to them
+        As for :func:`openmm_dpd.molecules.join`.  A single bend or twist leaves branching points free.
     name, charges : optional
         Beads of the backbone come first, then the side chains in the order of ``branches``.
     """
@@ -99,10 +113,19 @@ def branched(
             pairs.append((at, len(names)))
             pairs += [(len(names) + k, len(names) + k + 1) for k in range(len(chain) - 1)]
             names += chain
-    return join(names, pairs, spring, bend, name=name, charges=charges)
+    return join(names, pairs, spring, bend, twist=twist, name=name, charges=charges)
 
 
-def star(core: str, arms: Sequence[Sequence[str] | str], spring: Springs, bend: Bends = None, *, name: str = "", charges=None) -> Molecule:
+def star(
+    core: str,
+    arms: Sequence[Sequence[str] | str],
+    spring: Springs,
+    bend: Bends = None,
+    *,
+    twist: Twists = None,
+    name: str = "",
+    charges=None,
+) -> Molecule:
     """Chains that start from one bead.
 
     Parameters
@@ -111,12 +134,12 @@ def star(core: str, arms: Sequence[Sequence[str] | str], spring: Springs, bend: 
         Type of the bead in the middle.
     arms : list of texts or of sequences of str
         Types of each arm from the core outwards: ``["A8"] * 5``.
-    spring, bend, name, charges
+    spring, bend, twist, name, charges
         As for :func:`branched`.
     """
     if isinstance(arms, str) or not isinstance(arms, Sequence) or len(arms) < 3:
         raise ParameterError(f"a star needs a list of at least 3 arms, such as ['A8'] * 3, not {arms!r}")
-    return branched([core], {0: list(arms)}, spring, bend, name=name, charges=charges)
+    return branched([core], {0: list(arms)}, spring, bend, twist=twist, name=name, charges=charges)
 
 
 def lipid(
@@ -126,6 +149,7 @@ def lipid(
     bend: Bends = None,
     *,
     tails_at: Sequence[int] | None = None,
+    twist: Twists = None,
     name: str = "",
     charges=None,
 ) -> Molecule:
@@ -137,7 +161,7 @@ def lipid(
         Types of the head beads, from the outer end.
     tails : list of texts or of sequences of str
         Types of each tail, ``["T4", "T4"]``.
-    spring, bend : spring and bend, or mappings from types to them
+    spring, bend, twist : spring, bend and twist, or mappings from types to them
         As for :func:`openmm_dpd.molecules.join`, usually ``bend={("H", "T", "T"): ..., ("T", "T", "T"): ...}``.
     tails_at : sequence of int, optional
         Head bead of each tail; by default one tail at each of the last head beads.
@@ -154,7 +178,7 @@ def lipid(
     branches: dict[int, list] = {}
     for at, tail in zip(tails_at, tails, strict=True):
         branches.setdefault(at, []).append(tail)
-    return branched(heads, branches, spring, bend, name=name, charges=charges)
+    return branched(heads, branches, spring, bend, twist=twist, name=name, charges=charges)
 
 
 def _chains(given) -> list[tuple[str, ...]]:

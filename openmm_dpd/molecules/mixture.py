@@ -1,4 +1,4 @@
-"""What was packed: beads, bonds and angles of many molecules, ready for a Scene."""
+"""What was packed: beads, bonds, angles and dihedrals of many molecules, ready for a Scene."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from ..base.errors import ParameterError
 from ..io.trajectory import write_psf
 from ..model.angles import Angles
 from ..model.bonds import Bonds
+from ..model.dihedrals import Dihedrals
 from ..model.scene import Scene
 from .molecule import Molecule
 from .terms import many_terms
@@ -102,7 +103,7 @@ class Mixture:
         known = ", ".join(kind.name for kind, _ in self.kinds)
         raise ParameterError(f"there is no molecule {getattr(molecule, 'name', molecule)!r} in this mixture; it has {known}")
 
-    # -- bonds and angles ------------------------------------------------------------------------------------------------------
+    # -- bonds, angles and dihedrals -------------------------------------------------------------------------------------------
     @property
     def bonds(self) -> list[Bonds]:
         """Bonds of all molecules, for a Scene: one object for each kind of spring."""
@@ -114,6 +115,11 @@ class Mixture:
         return self._terms("angles", 3)
 
     @property
+    def dihedrals(self) -> list[Dihedrals]:
+        """Dihedrals of all molecules, for a Scene: one object for each kind of twist."""
+        return self._terms("dihedrals", 4)
+
+    @property
     def bond_pairs(self) -> np.ndarray:
         """All bonds as a (B, 2) array."""
         return np.concatenate([group.pairs for group in self.bonds] or [np.zeros((0, 2), dtype=np.int64)])
@@ -122,6 +128,11 @@ class Mixture:
     def angle_triples(self) -> np.ndarray:
         """All angles as a (K, 3) array."""
         return np.concatenate([group.triples for group in self.angles] or [np.zeros((0, 3), dtype=np.int64)])
+
+    @property
+    def dihedral_quads(self) -> np.ndarray:
+        """All dihedrals as a (K, 4) array."""
+        return np.concatenate([group.quads for group in self.dihedrals] or [np.zeros((0, 4), dtype=np.int64)])
 
     def _terms(self, what: str, width: int) -> list:
         beads, terms, start = [np.zeros((0, width), np.int64)], [], 0
@@ -159,13 +170,14 @@ class Mixture:
             charges=self.charges,
             bonds=self.bonds,
             angles=self.angles,
+            dihedrals=self.dihedrals,
             molecules=self.molecules,
             residues=self.residues,
             **options,
         )
 
     def write_psf(self, path: str | os.PathLike, masses=1.0) -> None:
-        """Write a topology file: names, masses, charges, molecules as residues, bonds and angles.
+        """Write a topology file: names, masses, charges, molecules as residues, bonds, angles and dihedrals.
 
         Parameters
         ----------
@@ -189,4 +201,5 @@ class Mixture:
             residues=self.residues,
             bonds=self.bond_pairs,
             angles=self.angle_triples,
+            dihedrals=self.dihedral_quads,
         )

@@ -1,10 +1,10 @@
-"""A molecule as a value: types of its beads, bonds and angles between them."""
+"""A molecule as a value: types of its beads, bonds, angles and dihedrals between them."""
 
 import reprlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations, groupby
+from itertools import combinations, groupby, product
 
 import numpy as np
 
@@ -13,13 +13,16 @@ from ..base.html import fact_table
 from ..base.units import to_md, whole_number
 from ..model.owned import known_under
 from .rings import neighbours_of
-from .terms import AnyBend, AnySpring
+from .terms import AnyBend, AnySpring, AnyTwist
 
 #: A spring for every bond, or springs by the types of the two beads (``"*"`` for any type).
 Springs = object | Mapping[tuple[str, str], object]
 
 #: A bend, or bends by the types of the three beads.
 Bends = object | Mapping[tuple[str, str, str], object] | None
+
+#: A twist, or twists by the types of the four beads.
+Twists = object | Mapping[tuple[str, str, str, str], object] | None
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,9 @@ class Molecule:
         Name in topology files, without blanks; by default the formula of the types, such as ``H3T8``.
     charges : sequence of n charges, optional
         Elementary charges.
+    dihedrals : sequence of (int, int, int, int, twist)
+        Beads along three bonds, and the twist (:class:`Twist`, :class:`OPLSTwist`, :class:`MultiHarmonicTwist`); several on the same
+        beads add up.
 
     Raises
     ------
@@ -51,6 +57,7 @@ class Molecule:
     angles: tuple[tuple[int, int, int, object], ...] = ()
     name: str = ""
     charges: tuple[float, ...] | None = None
+    dihedrals: tuple[tuple[int, int, int, int, object], ...] = ()
 
     def __post_init__(self):
         def put(name, value):
@@ -59,6 +66,7 @@ class Molecule:
         put("types", bead_types(self.types))
         put("bonds", self._checked_terms("bonds", 2, AnySpring))
         put("angles", self._checked_terms("angles", 3, AnyBend))
+        put("dihedrals", self._checked_terms("dihedrals", 4, AnyTwist))
         name = self.name or formula(self.types)
         if not isinstance(name, str) or not name.isascii() or not name.isprintable() or " " in name:
             raise ParameterError(f"the name of a molecule must be printable ASCII text without blanks, not {name!r}")
@@ -74,12 +82,14 @@ class Molecule:
             raise ParameterError(f"{name} falls into parts: no chain of bonds leads from bead 0 to bead {lost[0]}")
 
     def __repr__(self) -> str:
-        return f"<Molecule {reprlib.repr(self.name)}: {self.n_beads} beads, {len(self.bonds)} bonds, {len(self.angles)} angles>"
+        twists = f", {len(self.dihedrals)} dihedrals" if self.dihedrals else ""
+        return f"<Molecule {reprlib.repr(self.name)}: {self.n_beads} beads, {len(self.bonds)} bonds, {len(self.angles)} angles{twists}>"
 
     def _repr_html_(self) -> str:
         counts = Counter(self.types)
         types = ", ".join(f"{name} {count}" for name, count in counts.items()) if len(counts) <= 5 else f"{len(counts)} types"
         facts = {"beads": self.n_beads, "types": types, "bonds": len(self.bonds), "angles": len(self.angles)}
+        facts |= {"dihedrals": len(self.dihedrals)} if self.dihedrals else {}
         return fact_table(f"Molecule {reprlib.repr(self.name)}", facts)
 
     @property
@@ -96,6 +106,11 @@ class Molecule:
     def angle_triples(self) -> np.ndarray:
         """Angles as a (K, 3) array of bead indices."""
         return np.array([angle[:3] for angle in self.angles], dtype=np.int64).reshape(-1, 3)
+
+    @property
+    def dihedral_quads(self) -> np.ndarray:
+        """Dihedrals as a (K, 4) array of bead indices."""
+        return np.array([dihedral[:4] for dihedral in self.dihedrals], dtype=np.int64).reshape(-1, 4)
 
     def beads(self, *types: str) -> list[int]:
         """Indices of the beads of these types."""
@@ -124,7 +139,7 @@ class Molecule:
             if len(set(indices)) < beads or not all(0 <= index < self.n_beads for index in indices):
                 raise ParameterError(f"{what} of a molecule must join different beads of 0 to {self.n_beads - 1}, not {indices}")
             key = min(indices, indices[::-1])
-            if key in seen:
+            if key in seen and kind is not AnyTwist:
                 raise ParameterError(f"{what} of a molecule list beads {indices} twice")
             seen.add(key)
             terms.append((*indices, term[-1]))
@@ -203,7 +218,7 @@ def sequence(text: str) -> tuple[str, ...]:
     return tuple(open_groups[0])
 
 
-def join(types, pairs, spring: Springs, bend: Bends = None, *, name: str = "", charges=None) -> Molecule:
+def join(types, pairs, spring: Springs, bend: Bends = None, *, twist: Twists = None, name: str = "", charges=None) -> Molecule:
     """A molecule from its graph.
 
     Parameters
@@ -217,6 +232,9 @@ def join(types, pairs, spring: Springs, bend: Bends = None, *, name: str = "", c
     bend : bend, or mapping from three types to one, optional
         A bend acts at every bead with exactly two neighbours.  A mapping acts at every two bonds that meet and whose three types it
         names, at branching points too: ``{("H", "T", "T"): CosineBend(15)}``, in either direction.
+    twist : twist, or mapping from four types to one, optional
+        A twist acts along three bonds in a row if both beads in the middle have exactly two neighbours.  A mapping acts wherever it names
+        the four types, as that of bends.
     name, charges : optional
         As for :class:`Molecule`.
     """
@@ -231,8 +249,10 @@ def join(types, pairs, spring: Springs, bend: Bends = None, *, name: str = "", c
         if found is None:
             raise ParameterError(f"no spring is given for a bond between types {names[i]!r} and {names[j]!r}")
         bonds.append((i, j, found))
-    angles = () if bend is None else bends_between(names, np.array(pairs, dtype=np.int64).reshape(-1, 2), bend)
-    return Molecule(names, tuple(bonds), tuple(angles), name, charges)
+    rows = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    angles = () if bend is None else bends_between(names, rows, bend)
+    dihedrals = () if twist is None else twists_between(names, rows, twist)
+    return Molecule(names, tuple(bonds), tuple(angles), name, charges, tuple(dihedrals))
 
 
 def bends_between(types: Sequence[str], pairs: np.ndarray, bend: Bends) -> list[tuple[int, int, int, object]]:
@@ -248,6 +268,21 @@ def bends_between(types: Sequence[str], pairs: np.ndarray, bend: Bends) -> list[
     return angles
 
 
+def twists_between(types: Sequence[str], pairs: np.ndarray, twist: Twists) -> list[tuple[int, int, int, int, object]]:
+    """Dihedrals along three bonds in a row: the four beads, and the twist; parameters as for :func:`bends_between`."""
+    dihedrals: list[tuple[int, int, int, int, object]] = []
+    around = neighbours_of(pairs, len(types))
+    for j, k in pairs.tolist():
+        if isinstance(twist, AnyTwist) and not len(around[j]) == len(around[k]) == 2:
+            continue
+        for i, m in product(around[j], around[k]):
+            if len({i, j, k, m}) == 4:
+                found = by_types(twist, (types[i], types[j], types[k], types[m]), AnyTwist, "twist")
+                if found is not None:
+                    dihedrals.append((i, j, k, m, found))
+    return dihedrals
+
+
 def _checked_pairs(pairs) -> list[tuple[int, int]]:
     try:
         rows = [tuple(row) for row in pairs]
@@ -260,7 +295,7 @@ def _checked_pairs(pairs) -> list[tuple[int, int]]:
 
 
 def by_types(given, types: tuple[str, ...], kind: type, what: str):
-    """The spring or bend for these types, or None."""
+    """The spring, bend or twist for these types, or None."""
     if isinstance(given, kind):
         return given
     if not isinstance(given, Mapping):

@@ -15,8 +15,8 @@ def random_shapes(molecule: Molecule, count: int, rng: np.random.Generator, *, s
     """Random walks along the bonds, centred: (count, n, 3) in nm.
 
     Every bond has the length that its spring gives it (:meth:`Spring.length`).  Directions are isotropic; where a bend acts, angles are
-    drawn with its Boltzmann weight at kT.  Molecules with rings are closed by moving beads until every bond has its length within 2 per
-    cent; their bends are left to the minimiser.
+    drawn with its Boltzmann weight at kT; dihedrals are drawn evenly, whether a twist acts or not.  Molecules with rings are closed by
+    moving beads until every bond has its length within 2 per cent; their bends are left to the minimiser.
     """
     lengths, bends = _lengths(molecule, spacing), _bends(molecule)
     if len(molecule.bonds) >= molecule.n_beads:

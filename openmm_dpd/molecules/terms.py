@@ -1,17 +1,18 @@
-"""Springs and bends: one bond or one angle of a molecule, as a value."""
+"""Springs, bends and twists: one bond, angle or dihedral of a molecule, as a value."""
 
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
 import numpy as np
 
-from ..model.angles import Angles, CosineAngles, HarmonicAngles
-from ..model.bonds import WCA_END, Bonds, FENEBonds, HarmonicBonds, MorseBonds
+from ..model.angles import CosineAngles, HarmonicAngles
+from ..model.bonds import WCA_END, BondedTerms, FENEBonds, HarmonicBonds, MorseBonds
+from ..model.dihedrals import HarmonicDihedrals, MultiHarmonicDihedrals, OPLSDihedrals
 
 
 @dataclass(frozen=True)
 class _Term:
-    """One bond or angle: checked, and turned into MD units, by the class of the model that holds many of them."""
+    """One bond, angle or dihedral: checked, and turned into MD units, by the class of the model that holds many of them."""
 
     KIND: ClassVar[Any]
     _BEADS: ClassVar[tuple[int, ...]]
@@ -26,8 +27,8 @@ class _Term:
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @classmethod
-    def many(cls, beads: np.ndarray, terms: list) -> Bonds | Angles:
-        """The bonds or angles of a scene between these beads, (B, 2) or (K, 3), with the coefficients of these terms."""
+    def many(cls, beads: np.ndarray, terms: list) -> BondedTerms:
+        """The bonds, angles or dihedrals of a scene between these beads, one row each, with the coefficients of these terms."""
         names = [field.name for field in fields(cls)]
         return cls.KIND(beads, **{name: np.array([getattr(term, name) for term in terms]) for name in names})
 
@@ -164,8 +165,74 @@ class CosineBend(AnyBend):
     KIND = CosineAngles
 
 
+@dataclass(frozen=True)
+class AnyTwist(_Term):
+    """A dihedral, as :class:`AnySpring` is a bond."""
+
+    _BEADS = (0, 1, 2, 3)
+
+
+@dataclass(frozen=True)
+class Twist(AnyTwist):
+    """One wave, U = k [1 + d cos(n phi)], phi = pi for trans (:class:`openmm_dpd.HarmonicDihedrals`).
+
+    Parameters
+    ----------
+    k : energy
+        kJ/mol.
+    d : 1 or -1
+        Sign: with 1 the energy is highest where n phi = 0.
+    n : int
+        Waves in a turn.
+    """
+
+    k: float
+    d: float
+    n: float
+
+    KIND = HarmonicDihedrals
+
+
+@dataclass(frozen=True)
+class OPLSTwist(AnyTwist):
+    """Four waves, U = 1/2 {K1 [1 + cos phi] + K2 [1 - cos 2 phi] + K3 [1 + cos 3 phi] + K4 [1 - cos 4 phi]}
+    (:class:`openmm_dpd.OPLSDihedrals`).
+
+    Parameters
+    ----------
+    K1, K2, K3, K4 : energy
+        kJ/mol.
+    """
+
+    K1: float
+    K2: float
+    K3: float
+    K4: float
+
+    KIND = OPLSDihedrals
+
+
+@dataclass(frozen=True)
+class MultiHarmonicTwist(AnyTwist):
+    """U = A1 + A2 cos phi + A3 cos^2 phi + A4 cos^3 phi + A5 cos^4 phi (:class:`openmm_dpd.MultiHarmonicDihedrals`).
+
+    Parameters
+    ----------
+    A1, A2, A3, A4, A5 : energy
+        kJ/mol.
+    """
+
+    A1: float
+    A2: float
+    A3: float
+    A4: float
+    A5: float
+
+    KIND = MultiHarmonicDihedrals
+
+
 def many_terms(beads: np.ndarray, terms: list) -> list:
-    """Bonds or angles of a scene, one object for each kind, from the beads of each term, (K, 2) or (K, 3), and the terms."""
+    """Bonds, angles or dihedrals of a scene, one object for each kind, from the beads of each term, one row each, and the terms."""
     found = []
     kinds: list[Any] = list(dict.fromkeys(map(type, terms)))
     for kind in kinds:

@@ -68,7 +68,7 @@ def insertion(molecule: Molecule, solvent: Scene, parts: np.ndarray, seed: int) 
         bead_masses=np.concatenate([solvent.bead_masses, np.tile([solvent.masses[name] for name in molecule.types], copies)]),
         bonds=[*solvent.bonds, *_terms(molecule.bonds, first)],
         angles=[*solvent.angles, *_terms(molecule.angles, first)],
-        dihedrals=solvent.dihedrals,
+        dihedrals=[*solvent.dihedrals, *_terms(molecule.dihedrals, first)],
         bonded_factors=solvent.bonded_factors,
         mobile=mobile,
     )
@@ -114,7 +114,7 @@ def _free_name(name: str, taken: list[str]) -> str:
 
 
 def _terms(terms: tuple, first: np.ndarray) -> list:
-    """Bonds or angles of all copies."""
+    """Bonds, angles or dihedrals of all copies."""
     beads = [[start + bead for bead in entry[:-1]] for start in first.tolist() for entry in terms]
     return many_terms(np.array(beads), [entry[-1] for entry in terms] * len(first)) if terms else []
 

@@ -1,6 +1,6 @@
 """Who computes what in a step, and why: one record, made by :func:`openmm_dpd.plan.plan.make_plan` and nowhere else."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from ..base.errors import PlanError
@@ -10,9 +10,6 @@ from ..model.schemes import Scheme
 
 #: Platforms where positions, velocities and forces are double precision.
 DOUBLE_PLATFORMS = ("Reference", "CPU")
-
-#: What a scene may have beside its pair terms, and the pair kernel may hold.
-PARTS = ("bonds", "angles", "dihedrals", "overlays", "segments", "body forces", "walls", "charges")
 
 
 @dataclass(frozen=True)
@@ -29,11 +26,12 @@ class Execution:
     conservative : {"kernel", "openmm", "none"}
         What computes the conservative force of the pair terms.
     held : frozenset of str
-        Which :data:`PARTS` of the scene the pair kernel holds; the rest is OpenMM's.
+        What the pair kernel holds of the scene beside its pair terms; the rest is OpenMM's.  Kinds of bonds, angles and dihedrals by name
+        ("harmonic bonds"), "overlays", "segments", "body forces", "walls" and "charges".
     precision : {"double", "single"}
         What positions, velocities and forces of the platform have at least.
     why : dict
-        The reason for "engine", "steps", "conservative" and "precision", and for each part of the scene that is held or could be.
+        The reason for "engine", "steps", "conservative" and "precision", and for whatever is held or could be.
     """
 
     steps: str = "program"
@@ -95,12 +93,15 @@ def why_no_loop(
     return next((reason for reason, holds in reasons.items() if holds), None)
 
 
-def why_parts(scene: Scene, overlays: bool, looped: bool, few_charges: bool, double: bool) -> tuple[frozenset[str], dict[str, str]]:
-    """What the pair kernel holds of a scene beside its pair terms, and the reason for each part that the scene has."""
+def why_parts(
+    scene: Scene, bonded: Iterable[str], overlays: bool, looped: bool, few_charges: bool, double: bool
+) -> tuple[frozenset[str], dict[str, str]]:
+    """What the pair kernel holds of a scene beside its pair terms, and the reason for each part that the scene has.
+
+    ``bonded`` are the names of its kinds of bonds, angles and dihedrals.
+    """
     there = {
-        "bonds": scene.bonds,
-        "angles": scene.angles,
-        "dihedrals": scene.dihedrals,
+        **dict.fromkeys(bonded, True),
         "overlays": overlays,
         "segments": scene.segments,
         "body forces": any(isinstance(term, BodyForce) for term in scene.body_forces),

@@ -16,7 +16,6 @@ from ..kernels.pairs import compressed_exceptions
 from ..kernels.radial import RadialTerms
 from ..model.flow import AXES, BodyForce
 from ..model.scene import Scene
-from .execution import PARTS
 from .forces.expressions import type_pairs
 from .forces.segments import segment_spec
 from .kinds import bonded_kind, resolved_kind
@@ -25,7 +24,7 @@ _PATTERNS = {"uniform": external.UNIFORM, "halves": external.HALVES, "sine": ext
 
 
 def extras(
-    scene: Scene, overlays: Sequence[dict], exceptions: dict[tuple[int, int], float], held: Container[str] = PARTS
+    scene: Scene, overlays: Sequence[dict], exceptions: dict[tuple[int, int], float], held: Container[str] | None = None
 ) -> tuple[Extra, ...]:
     """The conservative forces of a scene beside its pair terms.
 
@@ -36,23 +35,26 @@ def extras(
         Radial overlays, {pair of type names: coefficient}, one kind in each (``Plan.overlays``).
     exceptions : dict
         Factors of bonded neighbours (``Plan.exceptions``).
-    held : container of str
-        Which parts of it are wanted (``Execution.held``).
+    held : container of str, optional
+        What is wanted (``Execution.held``); everything by default.
     """
     # PositionForce (formulas given as text) has no kernel: OpenMM evaluates it.  Charges are in charge_forces.py.
     found: list[Extra] = []
-    bonded = [group for part in ("bonds", "angles", "dihedrals") if part in held for group in getattr(scene, part)]
-    for terms, one_kind in groupby(bonded, type):
+
+    def wanted(name: str) -> bool:
+        return held is None or name in held
+
+    for terms, one_kind in groupby((group for group in scene.bonded if wanted(bonded_kind(type(group)).name)), type):
         groups = list(one_kind)
         beads, coefficients = (np.concatenate([getattr(group, name) for group in groups]) for name in ("beads", "coefficients"))
         if len(beads):
             found.append(bonded_kind(terms).kernel(beads.astype(np.uint32), np.ascontiguousarray(coefficients.T)))
-    if "overlays" in held:
+    if wanted("overlays"):
         found += [radial_terms(table, scene.type_ids, scene.type_names, exceptions) for table in overlays]
-    segments = segment_spec(scene) if "segments" in held else None
+    segments = segment_spec(scene) if wanted("segments") else None
     if segments is not None and len(segments.pairs):
         found.append(segments)
-    if "body forces" in held:
+    if wanted("body forces"):
         found += [body_terms(term, scene) for term in scene.body_forces if isinstance(term, BodyForce)]
     return tuple(found)
 

@@ -13,6 +13,7 @@ from ..kernels.engines import EngineKind, engine_kind
 from ..kernels.fields import ENERGY
 from ..kernels.interface import Engine
 from ..kernels.layer import PairSpec
+from ..model.bonds import BondedTerms
 from ..model.electrostatics import EwaldSum
 from ..model.flow import gaps, kind_of
 from ..model.pairs import NONE
@@ -21,7 +22,7 @@ from ..model.schemes import scheme_of
 from ..model.temperature import TemperatureRamp
 from .charge_forces import charge_factors, ewald_of, few_charges
 from .choices import check_cutoffs, checked_interval, checked_lam, checked_seed, checked_step, predicting
-from .execution import DOUBLE_PLATFORMS, PARTS, Execution, conservative_place, why_no_loop, why_parts
+from .execution import DOUBLE_PLATFORMS, Execution, conservative_place, why_no_loop, why_parts
 from .host import Host
 from .kinds import Kind, bonded_kind, resolved_kind
 from .neighbour_list import listed
@@ -114,10 +115,14 @@ class Plan:
             "tilted boxes": scene.box is not None and bool(np.any(np.tril(scene.box, -1))),
             "factors of bonded neighbours": bool(self.exceptions),
             "immobile beads": bool(scene.immobile.any()),
-            "particles that are left out": self.host is not None,
+            "particles that are left out": self.host is not None and bool(self.host.left_out.any()),
         }
         yield from (name for name, there in features.items() if there)
-        yield from (part for part in PARTS if part in self.execution.held)
+        yield from (part for part in self.execution.why if part in self.execution.held)
+
+    def holds(self, group: BondedTerms) -> bool:
+        """Whether the pair kernel holds these bonds, angles or dihedrals."""
+        return bonded_kind(type(group)).name in self.execution.held
 
     @property
     def n_atoms(self) -> int:
@@ -199,8 +204,7 @@ def make_plan(
     layers = [table for table in tables if resolved_kind(table).overlay is None]
     overlays = [table for table in tables if resolved_kind(table).overlay is not None]
     kinds = list(map(resolved_kind, layers))
-    for group in scene.bonded:
-        bonded_kind(type(group))  # or it is refused
+    bonded = [bonded_kind(type(group)).name for group in scene.bonded]
     check_cutoffs(scene.box, [*layers, *overlays])
     for kind in kinds:
         if kind.no_sweep and not chosen.predicts:
@@ -224,7 +228,7 @@ def make_plan(
     choices |= {"field_names": carriers[0].field_text} if carriers else {}
     no_loop = why_no_loop(where, thermostat, chosen, platform, loop, choices.get("compensated", False), scene, host is not None)
     ewald = ewald_of(scene)
-    held, why_held = why_parts(scene, bool(overlays), no_loop is None, double and few_charges(scene, ewald), double)
+    held, why_held = why_parts(scene, bonded, bool(overlays), no_loop is None, double and few_charges(scene, ewald), double)
     execution = Execution(
         engine=engine_kind("host" if engine == "auto" else engine).name,
         steps="openmm" if chosen.native else "program" if no_loop else "loop",

@@ -142,7 +142,7 @@ def _pair_function(plan: Plan) -> PairForceFunction:
         periodic=scene.box is not None,
         scale=options.field_scale,
         balanced=options.compensated and plan.spec.sweeps,
-        length_checked=() if "bonds" in execution.held else tuple(bonds for bonds in scene.bonds if bonds.limited),
+        length_checked=tuple(bonds for bonds in scene.bonds if bonds.limited and not plan.holds(bonds)),
         steps=_step_spec(plan) if execution.looped else None,
         engine=execution.engine,
     )

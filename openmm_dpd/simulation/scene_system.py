@@ -45,10 +45,10 @@ def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, func
         force = resolved_kind(layer).density_force(layer, scene.type_names, scene.type_ids, excluded, periodic)  # type: ignore[misc]
         force.setForceGroup(free - k)
         system.addForce(force)
-    if "bonds" in held and len(scene.bond_pairs):
-        system.addForce(molecules(scene.bond_pairs))
-    left = [group for part in ("bonds", "angles", "dihedrals") if part not in held for group in getattr(scene, part)]
-    for force in bonded_forces(left, periodic):
+    told = [bonds.pairs for bonds in scene.bonds if plan.holds(bonds) and len(bonds.pairs)]
+    if told:
+        system.addForce(molecules(np.concatenate(told)))
+    for force in bonded_forces([group for group in scene.bonded if not plan.holds(group)], periodic):
         force.setForceGroup(BONDED_GROUP)
         system.addForce(force)
     segments = None if "segments" in held else segment_spec(scene)

@@ -42,6 +42,7 @@ def add_thermostat(
     seed: int | None = None,
     topology: app.Topology | None = None,
     positions=None,
+    engine: str = "auto",
 ) -> BuiltSystem:
     """Add pairwise friction and noise to a System, and make the integrator that runs it.
 
@@ -74,6 +75,8 @@ def add_thermostat(
         For ``simulation()``; not needed if you make your own ``app.Simulation(topology, system, built.integrator)``.
     positions : (N, 3) array of lengths, optional
         Likewise.
+    engine : str, default "auto"
+        As in :func:`openmm_dpd.simulation.build.build`.
 
     Returns
     -------
@@ -124,7 +127,7 @@ def add_thermostat(
     left_out = ~moves | np.array([name is None for name in classes])
     if left_out.all():
         raise ParameterError("every particle is left out of the thermostat: those with a type name have mass 0")
-    plan = make_plan(scene, dt=dt, scheme=scheme, lam=lam, platform=chosen, seed=seed, host=Host.of(system, left_out))
+    plan = make_plan(scene, dt=dt, scheme=scheme, lam=lam, platform=chosen, seed=seed, engine=engine, host=Host.of(system, left_out))
     built = build_plan(plan)
     (force,) = map(copy.deepcopy, built.system.getForces())
     system.addForce(force)

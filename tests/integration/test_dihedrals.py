@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import re
+
 import chains_of_beads as chains
 import lammps_peer
 import numpy as np
 import openmm
 import pytest
+from openmm_dpd.inputs import scene_from_lammps_data
+from openmm_dpd.trajectory import read_psf
 from scenes import beads
 
 import openmm_dpd as dpd
@@ -14,6 +18,8 @@ from openmm_dpd.lammps import RunOptions, deck_scene, export_lammps, run_deck
 from openmm_dpd.measure.bonded_sums import dihedral_sums
 from openmm_dpd.measure.stress_parts import stress_parts
 from openmm_dpd.model.bonds import bonded_neighbours
+from openmm_dpd.molecules import Bend, Spring, Twist, linear, pack
+from openmm_dpd.simulation.advice.recommend import advice
 
 NO_LAMMPS = lammps_peer.why_missing()
 BOX = np.array([[6.2, 0, 0], [1.3, 5.9, 0], [-1.1, 1.7, 6.4]])
@@ -181,20 +187,34 @@ def test_against_lammps(tmp_path, box, steps):
     np.testing.assert_allclose(terms["bond"] + terms["conservative"], forces, rtol=0, atol=1e-9 * np.abs(forces).max())
 
 
-def test_decks_and_export(tmp_path):
+def test_decks_and_export(tmp_path, monkeypatch):
     """Data files and export keep types, beads and coefficients; bonds alone say which pairs are neighbours."""
+    monkeypatch.chdir(tmp_path)
     x, bonds, angles, quads = walk()
     (tmp_path / "data.chains").write_text(data_file(x, bonds, angles, quads, BOX))
     deck = tmp_path / "in.chains"
-    deck.write_text(DECK + "write_data data.again\nrun 0\n")
+    deck.write_text(DECK + "write_data data.again\nwrite_restart restart.chains\nrun 0\n")
+    out = tmp_path / "out"
+    run_deck(deck, RunOptions(platform="Reference", threads=1), out=out)
+    assert np.array_equal(np.sort(read_psf(out / "topology.psf").dihedrals, axis=0), quads)
+    assert np.array_equal(np.sort(read_psf(out / "topology.psf").angles, axis=0), angles)
     read = deck_scene(deck)
+    data = scene_from_lammps_data(out / "data.again", pairs={("*", "*"): dpd.DPD(A=25)}, kT=1)
+    (out / "in.resumed").write_text(
+        "read_restart restart.chains\n" + re.sub("read_data.*", "", DECK.partition("pair_style")[2]).partition("\n")[2] + "run 0\n"
+    )
+    resumed = deck_scene(out / "in.resumed")
+    for found in (data, resumed):
+        for one, other in zip(found.dihedrals, read.dihedrals, strict=True):
+            assert type(one) is type(other) and np.array_equal(one.quads, other.quads)
+            np.testing.assert_allclose(one.coefficients, other.coefficients, rtol=1e-14)
     assert [type(group) for group in read.dihedrals] == [dpd.HarmonicDihedrals, dpd.OPLSDihedrals, dpd.MultiHarmonicDihedrals]
     assert np.array_equal(np.sort(np.concatenate([group.quads for group in read.dihedrals]), axis=0), np.sort(quads, axis=0))
     assert read.bonded_factors == (0.0, 0.5, 0.25)
     factors = dpd.make_plan(read, dt=0.002, seed=1).exceptions
     assert {pair for pair, factor in factors.items() if factor == 0.25} == bonded_neighbours(bonds, len(x))[3]
-    export_lammps(read, tmp_path / "out", "again", dt=0.002)
-    again = deck_scene(tmp_path / "out" / "in.again")
+    export_lammps(read, out, "again", dt=0.002)
+    again = deck_scene(out / "in.again")
     for first, second in zip(read.dihedrals, again.dihedrals, strict=True):
         assert type(first) is type(second) and np.array_equal(first.beads, second.beads)
         np.testing.assert_allclose(first.coefficients, second.coefficients, rtol=1e-14)
@@ -206,8 +226,23 @@ def test_a_system_with_them_is_read(tmp_path):
     assert dpd.load_xml(tmp_path / "system.xml").getNumForces() == built.system.getNumForces()
 
 
-def test_steps_leave_them_out_and_say_so():
-    assert "dihedrals do not count in the steps; stiff ones may want shorter ones" in dpd.recommend(scene()).notes
+def test_they_count_in_steps():
+    """The stiffest terms limit the step, whichever they are."""
+    found = []
+    for k in (0.01, 300):
+        chain = linear("A6", Spring(30, 0.9), Bend(20, 1.9), twist=Twist(k, 1, 3))
+        mixture = pack({chain: 8}, solvent="W", density=3.0, box=[4.0] * 3, seed=1)
+        scene_ = mixture.scene(pairs={("*", "*"): dpd.DPD(A=25, gamma=4.5)}, kT=1)
+        found.append(dpd.recommend(scene_))
+        text = advice(scene_, "mvv", 0.004)
+        assert ("dihedral temperature" in text) == (k > 1), text
+    (weak, *_), (stiff, *_) = (one.choices for one in found)
+    assert weak.limit != "dihedrals" and stiff.limit == "dihedrals" and stiff.dt < weak.dt / 5
+    assert not any("dihedral" in note for one in found for note in one.notes)
+    bare = scene()
+    why = "no angle keeps the beads 0, 1 and 2 (counted from 0) of a dihedral out of line, where its forces have no bound"
+    assert dpd.recommend(bare).scheme is None and why in dpd.recommend(bare).notes
+    assert advice(bare, "mvv", 0.01).startswith("no advice about the step: ") and why in advice(bare, "mvv", 0.01)
 
 
 def test_explained():

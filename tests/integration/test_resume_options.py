@@ -25,6 +25,7 @@ OPTIONS: dict[str, tuple[list[str], list[list[str]]]] = {
     "--platform": (["Reference"], [["CPU"]]),
     "--precision": (["double"], [["mixed"]]),
     "--conservative": (["kernel"], [["openmm"], ["auto"]]),
+    "--engine": (["host"], [["auto"]]),
     "--compat": (["lammps"], [["consistent"]]),
     "--discard": (["6"], [["5"], ["0"]]),
     "--every": (["4"], [["5"]]),

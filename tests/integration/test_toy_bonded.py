@@ -1,7 +1,9 @@
-"""A bond and an angle that the package does not know, registered here: they build, run, explain, measure, and are read, written or refused.
+"""A bond, an angle and a dihedral that the package does not know, registered here: they build, run, explain, measure, and are read, written
+or refused.
 
-Stiff springs that are soft at rest, U = k (r - r0)^4, which LAMMPS does not have, and LAMMPS's angle style cosine/squared,
-U = k (cos theta - cos theta0)^2.
+Stiff springs that are soft at rest, U = k (r - r0)^4, which LAMMPS does not have; LAMMPS's angle style cosine/squared,
+U = k (cos theta - cos theta0)^2; its dihedral style helix, U = A [1 - cos phi] + B [1 + cos 3 phi] + C [1 + cos(phi + pi/4)], which is not the
+same for a left and a right turn.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ import re
 from dataclasses import dataclass
 
 import chains_of_beads as chains
+import lammps_peer
 import numpy as np
 import openmm
 import pytest
@@ -20,16 +23,19 @@ from openmm_dpd.base import serialized
 from openmm_dpd.base.errors import DeckError, ParameterError
 from openmm_dpd.kernels.angles import AngleTerms
 from openmm_dpd.kernels.bonded import BondTerms
+from openmm_dpd.kernels.dihedrals import DihedralTerms
 from openmm_dpd.lammps import deck_scene, export_lammps
-from openmm_dpd.measure.bonded_sums import angle_sums, bond_sums
+from openmm_dpd.measure.bonded_sums import angle_sums, bond_sums, dihedral_sums
 from openmm_dpd.measure.stress_parts import stress_parts
 from openmm_dpd.model.angles import Angles
 from openmm_dpd.model.bonds import Bonds
+from openmm_dpd.model.dihedrals import Dihedrals
 from openmm_dpd.molecules import linear, pack
-from openmm_dpd.molecules.terms import AnyBend, AnySpring
+from openmm_dpd.molecules.terms import AnyBend, AnySpring, AnyTwist
 from openmm_dpd.plan import kinds
 from openmm_dpd.simulation.advice.bonded_modes import bonded_modes
 
+NO_LAMMPS = lammps_peer.why_missing()
 EDGE = 6.0
 BOX = np.diag([EDGE] * 3)
 
@@ -76,6 +82,33 @@ class SquaredAngleTerms(AngleTerms):
         return p[0, n] * off * off, -2.0 * p[0, n] * off * cross * arms
 
 
+@dataclass(frozen=True, eq=False)
+class HelixDihedrals(Dihedrals):
+    quads: np.ndarray
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+
+    _DIMENSIONS = {name: ("energy", "") for name in ("A", "B", "C")}
+
+    def curve(self, phi):
+        waves = [(1, -self.A, 0.0), (3, self.B, 0.0), (1, self.C, np.pi / 4)]
+        energy = self.A + self.B + self.C + sum(size * np.cos(n * phi + at) for n, size, at in waves)
+        return (
+            energy,
+            -sum(n * size * np.sin(n * phi + at) for n, size, at in waves),
+            -sum(n * n * size * np.cos(n * phi + at) for n, size, at in waves),
+        )
+
+
+class HelixDihedralTerms(DihedralTerms):
+    @staticmethod
+    def formula(cosine, sine, p, n):
+        turned, thrice = (cosine - sine) * np.sqrt(0.5), cosine * (4.0 * cosine * cosine - 3.0)
+        energy = p[0, n] * (1.0 - cosine) + p[1, n] * (1.0 + thrice) + p[2, n] * (1.0 + turned)
+        return energy, sine * (p[0, n] - 3.0 * p[1, n] * (3.0 - 4.0 * sine * sine)) - p[2, n] * (sine + cosine) * np.sqrt(0.5)
+
+
 @dataclass(frozen=True)
 class QuarticSpring(AnySpring):
     k: float
@@ -92,6 +125,15 @@ class SquaredBend(AnyBend):
     KIND = SquaredAngles
 
 
+@dataclass(frozen=True)
+class HelixTwist(AnyTwist):
+    A: float
+    B: float
+    C: float
+
+    KIND = HelixDihedrals
+
+
 BOND = kinds.BondedKind(terms=QuarticBonds, kernel=QuarticBondTerms, energies=(kinds.Energy("quartic bonds", "k*(r-r0)^4"),))
 ANGLE = kinds.BondedKind(
     terms=SquaredAngles,
@@ -101,21 +143,30 @@ ANGLE = kinds.BondedKind(
     words={"k": ("energy", "K"), "theta0": ("degrees", "theta0")},
 )
 
+DIHEDRAL = kinds.BondedKind(
+    terms=HelixDihedrals,
+    kernel=HelixDihedralTerms,
+    energies=(kinds.Energy("helix dihedrals", "A*(1-cos(theta))+B*(1+cos(3*theta))+C*(1+cos(theta+0.7853981633974483))"),),
+    style="helix",
+    words={name: ("energy", name) for name in ("A", "B", "C")},
+)
+
 
 @pytest.fixture
 def known():
-    """Both kinds, for the time of a test."""
-    kinds.register_bonded(BOND)
-    kinds.register_bonded(ANGLE)
+    """All three kinds, for the time of a test."""
+    for kind in (BOND, ANGLE, DIHEDRAL):
+        kinds.register_bonded(kind)
     yield
-    for kind in (BOND, ANGLE):
+    for kind in (BOND, ANGLE, DIHEDRAL):
         kinds.BONDED_KINDS.pop(kind.terms, None)
     serialized._REGISTERED.discard(__name__)
 
 
 def scene(**options) -> dpd.Scene:
-    """Chains of eight, with bonds and angles of the package among those of this file."""
+    """Chains of eight, with bonds, angles and dihedrals of the package among those of this file."""
     x, bonds, angles = chains.walks(40, 8, BOX, 3)
+    quads = all_quads()
     k = np.linspace(20, 60, len(bonds[::2]))
     return beads(
         len(x),
@@ -124,13 +175,19 @@ def scene(**options) -> dpd.Scene:
         box=BOX,
         bonds=[QuarticBonds(bonds[::2], k, 0.6), dpd.HarmonicBonds(bonds[1::2], 20, 0.7)],
         angles=[dpd.CosineAngles(angles[::3], 4), SquaredAngles(angles[1::3], 6, 2.0)],
+        dihedrals=[dpd.HarmonicDihedrals(quads[::2], 2, 1, 3), HelixDihedrals(quads[1::2], 3.0, -2.0, 5.0)],
         **options,
     )
 
 
+def all_quads() -> np.ndarray:
+    """The dihedrals of 40 chains of eight."""
+    return np.array([[8 * c + k + m for m in range(4)] for c in range(40) for k in range(5)])
+
+
 def energy_of(made: dpd.Scene, x: np.ndarray, box=BOX) -> float:
-    """The formulas once more, of all bonds and angles."""
-    (quartic, harmonic), (cosine, squared) = made.bonds, made.angles
+    """The formulas once more, of all bonds, angles and dihedrals."""
+    (quartic, harmonic), (cosine, squared), (wave, helix) = made.bonds, made.angles, made.dihedrals
 
     def length(pairs):
         d = x[pairs[:, 0]] - x[pairs[:, 1]]
@@ -141,7 +198,17 @@ def energy_of(made: dpd.Scene, x: np.ndarray, box=BOX) -> float:
         a, b = (d - np.round(d / np.diag(box)) * np.diag(box) for d in (a, b))
         return np.sum(a * b, axis=1) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)
 
-    total = np.sum(quartic.k * (length(quartic.pairs) - 0.6) ** 4) + np.sum(20 * (length(harmonic.pairs) - 0.7) ** 2)
+    def turns(quads):
+        """How far the last bond is turned from the first, as a right-handed screw about the middle one."""
+        f, g, h = (x[quads[:, a]] - x[quads[:, b]] for a, b in ((0, 1), (2, 1), (3, 2)))
+        f, g, h = (d - np.round(d / np.diag(box)) * np.diag(box) for d in (f, g, h))
+        g /= np.linalg.norm(g, axis=1)[:, None]
+        u, w = (d - np.sum(d * g, axis=1)[:, None] * g for d in (f, h))
+        return np.arctan2(np.sum(g * np.cross(u, w), axis=1), np.sum(u * w, axis=1))
+
+    phi, total = turns(helix.quads), np.sum(2 * (1 + np.cos(3 * turns(wave.quads))))
+    total += np.sum(3 * (1 - np.cos(phi)) - 2 * (1 + np.cos(3 * phi)) + 5 * (1 + np.cos(phi + np.pi / 4)))
+    total += np.sum(quartic.k * (length(quartic.pairs) - 0.6) ** 4) + np.sum(20 * (length(harmonic.pairs) - 0.7) ** 2)
     return float(total + np.sum(4 * (1 + cosines(cosine.triples))) + np.sum(6 * (cosines(squared.triples) - np.cos(2.0)) ** 2))
 
 
@@ -173,11 +240,11 @@ def test_they_are_measured(known):
     x, all_move = made.positions, np.ones(made.n_beads, bool)
     sample = dpd.Observer(built).sample(built.simulation().context)
     energy = energy_of(made, x)
-    assert sample.bond + sample.angle == pytest.approx(energy, rel=1e-12)
+    assert sample.bond + sample.angle + sample.dihedral == pytest.approx(energy, rel=1e-12)
     grown, shrunk = (energy_of(made, x * s, BOX * s) for s in (1 + h, 1 - h))
     stress = sum(part(x, BOX) for part in stress_parts(built.plan))
     assert stress[:3].sum() == pytest.approx(-(grown - shrunk) / (2 * h), rel=1e-7)
-    laplacian = bond_sums(built.plan, x, BOX, all_move)[1] + angle_sums(built.plan, x, BOX, all_move)[1]
+    laplacian = sum(sums(built.plan, x, BOX, all_move)[1] for sums in (bond_sums, angle_sums, dihedral_sums))
     second, h = 0.0, 1e-4
     for bead, axis in np.ndindex(x.shape):
         step = np.zeros_like(x)
@@ -189,14 +256,14 @@ def test_they_are_measured(known):
 def test_they_are_explained_and_have_steps(known):
     text = dpd.explain_plan(dpd.make_plan(scene(), dt=0.005, seed=1))
     assert "140 quartic bonds, 140 harmonic bonds; 0 bonded neighbours" in text
-    assert "\n80 cosine angles\n80 squared angles" in text
+    assert "\n80 cosine angles\n80 squared angles\n100 harmonic dihedrals\n100 helix dihedrals" in text
     stiff = [dict(bonds=[QuarticBonds([(0, 1)], k, 0.6)]) for k in (1e2, 1e4)]
     fastest = [bonded_modes(beads(2, positions=np.array([[1.0, 1, 1], [1.6, 1, 1]]), **bonds))[0].fastest for bonds in stiff]
     # <(r - r0)^2> goes with k^-1/2, so the mean of k (r - r0)^2 does with k^1/2, and the frequency with k^1/4
     assert fastest[1] / fastest[0] == pytest.approx(100**0.25, rel=0.05)
 
 
-def test_lammps_has_one_of_them(known, tmp_path):
+def test_lammps_has_two_of_them(known, tmp_path):
     x, bonds, angles = chains.walks(40, 8, BOX, 3)
     with pytest.raises(ParameterError, match="bonds of kind QuarticBonds cannot be exported to LAMMPS"):
         export_lammps(scene(), tmp_path / "first", "toy", dt=0.005)
@@ -207,23 +274,35 @@ def test_lammps_has_one_of_them(known, tmp_path):
         table={("W", "W"): dpd.DPD(A=25, gamma=4.5)},
         bonds=[dpd.HarmonicBonds(bonds, 20, 0.7)],
         angles=[SquaredAngles(angles, 6, 2.0)],
+        dihedrals=[HelixDihedrals(all_quads(), 3.0, -2.0, 5.0)],
     )
-    export_lammps(made, tmp_path, "toy", dt=0.005)
+    export_lammps(made, tmp_path, "toy", dt=0.005, steps=0)
     deck = tmp_path / "in.toy"
     assert re.search(r"angle_style cosine/squared\nangle_coeff 1 6(\.0)? 114\.59155902616", deck.read_text(encoding="utf-8"))
-    (again,) = deck_scene(deck).angles
-    assert type(again) is SquaredAngles and np.array_equal(again.triples, angles)
-    np.testing.assert_allclose([again.k[0], again.theta0[0]], [6, 2.0], rtol=1e-14)
-    kinds.BONDED_KINDS.pop(SquaredAngles)
-    with pytest.raises(DeckError, match="the angle style must be one of"):
-        deck_scene(deck)
+    again = deck_scene(deck)
+    for found, expected in zip((*again.angles, *again.dihedrals), (*made.angles, *made.dihedrals), strict=True):
+        assert type(found) is type(expected) and np.array_equal(found.beads, expected.beads)
+        np.testing.assert_allclose(found.coefficients, expected.coefficients, rtol=1e-14)
+    if not NO_LAMMPS:
+        with lammps_peer.instance() as lmp:
+            lmp.command(f"shell cd {tmp_path}")
+            lmp.file(str(deck))
+            energies = [lmp.get_thermo(word) for word in ("ebond", "eangle", "edihed")]
+        plan, x, all_move = dpd.make_plan(made, dt=0.005, seed=1), made.positions, np.ones(made.n_beads, bool)
+        expected = [sums(plan, x, BOX, all_move)[0] for sums in (bond_sums, angle_sums, dihedral_sums)]
+        np.testing.assert_allclose(energies, expected, rtol=1e-6)
+    for kind, what in ((HelixDihedrals, "dihedral"), (SquaredAngles, "angle")):
+        kinds.BONDED_KINDS.pop(kind)
+        with pytest.raises(DeckError, match=f"the {what} style must be one of"):
+            deck_scene(deck)
 
 
 def test_molecules_of_them(known):
-    chain = linear("A4", QuarticSpring(50, 0.5), SquaredBend(5, 2.0))
+    chain = linear("A4", QuarticSpring(50, 0.5), SquaredBend(5, 2.0), twist=HelixTwist(3, -2, 5))
     mixture = pack({chain: 10}, solvent="W", density=3.0, box=[4.0] * 3, seed=1)
-    (bonds,), (angles,) = mixture.bonds, mixture.angles
+    (bonds,), (angles,), (dihedrals,) = mixture.bonds, mixture.angles, mixture.dihedrals
     assert type(bonds) is QuarticBonds and len(bonds.pairs) == 30 and type(angles) is SquaredAngles and len(angles.triples) == 20
+    assert type(dihedrals) is HelixDihedrals and dihedrals.coefficients.tolist() == [[3, -2, 5]] * 10
     np.testing.assert_allclose(bonds.lengths(mixture.positions, mixture.box), 0.5, rtol=1e-9)
 
 
@@ -236,6 +315,11 @@ def test_a_kind_that_was_not_registered_is_refused(loop):
 def test_kinds_that_make_no_sense(known):
     with pytest.raises(ParameterError, match="there is a kind for QuarticBonds already"):
         kinds.register_bonded(kinds.BondedKind(terms=QuarticBonds, kernel=QuarticBondTerms, energies=BOND.energies))
+    kinds.BONDED_KINDS.pop(QuarticBonds)
+    with pytest.raises(ParameterError, match="there are harmonic bonds already; give the energy of QuarticBonds another name"):
+        kinds.register_bonded(
+            kinds.BondedKind(terms=QuarticBonds, kernel=QuarticBondTerms, energies=(kinds.Energy("harmonic bonds", "0"),))
+        )
     with pytest.raises(ParameterError, match="the kernel of the kind QuarticBonds is for 3 beads, not 2"):
         kinds.BondedKind(terms=QuarticBonds, kernel=SquaredAngleTerms, energies=BOND.energies)
 

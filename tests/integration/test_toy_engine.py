@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import io
 import itertools
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import openmm
 import oracle
 import pytest
+from openmm import app
 from scenes import MASSES, PLAIN, chains, fluid, noise_of, state_of
 
 import openmm_dpd as dpd
+from openmm_dpd.__main__ import main
 from openmm_dpd.base.errors import ParameterError, PlanError
 from openmm_dpd.kernels.columns import Totals
 from openmm_dpd.kernels.engine import PairEngine
@@ -155,9 +159,108 @@ def test_it_is_measured_as_the_host_is(register):
         np.testing.assert_allclose(found[name], force, rtol=0, atol=1e-10 * np.abs(force).max(), err_msg=name)
 
 
-def test_it_is_explained(register):
+def atoms(x) -> tuple[app.Topology, openmm.System]:
+    """Atoms at x (N, 3) without forces."""
+    system, topology = openmm.System(), app.Topology()
+    system.setDefaultPeriodicBoxVectors(*(6.9 * np.eye(3)))
+    topology.setUnitCellDimensions(openmm.Vec3(6.9, 6.9, 6.9))
+    chain = topology.addChain()
+    for _ in x:
+        system.addParticle(1.5)
+        topology.addAtom("Ar", app.Element.getBySymbol("Ar"), topology.addResidue("Ar", chain))
+    return topology, system
+
+
+def thermostat(engine="toy", types=("Ar",) * 54) -> dpd.BuiltSystem:
+    """Friction between the atoms of all dimers."""
+    x = dimers().positions
+    topology, system = atoms(x)
+    friction = {("Ar", "Ar"): dpd.DPD(gamma=9, gamma_perp=2)}
+    choices = {"types": types, "topology": topology, "positions": x, "platform": "CPU", "seed": 5, "engine": engine}
+    return dpd.add_thermostat(system, friction, 300, 0.01, **choices)
+
+
+def mixed(engine="toy", names=("Ar",) * 27) -> dpd.BuiltSystem:
+    """Dimers of a bead and an atom."""
+    pairs = dimers()
+    topology, system = atoms(pairs.positions[27:])
+    scene = dpd.Scene(MASSES, pairs.types[:27], pairs.positions[:27], PLAIN, kT=1.0, box=pairs.box)
+    choices = {"atoms": names, "cross": {("Ar", "*"): dpd.DPD(A=25, gamma=9)}, "dt": 0.01, "platform": "CPU", "seed": 5, "engine": engine}
+    return dpd.create_mixed_system(scene, topology, system, pairs.positions[27:], **choices)
+
+
+@pytest.mark.parametrize("way", [thermostat, mixed])
+def test_atoms_have_it_too(register, monkeypatch, way):
     register()
-    text = made(dimers()).explain()
+    simulations = [way(engine).simulation() for engine in ("host", "toy")]
+    for simulation in simulations:
+        simulation.context.setVelocitiesToTemperature(300, 1)
+    before = state_of(simulations[0].context)[1]
+    simulations[0].step(20)
+    monkeypatch.setattr(PairEngine, "sums", None)
+    monkeypatch.setattr(PairEngine, "swept", None)
+    simulations[1].step(20)
+    (x, v), (expected_x, expected_v) = (state_of(simulation.context) for simulation in reversed(simulations))
+    assert np.abs(v - before).max() > 0.1
+    np.testing.assert_allclose(x, expected_x, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(v, expected_v, rtol=0, atol=1e-10)
+    with pytest.raises(PlanError, match="the engine 'toy' cannot run this scene: it has no particles that are left out$"):
+        thermostat(types=("Ar", None) * 27)
+    with pytest.raises(PlanError, match="the engine 'toy' cannot run this scene: it has no particles that are left out$"):
+        mixed(names=("Ar", None) * 13 + ("Ar",))
+    with pytest.raises(ParameterError, match="engine must be 'auto' or one of 'host', 'toy', not 'gpu'"):
+        way("gpu")
+
+
+DECK = """units lj
+comm_modify vel yes
+region box prism 0 3 0 3 0 3 {tilt} 0 0 units box
+create_box 1 box
+create_atoms 1 random 40 4243 box
+mass 1 1.0
+pair_style dpd 1.0 1.0 34387
+pair_coeff * * 25.0 4.5
+velocity all create 1.0 87287
+fix move all nve
+timestep 0.01
+thermo 5
+run 10
+"""
+
+
+def test_decks_have_it_too(register, monkeypatch, tmp_path, capsys):
+    register()
+    monkeypatch.chdir(tmp_path)
+    for name, tilt in (("in.toy", 0), ("in.tilted", 0.3)):
+        Path(name).write_text(DECK.format(tilt=tilt), encoding="utf-8")
+    reports = []
+    for engine in ("host", "toy"):
+        words = ["--engine", engine, "--platform", "CPU", "--threads", "1", "--json", f"{engine}.json"]
+        assert main(["forces", "in.toy", *words]) == 0
+        forces = json.loads(Path(f"{engine}.json").read_text(encoding="utf-8"))["terms"]
+        assert main(["run", "in.toy", "--quiet", "--out", engine, *words]) == 0
+        reports.append((forces, json.loads(Path(f"{engine}.json").read_text(encoding="utf-8"))["thermo"]))
+        monkeypatch.setattr(PairEngine, "sums", None)
+    (forces, thermo), (expected_forces, expected) = reversed(reports)
+    for name, force in expected_forces.items():
+        np.testing.assert_allclose(forces[name], force, rtol=0, atol=1e-9, err_msg=name)
+    assert expected.pop("temp_conf") and thermo.pop("temp_conf") is None  # it has no Laplacian
+    for word, values in expected.items():
+        assert thermo[word]["last"] == pytest.approx(values["last"], rel=1e-9, abs=1e-9), word
+    capsys.readouterr()
+    assert main(["explain", "in.toy", "--engine", "toy", "--platform", "CPU"]) == 0
+    assert "engine of the pair kernel: toy (as asked for)" in capsys.readouterr().out
+    for command in ("run", "explain"):
+        assert main([command, "in.tilted", "--engine", "toy"]) == 1
+        assert "in.tilted:13: the engine 'toy' cannot run this scene: it has no tilted boxes" in capsys.readouterr().err
+        assert main([command, "in.toy", "--engine", "gpu"]) == 1
+        assert "error: --engine must be 'auto' or one of 'host', 'toy', not 'gpu'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("way", [lambda: made(dimers()), thermostat, mixed], ids=["build", "thermostat", "mixed"])
+def test_it_is_explained(register, way):
+    register()
+    text = way().explain()
     assert "friction and noise: numpy over all pairs behind a PythonForce" in text
     assert "engine of the pair kernel: toy (as asked for)" in text
     assert "engine of the pair kernel: host (" in made(dimers(), engine="auto").explain()
@@ -170,8 +273,12 @@ def test_it_is_explained(register):
         (lambda: replace_pairs(dpd.MDPD(A=-40, B=25, gamma=4.5)), "middle", "MDPD"),
         (lambda: dimers(mobile=np.arange(54) > 3), "middle", "immobile beads"),
         (lambda: chains(np.diag([3.7, 3.6, 3.8]), n=60), "middle", "factors of bonded neighbours"),
-        (lambda: dimers(bonds=[dpd.HarmonicBonds([[0, 27]], k=10, r0=0.3)]), "middle", "bonds"),
-        (lambda: dimers(bonds=[dpd.HarmonicBonds([[0, 27]], k=10, r0=0.3)], body_forces=[dpd.BodyForce((1, 0, 0))]), "mvv", "bonds"),
+        (lambda: dimers(bonds=[dpd.HarmonicBonds([[0, 27]], k=10, r0=0.3)]), "middle", "harmonic bonds"),
+        (
+            lambda: dimers(bonds=[dpd.HarmonicBonds([[0, 27]], k=10, r0=0.3)], body_forces=[dpd.BodyForce((1, 0, 0))]),
+            "mvv",
+            "harmonic bonds",
+        ),
         (lambda: dimers(body_forces=[dpd.BodyForce((1, 0, 0))]), "mvv", "body forces"),
     ],
 )

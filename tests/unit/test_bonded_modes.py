@@ -1,11 +1,11 @@
-"""Steps for bonds and angles: what a word does to a harmonic mode, and the modes of a scene."""
+"""Steps for bonds, angles and dihedrals: what a word does to a harmonic mode, and the modes of a scene."""
 
 import numpy as np
 import pytest
 
 import openmm_dpd as dpd
 from openmm_dpd.model.schemes import SCHEMES, scheme_of
-from openmm_dpd.simulation.advice.bonded_modes import bonded_modes
+from openmm_dpd.simulation.advice.bonded_modes import bonded_modes, why_no_step
 from openmm_dpd.simulation.advice.mode_errors import largest_stable, mode_errors, tabulated_errors
 
 #: McLachlan's order with three forces.
@@ -68,6 +68,7 @@ def scene(n: int = 60, **more) -> dpd.Scene:
     """Beads in a row, 0.5 apart, in a long box."""
     x = np.zeros((n, 3))
     x[:, 0] = 0.5 * np.arange(n)
+    x = more.pop("positions", x)
     masses = more.pop("bead_masses", np.ones(n))
     return dpd.Scene({"W": 1.0}, ["W"] * n, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1.0, box=[100.0] * 3, bead_masses=masses, **more)
 
@@ -82,7 +83,8 @@ def hessian_frequencies(built_scene: dpd.Scene, along: int) -> np.ndarray:
 
     def energy(moved: np.ndarray) -> float:
         bonds = sum(np.sum(b.curve(b.lengths(moved, None))[0]) for b in built_scene.bonds)
-        return bonds + sum(np.sum(a.curve(a.arms(moved, None)[0])[0]) for a in built_scene.angles)
+        bends = sum(np.sum(a.curve(a.arms(moved, None)[0])[0]) for a in built_scene.angles)
+        return bonds + bends + sum(np.sum(d.curve(d.gradients(moved, None)[0])[0]) for d in built_scene.dihedrals)
 
     def displaced(*beads: tuple[int, float]) -> np.ndarray:
         moved = x.copy()
@@ -113,6 +115,56 @@ def test_frequencies_of_a_straight_chain(what, masses):
     assert modes.what == what
     assert np.sort(modes.omega)[-10:] == pytest.approx(expected[-10:], rel=1e-3)
     assert modes.fastest >= expected[-1] * (1 - 1e-3)
+
+
+@pytest.mark.parametrize("masses", [np.ones(24), np.tile([1.0, 3.0], 12)], ids=["alike", "1:3"])
+def test_frequencies_of_a_trans_chain(masses):
+    """A zigzag of bonds and angles that hardly move; across the plane only dihedrals act."""
+    theta = 1.9
+    zigzag = np.stack([0.5 * np.sin(theta / 2) * np.arange(24), 0.5 * np.cos(theta / 2) * (np.arange(24) % 2), np.zeros(24)], axis=1)
+    held = dict(bonds=[dpd.HarmonicBonds(row(24, 2), 4e4, 0.5)], angles=[dpd.HarmonicAngles(row(24, 3), 4e4, theta)])
+    chain = scene(24, positions=zigzag, dihedrals=[dpd.HarmonicDihedrals(row(24, 4), 400.0, 1, 1)], bead_masses=masses, **held)
+    modes = bonded_modes(chain)[-1]
+    expected = hessian_frequencies(chain, 2)
+    assert modes.what == "dihedrals"
+    assert np.sort(modes.omega)[-10:] == pytest.approx(expected[-10:], rel=2e-3)
+    assert modes.fastest >= expected[-1] * (1 - 2e-3)
+
+
+def test_frequency_of_a_cis_dihedral():
+    """Four beads in a plane, both ends on one side: beads in the middle move more."""
+    theta = 1.9
+    end = 0.5 * np.array([np.cos(theta), np.sin(theta), 0.0])
+    x = np.array([end, [0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.5 - end[0], end[1], 0.0]])
+    held = dict(bonds=[dpd.HarmonicBonds(row(4, 2), 4e4, 0.5)], angles=[dpd.HarmonicAngles(row(4, 3), 4e4, theta)])
+    chain = scene(4, positions=x, dihedrals=[dpd.HarmonicDihedrals(row(4, 4), 400.0, -1, 1)], **held)
+    assert bonded_modes(chain)[-1].omega == pytest.approx(hessian_frequencies(chain, 2)[-1:], rel=2e-3)
+
+
+def test_dihedrals_whose_beads_come_into_line_have_no_step():
+    """Slopes go with 1/sin of the angles: the softer these are, the shorter the step, and none where they may be straight."""
+
+    def found(*angles) -> dpd.Scene:
+        quads = [dpd.OPLSDihedrals(row(60, 4), 0.0, 0.0, 12.0, 0.0)]
+        return scene(bonds=[dpd.HarmonicBonds(row(60, 2), 100.0, 0.5)], angles=angles, dihedrals=quads)
+
+    steps = [
+        bonded_modes(found(dpd.HarmonicAngles(row(60, 3), k, 1.9), dpd.CosineAngles([], 1.0)))[-1].step(SCHEMES["bababo"], 0.01)
+        for k in (500.0, 20.0)
+    ]
+    assert steps[0] > 1.02 * steps[1] > 0
+    half = dpd.HarmonicAngles(row(60, 3)[:30], 50.0, 1.9)
+    for open_scene, beads in (
+        (found(), "beads 0, 1 and 2 "),
+        (found(half), "beads 30, 31 and 32 "),
+        (found(dpd.HarmonicAngles(row(60, 3), 5.0, 1.9)), "beads 0, 1 and 2 "),
+        (found(dpd.CosineAngles(row(60, 3), 200.0)), "beads 0, 1 and 2 "),
+    ):
+        why = why_no_step(open_scene)
+        assert why.startswith(f"no angle keeps the {beads}")
+        assert "dihedrals" not in {modes.what for modes in bonded_modes(open_scene)}
+    weak = scene(dihedrals=[dpd.OPLSDihedrals(row(60, 4), 0.0, 0.0, 0.0, 0.0)])
+    assert bonded_modes(weak) == []
 
 
 def test_other_bonds_and_bound_beads_count():

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from import_graph import PATHS, ROOT
-from kinds import KINDS
+from kinds import KINDS, chains
 
 import openmm_dpd as dpd
 from openmm_dpd.plan.forces.bonded import MOLECULES
@@ -16,10 +16,15 @@ from openmm_dpd.simulation.build import build_plan
 
 SOURCES = {path: (ROOT / path).read_text(encoding="utf-8") for path in PATHS.values()}
 
+#: Kinds of bonds, angles and dihedrals that are here.
+BONDED = {
+    **{"harmonic bonds": dpd.HarmonicBonds, "FENE bonds": dpd.FENEBonds, "Morse bonds": dpd.MorseBonds},
+    **{"harmonic angles": dpd.HarmonicAngles, "cosine angles": dpd.CosineAngles, "OPLS dihedrals": dpd.OPLSDihedrals},
+}
+
 #: Parts of a scene, and where it has them.
 PARTS = {
-    "bonds": lambda plan: plan.scene.bonds,
-    "angles": lambda plan: plan.scene.angles,
+    **{name: lambda plan, kind=kind: any(type(group) is kind for group in plan.scene.bonded) for name, kind in BONDED.items()},
     "overlays": lambda plan: plan.overlays,
     "segments": lambda plan: plan.scene.segments,
     "body forces": lambda plan: any(isinstance(term, dpd.BodyForce) for term in plan.scene.body_forces),
@@ -49,8 +54,13 @@ def test_engines_are_made_in_one_place():
     assert len(found(r"\.make\(")) == 2  # of the pair force, of a plan
 
 
+def dihedrals() -> dpd.Scene:
+    """Everything that may be beside pair terms."""
+    return chains(electric=True, dihedrals=[dpd.OPLSDihedrals(np.arange(48).reshape(12, 4), 1, -2, 3, 0.5)])
+
+
 def plans():
-    for kind, scene in KINDS.items():
+    for kind, scene in {**KINDS, "dihedrals": dihedrals}.items():
         for choices in ({}, {"loop": False}, {"scheme": "native"}, {"conservative": "openmm"}, {"platform": "OpenCL"}):
             try:
                 yield kind, dpd.make_plan(scene(), **{"dt": 0.01, "scheme": "mvv", "platform": "Reference", "seed": 1} | choices)
@@ -73,12 +83,13 @@ def test_everything_has_a_reason_that_is_told():
     assert steps == {"program", "loop", "openmm"}
 
 
-@pytest.mark.parametrize("part", ["bonds", "angles", "overlays", "segments", "body forces", "charges"])
+@pytest.mark.parametrize("part", [*BONDED, "overlays", "segments", "body forces", "charges"])
 def test_the_system_follows_it(part):
     """A part that is not held has a force in the System instead, and all forces together are the same."""
-    plan = dpd.make_plan(KINDS["charged"](), dt=0.01, scheme="mvv", platform="Reference", seed=1)
+    plan = dpd.make_plan(dihedrals(), dt=0.01, scheme="mvv", platform="Reference", seed=1)
     execution = replace(plan.execution, held=plan.execution.held - {part})
     looped, left = map(build_plan, (plan, replace(plan, options=replace(plan.options, execution=execution))))
+    assert re.search(rf"^[\w, ]*\b{part}\b[\w, ]*: outside of the pair kernel", left.explain(), re.M)
     names, more = ({force.getName() for force in built.system.getForces()} for built in (looped, left))
     assert names - more <= {MOLECULES} and more - names
     forces, others = (built.simulation().context.getState(forces=True).getForces(asNumpy=True)._value for built in (looped, left))

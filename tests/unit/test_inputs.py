@@ -13,7 +13,7 @@ from random_scenes import MASSES, PAIRS, SEEDS, TILTED, check, psf_of, random_sc
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import DeckError, ParameterError
 from openmm_dpd.lammps import export_lammps
-from openmm_dpd.molecules import CosineBend, FENESpring, Spring
+from openmm_dpd.molecules import CosineBend, FENESpring, Spring, Twist
 
 
 # -- and back --------------------------------------------------------------------------------------------------------------------
@@ -49,7 +49,7 @@ def test_psf_and_back(tmp_path, seed, kind):
     assert np.array_equal(found.charges, scene.charges) and found.residues == scene.residues
     if kind == "dcd":
         assert not scene_from_psf(
-            tmp_path / "top.psf", positions, pairs=PAIRS, kT=1.0, frame=0, leave_out=("bonds", "angles")
+            tmp_path / "top.psf", positions, pairs=PAIRS, kT=1.0, frame=0, leave_out=("bonds", "angles", "dihedrals")
         ).positions.any()
 
 
@@ -79,14 +79,20 @@ def test_data_file_and_back(tmp_path, seed, units):
     scene = random_scene(seed)
     done = export_lammps(scene, tmp_path, "made", dt=0.01, units=units)
     names = dict(enumerate(scene.type_names, start=1))
-    found = scene_from_lammps_data(done.data, names, pairs=PAIRS, kT=1.0, units=units, bonds=list(scene.bonds), angles=list(scene.angles))
+    joined = {what: list(getattr(scene, what)) for what in ("bonds", "angles", "dihedrals")}
+    found = scene_from_lammps_data(done.data, names, pairs=PAIRS, kT=1.0, units=units, **joined)
     check(found, scene, atol=1e-9, velocities=True, box_atol=1e-9)
     assert list(found.masses) == scene.type_names
+    for what, groups in joined.items():
+        if groups:
+            count = sum(len(group.beads) for group in groups)
+            with pytest.raises(ParameterError, match=f"has {count} {what}, the first one between types .*, but no {what} are given"):
+                scene_from_lammps_data(done.data, names, pairs=PAIRS, kT=1.0, units=units, **joined | {what: None})
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_springs_and_bends_are_those_of_the_tables(seed):
-    """Bond by bond: later entries before earlier ones, types in either order; an angle wherever a chain goes on."""
+def test_springs_bends_and_twists_are_those_of_the_tables(seed):
+    """Bond by bond: later entries before earlier ones, types in either order; an angle wherever a chain goes on, and a dihedral."""
     scene = random_scene(seed)
     kinds = {("A", "B"): dpd.FENEBonds, ("C", "C"): dpd.MorseBonds}
     for pair, (kind, values) in terms(scene.bonds, "pairs").items():
@@ -98,6 +104,13 @@ def test_springs_and_bends_are_those_of_the_tables(seed):
     for triple, (kind, values) in angles.items():
         special = tuple(scene.types[bead] for bead in triple) in (("A", "B", "C"), ("C", "B", "A"))
         assert (kind, values) == ((dpd.HarmonicAngles, (3.0, 2.5)) if special else (dpd.CosineAngles, (2.0,)))
+    dihedrals = terms(scene.dihedrals, "quads")
+    assert set(dihedrals) == {
+        (k, k + 1, k + 2, k + 3) for k in range(scene.n_beads - 3) if {(k, k + 1, k + 2), (k + 1, k + 2, k + 3)} <= set(angles)
+    }
+    for quad, (kind, _) in dihedrals.items():
+        middle = tuple(sorted(scene.types[bead] for bead in quad[1:3]))
+        assert kind is {("A", "B"): dpd.OPLSDihedrals, ("C", "C"): dpd.MultiHarmonicDihedrals}.get(middle, dpd.HarmonicDihedrals)
 
 
 # -- topologies ------------------------------------------------------------------------------------------------------------------
@@ -176,7 +189,9 @@ MISTAKES = [
     ({"bonds": {("T", "T"): 5.0}}, "a mapping of springs needs keys of 2 types and springs as values"),
     ({"angles": CosineBend(1)}, "lists no angles, and no two of its bonds meet"),
     ({"leave_out": ["bonds"]}, "bonds are given, and leave_out names them"),
-    ({"leave_out": ["dihedrals"]}, "leave_out names dihedrals; what can be left out of the topology is bonds, angles"),
+    ({"dihedrals": Twist(1, 1, 1)}, "lists no dihedrals, and no three of its bonds meet"),
+    ({"dihedrals": {"x": Twist(1, 1, 1)}}, "has no names of dihedral types; the keys of dihedrals must be four bead types"),
+    ({"leave_out": ["impropers"]}, "leave_out names impropers; what can be left out of the topology is bonds, angles, dihedrals$"),
     ({"leave_out": "bonds"}, "leave_out must be a sequence of names"),
     ({"positions": np.zeros((3, 3))}, r"positions must have shape \(4, 3\), as the topology has 4 atoms, not \(3, 3\)"),
     ({"positions": np.full((4, 3), np.nan)}, "positions holds nan at index"),
@@ -213,11 +228,13 @@ def test_no_box_and_no_masses():
 
 # -- PSF -------------------------------------------------------------------------------------------------------------------------
 def test_psf_of_another_program(tmp_path):
-    """Segments that count their residues from 1, names that are no types, dihedrals."""
+    """Segments that count their residues from 1, names that are no types, dihedrals, and impropers, which no Scene has."""
     scene = random_scene(1)
     psf_of(scene, tmp_path / "top.psf")
     text = (
-        (tmp_path / "top.psf").read_text(encoding="utf-8").replace("         0 !NPHI: dihedrals", "         1 !NPHI: dihedrals\n 1 2 3 4\n")
+        (tmp_path / "top.psf")
+        .read_text(encoding="utf-8")
+        .replace("         0 !NIMPHI: impropers", "         1 !NIMPHI: impropers\n 1 2 3 4\n")
     )
     half = scene.n_beads // 2
     lines = text.splitlines()
@@ -228,14 +245,17 @@ def test_psf_of_another_program(tmp_path):
         lines[start + k] = " ".join(words)
     (tmp_path / "other.psf").write_text("\n".join(lines), encoding="utf-8")
     given = {"pairs": {("*", "*"): dpd.NONE}, "kT": 1.0, "box": scene.box}
-    with pytest.raises(ParameterError, match="has 1 dihedrals, which a Scene cannot hold; leave_out=.'dihedrals',. goes on without"):
+    with pytest.raises(ParameterError, match="has 1 impropers, which a Scene cannot hold; leave_out=.'impropers',. goes on without"):
         scene_from_psf(tmp_path / "other.psf", scene.positions, lambda atom: "X", **given, bonds=Spring(1, 1))
-    given["leave_out"] = ("dihedrals", "angles")
+    given["leave_out"] = ("impropers", "angles")
+    with pytest.raises(ParameterError, match=r"has 2 dihedrals, the first one .* leave_out=.'dihedrals',. leaves them out"):
+        scene_from_psf(tmp_path / "other.psf", scene.positions, lambda atom: atom.name + "x", **given, bonds=Spring(1, 1))
+    given["leave_out"] += ("dihedrals",)
     found = scene_from_psf(tmp_path / "other.psf", scene.positions, lambda atom: atom.name + "x", **given, bonds=Spring(1, 1))
     assert found.types == tuple(name + "x" for name in scene.types) and found.molecules.tolist() == [1] * half + [2] * (
         scene.n_beads - half
     )
-    assert found.bonded_factors == (1.0, 1.0, 1.0) and not found.angles
+    assert found.bonded_factors == (1.0, 1.0, 1.0) and not found.angles and not found.dihedrals
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 import openmm_dpd as dpd
 from openmm_dpd import ParameterError
 from openmm_dpd.base.geometry import minimum_images
-from openmm_dpd.molecules import Molecule, Spring, linear, pack
+from openmm_dpd.molecules import Molecule, Spring, Twist, linear, pack
 from openmm_dpd.parameters import (
     Estimate,
     ExcessChemicalPotential,
@@ -66,6 +66,9 @@ def test_copies_are_molecules_held_by_the_middle():
     assert len(bonds) == 60 + 9 and np.all((bonds < made.solvent).all(axis=1) | (bonds >= made.solvent).all(axis=1))
     points = made.scene.positions[made.scene.immobile]
     assert np.allclose(points, lattice_points(3, made.scene.box))
+    twisted = insertion(replace(CHAIN, dihedrals=((0, 1, 2, 3, Twist(2, -1, 3)),)), solvent(), np.array([0.2, 0.5, 0.9]), 1)
+    (dihedrals,) = twisted.scene.dihedrals
+    assert dihedrals.quads.tolist() == [[made.solvent + 4 * k + bead for bead in range(4)] for k in range(3)]
 
 
 @pytest.mark.parametrize("count, least", [(2, 27**0.5), (3, 12**0.5), (6, 3.0), (8, 3.0), (12, 2.4)])

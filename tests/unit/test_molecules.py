@@ -13,8 +13,11 @@ from openmm_dpd.molecules import (
     FENESpring,
     Molecule,
     MorseSpring,
+    MultiHarmonicTwist,
+    OPLSTwist,
     Scattered,
     Spring,
+    Twist,
     bead,
     block_copolymer,
     branched,
@@ -92,6 +95,27 @@ def test_star_and_free_centre():
     assert len(star("C", ["A2"] * 3, SPRING, {("A", "C", "A"): CosineBend(1.0)}).angles) == 3
 
 
+def test_twists():
+    """A single twist leaves the branching point free, a mapping does not; three bonds of a triangle are no dihedral."""
+    twist = Twist(1.0, -1, 2)
+    assert linear("A5", SPRING, twist=twist).dihedrals == ((0, 1, 2, 3, twist), (1, 2, 3, 4, twist))
+    assert not ring("A3", SPRING, twist=twist).dihedrals
+    assert sorted(map(sorted, ring("A4", SPRING, twist=twist).dihedral_quads.tolist())) == [[0, 1, 2, 3]] * 4
+    arms = star("C", ["A3"] * 3, SPRING, twist=twist)
+    assert arms.dihedral_quads.tolist() == [[0, 1, 2, 3], [0, 4, 5, 6], [0, 7, 8, 9]]
+    assert len(star("C", ["A3"] * 3, SPRING, twist={("A", "C", "A", "A"): twist}).dihedrals) == 6
+    chain = block_copolymer("A2B2", SPRING, twist={("*", "*", "*", "*"): twist, ("B", "B", "A", "A"): OPLSTwist(1, 2, 3, 4)})
+    assert chain.dihedrals == ((0, 1, 2, 3, OPLSTwist(1, 2, 3, 4)),)
+    made = (
+        surfactant("H", "T3", SPRING, twist=twist),
+        lipid("H2", ["T3", "T3"], SPRING, twist=twist),
+        branched("B3", {2: "A"}, SPRING, twist=twist),
+    )
+    assert [len(molecule.dihedrals) for molecule in made] == [1, 5, 1] and "1 dihedrals" in repr(made[0])
+    both = Molecule(("A",) * 4, chain.bonds, dihedrals=((0, 1, 2, 3, twist), (3, 2, 1, 0, MultiHarmonicTwist(1, 2, 3, 4, 5))))
+    assert len(both.dihedrals) == 2
+
+
 def test_branched():
     comb = branched("B3", {1: "A2", 2: ["A", "C2"]}, SPRING)
     assert comb.types == ("B", "B", "B", "A", "A", "A", "C", "C")
@@ -163,6 +187,10 @@ def test_units():
         (lambda: FENESpring(10.0, 0.0), "R0 must be > 0"),
         (lambda: linear("A3", 50.0), "spring must be one of"),
         (lambda: linear("A3", SPRING, SPRING), "bend must be one of"),
+        (lambda: linear("A4", SPRING, twist=Bend(1, 2)), "twist must be one of Twist, OPLSTwist, MultiHarmonicTwist"),
+        (lambda: linear("A4", SPRING, twist={("A", "A"): Twist(1, 1, 1)}), "keys of 4 types"),
+        (lambda: Twist(1, 2, 1), "dihedral d must be 1 or -1"),
+        (lambda: Molecule(("A", "A"), ((0, 1, SPRING),), dihedrals=((0, 1, 0, 1, Twist(1, 1, 1)),)), "different beads"),
         (lambda: linear("A3", {("A",): SPRING}), "keys of 2 types"),
         (lambda: linear([], SPRING), "type of each bead"),
         (lambda: linear(["A", "*"], SPRING), "type of each bead"),
@@ -206,7 +234,7 @@ def test_bad_molecules(make, message):
 def all_kinds() -> dict:
     bend = CosineBend(4.0)
     return {
-        linear("A6B4", SPRING, bend): 7,
+        linear("A6B4", SPRING, bend, twist=Twist(2.0, -1, 3)): 7,
         ring("A8", SPRING): 3,
         star("C", ["A3", "B3", "A2"], Spring(20.0, 0.5), bend): 4,
         linear("D4", FENESpring(30.0, 1.5, epsilon=1.0)): 2,
@@ -216,7 +244,7 @@ def all_kinds() -> dict:
 
 
 def test_counts_density_and_connectivity():
-    """Every bead, bond and angle of every molecule is there once, with its own coefficients, and the density is exact."""
+    """Every bead, bond, angle and dihedral of every molecule is there once, with its own coefficients, and the density is exact."""
     kinds = all_kinds()
     mixture = pack(kinds, solvent="W", density=3.0, box=[6.0, 7.0, 8.0], seed=1)
     assert mixture.n_beads == 3 * 6 * 7 * 8 and mixture.density == pytest.approx(3.0, rel=1e-12)
@@ -237,6 +265,7 @@ def test_counts_density_and_connectivity():
                 expected += 1
     assert len(springs) == expected == len(mixture.bond_pairs)
     assert len(mixture.angle_triples) == sum(len(molecule.angles) * count for molecule, count in kinds.items())
+    assert len(mixture.dihedral_quads) == sum(len(molecule.dihedrals) * count for molecule, count in kinds.items()) == 7 * 7
     assert mixture.charges.sum() == 6.0 and set(types[mixture.charges > 0]) == {"Na"}
     assert len(np.unique(mixture.molecules)) == mixture.molecules.max() == sum(kinds.values()) + mixture.count("W")
 
@@ -390,7 +419,7 @@ def test_scene_has_it_all():
     scene = mixture.scene(pairs=PAIRS, kT=1.0, bonded_factors=(0.5, 1.0, 1.0))
     assert list(scene.types) == mixture.types and scene.bonded_factors == (0.5, 1.0, 1.0)
     assert set(scene.masses) == {"A", "B", "C", "D", "E", "Na", "W"} and np.array_equal(scene.charges, mixture.charges)
-    assert len(scene.bonds) == 3 and len(scene.angles) == 2
+    assert len(scene.bonds) == 3 and len(scene.angles) == 2 and len(scene.dihedrals) == 1
     topology = dpd.build(scene, dt=0.01, platform="Reference", seed=1).topology
     names = [residue.name for residue in topology.residues()]
     assert names[0] == "A6B4" and names[-1] == "W" and topology.getNumBonds() == len(mixture.bond_pairs)

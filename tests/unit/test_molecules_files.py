@@ -1,4 +1,4 @@
-"""Topology files of packed molecules: residues are molecules with names, bonds and angles are not lost."""
+"""Topology files of packed molecules: residues are molecules with names, bonds, angles and dihedrals are not lost."""
 
 import mdtraj
 import numpy as np
@@ -8,9 +8,9 @@ from openmm_dpd.trajectory import load_topology, openmm_topology, read_psf, writ
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import ParameterError
-from openmm_dpd.molecules import CosineBend, Spring, bead, linear, pack
+from openmm_dpd.molecules import CosineBend, Spring, Twist, bead, linear, pack
 
-CHAIN = linear("A3B", Spring(50.0, 0.7), CosineBend(2.0), name="DIBLOCK", charges=[0.5, 0, 0, -0.5])
+CHAIN = linear("A3B", Spring(50.0, 0.7), CosineBend(2.0), twist=Twist(1.0, -1, 2), name="DIBLOCK", charges=[0.5, 0, 0, -0.5])
 
 
 @pytest.fixture
@@ -23,6 +23,7 @@ def test_psf_comes_back(mixture, tmp_path):
     beads = read_psf(tmp_path / "all.psf")
     assert beads.names == mixture.types and beads.residues == mixture.residues
     assert np.array_equal(beads.bonds, mixture.bond_pairs) and np.array_equal(beads.angles, mixture.angle_triples)
+    assert np.array_equal(beads.dihedrals, mixture.dihedral_quads) and len(beads.dihedrals)
     assert np.array_equal(beads.charges, mixture.charges) and np.array_equal(beads.molecules, mixture.molecules)
     assert beads.masses[3] == 2.5 and beads.masses[-1] == 1 / 3
 
@@ -36,13 +37,15 @@ def test_mdtraj_has_molecules_as_residues(mixture, tmp_path):
         assert [(a.index, b.index) for a, b in topology.bonds] == [tuple(pair) for pair in mixture.bond_pairs.tolist()]
 
 
-def test_openmm_reads_bonds_and_angles(mixture, tmp_path):
+def test_openmm_reads_bonds_angles_and_dihedrals(mixture, tmp_path):
     """OpenMM's own reader of PSF files finds them in the sections where they belong."""
     mixture.write_psf(tmp_path / "all.psf")
     psf = app.CharmmPsfFile(str(tmp_path / "all.psf"))
     assert [(b.atom1.idx, b.atom2.idx) for b in psf.bond_list] == [tuple(pair) for pair in mixture.bond_pairs.tolist()]
     found = [(a.atom1.idx, a.atom2.idx, a.atom3.idx) for a in psf.angle_list]
     assert found == [tuple(triple) for triple in mixture.angle_triples.tolist()]
+    found = [(d.atom1.idx, d.atom2.idx, d.atom3.idx, d.atom4.idx) for d in psf.dihedral_list]
+    assert found == [tuple(quad) for quad in mixture.dihedral_quads.tolist()]
 
 
 def test_pdb_of_a_scene(mixture, tmp_path):
@@ -64,7 +67,7 @@ def test_files_without_names_are_as_before(tmp_path):
     assert beads.residues == ["MOL"] * 3 and beads.angles.shape == (0, 3)
     text = (tmp_path / "plain.psf").read_text().replace("!NTHETA", "!NOTHING")
     (tmp_path / "less.psf").write_text(text)
-    assert read_psf(tmp_path / "less.psf").angles.shape == (0, 3)
+    assert read_psf(tmp_path / "less.psf").angles.shape == (0, 3) and read_psf(tmp_path / "less.psf").dihedrals.shape == (0, 4)
 
 
 def test_many_angles_fill_lines(tmp_path):
@@ -82,6 +85,7 @@ def test_many_angles_fill_lines(tmp_path):
         ({"angles": [(0, 1, 5)]}, "angle 0 is .0, 1, 5.; it must join three different beads of 0 to 2"),
         ({"angles": [(0, 1, 0)]}, "three different"),
         ({"angles": [(0, 1)]}, "triples"),
+        ({"dihedrals": [(0, 1, 2, 5)]}, "dihedral 0 is .0, 1, 2, 5.; it must join four different beads of 0 to 2"),
         ({"residues": ["A"]}, "one name for each of the 3"),
         ({"residues": ["A", "B C", "D"]}, "name of a molecule, 'B C'"),
     ],

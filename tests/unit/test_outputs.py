@@ -9,7 +9,7 @@ from full_disk import file_limit
 from openmm import unit
 from openmm_dpd.inputs import scene_from_gsd
 from openmm_dpd.outputs import GSDReporter, XYZReporter, write_gsd, write_pdb, write_xyz
-from random_scenes import BENDS, PAIRS, SEEDS, SPRINGS, TILTED, check, random_scene, tables, terms
+from random_scenes import BENDS, PAIRS, SEEDS, SPRINGS, TILTED, TWISTS, check, random_scene, tables, terms
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import OutputError, ParameterError
@@ -71,11 +71,12 @@ def test_gsd_as_gsd_reads_it(tmp_path, hoomd):
     assert np.abs(inside).max() <= 0.5 + 1e-6 and beads.image.any()
     np.testing.assert_allclose(beads.position + beads.image @ vectors + vectors.sum(axis=0) / 2, scene.positions, atol=2e-6)
     assert frame.bonds.N == len(scene.bond_pairs) and frame.angles.N == sum(len(group.triples) for group in scene.angles)
+    assert frame.dihedrals.N == sum(len(group.quads) for group in scene.dihedrals) > 0
     pairs = {frame.bonds.types[t] for t in frame.bonds.typeid}
     assert pairs == {"-".join(sorted(scene.types[bead] for bead in pair)) for pair in scene.bond_pairs}
     np.testing.assert_array_equal(frame.log["particles/molecule"], scene.molecules)
     springs = {name: SPRINGS.get(tuple(name.split("-")[::-1]), SPRINGS["*", "*"]) for name in pairs}
-    again = scene_from_gsd(frame, pairs=PAIRS, kT=1.0, bonds=springs, angles=BENDS)
+    again = scene_from_gsd(frame, pairs=PAIRS, kT=1.0, bonds=springs, angles=BENDS, dihedrals=TWISTS)
     assert terms(again.bonds, "pairs") == terms(scene.bonds, "pairs")
 
 
@@ -147,7 +148,12 @@ def test_frames_that_somebody_made(hoomd):
 REFUSED = [
     ("body", lambda f: setattr(f.particles, "body", [0, 0, -1]), "2 particles of rigid bodies"),
     ("turning", lambda f: setattr(f.particles, "moment_inertia", [[1, 0, 0], [0, 0, 0], [0, 0, 0]]), "1 particles that rotate"),
-    ("dihedrals", lambda f: (setattr(f.dihedrals, "N", 1), setattr(f.dihedrals, "group", [[0, 1, 2, 0]])), "1 dihedrals"),
+    ("impropers", lambda f: (setattr(f.impropers, "N", 1), setattr(f.impropers, "group", [[0, 1, 2, 0]])), "1 impropers"),
+    (
+        "dihedrals",
+        lambda f: (setattr(f.dihedrals, "N", 1), setattr(f.dihedrals, "types", ["x"]), setattr(f.dihedrals, "group", [[0, 1, 2, 3]])),
+        "dihedral 0 is .0, 1, 2, 3.; it must join four different beads of 0 to 2",
+    ),
     ("special pairs", lambda f: (setattr(f.pairs, "N", 1), setattr(f.pairs, "group", [[0, 1]])), "1 special pairs"),
     ("constraints", lambda f: (setattr(f.constraints, "N", 1), setattr(f.constraints, "group", [[0, 1]])), "1 constraints"),
     ("flat", lambda f: setattr(f.configuration, "dimensions", 2), "has two dimensions"),
@@ -175,9 +181,9 @@ def test_what_is_left_out_on_request(hoomd):
     frame.particles.body = [0, 0, -1]
     assert scene_from_gsd(frame, pairs=PAIRS, kT=1, leave_out=["particles of rigid bodies"]).n_beads == 3
     with pytest.raises(
-        ParameterError, match="leave_out names dihedrals; what can be left out of the GSD frame is bonds, angles, particles of"
+        ParameterError, match="leave_out names impropers; what can be left out of the GSD frame is bonds, angles, dihedrals, particles of"
     ):
-        scene_from_gsd(frame, pairs=PAIRS, kT=1, leave_out=["particles of rigid bodies", "dihedrals"])
+        scene_from_gsd(frame, pairs=PAIRS, kT=1, leave_out=["particles of rigid bodies", "impropers"])
 
 
 def test_gsd_files_that_are_none(tmp_path, hoomd):

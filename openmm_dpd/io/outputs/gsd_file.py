@@ -19,11 +19,11 @@ _WHAT = "the GSD file"
 
 
 def write_gsd(path: str | os.PathLike, source, *, state=None, units: str = "lj") -> None:
-    """Write one frame: types, masses, charges, bonds, angles, molecule numbers, box, positions and velocities, in single precision.
+    """Write one frame: types, masses, charges, bonds, angles, dihedrals, molecule numbers, box, positions and velocities.
 
-    The middle of the box becomes the origin, as in HOOMD; positions are folded into the box, with image flags.  Bonds are called by the
-    types of their beads, ``A-B``; where those of two types have several coefficients, the second ones are ``A-B-2``, and so on.  What
-    GSD files have no place for are pair coefficients, kT, names of molecules, and which beads are mobile.
+    Numbers are in single precision.  The middle of the box becomes the origin, as in HOOMD; positions are folded into the box, with image
+    flags.  Bonds are called by the types of their beads, ``A-B``; where those of two types have several coefficients, the second ones are
+    ``A-B-2``, and so on.  What GSD files have no place for are pair coefficients, kT, names of molecules, and which beads are mobile.
 
     Parameters
     ----------
@@ -102,9 +102,10 @@ class _Frames:
             raise ParameterError("a GSD file needs a periodic box, and the scene has none; extended XYZ files do not")
         self._hoomd = optional_package("gsd.hoomd", "gsd", "GSD files need")
         self.scene, self._units = scene, unit_system(units)
-        bonds = [(group.pairs, _coefficients(group)) for group in scene.bonds]
-        angles = [(group.triples, _coefficients(group)) for group in scene.angles]
-        self._bonds, self._angles = (_named_groups(scene.types, groups) for groups in (bonds, angles))
+        self._joined = {
+            part: _named_groups(scene.types, [(group.beads, _coefficients(group)) for group in groups])
+            for part, groups in (("bonds", scene.bonds), ("angles", scene.angles), ("dihedrals", scene.dihedrals))
+        }
 
     def opened(self, path, mode: str):
         """The file; close it."""
@@ -142,7 +143,8 @@ class _Frames:
             beads.velocity = now.velocities / units.velocity
         if scene.charges is not None:
             beads.charge = scene.charges
-        for part, (names, typeid, group) in ((frame.bonds, self._bonds), (frame.angles, self._angles)):
+        for name, (names, typeid, group) in self._joined.items():
+            part = getattr(frame, name)
             if len(group):
                 part.N, part.types, part.typeid, part.group = len(group), _coded(names), typeid, group
         if scene.molecules is not None:
@@ -157,12 +159,12 @@ def _coded(names: list[str]) -> list:
 
 
 def _coefficients(group) -> np.ndarray:
-    """Kind and coefficients of each bond or angle, as text that distinguishes them, (K,)."""
+    """Kind and coefficients of each bond, angle or dihedral, as text that distinguishes them, (K,)."""
     return np.array([f"{type(group).__name__} {row}" for row in group.coefficients.tolist()], dtype=object)
 
 
 def _named_groups(types, groups: list) -> tuple[list[str], np.ndarray, np.ndarray]:
-    """Names of the types of bonds or angles, the type of each, and the beads of each."""
+    """Names of the types of bonds, angles or dihedrals, the type of each, and the beads of each."""
     if not groups:
         return [], np.zeros(0, np.uint32), np.zeros((0, 2), np.int64)
     rows = np.concatenate([rows for rows, _ in groups])

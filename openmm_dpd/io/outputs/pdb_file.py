@@ -20,7 +20,8 @@ def write_pdb(path: str | os.PathLike, source, *, state=None) -> None:
     Every bead is a HETATM record with the element ``VS``, a virtual site for mdtraj, so that no reader takes a bead ``B`` for boron
     (OpenMM: ``app.PDBFile(path, extraParticleIdentifier="VS")``).  Names of beads longer than four characters, and of molecules longer
     than three, are shortened (:func:`openmm_dpd.io.trajectory.short_names`), which REMARK records list.  Molecule numbers are counted
-    modulo 10,000.  mdtraj reads everything back; OpenMM's own reader drops beads of equal names within a molecule.
+    modulo 10,000.  mdtraj reads all of this back; OpenMM's own reader drops beads of equal names within a molecule.  Angles and dihedrals
+    have no place in this format.
 
     Parameters
     ----------

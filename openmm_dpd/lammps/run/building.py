@@ -31,6 +31,7 @@ def build_request(request: RunRequest, scene: Scene, options: RunOptions) -> Bui
             scheme=request.scheme,
             lam=request.lambda_ if scheme_of(request.scheme).predicts else 0.5,
             conservative=options.conservative,
+            engine=options.engine,
             platform=options.platform,
             seed=options.seed if options.seed is not None else request.seed,
         )

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...base.errors import ParameterError
+from ...kernels.engines import engine_kind
 from ...kernels.threads import get_threads
 from .deck import read_deck
 from .request import RunRequest
@@ -36,6 +37,8 @@ class RunOptions:
         Steps that averages leave out at the beginning of each run that is as long (default: those before equilibrium).
     conservative : str
         Where the conservative force is computed, see :func:`openmm_dpd.plan.plan.make_plan`.
+    engine : str
+        What evaluates the pair terms, likewise.
     compat : str
         ``consistent``, or ``lammps`` for the heat of pair style edpd as LAMMPS computes it.
     checkpoint : int
@@ -55,6 +58,7 @@ class RunOptions:
     threads: int | None = None
     discard: int | None = None
     conservative: str = "auto"
+    engine: str = "auto"
     compat: str = "consistent"
     checkpoint: int | None = None
     every: int | None = None
@@ -63,6 +67,8 @@ class RunOptions:
     def __post_init__(self):
         if self.compat not in ("consistent", "lammps"):
             raise ParameterError(f"compat must be 'consistent' or 'lammps', not {self.compat!r}")
+        if self.engine != "auto":
+            engine_kind(self.engine)  # or it is refused
         if self.format not in FORMATS:
             raise ParameterError(f"format must be {' or '.join(FORMATS)}, not {self.format!r}")
         for name, low in (("steps", 0), ("threads", 1), ("discard", 0), ("seed", 0), ("checkpoint", 1), ("every", 1)):

@@ -11,7 +11,6 @@ from openmm import app
 from ...base.errors import OutputError, ParameterError, RunError
 from ...base.names import COUNTER
 from ...base.signals import Signals
-from ...kernels.engine import warm_up
 from ...kernels.threads import set_threads
 from ...plan.forces.segments import warm_up_segments
 from ...plan.made import BAROSTATS
@@ -79,7 +78,7 @@ class DeckRunner:
         barostat = connect_barostat(request, built)
         self._check_resumable(request, built)
         self.say_notes(state)
-        warm_up(built.plan.spec, self.log)
+        built.plan.engine.warm_up(built.plan.spec, self.log)
         warm_up_segments(scene)
         simulation = built.simulation(properties=options.properties(built.plan.platform or ""))
         if barostat is not None:

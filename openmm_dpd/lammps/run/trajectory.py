@@ -1,6 +1,7 @@
 """The trajectory of a deck: DCD or XTC with a PSF topology, and the final state, in one folder."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import openmm
@@ -24,9 +25,12 @@ FORMATS: dict[str, type[DCDWriter] | type[XTCWriter]] = {"dcd": DCDWriter, "xtc"
 
 
 def write_topology(path: Path, scene: Scene) -> None:
-    """The beads of a scene and their bonds as a PSF file."""
-    bonds = scene.bond_pairs
-    write_psf(path, names=scene.types, masses=scene.bead_masses, charges=scene.charges, molecules=scene.molecules, bonds=bonds)
+    """The beads of a scene, their bonds, angles and dihedrals as a PSF file."""
+    joined: dict[str, Any] = {
+        what: np.concatenate([group.beads for group in groups]) if groups else ()
+        for what, groups in (("bonds", scene.bonds), ("angles", scene.angles), ("dihedrals", scene.dihedrals))
+    }
+    write_psf(path, names=scene.types, masses=scene.bead_masses, charges=scene.charges, molecules=scene.molecules, **joined)
 
 
 class RunTrajectory:

@@ -37,10 +37,14 @@ class BeadArrays:
         Bead indices from 0, the vertex in the middle.
     angle_names : list of K str or None
         Type of each angle, where the source has such names.
+    dihedrals : (D, 4) array of int
+        Bead indices from 0, along three bonds.
+    dihedral_names : list of D str or None
+        Type of each dihedral, where the source has such names.
     type_names : list of str or None
         All types in their order, which may be more than there are beads of; by default in the order of the beads.
     beyond : mapping of str to int
-        What the source has and a Scene has not (dihedrals, rigid bodies, ...), and how many.
+        What the source has and a Scene has not (impropers, rigid bodies, ...), and how many.
     """
 
     types: list[str]
@@ -56,6 +60,8 @@ class BeadArrays:
     bond_names: list[str] | None = None
     angles: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
     angle_names: list[str] | None = None
+    dihedrals: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
+    dihedral_names: list[str] | None = None
     type_names: list[str] | None = None
     beyond: Mapping[str, int] = field(default_factory=dict)
 

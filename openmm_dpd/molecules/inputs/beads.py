@@ -9,7 +9,7 @@ from ...base.errors import ParameterError, what_is
 from ...base.units import to_md
 from ...model.scene import Scene
 from .arrays import BeadArrays
-from .bonded import scene_angles, scene_bonds
+from .bonded import scene_angles, scene_bonds, scene_dihedrals
 
 
 def scene_from_beads(
@@ -20,6 +20,7 @@ def scene_from_beads(
     masses=None,
     bonds=None,
     angles=None,
+    dihedrals=None,
     positions=None,
     box=None,
     periodic: bool = True,
@@ -47,6 +48,8 @@ def scene_from_beads(
     angles : bend or mapping, optional
         What the angles are, likewise with three types or with names.  Where the source lists angles, each of these needs a bend; where it
         lists none, bends act between bonds as in :func:`openmm_dpd.molecules.join`.
+    dihedrals : twist or mapping, optional
+        What the dihedrals are, as for angles, with four types or with names.
     positions, velocities, charges : arrays, optional
         In the place of those of the source, with units or in nm, nm/ps and e.
     box : (3,) or (3, 3) array of lengths, optional
@@ -54,7 +57,8 @@ def scene_from_beads(
     periodic : bool, default True
         False: no periodic box, even if the source has one.
     leave_out : sequence of str, optional
-        What is not to be taken over: ``"bonds"``, ``"angles"``, and what a Scene cannot hold, by the name that the error has for it.
+        What is not to be taken over: ``"bonds"``, ``"angles"``, ``"dihedrals"``, and what a Scene cannot hold, by the name that the
+        error has for it.
     **options
         Further arguments of :class:`openmm_dpd.Scene`: ``bonded_factors``, ``electrostatics``, ``mobile``, ``molecules``, ...
 
@@ -67,13 +71,14 @@ def scene_from_beads(
     if not len(beads.types):
         raise ParameterError(f"{beads.source} has no beads")
     left_out = _left_out(beads, leave_out)
-    for name, given in (("bonds", bonds), ("angles", angles)):
+    for name, given in (("bonds", bonds), ("angles", angles), ("dihedrals", dihedrals)):
         if name in left_out and given is not None:
             raise ParameterError(f"{name} are given, and leave_out names them; one of these is too much")
     types = list(dict.fromkeys(beads.types))
     by_type, single = _masses(beads, types, masses)
     springs: Sequence = () if "bonds" in left_out else scene_bonds(beads, bonds)
     bends: Sequence = () if "angles" in left_out else scene_angles(beads, angles, springs)
+    twists: Sequence = () if "dihedrals" in left_out else scene_dihedrals(beads, dihedrals, springs)
     return Scene(
         masses=by_type,
         types=beads.types,
@@ -86,17 +91,18 @@ def scene_from_beads(
         charges=beads.charges if charges is None else charges,
         bonds=springs,
         angles=bends,
+        dihedrals=twists,
         **{"molecules": beads.molecules, "residues": beads.residues, **options},
     )
 
 
 def _left_out(beads: BeadArrays, leave_out: Sequence[str]) -> set[str]:
     if isinstance(leave_out, str) or not isinstance(leave_out, Iterable):
-        raise ParameterError(f"leave_out must be a sequence of names, such as ('dihedrals',), not {what_is(leave_out)}")
+        raise ParameterError(f"leave_out must be a sequence of names, such as ('angles',), not {what_is(leave_out)}")
     left = set(leave_out)
-    unknown = sorted(map(str, left - {"bonds", "angles", *beads.beyond}))
+    unknown = sorted(map(str, left - {"bonds", "angles", "dihedrals", *beads.beyond}))
     if unknown:
-        there = ", ".join(["bonds", "angles", *beads.beyond])
+        there = ", ".join(["bonds", "angles", "dihedrals", *beads.beyond])
         raise ParameterError(f"leave_out names {', '.join(unknown)}; what can be left out of {beads.source} is {there}")
     for name, count in beads.beyond.items():
         if name not in left:

@@ -1,4 +1,4 @@
-"""Bonds and angles that a source lists, and tables of springs and bends, as those of a Scene."""
+"""Bonds, angles and dihedrals that a source lists, and tables of springs, bends and twists, as those of a Scene."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -8,8 +8,8 @@ import numpy as np
 from ...base.errors import ParameterError, what_is
 from ...io.psf import checked_bonds
 from ...model.owned import known_under
-from ..molecule import bends_between, by_types
-from ..terms import AnyBend, AnySpring, many_terms
+from ..molecule import bends_between, by_types, twists_between
+from ..terms import AnyBend, AnySpring, AnyTwist, many_terms
 from .arrays import BeadArrays
 
 
@@ -24,13 +24,29 @@ def scene_angles(beads: BeadArrays, given, bonds: Sequence) -> Sequence:
         return given
     if len(beads.angles) or given is None:
         return _terms(beads, beads.angles, beads.angle_names, given, "angle")
-    return _bends_of_bonds(beads, bonds, given)
+    return _along_bonds(beads, bonds, given, "angle")
+
+
+def scene_dihedrals(beads: BeadArrays, given, bonds: Sequence) -> Sequence:
+    """Dihedrals of a Scene: those of the source, with the given twists, the given ones, or those along bonds (of the Scene)."""
+    if _ready(given):
+        return given
+    if len(beads.dihedrals) or given is None:
+        return _terms(beads, beads.dihedrals, beads.dihedral_names, given, "dihedral")
+    return _along_bonds(beads, bonds, given, "dihedral")
+
+
+#: What a term is called, the class of all of its kinds, and how many beads it has.
+_KINDS: dict[str, tuple[str, type, int]] = {
+    "bond": ("spring", AnySpring, 2),
+    "angle": ("bend", AnyBend, 3),
+    "dihedral": ("twist", AnyTwist, 4),
+}
 
 
 def _terms(beads: BeadArrays, rows: np.ndarray, names: list[str] | None, given, what: str) -> list:
-    """Bonds or angles of a Scene: one object for each kind of spring or bend."""
-    kind: type
-    kind, term, width = (AnySpring, "spring", 2) if what == "bond" else (AnyBend, "bend", 3)
+    """Bonds, angles or dihedrals of a Scene: one object for each kind of spring, bend or twist."""
+    term, kind, width = _KINDS[what]
     rows = checked_bonds(rows, len(beads.types), width)
     if names is not None and len(names) != len(rows):
         raise ParameterError(f"{beads.source} has {len(rows)} {what}s, but {len(names)} names of their types")
@@ -84,18 +100,19 @@ def _called(beads: BeadArrays, row, names: list[str] | None, k: int) -> str:
 
 
 def _ready(given) -> bool:
-    """Whether bonds or angles are those of a Scene already."""
+    """Whether bonds, angles or dihedrals are those of a Scene already."""
     return isinstance(given, Sequence) and not isinstance(given, str)
 
 
-def _bends_of_bonds(beads: BeadArrays, springs: Sequence, bend) -> list:
-    """Angles where two bonds meet, as molecules have them."""
+def _along_bonds(beads: BeadArrays, springs: Sequence, given, what: str) -> list:
+    """Angles where two bonds meet, or dihedrals along three, as molecules have them."""
+    between, width, meet = (bends_between, "three", "two") if what == "angle" else (twists_between, "four", "three")
     bonded = np.concatenate([np.zeros((0, 2), dtype=np.int64), *(bonds.pairs for bonds in springs)])
-    if isinstance(bend, Mapping):
-        if any(isinstance(key, str) for key in bend):
-            raise ParameterError(f"{beads.source} has no names of angle types; the keys of angles must be three bead types")
-        _check_keys(bend, set(beads.types) | {"*"} | set(beads.type_names or ()), beads.source, "angle")
-    found = bends_between(beads.types, bonded, bend)
+    if isinstance(given, Mapping):
+        if any(isinstance(key, str) for key in given):
+            raise ParameterError(f"{beads.source} has no names of {what} types; the keys of {what}s must be {width} bead types")
+        _check_keys(given, set(beads.types) | {"*"} | set(beads.type_names or ()), beads.source, what)
+    found: Sequence = between(beads.types, bonded, given)  # type: ignore[operator]
     if not found:
-        raise ParameterError(f"{beads.source} lists no angles, and no two of its bonds meet at types that `angles` names")
-    return many_terms(np.array([entry[:3] for entry in found], dtype=np.int64), [entry[3] for entry in found])
+        raise ParameterError(f"{beads.source} lists no {what}s, and no {meet} of its bonds meet at types that `{what}s` names")
+    return many_terms(np.array([entry[:-1] for entry in found], dtype=np.int64), [entry[-1] for entry in found])

@@ -18,8 +18,8 @@ from .beads import scene_from_beads
 def scene_from_gsd(source, *, pairs, kT, frame: int = -1, units: str = "lj", **choices) -> Scene:
     """A Scene from a GSD file of HOOMD-blue, or of :func:`openmm_dpd.io.outputs.write_gsd`.
 
-    Types, masses, charges, bonds, angles, box with tilts, and velocities are taken over, positions are carried to their images, and the
-    corner of the box becomes the origin (in HOOMD its middle is).  In the format zeros may be what nobody set: velocities, or
+    Types, masses, charges, bonds, angles, dihedrals, box with tilts, and velocities are taken over, positions are carried to their images,
+    and the corner of the box becomes the origin (in HOOMD its middle is).  In the format zeros may be what nobody set: velocities, or
     charges, that are all 0 count as none.  Diameters and shapes of types, which are for pictures, are not looked at.
 
     Parameters
@@ -33,9 +33,9 @@ def scene_from_gsd(source, *, pairs, kT, frame: int = -1, units: str = "lj", **c
     units : {"lj", "real", "metal"}
         Units of the file.  Charges are elementary charges with all of them; HOOMD's reduced ones need ``charges``.
     **choices
-        As for :func:`scene_from_beads`; in ``bonds`` and ``angles`` types may be named as in the file, ``{"A-B": Spring(...)}``.  What GSD
-        files have and a Scene has not is called ``dihedrals``, ``impropers``, ``constraints``, ``special pairs``, ``particles of rigid
-        bodies`` and ``particles that rotate``.
+        As for :func:`scene_from_beads`; in ``bonds``, ``angles`` and ``dihedrals`` types may be named as in the file,
+        ``{"A-B": Spring(...)}``.  What GSD files have and a Scene has not is called ``impropers``, ``constraints``, ``special pairs``,
+        ``particles of rigid bodies`` and ``particles that rotate``.
 
     Raises
     ------
@@ -68,6 +68,8 @@ def scene_from_gsd(source, *, pairs, kT, frame: int = -1, units: str = "lj", **c
         bond_names=[found.bonds.types[k] for k in found.bonds.typeid],
         angles=np.asarray(found.angles.group, dtype=np.int64).reshape(-1, 3),
         angle_names=[found.angles.types[k] for k in found.angles.typeid],
+        dihedrals=np.asarray(found.dihedrals.group, dtype=np.int64).reshape(-1, 4),
+        dihedral_names=[found.dihedrals.types[k] for k in found.dihedrals.typeid],
         type_names=list(beads.types),
         beyond=_beyond(found),
     )
@@ -94,7 +96,7 @@ def _frame(source, frame: int):
 def _complete(frame):
     """The frame, with GSD's defaults where somebody who made it in Python has set nothing."""
     frame.validate()
-    for part in (frame.configuration, frame.particles, frame.bonds, frame.angles):
+    for part in (frame.configuration, frame.particles, frame.bonds, frame.angles, frame.dihedrals):
         for name, default in part._default_value.items():
             if getattr(part, name) is None:
                 count = getattr(part, "N", 0)
@@ -109,7 +111,6 @@ def _beyond(frame) -> dict[str, int]:
     for values in (beads.moment_inertia, beads.angmom):
         turning |= np.any(np.asarray(values) != 0, axis=1)
     counts = {
-        "dihedrals": frame.dihedrals.N,
         "impropers": frame.impropers.N,
         "constraints": frame.constraints.N,
         "special pairs": frame.pairs.N,

@@ -24,9 +24,10 @@ def scene_from_lammps_data(
 ) -> Scene:
     """A Scene from a LAMMPS data file: what its deck says of pairs, temperature and units is said in Python.
 
-    Bead k is the one with the k-th smallest id.  Positions are carried to their images.  Coefficients of bonds and angles are those of the
-    file, where their sections say the style (``Bond Coeffs # harmonic``, as ``write_data`` writes it) and ``bonds`` or ``angles`` does not
-    say otherwise; sections with pair coefficients are not used.  For a deck there is :func:`openmm_dpd.lammps.deck_scene`.
+    Bead k is the one with the k-th smallest id.  Positions are carried to their images.  Coefficients of bonds, angles and dihedrals are
+    those of the file, where their sections say the style (``Bond Coeffs # harmonic``, as ``write_data`` writes it) and ``bonds``,
+    ``angles`` or ``dihedrals`` does not say otherwise; sections with pair coefficients are not used.  For a deck there is
+    :func:`openmm_dpd.lammps.deck_scene`.
 
     Parameters
     ----------
@@ -41,12 +42,13 @@ def scene_from_lammps_data(
     atom_style : str, optional
         One of ``atomic``, ``charge``, ``bond``, ``angle``, ``molecular``, ``full``; by default what follows ``Atoms #``.
     **choices
-        As for :func:`scene_from_beads`; in ``bonds`` and ``angles`` types may be named by their numbers, ``{"1": Spring(...)}``.
+        As for :func:`scene_from_beads`; in ``bonds``, ``angles`` and ``dihedrals`` types may be named by their numbers,
+        ``{"1": Spring(...)}``.
 
     Raises
     ------
     DeckError
-        With file and line, for what cannot be read, dihedrals and impropers among it.
+        With file and line, for what cannot be read, impropers among it.
     ParameterError
         As :func:`scene_from_beads`, and if nothing says the atom style.
     """
@@ -76,6 +78,8 @@ def scene_from_lammps_data(
         bond_names=[str(kind) for kind in data.bonds[:, 0].tolist()],
         angles=np.searchsorted(ids, data.angles[:, 1:]),
         angle_names=[str(kind) for kind in data.angles[:, 0].tolist()],
+        dihedrals=np.searchsorted(ids, data.dihedrals[:, 1:]),
+        dihedral_names=[str(kind) for kind in data.dihedrals[:, 0].tolist()],
         type_names=list(names.values()),
     )
     return scene_from_beads(beads, pairs=pairs, kT=kT, **choices)
@@ -112,7 +116,7 @@ def _names(types, count: int, path: Path) -> dict[int, str]:
 
 
 def _terms_of_file(path: Path, data: DataFile, what: str, ids: np.ndarray, units: UnitSystem) -> list | None:
-    """Bonds or angles with the coefficients of the file; None if it does not say them, or not of which style."""
+    """Bonds, angles or dihedrals with the coefficients of the file; None if it does not say them, or not of which style."""
     section, known = f"{what[:-1].capitalize()} Coeffs", bonded_styles(what[:-1])
     style = data.hints.get(section, "")
     if style not in ("hybrid", *known):

@@ -31,8 +31,8 @@ def scene_from_psf(path: str | os.PathLike, positions, typing=None, *, pairs, kT
     frame : int, default -1
         Which frame of a file; the last one by default.
     **choices
-        As for :func:`scene_from_beads`.  What PSF files have and a Scene has not is called ``dihedrals``, ``impropers``,
-        ``cross-terms`` and ``lone pairs``.
+        As for :func:`scene_from_beads`.  What PSF files have and a Scene has not is called ``impropers``, ``cross-terms`` and
+        ``lone pairs``.
 
     Raises
     ------
@@ -59,6 +59,7 @@ def scene_from_psf(path: str | os.PathLike, positions, typing=None, *, pairs, kT
         residues=found.residues,
         bonds=found.bonds,
         angles=found.angles,
+        dihedrals=found.dihedrals,
         beyond=found.others,
     )
     return scene_from_beads(beads, pairs=pairs, kT=kT, **choices)

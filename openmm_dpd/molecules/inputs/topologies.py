@@ -37,8 +37,8 @@ def scene_from_topology(topology: app.Topology, positions, typing=None, *, pairs
     molecules : {"residues", "chains", "bonds"} or (N,) array of int
         What a molecule is; ``"bonds"``: beads that bonds join.  The names of molecules are those of residues.
     **choices
-        ``masses``, ``bonds``, ``angles``, ``box``, ``periodic``, ``velocities``, ``charges``, ``leave_out`` and the other arguments of
-        :class:`openmm_dpd.Scene`, as for :func:`scene_from_beads`.
+        ``masses``, ``bonds``, ``angles``, ``dihedrals``, ``box``, ``periodic``, ``velocities``, ``charges``, ``leave_out`` and the other
+        arguments of :class:`openmm_dpd.Scene`, as for :func:`scene_from_beads`.
 
     Raises
     ------

@@ -15,6 +15,7 @@ from ...kernels import motion
 from ...kernels.engines import engine_kind
 from ...kernels.fields import ENERGY
 from ...kernels.layer import CONSERVATIVE, DISSIPATIVE, RANDOM, PairSpec
+from ...kernels.notice import LOGGER
 from ...kernels.steps import Moment, StepSpec
 from ..made import origin
 from ..program_options import ProgramOptions
@@ -84,7 +85,7 @@ class PairForceFunction:
         found = getattr(self._local, "state", None)
         if found is None:
             kind = engine_kind(self.engine)
-            kind.warm_up(self.spec)
+            kind.warm_up(self.spec, LOGGER.warning)
             engine = kind.make(self.spec)
             loop = None if self.steps is None else kind.stepper(self.steps, engine, self._watch, NEAR * self._cutoff)
             found = self._local.state = ThreadState(engine, loop, None if self.spec.fields is None else Fields(self.spec.fields))

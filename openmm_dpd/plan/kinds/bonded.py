@@ -63,10 +63,13 @@ def register_bonded(kind: BondedKind) -> BondedKind:
     Raises
     ------
     ParameterError
-        If there is another one for its class.
+        If there is another one for its class, or of its name.
     """
-    if BONDED_KINDS.setdefault(kind.terms, kind) is not kind:
+    if BONDED_KINDS.get(kind.terms, kind) is not kind:
         raise ParameterError(f"there is a kind for {kind.terms.__name__} already")
+    if any(known.name == kind.name for known in BONDED_KINDS.values() if known is not kind):
+        raise ParameterError(f"there are {kind.name} already; give the energy of {kind.terms.__name__} another name")
+    BONDED_KINDS[kind.terms] = kind
     trust(kind.terms.__module__, kind.kernel.__module__)
     return kind
 

@@ -69,7 +69,7 @@ class Kind:
     # (of a coefficient and kT) friction coefficients (Da/ps) with the exponents of their noise, of a soft repulsion A (1 - r/cutoff): what
     # the table of steps is about
     frictions: Callable[[Any, float], list[tuple[float, float]]] | None = None
-    unlike_lammps: str | None = None  #: What it does unlike LAMMPS unless a scene has ``compat="lammps"``
+    unlike_lammps: str | None = None  #: Differences from LAMMPS unless a scene has ``compat="lammps"``
 
     def __post_init__(self):
         if (self.terms is None) == (self.overlay is None):

@@ -1,6 +1,6 @@
-"""Vibrations of bonds and angles of a scene: their frequencies, and the steps that a scheme can take with them."""
+"""Vibrations of bonds, angles and dihedrals of a scene: their frequencies, and the steps that a scheme can take with them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -8,8 +8,9 @@ from scipy import sparse
 from scipy.sparse.csgraph import breadth_first_order
 
 from ...base.geometry import minimum_images
+from ...base.wording import bead_names
 from ...model.angles import Angles
-from ...model.bonds import Bonds
+from ...model.bonds import BondedTerms
 from ...model.scene import Scene
 from ...model.schemes import Scheme
 from .mode_errors import exact_for_springs, largest_stable, tabulated_errors
@@ -25,6 +26,10 @@ _POINTS, _RARE = 2001, 1e-3
 #: is 5 % off with stiff angles and 3 % with FENE bonds at 0.7, and 2 and 0.6 % at half of that.
 _UNKNOWN = 0.4
 
+#: Energy, kT, that keeps an angle from being straight: with less than this the forces of dihedrals beside it are too large for any step now
+#: and then.  Measured: chains with 8 kT stop, and those with 15, 21, 31 and 77 have the error that is promised.
+_APART = 20.0
+
 #: Parts of a thermal distribution that errors are averaged over.
 _PARTS = 25
 
@@ -36,19 +41,22 @@ class Modes:
     Attributes
     ----------
     what : str
-        "bonds" or "angles".
+        "bonds", "angles" or "dihedrals".
     omega : (n,) array
         Frequencies, rad/ps, with the thermal mean of each curvature.
     fluctuation : (m,) array
         Curvatures of the stiffest term over its thermal range, in equal parts, beside their mean; (1,) for a harmonic term.
     fastest : float
         Frequency where the stiffest term is at the stiffest point of its thermal range, rad/ps.
+    steady : float
+        Part of omega^2 that does not fluctuate with the terms, 1/ps^2: that of the surroundings for dihedrals, which may be weak beside it.
     """
 
     what: str
     omega: np.ndarray
     fluctuation: np.ndarray
     fastest: float
+    steady: float = 0.0
 
     def errors(self, scheme: Scheme, dt: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         r"""Errors of configurational and kinetic temperature at the steps dt (k,), ps; infinite over :meth:`longest`.
@@ -56,7 +64,7 @@ class Modes:
         Configurational temperatures weigh modes by omega^2, their share of the Laplacian; a term that is not harmonic is taken for harmonic
         ones, as stiff as it is at the points of its thermal range.
         """
-        squares = np.outer(self.fluctuation, self.omega**2).ravel()
+        squares = np.outer(self.fluctuation, self.omega**2 - self.steady).ravel() + self.steady
         squares = squares[squares > 0]
         conf, kin = tabulated_errors(scheme, np.sqrt(squares) * dt[:, None])
         conf, kin = np.sum(conf * squares, axis=1) / squares.sum(), np.mean(kin, axis=1)
@@ -78,7 +86,8 @@ class Modes:
 
 
 def bonded_modes(scene: Scene, around: float = 0.0) -> list[Modes]:
-    """Vibrations of the bonds, and those of the angles; a kind without any, or without stiffness, is left out.
+    """Vibrations of the bonds, of the angles and of the dihedrals; what there is none of, or without stiffness, is left
+    out, and so are dihedrals that no step is short enough for (:func:`why_no_step`).
 
     Parameters
     ----------
@@ -95,12 +104,15 @@ def bonded_modes(scene: Scene, around: float = 0.0) -> list[Modes]:
     if angles:
         one, other = (1 / arm for arm in _arms(np.concatenate([terms.beads for terms in angles]), bonds, scene))
         found.append(_modes("angles", angles, np.stack([one, -(one + other), other], axis=1), scene, around))
+    if any(len(group.quads) for group in scene.dihedrals) and why_no_step(scene) is None:
+        terms, slopes = _twists(bonds, scene)
+        found.append(_modes("dihedrals", [terms], slopes, scene, around))
     return [modes for modes in found if modes is not None]
 
 
 @dataclass(frozen=True, eq=False)
 class _Terms:
-    """Bonds or angles of one group, each an entry: beads; mean and largest curvature; thermal length; parts of the distribution."""
+    """Bonds, angles or dihedrals of one group, each an entry: beads; mean and largest curvature; thermal length; parts of the range."""
 
     beads: np.ndarray
     mean: np.ndarray
@@ -109,33 +121,97 @@ class _Terms:
     parts: np.ndarray
 
 
-def _terms(group: Bonds | Angles, kT: float) -> _Terms:
-    r"""Curvatures U'' of terms over their thermal range: mean, largest, and those of equal parts of it beside the mean.
-
-    The density is exp(-U/kT) times r^2 for the length r of a bond, and sin(theta) for an angle, that of a term alone.  The length is that
-    for which 1/r^2 has its mean.
-    """
+def _different(group: BondedTerms) -> tuple[Any, np.ndarray]:
+    """The different terms of a group, and which of them each one is."""
     values = np.column_stack([getattr(group, name) for name in group._DIMENSIONS])
     different, which = np.unique(values, axis=0, return_inverse=True)
     kind: Any = type(group)
-    one = kind(np.tile(np.arange(group.beads.shape[1]), (len(different), 1)), *different.T)
+    return kind(np.tile(np.arange(group.beads.shape[1]), (len(different), 1)), *different.T), which.ravel()
+
+
+def _thermal(group: BondedTerms, kT: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The thermal range of the different terms of a group: points (P, D), their weights and curvatures U'', and which term each one is.
+
+    The density is exp(-U/kT) times r^2 for the length r of a bond, and sin(theta) for an angle, that of a term alone.
+    """
+    one, which = _different(group)
     x = one.reach(kT) * ((np.arange(_POINTS) + 0.5) / _POINTS)[:, None]
     energy, _, curvature = (np.broadcast_to(part, x.shape) for part in one.curve(x))
     weight = one.density(x) * np.exp((energy.min(axis=0) - energy) / kT)
     weight /= weight.sum(axis=0)
-    order = np.argsort(curvature, axis=0)
-    rising = np.maximum(np.take_along_axis(curvature, order, axis=0), 0.0)
-    below = np.cumsum(np.take_along_axis(weight, order, axis=0), axis=0)
+    return x, weight, curvature, which
 
-    def at(fractions: np.ndarray) -> np.ndarray:
-        """Curvatures below which these fractions of the distributions lie."""
-        ranks = [np.minimum(np.searchsorted(part, fractions), _POINTS - 1) for part in below.T]
-        return np.stack([rising[rank, k] for k, rank in enumerate(ranks)])
 
+def _below(values: np.ndarray, weight: np.ndarray, fractions: np.ndarray) -> np.ndarray:
+    """Values below which these fractions of the distributions lie, (D, fractions)."""
+    order = np.argsort(values, axis=0)
+    rising, below = (np.take_along_axis(part, order, axis=0) for part in (values, weight))
+    ranks = [np.minimum(np.searchsorted(part, fractions), _POINTS - 1) for part in np.cumsum(below, axis=0).T]
+    return np.stack([rising[rank, k] for k, rank in enumerate(ranks)])
+
+
+def _terms(group: BondedTerms, kT: float) -> _Terms:
+    r"""Curvatures U'' of terms over their thermal range: mean, largest, and those of equal parts of it beside the mean.
+
+    The length is that for which 1/r^2 has its mean.
+    """
+    x, weight, curvature, which = _thermal(group, kT)
     mean = np.maximum(np.sum(weight * curvature, axis=0), 0.0)
-    parts = at((np.arange(_PARTS) + 0.5) / _PARTS) / np.where(mean > 0, mean, 1.0)[:, None]
+    stiffness = np.maximum(curvature, 0.0)
+    parts = _below(stiffness, weight, (np.arange(_PARTS) + 0.5) / _PARTS) / np.where(mean > 0, mean, 1.0)[:, None]
     length = np.sum(weight / x**2, axis=0) ** -0.5
-    return _Terms(group.beads, *(part[which.ravel()] for part in (mean, at(np.array([1 - _RARE]))[:, 0], length, parts)))
+    largest = _below(stiffness, weight, np.array([1 - _RARE]))[:, 0]
+    return _Terms(group.beads, *(part[which] for part in (mean, largest, length, parts)))
+
+
+def _bent(group: Angles, kT: float) -> np.ndarray:
+    """1/sin^2 of angles, (K, 2): the mean over the thermal range without its rare part, and the largest."""
+    x, weight, _, which = _thermal(group, kT)
+    inverse = np.broadcast_to(np.sin(x) ** -2, weight.shape)
+    largest = _below(inverse, weight, np.array([1 - _RARE]))[:, 0]
+    return np.stack([np.sum(weight * np.minimum(inverse, largest), axis=0), largest], axis=1)[which]
+
+
+def why_no_step(scene: Scene) -> str | None:
+    """Why no step is known to be short enough for the dihedrals of a scene, or None."""
+    kT, held = scene.initial_kT, set()
+    for group in scene.angles:
+        one, which = _different(group)
+        energy = one.curve(np.linspace(0.0, np.pi, _POINTS)[:, None])[0]
+        apart = np.minimum(energy[0], energy[-1]) - energy.min(axis=0) >= _APART * kT
+        held |= {(j, frozenset((i, k))) for i, j, k in group.triples[apart[which]].tolist()}
+    for dihedrals in scene.dihedrals:
+        for row in dihedrals.quads.tolist():
+            for at in (1, 2):
+                if (row[at], frozenset((row[at - 1], row[at + 1]))) not in held:
+                    three = bead_names(*row[at - 1 : at + 2])
+                    return f"no angle keeps the {three} of a dihedral out of line, where its forces have no bound"
+    return None
+
+
+def _twists(bonds: list[_Terms], scene: Scene) -> tuple[_Terms, np.ndarray]:
+    """All dihedrals, with the sizes of their slopes, and signs as in a chain that is trans, or cis where the mean cosine is that.
+
+    Slopes go with 1/sin of the angles at both beads in the middle.
+    """
+    kT, known, groups = scene.initial_kT, {}, [group for group in scene.dihedrals if len(group.quads)]
+    for group in (group for group in scene.angles if len(group.triples)):
+        for (i, j, k), found in zip(group.triples.tolist(), _bent(group, kT), strict=True):
+            known[j, frozenset((i, k))] = found
+    dihedrals = [_terms(group, kT) for group in groups]
+    beads, mean, largest, length, parts = (np.concatenate([getattr(one, field.name) for one in dihedrals]) for field in fields(_Terms))
+    ranges = [_thermal(group, kT) for group in groups]
+    turn = np.concatenate([np.sum(weight * np.cos(x), axis=0)[which] for x, weight, _, which in ranges])[:, None]
+    rows = beads.tolist()
+    bent = np.array([[known[row[at], frozenset((row[at - 1], row[at + 1]))] for at in (1, 2)] for row in rows])
+    inverse, most = bent[:, :, 0], bent[:, :, 1]
+    (first, middle), (_, last) = (_arms(beads[:, part], bonds, scene) for part in (slice(3), slice(1, 4)))
+    outer = np.sqrt(inverse) / np.stack([first, last], axis=1)
+    along = np.sqrt(inverse - 1.0) / middle[:, None]  # of a bead in the middle, by either plane; angles are taken for obtuse ones
+    own, other = outer + along, along[:, ::-1]
+    inner, side = np.sqrt(own**2 + other**2 + 2.0 * own * other * turn), np.where(turn[:, 0] > 0, -1.0, 1.0)
+    slopes = np.stack([outer[:, 0], -inner[:, 0], -side * inner[:, 1], side * outer[:, 1]], axis=1)
+    return _Terms(beads, mean, np.maximum(largest, mean * (most / inverse).max(axis=1)), length, parts), slopes
 
 
 def _arms(triples: np.ndarray, bonds: list[_Terms], scene: Scene) -> tuple[np.ndarray, np.ndarray]:
@@ -171,4 +247,4 @@ def _modes(what: str, terms: list[_Terms], slopes: np.ndarray, scene: Scene, aro
     near = breadth_first_order(squares, stiffest, directed=False, return_predecessors=False)[:_MOST]
     omega = np.sqrt(np.maximum(np.linalg.eigvalsh(squares[near][:, near].toarray()), 0.0) + around)
     fluctuation = np.unique(np.concatenate([one.parts for one in terms])[stiffest])
-    return Modes(what, omega, fluctuation, float(np.sqrt(fastest[stiffest] + around)))
+    return Modes(what, omega, fluctuation, float(np.sqrt(fastest[stiffest] + around)), around if what == "dihedrals" else 0.0)

@@ -13,7 +13,7 @@ from ...model.schemes import SCHEMES, scheme_of
 from ...plan.plan import make_plan
 from ..mixed_system import MixedSystem
 from ..programs.native import why_not
-from .bonded_modes import Modes, bonded_modes
+from .bonded_modes import Modes, bonded_modes, why_no_step
 from .scene_groups import groups, surroundings
 from .stability_table import LEVELS, SAFE, Groups, StabilityTable, shipped_table
 
@@ -36,7 +36,7 @@ class Choice:
     relative_cost : float
         Time for the same simulated time and the same error, beside ``mvv``.
     limit : str
-        What limits the step: "configurational temperature", "kinetic temperature", "stability", "bonds" or "angles".
+        What limits the step: "configurational temperature", "kinetic temperature", "stability", "bonds", "angles" or "dihedrals".
     """
 
     scheme: str
@@ -111,12 +111,13 @@ def recommend(
     Notes
     -----
     The table covers soft repulsion with friction, in a box; :func:`openmm_dpd.simulation.advice.scene_groups.groups` combines layers and
-    pairs of types. Bonds and angles limit the step by what each scheme does to their vibrations
+    pairs of types. Bonds, angles and dihedrals limit the step by what each scheme does to their vibrations
     (:mod:`openmm_dpd.simulation.advice.bonded_modes`).  The recommendation leaves out segmental repulsion, beads without friction among
-    themselves, and charges; ``notes`` names them, charges with the frequency of two opposite ones on top of each other.  The steps of
-    ``native`` were measured on the CPU platform; on GPU platforms OpenMM's DPDIntegrator updates all pairs at once, and gets too hot at
-    shorter steps.  Without friction, or with an attraction or another potential between beads, there is no recommendation.  Beads beside
-    atoms (:func:`openmm_dpd.create_mixed_system`) take the step of the atoms and are refused.
+    themselves, and charges; ``notes`` names them, charges with the frequency of two opposite ones on top of each other.  There is none
+    where the beads of a dihedral may come into line.  The steps of ``native`` were measured on the CPU platform; on GPU platforms OpenMM's
+    DPDIntegrator updates all pairs at once, and gets too hot at shorter steps.  Without friction, or with an attraction or another
+    potential between beads, there is no recommendation. Beads beside atoms (:func:`openmm_dpd.create_mixed_system`) take the step of the
+    atoms and are refused.
     """
     if isinstance(scene, MixedSystem):
         raise ParameterError(
@@ -131,9 +132,10 @@ def recommend(
         )
     table = table or shipped_table()
     pairs, notes = groups(scene)
-    outside = list(dict.fromkeys(text for at in pairs for text in table.outside(at)))
-    if not pairs or outside:
-        return Recommendation(None, None, None, error, notes=(*notes, *(f"outside of the table: {text}" for text in outside)))
+    outside = [f"outside of the table: {text}" for text in dict.fromkeys(text for at in pairs for text in table.outside(at))]
+    unbound = why_no_step(scene)
+    if not pairs or outside or unbound:
+        return Recommendation(None, None, None, error, notes=(*notes, *outside, *([unbound] if unbound else [])))
     able = [scheme for scheme in table.schemes if _runs(scene, scheme)]
     modes = bonded_modes(scene, surroundings(pairs))
     steps = {scheme: _step(table, scheme, modes, pairs, error, configurations_only) for scheme in able}
@@ -172,12 +174,12 @@ def _step(
 def predicted_error(scene: Scene, scheme: str, dt: float, *, table: StabilityTable | None = None) -> tuple[float, str] | None:
     """Relative error of the worst temperature at a step (ps), signed, and which one; infinite over 10 %, None where the table ends.
 
-    Bonds and angles count by themselves (:mod:`openmm_dpd.simulation.advice.bonded_modes`).
+    Bonds, angles and dihedrals count by themselves (:mod:`openmm_dpd.simulation.advice.bonded_modes`).
     """
     word = scheme_of(scheme)
     scheme, table = word.name, table or shipped_table()
     pairs, _ = groups(scene)
-    if scheme not in table.schemes or not pairs or any(table.outside(at) for at in pairs):
+    if scheme not in table.schemes or not pairs or any(table.outside(at) for at in pairs) or why_no_step(scene):
         return None
     worst = (0.0, 1, "conf")
     for at in pairs:
@@ -187,7 +189,8 @@ def predicted_error(scene: Scene, scheme: str, dt: float, *, table: StabilityTab
         for off in modes.errors(word, np.array([dt])):
             size = abs(float(off[0]))
             worst = max(worst, (size if size <= LEVELS[-1] else np.inf, -1 if off[0] < 0 else 1, modes.what))
-    return worst[0] * (worst[1] or 1), {"conf": "configurational", "kin": "kinetic", "bonds": "bond", "angles": "angle"}[worst[2]]
+    names = {"conf": "configurational", "kin": "kinetic", "bonds": "bond", "angles": "angle", "dihedrals": "dihedral"}
+    return worst[0] * (worst[1] or 1), names[worst[2]]
 
 
 def advice(scene: Scene, scheme: str, dt: float, *, table: StabilityTable | None = None) -> str:

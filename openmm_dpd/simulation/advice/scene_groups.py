@@ -112,8 +112,6 @@ def _notes(scene: Scene, drags: dict[tuple[str, str], float]) -> list[str]:
         notes.append("walls are not in the table of steps; beads heat at bare ones at steps that the fluid takes well")
     if scene.segments is not None:
         notes.append("segmental repulsion is not in the table of steps")
-    if scene.dihedrals:
-        notes.append("dihedrals do not count in the steps; stiff ones may want shorter ones")
     if scene.electrostatics is not None:
         text = "charges are not in the table of steps"
         frequency = charge_frequency(scene)
