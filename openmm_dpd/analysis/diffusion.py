@@ -131,12 +131,7 @@ def _average_lags(rows: tuple[np.ndarray, np.ndarray], interval: float) -> Curve
 
 
 def diffusion_coefficient(
-    displacement: MeanSquaredDisplacement,
-    fit: tuple[float, float],
-    *,
-    kT=None,
-    viscosity: float | None = None,
-    edge=None,
+    displacement: MeanSquaredDisplacement, fit: tuple[float, float], *, kT=None, viscosity: float | None = None, edge=None
 ) -> Average:
     r"""Diffusion coefficient D from the slope of the mean squared displacement, msd = 2 d D t + c in d dimensions.
 

@@ -69,13 +69,7 @@ def _slicer(topology, axis, n_bins, centre) -> Slicer:
 
 
 def density_profile(
-    trajectory: Trajectories,
-    types: Beads = None,
-    *,
-    axis: str | int = "z",
-    n_bins: int = 100,
-    centre: Beads = None,
-    mass: bool = False,
+    trajectory: Trajectories, types: Beads = None, *, axis: str | int = "z", n_bins: int = 100, centre: Beads = None, mass: bool = False
 ) -> dict[str, Curve]:
     r"""Density of each type of beads in slices along an axis, rho(z) = n(z)/(A dz).
 

@@ -166,15 +166,7 @@ class GreenKubo:
 
 
 def green_kubo_viscosity(
-    stress,
-    dt=None,
-    *,
-    volume=None,
-    kT=None,
-    friction=None,
-    instantaneous: float | None = None,
-    t_max=None,
-    blocks: int = 10,
+    stress, dt=None, *, volume=None, kT=None, friction=None, instantaneous: float | None = None, t_max=None, blocks: int = 10
 ) -> GreenKubo:
     r"""Viscosity from a series of stress tensors at equilibrium.
 

@@ -8,10 +8,7 @@ from .owned import keep
 from .pairs import NONE, PairCoefficient
 
 #: Weight functions of the local density, normalised in three dimensions; h is the cutoff of the density.
-DENSITY_KERNELS = {
-    "lucy": "105/(16 pi h^3) (1 + 3 r/h) (1 - r/h)^3",
-    "quadratic": "15/(2 pi h^3) (1 - r/h)^2",
-}
+DENSITY_KERNELS = {"lucy": "105/(16 pi h^3) (1 + 3 r/h) (1 - r/h)^3", "quadratic": "15/(2 pi h^3) (1 - r/h)^2"}
 
 
 @dataclass(frozen=True)

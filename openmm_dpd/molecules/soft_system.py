@@ -15,13 +15,7 @@ from ..plan.made import BAROSTATS, LISTED
 STRENGTH = "soft_strength"
 
 #: Forces between all atoms, which soft repulsion replaces.
-REPLACED = (
-    openmm.NonbondedForce,
-    openmm.CustomNonbondedForce,
-    openmm.GBSAOBCForce,
-    openmm.CustomGBForce,
-    openmm.CustomHbondForce,
-)
+REPLACED = (openmm.NonbondedForce, openmm.CustomNonbondedForce, openmm.GBSAOBCForce, openmm.CustomGBForce, openmm.CustomHbondForce)
 
 #: What has no place in a relaxation: box and momentum stay, and the temperature is held by friction.
 LEFT_OUT = (*BAROSTATS, openmm.CMMotionRemover, openmm.AndersenThermostat)

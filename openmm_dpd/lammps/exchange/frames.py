@@ -110,13 +110,7 @@ class LammpsFrames:
         if box is not None and self.boxes is not None and all(self.periodic):
             box = self.boxes[frame]
         positions = self.positions if self.unwrapped is None else self.unwrapped
-        return replace(
-            scene,
-            positions=positions[frame],
-            velocities=self.velocities[frame],
-            box=box,
-            internal=self._internal(scene, frame),
-        )
+        return replace(scene, positions=positions[frame], velocities=self.velocities[frame], box=box, internal=self._internal(scene, frame))
 
     def trajectory(self, scene: Scene | None = None, *, dt=None, unwrap: bool = False) -> mdtraj.Trajectory:
         """The frames as an mdtraj trajectory (nm, ps) with the scene's topology.

@@ -280,11 +280,7 @@ class DeckState:
         self.atoms.images = self.atoms.images + shifts
 
     def write_back(
-        self,
-        positions: np.ndarray,
-        velocities: np.ndarray,
-        box: np.ndarray | None = None,
-        fields: Mapping[str, np.ndarray] | None = None,
+        self, positions: np.ndarray, velocities: np.ndarray, box: np.ndarray | None = None, fields: Mapping[str, np.ndarray] | None = None
     ) -> None:
         """Take over the result of a run: positions (nm), continuous with those of the scene it started from, and velocities (nm/ps).
 

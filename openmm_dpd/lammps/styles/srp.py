@@ -119,11 +119,7 @@ def segments_of(state: DeckState, compat: str) -> SegmentalRepulsion | None:
         state.thermo.norm = False
     units = state.units
     return SegmentalRepulsion(
-        coefficient.values["A"] * units.force,
-        cutoff * units.length,
-        settings["distance"],
-        _segments(state, style),
-        settings["exclude"],
+        coefficient.values["A"] * units.force, cutoff * units.length, settings["distance"], _segments(state, style), settings["exclude"]
     )
 
 

@@ -150,12 +150,7 @@ REDUCE = ComputeSpec(
 #: Compute styles by name.
 COMPUTES: dict[str, ComputeSpec] = {
     **TEMPERATURES,
-    "ke": ComputeSpec(
-        no_arguments("ke"),
-        _kinetic_energy,
-        extensive=True,
-        needs=("velocities",),
-    ),
+    "ke": ComputeSpec(no_arguments("ke"), _kinetic_energy, extensive=True, needs=("velocities",)),
     "pe": ComputeSpec(
         _all_only("pe", _PARTS),
         lambda m, c: potential_energy(m, c.arguments or _PARTS),

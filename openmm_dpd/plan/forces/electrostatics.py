@@ -65,13 +65,7 @@ def difference(charges: SmearedCharges, alpha: float, scale: float) -> Radial:
 
 
 def electrostatic_forces(
-    charges: SmearedCharges,
-    q: np.ndarray,
-    constant: float,
-    ewald: EwaldSum | None,
-    factors: dict[tuple[int, int], float],
-    *,
-    listed: bool,
+    charges: SmearedCharges, q: np.ndarray, constant: float, ewald: EwaldSum | None, factors: dict[tuple[int, int], float], *, listed: bool
 ) -> list[openmm.Force]:
     """All forces of smeared charges; without ``ewald`` there is no periodic box and no cutoff.
 
