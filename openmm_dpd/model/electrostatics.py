@@ -129,10 +129,9 @@ class SlaterCharges(SmearedCharges):
     that opposite charges do not collapse onto each other.
 
     In a periodic box the interaction with all images is summed: a CustomNonbondedForce up to the cutoff, and OpenMM's PME for the rest.
-    Beyond the cutoff charges act as point charges.  There the energy of a pair has a step, of the part (1 + r/lamda) exp(-2 r/lamda) of
-    q_i q_j/(4 pi eps0 eps_r r), and it is not shifted, as in LAMMPS.  The default cutoff is long enough to make the relative error of the
-    force there, (1 + 2 r/lamda + 2 (r/lamda)^2) exp(-2 r/lamda), at most the tolerance.  Without a box there is
-    no cutoff and no lattice sum.
+    Beyond the cutoff charges act as point charges.  There the energy of a pair has a step, of the part (1 + r/lamda) exp(-2 r/lamda) of q_i
+    q_j/(4 pi eps0 eps_r r), and it is not shifted, as in LAMMPS.  The default cutoff is long enough to make the relative error of the force
+    there, (1 + 2 r/lamda + 2 (r/lamda)^2) exp(-2 r/lamda), at most the tolerance.  Without a box there is no cutoff and no lattice sum.
 
     Bonded neighbours with a factor f in ``bonded_factors`` have f times the smeared energy, all of it: what the lattice sum holds of the
     pair is taken out exactly, at any distance.  LAMMPS does the same up to the cutoff only, and releases before mid 2022 took out the

@@ -1,8 +1,7 @@
 """Equations of state: the internal energy u of a bead and its internal temperature theta.
 
 theta is k_B times the internal temperature, a thermal energy in kJ/mol.  Heat capacities are in units of k_B, so that u = C theta has no
-constants in it.  The entropy (in units of k_B) follows from both,
-S(u) = integral du/theta(u).
+constants in it.  The entropy (in units of k_B) follows from both, S(u) = integral du/theta(u).
 """
 
 from __future__ import annotations

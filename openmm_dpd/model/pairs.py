@@ -101,11 +101,10 @@ class DPD(SoftRepulsion):
 
         sigma^2 = 2 kT gamma,  sigma_perp^2 = 2 kT gamma_perp                   fluctuation-dissipation
 
-    This one class is LAMMPS's ``dpd`` (A, gamma), ``dpd/tstat`` (gamma), ``dpd/ext`` and ``dpd/ext/tstat`` (all) and
-    ``dpd/fdt`` (A, sigma).  The exponent is that of the *noise* weight, as in ``dpd/ext``; the drag goes as w^(2 exponent).
-    For bonded neighbours with a factor f (see ``Scene.bonded_factors``) conservative and dissipative parts are multiplied
-    by f and the noise by sqrt(f), so that the temperature stays right (LAMMPS's ``dpd/fdt`` multiplies the noise by f too, and
-    its fix shardlow ignores the factor).
+    This one class is LAMMPS's ``dpd`` (A, gamma), ``dpd/tstat`` (gamma), ``dpd/ext`` and ``dpd/ext/tstat`` (all) and ``dpd/fdt`` (A,
+    sigma).  The exponent is that of the *noise* weight, as in ``dpd/ext``; the drag goes as w^(2 exponent).  For bonded neighbours with a
+    factor f (see ``Scene.bonded_factors``) conservative and dissipative parts are multiplied by f and the noise by sqrt(f), so that the
+    temperature stays right (LAMMPS's ``dpd/fdt`` multiplies the noise by f too, and its fix shardlow ignores the factor).
 
     Parameters
     ----------

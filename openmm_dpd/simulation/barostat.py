@@ -190,9 +190,8 @@ class EnthalpyBarostat(Cadence):
     (OpenMM hands all reporters of a step one State taken before, so frames written after a move would mix two volumes.)
 
     Every ``interval`` steps it tries to change the volume (see the module's text for the move and why it is right); the beads' internal
-    energies
-    pay, so that U + K + sum u + P V is conserved to rounding.  The number of moves, which is the key of their noise, and the length of
-    the moves are Context parameters, so checkpoints and saved states continue exactly.
+    energies pay, so that U + K + sum u + P V is conserved to rounding.  The number of moves, which is the key of their noise, and the
+    length of the moves are Context parameters, so checkpoints and saved states continue exactly.
 
     Parameters
     ----------
