@@ -110,10 +110,8 @@ def _add_run_options(run: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status.
-
-    0, 1 after an error (one line on standard error), 2 for a bad option, 130 after Ctrl-C, 143 after SIGTERM.
-    """
+    """Entry point; returns the exit status.  0, 1 after an error (one line on standard error), 2 for a bad option, 130 after Ctrl-C, 143
+    after SIGTERM."""
     options = _parser().parse_args(arguments)
     signals = Signals()
     with signals.caught():

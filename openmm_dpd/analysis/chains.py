@@ -83,11 +83,9 @@ def radius_of_gyration(trajectory: Trajectories, beads: Beads = None) -> Molecul
 
 
 def gyration_tensors(positions: np.ndarray, masses: np.ndarray, units: np.ndarray) -> np.ndarray:
-    """Gyration tensors of M molecules, S_ab = sum m (r - r_com)_a (r - r_com)_b/sum m, as (M, 6): xx, yy, zz, xy, xz, yz.
-
-    ``positions`` (N, 3) have molecules whole, ``units`` (N,) are the numbers of the beads' molecules, from 0 to M - 1.  The first three add
-    up to the square of the radius of gyration.
-    """
+    """Gyration tensors of M molecules, S_ab = sum m (r - r_com)_a (r - r_com)_b/sum m, as (M, 6): xx, yy, zz, xy, xz, yz.  ``positions``
+    (N, 3) have molecules whole, ``units`` (N,) are the numbers of the beads' molecules, from 0 to M - 1.  The first three add up to the
+    square of the radius of gyration."""
     total = np.bincount(units, masses)
     d = positions - means_over(units, masses, positions)[units]
     return np.column_stack([np.bincount(units, masses * d[:, a] * d[:, b]) / total for a, b in AXES_OF_TENSOR])

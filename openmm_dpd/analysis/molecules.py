@@ -34,10 +34,8 @@ def means_over(units: np.ndarray, weights: np.ndarray | None, x: np.ndarray) -> 
 
 def bonds_outwards(topology: mdtraj.Topology) -> np.ndarray:
     """Bonds (parent, child) that reach every bead of a molecule from one of its beads, parents first.
-
     ``mdtraj.Trajectory.make_molecules_whole`` puts the second bead of each bond beside the first, in the given order; its own order is
-    right for chains numbered along the chain only.
-    """
+    right for chains numbered along the chain only."""
     bonds = bonds_of(topology)
     count = topology.n_atoms
     if not len(bonds):

@@ -48,10 +48,8 @@ def sums_in_slices(number: np.ndarray, weights: np.ndarray | None, count: int) -
 
 def periodic_centre(fractions: np.ndarray, weights: np.ndarray) -> float:
     """Centre of mass of beads in a periodic direction, as a fraction of the box; ParameterError if they are spread evenly and have none.
-
     The phase of sum w exp(2 pi i s) is the centre of a symmetric distribution; the mean of the positions folded around it is the centre of
-    mass of what does not reach around the box (L. Bai and D. Breen, J. Graphics Tools 13, 53 (2008), for the phase).
-    """
+    mass of what does not reach around the box (L. Bai and D. Breen, J. Graphics Tools 13, 53 (2008), for the phase)."""
     resultant = np.sum(weights * np.exp(2j * np.pi * fractions)) / weights.sum()
     if abs(resultant) < LEAST_RESULTANT:
         raise ParameterError(

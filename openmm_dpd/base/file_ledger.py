@@ -98,10 +98,8 @@ class FileLedger:
         return found
 
     def put_back(self, lengths: dict[str, dict[str, Any]]) -> None:
-        """Make the files what they were when :meth:`lengths` was asked, and go on from there.
-
-        OutputError if a file has gone, or is shorter than it was.
-        """
+        """Make the files what they were when :meth:`lengths` was asked, and go on from there.  OutputError if a file has gone, or is
+        shorter than it was."""
         now = self._read_journal()
         self.journal.parent.mkdir(parents=True, exist_ok=True)
         for name, was in lengths.items():

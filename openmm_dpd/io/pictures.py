@@ -147,11 +147,8 @@ def _level(target: float | Sequence[float] | np.ndarray | None, rows: int) -> np
 
 
 def _spans(x: np.ndarray, runs: Sequence[float]) -> list[slice]:
-    """Rows of each run.
-
-    The last row of one run and the first row of the next may both be at the x where the next begins; a single row there is the next
-    run's first.
-    """
+    """Rows of each run.  The last row of one run and the first row of the next may both be at the x where the next begins; a single row
+    there is the next run's first."""
     if len(runs) and np.any(np.diff(x) < 0):
         row = int(np.argmax(np.diff(x) < 0)) + 1
         raise ParameterError(

@@ -93,10 +93,8 @@ def _differences(xs, n, room, i, box, inverse, row):
 
 @helper
 def charge_row(xs, q, n, room, i, box, cut2, end, per_length, coefficients, row, hits, f, to, tensor):
-    """Energy of charge i with those after it within the cutoff, and if wanted six sums of r F; without the Coulomb constant.
-
-    Adds the forces to f[to:], x of all ``room`` charges first.
-    """
+    """Energy of charge i with those after it within the cutoff, and if wanted six sums of r F; without the Coulomb constant.  Adds the
+    forces to f[to:], x of all ``room`` charges first."""
     _differences(xs, n, room, i, box, inverse_edges(box), row)
     at_y, at_z, at_r = np.uint64(room), np.uint64(2 * room), np.uint64(3 * room)
     found = np.uint64(0)

@@ -30,10 +30,8 @@ both = register_jitable(inline="always", **_BARE)
 
 
 def renamed(function: Callable, name: str, names: dict[str, Any] | None = None) -> FunctionType:
-    """The same Python function under another name; ``names`` replaces global names that it uses.
-
-    So a loop is written once for all that is done inside it.
-    """
+    """The same Python function under another name; ``names`` replaces global names that it uses.  So a loop is written once for all that is
+    done inside it."""
     known = {**function.__globals__, **names} if names else function.__globals__
     copy = FunctionType(function.__code__, known, name, function.__defaults__)
     copy.__qualname__, copy.__module__, copy.__doc__ = name, function.__module__, function.__doc__
@@ -55,8 +53,6 @@ def compiled(function: Callable, *, parallel: bool = False, bare: bool = False, 
 
 
 def serial_and_parallel(function: Callable) -> tuple[Any, Any]:
-    """Compile a function that loops with prange, and allocates nothing, twice.
-
-    What is inside the loop should be the call of a helper: numba tries its own ideas of parallel arrays on all that it sees there.
-    """
+    """Compile a function that loops with prange, and allocates nothing, twice.  What is inside the loop should be the call of a helper:
+    numba tries its own ideas of parallel arrays on all that it sees there."""
     return compiled(function, bare=True), compiled(function, bare=True, parallel=True)

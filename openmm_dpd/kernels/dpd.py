@@ -46,11 +46,8 @@ class TermTable:
 
 
 class SweptLayer:
-    """What layers whose friction and noise are those of DPD have in common.
-
-    ``table`` has ``coefficients(kT)``, whose first columns are those of :mod:`.forces`; ``plain`` is as in :class:`.forces.Terms`;
-    ``transverse`` says whether there are transverse terms.
-    """
+    """What layers whose friction and noise are those of DPD have in common.  ``table`` has ``coefficients(kT)``, whose first columns are
+    those of :mod:`.forces`; ``plain`` is as in :class:`.forces.Terms`; ``transverse`` says whether there are transverse terms."""
 
     #: Whether A w is all of the repulsion.
     repels_by_pairs = False

@@ -19,10 +19,7 @@ UNIFORM, HALVES, SINE = range(3)
 
 @dataclass(frozen=True, eq=False)
 class BodyTerms:
-    """A force on single beads.
-
-    The period is that of the scene's box, not of the present one: a pattern does not follow a barostat.
-    """
+    """A force on single beads.  The period is that of the scene's box, not of the present one: a pattern does not follow a barostat."""
 
     term: ClassVar[str] = "external"
 

@@ -101,11 +101,9 @@ def minimum_image(dx, dy, dz, box, inverse):
 
 
 def bead_rows(beads: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Compressed rows of the beads (K, width) of K terms: bead of each row, first slot of each row (one more), slots.
-
-    Slot ``width * k + p`` is place p of term k.  The slots of a row increase, so that going through a row adds up what acts on its bead in
-    the order in which one thread would meet the terms.
-    """
+    """Compressed rows of the beads (K, width) of K terms: bead of each row, first slot of each row (one more), slots.  Slot ``width * k +
+    p`` is place p of term k.  The slots of a row increase, so that going through a row adds up what acts on its bead in the order in which
+    one thread would meet the terms."""
     flat = beads.ravel()
     slots = np.argsort(flat, kind="stable")
     rows, first = np.unique(flat[slots], return_index=True)
@@ -213,11 +211,8 @@ class BondedKernel:
 
 
 class TermEvaluator:
-    """Computes bonded terms.
-
-    One thread adds each term to the forces on its beads as it goes.  Several (from ``fewest`` terms on) first write down what each term
-    does; then each takes a bead and adds up its row of terms, in the same order.
-    """
+    """Computes bonded terms.  One thread adds each term to the forces on its beads as it goes.  Several (from ``fewest`` terms on) first
+    write down what each term does; then each takes a bead and adds up its row of terms, in the same order."""
 
     def __init__(self, terms: BondedKernel):
         kind: Any = type(terms)

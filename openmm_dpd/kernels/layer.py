@@ -69,19 +69,15 @@ NO_VELOCITIES = np.zeros((0, 3))
 
 
 class SortedMotion:
-    """Velocities and forces of M beads in the order of a pair list, and where they come from and go to.
-
-    The loops over pairs fetch and deliver them, see :func:`.columns.gather_and_clear` and :func:`.columns.deliver`.
-    """
+    """Velocities and forces of M beads in the order of a pair list, and where they come from and go to.  The loops over pairs fetch and
+    deliver them, see :func:`.columns.gather_and_clear` and :func:`.columns.deliver`."""
 
     def __init__(self, beads: int):
         self.v, self.f = np.zeros((beads, 3)), np.zeros((beads, 3))
 
     def arrays(self, call: Call, out: np.ndarray, add: bool) -> tuple[Any, ...]:
-        """``seen``, ``v``, ``f``, ``out``, ``add``: the last items of what a loop over pairs reads and writes.
-
-        They are no record in that record: numba does not compile loops for several threads over one.
-        """
+        """``seen``, ``v``, ``f``, ``out``, ``add``: the last items of what a loop over pairs reads and writes.  They are no record in that
+        record: numba does not compile loops for several threads over one."""
         seen = call.velocities if call.which & (DISSIPATIVE | RANDOM) else None
         return NO_VELOCITIES if seen is None else seen, self.v, self.f, out, add
 

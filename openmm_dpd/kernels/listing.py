@@ -94,10 +94,8 @@ def beads_near(count, grid):
 
 @helper
 def _neighbour_rows(cy, cz, grid, row, width, shift):
-    """The column (cy, cz) and the four whose beads it meets, as rows of cells that follow each other in the order of cells.
-
-    Writes for each row its first cell at x = 0, how many cells it takes there, and the lattice vector to add; returns how many rows.
-    """
+    """The column (cy, cz) and the four whose beads it meets, as rows of cells that follow each other in the order of cells.  Writes for
+    each row its first cell at x = 0, how many cells it takes there, and the lattice vector to add; returns how many rows."""
     nx, ny, nz = grid.nx, grid.ny, grid.nz
     box = grid.box
     n = 0
@@ -133,10 +131,8 @@ def _neighbour_rows(cy, cz, grid, row, width, shift):
 @helper
 def _gather(xs, cy, cz, grid, count, rows, own, others, near, bead):
     """Copy all beads near the column (cy, cz) one after the other: for each x from -1 to nx its own beads, then those of its neighbours.
-
     The own beads of cell x are own[x + 1]:others[x + 1], the others are others[x + 1]:own[x + 2].  What is copied beyond the end of a cell
-    is written over by the next one.
-    """
+    is written over by the next one."""
     nx, ny = grid.nx, grid.ny
     row, width, shift = rows
     x, y, z = xs[0], xs[1], xs[2]

@@ -225,12 +225,9 @@ _laplacian_of_pairs = over_pairs("many_body_laplacian", _pair_laplacian, paralle
 
 
 def many_body_laplacian(pairs: PairList, coefficients: np.ndarray, rho: np.ndarray) -> float:
-    """Sum over the mobile beads of the Laplacian of the conservative energy, quadratic kernel.
-
-    A pair's attraction gives A/rc - 2 A w/r per mobile bead, as in DPD.  For the sum of c rho^2 with c = pi B h^4/30, a mobile bead i has
-    2c [ |grad_i rho_i|^2 + sum over j of (f W')^2 + (rho_i + rho_j) f (W'' + 2 W'/r) ] with W' = -15 w_d/(pi h^4), W'' = 15/(pi h^5); so
-    2c W' = -B w_d.
-    """
+    """Sum over the mobile beads of the Laplacian of the conservative energy, quadratic kernel.  A pair's attraction gives A/rc - 2 A w/r
+    per mobile bead, as in DPD.  For the sum of c rho^2 with c = pi B h^4/30, a mobile bead i has 2c [ |grad_i rho_i|^2 + sum over j of (f
+    W')^2 + (rho_i + rho_j) f (W'' + 2 W'/r) ] with W' = -15 w_d/(pi h^4), W'' = 15/(pi h^5); so 2c W' = -B w_d."""
     slope = np.zeros((len(rho), 3))  # sqrt(2c) grad_i rho_i
     total = _laplacian_of_pairs(pairs, Curvature(coefficients, rho, slope))[0]
     return total + float(np.sum(slope[pairs.arrays.inv_mass > 0.0] ** 2))

@@ -120,9 +120,7 @@ def normal(key, stream):
 @helper
 def draw(key, pairs, begin, m, scratch):
     """Standard normal numbers, stream 0, of the pairs begin:begin + m of a list, to the last row of the values; their keys to the bits.
-
-    They are what :func:`normal` gives; one pass for each kind of work is three times as fast, since most of them can do several at once.
-    """
+    They are what :func:`normal` gives; one pass for each kind of work is three times as fast, since most of them can do several at once."""
     order, pi, pj, bits, tail, xi = pairs.order, pairs.pi, pairs.pj, scratch.bits, scratch.tail, scratch.values[3]
     for k in range(m):
         i, j = order[pi[begin + k]], order[pj[begin + k]]

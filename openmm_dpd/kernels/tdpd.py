@@ -32,10 +32,8 @@ MOTION, FIRST_SPECIES = range(2)
 
 @dataclass(frozen=True, eq=False)
 class SpeciesTable:
-    """Coefficients of one layer, as (T, T) symmetric arrays (MD units); ``cutoff`` is the larger of both ranges.
-
-    ``exponent`` is that of the drag; ``kappa``, ``epsilon`` and ``exponent_c`` are (T, T, K).
-    """
+    """Coefficients of one layer, as (T, T) symmetric arrays (MD units); ``cutoff`` is the larger of both ranges.  ``exponent`` is that of
+    the drag; ``kappa``, ``epsilon`` and ``exponent_c`` are (T, T, K)."""
 
     A: np.ndarray
     gamma: np.ndarray

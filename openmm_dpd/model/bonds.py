@@ -83,11 +83,9 @@ _Terms = TypeVar("_Terms", bound="BondedTerms")
 
 
 class BondedTerms:
-    """What all kinds of bonds, angles and dihedrals have in common: beads, and coefficients for each.
-
-    A kind is a frozen dataclass with a field for the beads, named as in ``_BEADS``, and one for each of ``_DIMENSIONS``, in this order.
-    Its record (:mod:`openmm_dpd.plan.kinds.bonded`) says how it is computed.
-    """
+    """What all kinds of bonds, angles and dihedrals have in common: beads, and coefficients for each.  A kind is a frozen dataclass with a
+    field for the beads, named as in ``_BEADS``, and one for each of ``_DIMENSIONS``, in this order. Its record
+    (:mod:`openmm_dpd.plan.kinds.bonded`) says how it is computed."""
 
     #: Name of the beads, how many a term has, and what a term is called.
     _BEADS: ClassVar[tuple[str, int, str]]
@@ -294,10 +292,8 @@ class MorseBonds(Bonds):
 
 
 def bonded_neighbours(pairs: np.ndarray, n_beads: int) -> dict[int, set[tuple[int, int]]]:
-    """Pairs (i < j) that are one, two or three bonds apart: {1: 1-2 pairs, 2: 1-3 pairs, 3: 1-4 pairs}.
-
-    A pair counts for the shortest path between its beads, so that rings come out right.
-    """
+    """Pairs (i < j) that are one, two or three bonds apart: {1: 1-2 pairs, 2: 1-3 pairs, 3: 1-4 pairs}.  A pair counts for the shortest
+    path between its beads, so that rings come out right."""
     neighbours: list[set[int]] = [set() for _ in range(n_beads)]
     for i, j in np.asarray(pairs).tolist():
         neighbours[i].add(j)

@@ -257,10 +257,8 @@ class EwaldSum:
 
 
 def ewald_sum(charges: SmearedCharges, box: np.ndarray, n_charges: int) -> EwaldSum:
-    """Cutoff, alpha and grid that make the forces as exact as the tolerance says.
-
-    ParameterError if the cutoff is over half the box, whether given or needed, or cutoff, alpha and grid do not go together.
-    """
+    """Cutoff, alpha and grid that make the forces as exact as the tolerance says.  ParameterError if the cutoff is over half the box,
+    whether given or needed, or cutoff, alpha and grid do not go together."""
     half = 0.5 * float(np.diag(box).min())
     cutoff = charges.cutoff
     if cutoff is None:

@@ -262,11 +262,8 @@ class Gap(NamedTuple):
 
 
 def gaps(walls: Sequence[Wall], box: np.ndarray | None) -> dict[int, Gap]:
-    """Axis number -> gap between its walls.
-
-    ParameterError if two walls have the same axis and side, kinds differ on one axis, a periodic axis has a single wall, or nothing solid
-    is left between the images.
-    """
+    """Axis number -> gap between its walls.  ParameterError if two walls have the same axis and side, kinds differ on one axis, a periodic
+    axis has a single wall, or nothing solid is left between the images."""
     if isinstance(walls, Wall) or not all(isinstance(wall, Wall) for wall in walls):
         raise ParameterError(f"walls must be a sequence of Wall, such as [Wall('z', 0.0, 'above'), ...], not {what_is(walls)}")
     found: dict[int, Gap] = {}

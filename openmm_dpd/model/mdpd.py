@@ -105,10 +105,7 @@ def check_many_body(table: Mapping) -> MDPD:
 
 def why_no_openmm_force(table: Mapping, exceptions: dict[tuple[int, int], float], coincident: list[tuple[int, int]]) -> str | None:
     """Why only the pair kernel can compute the conservative force, or None, from a table, factors of bonded neighbours, and beads at one
-    point.
-
-    At r = 0 every platform returns NaN or nonsense from a CustomGBForce, even for excluded pairs.
-    """
+    point.  At r = 0 every platform returns NaN or nonsense from a CustomGBForce, even for excluded pairs."""
     if check_many_body(table).kernel != "quadratic":
         return "the force of MDPD with the Lucy kernel derives from no potential"
     scaled = next((pair for pair, factor in exceptions.items() if factor not in (0.0, 1.0)), None)

@@ -36,11 +36,8 @@ NONE = _NoInteraction()
 
 
 class PairCoefficient:
-    """Base of all kinds of pair coefficients.
-
-    A kind is a frozen dataclass that has at least a ``cutoff`` (nm).  The pair kernel or an OpenMM force evaluates it, as its record in
-    :mod:`openmm_dpd.plan.kinds` says.
-    """
+    """Base of all kinds of pair coefficients.  A kind is a frozen dataclass that has at least a ``cutoff`` (nm).  The pair kernel or an
+    OpenMM force evaluates it, as its record in :mod:`openmm_dpd.plan.kinds` says."""
 
     #: Its per-bead fields: a class of :mod:`openmm_dpd.model.internal`.
     internal: ClassVar[type | None] = None

@@ -24,10 +24,8 @@ from .temperature import TemperatureRamp
 
 
 def box_vectors(box) -> np.ndarray | None:
-    """Box as a (3, 3) array of rows a, b, c in OpenMM's reduced lower-triangular form, or None.
-
-    ParameterError if it is neither three edges nor three vectors, an edge is not positive, or the vectors are not in reduced form.
-    """
+    """Box as a (3, 3) array of rows a, b, c in OpenMM's reduced lower-triangular form, or None.  ParameterError if it is neither three
+    edges nor three vectors, an edge is not positive, or the vectors are not in reduced form."""
     if box is None:
         return None
     array = np.asarray(to_md(box, "length", "box"))

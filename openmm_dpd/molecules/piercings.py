@@ -158,11 +158,9 @@ def pushed_out(
     *,
     turn: int = 0,
 ) -> np.ndarray:
-    """Positions with pierced rings and bonds, as :func:`crossings` gives them, moved apart in the plane of the ring, over one of its edges.
-
-    The bond goes past the edge that is the ``turn``-th nearest; atoms up to four bonds from it go a part of the way, so that the chain
-    is bent and not torn.  If the bond cannot move (``mobile`` (N,) says which atoms may), the ring does, the other way.
-    """
+    """Positions with pierced rings and bonds, as :func:`crossings` gives them, moved apart in the plane of the ring, over one of its
+    edges.  The bond goes past the edge that is the ``turn``-th nearest; atoms up to four bonds from it go a part of the way, so that the
+    chain is bent and not torn.  If the bond cannot move (``mobile`` (N,) says which atoms may), the ring does, the other way."""
     x = x.copy()
     neighbours = neighbours_of(bonds, len(x))
     for ring, bond in found:

@@ -80,10 +80,8 @@ def nonbonded_of(system: openmm.System) -> openmm.NonbondedForce:
 
 
 def excluded_pairs(system: openmm.System) -> np.ndarray:
-    """Pairs with an exception in the NonbondedForce, (E, 2), sorted: neighbours over up to three bonds, as a rule.
-
-    Other forces between all atoms exclude the same pairs, which the CPU and GPU platforms ask of them.
-    """
+    """Pairs with an exception in the NonbondedForce, (E, 2), sorted: neighbours over up to three bonds, as a rule.  Other forces between
+    all atoms exclude the same pairs, which the CPU and GPU platforms ask of them."""
     force = nonbonded_of(system)
     pairs = sorted(tuple(sorted(force.getExceptionParameters(k)[:2])) for k in range(force.getNumExceptions()))
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)

@@ -81,10 +81,8 @@ def few_charges(scene: Scene, ewald: EwaldSum | None) -> bool:
 
 
 def longest_wave(alpha: float, error: float) -> float:
-    """Wave vector (1/nm) up to which the waves make a relative error of forces that is no larger: exp(-k^2/(4 alpha^2)) = error.
-
-    The forces of charges without order have the error sqrt(alpha/k) exp(-k^2/(4 alpha^2)) or less.
-    """
+    """Wave vector (1/nm) up to which the waves make a relative error of forces that is no larger: exp(-k^2/(4 alpha^2)) = error.  The
+    forces of charges without order have the error sqrt(alpha/k) exp(-k^2/(4 alpha^2)) or less."""
     return without_last_digits(2.0 * alpha * math.sqrt(-math.log(error)))
 
 

@@ -121,10 +121,8 @@ def tau_ratio(double: bool) -> float:
 
 
 def _trial_time(scene: Scene, cutoff: float, double: bool) -> float | None:
-    """Trial drift for scenes that balance energies: 1/1000 of the range at a thermal velocity (1/50 where positions may be float32).
-
-    A power of two, so that multiplying and dividing by it is exact.
-    """
+    """Trial drift for scenes that balance energies: 1/1000 of the range at a thermal velocity (1/50 where positions may be float32).  A
+    power of two, so that multiplying and dividing by it is exact."""
     speed = float(np.sqrt(scene.initial_kT / scene.bead_masses.min()))
     if speed * cutoff <= 0:
         return None

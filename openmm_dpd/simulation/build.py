@@ -117,11 +117,9 @@ def initial_velocities(scene: Scene, seed: int) -> np.ndarray:
 
 
 def run_in(built: BuiltSystem, system: openmm.System, own: Sequence[openmm.Force], maker: str) -> None:
-    """Have the integrator of something built run another System, where ``own`` are the forces it was built with.
-
-    It uses the force groups of all but the forces that only list bonds, and of impulses: users put forces of their own into any group,
-    before the Context is made, and all of them have to act.
-    """
+    """Have the integrator of something built run another System, where ``own`` are the forces it was built with.  It uses the force groups
+    of all but the forces that only list bonds, and of impulses: users put forces of their own into any group, before the Context is made,
+    and all of them have to act."""
     options = built.plan.options
     silent = {force.getForceGroup() for force in own if force.getName() == MOLECULES}
     silent |= set() if options.execution.pushes else {options.pair_group}

@@ -25,10 +25,8 @@ REMEMBERED: dict[str, Handler] = {}
 def command(
     usage: str, least: int, most: int | None = -1, *, box: bool | None = None, remembered: bool = False
 ) -> Callable[[Handler], Handler]:
-    """Enter a function as the command that ``usage`` begins with, which takes so many words (see :func:`read.count`).
-
-    ``box`` says whether there must be a simulation box, or must not be one yet.
-    """
+    """Enter a function as the command that ``usage`` begins with, which takes so many words (see :func:`read.count`).  ``box`` says whether
+    there must be a simulation box, or must not be one yet."""
     name = usage.split()[0]
 
     def enter(handler: Handler) -> Handler:

@@ -47,9 +47,7 @@ class BeadTypes:
 
 def lammps_types(scene: Scene, apart: bool = False) -> BeadTypes:
     """Atom types of a scene; with ``apart`` beads that never move have types of their own, with a mass that nothing can move.
-
-    ParameterError if there are more different masses than LAMMPS's tables of type pairs have room for.
-    """
+    ParameterError if there are more different masses than LAMMPS's tables of type pairs have room for."""
     frozen = np.zeros(scene.n_beads, bool) if scene.mobile is None or not apart else ~scene.mobile
     of_bead = np.zeros(scene.n_beads, dtype=np.int64)
     names, masses, still = list[str](), list[float](), list[bool]()

@@ -181,10 +181,8 @@ def _fits(scene: Scene, given, corner: np.ndarray) -> bool:
 
 # -- flow ----------------------------------------------------------------------------------------------------------------------
 def flow_lines(scene: Scene, units: UnitSystem, corner: np.ndarray) -> Iterator[str]:
-    """Beads that only body forces act on (fix setforce), body forces (fix addforce) and walls (fix wall/reflect).
-
-    ParameterError for what LAMMPS has no fix for: walls with bounce-back, formulas in other units than lj ...
-    """
+    """Beads that only body forces act on (fix setforce), body forces (fix addforce) and walls (fix wall/reflect).  ParameterError for what
+    LAMMPS has no fix for: walls with bounce-back, formulas in other units than lj ..."""
     if scene.interacting is not None:
         for k, row in enumerate(np.unique(scene.interacting[~scene.interacting.all(axis=1)], axis=0), start=1):
             group = yield from _group(f"alone{k}", np.all(scene.interacting == row, axis=1))

@@ -27,9 +27,7 @@ _LAMMPS = b"LammpS RestartT"
 
 def restart_bytes(state: DeckState) -> bytes:
     """Contents of a restart file: box, beads, bonds, groups, step and time, the commands about interactions, and the counter of the noise.
-
-    All numbers with all their bits.
-    """
+    All numbers with all their bits."""
     box = state.require_box("a restart file")
     header = {name: getattr(state, name) for name in _PLAIN} | {
         "format": FORMAT,
@@ -50,10 +48,8 @@ def restart_bytes(state: DeckState) -> bytes:
 
 
 def load_restart(state: DeckState, path: Path) -> list[tuple[str, list[str]]]:
-    """Take over what a restart file holds; the commands about interactions are returned.
-
-    ParameterError if it is no such file; LAMMPS's own are not.
-    """
+    """Take over what a restart file holds; the commands about interactions are returned.  ParameterError if it is no such file; LAMMPS's
+    own are not."""
     content = path.read_bytes()
     if content.startswith(_LAMMPS):
         raise ParameterError(

@@ -46,11 +46,9 @@ def _tokens(pattern: re.Pattern[str], text: str) -> list[tuple[str, str]]:
 
 
 def evaluate(text: str, resolver: Any) -> float:
-    """Value of a formula, such as ``pe/count(all)+v_offset``.
-
-    The methods ``thermo``, ``variable``, ``compute``, ``fix``, ``group``, ``atom`` and ``call`` of ``resolver`` give what names stand for.
-    ParameterError if the formula is malformed, divides by zero, leaves the domain of a function, or names something unknown.
-    """
+    """Value of a formula, such as ``pe/count(all)+v_offset``.  The methods ``thermo``, ``variable``, ``compute``, ``fix``, ``group``,
+    ``atom`` and ``call`` of ``resolver`` give what names stand for. ParameterError if the formula is malformed, divides by zero, leaves the
+    domain of a function, or names something unknown."""
     return Formula(text, resolver).value()
 
 

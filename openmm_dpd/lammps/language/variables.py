@@ -94,10 +94,8 @@ class Variables:
         self._found[name] = Variable(style, content, where, form=values[1] if style == "format" else "")
 
     def advance(self, names: list[str]) -> bool:
-        """Carry out ``next``: whether all have another value; those that have none are deleted.
-
-        ParameterError if a variable is not index- or loop-style, or they are not all of one style.
-        """
+        """Carry out ``next``: whether all have another value; those that have none are deleted.  ParameterError if a variable is not index-
+        or loop-style, or they are not all of one style."""
         found = [(name, self.get(name)) for name in names]
         for name, variable in found:
             if variable.style not in SERIES:

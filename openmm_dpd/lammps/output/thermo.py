@@ -146,10 +146,8 @@ class Thermo:
         return min(following, self.last)
 
     def values(self, sample: DeckSample, words: tuple[str, ...] | None = None) -> dict[str, float]:
-        """Value of each column (or of each of ``words``), in the deck's units and normalised as LAMMPS prints it.
-
-        DeckError if a formula cannot be evaluated.
-        """
+        """Value of each column (or of each of ``words``), in the deck's units and normalised as LAMMPS prints it.  DeckError if a formula
+        cannot be evaluated."""
         moment = Resolver(self.state, sample, self.window)
         result = {}
         for word in self.words if words is None else words:

@@ -16,10 +16,8 @@ from .thermo import check_word, fields_read
 
 
 class TimeAverage(AveragingFix):
-    """``fix ID group ave/time Nevery Nrepeat Nfreq value value ... keyword values ...``.
-
-    Single numbers (mode scalar), or whole vectors side by side (mode vector).
-    """
+    """``fix ID group ave/time Nevery Nrepeat Nfreq value value ... keyword values ...``.  Single numbers (mode scalar), or whole vectors
+    side by side (mode vector)."""
 
     def __init__(self, state: DeckState, name: str, group: str, args: list[str]):
         read.count(args, "fix ID group ave/time Nevery Nrepeat Nfreq value value ...", 4, None)

@@ -104,12 +104,9 @@ _FREE = ("threads", "checkpoint")
 
 @dataclass(frozen=True)
 class Latest:
-    """Where a deck was interrupted.
-
-    Its file, the RunOptions, variables of the command line, the SHA-256 of each file that was read, what
+    """Where a deck was interrupted.  Its file, the RunOptions, variables of the command line, the SHA-256 of each file that was read, what
     :meth:`openmm_dpd.base.file_ledger.FileLedger.put_back` needs, how many runs are done, the one that was interrupted (None between two
-    runs), and what the caller was asked for beside all this, such as a file for the report.
-    """
+    runs), and what the caller was asked for beside all this, such as a file for the report."""
 
     deck: str
     options: dict[str, Any]

@@ -32,11 +32,8 @@ NAME = "log.txt"
 
 
 class RunLog:
-    """Takes lines: rows of thermo output, remarks, what ``print`` prints; ``show`` takes them as well.
-
-    They go, unbuffered, to ``log.txt`` in a folder, if there is one, behind what is there with ``append``; OutputError if it cannot be
-    written.
-    """
+    """Takes lines: rows of thermo output, remarks, what ``print`` prints; ``show`` takes them as well.  They go, unbuffered, to ``log.txt``
+    in a folder, if there is one, behind what is there with ``append``; OutputError if it cannot be written."""
 
     def __init__(self, show: Callable[[str], None], folder: Path | None, append: bool = False):
         self.show = show

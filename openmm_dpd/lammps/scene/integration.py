@@ -30,10 +30,8 @@ class Integration:
 
 
 def integration(state: DeckState) -> Integration:
-    """Scheme and mobile beads of the deck's present fixes.
-
-    DeckError if two fixes move one bead, two schemes are mixed, a fix lacks its pair style, or a pair style its fix.
-    """
+    """Scheme and mobile beads of the deck's present fixes.  DeckError if two fixes move one bead, two schemes are mixed, a fix lacks its
+    pair style, or a pair style its fix."""
     mobile = np.zeros(len(state.atoms), dtype=bool)
     owners: list[Fix] = []
     for fix in state.fixes_of(*INTEGRATORS):

@@ -112,11 +112,9 @@ REGION_STYLES: dict[str, tuple[int, Callable[[list[str], np.ndarray, Box | None]
 
 
 def parse_region(args: list[str], spacing: np.ndarray, box: Box | None, known: dict[str, Region]) -> Region:
-    """Region of ``region ID style values ... [side in|out] [units lattice|box]``, from its style on.
-
-    Coordinates are in lattice spacings (``spacing``) unless ``units box`` is given; ``EDGE`` is that of ``box``; ``known`` are the regions
-    defined so far, for ``union`` and ``intersect``.
-    """
+    """Region of ``region ID style values ... [side in|out] [units lattice|box]``, from its style on.  Coordinates are in lattice spacings
+    (``spacing``) unless ``units box`` is given; ``EDGE`` is that of ``box``; ``known`` are the regions defined so far, for ``union`` and
+    ``intersect``."""
     read.count(args, "region ID style values ...", 2, None)
     style = read.choice(args[0], "the region style", [*REGION_STYLES, "union", "intersect"])
     if style in ("union", "intersect"):

@@ -92,10 +92,7 @@ class Binning:
 
 
 def parse_binning(state: DeckState, group: str, words: list[str]) -> Binning:
-    """Settings from the words after ``chunk/atom``.
-
-    ParameterError for styles and options that are not supported, or values out of bounds.
-    """
+    """Settings from the words after ``chunk/atom``.  ParameterError for styles and options that are not supported, or values out of bounds."""
     read.count(words, _USAGE, 1, None)
     if words[0] not in _STYLES:
         raise ParameterError(f"compute chunk/atom: only styles {', '.join(_STYLES)} are supported, not '{words[0]}'")

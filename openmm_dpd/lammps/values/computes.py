@@ -253,10 +253,8 @@ def check_value(
 
 
 def expanded(state: DeckState, words: Sequence[str], tables: bool = False) -> tuple[str, ...]:
-    """The words with every ``*`` in an index written out; with ``tables`` only columns of the tables of computes.
-
-    ParameterError if a word with a ``*`` names nothing that has several values, or a range has numbers that are not there.
-    """
+    """The words with every ``*`` in an index written out; with ``tables`` only columns of the tables of computes.  ParameterError if a word
+    with a ``*`` names nothing that has several values, or a range has numbers that are not there."""
     found: list[str] = []
     for word in words:
         match = _WILD.fullmatch(word)

@@ -243,10 +243,8 @@ class _BeadFormula(Formula):
 
 
 def evaluate_beads(text: str, resolver: Resolver, n: int) -> np.ndarray:
-    """(n,) values of an atom-style formula, such as ``0.5*mass*(vx^2+vy^2)``, one for each of n beads.
-
-    ParameterError as :func:`evaluate`, for any of the beads.
-    """
+    """(n,) values of an atom-style formula, such as ``0.5*mass*(vx^2+vy^2)``, one for each of n beads.  ParameterError as :func:`evaluate`,
+    for any of the beads."""
     formula = _BeadFormula(text, resolver)
     try:
         with np.errstate(divide="raise", invalid="raise", over="raise"):

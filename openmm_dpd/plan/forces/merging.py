@@ -15,11 +15,9 @@ _LISTED = (*LISTED, openmm.CustomHbondForce, *BAROSTATS)
 
 
 def merged_systems(atoms: openmm.System, beads: openmm.System, pair_group: int) -> tuple[openmm.System, list[openmm.Force]]:
-    """The atoms' System with the beads added, and the forces among its own that are the beads'.
-
-    ``beads`` is the System that was built for all particles, without the forces of the atoms; its pair force stays in ``pair_group``,
-    where the atoms have none, and its other forces go to groups that are free.
-    """
+    """The atoms' System with the beads added, and the forces among its own that are the beads'.  ``beads`` is the System that was built for
+    all particles, without the forces of the atoms; its pair force stays in ``pair_group``, where the atoms have none, and its other forces
+    go to groups that are free."""
     n, total = atoms.getNumParticles(), beads.getNumParticles()
     merged = copy.deepcopy(atoms)
     for k in range(n, total):

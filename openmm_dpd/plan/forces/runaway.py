@@ -17,11 +17,9 @@ FASTEST = 10.0
 
 
 def runaway(v: np.ndarray, inv_mass: np.ndarray, kT: float, dt: float, cutoff: float) -> str | None:
-    """What is wrong with the velocities (N, 3) of a step, in a sentence, or None; beads of ``inv_mass`` 0 are not looked at.
-
-    Wrong is a velocity that is not finite, and a bead that is faster than ten thermal velocities *and* crosses more than the longest
-    cutoff in one step.  Either alone may be meant: a quench from a hot start, or an ideal gas with a long step.
-    """
+    """What is wrong with the velocities (N, 3) of a step, in a sentence, or None; beads of ``inv_mass`` 0 are not looked at.  Wrong is a
+    velocity that is not finite, and a bead that is faster than ten thermal velocities *and* crosses more than the longest cutoff in one
+    step.  Either alone may be meant: a quench from a hot start, or an ideal gas with a long step."""
     if motion.largest(v) * dt <= NEAR * cutoff:  # the usual case, in one pass; NaN falls through
         return None
     moving = inv_mass > 0

@@ -12,11 +12,9 @@ from .fingerprint import Fingerprints
 
 
 class Fields:
-    """Per-bead fields, as the pair force reads them and returns their changes: blocks of three values per bead.
-
-    Programs skip immobile beads, so these have the values of the start, but in loops of steps.  Internal energies come as
-    (conductive, mechanical, what rounding lost of the sum); everything else as one value after the other.
-    """
+    """Per-bead fields, as the pair force reads them and returns their changes: blocks of three values per bead.  Programs skip immobile
+    beads, so these have the values of the start, but in loops of steps.  Internal energies come as (conductive, mechanical, what rounding
+    lost of the sum); everything else as one value after the other."""
 
     def __init__(self, spec: FieldSpec):
         self.spec = spec

@@ -110,11 +110,9 @@ class _Terms:
 
 
 def _terms(group: Bonds | Angles, kT: float) -> _Terms:
-    r"""Curvatures U'' of terms over their thermal range: mean, largest, and those of equal parts of it beside the mean.
-
-    The density is exp(-U/kT) times r^2 for the length r of a bond, and sin(theta) for an angle, that of a term alone.  The length is that
-    for which 1/r^2 has its mean.
-    """
+    r"""Curvatures U'' of terms over their thermal range: mean, largest, and those of equal parts of it beside the mean.  The density is
+    exp(-U/kT) times r^2 for the length r of a bond, and sin(theta) for an angle, that of a term alone.  The length is that for which 1/r^2
+    has its mean."""
     values = np.column_stack([getattr(group, name) for name in group._DIMENSIONS])
     different, which = np.unique(values, axis=0, return_inverse=True)
     kind: Any = type(group)
@@ -152,7 +150,6 @@ def _arms(triples: np.ndarray, bonds: list[_Terms], scene: Scene) -> tuple[np.nd
 
 def _modes(what: str, terms: list[_Terms], slopes: np.ndarray, scene: Scene, around: float) -> Modes | None:
     r"""Frequencies by Wilson's method: eigenvalues of F^1/2 G F^1/2, G = J M^-1 J^T, with the curvatures F and the slopes J of all terms.
-
     The slopes are those of a straight chain, in which neighbours count most.  (Springs of rest length 0 are such chains in each direction.)
     """
     beads, mean, largest = (np.concatenate([getattr(one, name) for one in terms]) for name in ("beads", "mean", "largest"))

@@ -170,10 +170,8 @@ def _step(
 
 
 def predicted_error(scene: Scene, scheme: str, dt: float, *, table: StabilityTable | None = None) -> tuple[float, str] | None:
-    """Relative error of the worst temperature at a step (ps), signed, and which one; infinite over 10 %, None where the table ends.
-
-    Bonds and angles count by themselves (:mod:`openmm_dpd.simulation.advice.bonded_modes`).
-    """
+    """Relative error of the worst temperature at a step (ps), signed, and which one; infinite over 10 %, None where the table ends.  Bonds
+    and angles count by themselves (:mod:`openmm_dpd.simulation.advice.bonded_modes`)."""
     word = scheme_of(scheme)
     scheme, table = word.name, table or shipped_table()
     pairs, _ = groups(scene)

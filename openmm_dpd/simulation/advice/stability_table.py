@@ -44,10 +44,8 @@ class Groups:
 
 
 def drag(gamma: float, rho: float, s: float) -> float:
-    r"""Friction of a bead in its surroundings of reduced density rho, as the gamma that gives it at density 3 and exponent 1.
-
-    It is gamma rho times the integral of w^(2s): B(3, 2s + 1) = 2/((2s + 1)(2s + 2)(2s + 3)), 1/30 at s = 1.
-    """
+    r"""Friction of a bead in its surroundings of reduced density rho, as the gamma that gives it at density 3 and exponent 1.  It is gamma
+    rho times the integral of w^(2s): B(3, 2s + 1) = 2/((2s + 1)(2s + 2)(2s + 3)), 1/30 at s = 1."""
     s2 = 2 * s
     return gamma * rho / 3.0 * 60.0 / ((s2 + 1) * (s2 + 2) * (s2 + 3))
 
