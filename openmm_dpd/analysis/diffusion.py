@@ -16,7 +16,6 @@ from .unwrapping import unwrapped
 
 #: Lags that are taken if none are given.
 LAGS = 50
-
 #: -xi of a simple cubic lattice of charges, the finite-size correction of a cubic box.
 XI = 2.837297
 

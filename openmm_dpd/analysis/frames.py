@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 #: A trajectory in memory, or chunks of one, as from ``mdtraj.iterload``.
 Trajectories: TypeAlias = "mdtraj.Trajectory | Iterable[mdtraj.Trajectory]"
-
 #: Beads: a type, several types, or what ``numpy`` indexes an array of beads with; None for all.
 Beads: TypeAlias = str | Sequence[str] | Sequence[int] | np.ndarray | None
 

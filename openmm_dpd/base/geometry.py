@@ -4,7 +4,6 @@ import numpy as np
 
 #: The two axes of each number of a tensor.
 AXES_OF_TENSOR = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-
 _FIRST, _SECOND = map(list, zip(*AXES_OF_TENSOR, strict=True))
 
 

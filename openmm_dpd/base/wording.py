@@ -10,7 +10,6 @@ import numpy as np
 #: The deck whose author reads: something with ``units`` (:class:`openmm_dpd.base.units.UnitSystem`) and ``atoms``, whose ``ids`` are the
 #: beads'.
 _DECK: ContextVar[Any] = ContextVar("deck", default=None)
-
 #: What scripts read.
 _NAMES = {"length": "nm", "time": "ps", "energy": "kJ/mol", "force": "kJ/mol/nm", "inverse_length": "/nm", "thermal_energy": "kJ/mol"}
 

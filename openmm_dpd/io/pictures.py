@@ -21,13 +21,10 @@ PANELS = (
 
 #: Colours (dark for means, light for rows), which colour-blind readers can distinguish too.
 COLOURS = (("#1f5a99", "#a9c6e3"), ("#b3541e", "#efc9ae"))
-
 #: What the lines are.
 CAPTION = "light: rows of the thermo output; dark: mean over a tenth of the run around each row; dotted: a new run begins"
-
 #: What the shading is.
 LEFT_OUT = "\ngrey: left out of averages, and of the range of the axes"
-
 #: Most rows that are drawn one by one; longer series show every so many.
 MOST_ROWS = 20_000
 

@@ -18,7 +18,6 @@ from .extras import CHUNK, BondedKernel, minimum_image
 
 #: Least |a x b| (nm^2) that a force is divided by: beads in line have no direction to bend in, and OpenMM has the same bound.
 LEAST_CROSS = 1e-6
-
 # the formula of a kind
 _formula: Any = None
 

@@ -18,7 +18,6 @@ from .vectors import LANES, floor, load_lanes, splat, store_lanes
 
 #: See above.
 SHARES = 8
-
 #: Square of a distance, nm^2, below which there is no direction.
 TINY = 1e-200
 

@@ -35,7 +35,6 @@ class ChargeTerms:
     """All charges."""
 
     term: ClassVar[str] = "electrostatic"
-
     beads: np.ndarray  #: (M,) beads that have a charge
     charges: np.ndarray  #: (M,) theirs, in elementary charges
     constant: float  #: Coulomb constant, kJ/mol nm

@@ -14,14 +14,11 @@ from ..base.numba_private import NO_REFERENCE_COUNTS
 
 #: Hash of all kernel sources.
 _DIGEST = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()[:12]
-
 #: Division by zero gives inf or nan, as in numpy: a loop with an exception in it is never vectorised.
 _SEMANTICS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
-
 #: The same for code that allocates nothing.  Numba would count the references to every array of a tuple that is handed on, atomically, and
 #: for each pair that takes longer than all the rest.
 _BARE = _SEMANTICS | NO_REFERENCE_COUNTS
-
 #: Decorators of functions that kernels call: compiled on their own, or put in where they are called.
 helper = numba.njit(**_BARE)
 inlined = numba.njit(inline="always", **_BARE)

@@ -11,7 +11,6 @@ from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Layer, PairSpec, Sor
 from .pairs import PairList
 
 _TERMS = CONSERVATIVE | DISSIPATIVE | RANDOM
-
 #: Each doubling that makes up for a halving rounds once.
 _MOST_HALVINGS = 8
 

@@ -30,10 +30,8 @@ from .pairs import PairList
 #: Columns of the coefficient table; the last two are where four coefficients of a polynomial begin.
 A, CUTOFF, GAMMA, EXPONENT, KAPPA, EXPONENT_T, CUTOFF_T, EXPONENT_POLYNOMIAL = range(8)
 KAPPA_POLYNOMIAL = EXPONENT_POLYNOMIAL + 4
-
 #: Streams of the pair's random numbers.
 MOTION, HEAT = range(2)
-
 #: Smallest exponent of the drag, and largest noise of a flux.
 SMALLEST_EXPONENT, LARGEST_NOISE = 0.01, 5.0
 

@@ -22,10 +22,8 @@ from .threads import dispatch, get_threads
 
 #: Fewer terms than this are not worth waking a second thread for: one takes about 10 ns, waking some 10 us where it goes well.
 FEW = 4000
-
 #: Terms whose energies are added up one after the other; the sums of these are added up then, so that no number of threads changes a bit.
 CHUNK = 256
-
 _NO_BOX = np.zeros((3, 3))
 
 
@@ -191,7 +189,6 @@ class BondedKernel:
     part: ClassVar[Callable]
     formula: ClassVar[Callable]
     sample: ClassVar[tuple[tuple[float, float, float], ...]]
-
     beads: np.ndarray
     parameters: np.ndarray
 

@@ -22,7 +22,6 @@ from .pairs import PairList
 
 #: Columns of the coefficient table, one row per pair of types.
 A, CUTOFF, GAMMA, SIGMA, GAMMA_PERP, SIGMA_PERP, EXPONENT, EXPONENT_PERP = range(8)
-
 #: Rows of the scratch of a column.
 _DRAG, _PUSH, _ENERGY, _NOISE = range(4)
 

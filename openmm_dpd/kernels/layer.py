@@ -14,16 +14,12 @@ from .pairs import Exceptions, PairList, no_exceptions
 
 #: Which terms an evaluation adds up.
 CONSERVATIVE, DISSIPATIVE, RANDOM = 1, 2, 4
-
 #: Added to them: the sum of r_ij F_ij as a tensor is wanted too.
 STRESS = 8
-
 #: The same for the sum over mobile beads of the Laplacian of the conservative energy, where that is all that is evaluated.
 LAPLACIAN = 16
-
 #: The two pair updates of :mod:`.sweeps`.
 EXACT, SHARDLOW = 0, 1
-
 _NO_KEY = np.uint64(0)
 
 

@@ -16,13 +16,10 @@ from .vectors import LANES, bits_set, copy_shifted, count_up, lowest_bit
 
 #: Square of the distance (nm^2) below which a pair exerts no force.
 R_MIN2 = 1e-20
-
 # The loops below run over unsigned indices: with signed ones numba looks out for indices below zero, and nothing is vectorised.
 _WORD, _ONE, _STEP = np.uint64(64), np.uint64(1), np.uint64(LANES)
-
 #: So many hits of a bead are written down without a question; few beads have more.
 _USUAL = np.uint64(8)
-
 #: So many hits are collected before they are looked at together.
 _BATCH = 2048
 

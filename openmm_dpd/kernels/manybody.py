@@ -32,7 +32,6 @@ from .pairs import PairList
 
 #: Columns of the coefficient table after the eight of :mod:`.forces`, which the sweep reads.
 B, CUTOFF_B, CUTOFF_DENSITY = 8, 9, 10
-
 #: In place of the factor 0 of bonded neighbours: a pair list leaves pairs of factor 0 out, but LAMMPS's density counts them.
 #: Forces times this are lost in rounding.
 _NO_FORCE = 1e-300

@@ -27,7 +27,6 @@ from .compiled import helper, inlined
 from .pairs import PairList, compressed_exceptions, no_exceptions
 
 MID, NEAREST, CLAMPED = range(3)
-
 #: Distance (nm) below which a contact has no direction, and exerts no force.
 D_MIN = 1e-10
 
@@ -37,7 +36,6 @@ class SegmentSpec:
     """Repulsion between bonds: the part of the kernel's input that never changes, an :class:`.extras.Extra`."""
 
     term: ClassVar[str] = "conservative"
-
     n_beads: int
     pairs: np.ndarray  #: (S, 2) beads of each segment
     A: float  # A, cutoff: force at d = 0 (kJ/mol/nm) and range (nm)

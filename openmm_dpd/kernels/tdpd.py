@@ -25,7 +25,6 @@ from .pairs import PairList
 
 #: Columns of the coefficient table; the first two are those of :mod:`.forces`.
 A, CUTOFF, GAMMA, EXPONENT, CUTOFF_C = range(5)
-
 #: Streams of the pair's random numbers: that of the motion, and that of the first species.
 MOTION, FIRST_SPECIES = range(2)
 

@@ -20,7 +20,6 @@ os.environ.setdefault("GOMP_SPINCOUNT", "100000")
 
 #: Numba's default threading layer must not be entered from two threads at once.
 _PARALLEL_LOCK = threading.Lock()
-
 _MOST_THREADS: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
 _thread_count: int | None = None
 
@@ -51,7 +50,6 @@ class _Watch:
     #: Seconds of work that are judged together, of rest, of a call that was not work (but the compiler's), and of a pause between two
     #: calls that counts as work: to look at the clock of the process takes half a microsecond.
     SPAN, REST, LONGEST, PAUSE = 0.05, 1.0, 0.1, 5e-5
-
     #: Threads are as good as their number if they run for this part of the time.
     ENOUGH = 0.6
 

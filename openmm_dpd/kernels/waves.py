@@ -25,7 +25,6 @@ from .vectors import LANES, floor, load_lanes, splat, store_lanes, total
 
 #: Charges are dealt with in such strips: two vectors at once.
 STRIP = 2 * LANES
-
 #: Numbers for each row of waves (a block at one n1): weights, and energies, of both signs; what forces are made of.
 WEIGHTS, PULLS = 2 * LANES, 8 * LANES
 

@@ -180,7 +180,6 @@ class HarmonicBonds(Bonds):
     pairs: np.ndarray
     k: np.ndarray
     r0: np.ndarray
-
     _DIMENSIONS = {"k": ("force_constant", ">= 0"), "r0": ("length", ">= 0")}
 
     def curve(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -221,9 +220,7 @@ class FENEBonds(Bonds):
     R0: np.ndarray
     epsilon: np.ndarray = 0.0  # type: ignore[assignment]  # an array once constructed
     sigma: np.ndarray = 1.0  # type: ignore[assignment]
-
     _DIMENSIONS = {"k": ("force_constant", ">= 0"), "R0": ("length", "> 0"), "epsilon": ("energy", ">= 0"), "sigma": ("length", ">= 0")}
-
     limited = True
 
     def __post_init__(self):
@@ -280,7 +277,6 @@ class MorseBonds(Bonds):
     D: np.ndarray
     alpha: np.ndarray
     r0: np.ndarray
-
     _DIMENSIONS = {"D": ("energy", ">= 0"), "alpha": ("inverse_length", ">= 0"), "r0": ("length", ">= 0")}
 
     def curve(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

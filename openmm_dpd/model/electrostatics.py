@@ -40,7 +40,6 @@ class SmearedCharges:
     alpha: float | None = None
     grid: tuple[int, int, int] | None = None
     bonded_factors: tuple[float, float, float] | None = None
-
     #: Name of the width of the clouds.
     _WIDTH: ClassVar[str]
 
@@ -165,7 +164,6 @@ class SlaterCharges(SmearedCharges):
     """
 
     lamda: float
-
     _WIDTH = "lamda"
 
     @property
@@ -212,7 +210,6 @@ class GaussianCharges(SmearedCharges):
     """
 
     width: float
-
     _WIDTH = "width"
 
     @property

@@ -16,14 +16,11 @@ from .pairs import checked
 from .sources import point
 
 AXES = ("x", "y", "z")
-
 #: How a body force varies along its axis.
 PATTERNS = ("uniform", "halves", "sine")
-
 #: What happens to the velocity of a bead that a wall reflects; "mixed": some axes of each kind.
 SPECULAR, BOUNCE_BACK, MIXED = "specular", "bounce-back", "mixed"
 KINDS = (SPECULAR, BOUNCE_BACK)
-
 #: A wall that is not there; far more than any position, and still exact to subtract 0 times.
 NOWHERE = 1e30
 
@@ -116,7 +113,6 @@ class BodyForce(_OnBeads):
     pattern: str = "uniform"
     axis: str | None = None
     origin: float = 0.0
-
     _WHAT = "a body force"
 
     def __post_init__(self):
@@ -171,7 +167,6 @@ class PositionForce(_OnBeads):
     types: str | Sequence[str] | None = None
     beads: np.ndarray | None = None
     corner: np.ndarray | tuple[float, float, float] = (0.0, 0.0, 0.0)
-
     _WHAT = "a position force"
 
     def __post_init__(self):

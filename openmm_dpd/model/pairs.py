@@ -41,7 +41,6 @@ class PairCoefficient:
 
     #: Its per-bead fields: a class of :mod:`openmm_dpd.model.internal`.
     internal: ClassVar[type | None] = None
-
     #: Coefficients that are one number: dimension, and bound, ``">= 0"``, ``"> 0"`` or ``""``.  None is left where it is the default.
     _DIMENSIONS: ClassVar[dict[str, tuple[str, str]]] = {}
 
@@ -187,7 +186,6 @@ class LennardJones(PairCoefficient):
     sigma: float
     cutoff: float
     shift: bool = False
-
     _DIMENSIONS = {"epsilon": ("energy", ">= 0"), "sigma": ("length", "> 0"), "cutoff": ("length", "> 0")}
 
     def __post_init__(self):

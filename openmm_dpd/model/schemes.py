@@ -12,13 +12,10 @@ from functools import cached_property
 from ..base.errors import ParameterError
 
 _TOKEN = re.compile(r"(\d*)([A-Z])(?:/(\d+))?")
-
 #: Letters of a word, and what they do.
 LETTERS = {"A": "drift", "B": "kick", "O": "sweep of exact pair updates", "S": "sweep of Shardlow's pair updates"}
-
 #: Those of friction and noise.
 SWEEPS = ("O", "S")
-
 #: One letter of a word and its part of the step.
 Letter = tuple[str, Fraction]
 
@@ -138,7 +135,6 @@ def read_word(text: str) -> tuple[Letter, ...]:
 
 
 _VERLET = (("B", Fraction(1, 2)), ("A", Fraction(1)), ("B", Fraction(1, 2)))
-
 _MIDDLE = read_word("B A/2 O A/2")  # that of OpenMM's DPDIntegrator
 
 

@@ -14,7 +14,6 @@ from .rings import neighbours_of, small_rings, within_bonds
 
 #: How far beyond the edge of a ring a bond is pushed that was in it, nm: about the radius of a carbon atom.
 BEYOND = 0.15
-
 #: Atoms so many bonds away from a bond that is pushed go with it, each bond away a smaller part of the way.
 REACH = 4
 

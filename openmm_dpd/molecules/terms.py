@@ -59,7 +59,6 @@ class Spring(AnySpring):
 
     k: float
     r0: float
-
     KIND = HarmonicBonds
 
 
@@ -83,7 +82,6 @@ class FENESpring(AnySpring):
     R0: float
     epsilon: float = 0.0
     sigma: float = 1.0
-
     KIND = FENEBonds
 
     def length(self, spacing: float) -> float:
@@ -108,7 +106,6 @@ class MorseSpring(AnySpring):
     D: float
     alpha: float
     r0: float
-
     KIND = MorseBonds
 
 
@@ -143,7 +140,6 @@ class Bend(AnyBend):
 
     k: float
     theta0: float
-
     KIND = HarmonicAngles
 
 
@@ -160,7 +156,6 @@ class CosineBend(AnyBend):
     """
 
     k: float
-
     KIND = CosineAngles
 
 

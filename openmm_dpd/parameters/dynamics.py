@@ -19,7 +19,6 @@ from .estimate import Bounds, Estimate, outside, reduced_number, shipped_rows
 
 #: The one density that was measured.
 DENSITY = 3.0
-
 _BASE = {"A": 25.0, "exponent": 1.0, "transverse": 0.0}
 _SOURCE = "docs/measure/transport_table.py"
 

@@ -31,7 +31,6 @@ _POWERS = {
 
 #: Temperature at which the numbers of water below were measured, K.
 _ROOM = 298.15
-
 #: Water at 298.15 K and 1 bar: Da; kg/m^3 and 1/Pa; m^2/s.
 _WATER_MASS = 18.01528
 _WATER_DENSITY, _WATER_COMPRESSIBILITY = 997.05, 4.525e-10

@@ -19,10 +19,8 @@ from .pair_spec import Factors, neighbour_factors
 
 #: The largest relative error of forces that waves beyond the last one make.
 LARGEST_ERROR = 1e-6
-
 #: Errors of the polynomials, in units of 1/width, and of their slopes, in units of 1/width^2.
 VALUE_ERROR, SLOPE_ERROR = 5e-13, 1e-10
-
 #: A function of an array of distances: its values, first and second derivatives.
 Radial = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 

@@ -10,7 +10,6 @@ from ..model.schemes import Scheme
 
 #: Platforms where positions, velocities and forces are double precision.
 DOUBLE_PLATFORMS = ("Reference", "CPU")
-
 #: What a scene may have beside its pair terms, and the pair kernel may hold.
 PARTS = ("bonds", "angles", "dihedrals", "overlays", "segments", "body forces", "walls", "charges")
 

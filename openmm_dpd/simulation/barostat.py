@@ -33,7 +33,6 @@ from .fields import per_dof, raw_fields
 
 #: Layer number under which volume moves draw their noise: far from those of pair terms.
 _NOISE_LAYER = 1 << 20
-
 #: Moves between two adjustments of the length of the moves.
 _ADJUST = 20
 

@@ -26,7 +26,6 @@ from ..plan.made import Made, acting, lines_of, text_number, variables_number
 from .barostat_temperature import barostats, check_barostats, tell_pressures
 
 _LOGGER = logging.getLogger("openmm_dpd")
-
 #: Steps after which what has been reached is remembered.  Simulation.step() asks for no more than that at once.
 PIECE = 10
 
@@ -48,10 +47,8 @@ class Watching:
     """What both integrators do around OpenMM's own ``step``; instances read from XML or a pickle have ``made`` None and only step."""
 
     made: Made | None = None
-
     #: What carries out many steps at once; None where OpenMM does them one by one.
     whole: Any = None
-
     _known: weakref.ref | None = None
     _looked_at: tuple = ()
     _groups = 0

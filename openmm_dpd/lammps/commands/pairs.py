@@ -184,7 +184,6 @@ def special_bonds(state: DeckState, args: list[str]) -> None:
 
 #: Styles of kspace_style: all of them mean OpenMM's PME here.
 KSPACE_STYLES = ("ewald", "pppm", "pppm/cg")
-
 #: Keywords of kspace_modify that say how LAMMPS computes the sum, and their numbers of values.
 _MANNERS = dict.fromkeys("collective diff fftbench minorder mix/disp order overlap pressure/scalar cutoff/adjust".split(), 1)
 _MANNERS["kmax/ewald"] = 3

@@ -14,10 +14,8 @@ from ..state.deck_state import DeckState
 from ..state.records import MIN_STYLES, NORMS
 
 Handler = Callable[[Any, list[str]], None]
-
 #: Every command of a deck: from the state and the words after its name.  Another command is another function with :func:`command`.
 COMMANDS: dict[str, Handler] = {}
-
 #: Those about interactions, which ``DeckState.setup`` remembers once they are carried out; restart files repeat them.
 REMEMBERED: dict[str, Handler] = {}
 

@@ -19,10 +19,8 @@ from ..styles.writing import Differences
 
 #: Mass of beads that never move, where LAMMPS would let the friction change their velocities or count their mass in heat.
 HEAVY = 1e15
-
 #: Largest image flag of LAMMPS's usual builds.
 _LARGEST_IMAGE = 511
-
 #: Largest number of bead types: LAMMPS keeps tables of type pairs.
 _MOST_TYPES = 2000
 

@@ -26,10 +26,8 @@ from .export_beads import BeadTypes, longest_cutoff
 
 #: Heat capacity of beads that never move, in units of k_B: they are reservoirs.
 _RESERVOIR = 1e12
-
 #: Rows of a resampled equation of state.
 _EOS_ROWS = 2001
-
 #: Most different vectors of a body force that is given bead by bead.
 _MOST_VECTORS = 50
 

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 #: Box edges of frames and scene may differ by this factor before the units are thought to be wrong.
 _LARGEST_RATIO = 4.0
-
 _SEE = "(see openmm_dpd.lammps.exchange.dump_reader.NAMES)"
 
 

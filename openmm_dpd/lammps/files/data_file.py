@@ -28,7 +28,6 @@ _HEADERS: dict[tuple[str, ...], int] = {
 }
 
 _UNSUPPORTED = ("impropers",)
-
 #: Largest id, and largest image flag.
 _LARGEST = 2**31 - 1
 

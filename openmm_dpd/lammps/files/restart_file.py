@@ -17,10 +17,8 @@ from ..state.deck_state import DeckState
 
 #: What the file says it is; another number where its contents change.
 FORMAT = "openmm-dpd restart 3"
-
 #: Attributes of DeckState that are plain numbers and words.
 _PLAIN = "atom_style sorts n_types n_bond_types n_angle_types n_dihedral_types n_species timestep step runs reordered noise_counter".split()
-
 #: How LAMMPS's own files begin.
 _LAMMPS = b"LammpS RestartT"
 

@@ -13,7 +13,6 @@ import numpy as np
 from ...base.errors import ParameterError
 
 _ROWS = json.loads((files(__package__) / "deck_words.json").read_text(encoding="utf-8"))
-
 #: What the refusal says behind a colon.
 INSTEAD: dict[str, str] = {name: row["write"] for row in _ROWS for name in row["instead of"]}
 

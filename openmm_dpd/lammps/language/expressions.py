@@ -17,13 +17,10 @@ from .arguments import near
 from .operations import FUNCTIONS, LEVELS, LITERAL, UNARY, Operation
 
 T = TypeVar("T")
-
 #: Group functions: their arguments are names, not formulas.
 GROUP_FUNCTIONS = ("count", "mass", "charge", "xcm", "vcm", "ke", "bound")
-
 #: Formulas may ask for these values of one bead, by its id: ``x[17]``.
 ATOM_VALUES = ("id", "mass", "type", "mol", "x", "y", "z", "vx", "vy", "vz", "fx", "fy", "fz", "q")
-
 CONSTANTS = {"PI": math.pi, "yes": 1.0, "on": 1.0, "true": 1.0, "no": 0.0, "off": 0.0, "false": 0.0}
 
 
@@ -115,7 +112,6 @@ class Formula(Expression):
     """One evaluation of a formula."""
 
     what, pattern, levels = "formula", _TOKEN, LEVELS
-
     #: Which kind of values it has, a field of Operation.
     kind = "number"
 

@@ -13,7 +13,6 @@ from pathlib import Path
 from ...base.errors import DeckError, DPDError, ParameterError
 
 TRIPLE = '"""'
-
 #: In place of characters of other encodings; no text of any language has it.
 UNKNOWN = "\uffff"
 

@@ -14,13 +14,10 @@ from .arguments import as_float, identifier, integer, known
 from .lexer import Line, errors_at
 
 STYLES = ("equal", "atom", "string", "index", "loop", "format", "getenv", "delete")
-
 #: Styles whose text is a formula.
 FORMULAS = ("equal", "atom")
-
 #: Styles that have several values, one after the other.
 SERIES = ("index", "loop")
-
 #: What a format-style variable may print a number with.
 _FORMAT = re.compile(r"[^%]*%[-+ #0]*\d*(?:\.\d+)?l?[eEfFgG][^%]*", re.ASCII)
 

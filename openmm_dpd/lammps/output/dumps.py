@@ -15,7 +15,6 @@ from ..values.resolver import Resolver
 from .thermo import fields_read
 
 STYLES = ("atom", "custom", "dcd", "xtc", "xyz")
-
 #: Those with all frames in one file that is no text.
 BINARY = ("dcd", "xtc")
 

@@ -27,10 +27,8 @@ STYLES = {
 
 #: Formats of whole numbers and of others, by layout.
 _FORMATS = {"one": ("%10d", "%-14.8g"), "multi": ("%14d", "%14.4f"), "yaml": ("%d", "%.15g")}
-
 #: Averages that are wanted whether or not the deck prints them.
 ALWAYS = ("temp", "press", "press_full", "pe", "ke", "etotal", "temp_conf")
-
 _REFERENCE = re.compile(r"[cfv]_\w+(?:\[\d+\])?|[A-Za-z_]\w*", re.ASCII)
 _FORMAT = re.compile(r"%[-+ #0-9.]*l{0,2}[dioxXeEfFgG]")
 

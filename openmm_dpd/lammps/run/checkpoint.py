@@ -95,9 +95,7 @@ def recall(state: DeckState, parts: dict[str, Any]) -> None:
 
 #: Name of the folder.
 FOLDER = "checkpoint"
-
 _FORMAT = "openmm-dpd checkpoint 2"
-
 #: Options that a resumed run may have anew: they do not change what is computed.
 _FREE = ("threads", "checkpoint")
 

@@ -55,7 +55,6 @@ class RunLog:
 
 
 _LOGGER = logging.getLogger("openmm_dpd")
-
 #: What the panels of the picture show.
 PANELS = {"time": "time", "temperature": "thermal_energy", "pressure": "pressure", "potential energy": "energy", "total energy": "energy"}
 

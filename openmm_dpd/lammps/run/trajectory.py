@@ -18,7 +18,6 @@ from .request import RunRequest
 
 #: About how many frames a run gives, unless it is said how many.
 FRAMES = 100
-
 #: Formats of trajectories.
 FORMATS: dict[str, type[DCDWriter] | type[XTCWriter]] = {"dcd": DCDWriter, "xtc": XTCWriter}
 

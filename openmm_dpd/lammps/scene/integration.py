@@ -11,10 +11,8 @@ from .flow import still_beads
 
 #: Fixes that move beads.
 INTEGRATORS = ("nve", "mvv/dpd", "mvv/edpd", "mvv/tdpd", "nph")
-
 #: Pair styles that fix shardlow takes over.
 SHARDLOW_PAIRS = ("dpd/fdt", "dpd/fdt/energy")
-
 #: Pair styles with a field of the beads that only one fix advances.
 ADVANCED_BY = {"edpd": ("mvv/edpd", "temperatures"), "tdpd": ("mvv/tdpd", "concentrations")}
 

@@ -30,7 +30,6 @@ class Fix:
 
 #: Fixes that change the forces on single beads; their parameter ``force`` has three formulas, or NULL.
 FORCE_FIXES = ("addforce", "setforce", "gravity")
-
 #: Those whose vector is the total force on their group before they act.
 VECTOR_FIXES = ("addforce", "setforce")
 
@@ -202,7 +201,6 @@ NORMS = {
 #: Values of min_style, and those whose motion begins at rest and ends there.
 MIN_STYLES = ("cg", "hftn", "sd", "quickmin", "fire", "fire/old")
 DAMPED = ("quickmin", "fire", "fire/old")
-
 #: LAMMPS adds it to the energies that a change is compared with.
 _LEAST_ENERGY = 1e-8
 

@@ -16,7 +16,6 @@ from .columns import Columns, cutoff_of, settings
 from .writing import Exports, Pair, PairExport, StyleUse, exact, plain_use
 
 MIXING = ("geometric", "arithmetic", "sixthpower")
-
 _LJ = Columns({"epsilon": "energy", "sigma": "length"})
 
 

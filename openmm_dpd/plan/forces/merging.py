@@ -9,7 +9,6 @@ from ..made import BAROSTATS, LISTED, groups_of
 
 #: Per-particle parameter that says whether a particle of a CustomNonbondedForce is an atom.
 _ATOM = "dpd_atom"
-
 #: Forces that need nothing for further particles.
 _LISTED = (*LISTED, openmm.CustomHbondForce, *BAROSTATS)
 

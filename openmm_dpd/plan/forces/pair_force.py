@@ -23,10 +23,8 @@ from .thread_state import Fields, ThreadState
 
 #: Phases that store the positions.
 KEEPING = (Phase.STORE, Phase.FINGERPRINT, Phase.CONSERVE)
-
 #: Phases that look at the kept positions.
 AT_KEPT = (Phase.FORCE_KEPT, Phase.SWEEP_KEPT)
-
 #: Thermal energy, step size, seed and counter of the noise, values of the fields.
 Conditions = tuple[float, float, int, int, np.ndarray | None]
 

@@ -11,7 +11,6 @@ from ...kernels import motion
 
 #: Nobody runs away whose velocity has no component with which it crosses more of a cutoff in a step.
 NEAR = 0.5
-
 #: Speeds in thermal velocities that no bead has in equilibrium: the Maxwell distribution gives one in 10^21 beads.
 FASTEST = 10.0
 

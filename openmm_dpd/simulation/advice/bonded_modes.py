@@ -17,14 +17,11 @@ from .stability_table import SAFE
 
 #: Terms around the stiffest one whose vibrations are looked at.
 _MOST = 300
-
 #: Points of a thermal distribution; part of it beyond which a curvature is never met.
 _POINTS, _RARE = 2001, 1e-3
-
 #: Part of the largest stable step for other terms than springs, and a scheme that has no error with springs: measured for ``middle``, which
 #: is 5 % off with stiff angles and 3 % with FENE bonds at 0.7, and 2 and 0.6 % at half of that.
 _UNKNOWN = 0.4
-
 #: Parts of a thermal distribution that errors are averaged over.
 _PARTS = 25
 

@@ -19,7 +19,6 @@ from .stability_table import LEVELS, SAFE, Groups, StabilityTable, shipped_table
 
 #: Smallest error that may be asked for; below, no table could have measured it.
 SMALLEST = 1e-4
-
 #: Errors at which :func:`advice` compares schemes.
 _COMPARED = (0.003, 0.05)
 

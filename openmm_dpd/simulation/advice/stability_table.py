@@ -18,10 +18,8 @@ from ...base.errors import ParameterError
 
 #: Errors at which the table has steps.
 LEVELS = (0.01, 0.05, 0.10)
-
 #: Part of the step that blows up which is never exceeded.
 SAFE = 0.7
-
 _LINES = ("rho", "mass", "s", "cv")
 
 
