@@ -101,10 +101,6 @@ def end_to_end_distance(trajectory: Trajectories, ends: np.ndarray | None = None
     ends : (M, 2) array of int, optional
         Beads of each pair of ends, in one molecule each.  By default those of all linear chains: the two beads with a single bond.
 
-    Returns
-    -------
-    MoleculeSizes
-
     Raises
     ------
     ParameterError

@@ -172,10 +172,6 @@ def height_spectrum(trajectory: Trajectories, heads: Beads, tails: Beads, *, q_m
     axis : {"z", "y", "x"} or int
         Normal of the bilayer.
 
-    Returns
-    -------
-    HeightSpectrum
-
     Raises
     ------
     ParameterError
@@ -295,10 +291,6 @@ def bending_modulus(spectrum: HeightSpectrum, kT, *, q_max=None, tension=None) -
         as the bilayer is thick, lipids tilt, and the fluctuations are larger than the formula says.
     tension : energy/area, optional
         sigma, if it is known, such as 0 of a bilayer under a barostat; bare numbers: kJ/mol/nm^2.  By default it is fitted.
-
-    Returns
-    -------
-    BendingModulus
 
     Raises
     ------

@@ -183,10 +183,6 @@ def chi_from_repulsion(
     density, beads, bond, A, relation, extrapolate
         As for :func:`repulsion_from_chi`.
 
-    Returns
-    -------
-    Estimate
-
     Raises
     ------
     ParameterError

@@ -138,10 +138,6 @@ def transport(gamma, *, gamma_perp=0.0, exponent=1.0, A=25.0, extrapolate: bool 
     extrapolate : bool
         Go on outside of the table, with what the nearest bound says.
 
-    Returns
-    -------
-    Transport
-
     Raises
     ------
     ParameterError
@@ -173,10 +169,6 @@ def friction_for(*, schmidt=None, viscosity=None, diffusion=None, exponent=1.0, 
         Part 2 gamma_perp/(gamma + 2 gamma_perp) of the friction that acts across the line of centres.
     A : float, default 25
         A rc/kT.
-
-    Returns
-    -------
-    Friction
 
     Raises
     ------

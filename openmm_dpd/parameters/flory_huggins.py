@@ -25,10 +25,6 @@ def chi_from_composition(phi: float, *, beads: int = 1) -> float:
     beads : int, default 1
         n, beads in a molecule of either kind.
 
-    Returns
-    -------
-    float
-
     Raises
     ------
     ParameterError
@@ -58,10 +54,6 @@ def composition_from_chi(chi, *, beads: int = 1) -> float:
         Per bead; above 2/beads, where two phases are.
     beads : int, default 1
         Beads in a molecule of either kind.
-
-    Returns
-    -------
-    float
 
     Raises
     ------

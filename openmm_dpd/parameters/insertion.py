@@ -151,10 +151,6 @@ def excess_chemical_potential(
     seed : int
     platform : str
 
-    Returns
-    -------
-    ExcessChemicalPotential
-
     Raises
     ------
     ParameterError

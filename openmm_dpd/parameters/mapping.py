@@ -258,10 +258,6 @@ def water_mapping(
         2.299e-9 m^2/s (M. Holz, S. R. Heil and A. Sacco, Phys. Chem. Chem. Phys. 2, 4740 (2000)).  At another temperature all three are
         needed.
 
-    Returns
-    -------
-    BeadMapping
-
     Raises
     ------
     ParameterError

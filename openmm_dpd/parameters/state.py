@@ -172,10 +172,6 @@ def inverse_compressibility(A, density=3.0, *, equation: str = "measured", extra
 
     Parameters, bounds and sources are those of :func:`pressure`.
 
-    Returns
-    -------
-    Estimate
-
     Raises
     ------
     ParameterError

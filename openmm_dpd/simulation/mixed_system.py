@@ -90,10 +90,6 @@ def create_mixed_system(
     dt, scheme, platform, seed
         As in :func:`openmm_dpd.simulation.build.build`; constraints and virtual sites need ``middle``.
 
-    Returns
-    -------
-    MixedSystem
-
     Raises
     ------
     ParameterError, PlanError

@@ -82,10 +82,6 @@ def export_lammps(
     corner : three lengths, optional
         Lower corner of the box; that of the sources, or the origin, by default.
 
-    Returns
-    -------
-    LammpsExport
-
     Raises
     ------
     ParameterError

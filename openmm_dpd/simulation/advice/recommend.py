@@ -98,10 +98,6 @@ def recommend(
     table : StabilityTable, optional
         Another table than the one that comes with the package.
 
-    Returns
-    -------
-    Recommendation
-
     Raises
     ------
     ParameterError
