@@ -67,23 +67,11 @@ def require_stress(plan: Plan) -> None:
 
 
 class Present:
-    """Looks at Contexts that run what was built.
+    """Looks at Contexts that run what was built of a scene.
 
-    Parameters
-    ----------
-    built : BuiltSystem
-        Of a scene.
-
-    Attributes
-    ----------
-    x, v, box : arrays
-        Positions and velocities of the last :meth:`look`, and the box, None without.
-    forces : list of openmm.Force
-        Those in the System.
-    kT, seed, counter, dt
-        Thermal energy, key of the noise and step size.
-    changed : (N, 3) array or None
-        What was added to the velocities after the last step, whose forces have not seen it.
+    Of the last :meth:`look` it has ``x``, ``v`` and ``box`` (None without), the ``forces`` in the System, ``kT``, the key of the noise
+    (``seed``, ``counter``), the step size ``dt``, and as ``changed`` (N, 3), or None, what was added to the velocities after the last step,
+    whose forces have not seen it.
     """
 
     def __init__(self, built: BuiltSystem):

@@ -16,13 +16,7 @@ WCA_END = 2.0 ** (1.0 / 6.0)
 
 
 def bead_indices(value, width: int, what: str) -> np.ndarray:
-    """(K, width) array of bead indices, all >= 0 and different in each row; ``what`` is their name in messages.
-
-    Raises
-    ------
-    ParameterError
-        If it is anything else.
-    """
+    """(K, width) array of bead indices, all >= 0 and different in each row, else ParameterError; ``what`` is their name in messages."""
     try:
         array = np.asarray(value)
     except ValueError:
@@ -41,21 +35,10 @@ def bead_indices(value, width: int, what: str) -> np.ndarray:
 
 
 def term_values(term, count: int, dimensions: dict[str, tuple[str, str]], what: str) -> dict[str, np.ndarray]:
-    """Coefficients of ``count`` bonded terms as (count,) arrays in MD units.
+    """Coefficients of ``count`` bonded terms, attributes of ``term``, as (count,) arrays in MD units.
 
-    Parameters
-    ----------
-    term : object
-        Has the coefficients as attributes.
-    dimensions : dict
-        Name of each coefficient: its dimension, and its bound, ``">= 0"``, ``"> 0"`` or ``""``.
-    what : str
-        "bond", "angle" or "dihedral", for messages.
-
-    Raises
-    ------
-    ParameterError
-        If a shape is wrong or a value out of bounds.
+    ``dimensions`` has for the name of each its dimension, and its bound, ``">= 0"``, ``"> 0"`` or ``""``; ``what`` is "bond", "angle" or
+    "dihedral", for messages.  ParameterError if a shape is wrong or a value out of bounds.
     """
     values = {}
     for name, (dimension, bound) in dimensions.items():

@@ -27,18 +27,8 @@ _PATTERNS = {"uniform": external.UNIFORM, "halves": external.HALVES, "sine": ext
 def extras(
     scene: Scene, overlays: Sequence[dict], exceptions: dict[tuple[int, int], float], held: Container[str] = PARTS
 ) -> tuple[Extra, ...]:
-    """The conservative forces of a scene beside its pair terms.
-
-    Parameters
-    ----------
-    scene : Scene
-    overlays : sequence of dict
-        Radial overlays, {pair of type names: coefficient}, one kind in each (``Plan.overlays``).
-    exceptions : dict
-        Factors of bonded neighbours (``Plan.exceptions``).
-    held : container of str
-        Which parts of it are wanted (``Execution.held``).
-    """
+    """The conservative forces of a scene beside its pair terms, those parts that are ``held`` (see ``Execution``).  ``overlays`` and
+    factors of bonded neighbours (``exceptions``) are those of a ``Plan``."""
     # PositionForce (formulas given as text) has no kernel: OpenMM evaluates it.  Charges are in charge_forces.py.
     found: list[Extra] = []
     bonded = [group for part in ("bonds", "angles", "dihedrals") if part in held for group in getattr(scene, part)]

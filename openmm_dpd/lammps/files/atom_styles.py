@@ -41,15 +41,8 @@ ARRAYS = {
 
 
 def atom_columns(styles: Sequence[str], n_species: int = 0) -> tuple[str, ...]:
-    """Columns of the Atoms section, without image flags.
-
-    Parameters
-    ----------
-    styles : sequence of str
-        The atom style, or several that follow ``hybrid``.
-    n_species : int
-        Number of concentrations of ``tdpd``: columns ``c1``, ``c2``, ...
-    """
+    """Columns of the Atoms section, without image flags: of the atom style, or of several that follow ``hybrid``, with the columns ``c1``,
+    ``c2``, ... of ``n_species`` concentrations of ``tdpd``."""
     plain = ATOM_STYLES["atomic"]
     columns = list(ATOM_STYLES[styles[0]] if len(styles) == 1 else plain)
     for style in styles:

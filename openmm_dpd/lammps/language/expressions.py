@@ -252,15 +252,9 @@ def _name(value: Value) -> str:
 
 
 def condition_holds(text: str) -> bool:
-    """Whether the condition of an ``if`` command holds, in which variables have been replaced by their values.
+    """Whether the condition of an ``if`` command holds, in which variables have been replaced by their values.  ParameterError if it is
+    malformed, compares a string with a number, or is a single string.
 
-    Raises
-    ------
-    ParameterError
-        If it is malformed, compares a string with a number, or is a single string.
-
-    Examples
-    --------
     >>> condition_holds("2 < 3 && north != south")
     True
     """

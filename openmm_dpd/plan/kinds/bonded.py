@@ -58,13 +58,7 @@ BONDED_KINDS: dict[type[BondedTerms], BondedKind] = {}
 
 
 def register_bonded(kind: BondedKind) -> BondedKind:
-    """Make a kind known to the package.
-
-    Raises
-    ------
-    ParameterError
-        If there is another one for its class.
-    """
+    """Make a kind known to the package; ParameterError if there is another one for its class."""
     if BONDED_KINDS.setdefault(kind.terms, kind) is not kind:
         raise ParameterError(f"there is a kind for {kind.terms.__name__} already")
     trust(kind.terms.__module__, kind.kernel.__module__)
@@ -72,13 +66,7 @@ def register_bonded(kind: BondedKind) -> BondedKind:
 
 
 def bonded_kind(terms: type[BondedTerms]) -> BondedKind:
-    """The kind of a class of bonds, angles or dihedrals.
-
-    Raises
-    ------
-    ParameterError
-        If none was registered.
-    """
+    """The kind of a class of bonds, angles or dihedrals; ParameterError if none was registered."""
     if terms not in BONDED_KINDS:
         raise ParameterError(f"nothing is known of {terms.__name__}; register their kind (openmm_dpd.plan.kinds.register_bonded)")
     return BONDED_KINDS[terms]
