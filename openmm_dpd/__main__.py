@@ -134,8 +134,7 @@ def _with_dashes(error: DPDError, options: argparse.Namespace) -> str:
     """The text of an error; where it begins with the name of a choice, that is an option here."""
     text = str(error)
     name = re.match(r"\w*", text)[0]  # type: ignore[index]
-    named = isinstance(error, ParameterError) and name in vars(options).keys() - {"deck", "directory", "command"}
-    return f"--{text}" if named else text
+    return f"--{text}" if isinstance(error, ParameterError) and name in vars(options).keys() - {"deck", "directory", "command"} else text
 
 
 def _interrupted(signals: Signals, text: str = "") -> int:
@@ -232,8 +231,7 @@ def _export(options: argparse.Namespace, signals: Signals) -> None:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ExportWarning)  # said below, one line each
-        names = ("name", "dt", "steps", "scheme", "seed", "every", "compat")
-        choices = {name: getattr(options, name) for name in names}
+        choices = {name: getattr(options, name) for name in ("name", "dt", "steps", "scheme", "seed", "every", "compat")}
         written = export_deck(options.deck, options.directory, variables=dict(options.var), **choices)
     for text in written.differences:
         print(f"openmm-dpd: different in LAMMPS: {text}", file=sys.stderr)

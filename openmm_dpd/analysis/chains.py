@@ -71,8 +71,7 @@ def radius_of_gyration(trajectory: Trajectories, beads: Beads = None) -> Molecul
     topology, frames = whole_frames(trajectory)
     group, masses = selected(topology, beads), weights_of(topology)
     labels = molecule_labels(topology)[group]
-    count = np.bincount(labels)
-    numbers = np.flatnonzero(count > 1)
+    numbers = np.flatnonzero(np.bincount(labels) > 1)
     if not len(numbers):
         raise ParameterError("no molecule has two of these beads")
     # molecules are numbered in the order of their first beads

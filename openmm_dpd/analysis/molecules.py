@@ -41,8 +41,7 @@ def bonds_outwards(topology: mdtraj.Topology) -> np.ndarray:
     if not len(bonds):
         return bonds
     # a further vertex joined to one bead of each molecule makes one search out of many
-    labels = molecule_labels(topology)
-    roots = np.unique(labels, return_index=True)[1]
+    roots = np.unique(molecule_labels(topology), return_index=True)[1]
     joined = np.concatenate([bonds, np.column_stack([np.full(len(roots), count), roots])])
     order, parents = breadth_first_order(graph(joined, count + 1).tocsr(), count, directed=False)
     tree = np.column_stack([parents[order[1:]], order[1:]]).astype(np.int64)

@@ -62,8 +62,7 @@ def periodic_centre(fractions: np.ndarray, weights: np.ndarray) -> float:
 
 def _slicer(topology, axis, n_bins, centre) -> Slicer:
     n_bins = whole_number(n_bins, "n_bins", least=1)
-    about = None if centre is None else selected(topology, centre, "centre")
-    return Slicer(axis_number(axis), n_bins, about, weights_of(topology))
+    return Slicer(axis_number(axis), n_bins, None if centre is None else selected(topology, centre, "centre"), weights_of(topology))
 
 
 def density_profile(

@@ -159,8 +159,7 @@ class TabulatedEOS:
         # the points of the table give back their own energies
         exact = np.searchsorted(self.thetas, flat).clip(0, len(self.thetas) - 1)
         found = np.where(self.thetas[exact] == flat, self.energies[exact], 0.5 * (low + high))
-        outside = (flat < self.thetas[0]) | (flat > self.thetas[-1])
-        return np.where(outside, np.nan, found).reshape(theta.shape)
+        return np.where((flat < self.thetas[0]) | (flat > self.thetas[-1]), np.nan, found).reshape(theta.shape)
 
     def __str__(self) -> str:
         return f"table of {len(self.energies)} points, theta = {self.thetas[0]:g} to {self.thetas[-1]:g}"

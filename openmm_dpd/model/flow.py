@@ -185,8 +185,7 @@ class PositionForce(_OnBeads):
 
     def check_values(self, x: np.ndarray, members: np.ndarray, box: np.ndarray | None) -> None:
         """Raise ParameterError if the force on one of these beads is not finite at its place."""
-        place = folded(x - self.corner, box) + self.corner
-        variables = dict(zip(AXES, place.T, strict=True))
+        variables = dict(zip(AXES, (folded(x - self.corner, box) + self.corner).T, strict=True))
         for text in self.formulas:
             found = np.broadcast_to(values(read_formula(text, AXES, "a position force"), variables), len(x))
             bad = np.flatnonzero(members & ~np.isfinite(found))
@@ -252,8 +251,7 @@ class Gap(NamedTuple):
         """Coordinates in the period around the middle of the gap."""
         if self.period is None:
             return coordinate
-        start = 0.5 * (self.low + self.high - self.period)
-        return coordinate - self.period * np.floor((coordinate - start) / self.period)
+        return coordinate - self.period * np.floor((coordinate - 0.5 * (self.low + self.high - self.period)) / self.period)
 
 
 def gaps(walls: Sequence[Wall], box: np.ndarray | None) -> dict[int, Gap]:

@@ -370,8 +370,7 @@ class Scene:
             else:
                 term.check_values(self.positions, term.mask(self.type_ids, self.type_names), self.box)
         if self.walls:
-            mobile = np.ones(self.n_beads, bool) if self.mobile is None else self.mobile
-            check_inside(gaps(self.walls, self.box), self.positions, mobile)
+            check_inside(gaps(self.walls, self.box), self.positions, np.ones(self.n_beads, bool) if self.mobile is None else self.mobile)
         keep(self, walls=tuple(self.walls))
 
     def _checked_pairs(self) -> tuple[PairTable, ...]:

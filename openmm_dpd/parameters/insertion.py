@@ -235,8 +235,7 @@ class _Run:
 
     def positions(self) -> np.ndarray:
         """(N, 3), nm."""
-        state = self.simulation.context.getState(positions=True)
-        return state.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+        return self.simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
 
     def _see(self, offset: np.ndarray) -> None:
         made, box = self.made, self.made.scene.box

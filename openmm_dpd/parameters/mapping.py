@@ -13,20 +13,9 @@ from .state import repulsion_from_compressibility
 
 #: Powers of mass, length and time in each dimension.
 _POWERS = {
-    "length": (0, 1, 0),
-    "mass": (1, 0, 0),
-    "time": (0, 0, 1),
-    "energy": (1, 2, -2),
-    "velocity": (0, 1, -1),
-    "force": (1, 1, -2),
-    "friction": (1, 0, -1),
-    "noise": (1, 1, -1.5),
-    "force_constant": (1, 0, -2),
-    "inverse_length": (0, -1, 0),
-    "volume": (0, 3, 0),
-    "diffusion": (0, 2, -1),
-    "viscosity": (1, -1, -1),
-    "pressure": (1, -1, -2),
+    **{"length": (0, 1, 0), "mass": (1, 0, 0), "time": (0, 0, 1), "energy": (1, 2, -2), "velocity": (0, 1, -1), "force": (1, 1, -2)},
+    **{"friction": (1, 0, -1), "noise": (1, 1, -1.5), "force_constant": (1, 0, -2), "inverse_length": (0, -1, 0), "volume": (0, 3, 0)},
+    **{"diffusion": (0, 2, -1), "viscosity": (1, -1, -1), "pressure": (1, -1, -2)},
 }
 
 #: Temperature at which the numbers of water below were measured, K.

@@ -54,8 +54,7 @@ def radial_terms(table: dict, type_ids: np.ndarray, names: list[str], exceptions
     cutoff = type_pairs(table, names, lambda c: c.cutoff, 0.0)
     # beads that interact with no other are not even sorted
     types = np.where(np.any(cutoff > 0, axis=1)[type_ids], type_ids, -1).astype(np.int32)
-    rows = compressed_exceptions(exceptions, len(type_ids))
-    return RadialTerms(types, cutoff, *overlay(table, names), rows)
+    return RadialTerms(types, cutoff, *overlay(table, names), compressed_exceptions(exceptions, len(type_ids)))
 
 
 def body_terms(term: BodyForce, scene: Scene) -> BodyTerms:

@@ -25,17 +25,9 @@ BAROSTATS = (
 
 #: Forces that list the particles they act on, so that others do not concern them.
 LISTED = (
-    openmm.HarmonicBondForce,
-    openmm.HarmonicAngleForce,
-    openmm.PeriodicTorsionForce,
-    openmm.RBTorsionForce,
-    openmm.CMAPTorsionForce,
-    openmm.CustomBondForce,
-    openmm.CustomAngleForce,
-    openmm.CustomTorsionForce,
-    openmm.CustomCompoundBondForce,
-    openmm.CustomCentroidBondForce,
-    openmm.CustomExternalForce,
+    *(openmm.HarmonicBondForce, openmm.HarmonicAngleForce, openmm.PeriodicTorsionForce, openmm.RBTorsionForce, openmm.CMAPTorsionForce),
+    *(openmm.CustomBondForce, openmm.CustomAngleForce, openmm.CustomTorsionForce, openmm.CustomCompoundBondForce),
+    *(openmm.CustomCentroidBondForce, openmm.CustomExternalForce),
 )
 
 
@@ -61,8 +53,7 @@ def variables_number(integrator: openmm.Integrator) -> float:
     if not isinstance(integrator, openmm.CustomIntegrator):
         return 0.0
     single = map(integrator.getGlobalVariableName, range(integrator.getNumGlobalVariables()))
-    per_dof = map(integrator.getPerDofVariableName, range(integrator.getNumPerDofVariables()))
-    return text_number(" ".join([*single, "each", *per_dof]))
+    return text_number(" ".join([*single, "each", *map(integrator.getPerDofVariableName, range(integrator.getNumPerDofVariables()))]))
 
 
 def _asked(options: ProgramOptions) -> float:

@@ -265,8 +265,7 @@ class EnthalpyBarostat(Cadence):
         return accepted
 
     def _fits(self, box: np.ndarray) -> bool:
-        cutoff = max(float(table.cutoff.max()) for table in self.built.plan.spec.terms)
-        return 0.5 * np.diag(box).min() >= cutoff
+        return 0.5 * np.diag(box).min() >= max(float(table.cutoff.max()) for table in self.built.plan.spec.terms)
 
     def _try(self, context, key, state, x: np.ndarray, box: np.ndarray, factor: float, volume: float) -> bool:
         """Go to the new volume; pay for it if the move is accepted."""

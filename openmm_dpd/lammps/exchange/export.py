@@ -143,26 +143,16 @@ def export_deck(
     if target.exists() and path.exists() and target.resolve() == path.resolve():
         raise ParameterError(f"{target} is the deck itself; give another folder or another name")
     request = first_request(path, RunOptions(dt=dt, steps=steps, scheme=scheme, compat=compat), variables)
-    scene = request.scene()
-    corner = request.state.require_box("an export").low * request.state.units.length
-    job = make_job(
-        scene,
-        name,
-        request.dt,
-        request.steps,
-        request.scheme,
-        request.lambda_ if scheme_of(request.scheme).predicts else 0.5,
-        seed if seed is not None else request.seed,
-        every,
-        request.state.units.name,
-        corner,
-        request.state.atoms.images,
-    )
+    scene, state = request.scene(), request.state
+    corner = state.require_box("an export").low * state.units.length
+    lam = request.lambda_ if scheme_of(request.scheme).predicts else 0.5
+    run = (request.dt, request.steps, request.scheme, lam, request.seed if seed is None else seed, every)
+    job = make_job(scene, name, *run, state.units.name, corner, state.atoms.images)
     if request.barostat is not None:
         raise ParameterError("fix nph of the deck is not exported; LAMMPS reads the deck itself, or export a deck without it")
-    if not np.array_equal(request.state.atoms.ids, np.arange(1, len(request.state.atoms) + 1)):
+    if not np.array_equal(state.atoms.ids, np.arange(1, len(state.atoms) + 1)):
         job.differences.remark("ids are counted from 1 without gaps, in the order of the ids of the deck")
-    job.differences.remark(f"this is the first run of {request.state.path.name} only")
+    job.differences.remark(f"this is the first run of {state.path.name} only")
     return _write(job, Path(directory))
 
 

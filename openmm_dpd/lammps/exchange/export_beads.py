@@ -60,8 +60,7 @@ def lammps_types(scene: Scene, apart: bool = False) -> BeadTypes:
             names.append(name)
             masses.append(value)
             still.append(stays)
-            chosen = members & frozen if stays else members & ~frozen & (scene.bead_masses == value)
-            of_bead[chosen] = len(names)
+            of_bead[members & frozen if stays else members & ~frozen & (scene.bead_masses == value)] = len(names)
     if len(names) > _MOST_TYPES:
         raise ParameterError(
             f"the beads have {len(names)} different masses and types, and LAMMPS needs an atom type for each; "
@@ -188,6 +187,4 @@ def _fields(scene: Scene, units: UnitSystem) -> dict[str, np.ndarray]:
         return {"theta": np.broadcast_to(theta, (n,)) / units.thermal_energy}
     if isinstance(internal, BeadTemperatures):
         return {"temperature": internal.values(n)[:, 0] / units.thermal_energy, "capacity": internal.heat_capacities(n)}
-    if isinstance(internal, Concentrations):
-        return {f"c{k}": column for k, column in enumerate(internal.values.T, start=1)}
-    return {}
+    return {f"c{k}": column for k, column in enumerate(internal.values.T, start=1)} if isinstance(internal, Concentrations) else {}

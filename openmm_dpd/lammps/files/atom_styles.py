@@ -31,11 +31,7 @@ CHARGED_STYLES = ("charge", "full")
 
 #: Arrays of :class:`~openmm_dpd.lammps.state.atoms.Atoms` by their column in data files.
 ARRAYS = {
-    "charge": "charges",
-    "molecule": "molecules",
-    "theta": "thetas",
-    "temperature": "temperatures",
-    "capacity": "capacities",
+    **{"charge": "charges", "molecule": "molecules", "theta": "thetas", "temperature": "temperatures", "capacity": "capacities"},
     "rho": "densities",
 }
 

@@ -126,8 +126,7 @@ class Variables:
 
     def operand(self, name: str, evaluate: Callable[[str], float]) -> float:
         """What ``v_name`` is within another formula: LAMMPS reads the variable's text there, which has 15 digits of a formula."""
-        formula = self.get(name).style in FORMULAS
-        return as_float(self.text(name, evaluate)) if formula else self.value(name, evaluate)
+        return as_float(self.text(name, evaluate)) if self.get(name).style in FORMULAS else self.value(name, evaluate)
 
     def bead_values(self, name: str, evaluate: Callable[[str], np.ndarray]) -> np.ndarray:
         """(N,) values of an atom-style variable."""

@@ -140,8 +140,7 @@ class Thermo:
 
     def next_due(self, step: int) -> int:
         """The first step after ``step`` at which a row is printed."""
-        following = (step // self.every + 1) * self.every if self.every > 0 else self.last
-        return min(following, self.last)
+        return min((step // self.every + 1) * self.every if self.every > 0 else self.last, self.last)
 
     def values(self, sample: DeckSample, words: tuple[str, ...] | None = None) -> dict[str, float]:
         """Value of each column (or of each of ``words``), in the deck's units and normalised as LAMMPS prints it.  DeckError if a formula
@@ -194,8 +193,7 @@ class Thermo:
         return " ".join(cells).rstrip()
 
     def _texts(self, numbers: list[float]) -> list[str]:
-        pairs = zip(self._formats(), numbers, strict=True)
-        return [form % (int(number) if form[-1] in "dioxX" else number) for form, number in pairs]
+        return [form % (int(number) if form[-1] in "dioxX" else number) for form, number in zip(self._formats(), numbers, strict=True)]
 
     def _widths(self) -> list[int]:
         return [max(len(form % 0), len(self._title(k, self.words[k]))) for k, form in enumerate(self._formats())]

@@ -26,18 +26,8 @@ from .options import RunOptions
 #: Attributes of :class:`~openmm_dpd.lammps.state.deck_state.DeckState` that runs change, or what is in them: beads and box, averages, dumps
 #: and computes that remember, random numbers of formulas.  What commands do need not be stored: they are carried out again.
 PARTS = (
-    "atoms",
-    "box",
-    "step",
-    "noise_counter",
-    "restarts",
-    "time_origin",
-    "last_sample",
-    "generators",
-    "notes",
-    "fixes",
-    "computes",
-    "dumps",
+    *("atoms", "box", "step", "noise_counter", "restarts", "time_origin", "last_sample", "generators", "notes"),
+    *("fixes", "computes", "dumps"),
 )
 
 #: What may be in a checkpoint beside plain values, for writing and reading.  Classes of these packages hold data only: unpickling

@@ -187,8 +187,7 @@ def minimize(deck: DeckState, args: list[str]) -> None:
     deck.settle("minimize")
     if deck.min_style in DAMPED:
         deck.atoms.velocities = np.zeros_like(deck.atoms.velocities)
-    request = RunRequest.of(deck, 0, Integration("mvv", 0.5, ~held_beads(deck)))
-    deck.run_callback(replace(request, minimization=rule))
+    deck.run_callback(replace(RunRequest.of(deck, 0, Integration("mvv", 0.5, ~held_beads(deck))), minimization=rule))
 
 
 def execute_text(deck: DeckState, text: str) -> None:

@@ -154,8 +154,7 @@ def _carried_out(path: Path, runner: DeckRunner, folder: Path | None, keep: Call
     """Read the deck with its runs; the report."""
     signals = runner.signals
     try:
-        state = read_deck(path, run_callback=runner, variables=runner.variables, output=folder or Path("."), log=runner.log)
-        runner.say_notes(state)
+        runner.say_notes(read_deck(path, run_callback=runner, variables=runner.variables, output=folder or Path("."), log=runner.log))
         runner.log(averages_text(runner.results))
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt) and runner.checkpoints is not None:

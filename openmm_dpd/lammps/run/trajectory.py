@@ -99,8 +99,7 @@ class RunTrajectory:
     def write(self, x: np.ndarray, box: np.ndarray, context: openmm.Context, step: int) -> None:
         """Write one frame (nm), and the fields of beads."""
         if self._fields is not None:
-            time = context.getTime().value_in_unit(unit.picosecond)
-            self._fields.write(time, step, read_fields(context, self._built.plan))
+            self._fields.write(context.getTime().value_in_unit(unit.picosecond), step, read_fields(context, self._built.plan))
         if isinstance(self._file, XTCWriter):
             self._file.write(x + self._offset, box, self._state.time_at(step), step)
         else:

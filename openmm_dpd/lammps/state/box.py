@@ -79,8 +79,7 @@ class Box:
         own = self.reduced_vectors
         if np.all(np.abs(vectors - own) <= 1e-9 * (self.edges.min() + np.abs(own))):
             return self
-        tilt = np.array([vectors[1][0], vectors[2][0], vectors[2][1]])
-        return Box(self.low, self.low + np.diag(vectors), tilt, self.triclinic)
+        return Box(self.low, self.low + np.diag(vectors), np.array([vectors[1][0], vectors[2][0], vectors[2][1]]), self.triclinic)
 
     # -- positions -----------------------------------------------------------------------------------------------------------------
     def fractions(self, positions: np.ndarray) -> np.ndarray:

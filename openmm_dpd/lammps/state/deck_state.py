@@ -184,8 +184,7 @@ class DeckState:
         """(N, 3) positions of a simulation (nm) in the deck's unit; where a bead has not moved, the deck's own numbers to the last bit.  It
         has not where they differ by the rounding of coordinates as large as the box, which OpenMM's moves to and fro leave."""
         mine, found = self.atoms.positions, positions / self.units.length
-        rounding = np.spacing(np.abs(self.require_box("a simulation").bounds).max())
-        return np.where(np.abs(found - mine) <= rounding, mine, found)
+        return np.where(np.abs(found - mine) <= np.spacing(np.abs(self.require_box("a simulation").bounds).max()), mine, found)
 
     def folded(self, positions: np.ndarray, box: Box) -> tuple[np.ndarray, np.ndarray]:
         """Positions (deck units) folded into a box, and by how many boxes each bead was moved back.  As in LAMMPS a bead that has not moved

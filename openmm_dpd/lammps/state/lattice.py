@@ -41,8 +41,7 @@ class Lattice:
         """Lattice points inside a box, and the number of the basis point (from 0) of each, x fastest.  A point on an upper face is left
         out: it is the periodic image of one on the lower face."""
         inverse = np.linalg.inv(self.scale * (self.rotation @ self.primitive))
-        corners = _CORNERS @ box.vectors + box.low
-        reached = (corners - self.offset) @ inverse.T
+        reached = (_CORNERS @ box.vectors + box.low - self.offset) @ inverse.T
         low = np.floor(reached.min(axis=0)).astype(int) - 1
         high = np.ceil(reached.max(axis=0)).astype(int) + 1
         axes = [np.arange(a, b + 1) for a, b in zip(low, high, strict=True)]

@@ -148,8 +148,7 @@ class DeckMoment(ABC):
 
     def pressure_of(self, kinetic: float, virial: float) -> float:
         """Pressure from a kinetic energy and a virial (kJ/mol)."""
-        volume = self.box.volume * self.units.length**3
-        return (2 * kinetic + virial) / (3 * volume) / self.units.pressure
+        return (2 * kinetic + virial) / (3 * (self.box.volume * self.units.length**3)) / self.units.pressure
 
     def kinetic_tensor(self, compute: Compute) -> np.ndarray:
         """(6,) sums of m v v (kJ/mol) over what a compute of temperature counts: xx, yy, zz, xy, xz, yz."""

@@ -72,8 +72,7 @@ def segment_use(scene: Scene, units: UnitSystem, bonds: np.ndarray, n_types: int
     exclude = "yes" if segments.exclude_adjoining else "no"
     reach = exact(segments.cutoff / units.length)
     settings = f"{reach} {kind} {segments.distance} exclude {exclude} bptype {n_types + 1}"
-    words = f"{exact(segments.A / units.force)} {reach}"
-    return StyleUse("srp", settings, {("*", "*"): words}, segments.cutoff)
+    return StyleUse("srp", settings, {("*", "*"): f"{exact(segments.A / units.force)} {reach}"}, segments.cutoff)
 
 
 # -- to a scene ---------------------------------------------------------------------------------------------------------------

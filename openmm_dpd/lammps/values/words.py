@@ -35,8 +35,7 @@ def _total(moment: DeckMoment) -> float:
 
 def _enthalpy(moment: DeckMoment) -> float:
     units = moment.units
-    work = moment.pressure() * units.pressure * moment.box.volume * units.length**3
-    return _total(moment) + work / units.energy / moment.norm
+    return _total(moment) + moment.pressure() * units.pressure * moment.box.volume * units.length**3 / units.energy / moment.norm
 
 
 def _density(moment: DeckMoment) -> float:

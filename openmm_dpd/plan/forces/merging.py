@@ -35,8 +35,7 @@ def merged_systems(atoms: openmm.System, beads: openmm.System, pair_group: int) 
             force.setNonbondedMethod(force.NoCutoff)
         for i, j in sorted(theirs - _exclusions(force)):
             force.addExclusion(i, j)
-    taken = set().union({0, pair_group}, *map(groups_of, merged.getForces()))
-    free = iter(sorted(set(range(32)) - taken))
+    free = iter(sorted(set(range(32)) - set().union({0, pair_group}, *map(groups_of, merged.getForces()))))
     moved: dict[int, int] = {pair_group: pair_group}
     for force in own:
         group = force.getForceGroup()

@@ -63,8 +63,7 @@ class ConservativeForce:
         # a repulsion may depend on the temperatures of the beads
         warm = fields is not None and fields.spec.kind == TEMPERATURE
         if self._at != engine.number or warm:
-            values = None if fields is None else fields.values
-            self._energy = engine.forces(CONSERVATIVE, None, 0.0, 1.0, 0, 0, values, self._force)[0]
+            self._energy = engine.forces(CONSERVATIVE, None, 0.0, 1.0, 0, 0, None if fields is None else fields.values, self._force)[0]
             self._at = engine.number
         return self._energy, self._force
 

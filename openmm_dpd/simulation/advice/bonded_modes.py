@@ -63,8 +63,7 @@ class Modes:
     def longest(self, scheme: Scheme) -> float:
         """Longest step that is stable by a margin, ps; a larger one for terms about which a word that is exact for springs says nothing."""
         springs = self.what == "bonds" and len(self.fluctuation) == 1
-        margin = SAFE if springs or not exact_for_springs(scheme) else _UNKNOWN
-        return margin * largest_stable(scheme) / self.fastest
+        return (SAFE if springs or not exact_for_springs(scheme) else _UNKNOWN) * largest_stable(scheme) / self.fastest
 
     def step(self, scheme: Scheme, error: float) -> float:
         """Longest step at which, and below which, both temperatures are within an error, ps."""

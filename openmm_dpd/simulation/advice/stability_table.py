@@ -86,8 +86,7 @@ class StabilityTable:
         return found
 
     def _values(self, name: str) -> np.ndarray:
-        known = {p[name] for p in self.data["points"] if p[name] is not None}
-        return np.array(sorted(known))
+        return np.array(sorted({p[name] for p in self.data["points"] if p[name] is not None}))
 
     def step(self, scheme: str, at: Groups, error: float, kind: str) -> float:
         """Step (reduced) at which an error is reached: ``kind`` "conf" or "kin".

@@ -93,6 +93,5 @@ def native_integrator(plan: Plan) -> NativeIntegrator:
         integrator.setParticleType(index, kind)
     number = {name: k for k, name in enumerate(scene.type_names)}
     for a, b, c in pairs:
-        rate = (c.gamma or 0.0) * (1 / scene.masses[a] + 1 / scene.masses[b]) / 2
-        integrator.addTypePair(number[a], number[b], rate, c.cutoff)
+        integrator.addTypePair(number[a], number[b], (c.gamma or 0.0) * (1 / scene.masses[a] + 1 / scene.masses[b]) / 2, c.cutoff)
     return integrator
