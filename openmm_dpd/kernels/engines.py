@@ -15,31 +15,17 @@ from .steps import Moment, StepLoop, Stepper, StepSpec
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class EngineKind:
-    """One kind of engines: how it is made, and what it can do.
+    """One kind of engines: how it is made, and what it can do."""
 
-    Attributes
-    ----------
-    name : str
-        What :func:`openmm_dpd.build` is told.
-    what : str
-        What it is, in a few words.
-    make : function of a PairSpec
-        A new engine.
-    can : container of str, optional
-        What it can do, in the words of :meth:`openmm_dpd.plan.Plan.needs`, and "stress" and "Laplacian" for measurements; everything by
-        default.  Scenes that need more are refused.
-    stepper : function of (StepSpec, engine, watch, reach)
-        What does whole steps with it, see :class:`.steps.StepLoop`.
-    warm_up : function of a PairSpec
-        Does what has to be done once before the first step, such as compiling.
-    """
-
-    name: str
-    what: str
-    make: Callable[[PairSpec], Engine]
+    name: str  #: What :func:`openmm_dpd.build` is told
+    what: str  #: What it is, in a few words
+    make: Callable[[PairSpec], Engine]  #: A new engine
+    #: What it can do, in the words of :meth:`openmm_dpd.plan.Plan.needs`, and "stress" and "Laplacian" for measurements; everything by
+    #: default.  Scenes that need more are refused.
     can: Container[str] | None = None
+    #: From (StepSpec, engine, watch, reach) to what does whole steps with it, see :class:`.steps.StepLoop`.
     stepper: Callable[[StepSpec, Engine, Callable[[np.ndarray, Moment], None], float], Stepper] = StepLoop
-    warm_up: Callable[[PairSpec], None] = lambda spec: None
+    warm_up: Callable[[PairSpec], None] = lambda spec: None  #: Does what has to be done once before the first step, such as compiling
 
     def lacks(self, needs: Iterable[str]) -> str | None:
         """The first of some things that it cannot do, None if it can do them all."""

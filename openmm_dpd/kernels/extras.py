@@ -167,30 +167,17 @@ def _kernels(kind: Any) -> tuple[Any, Any]:
 
 @dataclass(frozen=True, eq=False)
 class BondedKernel:
-    """Terms between a few beads each, all of one kind: bonds, angles or dihedrals.  A subclass for each kind has its formula.
-
-    Attributes
-    ----------
-    beads : (K, width) uint32
-        Beads of each term.
-    parameters : (n, K) float64
-        Coefficients of each term.
-    part : function
-        Compiled with ``formula`` in the place of ``_formula``: ``part(x, box, inverse, beads, p, begin, end, parts, first)`` writes the
-        forces of the terms from ``begin`` to ``end`` to rows of ``parts``, that of bead k of term n to row ``width * (n - first) + k``, and
-        returns their energy.
-    formula : function
-        Energy and its slope, of one term.
-    sample : tuple
-        Positions of the beads of one term.
-    """
+    """Terms between a few beads each, all of one kind: bonds, angles or dihedrals.  A subclass for each kind has its formula."""
 
     term: ClassVar[str] = "bond"
+    #: Compiled with ``formula`` in the place of ``_formula``: ``part(x, box, inverse, beads, p, begin, end, parts, first)`` writes the
+    #: forces of the terms from ``begin`` to ``end`` to rows of ``parts``, that of bead k of term n to row ``width * (n - first) + k``, and
+    #: returns their energy.
     part: ClassVar[Callable]
-    formula: ClassVar[Callable]
-    sample: ClassVar[tuple[tuple[float, float, float], ...]]
-    beads: np.ndarray
-    parameters: np.ndarray
+    formula: ClassVar[Callable]  #: Energy and its slope, of one term
+    sample: ClassVar[tuple[tuple[float, float, float], ...]]  #: Positions of the beads of one term
+    beads: np.ndarray  #: (K, width) uint32, beads of each term
+    parameters: np.ndarray  #: (n, K) float64, coefficients of each term
 
     def evaluator(self) -> TermEvaluator:
         """What computes it."""

@@ -18,26 +18,16 @@ from .export_job import DUMP, FINAL, Job, export_texts, make_job
 
 @dataclass(frozen=True)
 class LammpsExport:
-    """Files that an export wrote.
+    """Files that an export wrote."""
 
-    Attributes
-    ----------
-    deck, data : Path
-        ``in.NAME`` and ``data.NAME``.
-    tables : tuple of Path
-        Files of tables that the deck reads.
-    dump, final : Path
-        Trajectory and final data file that LAMMPS will write, beside the deck; see :func:`openmm_dpd.lammps.read_lammps_dump`.
-    differences : tuple of str
-        What LAMMPS will do differently (also comments of the deck).
-    """
-
+    #: ``in.NAME`` and ``data.NAME``.
     deck: Path
     data: Path
-    tables: tuple[Path, ...]
+    tables: tuple[Path, ...]  #: Files of tables that the deck reads
+    #: Trajectory and final data file that LAMMPS will write, beside the deck; see :func:`openmm_dpd.lammps.read_lammps_dump`.
     dump: Path
     final: Path
-    differences: tuple[str, ...]
+    differences: tuple[str, ...]  #: What LAMMPS will do differently (also comments of the deck)
 
 
 def export_lammps(

@@ -14,28 +14,18 @@ from ..forces.bonded import Energy, bonded_force
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BondedKind:
-    """One kind of bonds, angles or dihedrals.
+    """One kind of bonds, angles or dihedrals."""
 
-    Attributes
-    ----------
-    terms : type
-        A frozen dataclass, a :class:`~openmm_dpd.model.bonds.Bonds`, :class:`~openmm_dpd.model.angles.Angles` or
-        :class:`~openmm_dpd.model.dihedrals.Dihedrals`: coefficients with bounds, energy and two derivatives.
-    kernel : type
-        The same terms for compiled loops: a :class:`~openmm_dpd.kernels.bonded.BondTerms`, :class:`~openmm_dpd.kernels.angles.AngleTerms`
-        or :class:`~openmm_dpd.kernels.dihedrals.DihedralTerms` with a formula.
-    energies : tuple of Energy
-        The same terms as forces of OpenMM's.  The first one has the name of the kind, such as "harmonic bonds".
-    style : str, optional
-        Name in LAMMPS; without one the kind is neither read nor exported.
-    words : dict
-        Coefficients in the order of LAMMPS's: their dimension (:data:`openmm_dpd.lammps.styles.columns.FACTORS`) and their name there.
-    """
-
+    #: A frozen dataclass, a :class:`~openmm_dpd.model.bonds.Bonds`, :class:`~openmm_dpd.model.angles.Angles` or
+    #: :class:`~openmm_dpd.model.dihedrals.Dihedrals`: coefficients with bounds, energy and two derivatives.
     terms: type[BondedTerms]
+    #: The same terms for compiled loops: a :class:`~openmm_dpd.kernels.bonded.BondTerms`, :class:`~openmm_dpd.kernels.angles.AngleTerms` or
+    #: :class:`~openmm_dpd.kernels.dihedrals.DihedralTerms` with a formula.
     kernel: type[BondedKernel]
+    #: The same terms as forces of OpenMM's.  The first one has the name of the kind, such as "harmonic bonds".
     energies: tuple[Energy, ...]
-    style: str | None = None
+    style: str | None = None  #: Name in LAMMPS; without one the kind is neither read nor exported
+    #: Coefficients in the order of LAMMPS's: their dimension (:data:`openmm_dpd.lammps.styles.columns.FACTORS`) and their name there.
     words: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
     def __post_init__(self):

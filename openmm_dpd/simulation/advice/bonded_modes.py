@@ -28,24 +28,13 @@ _PARTS = 25
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    r"""Vibrations of one kind of bonded terms, near the stiffest of them.
+    """Vibrations of one kind of bonded terms, near the stiffest of them."""
 
-    Attributes
-    ----------
-    what : str
-        "bonds" or "angles".
-    omega : (n,) array
-        Frequencies, rad/ps, with the thermal mean of each curvature.
-    fluctuation : (m,) array
-        Curvatures of the stiffest term over its thermal range, in equal parts, beside their mean; (1,) for a harmonic term.
-    fastest : float
-        Frequency where the stiffest term is at the stiffest point of its thermal range, rad/ps.
-    """
-
-    what: str
-    omega: np.ndarray
+    what: str  #: "bonds" or "angles"
+    omega: np.ndarray  #: (n,) frequencies, rad/ps, with the thermal mean of each curvature
+    #: (m,) curvatures of the stiffest term over its thermal range, in equal parts, beside their mean; (1,) for a harmonic term.
     fluctuation: np.ndarray
-    fastest: float
+    fastest: float  #: Frequency where the stiffest term is at the stiffest point of its thermal range, rad/ps
 
     def errors(self, scheme: Scheme, dt: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         r"""Errors of configurational and kinetic temperature at the steps dt (k,), ps; infinite over :meth:`longest`.
