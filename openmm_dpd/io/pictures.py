@@ -212,16 +212,8 @@ def finish_axis(axis: Any, name: str, legend: bool) -> None:
         handles, texts = axis.get_legend_handles_labels()
         order = sorted(range(len(texts)), key=lambda k: -handles[k].get_zorder())
         # above the panel, where it covers nothing
-        axis.legend(
-            [handles[k] for k in order],
-            [texts[k] for k in order],
-            loc="lower right",
-            bbox_to_anchor=(1.0, 0.98),
-            ncols=len(order),
-            fontsize=9.5,
-            frameon=False,
-            borderaxespad=0.0,
-        )
+        place = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.98), "borderaxespad": 0.0, "ncols": len(order)}
+        axis.legend([handles[k] for k in order], [texts[k] for k in order], fontsize=9.5, frameon=False, **place)
 
 
 def with_unit(name: str, unit: str | None, separator: str = " ") -> str:

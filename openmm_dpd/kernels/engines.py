@@ -37,26 +37,14 @@ ENGINES: dict[str, EngineKind] = {}
 
 
 def register_engine(kind: EngineKind) -> EngineKind:
-    """Make an engine known to the package.
-
-    Raises
-    ------
-    ParameterError
-        If there is another one of that name.
-    """
+    """Make an engine known to the package; ParameterError if there is another one of that name."""
     if kind.name == "auto" or ENGINES.setdefault(kind.name, kind) is not kind:
         raise ParameterError(f"there is an engine {kind.name!r} already")
     return kind
 
 
 def engine_kind(name: str) -> EngineKind:
-    """The kind of engines of a name.
-
-    Raises
-    ------
-    ParameterError
-        If none was registered.
-    """
+    """The kind of engines of a name; ParameterError if none was registered."""
     if not isinstance(name, str) or name not in ENGINES:
         raise ParameterError(f"engine must be 'auto' or one of {', '.join(map(repr, ENGINES))}, not {name!r}")
     return ENGINES[name]

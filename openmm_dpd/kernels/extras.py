@@ -43,14 +43,9 @@ class Evaluator(Protocol):
 
 
 class Extra(Protocol):
-    """Description of one kind of force: immutable, can be pickled, made of contiguous writeable arrays.
+    """Description of one kind of force: immutable, can be pickled, made of contiguous writeable arrays."""
 
-    Attributes
-    ----------
-    term : {"bond", "external", "electrostatic", "conservative"}
-        Under which name :func:`openmm_dpd.force_terms` counts it.
-    """
-
+    #: Under which name :func:`openmm_dpd.force_terms` counts it: "bond", "external", "electrostatic" or "conservative".
     term: ClassVar[str]
 
     def evaluator(self) -> Evaluator:

@@ -84,25 +84,14 @@ SlowForces = Callable[[Moment, int], np.ndarray]
 
 
 class Stepper(Protocol):
-    """Does whole steps with one engine, and keeps what it has computed in the last one.
-
-    Attributes
-    ----------
-    tensor : bool
-        Whether the forces of last steps are to be summed with their stress tensor, where friction is a force.
-    """
+    """Does whole steps with one engine, and keeps what it has computed in the last one."""
 
     spec: StepSpec
-    tensor: bool
+    tensor: bool  #: Whether the forces of last steps are to be summed with their stress tensor, where friction is a force
 
     def run(self, moment: Moment, n: int, slow: SlowForces | None = None) -> None:
-        """Do n steps; ``slow`` are forces of others that kick before and after.
-
-        Raises
-        ------
-        RunError
-            If a step fails; ``steps_done`` is how many were complete, and the moment is worth nothing.
-        """
+        """Do n steps; ``slow`` are forces of others (N, 3), at the positions of the moment, that kick before and after.  RunError if a step
+        fails; ``steps_done`` is how many were complete, and the moment is worth nothing."""
 
     def conserve(self, values: np.ndarray | None, more: int = 0) -> tuple[np.ndarray, Totals]:
         """Conservative force (N, 3) at the positions that were placed last, and its sums, STRESS and LAPLACIAN as well if asked for."""
@@ -138,20 +127,7 @@ class StepLoop:
         self.placed = False
 
     def run(self, moment: Moment, n: int, slow: SlowForces | None = None) -> None:
-        """Do n steps.
-
-        Parameters
-        ----------
-        moment : Moment
-        n : int
-        slow : callable, optional
-            Forces (N, 3) at the positions of the moment, after so many of these steps, that kick before and after.
-
-        Raises
-        ------
-        RunError
-            If a step fails; ``steps_done`` is how many were complete, and the moment is worth nothing.
-        """
+        """See :meth:`Stepper.run`."""
         step = self._predicting if self.spec.predicts else self._word
         before, after = self.spec.slow_kicks
         done = 0

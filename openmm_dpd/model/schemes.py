@@ -111,13 +111,7 @@ def spelt(letter: Letter) -> str:
 
 
 def read_word(text: str) -> tuple[Letter, ...]:
-    """The letters of a word.
-
-    Raises
-    ------
-    ParameterError
-        If it is no consistent step.
-    """
+    """The letters of a word; ParameterError if it is no consistent step."""
     letters: list[Letter] = []
     for token in text.split():
         found = _TOKEN.fullmatch(token)
@@ -185,13 +179,7 @@ SCHEMES: dict[str, Scheme] = {scheme.name: scheme for scheme in _ALL}
 
 
 def scheme_of(text: str | Scheme) -> Scheme:
-    """The scheme of a name or of a word; the word of a named scheme is that scheme.
-
-    Raises
-    ------
-    ParameterError
-        If it is neither.
-    """
+    """The scheme of a name or of a word; the word of a named scheme is that scheme.  ParameterError if it is neither."""
     if isinstance(text, Scheme):
         return text
     if not isinstance(text, str) or not text.strip():

@@ -39,25 +39,15 @@ def charge_terms(scene: Scene, ewald: EwaldSum | None, exceptions: Factors) -> C
     else:
         short, cutoff, alpha = quintics(_difference(charges, ewald), ewald.cutoff, charges.steepness), ewald.cutoff, ewald.alpha
         k_max = longest_wave(alpha, min(charges.tolerance, LARGEST_ERROR))
-    return ChargeTerms(
-        beads=beads,
-        charges=scene.charges[beads].astype(np.float64),
-        constant=charges.coulomb(scene.initial_kT),
-        short=short,
-        cutoff=cutoff,
-        alpha=alpha,
-        k_max=k_max,
-        whole=whole,
-        pairs=np.array(list(bonded), np.int64).reshape(-1, 2),
-        factors=np.array(list(bonded.values()), np.float64),
-    )
+    q, constant = scene.charges[beads].astype(np.float64), charges.coulomb(scene.initial_kT)
+    pairs, factors = np.array(list(bonded), np.int64).reshape(-1, 2), np.array(list(bonded.values()), np.float64)
+    return ChargeTerms(beads, q, constant, short, cutoff, alpha, k_max, whole, pairs, factors)
 
 
 def charge_factors(scene: Scene) -> Factors:
     """Factors of the charges of bonded neighbours, where other than 1."""
-    if scene.electrostatics is None:
-        return {}
-    return neighbour_factors(scene, scene.electrostatics.bonded_factors or scene.bonded_factors)
+    charges = scene.electrostatics
+    return {} if charges is None else neighbour_factors(scene, charges.bonded_factors or scene.bonded_factors)
 
 
 def ewald_of(scene: Scene) -> EwaldSum | None:

@@ -38,14 +38,8 @@ def text_number(text: str) -> float:
 
 def origin(options: ProgramOptions, integrator: openmm.Integrator) -> dict[str, float]:
     """Context parameters by which a state says who wrote it."""
-    return {
-        BY_SCHEME: text_number(options.scheme.name),
-        BY_KT: _asked(options),
-        BY_SEED: float(options.seed),
-        BY_VARIABLES: variables_number(integrator),
-        BESIDE: 0.0,
-        BEGUN: 0.0,
-    }
+    asked = {BY_SCHEME: text_number(options.scheme.name), BY_KT: _asked(options), BY_SEED: float(options.seed)}
+    return asked | {BY_VARIABLES: variables_number(integrator), BESIDE: 0.0, BEGUN: 0.0}
 
 
 def variables_number(integrator: openmm.Integrator) -> float:

@@ -78,9 +78,7 @@ def _trial_time(scene: Scene, cutoff: float, double: bool) -> float | None:
     """Trial drift for scenes that balance energies: 1/1000 of the range at a thermal velocity (1/50 where positions may be float32).  A
     power of two, so that multiplying and dividing by it is exact."""
     speed = float(np.sqrt(scene.initial_kT / scene.bead_masses.min()))
-    if speed * cutoff <= 0:
-        return None
-    return float(2.0 ** np.round(np.log2((0.001 if double else 0.02) * cutoff / speed)))
+    return None if speed * cutoff <= 0 else float(2.0 ** np.round(np.log2((0.001 if double else 0.02) * cutoff / speed)))
 
 
 def field_options(scene: Scene, fields: FieldSpec | None, cutoff: float, double: bool, lam: float) -> dict[str, Any]:

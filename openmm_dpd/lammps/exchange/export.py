@@ -153,11 +153,7 @@ def _write(job: Job, directory: Path) -> LammpsExport:
         directory.mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():
         write_whole(directory / name, text, "the exported file")
-    return LammpsExport(
-        deck=directory / f"in.{job.name}",
-        data=directory / f"data.{job.name}",
-        tables=tuple(directory / name for name in texts if name not in (f"in.{job.name}", f"data.{job.name}")),
-        dump=directory / DUMP.format(name=job.name),
-        final=directory / FINAL.format(name=job.name),
-        differences=tuple(job.differences.found),
-    )
+    deck, data = f"in.{job.name}", f"data.{job.name}"
+    tables = tuple(directory / name for name in texts if name not in (deck, data))
+    dump, final = (directory / form.format(name=job.name) for form in (DUMP, FINAL))
+    return LammpsExport(directory / deck, directory / data, tables, dump, final, tuple(job.differences.found))

@@ -4,16 +4,11 @@ from collections.abc import Sequence
 
 #: Columns of the Atoms section by atom style; ``tdpd`` has its concentrations after them.
 ATOM_STYLES: dict[str, tuple[str, ...]] = {
-    "atomic": ("id", "type", "x", "y", "z"),
-    "charge": ("id", "type", "charge", "x", "y", "z"),
-    "bond": ("id", "molecule", "type", "x", "y", "z"),
-    "angle": ("id", "molecule", "type", "x", "y", "z"),
-    "molecular": ("id", "molecule", "type", "x", "y", "z"),
-    "full": ("id", "molecule", "type", "charge", "x", "y", "z"),
-    "dpd": ("id", "type", "theta", "x", "y", "z"),
-    "mdpd": ("id", "type", "rho", "x", "y", "z"),
-    "edpd": ("id", "type", "temperature", "capacity", "x", "y", "z"),
-    "tdpd": ("id", "type", "x", "y", "z"),
+    style: ("id", *columns.split(), "x", "y", "z")
+    for style, columns in {
+        **{"atomic": "type", "charge": "type charge", "bond": "molecule type", "angle": "molecule type", "molecular": "molecule type"},
+        **{"full": "molecule type charge", "dpd": "type theta", "mdpd": "type rho", "edpd": "type temperature capacity", "tdpd": "type"},
+    }.items()
 }
 
 #: Atom styles whose beads may be bonded.

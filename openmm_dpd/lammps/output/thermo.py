@@ -63,9 +63,7 @@ def _needs(state: DeckState, word: str, seen: set[str]) -> set[str]:
         if word[2:] not in state.variables:
             return set()
         variable = state.variables.get(word[2:])
-        if variable.style not in FORMULAS:
-            return set()
-        return _formula_needs(state, variable.text, seen)
+        return _formula_needs(state, variable.text, seen) if variable.style in FORMULAS else set()
     if word.startswith("c_"):
         name = reference(word).name
         indexed = bool(reference(word).indices)

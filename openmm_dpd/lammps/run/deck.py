@@ -262,15 +262,8 @@ def read_deck(
         With file and line, for anything unknown, unsupported, missing or out of bounds.
     """
     path = Path(path)
-    deck = DeckState(
-        path=path,
-        variables=Variables(dict(variables or {})),
-        run_callback=run_callback,
-        stop_before_first_run=stop_before_first_run,
-        output=Path(output),
-        log=log,
-        inputs=[path],
-    )
+    deck = DeckState(path, variables=Variables(dict(variables or {})), output=Path(output), log=log, inputs=[path])
+    deck.run_callback, deck.stop_before_first_run = run_callback, stop_before_first_run
     try:
         with read_by(deck):
             execute_file(deck, path)

@@ -199,13 +199,8 @@ class DeckSteps:
 
     def _next(self, step: int) -> int:
         """The next step at which something is due."""
-        due = [
-            self.request.last_step,
-            self.thermo.next_due(step),
-            self.momentum.next_due(step),
-            self.restarts.next_due(step),
-            *(dump.next_due(step) for dump in self.dumps),
-        ]
+        due = [self.request.last_step, self.thermo.next_due(step), self.momentum.next_due(step), self.restarts.next_due(step)]
+        due += [dump.next_due(step) for dump in self.dumps]
         due += [reader.next_due for reader in self.readers if reader.next_due > step]
         if self.trajectory is not None:
             due.append(self.trajectory.next_due(step))

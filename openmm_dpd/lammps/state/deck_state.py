@@ -26,10 +26,8 @@ from .regions import Region
 def bead_fields(atom_style: str, units: UnitSystem) -> dict[str, tuple[str, float]]:
     """Names of :func:`openmm_dpd.simulation.fields.read_fields` -> the array of Atoms that holds the values, and its unit."""
     return {
-        "u_cond": ("u_cond", 1.0),
-        "u_mech": ("u_mech", 1.0),
+        **{name: (name, 1.0) for name in ("u_cond", "u_mech", "concentrations")},
         "theta": ("temperatures" if atom_style == "edpd" else "thetas", units.thermal_energy),
-        "concentrations": ("concentrations", 1.0),
         "density": ("densities", units.mass / units.length**3),
     }
 

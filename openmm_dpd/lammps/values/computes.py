@@ -126,9 +126,7 @@ def _check_reduce(state: DeckState, group: str, words: list[str]) -> None:
 def _reduced(moment: DeckMoment, compute: Compute) -> np.ndarray:
     mask = moment.state.group(compute.group)
     mode, *words = compute.arguments
-    if not mask.any():
-        return np.zeros(len(words))
-    return np.array([_MODES[mode](moment.bead_values(word)[mask]) for word in words])
+    return np.array([_MODES[mode](moment.bead_values(word)[mask]) for word in words]) if mask.any() else np.zeros(len(words))
 
 
 def _reduced_one(moment: DeckMoment, compute: Compute) -> float:

@@ -56,9 +56,7 @@ def _cpu(moment: DeckMoment) -> float:
 
 
 def _elapsed(moment: DeckMoment, from_begin: bool = False) -> float:
-    if moment.window is None:
-        return 0.0
-    return moment.step - (moment.window.begin if from_begin else moment.window.first)
+    return 0.0 if moment.window is None else moment.step - (moment.window.begin if from_begin else moment.window.first)
 
 
 def _rate(moment: DeckMoment, per_step: bool) -> float:

@@ -72,13 +72,7 @@ def native_marker(options: ProgramOptions, integrator: openmm.Integrator, period
 
 
 def native_integrator(plan: Plan) -> NativeIntegrator:
-    """The integrator for a plan.
-
-    Raises
-    ------
-    PlanError
-        If it cannot express the scene, with the reason.
-    """
+    """The integrator for a plan; PlanError, with the reason, if it cannot express the scene."""
     reason = why_not(plan)
     if reason is not None:
         raise PlanError(f"OpenMM's DPDIntegrator cannot run this scene: {reason}")
