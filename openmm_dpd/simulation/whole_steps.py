@@ -107,14 +107,7 @@ class WholeSteps:
         return moment
 
     def _give_back(
-        self,
-        integrator: PairIntegrator,
-        context: openmm.Context,
-        state: openmm.State,
-        parameters: dict[str, float],
-        moment: Moment,
-        own: ThreadState,
-        reached: tuple[int, float],
+        self, integrator: PairIntegrator, context: openmm.Context, state, parameters, moment: Moment, own: ThreadState, reached
     ) -> None:
         """Write the result of the last step into the Context."""
         function, spec = self.function, self.spec

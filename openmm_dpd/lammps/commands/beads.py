@@ -20,9 +20,7 @@ def mass(state: DeckState, args: list[str]) -> None:
 
 
 # -- groups -----------------------------------------------------------------------------------------------------------------
-_COMPARE: dict[str, Callable[[np.ndarray, int], np.ndarray]] = {
-    **{"<": np.less, ">": np.greater, "<=": np.less_equal, ">=": np.greater_equal, "==": np.equal, "!=": np.not_equal}
-}
+_COMPARE = {"<": np.less, ">": np.greater, "<=": np.less_equal, ">=": np.greater_equal, "==": np.equal, "!=": np.not_equal}
 
 
 def _matching(values: np.ndarray, words: list[str], what: str) -> np.ndarray:
