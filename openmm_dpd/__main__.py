@@ -113,10 +113,8 @@ def _add_run_options(run: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status.
-
-    0, 1 after an error (one line on standard error), 2 for a bad option, 130 after Ctrl-C, 143 after SIGTERM.
-    """
+    """Entry point; returns the exit status.  0, 1 after an error (one line on standard error), 2 for a bad option, 130 after Ctrl-C, 143
+    after SIGTERM."""
     options = _parser().parse_args(arguments)
     signals = Signals()
     with signals.caught():
@@ -139,8 +137,7 @@ def _with_dashes(error: DPDError, options: argparse.Namespace) -> str:
     """The text of an error; where it begins with the name of a choice, that is an option here."""
     text = str(error)
     name = re.match(r"\w*", text)[0]  # type: ignore[index]
-    named = isinstance(error, ParameterError) and name in vars(options).keys() - {"deck", "directory", "command"}
-    return f"--{text}" if named else text
+    return f"--{text}" if isinstance(error, ParameterError) and name in vars(options).keys() - {"deck", "directory", "command"} else text
 
 
 def _interrupted(signals: Signals, text: str = "") -> int:
@@ -237,8 +234,7 @@ def _export(options: argparse.Namespace, signals: Signals) -> None:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ExportWarning)  # said below, one line each
-        names = ("name", "dt", "steps", "scheme", "seed", "every", "compat")
-        choices = {name: getattr(options, name) for name in names}
+        choices = {name: getattr(options, name) for name in ("name", "dt", "steps", "scheme", "seed", "every", "compat")}
         written = export_deck(options.deck, options.directory, variables=dict(options.var), **choices)
     for text in written.differences:
         print(f"openmm-dpd: different in LAMMPS: {text}", file=sys.stderr)

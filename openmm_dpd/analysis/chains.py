@@ -71,8 +71,7 @@ def radius_of_gyration(trajectory: Trajectories, beads: Beads = None) -> Molecul
     topology, frames = whole_frames(trajectory)
     group, masses = selected(topology, beads), weights_of(topology)
     labels = molecule_labels(topology)[group]
-    count = np.bincount(labels)
-    numbers = np.flatnonzero(count > 1)
+    numbers = np.flatnonzero(np.bincount(labels) > 1)
     if not len(numbers):
         raise ParameterError("no molecule has two of these beads")
     # molecules are numbered in the order of their first beads
@@ -83,11 +82,9 @@ def radius_of_gyration(trajectory: Trajectories, beads: Beads = None) -> Molecul
 
 
 def gyration_tensors(positions: np.ndarray, masses: np.ndarray, units: np.ndarray) -> np.ndarray:
-    """Gyration tensors of M molecules, S_ab = sum m (r - r_com)_a (r - r_com)_b/sum m, as (M, 6): xx, yy, zz, xy, xz, yz.
-
-    ``positions`` (N, 3) have molecules whole, ``units`` (N,) are the numbers of the beads' molecules, from 0 to M - 1.  The first three add
-    up to the square of the radius of gyration.
-    """
+    """Gyration tensors of M molecules, S_ab = sum m (r - r_com)_a (r - r_com)_b/sum m, as (M, 6): xx, yy, zz, xy, xz, yz.  ``positions``
+    (N, 3) have molecules whole, ``units`` (N,) are the numbers of the beads' molecules, from 0 to M - 1.  The first three add up to the
+    square of the radius of gyration."""
     total = np.bincount(units, masses)
     d = positions - means_over(units, masses, positions)[units]
     return np.column_stack([np.bincount(units, masses * d[:, a] * d[:, b]) / total for a, b in AXES_OF_TENSOR])
@@ -102,10 +99,6 @@ def end_to_end_distance(trajectory: Trajectories, ends: np.ndarray | None = None
         As for :func:`radius_of_gyration`.
     ends : (M, 2) array of int, optional
         Beads of each pair of ends, in one molecule each.  By default those of all linear chains: the two beads with a single bond.
-
-    Returns
-    -------
-    MoleculeSizes
 
     Raises
     ------

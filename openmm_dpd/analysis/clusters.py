@@ -88,10 +88,6 @@ def cluster_sizes(trajectory: Trajectories, beads: Beads = None, *, cutoff: floa
     least : int
         Smaller clusters are left out: 2 for no free molecules.
 
-    Returns
-    -------
-    Clusters
-
     Raises
     ------
     ParameterError

@@ -16,7 +16,6 @@ from .unwrapping import unwrapped
 
 #: Lags that are taken if none are given.
 LAGS = 50
-
 #: -xi of a simple cubic lattice of charges, the finite-size correction of a cubic box.
 XI = 2.837297
 
@@ -131,12 +130,7 @@ def _average_lags(rows: tuple[np.ndarray, np.ndarray], interval: float) -> Curve
 
 
 def diffusion_coefficient(
-    displacement: MeanSquaredDisplacement,
-    fit: tuple[float, float],
-    *,
-    kT=None,
-    viscosity: float | None = None,
-    edge=None,
+    displacement: MeanSquaredDisplacement, fit: tuple[float, float], *, kT=None, viscosity: float | None = None, edge=None
 ) -> Average:
     r"""Diffusion coefficient D from the slope of the mean squared displacement, msd = 2 d D t + c in d dimensions.
 

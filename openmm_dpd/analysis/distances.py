@@ -54,8 +54,7 @@ def radial_distribution(
     a, b = two_selected(topology, beads, other)
     # what a pair must differ in
     labels = molecule_labels(topology) if between_molecules else np.arange(topology.n_atoms)
-    own = np.bincount(labels[a], minlength=len(labels)) @ np.bincount(labels[b], minlength=len(labels))
-    pairs = len(a) * len(b) - own
+    pairs = len(a) * len(b) - np.bincount(labels[a], minlength=len(labels)) @ np.bincount(labels[b], minlength=len(labels))
     if pairs <= 0:
         raise ParameterError("there are no pairs of beads to take a radial distribution of")
     edges = np.linspace(0.0, r_max, n_bins + 1)

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 #: A trajectory in memory, or chunks of one, as from ``mdtraj.iterload``.
 Trajectories: TypeAlias = "mdtraj.Trajectory | Iterable[mdtraj.Trajectory]"
-
 #: Beads: a type, several types, or what ``numpy`` indexes an array of beads with; None for all.
 Beads: TypeAlias = str | Sequence[str] | Sequence[int] | np.ndarray | None
 
@@ -43,9 +42,7 @@ class Frame:
 
 def chunks_of(trajectory: Trajectories) -> tuple[mdtraj.Topology, Iterator[mdtraj.Trajectory]]:
     """Topology (of the first chunk) and chunks of a trajectory, of which one is held at a time; an iterator can be used once.
-
-    ParameterError if it is something else, has no frame or no topology, a coordinate is not finite, or the number of beads changes.
-    """
+    ParameterError if it is something else, has no frame or no topology, a coordinate is not finite, or the number of beads changes."""
     import mdtraj
 
     if isinstance(trajectory, (str, bytes)) or not isinstance(trajectory, (mdtraj.Trajectory, Iterable)):
@@ -103,10 +100,8 @@ def type_names(topology: mdtraj.Topology) -> np.ndarray:
 
 
 def selected(topology: mdtraj.Topology, beads: Beads, what: str = "beads") -> np.ndarray:
-    """Indices of the beads that are meant: those of a type, of several types, indices from 0, a mask, or all.
-
-    ParameterError, which calls them ``what``, if no bead is of the type, an index is out of range or appears twice, or there is none.
-    """
+    """Indices of the beads that are meant: those of a type, of several types, indices from 0, a mask, or all.  ParameterError, which calls
+    them ``what``, if no bead is of the type, an index is out of range or appears twice, or there is none."""
     return of_types(type_names(topology), beads, what)
 
 

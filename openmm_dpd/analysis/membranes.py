@@ -172,10 +172,6 @@ def height_spectrum(trajectory: Trajectories, heads: Beads, tails: Beads, *, q_m
     axis : {"z", "y", "x"} or int
         Normal of the bilayer.
 
-    Returns
-    -------
-    HeightSpectrum
-
     Raises
     ------
     ParameterError
@@ -248,8 +244,7 @@ def _waves(reciprocal: np.ndarray, largest: float) -> np.ndarray:
     reach = np.floor(largest * np.linalg.norm(np.linalg.pinv(reciprocal), axis=1) * (1 + 1e-9)).astype(int)
     n = np.stack(np.meshgrid(*[np.arange(-r, r + 1) for r in reach], indexing="ij"), axis=-1).reshape(-1, 2)
     n = n[(n[:, 0] > 0) | ((n[:, 0] == 0) & (n[:, 1] > 0))]
-    q = np.linalg.norm(reciprocal @ n.T, axis=0)
-    used = q <= largest * (1 + 1e-9)
+    used = np.linalg.norm(reciprocal @ n.T, axis=0) <= largest * (1 + 1e-9)
     if not used.any():
         least = np.linalg.norm(reciprocal, axis=0).min()
         raise ParameterError(f"q_max is {largest:g}/nm, below the shortest wave vector of this box, {least:g}/nm")
@@ -295,10 +290,6 @@ def bending_modulus(spectrum: HeightSpectrum, kT, *, q_max=None, tension=None) -
         as the bilayer is thick, lipids tilt, and the fluctuations are larger than the formula says.
     tension : energy/area, optional
         sigma, if it is known, such as 0 of a bilayer under a barostat; bare numbers: kJ/mol/nm^2.  By default it is fitted.
-
-    Returns
-    -------
-    BendingModulus
 
     Raises
     ------

@@ -34,17 +34,14 @@ def means_over(units: np.ndarray, weights: np.ndarray | None, x: np.ndarray) -> 
 
 def bonds_outwards(topology: mdtraj.Topology) -> np.ndarray:
     """Bonds (parent, child) that reach every bead of a molecule from one of its beads, parents first.
-
     ``mdtraj.Trajectory.make_molecules_whole`` puts the second bead of each bond beside the first, in the given order; its own order is
-    right for chains numbered along the chain only.
-    """
+    right for chains numbered along the chain only."""
     bonds = bonds_of(topology)
     count = topology.n_atoms
     if not len(bonds):
         return bonds
     # a further vertex joined to one bead of each molecule makes one search out of many
-    labels = molecule_labels(topology)
-    roots = np.unique(labels, return_index=True)[1]
+    roots = np.unique(molecule_labels(topology), return_index=True)[1]
     joined = np.concatenate([bonds, np.column_stack([np.full(len(roots), count), roots])])
     order, parents = breadth_first_order(graph(joined, count + 1).tocsr(), count, directed=False)
     tree = np.column_stack([parents[order[1:]], order[1:]]).astype(np.int64)

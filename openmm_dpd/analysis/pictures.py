@@ -94,14 +94,8 @@ def displacement_picture(
             shown.x[inside], slope * shown.x[inside] + offset, color="black", linewidth=1.2, linestyle=(0, (5, 3)), label=label, zorder=5
         )
     axis.set(xscale="log", yscale="log")
-    _write(
-        figure,
-        axis,
-        path,
-        with_unit("time", time_unit if unit else ""),
-        with_unit("mean squared displacement", f"{unit}$^2$" if unit else ""),
-        title,
-    )
+    labels = with_unit("time", time_unit if unit else ""), with_unit("mean squared displacement", f"{unit}$^2$" if unit else "")
+    _write(figure, axis, path, *labels, title)
 
 
 def cluster_picture(path: str | os.PathLike, clusters: Clusters, *, title: str = "") -> None:

@@ -48,10 +48,8 @@ def sums_in_slices(number: np.ndarray, weights: np.ndarray | None, count: int) -
 
 def periodic_centre(fractions: np.ndarray, weights: np.ndarray) -> float:
     """Centre of mass of beads in a periodic direction, as a fraction of the box; ParameterError if they are spread evenly and have none.
-
     The phase of sum w exp(2 pi i s) is the centre of a symmetric distribution; the mean of the positions folded around it is the centre of
-    mass of what does not reach around the box (L. Bai and D. Breen, J. Graphics Tools 13, 53 (2008), for the phase).
-    """
+    mass of what does not reach around the box (L. Bai and D. Breen, J. Graphics Tools 13, 53 (2008), for the phase)."""
     resultant = np.sum(weights * np.exp(2j * np.pi * fractions)) / weights.sum()
     if abs(resultant) < LEAST_RESULTANT:
         raise ParameterError(
@@ -64,18 +62,11 @@ def periodic_centre(fractions: np.ndarray, weights: np.ndarray) -> float:
 
 def _slicer(topology, axis, n_bins, centre) -> Slicer:
     n_bins = whole_number(n_bins, "n_bins", least=1)
-    about = None if centre is None else selected(topology, centre, "centre")
-    return Slicer(axis_number(axis), n_bins, about, weights_of(topology))
+    return Slicer(axis_number(axis), n_bins, None if centre is None else selected(topology, centre, "centre"), weights_of(topology))
 
 
 def density_profile(
-    trajectory: Trajectories,
-    types: Beads = None,
-    *,
-    axis: str | int = "z",
-    n_bins: int = 100,
-    centre: Beads = None,
-    mass: bool = False,
+    trajectory: Trajectories, types: Beads = None, *, axis: str | int = "z", n_bins: int = 100, centre: Beads = None, mass: bool = False
 ) -> dict[str, Curve]:
     r"""Density of each type of beads in slices along an axis, rho(z) = n(z)/(A dz).
 

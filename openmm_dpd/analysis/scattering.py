@@ -108,9 +108,7 @@ def largest_indices(box: np.ndarray, q_max: float) -> np.ndarray:
 
 def density_waves(fractions: np.ndarray, limits: np.ndarray, block: int = 4096) -> np.ndarray:
     """Sums of exp(-2 pi i n . s) over beads with fractional positions s, for n from -limits to limits, but for the last axis from 0 on.
-
-    Returns an array of complex (2 nx + 1, 2 ny + 1, nz + 1).
-    """
+    Returns an array of complex (2 nx + 1, 2 ny + 1, nz + 1)."""
     nx, ny, nz = limits.tolist()
     total = np.zeros((2 * nx + 1, (2 * ny + 1) * (nz + 1)), dtype=np.complex128)
     for start in range(0, len(fractions), block):

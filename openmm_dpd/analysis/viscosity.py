@@ -166,15 +166,7 @@ class GreenKubo:
 
 
 def green_kubo_viscosity(
-    stress,
-    dt=None,
-    *,
-    volume=None,
-    kT=None,
-    friction=None,
-    instantaneous: float | None = None,
-    t_max=None,
-    blocks: int = 10,
+    stress, dt=None, *, volume=None, kT=None, friction=None, instantaneous: float | None = None, t_max=None, blocks: int = 10
 ) -> GreenKubo:
     r"""Viscosity from a series of stress tensors at equilibrium.
 
@@ -241,15 +233,8 @@ def green_kubo_viscosity(
         last = min(2 * int(np.argmax(mean < sem)) or last, last)
     base = 0.0 if instantaneous is None else float(instantaneous)
     values = integrals[:, last]
-    return GreenKubo(
-        viscosity=base + float(values.mean()),
-        error=float(values.std(ddof=1) / np.sqrt(blocks)),
-        instantaneous=base,
-        t_max=last * step,
-        times=np.arange(lags) * step,
-        correlation=mean,
-        integral=base + integrals.mean(axis=0),
-    )
+    error, times = float(values.std(ddof=1) / np.sqrt(blocks)), np.arange(lags) * step
+    return GreenKubo(base + float(values.mean()), error, base, last * step, times, mean, base + integrals.mean(axis=0))
 
 
 def _independent(tensors, name: str) -> np.ndarray:

@@ -29,11 +29,7 @@ class FileLedger:
     Files that grow are cut back to a checkpoint; files that are written whole, and those that were begun anew since, will be written
     again.  What is touched for the first time is noted on disk before, in ``journal``, so that this holds after a run was killed as well.
     Names of files in ``root``, the folder of the results, are kept relative to it; other files of the journal's folder are none of the run.
-
-    Attributes
-    ----------
-    replaying : bool
-        Whether nothing is written, since a run is on its way to where it was interrupted: what comes there is in the files already.
+    While ``replaying``, a run is on its way to where it was interrupted: nothing is written, what comes there is in the files already.
     """
 
     def __init__(self, root: Path, journal: Path):
@@ -98,10 +94,8 @@ class FileLedger:
         return found
 
     def put_back(self, lengths: dict[str, dict[str, Any]]) -> None:
-        """Make the files what they were when :meth:`lengths` was asked, and go on from there.
-
-        OutputError if a file has gone, or is shorter than it was.
-        """
+        """Make the files what they were when :meth:`lengths` was asked, and go on from there.  OutputError if a file has gone, or is
+        shorter than it was."""
         now = self._read_journal()
         self.journal.parent.mkdir(parents=True, exist_ok=True)
         for name, was in lengths.items():

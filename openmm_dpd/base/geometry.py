@@ -4,7 +4,6 @@ import numpy as np
 
 #: The two axes of each number of a tensor.
 AXES_OF_TENSOR = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-
 _FIRST, _SECOND = map(list, zip(*AXES_OF_TENSOR, strict=True))
 
 
@@ -14,10 +13,8 @@ def widths(box: np.ndarray) -> np.ndarray:
 
 
 def reduced(vectors) -> np.ndarray:
-    """Vectors of the same lattice in OpenMM's reduced form (no tilt above half an edge), from vectors with a along x and b in the xy plane.
-
-    A tilt a rounding error above half an edge becomes that half.
-    """
+    """Vectors of the same lattice in OpenMM's reduced form (no tilt above half an edge), from vectors with a along x and b in the xy
+    plane.  A tilt a rounding error above half an edge becomes that half."""
     vectors = np.tril(np.asarray(vectors, dtype=np.float64))
     for row, column in ((2, 1), (2, 0), (1, 0)):
         half = 0.5 * vectors[column, column]

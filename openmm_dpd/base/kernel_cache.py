@@ -24,12 +24,9 @@ from .numba_private import NullCache, dumps, packed, set_cache, unpacked
 from .signals import CTRL_C
 
 _LOGGER = logging.getLogger("openmm_dpd")
-
 _REMEDY = "set NUMBA_CACHE_DIR to a folder of your own"
-
 #: Bytes of the hash in front of every file.
 _SEAL = hashlib.sha256().digest_size
-
 #: What was said already, once in the life of the process.
 _SAID: set[str] = set()
 

@@ -58,10 +58,8 @@ class DataUnpickler(pickle.Unpickler):
 
 
 def checked_xml(text: str) -> ElementTree.Element:
-    """The elements of an XML text, after a check of all Python objects in it.
-
-    ParameterError if it is no XML, or one of its PythonForces is not of this package; nothing of it has been run then.
-    """
+    """The elements of an XML text, after a check of all Python objects in it.  ParameterError if it is no XML, or one of its PythonForces
+    is not of this package; nothing of it has been run then."""
     try:
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:

@@ -17,9 +17,7 @@ except ImportError:
 
 class Signals(threading.local):
     """Makes a KeyboardInterrupt of a signal: at once, or within :meth:`later` where the run says; ``seen`` are the signals that have come.
-
-    Signals go to the main thread; in others none is ever seen.
-    """
+    Signals go to the main thread; in others none is ever seen."""
 
     def __init__(self, patient: bool = False) -> None:
         self.seen: list[int] = []
@@ -78,9 +76,7 @@ CTRL_C = Signals(patient=True)
 @contextmanager
 def unbroken() -> Iterator[None]:
     """Within, Ctrl-C waits for ``CTRL_C.check()``, and comes out as a KeyboardInterrupt, even where OpenMM has made another error of it.
-
-    Only Python's own handler is replaced: those of decks and of others act as they do.
-    """
+    Only Python's own handler is replaced: those of decks and of others act as they do."""
     ours = handlers.getsignal(signal.SIGINT) in (signal.default_int_handler, CTRL_C.take)
     if not ours or threading.current_thread() is not threading.main_thread():
         yield

@@ -8,10 +8,8 @@ from .errors import ParameterError
 
 #: Fewest blocks a standard error is taken from; with fewer rows than this there is none.
 MIN_BLOCKS = 5
-
 #: Correlation times after which a series is long enough.
 LONG = 200
-
 #: Where a series reaches equilibrium is judged by the means of about so many batches.
 BATCHES = 50
 

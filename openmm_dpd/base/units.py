@@ -20,13 +20,10 @@ from .errors import ParameterError
 
 #: Molar gas constant in kJ/mol/K, the value OpenMM uses.
 BOLTZMANN = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole / unit.kelvin)
-
 #: 1 kJ/mol/nm^3 in bar.
 BAR_PER_MD_PRESSURE = 1.0e25 / 6.02214076e23
-
 #: 1/(4 pi eps0) in kJ/mol nm/e^2, the value OpenMM uses.
 COULOMB = 138.93545764438198
-
 _E, _L, _T, _M = unit.kilojoule_per_mole, unit.nanometer, unit.picosecond, unit.dalton
 
 #: Quantities by name: the MD unit of each.

@@ -10,7 +10,6 @@ import numpy as np
 #: The deck whose author reads: something with ``units`` (:class:`openmm_dpd.base.units.UnitSystem`) and ``atoms``, whose ``ids`` are the
 #: beads'.
 _DECK: ContextVar[Any] = ContextVar("deck", default=None)
-
 #: What scripts read.
 _NAMES = {"length": "nm", "time": "ps", "energy": "kJ/mol", "force": "kJ/mol/nm", "inverse_length": "/nm", "thermal_energy": "kJ/mol"}
 
@@ -76,6 +75,4 @@ def overstretched(pairs: np.ndarray, r: np.ndarray, longest: np.ndarray, epsilon
         limit = f"its R0 of {in_length(longest[bad[0]])}"
         return f"the FENE bond between {bead_names(*pairs[bad[0]])} is {in_length(r[bad[0]])} long, which is not less than {limit}"
     bad = np.flatnonzero((r == 0) & (epsilon > 0))
-    if len(bad):
-        return f"{bead_names(*pairs[bad[0]])} are at the same point, where the repulsion of their FENE bond is infinite"
-    return None
+    return f"{bead_names(*pairs[bad[0]])} are at the same point, where the repulsion of their FENE bond is infinite" if len(bad) else None

@@ -21,13 +21,10 @@ PANELS = (
 
 #: Colours (dark for means, light for rows), which colour-blind readers can distinguish too.
 COLOURS = (("#1f5a99", "#a9c6e3"), ("#b3541e", "#efc9ae"))
-
 #: What the lines are.
 CAPTION = "light: rows of the thermo output; dark: mean over a tenth of the run around each row; dotted: a new run begins"
-
 #: What the shading is.
 LEFT_OUT = "\ngrey: left out of averages, and of the range of the axes"
-
 #: Most rows that are drawn one by one; longer series show every so many.
 MOST_ROWS = 20_000
 
@@ -147,11 +144,8 @@ def _level(target: float | Sequence[float] | np.ndarray | None, rows: int) -> np
 
 
 def _spans(x: np.ndarray, runs: Sequence[float]) -> list[slice]:
-    """Rows of each run.
-
-    The last row of one run and the first row of the next may both be at the x where the next begins; a single row there is the next
-    run's first.
-    """
+    """Rows of each run.  The last row of one run and the first row of the next may both be at the x where the next begins; a single row
+    there is the next run's first."""
     if len(runs) and np.any(np.diff(x) < 0):
         row = int(np.argmax(np.diff(x) < 0)) + 1
         raise ParameterError(
@@ -218,16 +212,8 @@ def finish_axis(axis: Any, name: str, legend: bool) -> None:
         handles, texts = axis.get_legend_handles_labels()
         order = sorted(range(len(texts)), key=lambda k: -handles[k].get_zorder())
         # above the panel, where it covers nothing
-        axis.legend(
-            [handles[k] for k in order],
-            [texts[k] for k in order],
-            loc="lower right",
-            bbox_to_anchor=(1.0, 0.98),
-            ncols=len(order),
-            fontsize=9.5,
-            frameon=False,
-            borderaxespad=0.0,
-        )
+        place = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.98), "borderaxespad": 0.0, "ncols": len(order)}
+        axis.legend([handles[k] for k in order], [texts[k] for k in order], fontsize=9.5, frameon=False, **place)
 
 
 def with_unit(name: str, unit: str | None, separator: str = " ") -> str:

@@ -13,7 +13,6 @@ from ..base.units import to_md
 
 #: Residue and segment name of all beads.  No reader knows "MOL" as an amino acid, nucleotide, water or solvent.
 RESIDUE, SEGMENT = "MOL", "DPD"
-
 #: Sections of what this package has not, by what they have.
 _OTHERS = {"impropers": "!NIMPHI", "cross-terms": "!NCRTERM", "lone pairs": "!NUMLP"}
 

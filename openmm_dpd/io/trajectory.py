@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
 #: Symbol of the elements made here: mdtraj's own for "no element", so that no file written from them can name a chemical one.
 SYMBOL = "VS"
-
 #: The one chain of all topologies made here.
 CHAIN = "A"
 

@@ -41,8 +41,7 @@ def view(source, *, state=None, radii=None):
     nglview = optional_package("nglview", "view", "the view in a notebook needs")
     scene = scene_of(source)
     sizes = _radii(scene, radii)
-    structure = nglview.TextStructure(pdb_text(Snapshot.of(source, state)), ext="pdb")
-    widget = nglview.NGLWidget(structure)
+    widget = nglview.NGLWidget(nglview.TextStructure(pdb_text(Snapshot.of(source, state)), ext="pdb"))
     widget.clear_representations()
     for k, name in enumerate(scene.type_names):
         beads = np.flatnonzero(scene.type_ids == k)

@@ -17,19 +17,15 @@ _PRECISION, _PLACE, _MOST_PLAIN = 1000, slice(56, 60), 9
 
 
 class XTCWriter:
-    """Writes an XTC file, frame by frame: a nm in ``precision`` parts, by default to 0.001 nm, as GROMACS and mdtraj do.
-
-    A frame that cannot be written leaves the file as it was before, with an OutputError.  ``append``: go on with what is there.
-    """
+    """Writes an XTC file, frame by frame: a nm in ``precision`` parts, by default to 0.001 nm, as GROMACS and mdtraj do.  A frame that
+    cannot be written leaves the file as it was before, with an OutputError.  ``append``: go on with what is there."""
 
     def __init__(self, path: str | os.PathLike, n_beads: int, what: str, append: bool = False, precision: int = _PRECISION):
         self._file, self._n_beads, self._what, self._precision = BlockFile(path, what, append), n_beads, what, precision
 
     def write(self, positions: np.ndarray, box: np.ndarray, time: float, step: int) -> None:
         """Add a frame: positions and box vectors in nm, time in ps.  The format has 32 bits for steps: larger ones begin again at 0.
-
-        RunError if a position is too large for the format.
-        """
+        RunError if a position is too large for the format."""
         assert len(positions) == self._n_beads
         largest = (2**31 - 1) / self._precision  # whole numbers in 32 bits
         if not np.abs(positions).max(initial=0.0) < largest:

@@ -18,17 +18,14 @@ from .extras import CHUNK, BondedKernel, minimum_image
 
 #: Least |a x b| (nm^2) that a force is divided by: beads in line have no direction to bend in, and OpenMM has the same bound.
 LEAST_CROSS = 1e-6
-
 # the formula of a kind
 _formula: Any = None
 
 
 @njit(inline="always")
 def angle(s, c):
-    """atan2(s, c) for s >= 0, to the last bit or two, by the rational function of Cephes' atan; both 0 give 0.
-
-    It has no branches, so that the loop around it is vectorised, which the library's function is not.
-    """
+    """atan2(s, c) for s >= 0, to the last bit or two, by the rational function of Cephes' atan; both 0 give 0.  It has no branches, so that
+    the loop around it is vectorised, which the library's function is not."""
     size = abs(c)
     small, large = (s, size) if s < size else (size, s)
     # atan(t) = pi/4 + atan((t - 1)/(t + 1)) keeps the argument below 0.66

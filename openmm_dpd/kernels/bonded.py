@@ -15,7 +15,6 @@ from .extras import BondedKernel, minimum_image
 
 #: r/sigma where the repulsion of a FENE bond ends, the minimum of Lennard-Jones.
 WCA_END = 2.0 ** (1.0 / 6.0)
-
 # the formula of a kind
 _formula: Any = None
 

@@ -41,10 +41,8 @@ def _usable(sx, sy, sz):
 
 @helper
 def _find_cells(x, beads, grid, begin, end, cell, wrapped):
-    """Cells of the beads begin:end, and their positions wrapped into the grid; returns whether all positions are usable.
-
-    Without a branch, so that several beads are treated at once.
-    """
+    """Cells of the beads begin:end, and their positions wrapped into the grid; returns whether all positions are usable.  Without a branch,
+    so that several beads are treated at once."""
     box, nx, ny, nz = grid.box, grid.nx, grid.ny, grid.nz
     usable = True
     for k in range(np.uint64(begin), np.uint64(end)):
@@ -116,11 +114,9 @@ def scratch_for(beads: int, chunks: int, cells: int) -> CellScratch:
 
 
 def _bin_beads(x, beads, of_beads, grid, scratch, count, order, xs, sorted_types, sorted_inv_mass):
-    """Counting sort of the ``beads`` that take part by cell (y fastest, then x), stable in the bead's index.
-
-    Writes ``count`` (ncells + 1,), the first sorted bead of each cell; ``order`` (M,), the index of each sorted bead; ``xs`` (3, M or
-    more), its position, wrapped into the grid; and what else is sorted.  Returns -1, or the first bead whose position is not finite.
-    """
+    """Counting sort of the ``beads`` that take part by cell (y fastest, then x), stable in the bead's index.  Writes ``count`` (ncells +
+    1,), the first sorted bead of each cell; ``order`` (M,), the index of each sorted bead; ``xs`` (3, M or more), its position, wrapped
+    into the grid; and what else is sorted.  Returns -1, or the first bead whose position is not finite."""
     place, usable = scratch.place, scratch.usable
     for chunk in prange(len(usable)):
         usable[chunk] = _count_chunk(x, beads, grid, scratch, np.int64(chunk))

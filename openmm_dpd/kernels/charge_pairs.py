@@ -18,7 +18,6 @@ from .vectors import LANES, floor, load_lanes, splat, store_lanes
 
 #: See above.
 SHARES = 8
-
 #: Square of a distance, nm^2, below which there is no direction.
 TINY = 1e-200
 
@@ -93,10 +92,8 @@ def _differences(xs, n, room, i, box, inverse, row):
 
 @helper
 def charge_row(xs, q, n, room, i, box, cut2, end, per_length, coefficients, row, hits, f, to, tensor):
-    """Energy of charge i with those after it within the cutoff, and if wanted six sums of r F; without the Coulomb constant.
-
-    Adds the forces to f[to:], x of all ``room`` charges first.
-    """
+    """Energy of charge i with those after it within the cutoff, and if wanted six sums of r F; without the Coulomb constant.  Adds the
+    forces to f[to:], x of all ``room`` charges first."""
     _differences(xs, n, room, i, box, inverse_edges(box), row)
     at_y, at_z, at_r = np.uint64(room), np.uint64(2 * room), np.uint64(3 * room)
     found = np.uint64(0)

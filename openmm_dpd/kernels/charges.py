@@ -35,7 +35,6 @@ class ChargeTerms:
     """All charges."""
 
     term: ClassVar[str] = "electrostatic"
-
     beads: np.ndarray  #: (M,) beads that have a charge
     charges: np.ndarray  #: (M,) theirs, in elementary charges
     constant: float  #: Coulomb constant, kJ/mol nm
@@ -172,9 +171,7 @@ def _exceptions(beads, q, constant, pairs, factors, box, law, xs, force, stress)
 
 def _charge_forces(x, box, beads, constant, pairs, factors, law, waves, space, force, stress):
     """Add the forces, and to ``stress`` (1, 6), if it has rows, the sums of r F of pairs; returns the energies of pairs and of waves.
-
-    These are not numbers if a position is not finite.
-    """
+    These are not numbers if a position is not finite."""
     n, room, parts = len(beads), len(space.q), len(space.outer)
     if not _gather(x, beads, room, space.xs):
         return np.nan, np.nan
@@ -255,21 +252,16 @@ class ChargeEvaluator:
         return sum(self._run(x, box, force, np.zeros((0, 6))))
 
     def parts(self, x: np.ndarray, box: np.ndarray | None) -> tuple[float, float, np.ndarray]:
-        """Energies of the short-ranged part (with what is taken out for bonded neighbours) and of the lattice, and the stress of both.
-
-        All in kJ/mol; the stress has (6,) sums of r F, minus the derivatives of the energy with respect to strains of box and positions.
-        RunError as above.
-        """
+        """Energies of the short-ranged part (with what is taken out for bonded neighbours) and of the lattice, and the stress of both.  All
+        in kJ/mol; the stress has (6,) sums of r F, minus the derivatives of the energy with respect to strains of box and positions.
+        RunError as above."""
         stress = np.zeros((1, 6))
         return *self._run(x, box, np.zeros_like(x), stress), stress[0]
 
 
 def _alone(terms: ChargeTerms) -> tuple[float, float]:
-    """What all charges have for themselves in a box: energy and virial.
-
-    The waves hold the interaction of each charge with itself, C q^2 alpha/sqrt(pi) if there are all of them.  Those up to k_max hold the
-    part erf(k_max/(2 alpha)) of it, and a virial.
-    """
+    """What all charges have for themselves in a box: energy and virial.  The waves hold the interaction of each charge with itself, C q^2
+    alpha/sqrt(pi) if there are all of them.  Those up to k_max hold the part erf(k_max/(2 alpha)) of it, and a virial."""
     square, alpha, k = terms.constant * float(np.sum(terms.charges**2)), terms.alpha, terms.k_max
     if alpha == 0.0:
         return 0.0, 0.0
@@ -302,10 +294,8 @@ def _space_for(charges: np.ndarray, waves: Waves, threads: int) -> ChargeSpace:
 
 
 def cost(n_charges: int, box: np.ndarray | None, k_max: float, cutoff: float) -> float:
-    """Microseconds that one evaluation takes on one core, to a tenth or so on the one where this was measured.
-
-    The longest wave vector ``k_max`` (1/nm) and the cutoff are of no importance without a box.
-    """
+    """Microseconds that one evaluation takes on one core, to a tenth or so on the one where this was measured.  The longest wave vector
+    ``k_max`` (1/nm) and the cutoff are of no importance without a box."""
     near, waves = 1.0, 0.0
     if box is not None:
         volume = float(np.prod(np.diag(box)))

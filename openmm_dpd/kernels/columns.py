@@ -23,10 +23,8 @@ from .threads import dispatch
 
 
 class Totals(NamedTuple):
-    """Sums over pairs: energy; r_ij . F_ij of all terms, and of friction alone.
-
-    And if asked for (6,) r_ij F_ij (xx, yy, zz, xy, xz, yz), and the Laplacian of the energy.
-    """
+    """Sums over pairs: energy; r_ij . F_ij of all terms, and of friction alone.  And if asked for (6,) r_ij F_ij (xx, yy, zz, xy, xz, yz),
+    and the Laplacian of the energy."""
 
     energy: float
     virial: float

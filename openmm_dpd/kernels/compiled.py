@@ -14,14 +14,11 @@ from ..base.numba_private import NO_REFERENCE_COUNTS
 
 #: Hash of all kernel sources.
 _DIGEST = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()[:12]
-
 #: Division by zero gives inf or nan, as in numpy: a loop with an exception in it is never vectorised.
 _SEMANTICS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
-
 #: The same for code that allocates nothing.  Numba would count the references to every array of a tuple that is handed on, atomically, and
 #: for each pair that takes longer than all the rest.
 _BARE = _SEMANTICS | NO_REFERENCE_COUNTS
-
 #: Decorators of functions that kernels call: compiled on their own, or put in where they are called.
 helper = numba.njit(**_BARE)
 inlined = numba.njit(inline="always", **_BARE)
@@ -30,10 +27,8 @@ both = register_jitable(inline="always", **_BARE)
 
 
 def renamed(function: Callable, name: str, names: dict[str, Any] | None = None) -> FunctionType:
-    """The same Python function under another name; ``names`` replaces global names that it uses.
-
-    So a loop is written once for all that is done inside it.
-    """
+    """The same Python function under another name; ``names`` replaces global names that it uses.  So a loop is written once for all that is
+    done inside it."""
     known = {**function.__globals__, **names} if names else function.__globals__
     copy = FunctionType(function.__code__, known, name, function.__defaults__)
     copy.__qualname__, copy.__module__, copy.__doc__ = name, function.__module__, function.__doc__
@@ -55,8 +50,6 @@ def compiled(function: Callable, *, parallel: bool = False, bare: bool = False, 
 
 
 def serial_and_parallel(function: Callable) -> tuple[Any, Any]:
-    """Compile a function that loops with prange, and allocates nothing, twice.
-
-    What is inside the loop should be the call of a helper: numba tries its own ideas of parallel arrays on all that it sees there.
-    """
+    """Compile a function that loops with prange, and allocates nothing, twice.  What is inside the loop should be the call of a helper:
+    numba tries its own ideas of parallel arrays on all that it sees there."""
     return compiled(function, bare=True), compiled(function, bare=True, parallel=True)

@@ -15,7 +15,6 @@ from .extras import BondedKernel, minimum_image
 
 #: Least square of the sine between two bonds that a force is divided by.
 LEAST_SINE2 = 1e-12
-
 # the formula of a kind
 _formula: Any = None
 

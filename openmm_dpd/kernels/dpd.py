@@ -11,7 +11,6 @@ from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Layer, PairSpec, Sor
 from .pairs import PairList
 
 _TERMS = CONSERVATIVE | DISSIPATIVE | RANDOM
-
 #: Each doubling that makes up for a halving rounds once.
 _MOST_HALVINGS = 8
 
@@ -46,11 +45,8 @@ class TermTable:
 
 
 class SweptLayer:
-    """What layers whose friction and noise are those of DPD have in common.
-
-    ``table`` has ``coefficients(kT)``, whose first columns are those of :mod:`.forces`; ``plain`` is as in :class:`.forces.Terms`;
-    ``transverse`` says whether there are transverse terms.
-    """
+    """What layers whose friction and noise are those of DPD have in common.  ``table`` has ``coefficients(kT)``, whose first columns are
+    those of :mod:`.forces`; ``plain`` is as in :class:`.forces.Terms`; ``transverse`` says whether there are transverse terms."""
 
     #: Whether A w is all of the repulsion.
     repels_by_pairs = False

@@ -30,10 +30,8 @@ from .pairs import PairList
 #: Columns of the coefficient table; the last two are where four coefficients of a polynomial begin.
 A, CUTOFF, GAMMA, EXPONENT, KAPPA, EXPONENT_T, CUTOFF_T, EXPONENT_POLYNOMIAL = range(8)
 KAPPA_POLYNOMIAL = EXPONENT_POLYNOMIAL + 4
-
 #: Streams of the pair's random numbers.
 MOTION, HEAT = range(2)
-
 #: Smallest exponent of the drag, and largest noise of a flux.
 SMALLEST_EXPONENT, LARGEST_NOISE = 0.01, 5.0
 
@@ -41,9 +39,7 @@ SMALLEST_EXPONENT, LARGEST_NOISE = 0.01, 5.0
 @dataclass(frozen=True, eq=False)
 class ThermalTable:
     """Coefficients of one layer, as (T, T) symmetric arrays, polynomials (T, T, 4) (MD units); ``cutoff`` is the larger of both ranges.
-
-    ``lammps`` says whether heat is computed as LAMMPS's code does.
-    """
+    ``lammps`` says whether heat is computed as LAMMPS's code does."""
 
     A: np.ndarray
     gamma: np.ndarray
@@ -143,10 +139,8 @@ def temperature_factor(coefficients, row, first, y):
 
 @inlined
 def _friction(which, lammps, coefficients, row, factor, r, ti, tj, ev, rsqrt_dt, xi, inverse_mass, capacities):
-    """Friction with noise and friction alone of a pair within the cutoff, and its viscous heat for each of the two.
-
-    ``inverse_mass`` is 1/m_i + 1/m_j, or 1/m of the bead with the lower index for lammps; ``capacities`` is C_i + C_j.
-    """
+    """Friction with noise and friction alone of a pair within the cutoff, and its viscous heat for each of the two.  ``inverse_mass`` is
+    1/m_i + 1/m_j, or 1/m of the bead with the lower index for lammps; ``capacities`` is C_i + C_j."""
     s = max(
         SMALLEST_EXPONENT, coefficients[row, EXPONENT] * temperature_factor(coefficients, row, EXPONENT_POLYNOMIAL, 0.5 * (ti + tj) - 1.0)
     )
@@ -182,10 +176,8 @@ def _conduction(which, coefficients, row, r, ti, tj, kappa, rsqrt_dt, xi):
 
 
 class Heat(NamedTuple):
-    """What the force form reads and writes beside the pairs; ``failed``: a pair of each column whose conduction is negative, or -1.
-
-    See also :class:`.layer.SortedMotion`.
-    """
+    """What the force form reads and writes beside the pairs; ``failed``: a pair of each column whose conduction is negative, or -1.  See
+    also :class:`.layer.SortedMotion`."""
 
     which: int
     lammps: bool

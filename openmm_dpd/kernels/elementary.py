@@ -29,11 +29,9 @@ _WHOLE = 1.5 * 2.0**52
 _MANTISSA, _BIAS = np.int64(52), np.int64(1023)
 _ROOT_HALF = np.float64(0.5**0.5).view(np.int64)
 _LEAST_NORMAL, _LIFT = 2.0**-1022, 2.0**54
-
 _EXP = tuple(1.0 / math.factorial(k) for k in range(2, 14))
 _LOG = tuple(2.0 / (2 * k + 3) for k in range(12))
 _SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(1, 13))
-
 #: Where the continued fraction of erfc begins; terms of the series below, and of the fraction.
 _FAR, _TERMS, _DEPTH = 2.25, 40, 40
 

@@ -41,7 +41,6 @@ from .sweeps import decay
 
 #: Columns of the coefficient table; the first two are those of :mod:`.forces`.
 A, CUTOFF, SIGMA, KAPPA = range(4)
-
 #: Streams of the pair's random numbers.
 MOTION, HEAT, MOTION_TEST, HEAT_TEST = range(4)
 

@@ -60,17 +60,7 @@ class PairEngine(Engine):
         """Remember the positions that were placed last, and have not changed since, for :meth:`prepare`."""
         self._x, self._kept = self._x.copy(), True
 
-    def sums(
-        self,
-        which: int,
-        v: np.ndarray | None,
-        kT: float,
-        dt: float,
-        seed: int,
-        counter: int,
-        field_values: np.ndarray | None = None,
-        out: np.ndarray | None = None,
-    ) -> Totals:
+    def sums(self, which: int, v, kT, dt, seed, counter, field_values=None, out=None) -> Totals:
         """See :meth:`.interface.Engine.sums`."""
         force = np.empty((len(self.spec.types), 3)) if out is None else out
         if not self._covered:
@@ -102,17 +92,7 @@ class PairEngine(Engine):
                 source.add_to(self.rates, self._x, self._box)
         return Totals(energy, virial, drag, stress, laplacian)
 
-    def swept(
-        self,
-        v: np.ndarray,
-        kT: float,
-        dt: float,
-        seed: int,
-        counter: int,
-        field_values: np.ndarray | None = None,
-        out: np.ndarray | None = None,
-        update: int | None = None,
-    ) -> np.ndarray:
+    def swept(self, v: np.ndarray, kT, dt, seed, counter, field_values=None, out=None, update: int | None = None) -> np.ndarray:
         """See :meth:`.interface.Engine.swept`."""
         before = self.seen(v)
         out = np.empty_like(v) if out is None else out

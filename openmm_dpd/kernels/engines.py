@@ -15,30 +15,17 @@ from .steps import Moment, StepLoop, Stepper, StepSpec
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class EngineKind:
-    """One kind of engines: how it is made, and what it can do.
+    """One kind of engines: how it is made, and what it can do."""
 
-    Attributes
-    ----------
-    name : str
-        What :func:`openmm_dpd.build` is told.
-    what : str
-        What it is, in a few words.
-    make : function of a PairSpec
-        A new engine.
-    can : container of str, optional
-        What it can do, in the words of :meth:`openmm_dpd.plan.Plan.needs`, and "stress" and "Laplacian" for measurements; everything by
-        default.  Scenes that need more are refused.
-    stepper : function of (StepSpec, engine, watch, reach)
-        What does whole steps with it, see :class:`.steps.StepLoop`.
-    warm_up : function of (PairSpec, log)
-        Does what has to be done once before the first step, such as compiling, and tells ``log``, a function of a text, if that takes long.
-    """
-
-    name: str
-    what: str
-    make: Callable[[PairSpec], Engine]
+    name: str  #: What :func:`openmm_dpd.build` is told
+    what: str  #: What it is, in a few words
+    make: Callable[[PairSpec], Engine]  #: A new engine
+    #: What it can do, in the words of :meth:`openmm_dpd.plan.Plan.needs`, and "stress" and "Laplacian" for measurements; everything by
+    #: default.  Scenes that need more are refused.
     can: Container[str] | None = None
+    #: From (StepSpec, engine, watch, reach) to what does whole steps with it, see :class:`.steps.StepLoop`.
     stepper: Callable[[StepSpec, Engine, Callable[[np.ndarray, Moment], None], float], Stepper] = StepLoop
+    #: Does what has to be done once before the first step, such as compiling, and says in ``log``, a function of a text, if it takes long.
     warm_up: Callable[[PairSpec, Callable[[str], None]], None] = lambda spec, log: None
 
     def lacks(self, needs: Iterable[str]) -> str | None:
@@ -51,26 +38,14 @@ ENGINES: dict[str, EngineKind] = {}
 
 
 def register_engine(kind: EngineKind) -> EngineKind:
-    """Make an engine known to the package.
-
-    Raises
-    ------
-    ParameterError
-        If there is another one of that name.
-    """
+    """Make an engine known to the package; ParameterError if there is another one of that name."""
     if kind.name == "auto" or ENGINES.setdefault(kind.name, kind) is not kind:
         raise ParameterError(f"there is an engine {kind.name!r} already")
     return kind
 
 
 def engine_kind(name: str) -> EngineKind:
-    """The kind of engines of a name.
-
-    Raises
-    ------
-    ParameterError
-        If none was registered.
-    """
+    """The kind of engines of a name; ParameterError if none was registered."""
     if not isinstance(name, str) or name not in ENGINES:
         raise ParameterError(f"engine must be 'auto' or one of {', '.join(map(repr, ENGINES))}, not {name!r}")
     return ENGINES[name]

@@ -19,13 +19,9 @@ UNIFORM, HALVES, SINE = range(3)
 
 @dataclass(frozen=True, eq=False)
 class BodyTerms:
-    """A force on single beads.
-
-    The period is that of the scene's box, not of the present one: a pattern does not follow a barostat.
-    """
+    """A force on single beads.  The period is that of the scene's box, not of the present one: a pattern does not follow a barostat."""
 
     term: ClassVar[str] = "external"
-
     beads: np.ndarray  #: (M,) uint32 beads it acts on, each once
     vectors: np.ndarray  #: (M, 3) forces f on them, kJ/mol/nm
     pattern: int = UNIFORM  #: ``UNIFORM``, ``HALVES`` or ``SINE``

@@ -22,10 +22,8 @@ from .threads import dispatch, get_threads
 
 #: Fewer terms than this are not worth waking a second thread for: one takes about 10 ns, waking some 10 us where it goes well.
 FEW = 4000
-
 #: Terms whose energies are added up one after the other; the sums of these are added up then, so that no number of threads changes a bit.
 CHUNK = 256
-
 _NO_BOX = np.zeros((3, 3))
 
 
@@ -45,14 +43,9 @@ class Evaluator(Protocol):
 
 
 class Extra(Protocol):
-    """Description of one kind of force: immutable, can be pickled, made of contiguous writeable arrays.
+    """Description of one kind of force: immutable, can be pickled, made of contiguous writeable arrays."""
 
-    Attributes
-    ----------
-    term : {"bond", "external", "electrostatic", "conservative"}
-        Under which name :func:`openmm_dpd.force_terms` counts it.
-    """
-
+    #: Under which name :func:`openmm_dpd.force_terms` counts it: "bond", "external", "electrostatic" or "conservative".
     term: ClassVar[str]
 
     def evaluator(self) -> Evaluator:
@@ -101,11 +94,9 @@ def minimum_image(dx, dy, dz, box, inverse):
 
 
 def bead_rows(beads: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Compressed rows of the beads (K, width) of K terms: bead of each row, first slot of each row (one more), slots.
-
-    Slot ``width * k + p`` is place p of term k.  The slots of a row increase, so that going through a row adds up what acts on its bead in
-    the order in which one thread would meet the terms.
-    """
+    """Compressed rows of the beads (K, width) of K terms: bead of each row, first slot of each row (one more), slots.  Slot ``width * k +
+    p`` is place p of term k.  The slots of a row increase, so that going through a row adds up what acts on its bead in the order in which
+    one thread would meet the terms."""
     flat = beads.ravel()
     slots = np.argsort(flat, kind="stable")
     rows, first = np.unique(flat[slots], return_index=True)
@@ -171,31 +162,17 @@ def _kernels(kind: Any) -> tuple[Any, Any]:
 
 @dataclass(frozen=True, eq=False)
 class BondedKernel:
-    """Terms between a few beads each, all of one kind: bonds, angles or dihedrals.  A subclass for each kind has its formula.
-
-    Attributes
-    ----------
-    beads : (K, width) uint32
-        Beads of each term.
-    parameters : (n, K) float64
-        Coefficients of each term.
-    part : function
-        Compiled with ``formula`` in the place of ``_formula``: ``part(x, box, inverse, beads, p, begin, end, parts, first)`` writes the
-        forces of the terms from ``begin`` to ``end`` to rows of ``parts``, that of bead k of term n to row ``width * (n - first) + k``, and
-        returns their energy.
-    formula : function
-        Energy and its slope, of one term.
-    sample : tuple
-        Positions of the beads of one term.
-    """
+    """Terms between a few beads each, all of one kind: bonds, angles or dihedrals.  A subclass for each kind has its formula."""
 
     term: ClassVar[str] = "bond"
+    #: Compiled with ``formula`` in the place of ``_formula``: ``part(x, box, inverse, beads, p, begin, end, parts, first)`` writes the
+    #: forces of the terms from ``begin`` to ``end`` to rows of ``parts``, that of bead k of term n to row ``width * (n - first) + k``, and
+    #: returns their energy.
     part: ClassVar[Callable]
-    formula: ClassVar[Callable]
-    sample: ClassVar[tuple[tuple[float, float, float], ...]]
-
-    beads: np.ndarray
-    parameters: np.ndarray
+    formula: ClassVar[Callable]  #: Energy and its slope, of one term
+    sample: ClassVar[tuple[tuple[float, float, float], ...]]  #: Positions of the beads of one term
+    beads: np.ndarray  #: (K, width) uint32, beads of each term
+    parameters: np.ndarray  #: (n, K) float64, coefficients of each term
 
     def evaluator(self) -> TermEvaluator:
         """What computes it."""
@@ -213,11 +190,8 @@ class BondedKernel:
 
 
 class TermEvaluator:
-    """Computes bonded terms.
-
-    One thread adds each term to the forces on its beads as it goes.  Several (from ``fewest`` terms on) first write down what each term
-    does; then each takes a bead and adds up its row of terms, in the same order.
-    """
+    """Computes bonded terms.  One thread adds each term to the forces on its beads as it goes.  Several (from ``fewest`` terms on) first
+    write down what each term does; then each takes a bead and adds up its row of terms, in the same order."""
 
     def __init__(self, terms: BondedKernel):
         kind: Any = type(terms)

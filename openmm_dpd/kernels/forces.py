@@ -22,7 +22,6 @@ from .pairs import PairList
 
 #: Columns of the coefficient table, one row per pair of types.
 A, CUTOFF, GAMMA, SIGMA, GAMMA_PERP, SIGMA_PERP, EXPONENT, EXPONENT_PERP = range(8)
-
 #: Rows of the scratch of a column.
 _DRAG, _PUSH, _ENERGY, _NOISE = range(4)
 
@@ -194,10 +193,8 @@ _curved_forces = over_pairs("curved_forces", _curved, first=clear, last=deliver)
 
 
 def soft_laplacian(pairs: PairList, coefficients: np.ndarray) -> float:
-    """Sum over the mobile beads of the Laplacian of the conservative energy, from a table that begins with A and CUTOFF.
-
-    For U = A rc w^2/2 it is U'' + 2U'/r = A/rc - 2 A w/r per pair and mobile bead.
-    """
+    """Sum over the mobile beads of the Laplacian of the conservative energy, from a table that begins with A and CUTOFF.  For U = A rc
+    w^2/2 it is U'' + 2U'/r = A/rc - 2 A w/r per pair and mobile bead."""
     return _laplacian(pairs, CoefficientRows(coefficients))[0]
 
 

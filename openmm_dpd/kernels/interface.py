@@ -13,20 +13,12 @@ class Engine(Protocol):
 
     It belongs to one thread at a time, and holds nothing that could not be recomputed.  Arrays are numpy's, (N, 3) float64 where nothing
     else is said.  Engines inherit from it, and write the methods down to :meth:`tensors`.
-
-    Attributes
-    ----------
-    number : int
-        Of the positions that were placed last: what was computed there is valid while it stays.
-    body_scale : float
-        Factor of forces on single beads.
-    rates, increments : (N, K) arrays
-        What the last call of :meth:`sums` and :meth:`swept` gave for the fields of the spec (per time, and in all).
     """
 
     spec: PairSpec
-    number: int
-    body_scale: float
+    number: int  #: Of the positions that were placed last: what was computed there is valid while it stays
+    body_scale: float  #: Factor of forces on single beads
+    #: (N, K) what the last call of :meth:`sums` and :meth:`swept` gave for the fields of the spec (per time, and in all).
     rates: np.ndarray
     increments: np.ndarray
 
@@ -53,20 +45,10 @@ class Engine(Protocol):
         field_values: np.ndarray | None = None,
         out: np.ndarray | None = None,
     ) -> Totals:
-        """Forces of the chosen terms at the placed positions, written to ``out``, and sums over these terms.
+        """Forces (N, 3) of the chosen terms at the placed positions, written to ``out`` if that is given, and sums over these terms.
 
-        Parameters
-        ----------
-        which, v, kT, dt, seed, counter, field_values
-            See :class:`.layer.Call`; v is what the friction sees.
-        out : (N, 3) array, optional
-            Where the forces are written.
-
-        Returns
-        -------
-        Totals
-            The energy is that of all conservative forces; virials are those of pair terms alone, with the tensor if ``which`` has STRESS,
-            and so is the Laplacian.
+        The other arguments are those of :class:`.layer.Call`; v is what the friction sees.  The energy is that of all conservative forces;
+        virials are those of pair terms alone, with the tensor if ``which`` has STRESS, and so is the Laplacian.
         """
         ...
 
@@ -111,17 +93,7 @@ class Engine(Protocol):
         self.keep()
         return True
 
-    def forces(
-        self,
-        which: int,
-        v: np.ndarray | None,
-        kT: float,
-        dt: float,
-        seed: int,
-        counter: int,
-        field_values: np.ndarray | None = None,
-        out: np.ndarray | None = None,
-    ) -> tuple[float, np.ndarray, float]:
+    def forces(self, which, v, kT, dt, seed, counter, field_values=None, out: np.ndarray | None = None) -> tuple[float, np.ndarray, float]:
         """Energy, forces (N, 3) and virial; all arguments are those of :meth:`sums`."""
         force = np.empty((len(self.spec.types), 3)) if out is None else out
         found = self.sums(which, v, kT, dt, seed, counter, field_values, force)
@@ -135,6 +107,4 @@ class Engine(Protocol):
 
     def seen(self, v: np.ndarray) -> np.ndarray:
         """Velocities with those of immobile beads replaced by their prescribed ones."""
-        if self.spec.wall_velocity is None:
-            return v
-        return np.where(self.spec.inv_mass[:, None] > 0, v, self.spec.wall_velocity)
+        return v if self.spec.wall_velocity is None else np.where(self.spec.inv_mass[:, None] > 0, v, self.spec.wall_velocity)

@@ -14,16 +14,12 @@ from .pairs import Exceptions, PairList, no_exceptions
 
 #: Which terms an evaluation adds up.
 CONSERVATIVE, DISSIPATIVE, RANDOM = 1, 2, 4
-
 #: Added to them: the sum of r_ij F_ij as a tensor is wanted too.
 STRESS = 8
-
 #: The same for the sum over mobile beads of the Laplacian of the conservative energy, where that is all that is evaluated.
 LAPLACIAN = 16
-
 #: The two pair updates of :mod:`.sweeps`.
 EXACT, SHARDLOW = 0, 1
-
 _NO_KEY = np.uint64(0)
 
 
@@ -69,19 +65,15 @@ NO_VELOCITIES = np.zeros((0, 3))
 
 
 class SortedMotion:
-    """Velocities and forces of M beads in the order of a pair list, and where they come from and go to.
-
-    The loops over pairs fetch and deliver them, see :func:`.columns.gather_and_clear` and :func:`.columns.deliver`.
-    """
+    """Velocities and forces of M beads in the order of a pair list, and where they come from and go to.  The loops over pairs fetch and
+    deliver them, see :func:`.columns.gather_and_clear` and :func:`.columns.deliver`."""
 
     def __init__(self, beads: int):
         self.v, self.f = np.zeros((beads, 3)), np.zeros((beads, 3))
 
     def arrays(self, call: Call, out: np.ndarray, add: bool) -> tuple[Any, ...]:
-        """``seen``, ``v``, ``f``, ``out``, ``add``: the last items of what a loop over pairs reads and writes.
-
-        They are no record in that record: numba does not compile loops for several threads over one.
-        """
+        """``seen``, ``v``, ``f``, ``out``, ``add``: the last items of what a loop over pairs reads and writes.  They are no record in that
+        record: numba does not compile loops for several threads over one."""
         seen = call.velocities if call.which & (DISSIPATIVE | RANDOM) else None
         return NO_VELOCITIES if seen is None else seen, self.v, self.f, out, add
 

@@ -16,13 +16,10 @@ from .vectors import LANES, bits_set, copy_shifted, count_up, lowest_bit
 
 #: Square of the distance (nm^2) below which a pair exerts no force.
 R_MIN2 = 1e-20
-
 # The loops below run over unsigned indices: with signed ones numba looks out for indices below zero, and nothing is vectorised.
 _WORD, _ONE, _STEP = np.uint64(64), np.uint64(1), np.uint64(LANES)
-
 #: So many hits of a bead are written down without a question; few beads have more.
 _USUAL = np.uint64(8)
-
 #: So many hits are collected before they are looked at together.
 _BATCH = 2048
 
@@ -94,10 +91,8 @@ def beads_near(count, grid):
 
 @helper
 def _neighbour_rows(cy, cz, grid, row, width, shift):
-    """The column (cy, cz) and the four whose beads it meets, as rows of cells that follow each other in the order of cells.
-
-    Writes for each row its first cell at x = 0, how many cells it takes there, and the lattice vector to add; returns how many rows.
-    """
+    """The column (cy, cz) and the four whose beads it meets, as rows of cells that follow each other in the order of cells.  Writes for
+    each row its first cell at x = 0, how many cells it takes there, and the lattice vector to add; returns how many rows."""
     nx, ny, nz = grid.nx, grid.ny, grid.nz
     box = grid.box
     n = 0
@@ -133,10 +128,8 @@ def _neighbour_rows(cy, cz, grid, row, width, shift):
 @helper
 def _gather(xs, cy, cz, grid, count, rows, own, others, near, bead):
     """Copy all beads near the column (cy, cz) one after the other: for each x from -1 to nx its own beads, then those of its neighbours.
-
     The own beads of cell x are own[x + 1]:others[x + 1], the others are others[x + 1]:own[x + 2].  What is copied beyond the end of a cell
-    is written over by the next one.
-    """
+    is written over by the next one."""
     nx, ny = grid.nx, grid.ny
     row, width, shift = rows
     x, y, z = xs[0], xs[1], xs[2]

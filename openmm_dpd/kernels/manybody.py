@@ -32,7 +32,6 @@ from .pairs import PairList
 
 #: Columns of the coefficient table after the eight of :mod:`.forces`, which the sweep reads.
 B, CUTOFF_B, CUTOFF_DENSITY = 8, 9, 10
-
 #: In place of the factor 0 of bonded neighbours: a pair list leaves pairs of factor 0 out, but LAMMPS's density counts them.
 #: Forces times this are lost in rounding.
 _NO_FORCE = 1e-300
@@ -225,12 +224,9 @@ _laplacian_of_pairs = over_pairs("many_body_laplacian", _pair_laplacian, paralle
 
 
 def many_body_laplacian(pairs: PairList, coefficients: np.ndarray, rho: np.ndarray) -> float:
-    """Sum over the mobile beads of the Laplacian of the conservative energy, quadratic kernel.
-
-    A pair's attraction gives A/rc - 2 A w/r per mobile bead, as in DPD.  For the sum of c rho^2 with c = pi B h^4/30, a mobile bead i has
-    2c [ |grad_i rho_i|^2 + sum over j of (f W')^2 + (rho_i + rho_j) f (W'' + 2 W'/r) ] with W' = -15 w_d/(pi h^4), W'' = 15/(pi h^5); so
-    2c W' = -B w_d.
-    """
+    """Sum over the mobile beads of the Laplacian of the conservative energy, quadratic kernel.  A pair's attraction gives A/rc - 2 A w/r
+    per mobile bead, as in DPD.  For the sum of c rho^2 with c = pi B h^4/30, a mobile bead i has 2c [ |grad_i rho_i|^2 + sum over j of (f
+    W')^2 + (rho_i + rho_j) f (W'' + 2 W'/r) ] with W' = -15 w_d/(pi h^4), W'' = 15/(pi h^5); so 2c W' = -B w_d."""
     slope = np.zeros((len(rho), 3))  # sqrt(2c) grad_i rho_i
     total = _laplacian_of_pairs(pairs, Curvature(coefficients, rho, slope))[0]
     return total + float(np.sum(slope[pairs.arrays.inv_mass > 0.0] ** 2))

@@ -32,10 +32,8 @@ _COUNTS = False
 
 
 def over_beads(function: Callable, counts: bool = False) -> Callable:
-    """Make a pass over all beads, the rows of the first argument, of one over the rows ``begin`` to ``end``.
-
-    One that ``counts`` returns a number for its rows, and the pass returns the sum.
-    """
+    """Make a pass over all beads, the rows of the first argument, of one over the rows ``begin`` to ``end``.  One that ``counts`` returns a
+    number for its rows, and the pass returns the sum."""
     kernels = serial_and_parallel(renamed(_over_beads, function.__name__, {"_rows": helper(function), "_COUNTS": counts}))
 
     def call(first, *others):
@@ -58,11 +56,9 @@ def counting(function: Callable) -> Callable:
 
 @over_beads
 def seen_velocities(begin, end, x, kept, tau, v):
-    """Write (x - kept)/tau to v (N, 3).
-
-    The displacement is taken as it is, not by minimum image, which would hide a speed that crosses half a box in tau.  Nothing folds beads
-    back between two positions of one step: GPU platforms do so when a step is complete, the others never.
-    """
+    """Write (x - kept)/tau to v (N, 3).  The displacement is taken as it is, not by minimum image, which would hide a speed that crosses
+    half a box in tau.  Nothing folds beads back between two positions of one step: GPU platforms do so when a step is complete, the others
+    never."""
     for i in range(begin, end):
         v[i, 0] = (x[i, 0] - kept[i, 0]) / tau
         v[i, 1] = (x[i, 1] - kept[i, 1]) / tau
@@ -80,11 +76,9 @@ def add_to_moving(begin, end, values, changes, inv_mass):
 
 @counting
 def move(begin, end, x, v, force, inv_mass, kick, time, limit):
-    """Kick and drift: all that a step does between two looks at the pairs.
-
-    The force acts for the time ``kick``, beads that move then drift for ``time``.  Arrays are (3N,), all components one after the other:
-    this way (and counted without a sign) several of them are treated at once.  Returns how many components of v are not below ``limit``.
-    """
+    """Kick and drift: all that a step does between two looks at the pairs.  The force acts for the time ``kick``, beads that move then
+    drift for ``time``.  Arrays are (3N,), all components one after the other: this way (and counted without a sign) several of them are
+    treated at once.  Returns how many components of v are not below ``limit``."""
     count = 0
     for c in range(np.uint64(begin), np.uint64(end)):
         speed = v[c] + (kick * inv_mass[c]) * force[c]

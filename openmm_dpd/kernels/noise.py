@@ -20,10 +20,8 @@ _STREAM = np.uint64(0xD1342543DE82EF95)
 _S30, _S27, _S31, _S12, _S32, _S55, _S63, _S3 = (np.uint64(k) for k in (30, 27, 31, 12, 32, 55, 63, 3))
 _BYTE, _LOW55 = np.uint64(0xFF), np.uint64((1 << 55) - 1)
 _SCALE = 2.0**-52
-
 #: The upper half of the inverse distribution function lies in this many cells of a cubic polynomial each; the last ones are left to _tail.
 _CELLS, _SMOOTH = 256, 248
-
 #: Bits after the point that values at the edges of cells have.
 ROUNDED = 39
 
@@ -120,9 +118,7 @@ def normal(key, stream):
 @helper
 def draw(key, pairs, begin, m, scratch):
     """Standard normal numbers, stream 0, of the pairs begin:begin + m of a list, to the last row of the values; their keys to the bits.
-
-    They are what :func:`normal` gives; one pass for each kind of work is three times as fast, since most of them can do several at once.
-    """
+    They are what :func:`normal` gives; one pass for each kind of work is three times as fast, since most of them can do several at once."""
     order, pi, pj, bits, tail, xi = pairs.order, pairs.pi, pairs.pj, scratch.bits, scratch.tail, scratch.values[3]
     for k in range(m):
         i, j = order[pi[begin + k]], order[pj[begin + k]]

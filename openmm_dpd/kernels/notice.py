@@ -10,7 +10,6 @@ from ..base.numba_private import compiling
 
 #: Where a script learns that it waits; logging.getLogger("openmm_dpd").setLevel("ERROR") silences it.
 LOGGER = logging.getLogger("openmm_dpd")
-
 #: Seconds of compiling after which it is said.
 PATIENCE = 1.0
 

@@ -41,7 +41,6 @@ class RadialTerms:
     """A potential between the beads of T types."""
 
     term: ClassVar[str] = "conservative"
-
     types: np.ndarray  # (N,) int32 type of each bead, -1 for one that takes no part
     cutoff: np.ndarray  # (T, T) nm; 0 where two types do not interact
     which: np.ndarray  #: (T, T) number of the table of two types, -1 for Lennard-Jones

@@ -27,7 +27,6 @@ from .compiled import helper, inlined
 from .pairs import PairList, compressed_exceptions, no_exceptions
 
 MID, NEAREST, CLAMPED = range(3)
-
 #: Distance (nm) below which a contact has no direction, and exerts no force.
 D_MIN = 1e-10
 
@@ -37,7 +36,6 @@ class SegmentSpec:
     """Repulsion between bonds: the part of the kernel's input that never changes, an :class:`.extras.Extra`."""
 
     term: ClassVar[str] = "conservative"
-
     n_beads: int
     pairs: np.ndarray  #: (S, 2) beads of each segment
     A: float  # A, cutoff: force at d = 0 (kJ/mol/nm) and range (nm)
@@ -82,10 +80,8 @@ def _products(px, py, pz, a, b, i, j):
 
 @helper
 def _nearest(px, py, pz, a, b, i, j):
-    """Places (s, t) of the nearest points m_i + s a and m_j + t b of two segments with p = m_i - m_j.
-
-    Where the segments are parallel it is the middle of the stretch along which they are equally near.
-    """
+    """Places (s, t) of the nearest points m_i + s a and m_j + t b of two segments with p = m_i - m_j.  Where the segments are parallel it
+    is the middle of the stretch along which they are equally near."""
     aa, bb, ab, ap, bp = _products(px, py, pz, a, b, i, j)
     if aa < 1e-30 or bb < 1e-30:  # a segment without a length is a point
         s = _clamp(-ap / aa) if aa >= 1e-30 else 0.0
@@ -115,10 +111,8 @@ def _clamped(px, py, pz, a, b, i, j):
 
 
 class Contacts(NamedTuple):
-    """What the loop reads and writes beside the pairs.
-
-    ``arm``: (S, 3) of the sorted segments; ``f``: (S, 6) forces on the first and second bead of each; ``stress``: (columns, 6).
-    """
+    """What the loop reads and writes beside the pairs.  ``arm``: (S, 3) of the sorted segments; ``f``: (S, 6) forces on the first and
+    second bead of each; ``stress``: (columns, 6)."""
 
     rule: int
     A: float

@@ -31,33 +31,18 @@ def ramped_energy(ramp: Any, steps: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class StepSpec:
-    """The part of a step that never changes.
+    """The part of a step that never changes."""
 
-    Attributes
-    ----------
-    letters : tuple of (letter, part of the step)
-        Empty for the modified velocity Verlet scheme.
-    slow_kicks : (float, float)
-        Over how many steps forces that are not the kernel's kick before and after.
-    slow_every : int
-        How many steps lie between the two.
-    thermostat : bool
-        Whether there is friction or noise.
-    lam, field_lam : float
-        Weights of the prediction of velocities and of fields in that scheme.
-    walls : five arrays (3,), or None
-        Planes that beads do not pass: low, high, start, period, back (see :mod:`openmm_dpd.simulation.programs.walls`).
-    ramp : openmm_dpd.model.temperature.TemperatureRamp or None
-    """
-
-    letters: tuple[tuple[str, float], ...]
-    slow_kicks: tuple[float, float] = (0.5, 0.5)
-    slow_every: int = 1
-    thermostat: bool = True
+    letters: tuple[tuple[str, float], ...]  #: (letter, part of the step); empty for the modified velocity Verlet scheme
+    slow_kicks: tuple[float, float] = (0.5, 0.5)  #: Over how many steps forces that are not the kernel's kick before and after
+    slow_every: int = 1  #: How many steps lie between the two
+    thermostat: bool = True  #: Whether there is friction or noise
+    #: Weights of the prediction of velocities and of fields in that scheme.
     lam: float = 0.5
     field_lam: float = 0.5
+    #: Planes that beads do not pass, five arrays (3,): low, high, start, period, back (see :mod:`openmm_dpd.simulation.programs.walls`).
     walls: tuple[np.ndarray, ...] | None = None
-    ramp: Any = None
+    ramp: Any = None  #: A TemperatureRamp of the model, or None
 
     @property
     def predicts(self) -> bool:
@@ -72,46 +57,25 @@ class StepSpec:
 
 @dataclass(eq=False)
 class Moment:
-    """What a step begins with; :meth:`StepLoop.run` changes it in place.
+    """What a step begins with; :meth:`StepLoop.run` changes it in place."""
 
-    Attributes
-    ----------
-    x, v : (N, 3) arrays
-        Positions and velocities; beads that do not move have the velocity 0.
-    box : (3, 3) array or None
-    dt : float
-        Step size.
-    kT : float
-        Thermal energy.
-    seed, counter : int
-        Key of the noise.
-    ramped : float or None
-        Steps done, for a temperature ramp that the loop follows; None where the caller follows it.
-    slow_step : int
-        Steps done since forces that are not the kernel's kicked.
-    values, rates : (N, K) arrays or None
-        Fields and, if friction is a force, their changes per time.
-    acc : (N, 3) array or None
-        Acceleration at x if friction is a force; None to have it computed.
-    predicted : (N, 3) array or None
-        Velocities that friction saw last, if they are not those of the half step.
-    unkicked : (N, 3) array or None
-        If friction is a force: velocities before the slow forces kicked, where that makes a difference.
-    """
-
+    #: (N, 3) positions and velocities; beads that do not move have the velocity 0.
     x: np.ndarray
     v: np.ndarray
-    box: np.ndarray | None
-    dt: float
-    kT: float
+    box: np.ndarray | None  #: (3, 3)
+    dt: float  #: Step size
+    kT: float  #: Thermal energy
+    #: Key of the noise.
     seed: int
     counter: int
-    ramped: float | None = None
-    slow_step: int = 0
+    ramped: float | None = None  #: Steps done, for a temperature ramp that the loop follows; None where the caller follows it
+    slow_step: int = 0  #: Steps done since forces that are not the kernel's kicked
+    #: (N, K) fields and, if friction is a force, their changes per time.
     values: np.ndarray | None = None
     rates: np.ndarray | None = None
-    acc: np.ndarray | None = None
-    predicted: np.ndarray | None = None
+    acc: np.ndarray | None = None  #: (N, 3) acceleration at x if friction is a force; None to have it computed
+    predicted: np.ndarray | None = None  #: (N, 3) velocities that friction saw last, if they are not those of the half step
+    #: If friction is a force: (N, 3) velocities before the slow forces kicked, where that makes a difference.
     unkicked: np.ndarray | None = None
 
 
@@ -120,25 +84,14 @@ SlowForces = Callable[[Moment, int], np.ndarray]
 
 
 class Stepper(Protocol):
-    """Does whole steps with one engine, and keeps what it has computed in the last one.
-
-    Attributes
-    ----------
-    tensor : bool
-        Whether the forces of last steps are to be summed with their stress tensor, where friction is a force.
-    """
+    """Does whole steps with one engine, and keeps what it has computed in the last one."""
 
     spec: StepSpec
-    tensor: bool
+    tensor: bool  #: Whether the forces of last steps are to be summed with their stress tensor, where friction is a force
 
     def run(self, moment: Moment, n: int, slow: SlowForces | None = None) -> None:
-        """Do n steps; ``slow`` are forces of others that kick before and after.
-
-        Raises
-        ------
-        RunError
-            If a step fails; ``steps_done`` is how many were complete, and the moment is worth nothing.
-        """
+        """Do n steps; ``slow`` are forces of others (N, 3), at the positions of the moment, that kick before and after.  RunError if a step
+        fails; ``steps_done`` is how many were complete, and the moment is worth nothing."""
 
     def conserve(self, values: np.ndarray | None, more: int = 0) -> tuple[np.ndarray, Totals]:
         """Conservative force (N, 3) at the positions that were placed last, and its sums, STRESS and LAPLACIAN as well if asked for."""
@@ -151,20 +104,12 @@ class Stepper(Protocol):
 
 @dataclass(eq=False)
 class StepLoop:
-    """Does steps with one engine, on its arrays: a :class:`Stepper`.
-
-    Attributes
-    ----------
-    watch : callable
-        (velocities, moment) -> None; raises RunError if beads run away.
-    reach : float
-        It is asked where a bead has a component of the velocity with which it would go so far in a step.
-    """
+    """Does steps with one engine, on its arrays: a :class:`Stepper`."""
 
     spec: StepSpec
     engine: Engine
-    watch: Callable[[np.ndarray, Moment], None]
-    reach: float
+    watch: Callable[[np.ndarray, Moment], None]  #: (velocities, moment) -> None; raises RunError if beads run away
+    reach: float  #: It is asked where a bead has a component of the velocity with which it would go so far in a step
     force: np.ndarray = field(init=False)
 
     def __post_init__(self):
@@ -182,20 +127,7 @@ class StepLoop:
         self.placed = False
 
     def run(self, moment: Moment, n: int, slow: SlowForces | None = None) -> None:
-        """Do n steps.
-
-        Parameters
-        ----------
-        moment : Moment
-        n : int
-        slow : callable, optional
-            Forces (N, 3) at the positions of the moment, after so many of these steps, that kick before and after.
-
-        Raises
-        ------
-        RunError
-            If a step fails; ``steps_done`` is how many were complete, and the moment is worth nothing.
-        """
+        """See :meth:`Stepper.run`."""
         step = self._predicting if self.spec.predicts else self._word
         before, after = self.spec.slow_kicks
         done = 0

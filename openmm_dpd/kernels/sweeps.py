@@ -44,10 +44,8 @@ class Sweep(NamedTuple):
 
 @inlined
 def _decay_below_half(x):
-    """1 - exp(-x) for x up to 0.5.
-
-    It is 2 t/(1 + t) with t = tanh(x/2), whose continued fraction gives all digits here for a third of the time.
-    """
+    """1 - exp(-x) for x up to 0.5.  It is 2 t/(1 + t) with t = tanh(x/2), whose continued fraction gives all digits here for a third of the
+    time."""
     y = 0.5 * x
     y2 = y * y
     above = y * (10395.0 + y2 * (1260.0 + y2 * 21.0))

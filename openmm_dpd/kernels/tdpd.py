@@ -25,17 +25,14 @@ from .pairs import PairList
 
 #: Columns of the coefficient table; the first two are those of :mod:`.forces`.
 A, CUTOFF, GAMMA, EXPONENT, CUTOFF_C = range(5)
-
 #: Streams of the pair's random numbers: that of the motion, and that of the first species.
 MOTION, FIRST_SPECIES = range(2)
 
 
 @dataclass(frozen=True, eq=False)
 class SpeciesTable:
-    """Coefficients of one layer, as (T, T) symmetric arrays (MD units); ``cutoff`` is the larger of both ranges.
-
-    ``exponent`` is that of the drag; ``kappa``, ``epsilon`` and ``exponent_c`` are (T, T, K).
-    """
+    """Coefficients of one layer, as (T, T) symmetric arrays (MD units); ``cutoff`` is the larger of both ranges.  ``exponent`` is that of
+    the drag; ``kappa``, ``epsilon`` and ``exponent_c`` are (T, T, K)."""
 
     A: np.ndarray
     gamma: np.ndarray

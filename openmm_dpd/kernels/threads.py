@@ -20,7 +20,6 @@ os.environ.setdefault("GOMP_SPINCOUNT", "100000")
 
 #: Numba's default threading layer must not be entered from two threads at once.
 _PARALLEL_LOCK = threading.Lock()
-
 _MOST_THREADS: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
 _thread_count: int | None = None
 
@@ -44,16 +43,13 @@ def get_threads() -> int:
 
 
 class _Watch:
-    """Notices where threads do not have a core each, and leaves the work to one of them for a while.
-
-    Beside another busy process two threads often share a core, and spin until the other one gets its turn (2 to 4 ms in place of 1.1 ms).
-    The CPU time of the process shows this: it is then no more than the wall time.
-    """
+    """Notices where threads do not have a core each, and leaves the work to one of them for a while.  Beside another busy process two
+    threads often share a core, and spin until the other one gets its turn (2 to 4 ms in place of 1.1 ms). The CPU time of the process shows
+    this: it is then no more than the wall time."""
 
     #: Seconds of work that are judged together, of rest, of a call that was not work (but the compiler's), and of a pause between two
     #: calls that counts as work: to look at the clock of the process takes half a microsecond.
     SPAN, REST, LONGEST, PAUSE = 0.05, 1.0, 0.1, 5e-5
-
     #: Threads are as good as their number if they run for this part of the time.
     ENOUGH = 0.6
 

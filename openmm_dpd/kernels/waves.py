@@ -25,7 +25,6 @@ from .vectors import LANES, floor, load_lanes, splat, store_lanes, total
 
 #: Charges are dealt with in such strips: two vectors at once.
 STRIP = 2 * LANES
-
 #: Numbers for each row of waves (a block at one n1): weights, and energies, of both signs; what forces are made of.
 WEIGHTS, PULLS = 2 * LANES, 8 * LANES
 
@@ -167,11 +166,8 @@ def _turn(part):
 
 @helper
 def write_phases(xs, room, recip, counts, tables, start, first):
-    """Write exp(2 pi i n s) of a vector of charges: n from 0 on, fractional coordinates s of each axis.
-
-    ``xs`` holds x, y and z of ``room`` charges one after the other; cos n of axis a begins at (start[a] + 2 n) room of ``tables``, and
-    sin n after it.
-    """
+    """Write exp(2 pi i n s) of a vector of charges: n from 0 on, fractional coordinates s of each axis.  ``xs`` holds x, y and z of
+    ``room`` charges one after the other; cos n of axis a begins at (start[a] + 2 n) room of ``tables``, and sin n after it."""
     x, y, z = load_lanes(xs, first), load_lanes(xs, room + first), load_lanes(xs, 2 * room + first)
     for axis in range(3):
         place = x * splat(recip[axis, 0]) + y * splat(recip[axis, 1]) + z * splat(recip[axis, 2])

@@ -19,11 +19,9 @@ def bond_sums(plan: Plan, x: np.ndarray, box: np.ndarray | None, mobile: np.ndar
 
 
 def angle_sums(plan: Plan, x: np.ndarray, box: np.ndarray | None, mobile: np.ndarray) -> tuple[float, float]:
-    """Energy and Laplacian of all angles at the positions x.
-
-    With the arms a and b, the gradient of theta has the squares 1/a^2 and 1/b^2 at the ends and 1/a^2 + 1/b^2 - 2 cos(theta)/(ab) at the
-    vertex, its Laplacians are cot(theta)/a^2, cot(theta)/b^2 and cot(theta) (1/a^2 + 1/b^2) - 2/(ab sin(theta)).
-    """
+    """Energy and Laplacian of all angles at the positions x.  With the arms a and b, the gradient of theta has the squares 1/a^2 and 1/b^2
+    at the ends and 1/a^2 + 1/b^2 - 2 cos(theta)/(ab) at the vertex, its Laplacians are cot(theta)/a^2, cot(theta)/b^2 and cot(theta) (1/a^2
+    + 1/b^2) - 2/(ab sin(theta))."""
     energy = laplacian = 0.0
     for angles in plan.scene.angles:
         theta, a, b = angles.arms(x, box)
@@ -40,10 +38,8 @@ def angle_sums(plan: Plan, x: np.ndarray, box: np.ndarray | None, mobile: np.nda
 
 
 def dihedral_sums(plan: Plan, x: np.ndarray, box: np.ndarray | None, mobile: np.ndarray) -> tuple[float, float]:
-    """Energy and Laplacian of all dihedrals at the positions x; their virial is 0.
-
-    The angle has no Laplacian with respect to any of its beads, so that of the energy is U'' times the squares of the gradients.
-    """
+    """Energy and Laplacian of all dihedrals at the positions x; their virial is 0.  The angle has no Laplacian with respect to any of its
+    beads, so that of the energy is U'' times the squares of the gradients."""
     energy = laplacian = 0.0
     for dihedrals in plan.scene.dihedrals:
         phi, gradients, _ = dihedrals.gradients(x, box)

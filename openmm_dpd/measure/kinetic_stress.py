@@ -47,27 +47,9 @@ def kinetic_stress(
     with c from :func:`kinetic_deficit`.  For ``middle``, c = 1/4, it is the mean over the half steps before and after, as leapfrog programs
     have it, and of a harmonic bond exactly kT in each direction.
 
-    Parameters
-    ----------
-    deficit : float
-        c.
-    mass : (N,) array
-        Da.
-    v : (N, 3) array
-        Velocities of the moment of the positions, nm/ps.
-    force : (N, 3) array or None
-        Conservative forces there, kJ/mol/nm; None only where c is 0.
-    dt : float
-        Step size, ps.
-    inv_mass : (N,) array
-        0 where there is none.
-    product : function
-        What is made of m and v, and of 1/m and F.
-
-    Returns
-    -------
-    what ``product`` returns
-        By default (6,) sums: xx, yy, zz, xy, xz, yz, kJ/mol.
+    ``deficit`` is c; ``mass`` (N,) in Da; ``v`` (N, 3) the velocities of the moment of the positions, nm/ps; ``force`` (N, 3) the
+    conservative forces there, kJ/mol/nm, None only where c is 0; ``dt`` in ps; ``inv_mass`` (N,) is 0 where there is none.  ``product``
+    says what is made of m and v, and of 1/m and F: by default (6,) sums xx, yy, zz, xy, xz, yz, kJ/mol.
     """
     stress = product(mass, v)
     return stress if not deficit or force is None else stress + deficit * dt**2 * product(inv_mass, force)

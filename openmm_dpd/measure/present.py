@@ -67,23 +67,11 @@ def require_stress(plan: Plan) -> None:
 
 
 class Present:
-    """Looks at Contexts that run what was built.
+    """Looks at Contexts that run what was built of a scene.
 
-    Parameters
-    ----------
-    built : BuiltSystem
-        Of a scene.
-
-    Attributes
-    ----------
-    x, v, box : arrays
-        Positions and velocities of the last :meth:`look`, and the box, None without.
-    forces : list of openmm.Force
-        Those in the System.
-    kT, seed, counter, dt
-        Thermal energy, key of the noise and step size.
-    changed : (N, 3) array or None
-        What was added to the velocities after the last step, whose forces have not seen it.
+    Of the last :meth:`look` it has ``x``, ``v`` and ``box`` (None without), the ``forces`` in the System, ``kT``, the key of the noise
+    (``seed``, ``counter``), the step size ``dt``, and as ``changed`` (N, 3), or None, what was added to the velocities after the last step,
+    whose forces have not seen it.
     """
 
     def __init__(self, built: BuiltSystem):
@@ -158,11 +146,9 @@ class Present:
         return {group for force in beside for group in groups_of(force) if self._groups >> group & 1}
 
     def friction(self, v: np.ndarray, conservative: Conservative) -> FrictionSums:
-        """Friction at velocities (N, 3); in ``mvv``, where it is a force, friction and noise at those that the last step saw.
-
-        Where pairs are swept the noise has moved the beads already.  That of the next sweep has nothing to do with their present places and
-        velocities: its virial has the mean 0, whatever they are, and would make that of the friction noisier, no more.
-        """
+        """Friction at velocities (N, 3); in ``mvv``, where it is a force, friction and noise at those that the last step saw.  Where pairs
+        are swept the noise has moved the beads already.  That of the next sweep has nothing to do with their present places and velocities:
+        its virial has the mean 0, whatever they are, and would make that of the friction noisier, no more."""
         engine, last = self.engine, self._last_step(False)
         if engine is None:
             return FrictionSums(conservative.force, 0.0, 0.0)
@@ -189,11 +175,9 @@ class Present:
 
     # -- stress tensors ----------------------------------------------------------------------------------------------------------
     def stress(self) -> np.ndarray:
-        """(6,) sums of r F (xx, yy, zz, xy, xz, yz) over pairs, bonds, angles, bonded segments and charges, kJ/mol.
-
-        Of all forces that move the beads: with friction and noise where they are forces (``mvv``).  Transverse friction makes a tensor
-        asymmetric; as in LAMMPS xy is then the sum of r_x F_y.
-        """
+        """(6,) sums of r F (xx, yy, zz, xy, xz, yz) over pairs, bonds, angles, bonded segments and charges, kJ/mol.  Of all forces that
+        move the beads: with friction and noise where they are forces (``mvv``).  Transverse friction makes a tensor asymmetric; as in
+        LAMMPS xy is then the sum of r_x F_y."""
         engine = self.engine
         if engine is None:
             return self.beside_pairs()
@@ -221,10 +205,8 @@ class Present:
         return 0 if self.engine is None or self.engine.repels_by_pairs else STRESS
 
     def tensors(self, v: np.ndarray, conservative: Conservative | None) -> tuple[np.ndarray, np.ndarray, float]:
-        """Stress tensors (6,) of all conservative forces, and of friction along the lines between beads at velocities (N, 3).
-
-        And the sum of f gamma w^(2s) r^2.  The conservative forces are of use where they were asked for with :attr:`apart`.
-        """
+        """Stress tensors (6,) of all conservative forces, and of friction along the lines between beads at velocities (N, 3).  And the sum
+        of f gamma w^(2s) r^2.  The conservative forces are of use where they were asked for with :attr:`apart`."""
         pairs, friction, moment = (np.zeros(6), np.zeros(6), 0.0) if self.engine is None else self.engine.tensors(v, self.kT)
         if self.apart:
             assert conservative is not None and conservative.pairs.stress is not None
@@ -260,10 +242,8 @@ class Present:
         return kinetic_stress(self._deficit, self.mass, v, force, self.dt, self.plan.spec.inv_mass, **rest)
 
     def force_velocities(self) -> np.ndarray:
-        """(N, 3) velocities (nm/ps) that the friction in the forces of ``mvv`` saw: half-step or predicted ones.
-
-        LAMMPS's pressure counts friction with these.
-        """
+        """(N, 3) velocities (nm/ps) that the friction in the forces of ``mvv`` saw: half-step or predicted ones.  LAMMPS's pressure counts
+        friction with these."""
         integrator, options = self._context.getIntegrator(), self.plan.options
         v = self.v if self.changed is None else self.v - self.changed
         acc = per_dof(integrator, "acc")  # 0 where there is no history yet

@@ -38,7 +38,6 @@ class SystemSample:
     target_kT: float
     kT_atoms: float | None = None
     kT_beads: float | None = None
-
     _particles: ClassVar[str] = "particles"
 
     def __repr__(self) -> str:
@@ -105,7 +104,6 @@ class Sample(SystemSample):
     internal: float | None = None
     conductive: float | None = None
     theta: float | None = None
-
     _particles: ClassVar[str] = "beads"
 
     @property

@@ -86,8 +86,7 @@ class SceneSampler:
         looked = present.look(context)
         x, v, box, mobile = present.x, present.v, present.box, self._mobile
         others = self._others(present.forces)
-        curved = not others and self._no_laplacian is None and present.engine is not None
-        found = present.conservative(LAPLACIAN * curved)
+        found = present.conservative(LAPLACIAN * (not others and self._no_laplacian is None and present.engine is not None))
         potential, every = found.potential, found.force
         # velocities behind the positions would show as a spurious drag of pairs that repel
         on_step = present.on_step(every)

@@ -35,10 +35,8 @@ def charge_evaluator(plan: Plan) -> ChargeEvaluator | None:
 
 
 class BondedStress:
-    """Of bonded terms of any kind, from their forces alone: each term acts on copies of its beads that belong to no other.
-
-    Each bead of a term is next to the one before it by minimum image.
-    """
+    """Of bonded terms of any kind, from their forces alone: each term acts on copies of its beads that belong to no other.  Each bead of a
+    term is next to the one before it by minimum image."""
 
     def __init__(self, terms: Any):
         name = fields(terms)[0].name

@@ -14,10 +14,8 @@ from .sample import SystemSample
 
 #: What a mean temperature may be off: this fraction of the set one, and so many standard errors.
 TOLERANCE, ERRORS = 0.05, 4.0
-
 #: Rows after which a running simulation is looked at first; then after twice as many, and so on.
 FIRST_LOOK = 20
-
 #: With fewer rows nothing is said: their second half cannot show whether the temperature still changes.
 LEAST_ROWS = 6
 

@@ -52,7 +52,6 @@ class HarmonicAngles(Angles):
     triples: np.ndarray
     k: np.ndarray
     theta0: np.ndarray
-
     _DIMENSIONS = {"k": ("angle_constant", ">= 0"), "theta0": ("angle", ">= 0")}
 
     def __post_init__(self):
@@ -87,7 +86,6 @@ class CosineAngles(Angles):
 
     triples: np.ndarray
     k: np.ndarray
-
     _DIMENSIONS = {"k": ("energy", ">= 0")}
 
     def curve(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -16,13 +16,7 @@ WCA_END = 2.0 ** (1.0 / 6.0)
 
 
 def bead_indices(value, width: int, what: str) -> np.ndarray:
-    """(K, width) array of bead indices, all >= 0 and different in each row; ``what`` is their name in messages.
-
-    Raises
-    ------
-    ParameterError
-        If it is anything else.
-    """
+    """(K, width) array of bead indices, all >= 0 and different in each row, else ParameterError; ``what`` is their name in messages."""
     try:
         array = np.asarray(value)
     except ValueError:
@@ -41,21 +35,10 @@ def bead_indices(value, width: int, what: str) -> np.ndarray:
 
 
 def term_values(term, count: int, dimensions: dict[str, tuple[str, str]], what: str) -> dict[str, np.ndarray]:
-    """Coefficients of ``count`` bonded terms as (count,) arrays in MD units.
+    """Coefficients of ``count`` bonded terms, attributes of ``term``, as (count,) arrays in MD units.
 
-    Parameters
-    ----------
-    term : object
-        Has the coefficients as attributes.
-    dimensions : dict
-        Name of each coefficient: its dimension, and its bound, ``">= 0"``, ``"> 0"`` or ``""``.
-    what : str
-        "bond", "angle" or "dihedral", for messages.
-
-    Raises
-    ------
-    ParameterError
-        If a shape is wrong or a value out of bounds.
+    ``dimensions`` has for the name of each its dimension, and its bound, ``">= 0"``, ``"> 0"`` or ``""``; ``what`` is "bond", "angle" or
+    "dihedral", for messages.  ParameterError if a shape is wrong or a value out of bounds.
     """
     values = {}
     for name, (dimension, bound) in dimensions.items():
@@ -83,11 +66,9 @@ _Terms = TypeVar("_Terms", bound="BondedTerms")
 
 
 class BondedTerms:
-    """What all kinds of bonds, angles and dihedrals have in common: beads, and coefficients for each.
-
-    A kind is a frozen dataclass with a field for the beads, named as in ``_BEADS``, and one for each of ``_DIMENSIONS``, in this order.
-    Its record (:mod:`openmm_dpd.plan.kinds.bonded`) says how it is computed.
-    """
+    """What all kinds of bonds, angles and dihedrals have in common: beads, and coefficients for each.  A kind is a frozen dataclass with a
+    field for the beads, named as in ``_BEADS``, and one for each of ``_DIMENSIONS``, in this order. Its record
+    (:mod:`openmm_dpd.plan.kinds.bonded`) says how it is computed."""
 
     #: Name of the beads, how many a term has, and what a term is called.
     _BEADS: ClassVar[tuple[str, int, str]]
@@ -182,7 +163,6 @@ class HarmonicBonds(Bonds):
     pairs: np.ndarray
     k: np.ndarray
     r0: np.ndarray
-
     _DIMENSIONS = {"k": ("force_constant", ">= 0"), "r0": ("length", ">= 0")}
 
     def curve(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -223,9 +203,7 @@ class FENEBonds(Bonds):
     R0: np.ndarray
     epsilon: np.ndarray = 0.0  # type: ignore[assignment]  # an array once constructed
     sigma: np.ndarray = 1.0  # type: ignore[assignment]
-
     _DIMENSIONS = {"k": ("force_constant", ">= 0"), "R0": ("length", "> 0"), "epsilon": ("energy", ">= 0"), "sigma": ("length", ">= 0")}
-
     limited = True
 
     def __post_init__(self):
@@ -282,7 +260,6 @@ class MorseBonds(Bonds):
     D: np.ndarray
     alpha: np.ndarray
     r0: np.ndarray
-
     _DIMENSIONS = {"D": ("energy", ">= 0"), "alpha": ("inverse_length", ">= 0"), "r0": ("length", ">= 0")}
 
     def curve(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -294,10 +271,8 @@ class MorseBonds(Bonds):
 
 
 def bonded_neighbours(pairs: np.ndarray, n_beads: int) -> dict[int, set[tuple[int, int]]]:
-    """Pairs (i < j) that are one, two or three bonds apart: {1: 1-2 pairs, 2: 1-3 pairs, 3: 1-4 pairs}.
-
-    A pair counts for the shortest path between its beads, so that rings come out right.
-    """
+    """Pairs (i < j) that are one, two or three bonds apart: {1: 1-2 pairs, 2: 1-3 pairs, 3: 1-4 pairs}.  A pair counts for the shortest
+    path between its beads, so that rings come out right."""
     neighbours: list[set[int]] = [set() for _ in range(n_beads)]
     for i, j in np.asarray(pairs).tolist():
         neighbours[i].add(j)

@@ -69,7 +69,6 @@ class HarmonicDihedrals(Dihedrals):
     k: np.ndarray
     d: np.ndarray
     n: np.ndarray
-
     _DIMENSIONS = {"k": ("energy", ""), "d": ("dimensionless", ""), "n": ("dimensionless", ">= 0")}
 
     def __post_init__(self):
@@ -106,7 +105,6 @@ class OPLSDihedrals(Dihedrals):
     K2: np.ndarray
     K3: np.ndarray
     K4: np.ndarray
-
     _DIMENSIONS = {name: ("energy", "") for name in ("K1", "K2", "K3", "K4")}
 
     def curve(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -140,7 +138,6 @@ class MultiHarmonicDihedrals(Dihedrals):
     A3: np.ndarray
     A4: np.ndarray
     A5: np.ndarray
-
     _DIMENSIONS = {name: ("energy", "") for name in ("A1", "A2", "A3", "A4", "A5")}
 
     def curve(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

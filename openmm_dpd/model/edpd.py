@@ -32,9 +32,8 @@ class EDPD(PairCoefficient):
         C_i dT_i/dt = q_i
 
     xi_T is independent of xi and clamped to [-5, 5], as in LAMMPS's manual.  LAMMPS's code differs: it uses the clamped xi for xi_T,
-    divides q_V by
-    C_i + C_j instead of 2, leaves 1/sqrt(dt) out of its last term and takes sigma^2/m_i, so that its energy is not conserved.  A scene with
-    ``compat="lammps"`` computes exactly that.
+    divides q_V by C_i + C_j instead of 2, leaves 1/sqrt(dt) out of its last term and takes sigma^2/m_i, so that its energy is not
+    conserved.  A scene with ``compat="lammps"`` computes exactly that.
 
     Parameters
     ----------

@@ -40,7 +40,6 @@ class SmearedCharges:
     alpha: float | None = None
     grid: tuple[int, int, int] | None = None
     bonded_factors: tuple[float, float, float] | None = None
-
     #: Name of the width of the clouds.
     _WIDTH: ClassVar[str]
 
@@ -129,10 +128,9 @@ class SlaterCharges(SmearedCharges):
     that opposite charges do not collapse onto each other.
 
     In a periodic box the interaction with all images is summed: a CustomNonbondedForce up to the cutoff, and OpenMM's PME for the rest.
-    Beyond the cutoff charges act as point charges.  There the energy of a pair has a step, of the part (1 + r/lamda) exp(-2 r/lamda) of
-    q_i q_j/(4 pi eps0 eps_r r), and it is not shifted, as in LAMMPS.  The default cutoff is long enough to make the relative error of the
-    force there, (1 + 2 r/lamda + 2 (r/lamda)^2) exp(-2 r/lamda), at most the tolerance.  Without a box there is
-    no cutoff and no lattice sum.
+    Beyond the cutoff charges act as point charges.  There the energy of a pair has a step, of the part (1 + r/lamda) exp(-2 r/lamda) of q_i
+    q_j/(4 pi eps0 eps_r r), and it is not shifted, as in LAMMPS.  The default cutoff is long enough to make the relative error of the force
+    there, (1 + 2 r/lamda + 2 (r/lamda)^2) exp(-2 r/lamda), at most the tolerance.  Without a box there is no cutoff and no lattice sum.
 
     Bonded neighbours with a factor f in ``bonded_factors`` have f times the smeared energy, all of it: what the lattice sum holds of the
     pair is taken out exactly, at any distance.  LAMMPS does the same up to the cutoff only, and releases before mid 2022 took out the
@@ -166,7 +164,6 @@ class SlaterCharges(SmearedCharges):
     """
 
     lamda: float
-
     _WIDTH = "lamda"
 
     @property
@@ -213,7 +210,6 @@ class GaussianCharges(SmearedCharges):
     """
 
     width: float
-
     _WIDTH = "width"
 
     @property
@@ -258,10 +254,8 @@ class EwaldSum:
 
 
 def ewald_sum(charges: SmearedCharges, box: np.ndarray, n_charges: int) -> EwaldSum:
-    """Cutoff, alpha and grid that make the forces as exact as the tolerance says.
-
-    ParameterError if the cutoff is over half the box, whether given or needed, or cutoff, alpha and grid do not go together.
-    """
+    """Cutoff, alpha and grid that make the forces as exact as the tolerance says.  ParameterError if the cutoff is over half the box,
+    whether given or needed, or cutoff, alpha and grid do not go together."""
     half = 0.5 * float(np.diag(box).min())
     cutoff = charges.cutoff
     if cutoff is None:

@@ -41,8 +41,6 @@ class EnergyDPD(SoftRepulsion):
     sigma: float = 0.0
     kappa: float = 0.0
     cutoff: float = 1.0
-
     _DIMENSIONS = {"A": ("force", ""), "sigma": ("noise", ">= 0"), "kappa": ("conduction", ">= 0"), "cutoff": ("length", "> 0")}
-
     has_thermostat = True
     internal = InternalEnergy

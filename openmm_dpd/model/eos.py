@@ -1,8 +1,7 @@
 """Equations of state: the internal energy u of a bead and its internal temperature theta.
 
 theta is k_B times the internal temperature, a thermal energy in kJ/mol.  Heat capacities are in units of k_B, so that u = C theta has no
-constants in it.  The entropy (in units of k_B) follows from both,
-S(u) = integral du/theta(u).
+constants in it.  The entropy (in units of k_B) follows from both, S(u) = integral du/theta(u).
 """
 
 from __future__ import annotations
@@ -160,8 +159,7 @@ class TabulatedEOS:
         # the points of the table give back their own energies
         exact = np.searchsorted(self.thetas, flat).clip(0, len(self.thetas) - 1)
         found = np.where(self.thetas[exact] == flat, self.energies[exact], 0.5 * (low + high))
-        outside = (flat < self.thetas[0]) | (flat > self.thetas[-1])
-        return np.where(outside, np.nan, found).reshape(theta.shape)
+        return np.where((flat < self.thetas[0]) | (flat > self.thetas[-1]), np.nan, found).reshape(theta.shape)
 
     def __str__(self) -> str:
         return f"table of {len(self.energies)} points, theta = {self.thetas[0]:g} to {self.thetas[-1]:g}"

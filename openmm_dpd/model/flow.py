@@ -16,14 +16,11 @@ from .pairs import checked
 from .sources import point
 
 AXES = ("x", "y", "z")
-
 #: How a body force varies along its axis.
 PATTERNS = ("uniform", "halves", "sine")
-
 #: What happens to the velocity of a bead that a wall reflects; "mixed": some axes of each kind.
 SPECULAR, BOUNCE_BACK, MIXED = "specular", "bounce-back", "mixed"
 KINDS = (SPECULAR, BOUNCE_BACK)
-
 #: A wall that is not there; far more than any position, and still exact to subtract 0 times.
 NOWHERE = 1e30
 
@@ -116,7 +113,6 @@ class BodyForce(_OnBeads):
     pattern: str = "uniform"
     axis: str | None = None
     origin: float = 0.0
-
     _WHAT = "a body force"
 
     def __post_init__(self):
@@ -171,7 +167,6 @@ class PositionForce(_OnBeads):
     types: str | Sequence[str] | None = None
     beads: np.ndarray | None = None
     corner: np.ndarray | tuple[float, float, float] = (0.0, 0.0, 0.0)
-
     _WHAT = "a position force"
 
     def __post_init__(self):
@@ -190,8 +185,7 @@ class PositionForce(_OnBeads):
 
     def check_values(self, x: np.ndarray, members: np.ndarray, box: np.ndarray | None) -> None:
         """Raise ParameterError if the force on one of these beads is not finite at its place."""
-        place = folded(x - self.corner, box) + self.corner
-        variables = dict(zip(AXES, place.T, strict=True))
+        variables = dict(zip(AXES, (folded(x - self.corner, box) + self.corner).T, strict=True))
         for text in self.formulas:
             found = np.broadcast_to(values(read_formula(text, AXES, "a position force"), variables), len(x))
             bad = np.flatnonzero(members & ~np.isfinite(found))
@@ -257,16 +251,12 @@ class Gap(NamedTuple):
         """Coordinates in the period around the middle of the gap."""
         if self.period is None:
             return coordinate
-        start = 0.5 * (self.low + self.high - self.period)
-        return coordinate - self.period * np.floor((coordinate - start) / self.period)
+        return coordinate - self.period * np.floor((coordinate - 0.5 * (self.low + self.high - self.period)) / self.period)
 
 
 def gaps(walls: Sequence[Wall], box: np.ndarray | None) -> dict[int, Gap]:
-    """Axis number -> gap between its walls.
-
-    ParameterError if two walls have the same axis and side, kinds differ on one axis, a periodic axis has a single wall, or nothing solid
-    is left between the images.
-    """
+    """Axis number -> gap between its walls.  ParameterError if two walls have the same axis and side, kinds differ on one axis, a periodic
+    axis has a single wall, or nothing solid is left between the images."""
     if isinstance(walls, Wall) or not all(isinstance(wall, Wall) for wall in walls):
         raise ParameterError(f"walls must be a sequence of Wall, such as [Wall('z', 0.0, 'above'), ...], not {what_is(walls)}")
     found: dict[int, Gap] = {}

@@ -34,11 +34,8 @@ _OPERATORS: dict[type, Callable] = {ast.Add: operator.add, ast.Sub: operator.sub
 
 
 def read_formula(text: str, names: tuple[str, ...], what: str) -> ast.expr:
-    """Syntax tree of a formula in OpenMM's expression language.
-
-    ParameterError if it cannot be read, names something other than ``names`` and OpenMM's functions, calls a function with another number
-    of arguments, or one of its constant parts has no finite value.
-    """
+    """Syntax tree of a formula in OpenMM's expression language.  ParameterError if it cannot be read, names something other than ``names``
+    and OpenMM's functions, calls a function with another number of arguments, or one of its constant parts has no finite value."""
     if ";" in text or "=" in text:
         raise ParameterError(f"the formula '{text}' of {what} must be one expression")
     bad = next((sign for sign in ("**", "//") if sign in text), None)

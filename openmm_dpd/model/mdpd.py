@@ -8,10 +8,7 @@ from .owned import keep
 from .pairs import NONE, PairCoefficient
 
 #: Weight functions of the local density, normalised in three dimensions; h is the cutoff of the density.
-DENSITY_KERNELS = {
-    "lucy": "105/(16 pi h^3) (1 + 3 r/h) (1 - r/h)^3",
-    "quadratic": "15/(2 pi h^3) (1 - r/h)^2",
-}
+DENSITY_KERNELS = {"lucy": "105/(16 pi h^3) (1 + 3 r/h) (1 - r/h)^3", "quadratic": "15/(2 pi h^3) (1 - r/h)^2"}
 
 
 @dataclass(frozen=True)
@@ -108,10 +105,7 @@ def check_many_body(table: Mapping) -> MDPD:
 
 def why_no_openmm_force(table: Mapping, exceptions: dict[tuple[int, int], float], coincident: list[tuple[int, int]]) -> str | None:
     """Why only the pair kernel can compute the conservative force, or None, from a table, factors of bonded neighbours, and beads at one
-    point.
-
-    At r = 0 every platform returns NaN or nonsense from a CustomGBForce, even for excluded pairs.
-    """
+    point.  At r = 0 every platform returns NaN or nonsense from a CustomGBForce, even for excluded pairs."""
     if check_many_body(table).kernel != "quadratic":
         return "the force of MDPD with the Lucy kernel derives from no potential"
     scaled = next((pair for pair, factor in exceptions.items() if factor not in (0.0, 1.0)), None)

@@ -13,10 +13,8 @@ def owned(array, dtype=None) -> np.ndarray:
 
 
 def keep(instance, **values) -> None:
-    """Set attributes of a frozen instance; arrays are kept as read-only copies.
-
-    A caller goes on to change the mask or the positions it has handed over, and what was checked must stay what it was.
-    """
+    """Set attributes of a frozen instance; arrays are kept as read-only copies.  A caller goes on to change the mask or the positions it
+    has handed over, and what was checked must stay what it was."""
     for name, value in values.items():
         object.__setattr__(instance, name, owned(value) if isinstance(value, np.ndarray) else value)
 

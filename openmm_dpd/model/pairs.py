@@ -36,15 +36,11 @@ NONE = _NoInteraction()
 
 
 class PairCoefficient:
-    """Base of all kinds of pair coefficients.
-
-    A kind is a frozen dataclass that has at least a ``cutoff`` (nm).  The pair kernel or an OpenMM force evaluates it, as its record in
-    :mod:`openmm_dpd.plan.kinds` says.
-    """
+    """Base of all kinds of pair coefficients.  A kind is a frozen dataclass that has at least a ``cutoff`` (nm).  The pair kernel or an
+    OpenMM force evaluates it, as its record in :mod:`openmm_dpd.plan.kinds` says."""
 
     #: Its per-bead fields: a class of :mod:`openmm_dpd.model.internal`.
     internal: ClassVar[type | None] = None
-
     #: Coefficients that are one number: dimension, and bound, ``">= 0"``, ``"> 0"`` or ``""``.  None is left where it is the default.
     _DIMENSIONS: ClassVar[dict[str, tuple[str, str]]] = {}
 
@@ -101,11 +97,10 @@ class DPD(SoftRepulsion):
 
         sigma^2 = 2 kT gamma,  sigma_perp^2 = 2 kT gamma_perp                   fluctuation-dissipation
 
-    This one class is LAMMPS's ``dpd`` (A, gamma), ``dpd/tstat`` (gamma), ``dpd/ext`` and ``dpd/ext/tstat`` (all) and
-    ``dpd/fdt`` (A, sigma).  The exponent is that of the *noise* weight, as in ``dpd/ext``; the drag goes as w^(2 exponent).
-    For bonded neighbours with a factor f (see ``Scene.bonded_factors``) conservative and dissipative parts are multiplied
-    by f and the noise by sqrt(f), so that the temperature stays right (LAMMPS's ``dpd/fdt`` multiplies the noise by f too, and
-    its fix shardlow ignores the factor).
+    This one class is LAMMPS's ``dpd`` (A, gamma), ``dpd/tstat`` (gamma), ``dpd/ext`` and ``dpd/ext/tstat`` (all) and ``dpd/fdt`` (A,
+    sigma).  The exponent is that of the *noise* weight, as in ``dpd/ext``; the drag goes as w^(2 exponent).  For bonded neighbours with a
+    factor f (see ``Scene.bonded_factors``) conservative and dissipative parts are multiplied by f and the noise by sqrt(f), so that the
+    temperature stays right (LAMMPS's ``dpd/fdt`` multiplies the noise by f too, and its fix shardlow ignores the factor).
 
     Parameters
     ----------
@@ -191,7 +186,6 @@ class LennardJones(PairCoefficient):
     sigma: float
     cutoff: float
     shift: bool = False
-
     _DIMENSIONS = {"epsilon": ("energy", ">= 0"), "sigma": ("length", "> 0"), "cutoff": ("length", "> 0")}
 
     def __post_init__(self):

@@ -24,10 +24,8 @@ from .temperature import TemperatureRamp
 
 
 def box_vectors(box) -> np.ndarray | None:
-    """Box as a (3, 3) array of rows a, b, c in OpenMM's reduced lower-triangular form, or None.
-
-    ParameterError if it is neither three edges nor three vectors, an edge is not positive, or the vectors are not in reduced form.
-    """
+    """Box as a (3, 3) array of rows a, b, c in OpenMM's reduced lower-triangular form, or None.  ParameterError if it is neither three
+    edges nor three vectors, an edge is not positive, or the vectors are not in reduced form."""
     if box is None:
         return None
     array = np.asarray(to_md(box, "length", "box"))
@@ -372,8 +370,7 @@ class Scene:
             else:
                 term.check_values(self.positions, term.mask(self.type_ids, self.type_names), self.box)
         if self.walls:
-            mobile = np.ones(self.n_beads, bool) if self.mobile is None else self.mobile
-            check_inside(gaps(self.walls, self.box), self.positions, mobile)
+            check_inside(gaps(self.walls, self.box), self.positions, np.ones(self.n_beads, bool) if self.mobile is None else self.mobile)
         keep(self, walls=tuple(self.walls))
 
     def _checked_pairs(self) -> tuple[PairTable, ...]:

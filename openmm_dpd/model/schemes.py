@@ -12,13 +12,10 @@ from functools import cached_property
 from ..base.errors import ParameterError
 
 _TOKEN = re.compile(r"(\d*)([A-Z])(?:/(\d+))?")
-
 #: Letters of a word, and what they do.
 LETTERS = {"A": "drift", "B": "kick", "O": "sweep of exact pair updates", "S": "sweep of Shardlow's pair updates"}
-
 #: Those of friction and noise.
 SWEEPS = ("O", "S")
-
 #: One letter of a word and its part of the step.
 Letter = tuple[str, Fraction]
 
@@ -114,13 +111,7 @@ def spelt(letter: Letter) -> str:
 
 
 def read_word(text: str) -> tuple[Letter, ...]:
-    """The letters of a word.
-
-    Raises
-    ------
-    ParameterError
-        If it is no consistent step.
-    """
+    """The letters of a word; ParameterError if it is no consistent step."""
     letters: list[Letter] = []
     for token in text.split():
         found = _TOKEN.fullmatch(token)
@@ -138,7 +129,6 @@ def read_word(text: str) -> tuple[Letter, ...]:
 
 
 _VERLET = (("B", Fraction(1, 2)), ("A", Fraction(1)), ("B", Fraction(1, 2)))
-
 _MIDDLE = read_word("B A/2 O A/2")  # that of OpenMM's DPDIntegrator
 
 
@@ -189,13 +179,7 @@ SCHEMES: dict[str, Scheme] = {scheme.name: scheme for scheme in _ALL}
 
 
 def scheme_of(text: str | Scheme) -> Scheme:
-    """The scheme of a name or of a word; the word of a named scheme is that scheme.
-
-    Raises
-    ------
-    ParameterError
-        If it is neither.
-    """
+    """The scheme of a name or of a word; the word of a named scheme is that scheme.  ParameterError if it is neither."""
     if isinstance(text, Scheme):
         return text
     if not isinstance(text, str) or not text.strip():

@@ -77,8 +77,7 @@ def check_segments(segments: SegmentalRepulsion, pairs: np.ndarray, x: np.ndarra
         raise ParameterError(f"a segment names bead {pairs.max()}, but there are only {len(x)} beads, counted from 0")
     if box is None:
         return
-    arms = minimum_images(x[pairs[:, 1]] - x[pairs[:, 0]], box)
-    longest = float(np.linalg.norm(arms, axis=1).max())
+    longest = float(np.linalg.norm(minimum_images(x[pairs[:, 1]] - x[pairs[:, 0]], box), axis=1).max())
     half = 0.5 * float(np.diag(box).min())
     if segments.reach(longest) > half * (1 + 1e-12):
         bonds = f", with bonds of up to {in_length(longest)}," if segments.distance == "min" else ""

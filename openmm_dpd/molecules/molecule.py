@@ -17,7 +17,6 @@ from .terms import AnyBend, AnySpring, AnyTwist
 
 #: A spring for every bond, or springs by the types of the two beads (``"*"`` for any type).
 Springs = object | Mapping[tuple[str, str], object]
-
 #: A bend, or bends by the types of the three beads.
 Bends = object | Mapping[tuple[str, str, str], object] | None
 

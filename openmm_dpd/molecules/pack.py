@@ -104,10 +104,6 @@ def pack(
     kT : energy or temperature
         Thermal energy at which bend angles are drawn; 0 for those of least energy.
 
-    Returns
-    -------
-    Mixture
-
     Raises
     ------
     ParameterError

@@ -14,7 +14,6 @@ from .rings import neighbours_of, small_rings, within_bonds
 
 #: How far beyond the edge of a ring a bond is pushed that was in it, nm: about the radius of a carbon atom.
 BEYOND = 0.15
-
 #: Atoms so many bonds away from a bond that is pushed go with it, each bond away a smaller part of the way.
 REACH = 4
 
@@ -158,11 +157,9 @@ def pushed_out(
     *,
     turn: int = 0,
 ) -> np.ndarray:
-    """Positions with pierced rings and bonds, as :func:`crossings` gives them, moved apart in the plane of the ring, over one of its edges.
-
-    The bond goes past the edge that is the ``turn``-th nearest; atoms up to four bonds from it go a part of the way, so that the chain
-    is bent and not torn.  If the bond cannot move (``mobile`` (N,) says which atoms may), the ring does, the other way.
-    """
+    """Positions with pierced rings and bonds, as :func:`crossings` gives them, moved apart in the plane of the ring, over one of its
+    edges.  The bond goes past the edge that is the ``turn``-th nearest; atoms up to four bonds from it go a part of the way, so that the
+    chain is bent and not torn.  If the bond cannot move (``mobile`` (N,) says which atoms may), the ring does, the other way."""
     x = x.copy()
     neighbours = neighbours_of(bonds, len(x))
     for ring, bond in found:

@@ -23,28 +23,20 @@ from .soft_system import STRENGTH, atom_diameters, excluded_pairs, largest_overl
 
 #: Energies of two atoms at one place, kJ/mol: from a few kT, where molecules pass through each other, to what keeps them apart.
 STRENGTHS = tuple(float(e) for e in np.geomspace(10, 1000, 9))
-
 #: Range of the repulsion in van der Waals diameters, about the minimum of a Lennard-Jones potential.
 REACH = 1.1
-
 #: Friction, Da/ps: atoms in a liquid lose their heat in some ten femtoseconds, which exact pair updates do at any step.
 FRICTION = 500.0
-
 #: The first step size, ps; the stiffest bonds between atoms of 12 Da have periods of 20 fs and more.
 STEP = 0.002
-
 #: A stage that ends so many times too hot has flown apart.
 HOT = 5.0
-
 #: Halvings of the step, and attempts to free rings.
 HALVINGS, ATTEMPTS = 5, 6
-
 #: Piercings that a warning names; all are in the result.
 NAMED = 5
-
 #: Random displacement of all atoms at the start, nm: between two at one place no force has a direction.
 SHAKE = 1e-4
-
 #: Iterations of the minimiser before, between and after the dynamics.
 ITERATIONS = 100
 

@@ -15,10 +15,8 @@ def neighbours_of(bonds: np.ndarray, n: int) -> list[list[int]]:
 
 
 def small_rings(bonds: np.ndarray, n: int, largest: int) -> list[tuple[int, ...]]:
-    """The smallest rings through each bond, of up to ``largest`` atoms: the atoms of each in the order of its bonds, each ring once.
-
-    The two rings of a fused pair are both found, the outline around them is not: each of its bonds is in a smaller ring.
-    """
+    """The smallest rings through each bond, of up to ``largest`` atoms: the atoms of each in the order of its bonds, each ring once.  The
+    two rings of a fused pair are both found, the outline around them is not: each of its bonds is in a smaller ring."""
     neighbours = [set(found) for found in neighbours_of(bonds, n)]
     ends = deque(atom for atom in range(n) if len(neighbours[atom]) == 1)
     while ends:  # what hangs on a ring is in none: chains and most solvents are gone after this

@@ -12,12 +12,10 @@ GAP = 0.5
 
 
 def random_shapes(molecule: Molecule, count: int, rng: np.random.Generator, *, spacing: float, kT: float) -> np.ndarray:
-    """Random walks along the bonds, centred: (count, n, 3) in nm.
-
-    Every bond has the length that its spring gives it (:meth:`Spring.length`).  Directions are isotropic; where a bend acts, angles are
-    drawn with its Boltzmann weight at kT; dihedrals are drawn evenly, whether a twist acts or not.  Molecules with rings are closed by
-    moving beads until every bond has its length within 2 per cent; their bends are left to the minimiser.
-    """
+    """Random walks along the bonds, centred: (count, n, 3) in nm.  Every bond has the length that its spring gives it
+    (:meth:`Spring.length`).  Directions are isotropic; where a bend acts, angles are drawn with its Boltzmann weight at kT; dihedrals are
+    drawn evenly, whether a twist acts or not.  Molecules with rings are closed by moving beads until every bond has its length within 2 per
+    cent; their bends are left to the minimiser."""
     lengths, bends = _lengths(molecule, spacing), _bends(molecule)
     if len(molecule.bonds) >= molecule.n_beads:
         return _closed_shapes(molecule, count, rng, lengths)

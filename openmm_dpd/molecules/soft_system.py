@@ -13,28 +13,16 @@ from ..plan.made import BAROSTATS, LISTED
 
 #: Context parameter with the energy (kJ/mol) of a pair at distance 0.
 STRENGTH = "soft_strength"
-
 #: Forces between all atoms, which soft repulsion replaces.
-REPLACED = (
-    openmm.NonbondedForce,
-    openmm.CustomNonbondedForce,
-    openmm.GBSAOBCForce,
-    openmm.CustomGBForce,
-    openmm.CustomHbondForce,
-)
-
+REPLACED = (openmm.NonbondedForce, openmm.CustomNonbondedForce, openmm.GBSAOBCForce, openmm.CustomGBForce, openmm.CustomHbondForce)
 #: What has no place in a relaxation: box and momentum stay, and the temperature is held by friction.
 LEFT_OUT = (*BAROSTATS, openmm.CMMotionRemover, openmm.AndersenThermostat)
-
 #: Mass of every atom that moves, Da: light hydrogens would need short steps.
 MASS = 12.0
-
 #: Force constant of bonds in the place of constraints, kJ/mol/nm^2: a bit less than force fields give to bonds to hydrogen.
 BOND = 2.5e5
-
 #: The van der Waals diameter of hydrogens without one of their own, nm: they keep off the charge of others.
 HYDROGEN = 0.1
-
 #: Radius of what repels nothing: negative together with any other one.
 NONE = -1e3
 
@@ -86,10 +74,8 @@ def nonbonded_of(system: openmm.System) -> openmm.NonbondedForce:
 
 
 def excluded_pairs(system: openmm.System) -> np.ndarray:
-    """Pairs with an exception in the NonbondedForce, (E, 2), sorted: neighbours over up to three bonds, as a rule.
-
-    Other forces between all atoms exclude the same pairs, which the CPU and GPU platforms ask of them.
-    """
+    """Pairs with an exception in the NonbondedForce, (E, 2), sorted: neighbours over up to three bonds, as a rule.  Other forces between
+    all atoms exclude the same pairs, which the CPU and GPU platforms ask of them."""
     force = nonbonded_of(system)
     pairs = sorted(tuple(sorted(force.getExceptionParameters(k)[:2])) for k in range(force.getNumExceptions()))
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)

@@ -60,7 +60,6 @@ class Spring(AnySpring):
 
     k: float
     r0: float
-
     KIND = HarmonicBonds
 
 
@@ -84,7 +83,6 @@ class FENESpring(AnySpring):
     R0: float
     epsilon: float = 0.0
     sigma: float = 1.0
-
     KIND = FENEBonds
 
     def length(self, spacing: float) -> float:
@@ -109,7 +107,6 @@ class MorseSpring(AnySpring):
     D: float
     alpha: float
     r0: float
-
     KIND = MorseBonds
 
 
@@ -144,7 +141,6 @@ class Bend(AnyBend):
 
     k: float
     theta0: float
-
     KIND = HarmonicAngles
 
 
@@ -161,7 +157,6 @@ class CosineBend(AnyBend):
     """
 
     k: float
-
     KIND = CosineAngles
 
 

@@ -121,11 +121,9 @@ class Shell:
 
 
 def vesicle_beads(molecule: Molecule, vesicle: Vesicle, shell: Shell, spacing: float, rng: np.random.Generator) -> np.ndarray:
-    """Beads of the molecules of a vesicle, inner leaflet first, (count, n, 3).
-
-    All bonds have their lengths.  Molecules that are longer than half of the membrane is thick are tilted, so that their ends are at the
-    solvent and near the middle surface; each leans in a direction of its own.
-    """
+    """Beads of the molecules of a vesicle, inner leaflet first, (count, n, 3).  All bonds have their lengths.  Molecules that are longer
+    than half of the membrane is thick are tilted, so that their ends are at the solvent and near the middle surface; each leans in a
+    direction of its own."""
     shape = upright_shape(molecule, spacing)
     length, room = shape[:, 2].max(), vesicle.thickness / 2 - GAP * spacing
     if not 0 < room <= length:

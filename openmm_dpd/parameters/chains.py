@@ -16,7 +16,6 @@ from .estimate import Bounds, Estimate, outside, reduced_number, shipped_rows
 from .state import overlap_energy
 
 _SOURCE = "docs/measure/chain_slopes.py"
-
 #: Relative errors at a point of the table and between points: docs/validation.md.
 _AT, _BETWEEN = 0.002, 0.01
 

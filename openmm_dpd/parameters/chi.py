@@ -23,10 +23,8 @@ from .state import measured_bounds, overlap_energy
 _SOURCE = "docs/measure/demixing.py"
 _GROOT_WARREN = "Groot and Warren, J. Chem. Phys. 107, 4423 (1997)"
 _RELATIONS = ("measured", "groot-warren")
-
 #: Relative errors at A = 75/density and at other repulsions, and those of chains: docs/validation.md.
 _BETWEEN, _ELSEWHERE, _CHAINS = 0.03, 0.07, 0.04
-
 #: Volume over which a chain spreads, per bead in rc^3, where f deviates from 1 half as much as for single beads.
 _HALF = 1.5
 
@@ -184,10 +182,6 @@ def chi_from_repulsion(
         dA rc/kT, >= 0.
     density, beads, bond, A, relation, extrapolate
         As for :func:`repulsion_from_chi`.
-
-    Returns
-    -------
-    Estimate
 
     Raises
     ------

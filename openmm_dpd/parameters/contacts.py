@@ -127,8 +127,7 @@ def measured_chi_slope(
     types = np.array(scene.types)
     first = of_types(types, beads, "beads")
     second = first if other is None else of_types(types, other, "other")
-    labels = connected(scene.bond_pairs, scene.n_beads)
-    contacts = _Contacts(first, second, labels, _cutoff(scene, first, second))
+    contacts = _Contacts(first, second, connected(scene.bond_pairs, scene.n_beads), _cutoff(scene, first, second))
     running = built.simulation() if simulation is None else simulation
     running.step(settle)
     rows = []
@@ -136,8 +135,7 @@ def measured_chi_slope(
         running.step(every)
         state = running.context.getState(positions=True)
         x = state.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
-        box = None if scene.box is None else state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer)
-        rows.append(contacts(x, box))
+        rows.append(contacts(x, None if scene.box is None else state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer)))
     return block_average(rows, name=_NAME)
 
 

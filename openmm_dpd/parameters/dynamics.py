@@ -19,7 +19,6 @@ from .estimate import Bounds, Estimate, outside, reduced_number, shipped_rows
 
 #: The one density that was measured.
 DENSITY = 3.0
-
 _BASE = {"A": 25.0, "exponent": 1.0, "transverse": 0.0}
 _SOURCE = "docs/measure/transport_table.py"
 
@@ -139,10 +138,6 @@ def transport(gamma, *, gamma_perp=0.0, exponent=1.0, A=25.0, extrapolate: bool 
     extrapolate : bool
         Go on outside of the table, with what the nearest bound says.
 
-    Returns
-    -------
-    Transport
-
     Raises
     ------
     ParameterError
@@ -174,10 +169,6 @@ def friction_for(*, schmidt=None, viscosity=None, diffusion=None, exponent=1.0, 
         Part 2 gamma_perp/(gamma + 2 gamma_perp) of the friction that acts across the line of centres.
     A : float, default 25
         A rc/kT.
-
-    Returns
-    -------
-    Friction
 
     Raises
     ------

@@ -10,7 +10,6 @@ from ..model.pairs import checked
 
 #: Lowest and highest value of each variable that a relation holds for.
 Bounds = Mapping[str, tuple[float, float]]
-
 #: Room for rounding at a bound.
 _SLACK = 1e-9
 

@@ -25,10 +25,6 @@ def chi_from_composition(phi: float, *, beads: int = 1) -> float:
     beads : int, default 1
         n, beads in a molecule of either kind.
 
-    Returns
-    -------
-    float
-
     Raises
     ------
     ParameterError
@@ -59,10 +55,6 @@ def composition_from_chi(chi, *, beads: int = 1) -> float:
     beads : int, default 1
         Beads in a molecule of either kind.
 
-    Returns
-    -------
-    float
-
     Raises
     ------
     ParameterError
@@ -92,9 +84,7 @@ def _per_bead(value):
 
 def _cohesion(value, name: str) -> float:
     """A solubility parameter in (kJ/mol/nm^3)^(1/2)."""
-    if unit.is_quantity(value):
-        return md_pressure(value * value) ** 0.5
-    return reduced_number(value, name)
+    return md_pressure(value * value) ** 0.5 if unit.is_quantity(value) else reduced_number(value, name)
 
 
 def chi_from_solubility(volume, delta1, delta2, temperature) -> float:

@@ -21,20 +21,15 @@ from .estimate import Estimate, reduced_number
 from .insertion_scene import Insertion, insertion
 
 _SCHEME = "bababo"
-
 #: The step is the one that :func:`openmm_dpd.recommend` gives for this error of the temperature.
 _STEP_ERROR = 0.003
-
 #: Beads further than so many cutoffs from every copy are the solvent as it is without them, if they have this part of the box.  The
 #: solvent is up to 1.6 % denser from 1.5 to 1.8, 0.5 % thinner from 1.9 to 2.1: from 1.65 on the two cancel, to about the last number.
 _FAR, _LEAST_FAR, _LAYERS = 1.65, 0.15, 0.001
-
 #: Time between samples, in units of rc (m/kT)^(1/2).
 _EVERY = 0.2
-
 #: Step over the inverse frequency of the stiffest bond.
 _BOND_STEP = 0.4
-
 #: Points along an edge of the box that its part far from all copies is counted with.
 _GRID = 10
 
@@ -156,10 +151,6 @@ def excess_chemical_potential(
     seed : int
     platform : str
 
-    Returns
-    -------
-    ExcessChemicalPotential
-
     Raises
     ------
     ParameterError
@@ -244,8 +235,7 @@ class _Run:
 
     def positions(self) -> np.ndarray:
         """(N, 3), nm."""
-        state = self.simulation.context.getState(positions=True)
-        return state.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+        return self.simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
 
     def _see(self, offset: np.ndarray) -> None:
         made, box = self.made, self.made.scene.box

@@ -143,8 +143,7 @@ def between(resolved: Mapping, molecule: Molecule, solvent: Scene) -> tuple[np.n
     A, cutoff = np.zeros((2, molecule.n_beads, len(solvent.type_names)))
     for i, name in enumerate(molecule.types):
         for j in np.unique(solvent.type_ids).tolist():
-            other = solvent.type_names[j]
-            pair = _entry(resolved, name, other)
+            pair = _entry(resolved, name, solvent.type_names[j])
             if pair not in (None, NONE):
                 A[i, j], cutoff[i, j] = pair.A, pair.cutoff
     return A, cutoff

@@ -13,25 +13,13 @@ from .state import repulsion_from_compressibility
 
 #: Powers of mass, length and time in each dimension.
 _POWERS = {
-    "length": (0, 1, 0),
-    "mass": (1, 0, 0),
-    "time": (0, 0, 1),
-    "energy": (1, 2, -2),
-    "velocity": (0, 1, -1),
-    "force": (1, 1, -2),
-    "friction": (1, 0, -1),
-    "noise": (1, 1, -1.5),
-    "force_constant": (1, 0, -2),
-    "inverse_length": (0, -1, 0),
-    "volume": (0, 3, 0),
-    "diffusion": (0, 2, -1),
-    "viscosity": (1, -1, -1),
-    "pressure": (1, -1, -2),
+    **{"length": (0, 1, 0), "mass": (1, 0, 0), "time": (0, 0, 1), "energy": (1, 2, -2), "velocity": (0, 1, -1), "force": (1, 1, -2)},
+    **{"friction": (1, 0, -1), "noise": (1, 1, -1.5), "force_constant": (1, 0, -2), "inverse_length": (0, -1, 0), "volume": (0, 3, 0)},
+    **{"diffusion": (0, 2, -1), "viscosity": (1, -1, -1), "pressure": (1, -1, -2)},
 }
 
 #: Temperature at which the numbers of water below were measured, K.
 _ROOM = 298.15
-
 #: Water at 298.15 K and 1 bar: Da; kg/m^3 and 1/Pa; m^2/s.
 _WATER_MASS = 18.01528
 _WATER_DENSITY, _WATER_COMPRESSIBILITY = 997.05, 4.525e-10
@@ -258,10 +246,6 @@ def water_mapping(
         By default those of water at 298.15 K and 1 bar: 997.05 kg/m^3 and 4.525e-10 1/Pa (G. S. Kell, J. Chem. Eng. Data 20, 97 (1975)),
         2.299e-9 m^2/s (M. Holz, S. R. Heil and A. Sacco, Phys. Chem. Chem. Phys. 2, 4740 (2000)).  At another temperature all three are
         needed.
-
-    Returns
-    -------
-    BeadMapping
 
     Raises
     ------

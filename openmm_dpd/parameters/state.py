@@ -17,10 +17,8 @@ from .estimate import Bounds, Estimate, outside, reduced_number, shipped_rows
 #: Coefficients of B2/A and of the dense limit: eqs 10 and 14 of Liyana-Arachchi et al.
 _B2 = (9.755e-2, -4.912e-3, 1.556e-4, -2.585e-6, 1.705e-8)
 _DENSE = (0.0802, 0.7787)
-
 #: Relative errors of a pressure between the points of the measured table, from this density on and below: docs/validation.md.
 _BETWEEN, _SPARSE, _SPARSE_ERROR = 1e-3, 2.5, 3e-3
-
 #: How much larger the relative error of a slope is: points of the table are a factor 1.2 apart in density.
 _STEEP = 10.0
 
@@ -173,10 +171,6 @@ def inverse_compressibility(A, density=3.0, *, equation: str = "measured", extra
     .. math:: \kappa^{-1} = \frac{1}{\rho k_BT \kappa_T} = \frac{1}{k_BT} \left(\frac{\partial p}{\partial \rho}\right)_T .
 
     Parameters, bounds and sources are those of :func:`pressure`.
-
-    Returns
-    -------
-    Estimate
 
     Raises
     ------

@@ -19,10 +19,8 @@ from .pair_spec import Factors, neighbour_factors
 
 #: The largest relative error of forces that waves beyond the last one make.
 LARGEST_ERROR = 1e-6
-
 #: Errors of the polynomials, in units of 1/width, and of their slopes, in units of 1/width^2.
 VALUE_ERROR, SLOPE_ERROR = 5e-13, 1e-10
-
 #: A function of an array of distances: its values, first and second derivatives.
 Radial = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
@@ -41,25 +39,15 @@ def charge_terms(scene: Scene, ewald: EwaldSum | None, exceptions: Factors) -> C
     else:
         short, cutoff, alpha = quintics(_difference(charges, ewald), ewald.cutoff, charges.steepness), ewald.cutoff, ewald.alpha
         k_max = longest_wave(alpha, min(charges.tolerance, LARGEST_ERROR))
-    return ChargeTerms(
-        beads=beads,
-        charges=scene.charges[beads].astype(np.float64),
-        constant=charges.coulomb(scene.initial_kT),
-        short=short,
-        cutoff=cutoff,
-        alpha=alpha,
-        k_max=k_max,
-        whole=whole,
-        pairs=np.array(list(bonded), np.int64).reshape(-1, 2),
-        factors=np.array(list(bonded.values()), np.float64),
-    )
+    q, constant = scene.charges[beads].astype(np.float64), charges.coulomb(scene.initial_kT)
+    pairs, factors = np.array(list(bonded), np.int64).reshape(-1, 2), np.array(list(bonded.values()), np.float64)
+    return ChargeTerms(beads, q, constant, short, cutoff, alpha, k_max, whole, pairs, factors)
 
 
 def charge_factors(scene: Scene) -> Factors:
     """Factors of the charges of bonded neighbours, where other than 1."""
-    if scene.electrostatics is None:
-        return {}
-    return neighbour_factors(scene, scene.electrostatics.bonded_factors or scene.bonded_factors)
+    charges = scene.electrostatics
+    return {} if charges is None else neighbour_factors(scene, charges.bonded_factors or scene.bonded_factors)
 
 
 def ewald_of(scene: Scene) -> EwaldSum | None:
@@ -81,10 +69,8 @@ def few_charges(scene: Scene, ewald: EwaldSum | None) -> bool:
 
 
 def longest_wave(alpha: float, error: float) -> float:
-    """Wave vector (1/nm) up to which the waves make a relative error of forces that is no larger: exp(-k^2/(4 alpha^2)) = error.
-
-    The forces of charges without order have the error sqrt(alpha/k) exp(-k^2/(4 alpha^2)) or less.
-    """
+    """Wave vector (1/nm) up to which the waves make a relative error of forces that is no larger: exp(-k^2/(4 alpha^2)) = error.  The
+    forces of charges without order have the error sqrt(alpha/k) exp(-k^2/(4 alpha^2)) or less."""
     return without_last_digits(2.0 * alpha * math.sqrt(-math.log(error)))
 
 

@@ -53,10 +53,8 @@ class Execution:
 
 
 def conservative_place(asked: str, repulsive: bool, thermostat: bool, only: str | None, faster: bool, scheme: Scheme) -> tuple[str, str]:
-    """Where the conservative force of the pair terms is computed, and why.
-
-    ``only`` is the reason why it must be the kernel, ``faster`` whether that passes over the pairs faster than OpenMM does.
-    """
+    """Where the conservative force of the pair terms is computed, and why.  ``only`` is the reason why it must be the kernel, ``faster``
+    whether that passes over the pairs faster than OpenMM does."""
     if not repulsive:
         return "none", "there is no repulsion"
     if only is not None:
@@ -76,10 +74,8 @@ def conservative_place(asked: str, repulsive: bool, thermostat: bool, only: str 
 def why_no_loop(
     conservative: str, thermostat: bool, scheme: Scheme, platform: str | None, loop: bool, compensated: bool, scene: Scene, hosted: bool
 ) -> str | None:
-    """Why the pair kernel cannot carry out whole steps by itself, or None.
-
-    ``compensated`` says whether the program has to balance energies, ``hosted`` whether the System was made elsewhere.
-    """
+    """Why the pair kernel cannot carry out whole steps by itself, or None.  ``compensated`` says whether the program has to balance
+    energies, ``hosted`` whether the System was made elsewhere."""
     less = f"velocities on the platform {platform} are less than double precision, so that the program balances the energies"
     reasons = {
         "OpenMM's own integrator steps": scheme.native,

@@ -26,18 +26,8 @@ _PATTERNS = {"uniform": external.UNIFORM, "halves": external.HALVES, "sine": ext
 def extras(
     scene: Scene, overlays: Sequence[dict], exceptions: dict[tuple[int, int], float], held: Container[str] | None = None
 ) -> tuple[Extra, ...]:
-    """The conservative forces of a scene beside its pair terms.
-
-    Parameters
-    ----------
-    scene : Scene
-    overlays : sequence of dict
-        Radial overlays, {pair of type names: coefficient}, one kind in each (``Plan.overlays``).
-    exceptions : dict
-        Factors of bonded neighbours (``Plan.exceptions``).
-    held : container of str, optional
-        What is wanted (``Execution.held``); everything by default.
-    """
+    """The conservative forces of a scene beside its pair terms, those that are ``held`` (see ``Execution``), by default all.  ``overlays``
+    and factors of bonded neighbours (``exceptions``) are those of a ``Plan``."""
     # PositionForce (formulas given as text) has no kernel: OpenMM evaluates it.  Charges are in charge_forces.py.
     found: list[Extra] = []
 
@@ -66,8 +56,7 @@ def radial_terms(table: dict, type_ids: np.ndarray, names: list[str], exceptions
     cutoff = type_pairs(table, names, lambda c: c.cutoff, 0.0)
     # beads that interact with no other are not even sorted
     types = np.where(np.any(cutoff > 0, axis=1)[type_ids], type_ids, -1).astype(np.int32)
-    rows = compressed_exceptions(exceptions, len(type_ids))
-    return RadialTerms(types, cutoff, *overlay(table, names), rows)
+    return RadialTerms(types, cutoff, *overlay(table, names), compressed_exceptions(exceptions, len(type_ids)))
 
 
 def body_terms(term: BodyForce, scene: Scene) -> BodyTerms:

@@ -70,10 +70,8 @@ def degrees_of_freedom(system: openmm.System, *, momentum: bool = True) -> int:
 
 
 class Freedom:
-    """Masses and degrees of freedom of a System whose particles from ``n_atoms`` on are beads: they do not change in a run.
-
-    The three that the conserved momentum takes are shared between atoms and beads in proportion to what each of them has.
-    """
+    """Masses and degrees of freedom of a System whose particles from ``n_atoms`` on are beads: they do not change in a run.  The three that
+    the conserved momentum takes are shared between atoms and beads in proportion to what each of them has."""
 
     def __init__(self, system: openmm.System, n_atoms: int):
         self.mass, self.n_atoms, total = masses_of(system), n_atoms, degrees_of_freedom(system)

@@ -25,17 +25,9 @@ BAROSTATS = (
 
 #: Forces that list the particles they act on, so that others do not concern them.
 LISTED = (
-    openmm.HarmonicBondForce,
-    openmm.HarmonicAngleForce,
-    openmm.PeriodicTorsionForce,
-    openmm.RBTorsionForce,
-    openmm.CMAPTorsionForce,
-    openmm.CustomBondForce,
-    openmm.CustomAngleForce,
-    openmm.CustomTorsionForce,
-    openmm.CustomCompoundBondForce,
-    openmm.CustomCentroidBondForce,
-    openmm.CustomExternalForce,
+    *(openmm.HarmonicBondForce, openmm.HarmonicAngleForce, openmm.PeriodicTorsionForce, openmm.RBTorsionForce, openmm.CMAPTorsionForce),
+    *(openmm.CustomBondForce, openmm.CustomAngleForce, openmm.CustomTorsionForce, openmm.CustomCompoundBondForce),
+    *(openmm.CustomCentroidBondForce, openmm.CustomExternalForce),
 )
 
 
@@ -46,14 +38,8 @@ def text_number(text: str) -> float:
 
 def origin(options: ProgramOptions, integrator: openmm.Integrator) -> dict[str, float]:
     """Context parameters by which a state says who wrote it."""
-    return {
-        BY_SCHEME: text_number(options.scheme.name),
-        BY_KT: _asked(options),
-        BY_SEED: float(options.seed),
-        BY_VARIABLES: variables_number(integrator),
-        BESIDE: 0.0,
-        BEGUN: 0.0,
-    }
+    asked = {BY_SCHEME: text_number(options.scheme.name), BY_KT: _asked(options), BY_SEED: float(options.seed)}
+    return asked | {BY_VARIABLES: variables_number(integrator), BESIDE: 0.0, BEGUN: 0.0}
 
 
 def variables_number(integrator: openmm.Integrator) -> float:
@@ -61,8 +47,7 @@ def variables_number(integrator: openmm.Integrator) -> float:
     if not isinstance(integrator, openmm.CustomIntegrator):
         return 0.0
     single = map(integrator.getGlobalVariableName, range(integrator.getNumGlobalVariables()))
-    per_dof = map(integrator.getPerDofVariableName, range(integrator.getNumPerDofVariables()))
-    return text_number(" ".join([*single, "each", *per_dof]))
+    return text_number(" ".join([*single, "each", *map(integrator.getPerDofVariableName, range(integrator.getNumPerDofVariables()))]))
 
 
 def _asked(options: ProgramOptions) -> float:

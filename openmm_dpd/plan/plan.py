@@ -263,18 +263,8 @@ def make_plan(
         **choices,
     )
     left_out = None if host is None else np.pad(host.left_out, (0, scene.n_beads - len(host.masses)))
-    plan = Plan(
-        scene=scene,
-        spec=pair_spec(scene, kinds, layers, exceptions, chosen, fields, left_out),
-        options=options,
-        layers=tuple(layers),
-        overlays=tuple(overlays),
-        exceptions=exceptions,
-        platform=platform,
-        ewald=ewald,
-        charge_exceptions=charge_factors(scene),
-        host=host,
-    )
+    spec = pair_spec(scene, kinds, layers, exceptions, chosen, fields, left_out)
+    plan = Plan(scene, spec, options, tuple(layers), tuple(overlays), exceptions, platform, ewald, charge_factors(scene), host)
     if engine != "auto":
         _check_engine(plan)
     return plan

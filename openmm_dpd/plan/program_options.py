@@ -15,78 +15,32 @@ from .execution import Execution
 
 @dataclass(frozen=True)
 class ProgramOptions:
-    """All that a program has to know.
-
-    Attributes
-    ----------
-    scheme : Scheme
-    dt : float
-        Step size, ps.
-    kT : float
-        Thermal energy at the start, kJ/mol.
-    seed : int
-        Seed of the noise.
-    execution : Execution
-        Who computes what.
-    lam : float
-        Weight of the velocity prediction of ``mvv``.
-    thermostat : bool
-        Whether there is friction or noise at all.
-    settable : bool
-        Whether the temperature is one number that may be set: there is friction or noise, no ramp, and no internal temperature.
-    slow_every : int
-        In such steps: after how many of them forces that stay OpenMM's kick.
-    pair_group : int
-        Force group of the pair force.
-    seeded : bool
-        Whether the caller chose the seed.
-    constraints : bool
-        Whether the System has constraints.
-    ramp : TemperatureRamp or None
-    tau_ratio : float
-        Trial drift in units of the step size.
-    trial : float or None
-        Trial drift, ps, instead.
-    walls : str
-        Kind of the walls, "specular", "bounce-back" or "mixed"; empty if there are none.
-    partial : bool
-        Whether there are beads on which only body forces act along some axis.
-    field_blocks : int
-        Number of per-DOF variables that hold internal energies, temperatures or concentrations.
-    field_names : str
-        What they hold, for the listing.
-    field_lam : float
-        Weight of the prediction of the fields in ``mvv``.
-    field_reach : float
-        Largest displacement that shows them to the pair force, nm.
-    field_scale : float
-        Their changes come back in units of this.
-    compensated : bool
-        Whether velocities or forces are less than double precision, so that energies have to be balanced by the program.
-    """
+    """All that a program has to know."""
 
     scheme: Scheme
-    dt: float
-    kT: float
-    seed: int
-    execution: Execution
-    lam: float = 0.5
-    thermostat: bool = True
+    dt: float  #: Step size, ps
+    kT: float  #: Thermal energy at the start, kJ/mol
+    seed: int  #: Seed of the noise
+    execution: Execution  #: Who computes what
+    lam: float = 0.5  #: Weight of the velocity prediction of ``mvv``
+    thermostat: bool = True  #: Whether there is friction or noise at all
+    #: Whether the temperature is one number that may be set: there is friction or noise, no ramp, and no internal temperature.
     settable: bool = False
-    slow_every: int = 1
-    pair_group: int = PAIR_GROUP
-    seeded: bool = False
-    constraints: bool = False
+    slow_every: int = 1  #: In such steps: after how many of them forces that stay OpenMM's kick
+    pair_group: int = PAIR_GROUP  #: Force group of the pair force
+    seeded: bool = False  #: Whether the caller chose the seed
+    constraints: bool = False  #: Whether the System has constraints
     ramp: TemperatureRamp | None = None
-    tau_ratio: float = 1.0 / 32.0
-    trial: float | None = None
-    walls: str = ""
-    partial: bool = False
-    field_blocks: int = 0
-    field_names: str = ""
-    field_lam: float = 0.5
-    field_reach: float = 0.1
-    field_scale: float = 1.0
+    tau_ratio: float = 1.0 / 32.0  #: Trial drift in units of the step size
+    trial: float | None = None  #: Trial drift, ps, instead
+    walls: str = ""  #: Kind of the walls, "specular", "bounce-back" or "mixed"; empty if there are none
+    partial: bool = False  #: Whether there are beads on which only body forces act along some axis
+    field_blocks: int = 0  #: Number of per-DOF variables that hold internal energies, temperatures or concentrations
+    field_names: str = ""  #: What they hold, for the listing
+    field_lam: float = 0.5  #: Weight of the prediction of the fields in ``mvv``
+    field_reach: float = 0.1  #: Largest displacement that shows them to the pair force, nm
+    field_scale: float = 1.0  #: Their changes come back in units of this
+    #: Whether velocities or forces are less than double precision, so that energies have to be balanced by the program.
     compensated: bool = False
 
     @property
@@ -121,14 +75,10 @@ def tau_ratio(double: bool) -> float:
 
 
 def _trial_time(scene: Scene, cutoff: float, double: bool) -> float | None:
-    """Trial drift for scenes that balance energies: 1/1000 of the range at a thermal velocity (1/50 where positions may be float32).
-
-    A power of two, so that multiplying and dividing by it is exact.
-    """
+    """Trial drift for scenes that balance energies: 1/1000 of the range at a thermal velocity (1/50 where positions may be float32).  A
+    power of two, so that multiplying and dividing by it is exact."""
     speed = float(np.sqrt(scene.initial_kT / scene.bead_masses.min()))
-    if speed * cutoff <= 0:
-        return None
-    return float(2.0 ** np.round(np.log2((0.001 if double else 0.02) * cutoff / speed)))
+    return None if speed * cutoff <= 0 else float(2.0 ** np.round(np.log2((0.001 if double else 0.02) * cutoff / speed)))
 
 
 def field_options(scene: Scene, fields: FieldSpec | None, cutoff: float, double: bool, lam: float) -> dict[str, Any]:

@@ -33,7 +33,6 @@ from .fields import per_dof, raw_fields
 
 #: Layer number under which volume moves draw their noise: far from those of pair terms.
 _NOISE_LAYER = 1 << 20
-
 #: Moves between two adjustments of the length of the moves.
 _ADJUST = 20
 
@@ -190,9 +189,8 @@ class EnthalpyBarostat(Cadence):
     (OpenMM hands all reporters of a step one State taken before, so frames written after a move would mix two volumes.)
 
     Every ``interval`` steps it tries to change the volume (see the module's text for the move and why it is right); the beads' internal
-    energies
-    pay, so that U + K + sum u + P V is conserved to rounding.  The number of moves, which is the key of their noise, and the length of
-    the moves are Context parameters, so checkpoints and saved states continue exactly.
+    energies pay, so that U + K + sum u + P V is conserved to rounding.  The number of moves, which is the key of their noise, and the
+    length of the moves are Context parameters, so checkpoints and saved states continue exactly.
 
     Parameters
     ----------
@@ -267,8 +265,7 @@ class EnthalpyBarostat(Cadence):
         return accepted
 
     def _fits(self, box: np.ndarray) -> bool:
-        cutoff = max(float(table.cutoff.max()) for table in self.built.plan.spec.terms)
-        return 0.5 * np.diag(box).min() >= cutoff
+        return 0.5 * np.diag(box).min() >= max(float(table.cutoff.max()) for table in self.built.plan.spec.terms)
 
     def _try(self, context, key, state, x: np.ndarray, box: np.ndarray, factor: float, volume: float) -> bool:
         """Go to the new volume; pay for it if the move is accepted."""

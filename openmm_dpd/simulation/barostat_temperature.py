@@ -10,10 +10,8 @@ from ..base.units import BAR_PER_MD_PRESSURE, BOLTZMANN
 from ..plan.made import BAROSTATS, Made
 
 _LOGGER = logging.getLogger("openmm_dpd")
-
 #: Relative difference that is taken for rounding of kT to kelvin by hand.
 _SAME = 0.01
-
 #: Temperatures (kelvin) between which a scene may be meant in everyday units; kT = 1 is 120 K.
 _EVERYDAY = (200.0, 600.0)
 

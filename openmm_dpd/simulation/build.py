@@ -117,11 +117,9 @@ def initial_velocities(scene: Scene, seed: int) -> np.ndarray:
 
 
 def run_in(built: BuiltSystem, system: openmm.System, own: Sequence[openmm.Force], maker: str) -> None:
-    """Have the integrator of something built run another System, where ``own`` are the forces it was built with.
-
-    It uses the force groups of all but the forces that only list bonds, and of impulses: users put forces of their own into any group,
-    before the Context is made, and all of them have to act.
-    """
+    """Have the integrator of something built run another System, where ``own`` are the forces it was built with.  It uses the force groups
+    of all but the forces that only list bonds, and of impulses: users put forces of their own into any group, before the Context is made,
+    and all of them have to act."""
     options = built.plan.options
     silent = {force.getForceGroup() for force in own if force.getName() == MOLECULES}
     silent |= set() if options.execution.pushes else {options.pair_group}
@@ -151,15 +149,8 @@ def _pair_function(plan: Plan) -> PairForceFunction:
 def _step_spec(plan: Plan) -> StepSpec:
     """What a whole step is."""
     scene, options = plan.scene, plan.options
-    predicts = options.predicting
+    letters = () if options.predicting else tuple((letter, float(part)) for letter, part in options.scheme.steps(options.thermostat))
     found = walls.planes(gaps(scene.walls, scene.box)) if scene.walls else {}
-    return StepSpec(
-        letters=() if predicts else tuple((letter, float(part)) for letter, part in options.scheme.steps(options.thermostat)),
-        slow_kicks=options.slow_kicks,
-        slow_every=options.slow_every,
-        thermostat=options.thermostat,
-        lam=options.lam,
-        field_lam=options.field_lam,
-        walls=tuple(found[name] for name in walls.CONSTANTS) if found else None,
-        ramp=options.ramp,
-    )
+    planes = tuple(found[name] for name in walls.CONSTANTS) if found else None
+    weights = options.thermostat, options.lam, options.field_lam
+    return StepSpec(letters, options.slow_kicks, options.slow_every, *weights, planes, options.ramp)

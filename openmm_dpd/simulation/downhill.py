@@ -18,10 +18,8 @@ from ..plan.made import masses_of, virtual_sites
 
 #: Steps, with the changes of the slope, that the curvature is taken from, and lengths of a step that are tried.
 MEMORY, TRIES = 8, 30
-
 #: Part of the energy that may be rounding: CPU and GPU platforms compute in single precision.
 NOISE = 1e-7
-
 #: Relative error that springs in the place of constraints may leave, their strength at first (kJ/mol/nm^2), and how often they are tried,
 #: ten times as strong each time.
 SLACK, STRENGTH, TURNS = 1e-4, 1e6, 4

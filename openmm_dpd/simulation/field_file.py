@@ -20,11 +20,9 @@ _WHAT = "the file of fields"
 
 
 class FieldWriter:
-    """Appends frames to a zip archive of .npy arrays, ``name/number.npy``, which ``numpy.load`` and :func:`load_fields` read.
-
-    Every frame is complete on disk when :meth:`write` returns, and nothing is held in memory.  An OutputError leaves the frames before
-    readable.  To ``append`` to a file with other contents is a ParameterError, also from :meth:`write`; one that is not there is begun.
-    """
+    """Appends frames to a zip archive of .npy arrays, ``name/number.npy``, which ``numpy.load`` and :func:`load_fields` read.  Every frame
+    is complete on disk when :meth:`write` returns, and nothing is held in memory.  An OutputError leaves the frames before readable.  To
+    ``append`` to a file with other contents is a ParameterError, also from :meth:`write`; one that is not there is begun."""
 
     def __init__(self, file: str | os.PathLike, append: bool = False):
         self.file, self.frames = os.fspath(file), 0

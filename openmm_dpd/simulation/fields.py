@@ -21,8 +21,7 @@ from ..plan.plan import Plan
 
 def field_variables(values: np.ndarray, name: str = FIELD) -> dict[str, np.ndarray]:
     """Per-DOF variables (N, 3) by name, for values (N, K)."""
-    blocks = -(-values.shape[1] // 3)
-    padded = np.zeros((blocks, len(values), 3))
+    padded = np.zeros((-(-values.shape[1] // 3), len(values), 3))
     for column in range(values.shape[1]):
         padded[column // 3, :, column % 3] = values[:, column]
     return {f"{name}{k}": block for k, block in enumerate(padded)}

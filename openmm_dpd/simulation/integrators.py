@@ -54,7 +54,6 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
     """
 
     _variables: frozenset[str] = frozenset()
-
     whole: StepsAtOnce | None
 
     def _take(self, context: openmm.Context, steps: int) -> None:

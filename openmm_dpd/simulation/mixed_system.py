@@ -1,8 +1,7 @@
 """Beads of a scene beside atoms of a force field, in one System.
 
-Every force of the atoms keeps acting on the atoms alone, every pair term of the scene on its beads alone, and what acts between atoms
-and beads is in a table of its own, by names of classes of atoms and of bead types.  Nothing is counted twice, because nothing else
-is added:
+Every force of the atoms keeps acting on the atoms alone, every pair term of the scene on its beads alone, and what acts between atoms and
+beads is in a table of its own, by names of classes of atoms and of bead types.  Nothing is counted twice, because nothing else is added:
 
 - in a NonbondedForce beads have no charge and no well depth;
 - the energy of a CustomNonbondedForce is switched off for pairs with a bead, without evaluating to NaN where beads overlap;
@@ -91,10 +90,6 @@ def create_mixed_system(
         with every bead type (or NONE).  Two classes may have friction (a DPD with A = 0), nothing else, and have none by default.
     dt, scheme, platform, seed, engine
         As in :func:`openmm_dpd.simulation.build.build`; constraints and virtual sites need ``middle``.
-
-    Returns
-    -------
-    MixedSystem
 
     Raises
     ------

@@ -93,10 +93,8 @@ def _add_charges(system: openmm.System, plan: Plan, factors: Factors) -> None:
 
 
 def _add_pair_expressions(system: openmm.System, plan: Plan, expressions: list[PairExpression], factors: Factors) -> int:
-    """Add the forces of radial pair potentials, and return the next group downwards.
-
-    GPU platforms want one cutoff per group and the same exclusions everywhere.
-    """
+    """Add the forces of radial pair potentials, and return the next group downwards.  GPU platforms want one cutoff per group and the same
+    exclusions everywhere."""
     scene = plan.scene
     periodic = scene.box is not None
     exclusions = sorted(factors)

@@ -45,8 +45,7 @@ class DPDSimulation(app.Simulation):
         def impossible(x: np.ndarray) -> str | None:
             return next(filter(None, (group.overstretched(x, box) for group in scene.bonds)), None)
 
-        vectors = self.context.getState().getPeriodicBoxVectors(asNumpy=True)
-        box = None if scene.box is None else vectors.value_in_unit(unit.nanometer)
+        box = None if scene.box is None else self.context.getState().getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer)
         reach = FARTHEST * longest((*plan.layers, *plan.overlays)) or np.inf
         least, most = checked(tolerance, "force", "tolerance"), whole_number(maxIterations, "maxIterations", least=0)
         descend(self.context, least, most, reporter, longest=reach, impossible=impossible)

@@ -26,17 +26,14 @@ from ..plan.made import Made, acting, lines_of, text_number, variables_number
 from .barostat_temperature import barostats, check_barostats, tell_pressures
 
 _LOGGER = logging.getLogger("openmm_dpd")
-
 #: Steps after which what has been reached is remembered.  Simulation.step() asks for no more than that at once.
 PIECE = 10
 
 
 @lru_cache
 def watched(kind: type) -> type:
-    """A class of Contexts, ``openmm.Context`` or somebody's own, whose integrator hears when one is made anew.
-
-    OpenMM leaves no sign of that: its checkpoint brings everything back.
-    """
+    """A class of Contexts, ``openmm.Context`` or somebody's own, whose integrator hears when one is made anew.  OpenMM leaves no sign of
+    that: its checkpoint brings everything back."""
 
     def reinitialize(self, preserveState=False):
         kind.reinitialize(self, preserveState)  # type: ignore[attr-defined]
@@ -50,10 +47,8 @@ class Watching:
     """What both integrators do around OpenMM's own ``step``; instances read from XML or a pickle have ``made`` None and only step."""
 
     made: Made | None = None
-
     #: What carries out many steps at once; None where OpenMM does them one by one.
     whole: Any = None
-
     _known: weakref.ref | None = None
     _looked_at: tuple = ()
     _groups = 0
@@ -82,11 +77,9 @@ class Watching:
 
     @unbroken()
     def step(self, steps: int) -> None:
-        """Take steps; one that fails leaves everything as it was after the last :data:`PIECE` steps that did not.
-
-        PlanError if something in the Context's System would not act, or its state was written by another scheme. openmm.OpenMMException if
-        a step fails, with the reason. KeyboardInterrupt: After Ctrl-C, which waits for the end of a step.
-        """
+        """Take steps; one that fails leaves everything as it was after the last :data:`PIECE` steps that did not.  PlanError if something
+        in the Context's System would not act, or its state was written by another scheme. openmm.OpenMMException if a step fails, with the
+        reason. KeyboardInterrupt: After Ctrl-C, which waits for the end of a step."""
         context = None if self.made is None else self.context()
         if context is None:
             super().step(steps)  # type: ignore[misc]
@@ -159,10 +152,8 @@ class Watching:
         raise NotImplementedError
 
     def settle(self, context: openmm.Context) -> None:
-        """Begin a new Context, and let what this script asked for hold where another one wrote the state.
-
-        PlanError if it was written by another scheme, or by an integrator with other variables.
-        """
+        """Begin a new Context, and let what this script asked for hold where another one wrote the state.  PlanError if it was written by
+        another scheme, or by an integrator with other variables."""
         made, parameters = self.made, context.getParameters()
         if made is None or BY_SCHEME not in parameters:
             return

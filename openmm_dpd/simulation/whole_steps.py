@@ -23,15 +23,7 @@ from .integrators import PairIntegrator
 
 
 class WholeSteps:
-    """Does steps of one System.
-
-    Parameters
-    ----------
-    function : PairForceFunction
-        The callable of the pair force, with its terms and arrays.
-    pair_group : int
-        Force group of that force.
-    """
+    """Does steps of one System; ``function`` is the callable of its pair force, with terms and arrays, ``pair_group`` its force group."""
 
     def __init__(self, function: PairForceFunction, pair_group: int):
         self.function, self.pair_group = function, pair_group
@@ -47,17 +39,8 @@ class WholeSteps:
     def run(self, integrator: PairIntegrator, context: openmm.Context, n: int, *, slow: bool, barostats: bool) -> None:
         """Do n steps.  Before they are done the Context is changed only where OpenMM's forces need it.
 
-        Parameters
-        ----------
-        slow : bool
-            Whether forces of OpenMM act.
-        barostats : bool
-            Whether a barostat acts: it does at the end of all these steps.
-
-        Raises
-        ------
-        openmm.OpenMMException
-            If a step fails, with its number, as the program reports it.
+        ``slow``: forces of OpenMM act; ``barostats``: a barostat does, at the end of all these steps.  OpenMMException if a step fails,
+        with its number, as the program reports it.
         """
         own = self.function.thread_state()
         dt = bare(integrator.getStepSize())
@@ -124,14 +107,7 @@ class WholeSteps:
         return moment
 
     def _give_back(
-        self,
-        integrator: PairIntegrator,
-        context: openmm.Context,
-        state: openmm.State,
-        parameters: dict[str, float],
-        moment: Moment,
-        own: ThreadState,
-        reached: tuple[int, float],
+        self, integrator: PairIntegrator, context: openmm.Context, state, parameters, moment: Moment, own: ThreadState, reached
     ) -> None:
         """Write the result of the last step into the Context."""
         function, spec = self.function, self.spec

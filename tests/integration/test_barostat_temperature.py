@@ -5,10 +5,10 @@ import openmm
 import pytest
 from judged import any_seed, bounded
 from openmm import unit
-from openmm_dpd.units import BOLTZMANN
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import PlanError
+from openmm_dpd.units import BOLTZMANN
 
 BARS = 16.6054
 

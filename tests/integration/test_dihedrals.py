@@ -9,17 +9,17 @@ import lammps_peer
 import numpy as np
 import openmm
 import pytest
-from openmm_dpd.inputs import scene_from_lammps_data
-from openmm_dpd.trajectory import read_psf
 from scenes import beads
 
 import openmm_dpd as dpd
+from openmm_dpd.inputs import scene_from_lammps_data
 from openmm_dpd.lammps import RunOptions, deck_scene, export_lammps, run_deck
 from openmm_dpd.measure.bonded_sums import dihedral_sums
 from openmm_dpd.measure.stress_parts import stress_parts
 from openmm_dpd.model.bonds import bonded_neighbours
 from openmm_dpd.molecules import Bend, Spring, Twist, linear, pack
 from openmm_dpd.simulation.advice.recommend import advice
+from openmm_dpd.trajectory import read_psf
 
 NO_LAMMPS = lammps_peer.why_missing()
 BOX = np.array([[6.2, 0, 0], [1.3, 5.9, 0], [-1.1, 1.7, 6.4]])

@@ -5,13 +5,13 @@ import openmm
 import pytest
 from judged import any_seed, judge, quantile
 from openmm import unit
-from openmm_dpd.units import BAR_PER_MD_PRESSURE, BOLTZMANN
 
 import openmm_dpd as dpd
 from openmm_dpd import ParameterError, PlanError
 from openmm_dpd.analysis import surface_tension
 from openmm_dpd.measure import StressReporter
 from openmm_dpd.molecules import Bilayer, grafmueller_2009, pack, relax
+from openmm_dpd.units import BAR_PER_MD_PRESSURE, BOLTZMANN
 
 Membrane = openmm.MonteCarloMembraneBarostat
 

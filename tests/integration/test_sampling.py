@@ -13,11 +13,11 @@ import openmm
 import pytest
 from judged import any_seed, with_seeds
 from openmm import app, unit
-from openmm_dpd.stats import block_average
-from openmm_dpd.units import BOLTZMANN
 from scenes import beads, state_of
 
 import openmm_dpd as dpd
+from openmm_dpd.stats import block_average
+from openmm_dpd.units import BOLTZMANN
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "howto" / "sampling.md"
 SCHEMES = ("mvv", "shardlow", "middle", "aboba", "bababo")

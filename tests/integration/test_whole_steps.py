@@ -11,7 +11,6 @@ import oracle
 import pytest
 from judged import any_seed
 from kinds import BESIDE, KINDS, NAMED, WORDS, differences, everything, made, plain_context, running, same, schemes_of
-from openmm_dpd.stats import block_average, ratio_average
 from scenes import BOXES, EXTENDED, beads, factor_of, fluid, listed_pairs, noise_of, oracle_params, state_of
 
 import openmm_dpd as dpd
@@ -19,6 +18,7 @@ from openmm_dpd.base.names import BODY_FORCE, COUNTER
 from openmm_dpd.kernels.engine import PairEngine
 from openmm_dpd.model.schemes import read_word
 from openmm_dpd.plan.plan import make_plan
+from openmm_dpd.stats import block_average, ratio_average
 
 PLATFORM = pytest.mark.parametrize("platform", ["Reference", "CPU"])
 EVERY = [(kind, scheme) for kind in KINDS for scheme in schemes_of(kind)]

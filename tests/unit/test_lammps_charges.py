@@ -1,10 +1,10 @@
 """Charges in decks: what the commands read, and what they refuse."""
 
 import pytest
-from openmm_dpd.units import COULOMB
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import deck_scene
+from openmm_dpd.units import COULOMB
 
 DECK = """units {units}
 atom_style charge

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from openmm_dpd.units import METAL, REAL
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import read_deck
 from openmm_dpd.model.pairs import DPD, NONE, LennardJones
+from openmm_dpd.units import METAL, REAL
 
 BOX = """region b block 0 {edge} 0 {edge} 0 {edge} units box
 create_box {types} b bond/types 2

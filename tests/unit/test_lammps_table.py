@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from openmm_dpd.units import LJ, REAL
 from scipy.interpolate import CubicSpline
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps.files.table_file import read_table, tabulated_pair
+from openmm_dpd.units import LJ, REAL
 
 
 def energy(r):

@@ -11,6 +11,8 @@ import openmm
 import pytest
 from mdtraj.core.element import Element
 from openmm import app, unit
+
+from openmm_dpd.base.errors import ParameterError
 from openmm_dpd.trajectory import (
     bead_charges,
     bead_element,
@@ -23,8 +25,6 @@ from openmm_dpd.trajectory import (
     short_names,
     write_psf,
 )
-
-from openmm_dpd.base.errors import ParameterError
 
 MASS = {"A": 1.0, "B": 1 / 3, "C": 12.5, "W": 54.0}
 

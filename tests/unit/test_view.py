@@ -6,10 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from openmm import unit
-from openmm_dpd.view import view
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import ParameterError
+from openmm_dpd.view import view
 
 
 class Widget:

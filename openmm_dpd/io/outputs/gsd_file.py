@@ -14,7 +14,6 @@ from .snapshot import FrameReporter, Snapshot, scene_of
 
 #: Where molecule numbers are: OVITO takes logged values of particles for properties of particles.
 MOLECULES = "particles/molecule"
-
 _WHAT = "the GSD file"
 
 

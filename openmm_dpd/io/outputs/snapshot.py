@@ -26,10 +26,8 @@ class Snapshot:
 
     @classmethod
     def of(cls, source, state: openmm.State | None = None) -> Snapshot:
-        """Of a Scene or what :func:`openmm_dpd.build` returned; of the state of a run, if one is given.
-
-        ParameterError if it is something else, the state has no positions, or is one of other particles.
-        """
+        """Of a Scene or what :func:`openmm_dpd.build` returned; of the state of a run, if one is given.  ParameterError if it is something
+        else, the state has no positions, or is one of other particles."""
         scene = scene_of(source)
         if state is None:
             if source is scene:

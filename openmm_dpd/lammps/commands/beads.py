@@ -20,14 +20,7 @@ def mass(state: DeckState, args: list[str]) -> None:
 
 
 # -- groups -----------------------------------------------------------------------------------------------------------------
-_COMPARE: dict[str, Callable[[np.ndarray, int], np.ndarray]] = {
-    "<": np.less,
-    ">": np.greater,
-    "<=": np.less_equal,
-    ">=": np.greater_equal,
-    "==": np.equal,
-    "!=": np.not_equal,
-}
+_COMPARE = {"<": np.less, ">": np.greater, "<=": np.less_equal, ">=": np.greater_equal, "==": np.equal, "!=": np.not_equal}
 
 
 def _matching(values: np.ndarray, words: list[str], what: str) -> np.ndarray:
@@ -117,9 +110,7 @@ def _selected(state: DeckState, style: str, word: str) -> np.ndarray:
 
 def _numbers(state: DeckState, mask: np.ndarray, word: str, what: str) -> np.ndarray:
     """(n,) values of the beads of a mask: a number, or those of a variable (``v_name``)."""
-    if word.startswith("v_"):
-        return values_of_variable(state, word, "set")[mask]
-    return np.full(mask.sum(), read.number(word, what))
+    return values_of_variable(state, word, "set")[mask] if word.startswith("v_") else np.full(mask.sum(), read.number(word, what))
 
 
 def _integers(state: DeckState, mask: np.ndarray, word: str, what: str, minimum: int | None = None) -> np.ndarray:
@@ -237,10 +228,7 @@ SETTERS: dict[str, tuple[int, Setter]] = {
     "type/fraction": (3, _set_fraction),
     "type/ratio": (3, lambda state, mask, words: _set_subset(state, mask, words, True)),
     "type/subset": (3, lambda state, mask, words: _set_subset(state, mask, words, False)),
-    "mol": (1, _set_molecule),
-    "charge": (1, _set_charge),
-    "mass": (1, _set_mass),
-    "dpd/theta": (1, _set_theta),
+    **{"mol": (1, _set_molecule), "charge": (1, _set_charge), "mass": (1, _set_mass), "dpd/theta": (1, _set_theta)},
     "edpd/temp": (1, _set_thermal("edpd/temp", "temperatures")),
     "edpd/cv": (1, _set_thermal("edpd/cv", "capacities")),
     "cc": (2, _set_concentration),
@@ -255,7 +243,6 @@ def set_(state: DeckState, args: list[str]) -> None:
     """``set atom|type|mol|group|region ID property values ...``."""
     if not len(state.atoms):
         raise ParameterError("set needs beads; create or read them before")
-    style = read.choice(args[0], "the style of set", ("atom", "type", "mol", "group", "region"))
-    mask = _selected(state, style, args[1]).copy()
+    mask = _selected(state, read.choice(args[0], "the style of set", ("atom", "type", "mol", "group", "region")), args[1]).copy()
     for name, words in read.options(args[2:], {name: size for name, (size, _) in SETTERS.items()}, "set"):
         SETTERS[name][1](state, mask, words)

@@ -240,10 +240,7 @@ def _check_special(state: DeckState, gone: np.ndarray, bonds: np.ndarray) -> Non
 def delete_atoms(state: DeckState, args: list[str]) -> None:
     """``delete_atoms group ID | region ID [compress yes|no] [bond yes|no]``."""
     kind = read.choice(args[0], "the style of delete_atoms", ("group", "region"))
-    if kind == "group":
-        doomed = state.group(args[1]).copy()
-    else:
-        doomed = state.region(args[1]).contains(state.atoms.positions)
+    doomed = state.group(args[1]).copy() if kind == "group" else state.region(args[1]).contains(state.atoms.positions)
     options = read.single(args[2:], "delete_atoms", compress="yes", bond="no", mol="no")
     if read.switch(options["mol"], "mol"):
         raise ParameterError("delete_atoms mol yes is not supported")

@@ -93,5 +93,4 @@ def restart(state: DeckState, args: list[str]) -> None:
     read.count(args, "restart N file [file]", 2, 3)
     for name in args[1:]:
         state.output_path(name)  # what is wrong with it is the mistake of this line
-    single = len(args) == 2 and "*" not in args[1]
-    state.restarts = RestartSettings(every, (f"{args[1]}.*",) if single else tuple(args[1:]))
+    state.restarts = RestartSettings(every, (f"{args[1]}.*",) if len(args) == 2 and "*" not in args[1] else tuple(args[1:]))

@@ -145,10 +145,8 @@ def velocity(state: DeckState, args: list[str]) -> None:
     mask, style = state.group(args[0]), args[1]
     size, handler = read.style(_VELOCITY_STYLES, "velocity", style)
     words, rest = read.taken(args[2:], size, f"velocity {style}")
-    switches = {"sum": "no", "mom": "yes", "rot": "no"}
-    options = read.single(
-        rest, f"velocity {style}", dist="uniform", **switches, loop="all", units="lattice", temp="", bias="no", rigid="NULL"
-    )
+    defaults = dict(dist="uniform", sum="no", mom="yes", rot="no", loop="all", units="lattice", temp="", bias="no", rigid="NULL")
+    options = read.single(rest, f"velocity {style}", **defaults)
     if options["rigid"] != "NULL" or read.switch(options["bias"], "bias"):
         raise ParameterError("the options rigid and bias of velocity are not supported")
     handler(state, args[0], mask, words, options)
@@ -208,8 +206,7 @@ def _by_id(ids: np.ndarray, seed: int) -> np.ndarray:
     """(N, 6) uniform numbers that depend on the id and the seed only."""
     if ids.max() > 100 * len(ids) + 1_000_000:
         raise ParameterError(f"velocity create: {len(ids)} beads have ids up to {ids.max()}, with a number drawn for each; use 'loop geom'")
-    drawn = np.random.default_rng(seed).random((int(ids.max()), 6))
-    return drawn[ids - 1]
+    return np.random.default_rng(seed).random((int(ids.max()), 6))[ids - 1]
 
 
 def _by_position(positions: np.ndarray, seed: int) -> np.ndarray:
@@ -243,10 +240,8 @@ def _scale(state: DeckState, group: str, mask: np.ndarray, words: list[str], opt
 
 
 def _velocity_ramp(state: DeckState, group: str, mask: np.ndarray, words: list[str], options: dict[str, str]) -> None:
-    spacing = state.spacing(options["units"])
-    axis, values = read.ramp(words, ("vx", "vy", "vz"), state.atoms.positions[mask], spacing)
-    add = read.switch(options["sum"], "sum")
-    state.atoms.velocities[mask, axis] = values + (state.atoms.velocities[mask, axis] if add else 0.0)
+    axis, values = read.ramp(words, ("vx", "vy", "vz"), state.atoms.positions[mask], state.spacing(options["units"]))
+    state.atoms.velocities[mask, axis] = values + (state.atoms.velocities[mask, axis] if read.switch(options["sum"], "sum") else 0.0)
 
 
 def _zero(state: DeckState, group: str, mask: np.ndarray, words: list[str], options: dict[str, str]) -> None:

@@ -162,8 +162,7 @@ def _new_dump(state: DeckState, name: str, group: str, style: str, every: int, f
     if style in BINARY and "*" in file:
         raise ParameterError(f"dump {style} '{file}': all frames go into one file, leave the * out")
     state.output_path(file)  # what is wrong with its name is the mistake of this line
-    columns = {"atom": ("id", "type", "xs", "ys", "zs"), "custom": tuple(words)}.get(style, ())
-    return Dump(name, group, style, every, file, columns)
+    return Dump(name, group, style, every, file, {"atom": ("id", "type", "xs", "ys", "zs"), "custom": tuple(words)}.get(style, ()))
 
 
 @command("undump ID", 1)
@@ -213,14 +212,8 @@ _PRECISIONS = tuple(10**k for k in range(1, 7))
 
 #: Keywords of dump_modify that some styles have.
 _OF_STYLES = {
-    "unwrap": BINARY,
-    "scale": ("atom",),
-    "image": ("atom",),
-    "format": ("atom", "custom", "xyz"),
-    "element": ("xyz",),
-    "precision": ("xtc",),
-    "sfactor": ("xtc",),
-    "tfactor": ("xtc",),
+    **{"unwrap": BINARY, "scale": ("atom",), "image": ("atom",), "format": ("atom", "custom", "xyz"), "element": ("xyz",)},
+    **dict.fromkeys(("precision", "sfactor", "tfactor"), ("xtc",)),
 }
 
 

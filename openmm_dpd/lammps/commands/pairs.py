@@ -24,8 +24,7 @@ def pair_style(state: DeckState, args: list[str]) -> None:
         state.pair = PairSetup("none", where=state.here)
         return
     if name in HYBRID:
-        styles = [_style(state, part[0], part[1:]) for part in _parts(name, words)]
-        state.pair = PairSetup(name, styles, where=state.here)
+        state.pair = PairSetup(name, [_style(state, part[0], part[1:]) for part in _parts(name, words)], where=state.here)
     else:
         style = _style(state, name, words)
         if style.spec.of_bonds:
@@ -184,7 +183,6 @@ def special_bonds(state: DeckState, args: list[str]) -> None:
 
 #: Styles of kspace_style: all of them mean OpenMM's PME here.
 KSPACE_STYLES = ("ewald", "pppm", "pppm/cg")
-
 #: Keywords of kspace_modify that say how LAMMPS computes the sum, and their numbers of values.
 _MANNERS = dict.fromkeys("collective diff fftbench minorder mix/disp order overlap pressure/scalar cutoff/adjust".split(), 1)
 _MANNERS["kmax/ewald"] = 3
@@ -202,8 +200,7 @@ def kspace_style(state: DeckState, args: list[str]) -> None:
     accuracy = read.positive(args[1], "the accuracy of kspace_style")
     if not 1e-10 <= accuracy <= 0.1:
         raise ParameterError(f"the accuracy of kspace_style must be between 1e-10 and 0.1, not {args[1]}")
-    old = state.kspace or KspaceSetup()
-    state.kspace = replace(old, accuracy=accuracy, where=state.here)
+    state.kspace = replace(state.kspace or KspaceSetup(), accuracy=accuracy, where=state.here)
 
 
 @command("kspace_modify", 0, None, remembered=True)

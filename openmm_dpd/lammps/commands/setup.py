@@ -14,10 +14,8 @@ from ..state.deck_state import DeckState
 from ..state.records import MIN_STYLES, NORMS
 
 Handler = Callable[[Any, list[str]], None]
-
 #: Every command of a deck: from the state and the words after its name.  Another command is another function with :func:`command`.
 COMMANDS: dict[str, Handler] = {}
-
 #: Those about interactions, which ``DeckState.setup`` remembers once they are carried out; restart files repeat them.
 REMEMBERED: dict[str, Handler] = {}
 
@@ -25,10 +23,8 @@ REMEMBERED: dict[str, Handler] = {}
 def command(
     usage: str, least: int, most: int | None = -1, *, box: bool | None = None, remembered: bool = False
 ) -> Callable[[Handler], Handler]:
-    """Enter a function as the command that ``usage`` begins with, which takes so many words (see :func:`read.count`).
-
-    ``box`` says whether there must be a simulation box, or must not be one yet.
-    """
+    """Enter a function as the command that ``usage`` begins with, which takes so many words (see :func:`read.count`).  ``box`` says whether
+    there must be a simulation box, or must not be one yet."""
     name = usage.split()[0]
 
     def enter(handler: Handler) -> Handler:

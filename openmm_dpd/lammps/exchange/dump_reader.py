@@ -20,13 +20,8 @@ from .frames import LammpsFrames
 
 #: Columns of the fields of beads, as exported decks and this package's own runs name them.
 NAMES = {
-    "c_internal[1]": "u_cond",
-    "c_internal[2]": "u_mech",
-    "c_internal[4]": "theta",
-    "c_temperature": "temperature",
-    "uCond": "u_cond",
-    "uMech": "u_mech",
-    "dpdTheta": "theta",
+    **{"c_internal[1]": "u_cond", "c_internal[2]": "u_mech", "c_internal[4]": "theta", "c_temperature": "temperature"},
+    **{"uCond": "u_cond", "uMech": "u_mech", "dpdTheta": "theta"},
 }
 
 

@@ -18,26 +18,16 @@ from .export_job import DUMP, FINAL, Job, export_texts, make_job
 
 @dataclass(frozen=True)
 class LammpsExport:
-    """Files that an export wrote.
+    """Files that an export wrote."""
 
-    Attributes
-    ----------
-    deck, data : Path
-        ``in.NAME`` and ``data.NAME``.
-    tables : tuple of Path
-        Files of tables that the deck reads.
-    dump, final : Path
-        Trajectory and final data file that LAMMPS will write, beside the deck; see :func:`openmm_dpd.lammps.read_lammps_dump`.
-    differences : tuple of str
-        What LAMMPS will do differently (also comments of the deck).
-    """
-
+    #: ``in.NAME`` and ``data.NAME``.
     deck: Path
     data: Path
-    tables: tuple[Path, ...]
+    tables: tuple[Path, ...]  #: Files of tables that the deck reads
+    #: Trajectory and final data file that LAMMPS will write, beside the deck; see :func:`openmm_dpd.lammps.read_lammps_dump`.
     dump: Path
     final: Path
-    differences: tuple[str, ...]
+    differences: tuple[str, ...]  #: What LAMMPS will do differently (also comments of the deck)
 
 
 def export_lammps(
@@ -81,10 +71,6 @@ def export_lammps(
         Units of deck and data file.  ``lj`` writes the numbers of the scene as they are: 1 nm, 1 Da, 1 ps, 1 kJ/mol, k_B = 1.
     corner : three lengths, optional
         Lower corner of the box; that of the sources, or the origin, by default.
-
-    Returns
-    -------
-    LammpsExport
 
     Raises
     ------
@@ -147,26 +133,16 @@ def export_deck(
     if target.exists() and path.exists() and target.resolve() == path.resolve():
         raise ParameterError(f"{target} is the deck itself; give another folder or another name")
     request = first_request(path, RunOptions(dt=dt, steps=steps, scheme=scheme, compat=compat), variables)
-    scene = request.scene()
-    corner = request.state.require_box("an export").low * request.state.units.length
-    job = make_job(
-        scene,
-        name,
-        request.dt,
-        request.steps,
-        request.scheme,
-        request.lambda_ if scheme_of(request.scheme).predicts else 0.5,
-        seed if seed is not None else request.seed,
-        every,
-        request.state.units.name,
-        corner,
-        request.state.atoms.images,
-    )
+    scene, state = request.scene(), request.state
+    corner = state.require_box("an export").low * state.units.length
+    lam = request.lambda_ if scheme_of(request.scheme).predicts else 0.5
+    run = (request.dt, request.steps, request.scheme, lam, request.seed if seed is None else seed, every)
+    job = make_job(scene, name, *run, state.units.name, corner, state.atoms.images)
     if request.barostat is not None:
         raise ParameterError("fix nph of the deck is not exported; LAMMPS reads the deck itself, or export a deck without it")
-    if not np.array_equal(request.state.atoms.ids, np.arange(1, len(request.state.atoms) + 1)):
+    if not np.array_equal(state.atoms.ids, np.arange(1, len(state.atoms) + 1)):
         job.differences.remark("ids are counted from 1 without gaps, in the order of the ids of the deck")
-    job.differences.remark(f"this is the first run of {request.state.path.name} only")
+    job.differences.remark(f"this is the first run of {state.path.name} only")
     return _write(job, Path(directory))
 
 
@@ -177,11 +153,7 @@ def _write(job: Job, directory: Path) -> LammpsExport:
         directory.mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():
         write_whole(directory / name, text, "the exported file")
-    return LammpsExport(
-        deck=directory / f"in.{job.name}",
-        data=directory / f"data.{job.name}",
-        tables=tuple(directory / name for name in texts if name not in (f"in.{job.name}", f"data.{job.name}")),
-        dump=directory / DUMP.format(name=job.name),
-        final=directory / FINAL.format(name=job.name),
-        differences=tuple(job.differences.found),
-    )
+    deck, data = f"in.{job.name}", f"data.{job.name}"
+    tables = tuple(directory / name for name in texts if name not in (deck, data))
+    dump, final = (directory / form.format(name=job.name) for form in (DUMP, FINAL))
+    return LammpsExport(directory / deck, directory / data, tables, dump, final, tuple(job.differences.found))

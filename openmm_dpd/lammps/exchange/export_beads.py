@@ -19,10 +19,8 @@ from ..styles.writing import Differences
 
 #: Mass of beads that never move, where LAMMPS would let the friction change their velocities or count their mass in heat.
 HEAVY = 1e15
-
 #: Largest image flag of LAMMPS's usual builds.
 _LARGEST_IMAGE = 511
-
 #: Largest number of bead types: LAMMPS keeps tables of type pairs.
 _MOST_TYPES = 2000
 
@@ -47,9 +45,7 @@ class BeadTypes:
 
 def lammps_types(scene: Scene, apart: bool = False) -> BeadTypes:
     """Atom types of a scene; with ``apart`` beads that never move have types of their own, with a mass that nothing can move.
-
-    ParameterError if there are more different masses than LAMMPS's tables of type pairs have room for.
-    """
+    ParameterError if there are more different masses than LAMMPS's tables of type pairs have room for."""
     frozen = np.zeros(scene.n_beads, bool) if scene.mobile is None or not apart else ~scene.mobile
     of_bead = np.zeros(scene.n_beads, dtype=np.int64)
     names, masses, still = list[str](), list[float](), list[bool]()
@@ -64,8 +60,7 @@ def lammps_types(scene: Scene, apart: bool = False) -> BeadTypes:
             names.append(name)
             masses.append(value)
             still.append(stays)
-            chosen = members & frozen if stays else members & ~frozen & (scene.bead_masses == value)
-            of_bead[chosen] = len(names)
+            of_bead[members & frozen if stays else members & ~frozen & (scene.bead_masses == value)] = len(names)
     if len(names) > _MOST_TYPES:
         raise ParameterError(
             f"the beads have {len(names)} different masses and types, and LAMMPS needs an atom type for each; "
@@ -192,6 +187,4 @@ def _fields(scene: Scene, units: UnitSystem) -> dict[str, np.ndarray]:
         return {"theta": np.broadcast_to(theta, (n,)) / units.thermal_energy}
     if isinstance(internal, BeadTemperatures):
         return {"temperature": internal.values(n)[:, 0] / units.thermal_energy, "capacity": internal.heat_capacities(n)}
-    if isinstance(internal, Concentrations):
-        return {f"c{k}": column for k, column in enumerate(internal.values.T, start=1)}
-    return {}
+    return {f"c{k}": column for k, column in enumerate(internal.values.T, start=1)} if isinstance(internal, Concentrations) else {}

@@ -26,10 +26,8 @@ from .export_beads import BeadTypes, longest_cutoff
 
 #: Heat capacity of beads that never move, in units of k_B: they are reservoirs.
 _RESERVOIR = 1e12
-
 #: Rows of a resampled equation of state.
 _EOS_ROWS = 2001
-
 #: Most different vectors of a body force that is given bead by bead.
 _MOST_VECTORS = 50
 
@@ -175,16 +173,13 @@ def source_lines(scene: Scene, units: UnitSystem, corner: np.ndarray, difference
 
 def _fits(scene: Scene, given, corner: np.ndarray) -> bool:
     """Whether positions folded into the box at one corner are those folded at the other; between walls nothing is folded."""
-    walled = list(gaps(scene.walls, scene.box))
-    return bool(np.all(np.delete(np.asarray(given) == corner, walled)))
+    return bool(np.all(np.delete(np.asarray(given) == corner, list(gaps(scene.walls, scene.box)))))
 
 
 # -- flow ----------------------------------------------------------------------------------------------------------------------
 def flow_lines(scene: Scene, units: UnitSystem, corner: np.ndarray) -> Iterator[str]:
-    """Beads that only body forces act on (fix setforce), body forces (fix addforce) and walls (fix wall/reflect).
-
-    ParameterError for what LAMMPS has no fix for: walls with bounce-back, formulas in other units than lj ...
-    """
+    """Beads that only body forces act on (fix setforce), body forces (fix addforce) and walls (fix wall/reflect).  ParameterError for what
+    LAMMPS has no fix for: walls with bounce-back, formulas in other units than lj ..."""
     if scene.interacting is not None:
         for k, row in enumerate(np.unique(scene.interacting[~scene.interacting.all(axis=1)], axis=0), start=1):
             group = yield from _group(f"alone{k}", np.all(scene.interacting == row, axis=1))
@@ -213,8 +208,7 @@ def _group(name: str, mask: np.ndarray | None) -> Generator[str, None, str]:
 
 
 def _body_lines(scene: Scene, term: BodyForce, units: UnitSystem, name: str) -> Iterator[str]:
-    vectors = term.vectors(scene.type_ids, scene.type_names, scene.box) / units.force
-    different, which = np.unique(vectors, axis=0, return_inverse=True)
+    different, which = np.unique(term.vectors(scene.type_ids, scene.type_names, scene.box) / units.force, axis=0, return_inverse=True)
     acting = [row for row in range(len(different)) if np.any(different[row])]
     if len(acting) > _MOST_VECTORS:
         raise ParameterError(f"a body force has {len(acting)} different vectors; at most {_MOST_VECTORS} are exported, each with a fix")
@@ -244,8 +238,7 @@ def _formula_lines(scene: Scene, term: PositionForce, units: UnitSystem, corner:
         raise ParameterError(f"formulas of position forces are written for units lj only, not for units {units.name}")
     if not _fits(scene, term.corner, corner):
         raise ParameterError("the corner of a position force must be that of the box, which is exported with it")
-    mask = term.mask(scene.type_ids, scene.type_names)
-    group = yield from _group(name, mask)
+    group = yield from _group(name, term.mask(scene.type_ids, scene.type_names))
     words = []
     for axis, formula in zip("xyz", term.formulas, strict=True):
         formula = _without_steps(formula)

@@ -163,8 +163,7 @@ def run_commands(job: Job) -> list[RunCommand]:
     if kT.first_step > 0:
         found.append(RunCommand(min(kT.first_step, total), kT.kT_start, kT.kT_start, None))
     if kT.first_step < total and kT.last_step > 0:
-        steps = min(kT.last_step, total) - max(kT.first_step, 0)
-        found.append(RunCommand(steps, kT.kT_start, kT.kT_end, (kT.first_step, kT.last_step)))
+        found.append(RunCommand(min(kT.last_step, total) - max(kT.first_step, 0), kT.kT_start, kT.kT_end, (kT.first_step, kT.last_step)))
     if kT.last_step < total:
         found.append(RunCommand(total - max(kT.last_step, 0), kT.kT_end, kT.kT_end, None))
     return found or [RunCommand(total, kT.at(0), kT.at(0), None)]

@@ -78,11 +78,8 @@ def _acts(use: StyleUse, pair: Pair) -> bool:
 
 # -- charges --------------------------------------------------------------------------------------------------------------------
 def charge_lines(scene: Scene, units: UnitSystem, of_deck: bool) -> Iterator[str]:
-    """The commands dielectric and kspace_style.
-
-    LAMMPS's accuracy is relative to the force between two unit charges at a unit distance without a dielectric; that of a scene is relative
-    to the forces that there are.  A deck keeps its own number.
-    """
+    """The commands dielectric and kspace_style.  LAMMPS's accuracy is relative to the force between two unit charges at a unit distance
+    without a dielectric; that of a scene is relative to the forces that there are.  A deck keeps its own number."""
     charges = scene.electrostatics
     if charges is None:
         return

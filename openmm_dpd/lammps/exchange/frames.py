@@ -26,60 +26,31 @@ if TYPE_CHECKING:
 
 #: Box edges of frames and scene may differ by this factor before the units are thought to be wrong.
 _LARGEST_RATIO = 4.0
-
 _SEE = "(see openmm_dpd.lammps.exchange.dump_reader.NAMES)"
 
 
 @dataclass(frozen=True, eq=False)
 class LammpsFrames:
-    """F configurations of N beads, in the order of the ids; nm, ps, kJ/mol.
+    """F configurations of N beads, in the order of the ids; nm, ps, kJ/mol."""
 
-    Attributes
-    ----------
-    path : Path
-        The file.
-    steps : (F,) array of int
-        Numbers of the steps.
-    ids : (N,) array of int
-        Ids, ascending: bead k of the scene is entry k.
-    positions : (F, N, 3) array
-        As in the file: in the box, or unwrapped where the file holds ``xu yu zu`` only.
-    unwrapped : (F, N, 3) array or None
-        Positions carried to their images; None if the file has neither image flags nor unwrapped positions.
-    images : (F, N, 3) array of int or None
-        Image flags.
-    velocities, forces : (F, N, 3) array or None
-    types : (N,) array of int or None
-        LAMMPS's atom types.
-    boxes : (F, 3, 3) array or None
-        Box vectors; None without a periodic box.
-    corners : (F, 3) array
-        Lower corners of the box.
-    fields : dict of str to (F, N) arrays
-        ``theta``, ``u_cond``, ``u_mech``, ``temperature``, ``capacity``, ``c1``, ``c2``, ... as far as the file has them.
-    columns : dict of str to (F, N) arrays
-        All other columns, as they are in the file.
-    periodic : three bool
-        Whether the box is periodic along each axis.
-    scene_ : Scene or None
-        The scene that was given to the reader.
-    """
-
-    path: Path
-    steps: np.ndarray
-    ids: np.ndarray
-    positions: np.ndarray
+    path: Path  #: The file
+    steps: np.ndarray  #: (F,) numbers of the steps
+    ids: np.ndarray  #: (N,) ids, ascending: bead k of the scene is entry k
+    positions: np.ndarray  #: (F, N, 3) as in the file: in the box, or unwrapped where the file holds ``xu yu zu`` only
+    #: (F, N, 3) positions carried to their images; None if the file has neither image flags nor unwrapped positions.
     unwrapped: np.ndarray | None
-    images: np.ndarray | None
+    images: np.ndarray | None  #: (F, N, 3) image flags
+    #: (F, N, 3) each.
     velocities: np.ndarray | None
     forces: np.ndarray | None
-    types: np.ndarray | None
-    boxes: np.ndarray | None
-    corners: np.ndarray
+    types: np.ndarray | None  #: (N,) LAMMPS's atom types
+    boxes: np.ndarray | None  #: (F, 3, 3) box vectors; None without a periodic box
+    corners: np.ndarray  #: (F, 3) lower corners of the box
+    #: By name, (F, N): ``theta``, ``u_cond``, ``u_mech``, ``temperature``, ``capacity``, ``c1``, ``c2``, ... as far as the file has them.
     fields: Mapping[str, np.ndarray] = field(default_factory=dict)
-    columns: Mapping[str, np.ndarray] = field(default_factory=dict)
-    periodic: tuple[bool, bool, bool] = (True, True, True)
-    scene_: Scene | None = None
+    columns: Mapping[str, np.ndarray] = field(default_factory=dict)  #: All other columns, (F, N), as they are in the file
+    periodic: tuple[bool, bool, bool] = (True, True, True)  #: Whether the box is periodic along each axis
+    scene_: Scene | None = None  #: The scene that was given to the reader
 
     def __len__(self) -> int:
         return len(self.steps)
@@ -110,13 +81,7 @@ class LammpsFrames:
         if box is not None and self.boxes is not None and all(self.periodic):
             box = self.boxes[frame]
         positions = self.positions if self.unwrapped is None else self.unwrapped
-        return replace(
-            scene,
-            positions=positions[frame],
-            velocities=self.velocities[frame],
-            box=box,
-            internal=self._internal(scene, frame),
-        )
+        return replace(scene, positions=positions[frame], velocities=self.velocities[frame], box=box, internal=self._internal(scene, frame))
 
     def trajectory(self, scene: Scene | None = None, *, dt=None, unwrap: bool = False) -> mdtraj.Trajectory:
         """The frames as an mdtraj trajectory (nm, ps) with the scene's topology.

@@ -4,16 +4,11 @@ from collections.abc import Sequence
 
 #: Columns of the Atoms section by atom style; ``tdpd`` has its concentrations after them.
 ATOM_STYLES: dict[str, tuple[str, ...]] = {
-    "atomic": ("id", "type", "x", "y", "z"),
-    "charge": ("id", "type", "charge", "x", "y", "z"),
-    "bond": ("id", "molecule", "type", "x", "y", "z"),
-    "angle": ("id", "molecule", "type", "x", "y", "z"),
-    "molecular": ("id", "molecule", "type", "x", "y", "z"),
-    "full": ("id", "molecule", "type", "charge", "x", "y", "z"),
-    "dpd": ("id", "type", "theta", "x", "y", "z"),
-    "mdpd": ("id", "type", "rho", "x", "y", "z"),
-    "edpd": ("id", "type", "temperature", "capacity", "x", "y", "z"),
-    "tdpd": ("id", "type", "x", "y", "z"),
+    style: ("id", *columns.split(), "x", "y", "z")
+    for style, columns in {
+        **{"atomic": "type", "charge": "type charge", "bond": "molecule type", "angle": "molecule type", "molecular": "molecule type"},
+        **{"full": "molecule type charge", "dpd": "type theta", "mdpd": "type rho", "edpd": "type temperature capacity", "tdpd": "type"},
+    }.items()
 }
 
 #: Atom styles whose beads may be bonded.
@@ -31,25 +26,14 @@ CHARGED_STYLES = ("charge", "full")
 
 #: Arrays of :class:`~openmm_dpd.lammps.state.atoms.Atoms` by their column in data files.
 ARRAYS = {
-    "charge": "charges",
-    "molecule": "molecules",
-    "theta": "thetas",
-    "temperature": "temperatures",
-    "capacity": "capacities",
+    **{"charge": "charges", "molecule": "molecules", "theta": "thetas", "temperature": "temperatures", "capacity": "capacities"},
     "rho": "densities",
 }
 
 
 def atom_columns(styles: Sequence[str], n_species: int = 0) -> tuple[str, ...]:
-    """Columns of the Atoms section, without image flags.
-
-    Parameters
-    ----------
-    styles : sequence of str
-        The atom style, or several that follow ``hybrid``.
-    n_species : int
-        Number of concentrations of ``tdpd``: columns ``c1``, ``c2``, ...
-    """
+    """Columns of the Atoms section, without image flags: of the atom style, or of several that follow ``hybrid``, with the columns ``c1``,
+    ``c2``, ... of ``n_species`` concentrations of ``tdpd``."""
     plain = ATOM_STYLES["atomic"]
     columns = list(ATOM_STYLES[styles[0]] if len(styles) == 1 else plain)
     for style in styles:

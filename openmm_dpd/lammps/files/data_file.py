@@ -28,7 +28,6 @@ _HEADERS: dict[tuple[str, ...], int] = {
 }
 
 _UNSUPPORTED = ("impropers",)
-
 #: Largest id, and largest image flag.
 _LARGEST = 2**31 - 1
 
@@ -57,10 +56,8 @@ class DataFile:
 
 
 class DataReader:
-    """The lines of a data file, sorted into header values and sections; each method reads a part.  DeckErrors have file and line.
-
-    With ``lenient`` sections and header lines that are not known are passed over.
-    """
+    """The lines of a data file, sorted into header values and sections; each method reads a part.  DeckErrors have file and line.  With
+    ``lenient`` sections and header lines that are not known are passed over."""
 
     def __init__(self, path: Path, lenient: bool = False):
         self.file = TextFile.read(path, title=True)
@@ -245,12 +242,9 @@ class DataReader:
 
 
 def read_data_file(path: Path, atom_style: str, n_species: int = 0) -> DataFile:
-    """Content of a data file.
-
-    ``atom_style`` is a key of :data:`~openmm_dpd.lammps.files.atom_styles.ATOM_STYLES` (the hint behind ``Atoms #`` is only reported),
-    ``n_species`` the number of concentrations of ``atom_style tdpd``.  DeckError, with file and line, for unknown sections, wrong counts,
-    values that are not numbers or not finite, ids that appear twice, types out of range.
-    """
+    """Content of a data file.  ``atom_style`` is a key of :data:`~openmm_dpd.lammps.files.atom_styles.ATOM_STYLES` (the hint behind ``Atoms
+    #`` is only reported), ``n_species`` the number of concentrations of ``atom_style tdpd``.  DeckError, with file and line, for unknown
+    sections, wrong counts, values that are not numbers or not finite, ids that appear twice, types out of range."""
     reader = DataReader(path)
     columns, positions, images = reader.atoms((atom_style,), n_species)
     ids = columns["id"]

@@ -15,20 +15,11 @@ def data_lines(
     coefficients: Iterable[str] = (),
     remarks: Mapping[int, str] | None = None,
 ) -> Iterator[str]:
-    """Lines of a data file; every number has all of its digits.
+    """Lines of a data file, the first one ``title``; every number has all of its digits.
 
-    Parameters
-    ----------
-    data : DataFile
-        What is written, but for its ``coefficients`` and ``hints``.
-    title : str
-        The first line.
-    styles, n_species
-        The atom style, as for :func:`~openmm_dpd.lammps.files.atom_styles.atom_columns`.
-    coefficients : iterable of str
-        Lines of the Coeffs sections.
-    remarks : mapping of int to str, optional
-        What to say about types, behind their masses.
+    All of ``data`` is written but for its ``coefficients`` and ``hints``; ``coefficients`` are lines of the Coeffs sections, ``remarks``
+    what to say about types, behind their masses; ``styles`` and ``n_species`` as for
+    :func:`~openmm_dpd.lammps.files.atom_styles.atom_columns`.
     """
     terms = [(what, getattr(data, f"n_{what}_types"), getattr(data, f"{what}s")) for what in JOINED]
     yield from (title, "", f"{len(data.positions)} atoms", f"{data.n_types} atom types")

@@ -17,19 +17,15 @@ from ..state.deck_state import DeckState
 
 #: What the file says it is; another number where its contents change.
 FORMAT = "openmm-dpd restart 3"
-
 #: Attributes of DeckState that are plain numbers and words.
 _PLAIN = "atom_style sorts n_types n_bond_types n_angle_types n_dihedral_types n_species timestep step runs reordered noise_counter".split()
-
 #: How LAMMPS's own files begin.
 _LAMMPS = b"LammpS RestartT"
 
 
 def restart_bytes(state: DeckState) -> bytes:
     """Contents of a restart file: box, beads, bonds, groups, step and time, the commands about interactions, and the counter of the noise.
-
-    All numbers with all their bits.
-    """
+    All numbers with all their bits."""
     box = state.require_box("a restart file")
     header = {name: getattr(state, name) for name in _PLAIN} | {
         "format": FORMAT,
@@ -50,10 +46,8 @@ def restart_bytes(state: DeckState) -> bytes:
 
 
 def load_restart(state: DeckState, path: Path) -> list[tuple[str, list[str]]]:
-    """Take over what a restart file holds; the commands about interactions are returned.
-
-    ParameterError if it is no such file; LAMMPS's own are not.
-    """
+    """Take over what a restart file holds; the commands about interactions are returned.  ParameterError if it is no such file; LAMMPS's
+    own are not."""
     content = path.read_bytes()
     if content.startswith(_LAMMPS):
         raise ParameterError(

@@ -89,10 +89,8 @@ def _assemble(file: TextFile, rows: list[Row], parameters: dict, line: int, keyw
 
 def tabulated_pair(data: TableData, cutoff: float | None, units: UnitSystem) -> tuple[TabulatedPair, str | None]:
     """Table as a pair term in MD units, and a remark if the forces of the file are not the slope of its energies, which are replaced then.
-
     ``cutoff`` is in the deck's unit of length; without it the range is that of the table.  The term is evenly spaced: an uneven table
-    (``RSQ``) is resampled with a cubic spline.
-    """
+    (``RSQ``) is resampled with a cubic spline."""
     r, energies, forces = data.distances, data.energies, data.forces
     steps = np.diff(r)
     if not np.allclose(steps, steps.mean(), rtol=1e-4):
@@ -114,10 +112,8 @@ def tabulated_pair(data: TableData, cutoff: float | None, units: UnitSystem) -> 
 
 
 def read_eos(path: Path, keyword: str) -> tuple[np.ndarray, np.ndarray]:
-    """Temperatures and internal energies of the section ``keyword``, in the file's units.
-
-    DeckError with file and line: if the section is missing, incomplete or not numeric, or a column does not increase.
-    """
+    """Temperatures and internal energies of the section ``keyword``, in the file's units.  DeckError with file and line: if the section is
+    missing, incomplete or not numeric, or a column does not increase."""
     file = TextFile.read(path)
     lines, found, index = list(file.rows()), list[str](), 0
     while index < len(lines):

@@ -13,7 +13,6 @@ import numpy as np
 from ...base.errors import ParameterError
 
 _ROWS = json.loads((files(__package__) / "deck_words.json").read_text(encoding="utf-8"))
-
 #: What the refusal says behind a colon.
 INSTEAD: dict[str, str] = {name: row["write"] for row in _ROWS for name in row["instead of"]}
 
@@ -137,10 +136,8 @@ def taken(args: Sequence[str], size: int, command: str) -> tuple[list[str], list
 
 
 def ramp(words: Sequence[str], component: Sequence[str], positions: np.ndarray, spacing: np.ndarray) -> tuple[int, np.ndarray]:
-    """Axis and values of ``component first last x|y|z low high``, which go from one to the other along an axis.
-
-    ``component`` has the words for each axis, ``positions`` (n, 3) are where the values are asked for, ``spacing`` scales all numbers.
-    """
+    """Axis and values of ``component first last x|y|z low high``, which go from one to the other along an axis.  ``component`` has the
+    words for each axis, ``positions`` (n, 3) are where the values are asked for, ``spacing`` scales all numbers."""
     axis = list(component).index(choice(words[0], "the component of ramp", component))
     along = "xyz".index(choice(words[3], "the direction of ramp", ("x", "y", "z")))
     first, last = (number(word, "a value of ramp") * spacing[axis] for word in words[1:3])
@@ -184,10 +181,8 @@ def single(args: Sequence[str], command: str, **defaults: str) -> dict[str, str]
 def options(
     args: Sequence[str], sizes: Mapping[str, int], command: str, alone: Mapping[str, str] | None = None
 ) -> list[tuple[str, list[str]]]:
-    """Keyword-value groups at the end of a command: ``sizes`` says how many values follow each keyword.
-
-    ``alone`` has the value behind which no other follows, by keyword.
-    """
+    """Keyword-value groups at the end of a command: ``sizes`` says how many values follow each keyword.  ``alone`` has the value behind
+    which no other follows, by keyword."""
     found = []
     index = 0
     while index < len(args):

@@ -17,13 +17,10 @@ from .arguments import near
 from .operations import FUNCTIONS, LEVELS, LITERAL, UNARY, Operation
 
 T = TypeVar("T")
-
 #: Group functions: their arguments are names, not formulas.
 GROUP_FUNCTIONS = ("count", "mass", "charge", "xcm", "vcm", "ke", "bound")
-
 #: Formulas may ask for these values of one bead, by its id: ``x[17]``.
 ATOM_VALUES = ("id", "mass", "type", "mol", "x", "y", "z", "vx", "vy", "vz", "fx", "fy", "fz", "q")
-
 CONSTANTS = {"PI": math.pi, "yes": 1.0, "on": 1.0, "true": 1.0, "no": 0.0, "off": 0.0, "false": 0.0}
 
 
@@ -46,11 +43,9 @@ def _tokens(pattern: re.Pattern[str], text: str) -> list[tuple[str, str]]:
 
 
 def evaluate(text: str, resolver: Any) -> float:
-    """Value of a formula, such as ``pe/count(all)+v_offset``.
-
-    The methods ``thermo``, ``variable``, ``compute``, ``fix``, ``group``, ``atom`` and ``call`` of ``resolver`` give what names stand for.
-    ParameterError if the formula is malformed, divides by zero, leaves the domain of a function, or names something unknown.
-    """
+    """Value of a formula, such as ``pe/count(all)+v_offset``.  The methods ``thermo``, ``variable``, ``compute``, ``fix``, ``group``,
+    ``atom`` and ``call`` of ``resolver`` give what names stand for. ParameterError if the formula is malformed, divides by zero, leaves the
+    domain of a function, or names something unknown."""
     return Formula(text, resolver).value()
 
 
@@ -117,7 +112,6 @@ class Formula(Expression):
     """One evaluation of a formula."""
 
     what, pattern, levels = "formula", _TOKEN, LEVELS
-
     #: Which kind of values it has, a field of Operation.
     kind = "number"
 
@@ -258,15 +252,9 @@ def _name(value: Value) -> str:
 
 
 def condition_holds(text: str) -> bool:
-    """Whether the condition of an ``if`` command holds, in which variables have been replaced by their values.
+    """Whether the condition of an ``if`` command holds, in which variables have been replaced by their values.  ParameterError if it is
+    malformed, compares a string with a number, or is a single string.
 
-    Raises
-    ------
-    ParameterError
-        If it is malformed, compares a string with a number, or is a single string.
-
-    Examples
-    --------
     >>> condition_holds("2 < 3 && north != south")
     True
     """

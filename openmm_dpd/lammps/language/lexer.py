@@ -13,7 +13,6 @@ from pathlib import Path
 from ...base.errors import DeckError, DPDError, ParameterError
 
 TRIPLE = '"""'
-
 #: In place of characters of other encodings; no text of any language has it.
 UNKNOWN = "\uffff"
 
@@ -44,11 +43,8 @@ def errors_at(where: Line | None, prefix: str = "") -> Iterator[None]:
 
 
 def read_text(path: Path, *, title: bool = False) -> str:
-    """Text of a deck or data file, with or without a byte-order mark; ``title`` says that the first line is a comment.
-
-    In comments characters of other encodings than UTF-8 are let through, as :data:`UNKNOWN`.  DeckError if the file cannot be read or is
-    no text.
-    """
+    """Text of a deck or data file, with or without a byte-order mark; ``title`` says that the first line is a comment.  In comments
+    characters of other encodings than UTF-8 are let through, as :data:`UNKNOWN`.  DeckError if the file cannot be read or is no text."""
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -76,10 +72,8 @@ def _newlines(text: str) -> str:
 
 
 def logical_lines(text: str, file: str) -> Iterator[Line]:
-    """Logical lines of a script that are not empty.
-
-    DeckError if a quote is not closed, or what is no comment has characters of other encodings.
-    """
+    """Logical lines of a script that are not empty.  DeckError if a quote is not closed, or what is no comment has characters of other
+    encodings."""
     # splitlines would also cut at form feeds and other separators, which are blanks to LAMMPS
     physical = _newlines(text).split("\n")
     index = 0
@@ -146,10 +140,8 @@ def split_words(text: str) -> list[str]:
 
 
 def substitute(text: str, variable: Callable[[str], str], formula: Callable[[str], float]) -> str:
-    """Text with every ``${name}``, ``$x`` and ``$(formula)`` outside quotes replaced: by the text of a variable, by the value of a formula.
-
-    ParameterError if a brace or parenthesis is not closed, or what ``variable`` and ``formula`` raise.
-    """
+    """Text with every ``${name}``, ``$x`` and ``$(formula)`` outside quotes replaced: by the text of a variable, by the value of a
+    formula.  ParameterError if a brace or parenthesis is not closed, or what ``variable`` and ``formula`` raise."""
     out: list[str] = []
     index = 0
     while index < len(text):
@@ -203,10 +195,8 @@ def closing_parenthesis(text: str, start: int) -> int:
 
 @dataclass
 class Script:
-    """The logical lines of a file, and which comes next.
-
-    Lines are taken apart as they are reached, so that what is wrong with one comes after what the lines before it do.
-    """
+    """The logical lines of a file, and which comes next.  Lines are taken apart as they are reached, so that what is wrong with one comes
+    after what the lines before it do."""
 
     path: Path
     at: int = 0  #: Number of the next line, from 0

@@ -61,10 +61,8 @@ def depends_on(text: str, variables: Variables, words: set[str], within: tuple[s
 
 
 def position_formula(text: str, known: Known) -> str:
-    """The formula as an OpenMM expression of x, y and z in nm.
-
-    ParameterError if it is malformed, or refers to anything but positions, numbers, and variables made of these.
-    """
+    """The formula as an OpenMM expression of x, y and z in nm.  ParameterError if it is malformed, or refers to anything but positions,
+    numbers, and variables made of these."""
     return str(_PositionFormula(text, known).value())
 
 

@@ -14,13 +14,10 @@ from .arguments import as_float, identifier, integer, known
 from .lexer import Line, errors_at
 
 STYLES = ("equal", "atom", "string", "index", "loop", "format", "getenv", "delete")
-
 #: Styles whose text is a formula.
 FORMULAS = ("equal", "atom")
-
 #: Styles that have several values, one after the other.
 SERIES = ("index", "loop")
-
 #: What a format-style variable may print a number with.
 _FORMAT = re.compile(r"[^%]*%[-+ #0]*\d*(?:\.\d+)?l?[eEfFgG][^%]*", re.ASCII)
 
@@ -94,10 +91,8 @@ class Variables:
         self._found[name] = Variable(style, content, where, form=values[1] if style == "format" else "")
 
     def advance(self, names: list[str]) -> bool:
-        """Carry out ``next``: whether all have another value; those that have none are deleted.
-
-        ParameterError if a variable is not index- or loop-style, or they are not all of one style.
-        """
+        """Carry out ``next``: whether all have another value; those that have none are deleted.  ParameterError if a variable is not index-
+        or loop-style, or they are not all of one style."""
         found = [(name, self.get(name)) for name in names]
         for name, variable in found:
             if variable.style not in SERIES:
@@ -131,8 +126,7 @@ class Variables:
 
     def operand(self, name: str, evaluate: Callable[[str], float]) -> float:
         """What ``v_name`` is within another formula: LAMMPS reads the variable's text there, which has 15 digits of a formula."""
-        formula = self.get(name).style in FORMULAS
-        return as_float(self.text(name, evaluate)) if formula else self.value(name, evaluate)
+        return as_float(self.text(name, evaluate)) if self.get(name).style in FORMULAS else self.value(name, evaluate)
 
     def bead_values(self, name: str, evaluate: Callable[[str], np.ndarray]) -> np.ndarray:
         """(N,) values of an atom-style variable."""

@@ -16,11 +16,9 @@ from .thermo import check_format, check_word, fields_of_text, fields_read
 
 
 class Schedule:
-    """Steps at which a value is taken: the last ``repeat`` multiples of ``every`` up to each multiple of ``freq``, that step included.
-
-    A window that has begun already at the present ``step`` is left out, and none ends before ``start``; but a single sample that is due at
-    the present step is taken.
-    """
+    """Steps at which a value is taken: the last ``repeat`` multiples of ``every`` up to each multiple of ``freq``, that step included.  A
+    window that has begun already at the present ``step`` is left out, and none ends before ``start``; but a single sample that is due at
+    the present step is taken."""
 
     def __init__(self, every: int, repeat: int, freq: int, step: int, start: int = 0):
         self.every, self.repeat, self.freq, self.start = every, repeat, freq, start

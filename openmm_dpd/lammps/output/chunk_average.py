@@ -18,11 +18,8 @@ _COMPONENTS = ("vx", "vy", "vz", "fx", "fy", "fz", "mass")
 
 
 class ChunkAverage(AveragingFix):
-    """``fix ID group ave/chunk Nevery Nrepeat Nfreq chunkID value value ... keyword values ...``.
-
-    ``profile`` has the last block that was complete: ``coord`` (``coord1``, ``coord2`` and so on where several axes are cut), ``ncount``
-    and the values by name.
-    """
+    """``fix ID group ave/chunk Nevery Nrepeat Nfreq chunkID value value ... keyword values ...``.  ``profile`` has the last block that was
+    complete: ``coord`` (``coord1``, ``coord2`` and so on where several axes are cut), ``ncount`` and the values by name."""
 
     def __init__(self, state: DeckState, name: str, group: str, args: list[str]):
         read.count(args, "fix ID group ave/chunk Nevery Nrepeat Nfreq chunkID value value ...", 5, None)

@@ -10,16 +10,8 @@ from ..styles.bonded_styles import bonded_styles
 
 
 def data_file_lines(state: DeckState, *, pair: str | None = "ii") -> Iterator[str]:
-    """Lines of a data file with the deck's present state.
-
-    Parameters
-    ----------
-    state : DeckState
-        The deck.
-    pair : str, optional
-        ``ii``: coefficients of like types, ``ij``: of all pairs, None: no coefficients.  Coefficients of hybrid styles and tables
-        do not fit into a data file and are left out.
-    """
+    """Lines of a data file with the deck's present state.  ``pair`` says whose coefficients: ``ii`` of like types, ``ij`` of all pairs,
+    None of none.  Those of hybrid styles and tables do not fit into a data file and are left out."""
     box, atoms = state.require_box("write_data"), state.atoms
     arrays = {column: getattr(atoms, name) for column, name in ARRAYS.items()}
     data = DataFile(

@@ -15,7 +15,6 @@ from ..values.resolver import Resolver
 from .thermo import fields_read
 
 STYLES = ("atom", "custom", "dcd", "xtc", "xyz")
-
 #: Those with all frames in one file that is no text.
 BINARY = ("dcd", "xtc")
 
@@ -88,10 +87,8 @@ class Dump:
             BlockFile(state.output_file(self.file), self._what, append=self.append).close()
 
     def write(self, moment: Resolver) -> None:
-        """Write the configuration of a moment, whose sample has the fields of :meth:`needs`.
-
-        OutputError if it cannot be written; the configurations before it stay readable.
-        """
+        """Write the configuration of a moment, whose sample has the fields of :meth:`needs`.  OutputError if it cannot be written; the
+        configurations before it stay readable."""
         if self.style in BINARY:
             self._write_frame(moment)
         else:

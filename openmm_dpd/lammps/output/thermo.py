@@ -27,10 +27,8 @@ STYLES = {
 
 #: Formats of whole numbers and of others, by layout.
 _FORMATS = {"one": ("%10d", "%-14.8g"), "multi": ("%14d", "%14.4f"), "yaml": ("%d", "%.15g")}
-
 #: Averages that are wanted whether or not the deck prints them.
 ALWAYS = ("temp", "press", "press_full", "pe", "ke", "etotal", "temp_conf")
-
 _REFERENCE = re.compile(r"[cfv]_\w+(?:\[\d+\])?|[A-Za-z_]\w*", re.ASCII)
 _FORMAT = re.compile(r"%[-+ #0-9.]*l{0,2}[dioxXeEfFgG]")
 
@@ -65,9 +63,7 @@ def _needs(state: DeckState, word: str, seen: set[str]) -> set[str]:
         if word[2:] not in state.variables:
             return set()
         variable = state.variables.get(word[2:])
-        if variable.style not in FORMULAS:
-            return set()
-        return _formula_needs(state, variable.text, seen)
+        return _formula_needs(state, variable.text, seen) if variable.style in FORMULAS else set()
     if word.startswith("c_"):
         name = reference(word).name
         indexed = bool(reference(word).indices)
@@ -142,14 +138,11 @@ class Thermo:
 
     def next_due(self, step: int) -> int:
         """The first step after ``step`` at which a row is printed."""
-        following = (step // self.every + 1) * self.every if self.every > 0 else self.last
-        return min(following, self.last)
+        return min((step // self.every + 1) * self.every if self.every > 0 else self.last, self.last)
 
     def values(self, sample: DeckSample, words: tuple[str, ...] | None = None) -> dict[str, float]:
-        """Value of each column (or of each of ``words``), in the deck's units and normalised as LAMMPS prints it.
-
-        DeckError if a formula cannot be evaluated.
-        """
+        """Value of each column (or of each of ``words``), in the deck's units and normalised as LAMMPS prints it.  DeckError if a formula
+        cannot be evaluated."""
         moment = Resolver(self.state, sample, self.window)
         result = {}
         for word in self.words if words is None else words:
@@ -198,8 +191,7 @@ class Thermo:
         return " ".join(cells).rstrip()
 
     def _texts(self, numbers: list[float]) -> list[str]:
-        pairs = zip(self._formats(), numbers, strict=True)
-        return [form % (int(number) if form[-1] in "dioxX" else number) for form, number in pairs]
+        return [form % (int(number) if form[-1] in "dioxX" else number) for form, number in zip(self._formats(), numbers, strict=True)]
 
     def _widths(self) -> list[int]:
         return [max(len(form % 0), len(self._title(k, self.words[k]))) for k, form in enumerate(self._formats())]

@@ -16,10 +16,8 @@ from .thermo import check_word, fields_read
 
 
 class TimeAverage(AveragingFix):
-    """``fix ID group ave/time Nevery Nrepeat Nfreq value value ... keyword values ...``.
-
-    Single numbers (mode scalar), or whole vectors side by side (mode vector).
-    """
+    """``fix ID group ave/time Nevery Nrepeat Nfreq value value ... keyword values ...``.  Single numbers (mode scalar), or whole vectors
+    side by side (mode vector)."""
 
     def __init__(self, state: DeckState, name: str, group: str, args: list[str]):
         read.count(args, "fix ID group ave/time Nevery Nrepeat Nfreq value value ...", 4, None)
@@ -41,8 +39,7 @@ class TimeAverage(AveragingFix):
         size = rows.pop()
         # for each word, and for each value of its vector: as in LAMMPS, what they are sums over is settled here, once for all
         self._extensive = [[is_extensive(state, place) for place in _places(word, size)] for word in words]
-        schedule = Schedule(*intervals("ave/time", args[:3]), state.step, start)
-        super().__init__(state, name, schedule, options, header)
+        super().__init__(state, name, Schedule(*intervals("ave/time", args[:3]), state.step, start), options, header)
         self.words, self._off, self._vector, n = words, off, vector, len(words)
         self.shape = (*([size] if vector else []), *([n] if n > 1 else []))
         self.what = f"the fix averages {n} {'vector' if vector else 'value'}{'s' * (n > 1)}" + f" of {size} values" * vector

@@ -42,10 +42,8 @@ VOLUME_INTERVAL = 10
 
 
 def connect_barostat(request: RunRequest, built: BuiltSystem) -> EnthalpyBarostat | None:
-    """The barostat of ``request.barostat``: OpenMM's goes into ``built.system``, before there is a Context; ours is returned.
-
-    DeckError if the pressure changes during the run, or is not the same along all axes.
-    """
+    """The barostat of ``request.barostat``: OpenMM's goes into ``built.system``, before there is a Context; ours is returned.  DeckError if
+    the pressure changes during the run, or is not the same along all axes."""
     control = request.barostat
     if control is None:
         return None

@@ -26,18 +26,8 @@ from .options import RunOptions
 #: Attributes of :class:`~openmm_dpd.lammps.state.deck_state.DeckState` that runs change, or what is in them: beads and box, averages, dumps
 #: and computes that remember, random numbers of formulas.  What commands do need not be stored: they are carried out again.
 PARTS = (
-    "atoms",
-    "box",
-    "step",
-    "noise_counter",
-    "restarts",
-    "time_origin",
-    "last_sample",
-    "generators",
-    "notes",
-    "fixes",
-    "computes",
-    "dumps",
+    *("atoms", "box", "step", "noise_counter", "restarts", "time_origin", "last_sample", "generators", "notes"),
+    *("fixes", "computes", "dumps"),
 )
 
 #: What may be in a checkpoint beside plain values, for writing and reading.  Classes of these packages hold data only: unpickling
@@ -95,21 +85,16 @@ def recall(state: DeckState, parts: dict[str, Any]) -> None:
 
 #: Name of the folder.
 FOLDER = "checkpoint"
-
 _FORMAT = "openmm-dpd checkpoint 2"
-
 #: Options that a resumed run may have anew: they do not change what is computed.
 _FREE = ("threads", "checkpoint")
 
 
 @dataclass(frozen=True)
 class Latest:
-    """Where a deck was interrupted.
-
-    Its file, the RunOptions, variables of the command line, the SHA-256 of each file that was read, what
+    """Where a deck was interrupted.  Its file, the RunOptions, variables of the command line, the SHA-256 of each file that was read, what
     :meth:`openmm_dpd.base.file_ledger.FileLedger.put_back` needs, how many runs are done, the one that was interrupted (None between two
-    runs), and what the caller was asked for beside all this, such as a file for the report.
-    """
+    runs), and what the caller was asked for beside all this, such as a file for the report."""
 
     deck: str
     options: dict[str, Any]

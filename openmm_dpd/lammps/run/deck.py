@@ -187,8 +187,7 @@ def minimize(deck: DeckState, args: list[str]) -> None:
     deck.settle("minimize")
     if deck.min_style in DAMPED:
         deck.atoms.velocities = np.zeros_like(deck.atoms.velocities)
-    request = RunRequest.of(deck, 0, Integration("mvv", 0.5, ~held_beads(deck)))
-    deck.run_callback(replace(request, minimization=rule))
+    deck.run_callback(replace(RunRequest.of(deck, 0, Integration("mvv", 0.5, ~held_beads(deck))), minimization=rule))
 
 
 def execute_text(deck: DeckState, text: str) -> None:
@@ -263,15 +262,8 @@ def read_deck(
         With file and line, for anything unknown, unsupported, missing or out of bounds.
     """
     path = Path(path)
-    deck = DeckState(
-        path=path,
-        variables=Variables(dict(variables or {})),
-        run_callback=run_callback,
-        stop_before_first_run=stop_before_first_run,
-        output=Path(output),
-        log=log,
-        inputs=[path],
-    )
+    deck = DeckState(path, variables=Variables(dict(variables or {})), output=Path(output), log=log, inputs=[path])
+    deck.run_callback, deck.stop_before_first_run = run_callback, stop_before_first_run
     try:
         with read_by(deck):
             execute_file(deck, path)

@@ -32,11 +32,8 @@ NAME = "log.txt"
 
 
 class RunLog:
-    """Takes lines: rows of thermo output, remarks, what ``print`` prints; ``show`` takes them as well.
-
-    They go, unbuffered, to ``log.txt`` in a folder, if there is one, behind what is there with ``append``; OutputError if it cannot be
-    written.
-    """
+    """Takes lines: rows of thermo output, remarks, what ``print`` prints; ``show`` takes them as well.  They go, unbuffered, to ``log.txt``
+    in a folder, if there is one, behind what is there with ``append``; OutputError if it cannot be written."""
 
     def __init__(self, show: Callable[[str], None], folder: Path | None, append: bool = False):
         self.show = show
@@ -58,7 +55,6 @@ class RunLog:
 
 
 _LOGGER = logging.getLogger("openmm_dpd")
-
 #: What the panels of the picture show.
 PANELS = {"time": "time", "temperature": "thermal_energy", "pressure": "pressure", "potential energy": "energy", "total energy": "energy"}
 
@@ -158,8 +154,7 @@ def _carried_out(path: Path, runner: DeckRunner, folder: Path | None, keep: Call
     """Read the deck with its runs; the report."""
     signals = runner.signals
     try:
-        state = read_deck(path, run_callback=runner, variables=runner.variables, output=folder or Path("."), log=runner.log)
-        runner.say_notes(state)
+        runner.say_notes(read_deck(path, run_callback=runner, variables=runner.variables, output=folder or Path("."), log=runner.log))
         runner.log(averages_text(runner.results))
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt) and runner.checkpoints is not None:

@@ -44,9 +44,7 @@ class _Watch:
 
 def carry_out_minimization(request: RunRequest, rule: StoppingRule, options: RunOptions, log: Callable[[str], None]) -> None:
     """Minimise the potential energy of a deck: a row of thermo output at the beginning and one at the end, as steps that were taken.
-
-    DeckError if the deck has forces that derive from no energy.
-    """
+    DeckError if the deck has forces that derive from no energy."""
     state = request.state
     with errors_at(request.where):
         for style in state.pair.styles:

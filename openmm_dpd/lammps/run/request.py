@@ -24,54 +24,24 @@ class RunRequest:
     """One run of a deck: how its beads are moved, and for how long.
 
     The callback of :func:`~openmm_dpd.lammps.read_deck` gets it, steps the scene, and calls :meth:`finish`.
-
-    Attributes
-    ----------
-    scheme : str
-        ``mvv`` or ``shardlow``.
-    lambda_ : float
-        Weight of the predicted velocity in ``mvv``; 1/2 is velocity Verlet.
-    mobile : (N,) array of bool
-        Beads that some fix moves.
-    barostat : PressureControl or None
-        The pressure of ``fix nph``.
-    state : DeckState
-        The deck at this point.
-    steps : int
-        Number of steps.
-    dt : float
-        Time step in ps.
-    first_step : int
-        Number of the step before the first.
-    begin, end : int or None
-        Steps of ``start`` and ``stop``; None where the deck does not give them (then the run itself).
-    seed : int or None
-        Seed of the first thermostatting pair style.
-    where : Line
-        The run command.
-    number : int
-        Number of this run in the deck, from 0.
-    compat : str
-        ``consistent``, or ``lammps`` for the heat of edpd as LAMMPS computes it.
-    minimization : StoppingRule or None
-        Of ``minimize``, whose steps are iterations; None for ``run``.
     """
 
-    scheme: str
-    lambda_: float
-    mobile: np.ndarray
-    barostat: PressureControl | None
-    state: DeckState
-    steps: int
-    dt: float
-    first_step: int
+    scheme: str  #: ``mvv`` or ``shardlow``
+    lambda_: float  #: Weight of the predicted velocity in ``mvv``; 1/2 is velocity Verlet
+    mobile: np.ndarray  #: (N,) mask of the beads that some fix moves
+    barostat: PressureControl | None  #: The pressure of ``fix nph``
+    state: DeckState  #: The deck at this point
+    steps: int  #: Number of steps
+    dt: float  #: Time step in ps
+    first_step: int  #: Number of the step before the first
+    #: Steps of ``start`` and ``stop``; None where the deck does not give them (then the run itself).
     begin: int | None
     end: int | None
-    seed: int | None
-    where: Line | None
-    number: int = 0
-    compat: str = "consistent"
-    minimization: StoppingRule | None = None
+    seed: int | None  #: Seed of the first thermostatting pair style
+    where: Line | None  #: The run command
+    number: int = 0  #: Number of this run in the deck, from 0
+    compat: str = "consistent"  #: ``consistent``, or ``lammps`` for the heat of edpd as LAMMPS computes it
+    minimization: StoppingRule | None = None  #: Of ``minimize``, whose steps are iterations; None for ``run``
 
     @classmethod
     def of(cls, state: DeckState, steps: int, moved: Integration, begin: int | None = None, end: int | None = None) -> RunRequest:

@@ -74,11 +74,9 @@ class RunResult:
         return result
 
     def start(self) -> int:
-        """The first row that averages are taken over: where ``discard`` says, or where the run is in equilibrium.
-
-        It is the same row for all columns: the last one that :func:`openmm_dpd.base.stats.equilibrated` finds.  A column of the deck's own
-        that still changes where half of the rows are left out, as a mean square displacement does, has no say.
-        """
+        """The first row that averages are taken over: where ``discard`` says, or where the run is in equilibrium.  It is the same row for
+        all columns: the last one that :func:`openmm_dpd.base.stats.equilibrated` finds.  A column of the deck's own that still changes
+        where half of the rows are left out, as a mean square displacement does, has no say."""
         if self.discard is not None and self.discard <= self.request.steps:
             late = np.array(self.steps_done) - self.request.first_step >= self.discard
             return int(np.argmax(late)) if late.any() else len(late)

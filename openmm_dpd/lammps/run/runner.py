@@ -142,10 +142,7 @@ class DeckRunner:
             result.steps_taken = simulation.context.getStepCount()
             result.take_averages()
             done = f"after step {request.first_step + result.steps_taken} of {request.last_step}"
-            if isinstance(error, KeyboardInterrupt):
-                result.stopped = f"interrupted by {self.signals.name} {done}"
-            else:
-                result.stopped = f"{done}: {error}"
+            result.stopped = f"interrupted by {self.signals.name} {done}" if isinstance(error, KeyboardInterrupt) else f"{done}: {error}"
             if self.trajectory is not None and result.steps_done:
                 self._rescue_state(simulation)
             if isinstance(error, KeyboardInterrupt):

@@ -58,10 +58,8 @@ class Sampler:
             self.light_needs |= {"virial_tensor", "virial"}
 
     def full(self, step: int, needs: frozenset[str], cpu: float) -> tuple[DeckSample, Sample]:
-        """A sample with energies and virial, and the fields of ``needs``.
-
-        ``virial`` counts what LAMMPS counts: the dissipative and random parts only if they are forces.
-        """
+        """A sample with energies and virial, and the fields of ``needs``.  ``virial`` counts what LAMMPS counts: the dissipative and random
+        parts only if they are forces."""
         measured = self.observer.sample(self.context)
         # of all beads, as LAMMPS has them: those that do not move feel forces too
         forces, before = measured.forces, None

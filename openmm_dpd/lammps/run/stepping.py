@@ -60,11 +60,8 @@ class RestartFiles:
 
 
 class MomentumFixes:
-    """The ``fix momentum`` of a run, which change velocities at the end of steps that are multiples of their intervals.
-
-    One that acts on beads that do not move is an error, or that comes after a fix that reads values at the end of a step: LAMMPS takes
-    those before.
-    """
+    """The ``fix momentum`` of a run, which change velocities at the end of steps that are multiples of their intervals.  One that acts on
+    beads that do not move is an error, or that comes after a fix that reads values at the end of a step: LAMMPS takes those before."""
 
     def __init__(self, request: RunRequest, context: openmm.Context):
         self._request, self._context = request, context
@@ -104,10 +101,8 @@ class MomentumFixes:
 
 
 class Pace:
-    """How many steps to take before signals are looked at: as many as take about half a second, and at most 640.
-
-    Whole pieces of those steps that an integrator takes back together, so that looking does not change what is computed together.
-    """
+    """How many steps to take before signals are looked at: as many as take about half a second, and at most 640.  Whole pieces of those
+    steps that an integrator takes back together, so that looking does not change what is computed together."""
 
     LEAST, MOST, SECONDS = PIECE, 64 * PIECE, 0.5
 
@@ -124,9 +119,7 @@ class Pace:
 
 class DeckSteps:
     """One run that is being carried out: ``result`` takes the rows, ``log`` lines of thermo output; ``signals`` may end it after any step.
-
-    ``keep(present)`` may store everything, and what :meth:`resume` needs, where a signal has come or ``interval`` steps have gone by.
-    """
+    ``keep(present)`` may store everything, and what :meth:`resume` needs, where a signal has come or ``interval`` steps have gone by."""
 
     def __init__(
         self,
@@ -206,13 +199,8 @@ class DeckSteps:
 
     def _next(self, step: int) -> int:
         """The next step at which something is due."""
-        due = [
-            self.request.last_step,
-            self.thermo.next_due(step),
-            self.momentum.next_due(step),
-            self.restarts.next_due(step),
-            *(dump.next_due(step) for dump in self.dumps),
-        ]
+        due = [self.request.last_step, self.thermo.next_due(step), self.momentum.next_due(step), self.restarts.next_due(step)]
+        due += [dump.next_due(step) for dump in self.dumps]
         due += [reader.next_due for reader in self.readers if reader.next_due > step]
         if self.trajectory is not None:
             due.append(self.trajectory.next_due(step))

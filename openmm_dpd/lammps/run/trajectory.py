@@ -19,7 +19,6 @@ from .request import RunRequest
 
 #: About how many frames a run gives, unless it is said how many.
 FRAMES = 100
-
 #: Formats of trajectories.
 FORMATS: dict[str, type[DCDWriter] | type[XTCWriter]] = {"dcd": DCDWriter, "xtc": XTCWriter}
 
@@ -104,8 +103,7 @@ class RunTrajectory:
     def write(self, x: np.ndarray, box: np.ndarray, context: openmm.Context, step: int) -> None:
         """Write one frame (nm), and the fields of beads."""
         if self._fields is not None:
-            time = context.getTime().value_in_unit(unit.picosecond)
-            self._fields.write(time, step, read_fields(context, self._built.plan))
+            self._fields.write(context.getTime().value_in_unit(unit.picosecond), step, read_fields(context, self._built.plan))
         if isinstance(self._file, XTCWriter):
             self._file.write(x + self._offset, box, self._state.time_at(step), step)
         else:

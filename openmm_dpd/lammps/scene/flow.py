@@ -98,10 +98,8 @@ def held_beads(state: DeckState) -> np.ndarray:
 
 
 def still_beads(state: DeckState, mobile: np.ndarray) -> np.ndarray:
-    """(N,) beads at rest that no force acts on: they stay where they are.
-
-    DeckError if fix shardlow would change velocities of beads whose forces a setforce takes away.
-    """
+    """(N,) beads at rest that no force acts on: they stay where they are.  DeckError if fix shardlow would change velocities of beads whose
+    forces a setforce takes away."""
     found = driving(state)
     taken = mobile & ~found.interacting.all(axis=1)
     for fix in state.fixes_of("setforce"):
@@ -120,10 +118,8 @@ def interacting_beads(state: DeckState, mobile: np.ndarray) -> np.ndarray | None
 
 # -- walls --------------------------------------------------------------------------------------------------------------------
 def walls_of(state: DeckState, mobile: np.ndarray) -> list[Wall]:
-    """Walls of all ``fix wall/reflect``.
-
-    DeckError if an axis with ``boundary f`` is not closed by walls at both ends, or beads that move are not in the group.
-    """
+    """Walls of all ``fix wall/reflect``.  DeckError if an axis with ``boundary f`` is not closed by walls at both ends, or beads that move
+    are not in the group."""
     walls: list[Wall] = []
     closed: dict[str, str] = {}
     for fix in state.fixes_of("wall/reflect"):

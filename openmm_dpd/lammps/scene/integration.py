@@ -11,10 +11,8 @@ from .flow import still_beads
 
 #: Fixes that move beads.
 INTEGRATORS = ("nve", "mvv/dpd", "mvv/edpd", "mvv/tdpd", "nph")
-
 #: Pair styles that fix shardlow takes over.
 SHARDLOW_PAIRS = ("dpd/fdt", "dpd/fdt/energy")
-
 #: Pair styles with a field of the beads that only one fix advances.
 ADVANCED_BY = {"edpd": ("mvv/edpd", "temperatures"), "tdpd": ("mvv/tdpd", "concentrations")}
 
@@ -30,10 +28,8 @@ class Integration:
 
 
 def integration(state: DeckState) -> Integration:
-    """Scheme and mobile beads of the deck's present fixes.
-
-    DeckError if two fixes move one bead, two schemes are mixed, a fix lacks its pair style, or a pair style its fix.
-    """
+    """Scheme and mobile beads of the deck's present fixes.  DeckError if two fixes move one bead, two schemes are mixed, a fix lacks its
+    pair style, or a pair style its fix."""
     mobile = np.zeros(len(state.atoms), dtype=bool)
     owners: list[Fix] = []
     for fix in state.fixes_of(*INTEGRATORS):

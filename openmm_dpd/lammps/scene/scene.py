@@ -71,11 +71,9 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
 
 
 def deck_kT(state: DeckState, window: Window | None) -> float | TemperatureRamp:
-    """The one temperature (or ramp) of all thermostatting pair styles, as an energy; 0 if there is none.
-
-    Where beads have internal temperatures and no style sets another, it is the mean of these (the scale of a trial step).  DeckError if
-    two styles have different temperatures.
-    """
+    """The one temperature (or ramp) of all thermostatting pair styles, as an energy; 0 if there is none.  Where beads have internal
+    temperatures and no style sets another, it is the mean of these (the scale of a trial step).  DeckError if two styles have different
+    temperatures."""
     styles = [style for style in state.pair.styles if style.spec.thermostat and "start" in style.settings]
     if not styles:
         return internal_scale(state)
@@ -121,10 +119,8 @@ SOURCE_FIXES = {"edpd/source": "edpd", "tdpd/source": "tdpd"}
 
 
 def internal_of(state: DeckState) -> Internal | None:
-    """Internal energies (dpd/fdt/energy), temperatures (edpd) or concentrations (tdpd) at the beginning of a run.
-
-    As in LAMMPS every run begins with all internal energy booked as mechanical; the sum is what it was.
-    """
+    """Internal energies (dpd/fdt/energy), temperatures (edpd) or concentrations (tdpd) at the beginning of a run.  As in LAMMPS every run
+    begins with all internal energy booked as mechanical; the sum is what it was."""
     names = [style.name for style in state.pair.styles]
     atoms, units = state.atoms, state.units
     if "dpd/fdt/energy" in names:

@@ -48,10 +48,8 @@ class Box:
 
     @property
     def reduced_vectors(self) -> np.ndarray:
-        """Vectors of the same lattice in OpenMM's reduced form (no tilt above half an edge).
-
-        Along an axis that does not repeat the box is followed by as much empty room, which no cutoff reaches through.
-        """
+        """Vectors of the same lattice in OpenMM's reduced form (no tilt above half an edge).  Along an axis that does not repeat the box is
+        followed by as much empty room, which no cutoff reaches through."""
         vectors = self.vectors * np.where(self.periodic, 1.0, 2.0)[:, None]
         return reduced(vectors) if self.tilt.any() else vectors
 
@@ -76,15 +74,12 @@ class Box:
         return replace(self, low=self.low * factor, high=self.high * factor, tilt=self.tilt * factor)
 
     def following(self, vectors: np.ndarray) -> Box:
-        """The box with the vectors (3, 3) that a simulation has now (reduced, same unit); its lower corner stays.
-
-        It is this box itself unless they differ from its own by more than rounding.
-        """
+        """The box with the vectors (3, 3) that a simulation has now (reduced, same unit); its lower corner stays.  It is this box itself
+        unless they differ from its own by more than rounding."""
         own = self.reduced_vectors
         if np.all(np.abs(vectors - own) <= 1e-9 * (self.edges.min() + np.abs(own))):
             return self
-        tilt = np.array([vectors[1][0], vectors[2][0], vectors[2][1]])
-        return Box(self.low, self.low + np.diag(vectors), tilt, self.triclinic)
+        return Box(self.low, self.low + np.diag(vectors), np.array([vectors[1][0], vectors[2][0], vectors[2][1]]), self.triclinic)
 
     # -- positions -----------------------------------------------------------------------------------------------------------------
     def fractions(self, positions: np.ndarray) -> np.ndarray:
@@ -113,20 +108,16 @@ class Box:
         return np.array(positions, dtype=np.float64), self.low, self.high
 
     def holds(self, positions: np.ndarray, lower: float = 0.0, upper: float = 0.0) -> np.ndarray:
-        """Mask of the (N, 3) positions inside: on a lower face they are, on an upper one not.
-
-        ``lower`` and ``upper`` say by how much the faces of periodic axes are moved down, in edges.
-        """
+        """Mask of the (N, 3) positions inside: on a lower face they are, on an upper one not.  ``lower`` and ``upper`` say by how much the
+        faces of periodic axes are moved down, in edges."""
         coordinates, low, high = self._coordinates(positions)
         period = np.where(self.periodic, high - low, 0.0)
         return np.all((coordinates >= low - lower * period) & (coordinates < high - upper * period), axis=-1)
 
     def settle(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Positions moved into the box, and by how many boxes each was moved back ((N, 3) integers to be added to the image flags).
-
-        In a tilted box all positions go through their fractions, as in LAMMPS at the beginning of a run.  ParameterError if a position is
-        not finite, or too far away for an image flag.
-        """
+        """Positions moved into the box, and by how many boxes each was moved back ((N, 3) integers to be added to the image flags).  In a
+        tilted box all positions go through their fractions, as in LAMMPS at the beginning of a run.  ParameterError if a position is not
+        finite, or too far away for an image flag."""
         x, low, high = self._coordinates(positions)
         period = high - low
         boxes = np.floor((x - low) / period) * self.periodic

@@ -26,21 +26,16 @@ from .regions import Region
 def bead_fields(atom_style: str, units: UnitSystem) -> dict[str, tuple[str, float]]:
     """Names of :func:`openmm_dpd.simulation.fields.read_fields` -> the array of Atoms that holds the values, and its unit."""
     return {
-        "u_cond": ("u_cond", 1.0),
-        "u_mech": ("u_mech", 1.0),
+        **{name: (name, 1.0) for name in ("u_cond", "u_mech", "concentrations")},
         "theta": ("temperatures" if atom_style == "edpd" else "thetas", units.thermal_energy),
-        "concentrations": ("concentrations", 1.0),
         "density": ("densities", units.mass / units.length**3),
     }
 
 
 @dataclass
 class DeckState:
-    """State of a deck between two commands.
-
-    Box, beads, lattice and regions hold the deck's own numbers, those that LAMMPS would have: whether a bead lies on a face is a
-    matter of the last bit.  Other numbers are in MD units (nm, Da, ps, kJ/mol) unless said otherwise.
-    """
+    """State of a deck between two commands.  Box, beads, lattice and regions hold the deck's own numbers, those that LAMMPS would have:
+    whether a bead lies on a face is a matter of the last bit.  Other numbers are in MD units (nm, Da, ps, kJ/mol) unless said otherwise."""
 
     path: Path
     units: UnitSystem = LJ
@@ -184,19 +179,14 @@ class DeckState:
         return weighted_sum(masses, vectors[mask]) / masses.sum()
 
     def in_deck_units(self, positions: np.ndarray) -> np.ndarray:
-        """(N, 3) positions of a simulation (nm) in the deck's unit; where a bead has not moved, the deck's own numbers to the last bit.
-
-        It has not where they differ by the rounding of coordinates as large as the box, which OpenMM's moves to and fro leave.
-        """
+        """(N, 3) positions of a simulation (nm) in the deck's unit; where a bead has not moved, the deck's own numbers to the last bit.  It
+        has not where they differ by the rounding of coordinates as large as the box, which OpenMM's moves to and fro leave."""
         mine, found = self.atoms.positions, positions / self.units.length
-        rounding = np.spacing(np.abs(self.require_box("a simulation").bounds).max())
-        return np.where(np.abs(found - mine) <= rounding, mine, found)
+        return np.where(np.abs(found - mine) <= np.spacing(np.abs(self.require_box("a simulation").bounds).max()), mine, found)
 
     def folded(self, positions: np.ndarray, box: Box) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (deck units) folded into a box, and by how many boxes each bead was moved back.
-
-        As in LAMMPS a bead that has not moved stays where it is: where the deck has put it, or a rounding error outside a tilted box.
-        """
+        """Positions (deck units) folded into a box, and by how many boxes each bead was moved back.  As in LAMMPS a bead that has not moved
+        stays where it is: where the deck has put it, or a rounding error outside a tilted box."""
         inside, shifts = box.wrap(positions)
         still = np.all(positions == self.atoms.positions, axis=1)[:, None]
         return np.where(still, positions, inside), np.where(still, 0, shifts)
@@ -215,11 +205,9 @@ class DeckState:
         raise ParameterError(f"there is no file '{name}' (looked in {self.path.parent} and in the working directory)")
 
     def output_path(self, name: str, step: int | None = None) -> Path:
-        """Where a file that the deck writes goes: ``*`` becomes the step, by default the present one.
-
-        Relative names are put into the output folder; absolute ones are taken as they are, and a note says so.  ParameterError if a
-        relative name leads out of the output folder.
-        """
+        """Where a file that the deck writes goes: ``*`` becomes the step, by default the present one.  Relative names are put into the
+        output folder; absolute ones are taken as they are, and a note says so.  ParameterError if a relative name leads out of the output
+        folder."""
         if Path(name).is_absolute():
             self.note(f"{name} is an absolute name: it is written there, and not into the output folder {self.output}")
         elif os.path.normpath(name).split(os.sep)[0] == os.pardir:
@@ -254,10 +242,8 @@ class DeckState:
             self.groups[name] = np.concatenate([mask, np.full(len(new), name == "all")])
 
     def settle(self, command: str) -> None:
-        """Move beads into the box, as LAMMPS does where a run begins and where it writes a data file, and nowhere else.
-
-        ParameterError if a bead is more than one box away, which LAMMPS loses.
-        """
+        """Move beads into the box, as LAMMPS does where a run begins and where it writes a data file, and nowhere else.  ParameterError if
+        a bead is more than one box away, which LAMMPS loses."""
         box = self.require_box(command)
         inside, shifts = box.settle(self.atoms.positions)
         lost = np.any(np.abs(shifts) > 1, axis=1)
@@ -280,17 +266,11 @@ class DeckState:
         self.atoms.images = self.atoms.images + shifts
 
     def write_back(
-        self,
-        positions: np.ndarray,
-        velocities: np.ndarray,
-        box: np.ndarray | None = None,
-        fields: Mapping[str, np.ndarray] | None = None,
+        self, positions: np.ndarray, velocities: np.ndarray, box: np.ndarray | None = None, fields: Mapping[str, np.ndarray] | None = None
     ) -> None:
         """Take over the result of a run: positions (nm), continuous with those of the scene it started from, and velocities (nm/ps).
-
         ``box`` has new vectors, if they have changed (its lower corner stays), ``fields`` those of the beads, as
-        :func:`openmm_dpd.simulation.fields.read_fields` gives them.
-        """
+        :func:`openmm_dpd.simulation.fields.read_fields` gives them."""
         if box is not None:
             self.box = self.require_box("a run").following(np.asarray(box) / self.units.length)
         own = self.require_box("a run")

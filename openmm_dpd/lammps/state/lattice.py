@@ -38,13 +38,10 @@ class Lattice:
     spacing: np.ndarray  #: (3,) what one lattice spacing means for ``units lattice``
 
     def points(self, box: Box) -> tuple[np.ndarray, np.ndarray]:
-        """Lattice points inside a box, and the number of the basis point (from 0) of each, x fastest.
-
-        A point on an upper face is left out: it is the periodic image of one on the lower face.
-        """
+        """Lattice points inside a box, and the number of the basis point (from 0) of each, x fastest.  A point on an upper face is left
+        out: it is the periodic image of one on the lower face."""
         inverse = np.linalg.inv(self.scale * (self.rotation @ self.primitive))
-        corners = _CORNERS @ box.vectors + box.low
-        reached = (corners - self.offset) @ inverse.T
+        reached = (_CORNERS @ box.vectors + box.low - self.offset) @ inverse.T
         low = np.floor(reached.min(axis=0)).astype(int) - 1
         high = np.ceil(reached.max(axis=0)).astype(int) + 1
         axes = [np.arange(a, b + 1) for a, b in zip(low, high, strict=True)]
@@ -61,10 +58,8 @@ _CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
 
 
 def _placed(cells: np.ndarray, primitive: np.ndarray, scale: float, rotation: np.ndarray) -> np.ndarray:
-    """(N, 3) coordinates, from the origin of the lattice, of what is given in units of the cell vectors.
-
-    The operations are LAMMPS's in their order, so that points on faces of boxes and regions agree to the last bit.
-    """
+    """(N, 3) coordinates, from the origin of the lattice, of what is given in units of the cell vectors.  The operations are LAMMPS's in
+    their order, so that points on faces of boxes and regions agree to the last bit."""
     return _times(rotation, _times(primitive, cells) * scale)
 
 

@@ -24,12 +24,9 @@ class Window:
 
 
 class DeckMoment(ABC):
-    """A deck at one moment, with what was measured then: values in the deck's units.
-
-    The tables of words and computes take their values from it.  Names (``c_id``, ``v_name``) lead back to these tables;
-    :class:`~openmm_dpd.lammps.values.resolver.Resolver` looks them up.  Without a ``sample`` only words that need no forces or velocities
-    have a value; ``window`` is that of the run in progress.
-    """
+    """A deck at one moment, with what was measured then: values in the deck's units.  The tables of words and computes take their values
+    from it.  Names (``c_id``, ``v_name``) lead back to these tables; :class:`~openmm_dpd.lammps.values.resolver.Resolver` looks them up.
+    Without a ``sample`` only words that need no forces or velocities have a value; ``window`` is that of the run in progress."""
 
     def __init__(self, state: DeckState, sample: DeckSample | None = None, window: Window | None = None):
         self.state: DeckState = state
@@ -94,10 +91,8 @@ class DeckMoment(ABC):
         return value
 
     def field(self, name: str) -> np.ndarray:
-        """A field of the beads, by its name in :func:`openmm_dpd.simulation.fields.read_fields` and in the same units.
-
-        It is that of the deck where the simulation does not change it; ParameterError if it does, but was not asked.
-        """
+        """A field of the beads, by its name in :func:`openmm_dpd.simulation.fields.read_fields` and in the same units.  It is that of the
+        deck where the simulation does not change it; ParameterError if it does, but was not asked."""
         fields = None if self.sample is None else self.sample.fields
         if fields is not None and name in fields:
             return fields[name]
@@ -153,8 +148,7 @@ class DeckMoment(ABC):
 
     def pressure_of(self, kinetic: float, virial: float) -> float:
         """Pressure from a kinetic energy and a virial (kJ/mol)."""
-        volume = self.box.volume * self.units.length**3
-        return (2 * kinetic + virial) / (3 * volume) / self.units.pressure
+        return (2 * kinetic + virial) / (3 * (self.box.volume * self.units.length**3)) / self.units.pressure
 
     def kinetic_tensor(self, compute: Compute) -> np.ndarray:
         """(6,) sums of m v v (kJ/mol) over what a compute of temperature counts: xx, yy, zz, xy, xz, yz."""

@@ -23,10 +23,8 @@ class Coefficient:
 
 #: Values of a coefficient, and its cutoff or None.
 Values = tuple[dict, float | None]
-
 #: A term of the model, and a remark or None.
 Term = tuple[Any, str | None]
-
 #: From the name of a file in the deck to the file.
 Find = Callable[[str], Path]
 

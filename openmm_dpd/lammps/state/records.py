@@ -30,7 +30,6 @@ class Fix:
 
 #: Fixes that change the forces on single beads; their parameter ``force`` has three formulas, or NULL.
 FORCE_FIXES = ("addforce", "setforce", "gravity")
-
 #: Those whose vector is the total force on their group before they act.
 VECTOR_FIXES = ("addforce", "setforce")
 
@@ -120,10 +119,8 @@ class ThermoSettings:
 
 @dataclass(frozen=True)
 class DeckSample:
-    """One measurement, in MD units (nm, Da, ps, kJ/mol).  None means not measured; a thermo word that needs it then raises.
-
-    Which optional fields a run needs is listed by ``RunRequest.thermo.needs``.
-    """
+    """One measurement, in MD units (nm, Da, ps, kJ/mol).  None means not measured; a thermo word that needs it then raises.  Which optional
+    fields a run needs is listed by ``RunRequest.thermo.needs``."""
 
     step: int  #: Number of the step, as the deck counts
     kinetic: float | None = None  #: Kinetic energy of all beads
@@ -204,7 +201,6 @@ NORMS = {
 #: Values of min_style, and those whose motion begins at rest and ends there.
 MIN_STYLES = ("cg", "hftn", "sd", "quickmin", "fire", "fire/old")
 DAMPED = ("quickmin", "fire", "fire/old")
-
 #: LAMMPS adds it to the energies that a change is compared with.
 _LEAST_ENERGY = 1e-8
 

@@ -47,15 +47,9 @@ def _corners(words: list[str], scale: np.ndarray, box: Box | None) -> tuple[np.n
 
 def _block(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
     low, high = _corners(words, scale, box)
-    bounded = bool(np.all(np.isfinite(low)) and np.all(np.isfinite(high)))
-    solid = bounded and bool(np.all(high > low))
-    return Region(
-        "block",
-        lambda points: np.all((points >= low) & (points <= high), axis=1),
-        (low, high),
-        Box(low, high, np.zeros(3)) if solid else None,
-        (low, high),
-    )
+    solid = np.all(np.isfinite(low)) and np.all(np.isfinite(high)) and np.all(high > low)
+    made = Box(low, high, np.zeros(3)) if solid else None
+    return Region("block", lambda points: np.all((points >= low) & (points <= high), axis=1), (low, high), made, (low, high))
 
 
 def _prism(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
@@ -112,17 +106,13 @@ REGION_STYLES: dict[str, tuple[int, Callable[[list[str], np.ndarray, Box | None]
 
 
 def parse_region(args: list[str], spacing: np.ndarray, box: Box | None, known: dict[str, Region]) -> Region:
-    """Region of ``region ID style values ... [side in|out] [units lattice|box]``, from its style on.
-
-    Coordinates are in lattice spacings (``spacing``) unless ``units box`` is given; ``EDGE`` is that of ``box``; ``known`` are the regions
-    defined so far, for ``union`` and ``intersect``.
-    """
+    """Region of ``region ID style values ... [side in|out] [units lattice|box]``, from its style on.  Coordinates are in lattice spacings
+    (``spacing``) unless ``units box`` is given; ``EDGE`` is that of ``box``; ``known`` are the regions defined so far, for ``union`` and
+    ``intersect``."""
     read.count(args, "region ID style values ...", 2, None)
     style = read.choice(args[0], "the region style", [*REGION_STYLES, "union", "intersect"])
-    if style in ("union", "intersect"):
-        used = 1 + read.integer(args[1], f"the number of regions of {style}", 2)
-    else:
-        used = REGION_STYLES[style][0]
+    many = style not in REGION_STYLES
+    used = 1 + read.integer(args[1], f"the number of regions of {style}", 2) if many else REGION_STYLES[style][0]
     words, rest = read.taken(args[1:], used, f"region style {style}")
     outside, scale = False, spacing
     for keyword, values in read.options(rest, {"side": 1, "units": 1}, "region"):
@@ -130,10 +120,8 @@ def parse_region(args: list[str], spacing: np.ndarray, box: Box | None, known: d
             outside = read.choice(values[0], "side", ("in", "out")) == "out"
         elif read.choice(values[0], "units", ("lattice", "box")) == "box":
             scale = np.ones(3)
-    region = _combined(style, words[1:], known) if style not in REGION_STYLES else REGION_STYLES[style][1](words, scale, box)
-    if outside:
-        return Region(style, lambda points: ~region.contains(points), parts=region.parts)
-    return region
+    region = _combined(style, words[1:], known) if many else REGION_STYLES[style][1](words, scale, box)
+    return Region(style, lambda points: ~region.contains(points), parts=region.parts) if outside else region
 
 
 def _combined(style: str, names: list[str], known: dict[str, Region]) -> Region:

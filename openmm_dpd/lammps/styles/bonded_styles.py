@@ -18,13 +18,7 @@ _READERS = {"> 0": read.positive, ">= 0": read.non_negative, "": read.number}
 
 @dataclass(frozen=True)
 class BondedStyle:
-    """A bond, angle or dihedral style.
-
-    Attributes
-    ----------
-    kind : BondedKind or None
-        The kind, None for a style without energy.
-    """
+    """A bond, angle or dihedral style; its kind is None for a style without energy."""
 
     kind: BondedKind | None
 

@@ -103,7 +103,6 @@ def _export_tdpd(export: PairExport, entries: dict[Pair, TDPD]) -> list[StyleUse
 
 # -- mdpd ---------------------------------------------------------------------------------------------------------------------
 _MDPD = Columns({"A": "force", "B": "force/density", "gamma": "friction", "cutoff": "length", "cutoff_B": "length"})
-
 #: What pair_styles.py adds to the coefficients, from those of mdpd/rhosum.
 _DENSITY = Columns({"cutoff_density": "length"})
 

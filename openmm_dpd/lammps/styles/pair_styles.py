@@ -28,12 +28,10 @@ def _zero_settings(words: list[str]) -> dict:
 
 #: Files of styles.
 _FILES = (dpd, meso, radial, charges, srp)
-
 #: Pair styles by name.
 PAIR_STYLES: dict[str, Spec] = {name: spec for file in _FILES for name, spec in file.STYLES.items()} | {
     "zero": Spec(_zero_settings, lambda style, words, find: ({}, cutoff_of(words, 0)), no_force)
 }
-
 #: From the kind of a table of a scene to the styles that say the same.
 EXPORTS: Exports = {kind: export for file in _FILES for kind, export in getattr(file, "EXPORTS", {}).items()}
 

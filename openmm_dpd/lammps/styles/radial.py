@@ -16,14 +16,12 @@ from .columns import Columns, cutoff_of, settings
 from .writing import Exports, Pair, PairExport, StyleUse, exact, plain_use
 
 MIXING = ("geometric", "arithmetic", "sixthpower")
-
 _LJ = Columns({"epsilon": "energy", "sigma": "length"})
 
 
 def _lj_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
     read.count(words, "epsilon sigma [cutoff]", 2, 3)
-    values = {"epsilon": read.non_negative(words[0], "epsilon"), "sigma": read.positive(words[1], "sigma")}
-    return values, cutoff_of(words, 2)
+    return {"epsilon": read.non_negative(words[0], "epsilon"), "sigma": read.positive(words[1], "sigma")}, cutoff_of(words, 2)
 
 
 def _lj_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> Term:
@@ -69,13 +67,11 @@ def _table_settings(words: list[str]) -> dict:
 
 def _table_coefficient(style: PairStyle, words: list[str], find: Find) -> Values:
     read.count(words, "file keyword [cutoff]", 2, 3)
-    values = {"file": words[0], "keyword": words[1], "data": read_table(find(words[0]), words[1])}
-    return values, cutoff_of(words, 2)
+    return {"file": words[0], "keyword": words[1], "data": read_table(find(words[0]), words[1])}, cutoff_of(words, 2)
 
 
 def _table_words(style: PairStyle, found: Coefficient) -> list[str]:
-    cutoff = [] if found.cutoff is None else [f"{found.cutoff:.15g}"]
-    return [found.values["file"], found.values["keyword"], *cutoff]
+    return [found.values["file"], found.values["keyword"], *([] if found.cutoff is None else [f"{found.cutoff:.15g}"])]
 
 
 def _table_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> Term:

@@ -47,10 +47,8 @@ STYLES = {"srp": Spec(srp_settings, _srp_coefficient, no_force, words=_WORDS, of
 
 # -- from a scene -------------------------------------------------------------------------------------------------------------
 def segment_use(scene: Scene, units: UnitSystem, bonds: np.ndarray, n_types: int, differences: Differences) -> StyleUse | None:
-    """Pair style srp, or None; ``bonds`` has the type of each bond and its beads.
-
-    ParameterError if the segments are no bonds, or some bonds of one type but not all.
-    """
+    """Pair style srp, or None; ``bonds`` has the type of each bond and its beads.  ParameterError if the segments are no bonds, or some
+    bonds of one type but not all."""
     segments = scene.segments
     if segments is None:
         return None
@@ -74,16 +72,13 @@ def segment_use(scene: Scene, units: UnitSystem, bonds: np.ndarray, n_types: int
     exclude = "yes" if segments.exclude_adjoining else "no"
     reach = exact(segments.cutoff / units.length)
     settings = f"{reach} {kind} {segments.distance} exclude {exclude} bptype {n_types + 1}"
-    words = f"{exact(segments.A / units.force)} {reach}"
-    return StyleUse("srp", settings, {("*", "*"): words}, segments.cutoff)
+    return StyleUse("srp", settings, {("*", "*"): f"{exact(segments.A / units.force)} {reach}"}, segments.cutoff)
 
 
 # -- to a scene ---------------------------------------------------------------------------------------------------------------
 def segments_of(state: DeckState, compat: str) -> SegmentalRepulsion | None:
-    """The segmental repulsion of the deck, None if it has none.
-
-    DeckError if its bond type or bptype is out of range, its coefficient is missing or is that of another type, or beads have its type.
-    """
+    """The segmental repulsion of the deck, None if it has none.  DeckError if its bond type or bptype is out of range, its coefficient is
+    missing or is that of another type, or beads have its type."""
     styles = [style for style in state.pair.styles if style.name == "srp"]
     if not styles:
         return None
@@ -119,11 +114,7 @@ def segments_of(state: DeckState, compat: str) -> SegmentalRepulsion | None:
         state.thermo.norm = False
     units = state.units
     return SegmentalRepulsion(
-        coefficient.values["A"] * units.force,
-        cutoff * units.length,
-        settings["distance"],
-        _segments(state, style),
-        settings["exclude"],
+        coefficient.values["A"] * units.force, cutoff * units.length, settings["distance"], _segments(state, style), settings["exclude"]
     )
 
 

@@ -50,7 +50,6 @@ def exact(values) -> str:
 # -- beads by their ids, and seeds ----------------------------------------------------------------------------------------------
 #: Words on one physical line of a deck.
 _LINE = 16
-
 #: Words in one group command.
 _GROUP = 400
 

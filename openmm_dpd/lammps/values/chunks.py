@@ -17,7 +17,6 @@ _STYLES = {"bin/1d": 1, "bin/2d": 2, "bin/3d": 3}
 _USAGE = "compute ID group chunk/atom bin/1d|bin/2d|bin/3d x|y|z lower|center|upper|coordinate thickness ..."
 _ENDS = ("lower", "center", "upper")
 _SIZES = {"units": 1, "discard": 1, "bound": 3, "region": 1, "nchunk": 1, "ids": 1, "limit": 1, "compress": 1, "pbc": 1}
-
 #: More bins than that are a mistake.
 _MOST = 10_000_000
 
@@ -92,10 +91,7 @@ class Binning:
 
 
 def parse_binning(state: DeckState, group: str, words: list[str]) -> Binning:
-    """Settings from the words after ``chunk/atom``.
-
-    ParameterError for styles and options that are not supported, or values out of bounds.
-    """
+    """Settings from the words after ``chunk/atom``.  ParameterError for styles and options not supported, values out of bounds."""
     read.count(words, _USAGE, 1, None)
     if words[0] not in _STYLES:
         raise ParameterError(f"compute chunk/atom: only styles {', '.join(_STYLES)} are supported, not '{words[0]}'")
@@ -179,8 +175,4 @@ def _numbers(moment: DeckMoment, compute: Compute) -> np.ndarray:
     return chunk_numbers(moment, compute, compute.settings.bins(moment.box)) + 1.0
 
 
-CHUNKS = ComputeSpec(
-    per_bead=_numbers,
-    needs=("positions",),
-    prepare=parse_binning,
-)
+CHUNKS = ComputeSpec(per_bead=_numbers, needs=("positions",), prepare=parse_binning)

@@ -126,9 +126,7 @@ def _check_reduce(state: DeckState, group: str, words: list[str]) -> None:
 def _reduced(moment: DeckMoment, compute: Compute) -> np.ndarray:
     mask = moment.state.group(compute.group)
     mode, *words = compute.arguments
-    if not mask.any():
-        return np.zeros(len(words))
-    return np.array([_MODES[mode](moment.bead_values(word)[mask]) for word in words])
+    return np.array([_MODES[mode](moment.bead_values(word)[mask]) for word in words]) if mask.any() else np.zeros(len(words))
 
 
 def _reduced_one(moment: DeckMoment, compute: Compute) -> float:
@@ -150,12 +148,7 @@ REDUCE = ComputeSpec(
 #: Compute styles by name.
 COMPUTES: dict[str, ComputeSpec] = {
     **TEMPERATURES,
-    "ke": ComputeSpec(
-        no_arguments("ke"),
-        _kinetic_energy,
-        extensive=True,
-        needs=("velocities",),
-    ),
+    "ke": ComputeSpec(no_arguments("ke"), _kinetic_energy, extensive=True, needs=("velocities",)),
     "pe": ComputeSpec(
         _all_only("pe", _PARTS),
         lambda m, c: potential_energy(m, c.arguments or _PARTS),
@@ -258,10 +251,8 @@ def check_value(
 
 
 def expanded(state: DeckState, words: Sequence[str], tables: bool = False) -> tuple[str, ...]:
-    """The words with every ``*`` in an index written out; with ``tables`` only columns of the tables of computes.
-
-    ParameterError if a word with a ``*`` names nothing that has several values, or a range has numbers that are not there.
-    """
+    """The words with every ``*`` in an index written out; with ``tables`` only columns of the tables of computes.  ParameterError if a word
+    with a ``*`` names nothing that has several values, or a range has numbers that are not there."""
     found: list[str] = []
     for word in words:
         match = _WILD.fullmatch(word)

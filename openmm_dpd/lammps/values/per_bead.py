@@ -106,8 +106,7 @@ def _check_property(state: DeckState, group: str, words: list[str]) -> None:
 
 
 def _kinetic(moment: DeckMoment, compute: Compute) -> np.ndarray:
-    energy = 0.5 * _masses(moment) * np.sum(moment.velocities**2, axis=1) * moment.units.mvv2e
-    return _in_group(moment, compute, energy)
+    return _in_group(moment, compute, 0.5 * _masses(moment) * np.sum(moment.velocities**2, axis=1) * moment.units.mvv2e)
 
 
 def _internal(moment: DeckMoment, compute: Compute) -> np.ndarray:

@@ -155,8 +155,7 @@ class Resolver(DeckMoment):
             return self.kinetic_of(masses, self.velocities[mask]) / self.units.energy
         if function == "bound":
             return self._bound(self.folded[0][mask], arguments)
-        vectors = self.velocities if function == "vcm" else self.unwrapped
-        return float(self.state.mass_average(vectors, mask)["xyz".index(arguments[1])])
+        return float(self.state.mass_average(self.velocities if function == "vcm" else self.unwrapped, mask)["xyz".index(arguments[1])])
 
     def _members(self, function: str, arguments: list[str]) -> np.ndarray:
         """Beads that a group function is about, after a check of its arguments."""
@@ -190,8 +189,7 @@ class Resolver(DeckMoment):
                 raise ParameterError(f"the seed of {function} must be a whole number of at least 1, not {arguments[2]:g}")
             # one generator for all formulas, seeded by the first that draws, as in LAMMPS
             generator = self.state.generators.setdefault("formulas", np.random.default_rng(int(arguments[2])))
-            draw = generator.uniform if function == "random" else generator.normal
-            return float(draw(arguments[0], arguments[1]))
+            return float((generator.uniform if function == "random" else generator.normal)(arguments[0], arguments[1]))
         if self.window is None:
             raise ParameterError(f"the function {function} has a value during a run only")
         if function == "ramp":
@@ -243,10 +241,8 @@ class _BeadFormula(Formula):
 
 
 def evaluate_beads(text: str, resolver: Resolver, n: int) -> np.ndarray:
-    """(n,) values of an atom-style formula, such as ``0.5*mass*(vx^2+vy^2)``, one for each of n beads.
-
-    ParameterError as :func:`evaluate`, for any of the beads.
-    """
+    """(n,) values of an atom-style formula, such as ``0.5*mass*(vx^2+vy^2)``, one for each of n beads.  ParameterError as :func:`evaluate`,
+    for any of the beads."""
     formula = _BeadFormula(text, resolver)
     try:
         with np.errstate(divide="raise", invalid="raise", over="raise"):

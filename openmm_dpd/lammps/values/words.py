@@ -35,8 +35,7 @@ def _total(moment: DeckMoment) -> float:
 
 def _enthalpy(moment: DeckMoment) -> float:
     units = moment.units
-    work = moment.pressure() * units.pressure * moment.box.volume * units.length**3
-    return _total(moment) + work / units.energy / moment.norm
+    return _total(moment) + moment.pressure() * units.pressure * moment.box.volume * units.length**3 / units.energy / moment.norm
 
 
 def _density(moment: DeckMoment) -> float:
@@ -57,9 +56,7 @@ def _cpu(moment: DeckMoment) -> float:
 
 
 def _elapsed(moment: DeckMoment, from_begin: bool = False) -> float:
-    if moment.window is None:
-        return 0.0
-    return moment.step - (moment.window.begin if from_begin else moment.window.first)
+    return 0.0 if moment.window is None else moment.step - (moment.window.begin if from_begin else moment.window.first)
 
 
 def _rate(moment: DeckMoment, per_step: bool) -> float:

@@ -67,11 +67,9 @@ class BeadArrays:
 
 
 def named_types(atoms: Iterable, typing, source: str) -> list[str]:
-    """Type of each atom (with ``name``, ``index``, ``residue.name``) of an OpenMM or mdtraj topology.
-
-    ``typing`` is None: the names of the atoms; a mapping that has names of atoms, names of residues, or pairs ``(residue, atom)``, which
-    come first; or a function of the atom.  ParameterError if an atom gets no type, two different ones, or one that is no text.
-    """
+    """Type of each atom (with ``name``, ``index``, ``residue.name``) of an OpenMM or mdtraj topology.  ``typing`` is None: the names of the
+    atoms; a mapping that has names of atoms, names of residues, or pairs ``(residue, atom)``, which come first; or a function of the atom.
+    ParameterError if an atom gets no type, two different ones, or one that is no text."""
     if typing is not None and not isinstance(typing, Mapping) and not callable(typing):
         raise ParameterError(
             f"typing must be a function from an atom to a bead type, or a mapping from names to types, not {what_is(typing)}"

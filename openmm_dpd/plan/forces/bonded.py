@@ -12,9 +12,7 @@ from ...model.bonds import BondedTerms
 
 class Energy(NamedTuple):
     """One force for a kind of terms: its name, and its energy with the coefficients by name; None for U = k (x - x0)^2 of the first two.
-
-    ``only`` is the coefficient that has to be > 0, or a term has no part in it.
-    """
+    ``only`` is the coefficient that has to be > 0, or a term has no part in it."""
 
     name: str
     text: str | None

@@ -65,19 +65,11 @@ def difference(charges: SmearedCharges, alpha: float, scale: float) -> Radial:
 
 
 def electrostatic_forces(
-    charges: SmearedCharges,
-    q: np.ndarray,
-    constant: float,
-    ewald: EwaldSum | None,
-    factors: dict[tuple[int, int], float],
-    *,
-    listed: bool,
+    charges: SmearedCharges, q: np.ndarray, constant: float, ewald: EwaldSum | None, factors: dict[tuple[int, int], float], *, listed: bool
 ) -> list[openmm.Force]:
-    """All forces of smeared charges; without ``ewald`` there is no periodic box and no cutoff.
-
-    ``factors`` are of the smeared interaction of pairs that are excluded from the pair force: bonded neighbours, and beads that start at
-    the same point (factor 1).  ``listed``: it uses the neighbour list of all beads rather than all pairs of charged beads.
-    """
+    """All forces of smeared charges; without ``ewald`` there is no periodic box and no cutoff.  ``factors`` are of the smeared interaction
+    of pairs that are excluded from the pair force: bonded neighbours, and beads that start at the same point (factor 1).  ``listed``: it
+    uses the neighbour list of all beads rather than all pairs of charged beads."""
     # where the polynomial ends: the series of both parts still converge fast there
     scale = 1.0 / charges.steepness if ewald is None else min(1.0 / charges.steepness, 1.0 / ewald.alpha, ewald.cutoff)
     short = smeared(charges, scale) if ewald is None else difference(charges, ewald.alpha, scale)
@@ -129,11 +121,8 @@ def _bond_force(text: str, q: np.ndarray, factors: dict[tuple[int, int], float],
 
 
 def lattice_force(q: np.ndarray, constant: float, ewald: EwaldSum, factors: dict[tuple[int, int], float]) -> openmm.NonbondedForce:
-    """PME of point charges without its direct space.
-
-    The CPU platform needs the same exclusions in all pair forces.  Without the direct space they change nothing on any platform: the pairs
-    stay in the lattice sum, and the bond force takes them out.
-    """
+    """PME of point charges without its direct space.  The CPU platform needs the same exclusions in all pair forces.  Without the direct
+    space they change nothing on any platform: the pairs stay in the lattice sum, and the bond force takes them out."""
     force = openmm.NonbondedForce()
     force.setName("smeared charges (lattice)")
     force.setNonbondedMethod(force.PME)

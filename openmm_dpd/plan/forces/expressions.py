@@ -78,12 +78,7 @@ def dpd_expression(table: Mapping, names: list[str]) -> PairExpression:
 
 
 def nonbonded_force(
-    expression: PairExpression,
-    types: np.ndarray,
-    exclusions: list[tuple[int, int]],
-    periodic: bool,
-    *,
-    listed: bool = True,
+    expression: PairExpression, types: np.ndarray, exclusions: list[tuple[int, int]], periodic: bool, *, listed: bool = True
 ) -> openmm.CustomNonbondedForce:
     """CustomNonbondedForce of an expression.
 

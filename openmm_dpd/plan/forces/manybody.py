@@ -22,10 +22,8 @@ def attraction_expression(table: Mapping, names: list[str]) -> PairExpression:
 def density_force(
     table: Mapping, names: list[str], types: np.ndarray, exclusions: list[tuple[int, int]], periodic: bool
 ) -> openmm.CustomGBForce:
-    """The energy sum over i of pi B h^4 rho_i^2/30, rho_i = sum over j of 15/(2 pi h^3) (1 - r/h)^2, as a CustomGBForce.
-
-    Bonded neighbours in ``exclusions`` do not count in each other's density.  ParameterError if the coefficients do not go together.
-    """
+    """The energy sum over i of pi B h^4 rho_i^2/30, rho_i = sum over j of 15/(2 pi h^3) (1 - r/h)^2, as a CustomGBForce.  Bonded neighbours
+    in ``exclusions`` do not count in each other's density.  ParameterError if the coefficients do not go together."""
     coefficient = check_many_body(table)
     h = coefficient.cutoff_B
     interacts = type_pairs(table, names, lambda c: 1.0, 0.0)

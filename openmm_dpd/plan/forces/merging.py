@@ -9,17 +9,14 @@ from ..made import BAROSTATS, LISTED, groups_of
 
 #: Per-particle parameter that says whether a particle of a CustomNonbondedForce is an atom.
 _ATOM = "dpd_atom"
-
 #: Forces that need nothing for further particles.
 _LISTED = (*LISTED, openmm.CustomHbondForce, *BAROSTATS)
 
 
 def merged_systems(atoms: openmm.System, beads: openmm.System, pair_group: int) -> tuple[openmm.System, list[openmm.Force]]:
-    """The atoms' System with the beads added, and the forces among its own that are the beads'.
-
-    ``beads`` is the System that was built for all particles, without the forces of the atoms; its pair force stays in ``pair_group``,
-    where the atoms have none, and its other forces go to groups that are free.
-    """
+    """The atoms' System with the beads added, and the forces among its own that are the beads'.  ``beads`` is the System that was built for
+    all particles, without the forces of the atoms; its pair force stays in ``pair_group``, where the atoms have none, and its other forces
+    go to groups that are free."""
     n, total = atoms.getNumParticles(), beads.getNumParticles()
     merged = copy.deepcopy(atoms)
     for k in range(n, total):
@@ -38,8 +35,7 @@ def merged_systems(atoms: openmm.System, beads: openmm.System, pair_group: int) 
             force.setNonbondedMethod(force.NoCutoff)
         for i, j in sorted(theirs - _exclusions(force)):
             force.addExclusion(i, j)
-    taken = set().union({0, pair_group}, *map(groups_of, merged.getForces()))
-    free = iter(sorted(set(range(32)) - taken))
+    free = iter(sorted(set(range(32)) - set().union({0, pair_group}, *map(groups_of, merged.getForces()))))
     moved: dict[int, int] = {pair_group: pair_group}
     for force in own:
         group = force.getForceGroup()

@@ -53,12 +53,7 @@ def tabulated_expression(table: Mapping, names: list[str]) -> PairExpression:
         gate = f"step({pair.cutoff!r}-r)*" if pair.cutoff < min(high, cutoff) or high > cutoff else ""
         gate += "" if single else f"delta(number-{k})*"
         energies.append(f"{gate}energy{k}(r)")
-    return PairExpression(
-        name="tabulated pair potential",
-        energy="+".join(energies) + definitions,
-        cutoff=cutoff,
-        functions=functions,
-    )
+    return PairExpression(name="tabulated pair potential", energy="+".join(energies) + definitions, cutoff=cutoff, functions=functions)
 
 
 def _resampled(pair: TabulatedPair) -> np.ndarray:

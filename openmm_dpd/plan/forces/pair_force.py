@@ -24,10 +24,8 @@ from .thread_state import Fields, ThreadState
 
 #: Phases that store the positions.
 KEEPING = (Phase.STORE, Phase.FINGERPRINT, Phase.CONSERVE)
-
 #: Phases that look at the kept positions.
 AT_KEPT = (Phase.FORCE_KEPT, Phase.SWEEP_KEPT)
-
 #: Thermal energy, step size, seed and counter of the noise, values of the fields.
 Conditions = tuple[float, float, int, int, np.ndarray | None]
 
@@ -221,15 +219,8 @@ class PairForceFunction:
 
 def pair_force(function: PairForceFunction, *, options: ProgramOptions, integrator: openmm.Integrator) -> openmm.PythonForce:
     """PythonForce that evaluates the pair terms, with its context parameters (see :mod:`openmm_dpd.base.names`)."""
-    parameters = {
-        names.PHASE: float(Phase.IDLE),
-        names.TAU: options.dt,
-        names.DT: options.dt,
-        names.KT: options.kT,
-        names.COUNTER: 0.0,
-        names.SEED: float(options.seed),
-    }
-    parameters |= origin(options, integrator)
+    parameters = {names.PHASE: float(Phase.IDLE), names.TAU: options.dt, names.DT: options.dt, names.KT: options.kT}
+    parameters |= {names.COUNTER: 0.0, names.SEED: float(options.seed)} | origin(options, integrator)
     if function.spec.fields is not None and function.spec.fields.kind == ENERGY:
         parameters |= {names.VOLUME_MOVES: 0.0, names.VOLUME_STEP: 0.01, names.VOLUME_ACCEPTED: 0.0}
     if any(extra.term == "external" for extra in function.spec.extras):

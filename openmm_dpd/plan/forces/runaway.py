@@ -11,17 +11,14 @@ from ...kernels import motion
 
 #: Nobody runs away whose velocity has no component with which it crosses more of a cutoff in a step.
 NEAR = 0.5
-
 #: Speeds in thermal velocities that no bead has in equilibrium: the Maxwell distribution gives one in 10^21 beads.
 FASTEST = 10.0
 
 
 def runaway(v: np.ndarray, inv_mass: np.ndarray, kT: float, dt: float, cutoff: float) -> str | None:
-    """What is wrong with the velocities (N, 3) of a step, in a sentence, or None; beads of ``inv_mass`` 0 are not looked at.
-
-    Wrong is a velocity that is not finite, and a bead that is faster than ten thermal velocities *and* crosses more than the longest
-    cutoff in one step.  Either alone may be meant: a quench from a hot start, or an ideal gas with a long step.
-    """
+    """What is wrong with the velocities (N, 3) of a step, in a sentence, or None; beads of ``inv_mass`` 0 are not looked at.  Wrong is a
+    velocity that is not finite, and a bead that is faster than ten thermal velocities *and* crosses more than the longest cutoff in one
+    step.  Either alone may be meant: a quench from a hot start, or an ideal gas with a long step."""
     if motion.largest(v) * dt <= NEAR * cutoff:  # the usual case, in one pass; NaN falls through
         return None
     moving = inv_mass > 0

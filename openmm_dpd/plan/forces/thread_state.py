@@ -12,11 +12,9 @@ from .fingerprint import Fingerprints
 
 
 class Fields:
-    """Per-bead fields, as the pair force reads them and returns their changes: blocks of three values per bead.
-
-    Programs skip immobile beads, so these have the values of the start, but in loops of steps.  Internal energies come as
-    (conductive, mechanical, what rounding lost of the sum); everything else as one value after the other.
-    """
+    """Per-bead fields, as the pair force reads them and returns their changes: blocks of three values per bead.  Programs skip immobile
+    beads, so these have the values of the start, but in loops of steps.  Internal energies come as (conductive, mechanical, what rounding
+    lost of the sum); everything else as one value after the other."""
 
     def __init__(self, spec: FieldSpec):
         self.spec = spec
@@ -65,8 +63,7 @@ class ConservativeForce:
         # a repulsion may depend on the temperatures of the beads
         warm = fields is not None and fields.spec.kind == TEMPERATURE
         if self._at != engine.number or warm:
-            values = None if fields is None else fields.values
-            self._energy = engine.forces(CONSERVATIVE, None, 0.0, 1.0, 0, 0, values, self._force)[0]
+            self._energy = engine.forces(CONSERVATIVE, None, 0.0, 1.0, 0, 0, None if fields is None else fields.values, self._force)[0]
             self._at = engine.number
         return self._energy, self._force
 

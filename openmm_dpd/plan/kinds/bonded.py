@@ -14,28 +14,18 @@ from ..forces.bonded import Energy, bonded_force
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BondedKind:
-    """One kind of bonds, angles or dihedrals.
+    """One kind of bonds, angles or dihedrals."""
 
-    Attributes
-    ----------
-    terms : type
-        A frozen dataclass, a :class:`~openmm_dpd.model.bonds.Bonds`, :class:`~openmm_dpd.model.angles.Angles` or
-        :class:`~openmm_dpd.model.dihedrals.Dihedrals`: coefficients with bounds, energy and two derivatives.
-    kernel : type
-        The same terms for compiled loops: a :class:`~openmm_dpd.kernels.bonded.BondTerms`, :class:`~openmm_dpd.kernels.angles.AngleTerms`
-        or :class:`~openmm_dpd.kernels.dihedrals.DihedralTerms` with a formula.
-    energies : tuple of Energy
-        The same terms as forces of OpenMM's.  The first one has the name of the kind, such as "harmonic bonds".
-    style : str, optional
-        Name in LAMMPS; without one the kind is neither read nor exported.
-    words : dict
-        Coefficients in the order of LAMMPS's: their dimension (:data:`openmm_dpd.lammps.styles.columns.FACTORS`) and their name there.
-    """
-
+    #: A frozen dataclass, a :class:`~openmm_dpd.model.bonds.Bonds`, :class:`~openmm_dpd.model.angles.Angles` or
+    #: :class:`~openmm_dpd.model.dihedrals.Dihedrals`: coefficients with bounds, energy and two derivatives.
     terms: type[BondedTerms]
+    #: The same terms for compiled loops: a :class:`~openmm_dpd.kernels.bonded.BondTerms`, :class:`~openmm_dpd.kernels.angles.AngleTerms` or
+    #: :class:`~openmm_dpd.kernels.dihedrals.DihedralTerms` with a formula.
     kernel: type[BondedKernel]
+    #: The same terms as forces of OpenMM's.  The first one has the name of the kind, such as "harmonic bonds".
     energies: tuple[Energy, ...]
-    style: str | None = None
+    style: str | None = None  #: Name in LAMMPS; without one the kind is neither read nor exported
+    #: Coefficients in the order of LAMMPS's: their dimension (:data:`openmm_dpd.lammps.styles.columns.FACTORS`) and their name there.
     words: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
     def __post_init__(self):
@@ -58,13 +48,7 @@ BONDED_KINDS: dict[type[BondedTerms], BondedKind] = {}
 
 
 def register_bonded(kind: BondedKind) -> BondedKind:
-    """Make a kind known to the package.
-
-    Raises
-    ------
-    ParameterError
-        If there is another one for its class, or of its name.
-    """
+    """Make a kind known to the package; ParameterError if there is another one for its class, or of its name."""
     if BONDED_KINDS.get(kind.terms, kind) is not kind:
         raise ParameterError(f"there is a kind for {kind.terms.__name__} already")
     if any(known.name == kind.name for known in BONDED_KINDS.values() if known is not kind):
@@ -75,13 +59,7 @@ def register_bonded(kind: BondedKind) -> BondedKind:
 
 
 def bonded_kind(terms: type[BondedTerms]) -> BondedKind:
-    """The kind of a class of bonds, angles or dihedrals.
-
-    Raises
-    ------
-    ParameterError
-        If none was registered.
-    """
+    """The kind of a class of bonds, angles or dihedrals; ParameterError if none was registered."""
     if terms not in BONDED_KINDS:
         raise ParameterError(f"nothing is known of {terms.__name__}; register their kind (openmm_dpd.plan.kinds.register_bonded)")
     return BONDED_KINDS[terms]

@@ -13,10 +13,7 @@ def _fixed_sigma(c: DPD) -> bool:
 
 
 def _terms(table: Resolved, beads: BeadData) -> TermTable:
-    fixed = {
-        "gamma": lambda c: np.nan if _fixed_sigma(c) else c.gamma or 0.0,
-        "sigma": lambda c: c.sigma if _fixed_sigma(c) else np.nan,
-    }
+    fixed = {"gamma": lambda c: np.nan if _fixed_sigma(c) else c.gamma or 0.0, "sigma": lambda c: c.sigma if _fixed_sigma(c) else np.nan}
     return TermTable(**symmetric_arrays(table, beads.names, "A gamma_perp exponent exponent_perp cutoff", **fixed))
 
 

@@ -39,15 +39,13 @@ def eos_table(by_type: list, type_ids: np.ndarray, immobile: np.ndarray, energie
         if id(eos) not in numbers:
             numbers[id(eos)] = len(start) - 1
             spline = eos.inverse_temperature
-            entropy = spline.antiderivative()(eos.energies[:-1])
-            rows = np.column_stack([spline.c.T, entropy])
+            rows = np.column_stack([spline.c.T, spline.antiderivative()(eos.energies[:-1])])
             nodes.append(eos.energies)
             pieces.append(np.vstack([rows, np.zeros((1, 5))]))
             start.append(start[-1] + len(eos.energies))
         curve[members] = numbers[id(eos)]
     table = EOSTable(capacity, curve, np.array(start, np.int64), np.concatenate(nodes), np.concatenate(pieces))
-    theta = table.thetas(energies)
-    capacity[immobile], curve[immobile] = theta[immobile], RESERVOIR
+    capacity[immobile], curve[immobile] = table.thetas(energies)[immobile], RESERVOIR
     return table
 
 

@@ -96,13 +96,8 @@ KINDS: dict[type[PairCoefficient], Kind] = {}
 
 
 def register(kind: Kind) -> Kind:
-    """Make a kind known to the package.  Tables and layers of the module of its coefficients can be read by :func:`openmm_dpd.load_xml`.
-
-    Raises
-    ------
-    ParameterError
-        If there is another one for its coefficients.
-    """
+    """Make a kind known to the package; ParameterError if there is another one for its coefficients.  Tables and layers of the module of
+    these can be read by :func:`openmm_dpd.load_xml`."""
     if KINDS.setdefault(kind.coefficient, kind) is not kind:
         raise ParameterError(f"there is a kind for {kind.name} already")
     trust(kind.coefficient.__module__)
@@ -110,13 +105,7 @@ def register(kind: Kind) -> Kind:
 
 
 def kind_for(coefficient: type[PairCoefficient]) -> Kind:
-    """The kind of a class of coefficients.
-
-    Raises
-    ------
-    ParameterError
-        If none was registered.
-    """
+    """The kind of a class of coefficients; ParameterError if none was registered."""
     if coefficient not in KINDS:
         raise ParameterError(f"nothing is known of pair terms {coefficient.__name__}; register their kind (openmm_dpd.plan.kinds.register)")
     return KINDS[coefficient]

@@ -18,10 +18,8 @@ from .stability_table import SAFE
 
 #: Terms around the stiffest one whose vibrations are looked at.
 _MOST = 300
-
 #: Points of a thermal distribution; part of it beyond which a curvature is never met.
 _POINTS, _RARE = 2001, 1e-3
-
 #: Part of the largest stable step for other terms than springs, and a scheme that has no error with springs: measured for ``middle``, which
 #: is 5 % off with stiff angles and 3 % with FENE bonds at 0.7, and 2 and 0.6 % at half of that.
 _UNKNOWN = 0.4
@@ -36,26 +34,14 @@ _PARTS = 25
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    r"""Vibrations of one kind of bonded terms, near the stiffest of them.
+    """Vibrations of one kind of bonded terms, near the stiffest of them."""
 
-    Attributes
-    ----------
-    what : str
-        "bonds", "angles" or "dihedrals".
-    omega : (n,) array
-        Frequencies, rad/ps, with the thermal mean of each curvature.
-    fluctuation : (m,) array
-        Curvatures of the stiffest term over its thermal range, in equal parts, beside their mean; (1,) for a harmonic term.
-    fastest : float
-        Frequency where the stiffest term is at the stiffest point of its thermal range, rad/ps.
-    steady : float
-        Part of omega^2 that does not fluctuate with the terms, 1/ps^2: that of the surroundings for dihedrals, which may be weak beside it.
-    """
-
-    what: str
-    omega: np.ndarray
+    what: str  #: "bonds", "angles" or "dihedrals"
+    omega: np.ndarray  #: (n,) frequencies, rad/ps, with the thermal mean of each curvature
+    #: (m,) curvatures of the stiffest term over its thermal range, in equal parts, beside their mean; (1,) for a harmonic term.
     fluctuation: np.ndarray
-    fastest: float
+    fastest: float  #: Frequency where the stiffest term is at the stiffest point of its thermal range, rad/ps
+    #: Part of omega^2 that does not fluctuate with the terms, 1/ps^2: that of the surroundings for dihedrals, which may be weak beside it.
     steady: float = 0.0
 
     def errors(self, scheme: Scheme, dt: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -74,8 +60,7 @@ class Modes:
     def longest(self, scheme: Scheme) -> float:
         """Longest step that is stable by a margin, ps; a larger one for terms about which a word that is exact for springs says nothing."""
         springs = self.what == "bonds" and len(self.fluctuation) == 1
-        margin = SAFE if springs or not exact_for_springs(scheme) else _UNKNOWN
-        return margin * largest_stable(scheme) / self.fastest
+        return (SAFE if springs or not exact_for_springs(scheme) else _UNKNOWN) * largest_stable(scheme) / self.fastest
 
     def step(self, scheme: Scheme, error: float) -> float:
         """Longest step at which, and below which, both temperatures are within an error, ps."""
@@ -228,7 +213,6 @@ def _arms(triples: np.ndarray, bonds: list[_Terms], scene: Scene) -> tuple[np.nd
 
 def _modes(what: str, terms: list[_Terms], slopes: np.ndarray, scene: Scene, around: float) -> Modes | None:
     r"""Frequencies by Wilson's method: eigenvalues of F^1/2 G F^1/2, G = J M^-1 J^T, with the curvatures F and the slopes J of all terms.
-
     The slopes are those of a straight chain, in which neighbours count most.  (Springs of rest length 0 are such chains in each direction.)
     """
     beads, mean, largest = (np.concatenate([getattr(one, name) for one in terms]) for name in ("beads", "mean", "largest"))

@@ -9,7 +9,6 @@ from ...model.schemes import SWEEPS, Scheme
 
 #: Friction of the mode times the step, for the sweep: what a symmetric word does to a mode does not depend on it.
 _FRICTION = 0.02
-
 #: omega dt at which errors are tabulated; no word with ten forces a step is stable beyond.
 _GRID = np.linspace(0.0, 20.0, 20001)[1:]
 

@@ -19,7 +19,6 @@ from .stability_table import LEVELS, SAFE, Groups, StabilityTable, shipped_table
 
 #: Smallest error that may be asked for; below, no table could have measured it.
 SMALLEST = 1e-4
-
 #: Errors at which :func:`advice` compares schemes.
 _COMPARED = (0.003, 0.05)
 
@@ -99,10 +98,6 @@ def recommend(
     table : StabilityTable, optional
         Another table than the one that comes with the package.
 
-    Returns
-    -------
-    Recommendation
-
     Raises
     ------
     ParameterError
@@ -172,10 +167,8 @@ def _step(
 
 
 def predicted_error(scene: Scene, scheme: str, dt: float, *, table: StabilityTable | None = None) -> tuple[float, str] | None:
-    """Relative error of the worst temperature at a step (ps), signed, and which one; infinite over 10 %, None where the table ends.
-
-    Bonds, angles and dihedrals count by themselves (:mod:`openmm_dpd.simulation.advice.bonded_modes`).
-    """
+    """Relative error of the worst temperature at a step (ps), signed, and which one; infinite over 10 %, None where the table ends.  Bonds,
+    angles and dihedrals count by themselves (:mod:`openmm_dpd.simulation.advice.bonded_modes`)."""
     word = scheme_of(scheme)
     scheme, table = word.name, table or shipped_table()
     pairs, _ = groups(scene)

@@ -125,11 +125,9 @@ def _notes(scene: Scene, drags: dict[tuple[str, str], float]) -> list[str]:
 
 
 def surroundings(pairs: list[Groups]) -> float:
-    """omega^2 (1/ps^2) of a bead among its soft neighbours, the largest of all pairs of types; 0 without any.
-
-    The mean over the stable modes of the standard fluid, which weighs them by omega^2 as configurational temperatures do (117 at A = 25 and
-    density 3, from the Hessian of 400 beads), taken in proportion to A and density.
-    """
+    """omega^2 (1/ps^2) of a bead among its soft neighbours, the largest of all pairs of types; 0 without any.  The mean over the stable
+    modes of the standard fluid, which weighs them by omega^2 as configurational temperatures do (117 at A = 25 and density 3, from the
+    Hessian of 400 beads), taken in proportion to A and density."""
     return max((4.7 * at.a * at.rho / 3.0 / at.unit_time**2 for at in pairs), default=0.0)
 
 

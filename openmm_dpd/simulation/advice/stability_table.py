@@ -18,10 +18,8 @@ from ...base.errors import ParameterError
 
 #: Errors at which the table has steps.
 LEVELS = (0.01, 0.05, 0.10)
-
 #: Part of the step that blows up which is never exceeded.
 SAFE = 0.7
-
 _LINES = ("rho", "mass", "s", "cv")
 
 
@@ -44,10 +42,8 @@ class Groups:
 
 
 def drag(gamma: float, rho: float, s: float) -> float:
-    r"""Friction of a bead in its surroundings of reduced density rho, as the gamma that gives it at density 3 and exponent 1.
-
-    It is gamma rho times the integral of w^(2s): B(3, 2s + 1) = 2/((2s + 1)(2s + 2)(2s + 3)), 1/30 at s = 1.
-    """
+    r"""Friction of a bead in its surroundings of reduced density rho, as the gamma that gives it at density 3 and exponent 1.  It is gamma
+    rho times the integral of w^(2s): B(3, 2s + 1) = 2/((2s + 1)(2s + 2)(2s + 3)), 1/30 at s = 1."""
     s2 = 2 * s
     return gamma * rho / 3.0 * 60.0 / ((s2 + 1) * (s2 + 2) * (s2 + 3))
 
@@ -90,8 +86,7 @@ class StabilityTable:
         return found
 
     def _values(self, name: str) -> np.ndarray:
-        known = {p[name] for p in self.data["points"] if p[name] is not None}
-        return np.array(sorted(known))
+        return np.array(sorted({p[name] for p in self.data["points"] if p[name] is not None}))
 
     def step(self, scheme: str, at: Groups, error: float, kind: str) -> float:
         """Step (reduced) at which an error is reached: ``kind`` "conf" or "kin".

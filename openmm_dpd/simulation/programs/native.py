@@ -72,13 +72,7 @@ def native_marker(options: ProgramOptions, integrator: openmm.Integrator, period
 
 
 def native_integrator(plan: Plan) -> NativeIntegrator:
-    """The integrator for a plan.
-
-    Raises
-    ------
-    PlanError
-        If it cannot express the scene, with the reason.
-    """
+    """The integrator for a plan; PlanError, with the reason, if it cannot express the scene."""
     reason = why_not(plan)
     if reason is not None:
         raise PlanError(f"OpenMM's DPDIntegrator cannot run this scene: {reason}")
@@ -93,6 +87,5 @@ def native_integrator(plan: Plan) -> NativeIntegrator:
         integrator.setParticleType(index, kind)
     number = {name: k for k, name in enumerate(scene.type_names)}
     for a, b, c in pairs:
-        rate = (c.gamma or 0.0) * (1 / scene.masses[a] + 1 / scene.masses[b]) / 2
-        integrator.addTypePair(number[a], number[b], rate, c.cutoff)
+        integrator.addTypePair(number[a], number[b], (c.gamma or 0.0) * (1 / scene.masses[a] + 1 / scene.masses[b]) / 2, c.cutoff)
     return integrator

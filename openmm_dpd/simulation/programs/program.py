@@ -58,24 +58,12 @@ class Step:
 
 @dataclass
 class Program:
-    """An integrator program under construction.
+    """An integrator program under construction."""
 
-    Attributes
-    ----------
-    name : str
-        Scheme.
-    reference : str
-        Where the scheme comes from.
-    options : ProgramOptions
-        What it is written for.
-    globals_, per_dof : dict
-        Declared variables with their initial values, and what they are.
-    steps : list of Step
-    """
-
-    name: str
-    reference: str
-    options: ProgramOptions
+    name: str  #: Scheme
+    reference: str  #: Where the scheme comes from
+    options: ProgramOptions  #: What it is written for
+    #: Declared variables with their initial values, and what they are.
     globals_: dict[str, tuple[float, str]] = field(default_factory=dict)
     per_dof: dict[str, str] = field(default_factory=dict)
     steps: list[Step] = field(default_factory=list)
